@@ -1,0 +1,80 @@
+"""Checks of input: each says what was given, what is allowed and what to do."""
+
+from collections.abc import Collection, Iterable, Mapping
+from types import MappingProxyType
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+Value = TypeVar("Value")
+
+
+def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Array:
+    """Return `value` as a read-only float array of the given shape (None: any length).
+
+    Raises ValueError for another shape and for NaN or infinity.
+    """
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} must be numbers, got {value!r}") from error
+    if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
+        wanted = " x ".join("any" if n is None else str(n) for n in shape) or "a single number"
+        raise ValueError(f"{name} must have shape {wanted}, got {' x '.join(map(str, array.shape)) or 'a number'}")
+    if not np.all(np.isfinite(array)):
+        count = int(np.sum(~np.isfinite(array)))
+        raise ValueError(f"{name} holds {count} value(s) that are NaN or infinite; all must be finite")
+    array.setflags(write=False)
+    return array
+
+
+def finite(name: str, value: float) -> float:
+    """Return a finite float; raises ValueError otherwise."""
+    return float(finite_array(name, value, ()))
+
+
+def positive(name: str, value: float, unit: str = "") -> float:
+    """Return a float above zero; raises ValueError otherwise."""
+    number = finite(name, value)
+    if number <= 0:
+        raise ValueError(f"{name} must be positive, got {number:g}{' ' + unit if unit else ''}")
+    return number
+
+
+def not_negative(name: str, value: float, unit: str = "") -> float:
+    """Return a float of at least zero; raises ValueError otherwise."""
+    number = finite(name, value)
+    if number < 0:
+        raise ValueError(f"{name} must not be negative, got {number:g}{' ' + unit if unit else ''}")
+    return number
+
+
+def known(kind: str, name: str, names: Collection[str]) -> str:
+    """Return `name` if it is one of `names`; the ValueError otherwise lists them."""
+    if name not in names:
+        raise ValueError(f"unknown {kind} {name!r}; known: {', '.join(names) or 'none'}")
+    return name
+
+
+def unique(kind: str, names: Iterable[str]) -> tuple[str, ...]:
+    """Return the names as a tuple; raises ValueError if one is empty or occurs twice."""
+    result = tuple(names)
+    twice = sorted({n for n in result if result.count(n) > 1})
+    if twice:
+        raise ValueError(f"{kind} names must differ; used more than once: {', '.join(twice)}")
+    if any(not isinstance(n, str) or not n for n in result):
+        raise ValueError(f"{kind} names must be non-empty strings, got {result}")
+    return result
+
+
+def frozen_mapping(value: Mapping[str, Value] | None) -> Mapping[str, Value]:
+    """Return a read-only copy of a mapping (None: an empty one)."""
+    return MappingProxyType(dict(value or {}))
+
+
+def freeze(instance: object, **fields: Any) -> None:
+    """Set fields of a frozen dataclass from its own `__post_init__`, after they were checked."""
+    for name, value in fields.items():
+        object.__setattr__(instance, name, value)

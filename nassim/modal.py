@@ -1,0 +1,61 @@
+"""Eigenmodes of dense mass and stiffness matrices, and modal damping."""
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike
+
+from nassim.checks import Array
+
+
+
+def eigenmodes(stiffness: Array, mass: Array, *, n_modes: int | None = None) -> tuple[Array, Array]:
+    """Eigenfrequencies and mode shapes of K phi = (2 pi f)^2 M phi.
+
+    stiffness, mass: symmetric matrices, shape (n, n); mass positive definite
+    n_modes: how many, from the lowest (default: all)
+
+    Returns (frequency [Hz], shape (n_modes,), ascending; shapes (n, n_modes), normalised to
+    phi^T M phi = 1). A rigid motion's eigenvalue that rounding made negative is returned as 0 Hz.
+    Raises ValueError when the mass matrix is not positive definite.
+    """
+    last = len(stiffness) - 1 if n_modes is None else min(n_modes, len(stiffness)) - 1
+    # Scaling to a unit diagonal of M mends the mix of metres, radians and modal coordinates.
+    diagonal = np.diag(mass)
+    if np.any(diagonal <= 0):
+        raise ValueError("the mass matrix has a diagonal entry that is not positive; it must be positive definite")
+    scale = 1.0 / np.sqrt(diagonal)
+    try:
+        eigenvalues, vectors = scipy.linalg.eigh(
+            scale[:, None] * stiffness * scale, scale[:, None] * mass * scale, subset_by_index=(0, last)
+        )
+    except np.linalg.LinAlgError as error:
+        raise ValueError("the mass matrix is not positive definite: no eigenmodes") from error
+    return np.sqrt(np.maximum(eigenvalues, 0.0)) / (2 * np.pi), scale[:, None] * vectors
+
+
+def modal_damping_matrix(mass: Array, frequency: Array, shapes: Array, damping_ratio: ArrayLike) -> Array:
+    """Damping matrix that gives each mode its damping ratio: C = M Phi diag(2 zeta omega) Phi^T M.
+
+    mass: (n, n); frequency: (m,) [Hz]; shapes: (n, m) with Phi^T M Phi = I
+    damping_ratio: one number or one per mode [-]
+
+    Returns (n, n) [N s/m and the like]. Modes at 0 Hz and modes not listed stay undamped.
+    """
+    ratio = np.broadcast_to(np.asarray(damping_ratio, dtype=float), frequency.shape)
+    weighted = mass @ shapes
+    result: Array = (weighted * (2 * ratio * 2 * np.pi * frequency)) @ weighted.T
+    return result
+
+
+def mac(shapes_a: Array, shapes_b: Array, mass: Array | None = None) -> Array:
+    """Modal assurance criterion between two sets of mode shapes, (n, a) and (n, b).
+
+    mass: weight (n, n) (default: the identity). Returns (a, b), 1 where shapes coincide up to a factor.
+    Source: R. J. Allemang, "The modal assurance criterion", Sound and Vibration 37 (2003) 14-23.
+    """
+    weighted = shapes_b if mass is None else mass @ shapes_b
+    weighted_a = shapes_a if mass is None else mass @ shapes_a
+    norm_a = np.einsum("ij,ij->j", shapes_a, weighted_a)
+    norm_b = np.einsum("ij,ij->j", shapes_b, weighted)
+    result: Array = (shapes_a.T @ weighted) ** 2 / np.outer(norm_a, norm_b)
+    return result
