@@ -1,0 +1,1 @@
+"""Concrete parts and scenes: all numbers of real devices live here."""

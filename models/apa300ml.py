@@ -1,0 +1,218 @@
+"""The amplified piezo actuator APA300ML: geometry, materials, stacks, remote points.
+
+Frame: x along the stacks, y along the depth, z along the actuation axis; origin in the middle. The outline was
+measured on public CAD. Hidden in that CAD, and so our assumption, is how the arm, the end block and the stack meet:
+here a slot with a round end runs on beside the stack's end; its depth `relief` sets the stiffness.
+"""
+
+import math
+from dataclasses import dataclass
+
+import netgen.occ as occ
+import numpy as np
+
+from nassim import Material, PiezoStack, ReducedBody, RemotePoint, Solid, build_fe_model, craig_bampton
+from nassim.geometry import shape_bytes
+from nassim.storage import cached, fingerprint, source_fingerprint
+
+# Table 1 of the paper; the ceramic's Poisson ratio and density are printed once for both materials.
+STEEL = Material("stainless steel", young_modulus=190e9, poisson_ratio=0.31, density=7800.0)
+PZT = Material("piezoelectric ceramic", young_modulus=49.5e9, poisson_ratio=0.31, density=7800.0)
+
+# Data sheet of one stack, 10 x 10 x 20 mm, -20 ... 150 V.
+STACK = PiezoStack(
+    free_stroke=20e-6,
+    blocked_force=4700.0,
+    voltage_range=170.0,
+    stiffness=235e6,
+    capacitance=4.4e-6,
+    length=20e-3,
+    area=100e-6,
+)
+
+VENDOR_STIFFNESS = 1.79e6
+"""Axial stiffness of the whole actuator [N/m], data sheet."""
+PAPER_FREQUENCY_FORMULA = 95.3
+"""sqrt(k / m) / 2 pi for the vendor's stiffness and 5 kg [Hz], the paper's equation 1."""
+PAPER_FREQUENCY_FE = 95.9
+"""First eigenfrequency with 5 kg on top, bottom fixed, top guided [Hz], the paper's figure 2b."""
+
+
+@dataclass(frozen=True)
+class APAGeometry:
+    """Dimensions that one may want to vary [m]; the defaults are the measured ones.
+
+    arm_thickness: thickness of the arms; pad_fillet: fillet where an arm meets its pad
+    relief: how far the slot between arm and end block runs beyond the stack's end (see the module's docstring)
+    depth: extent of the frame in y; hole_diameter: hole through the pads
+    """
+
+    arm_thickness: float = 1.40e-3
+    pad_fillet: float = 0.70e-3
+    relief: float = 3.5e-3
+    depth: float = 20e-3
+    hole_diameter: float = 4.2e-3
+
+    def __post_init__(self) -> None:
+        limits = {
+            "arm_thickness": (0.1e-3, 3e-3),
+            "pad_fillet": (0.05e-3, 0.7e-3),
+            "relief": (0.5e-3, 4.5e-3),
+            "depth": (10e-3, 100e-3),
+            "hole_diameter": (0.5e-3, 8e-3),
+        }
+        for name, (low, high) in limits.items():
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise ValueError(f"{name} must lie between {low:g} and {high:g} m, got {value:g}")
+
+
+def make_apa300ml(
+    geometry: APAGeometry | None = None,
+    *,
+    steel: Material = STEEL,
+    ceramic: Material = PZT,
+    coupling: str = "rbe3",
+) -> Solid:
+    """The APA300ML as a part with its five remote points (A to E of the paper).
+
+    coupling: of all remote points, "rbe2" or "rbe3"
+    """
+    g = geometry or APAGeometry()
+    frame = _frame(g)
+    frame.faces.Max(occ.Z).name = "top_pad"
+    frame.faces.Min(occ.Z).name = "bottom_pad"
+    sensor, spacer, actuator_1, actuator_2 = stacks = [
+        _stack_piece(name, start, end)
+        for name, start, end in [
+            ("sensor_stack", -32.5, -12.5),
+            ("spacer", -12.5, -7.5),
+            ("actuator_stack_1", -7.5, 12.5),
+            ("actuator_stack_2", 12.5, 32.5),
+        ]
+    ]
+    sensor.faces.Min(occ.X).name = "sensor_stack_end"
+    sensor.faces.Max(occ.X).name = spacer.faces.Min(occ.X).name = "spacer_sensor_side"
+    actuator_1.faces.Min(occ.X).name = spacer.faces.Max(occ.X).name = "spacer_actuator_side"
+    actuator_2.faces.Max(occ.X).name = "actuator_stack_end"
+    return Solid(
+        name="apa300ml",
+        shape=occ.Glue([frame, *stacks]).Scale(occ.Pnt(0, 0, 0), 1e-3),
+        materials={
+            "frame": steel,
+            "spacer": steel,
+            "sensor_stack": ceramic,
+            "actuator_stack_1": ceramic,
+            "actuator_stack_2": ceramic,
+        },
+        remote_points=(
+            RemotePoint("bottom", ("bottom_pad",), np.array([0, 0, -15e-3]), coupling),
+            RemotePoint("top", ("top_pad",), np.array([0, 0, 15e-3]), coupling),
+            RemotePoint("sensor_end", ("sensor_stack_end",), np.array([-32.5e-3, 0, 0]), coupling),
+            RemotePoint("junction", ("spacer_sensor_side", "spacer_actuator_side"), np.array([-10e-3, 0, 0]), coupling),
+            RemotePoint("actuator_end", ("actuator_stack_end",), np.array([32.5e-3, 0, 0]), coupling),
+        ),
+    )
+
+
+def reduced_apa300ml(
+    geometry: APAGeometry | None = None,
+    *,
+    element_size: float = 5e-3,
+    order: int = 3,
+    n_modes: int = 6,
+    coupling: str = "rbe3",
+    progress: bool = True,
+) -> ReducedBody:
+    """The APA300ML reduced by Craig-Bampton: 5 x 6 + 6 = 36 coordinates.
+
+    element_size [m], order: of the finite elements; n_modes: fixed-interface modes
+
+    Loaded from the cache when it was made before from the same geometry, materials, mesh and code.
+    """
+    solid = make_apa300ml(geometry, coupling=coupling)
+    key = fingerprint(
+        shape_bytes(solid.shape),
+        solid.materials,
+        solid.remote_points,
+        (element_size, order, n_modes),
+        source_fingerprint("nassim.geometry", "nassim.fem", "nassim.solver", "nassim.reduction"),
+    )
+
+    def build() -> ReducedBody:
+        fe_model = build_fe_model(solid, element_size=element_size, order=order, progress=progress)
+        return craig_bampton(fe_model, n_modes=n_modes, progress=progress)
+
+    return cached(solid.name, key, build, progress=progress)
+
+
+def _stack_piece(name: str, start: float, end: float) -> occ.Solid:
+    piece = occ.Box(occ.Pnt(start, -5, -5), occ.Pnt(end, 5, 5))
+    piece.name = name
+    return piece
+
+
+def _frame(g: APAGeometry) -> occ.TopoDS_Shape:
+    """The steel frame [mm], by mirroring a quarter of its x-z section and drilling the pads."""
+    depth, radius = 1e3 * g.depth, 0.5e3 * g.hole_diameter
+    quarter = occ.Face(occ.Wire(_quarter_outline(g))).Extrude(depth * occ.Vec(0, 1, 0)).Move(occ.Vec(0, -depth / 2, 0))
+    half = quarter + quarter.Mirror(occ.Axes((0, 0, 0), occ.X, occ.Y))
+    whole = (half + half.Mirror(occ.Axes((0, 0, 0), occ.Z, occ.X))).UnifySameDomain()
+    frame = whole - occ.Cylinder(occ.Pnt(0, 0, -20), occ.Z, radius, 40)
+    frame.name = "frame"
+    return frame
+
+
+def _quarter_outline(g: APAGeometry) -> list[occ.Edge]:
+    """Edges of the frame's section for x, z >= 0 [mm]; every arc is tangent to its neighbours."""
+    thickness, fillet, slot_end = 1e3 * g.arm_thickness, 1e3 * g.pad_fillet, 32.5 + 1e3 * g.relief
+    pad_x, pad_z, shoulder = 4.5, 15.0, (5.2, 12.763)
+    radius = 11.0
+    centre = (shoulder[0], shoulder[1] - radius)
+    arm_end = (34.555, 7.768)
+    arm_start = (7.106, 12.596)
+    slope = math.atan2(arm_start[1] - arm_end[1], arm_end[0] - arm_start[0])
+    end_radius = 5.86
+    end_centre = (arm_end[0] - end_radius * math.sin(slope), arm_end[1] - end_radius * math.cos(slope))
+
+    def on_circle(c: tuple[float, float], r: float, angle: float) -> tuple[float, float]:
+        """Point on a circle at an angle from the z axis towards x."""
+        return c[0] + r * math.sin(angle), c[1] + r * math.cos(angle)
+
+    # The slot beside the stack: floor at |z| = 5.5, ceiling the arm's inner line, closed by a tangent circle.
+    floor, stack_end = 5.5, 32.5
+    inner_start = on_circle(centre, radius - thickness, slope)
+    share = math.cos(slope) / (1 + math.cos(slope))
+    gap = inner_start[1] - (slot_end - inner_start[0]) * math.tan(slope) - floor
+    slot_radius = share * gap / (1 - share * math.tan(slope))
+    if slot_radius < 0.05:
+        raise ValueError("the slot beside the stack closes: choose a smaller relief or a thinner arm")
+    slot_centre = (slot_end - slot_radius, floor + slot_radius)
+
+    def point(p: tuple[float, float]) -> occ.gp_Pnt:
+        return occ.Pnt(p[0], 0, p[1])
+
+    edges: list[occ.Edge] = []
+
+    def line(*corners: tuple[float, float]) -> None:
+        edges.extend(
+            occ.Segment(point(a), point(b)) for a, b in zip(corners, corners[1:], strict=False) if math.dist(a, b) > 1e-6
+        )
+
+    def arc(c: tuple[float, float], r: float, start: float, end: float) -> None:
+        edges.append(occ.ArcOfCircle(*(point(on_circle(c, r, angle)) for angle in (start, (start + end) / 2, end))))
+
+    fillet_centre = (pad_x + fillet, shoulder[1] + fillet)
+    line((0, pad_z), (pad_x, pad_z), (pad_x, fillet_centre[1]))
+    arc(fillet_centre, fillet, 1.5 * math.pi, math.pi)
+    line((fillet_centre[0], shoulder[1]), shoulder)
+    arc(centre, radius, 0.0, slope)
+    line(on_circle(centre, radius, slope), on_circle(end_centre, end_radius, slope))
+    arc(end_centre, end_radius, slope, math.pi / 2)
+    line(on_circle(end_centre, end_radius, math.pi / 2), (end_centre[0] + end_radius, 0), (stack_end, 0))
+    line((stack_end, 0), (stack_end, floor), (slot_centre[0], floor))
+    arc(slot_centre, slot_radius, math.pi, slope)
+    line(on_circle(slot_centre, slot_radius, slope), inner_start)
+    arc(centre, radius - thickness, slope, 0.0)
+    line((centre[0], centre[1] + radius - thickness), (0, centre[1] + radius - thickness), (0, pad_z))
+    return edges

@@ -1,0 +1,182 @@
+"""Static condensation of an FE model to its remote points, by one factorisation.
+
+Every displacement splits into a part that the remote points' motion q causes statically and a part that leaves them
+at rest, orthogonal to it in the strain energy:
+
+    u = Psi q + w,   W w = 0,   Psi^T K w = 0
+
+with W the rows that measure q. So whatever the boundary conditions at the remote points are, the full model's answers
+need only this one factorisation and small dense matrices. The couplings differ in how Psi and w are found:
+
+- rbe2 (stiff interface): the interface's unknowns are held; Psi solves for the rest.
+- rbe3 (mean motion of a soft interface): forces l at the remote points are multipliers of W u = q. Without any rbe2
+  the stiffness is singular; six unknowns are grounded statically determinately, and loads are balanced by inertia
+  forces before each solve, so the grounding carries nothing and rigid motions Z can be added freely.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from nassim.checks import Array, unique
+from nassim.fem import Coupling, FEModel
+from nassim.progress import stage
+from nassim.solver import Factorization, factorize
+
+
+@dataclass(frozen=True)
+class Condensation:
+    """The static behaviour of an FE model seen from r remote points.
+
+    fe_model: the model; couplings: the remote points, in order
+    constraint_modes: displacements for unit motions of the remote points, Psi, shape (n_dofs, 6 r)
+    stiffness: forces at the remote points for their unit motions, shape (6 r, 6 r)
+    averages: rows W that measure the remote points' motions, sparse, shape (6 r, n_dofs)
+    """
+
+    fe_model: FEModel
+    couplings: tuple[Coupling, ...]
+    constraint_modes: Array
+    stiffness: Array
+    averages: sp.csr_matrix
+    _grounded: "_Grounded" = field(repr=False)
+    _soft_averages: sp.csr_matrix = field(repr=False)  # rows of W that belong to rbe3 points
+    _soft_flexibility: Array = field(repr=False)  # X = G W_soft^T
+    _border: Array = field(repr=False)  # inverse of [[W X, W Z], [Z^T W^T, 0]]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the remote points, in order."""
+        return tuple(c.point.name for c in self.couplings)
+
+    def solve_fixed(self, load: Array) -> Array:
+        """Displacements under `load` (n_dofs,) or (n_dofs, k) [N] with all remote points held at rest."""
+        solution = self._grounded.solve(load)
+        motions = self._grounded.motions
+        forces = self._border @ np.concatenate([self._soft_averages @ solution, motions.T @ load])
+        n_soft = self._soft_averages.shape[0]
+        result: Array = solution - self._soft_flexibility @ forces[:n_soft] - motions @ forces[n_soft:]
+        return result
+
+
+@dataclass(frozen=True)
+class _Grounded:
+    """Solves K u = load with unknowns held at zero.
+
+    Where motions Z are left free, inertia forces balance the load and u comes out free of Z in the mass's inner
+    product, so the inverse stays symmetric and no unknown is favoured.
+    """
+
+    factorization: Factorization
+    motions: Array
+    inertia_forces: Array  # M Z (Z^T M Z)^-1
+
+    def solve(self, load: Array, **progress: object) -> Array:
+        balanced = load - self.inertia_forces @ (self.motions.T @ load)
+        solution = self.factorization.solve(balanced, **progress)  # type: ignore[arg-type]
+        result: Array = solution - self.motions @ (self.inertia_forces.T @ solution)
+        return result
+
+
+def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, progress: bool = True) -> Condensation:
+    """Factorise the stiffness once and find the constraint modes of the remote points.
+
+    remote_points: names (default: all of the model, in its order)
+
+    Raises ValueError for unknown names, no remote point at all, and rbe2 interfaces that share nodes.
+    """
+    names = [p.name for p in fe_model.remote_points] if remote_points is None else list(remote_points)
+    if not unique("remote point", names):
+        raise ValueError(f"part {fe_model.name!r} has no remote points: give its Solid at least one RemotePoint")
+    couplings = tuple(fe_model.coupling(name) for name in names)
+    stiff = np.repeat([c.point.coupling == "rbe2" for c in couplings], 6)
+    held, prescribed = _prescribed_motions(fe_model, couplings)
+    with stage("factorise", enabled=progress):
+        grounded = _ground(fe_model, held)
+    averages = sp.vstack([_average_rows(c, fe_model.n_dofs) for c in couplings], format="csr")
+    soft_averages = averages[~stiff]
+    with stage("static modes", total=len(stiff), unit="solves", enabled=progress) as advance:
+        lift = np.zeros((fe_model.n_dofs, len(stiff)))
+        if stiff.any():
+            reaction = fe_model.stiffness_matrix @ prescribed
+            reaction[held] = 0.0
+            lift[:, stiff] = prescribed - grounded.solve(reaction, advance=advance)
+        flexibility = grounded.solve(soft_averages.T.toarray(), advance=advance)
+    border = _border_inverse(soft_averages @ flexibility, soft_averages @ grounded.motions)
+    # Motions that the rbe3 points still lack once the rbe2 points have moved, and the forces that bring them there.
+    lacking = np.eye(len(stiff))[~stiff] - soft_averages @ lift
+    n_soft = len(lacking)
+    forces = border[:, :n_soft] @ lacking
+    constraint_modes = lift + flexibility @ forces[:n_soft] + grounded.motions @ forces[n_soft:]
+    stiffness = lacking.T @ forces[:n_soft]
+    if stiff.any():
+        stiffness += lift.T @ (fe_model.stiffness_matrix @ lift)
+    return Condensation(
+        fe_model,
+        couplings,
+        constraint_modes,
+        0.5 * (stiffness + stiffness.T),
+        averages,
+        grounded,
+        soft_averages,
+        flexibility,
+        border,
+    )
+
+
+def expanded_dofs(coupling: Coupling, n_dofs: int) -> NDArray[np.int64]:
+    """Unknowns x..., y..., z... of a coupling's interface among all n_dofs unknowns, shape (3 m,)."""
+    return np.concatenate([coupling.dofs + k * (n_dofs // 3) for k in range(3)])
+
+
+def _average_rows(coupling: Coupling, n_dofs: int) -> sp.csr_matrix:
+    columns = expanded_dofs(coupling, n_dofs)
+    rows = np.repeat(np.arange(6), len(columns))
+    return sp.csr_matrix((coupling.averages.ravel(), (rows, np.tile(columns, 6))), shape=(6, n_dofs))
+
+
+def _prescribed_motions(fe_model: FEModel, couplings: Sequence[Coupling]) -> tuple[NDArray[np.int64], Array]:
+    """Unknowns on rbe2 interfaces, and their displacements for unit motions of the rbe2 points (n_dofs, 6 r2)."""
+    stiff = [c for c in couplings if c.point.coupling == "rbe2"]
+    prescribed = np.zeros((fe_model.n_dofs, 6 * len(stiff)))
+    owner: dict[int, str] = {}
+    for i, coupling in enumerate(stiff):
+        for dof in coupling.dofs.tolist():
+            if dof in owner:
+                raise ValueError(
+                    f"the interfaces of remote points {owner[dof]!r} and {coupling.point.name!r} share nodes; rbe2 moves "
+                    "each as a rigid body, so they must not touch: use rbe3 or separate the faces"
+                )
+            owner[dof] = coupling.point.name
+        prescribed[expanded_dofs(coupling, fe_model.n_dofs), 6 * i : 6 * i + 6] = coupling.motions
+    scalar = np.array(sorted(owner), dtype=np.int64)
+    return np.concatenate([scalar + k * (fe_model.n_dofs // 3) for k in range(3)]), prescribed
+
+
+def _ground(fe_model: FEModel, held: NDArray[np.int64]) -> _Grounded:
+    if held.size:
+        nothing = np.zeros((fe_model.n_dofs, 0))
+        return _Grounded(factorize(fe_model.stiffness_matrix, held=held), nothing, nothing)
+    motions = fe_model.rigid_motions()
+    inertia = np.vstack([fe_model.scalar_mass_matrix @ block for block in np.split(motions, 3)])
+    # Pivoted QR finds six unknowns that hold the body as firmly as any six can.
+    _, _, order = scipy.linalg.qr((motions / np.abs(motions).max(axis=0)).T, mode="economic", pivoting=True)
+    factorization = factorize(fe_model.stiffness_matrix, held=np.sort(order[:6]))
+    return _Grounded(factorization, motions, inertia @ np.linalg.inv(motions.T @ inertia))
+
+
+def _border_inverse(flexibility: Array, motions: Array) -> Array:
+    """Inverse of the symmetric [[S, B], [B^T, 0]], scaled because S is in m/N and rad/Nm and B in m and rad."""
+    n, m = motions.shape
+    if n == 0:
+        return np.zeros((0, 0))
+    rows = 1.0 / np.sqrt(np.diag(flexibility))
+    columns = 1.0 / np.linalg.norm(rows[:, None] * motions, axis=0)
+    scale = np.concatenate([rows, columns])
+    matrix = np.block([[0.5 * (flexibility + flexibility.T), motions], [motions.T, np.zeros((m, m))]])
+    inverse: Array = scale[:, None] * np.linalg.inv(scale[:, None] * matrix * scale) * scale
+    return inverse

@@ -1,0 +1,287 @@
+"""Finite element models: mesh, stiffness and mass of any element order, remote points."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import ngsolve as ng
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from nassim.checks import Array, freeze, known
+from nassim.geometry import RemotePoint, Solid, generate_mesh
+from nassim.progress import stage
+from nassim.solver import threads
+
+MAX_ORDER = 6
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """A remote point tied to the finite element unknowns of its interface.
+
+    point: the remote point
+    dofs: scalar unknowns of the interface, shape (m,)
+    averages: rows that turn the interface's displacements into the point's motion (ux uy uz rx ry rz) by a
+        least-squares fit over the area, shape (6, 3 m), unknowns ordered x..., y..., z...
+    motions: the interface's displacements when the point moves by one unit, shape (3 m, 6); averages @ motions = 1
+    """
+
+    point: RemotePoint
+    dofs: NDArray[np.int64]
+    averages: Array
+    motions: Array
+
+
+@dataclass(frozen=True)
+class Surface:
+    """The outer surface as triangles, for pictures.
+
+    points: (n_points, 3) [m]; triangles: (n_triangles, 3) indices of points; edges: (n_edges, 2) of the mesh's edges
+    labels: name of the body or, on a remote point's interface, of the remote point, per triangle
+    """
+
+    points: Array
+    triangles: NDArray[np.int64]
+    edges: NDArray[np.int64]
+    labels: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class FEModel:
+    """Stiffness and mass of a meshed part. Unknowns: all x, then all y, then all z displacements.
+
+    name: of the part
+    stiffness_matrix: (3 n, 3 n) sparse, symmetric [N/m]
+    scalar_mass_matrix: (n, n) sparse, integral of density times two scalar shape functions [kg]; the mass
+        matrix is three such blocks
+    fields: coefficients of the functions 1, x, y, z in the scalar shape functions, shape (4, n) [-, m, m, m]
+    couplings: the remote points, in the part's order
+    surface, surface_evaluation: triangles for pictures, and the (n_points, n) sparse matrix that evaluates
+        a scalar field at their points; None in models made by hand
+    description: element order, sizes and counts as text, for reports
+    """
+
+    name: str
+    stiffness_matrix: sp.csr_matrix
+    scalar_mass_matrix: sp.csr_matrix
+    fields: Array
+    couplings: tuple[Coupling, ...] = field(default=())
+    surface: Surface | None = field(default=None)
+    surface_evaluation: sp.csr_matrix | None = field(default=None)
+    description: str = field(default="")
+
+    def __post_init__(self) -> None:
+        n = self.scalar_mass_matrix.shape[0]
+        if self.stiffness_matrix.shape != (3 * n, 3 * n) or self.fields.shape != (4, n):
+            raise ValueError(
+                f"FE model {self.name!r}: stiffness {self.stiffness_matrix.shape}, scalar mass "
+                f"{self.scalar_mass_matrix.shape} and fields {self.fields.shape} do not belong together"
+            )
+        for label, matrix in (("stiffness", self.stiffness_matrix), ("mass", self.scalar_mass_matrix)):
+            if not np.all(np.isfinite(matrix.data)):
+                raise ValueError(f"FE model {self.name!r}: the {label} matrix holds NaN or infinite values")
+        freeze(self, couplings=tuple(self.couplings))
+
+    @property
+    def n_dofs(self) -> int:
+        """Number of unknowns, 3 n."""
+        return int(self.stiffness_matrix.shape[0])
+
+    @property
+    def remote_points(self) -> tuple[RemotePoint, ...]:
+        """The remote points, in order."""
+        return tuple(c.point for c in self.couplings)
+
+    @property
+    def mass_matrix(self) -> sp.csr_matrix:
+        """The mass matrix (3 n, 3 n) [kg], made anew at every call."""
+        return sp.block_diag([self.scalar_mass_matrix] * 3, format="csr")
+
+    @property
+    def mass(self) -> float:
+        """Total mass [kg]."""
+        one = self.fields[0]
+        return float(one @ (self.scalar_mass_matrix @ one))
+
+    def rigid_motions(self) -> Array:
+        """Unit translations and rotations about the part's origin, shape (3 n, 6)."""
+        return rigid_motions(self.fields, np.zeros(3))
+
+    def coupling(self, name: str) -> Coupling:
+        """The coupling of a remote point; raises ValueError listing the names when there is none."""
+        names = [c.point.name for c in self.couplings]
+        return self.couplings[names.index(known("remote point", name, names))]
+
+
+def rigid_motions(fields: Array, centre: Array) -> Array:
+    """Translations along and rotations about x, y, z through `centre`, shape (3 n, 6), from fields 1, x, y, z (4, n)."""
+    one = fields[0]
+    arm = fields[1:] - np.outer(centre, one)
+    zero = np.zeros_like(one)
+    x, y, z = arm
+    rows = [
+        [one, zero, zero, zero, z, -y],
+        [zero, one, zero, -z, zero, x],
+        [zero, zero, one, y, -x, zero],
+    ]
+    return np.vstack([np.column_stack(row) for row in rows])
+
+
+def make_coupling(
+    point: RemotePoint, dofs: NDArray[np.int64], area_integrals: Array, interface_fields: Array
+) -> Coupling:
+    """Tie a remote point to interface unknowns.
+
+    dofs: scalar unknowns (m,); area_integrals: integral over the interface of each scalar shape function times
+    1, x, y, z, shape (4, m) [m2, m3]; interface_fields: coefficients of 1, x, y, z in them, shape (4, m)
+
+    With F the area integrals of the six rigid motions and R their coefficients, the mean motion is
+    (F R)^-1 F u. Raises ValueError when the interface cannot carry a rotation (a line or a point).
+    """
+    integrals = rigid_motions(area_integrals, point.position).T
+    motions = rigid_motions(interface_fields, point.position)
+    gram = integrals @ motions
+    area = gram[0, 0]
+    radius = np.sqrt(max(np.trace(gram[3:, 3:]) / area, 0.0)) if area > 0 else 0.0
+    scale = np.repeat([1.0, 1.0 / radius if radius > 0 else 1.0], 3)
+    if area <= 0 or np.linalg.eigvalsh(scale[:, None] * gram * scale).min() < 1e-9 * area:
+        raise ValueError(
+            f"remote point {point.name!r}: its interface {', '.join(point.faces)} is collinear or too small to carry "
+            "a rotation; choose faces with an extent in two directions"
+        )
+    return Coupling(point, dofs, np.linalg.solve(gram, integrals), motions)
+
+
+def build_fe_model(solid: Solid, *, element_size: float, order: int = 3, progress: bool = True) -> FEModel:
+    """Mesh a part and assemble its stiffness and mass.
+
+    element_size: largest edge of the curved tetrahedra [m]
+    order: polynomial order of the displacements, 1 to 6; order 1 is far too stiff in thin parts
+    progress: show the stages and their times
+
+    Raises ValueError for bad arguments and for a part that falls into pieces.
+    """
+    if not 1 <= order <= MAX_ORDER or int(order) != order:
+        raise ValueError(f"order must be a whole number from 1 to {MAX_ORDER}, got {order!r}")
+    with stage("mesh", enabled=progress):
+        mesh = ng.Mesh(generate_mesh(solid, element_size=element_size))
+        # Isoparametric at most: the unknowns then hold every rigid motion exactly.
+        mesh.Curve(order)
+    with stage("assemble", enabled=progress), threads():
+        scalar = ng.H1(mesh, order=order)
+        mass = _scalar_mass(mesh, solid, scalar)
+        pieces, _ = sp.csgraph.connected_components(mass, directed=False)
+        if pieces > 1:
+            raise ValueError(f"part {solid.name!r} falls into {pieces} pieces that do not touch; join the bodies in the CAD")
+        fields = _position_fields(scalar)
+        stiffness = _stiffness(mesh, solid, order)
+        couplings = tuple(_couple(mesh, scalar, fields, point) for point in solid.remote_points)
+        surface, evaluation = _surface(mesh, scalar, fields, solid)
+    description = f"{mesh.ne} tetrahedra of order {order}, {mesh.nv} vertices, {3 * scalar.ndof} degrees of freedom"
+    if progress:
+        print(f"  {description}")
+    return FEModel(solid.name, stiffness, mass, fields, couplings, surface, evaluation, description)
+
+
+def _stiffness(mesh: Any, solid: Solid, order: int) -> sp.csr_matrix:
+    lame = {name: material.lame_parameters for name, material in solid.materials.items()}
+    lambda_ = mesh.MaterialCF({name: value[0] for name, value in lame.items()})
+    mu = mesh.MaterialCF({name: value[1] for name, value in lame.items()})
+    u, v = ng.VectorH1(mesh, order=order).TnT()
+    strain_u, strain_v = ng.Sym(ng.Grad(u)), ng.Sym(ng.Grad(v))
+    energy = 2 * mu * ng.InnerProduct(strain_u, strain_v) + lambda_ * ng.div(u) * ng.div(v)
+    return _to_scipy(ng.BilinearForm(energy * ng.dx).Assemble().mat)
+
+
+def _scalar_mass(mesh: Any, solid: Solid, scalar: Any) -> sp.csr_matrix:
+    density = mesh.MaterialCF({name: material.density for name, material in solid.materials.items()})
+    u, v = scalar.TnT()
+    # Two orders more than the default integrate the Jacobian of curved elements exactly, or nearly so.
+    return _to_scipy(ng.BilinearForm(density * u * v * ng.dx(bonus_intorder=2)).Assemble().mat)
+
+
+def _to_scipy(matrix: Any) -> sp.csr_matrix:
+    values, columns, row_starts = (np.array(part, copy=True) for part in matrix.CSR())
+    result = sp.csr_matrix((values, columns, row_starts), shape=(matrix.height, matrix.width))
+    result.sort_indices()
+    return result
+
+
+def _position_fields(scalar: Any) -> Array:
+    rows = []
+    for function in (ng.CoefficientFunction(1.0), ng.x, ng.y, ng.z):
+        interpolated = ng.GridFunction(scalar)
+        interpolated.Set(function)
+        rows.append(interpolated.vec.FV().NumPy().copy())
+    return np.array(rows)
+
+
+def _couple(mesh: Any, scalar: Any, fields: Array, point: RemotePoint) -> Coupling:
+    region = mesh.Boundaries("|".join(point.faces))
+    dofs = np.flatnonzero(np.array(scalar.GetDofs(region)))
+    test = scalar.TestFunction()
+    integrals = [
+        ng.LinearForm(function * test * ng.ds(definedon=region, bonus_intorder=2)).Assemble().vec.FV().NumPy()[dofs]
+        for function in (1.0, ng.x, ng.y, ng.z)
+    ]
+    return make_coupling(point, dofs, np.array(integrals), fields[:, dofs])
+
+
+def _surface(mesh: Any, scalar: Any, fields: Array, solid: Solid) -> tuple[Surface, sp.csr_matrix]:
+    """Outer faces of the mesh, each split in four triangles by its edges' midpoints, which show the curvature."""
+    owner = {face: point.name for point in solid.remote_points for face in point.faces}
+    materials = mesh.GetMaterials()
+    corners, sides, labels = [], [], []
+    for element in mesh.Elements(ng.BND):
+        face = mesh.ngmesh.FaceDescriptor(element.index + 1)
+        if face.domin and face.domout:
+            continue
+        # Side k of a boundary triangle lies opposite to corner k in this order of NGSolve: (0, 2), (1, 2), (0, 1).
+        corners.append([v.nr for v in element.vertices])
+        sides.append([e.nr for e in element.edges])
+        labels.append(owner.get(face.bcname, materials[max(face.domin, face.domout) - 1]))
+    vertex, vertex_index = np.unique(np.array(corners), return_inverse=True)
+    edge, edge_index = np.unique(np.array(sides), return_inverse=True)
+    a, b, c = vertex_index.reshape(-1, 3).T
+    ac, bc, ab = edge_index.reshape(-1, 3).T + len(vertex)
+    triangles = np.stack([(a, ab, ac), (ab, b, bc), (ac, bc, c), (ab, bc, ac)]).transpose(2, 0, 1).reshape(-1, 3)
+    halves = np.concatenate([np.stack(pair, axis=1) for pair in ((a, ab), (ab, b), (b, bc), (bc, c), (c, ac), (ac, a))])
+    evaluation = sp.vstack([_at_vertices(scalar, vertex), _at_midpoints(mesh, scalar, edge)], format="csr")
+    surface = Surface(
+        points=(evaluation @ fields[1:].T),
+        triangles=triangles,
+        edges=np.unique(np.sort(halves, axis=1), axis=0),
+        labels=tuple(label for label in labels for _ in range(4)),
+    )
+    return surface, evaluation
+
+
+def _at_vertices(scalar: Any, vertices: NDArray[np.int64]) -> sp.csr_matrix:
+    n = len(vertices)
+    return sp.csr_matrix((np.ones(n), (np.arange(n), vertices)), shape=(n, scalar.ndof))
+
+
+def _at_midpoints(mesh: Any, scalar: Any, edges: NDArray[np.int64]) -> sp.csr_matrix:
+    """Value at the edges' midpoints: the mean of the end values plus the edge's own shape functions there."""
+    order = scalar.globalorder
+    ends = np.array([[v.nr for v in edge.vertices] for edge in mesh.edges])[edges]
+    own = mesh.nv + edges[:, None] * (order - 1) + np.arange(order - 1)
+    columns = np.hstack([ends, own])
+    values = np.tile(np.concatenate([[0.5, 0.5], _edge_functions_at_midpoint(order)]), (len(edges), 1))
+    rows = np.repeat(np.arange(len(edges)), order + 1)
+    return sp.csr_matrix((values.ravel(), (rows, columns.ravel())), shape=(len(edges), scalar.ndof))
+
+
+def _edge_functions_at_midpoint(order: int) -> Array:
+    """Values of NGSolve's order - 1 edge functions at their edge's midpoint, read off a triangle."""
+    mesh = ng.Mesh(ng.unit_square.GenerateMesh(maxh=2.0))
+    probe = ng.GridFunction(ng.H1(mesh, order=order))
+    ends = [mesh[v].point for v in mesh.edges[0].vertices]
+    middle = mesh(*(0.5 * (p + q) for p, q in zip(*ends, strict=True)))
+    values = []
+    for dof in probe.space.GetDofNrs(ng.NodeId(ng.EDGE, 0)):
+        probe.vec[:] = 0.0
+        probe.vec[dof] = 1.0
+        values.append(probe(middle))
+    return np.array(values)

@@ -1,0 +1,113 @@
+"""Frequency response functions, and their estimation from recorded signals."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.signal
+from numpy.typing import NDArray
+
+from nassim.checks import Array, finite_array, freeze, known, unique
+from nassim.signals import TimeHistory
+
+ComplexArray = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class FRF:
+    """A matrix of frequency response functions.
+
+    frequency: shape (n_frequencies,), ascending [Hz]
+    values: complex, shape (n_outputs, n_inputs, n_frequencies), output unit over input unit
+    outputs, inputs: names of the rows and columns
+    coherence: multiple coherence per output, shape (n_outputs, n_frequencies), or None when computed from a model
+    label: what a legend calls it
+    """
+
+    frequency: Array
+    values: ComplexArray
+    outputs: tuple[str, ...]
+    inputs: tuple[str, ...]
+    coherence: Array | None = field(default=None)
+    label: str = field(default="")
+
+    def __post_init__(self) -> None:
+        frequency = finite_array("frequency", self.frequency, (None,))
+        outputs, inputs = unique("output", self.outputs), unique("input", self.inputs)
+        values = np.array(self.values, dtype=complex)
+        if values.shape != (len(outputs), len(inputs), len(frequency)):
+            raise ValueError(f"values must have shape (outputs, inputs, frequencies), got {values.shape}")
+        if np.any(np.diff(frequency) <= 0) or frequency[0] < 0:
+            raise ValueError("frequency must be ascending and not negative")
+        values.setflags(write=False)
+        freeze(self, frequency=frequency, values=values, outputs=outputs, inputs=inputs)
+        if self.coherence is not None:
+            freeze(self, coherence=finite_array("coherence", self.coherence, (len(outputs), len(frequency))))
+
+    def response(self, output: str, input: str) -> ComplexArray:
+        """One entry of the matrix over frequency, complex, shape (n_frequencies,)."""
+        row = self.outputs.index(known("output", output, self.outputs))
+        column = self.inputs.index(known("input", input, self.inputs))
+        return self.values[row, column]
+
+    def band(self, lowest: float, highest: float) -> "FRF":
+        """Return the part between two frequencies [Hz], both included."""
+        keep = (self.frequency >= lowest) & (self.frequency <= highest)
+        if not keep.any():
+            raise ValueError(f"no frequency between {lowest:g} and {highest:g} Hz in this FRF")
+        coherence = None if self.coherence is None else self.coherence[:, keep]
+        return FRF(self.frequency[keep], self.values[:, :, keep], self.outputs, self.inputs, coherence, self.label)
+
+
+def estimate_frf(
+    history: TimeHistory,
+    *,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    segment_duration: float,
+    overlap: float = 0.5,
+    window: str = "hann",
+    method: str = "H1",
+    label: str = "",
+) -> FRF:
+    """Estimate FRFs from signals recorded together, by averaging over windowed segments (Welch).
+
+    inputs, outputs: names of signals in `history`; with several inputs the full matrix is solved for
+    segment_duration: length of a segment [s]; the frequency resolution is its inverse
+    overlap: share by which segments overlap [-]; window: any of scipy.signal, "boxcar" for periodic signals
+    method: "H1" = Syu Suu^-1 (noise at the outputs) or "H2" = Syy Suy^-1 (noise at the input; one input only)
+
+    Source: J. S. Bendat, A. G. Piersol, Random Data, 4th ed. (2010), ch. 6 and 7. Raises ValueError for
+    unknown names and for a record shorter than two segments, which leaves the coherence without meaning.
+    """
+    known("method", method, ("H1", "H2"))
+    n_segment = round(segment_duration * history.sample_rate)
+    n_overlap = round(overlap * n_segment)
+    if not 0 <= overlap < 1:
+        raise ValueError(f"overlap must lie in 0 ... 1 (1 excluded), got {overlap:g}")
+    if len(history.time) < 2 * n_segment - n_overlap or n_segment < 2:
+        raise ValueError(
+            f"a record of {history.duration:g} s holds fewer than two segments of {segment_duration:g} s; "
+            "record longer or take shorter segments"
+        )
+    if method == "H2" and len(inputs) != 1:
+        raise ValueError(f"H2 needs exactly one input, got {len(inputs)}; take H1")
+
+    def spectra(rows: Sequence[str], columns: Sequence[str]) -> ComplexArray:
+        x = np.stack([history[name] for name in rows])[:, None]
+        y = np.stack([history[name] for name in columns])[None]
+        # csd conjugates its first argument: the result is S[row, column] = E[row * conj(column)].
+        _, density = scipy.signal.csd(
+            y, x, fs=history.sample_rate, window=window, nperseg=n_segment, noverlap=n_overlap, detrend="constant"
+        )
+        result: ComplexArray = density.transpose(2, 0, 1)
+        return result
+
+    frequency = np.fft.rfftfreq(n_segment, 1 / history.sample_rate)[1:]
+    s_uu, s_yu = spectra(inputs, inputs)[1:], spectra(outputs, inputs)[1:]
+    s_yy = np.stack([spectra([name], [name])[1:, 0, 0] for name in outputs], axis=1).real
+    h1 = np.linalg.solve(s_uu.transpose(0, 2, 1), s_yu.transpose(0, 2, 1)).transpose(0, 2, 1)
+    coherent_power = np.einsum("foi,foi->fo", h1, s_yu.conj()).real
+    coherence = np.clip(coherent_power / np.maximum(s_yy, np.finfo(float).tiny), 0.0, 1.0)
+    values = h1 if method == "H1" else s_yy[:, :, None] / s_yu.conj()
+    return FRF(frequency, values.transpose(1, 2, 0), tuple(outputs), tuple(inputs), coherence.T, label)

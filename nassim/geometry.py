@@ -1,0 +1,254 @@
+"""Parts: CAD shapes with named bodies and faces, their materials and remote points."""
+
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import netgen.occ as occ
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nassim.checks import Array, finite_array, freeze, frozen_mapping, known, positive, unique
+from nassim.materials import Material
+
+CAD_ENDINGS = {".step": ".step", ".stp": ".step", ".iges": ".iges", ".igs": ".iges", ".brep": ".brep"}
+UNITS = {"m": 1.0, "mm": 1e-3, "inch": 0.0254}
+COUPLINGS = ("rbe2", "rbe3")
+
+
+@dataclass(frozen=True)
+class RemotePoint:
+    """A point with 6 degrees of freedom, coupled to faces of a part (ANSYS: remote point, Simscape: interface).
+
+    name: what scenes call it
+    faces: names of the CAD faces that form its interface (one name may stand alone)
+    position: where it lies, in the part's frame, shape (3,) [m]
+    coupling: "rbe2", the faces move as a rigid body; "rbe3", the point follows the faces' mean rigid motion
+        (least squares over the area) and the faces stay deformable
+    """
+
+    name: str
+    faces: tuple[str, ...]
+    position: Array
+    coupling: str = "rbe3"
+
+    def __post_init__(self) -> None:
+        faces = (self.faces,) if isinstance(self.faces, str) else tuple(self.faces)
+        freeze(
+            self,
+            faces=unique(f"remote point {self.name!r}: face", faces),
+            position=finite_array(f"remote point {self.name!r}: position", self.position, (3,)),
+        )
+        known("coupling", self.coupling, COUPLINGS)
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A part: an OpenCASCADE shape in metres with named bodies and faces.
+
+    name: what files and reports call it
+    shape: OCC shape of one or several touching bodies [m]
+    materials: material per body name
+    remote_points: its interfaces; may be empty for a look at the eigenmodes only
+
+    Raises ValueError for a body without material, an unknown face, and a face that two remote points claim.
+    """
+
+    name: str
+    shape: Any
+    materials: Mapping[str, Material]
+    remote_points: tuple[RemotePoint, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        points = tuple(self.remote_points)
+        unique("remote point", (p.name for p in points))
+        for body in body_names(self.shape):
+            if body not in self.materials:
+                raise ValueError(
+                    f"part {self.name!r}: body {body!r} has no material; given for: {', '.join(self.materials) or 'none'}"
+                )
+        faces = face_names(self.shape)
+        owner: dict[str, str] = {}
+        for point in points:
+            if not point.faces:
+                raise ValueError(f"remote point {point.name!r} has no faces; known faces: {', '.join(faces) or 'none'}")
+            for face in point.faces:
+                known("face", face, faces)
+                if face in owner:
+                    raise ValueError(
+                        f"remote points {owner[face]!r} and {point.name!r} both claim the face {face!r}; "
+                        "a face belongs to one remote point"
+                    )
+                owner[face] = point.name
+        size = np.ptp(np.array([tuple(corner) for corner in self.shape.bounding_box]), axis=0).max()
+        if not 1e-6 < size < 100.0:
+            raise ValueError(f"part {self.name!r} is {size:g} m long; shapes are in metres: check the unit of the CAD file")
+        freeze(self, materials=frozen_mapping(self.materials), remote_points=points)
+
+
+@dataclass(frozen=True)
+class OnPlane:
+    """Pick the flat faces that lie in a plane through `point` [m] with the given normal.
+
+    several: accept more than one face
+    """
+
+    point: Array
+    normal: Array
+    several: bool = False
+
+    def __post_init__(self) -> None:
+        normal = finite_array("normal", self.normal, (3,))
+        if not np.any(normal):
+            raise ValueError("the normal of a plane must not be zero")
+        freeze(self, point=finite_array("point", self.point, (3,)), normal=normal / np.linalg.norm(normal))
+
+
+@dataclass(frozen=True)
+class NearestTo:
+    """Pick the one face nearest to a point [m]."""
+
+    point: Array
+
+    def __post_init__(self) -> None:
+        freeze(self, point=finite_array("point", self.point, (3,)))
+
+
+FacePick = OnPlane | NearestTo | str
+
+
+def read_solid(
+    path: str | Path,
+    materials: Material | Mapping[str, Material],
+    *,
+    faces: Mapping[str, FacePick] | None = None,
+    remote_points: tuple[RemotePoint, ...] = (),
+    unit: str = "mm",
+    name: str | None = None,
+) -> Solid:
+    """Read a part from a STEP, IGES or BREP file (endings in any letter case).
+
+    materials: one for all bodies, or one per body name (bodies without a name are "body 1", "body 2", ...)
+    faces: new face name -> `OnPlane`, `NearestTo` or the name that the face has in the file
+    remote_points: as in `Solid`; they use the names given in `faces`
+    unit: length of one coordinate unit once read. OpenCASCADE converts STEP and IGES to "mm" whatever unit
+        they declare, so other values are for BREP files, which declare none, and for wrong declarations.
+
+    Raises FileNotFoundError, or ValueError for an unreadable file and for a pick that finds no face or too many
+    (the message lists the faces).
+    """
+    source = Path(path)
+    shape = _read_shape(source).Scale(occ.Pnt(0, 0, 0), UNITS[known("unit", unit, UNITS)])
+    if len(shape.solids) == 0:
+        raise ValueError(f"{source} holds no solid body, only surfaces or curves; export solids")
+    for index, body in enumerate(shape.solids, start=1):
+        body.name = body.name or f"body {index}"
+    if len(shape.solids) > 1:
+        shape = occ.Glue(list(shape.solids))
+    for face_name, pick in (faces or {}).items():
+        name_faces(shape, face_name, pick)
+    if isinstance(materials, Material):
+        materials = dict.fromkeys(body_names(shape), materials)
+    return Solid(name or source.stem, shape, materials, remote_points)
+
+
+def name_faces(shape: Any, name: str, pick: FacePick) -> None:
+    """Give the picked face of a shape [m] a name; raises ValueError listing the faces when the pick fails."""
+    chosen = _pick(shape, name, pick)
+    for face in shape.faces:
+        # A face between two bodies is listed once for either side; both must carry the name.
+        if any(_same_place(face, other) for other in chosen):
+            face.name = name
+
+
+def body_names(shape: Any) -> tuple[str, ...]:
+    """Names of a shape's bodies, in its order; a body without a name counts as ''."""
+    return tuple(dict.fromkeys(body.name or "" for body in shape.solids))
+
+
+def face_names(shape: Any) -> tuple[str, ...]:
+    """Names of a shape's named faces, in its order."""
+    return tuple(dict.fromkeys(face.name for face in shape.faces if face.name))
+
+
+def shape_bytes(shape: Any) -> bytes:
+    """The shape as BREP text with the names of its bodies and faces: what a cache key needs to know."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "shape.brep"
+        shape.WriteBrep(str(file))
+        names = [body.name or "" for body in shape.solids] + [face.name or "" for face in shape.faces]
+        return file.read_bytes() + "\n".join(names).encode()
+
+
+def generate_mesh(solid: Solid, *, element_size: float) -> Any:
+    """Mesh a part with tetrahedra by Netgen; returns the Netgen mesh, coordinates in metres.
+
+    element_size: largest edge length [m]; curved and small features get smaller elements
+    """
+    size = positive("element_size", element_size, "m")
+    extent = np.array([tuple(corner) for corner in solid.shape.bounding_box])
+    if size < 1e-3 * np.ptp(extent, axis=0).max():
+        raise ValueError(
+            f"element_size {size:g} m is below a thousandth of the part {solid.name!r}; that mesh would not fit in "
+            "memory: take a larger size and a higher order"
+        )
+    # Netgen's defaults resolve a 0.3 mm fillet with 30 times more elements than curved ones of order 3 need.
+    return occ.OCCGeometry(solid.shape).GenerateMesh(
+        maxh=size, grading=0.7, curvaturesafety=0.5, segmentsperedge=0.2, closeedgefac=None, minedgelen=1e-3 * size
+    )
+
+
+def _read_shape(source: Path) -> Any:
+    ending = CAD_ENDINGS.get(source.suffix.lower())
+    if ending is None:
+        raise ValueError(f"{source}: unknown ending {source.suffix!r}; known: {', '.join(CAD_ENDINGS)}")
+    if not source.is_file():
+        raise FileNotFoundError(f"no such CAD file: {source}")
+    with tempfile.TemporaryDirectory() as folder:
+        # OpenCASCADE's readers accept lower-case endings only.
+        copy = Path(folder) / f"shape{ending}"
+        copy.write_bytes(source.read_bytes())
+        try:
+            return occ.OCCGeometry(str(copy)).shape
+        except Exception as error:
+            raise ValueError(f"{source} is not a readable {ending[1:].upper()} file: {error}") from error
+
+
+def _pick(shape: Any, name: str, pick: FacePick) -> list[Any]:
+    faces = list(shape.faces)
+    if isinstance(pick, str):
+        found = [face for face in faces if face.name == pick]
+        several = True
+    elif isinstance(pick, OnPlane):
+        found = [face for face in faces if _lies_on(face, pick)]
+        several = pick.several
+    else:
+        vertex = occ.Vertex(occ.Pnt(*map(float, pick.point)))
+        distances = np.array([face.Distance(vertex) for face in faces])
+        found = [face for face, distance in zip(faces, distances, strict=True) if distance <= distances.min() + 1e-9]
+        several = False
+    found = [f for i, f in enumerate(found) if not any(_same_place(f, other) for other in found[:i])]
+    if found and (several or len(found) == 1):
+        return found
+    problem = "finds no face" if not found else f"finds {len(found)} faces, one is wanted"
+    listing = "\n".join(f"  {_describe(face)}" for face in (found or faces))
+    raise ValueError(f"face {name!r}: {pick} {problem}. {'Found' if found else 'The part has'}:\n{listing}")
+
+
+def _lies_on(face: Any, plane: OnPlane) -> bool:
+    points = [v.p for v in face.vertices] + [e.center for e in face.edges] + [face.center]
+    offsets = (np.array([tuple(p) for p in points]) - plane.point) @ plane.normal
+    return bool(np.all(np.abs(offsets) < 1e-7))
+
+
+def _same_place(face: Any, other: Any) -> bool:
+    distance: ArrayLike = np.array(tuple(face.center)) - np.array(tuple(other.center))
+    return bool(np.linalg.norm(distance) < 1e-9 and abs(face.mass - other.mass) < 1e-9 * abs(face.mass))
+
+
+def _describe(face: Any) -> str:
+    x, y, z = (1e3 * c for c in tuple(face.center))
+    label = f", named {face.name!r}" if face.name else ""
+    return f"{1e6 * face.mass:.4g} mm2 around ({x:.4g}, {y:.4g}, {z:.4g}) mm{label}"

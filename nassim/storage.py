@@ -1,0 +1,173 @@
+"""Saving nassim's nouns to HDF5, and a cache that recomputes when its inputs change."""
+
+import hashlib
+import importlib
+import os
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import h5py
+import numpy as np
+
+FORMAT_VERSION = 1
+
+Noun = TypeVar("Noun")
+
+
+def save(obj: object, path: str | Path) -> Path:
+    """Write a noun of nassim (TimeHistory, FRF, ReducedBody, ...) to an HDF5 file.
+
+    The file appears whole or not at all: it is written under another name and then moved in place.
+    Raises ValueError for objects that are not dataclasses of nassim.
+    """
+    target = Path(path)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(suffix=".tmp", prefix=target.name, dir=target.parent)
+    os.close(handle)
+    try:
+        with h5py.File(temporary, "w") as file:
+            file.attrs["nassim_format"] = FORMAT_VERSION
+            _write(file, "content", obj)
+        os.replace(temporary, target)
+    finally:
+        Path(temporary).unlink(missing_ok=True)
+    return target
+
+
+def load(path: str | Path) -> Any:
+    """Read what `save` wrote.
+
+    Raises FileNotFoundError, or ValueError naming the file when it is damaged or of a newer format.
+    """
+    source = Path(path)
+    if not source.exists():
+        raise FileNotFoundError(f"no such file: {source}")
+    try:
+        with h5py.File(source, "r") as file:
+            version = int(file.attrs.get("nassim_format", 0))
+            if version == 0:
+                raise ValueError("it was not written by nassim.save")
+            if version > FORMAT_VERSION:
+                raise ValueError(f"it has format {version}, this nassim reads up to {FORMAT_VERSION}; upgrade nassim")
+            return _read(file["content"])
+    except (OSError, KeyError, TypeError, ValueError, AttributeError, ImportError, RuntimeError) as error:
+        raise ValueError(f"cannot read {source}: {error}") from error
+
+
+def cache_directory() -> Path:
+    """Folder of cached reductions: the environment variable NASSIM_CACHE, else ~/.cache/nassim."""
+    return Path(os.environ.get("NASSIM_CACHE", Path.home() / ".cache" / "nassim"))
+
+
+def cached(name: str, key: str, build: Callable[[], Noun], *, progress: bool = True) -> Noun:
+    """Return `build()`, or what it returned earlier for the same name and key.
+
+    key: a `fingerprint` of everything that the result depends on
+    progress: print whether the result was loaded or computed, and where it lies
+
+    A damaged file is reported and rebuilt.
+    """
+    path = cache_directory() / f"{name}-{key[:16]}.h5"
+
+    def tell(message: str) -> None:
+        if progress:
+            print(f"{name}: {message}", flush=True)
+
+    if path.exists():
+        try:
+            result: Noun = load(path)
+            tell(f"loaded from {path} (same inputs)")
+            return result
+        except ValueError as error:
+            tell(f"the cached file is damaged and will be rebuilt ({error})")
+    result = build()
+    save(result, path)
+    tell(f"saved to {path}")
+    return result
+
+
+def fingerprint(*parts: object) -> str:
+    """SHA-256, as hex digits, of nested dataclasses, mappings, sequences, arrays, numbers and text."""
+    digest = hashlib.sha256()
+    for part in parts:
+        _update(digest, part)
+    return digest.hexdigest()
+
+
+def source_fingerprint(*modules: str) -> str:
+    """SHA-256 of the source code of modules, for keys that must change when the method changes."""
+    paths = [importlib.import_module(name).__file__ for name in modules]
+    return fingerprint(*(Path(path).read_bytes() for path in paths if path))
+
+
+def _update(digest: Any, part: object) -> None:
+    digest.update(type(part).__name__.encode() + b":")
+    if is_dataclass(part):
+        for item in fields(part):
+            digest.update(item.name.encode())
+            _update(digest, getattr(part, item.name))
+    elif isinstance(part, Mapping):
+        for key in sorted(part):
+            _update(digest, key)
+            _update(digest, part[key])
+    elif isinstance(part, (tuple, list)):
+        digest.update(str(len(part)).encode())
+        for item in part:
+            _update(digest, item)
+    elif isinstance(part, np.ndarray):
+        digest.update(f"{part.dtype}{part.shape}".encode() + np.ascontiguousarray(part).tobytes())
+    elif isinstance(part, bytes):
+        digest.update(part)
+    elif part is None or isinstance(part, (str, bool, int, float, np.generic)):
+        digest.update(repr(part).encode())
+    else:
+        raise ValueError(f"cannot make a fingerprint of {type(part).__name__}")
+
+
+def _write(parent: Any, name: str, value: object) -> None:
+    if is_dataclass(value) and type(value).__module__.startswith("nassim."):
+        group = parent.create_group(name)
+        group.attrs["kind"] = "dataclass"
+        group.attrs["type"] = f"{type(value).__module__}:{type(value).__qualname__}"
+        for item in fields(value):
+            _write(group, item.name, getattr(value, item.name))
+    elif isinstance(value, Mapping):
+        group = parent.create_group(name)
+        group.attrs["kind"] = "mapping"
+        for key, item in value.items():
+            _write(group, key, item)
+    elif isinstance(value, (tuple, list)):
+        group = parent.create_group(name)
+        group.attrs["kind"] = "tuple"
+        for index, item in enumerate(value):
+            _write(group, str(index), item)
+    elif value is None:
+        parent.create_group(name).attrs["kind"] = "none"
+    elif isinstance(value, (str, bool, int, float, np.ndarray, np.generic)):
+        parent.create_dataset(name, data=value)
+    else:
+        raise ValueError(f"cannot save {type(value).__name__} ({name}): only nouns of nassim, arrays, numbers and text")
+
+
+def _read(item: Any) -> Any:
+    if isinstance(item, h5py.Dataset):
+        value = item.asstr()[()] if h5py.check_string_dtype(item.dtype) else item[()]
+        return value.item() if isinstance(value, np.generic) else value
+    kind = item.attrs["kind"]
+    if kind == "none":
+        return None
+    if kind == "tuple":
+        return tuple(_read(item[str(index)]) for index in range(len(item)))
+    content = {name: _read(item[name]) for name in item}
+    if kind == "mapping":
+        return content
+    module, _, type_name = item.attrs["type"].partition(":")
+    if not module.startswith("nassim."):
+        raise ValueError(f"it holds a {module}.{type_name}, which is not of nassim")
+    noun = getattr(importlib.import_module(module), type_name)
+    if not is_dataclass(noun):
+        raise ValueError(f"{module}.{type_name} is not a noun of nassim")
+    return noun(**content)
