@@ -2,10 +2,45 @@
 
 from nassim.condensation import Condensation, condense
 from nassim.fem import FEModel, build_fe_model
+from nassim.frf import FRF, estimate_frf
 from nassim.geometry import NearestTo, OnPlane, RemotePoint, Solid, read_solid
+from nassim.linear import LinearModel, frequency_response, linearize
 from nassim.materials import Material
 from nassim.piezo import PiezoStack
 from nassim.reduction import ReducedBody, craig_bampton
+from nassim.scene import Encoder, FlexibleBody, Joint, RigidBody, Scene, StackActuator, StackSensor
+from nassim.signals import TimeHistory
 from nassim.storage import load, save
 
 __version__ = "0.1.0"
+
+__all__ = [
+    "FRF",
+    "Condensation",
+    "Encoder",
+    "FEModel",
+    "FlexibleBody",
+    "Joint",
+    "LinearModel",
+    "Material",
+    "NearestTo",
+    "OnPlane",
+    "PiezoStack",
+    "ReducedBody",
+    "RemotePoint",
+    "RigidBody",
+    "Scene",
+    "Solid",
+    "StackActuator",
+    "StackSensor",
+    "TimeHistory",
+    "build_fe_model",
+    "condense",
+    "craig_bampton",
+    "estimate_frf",
+    "frequency_response",
+    "linearize",
+    "load",
+    "read_solid",
+    "save",
+]

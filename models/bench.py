@@ -1,0 +1,70 @@
+"""The paper's test bench: granite base, amplified piezo actuator, guided mass on top, encoder."""
+
+import numpy as np
+
+from models.apa300ml import STACK, reduced_apa300ml
+from nassim import Encoder, FlexibleBody, Joint, ReducedBody, RigidBody, Scene, StackActuator, StackSensor
+
+AMPLIFIER_GAIN = 20.0
+"""Stack voltage per DAC voltage [V/V]."""
+GRAVITY = np.array([0.0, 0.0, -9.81])
+
+
+def make_bench(
+    payload_mass: float = 5.0,
+    fidelity: str = "ffrf",
+    *,
+    damping_ratio: float = 0.01,
+    gravity: bool = False,
+    apa: ReducedBody | None = None,
+) -> Scene:
+    """The test bench as a scene: input "actuator_voltage" (DAC) [V]; outputs "sensor_voltage" [V], "encoder" [m].
+
+    payload_mass: guided along z, on top of the actuator [kg]
+    fidelity: of the actuator, see `FlexibleBody`
+    damping_ratio: of every mode of the bench [-]; an assumption until measured
+    gravity: let the payload's and the actuator's weight act; simulations then start from static equilibrium
+    apa: a reduced APA300ML (default: `reduced_apa300ml()`, cached)
+    """
+    body = reduced_apa300ml() if apa is None else apa
+    bottom, top = (body.point(name).position for name in ("bottom", "top"))
+    # A steel cube would do: the guide leaves only the mass to matter.
+    side = np.cbrt(payload_mass / 7800.0) if payload_mass > 0 else 1.0
+    below = np.array([0.0, 0.0, -side / 2])
+    centre = top - below
+    return Scene(
+        name="bench",
+        bodies=(
+            RigidBody("base", points={"top": bottom, "guide": top}, fixed=True),
+            FlexibleBody("apa", body, fidelity=fidelity, frame="bottom"),
+            RigidBody(
+                "payload",
+                points={"bottom": below},
+                mass=payload_mass,
+                inertia=payload_mass * side**2 / 6 * np.eye(3),
+                position=centre,
+            ),
+        ),
+        joints=(
+            Joint("clamp", "base.top", "apa.bottom"),
+            Joint("mount", "apa.top", "payload.bottom"),
+            Joint("guide", "base.guide", "payload.bottom", free=("z",)),
+        ),
+        actuators=(
+            # Two equal stacks in line at one voltage push their outer ends with the force of one.
+            StackActuator(
+                "actuator_stacks",
+                "apa.junction",
+                "apa.actuator_end",
+                force_per_volt=STACK.force_per_volt,
+                input="actuator_voltage",
+                gain=AMPLIFIER_GAIN,
+            ),
+        ),
+        sensors=(
+            StackSensor("sensor_voltage", "apa.sensor_end", "apa.junction", STACK.voltage_per_elongation),
+            Encoder("encoder", "base.guide", "payload.bottom", axis="z"),
+        ),
+        damping_ratio=damping_ratio,
+        gravity=GRAVITY if gravity else np.zeros(3),
+    )
