@@ -10,6 +10,7 @@ from nassim.piezo import PiezoStack
 from nassim.reduction import ReducedBody, craig_bampton
 from nassim.scene import Encoder, FlexibleBody, Joint, RigidBody, Scene, StackActuator, StackSensor
 from nassim.signals import TimeHistory
+from nassim.simulation import simulate, static_response
 from nassim.storage import load, save
 
 __version__ = "0.1.0"
@@ -43,4 +44,6 @@ __all__ = [
     "load",
     "read_solid",
     "save",
+    "simulate",
+    "static_response",
 ]
