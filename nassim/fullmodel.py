@@ -1,0 +1,206 @@
+"""The full FE model's own answers, without any reduction: the reference that reductions are measured against.
+
+All boundary conditions at remote points are served by the one factorisation of a `Condensation`: what the points'
+free motions contribute is the constraint modes times a small dense inverse, the rest is solved with the points held.
+"""
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.sparse.linalg import LinearOperator, eigsh
+
+from nassim.checks import Array, finite_array, positive
+from nassim.condensation import Condensation
+from nassim.frf import FRF
+from nassim.interface import coordinate_vector, free_coordinates, point_masses
+from nassim.progress import stage
+from nassim.reduction import mass_operator
+
+MECHANISM_TOLERANCE = 1e-10
+"""Scaled stiffness eigenvalues below this are motions without strain."""
+
+
+@dataclass(frozen=True)
+class FullModel:
+    """A full FE model under boundary conditions at its remote points.
+
+    condensed: its static condensation; free: indices of the remote points' free coordinates
+    multiply_mass: displacements (n_dofs,) -> inertia forces, point masses included
+    solve: forces (n_dofs,) -> static displacements; motions without strain are projected out
+    mechanisms: motions without strain that the boundary conditions leave, (n_dofs, k)
+    """
+
+    condensed: Condensation
+    free: Array
+    multiply_mass: Callable[[Array], Array] = field(repr=False)
+    solve: Callable[[Array], Array] = field(repr=False)
+    mechanisms: Array = field(repr=False)
+
+
+def constrain(
+    condensed: Condensation,
+    *,
+    fixed: Collection[str] = (),
+    guided: Mapping[str, str] | None = None,
+    masses: Mapping[str, float] | None = None,
+) -> FullModel:
+    """Put boundary conditions on a full model; the arguments are those of `ReducedBody.eigenmodes`."""
+    free = free_coordinates(condensed.names, fixed=fixed, guided=guided)
+    modes = condensed.constraint_modes[:, free]
+    added = point_masses(condensed.names, masses)
+    operator = mass_operator(condensed.fe_model)
+
+    def multiply_mass(u: Array) -> Array:
+        result: Array = operator @ u + condensed.averages.T @ (added * (condensed.averages @ u).T).T
+        return result
+
+    stiffness = condensed.stiffness[np.ix_(free, free)]
+    scale = 1.0 / np.sqrt(np.diag(stiffness))
+    eigenvalues, vectors = np.linalg.eigh(scale[:, None] * stiffness * scale)
+    stiff = eigenvalues > MECHANISM_TOLERANCE
+    # The pseudo-inverse serves: loads are balanced against the mechanisms before they reach it.
+    scaled = scale[:, None] * vectors
+    flexibility = (scaled[:, stiff] / eigenvalues[stiff]) @ scaled[:, stiff].T
+    mechanisms = modes @ scaled[:, ~stiff]
+    inertia = np.column_stack([multiply_mass(m) for m in mechanisms.T]) if mechanisms.size else mechanisms
+    gain = inertia @ np.linalg.inv(mechanisms.T @ inertia)
+
+    def solve(load: Array) -> Array:
+        balanced = load - gain @ (mechanisms.T @ load)
+        solution = condensed.solve_fixed(balanced) + modes @ (flexibility @ (modes.T @ balanced))
+        result: Array = solution - mechanisms @ (gain.T @ solution)
+        return result
+
+    return FullModel(condensed, free, multiply_mass, solve, mechanisms)
+
+
+def full_eigenfrequencies(
+    condensed: Condensation,
+    *,
+    fixed: Collection[str] = (),
+    guided: Mapping[str, str] | None = None,
+    masses: Mapping[str, float] | None = None,
+    n: int = 10,
+    progress: bool = True,
+) -> Array:
+    """The lowest n eigenfrequencies [Hz] of the full model, motions without strain (0 Hz) included, shape (n,)."""
+    model = constrain(condensed, fixed=fixed, guided=guided, masses=masses)
+    size = condensed.fe_model.n_dofs
+    n_zero = min(model.mechanisms.shape[1], n)
+    if n == n_zero:
+        return np.zeros(n)
+    mass = LinearOperator((size, size), matvec=lambda u: model.multiply_mass(np.ravel(u)), dtype=float)
+    inverse = LinearOperator((size, size), matvec=lambda f: model.solve(np.ravel(f)), dtype=float)
+    with stage("full model's eigenmodes", enabled=progress):
+        start = model.solve(model.multiply_mass(np.random.default_rng(0).standard_normal(size)))
+        eigenvalues = eigsh(
+            mass, k=n - n_zero, M=mass, sigma=0.0, OPinv=inverse, v0=start, return_eigenvectors=False
+        )
+    return np.concatenate([np.zeros(n_zero), np.sqrt(np.sort(eigenvalues)) / (2 * np.pi)])
+
+
+@dataclass(frozen=True)
+class HarmonicSolution:
+    """FRF of a full model, with what it cost and how far it has converged.
+
+    frf: the FRF; change: of the displacements, relative and in the mass's norm, by the last two Krylov vectors, the
+        largest over frequencies and inputs; n_solves: solves with the one factorisation
+    """
+
+    frf: FRF
+    change: float
+    n_solves: int
+
+
+def full_frequency_response(
+    condensed: Condensation,
+    frequency: Array,
+    *,
+    inputs: Mapping[str, Mapping[str, float]],
+    outputs: Mapping[str, Mapping[str, float]],
+    damping_ratio: float,
+    fixed: Collection[str] = (),
+    guided: Mapping[str, str] | None = None,
+    masses: Mapping[str, float] | None = None,
+    tolerance: float = 1e-8,
+    max_solves: int = 200,
+    progress: bool = True,
+) -> HarmonicSolution:
+    """Harmonic response of the full model at the given frequencies, shape (n,) [Hz], without modal reduction.
+
+    inputs: name -> forces per unit input at named coordinates, e.g. {"force": {"top.uz": 1.0}}
+    outputs: name -> weights of named coordinates
+    damping_ratio: zeta of every mode of the full model [-]
+    tolerance: on the relative change by the last two Krylov vectors
+
+    With A = K^-1 M and u_0 = K^-1 f, the response with the same damping ratio in every mode is
+    u = (I - omega^2 A + 2 i zeta omega A^1/2)^-1 u_0, a function of A. One Lanczos basis, which costs one solve per
+    vector, serves all frequencies and grows until the displacements at none of them change any more.
+    Source: N. J. Higham, Functions of Matrices (2008), ch. 13.
+
+    Raises ValueError when the body can move freely, RuntimeError when `max_solves` do not suffice.
+    """
+    frequency = finite_array("frequency", frequency, (None,))
+    positive("tolerance", tolerance)
+    model = constrain(condensed, fixed=fixed, guided=guided, masses=masses)
+    if model.mechanisms.size:
+        raise ValueError("the full model can move freely under these boundary conditions; fix or guide remote points")
+    readings = np.array([coordinate_vector(condensed.names, weights) for weights in outputs.values()])
+    values = np.zeros((len(outputs), len(inputs), len(frequency)), dtype=complex)
+    worst, n_solves = 0.0, 0
+    with stage("full model's response", enabled=progress):
+        for column, weights in enumerate(inputs.values()):
+            load = condensed.averages.T @ coordinate_vector(condensed.names, weights)
+            basis, amplitudes, change = _krylov(model, load, frequency, damping_ratio, tolerance, max_solves)
+            values[:, column] = readings @ (condensed.averages @ basis) @ amplitudes
+            worst, n_solves = max(worst, change), n_solves + basis.shape[1] + 1
+    frf = FRF(frequency, values, tuple(outputs), tuple(inputs), None, "full FE model")
+    return HarmonicSolution(frf, worst, n_solves)
+
+
+def _krylov(
+    model: FullModel, load: Array, frequency: Array, damping_ratio: float, tolerance: float, max_solves: int
+) -> tuple[Array, Array, float]:
+    """Lanczos basis (n_dofs, m), orthonormal in M, the response in it (m, n_frequencies), and its last change."""
+    vector = model.solve(load)
+    inertia = model.multiply_mass(vector)
+    norm = float(np.sqrt(vector @ inertia))
+    basis, inertias = [vector / norm], [inertia / norm]
+    projected = np.zeros((0, 0))
+    earlier: list[Array] = []
+    while len(projected) < max_solves:
+        vector = model.solve(inertias[-1])
+        coefficients = np.zeros(len(basis))
+        # Gram-Schmidt twice: the second pass removes what rounding left.
+        for _ in range(2):
+            overlap = np.array([m @ vector for m in inertias])
+            vector = vector - np.array(basis).T @ overlap
+            coefficients += overlap
+        projected = np.pad(projected, (0, 1))
+        projected[:, -1] = projected[-1, :] = coefficients
+        earlier.append(norm * _response(projected, frequency, damping_ratio))
+        if len(earlier) > 2:
+            change = earlier[-1].copy()
+            change[:-2] -= earlier[-3]
+            relative = float(np.max(np.linalg.norm(change, axis=0) / np.linalg.norm(earlier[-1], axis=0)))
+            if relative < tolerance:
+                return np.array(basis).T, earlier[-1], relative
+        inertia = model.multiply_mass(vector)
+        remainder = float(np.sqrt(max(vector @ inertia, 0.0)))
+        if remainder <= 1e-14 * abs(coefficients[-1]):  # the space is exhausted: the answer is exact
+            return np.array(basis).T, earlier[-1], 0.0
+        basis.append(vector / remainder)
+        inertias.append(inertia / remainder)
+    raise RuntimeError(
+        f"the response has not converged to {tolerance:.0e} after {max_solves} solves; allow more, or lower the "
+        "highest frequency"
+    )
+
+
+def _response(projected: Array, frequency: Array, damping_ratio: float) -> Array:
+    """First column of (I - omega^2 T + 2 i zeta omega T^1/2)^-1 for the projected matrix T, (m, n_frequencies)."""
+    squares, vectors = np.linalg.eigh(projected)
+    period = 2 * np.pi * frequency * np.sqrt(np.maximum(squares, 0.0))[:, None]
+    result: Array = vectors @ (vectors[0][:, None] / (1 - period**2 + 2j * damping_ratio * period))
+    return result
