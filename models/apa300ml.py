@@ -5,6 +5,7 @@ measured on public CAD. Hidden in that CAD, and so our assumption, is how the ar
 here a slot with a round end runs on beside the stack's end; its depth `relief` sets the stiffness.
 """
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -195,9 +196,7 @@ def _quarter_outline(g: APAGeometry) -> list[occ.Edge]:
     edges: list[occ.Edge] = []
 
     def line(*corners: tuple[float, float]) -> None:
-        edges.extend(
-            occ.Segment(point(a), point(b)) for a, b in zip(corners, corners[1:], strict=False) if math.dist(a, b) > 1e-6
-        )
+        edges.extend(occ.Segment(point(a), point(b)) for a, b in itertools.pairwise(corners) if math.dist(a, b) > 1e-6)
 
     def arc(c: tuple[float, float], r: float, start: float, end: float) -> None:
         edges.append(occ.ArcOfCircle(*(point(on_circle(c, r, angle)) for angle in (start, (start + end) / 2, end))))

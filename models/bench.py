@@ -68,3 +68,22 @@ def make_bench(
         damping_ratio=damping_ratio,
         gravity=GRAVITY if gravity else np.zeros(3),
     )
+
+
+BENCH_CONDITIONS = {"fixed": ["bottom"], "guided": {"top": "z"}}
+"""What the bench's joints do to the actuator's remote points, for `eigenfrequencies` and the full FE model."""
+
+
+def bench_forces_and_readings() -> tuple[dict[str, dict[str, float]], dict[str, dict[str, float]]]:
+    """The bench's input and outputs at the actuator's remote points, for `full_frequency_response`.
+
+    Written out by hand: a second route to what `make_bench` says by names of stacks and sensors.
+    """
+    force = AMPLIFIER_GAIN * STACK.force_per_volt
+    sensitivity = STACK.voltage_per_elongation
+    inputs = {"actuator_voltage": {"actuator_end.ux": force, "junction.ux": -force}}
+    outputs = {
+        "sensor_voltage": {"sensor_end.ux": sensitivity, "junction.ux": -sensitivity},
+        "encoder": {"top.uz": 1.0},
+    }
+    return inputs, outputs

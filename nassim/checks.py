@@ -7,7 +7,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
+"""A float array unless its docstring says otherwise; shapes and units stand there too."""
 Value = TypeVar("Value")
 
 

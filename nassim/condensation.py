@@ -148,8 +148,8 @@ def _prescribed_motions(fe_model: FEModel, couplings: Sequence[Coupling]) -> tup
         for dof in coupling.dofs.tolist():
             if dof in owner:
                 raise ValueError(
-                    f"the interfaces of remote points {owner[dof]!r} and {coupling.point.name!r} share nodes; rbe2 moves "
-                    "each as a rigid body, so they must not touch: use rbe3 or separate the faces"
+                    f"the interfaces of remote points {owner[dof]!r} and {coupling.point.name!r} share nodes; rbe2 "
+                    "moves each as a rigid body, so they must not touch: use rbe3 or separate the faces"
                 )
             owner[dof] = coupling.point.name
         prescribed[expanded_dofs(coupling, fe_model.n_dofs), 6 * i : 6 * i + 6] = coupling.motions

@@ -115,7 +115,7 @@ class FEModel:
 
 
 def rigid_motions(fields: Array, centre: Array) -> Array:
-    """Translations along and rotations about x, y, z through `centre`, shape (3 n, 6), from fields 1, x, y, z (4, n)."""
+    """Translations along and rotations about axes through `centre`, (3 n, 6), from the fields 1, x, y, z (4, n)."""
     one = fields[0]
     arm = fields[1:] - np.outer(centre, one)
     zero = np.zeros_like(one)
@@ -173,7 +173,9 @@ def build_fe_model(solid: Solid, *, element_size: float, order: int = 3, progres
         mass = _scalar_mass(mesh, solid, scalar)
         pieces, _ = sp.csgraph.connected_components(mass, directed=False)
         if pieces > 1:
-            raise ValueError(f"part {solid.name!r} falls into {pieces} pieces that do not touch; join the bodies in the CAD")
+            raise ValueError(
+                f"part {solid.name!r} falls into {pieces} pieces that do not touch; join the bodies in the CAD"
+            )
         fields = _position_fields(scalar)
         stiffness = _stiffness(mesh, solid, order)
         couplings = tuple(_couple(mesh, scalar, fields, point) for point in solid.remote_points)

@@ -97,9 +97,7 @@ def floating_frame(body: ReducedBody, point: str) -> FloatingFrame:
         translation_flexible=mean.T,
         translation_rotated=np.hstack([skew(s) for s in mean]),
         position_flexible=-np.einsum("abc,bjc->aj", permutation, position),
-        position_rotated=(
-            np.einsum("cjc,ab->ajb", position, eye) - np.einsum("bja->ajb", position)
-        ).reshape(3, 3 * n),
+        position_rotated=(np.einsum("cjc,ab->ajb", position, eye) - np.einsum("bja->ajb", position)).reshape(3, 3 * n),
         rotated_flexible=-np.einsum("abc,jbkc->jak", permutation, pairs).reshape(3 * n, n),
         rotated_rotated=rotated_rotated.reshape(3 * n, 3 * n),
     )

@@ -7,7 +7,7 @@ import numpy as np
 import scipy.signal
 from numpy.typing import NDArray
 
-from nassim.checks import Array, finite_array, freeze, known, unique
+from nassim.checks import Array, finite, finite_array, freeze, known, positive, unique
 from nassim.signals import TimeHistory
 
 ComplexArray = NDArray[np.complex128]
@@ -37,8 +37,12 @@ class FRF:
         values = np.array(self.values, dtype=complex)
         if values.shape != (len(outputs), len(inputs), len(frequency)):
             raise ValueError(f"values must have shape (outputs, inputs, frequencies), got {values.shape}")
-        if np.any(np.diff(frequency) <= 0) or frequency[0] < 0:
-            raise ValueError("frequency must be ascending and not negative")
+        if not np.all(np.isfinite(values)):
+            raise ValueError(
+                f"values hold {int(np.sum(~np.isfinite(values)))} NaN or infinite entries; all must be finite"
+            )
+        if len(frequency) == 0 or np.any(np.diff(frequency) <= 0) or frequency[0] < 0:
+            raise ValueError("frequency must be ascending, not negative and not empty")
         values.setflags(write=False)
         freeze(self, frequency=frequency, values=values, outputs=outputs, inputs=inputs)
         if self.coherence is not None:
@@ -81,10 +85,12 @@ def estimate_frf(
     unknown names and for a record shorter than two segments, which leaves the coherence without meaning.
     """
     known("method", method, ("H1", "H2"))
-    n_segment = round(segment_duration * history.sample_rate)
-    n_overlap = round(overlap * n_segment)
-    if not 0 <= overlap < 1:
+    if not unique("input", inputs) or not unique("output", outputs):
+        raise ValueError(f"name at least one input and one output; known signals: {', '.join(history.names)}")
+    if not 0 <= finite("overlap", overlap) < 1:
         raise ValueError(f"overlap must lie in 0 ... 1 (1 excluded), got {overlap:g}")
+    n_segment = round(positive("segment_duration", segment_duration, "s") * history.sample_rate)
+    n_overlap = round(overlap * n_segment)
     if len(history.time) < 2 * n_segment - n_overlap or n_segment < 2:
         raise ValueError(
             f"a record of {history.duration:g} s holds fewer than two segments of {segment_duration:g} s; "
@@ -98,7 +104,13 @@ def estimate_frf(
         y = np.stack([history[name] for name in columns])[None]
         # csd conjugates its first argument: the result is S[row, column] = E[row * conj(column)].
         _, density = scipy.signal.csd(
-            y, x, fs=history.sample_rate, window=window, nperseg=n_segment, noverlap=n_overlap, detrend="constant"
+            y,
+            x,
+            fs=history.sample_rate,
+            window=window,
+            nperseg=n_segment,
+            noverlap=n_overlap,
+            detrend="constant",
         )
         result: ComplexArray = density.transpose(2, 0, 1)
         return result
@@ -106,8 +118,15 @@ def estimate_frf(
     frequency = np.fft.rfftfreq(n_segment, 1 / history.sample_rate)[1:]
     s_uu, s_yu = spectra(inputs, inputs)[1:], spectra(outputs, inputs)[1:]
     s_yy = np.stack([spectra([name], [name])[1:, 0, 0] for name in outputs], axis=1).real
-    h1 = np.linalg.solve(s_uu.transpose(0, 2, 1), s_yu.transpose(0, 2, 1)).transpose(0, 2, 1)
+    for name, power in zip(inputs, np.einsum("fii->if", s_uu).real, strict=True):
+        if not np.any(power > 0):
+            raise ValueError(f"input {name!r} is constant: no response can be estimated from it")
+    # Lines without any input power get the response zero and, honestly, the coherence zero.
+    h1 = np.linalg.pinv(s_uu.transpose(0, 2, 1), rcond=1e-14, hermitian=False) @ s_yu.transpose(0, 2, 1)
+    h1 = h1.transpose(0, 2, 1)
     coherent_power = np.einsum("foi,foi->fo", h1, s_yu.conj()).real
     coherence = np.clip(coherent_power / np.maximum(s_yy, np.finfo(float).tiny), 0.0, 1.0)
-    values = h1 if method == "H1" else s_yy[:, :, None] / s_yu.conj()
+    coherent = np.abs(s_yu) > 0
+    h2 = np.where(coherent, s_yy[:, :, None] / np.where(coherent, s_yu.conj(), 1.0), 0.0)
+    values = h1 if method == "H1" else h2
     return FRF(frequency, values.transpose(1, 2, 0), tuple(outputs), tuple(inputs), coherence.T, label)

@@ -94,9 +94,7 @@ def full_eigenfrequencies(
     inverse = LinearOperator((size, size), matvec=lambda f: model.solve(np.ravel(f)), dtype=float)
     with stage("full model's eigenmodes", enabled=progress):
         start = model.solve(model.multiply_mass(np.random.default_rng(0).standard_normal(size)))
-        eigenvalues = eigsh(
-            mass, k=n - n_zero, M=mass, sigma=0.0, OPinv=inverse, v0=start, return_eigenvectors=False
-        )
+        eigenvalues = eigsh(mass, k=n - n_zero, M=mass, sigma=0.0, OPinv=inverse, v0=start, return_eigenvectors=False)
     return np.concatenate([np.zeros(n_zero), np.sqrt(np.sort(eigenvalues)) / (2 * np.pi)])
 
 
@@ -187,7 +185,7 @@ def _krylov(
             if relative < tolerance:
                 return np.array(basis).T, earlier[-1], relative
         inertia = model.multiply_mass(vector)
-        remainder = float(np.sqrt(max(vector @ inertia, 0.0)))
+        remainder = float(np.sqrt(max(float(vector @ inertia), 0.0)))
         if remainder <= 1e-14 * abs(coefficients[-1]):  # the space is exhausted: the answer is exact
             return np.array(basis).T, earlier[-1], 0.0
         basis.append(vector / remainder)

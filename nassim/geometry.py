@@ -67,7 +67,7 @@ class Solid:
         for body in body_names(self.shape):
             if body not in self.materials:
                 raise ValueError(
-                    f"part {self.name!r}: body {body!r} has no material; given for: {', '.join(self.materials) or 'none'}"
+                    f"part {self.name!r}: body {body!r} has no material; given: {', '.join(self.materials) or 'none'}"
                 )
         faces = face_names(self.shape)
         owner: dict[str, str] = {}
@@ -83,8 +83,11 @@ class Solid:
                     )
                 owner[face] = point.name
         size = np.ptp(np.array([tuple(corner) for corner in self.shape.bounding_box]), axis=0).max()
-        if not 1e-6 < size < 100.0:
-            raise ValueError(f"part {self.name!r} is {size:g} m long; shapes are in metres: check the unit of the CAD file")
+        if not 1e-6 < size < 10.0:
+            raise ValueError(
+                f"part {self.name!r} is {size:g} m long, not 1e-6 to 10 m; shapes are in metres: check the "
+                "CAD file's unit"
+            )
         freeze(self, materials=frozen_mapping(self.materials), remote_points=points)
 
 
@@ -196,7 +199,12 @@ def generate_mesh(solid: Solid, *, element_size: float) -> Any:
         )
     # Netgen's defaults resolve a 0.3 mm fillet with 30 times more elements than curved ones of order 3 need.
     return occ.OCCGeometry(solid.shape).GenerateMesh(
-        maxh=size, grading=0.7, curvaturesafety=0.5, segmentsperedge=0.2, closeedgefac=None, minedgelen=1e-3 * size
+        maxh=size,
+        grading=0.7,
+        curvaturesafety=0.5,
+        segmentsperedge=0.2,
+        closeedgefac=None,
+        minedgelen=1e-3 * size,
     )
 
 
@@ -238,9 +246,11 @@ def _pick(shape: Any, name: str, pick: FacePick) -> list[Any]:
 
 
 def _lies_on(face: Any, plane: OnPlane) -> bool:
-    points = [v.p for v in face.vertices] + [e.center for e in face.edges] + [face.center]
-    offsets = (np.array([tuple(p) for p in points]) - plane.point) @ plane.normal
-    return bool(np.all(np.abs(offsets) < 1e-7))
+    """Whether the centre lies on the plane and the area's root mean square distance from the centre along it is nil."""
+    inertia = np.array([[face.inertia[i, j] for j in range(3)] for i in range(3)])
+    spread = 0.5 * np.trace(inertia) - plane.normal @ inertia @ plane.normal
+    offset = (np.array(tuple(face.center)) - plane.point) @ plane.normal
+    return bool(abs(offset) < 1e-7 and np.sqrt(max(spread, 0.0) / face.mass) < 1e-7)
 
 
 def _same_place(face: Any, other: Any) -> bool:

@@ -160,7 +160,8 @@ def deformation_damping(scene: Scene, assembly: Assembly) -> Array:
 def _body_matrices(body: Body) -> tuple[Array, Array]:
     if isinstance(body, FlexibleBody):
         return body.reduced.mass_matrix, body.reduced.stiffness_matrix
-    assert body.mass is not None and body.inertia is not None
+    assert body.mass is not None
+    assert body.inertia is not None
     return scipy.linalg.block_diag(body.mass * np.eye(3), body.inertia), np.zeros((6, 6))
 
 
@@ -197,5 +198,3 @@ def _null_space(constraints: Array, mass: Array) -> Array:
     scaled = constraints * scale
     scaled = scaled / np.linalg.norm(scaled, axis=1, keepdims=True)
     return scale[:, None] * scipy.linalg.null_space(scaled, rcond=1e-9)
-
-

@@ -4,8 +4,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from nassim.checks import Array
-
+from nassim.checks import Array, finite_array
 
 
 def eigenmodes(stiffness: Array, mass: Array, *, n_modes: int | None = None) -> tuple[Array, Array]:
@@ -18,6 +17,10 @@ def eigenmodes(stiffness: Array, mass: Array, *, n_modes: int | None = None) -> 
     phi^T M phi = 1). A rigid motion's eigenvalue that rounding made negative is returned as 0 Hz.
     Raises ValueError when the mass matrix is not positive definite.
     """
+    finite_array("stiffness matrix", stiffness, (len(mass), len(mass)))
+    finite_array("mass matrix", mass, (len(mass), len(mass)))
+    if n_modes is not None and n_modes < 1:
+        raise ValueError(f"n_modes must be at least 1, got {n_modes}")
     last = len(stiffness) - 1 if n_modes is None else min(n_modes, len(stiffness)) - 1
     # Scaling to a unit diagonal of M mends the mix of metres, radians and modal coordinates.
     diagonal = np.diag(mass)
@@ -42,6 +45,8 @@ def modal_damping_matrix(mass: Array, frequency: Array, shapes: Array, damping_r
     Returns (n, n) [N s/m and the like]. Modes at 0 Hz and modes not listed stay undamped.
     """
     ratio = np.broadcast_to(np.asarray(damping_ratio, dtype=float), frequency.shape)
+    if not np.all(ratio >= 0):
+        raise ValueError(f"damping ratios must not be negative or NaN, got {ratio}")
     weighted = mass @ shapes
     result: Array = (weighted * (2 * ratio * 2 * np.pi * frequency)) @ weighted.T
     return result

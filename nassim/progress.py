@@ -8,7 +8,9 @@ from tqdm import tqdm
 
 
 @contextmanager
-def stage(label: str, *, total: int | None = None, unit: str = "", enabled: bool = True) -> Iterator[Callable[..., None]]:
+def stage(
+    label: str, *, total: int | None = None, unit: str = "", enabled: bool = True
+) -> Iterator[Callable[..., None]]:
     """Show one stage of long work and how long it took.
 
     label: what is being done; total: amount of work where known, in `unit`

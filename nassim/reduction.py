@@ -51,7 +51,9 @@ class ReducedBody:
             if matrix.shape != (n, n) or np.abs(matrix - matrix.T).max() > 1e-9 * np.abs(matrix).max():
                 raise ValueError(f"body {self.name!r}: the {label} matrix must be square and symmetric")
         if n < 6 * len(points):
-            raise ValueError(f"body {self.name!r}: {len(points)} remote points need {6 * len(points)} coordinates, got {n}")
+            raise ValueError(
+                f"body {self.name!r}: {len(points)} remote points need {6 * len(points)} coordinates, got {n}"
+            )
         freeze(
             self,
             remote_points=points,

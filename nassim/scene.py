@@ -6,7 +6,17 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nassim.checks import Array, finite, finite_array, freeze, frozen_mapping, known, not_negative, positive, unique
+from nassim.checks import (
+    Array,
+    finite,
+    finite_array,
+    freeze,
+    frozen_mapping,
+    known,
+    not_negative,
+    positive,
+    unique,
+)
 from nassim.interface import DIRECTIONS
 from nassim.reduction import ReducedBody
 
@@ -36,7 +46,11 @@ class RigidBody:
     def __post_init__(self) -> None:
         label = f"rigid body {self.name!r}"
         points = {k: finite_array(f"{label}: point {k!r}", v, (3,)) for k, v in self.points.items()}
-        freeze(self, points=frozen_mapping(points), position=finite_array(f"{label}: position", self.position, (3,)))
+        freeze(
+            self,
+            points=frozen_mapping(points),
+            position=finite_array(f"{label}: position", self.position, (3,)),
+        )
         if self.fixed:
             return
         if self.mass is None or self.inertia is None:
@@ -197,6 +211,8 @@ class Scene:
 
     def __post_init__(self) -> None:
         ratio = np.atleast_1d(np.array(self.damping_ratio, dtype=float))
+        if ratio.size == 0:
+            raise ValueError("damping_ratio needs at least one value; 0 for no damping")
         for value in ratio:
             not_negative("damping_ratio", value)
         freeze(
@@ -208,19 +224,27 @@ class Scene:
             damping_ratio=finite_array("damping_ratio", ratio, (None,)),
             gravity=finite_array("gravity", self.gravity, (3,)),
         )
-        for kind, parts in (("body", self.bodies), ("joint", self.joints), ("actuator", self.actuators), ("sensor", self.sensors)):
-            unique(kind, (part.name for part in parts))  # type: ignore[attr-defined]
+        for kind, parts in (
+            ("body", self.bodies),
+            ("joint", self.joints),
+            ("actuator", self.actuators),
+            ("sensor", self.sensors),
+        ):
+            unique(kind, (part.name for part in parts))
         if not any(not isinstance(body, RigidBody) or not body.fixed for body in self.bodies):
             raise ValueError(f"scene {self.name!r} has no body that can move")
         for joint in self.joints:
+            if joint.a == joint.b:
+                raise ValueError(f"joint {joint.name!r} connects {joint.a!r} with itself")
             gap = float(np.linalg.norm(self.point_position(joint.b) - self.point_position(joint.a)))
             if gap > TOUCH_TOLERANCE:
                 raise ValueError(
                     f"joint {joint.name!r}: {joint.a!r} and {joint.b!r} are {gap:.3g} m apart; they must coincide to "
                     f"{TOUCH_TOLERANCE:g} m: move one of the bodies"
                 )
-        for part in (*self.actuators, *(s for s in self.sensors if isinstance(s, StackSensor))):
-            self._check_stack(part)
+        stacks: tuple[StackActuator | StackSensor, ...] = self.actuators
+        for stack in (*stacks, *(s for s in self.sensors if isinstance(s, StackSensor))):
+            self._check_stack(stack)
         for sensor in self.sensors:
             if isinstance(sensor, Encoder):
                 for path in (sensor.a, sensor.b):
@@ -231,7 +255,9 @@ class Scene:
     def _check_stack(self, part: StackActuator | StackSensor) -> None:
         (body, start), (other, end) = self.split(part.start), self.split(part.end)
         if body is not other or not isinstance(body, FlexibleBody) or start == end:
-            raise ValueError(f"stack {part.name!r}: {part.start!r} and {part.end!r} must be two points of one flexible body")
+            raise ValueError(
+                f"stack {part.name!r}: {part.start!r} and {part.end!r} must be two points of one flexible body"
+            )
         if float(np.linalg.norm(body.point_position(start) - body.point_position(end))) < TOUCH_TOLERANCE:
             raise ValueError(f"stack {part.name!r}: its ends {part.start!r} and {part.end!r} lie in one place")
 

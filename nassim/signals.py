@@ -28,7 +28,7 @@ class TimeHistory:
 
     def __post_init__(self) -> None:
         time = finite_array("time", self.time, (None,))
-        values = finite_array("values", np.atleast_2d(self.values), (None, None))
+        values = finite_array("values", self.values if np.ndim(self.values) == 2 else [self.values], (None, None))
         names, units = unique("signal", self.names), tuple(self.units) or ("",) * len(self.names)
         if len(time) < 2:
             raise ValueError(f"a time history needs at least 2 samples, got {len(time)}")
@@ -124,7 +124,7 @@ def chirp(
     Every decade gets the same time, so low frequencies get the cycles that they need.
     """
     _below_nyquist("end_frequency", end_frequency, sample_rate)
-    positive("start_frequency", start_frequency, "Hz")
+    _below_nyquist("start_frequency", start_frequency, sample_rate)
     time = sample_times(duration, sample_rate)
     values = amplitude * scipy.signal.chirp(
         time, start_frequency, duration, end_frequency, method="logarithmic", phi=-90
@@ -153,10 +153,14 @@ def multisine(
     Source: R. Pintelon, J. Schoukens, System Identification, 2nd ed. (2012), ch. 5.
     """
     _below_nyquist("highest_frequency", highest_frequency, sample_rate)
+    finite("lowest_frequency", lowest_frequency)
     n_period = round(positive("period", period, "s") * sample_rate)
     if abs(n_period / sample_rate - period) > 1e-9 * period:
         raise ValueError(f"period {period:g} s must be a whole number of samples at {sample_rate:g} Hz")
-    first, last = int(np.ceil(lowest_frequency * period - 1e-9)), int(np.floor(highest_frequency * period + 1e-9))
+    first, last = (
+        int(np.ceil(lowest_frequency * period - 1e-9)),
+        int(np.floor(highest_frequency * period + 1e-9)),
+    )
     if not 1 <= first <= last:
         raise ValueError(
             f"no multiple of 1 / period = {1 / period:g} Hz lies in {lowest_frequency:g} ... {highest_frequency:g} Hz; "
@@ -182,9 +186,10 @@ def step(
 ) -> TimeHistory:
     """Step to `amplitude` at `start` [s], smoothed by half a cosine over `rise_time` [s]."""
     not_negative("rise_time", rise_time, "s")
+    finite("start", start)
     time = sample_times(duration, sample_rate)
     if rise_time > 0:
-        values = 0.5 * amplitude * (1 - np.cos(np.pi * np.clip((time - start) / rise_time, 0.0, 1.0)))
+        values: Array = 0.5 * amplitude * (1 - np.cos(np.pi * np.clip((time - start) / rise_time, 0.0, 1.0)))
     else:
         values = amplitude * (time >= start)
     return TimeHistory(time, values, (name,), (unit,))
@@ -208,16 +213,17 @@ def sine_dwell(
     return TimeHistory(time, amplitude * envelope * np.sin(2 * np.pi * frequency * time), (name,), (unit,))
 
 
-def occupied_bandwidth(history: TimeHistory, *, power_fraction: float = 0.999) -> float:
+def occupied_bandwidth(history: TimeHistory, *, power_fraction: float = 0.99) -> float:
     """Frequency below which the given fraction of every signal's power lies [Hz], mean value left out.
 
-    A steady signal occupies 0 Hz. The largest figure over the signals is returned.
+    A window keeps the jump from the last sample to the first out of it. A steady signal occupies 0 Hz. The largest
+    figure over the signals is returned.
     """
-    spectrum = np.abs(np.fft.rfft(history.values - history.values.mean(axis=1, keepdims=True), axis=1)) ** 2
-    spectrum = spectrum[np.any(history.values != history.values[:, :1], axis=1)]
-    if spectrum.size == 0:
+    moving = history.values[np.any(history.values != history.values[:, :1], axis=1)]
+    if moving.size == 0:
         return 0.0
-    cumulative = np.cumsum(spectrum, axis=1)
+    windowed = (moving - moving.mean(axis=1, keepdims=True)) * np.hanning(moving.shape[1])
+    cumulative = np.cumsum(np.abs(np.fft.rfft(windowed, axis=1)) ** 2, axis=1)
     last = np.argmax(cumulative >= power_fraction * cumulative[:, -1:], axis=1).max()
     return float(last * history.sample_rate / len(history.time))
 

@@ -31,6 +31,8 @@ def save(obj: object, path: str | Path) -> Path:
         with h5py.File(temporary, "w") as file:
             file.attrs["nassim_format"] = FORMAT_VERSION
             _write(file, "content", obj)
+        # mkstemp lets only its owner read; a cache may be shared.
+        os.chmod(temporary, 0o644)
         os.replace(temporary, target)
     finally:
         Path(temporary).unlink(missing_ok=True)
@@ -133,12 +135,15 @@ def _write(parent: Any, name: str, value: object) -> None:
         group.attrs["kind"] = "dataclass"
         group.attrs["type"] = f"{type(value).__module__}:{type(value).__qualname__}"
         for item in fields(value):
-            _write(group, item.name, getattr(value, item.name))
+            if item.init:
+                _write(group, item.name, getattr(value, item.name))
     elif isinstance(value, Mapping):
         group = parent.create_group(name)
         group.attrs["kind"] = "mapping"
-        for key, item in value.items():
-            _write(group, key, item)
+        _write(group, "keys", tuple(value))
+        _write(group, "values", tuple(value.values()))
+    elif isinstance(value, (tuple, list)) and value and all(isinstance(item, str) for item in value):
+        parent.create_dataset(name, data=list(value), dtype=h5py.string_dtype())
     elif isinstance(value, (tuple, list)):
         group = parent.create_group(name)
         group.attrs["kind"] = "tuple"
@@ -146,7 +151,7 @@ def _write(parent: Any, name: str, value: object) -> None:
             _write(group, str(index), item)
     elif value is None:
         parent.create_group(name).attrs["kind"] = "none"
-    elif isinstance(value, (str, bool, int, float, np.ndarray, np.generic)):
+    elif isinstance(value, (str, bool, int, float, complex, np.ndarray, np.generic)):
         parent.create_dataset(name, data=value)
     else:
         raise ValueError(f"cannot save {type(value).__name__} ({name}): only nouns of nassim, arrays, numbers and text")
@@ -154,7 +159,10 @@ def _write(parent: Any, name: str, value: object) -> None:
 
 def _read(item: Any) -> Any:
     if isinstance(item, h5py.Dataset):
-        value = item.asstr()[()] if h5py.check_string_dtype(item.dtype) else item[()]
+        if h5py.check_string_dtype(item.dtype):
+            text = item.asstr()[()]
+            return text if isinstance(text, str) else tuple(text.tolist())
+        value = item[()]
         return value.item() if isinstance(value, np.generic) else value
     kind = item.attrs["kind"]
     if kind == "none":
@@ -163,11 +171,11 @@ def _read(item: Any) -> Any:
         return tuple(_read(item[str(index)]) for index in range(len(item)))
     content = {name: _read(item[name]) for name in item}
     if kind == "mapping":
-        return content
+        return dict(zip(content["keys"], content["values"], strict=True))
     module, _, type_name = item.attrs["type"].partition(":")
     if not module.startswith("nassim."):
         raise ValueError(f"it holds a {module}.{type_name}, which is not of nassim")
-    noun = getattr(importlib.import_module(module), type_name)
-    if not is_dataclass(noun):
+    noun: Any = getattr(importlib.import_module(module), type_name)
+    if not (isinstance(noun, type) and is_dataclass(noun)):
         raise ValueError(f"{module}.{type_name} is not a noun of nassim")
     return noun(**content)

@@ -1,0 +1,163 @@
+"""Pictures of finished results; each function returns its Axes."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MultipleLocator
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+from nassim.checks import Array, known
+from nassim.frf import FRF
+from nassim.reduction import ReducedBody
+from nassim.signals import TimeHistory
+
+COLORS = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf", "#8c564b", "#e377c2")
+
+
+def plot_frf(
+    frfs: Sequence[FRF],
+    *,
+    output: str,
+    input: str,
+    unit: str,
+    markers: Sequence[str] = (),
+    figure: Any = None,
+) -> Sequence[Any]:
+    """Bode plot of one entry of several FRFs, with the coherence below where one of them has it.
+
+    unit: of the magnitude; markers: labels of FRFs drawn as points instead of lines
+    figure: matplotlib figure or subfigure to draw in (default: a new one)
+
+    Returns the Axes: magnitude, phase and, with any coherence, coherence.
+    """
+    with_coherence = any(frf.coherence is not None for frf in frfs)
+    figure = figure or plt.figure(figsize=(7, 7), layout="constrained")
+    ratios = [3, 2, 1] if with_coherence else [3, 2]
+    axes = list(figure.subplots(len(ratios), 1, sharex=True, gridspec_kw={"height_ratios": ratios}))
+    for color, frf in zip(_colors(len(frfs)), frfs, strict=True):
+        response = frf.response(output, input)
+        style: dict[str, Any] = {"color": color, "label": frf.label, "lw": 1.2}
+        if frf.coherence is not None:  # measured: broad, so that the model's line stays visible on top
+            style.update(lw=3.5, alpha=0.5)
+        if frf.label in markers:
+            style.update(ls="", marker="o", ms=4, mfc="none")
+        axes[0].loglog(frf.frequency, np.abs(response), **style)
+        axes[1].semilogx(frf.frequency, _phase(response), **style)
+        if frf.coherence is not None:
+            axes[2].semilogx(frf.frequency, frf.coherence[frf.outputs.index(output)], **style)
+    axes[0].set_ylabel(f"magnitude [{unit}]")
+    axes[0].set_title(f"{output} / {input}".replace("_", " "), fontsize=11)
+    axes[0].legend(fontsize=9)
+    axes[1].set_ylabel("phase [deg]")
+    axes[1].yaxis.set_major_locator(MultipleLocator(90))
+    if with_coherence:
+        axes[2].set_ylabel("coherence [-]")
+        axes[2].set_ylim(0, 1.05)
+    axes[-1].set_xlabel("frequency [Hz]")
+    for ax in axes:
+        ax.grid(True, which="both", alpha=0.25)
+    return axes
+
+
+def plot_time_history(history: TimeHistory, *, names: Sequence[str] | None = None, figure: Any = None) -> Sequence[Any]:
+    """Signals over time, one below the other; returns an Axes per signal."""
+    names = list(history.names if names is None else names)
+    figure = figure or plt.figure(figsize=(7, 1.8 * len(names) + 0.6), layout="constrained")
+    axes = list(np.atleast_1d(figure.subplots(len(names), 1, sharex=True)))
+    for ax, name in zip(axes, names, strict=True):
+        unit = history.units[history.names.index(known("signal", name, history.names))]
+        ax.plot(history.time, history[name], lw=0.7)
+        ax.set_ylabel(f"{name}\n[{unit}]".replace("_", " "))
+        ax.grid(True, alpha=0.25)
+    axes[-1].set_xlabel("time [s]")
+    return axes
+
+
+def plot_body(body: ReducedBody, *, ax: Any = None) -> Any:
+    """The meshed surface, coloured by body, with the remote points and their interfaces; returns the Axes.
+
+    Raises ValueError when the body has no surface (made by hand or imported).
+    """
+    ax = ax or plt.figure(figsize=(8, 6)).add_subplot(projection="3d")
+    surface = _surface(body)
+    interfaces = dict(zip(body.point_names, COLORS, strict=False))
+    materials = sorted(set(surface.labels) - set(interfaces), key=surface.labels.count, reverse=True)
+    greys = dict(zip(materials, ("#c9ccd1", "#e8c98a", "#d8b36a", "#c79f55", "#a8adb5"), strict=False))
+    colors = np.array([to_rgb((interfaces | greys).get(label, "#c9ccd1")) for label in surface.labels])
+    _draw(ax, surface.points, surface.triangles, colors, edge_width=0.1)
+    for name, color in interfaces.items():
+        x, y, z = 1e3 * body.point(name).position
+        ax.plot([x], [y], [z], "o", color=color, mec="black", ms=8, zorder=10)
+    handles = [Line2D([], [], ls="", marker="o", color=color, mec="black", label=n) for n, color in interfaces.items()]
+    ax.legend(handles=handles, title="remote points", loc="upper left", fontsize=9)
+    return ax
+
+
+def plot_mode(body: ReducedBody, shape: Array, *, title: str = "", ax: Any = None) -> Any:
+    """A motion of the body, shape (n_coordinates,), exaggerated and coloured by its size; returns the Axes.
+
+    Raises ValueError when the body has no surface (made by hand or imported).
+    """
+    ax = ax or plt.figure(figsize=(8, 6)).add_subplot(projection="3d")
+    surface = _surface(body)
+    assert body.surface_modes is not None
+    displacement = body.surface_modes @ shape
+    size = np.linalg.norm(displacement, axis=1)
+    factor = 0.08 * np.ptp(surface.points, axis=0).max() / size.max()
+    level = size[surface.triangles].mean(axis=1) / size.max()
+    _draw(ax, surface.points + factor * displacement, surface.triangles, plt.get_cmap("viridis")(level)[:, :3])
+    ax.set_title(title, fontsize=10)
+    ax.set_axis_off()
+    return ax
+
+
+def save_figure(axes: Any, path: str | Path) -> Path:
+    """Write the figure that an Axes (or the first of several) belongs to, and close it; returns the path."""
+    target = Path(path)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    figure: Figure = np.atleast_1d(np.array(axes, dtype=object))[0].get_figure(root=True)
+    figure.savefig(target, dpi=150, bbox_inches="tight")
+    plt.close(figure)
+    return target
+
+
+def _draw(ax: Any, points: Array, triangles: Array, colors: Array, *, edge_width: float = 0.0) -> None:
+    corners = 1e3 * points[triangles]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    # Light from the viewer's side; either side of a face may be seen.
+    light = 0.55 + 0.45 * np.abs(normal @ (np.array([0.35, -0.75, 0.55]) / 0.994))
+    shaded = np.clip(colors * light[:, None], 0, 1)
+    edges = "black" if edge_width else shaded
+    ax.add_collection3d(Poly3DCollection(corners, facecolors=shaded, edgecolors=edges, linewidths=edge_width or 0.2))
+    low, high = corners.reshape(-1, 3).min(axis=0), corners.reshape(-1, 3).max(axis=0)
+    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    ax.set_box_aspect(np.maximum(high - low, 1e-9), zoom=1.1)
+    ax.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
+    ax.view_init(elev=22, azim=-62)
+    ax.set_yticks([0.0])
+    ax.locator_params(axis="x", nbins=5)
+    ax.locator_params(axis="z", nbins=4)
+    ax.tick_params(labelsize=7)
+
+
+def _surface(body: ReducedBody) -> Any:
+    if body.surface is None or body.surface_modes is None:
+        raise ValueError(f"body {body.name!r} has no surface to draw: it was not reduced from a mesh")
+    return body.surface
+
+
+def _colors(n: int) -> list[str]:
+    return [COLORS[i % len(COLORS)] for i in range(n)]
+
+
+def _phase(response: Array) -> Array:
+    """Phase in degrees without jumps, starting in -180 ... 180 (180 up to rounding counts as -180)."""
+    degrees: Array = np.unwrap(np.angle(response, deg=True), period=360.0)
+    return degrees - 360.0 * np.round((degrees[0] + 1.0) / 360.0)

@@ -1,0 +1,85 @@
+"""The same FRFs from noise, chirp and multisine: what each excitation gives for the same simulated time.
+
+Repeated chirps and the multisine are periodic: their first period, which holds the transient, is left out and no
+window is needed.
+"""
+
+import time
+
+import numpy as np
+from _common import compare_frf, parser, plot_bode_pair, write_summary
+
+from models.bench import make_bench
+from nassim import TimeHistory, estimate_frf, frequency_response, linearize, simulate
+from nassim.plotting import save_figure
+from nassim.signals import band_limited_noise, chirp, multisine
+
+arguments = parser(__doc__, "excitation_study")
+arguments.add_argument("--duration", type=float, default=12.0, help="of each record, whole periods [s] (default: 12)")
+arguments.add_argument(
+    "--period", type=float, default=4.0, help="of the multisine, and segment length [s] (default: 4)"
+)
+arguments.add_argument("--time-step", type=float, default=1e-4, help="of the integrator [s] (default: 1e-4)")
+
+
+def main() -> None:
+    args = arguments.parse_args()
+    rate = 1 / args.time_step
+    bench = make_bench()
+    linear = linearize(bench)
+    excitations: dict[str, TimeHistory] = {
+        "noise": band_limited_noise(args.duration, rate, cutoff_frequency=500.0, rms=0.1),
+        "chirp": repeated(
+            chirp(args.period, rate, start_frequency=5.0, end_frequency=600.0, amplitude=0.15), args.duration
+        ),
+        "multisine": multisine(
+            args.duration, rate, lowest_frequency=5.0, highest_frequency=600.0, period=args.period, rms=0.1
+        ),
+    }
+    frfs, summary = [], {"duration_s": args.duration, "time_step_s": args.time_step}
+    rows = []
+    for name, excitation in excitations.items():
+        print(name)
+        start = time.perf_counter()
+        record = simulate(bench, excitation, time_step=args.time_step)
+        wall = time.perf_counter() - start
+        options = {
+            "inputs": bench.inputs,
+            "outputs": bench.outputs,
+            "segment_duration": args.period,
+            "label": name,
+        }
+        if name == "noise":
+            measured = estimate_frf(record, **options)
+        else:
+            measured = estimate_frf(record.after(args.period), overlap=0.0, window="boxcar", **options)
+        measured = measured.band(10, 500)
+        errors = compare_frf(measured, frequency_response(linear, measured.frequency))
+        rows.append((name, wall, errors))
+        summary |= {f"{name}_wall_time_s": wall} | {f"{name}_{key}": value for key, value in errors.items()}
+        frfs.append(measured)
+
+    print("\nagainst the linear model, 10-500 Hz, where coherence > 0.99")
+    print("              V_s/V_a                      d_e/V_a                  simulated    wall")
+    print("              dB    deg   coherent         dB    deg   coherent       [s]        [s]")
+    for name, wall, e in rows:
+        cells = "   ".join(
+            f"{e[f'{o}_magnitude_error_dB']:6.2f} {e[f'{o}_phase_error_deg']:6.2f} "
+            f"{100 * e[f'{o}_coherent_share']:6.0f} %  "
+            for o in bench.outputs
+        )
+        print(f"{name:<11}{cells}{args.duration:8.1f} {wall:10.1f}")
+    if not args.no_plot:
+        reference = frequency_response(linear, np.geomspace(5, 600, 2000))
+        save_figure(plot_bode_pair([*frfs, reference]), args.output / "frf.png")
+    write_summary(args.output, summary)
+
+
+def repeated(sweep: TimeHistory, duration: float) -> TimeHistory:
+    """One sweep after the other."""
+    n = round(duration * sweep.sample_rate) + 1
+    return TimeHistory(np.arange(n) / sweep.sample_rate, np.resize(sweep.values[0, :-1], n), sweep.names, sweep.units)
+
+
+if __name__ == "__main__":
+    main()

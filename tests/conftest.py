@@ -1,0 +1,80 @@
+"""Shared fixtures: small models made by hand, and the real APA, reduced once per session."""
+
+import os
+
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+import netgen.occ as occ
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from models.apa300ml import make_apa300ml
+from models.bench import make_bench
+from nassim import FEModel, Material, RemotePoint, Solid, build_fe_model, condense, craig_bampton
+from nassim.fem import make_coupling
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _cache(tmp_path_factory):
+    """Tests neither read nor fill the user's cache."""
+    os.environ["NASSIM_CACHE"] = str(tmp_path_factory.mktemp("cache"))
+
+
+STEEL = Material("steel", young_modulus=200e9, poisson_ratio=0.3, density=7800.0)
+
+
+def make_bar(length=0.1, side=0.01, material=STEEL, coupling="rbe3"):
+    """A square bar along x with a remote point at either end."""
+    shape = occ.Box(occ.Pnt(0, -side / 2, -side / 2), occ.Pnt(length, side / 2, side / 2))
+    shape.name = "bar"
+    shape.faces.Min(occ.X).name, shape.faces.Max(occ.X).name = "left", "right"
+    points = (
+        RemotePoint("left", "left", np.zeros(3), coupling),
+        RemotePoint("right", "right", np.array([length, 0, 0]), coupling),
+    )
+    return Solid("bar", shape, {"bar": material}, points)
+
+
+def lattice(coupling="rbe3", n=4, stiffness=1e6, node_mass=0.01):
+    """A box of n x 3 x 3 point masses with springs to all neighbours: an FE model made by hand."""
+    grid = np.array([[i, j, k] for i in range(n) for j in range(3) for k in range(3)], dtype=float) * 0.01
+    count = len(grid)
+    matrix = np.zeros((3 * count, 3 * count))
+    for a in range(count):
+        for b in range(a):
+            d = grid[a] - grid[b]
+            if np.linalg.norm(d) < 0.018:
+                block = stiffness * np.outer(d, d) / (d @ d)
+                for p, q, sign in ((a, a, 1), (b, b, 1), (a, b, -1), (b, a, -1)):
+                    matrix[np.ix_(np.arange(3) * count + p, np.arange(3) * count + q)] += sign * block
+    fields = np.vstack([np.ones(count), grid.T])
+    couplings = []
+    for name, x in (("left", 0.0), ("right", grid[:, 0].max())):
+        dofs = np.flatnonzero(np.abs(grid[:, 0] - x) < 1e-9)
+        point = RemotePoint(name, name, np.array([x, 0.01, 0.01]), coupling)
+        couplings.append(make_coupling(point, dofs, fields[:, dofs], fields[:, dofs]))
+    # Unequal masses: no double eigenvalues, whose shapes would not be unique.
+    mass = sp.diags_array(node_mass * np.random.default_rng(0).uniform(0.7, 1.3, count)).tocsr()
+    return FEModel("lattice", sp.csr_matrix(matrix), sp.csr_matrix(mass), fields, tuple(couplings))
+
+
+@pytest.fixture(scope="session")
+def apa_model():
+    return build_fe_model(make_apa300ml(), element_size=5e-3, order=2, progress=False)
+
+
+@pytest.fixture(scope="session")
+def apa_condensed(apa_model):
+    return condense(apa_model, progress=False)
+
+
+@pytest.fixture(scope="session")
+def apa(apa_condensed):
+    """The APA300ML on a mesh of order 2, which is coarser than the default and three times as fast."""
+    return craig_bampton(apa_condensed, progress=False)
+
+
+@pytest.fixture(scope="session")
+def bench(apa):
+    return make_bench(apa=apa)

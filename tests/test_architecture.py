@@ -1,0 +1,108 @@
+"""The architecture: imports point down, big libraries have one importer, modules are short and documented."""
+
+import ast
+import sys
+from pathlib import Path
+
+import pytest
+
+import nassim
+
+PACKAGE = Path(nassim.__file__).parent
+MODULES = sorted(path.stem for path in PACKAGE.glob("*.py") if path.stem != "__init__")
+TREES = {name: ast.parse((PACKAGE / f"{name}.py").read_text(encoding="utf-8")) for name in MODULES}
+
+# A module imports only from lower layers, never from its own.
+LAYERS = (
+    ("checks", "progress", "storage"),
+    ("materials", "piezo", "modal", "signals", "interface", "solver"),
+    ("geometry", "frf"),
+    ("fem",),
+    ("condensation",),
+    ("reduction",),
+    ("floating_frame", "fullmodel", "scene"),
+    ("linear",),
+    ("exudyn_system",),
+    ("simulation",),
+    ("plotting",),
+)
+LAYER = {name: number for number, names in enumerate(LAYERS) for name in names}
+IMPORTERS = {
+    "exudyn": {"exudyn_system"},
+    "h5py": {"storage"},
+    "matplotlib": {"plotting"},
+    "netgen": {"geometry"},
+    "ngsolve": {"fem", "solver"},
+    "tqdm": {"progress"},
+}
+LIBRARIES = {*IMPORTERS, "numpy", "scipy", "mpl_toolkits", "pypardiso"}
+LONGEST = 400
+
+
+def imports(tree):
+    """Dotted names of everything that a module imports, also inside its functions."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "write imports in full, from nassim.module import name"
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def used_modules(name):
+    """Modules of nassim that a module imports."""
+    dotted = [target.split(".") for target in imports(TREES[name])]
+    return {parts[1] if len(parts) > 1 else "" for parts in dotted if parts[0] == "nassim"}
+
+
+def used_libraries(name):
+    return {target.split(".")[0] for target in imports(TREES[name])}
+
+
+def public_definitions(body, prefix=""):
+    for node in body:
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and not node.name.startswith("_"):
+            yield prefix + node.name, node
+            if isinstance(node, ast.ClassDef):
+                yield from public_definitions(node.body, f"{prefix}{node.name}.")
+
+
+def test_every_module_has_a_layer():
+    assert [name for name in MODULES if name not in LAYER] == [], "give new modules a layer"
+    assert len(LAYER) == sum(map(len, LAYERS)), "a module stands in two layers"
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_imports_point_down(name):
+    used = used_modules(name)
+    assert used <= set(LAYER), f"{name} imports {used - set(LAYER)}, not modules of a layer"
+    upward = sorted(other for other in used if LAYER[other] >= LAYER[name])
+    assert not upward, f"{name} imports {upward}, which lie in its own layer or above"
+
+
+@pytest.mark.parametrize(("library", "importers"), IMPORTERS.items())
+def test_each_big_library_has_its_importer(library, importers):
+    assert {name for name in MODULES if library in used_libraries(name)} == importers
+
+
+def test_no_other_library_is_imported_unnoticed():
+    foreign = {lib for name in MODULES for lib in used_libraries(name)} - set(sys.stdlib_module_names)
+    assert foreign - {"nassim"} <= LIBRARIES
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_modules_stay_short(name):
+    n_lines = len((PACKAGE / f"{name}.py").read_text(encoding="utf-8").splitlines())
+    assert n_lines <= LONGEST, f"{name} has {n_lines} lines; split it by ideas"
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_everything_public_has_a_docstring(name):
+    assert ast.get_docstring(TREES[name]), f"module {name} has no docstring"
+    missing = [label for label, node in public_definitions(TREES[name].body) if not ast.get_docstring(node)]
+    assert missing == []
+
+
+def test_public_names_exist():
+    assert all(hasattr(nassim, name) for name in nassim.__all__)
+    assert len(set(nassim.__all__)) == len(nassim.__all__)

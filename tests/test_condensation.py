@@ -1,0 +1,116 @@
+"""Static condensation against dense algebra on models made by hand, and on the APA."""
+
+import numpy as np
+import pytest
+from conftest import lattice, make_bar
+
+from nassim import FEModel, build_fe_model, condense
+from nassim.condensation import expanded_dofs
+
+
+def dense_reference(model, load):
+    """Saddle-point solution of K u = load with W u = q, for rbe3; with u = R q on the interfaces, for rbe2."""
+    stiffness = model.stiffness_matrix.toarray()
+    n = model.n_dofs
+    if model.couplings[0].point.coupling == "rbe3":
+        rows = np.zeros((12, n))
+        for i, c in enumerate(model.couplings):
+            rows[6 * i : 6 * i + 6, expanded_dofs(c, n)] = c.averages
+        targets = np.eye(12)
+    else:
+        held = [expanded_dofs(c, n) for c in model.couplings]
+        rows = np.eye(n)[np.concatenate(held)]
+        targets = np.zeros((len(rows), 12))
+        targets[: len(held[0]), :6], targets[len(held[0]) :, 6:] = (c.motions for c in model.couplings)
+    scale = np.abs(stiffness).max()
+    saddle = np.block([[stiffness / scale, rows.T], [rows, np.zeros((len(rows),) * 2)]])
+    static = np.linalg.solve(saddle, np.vstack([np.zeros((n, 12)), targets]))[:n]
+    fixed = np.linalg.solve(saddle, np.concatenate([load / scale, np.zeros(len(rows))]))[:n]
+    return static, fixed
+
+
+@pytest.mark.parametrize("coupling", ["rbe2", "rbe3"])
+def test_constraint_modes_and_fixed_solution_equal_dense_algebra(coupling):
+    model = lattice(coupling)
+    condensed = condense(model, progress=False)
+    load = np.random.default_rng(1).standard_normal(model.n_dofs)
+    static, fixed = dense_reference(model, load)
+    assert np.allclose(condensed.constraint_modes, static, atol=1e-9 * np.abs(static).max())
+    assert np.allclose(condensed.solve_fixed(load), fixed, atol=1e-9 * np.abs(fixed).max())
+    expected = static.T @ model.stiffness_matrix @ static
+    assert np.allclose(condensed.stiffness, expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_mixed_couplings_equal_dense_algebra():
+    """One stiff and one soft interface: the constraint modes must satisfy both and minimise the energy."""
+    stiff, soft = lattice("rbe2"), lattice("rbe3")
+    model = FEModel(
+        "mixed",
+        stiff.stiffness_matrix,
+        stiff.scalar_mass_matrix,
+        stiff.fields,
+        (stiff.couplings[0], soft.couplings[1]),
+    )
+    condensed = condense(model, progress=False)
+    modes = condensed.constraint_modes
+    assert np.allclose(condensed.averages @ modes, np.eye(12), atol=1e-9)
+    held = expanded_dofs(model.couplings[0], model.n_dofs)
+    assert np.allclose(modes[held, :6], model.couplings[0].motions, atol=1e-9)
+    # Forces vanish but at the interfaces, where they are combinations of the soft point's averages.
+    forces = model.stiffness_matrix @ modes
+    rows = np.ones(model.n_dofs, dtype=bool)
+    rows[held] = False
+    expected = condensed.averages[6:].T @ condensed.stiffness[6:]
+    assert np.allclose(forces[rows], expected[rows], atol=1e-8 * np.abs(forces).max())
+
+
+@pytest.mark.parametrize("coupling", ["rbe2", "rbe3"])
+def test_six_rigid_motions(coupling):
+    model = build_fe_model(make_bar(coupling=coupling), element_size=0.01, progress=False)
+    condensed = condense(model, progress=False)
+    rigid = condensed.averages @ model.rigid_motions()
+    assert np.abs(condensed.stiffness @ rigid).max() < 1e-9 * np.abs(condensed.stiffness).max()
+    assert np.allclose(condensed.constraint_modes @ rigid, model.rigid_motions(), atol=1e-9)
+
+
+def test_apa_compliance_equals_the_full_model(apa_condensed, apa):
+    """K u = W^T f solved with the bottom held by a saddle-free route: the residual of the full equations."""
+    model = apa_condensed.fe_model
+    compliance = apa.compliance(fixed=["bottom"])
+    column = apa.coordinate_names.index("top.uz")
+    motion = compliance[:, column]
+    u = apa_condensed.constraint_modes @ motion
+    reactions = apa_condensed.stiffness @ motion
+    residual = model.stiffness_matrix @ u - apa_condensed.averages.T @ reactions
+    assert np.abs(residual).max() < 1e-8 * np.abs(apa_condensed.averages.T @ reactions).max()
+    assert np.allclose(apa_condensed.averages @ u, motion, atol=1e-10 * np.abs(motion).max())
+    assert reactions[column] == pytest.approx(1.0, rel=1e-8)
+
+
+def test_no_remote_points():
+    model = lattice()
+    bare = FEModel("bare", model.stiffness_matrix, model.scalar_mass_matrix, model.fields)
+    with pytest.raises(ValueError, match="no remote points"):
+        condense(bare, progress=False)
+
+
+def test_unknown_and_repeated_remote_points():
+    with pytest.raises(ValueError, match="known: left, right"):
+        condense(lattice(), remote_points=["top"], progress=False)
+    with pytest.raises(ValueError, match="more than once: left"):
+        condense(lattice(), remote_points=["left", "left"], progress=False)
+
+
+def test_stiff_interfaces_that_share_nodes():
+    model = lattice("rbe2")
+    twin = (
+        model.couplings[0],
+        type(model.couplings[0])(model.couplings[1].point, *_parts(model.couplings[0])),
+    )
+    shared = FEModel("shared", model.stiffness_matrix, model.scalar_mass_matrix, model.fields, twin)
+    with pytest.raises(ValueError, match="share nodes"):
+        condense(shared, progress=False)
+
+
+def _parts(coupling):
+    return coupling.dofs, coupling.averages, coupling.motions

@@ -1,0 +1,100 @@
+"""The full model's answers against dense eigenvalue and harmonic solutions of a model made by hand."""
+
+import numpy as np
+import pytest
+import scipy.linalg
+from conftest import lattice
+
+from nassim import condense
+from nassim.condensation import expanded_dofs
+from nassim.fullmodel import full_eigenfrequencies, full_frequency_response
+
+
+def dense_system(model, end_mass):
+    """Stiffness and mass of the lattice, left point held (all six), right point with a mass, in free coordinates."""
+    n = model.n_dofs
+    held = model.couplings[0]
+    rows = np.zeros((6, n))
+    rows[:, expanded_dofs(held, n)] = held.averages
+    moving = np.zeros((6, n))
+    moving[:, expanded_dofs(model.couplings[1], n)] = model.couplings[1].averages
+    free = scipy.linalg.null_space(rows)
+    mass = model.mass_matrix.toarray() + end_mass * moving[:3].T @ moving[:3]
+    return free.T @ model.stiffness_matrix @ free, free.T @ mass @ free, free, moving
+
+
+def test_eigenfrequencies_equal_dense_ones():
+    model = lattice()
+    condensed = condense(model, progress=False)
+    stiffness, mass, _, _ = dense_system(model, end_mass=0.3)
+    expected = np.sqrt(scipy.linalg.eigh(stiffness, mass, eigvals_only=True)[:5]) / (2 * np.pi)
+    found = full_eigenfrequencies(condensed, fixed=["left"], masses={"right": 0.3}, n=5, progress=False)
+    assert np.allclose(found, expected, rtol=1e-8)
+
+
+@pytest.mark.parametrize("coupling", ["rbe2", "rbe3"])
+def test_free_model_has_six_zeros(coupling):
+    found = full_eigenfrequencies(condense(lattice(coupling), progress=False), n=8, progress=False)
+    assert np.all(found[:6] == 0.0)
+    assert found[6] > 100.0
+
+
+@pytest.mark.parametrize("damping_ratio", [0.0, 0.02])
+def test_harmonic_response_equals_the_modal_sum(damping_ratio):
+    model = lattice()
+    stiffness, mass, free, moving = dense_system(model, end_mass=0.3)
+    squares, shapes = scipy.linalg.eigh(stiffness, mass)
+    frequency = np.linspace(5.0, 300.0, 20)
+    omega, poles = 2 * np.pi * frequency, np.sqrt(squares)
+    seen = moving[0] @ free @ shapes
+    terms = poles[:, None] ** 2 - omega**2 + 2j * damping_ratio * poles[:, None] * omega
+    expected = np.sum(seen[:, None] ** 2 / terms, axis=0)
+    solution = full_frequency_response(
+        condense(model, progress=False),
+        frequency,
+        inputs={"force": {"right.ux": 1.0}},
+        outputs={"motion": {"right.ux": 1.0}},
+        damping_ratio=damping_ratio,
+        fixed=["left"],
+        masses={"right": 0.3},
+        progress=False,
+    )
+    assert np.allclose(solution.frf.response("motion", "force"), expected, rtol=1e-6)
+    assert solution.change < 1e-8
+
+
+def test_undamped_response_satisfies_the_equations_of_motion():
+    """Direct sparse solution of (K - omega^2 M) u = f + reactions at two frequencies, by another solver."""
+    import scipy.sparse as sp
+    from scipy.sparse.linalg import spsolve
+
+    model = lattice(n=6)
+    condensed = condense(model, progress=False)
+    rows = condensed.averages[:6]
+    for frequency in (20.0, 90.0):
+        dynamic = model.stiffness_matrix - (2 * np.pi * frequency) ** 2 * model.mass_matrix
+        system = sp.bmat([[dynamic, 1e6 * rows.T], [1e6 * rows, None]], format="csc")
+        load = np.concatenate([condensed.averages[8].toarray().ravel(), np.zeros(6)])
+        expected = condensed.averages[8] @ spsolve(system, load)[:-6]
+        found = full_frequency_response(
+            condensed,
+            np.array([frequency]),
+            inputs={"force": {"right.uz": 1.0}},
+            outputs={"motion": {"right.uz": 1.0}},
+            damping_ratio=0.0,
+            fixed=["left"],
+            progress=False,
+        )
+        assert found.frf.values[0, 0, 0] == pytest.approx(expected[0], rel=1e-7)
+
+
+def test_response_of_a_free_body_is_refused():
+    with pytest.raises(ValueError, match="move freely"):
+        full_frequency_response(
+            condense(lattice(), progress=False),
+            np.array([10.0]),
+            inputs={"force": {"right.ux": 1.0}},
+            outputs={"motion": {"right.ux": 1.0}},
+            damping_ratio=0.01,
+            progress=False,
+        )

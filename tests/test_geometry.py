@@ -1,0 +1,274 @@
+"""CAD parts: files written here with OpenCASCADE, read back, and the checks on what is read."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from netgen import occ
+
+from nassim import Material, NearestTo, OnPlane, RemotePoint, Solid, read_solid
+from nassim.geometry import body_names, face_names, generate_mesh, name_faces, shape_bytes
+
+STEEL = Material("steel", 210e9, 0.3, 7850.0)
+ALU = Material("aluminium", 70e9, 0.33, 2700.0)
+SIZE = np.array([0.01, 0.02, 0.03])
+
+
+def block(unit=1e-3):
+    """A block of 10 x 20 x 30 mm, its upper face named "lid", in coordinates of the given unit [m]."""
+    shape = occ.Box((0, 0, 0), tuple(SIZE / unit))
+    shape.name = "block"
+    shape.faces.Max(occ.Z).name = "lid"
+    return shape
+
+
+def tower():
+    """Two cubes of 10 mm, one upon the other [mm]."""
+    low, high = occ.Box((0, 0, 0), (10, 10, 10)), occ.Box((0, 0, 10), (10, 10, 20))
+    low.name, high.name = "low", "high"
+    return occ.Compound([low, high])
+
+
+def written(shape, path):
+    """Write a shape to a file; OpenCASCADE's writers look at the ending, so a small one goes first."""
+    plain = path.with_suffix(path.suffix.lower())
+    (shape.WriteStep if plain.suffix in (".step", ".stp") else shape.WriteBrep)(str(plain))
+    return plain.rename(path)
+
+
+def extent(solid):
+    return np.ptp(np.array([tuple(corner) for corner in solid.shape.bounding_box]), axis=0)
+
+
+def faces_named(solid, name):
+    return [face for face in solid.shape.faces if face.name == name]
+
+
+@pytest.mark.parametrize("ending", [".step", ".STEP", ".stp", ".StP", ".brep", ".BREP"])
+def test_endings_in_any_letter_case(tmp_path, ending):
+    solid = read_solid(written(block(), tmp_path / f"part{ending}"), STEEL)
+    np.testing.assert_allclose(extent(solid), SIZE, atol=1e-6)
+    assert solid.shape.mass == pytest.approx(SIZE.prod())
+    assert solid.name == "part"
+
+
+def test_step_keeps_names_of_bodies_and_faces(tmp_path):
+    solid = read_solid(written(block(), tmp_path / "part.step"), {"block": ALU}, name="my part")
+    assert body_names(solid.shape) == ("block",)
+    assert face_names(solid.shape) == ("lid",)
+    assert solid.materials["block"] is ALU
+    assert solid.name == "my part"
+
+
+def test_step_that_declares_metres(tmp_path):
+    path = written(block(unit=1.0), tmp_path / "part.step")
+    text = path.read_text()
+    assert "SI_UNIT(.MILLI.,.METRE.)" in text
+    path.write_text(text.replace("SI_UNIT(.MILLI.,.METRE.)", "SI_UNIT($,.METRE.)"))
+    np.testing.assert_allclose(extent(read_solid(path, STEEL)), SIZE, atol=1e-6)
+
+
+@pytest.mark.parametrize(("unit", "metres"), [("m", 1.0), ("mm", 1e-3), ("inch", 0.0254)])
+def test_units_of_brep_files(tmp_path, unit, metres):
+    path = written(block(unit=metres), tmp_path / "part.brep")
+    np.testing.assert_allclose(extent(read_solid(path, STEEL, unit=unit)), SIZE, atol=1e-6)
+
+
+@pytest.mark.parametrize(("ending", "names"), [(".step", ("low", "high")), (".brep", ("body 1", "body 2"))])
+def test_several_bodies_share_their_faces(tmp_path, ending, names):
+    path = written(tower(), tmp_path / f"tower{ending}")
+    middle = OnPlane((0, 0, 0.01), (0, 0, 1))
+    solid = read_solid(path, {names[0]: STEEL, names[1]: ALU}, faces={"middle": middle})
+    assert body_names(solid.shape) == names
+    assert [solid.materials[name] for name in names] == [STEEL, ALU]
+    assert len(faces_named(solid, "middle")) == 2  # one face, listed once for either body
+    assert solid.shape.mass == pytest.approx(2e-6)
+
+
+def test_one_material_goes_to_all_bodies(tmp_path):
+    solid = read_solid(written(tower(), tmp_path / "tower.step"), STEEL)
+    assert dict(solid.materials) == {"low": STEEL, "high": STEEL}
+
+
+@pytest.mark.parametrize(
+    ("pick", "centre"),
+    [
+        (OnPlane((0, 0, 0), (0, 0, -5)), (0.005, 0.01, 0.0)),
+        (OnPlane((0.01, 0.3, -0.7), (1, 0, 0)), (0.01, 0.01, 0.015)),
+        (NearestTo((0.005, 0.01, 0.04)), (0.005, 0.01, 0.03)),
+        (NearestTo((0.001, 0.01, 0.015)), (0.0, 0.01, 0.015)),
+        ("lid", (0.005, 0.01, 0.03)),
+    ],
+)
+def test_picks(tmp_path, pick, centre):
+    point = RemotePoint("end", "chosen", centre)
+    solid = read_solid(written(block(), tmp_path / "part.step"), STEEL, faces={"chosen": pick}, remote_points=(point,))
+    (face,) = faces_named(solid, "chosen")
+    np.testing.assert_allclose(tuple(face.center), centre, atol=1e-9)
+    assert solid.remote_points[0].faces == ("chosen",)
+
+
+def test_plane_may_pick_several_faces(tmp_path):
+    path = written(tower(), tmp_path / "tower.step")
+    solid = read_solid(path, STEEL, faces={"side": OnPlane((0, 0, 0), (1, 0, 0), several=True)})
+    assert sum(face.mass for face in faces_named(solid, "side")) == pytest.approx(2e-4)
+
+
+@pytest.mark.parametrize(
+    ("pick", "message"),
+    [
+        (OnPlane((0, 0, 0.02), (0, 0, 1)), r"'end': OnPlane.* finds no face. The part has:(\n.*){6}'lid'"),
+        (OnPlane((0, 0, 0.02), (0, 0, 1), several=True), "finds no face"),
+        (OnPlane((0, 0, 0), (1, 1, 0)), "finds no face"),
+        (NearestTo((0, 0, 0)), r"finds 3 faces, one is wanted. Found:\n  600 mm2 around \(0, 10, 15\) mm"),
+        ("roof", "roof finds no face. The part has:"),
+    ],
+)
+def test_picks_that_fail_list_the_faces(tmp_path, pick, message):
+    path = written(block(), tmp_path / "part.step")
+    with pytest.raises(ValueError, match=message):
+        read_solid(path, STEEL, faces={"end": pick})
+
+
+def test_plane_with_too_many_faces(tmp_path):
+    path = written(tower(), tmp_path / "tower.step")
+    with pytest.raises(ValueError, match=r"finds 2 faces, one is wanted. Found:(\n  100 mm2 .*){2}$"):
+        read_solid(path, STEEL, faces={"side": OnPlane((0, 0, 0), (1, 0, 0))})
+
+
+@pytest.mark.parametrize("ending", [".step", ".brep", ".igs"])
+def test_unreadable_file_is_named(tmp_path, ending):
+    path = tmp_path / f"broken{ending}"
+    path.write_text("this is not CAD\n")
+    with pytest.raises(ValueError, match=rf"broken\{ending} is not a readable (STEP|BREP|IGES) file"):
+        read_solid(path, STEEL)
+
+
+def test_truncated_step_file(tmp_path):
+    path = written(block(), tmp_path / "cut.step")
+    path.write_text(path.read_text()[:8000])
+    with pytest.raises(ValueError, match=r"cut\.step is not a readable STEP file"):
+        read_solid(path, STEEL)
+
+
+def test_file_without_a_body(tmp_path):
+    block().faces[0].WriteBrep(str(tmp_path / "sheet.brep"))
+    with pytest.raises(ValueError, match=r"sheet\.brep holds no solid body, only surfaces"):
+        read_solid(tmp_path / "sheet.brep", STEEL)
+
+
+def test_wrong_endings_missing_files_and_units(tmp_path):
+    with pytest.raises(ValueError, match=r"unknown ending '\.stl'; known: \.step, \.stp, \.iges"):
+        read_solid(tmp_path / "part.stl", STEEL)
+    with pytest.raises(FileNotFoundError, match=r"no such CAD file: .*part\.step"):
+        read_solid(tmp_path / "part.step", STEEL)
+    path = written(block(), tmp_path / "part.step")
+    with pytest.raises(ValueError, match="unknown unit 'km'; known: m, mm, inch"):
+        read_solid(path, STEEL, unit="km")
+
+
+def test_body_without_material(tmp_path):
+    path = written(tower(), tmp_path / "tower.step")
+    with pytest.raises(ValueError, match="part 'tower': body 'high' has no material; given: low"):
+        read_solid(path, {"low": STEEL})
+    with pytest.raises(ValueError, match="body 'low' has no material; given: none"):
+        read_solid(path, {})
+
+
+@pytest.mark.parametrize(("length", "shown"), [(200.0, "200"), (5e-7, "7e-07")])
+def test_part_of_an_unlikely_size(length, shown):
+    cube = occ.Box((0, 0, 0), (length,) * 3)
+    with pytest.raises(ValueError, match=f"part 'cube' is {shown} m long, .* check the CAD file's unit"):
+        Solid("cube", cube, {"": STEEL})
+
+
+def solid_with(*points):
+    shape = block(unit=1.0)
+    name_faces(shape, "floor", OnPlane((0, 0, 0), (0, 0, 1)))
+    return Solid("part", shape, {"block": STEEL}, points)
+
+
+def test_solid_is_frozen():
+    solid = solid_with(RemotePoint("top", "lid", (0, 0, 0.03), "rbe2"))
+    with pytest.raises(TypeError):
+        solid.materials["block"] = ALU
+    with pytest.raises(AttributeError):
+        solid.name = "other"
+    with pytest.raises(ValueError, match="read-only"):
+        solid.remote_points[0].position[0] = 1.0
+
+
+ORIGIN = (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        ([("a", "lid"), ("b", ("floor", "lid"))], "remote points 'a' and 'b' both claim the face 'lid'"),
+        ([("a", ())], "remote point 'a' has no faces; known faces: floor, lid"),
+        ([("a", "wall")], "unknown face 'wall'; known: floor, lid"),
+        ([("a", "lid"), ("a", "floor")], "remote point names must differ; used more than once: a"),
+    ],
+)
+def test_remote_points_of_a_solid_are_checked(points, message):
+    with pytest.raises(ValueError, match=message):
+        solid_with(*(RemotePoint(name, faces, ORIGIN) for name, faces in points))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("a", "lid", (0, 0, np.nan)), "remote point 'a': position holds 1 value.* NaN"),
+        (("a", "lid", (0, 0)), "remote point 'a': position must have shape 3, got 2"),
+        (("a", ("lid", "lid"), ORIGIN), "'a': face names must differ; used more than once: lid"),
+        (("a", ("",), ORIGIN), "face names must be non-empty"),
+        (("a", "lid", ORIGIN, "glue"), "unknown coupling 'glue'; known: rbe2, rbe3"),
+    ],
+)
+def test_remote_point_checks_itself(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        RemotePoint(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("pick", "arguments", "message"),
+    [
+        (OnPlane, (ORIGIN, (0, 0, 0)), "normal of a plane must not be zero"),
+        (OnPlane, (ORIGIN, (0, 0, np.nan)), "normal holds 1 value.* NaN"),
+        (OnPlane, ((0, 0), (0, 0, 1)), "point must have shape 3, got 2"),
+        (NearestTo, ((0, 0, np.inf),), "point holds 1 value.* infinite"),
+    ],
+)
+def test_picks_check_themselves(pick, arguments, message):
+    with pytest.raises(ValueError, match=message):
+        pick(*arguments)
+
+
+def test_mesh_fills_the_volume():
+    mesh = generate_mesh(solid_with(), element_size=0.01)
+    corners = mesh.Coordinates()[np.array([[v.nr - 1 for v in e.vertices] for e in mesh.Elements3D()])]
+    volumes = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6
+    assert np.abs(volumes).sum() == pytest.approx(SIZE.prod())
+    assert len(generate_mesh(solid_with(), element_size=0.004).Elements3D()) > 2 * len(volumes)
+
+
+@pytest.mark.parametrize(
+    ("size", "message"),
+    [
+        (0.0, "element_size must be positive, got 0 m"),
+        (np.nan, "element_size holds 1 value.* NaN"),
+        (2e-5, "element_size 2e-05 m is below a thousandth of the part 'part'"),
+    ],
+)
+def test_element_size_is_checked(size, message):
+    with pytest.raises(ValueError, match=message):
+        generate_mesh(solid_with(), element_size=size)
+
+
+def test_shape_bytes_see_shape_and_names(tmp_path):
+    path = written(block(), tmp_path / "part.step")
+    same = [shape_bytes(read_solid(Path(path), STEEL).shape) for _ in range(2)]
+    renamed = shape_bytes(read_solid(path, STEEL, faces={"roof": "lid"}).shape)
+    larger = shape_bytes(read_solid(path, STEEL, unit="inch").shape)
+    assert same[0] == same[1]
+    assert len({same[0], renamed, larger}) == 3

@@ -1,0 +1,113 @@
+"""Dense modal analysis against the spring-mass chain, whose modes are known in closed form."""
+
+import numpy as np
+import pytest
+
+from nassim.modal import eigenmodes, mac, modal_damping_matrix
+
+N, MASS, STIFFNESS = 8, 0.3, 2e5
+
+
+def chain(free_ends=False):
+    """Equal masses in line between equal springs, held by springs at both ends unless free_ends."""
+    stiffness = STIFFNESS * (2 * np.eye(N) - np.eye(N, k=1) - np.eye(N, k=-1))
+    if free_ends:
+        stiffness[0, 0] = stiffness[-1, -1] = STIFFNESS
+    return stiffness, MASS * np.eye(N)
+
+
+def test_chain_between_walls():
+    stiffness, mass = chain()
+    expected = np.sqrt(STIFFNESS / MASS) * np.sin(np.arange(1, N + 1) * np.pi / (2 * (N + 1))) / np.pi
+    frequency, shapes = eigenmodes(stiffness, mass)
+    np.testing.assert_allclose(frequency, expected, rtol=1e-12)
+    first = np.sin(np.arange(1, N + 1) * np.pi / (N + 1))
+    np.testing.assert_allclose(mac(first[:, None], shapes[:, :1]), 1.0, rtol=1e-12)
+
+
+def test_free_chain_has_a_rigid_motion_at_0_hz():
+    stiffness, mass = chain(free_ends=True)
+    frequency, _ = eigenmodes(stiffness, mass)
+    expected = np.sqrt(STIFFNESS / MASS) * np.sin(np.arange(N) * np.pi / (2 * N)) / np.pi
+    np.testing.assert_allclose(frequency, expected, rtol=1e-10, atol=1e-5 * expected[1])
+    assert np.all(frequency >= 0)
+
+
+def test_shapes_diagonalise_both_matrices():
+    stiffness, mass = chain()
+    mass = mass + 0.05 * (np.eye(N, k=1) + np.eye(N, k=-1))
+    frequency, shapes = eigenmodes(stiffness, mass)
+    np.testing.assert_allclose(shapes.T @ mass @ shapes, np.eye(N), atol=1e-12)
+    omega_squared = (2 * np.pi * frequency) ** 2
+    np.testing.assert_allclose(shapes.T @ stiffness @ shapes, np.diag(omega_squared), atol=1e-12 * omega_squared[-1])
+
+
+def test_frequencies_do_not_depend_on_the_units_of_the_coordinates():
+    stiffness, mass = chain()
+    scale = np.diag(10.0 ** np.linspace(-6, 6, N))
+    scaled, _ = eigenmodes(scale @ stiffness @ scale, scale @ mass @ scale)
+    np.testing.assert_allclose(scaled, eigenmodes(stiffness, mass)[0], rtol=1e-9)
+
+
+@pytest.mark.parametrize(("n_modes", "expected"), [(1, 1), (3, 3), (N, N), (5 * N, N), (None, N)])
+def test_number_of_modes(n_modes, expected):
+    frequency, shapes = eigenmodes(*chain(), n_modes=n_modes)
+    assert frequency.shape == (expected,)
+    assert shapes.shape == (N, expected)
+    np.testing.assert_allclose(frequency, eigenmodes(*chain())[0][:expected])
+
+
+@pytest.mark.parametrize("ratio", [0.02, np.linspace(0.001, 0.3, N)])
+def test_damping_matrix_gives_the_stated_ratios(ratio):
+    stiffness, mass = chain()
+    frequency, shapes = eigenmodes(stiffness, mass)
+    damping = modal_damping_matrix(mass, frequency, shapes, ratio)
+    inverse = np.linalg.inv(mass)
+    state = np.block([[np.zeros((N, N)), np.eye(N)], [-inverse @ stiffness, -inverse @ damping]])
+    poles = np.linalg.eigvals(state)
+    poles = poles[poles.imag > 0]
+    poles = poles[np.argsort(np.abs(poles))]
+    np.testing.assert_allclose(np.abs(poles), 2 * np.pi * frequency, rtol=1e-9)
+    np.testing.assert_allclose(-poles.real / np.abs(poles), np.broadcast_to(ratio, N), rtol=1e-9)
+
+
+def test_modes_at_0_hz_and_modes_not_listed_stay_undamped():
+    stiffness, mass = chain(free_ends=True)
+    frequency, shapes = eigenmodes(stiffness, mass)
+    damping = modal_damping_matrix(mass, frequency[:3], shapes[:, :3], 0.05)
+    expected = np.zeros(N)
+    expected[1:3] = 2 * 0.05 * 2 * np.pi * frequency[1:3]
+    modal = shapes.T @ damping @ shapes
+    np.testing.assert_allclose(modal, np.diag(expected), atol=1e-5 * expected.max())
+
+
+def test_mac_of_modes_with_themselves_is_the_identity():
+    stiffness, mass = chain()
+    mass = mass * np.linspace(1, 5, N)
+    _, shapes = eigenmodes(stiffness, mass)
+    np.testing.assert_allclose(mac(shapes, -3.0 * shapes, mass), np.eye(N), atol=1e-12)
+
+
+def test_mac_is_the_squared_cosine_of_the_angle():
+    angle = 0.4
+    turned = np.array([[np.cos(angle)], [np.sin(angle)]])
+    np.testing.assert_allclose(mac(np.eye(2), turned), [[np.cos(angle) ** 2], [np.sin(angle) ** 2]])
+
+
+@pytest.mark.parametrize(
+    ("mass", "message"),
+    [
+        (np.diag([1.0, 0.0]), "diagonal entry that is not positive"),
+        (np.diag([1.0, -1.0]), "diagonal entry that is not positive"),
+        (np.array([[1.0, 2.0], [2.0, 1.0]]), "mass matrix is not positive definite"),
+    ],
+)
+def test_mass_matrix_must_be_positive_definite(mass, message):
+    with pytest.raises(ValueError, match=message):
+        eigenmodes(np.eye(2), mass)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_nan_is_refused(bad):
+    with pytest.raises(ValueError, match="NaN"):
+        eigenmodes(np.diag([1.0, bad]), np.eye(2))

@@ -1,0 +1,124 @@
+"""Craig-Bampton: exact statics, convergence from above, errors of the 36-coordinate APA."""
+
+import numpy as np
+import pytest
+import scipy.linalg
+from conftest import lattice
+
+from nassim import craig_bampton
+from nassim.condensation import expanded_dofs
+from nassim.fullmodel import full_eigenfrequencies
+from nassim.modal import eigenmodes
+
+
+@pytest.fixture(scope="module")
+def full_clamped(apa_condensed):
+    return full_eigenfrequencies(apa_condensed, fixed=["bottom"], n=5, progress=False)
+
+
+def test_apa_has_36_coordinates(apa):
+    assert apa.mass_matrix.shape == apa.stiffness_matrix.shape == (36, 36)
+    assert apa.n_modes == 6
+    assert apa.coordinate_names[:2] == ("bottom.ux", "bottom.uy")
+    assert apa.coordinate_names[-1] == "mode 6"
+
+
+def test_mass_and_six_rigid_motions(apa, apa_model):
+    assert apa.mass == pytest.approx(apa_model.mass, rel=1e-9)
+    frequency = apa.eigenfrequencies(n=7)
+    assert np.all(frequency[:6] < 0.05)
+    assert frequency[6] > 1000.0
+    rigid = np.vstack([np.eye(6), *(_arm(p.position - apa.remote_points[0].position) for p in apa.remote_points[1:])])
+    rigid = np.vstack([rigid, np.zeros((6, 6))])
+    mass = rigid.T @ apa.mass_matrix @ rigid
+    assert np.allclose(mass[:3, :3], apa.mass * np.eye(3), atol=1e-9 * apa.mass)
+    offset = apa.center_of_mass - apa.remote_points[0].position
+    assert np.allclose(mass[3:, :3], apa.mass * _cross(offset), atol=1e-9 * apa.mass)
+
+
+def test_modal_rows_vanish_statically(apa):
+    assert np.all(apa.stiffness_matrix[30:, :30] == 0.0)
+    assert np.allclose(apa.mass_matrix[30:, 30:], np.eye(6), atol=1e-9)
+
+
+def test_clamped_frequencies_from_above_and_close(apa, full_clamped):
+    error = apa.eigenfrequencies(fixed=["bottom"], n=5) / full_clamped - 1
+    assert np.all(error > -1e-9)
+    assert np.all(error[:3] < 1e-3)
+    assert np.all(error < 2e-2)
+
+
+@pytest.mark.slow
+def test_error_falls_with_more_modes(apa_condensed, full_clamped):
+    errors = []
+    for p in (0, 6, 20, 40):
+        body = craig_bampton(apa_condensed, n_modes=p, progress=False)
+        errors.append(body.eigenfrequencies(fixed=["bottom"], n=5) / full_clamped - 1)
+    errors = np.array(errors)
+    assert np.all(np.diff(errors, axis=0) < 1e-9)
+    assert np.all(errors[-1] < 1e-3)
+
+
+def test_paper_figures(apa):
+    """Table 1's materials and the measured outline, not calibrated: 5 % of 95.9 Hz, 10 % of 1.79 N/um."""
+    conditions = {"fixed": ["bottom"], "guided": {"top": "z"}}
+    assert apa.eigenfrequencies(masses={"top": 5.0}, **conditions)[0] == pytest.approx(95.9, rel=0.05)
+    top = apa.coordinate_names.index("top.uz")
+    assert 1 / apa.compliance(fixed=["bottom"])[top, top] == pytest.approx(1.79e6, rel=0.10)
+
+
+def test_reduction_equals_a_dense_projection():
+    """The same basis made by dense algebra: constraint modes by a saddle point, modes in the null space of W."""
+    model = lattice()
+    body = craig_bampton(model, n_modes=8, progress=False)
+    stiffness, mass = model.stiffness_matrix.toarray(), model.mass_matrix.toarray()
+    rows = np.zeros((12, model.n_dofs))
+    for i, coupling in enumerate(model.couplings):
+        rows[6 * i : 6 * i + 6, expanded_dofs(coupling, model.n_dofs)] = coupling.averages
+    scale = np.abs(stiffness).max()
+    saddle = np.block([[stiffness / scale, rows.T], [rows, np.zeros((12, 12))]])
+    static = np.linalg.solve(saddle, np.vstack([np.zeros((model.n_dofs, 12)), np.eye(12)]))[: model.n_dofs]
+    held = scipy.linalg.null_space(rows)
+    modes = held @ eigenmodes(held.T @ stiffness @ held, held.T @ mass @ held, n_modes=8)[1]
+    basis = np.hstack([static, modes])
+    expected = eigenmodes(basis.T @ stiffness @ basis, basis.T @ mass @ basis)[0]
+    assert np.allclose(body.eigenfrequencies()[6:], expected[6:], rtol=1e-8)
+
+
+def test_gram_holds_the_mass_matrix(apa):
+    n = len(apa.mass_matrix)
+    blocks = apa.gram[4:, 4:].reshape(n, 3, n, 3)
+    assert np.allclose(np.einsum("jckc->jk", blocks), apa.mass_matrix, atol=1e-12 * np.abs(apa.mass_matrix).max())
+
+
+def test_cutoff_frequency_picks_the_modes_below():
+    model = lattice()
+    every = craig_bampton(model, n_modes=20, progress=False)
+    frequency = np.sqrt(np.diag(every.stiffness_matrix)[12:]) / (2 * np.pi)
+    limit = 0.5 * (frequency[9] + frequency[10])
+    assert craig_bampton(model, cutoff_frequency=limit, progress=False).n_modes == 10
+
+
+@pytest.mark.parametrize("n_modes", [-1, 10**6, 2.5])
+def test_impossible_numbers_of_modes(n_modes):
+    with pytest.raises(ValueError, match="n_modes must be a whole number"):
+        craig_bampton(lattice(), n_modes=n_modes, progress=False)
+
+
+def test_boundary_conditions_with_unknown_names(apa):
+    with pytest.raises(ValueError, match="known: bottom, top"):
+        apa.eigenfrequencies(fixed=["botom"])
+    with pytest.raises(ValueError, match="both fixed and guided"):
+        apa.eigenfrequencies(fixed=["top"], guided={"top": "z"})
+    with pytest.raises(ValueError, match="move freely"):
+        apa.compliance(fixed=[])
+
+
+def _cross(a):
+    return np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
+
+
+def _arm(offset):
+    result = np.eye(6)
+    result[:3, 3:] = -_cross(offset)
+    return result

@@ -1,0 +1,85 @@
+"""The scripts and the README's code run as they stand, on small problems where they can be made small."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+SCRIPTS = sorted(p.name for p in (ROOT / "scripts").glob("[a-z]*.py"))
+
+
+def run(*arguments, cwd=ROOT):
+    return subprocess.run(
+        [sys.executable, *map(str, arguments)],
+        cwd=cwd,
+        env={**os.environ, "MPLBACKEND": "Agg"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_help(name):
+    result = run(f"scripts/{name}", "--help")
+    assert result.returncode == 0, result.stderr
+    for option in ("--output", "--no-plot"):
+        assert option in result.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "options", "figures", "pictures"),
+    [
+        (
+            "reduce_apa.py",
+            ["--order", "2", "--element-size", "8"],
+            ["mass_kg", "axial_stiffness_N_per_m", "bottom_clamped_full_Hz"],
+            ["mesh_and_remote_points.png", "modes.png"],
+        ),
+        (
+            "run_bench.py",
+            ["--duration", "2", "--gravity"],
+            ["linear_model_pole_Hz", "full_FE_model_zero_Hz", "encoder_magnitude_error_dB"],
+            ["frf.png", "record.png"],
+        ),
+        (
+            "excitation_study.py",
+            ["--duration", "1.5", "--period", "0.5"],
+            ["multisine_encoder_magnitude_error_dB", "noise_wall_time_s"],
+            ["frf.png"],
+        ),
+    ],
+)
+def test_script_writes_its_results(name, options, figures, pictures, tmp_path):
+    result = run(f"scripts/{name}", "--output", tmp_path, *options)
+    assert result.returncode == 0, result.stderr
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    for figure in figures:
+        assert figure in summary
+    for picture in pictures:
+        assert (tmp_path / picture).stat().st_size > 10_000
+
+
+def readme_blocks(language):
+    return re.findall(rf"```{language}\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.S)
+
+
+def test_quick_start_has_exactly_two_commands():
+    lines = readme_blocks("bash")[0].strip().splitlines()
+    assert len(lines) == 2
+    assert "run_bench.py" in lines[0]
+    assert "pytest" in lines[1]
+
+
+@pytest.mark.slow
+def test_the_readmes_tour_works_when_pasted(tmp_path):
+    script = tmp_path / "tour.py"
+    script.write_text("\n".join(readme_blocks("python")), encoding="utf-8")
+    result = run(script)
+    assert result.returncode == 0, result.stderr

@@ -1,0 +1,236 @@
+"""Time histories and excitations."""
+
+import numpy as np
+import pytest
+import scipy.signal
+
+from nassim import TimeHistory
+from nassim.signals import (
+    band_limited_noise,
+    chirp,
+    low_pass,
+    multisine,
+    occupied_bandwidth,
+    sample_times,
+    sine_dwell,
+    step,
+)
+
+RATE = 1000.0
+BAND = {"lowest_frequency": 10.0, "highest_frequency": 100.0, "period": 0.5}
+
+
+def history():
+    time = np.arange(5) / 10.0
+    return TimeHistory(time, [time, time**2], ("x", "y"), ("m", "V"))
+
+
+def test_time_history_knows_its_axis_and_its_signals():
+    record = history()
+    assert record.sample_rate == pytest.approx(10.0)
+    assert record.duration == pytest.approx(0.4)
+    np.testing.assert_array_equal(record["y"], record.time**2)
+    assert TimeHistory([0.0, 1.0], [3.0, 4.0], ("x",)).units == ("",)
+
+
+def test_select_and_after_keep_names_units_and_values():
+    part = history().select(["y"]).after(0.2)
+    assert (part.names, part.units) == (("y",), ("V",))
+    np.testing.assert_allclose(part.time, [0.2, 0.3, 0.4])
+    np.testing.assert_allclose(part["y"], part.time**2)
+
+
+def test_arrays_are_read_only_copies():
+    values = np.zeros((1, 3))
+    record = TimeHistory([0.0, 1.0, 2.0], values, ("x",))
+    values[:] = 7.0
+    assert not record.values.any()
+    with pytest.raises(ValueError, match="read-only"):
+        record.values[0, 0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("time", "values", "names", "units", "message"),
+    [
+        ([0.0, np.nan], [1.0, 2.0], ("x",), (), "time holds 1 value.* NaN"),
+        ([0.0, 1.0], [1.0, np.nan], ("x",), (), "values holds 1 value.* NaN"),
+        ([0.0, 1.0], [-np.inf, np.nan], ("x",), (), "values holds 2 value.* infinite"),
+        ([0.0], [1.0], ("x",), (), "at least 2 samples, got 1"),
+        ([0.0, 1.0], [1.0, 2.0, 3.0], ("x",), (), r"shape 1 x 2 \(names x time\), got \(1, 3\)"),
+        ([0.0, 1.0], [1.0, 2.0], ("x", "y"), (), "shape 2 x 2"),
+        ([0.0, 1.0], [1.0, 2.0], ("x",), ("m", "V"), "got 2 units for 1 signals"),
+        ([0.0, 1.0], [[1.0, 2.0]] * 2, ("x", "x"), (), "signal names must differ; used more than once: x"),
+        ([0.0, 1.0], [1.0, 2.0], ("",), (), "signal names must be non-empty"),
+        ([0.0, 1.0, 2.1], [1.0, 2.0, 3.0], ("x",), (), "equal steps, got steps from 1 s to 1.1 s; resample"),
+        ([0.0, 0.0, 0.0], [1.0, 2.0, 3.0], ("x",), (), "must rise in equal steps"),
+        ([2.0, 1.0, 0.0], [1.0, 2.0, 3.0], ("x",), (), "must rise in equal steps"),
+        ([[0.0, 1.0]], [1.0, 2.0], ("x",), (), "time must have shape any, got 1 x 2"),
+    ],
+)
+def test_time_history_checks_itself(time, values, names, units, message):
+    with pytest.raises(ValueError, match=message):
+        TimeHistory(time, values, names, units)
+
+
+def test_unknown_signals_are_answered_with_the_known_ones():
+    with pytest.raises(ValueError, match="unknown signal 'z'; known: x, y"):
+        history()["z"]
+    with pytest.raises(ValueError, match="unknown signal 'z'; known: x, y"):
+        history().select(["x", "z"])
+    with pytest.raises(ValueError, match="at least 2 samples"):
+        history().after(0.4)
+
+
+def test_sample_times():
+    time = sample_times(0.5, RATE)
+    assert len(time) == 501
+    assert time[-1] == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("duration", "rate", "message"),
+    [
+        (-1.0, RATE, "duration must be positive, got -1 s"),
+        (np.nan, RATE, "duration holds 1 value.* NaN"),
+        (1.0, 0.0, "sample_rate must be positive, got 0 Hz"),
+        (1e-3, RATE, "0.001 s at 1000 Hz gives fewer than 2 steps"),
+    ],
+)
+def test_sample_times_checks(duration, rate, message):
+    with pytest.raises(ValueError, match=message):
+        sample_times(duration, rate)
+
+
+@pytest.mark.parametrize("order", [1, 2, 4])
+@pytest.mark.parametrize("cutoff", [50.0, 200.0])
+def test_low_pass_is_a_butterworth_filter(order, cutoff):
+    impulse = np.zeros(2000)
+    impulse[0] = 1.0
+    gain = np.abs(np.fft.rfft(low_pass(impulse, cutoff_frequency=cutoff, sample_rate=RATE, order=order)))
+    frequency = np.fft.rfftfreq(2000, 1 / RATE)
+    warped = np.tan(np.pi * frequency[:-1] / RATE) / np.tan(np.pi * cutoff / RATE)  # bilinear transformation
+    np.testing.assert_allclose(gain[:-1], 1 / np.sqrt(1 + warped ** (2 * order)), atol=1e-9)
+    assert 20 * np.log10(gain[np.searchsorted(frequency, cutoff)]) == pytest.approx(-3.01, abs=0.01)
+
+
+def test_low_pass_is_causal():
+    late = np.zeros(100)
+    late[50] = 1.0
+    filtered = low_pass(late, cutoff_frequency=100.0, sample_rate=RATE)
+    assert not filtered[:50].any()
+    assert filtered[50] > 0
+
+
+def test_noise_has_its_rms_and_its_band():
+    noise = band_limited_noise(60.0, RATE, cutoff_frequency=100.0, rms=2.5, seed=3)
+    assert np.sqrt(np.mean(noise.values**2)) == pytest.approx(2.5)
+    frequency, density = scipy.signal.welch(noise["actuator_voltage"], fs=RATE, nperseg=500)
+    plateau = density[(frequency > 5) & (frequency < 40)].mean()
+    assert density[frequency == 100.0][0] / plateau == pytest.approx(0.5, rel=0.2)
+    assert density[frequency > 250].max() < 1e-3 * plateau
+
+
+def test_noise_follows_its_seed():
+    first, again, other = (
+        band_limited_noise(1.0, RATE, cutoff_frequency=100.0, seed=seed).values for seed in (1, 1, 2)
+    )
+    np.testing.assert_array_equal(first, again)
+    assert np.abs(first - other).max() > 0.1
+
+
+def test_chirp_rises_exponentially():
+    duration, start, end = 20.0, 1.0, 100.0
+    sweep = chirp(duration, RATE, start_frequency=start, end_frequency=end, amplitude=3.0)
+    growth = np.log(end / start) / duration
+    phase = 2 * np.pi * start * np.expm1(growth * sweep.time) / growth  # integral of 2 pi f(t)
+    np.testing.assert_allclose(sweep.values[0], 3.0 * np.sin(phase), atol=1e-8)
+
+
+def test_chirp_instantaneous_frequency_and_equal_time_per_decade():
+    sweep = chirp(20.0, RATE, start_frequency=1.0, end_frequency=100.0)
+    phase = np.unwrap(np.angle(scipy.signal.hilbert(sweep.values[0])))
+    frequency = np.gradient(phase, sweep.time) / (2 * np.pi)
+    for time, expected in ((10.0, 10.0), (15.0, 10**1.5)):
+        around = np.abs(sweep.time - time) < 0.2
+        assert frequency[around].mean() == pytest.approx(expected, rel=0.01)
+
+
+def test_multisine_is_periodic_flat_and_free_of_leakage():
+    signal = multisine(1.5, RATE, lowest_frequency=10.0, highest_frequency=200.0, period=0.5, rms=2.0, seed=5)
+    values = signal.values[0]
+    np.testing.assert_array_equal(values[500:1000], values[:500])
+    assert np.sqrt(np.mean(values[:500] ** 2)) == pytest.approx(2.0)
+    amplitude = np.abs(np.fft.rfft(values[:1000])) / 500
+    frequency = np.fft.rfftfreq(1000, 1 / RATE)
+    excited = (frequency % 2.0 == 0) & (frequency >= 10) & (frequency <= 200)
+    np.testing.assert_allclose(amplitude[excited], 2.0 * np.sqrt(2 / excited.sum()), rtol=1e-9)
+    assert amplitude[~excited].max() < 1e-12
+
+
+def test_multisine_follows_its_seed():
+    def make(seed):
+        return multisine(1.0, RATE, **BAND, seed=seed).values
+
+    np.testing.assert_array_equal(make(1), make(1))
+    assert np.abs(make(1) - make(2)).max() > 0.1
+
+
+def test_steps():
+    sudden = step(1.0, RATE, amplitude=2.0, start=0.5)
+    np.testing.assert_array_equal(sudden.values[0], 2.0 * (sudden.time >= 0.5))
+    smooth = step(1.0, RATE, amplitude=2.0, start=0.2, rise_time=0.4).values[0]
+    np.testing.assert_allclose(smooth[[0, 200, 300, 400, 600, 1000]], [0, 0, 1 - np.sqrt(0.5), 1, 2, 2])
+    assert np.all(np.diff(smooth) >= 0)
+
+
+def test_sine_dwell_grows_along_its_ramp():
+    dwell = sine_dwell(1.0, RATE, frequency=25.0, amplitude=2.0, ramp_time=0.5)
+    envelope = np.minimum(dwell.time / 0.5, 1.0)
+    np.testing.assert_allclose(dwell.values[0], 2.0 * envelope * np.sin(2 * np.pi * 25.0 * dwell.time))
+    steady = sine_dwell(1.0, RATE, frequency=25.0)
+    np.testing.assert_allclose(steady.values[0], np.sin(2 * np.pi * 25.0 * steady.time))
+
+
+def test_occupied_bandwidth():
+    time = np.arange(1000) / RATE
+    sines = TimeHistory(time, [5 + np.sin(2 * np.pi * 40 * time), np.cos(2 * np.pi * 90 * time)], ("a", "b"))
+    # The window widens a line by one step of the spectrum.
+    assert occupied_bandwidth(sines) == pytest.approx(90.0, abs=RATE / 1000)
+    assert occupied_bandwidth(sines.select(["a"])) == pytest.approx(40.0)
+    assert occupied_bandwidth(TimeHistory(time, np.full(1000, 3.0), ("a",))) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("make", "options", "message"),
+    [
+        (band_limited_noise, {"cutoff_frequency": 500.0}, r"half the sample rate \(500 Hz\), got 500 Hz"),
+        (band_limited_noise, {"cutoff_frequency": 0.0}, "cutoff_frequency must lie between 0 and"),
+        (band_limited_noise, {"cutoff_frequency": np.nan}, "cutoff_frequency holds 1 value.* NaN"),
+        (band_limited_noise, {"cutoff_frequency": 100.0, "rms": -1.0}, "rms must not be negative, got -1"),
+        (chirp, {"start_frequency": 1.0, "end_frequency": 600.0}, "end_frequency must .* got 600 Hz"),
+        (chirp, {"start_frequency": 0.0, "end_frequency": 100.0}, "start_frequency must .*0"),
+        (chirp, {"start_frequency": np.nan, "end_frequency": 100.0}, "start_frequency .*NaN"),
+        (chirp, {"start_frequency": 1.0, "end_frequency": 100.0, "amplitude": np.nan}, "values holds .* NaN"),
+        (multisine, {**BAND, "highest_frequency": 500.0}, "highest_frequency must lie between"),
+        (multisine, {**BAND, "period": -0.5}, "period must be positive"),
+        (multisine, {**BAND, "period": 0.50003}, "0.50003 s must be a whole number of samples"),
+        (multisine, {**BAND, "lowest_frequency": 100.5}, "no multiple of 1 / period = 2 Hz"),
+        (multisine, {**BAND, "lowest_frequency": 0.0}, "no multiple of 1 / period .* 0 ... 100 Hz"),
+        (multisine, {**BAND, "lowest_frequency": np.nan}, "NaN"),
+        (multisine, {**BAND, "rms": np.nan}, "rms holds 1 value.* NaN"),
+        (step, {"rise_time": -0.1}, "rise_time must not be negative, got -0.1 s"),
+        (step, {"amplitude": np.nan}, "values holds .* NaN"),
+        (sine_dwell, {"frequency": 700.0}, "frequency must lie between 0 and half"),
+        (sine_dwell, {"frequency": 10.0, "ramp_time": -1.0}, "ramp_time must not be negative"),
+    ],
+)
+def test_excitations_check_their_figures(make, options, message):
+    with pytest.raises(ValueError, match=message):
+        make(1.0, RATE, **options)
+
+
+def test_low_pass_checks():
+    with pytest.raises(ValueError, match="sample_rate must be positive"):
+        low_pass([1.0], cutoff_frequency=1.0, sample_rate=-RATE)
+    with pytest.raises(ValueError, match="cutoff_frequency must lie between 0 and half"):
+        low_pass([1.0], cutoff_frequency=500.0, sample_rate=RATE)
