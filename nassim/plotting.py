@@ -65,6 +65,31 @@ def plot_frf(
     return axes
 
 
+def plot_frf_error(
+    frfs: Sequence[FRF], references: Sequence[FRF], *, output: str, input: str, figure: Any = None
+) -> Sequence[Any]:
+    """Relative difference |H / H_ref - 1| of measured FRFs from references at the same frequencies, with coherence.
+
+    Returns the Axes: error, incoherence 1 - gamma^2.
+    """
+    figure = figure or plt.figure(figsize=(7, 5), layout="constrained")
+    axes = list(figure.subplots(2, 1, sharex=True))
+    for color, frf, reference in zip(_colors(len(frfs)), frfs, references, strict=True):
+        error = np.abs(frf.response(output, input) / reference.response(output, input) - 1)
+        axes[0].loglog(frf.frequency, 100 * error, color=color, label=frf.label, lw=1.2)
+        if frf.coherence is not None:
+            incoherence = np.maximum(1 - frf.coherence[frf.outputs.index(output)], 1e-16)
+            axes[1].loglog(frf.frequency, incoherence, color=color, lw=1.2)
+    axes[0].set_title(f"{output} / {input}".replace("_", " "), fontsize=11)
+    axes[0].set_ylabel("difference from the model [%]")
+    axes[0].legend(fontsize=9)
+    axes[1].set_ylabel("1 - coherence [-]")
+    axes[1].set_xlabel("frequency [Hz]")
+    for ax in axes:
+        ax.grid(True, which="both", alpha=0.25)
+    return axes
+
+
 def plot_time_history(history: TimeHistory, *, names: Sequence[str] | None = None, figure: Any = None) -> Sequence[Any]:
     """Signals over time, one below the other; returns an Axes per signal."""
     names = list(history.names if names is None else names)

@@ -55,10 +55,11 @@ class RigidBody:
             return
         if self.mass is None or self.inertia is None:
             raise ValueError(f"{label} can move, so it needs a mass and an inertia (or fixed=True)")
+        mass = positive(f"{label}: mass", self.mass, "kg")
         inertia = finite_array(f"{label}: inertia", self.inertia, (3, 3))
         if np.abs(inertia - inertia.T).max() > 1e-9 * np.abs(inertia).max() or np.linalg.eigvalsh(inertia)[0] <= 0:
             raise ValueError(f"{label}: inertia must be symmetric and positive definite")
-        freeze(self, mass=positive(f"{label}: mass", self.mass, "kg"), inertia=inertia)
+        freeze(self, mass=mass, inertia=inertia)
 
     def point_position(self, point: str) -> Array:
         """Position of a named point at the start, world frame, shape (3,) [m]."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from nassim import FRF
-from nassim.plotting import plot_frf, plt
+from nassim.plotting import plot_frf, plot_frf_error, plt
 
 
 def parser(doc: str, name: str) -> argparse.ArgumentParser:
@@ -50,6 +50,15 @@ def plot_bode_pair(frfs: list[FRF], *, markers: list[str] | None = None) -> list
     axes: list[Any] = []
     for column, (output, unit) in zip(columns, (("sensor_voltage", "V/V"), ("encoder", "m/V")), strict=True):
         axes += plot_frf(frfs, output=output, input="actuator_voltage", unit=unit, markers=markers or [], figure=column)
+    return axes
+
+
+def plot_error_pair(frfs: list[FRF], references: list[FRF]) -> list[Any]:
+    """Errors of the bench's two FRFs side by side in one figure; returns the Axes."""
+    columns = plt.figure(figsize=(13, 6), layout="constrained").subfigures(1, 2)
+    axes: list[Any] = []
+    for column, output in zip(columns, ("sensor_voltage", "encoder"), strict=True):
+        axes += plot_frf_error(frfs, references, output=output, input="actuator_voltage", figure=column)
     return axes
 
 

@@ -7,7 +7,7 @@ window is needed.
 import time
 
 import numpy as np
-from _common import compare_frf, parser, plot_bode_pair, write_summary
+from _common import compare_frf, parser, plot_bode_pair, plot_error_pair, write_summary
 
 from models.bench import make_bench
 from nassim import TimeHistory, estimate_frf, frequency_response, linearize, simulate
@@ -70,8 +70,9 @@ def main() -> None:
         )
         print(f"{name:<11}{cells}{args.duration:8.1f} {wall:10.1f}")
     if not args.no_plot:
-        reference = frequency_response(linear, np.geomspace(5, 600, 2000))
-        save_figure(plot_bode_pair([*frfs, reference]), args.output / "frf.png")
+        references = [frequency_response(linear, frf.frequency) for frf in frfs]
+        save_figure(plot_bode_pair([*frfs, references[0]]), args.output / "frf.png")
+        save_figure(plot_error_pair(frfs, references), args.output / "error.png")
     write_summary(args.output, summary)
 
 
