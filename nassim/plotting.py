@@ -163,7 +163,7 @@ def _draw(ax: Any, points: Array, triangles: Array, colors: Array, *, edge_width
     ax.add_collection3d(Poly3DCollection(corners, facecolors=shaded, edgecolors=edges, linewidths=edge_width or 0.2))
     low, high = corners.reshape(-1, 3).min(axis=0), corners.reshape(-1, 3).max(axis=0)
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    ax.set_box_aspect(np.maximum(high - low, 1e-9), zoom=1.1)
+    ax.set_box_aspect(np.maximum(high - low, 1e-9), zoom=1.0 if edge_width else 0.9)
     ax.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
     ax.view_init(elev=22, azim=-62)
     ax.set_yticks([0.0])

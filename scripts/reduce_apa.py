@@ -72,7 +72,8 @@ def main() -> None:
     if not args.no_plot:
         save_figure(plot_body(body), args.output / "mesh_and_remote_points.png")
         frequency, shapes = body.eigenmodes(**CASES["bottom clamped"], n=6)
-        figure = plt.figure(figsize=(15, 8))
+        figure = plt.figure(figsize=(15, 7))
+        figure.subplots_adjust(wspace=0, hspace=0.05)
         axes = [figure.add_subplot(2, 3, k + 1, projection="3d") for k in range(6)]
         for k, ax in enumerate(axes):
             plot_mode(body, shapes[:, k], title=f"mode {k + 1}, bottom clamped: {frequency[k]:.1f} Hz", ax=ax)
