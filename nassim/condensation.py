@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from nassim.checks import Array, unique
 from nassim.fem import Coupling, FEModel
-from nassim.progress import stage
+from nassim.progress import Advance, silent, stage
 from nassim.solver import Factorization, factorize
 
 
@@ -75,9 +75,9 @@ class _Grounded:
     motions: Array
     inertia_forces: Array  # M Z (Z^T M Z)^-1
 
-    def solve(self, load: Array, **progress: object) -> Array:
+    def solve(self, load: Array, *, advance: Advance = silent) -> Array:
         balanced = load - self.inertia_forces @ (self.motions.T @ load)
-        solution = self.factorization.solve(balanced, **progress)  # type: ignore[arg-type]
+        solution = self.factorization.solve(balanced, advance=advance)
         result: Array = solution - self.motions @ (self.inertia_forces.T @ solution)
         return result
 

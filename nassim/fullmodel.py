@@ -14,7 +14,7 @@ from nassim.checks import Array, finite_array, positive
 from nassim.condensation import Condensation
 from nassim.frf import FRF
 from nassim.interface import coordinate_vector, free_coordinates, point_masses
-from nassim.progress import stage
+from nassim.progress import Advance, stage
 from nassim.reduction import mass_operator
 
 MECHANISM_TOLERANCE = 1e-10
@@ -91,8 +91,13 @@ def full_eigenfrequencies(
     if n == n_zero:
         return np.zeros(n)
     mass = LinearOperator((size, size), matvec=lambda u: model.multiply_mass(np.ravel(u)), dtype=float)
-    inverse = LinearOperator((size, size), matvec=lambda f: model.solve(np.ravel(f)), dtype=float)
-    with stage("full model's eigenmodes", enabled=progress):
+    with stage("full model's eigenmodes", unit="solves", enabled=progress) as advance:
+
+        def solve(load: Array) -> Array:
+            advance()
+            return model.solve(np.ravel(load))
+
+        inverse = LinearOperator((size, size), matvec=solve, dtype=float)
         start = model.solve(model.multiply_mass(np.random.default_rng(0).standard_normal(size)))
         eigenvalues = eigsh(mass, k=n - n_zero, M=mass, sigma=0.0, OPinv=inverse, v0=start, return_eigenvectors=False)
     return np.concatenate([np.zeros(n_zero), np.sqrt(np.sort(eigenvalues)) / (2 * np.pi)])
@@ -147,10 +152,10 @@ def full_frequency_response(
     readings = np.array([coordinate_vector(condensed.names, weights) for weights in outputs.values()])
     values = np.zeros((len(outputs), len(inputs), len(frequency)), dtype=complex)
     worst, n_solves = 0.0, 0
-    with stage("full model's response", enabled=progress):
+    with stage("full model's response", unit="vectors", enabled=progress) as advance:
         for column, weights in enumerate(inputs.values()):
             load = condensed.averages.T @ coordinate_vector(condensed.names, weights)
-            basis, amplitudes, change = _krylov(model, load, frequency, damping_ratio, tolerance, max_solves)
+            basis, amplitudes, change = _krylov(model, load, frequency, damping_ratio, tolerance, max_solves, advance)
             values[:, column] = readings @ (condensed.averages @ basis) @ amplitudes
             worst, n_solves = max(worst, change), n_solves + basis.shape[1] + 1
     frf = FRF(frequency, values, tuple(outputs), tuple(inputs), None, "full FE model")
@@ -158,7 +163,13 @@ def full_frequency_response(
 
 
 def _krylov(
-    model: FullModel, load: Array, frequency: Array, damping_ratio: float, tolerance: float, max_solves: int
+    model: FullModel,
+    load: Array,
+    frequency: Array,
+    damping_ratio: float,
+    tolerance: float,
+    max_solves: int,
+    advance: Advance,
 ) -> tuple[Array, Array, float]:
     """Lanczos basis (n_dofs, m), orthonormal in M, the response in it (m, n_frequencies), and its last change."""
     vector = model.solve(load)
@@ -169,6 +180,7 @@ def _krylov(
     earlier: list[Array] = []
     while len(projected) < max_solves:
         vector = model.solve(inertias[-1])
+        advance()
         coefficients = np.zeros(len(basis))
         # Gram-Schmidt twice: the second pass removes what rounding left.
         for _ in range(2):

@@ -12,7 +12,7 @@ from nassim.fem import FEModel, Surface
 from nassim.geometry import RemotePoint
 from nassim.interface import coordinate_names, free_coordinates, point_masses
 from nassim.modal import eigenmodes
-from nassim.progress import stage
+from nassim.progress import Advance, silent, stage
 
 
 @dataclass(frozen=True)
@@ -170,26 +170,28 @@ def craig_bampton(
         _check_n_modes(n_modes, fe_model.n_dofs)
         condensed = condense(fe_model, remote_points=remote_points, progress=progress)
     _check_n_modes(n_modes, condensed.fe_model.n_dofs)
-    with stage("fixed-interface modes", enabled=progress):
-        frequency, modes = fixed_interface_modes(condensed, n_modes=n_modes, cutoff_frequency=cutoff_frequency)
+    with stage("fixed-interface modes", unit="solves", enabled=progress) as advance:
+        frequency, modes = fixed_interface_modes(
+            condensed, n_modes=n_modes, cutoff_frequency=cutoff_frequency, advance=advance
+        )
     with stage("integrals", enabled=progress):
         return _project(condensed, frequency, modes)
 
 
 def fixed_interface_modes(
-    condensed: Condensation, *, n_modes: int, cutoff_frequency: float | None = None
+    condensed: Condensation, *, n_modes: int, cutoff_frequency: float | None = None, advance: Advance = silent
 ) -> tuple[Array, Array]:
     """Modes with all remote points held: frequencies (p,) [Hz] and shapes (n_dofs, p) of unit modal mass.
 
     Shift-invert Lanczos around the factorisation at hand. With a cut-off, the number of modes is doubled until
-    one lies above it.
+    one lies above it. advance: called once per solve.
     """
     n = condensed.fe_model.n_dofs
     if cutoff_frequency is not None:
         limit = positive("cutoff_frequency", cutoff_frequency, "Hz")
         count = 8
         while True:
-            frequency, modes = fixed_interface_modes(condensed, n_modes=count)
+            frequency, modes = fixed_interface_modes(condensed, n_modes=count, advance=advance)
             if frequency[-1] > limit:
                 keep = frequency <= limit
                 return frequency[keep], modes[:, keep]
@@ -198,7 +200,12 @@ def fixed_interface_modes(
     if n_modes == 0:
         return np.zeros(0), np.zeros((n, 0))
     mass = mass_operator(condensed.fe_model)
-    inverse = LinearOperator((n, n), matvec=lambda f: condensed.solve_fixed(np.ravel(f)), dtype=float)
+
+    def solve(load: Array) -> Array:
+        advance()
+        return condensed.solve_fixed(np.ravel(load))
+
+    inverse = LinearOperator((n, n), matvec=solve, dtype=float)
     start = condensed.solve_fixed(mass @ np.random.default_rng(0).standard_normal(n))
     eigenvalues, modes = eigsh(mass, k=n_modes, M=mass, sigma=0.0, OPinv=inverse, v0=start)
     order = np.argsort(eigenvalues)

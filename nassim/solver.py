@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,6 +14,7 @@ from ngsolve import la
 from numpy.typing import NDArray
 
 from nassim.checks import Array
+from nassim.progress import Advance, silent
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Factorization:
     _rhs: Any = field(repr=False)
     _solution: Any = field(repr=False)
 
-    def solve(self, rhs: Array, *, advance: Callable[..., None] = lambda n=1: None) -> Array:
+    def solve(self, rhs: Array, *, advance: Advance = silent) -> Array:
         """Solve for one right-hand side, shape (n,), or for several, shape (n, k); zero rows where held.
 
         advance: called once per column

@@ -6,6 +6,7 @@ import pytest
 from conftest import STEEL, make_bar
 
 from nassim import Material, RemotePoint, Solid, build_fe_model, condense
+from nassim.fem import make_coupling
 from nassim.fullmodel import full_eigenfrequencies
 
 
@@ -118,3 +119,19 @@ def test_part_in_two_pieces():
 def test_unknown_remote_point_lists_the_known_ones(bar):
     with pytest.raises(ValueError, match="known: left, right"):
         bar.coupling("middle")
+
+
+def test_collinear_interface_cannot_carry_a_rotation():
+    """Nodes on a line leave the rotation about it undefined."""
+    x = np.array([0.0, 0.1, 0.2])
+    fields = np.vstack([np.ones(3), x, np.zeros(3), np.zeros(3)])
+    point = RemotePoint("edge", "edge", np.array([0.1, 0, 0]))
+    with pytest.raises(ValueError, match="collinear or too small"):
+        make_coupling(point, np.arange(3), fields, fields)
+
+
+@pytest.mark.parametrize("coupling", ["rbe2", "rbe3"])
+def test_remote_points_on_one_line_are_fine(coupling):
+    """A beam's two remote points are always collinear; each carries its rotations itself."""
+    condensed = condense(build_fe_model(make_bar(coupling=coupling), element_size=0.02, progress=False), progress=False)
+    assert np.linalg.eigvalsh(condensed.stiffness[6:, 6:])[0] > 0
