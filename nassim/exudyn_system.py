@@ -3,7 +3,10 @@
 The one stateful thing of nassim; it is born and gone within one call of `simulate` or `static_response`.
 """
 
-from collections.abc import Callable, Sequence
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -212,7 +215,7 @@ def _add_actuator(
             eii.LoadCoordinate(
                 markerNumber=marker,
                 load=float(force[coordinate]),
-                loadUserFunction=lambda _mbs, t, load, signal=actuator.input: load * input_value(signal, t),
+                loadUserFunction=lambda _mbs, t, load, name=actuator.input: load * input_value(name, t),
             )
         )
 
@@ -325,47 +328,58 @@ def solve_static(system: System) -> None:
     # The static solver counts its load steps as time; inputs are to keep their value at t = 0.
     settings.staticSolver.loadStepDuration = 1e-12
     try:
-        solved = system.mbs.SolveStatic(settings, updateInitialValues=True)
+        system.mbs.SolveStatic(settings, updateInitialValues=True)
     except Exception as error:
-        raise RuntimeError(f"no static equilibrium: can a body move freely? Exudyn says: {error}") from error
-    if solved is False:
-        raise RuntimeError("no static equilibrium: can a body move freely? Add joints, or leave gravity out")
+        raise RuntimeError(
+            f"no static equilibrium: can a body move freely? Add joints, or leave gravity out. Exudyn says: {error}"
+        ) from error
 
 
 def solve_dynamic(system: System, n_steps: int, time_step: float, spectral_radius: float, progress: bool) -> None:
-    """Integrate by generalized-alpha with a fixed step; RuntimeError when the integration fails."""
+    """Integrate by generalized-alpha with a fixed step.
+
+    Ctrl-C ends the run after the step at hand with KeyboardInterrupt; RuntimeError when the integration fails.
+    """
     settings = _settings()
     settings.timeIntegration.numberOfSteps = n_steps
     settings.timeIntegration.endTime = n_steps * time_step
     settings.timeIntegration.adaptiveStep = False
     settings.timeIntegration.generalizedAlpha.spectralRadius = spectral_radius
     settings.solution.sensors.writePeriod = time_step
-    count, interrupted = 0, False
+    count = 0
     chunk = max(1, n_steps // 200)
-    with stage("simulate", total=n_steps, unit="steps", enabled=progress) as advance:
+    with stage("simulate", total=n_steps, unit="steps", enabled=progress) as advance, _interrupts() as interrupts:
 
         def before_step(_mbs: Any, _time: float) -> bool:
-            nonlocal count, interrupted
+            nonlocal count
             count += 1
-            try:
-                if count % chunk == 0:
-                    advance(chunk)
-            except KeyboardInterrupt:
-                interrupted = True
-            return not interrupted
+            if count % chunk == 0:
+                advance(chunk)
+            return not interrupts
 
         system.mbs.SetPreStepUserFunction(before_step)
         try:
-            solved = system.mbs.SolveDynamic(settings)
+            system.mbs.SolveDynamic(settings)
         except Exception as error:
-            solved, reason = False, str(error)
-        else:
-            reason = ""
+            if not interrupts:
+                raise RuntimeError(
+                    f"the integration failed at t = {count * time_step:g} s; try a smaller time_step or a "
+                    f"spectral_radius below 1. {error}"
+                ) from error
+        if interrupts:
+            raise KeyboardInterrupt(f"simulation stopped at t = {count * time_step:g} s")
         advance(n_steps % chunk)
-    if interrupted:
-        raise KeyboardInterrupt
-    if solved is False:
-        raise RuntimeError(
-            f"the integration failed at t = {count * time_step:g} s; try a smaller time_step or a spectral_radius "
-            f"below 1. {reason}".strip()
-        )
+
+
+@contextmanager
+def _interrupts() -> Iterator[list[int]]:
+    """Collect Ctrl-C instead of raising it: an exception inside one of Exudyn's callbacks would look like a failure."""
+    received: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield received
+        return
+    earlier = signal.signal(signal.SIGINT, lambda number, _frame: received.append(number))
+    try:
+        yield received
+    finally:
+        signal.signal(signal.SIGINT, earlier)

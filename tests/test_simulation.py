@@ -207,3 +207,18 @@ def test_body_that_falls_has_no_equilibrium(apa):
     scene = Scene("fall", (FlexibleBody("apa", apa),), gravity=np.array([0, 0, -9.81]))
     with pytest.raises(RuntimeError, match="no static equilibrium"):
         static_response(scene)
+
+
+def test_interrupt_ends_a_run_cleanly(bench):
+    """Ctrl-C during the integration arrives as KeyboardInterrupt, and soon."""
+    import signal
+    import threading
+    import time
+
+    timer = threading.Timer(0.5, signal.raise_signal, (signal.SIGINT,))
+    timer.start()
+    start = time.perf_counter()
+    with pytest.raises(KeyboardInterrupt, match="stopped at t ="):
+        simulate(bench, quiet(20.0), time_step=1e-4, progress=False)
+    assert time.perf_counter() - start < 20.0
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
