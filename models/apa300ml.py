@@ -137,7 +137,14 @@ def reduced_apa300ml(
         solid.materials,
         solid.remote_points,
         (element_size, order, n_modes),
-        source_fingerprint("nassim.geometry", "nassim.fem", "nassim.solver", "nassim.reduction"),
+        source_fingerprint(
+            "nassim.geometry",
+            "nassim.fem",
+            "nassim.solver",
+            "nassim.condensation",
+            "nassim.reduction",
+            "nassim.storage",
+        ),
     )
 
     def build() -> ReducedBody:
