@@ -8,6 +8,7 @@ here a slot with a round end runs on beside the stack's end; its depth `relief` 
 import itertools
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import netgen.occ as occ
 import numpy as np
@@ -30,6 +31,13 @@ STACK = PiezoStack(
     length=20e-3,
     area=100e-6,
 )
+
+MESH: dict[str, Any] = {
+    "extrude": "y",
+    "layer_thickness": 5e-3,
+    "local_sizes": {"arm_roots": 0.2e-3, "pad_fillets": 0.3e-3},
+}
+"""How `build_fe_model` meshes the actuator best: prisms, and small ones where the arms bend most."""
 
 VENDOR_STIFFNESS = 1.79e6
 """Axial stiffness of the whole actuator [N/m], data sheet."""
@@ -83,6 +91,11 @@ def make_apa300ml(
     frame = _frame(g)
     frame.faces.Max(occ.Z).name = "top_pad"
     frame.faces.Min(occ.Z).name = "bottom_pad"
+    pieces = [*(frame * _pads(g)).solids, *(frame - _pads(g)).solids]
+    for piece in pieces:
+        piece.name = "frame"
+        for face in piece.faces:
+            face.name = _notch_name(face, g) or face.name
     sensor, spacer, actuator_1, actuator_2 = stacks = [
         _stack_piece(name, start, end)
         for name, start, end in [
@@ -98,7 +111,7 @@ def make_apa300ml(
     actuator_2.faces.Max(occ.X).name = "actuator_stack_end"
     return Solid(
         name="apa300ml",
-        shape=occ.Glue([frame, *stacks]).Scale(occ.Pnt(0, 0, 0), 1e-3),
+        shape=occ.Glue([*pieces, *stacks]).Scale(occ.Pnt(0, 0, 0), 1e-3),
         materials={
             "frame": steel,
             "spacer": steel,
@@ -119,7 +132,7 @@ def make_apa300ml(
 def reduced_apa300ml(
     geometry: APAGeometry | None = None,
     *,
-    element_size: float = 5e-3,
+    element_size: float = 3e-3,
     order: int = 3,
     n_modes: int = 6,
     coupling: str = "rbe3",
@@ -127,7 +140,7 @@ def reduced_apa300ml(
 ) -> ReducedBody:
     """The APA300ML reduced by Craig-Bampton: 5 x 6 + 6 = 36 coordinates.
 
-    element_size [m], order: of the finite elements; n_modes: fixed-interface modes
+    element_size [m], order: of the finite elements, which are those of `MESH`; n_modes: fixed-interface modes
 
     Loaded from the cache when it was made before from the same geometry, materials, mesh and code.
     """
@@ -137,18 +150,21 @@ def reduced_apa300ml(
         solid.materials,
         solid.remote_points,
         (element_size, order, n_modes),
+        MESH,
         source_fingerprint(
             "nassim.geometry",
+            "nassim.meshing",
             "nassim.fem",
             "nassim.solver",
             "nassim.condensation",
+            "nassim.modes",
             "nassim.reduction",
             "nassim.storage",
         ),
     )
 
     def build() -> ReducedBody:
-        fe_model = build_fe_model(solid, element_size=element_size, order=order, progress=progress)
+        fe_model = build_fe_model(solid, element_size=element_size, order=order, progress=progress, **MESH)
         return craig_bampton(fe_model, n_modes=n_modes, progress=progress)
 
     return cached(solid.name, key, build, progress=progress)
@@ -166,9 +182,24 @@ def _frame(g: APAGeometry) -> occ.TopoDS_Shape:
     quarter = occ.Face(occ.Wire(_quarter_outline(g))).Extrude(depth * occ.Vec(0, 1, 0)).Move(occ.Vec(0, -depth / 2, 0))
     half = quarter + quarter.Mirror(occ.Axes((0, 0, 0), occ.X, occ.Y))
     whole = (half + half.Mirror(occ.Axes((0, 0, 0), occ.Z, occ.X))).UnifySameDomain()
-    frame = whole - occ.Cylinder(occ.Pnt(0, 0, -20), occ.Z, radius, 40)
-    frame.name = "frame"
-    return frame
+    return whole - occ.Cylinder(occ.Pnt(0, 0, -20), occ.Z, radius, 40)
+
+
+def _pads(g: APAGeometry) -> occ.TopoDS_Shape:
+    """Where the frame is not extruded along y; cut where the arms are straight, which meshes well."""
+    x = min(0.5e3 * g.hole_diameter + 2.0, 4.3)
+    return occ.Box(occ.Pnt(-x, -100, 9), occ.Pnt(x, 100, 20)) + occ.Box(occ.Pnt(-x, -100, -20), occ.Pnt(x, 100, -9))
+
+
+def _notch_name(face: occ.Face, g: APAGeometry) -> str | None:
+    """Name of a curved face where the arms bend most: the round end of a slot, or the fillet at a pad."""
+    x, _, z = (abs(c) for c in face.center)
+    slot_end = 32.5 + 1e3 * g.relief
+    if slot_end - 2.0 < x < slot_end and 5.51 < z < 8.5:
+        return "arm_roots"
+    if 4.51 < x < 4.5 + 1e3 * g.pad_fillet and 12.77 < z < 12.763 + 1e3 * g.pad_fillet:
+        return "pad_fillets"
+    return None
 
 
 def _quarter_outline(g: APAGeometry) -> list[occ.Edge]:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from nassim.checks import Array, unique
 from nassim.fem import Coupling, FEModel
 from nassim.progress import Advance, silent, stage
-from nassim.solver import Factorization, factorize
+from nassim.solver import Factorization, factorize, solver_name, threads
 
 
 @dataclass(frozen=True)
@@ -53,9 +53,12 @@ class Condensation:
         """Names of the remote points, in order."""
         return tuple(c.point.name for c in self.couplings)
 
-    def solve_fixed(self, load: Array) -> Array:
-        """Displacements under `load` (n_dofs,) or (n_dofs, k) [N] with all remote points held at rest."""
-        solution = self._grounded.solve(load)
+    def solve_fixed(self, load: Array, *, advance: Advance = silent) -> Array:
+        """Displacements under `load` (n_dofs,) or (n_dofs, k) [N] with all remote points held at rest.
+
+        advance: called with the number of columns done
+        """
+        solution = self._grounded.solve(load, advance=advance)
         motions = self._grounded.motions
         forces = self._border @ np.concatenate([self._soft_averages @ solution, motions.T @ load])
         n_soft = self._soft_averages.shape[0]
@@ -95,14 +98,14 @@ def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, p
     couplings = tuple(fe_model.coupling(name) for name in names)
     stiff = np.repeat([c.point.coupling == "rbe2" for c in couplings], 6)
     held, prescribed = _prescribed_motions(fe_model, couplings)
-    with stage("factorise", enabled=progress):
+    with stage(f"factorise ({solver_name()})", enabled=progress), threads():
         grounded = _ground(fe_model, held)
     averages = sp.vstack([_average_rows(c, fe_model.n_dofs) for c in couplings], format="csr")
     soft_averages = averages[~stiff]
-    with stage("static modes", total=len(stiff), unit="solves", enabled=progress) as advance:
+    with stage("static modes", total=len(stiff), unit="solves", enabled=progress) as advance, threads():
         lift = np.zeros((fe_model.n_dofs, len(stiff)))
         if stiff.any():
-            reaction = fe_model.stiffness_matrix @ prescribed
+            reaction = fe_model.stiffness @ prescribed
             reaction[held] = 0.0
             lift[:, stiff] = prescribed - grounded.solve(reaction, advance=advance)
         flexibility = grounded.solve(soft_averages.T.toarray(), advance=advance)
@@ -114,7 +117,7 @@ def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, p
     constraint_modes = lift + flexibility @ forces[:n_soft] + grounded.motions @ forces[n_soft:]
     stiffness = lacking.T @ forces[:n_soft]
     if stiff.any():
-        stiffness += lift.T @ (fe_model.stiffness_matrix @ lift)
+        stiffness += lift.T @ (fe_model.stiffness @ lift)
     return Condensation(
         fe_model,
         couplings,
@@ -160,12 +163,12 @@ def _prescribed_motions(fe_model: FEModel, couplings: Sequence[Coupling]) -> tup
 def _ground(fe_model: FEModel, held: NDArray[np.int64]) -> _Grounded:
     if held.size:
         nothing = np.zeros((fe_model.n_dofs, 0))
-        return _Grounded(factorize(fe_model.stiffness_matrix, held=held), nothing, nothing)
+        return _Grounded(factorize(fe_model.stiffness, held=held), nothing, nothing)
     motions = fe_model.rigid_motions()
     inertia = np.vstack([fe_model.scalar_mass_matrix @ block for block in np.split(motions, 3)])
     # Pivoted QR finds six unknowns that hold the body as firmly as any six can.
     _, _, order = scipy.linalg.qr((motions / np.abs(motions).max(axis=0)).T, mode="economic", pivoting=True)
-    factorization = factorize(fe_model.stiffness_matrix, held=np.sort(order[:6]))
+    factorization = factorize(fe_model.stiffness, held=np.sort(order[:6]))
     return _Grounded(factorization, motions, inertia @ np.linalg.inv(motions.T @ inertia))
 
 

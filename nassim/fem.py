@@ -1,5 +1,7 @@
 """Finite element models: mesh, stiffness and mass of any element order, remote points."""
 
+from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -9,11 +11,13 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from nassim.checks import Array, freeze, known
-from nassim.geometry import RemotePoint, Solid, generate_mesh
+from nassim.geometry import RemotePoint, Solid
+from nassim.meshing import generate_mesh
 from nassim.progress import stage
-from nassim.solver import threads
+from nassim.solver import SymmetricMatrix, symmetric_matrix, threads
 
 MAX_ORDER = 6
+ELEMENTS = {ng.ET.TET: "tetrahedra", ng.ET.PRISM: "prisms", ng.ET.PYRAMID: "pyramids", ng.ET.HEX: "hexahedra"}
 
 
 @dataclass(frozen=True)
@@ -52,7 +56,7 @@ class FEModel:
     """Stiffness and mass of a meshed part. Unknowns: all x, then all y, then all z displacements.
 
     name: of the part
-    stiffness_matrix: (3 n, 3 n) sparse, symmetric [N/m]
+    stiffness: (3 n, 3 n), symmetric [N/m]; a SciPy matrix is taken too
     scalar_mass_matrix: (n, n) sparse, integral of density times two scalar shape functions [kg]; the mass
         matrix is three such blocks
     fields: coefficients of the functions 1, x, y, z in the scalar shape functions, shape (4, n) [-, m, m, m]
@@ -63,7 +67,7 @@ class FEModel:
     """
 
     name: str
-    stiffness_matrix: sp.csr_matrix
+    stiffness: SymmetricMatrix
     scalar_mass_matrix: sp.csr_matrix
     fields: Array
     couplings: tuple[Coupling, ...] = field(default=())
@@ -73,12 +77,14 @@ class FEModel:
 
     def __post_init__(self) -> None:
         n = self.scalar_mass_matrix.shape[0]
-        if self.stiffness_matrix.shape != (3 * n, 3 * n) or self.fields.shape != (4, n):
+        if self.stiffness.shape != (3 * n, 3 * n) or self.fields.shape != (4, n):
             raise ValueError(
-                f"FE model {self.name!r}: stiffness {self.stiffness_matrix.shape}, scalar mass "
+                f"FE model {self.name!r}: stiffness {self.stiffness.shape}, scalar mass "
                 f"{self.scalar_mass_matrix.shape} and fields {self.fields.shape} do not belong together"
             )
-        for label, matrix in (("stiffness", self.stiffness_matrix), ("mass", self.scalar_mass_matrix)):
+        if sp.issparse(self.stiffness):
+            freeze(self, stiffness=symmetric_matrix(self.stiffness))
+        for label, matrix in (("stiffness", self.stiffness.lower), ("mass", self.scalar_mass_matrix)):
             if not np.all(np.isfinite(matrix.data)):
                 raise ValueError(f"FE model {self.name!r}: the {label} matrix holds NaN or infinite values")
         freeze(self, couplings=tuple(self.couplings))
@@ -86,12 +92,17 @@ class FEModel:
     @property
     def n_dofs(self) -> int:
         """Number of unknowns, 3 n."""
-        return int(self.stiffness_matrix.shape[0])
+        return self.stiffness.shape[0]
 
     @property
     def remote_points(self) -> tuple[RemotePoint, ...]:
         """The remote points, in order."""
         return tuple(c.point for c in self.couplings)
+
+    @property
+    def stiffness_matrix(self) -> sp.csr_matrix:
+        """The stiffness matrix (3 n, 3 n) [N/m], made anew at every call."""
+        return self.stiffness.to_scipy()
 
     @property
     def mass_matrix(self) -> sp.csr_matrix:
@@ -153,10 +164,20 @@ def make_coupling(
     return Coupling(point, dofs, np.linalg.solve(gram, integrals), motions)
 
 
-def build_fe_model(solid: Solid, *, element_size: float, order: int = 3, progress: bool = True) -> FEModel:
+def build_fe_model(
+    solid: Solid,
+    *,
+    element_size: float,
+    order: int = 3,
+    curvature: float = 0.5,
+    local_sizes: Mapping[str, float] | None = None,
+    extrude: str | None = None,
+    layer_thickness: float | None = None,
+    progress: bool = True,
+) -> FEModel:
     """Mesh a part and assemble its stiffness and mass.
 
-    element_size: largest edge of the curved tetrahedra [m]
+    element_size, curvature, local_sizes, extrude, layer_thickness: of the curved elements, as in `meshing.generate_mesh`
     order: polynomial order of the displacements, 1 to 6; order 1 is far too stiff in thin parts
     progress: show the stages and their times
 
@@ -165,35 +186,54 @@ def build_fe_model(solid: Solid, *, element_size: float, order: int = 3, progres
     if not 1 <= order <= MAX_ORDER or int(order) != order:
         raise ValueError(f"order must be a whole number from 1 to {MAX_ORDER}, got {order!r}")
     with stage("mesh", enabled=progress):
-        mesh = ng.Mesh(generate_mesh(solid, element_size=element_size))
+        mesh = ng.Mesh(
+            generate_mesh(
+                solid,
+                element_size=element_size,
+                curvature=curvature,
+                local_sizes=local_sizes,
+                extrude=extrude,
+                layer_thickness=layer_thickness,
+            )
+        )
         # Isoparametric at most: the unknowns then hold every rigid motion exactly.
         mesh.Curve(order)
     with stage("assemble", enabled=progress), threads():
-        scalar = ng.H1(mesh, order=order)
-        mass = _scalar_mass(mesh, solid, scalar)
-        pieces, _ = sp.csgraph.connected_components(mass, directed=False)
-        if pieces > 1:
-            raise ValueError(
-                f"part {solid.name!r} falls into {pieces} pieces that do not touch; join the bodies in the CAD"
-            )
-        fields = _position_fields(scalar)
-        stiffness = _stiffness(mesh, solid, order)
-        couplings = tuple(_couple(mesh, scalar, fields, point) for point in solid.remote_points)
-        surface, evaluation = _surface(mesh, scalar, fields, solid)
-    description = f"{mesh.ne} tetrahedra of order {order}, {mesh.nv} vertices, {3 * scalar.ndof} degrees of freedom"
+        model = _assemble(mesh, solid, order)
     if progress:
-        print(f"  {description}")
+        print(f"  {model.description}")
+    return model
+
+
+def _assemble(mesh: Any, solid: Solid, order: int) -> FEModel:
+    scalar = ng.H1(mesh, order=order)
+    mass = _scalar_mass(mesh, solid, scalar)
+    pieces, _ = sp.csgraph.connected_components(mass, directed=False)
+    if pieces > 1:
+        raise ValueError(
+            f"part {solid.name!r} falls into {pieces} pieces that do not touch; join the bodies in the CAD"
+        )
+    fields = _position_fields(scalar)
+    stiffness = _stiffness(mesh, solid, order)
+    couplings = tuple(_couple(mesh, scalar, fields, point) for point in solid.remote_points)
+    surface, evaluation = _surface(mesh, scalar, fields, solid)
+    kinds = Counter(ELEMENTS[element.type] for element in mesh.Elements(ng.VOL))
+    counts = " + ".join(f"{count} {kind}" for kind, count in kinds.items())
+    description = f"{counts} of order {order}, {mesh.nv} vertices, {3 * scalar.ndof} degrees of freedom"
     return FEModel(solid.name, stiffness, mass, fields, couplings, surface, evaluation, description)
 
 
-def _stiffness(mesh: Any, solid: Solid, order: int) -> sp.csr_matrix:
+def _stiffness(mesh: Any, solid: Solid, order: int) -> SymmetricMatrix:
     lame = {name: material.lame_parameters for name, material in solid.materials.items()}
     lambda_ = mesh.MaterialCF({name: value[0] for name, value in lame.items()})
     mu = mesh.MaterialCF({name: value[1] for name, value in lame.items()})
-    u, v = ng.VectorH1(mesh, order=order).TnT()
+    space = ng.VectorH1(mesh, order=order)
+    u, v = space.TnT()
     strain_u, strain_v = ng.Sym(ng.Grad(u)), ng.Sym(ng.Grad(v))
     energy = 2 * mu * ng.InnerProduct(strain_u, strain_v) + lambda_ * ng.div(u) * ng.div(v)
-    return _to_scipy(ng.BilinearForm(energy * ng.dx).Assemble().mat)
+    form = ng.BilinearForm(space, symmetric=True, symmetric_storage=True)
+    form += energy * ng.dx
+    return symmetric_matrix(form.Assemble().mat)
 
 
 def _scalar_mass(mesh: Any, solid: Solid, scalar: Any) -> sp.csr_matrix:
@@ -231,30 +271,39 @@ def _couple(mesh: Any, scalar: Any, fields: Array, point: RemotePoint) -> Coupli
 
 
 def _surface(mesh: Any, scalar: Any, fields: Array, solid: Solid) -> tuple[Surface, sp.csr_matrix]:
-    """Outer faces of the mesh, each split in four triangles by its edges' midpoints, which show the curvature."""
+    """Outer faces of the mesh, each split in triangles by its edges' midpoints, which show the curvature."""
     owner = {face: point.name for point in solid.remote_points for face in point.faces}
     materials = mesh.GetMaterials()
-    corners, sides, labels = [], [], []
+    sides: list[list[tuple[int, int, int]]] = []  # per face and around it: corner, edge, next corner
+    labels = []
     for element in mesh.Elements(ng.BND):
         face = mesh.ngmesh.FaceDescriptor(element.index + 1)
         if face.domin and face.domout:
             continue
-        # Side k of a boundary triangle lies opposite to corner k in this order of NGSolve: (0, 2), (1, 2), (0, 1).
-        corners.append([v.nr for v in element.vertices])
-        sides.append([e.nr for e in element.edges])
+        corners = [v.nr for v in element.vertices]
+        edges = {frozenset(v.nr for v in mesh[e].vertices): e.nr for e in element.edges}
+        following = [*corners[1:], corners[0]]
+        sides.append([(a, edges[frozenset((a, b))], b) for a, b in zip(corners, following, strict=True)])
         labels.append(owner.get(face.bcname, materials[max(face.domin, face.domout) - 1]))
-    vertex, vertex_index = np.unique(np.array(corners), return_inverse=True)
-    edge, edge_index = np.unique(np.array(sides), return_inverse=True)
-    a, b, c = vertex_index.reshape(-1, 3).T
-    ac, bc, ab = edge_index.reshape(-1, 3).T + len(vertex)
-    triangles = np.stack([(a, ab, ac), (ab, b, bc), (ac, bc, c), (ab, bc, ac)]).transpose(2, 0, 1).reshape(-1, 3)
-    halves = np.concatenate([np.stack(pair, axis=1) for pair in ((a, ab), (ab, b), (b, bc), (bc, c), (c, ac), (ac, a))])
+    around = np.array([side for face in sides for side in face])
+    vertex, edge = np.unique(around[:, 0]), np.unique(around[:, 1])
+    vertex_row = dict(zip(vertex.tolist(), range(len(vertex)), strict=True))
+    edge_row = dict(zip(edge.tolist(), range(len(vertex), len(vertex) + len(edge)), strict=True))
+    triangles, triangle_labels, halves = [], [], []
+    for face, label in zip(sides, labels, strict=True):
+        ring = [(vertex_row[a], edge_row[e], vertex_row[b]) for a, e, b in face]
+        middles = [e for _, e, _ in ring]
+        pieces = [(a, e, middles[k - 1]) for k, (a, e, _) in enumerate(ring)]
+        pieces += [(middles[0], middles[k], middles[k + 1]) for k in range(1, len(middles) - 1)]
+        triangles += pieces
+        triangle_labels += [label] * len(pieces)
+        halves += [pair for a, e, b in ring for pair in ((a, e), (e, b))]
     evaluation = sp.vstack([_at_vertices(scalar, vertex), _at_midpoints(mesh, scalar, edge)], format="csr")
     surface = Surface(
         points=(evaluation @ fields[1:].T),
-        triangles=triangles,
+        triangles=np.array(triangles),
         edges=np.unique(np.sort(halves, axis=1), axis=0),
-        labels=tuple(label for label in labels for _ in range(4)),
+        labels=tuple(triangle_labels),
     )
     return surface, evaluation
 
@@ -267,7 +316,7 @@ def _at_vertices(scalar: Any, vertices: NDArray[np.int64]) -> sp.csr_matrix:
 def _at_midpoints(mesh: Any, scalar: Any, edges: NDArray[np.int64]) -> sp.csr_matrix:
     """Value at the edges' midpoints: the mean of the end values plus the edge's own shape functions there."""
     order = scalar.globalorder
-    ends = np.array([[v.nr for v in edge.vertices] for edge in mesh.edges])[edges]
+    ends = np.array([[v.nr for v in mesh[ng.NodeId(ng.EDGE, edge)].vertices] for edge in edges.tolist()])
     own = mesh.nv + edges[:, None] * (order - 1) + np.arange(order - 1)
     columns = np.hstack([ends, own])
     values = np.tile(np.concatenate([[0.5, 0.5], _edge_functions_at_midpoint(order)]), (len(edges), 1))

@@ -14,8 +14,8 @@ from nassim.checks import Array, finite_array, positive
 from nassim.condensation import Condensation
 from nassim.frf import FRF
 from nassim.interface import coordinate_vector, free_coordinates, point_masses
+from nassim.modes import mass_operator
 from nassim.progress import Advance, stage
-from nassim.reduction import mass_operator
 
 MECHANISM_TOLERANCE = 1e-10
 """Scaled stiffness eigenvalues below this are motions without strain."""

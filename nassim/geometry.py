@@ -10,7 +10,7 @@ import netgen.occ as occ
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nassim.checks import Array, finite_array, freeze, frozen_mapping, known, positive, unique
+from nassim.checks import Array, finite_array, freeze, frozen_mapping, known, unique
 from nassim.materials import Material
 
 CAD_ENDINGS = {".step": ".step", ".stp": ".step", ".iges": ".iges", ".igs": ".iges", ".brep": ".brep"}
@@ -183,29 +183,6 @@ def shape_bytes(shape: Any) -> bytes:
         shape.WriteBrep(str(file))
         names = [body.name or "" for body in shape.solids] + [face.name or "" for face in shape.faces]
         return file.read_bytes() + "\n".join(names).encode()
-
-
-def generate_mesh(solid: Solid, *, element_size: float) -> Any:
-    """Mesh a part with tetrahedra by Netgen; returns the Netgen mesh, coordinates in metres.
-
-    element_size: largest edge length [m]; curved and small features get smaller elements
-    """
-    size = positive("element_size", element_size, "m")
-    extent = np.array([tuple(corner) for corner in solid.shape.bounding_box])
-    if size < 1e-3 * np.ptp(extent, axis=0).max():
-        raise ValueError(
-            f"element_size {size:g} m is below a thousandth of the part {solid.name!r}; that mesh would not fit in "
-            "memory: take a larger size and a higher order"
-        )
-    # Netgen's defaults resolve a 0.3 mm fillet with 30 times more elements than curved ones of order 3 need.
-    return occ.OCCGeometry(solid.shape).GenerateMesh(
-        maxh=size,
-        grading=0.7,
-        curvaturesafety=0.5,
-        segmentsperedge=0.2,
-        closeedgefac=None,
-        minedgelen=1e-3 * size,
-    )
 
 
 def _read_shape(source: Path) -> Any:

@@ -1,6 +1,6 @@
 """The linear model of a scene: small motion about its start, in minimal coordinates."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
@@ -135,6 +135,25 @@ def frequency_response(model: LinearModel, frequency: Array, *, label: str = "li
     resolvent = 2j * np.pi * frequency[:, None, None] * np.eye(len(model.A)) - model.A
     values = model.C @ np.linalg.solve(resolvent, np.broadcast_to(model.B, (len(frequency), *model.B.shape))) + model.D
     return FRF(frequency, values.transpose(1, 2, 0), model.outputs, model.inputs, None, label)
+
+
+def truncation_error(scene: Scene, frequency: Array) -> Array:
+    """Estimated relative error of a scene's FRFs due to the modes that its flexible bodies leave out.
+
+    frequency: (n,) [Hz]. Returns |H / H_enriched - 1|, shape (outputs, inputs, n) [-], where H_enriched is the FRF of
+    the scene with every body in its `enriched` form. Raises ValueError where a body has none.
+    """
+    bodies: list[Body] = []
+    for body in scene.bodies:
+        if isinstance(body, FlexibleBody):
+            if body.reduced.enriched is None:
+                raise ValueError(f"body {body.name!r} carries no enriched form, so its truncation error is unknown")
+            bodies.append(replace(body, reduced=body.reduced.enriched))
+        else:
+            bodies.append(body)
+    better = frequency_response(linearize(replace(scene, bodies=tuple(bodies))), frequency).values
+    result: Array = np.abs(frequency_response(linearize(scene), frequency).values / better - 1)
+    return result
 
 
 def deformation_damping(scene: Scene, assembly: Assembly) -> Array:

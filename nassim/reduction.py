@@ -1,10 +1,9 @@
 """Craig-Bampton reduction of an FE model to remote points and fixed-interface modes."""
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.sparse.linalg import LinearOperator, eigsh
 
 from nassim.checks import Array, finite_array, freeze, frozen_mapping, known, positive
 from nassim.condensation import Condensation, condense
@@ -12,7 +11,15 @@ from nassim.fem import FEModel, Surface
 from nassim.geometry import RemotePoint
 from nassim.interface import coordinate_names, free_coordinates, point_masses
 from nassim.modal import eigenmodes
-from nassim.progress import Advance, silent, stage
+from nassim.modes import check_n_modes, fixed_interface_modes, left_out_vectors, modes_below
+from nassim.progress import stage
+from nassim.solver import threads
+
+DEFAULT_MODES = 6
+RIGID = 1e-6
+"""Frequencies below this share of a body's highest are those of rigid motions."""
+COLUMNS = 64
+"""Fields whose products with the mass matrix are held at once."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +35,8 @@ class ReducedBody:
     surface, surface_modes: triangles of the outer surface and its displacements per coordinate, shape
         (n_points, 3, n), for pictures; None where unknown
     record: how the reduction was made, as text
+    enriched: the same body with more coordinates, in which what was left out is present, so that the difference of
+        any answer of the two is the truncation error; None where unknown
 
     Source: R. R. Craig, M. C. C. Bampton, Coupling of substructures for dynamic analyses, AIAA J. 6 (1968) 1313.
     """
@@ -40,6 +49,7 @@ class ReducedBody:
     surface: Surface | None = field(default=None)
     surface_modes: Array | None = field(default=None)
     record: Mapping[str, str] = field(default_factory=dict)
+    enriched: "ReducedBody | None" = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         points = tuple(self.remote_points)
@@ -129,6 +139,28 @@ class ReducedBody:
         """Eigenfrequencies [Hz], ascending, shape (m,); arguments as in `eigenmodes`."""
         return self.eigenmodes(fixed=fixed, guided=guided, masses=masses, n=n)[0]
 
+    def truncation_errors(
+        self,
+        *,
+        fixed: Collection[str] = (),
+        guided: Mapping[str, str] | None = None,
+        masses: Mapping[str, float] | None = None,
+        n: int | None = None,
+    ) -> Array:
+        """Estimated relative errors [-] of `eigenfrequencies` due to the modes left out, shape (m,).
+
+        Positive where a frequency is too high, zero for rigid motions; arguments as in `eigenmodes`. The mesh's own
+        error is not in it. Raises ValueError for a body that does not know its `enriched` form.
+        """
+        if self.enriched is None:
+            raise ValueError(f"body {self.name!r} carries no enriched form, so its truncation error is unknown")
+        frequency = self.eigenfrequencies(fixed=fixed, guided=guided, masses=masses)
+        better = self.enriched.eigenfrequencies(fixed=fixed, guided=guided, masses=masses)[: len(frequency)]
+        elastic = better > RIGID * frequency[-1]
+        errors = np.zeros(len(frequency))
+        errors[elastic] = frequency[elastic] / better[elastic] - 1
+        return errors[:n]
+
     def compliance(self, *, fixed: Collection[str], guided: Mapping[str, str] | None = None) -> Array:
         """Static motion of all remote points per unit force at each, shape (6 r, 6 r) [m/N and the like].
 
@@ -146,92 +178,147 @@ class ReducedBody:
         return result
 
 
+def keep_modes(body: ReducedBody, n_modes: int) -> ReducedBody:
+    """The same body with its first n_modes modal coordinates only; it remembers the given one as its richer form.
+
+    Raises ValueError when there are not so many.
+    """
+    if not 0 <= n_modes <= body.n_modes:
+        raise ValueError(f"body {body.name!r} has {body.n_modes} modes, so it cannot keep {n_modes}")
+    n = 6 * len(body.remote_points) + n_modes
+    return replace(
+        body,
+        mass_matrix=body.mass_matrix[:n, :n],
+        stiffness_matrix=body.stiffness_matrix[:n, :n],
+        gram=body.gram[: 4 + 3 * n, : 4 + 3 * n],
+        surface_modes=None if body.surface_modes is None else body.surface_modes[:, :, :n].copy(),
+        enriched=replace(body, surface=None, surface_modes=None),
+    )
+
+
 def craig_bampton(
     fe_model: FEModel | Condensation,
     *,
-    n_modes: int = 6,
+    n_modes: int | None = None,
     cutoff_frequency: float | None = None,
+    tolerance: float | None = None,
     remote_points: Sequence[str] | None = None,
     progress: bool = True,
 ) -> ReducedBody:
-    """Reduce an FE model to the motions of its remote points and fixed-interface modes.
+    """Reduce an FE model to the motions of its remote points and fixed-interface modes, and estimate the error.
 
     fe_model: the model, or its `condense`d form where that is at hand
-    n_modes: number p of fixed-interface modes; with cutoff_frequency [Hz], as many as lie below it
-    remote_points: names (default: all); progress: show stages
+    n_modes: number p of fixed-interface modes (default: 6, where neither of the next two is given)
+    cutoff_frequency: keep the modes below it [Hz]; twice the highest frequency of interest is customary
+    tolerance: keep as few modes as make the estimated errors of the eigenfrequencies small enough, relative [-]: of
+        the first five elastic ones, or of those below cutoff_frequency where that is given too, of the free body and
+        of the body clamped at each one of its remote points
+    remote_points: names (default: all); progress: show the stages and the report
 
-    Raises ValueError for no remote points, unknown names or more modes than unknowns.
+    Raises ValueError for no remote points, unknown names, more modes than unknowns, and n_modes beside the others.
     """
+    if n_modes is not None and not (cutoff_frequency is None and tolerance is None):
+        raise ValueError("give either n_modes, or cutoff_frequency and/or tolerance, not both")
+    for label, value, unit in (("cutoff_frequency", cutoff_frequency, "Hz"), ("tolerance", tolerance, "")):
+        if value is not None:
+            positive(label, value, unit)
+    count = DEFAULT_MODES if n_modes is None else n_modes
     if isinstance(fe_model, Condensation):
         if remote_points is not None:
             raise ValueError("a Condensation has its remote points already; give them to condense instead")
         condensed = fe_model
     else:
-        _check_n_modes(n_modes, fe_model.n_dofs)
+        check_n_modes(count, fe_model.n_dofs)
         condensed = condense(fe_model, remote_points=remote_points, progress=progress)
-    _check_n_modes(n_modes, condensed.fe_model.n_dofs)
+    if tolerance is None:
+        rich, count = _reduce(condensed, count, cutoff_frequency, progress)
+    else:
+        rich, count = _reduce_within(condensed, tolerance, cutoff_frequency, progress)
+    body = keep_modes(rich, count)
+    record = {**body.record, **_truncation_record(body, rich)}
+    if progress:
+        print("\n".join(f"  {label}: {text}" for label, text in record.items() if label != "finite element model"))
+    return replace(body, record=record)
+
+
+def _reduce(
+    condensed: Condensation, n_modes: int, cutoff_frequency: float | None, progress: bool
+) -> tuple[ReducedBody, int]:
+    """The body with some more modes than wanted and the vectors that stand for all others, and how many to keep."""
     with stage("fixed-interface modes", unit="solves", enabled=progress) as advance:
-        frequency, modes = fixed_interface_modes(
-            condensed, n_modes=n_modes, cutoff_frequency=cutoff_frequency, advance=advance
+        if cutoff_frequency is None:
+            frequency, modes = fixed_interface_modes(condensed, n_modes=n_modes + 1, advance=advance)
+        else:
+            frequency, modes = modes_below(condensed, cutoff_frequency, advance=advance)
+            n_modes = int(np.count_nonzero(frequency <= cutoff_frequency))
+    with stage("truncation error", unit="solves", enabled=progress) as advance:
+        more, vectors = left_out_vectors(condensed, frequency, modes, advance=advance)
+    with stage("integrals", enabled=progress), threads():
+        rich = _project(condensed, np.concatenate([frequency, more]), [condensed.constraint_modes, modes, vectors])
+    return rich, n_modes
+
+
+def _reduce_within(
+    condensed: Condensation, tolerance: float, cutoff_frequency: float | None, progress: bool
+) -> tuple[ReducedBody, int]:
+    """As _reduce, with the fewest modes whose estimated errors stay within a tolerance."""
+    available = 2 * DEFAULT_MODES
+    while True:
+        check_n_modes(available, condensed.fe_model.n_dofs)
+        rich, _ = _reduce(condensed, available, None, progress)
+        for count in range(available + 1):
+            if _worst_truncation(keep_modes(rich, count), cutoff_frequency) <= tolerance:
+                return rich, count
+        available *= 2
+
+
+def _worst_truncation(body: ReducedBody, cutoff_frequency: float | None) -> float:
+    worst = 0.0
+    for fixed in [(), *((name,) for name in body.point_names)]:
+        frequency = body.eigenfrequencies(fixed=fixed)
+        error = body.truncation_errors(fixed=fixed)
+        elastic = frequency > RIGID * frequency[-1]
+        chosen = elastic & (frequency <= cutoff_frequency) if cutoff_frequency is not None else elastic
+        errors = error[chosen] if cutoff_frequency is not None else error[chosen][:5]
+        worst = max(worst, float(np.max(errors, initial=0.0)))
+    return worst
+
+
+def _truncation_record(body: ReducedBody, rich: ReducedBody) -> dict[str, str]:
+    """What was kept, what was left out, and what that costs, as text."""
+    r, p = len(body.remote_points), body.n_modes
+    n = 6 * r + p
+    frequency = np.sqrt(np.diag(rich.stiffness_matrix)[6 * r :]) / (2 * np.pi)
+    first = body.point_names[0]
+    record = {
+        "coordinates": f"{r} remote points x 6 + {p} fixed-interface modes = {n}; in a floating frame on one remote "
+        f"point ({first!r} unless the scene says otherwise): {n - 6} flexible + 6 rigid",
+        "fixed-interface frequencies [Hz]": " ".join(f"{f:.1f}" for f in frequency[:p]) or "none",
+    }
+    if len(frequency) > p:
+        record["modes left out"] = f"all from {frequency[p]:.1f} Hz"
+    for label, fixed in (("free", ()), (f"{first!r} clamped", (first,))):
+        errors = body.truncation_errors(fixed=fixed)[0 if fixed else 6 :][:5]
+        record[f"truncation error of the first eigenfrequencies, {label} (estimate)"] = (
+            " ".join(f"{100 * e:.2g}" for e in errors) + " %"
         )
-    with stage("integrals", enabled=progress):
-        return _project(condensed, frequency, modes)
+    return record
 
 
-def fixed_interface_modes(
-    condensed: Condensation, *, n_modes: int, cutoff_frequency: float | None = None, advance: Advance = silent
-) -> tuple[Array, Array]:
-    """Modes with all remote points held: frequencies (p,) [Hz] and shapes (n_dofs, p) of unit modal mass.
-
-    Shift-invert Lanczos around the factorisation at hand. With a cut-off, the number of modes is doubled until
-    one lies above it. advance: called once per solve.
-    """
-    n = condensed.fe_model.n_dofs
-    if cutoff_frequency is not None:
-        limit = positive("cutoff_frequency", cutoff_frequency, "Hz")
-        count = 8
-        while True:
-            frequency, modes = fixed_interface_modes(condensed, n_modes=count, advance=advance)
-            if frequency[-1] > limit:
-                keep = frequency <= limit
-                return frequency[keep], modes[:, keep]
-            count *= 2
-            _check_n_modes(count, n)
-    if n_modes == 0:
-        return np.zeros(0), np.zeros((n, 0))
-    mass = mass_operator(condensed.fe_model)
-
-    def solve(load: Array) -> Array:
-        advance()
-        return condensed.solve_fixed(np.ravel(load))
-
-    inverse = LinearOperator((n, n), matvec=solve, dtype=float)
-    start = condensed.solve_fixed(mass @ np.random.default_rng(0).standard_normal(n))
-    eigenvalues, modes = eigsh(mass, k=n_modes, M=mass, sigma=0.0, OPinv=inverse, v0=start)
-    order = np.argsort(eigenvalues)
-    return np.sqrt(eigenvalues[order]) / (2 * np.pi), modes[:, order]
-
-
-def mass_operator(fe_model: FEModel) -> LinearOperator:
-    """The mass matrix as an operator (n_dofs, n_dofs), from its one scalar block."""
-    block = fe_model.scalar_mass_matrix
-    n = block.shape[0]
-
-    def multiply(u: Array) -> Array:
-        components = np.reshape(u, (3, n, -1))
-        return np.concatenate([block @ component for component in components]).reshape(u.shape)
-
-    return LinearOperator((3 * n, 3 * n), matvec=multiply, matmat=multiply, dtype=float)
-
-
-def _project(condensed: Condensation, frequency: Array, modes: Array) -> ReducedBody:
+def _project(condensed: Condensation, frequency: Array, parts: Sequence[Array]) -> ReducedBody:
     model = condensed.fe_model
-    basis = np.hstack([condensed.constraint_modes, modes])
-    n = basis.shape[1]
-    # One scalar field per column: 1, x, y, z, then the components of each basis vector.
-    components = basis.reshape(3, -1, n).transpose(1, 2, 0).reshape(-1, 3 * n)
-    fields = np.hstack([model.fields.T, components])
-    gram = fields.T @ (model.scalar_mass_matrix @ fields)
+    sizes = [part.shape[1] for part in parts]
+    n, n_nodes = sum(sizes), model.scalar_mass_matrix.shape[0]
+    # One scalar field per row: 1, x, y, z, then the components of each basis vector.
+    fields = np.empty((4 + 3 * n, n_nodes))
+    fields[:4] = model.fields
+    components = fields[4:].reshape(n, 3, n_nodes)
+    for part, end in zip(parts, np.cumsum(sizes), strict=True):
+        components[end - part.shape[1] : end] = part.reshape(3, n_nodes, -1).transpose(2, 0, 1)
+    gram = np.empty((len(fields), len(fields)))
+    for start in range(0, len(fields), COLUMNS):
+        chosen = slice(start, start + COLUMNS)
+        gram[:, chosen] = fields @ (model.scalar_mass_matrix @ fields[chosen].T)
     gram = 0.5 * (gram + gram.T)
     mass = np.einsum("jckc->jk", gram[4:, 4:].reshape(n, 3, n, 3))
     n_interface = len(condensed.stiffness)
@@ -240,7 +327,7 @@ def _project(condensed: Condensation, frequency: Array, modes: Array) -> Reduced
     stiffness[n_interface:, n_interface:] = np.diag((2 * np.pi * frequency) ** 2)
     surface_modes = None
     if model.surface_evaluation is not None:
-        surface_modes = (model.surface_evaluation @ components).reshape(-1, n, 3).transpose(0, 2, 1)
+        surface_modes = (model.surface_evaluation @ fields[4:].T).reshape(-1, n, 3).transpose(0, 2, 1)
     return ReducedBody(
         model.name,
         tuple(c.point for c in condensed.couplings),
@@ -249,14 +336,5 @@ def _project(condensed: Condensation, frequency: Array, modes: Array) -> Reduced
         gram,
         model.surface,
         surface_modes,
-        {
-            "finite element model": model.description,
-            "coordinates": f"{n_interface // 6} remote points x 6 + {len(frequency)} fixed-interface modes = {n}",
-            "fixed-interface frequencies [Hz]": " ".join(f"{f:.1f}" for f in frequency),
-        },
+        {"finite element model": model.description},
     )
-
-
-def _check_n_modes(n_modes: int, n_dofs: int) -> None:
-    if int(n_modes) != n_modes or not 0 <= n_modes < n_dofs // 2:
-        raise ValueError(f"n_modes must be a whole number from 0 to {n_dofs // 2 - 1} for this model, got {n_modes!r}")

@@ -1,9 +1,16 @@
-"""One sparse factorisation, many right-hand sides, for any symmetric positive definite SciPy matrix."""
+"""One sparse factorisation, many right-hand sides, for any symmetric positive definite matrix.
 
+NGSolve's sparse Cholesky is always there; MKL's PARDISO (`pip install "nassim[fast]"`), which solves blocks of
+right-hand sides, takes its place where it is installed. NASSIM_SOLVER and NASSIM_THREADS overrule both choices.
+"""
+
+import importlib
+import importlib.util
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,44 +19,92 @@ import numpy as np
 import scipy.sparse as sp
 from ngsolve import la
 from numpy.typing import NDArray
+from threadpoolctl import ThreadpoolController
 
-from nassim.checks import Array
+from nassim.checks import Array, known
 from nassim.progress import Advance, silent
+
+SOLVERS = ("sparsecholesky", "pardiso")
+BLOCK = 16
+"""Right-hand sides that PARDISO solves at once."""
+
+
+@dataclass(frozen=True)
+class SymmetricMatrix:
+    """A sparse symmetric matrix that is held once: its lower triangle, where possible in NGSolve's own memory.
+
+    lower: lower triangle with the diagonal, shape (n, n)
+    native: the same as an NGSolve matrix; None makes one when a factorisation needs it
+    """
+
+    lower: sp.csr_matrix
+    native: Any = field(default=None, repr=False)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.lower.shape
+
+    def __matmul__(self, columns: Array) -> Array:
+        """Product with a vector (n,) or with columns (n, k)."""
+        diagonal = self.lower.diagonal()
+        below = columns * (diagonal if columns.ndim == 1 else diagonal[:, None])
+        result: Array = self.lower @ columns + self.lower.T @ columns - below
+        return result
+
+    def to_scipy(self) -> sp.csr_matrix:
+        """The whole matrix, made anew at every call."""
+        return (self.lower + sp.tril(self.lower, -1).T).tocsr()
+
+
+def symmetric_matrix(matrix: Any) -> SymmetricMatrix:
+    """The lower triangle of a SciPy matrix, or of an NGSolve matrix with symmetric storage (shared, not copied)."""
+    if sp.issparse(matrix):
+        return SymmetricMatrix(sp.tril(matrix, format="csr"))
+    values, columns, row_starts = (np.asarray(part) for part in matrix.CSR())
+    shape = (matrix.height, matrix.width)
+    return SymmetricMatrix(sp.csr_matrix((values, columns, row_starts.astype(columns.dtype)), shape=shape), matrix)
 
 
 @dataclass(frozen=True)
 class Factorization:
     """A factorised matrix with some unknowns held at zero.
 
-    n: number of unknowns; seconds: time that the factorisation took [s]
+    n: number of unknowns; solver: name, of SOLVERS; seconds: time that the factorisation took [s]
     """
 
     n: int
+    solver: str
     seconds: float
-    _inverse: Any = field(repr=False)
-    _rhs: Any = field(repr=False)
-    _solution: Any = field(repr=False)
+    _block: int = field(repr=False)
+    _solve: Callable[[Array], Array] = field(repr=False)
 
     def solve(self, rhs: Array, *, advance: Advance = silent) -> Array:
         """Solve for one right-hand side, shape (n,), or for several, shape (n, k); zero rows where held.
 
-        advance: called once per column
+        advance: called with the number of columns done
         """
         columns = rhs.reshape(self.n, -1)
-        result = np.empty_like(columns, dtype=float, order="F")
+        result = np.empty(columns.shape, order="F")
         with threads():
-            for k in range(columns.shape[1]):
-                self._rhs.FV().NumPy()[:] = columns[:, k]
-                self._solution.data = self._inverse * self._rhs
-                result[:, k] = self._solution.FV().NumPy()
-                advance()
+            for start in range(0, columns.shape[1], self._block):
+                chosen = slice(start, start + self._block)
+                result[:, chosen] = self._solve(columns[:, chosen])
+                advance(result[:, chosen].shape[1])
         return result.reshape(rhs.shape)
 
 
-def factorize(matrix: sp.csr_matrix, *, held: NDArray[np.int64] | None = None) -> Factorization:
-    """Factorise a symmetric matrix by NGSolve's sparse Cholesky.
+def solver_name() -> str:
+    """The solver that factorisations use: NASSIM_SOLVER, else PARDISO where installed, else the sparse Cholesky."""
+    installed = importlib.util.find_spec("pypardiso") is not None
+    name = known("NASSIM_SOLVER", os.environ.get("NASSIM_SOLVER", SOLVERS[installed]), SOLVERS)
+    if name == "pardiso" and not installed:
+        raise ValueError('NASSIM_SOLVER is pardiso, which is not installed: pip install "nassim[fast]"')
+    return name
 
-    matrix: symmetric, positive definite once the unknowns `held` (indices) are held at zero
+
+def factorize(matrix: SymmetricMatrix, *, held: NDArray[np.int64] | None = None) -> Factorization:
+    """Factorise a symmetric matrix that is positive definite once the unknowns `held` (indices) are held at zero.
 
     Raises ValueError when a solve with the factor does not return its right-hand side, the sign of a
     matrix that is singular or indefinite.
@@ -57,15 +112,11 @@ def factorize(matrix: sp.csr_matrix, *, held: NDArray[np.int64] | None = None) -
     n = matrix.shape[0]
     free = np.ones(n, dtype=bool)
     free[[] if held is None else held] = False
+    name = solver_name()
     start = time.perf_counter()
-    # The factorisation reads the lower triangle only, so half the matrix need not be copied.
-    lower = sp.tril(matrix, format="coo")
     with threads():
-        native = la.SparseMatrixd.CreateFromCOO(lower.row, lower.col, lower.data, n, n)
-        del lower
-        inverse = native.Inverse(ngsolve.BitArray(free.tolist()), inverse="sparsecholesky")
-    vectors = native.CreateColVector(), native.CreateColVector()
-    factor = Factorization(n, time.perf_counter() - start, inverse, *vectors)
+        solve, block = (_pardiso(matrix, free), BLOCK) if name == "pardiso" else (_sparse_cholesky(matrix, free), 1)
+    factor = Factorization(n, name, time.perf_counter() - start, block, solve)
     probe = np.where(free, np.random.default_rng(0).standard_normal(n), 0.0)
     residual = np.where(free, matrix @ factor.solve(probe), 0.0) - probe
     if not np.linalg.norm(residual) < 1e-4 * np.linalg.norm(probe):
@@ -76,10 +127,59 @@ def factorize(matrix: sp.csr_matrix, *, held: NDArray[np.int64] | None = None) -
     return factor
 
 
+def _sparse_cholesky(matrix: SymmetricMatrix, free: NDArray[np.bool_]) -> Callable[[Array], Array]:
+    native = matrix.native
+    if native is None:
+        # The factorisation reads the lower triangle only.
+        lower = matrix.lower.tocoo()
+        native = la.SparseMatrixd.CreateFromCOO(lower.row, lower.col, lower.data, *matrix.shape)
+    inverse = native.Inverse(ngsolve.BitArray(free.tolist()), inverse="sparsecholesky")
+    rhs, solution = native.CreateColVector(), native.CreateColVector()
+
+    def solve(column: Array) -> Array:
+        rhs.FV().NumPy()[:] = column[:, 0]
+        solution.data = inverse * rhs
+        return solution.FV().NumPy()[:, None]
+
+    return solve
+
+
+def _pardiso(matrix: SymmetricMatrix, free: NDArray[np.bool_]) -> Callable[[Array], Array]:
+    upper = matrix.lower[free][:, free].T.tocsr()
+    upper.sort_indices()
+    # Imported here because it is optional and its MKL takes a second to load.
+    engine = importlib.import_module("pypardiso").PyPardisoSolver(mtype=2)
+    engine.factorize(upper)
+    engine.set_phase(33)
+
+    def solve(columns: Array) -> Array:
+        result = np.zeros(columns.shape)
+        # Its public solve would hash the whole matrix at every call.
+        result[free] = engine._call_pardiso(upper, np.asfortranarray(columns[free]))
+        return result
+
+    return solve
+
+
+_BLAS = ThreadpoolController().select(internal_api="openblas")
+_running = ContextVar("running", default=False)
+
+
 @contextmanager
 def threads() -> Iterator[None]:
-    """Run NGSolve on all processors that this process may use (environment variable NASSIM_THREADS: on so many)."""
+    """Run NGSolve on all processors that this process may use (environment variable NASSIM_THREADS: on so many).
+
+    NumPy's own threads pause meanwhile: they keep spinning after each product and would take the processors from the
+    solver, which halves its speed. May be nested; the outermost counts.
+    """
+    if _running.get():
+        yield
+        return
     available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     ngsolve.SetNumThreads(int(os.environ.get("NASSIM_THREADS", available)))
-    with ngsolve.TaskManager():
-        yield
+    token = _running.set(True)
+    try:
+        with _BLAS.limit(limits=1), ngsolve.TaskManager():
+            yield
+    finally:
+        _running.reset(token)

@@ -17,8 +17,10 @@ LAYERS = (
     ("checks", "progress", "storage"),
     ("materials", "piezo", "modal", "signals", "interface", "solver"),
     ("geometry", "frf"),
+    ("meshing",),
     ("fem",),
     ("condensation",),
+    ("modes",),
     ("reduction",),
     ("floating_frame", "fullmodel", "scene"),
     ("linear",),
@@ -31,11 +33,11 @@ IMPORTERS = {
     "exudyn": {"exudyn_system"},
     "h5py": {"storage"},
     "matplotlib": {"plotting"},
-    "netgen": {"geometry"},
+    "netgen": {"geometry", "meshing"},
     "ngsolve": {"fem", "solver"},
     "tqdm": {"progress"},
 }
-LIBRARIES = {*IMPORTERS, "numpy", "scipy", "mpl_toolkits", "pypardiso"}
+LIBRARIES = {*IMPORTERS, "numpy", "scipy", "mpl_toolkits", "psutil", "pypardiso", "threadpoolctl"}
 LONGEST = 400
 
 

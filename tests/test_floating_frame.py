@@ -9,7 +9,7 @@ from exudyn.FEM import ComputeSkewMatrix
 from nassim import FlexibleBody, Scene, build_fe_model, condense, craig_bampton
 from nassim.exudyn_system import build_system, solve_dynamic
 from nassim.floating_frame import floating_frame
-from nassim.reduction import fixed_interface_modes
+from nassim.modes import fixed_interface_modes
 
 
 def test_integrals_equal_exudyns_own_formulas():

@@ -1,0 +1,177 @@
+"""Meshes of parts by Netgen: tetrahedra anywhere, prisms where bodies are extruded along an axis."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import netgen.occ as occ
+import numpy as np
+
+from nassim.checks import known, positive
+from nassim.geometry import Solid, face_names
+
+AXES = {"x": occ.X, "y": occ.Y, "z": occ.Z}
+GHOST = "(empty)"
+SAME = 1e-9
+"""Relative difference of volumes and areas that counts as none."""
+GRADINGS = (0.7, 0.5, 0.3)
+"""Growth of the elements away from small features (Netgen's), in the order of trial."""
+UNLIMITED = 1e99
+LARGE = 100.0
+"""Beyond every part [m]."""
+
+
+def generate_mesh(
+    solid: Solid,
+    *,
+    element_size: float,
+    curvature: float = 0.5,
+    local_sizes: Mapping[str, float] | None = None,
+    extrude: str | None = None,
+    layer_thickness: float | None = None,
+) -> Any:
+    """Mesh a part by Netgen; returns the Netgen mesh, coordinates in metres.
+
+    element_size: largest edge length [m]; small features get smaller elements
+    curvature: elements per radius of curvature of curved edges and faces
+    local_sizes: largest edge length [m] on faces, by the faces' names
+    extrude: "x", "y" or "z" meshes those bodies that are extruded along this axis with prisms, and the others with
+        tetrahedra; None, all with tetrahedra
+    layer_thickness: largest height of the prisms [m] (default: element_size)
+
+    Raises ValueError for impossible sizes, when no body is extruded along the axis, and when Netgen fails.
+    """
+    size = positive("element_size", element_size, "m")
+    extent = np.array([tuple(corner) for corner in solid.shape.bounding_box])
+    if size < 1e-3 * np.ptp(extent, axis=0).max():
+        raise ValueError(
+            f"element_size {size:g} m is below a thousandth of the part {solid.name!r}; that mesh would not fit in "
+            "memory: take a larger size and a higher order"
+        )
+    shape = solid.shape
+    if extrude is not None:
+        thickness = size if layer_thickness is None else positive("layer_thickness", layer_thickness, "m")
+        shape = cut_in_layers(solid, axis=known("extrude", extrude, AXES), thickness=thickness)
+    _set_face_sizes(shape, local_sizes or {})
+    try:
+        return _run_netgen(shape, size, positive("curvature", curvature))
+    except Exception as error:
+        raise ValueError(
+            f"Netgen cannot mesh part {solid.name!r} with element_size {size:g} m ({error}); try another size, "
+            "fewer elements per radius of curvature, or no prisms"
+        ) from error
+    finally:
+        _set_face_sizes(shape, dict.fromkeys(local_sizes or {}, UNLIMITED))
+
+
+def _run_netgen(shape: Any, size: float, curvature: float) -> Any:
+    """Netgen at times fails to fill a body between the pyramids on prisms; another grading then mostly helps."""
+    for grading in GRADINGS:
+        try:
+            # Netgen's defaults resolve a 0.3 mm fillet with 30 times more elements than curved ones of order 3 need.
+            return occ.OCCGeometry(shape).GenerateMesh(
+                maxh=size,
+                grading=grading,
+                curvaturesafety=curvature,
+                segmentsperedge=0.2,
+                closeedgefac=None,
+                minedgelen=1e-3 * size,
+            )
+        except Exception:
+            if grading == GRADINGS[-1]:
+                raise
+
+
+def _set_face_sizes(shape: Any, sizes: Mapping[str, float]) -> None:
+    """Netgen reads the sizes from the shape, which keeps them."""
+    for name, size in sizes.items():
+        known("face", name, face_names(shape))
+        positive(f"size on face {name!r}", size, "m")
+        for face in shape.faces:
+            if face.name == name:
+                face.maxh = size
+
+
+def cut_in_layers(solid: Solid, *, axis: str, thickness: float) -> Any:
+    """The part's shape with its extruded bodies cut in layers whose two faces Netgen meshes alike, with prisms between.
+
+    axis: "x", "y" or "z"; thickness: of a layer at most [m]. Raises ValueError when no body is extruded along the axis.
+
+    Every layer carries the outlines of all extruded bodies, so that one mesh of the section fits them all.
+    """
+    k = "xyz".index(axis)
+    bodies = list(solid.shape.solids)
+    prisms = [body for body in bodies if _is_prism(body, k)]
+    if not prisms:
+        raise ValueError(f"no body of part {solid.name!r} is extruded along {axis}: mesh it with tetrahedra")
+    others = [body for body in bodies if not _is_prism(body, k)]
+    cells = [cell for low, high in _levels(prisms, k, thickness) for cell in _layer(prisms, others, k, low, high)]
+    whole = occ.Glue([*cells, *others])
+    kept = [body for body in whole.solids if body.name != GHOST]
+    shape = occ.Compound(kept)
+    for body in shape.solids:
+        if _is_prism(body, k):
+            low, high = body.faces.Min(AXES[axis]), body.faces.Max(AXES[axis])
+            step = occ.Vec(*(np.eye(3)[k] * (high.center[k] - low.center[k])))
+            # Also numbers the pairs: Netgen tells identifications apart by name.
+            label = f"layer {tuple(low.center)}"
+            low.Identify(high, label, occ.IdentificationType.CLOSESURFACES, occ.gp_Trsf.Translation(step))
+    return shape
+
+
+def _ends(body: Any, k: int) -> tuple[list[Any], list[Any]]:
+    """Faces in the two planes that bound a body along axis k."""
+    centres = [face.center[k] for face in body.faces]
+    low, high = min(centres), max(centres)
+    near = 1e-6 * (high - low)
+    faces = list(zip(body.faces, centres, strict=True))
+    return [f for f, c in faces if c < low + near], [f for f, c in faces if c > high - near]
+
+
+def _is_prism(body: Any, k: int) -> bool:
+    """Whether both ends have the area that, times the length, is the volume."""
+    low, high = _ends(body, k)
+    length = high[0].center[k] - low[0].center[k]
+    areas = [sum(face.mass for face in end) for end in (low, high)]
+    return all(abs(area * length - body.mass) < SAME * body.mass for area in areas)
+
+
+def _levels(prisms: Sequence[Any], k: int, thickness: float) -> list[tuple[float, float]]:
+    """Lower and upper end of each layer."""
+    ends = sorted({round(face.center[k], 12) for body in prisms for end in _ends(body, k) for face in end})
+    levels: list[float] = [ends[0]]
+    for low, high in zip(ends, ends[1:], strict=False):
+        n = int(np.ceil((high - low) / thickness - 1e-6))
+        levels.extend(np.linspace(low, high, n + 1)[1:])
+    return list(zip(levels, levels[1:], strict=False))
+
+
+def _layer(prisms: Sequence[Any], others: Sequence[Any], k: int, low: float, high: float) -> list[Any]:
+    """The prisms' parts in one layer, cut by the outlines of those prisms that lie in other layers."""
+    middle = 0.5 * (low + high)
+    present, absent = [], []
+    for body in prisms:
+        faces, ends = _ends(body, k)
+        inside = faces[0].center[k] < middle < ends[0].center[k]
+        (present if inside else absent).append(body)
+    corners = np.array([np.full(3, -LARGE), np.full(3, LARGE)])
+    corners[:, k] = low, high
+    slab = occ.Box(*(occ.Pnt(*corner) for corner in corners))
+    real = [cell for body in present for cell in _named(body * slab, body.name)]
+    cells = list(real)
+    for body in absent:
+        for face in _ends(body, k)[0]:
+            step = np.eye(3)[k]
+            outline = face.Move(occ.Vec(*(step * (low - face.center[k])))).Extrude(occ.Vec(*(step * (high - low))))
+            cells.extend(part for cell in real for part in _named(outline * cell, cell.name))
+            for solid in [*real, *others]:
+                outline = outline - solid
+            cells.extend(_named(outline, GHOST))
+    return cells
+
+
+def _named(shape: Any, name: str) -> list[Any]:
+    """The bodies of a shape, all with one name."""
+    bodies = list(shape.solids)
+    for body in bodies:
+        body.name = name
+    return bodies

@@ -1,0 +1,120 @@
+"""Fixed-interface modes of a condensed FE model, and the vectors that stand for all modes left out.
+
+Written in all fixed-interface modes phi_j with squared frequencies lambda_j, the remote points see a body through
+
+    D(omega) = K_cc - omega^2 M_cc - omega^4 sum_j m_j m_j^T / (lambda_j - omega^2),   m_j = Psi^T M phi_j
+
+so a reduction that keeps p modes lacks the rest of the sum. The solutions X = K^-1 M Psi with the remote points at
+rest, one solve each, span a space whose Galerkin projection reproduces the whole sum and its first derivative with
+respect to omega^2 at zero. With the modes projected out, its Ritz vectors behave as the left-out modes do together.
+Source: R. R. Craig, C. J. Chang, On the use of attachment modes in substructure coupling, AIAA paper 77-405 (1977);
+Z.-Q. Qu, Model Order Reduction Techniques (2004), ch. 6, on moments.
+"""
+
+import numpy as np
+from scipy.sparse.linalg import LinearOperator, eigsh
+
+from nassim.checks import Array
+from nassim.condensation import Condensation
+from nassim.fem import FEModel
+from nassim.modal import eigenmodes
+from nassim.progress import Advance, silent
+from nassim.solver import threads
+
+LANCZOS_TOLERANCE = 1e-6
+"""Relative residual of a mode; its frequency's error is of the residual's square."""
+DEPENDENT = 1e-10
+"""Directions of left-out vectors with less than this share of their mass are rounding."""
+
+
+def check_n_modes(n_modes: int, n_dofs: int) -> None:
+    """Raise ValueError when a model with n_dofs unknowns cannot give so many modes."""
+    if int(n_modes) != n_modes or not 0 <= n_modes < n_dofs // 2:
+        raise ValueError(f"n_modes must be a whole number from 0 to {n_dofs // 2 - 1} for this model, got {n_modes!r}")
+
+
+def fixed_interface_modes(condensed: Condensation, *, n_modes: int, advance: Advance = silent) -> tuple[Array, Array]:
+    """The lowest modes with all remote points held: frequencies (p,) [Hz], shapes (n_dofs, p) of unit modal mass.
+
+    Shift-invert Lanczos around the factorisation at hand. advance: called once per solve.
+    """
+    n = condensed.fe_model.n_dofs
+    check_n_modes(n_modes, n)
+    if n_modes == 0:
+        return np.zeros(0), np.zeros((n, 0))
+    mass = mass_operator(condensed.fe_model)
+
+    def solve(load: Array) -> Array:
+        advance()
+        return condensed.solve_fixed(np.ravel(load))
+
+    inverse = LinearOperator((n, n), matvec=solve, dtype=float)
+    with threads():
+        start = condensed.solve_fixed(mass @ np.random.default_rng(0).standard_normal(n))
+        eigenvalues, modes = eigsh(mass, k=n_modes, M=mass, sigma=0.0, OPinv=inverse, v0=start, tol=LANCZOS_TOLERANCE)
+    order = np.argsort(eigenvalues)
+    return np.sqrt(eigenvalues[order]) / (2 * np.pi), modes[:, order]
+
+
+def modes_below(condensed: Condensation, cutoff_frequency: float, *, advance: Advance = silent) -> tuple[Array, Array]:
+    """As `fixed_interface_modes`: all modes below a frequency [Hz], and at least one above it."""
+    count = 8
+    while True:
+        frequency, modes = fixed_interface_modes(condensed, n_modes=count, advance=advance)
+        if frequency[-1] > cutoff_frequency:
+            return frequency, modes
+        count *= 2
+
+
+def left_out_vectors(
+    condensed: Condensation, frequency: Array, modes: Array, *, advance: Advance = silent
+) -> tuple[Array, Array]:
+    """Ritz vectors that stand for the modes not among the given ones: frequencies (k,) [Hz], shapes (n_dofs, k).
+
+    frequency (p,) [Hz], modes (n_dofs, p): the lowest fixed-interface modes. The k vectors are at rest at the remote
+    points, of unit modal mass and orthogonal to the modes. advance: called once per solve.
+    """
+    mass = mass_operator(condensed.fe_model)
+    with threads():
+        inertia = mass @ condensed.constraint_modes
+        participation = modes.T @ inertia
+        directions = _slowest_motions(condensed, frequency, inertia, participation)
+        inertia, participation = inertia @ directions, participation @ directions
+        vectors = condensed.solve_fixed(inertia, advance=advance)
+        # Since K X = M Psi in the space of motions at rest at the remote points, K itself is not needed.
+        inverse = 1.0 / (2 * np.pi * frequency[:, None]) ** 2
+        stiffness = vectors.T @ inertia - participation.T @ (inverse * participation)
+        vectors -= modes @ (inverse * participation)
+        gram = vectors.T @ (mass @ vectors)
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
+        weight, combinations = np.linalg.eigh(scale[:, None] * (0.5 * (gram + gram.T)) * scale)
+        combinations = scale[:, None] * combinations[:, weight > DEPENDENT * weight[-1]]
+        ritz, shapes = eigenmodes(combinations.T @ stiffness @ combinations, combinations.T @ gram @ combinations)
+        return ritz, vectors @ (combinations @ shapes)
+
+
+def _slowest_motions(condensed: Condensation, frequency: Array, inertia: Array, participation: Array) -> Array:
+    """Motions of the remote points (6 r, k) in the free reduced body's eigenmodes within reach of the kept modes.
+
+    Motions that only faster modes contain hardly excite what was left out; at least half of all are taken.
+    """
+    n, p = len(condensed.stiffness), len(frequency)
+    mass = np.block([[condensed.constraint_modes.T @ inertia, participation.T], [participation, np.eye(p)]])
+    stiffness = np.zeros((n + p, n + p))
+    stiffness[:n, :n] = condensed.stiffness
+    stiffness[n:, n:] = np.diag((2 * np.pi * frequency) ** 2)
+    free, shapes = eigenmodes(stiffness, 0.5 * (mass + mass.T))
+    within = np.count_nonzero(free < frequency[-1]) if p else n
+    return shapes[:n, : min(n, max(int(within), n // 2 + 3))]
+
+
+def mass_operator(fe_model: FEModel) -> LinearOperator:
+    """The mass matrix as an operator (n_dofs, n_dofs), from its one scalar block."""
+    block = fe_model.scalar_mass_matrix
+    n = block.shape[0]
+
+    def multiply(u: Array) -> Array:
+        components = np.reshape(u, (3, n, -1))
+        return np.concatenate([block @ component for component in components]).reshape(u.shape)
+
+    return LinearOperator((3 * n, 3 * n), matvec=multiply, matmat=multiply, dtype=float)
