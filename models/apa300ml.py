@@ -158,6 +158,7 @@ def reduced_apa300ml(
             "nassim.solver",
             "nassim.condensation",
             "nassim.modes",
+            "nassim.body",
             "nassim.reduction",
             "nassim.storage",
         ),

@@ -1,5 +1,6 @@
 """nassim: multibody simulation with reduced-order flexible bodies."""
 
+from nassim.body import ReducedBody
 from nassim.condensation import Condensation, condense
 from nassim.fem import FEModel, build_fe_model
 from nassim.frf import FRF, estimate_frf
@@ -7,7 +8,7 @@ from nassim.geometry import NearestTo, OnPlane, RemotePoint, Solid, read_solid
 from nassim.linear import LinearModel, frequency_response, linearize
 from nassim.materials import Material
 from nassim.piezo import PiezoStack
-from nassim.reduction import ReducedBody, craig_bampton
+from nassim.reduction import craig_bampton
 from nassim.scene import Encoder, FlexibleBody, Joint, RigidBody, Scene, StackActuator, StackSensor
 from nassim.signals import TimeHistory
 from nassim.simulation import simulate, static_response

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nassim.body import ReducedBody
 from nassim.checks import Array, known
 from nassim.interface import rigid_transfer, skew
-from nassim.reduction import ReducedBody
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """Meshes of parts by Netgen: tetrahedra anywhere, prisms where bodies are extruded along an axis."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -47,13 +48,14 @@ def generate_mesh(
             f"element_size {size:g} m is below a thousandth of the part {solid.name!r}; that mesh would not fit in "
             "memory: take a larger size and a higher order"
         )
+    positive("curvature", curvature)
     shape = solid.shape
     if extrude is not None:
         thickness = size if layer_thickness is None else positive("layer_thickness", layer_thickness, "m")
         shape = cut_in_layers(solid, axis=known("extrude", extrude, AXES), thickness=thickness)
     _set_face_sizes(shape, local_sizes or {})
     try:
-        return _run_netgen(shape, size, positive("curvature", curvature))
+        return _run_netgen(shape, size, curvature)
     except Exception as error:
         raise ValueError(
             f"Netgen cannot mesh part {solid.name!r} with element_size {size:g} m ({error}); try another size, "
@@ -139,16 +141,17 @@ def _levels(prisms: Sequence[Any], k: int, thickness: float) -> list[tuple[float
     """Lower and upper end of each layer."""
     ends = sorted({round(face.center[k], 12) for body in prisms for end in _ends(body, k) for face in end})
     levels: list[float] = [ends[0]]
-    for low, high in zip(ends, ends[1:], strict=False):
+    for low, high in itertools.pairwise(ends):
         n = int(np.ceil((high - low) / thickness - 1e-6))
         levels.extend(np.linspace(low, high, n + 1)[1:])
-    return list(zip(levels, levels[1:], strict=False))
+    return list(itertools.pairwise(levels))
 
 
 def _layer(prisms: Sequence[Any], others: Sequence[Any], k: int, low: float, high: float) -> list[Any]:
     """The prisms' parts in one layer, cut by the outlines of those prisms that lie in other layers."""
     middle = 0.5 * (low + high)
-    present, absent = [], []
+    present: list[Any] = []
+    absent: list[Any] = []
     for body in prisms:
         faces, ends = _ends(body, k)
         inside = faces[0].center[k] < middle < ends[0].center[k]

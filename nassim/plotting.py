@@ -12,9 +12,9 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MultipleLocator
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
+from nassim.body import ReducedBody
 from nassim.checks import Array, known
 from nassim.frf import FRF
-from nassim.reduction import ReducedBody
 from nassim.signals import TimeHistory
 
 COLORS = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf", "#8c564b", "#e377c2")

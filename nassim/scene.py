@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
+from nassim.body import ReducedBody
 from nassim.checks import (
     Array,
     finite,
@@ -18,7 +19,6 @@ from nassim.checks import (
     unique,
 )
 from nassim.interface import DIRECTIONS
-from nassim.reduction import ReducedBody
 
 FIDELITIES = ("ffrf",)
 TOUCH_TOLERANCE = 1e-9

@@ -8,7 +8,7 @@ import importlib
 import importlib.util
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -25,6 +25,7 @@ from nassim.checks import Array, known
 from nassim.progress import Advance, silent
 
 SOLVERS = ("sparsecholesky", "pardiso")
+ELEMENTS_PER_LEAF = 24
 BLOCK = 16
 """Right-hand sides that PARDISO solves at once."""
 
@@ -159,6 +160,46 @@ def _pardiso(matrix: SymmetricMatrix, free: NDArray[np.bool_]) -> Callable[[Arra
         return result
 
     return solve
+
+
+def factor_memory(centres: Array, unknowns: Sequence[NDArray[np.int64]], components: int = 3) -> float:
+    """Memory [bytes] that a factorisation will take at most, from the mesh alone and before it begins.
+
+    centres: of the elements, shape (n_elements, 3); unknowns: scalar unknowns of each element
+    components: unknowns per scalar unknown
+
+    The elements are halved again and again at the median of their longest extent; the unknowns between two halves form
+    dense fronts, whose entries are counted. The solvers' own orderings need 30 to 70 % of that (measured on compact
+    and on thin parts).
+    """
+    depth = max(0, int(np.ceil(np.log2(len(centres) / ELEMENTS_PER_LEAF))))
+    leaf = np.zeros(len(centres), dtype=np.int64)
+    parts = [np.arange(len(centres))]
+    for _ in range(depth):
+        halves = []
+        for part in parts:
+            axis = np.argmax(np.ptp(centres[part], axis=0))
+            order = part[np.argsort(centres[part, axis], kind="stable")]
+            halves += [order[: len(order) // 2], order[len(order) // 2 :]]
+            leaf[part] *= 2
+            leaf[halves[-1]] += 1
+        parts = halves
+    element = np.repeat(np.arange(len(centres)), [len(dofs) for dofs in unknowns])
+    dof = np.concatenate(unknowns)
+    first, last = np.full(dof.max() + 1, np.iinfo(np.int64).max), np.zeros(dof.max() + 1, dtype=np.int64)
+    np.minimum.at(first, dof, leaf[element])
+    np.maximum.at(last, dof, leaf[element])
+    # Two leaves part at the highest binary digit in which their numbers differ.
+    differing = np.where(first < last, first ^ last, 0)
+    level = depth - np.ceil(np.log2(differing + 1.0)).astype(np.int64)
+    entries = 0.0
+    for k in range(depth + 1):
+        own = np.bincount(first[level == k] >> (depth - k), minlength=2**k)
+        above = level[dof] < k
+        border = np.unique((leaf[element[above]] >> (depth - k)) * len(first) + dof[above]) // len(first)
+        own, shared = components * own, components * np.bincount(border, minlength=2**k)
+        entries += float(np.sum(0.5 * own * own + own * shared))
+    return 8.0 * entries
 
 
 _BLAS = ThreadpoolController().select(internal_api="openblas")

@@ -19,7 +19,7 @@ LAYERS = (
     ("geometry", "frf"),
     ("meshing",),
     ("fem",),
-    ("condensation",),
+    ("condensation", "body"),
     ("modes",),
     ("reduction",),
     ("floating_frame", "fullmodel", "scene"),

@@ -7,7 +7,7 @@ import pytest
 from netgen import occ
 
 from nassim import Material, NearestTo, OnPlane, RemotePoint, Solid, read_solid
-from nassim.geometry import body_names, face_names, generate_mesh, name_faces, shape_bytes
+from nassim.geometry import body_names, face_names, name_faces, shape_bytes
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
 ALU = Material("aluminium", 70e9, 0.33, 2700.0)
