@@ -23,7 +23,8 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from nassim.checks import Array, unique
-from nassim.fem import Coupling, FEModel
+from nassim.fem import Coupling, FEModel, rigid_motions
+from nassim.interface import rigid_transfer
 from nassim.progress import Advance, silent, stage
 from nassim.solver import Factorization, factorize, solver_name, threads
 
@@ -102,12 +103,14 @@ def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, p
         grounded = _ground(fe_model, held)
     averages = sp.vstack([_average_rows(c, fe_model.n_dofs) for c in couplings], format="csr")
     soft_averages = averages[~stiff]
-    with stage("static modes", total=len(stiff), unit="solves", enabled=progress) as advance, threads():
+    n_solves = len(stiff) - 6 if stiff.any() else len(stiff)
+    with stage("static modes", total=n_solves, unit="solves", enabled=progress) as advance, threads():
         lift = np.zeros((fe_model.n_dofs, len(stiff)))
         if stiff.any():
-            reaction = fe_model.stiffness @ prescribed
+            reaction = fe_model.stiffness @ prescribed[:, 6:]
             reaction[held] = 0.0
-            lift[:, stiff] = prescribed - grounded.solve(reaction, advance=advance)
+            others = prescribed[:, 6:] - grounded.solve(reaction, advance=advance)
+            lift[:, stiff] = np.hstack([_motions_of_first(fe_model, couplings, others), others])
         flexibility = grounded.solve(soft_averages.T.toarray(), advance=advance)
     border = _border_inverse(soft_averages @ flexibility, soft_averages @ grounded.motions)
     # Motions that the rbe3 points still lack once the rbe2 points have moved, and the forces that bring them there.
@@ -158,6 +161,15 @@ def _prescribed_motions(fe_model: FEModel, couplings: Sequence[Coupling]) -> tup
         prescribed[expanded_dofs(coupling, fe_model.n_dofs), 6 * i : 6 * i + 6] = coupling.motions
     scalar = np.array(sorted(owner), dtype=np.int64)
     return np.concatenate([scalar + k * (fe_model.n_dofs // 3) for k in range(3)]), prescribed
+
+
+def _motions_of_first(fe_model: FEModel, couplings: Sequence[Coupling], others: Array) -> Array:
+    """Displacements for unit motions of the first rbe2 point: what the others' lack to the body's rigid motions."""
+    positions = [c.point.position for c in couplings if c.point.coupling == "rbe2"]
+    result = rigid_motions(fe_model.fields, positions[0])
+    for i, position in enumerate(positions[1:]):
+        result = result - others[:, 6 * i : 6 * i + 6] @ rigid_transfer(position - positions[0])
+    return result
 
 
 def _ground(fe_model: FEModel, held: NDArray[np.int64]) -> _Grounded:

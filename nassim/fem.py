@@ -212,8 +212,8 @@ def build_fe_model(
         _check_memory(mesh, solid, order, element_size)
     if order == 1:
         _warn_of_thin_walls(mesh, solid)
-    with stage("assemble", enabled=progress), threads():
-        model = _assemble(mesh, solid, order)
+    with stage("assemble", enabled=progress):
+        model = assemble_mesh(mesh, solid, order)
     if progress:
         print(f"  {model.description}")
     return model
@@ -253,24 +253,29 @@ def _warn_of_thin_walls(mesh: Any, solid: Solid) -> None:
         )
 
 
-def _assemble(mesh: Any, solid: Solid, order: int) -> FEModel:
-    scalar = ng.H1(mesh, order=order)
-    mass = _scalar_mass(mesh, solid, scalar)
-    pieces, _ = sp.csgraph.connected_components(mass, directed=False)
-    if pieces > 1:
-        raise ValueError(
-            f"part {solid.name!r} falls into {pieces} pieces that do not touch; join the bodies in the CAD"
+def assemble_mesh(mesh: Any, solid: Solid, order: int) -> FEModel:
+    """The FE model of a part on an NGSolve mesh that is curved with the elements' order at most.
+
+    Raises ValueError when the part falls into pieces.
+    """
+    with threads():
+        scalar = ng.H1(mesh, order=order)
+        mass = _scalar_mass(mesh, solid, scalar)
+        pieces, _ = sp.csgraph.connected_components(mass, directed=False)
+        if pieces > 1:
+            raise ValueError(
+                f"part {solid.name!r} falls into {pieces} pieces that do not touch; join the bodies in the CAD"
+            )
+        fields = _position_fields(scalar)
+        stiffness = _stiffness(mesh, solid, order)
+        couplings = tuple(_couple(mesh, scalar, fields, point) for point in solid.remote_points)
+        surface, evaluation = _surface(mesh, scalar, fields, solid)
+        kinds = Counter(ELEMENTS[element.type] for element in mesh.Elements(ng.VOL))
+        counts = " + ".join(f"{count} {kind}" for kind, count in kinds.items())
+        description = f"{counts} of order {order}, {mesh.nv} vertices, {3 * scalar.ndof} degrees of freedom"
+        return FEModel(
+            solid.name, stiffness, mass, fields, couplings, surface, evaluation, description, order, (mesh, solid)
         )
-    fields = _position_fields(scalar)
-    stiffness = _stiffness(mesh, solid, order)
-    couplings = tuple(_couple(mesh, scalar, fields, point) for point in solid.remote_points)
-    surface, evaluation = _surface(mesh, scalar, fields, solid)
-    kinds = Counter(ELEMENTS[element.type] for element in mesh.Elements(ng.VOL))
-    counts = " + ".join(f"{count} {kind}" for kind, count in kinds.items())
-    description = f"{counts} of order {order}, {mesh.nv} vertices, {3 * scalar.ndof} degrees of freedom"
-    return FEModel(
-        solid.name, stiffness, mass, fields, couplings, surface, evaluation, description, order, (mesh, solid)
-    )
 
 
 def lower_order(fe_model: FEModel) -> FEModel:
@@ -282,8 +287,7 @@ def lower_order(fe_model: FEModel) -> FEModel:
         raise ValueError(f"FE model {fe_model.name!r} has no lower order: it has order 1 or was made by hand")
     mesh, solid = fe_model._source
     mesh.Curve(fe_model.order - 1)
-    with threads():
-        return _assemble(mesh, solid, fe_model.order - 1)
+    return assemble_mesh(mesh, solid, fe_model.order - 1)
 
 
 def _stiffness(mesh: Any, solid: Solid, order: int) -> SymmetricMatrix:

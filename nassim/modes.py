@@ -51,7 +51,11 @@ def fixed_interface_modes(condensed: Condensation, *, n_modes: int, advance: Adv
     inverse = LinearOperator((n, n), matvec=solve, dtype=float)
     with threads():
         start = condensed.solve_fixed(mass @ np.random.default_rng(0).standard_normal(n))
-        eigenvalues, modes = eigsh(mass, k=n_modes, M=mass, sigma=0.0, OPinv=inverse, v0=start, tol=LANCZOS_TOLERANCE)
+        # A basis this large mostly needs no restart.
+        basis = min(n, max(20, 2 * n_modes + 8))
+        eigenvalues, modes = eigsh(
+            mass, k=n_modes, M=mass, sigma=0.0, OPinv=inverse, v0=start, ncv=basis, tol=LANCZOS_TOLERANCE
+        )
     order = np.argsort(eigenvalues)
     return np.sqrt(eigenvalues[order]) / (2 * np.pi), modes[:, order]
 

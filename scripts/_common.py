@@ -1,11 +1,15 @@
 """What every script shares: its arguments and where its results go."""
 
 import argparse
+import importlib
 import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 
 from nassim import FRF
 from nassim.plotting import plot_frf, plot_frf_error, plt
@@ -67,3 +71,27 @@ def pole_and_zero(frf: FRF) -> tuple[float, float]:
     band = frf.band(10, 300)
     magnitude = np.abs(band.response("sensor_voltage", "actuator_voltage"))
     return float(band.frequency[np.argmax(magnitude)]), float(band.frequency[np.argmin(magnitude)])
+
+
+def peak_memory() -> float:
+    """Largest memory that this process has used so far [bytes]."""
+    info = psutil.Process().memory_info()
+    if hasattr(info, "peak_wset"):  # Windows
+        return float(info.peak_wset)
+    resource = importlib.import_module("resource")
+    unit = 1 if sys.platform == "darwin" else 1024
+    return float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit)
+
+
+def run_in_own_process(script: str, *arguments: object) -> dict[str, Any]:
+    """Run a script with arguments and return the JSON object in the last line that it prints.
+
+    Raises RuntimeError with what it printed when it fails.
+    """
+    command = [sys.executable, script, *map(str, arguments)]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    lines = run.stdout.strip().splitlines()
+    if run.returncode or not lines:
+        raise RuntimeError(f"{' '.join(command)} failed ({run.returncode}):\n{run.stdout}{run.stderr}")
+    result: dict[str, Any] = json.loads(lines[-1])
+    return result
