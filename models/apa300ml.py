@@ -7,7 +7,9 @@ here a slot with a round end runs on beside the stack's end; its depth `relief` 
 
 import itertools
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import netgen.occ as occ
@@ -32,12 +34,13 @@ STACK = PiezoStack(
     area=100e-6,
 )
 
-MESH: dict[str, Any] = {
+PRISMS: dict[str, Any] = {
     "extrude": "y",
     "layer_thickness": 5e-3,
     "local_sizes": {"arm_roots": 0.2e-3, "pad_fillets": 0.3e-3},
 }
-"""How `build_fe_model` meshes the actuator best: prisms, and small ones where the arms bend most."""
+"""Arguments of `build_fe_model` for prisms, small ones where the arms bend most: with 3 mm and order 3 five times
+closer to the converged frequencies than tetrahedra of 5 mm, in about twice their time."""
 
 VENDOR_STIFFNESS = 1.79e6
 """Axial stiffness of the whole actuator [N/m], data sheet."""
@@ -132,15 +135,17 @@ def make_apa300ml(
 def reduced_apa300ml(
     geometry: APAGeometry | None = None,
     *,
-    element_size: float = 3e-3,
+    element_size: float = 5e-3,
     order: int = 3,
     n_modes: int = 6,
     coupling: str = "rbe3",
+    mesh: Mapping[str, Any] = MappingProxyType({}),
     progress: bool = True,
 ) -> ReducedBody:
     """The APA300ML reduced by Craig-Bampton: 5 x 6 + 6 = 36 coordinates.
 
-    element_size [m], order: of the finite elements, which are those of `MESH`; n_modes: fixed-interface modes
+    element_size [m], order: of the finite elements; n_modes: fixed-interface modes
+    mesh: further arguments of `build_fe_model`, such as `PRISMS`
 
     Loaded from the cache when it was made before from the same geometry, materials, mesh and code.
     """
@@ -150,7 +155,7 @@ def reduced_apa300ml(
         solid.materials,
         solid.remote_points,
         (element_size, order, n_modes),
-        MESH,
+        dict(mesh),
         source_fingerprint(
             "nassim.geometry",
             "nassim.meshing",
@@ -165,7 +170,7 @@ def reduced_apa300ml(
     )
 
     def build() -> ReducedBody:
-        fe_model = build_fe_model(solid, element_size=element_size, order=order, progress=progress, **MESH)
+        fe_model = build_fe_model(solid, element_size=element_size, order=order, progress=progress, **mesh)
         return craig_bampton(fe_model, n_modes=n_modes, progress=progress)
 
     return cached(solid.name, key, build, progress=progress)

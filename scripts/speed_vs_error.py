@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from _common import parser, peak_memory, run_in_own_process, write_summary
 
-from models.apa300ml import MESH, make_apa300ml
+from models.apa300ml import PRISMS as PRISM_MESH
+from models.apa300ml import make_apa300ml
 from nassim import ReducedBody, build_fe_model, condense, craig_bampton
 from nassim.plotting import plot_pareto, save_figure
 
@@ -103,7 +104,7 @@ def measure(variant: Variant) -> dict[str, Any]:
     kind, order, size, coupling = variant
     start = time.perf_counter()
     solid = make_apa300ml(coupling=coupling)
-    mesh = MESH if kind == PRISMS else {}
+    mesh = PRISM_MESH if kind == PRISMS else {}
     fe_model = build_fe_model(solid, element_size=1e-3 * size, order=order, **mesh)
     body = craig_bampton(fe_model)
     cost = {"time_s": time.perf_counter() - start, "memory_B": peak_memory()}
@@ -116,7 +117,7 @@ def measure(variant: Variant) -> dict[str, Any]:
 
 def compare_modes(row: dict[str, Any]) -> list[dict[str, Any]]:
     """Truncation errors by number of modes on the mesh of a reference: as each body estimates them, and true."""
-    mesh = MESH if row["kind"] == PRISMS else {}
+    mesh = PRISM_MESH if row["kind"] == PRISMS else {}
     solid = make_apa300ml(coupling=row["coupling"])
     model = build_fe_model(solid, element_size=1e-3 * row["size_mm"], order=row["order"], progress=False, **mesh)
     condensed = condense(model, progress=False)

@@ -8,6 +8,7 @@ from netgen import occ
 
 from nassim import Material, NearestTo, OnPlane, RemotePoint, Solid, read_solid
 from nassim.geometry import body_names, face_names, name_faces, shape_bytes
+from nassim.meshing import generate_mesh
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
 ALU = Material("aluminium", 70e9, 0.33, 2700.0)

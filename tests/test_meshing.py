@@ -1,0 +1,160 @@
+"""Meshes: prisms on extruded bodies, sizes on faces, convergence rates, refused input."""
+
+import netgen.occ as occ
+import ngsolve as ng
+import numpy as np
+import pytest
+from conftest import STEEL, make_bar
+
+from models.apa300ml import PRISMS, make_apa300ml
+from nassim import Material, RemotePoint, Solid, build_fe_model, condense, fem
+from nassim.fullmodel import full_eigenfrequencies
+from nassim.meshing import generate_mesh
+
+
+def make_post():
+    """A narrow post on a wide foot: two bodies extruded along y over different lengths."""
+    foot, post = occ.Box((0, 0, 0), (0.02, 0.005, 0.02)), occ.Box((0.005, 0.005, 0.005), (0.01, 0.02, 0.012))
+    foot.name, post.name = "foot", "post"
+    foot.faces.Min(occ.Y).name, post.faces.Max(occ.Y).name, foot.faces.Max(occ.X).name = "ground", "tip", "side"
+    points = tuple(RemotePoint(name, name, np.zeros(3)) for name in ("ground", "tip", "side"))
+    return Solid("post", occ.Glue([foot, post]), {"foot": STEEL, "post": STEEL}, points)
+
+
+def kinds(mesh):
+    return {element.type for element in ng.Mesh(mesh).Elements(ng.VOL)}
+
+
+def area(mesh, name):
+    return ng.Integrate(1, mesh, definedon=mesh.Boundaries(name))
+
+
+def test_extruded_bodies_get_prisms_only():
+    mesh = ng.Mesh(generate_mesh(make_post(), element_size=5e-3, extrude="y"))
+    assert {element.type for element in mesh.Elements(ng.VOL)} == {ng.ET.PRISM}
+    assert ng.Integrate(1, mesh) == pytest.approx(0.02**2 * 0.005 + 0.005 * 0.007 * 0.015, rel=1e-12)
+    assert set(mesh.GetMaterials()) == {"foot", "post"}
+
+
+def test_cutting_in_layers_keeps_the_faces():
+    mesh = ng.Mesh(generate_mesh(make_post(), element_size=5e-3, extrude="y", layer_thickness=2e-3))
+    assert area(mesh, "ground") == pytest.approx(0.02**2, rel=1e-12)
+    assert area(mesh, "tip") == pytest.approx(0.005 * 0.007, rel=1e-12)
+    assert area(mesh, "side") == pytest.approx(0.005 * 0.02, rel=1e-12)
+
+
+def test_layers_are_thin_enough():
+    mesh = ng.Mesh(generate_mesh(make_bar(), element_size=0.02, extrude="x", layer_thickness=0.004))
+    x = {round(vertex.point[0], 9) for vertex in mesh.vertices}
+    assert np.diff(sorted(x)).max() <= 0.004 + 1e-9
+
+
+def test_prisms_and_tetrahedra_agree():
+    found = []
+    for extrude in (None, "x"):
+        model = build_fe_model(make_bar(), element_size=0.01, order=3, extrude=extrude, progress=False)
+        found.append(full_eigenfrequencies(condense(model, progress=False), fixed=["left"], n=6, progress=False))
+    # The fifth is torsion, for which these meshes are coarse.
+    assert np.allclose(found[0][:4], found[1][:4], rtol=1e-4)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+def test_rigid_motions_cost_no_energy_in_prisms(order):
+    model = build_fe_model(make_post(), element_size=5e-3, order=order, extrude="y", progress=False)
+    forces = model.stiffness @ model.rigid_motions()
+    assert np.abs(forces).max() < 1e-10 * np.abs(model.stiffness.lower.data).max()
+
+
+def test_surface_of_prisms_is_closed():
+    """Triangles of the outer surface sum up to its area, and each of their edges belongs to two."""
+    surface = build_fe_model(make_bar(), element_size=0.01, order=2, extrude="x", progress=False).surface
+    a, b, c = (surface.points[surface.triangles[:, k]] for k in range(3))
+    assert 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() == pytest.approx(2 * 1e-4 + 4 * 1e-3, rel=1e-9)
+    edges = np.sort(np.vstack([surface.triangles[:, pair] for pair in ([0, 1], [1, 2], [2, 0])]), axis=1)
+    assert np.all(np.unique(edges, axis=0, return_counts=True)[1] == 2)
+
+
+def test_apa_is_meshed_with_prisms_around_its_holes():
+    solid = make_apa300ml()
+    model = build_fe_model(solid, element_size=4e-3, order=2, progress=False, **PRISMS)
+    assert all(kind in model.description for kind in ("prisms", "pyramids", "tetrahedra"))
+    volume = sum(body.mass for body in solid.shape.solids)
+    assert model.mass == pytest.approx(7800 * volume, rel=2e-3)
+    # Curved prisms hold rotations not quite exactly, which makes soft springs to ground.
+    motions = model.rigid_motions()
+    stiffness, mass = motions.T @ (model.stiffness @ motions), motions.T @ (model.mass_matrix @ motions)
+    assert np.sqrt(np.abs(np.linalg.eigvals(np.linalg.solve(mass, stiffness))).max()) / (2 * np.pi) < 10.0
+
+
+def test_sizes_on_faces_refine_there_and_do_not_stick():
+    solid = make_bar()
+    before = len(generate_mesh(solid, element_size=0.01).Elements3D())
+    refined = len(generate_mesh(solid, element_size=0.01, local_sizes={"left": 0.001}).Elements3D())
+    after = len(generate_mesh(solid, element_size=0.01).Elements3D())
+    assert refined > 3 * before
+    assert after < 1.5 * before
+
+
+@pytest.mark.parametrize(("order", "rate"), [(1, 2.0), (2, 4.0)])
+def test_eigenfrequencies_converge_with_rate_2p(order, rate):
+    """A rod clamped at one end, on layers of prisms: f = c / 4 l."""
+    solid = make_bar(material=Material("cork", 1e9, 0.0, 200.0))
+    exact = np.sqrt(1e9 / 200.0) / (4 * 0.1)
+    errors = []
+    for thickness in (0.05, 0.025, 0.0125):
+        model = build_fe_model(
+            solid, element_size=0.02, order=order, extrude="x", layer_thickness=thickness, progress=False
+        )
+        found = full_eigenfrequencies(
+            condense(model, progress=False), fixed=["left"], guided={"right": "x"}, n=12, progress=False
+        )
+        errors.append(np.abs(found / exact - 1).min())
+    rates = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert np.all(np.array(errors) > 1e-9), "below that, rounding decides"
+    assert np.allclose(rates, rate, atol=0.15)
+
+
+@pytest.mark.slow
+def test_error_falls_with_every_refinement_of_the_apa():
+    """Displacement elements are too stiff, so each better mesh has lower frequencies."""
+    frequencies = []
+    for order, size in ((1, 5e-3), (2, 5e-3), (2, 3e-3), (3, 3e-3)):
+        model = build_fe_model(make_apa300ml(), element_size=size, order=order, progress=False, **PRISMS)
+        condensed = condense(model, progress=False)
+        frequencies.append(full_eigenfrequencies(condensed, fixed=["bottom"], n=4, progress=False))
+    assert np.all(np.diff(frequencies, axis=0) < 0)
+
+
+def test_order_1_in_thin_walls_is_warned_of():
+    with pytest.warns(UserWarning, match=r"\d+ % of the elements reach from surface to surface"):
+        build_fe_model(make_apa300ml(), element_size=5e-3, order=1, progress=False)
+
+
+def test_mesh_too_large_for_the_memory(monkeypatch):
+    monkeypatch.setattr(fem, "SMALL", 0)
+    monkeypatch.setattr(fem.psutil, "virtual_memory", lambda: type("Memory", (), {"available": 1e6}))
+    with pytest.raises(ValueError, match=r"need about .* GB to factorise, .* an element_size of .* would fit"):
+        build_fe_model(make_bar(), element_size=0.005, order=2, progress=False)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"element_size": 0.0}, "element_size must be positive"),
+        ({"curvature": -1.0}, "curvature must be positive"),
+        ({"extrude": "w"}, "known: x, y, z"),
+        ({"extrude": "x", "layer_thickness": 0.0}, "layer_thickness must be positive"),
+        ({"local_sizes": {"lid": 0.001}}, "known: left, right"),
+        ({"local_sizes": {"left": -0.001}}, "size on face 'left' must be positive"),
+    ],
+)
+def test_impossible_arguments(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        generate_mesh(make_bar(), **{"element_size": 0.01, **arguments})
+
+
+def test_body_that_is_not_extruded_along_the_axis():
+    ball = occ.Sphere(occ.Pnt(0, 0, 0), 0.01)
+    ball.name = "ball"
+    with pytest.raises(ValueError, match="no body of part 'ball' is extruded along x"):
+        generate_mesh(Solid("ball", ball, {"ball": STEEL}), element_size=0.01, extrude="x")

@@ -1,0 +1,104 @@
+"""The sparse solver: against SciPy, with unknowns held, refused matrices, choice of the solver."""
+
+import importlib.util
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+
+from nassim.solver import SOLVERS, factor_memory, factorize, solver_name, symmetric_matrix, threads
+
+HAS_PARDISO = importlib.util.find_spec("pypardiso") is not None
+
+
+def laplacian(n=12):
+    """A 3D grid's Laplacian plus a little: sparse, symmetric positive definite."""
+    line = sp.diags_array([-np.ones(n - 1), 2.01 * np.ones(n), -np.ones(n - 1)], offsets=[-1, 0, 1])
+    eye = sp.eye_array(n)
+    return sum(sp.kron(sp.kron(a, b), c) for a, b, c in ((line, eye, eye), (eye, line, eye), (eye, eye, line))).tocsr()
+
+
+@pytest.fixture(
+    params=["sparsecholesky", pytest.param("pardiso", marks=pytest.mark.skipif(not HAS_PARDISO, reason="-"))]
+)
+def solver(request, monkeypatch):
+    monkeypatch.setenv("NASSIM_SOLVER", request.param)
+    return request.param
+
+
+def test_symmetric_matrix_multiplies_as_the_whole():
+    matrix = laplacian(5)
+    half = symmetric_matrix(matrix)
+    columns = np.random.default_rng(0).standard_normal((125, 3))
+    assert half.lower.nnz < 0.7 * matrix.nnz
+    assert np.allclose(half @ columns, matrix @ columns, atol=1e-12)
+    assert np.allclose(half @ columns[:, 0], matrix @ columns[:, 0], atol=1e-12)
+    assert abs(half.to_scipy() - matrix).max() < 1e-15
+
+
+def test_solves_one_and_many_right_hand_sides(solver):
+    matrix = laplacian()
+    factor = factorize(symmetric_matrix(matrix))
+    rhs = np.random.default_rng(0).standard_normal((len(matrix.indptr) - 1, 37))
+    assert factor.solver == solver
+    assert np.abs(matrix @ factor.solve(rhs) - rhs).max() < 1e-10
+    assert np.allclose(factor.solve(rhs[:, 0]), factor.solve(rhs)[:, 0], rtol=1e-9)
+
+
+def test_held_unknowns_stay_at_zero(solver):
+    matrix = laplacian(6)
+    held = np.array([0, 17, 100])
+    free = np.setdiff1d(np.arange(216), held)
+    rhs = np.random.default_rng(1).standard_normal(216)
+    solution = factorize(symmetric_matrix(matrix), held=held).solve(rhs)
+    assert np.all(solution[held] == 0.0)
+    assert np.allclose(matrix[free][:, free] @ solution[free], rhs[free], atol=1e-10)
+
+
+def test_every_column_is_counted(solver):
+    counted = []
+    factorize(symmetric_matrix(laplacian(4))).solve(np.ones((64, 21)), advance=lambda n=1: counted.append(n))
+    assert sum(counted) == 21
+
+
+def test_singular_matrix_is_refused(monkeypatch):
+    """A chain of springs without a wall."""
+    monkeypatch.setenv("NASSIM_SOLVER", "sparsecholesky")
+    chain = sp.csr_matrix([[1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+    with pytest.raises(ValueError, match="singular or indefinite"):
+        factorize(symmetric_matrix(chain))
+
+
+def test_choice_of_the_solver(monkeypatch):
+    monkeypatch.delenv("NASSIM_SOLVER", raising=False)
+    assert solver_name() == SOLVERS[HAS_PARDISO]
+    monkeypatch.setenv("NASSIM_SOLVER", "umfpack")
+    with pytest.raises(ValueError, match="known: sparsecholesky, pardiso"):
+        solver_name()
+
+
+@pytest.mark.skipif(HAS_PARDISO, reason="needs an environment without PARDISO")
+def test_missing_pardiso_says_how_to_get_it(monkeypatch):
+    monkeypatch.setenv("NASSIM_SOLVER", "pardiso")
+    with pytest.raises(ValueError, match=r"nassim\[fast\]"):
+        solver_name()
+
+
+def test_threads_may_be_nested(capfd):
+    with threads(), threads():
+        pass
+    assert "can't change" not in capfd.readouterr().err
+
+
+def test_memory_estimate_of_a_line_and_of_a_cube():
+    """A line of n linear elements factorises without fill; a cube of n^3 takes about n^4 entries."""
+    n = 4096
+    line = factor_memory(np.column_stack([np.arange(n), np.zeros((n, 2))]), [np.array([k, k + 1]) for k in range(n)], 1)
+    assert line < 8 * 60 * n
+    sizes = []
+    for m in (8, 16):
+        corner = np.stack(np.meshgrid(*[np.arange(m)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+        offsets = np.stack(np.meshgrid(*[np.arange(2)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+        nodes = (corner[:, None] + offsets) @ np.array([(m + 1) ** 2, m + 1, 1])
+        sizes.append(factor_memory(corner + 0.5, list(nodes)))
+    assert 3.3 < np.log2(sizes[1] / sizes[0]) < 4.7

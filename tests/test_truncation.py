@@ -1,0 +1,183 @@
+"""Error figures: estimates of truncation and discretisation against true errors; modes by cut-off and tolerance."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import lattice, make_bar
+
+from models.apa300ml import make_apa300ml
+from models.bench import BENCH_CONDITIONS, bench_forces_and_readings
+from nassim import build_fe_model, condense, craig_bampton, frequency_response, linearize, load, save
+from nassim.fem import lower_order
+from nassim.fullmodel import full_eigenfrequencies, full_frequency_response
+from nassim.linear import truncation_error
+
+FACTOR = 3.0
+APA_CASES = [
+    {},
+    {"fixed": ["bottom"]},
+    {"fixed": ["bottom", "top"]},
+    {"fixed": ["sensor_end"]},
+    {"fixed": ["bottom"], "guided": {"top": "z"}, "masses": {"top": 5.0}},
+]
+
+
+@pytest.fixture(scope="module")
+def cantilever():
+    return condense(build_fe_model(make_bar(), element_size=0.01, order=2, progress=False), progress=False)
+
+
+def assert_within_factor(estimated, true, negligible=1e-7):
+    """Never more than three times too small or too large where the true error is not negligible."""
+    for estimate, error in zip(estimated, true, strict=True):
+        if error > negligible:
+            assert error / FACTOR < estimate < error * FACTOR
+
+
+@pytest.mark.parametrize("conditions", APA_CASES, ids=str)
+def test_truncation_of_the_apa(apa, apa_condensed, conditions):
+    full = full_eigenfrequencies(apa_condensed, n=14, progress=False, **conditions)
+    n_rigid = int(np.count_nonzero(full < 1.0))
+    reduced = apa.eigenfrequencies(**conditions)[: len(full)]
+    true = (reduced / np.where(full > 1.0, full, np.inf) - 1)[n_rigid:][:8]
+    estimated = apa.truncation_errors(**conditions)
+    assert np.all(estimated[:n_rigid] == 0.0)
+    assert_within_factor(estimated[n_rigid:][:8], true)
+
+
+@pytest.mark.parametrize("n_modes", [0, 2, 6])
+def test_truncation_of_a_cantilever(cantilever, n_modes):
+    body = craig_bampton(cantilever, n_modes=n_modes, progress=False)
+    full = full_eigenfrequencies(cantilever, fixed=["left"], n=6, progress=False)
+    true = body.eigenfrequencies(fixed=["left"])[:6] / full - 1
+    assert true.max() > 1e-4, "a reduction without error would prove nothing"
+    assert_within_factor(body.truncation_errors(fixed=["left"], n=6), true)
+
+
+def test_truncation_of_the_benchs_frf(apa_condensed, bench):
+    frequency = np.geomspace(10.0, 1000.0, 150)
+    inputs, outputs = bench_forces_and_readings()
+    full = full_frequency_response(
+        apa_condensed,
+        frequency,
+        inputs=inputs,
+        outputs=outputs,
+        damping_ratio=0.01,
+        masses={"top": 5.0},
+        progress=False,
+        **BENCH_CONDITIONS,
+    ).frf.values
+    reduced = frequency_response(linearize(bench), frequency).values
+    true = np.abs(reduced / full - 1).max(axis=2).ravel()
+    assert_within_factor(truncation_error(bench, frequency).max(axis=2).ravel(), true)
+
+
+def test_static_answers_have_no_truncation_error(apa):
+    """The enriched body has the same constraint modes, so its compliance is the same."""
+    assert np.allclose(apa.compliance(fixed=["bottom"]), apa.enriched.compliance(fixed=["bottom"]), rtol=1e-9)
+
+
+def test_enriched_body_is_a_richer_basis_of_the_same_model(apa):
+    n = len(apa.mass_matrix)
+    assert np.array_equal(apa.enriched.mass_matrix[:n, :n], apa.mass_matrix)
+    assert np.all(apa.eigenfrequencies() >= apa.enriched.eigenfrequencies()[:n] * (1 - 1e-9) - 0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "conditions", [{"fixed": ["bottom"]}, {}, {"fixed": ["bottom"], "guided": {"top": "z"}}], ids=str
+)
+def test_discretisation_of_the_apa(conditions):
+    """Against order 5 on a finer mesh of prisms would take minutes; order 4 on a finer mesh is ten times closer."""
+    coarse = dict(element_size=8e-3, order=3, progress=False)
+    body = craig_bampton(build_fe_model(make_apa300ml(), **coarse), discretization=True, progress=False)
+    fine = build_fe_model(make_apa300ml(), element_size=4e-3, curvature=1.0, order=3, progress=False)
+    better = craig_bampton(fine, progress=False).enriched.eigenfrequencies(**conditions)
+    n_rigid = int(np.count_nonzero(better < 1.0))
+    true = body.enriched.eigenfrequencies(**conditions)[n_rigid:][:5] / better[n_rigid:][:5] - 1
+    assert true.max() > 2e-3
+    assert_within_factor(body.discretization_errors(**conditions)[n_rigid:][:5], true)
+
+
+def test_discretisation_of_a_cantilever():
+    solid = make_bar(length=0.08, side=0.012)
+    body = craig_bampton(
+        build_fe_model(solid, element_size=0.012, order=3, progress=False), discretization=True, progress=False
+    )
+    fine = build_fe_model(solid, element_size=0.006, order=4, progress=False)
+    better = craig_bampton(fine, progress=False).enriched.eigenfrequencies(fixed=["left"], n=4)
+    true = body.enriched.eigenfrequencies(fixed=["left"], n=4) / better - 1
+    assert_within_factor(body.discretization_errors(fixed=["left"], n=4), true, negligible=2e-5)
+
+
+def test_lower_order_is_the_same_part_with_fewer_unknowns():
+    model = build_fe_model(make_bar(), element_size=0.02, order=2, progress=False)
+    lower = lower_order(model)
+    assert lower.order == 1
+    assert lower.n_dofs < model.n_dofs
+    assert lower.mass == pytest.approx(model.mass, rel=1e-9)
+    with pytest.raises(ValueError, match="no lower order"):
+        lower_order(lower)
+
+
+def test_tolerance_is_met_with_fewer_modes_when_looser(cantilever):
+    sizes = []
+    for tolerance in (1e-1, 1e-2, 1e-3):
+        body = craig_bampton(cantilever, tolerance=tolerance, progress=False)
+        for fixed in ([], ["left"], ["right"]):
+            full = full_eigenfrequencies(cantilever, fixed=fixed, n=11, progress=False)
+            n_rigid = int(np.count_nonzero(full < 1.0))
+            true = body.eigenfrequencies(fixed=fixed)[n_rigid:][:5] / full[n_rigid:][:5] - 1
+            assert true.max() < 1.5 * tolerance
+        sizes.append(body.n_modes)
+    assert sizes == sorted(sizes)
+    assert sizes[0] < sizes[-1]
+
+
+def test_tolerance_up_to_a_frequency_needs_fewer_modes(cantilever):
+    all_five = craig_bampton(cantilever, tolerance=1e-3, progress=False)
+    first = craig_bampton(cantilever, tolerance=1e-3, cutoff_frequency=1000.0, progress=False)
+    assert first.n_modes < all_five.n_modes
+
+
+@pytest.mark.parametrize("other", [{"cutoff_frequency": 100.0}, {"tolerance": 0.01}])
+def test_number_of_modes_excludes_the_other_choices(other):
+    with pytest.raises(ValueError, match="either n_modes"):
+        craig_bampton(lattice(), n_modes=3, progress=False, **other)
+
+
+@pytest.mark.parametrize("name", ["cutoff_frequency", "tolerance"])
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan])
+def test_choices_must_be_positive(name, value):
+    with pytest.raises(ValueError, match=name):
+        craig_bampton(lattice(), progress=False, **{name: value})
+
+
+def test_body_without_error_figures(apa):
+    with pytest.raises(ValueError, match="truncation error is unknown"):
+        replace(apa, enriched=None).truncation_errors()
+    with pytest.raises(ValueError, match="discretization=True"):
+        apa.discretization_errors()
+
+
+def test_scene_without_error_figures(bench):
+    body = next(b for b in bench.bodies if b.name == "apa")
+    bare = replace(body, reduced=replace(body.reduced, enriched=None))
+    scene = replace(bench, bodies=tuple(bare if b.name == "apa" else b for b in bench.bodies))
+    with pytest.raises(ValueError, match="'apa' carries no enriched form"):
+        truncation_error(scene, np.array([10.0]))
+
+
+def test_record_says_what_was_kept_and_what_it_costs(apa):
+    text = apa.record["coordinates"]
+    assert "5 remote points x 6 + 6 fixed-interface modes = 36" in text
+    assert "'bottom'" in text
+    assert "30 flexible + 6 rigid" in text
+    assert any("modes left out" in key for key in apa.record)
+    assert any("clamped (estimate)" in key for key in apa.record)
+
+
+def test_error_figures_survive_saving(apa, tmp_path):
+    again = load(save(apa, tmp_path / "apa.h5"))
+    assert np.array_equal(again.truncation_errors(fixed=["bottom"]), apa.truncation_errors(fixed=["bottom"]))
