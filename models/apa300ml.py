@@ -160,6 +160,7 @@ def reduced_apa300ml(
             "nassim.geometry",
             "nassim.meshing",
             "nassim.fem",
+            "nassim.surface",
             "nassim.solver",
             "nassim.condensation",
             "nassim.modes",

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from nassim.checks import Array, finite_array, freeze, frozen_mapping, known
-from nassim.fem import Surface
 from nassim.geometry import RemotePoint
 from nassim.interface import coordinate_names, free_coordinates, point_masses
 from nassim.modal import eigenmodes
+from nassim.surface import Surface
 
 RIGID = 1e-6
 """Frequencies below this share of a body's highest are those of rigid motions."""

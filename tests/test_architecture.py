@@ -17,7 +17,7 @@ LAYERS = (
     ("checks", "progress", "storage"),
     ("materials", "piezo", "modal", "signals", "interface", "solver"),
     ("geometry", "frf"),
-    ("meshing",),
+    ("meshing", "surface"),
     ("fem",),
     ("condensation", "body"),
     ("modes",),
@@ -34,7 +34,7 @@ IMPORTERS = {
     "h5py": {"storage"},
     "matplotlib": {"plotting"},
     "netgen": {"geometry", "meshing"},
-    "ngsolve": {"fem", "solver"},
+    "ngsolve": {"fem", "solver", "surface"},
     "tqdm": {"progress"},
 }
 LIBRARIES = {*IMPORTERS, "numpy", "scipy", "mpl_toolkits", "psutil", "pypardiso", "threadpoolctl"}

@@ -1,0 +1,99 @@
+"""The outer surface of a mesh as triangles, for pictures of parts and modes."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import ngsolve as ng
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from nassim.checks import Array
+from nassim.geometry import Solid
+
+
+@dataclass(frozen=True)
+class Surface:
+    """The outer surface as triangles, for pictures.
+
+    points: (n_points, 3) [m]; triangles: (n_triangles, 3) indices of points; edges: (n_edges, 2) of the mesh's edges
+    labels: name of the body or, on a remote point's interface, of the remote point, per triangle
+    """
+
+    points: Array
+    triangles: NDArray[np.int64]
+    edges: NDArray[np.int64]
+    labels: tuple[str, ...]
+
+
+def outer_surface(mesh: Any, scalar: Any, fields: Array, solid: Solid) -> tuple[Surface, sp.csr_matrix]:
+    """Outer faces of a mesh, each split in triangles by its edges' midpoints, which show the curvature.
+
+    mesh: NGSolve mesh of the part `solid`; scalar: its H1 space; fields: coefficients of 1, x, y, z in it, (4, n)
+
+    Returns the surface and the sparse matrix (n_points, n) that evaluates a scalar field at its points.
+    """
+    owner = {face: point.name for point in solid.remote_points for face in point.faces}
+    materials = mesh.GetMaterials()
+    sides: list[list[tuple[int, int, int]]] = []  # per face and around it: corner, edge, next corner
+    labels = []
+    for element in mesh.Elements(ng.BND):
+        face = mesh.ngmesh.FaceDescriptor(element.index + 1)
+        if face.domin and face.domout:
+            continue
+        corners = [v.nr for v in element.vertices]
+        edges = {frozenset(v.nr for v in mesh[e].vertices): e.nr for e in element.edges}
+        following = [*corners[1:], corners[0]]
+        sides.append([(a, edges[frozenset((a, b))], b) for a, b in zip(corners, following, strict=True)])
+        labels.append(owner.get(face.bcname, materials[max(face.domin, face.domout) - 1]))
+    around = np.array([side for face in sides for side in face])
+    vertex, edge = np.unique(around[:, 0]), np.unique(around[:, 1])
+    vertex_row = dict(zip(vertex.tolist(), range(len(vertex)), strict=True))
+    edge_row = dict(zip(edge.tolist(), range(len(vertex), len(vertex) + len(edge)), strict=True))
+    triangles, triangle_labels, halves = [], [], []
+    for face, label in zip(sides, labels, strict=True):
+        ring = [(vertex_row[a], edge_row[e], vertex_row[b]) for a, e, b in face]
+        middles = [e for _, e, _ in ring]
+        pieces = [(a, e, middles[k - 1]) for k, (a, e, _) in enumerate(ring)]
+        pieces += [(middles[0], middles[k], middles[k + 1]) for k in range(1, len(middles) - 1)]
+        triangles += pieces
+        triangle_labels += [label] * len(pieces)
+        halves += [pair for a, e, b in ring for pair in ((a, e), (e, b))]
+    evaluation = sp.vstack([_at_vertices(scalar, vertex), _at_midpoints(mesh, scalar, edge)], format="csr")
+    surface = Surface(
+        points=(evaluation @ fields[1:].T),
+        triangles=np.array(triangles),
+        edges=np.unique(np.sort(halves, axis=1), axis=0),
+        labels=tuple(triangle_labels),
+    )
+    return surface, evaluation
+
+
+def _at_vertices(scalar: Any, vertices: NDArray[np.int64]) -> sp.csr_matrix:
+    n = len(vertices)
+    return sp.csr_matrix((np.ones(n), (np.arange(n), vertices)), shape=(n, scalar.ndof))
+
+
+def _at_midpoints(mesh: Any, scalar: Any, edges: NDArray[np.int64]) -> sp.csr_matrix:
+    """Value at the edges' midpoints: the mean of the end values plus the edge's own shape functions there."""
+    order = scalar.globalorder
+    ends = np.array([[v.nr for v in mesh[ng.NodeId(ng.EDGE, edge)].vertices] for edge in edges.tolist()])
+    own = mesh.nv + edges[:, None] * (order - 1) + np.arange(order - 1)
+    columns = np.hstack([ends, own])
+    values = np.tile(np.concatenate([[0.5, 0.5], _edge_functions_at_midpoint(order)]), (len(edges), 1))
+    rows = np.repeat(np.arange(len(edges)), order + 1)
+    return sp.csr_matrix((values.ravel(), (rows, columns.ravel())), shape=(len(edges), scalar.ndof))
+
+
+def _edge_functions_at_midpoint(order: int) -> Array:
+    """Values of NGSolve's order - 1 edge functions at their edge's midpoint, read off a triangle."""
+    mesh = ng.Mesh(ng.unit_square.GenerateMesh(maxh=2.0))
+    probe = ng.GridFunction(ng.H1(mesh, order=order))
+    ends = [mesh[v].point for v in mesh.edges[0].vertices]
+    middle = mesh(*(0.5 * (p + q) for p, q in zip(*ends, strict=True)))
+    values = []
+    for dof in probe.space.GetDofNrs(ng.NodeId(ng.EDGE, 0)):
+        probe.vec[:] = 0.0
+        probe.vec[dof] = 1.0
+        values.append(probe(middle))
+    return np.array(values)
