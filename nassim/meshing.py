@@ -104,6 +104,7 @@ def cut_in_layers(solid: Solid, *, axis: str, thickness: float) -> Any:
     Every layer carries the outlines of all extruded bodies, so that one mesh of the section fits them all.
     """
     k = "xyz".index(axis)
+    names = [face.name for face in solid.shape.faces]
     bodies = list(solid.shape.solids)
     prisms = [body for body in bodies if _is_prism(body, k)]
     if not prisms:
@@ -113,7 +114,7 @@ def cut_in_layers(solid: Solid, *, axis: str, thickness: float) -> Any:
     whole = occ.Glue([*cells, *others])
     kept = [body for body in whole.solids if body.name != GHOST]
     shape = occ.Compound(kept)
-    _drop_wrong_names(shape, solid.shape, k)
+    _restore_names(shape, solid.shape, names, k)
     for body in shape.solids:
         if _is_prism(body, k):
             low, high = body.faces.Min(AXES[axis]), body.faces.Max(AXES[axis])
@@ -124,16 +125,18 @@ def cut_in_layers(solid: Solid, *, axis: str, thickness: float) -> Any:
     return shape
 
 
-def _drop_wrong_names(shape: Any, original: Any, k: int) -> None:
-    """Outlines take the name of the end face that they start from along to other layers, where it means nothing."""
+def _restore_names(shape: Any, original: Any, names: Sequence[str | None], k: int) -> None:
+    """Outlines hand the name of the end face that they start from on to other layers and to the original; undo that."""
     places: dict[str, list[float]] = {}
-    for face in original.faces:
-        if face.name:
-            places.setdefault(face.name, []).append(face.center[k])
+    for face, name in zip(original.faces, names, strict=True):
+        face.name = name
+        if name:
+            places.setdefault(name, []).append(face.center[k])
     for face in shape.faces:
         low, high = (corner[k] for corner in face.bounding_box)
-        if face.name and high - low < NEAR and min(abs(face.center[k] - c) for c in places[face.name]) > NEAR:
-            face.name = "default"
+        known_places = places.get(face.name or "", [face.center[k]])
+        if high - low < NEAR and min(abs(face.center[k] - place) for place in known_places) > NEAR:
+            face.name = None
 
 
 def _ends(body: Any, k: int) -> tuple[list[Any], list[Any]]:

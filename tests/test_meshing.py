@@ -43,6 +43,13 @@ def test_cutting_in_layers_keeps_the_faces():
     assert area(mesh, "side") == pytest.approx(0.005 * 0.02, rel=1e-12)
 
 
+def test_cutting_in_layers_leaves_the_part_alone():
+    solid = make_post()
+    before = [face.name for face in solid.shape.faces]
+    generate_mesh(solid, element_size=5e-3, extrude="y", layer_thickness=2e-3)
+    assert [face.name for face in solid.shape.faces] == before
+
+
 def test_layers_are_thin_enough():
     mesh = ng.Mesh(generate_mesh(make_bar(), element_size=0.02, extrude="x", layer_thickness=0.004))
     x = {round(vertex.point[0], 9) for vertex in mesh.vertices}
