@@ -20,10 +20,10 @@ def test_apa_envelope_and_remote_points():
 def test_apa_faces_lie_under_their_remote_points(coupling):
     solid = make_apa300ml(coupling=coupling)
     for point in solid.remote_points:
-        faces = {f.name: f for f in solid.shape.faces if f.name in point.faces}
-        centre = np.mean([tuple(f.center) for f in faces.values()], axis=0)
+        faces = [f for f in solid.shape.faces if f.name in point.faces]
+        assert {f.name for f in faces} == set(point.faces)
+        centre = np.average([tuple(f.center) for f in faces], axis=0, weights=[f.mass for f in faces])
         assert np.allclose(centre, point.position, atol=1e-9), point.name
-        assert {f.mass for f in faces.values()} != set()
     stack_faces = [f for f in solid.shape.faces if f.name == "sensor_stack_end"]
     assert stack_faces[0].mass == pytest.approx(STACK.area, rel=1e-9)
 
