@@ -169,8 +169,9 @@ class ReducedBody:
 
         From the same mesh with elements one and two orders lower: with d and d' the last and the last but one
         change of a frequency, the error left is 4 d (d / d')^0.7. Factor and exponent are fitted to bars and to the
-        APA300ML with orders 3 and 4: within a factor of 3 on the APA300ML, up to 10 times too large on smooth bars; a
-        mesh that misses a feature altogether is beyond it. Arguments as in `eigenmodes`. Raises ValueError for a body that has no two `coarse` forms.
+        APA300ML with orders 3 and 4; not yet tested on the latter, and up to 10 times too large on smooth bars; a
+        mesh that misses a feature altogether is beyond it. Arguments as in `eigenmodes`. Raises ValueError for a body
+        that has no two `coarse` forms.
         """
         bodies: list[ReducedBody] = [self]
         while bodies[-1].coarse is not None and len(bodies) < 3:
