@@ -125,8 +125,8 @@ def test_eigenfrequencies_converge_with_rate_2p(order, rate):
 def test_error_falls_with_every_refinement_of_the_apa():
     """Displacement elements are too stiff, so each better mesh has lower frequencies."""
     frequencies = []
-    for order, size in ((1, 5e-3), (2, 5e-3), (2, 3e-3), (3, 3e-3)):
-        model = build_fe_model(make_apa300ml(), element_size=size, order=order, progress=False, **PRISMS)
+    for order in (1, 2, 3):
+        model = build_fe_model(make_apa300ml(), element_size=5e-3, order=order, progress=False)
         condensed = condense(model, progress=False)
         frequencies.append(full_eigenfrequencies(condensed, fixed=["bottom"], n=4, progress=False))
     assert np.all(np.diff(frequencies, axis=0) < 0)

@@ -54,18 +54,6 @@ def test_help(name):
             ["multisine_encoder_magnitude_error_dB", "noise_wall_time_s"],
             ["frf.png"],
         ),
-        (
-            "speed_vs_error.py",
-            ["--quick"],
-            ["reference", "variants", "modes"],
-            ["pareto.png", "variants.csv"],
-        ),
-        (
-            "benchmark_reduction.py",
-            ["--sizes", "2.5k", "--paper-size", "0"],
-            ["2.5k", "2.5k_speed_ratio_to_exudyn"],
-            [],
-        ),
     ],
 )
 def test_script_writes_its_results(name, options, figures, pictures, tmp_path):
