@@ -5,7 +5,7 @@ from nassim.condensation import Condensation, condense
 from nassim.fem import FEModel, build_fe_model
 from nassim.frf import FRF, estimate_frf
 from nassim.geometry import NearestTo, OnPlane, RemotePoint, Solid, read_solid
-from nassim.linear import LinearModel, frequency_response, linearize
+from nassim.linear import LinearModel, frequency_response, linearize, truncation_error
 from nassim.materials import Material
 from nassim.piezo import PiezoStack
 from nassim.reduction import craig_bampton
@@ -47,4 +47,5 @@ __all__ = [
     "save",
     "simulate",
     "static_response",
+    "truncation_error",
 ]

@@ -107,8 +107,9 @@ def solver_name() -> str:
 def factorize(matrix: SymmetricMatrix, *, held: NDArray[np.int64] | None = None) -> Factorization:
     """Factorise a symmetric matrix that is positive definite once the unknowns `held` (indices) are held at zero.
 
-    Raises ValueError when a solve with the factor does not return its right-hand side, the sign of a
-    matrix that is singular or indefinite.
+    Raises ValueError when a solve with the factor does not return its right-hand side, the sign of a singular
+    matrix, and when a diagonal entry or the energy of that solution is not positive, signs of an indefinite one. The
+    sparse Cholesky is in effect L D L^T, so an indefinite matrix that shows neither sign passes.
     """
     n = matrix.shape[0]
     free = np.ones(n, dtype=bool)
@@ -119,8 +120,10 @@ def factorize(matrix: SymmetricMatrix, *, held: NDArray[np.int64] | None = None)
         solve, block = (_pardiso(matrix, free), BLOCK) if name == "pardiso" else (_sparse_cholesky(matrix, free), 1)
     factor = Factorization(n, name, time.perf_counter() - start, block, solve)
     probe = np.where(free, np.random.default_rng(0).standard_normal(n), 0.0)
-    residual = np.where(free, matrix @ factor.solve(probe), 0.0) - probe
-    if not np.linalg.norm(residual) < 1e-4 * np.linalg.norm(probe):
+    solution = factor.solve(probe)
+    residual = np.where(free, matrix @ solution, 0.0) - probe
+    solved = np.linalg.norm(residual) < 1e-4 * np.linalg.norm(probe)
+    if not (solved and np.all(matrix.lower.diagonal()[free] > 0) and probe @ solution > 0):
         raise ValueError(
             "the stiffness matrix is singular or indefinite: is a part loose, or does a material or element "
             "have no stiffness?"
