@@ -1,5 +1,7 @@
 """Meshes: prisms on extruded bodies, sizes on faces, convergence rates, refused input."""
 
+from collections import Counter
+
 import netgen.occ as occ
 import ngsolve as ng
 import numpy as np
@@ -165,3 +167,20 @@ def test_body_that_is_not_extruded_along_the_axis():
     ball.name = "ball"
     with pytest.raises(ValueError, match="no body of part 'ball' is extruded along x"):
         generate_mesh(Solid("ball", ball, {"ball": STEEL}), element_size=0.01, extrude="x")
+
+
+def test_body_not_extruded_along_the_axis_gets_tetrahedra_beside_prisms():
+    """A cylinder along z on a plate: along x the plate alone has prisms."""
+    plate, pin = occ.Box((-0.01, -0.01, -0.004), (0.01, 0.01, 0)), occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, 0.004, 0.01)
+    plate.name, pin.name = "plate", "pin"
+    solid = Solid("pin", occ.Glue([plate, pin]), {"plate": STEEL, "pin": STEEL})
+    kinds = Counter()
+    mesh = ng.Mesh(generate_mesh(solid, element_size=4e-3, extrude="x"))
+    for element in mesh.Elements(ng.VOL):
+        kinds[element.mat, element.type] += 1
+    assert {kind for body, kind in kinds if body == "plate"} >= {ng.ET.PRISM}
+    assert ng.ET.PRISM not in {kind for body, kind in kinds if body == "pin"}
+    pin = occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, 0.004, 0.01)
+    pin.name = "pin"
+    with pytest.raises(ValueError, match="no body of part 'pin' is extruded along x"):
+        generate_mesh(Solid("pin", pin, {"pin": STEEL}), element_size=4e-3, extrude="x")

@@ -102,3 +102,26 @@ def test_memory_estimate_of_a_line_and_of_a_cube():
         nodes = (corner[:, None] + offsets) @ np.array([(m + 1) ** 2, m + 1, 1])
         sizes.append(factor_memory(corner + 0.5, list(nodes)))
     assert 3.3 < np.log2(sizes[1] / sizes[0]) < 4.7
+
+
+def test_random_matrix_with_held_unknowns():
+    rng = np.random.default_rng(3)
+    part = sp.random_array((300, 300), density=0.02, rng=rng)
+    matrix = (part @ part.T + sp.eye_array(300)).tocsr()
+    held = rng.choice(300, 30, replace=False)
+    free = np.setdiff1d(np.arange(300), held)
+    factor = factorize(symmetric_matrix(matrix), held=held)
+    for rhs in (rng.standard_normal(300), rng.standard_normal((300, 5))):
+        solution = factor.solve(rhs)
+        assert solution.shape == rhs.shape
+        assert np.all(solution[held] == 0.0)
+        assert np.allclose(solution[free], np.linalg.solve(matrix.toarray()[np.ix_(free, free)], rhs[free]), rtol=1e-8)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_indefinite_matrix_is_refused(solver, turned):
+    """By a diagonal entry, or, where a rotation hides the sign, by the energy of a solution."""
+    turn = np.linalg.qr(np.random.default_rng(0).standard_normal((4, 4)))[0] if turned else np.eye(4)
+    factorize(symmetric_matrix(sp.csr_matrix(turn @ np.diag([3.0, 2.0, 3.0, 4.0]) @ turn.T)))
+    with pytest.raises(ValueError, match="singular or indefinite"):
+        factorize(symmetric_matrix(sp.csr_matrix(turn @ np.diag([3.0, -0.1, 3.0, 4.0]) @ turn.T)))

@@ -8,6 +8,7 @@ from conftest import lattice, make_bar
 
 from models.bench import BENCH_CONDITIONS, bench_forces_and_readings
 from nassim import build_fe_model, condense, craig_bampton, frequency_response, linearize, load, save
+from nassim.body import keep_modes
 from nassim.fem import lower_order
 from nassim.fullmodel import full_eigenfrequencies, full_frequency_response
 from nassim.linear import truncation_error
@@ -165,3 +166,35 @@ def test_record_says_what_was_kept_and_what_it_costs(apa):
 def test_error_figures_survive_saving(apa, tmp_path):
     again = load(save(apa, tmp_path / "apa.h5"))
     assert np.array_equal(again.truncation_errors(fixed=["bottom"]), apa.truncation_errors(fixed=["bottom"]))
+
+
+def test_keep_modes_is_the_reduction_with_fewer_modes():
+    condensed = condense(lattice(), progress=False)
+    rich, fewer = (craig_bampton(condensed, n_modes=n, progress=False) for n in (9, 4))
+    kept = keep_modes(rich, 4)
+    assert kept.coordinate_names == fewer.coordinate_names
+    assert np.allclose(kept.eigenfrequencies()[6:], fewer.eigenfrequencies()[6:], rtol=1e-8)
+    assert kept.enriched.n_modes == 9
+    assert np.allclose(kept.truncation_errors()[6:], kept.eigenfrequencies()[6:] / rich.eigenfrequencies()[6:16] - 1)
+    for n in (-1, 10):
+        with pytest.raises(ValueError, match="has 9 modes, so it cannot keep"):
+            keep_modes(rich, n)
+
+
+def test_length_of_truncation_errors():
+    body = craig_bampton(lattice(), n_modes=4, progress=False)
+    assert body.truncation_errors().shape == (16,)
+    assert body.truncation_errors(n=7).shape == (7,)
+    assert np.array_equal(body.truncation_errors(n=7), body.truncation_errors()[:7])
+    assert np.all(body.truncation_errors()[:6] == 0.0)
+
+
+def test_tolerance_up_to_a_cutoff_frequency_is_met():
+    condensed = condense(build_fe_model(make_bar(), element_size=0.01, order=2, progress=False), progress=False)
+    body = craig_bampton(condensed, tolerance=1e-3, cutoff_frequency=6000.0, progress=False)
+    for fixed in ([], ["left"], ["right"]):
+        found = body.eigenfrequencies(fixed=fixed)
+        full = full_eigenfrequencies(condensed, fixed=fixed, n=len(found), progress=False)
+        chosen = (full > 1.0) & (found < 6000.0)
+        assert np.all(found[chosen] / full[chosen] - 1 < 3e-3)
+        assert chosen.any()
