@@ -121,6 +121,7 @@ def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, p
     stiffness = lacking.T @ forces[:n_soft]
     if stiff.any():
         stiffness += lift.T @ (fe_model.stiffness @ lift)
+    stiffness = _free_of_rigid_motions(stiffness, [c.point.position for c in couplings])
     return Condensation(
         fe_model,
         couplings,
@@ -182,6 +183,18 @@ def _ground(fe_model: FEModel, held: NDArray[np.int64]) -> _Grounded:
     _, _, order = scipy.linalg.qr((motions / np.abs(motions).max(axis=0)).T, mode="economic", pivoting=True)
     factorization = factorize(fe_model.stiffness, held=np.sort(order[:6]))
     return _Grounded(factorization, motions, inertia @ np.linalg.inv(motions.T @ inertia))
+
+
+def _free_of_rigid_motions(stiffness: Array, positions: Sequence[Array]) -> Array:
+    """The stiffness with the little energy that curved prisms spend on rigid motions projected out."""
+    motions = np.vstack([rigid_transfer(position - positions[0]) for position in positions])
+    extent = max(float(np.ptp(positions, axis=0).max()), np.finfo(float).eps)
+    scale = np.tile(np.repeat([1.0, extent], 3), len(positions))  # rotations in metres
+    basis = np.linalg.qr(scale[:, None] * motions)[0]
+    keep = np.eye(len(scale)) - basis @ basis.T
+    projection = keep * scale / scale[:, None]
+    result: Array = projection.T @ stiffness @ projection
+    return result
 
 
 def _border_inverse(flexibility: Array, motions: Array) -> Array:

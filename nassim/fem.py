@@ -25,6 +25,7 @@ SMALL = 50_000
 USUAL_SHARE = 0.7
 """What the sparse Cholesky takes at most of the estimated memory."""
 THIN_SHARE = 0.5
+LARGEST_VOLUME_ERROR = 0.01
 ELEMENTS = {ng.ET.TET: "tetrahedra", ng.ET.PRISM: "prisms", ng.ET.PYRAMID: "pyramids", ng.ET.HEX: "hexahedra"}
 
 
@@ -197,6 +198,7 @@ def build_fe_model(
         # Isoparametric at most: the unknowns then hold every rigid motion exactly.
         mesh.Curve(order)
         _check_memory(mesh, solid, order, element_size)
+    _check_volume(mesh, solid)
     if order == 1:
         _warn_of_thin_walls(mesh, solid)
     with stage("assemble", enabled=progress):
@@ -223,6 +225,17 @@ def _check_memory(mesh: Any, solid: Solid, order: int, element_size: float) -> N
         raise ValueError(
             f"part {solid.name!r}: {3 * scalar.ndof} degrees of freedom need about {need / 1e9:.1f} GB to factorise, "
             f"{free / 1e9:.1f} GB are free; an element_size of {fitting:.2g} m or more would fit"
+        )
+
+
+def _check_volume(mesh: Any, solid: Solid) -> None:
+    cad = sum(body.mass for body in solid.shape.solids)
+    excess = ng.Integrate(1, mesh) / cad - 1
+    if abs(excess) > LARGEST_VOLUME_ERROR:
+        warnings.warn(
+            f"part {solid.name!r}: the mesh has {100 * excess:+.1f} % more volume than the CAD; give its curved faces "
+            "smaller elements (local_sizes, curvature) or a higher order",
+            stacklevel=3,
         )
 
 

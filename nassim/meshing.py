@@ -1,11 +1,13 @@
 """Meshes of parts by Netgen: tetrahedra anywhere, prisms where bodies are extruded along an axis."""
 
 import itertools
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import netgen.occ as occ
 import numpy as np
+from netgen.libngpy._meshing import NgException
 
 from nassim.checks import known, positive
 from nassim.geometry import Solid, face_names
@@ -14,8 +16,10 @@ AXES = {"x": occ.X, "y": occ.Y, "z": occ.Z}
 GHOST = "(empty)"
 SAME = 1e-9
 """Relative difference of volumes and areas that counts as none."""
-GRADINGS = (0.7, 0.5, 0.3)
-"""Growth of the elements away from small features (Netgen's), in the order of trial."""
+TRIALS = ((0.7, 1.0), (0.5, 1.0), (0.3, 1.0), (0.7, 0.8), (0.5, 0.8))
+"""Growth of the elements away from small features (Netgen's grading) and share of the size, in the order of trial."""
+ROUNDS = 3
+"""Netgen's attempts to fill a body; further ones take minutes and mostly fail too."""
 NEAR = 1e-6
 """Distances below this are nil [m]."""
 UNLIMITED = 1e99
@@ -38,11 +42,12 @@ def generate_mesh(
     curvature: elements per radius of curvature of curved edges and faces
     local_sizes: largest edge length [m] on faces, by the faces' names
     extrude: "x", "y" or "z" meshes those bodies that are extruded along this axis with prisms, and the others with
-        tetrahedra; None, all with tetrahedra. Prisms on curved faces hold rigid rotations only nearly: a free
-        APA300ML so meshed rotates at 1 to 5 Hz instead of 0
+        tetrahedra; None, all with tetrahedra. Prisms on curved faces hold rigid rotations only nearly, unless
+        their remote points are of kind rbe3
     layer_thickness: largest height of the prisms [m] (default: element_size)
 
-    Raises ValueError for impossible sizes, when no body is extruded along the axis, and when Netgen fails.
+    Raises ValueError for impossible sizes, when no body is extruded along the axis, and when Netgen fails. Where it
+    fails with prisms only, which happens between them and tetrahedra, warns and meshes with tetrahedra.
     """
     size = positive("element_size", element_size, "m")
     extent = np.array([tuple(corner) for corner in solid.shape.bounding_box])
@@ -52,38 +57,47 @@ def generate_mesh(
             "memory: take a larger size and a higher order"
         )
     positive("curvature", curvature)
-    shape = solid.shape
     if extrude is not None:
         thickness = size if layer_thickness is None else positive("layer_thickness", layer_thickness, "m")
-        shape = cut_in_layers(solid, axis=known("extrude", extrude, AXES), thickness=thickness)
-    _set_face_sizes(shape, local_sizes or {})
-    try:
-        return _run_netgen(shape, size, curvature)
-    except Exception as error:
-        raise ValueError(
-            f"Netgen cannot mesh part {solid.name!r} with element_size {size:g} m ({error}); try another size, "
-            "fewer elements per radius of curvature, or no prisms"
-        ) from error
-    finally:
-        _set_face_sizes(shape, dict.fromkeys(local_sizes or {}, UNLIMITED))
-
-
-def _run_netgen(shape: Any, size: float, curvature: float) -> Any:
-    """Netgen at times fails to fill a body between the pyramids on prisms; another grading then mostly helps."""
-    for grading in GRADINGS:
+        layered = cut_in_layers(solid, axis=known("extrude", extrude, AXES), thickness=thickness)
         try:
-            # Netgen's defaults resolve a 0.3 mm fillet with 30 times more elements than curved ones of order 3 need.
-            return occ.OCCGeometry(shape).GenerateMesh(
-                maxh=size,
-                grading=grading,
-                curvaturesafety=curvature,
-                segmentsperedge=0.2,
-                closeedgefac=None,
-                minedgelen=1e-3 * size,
+            return _run_netgen(layered, size, curvature, local_sizes or {})
+        except NgException:
+            warnings.warn(
+                f"Netgen fails to mesh part {solid.name!r} with prisms: tetrahedra take their place, at a larger "
+                "error; other sizes may help",
+                stacklevel=3,
             )
-        except Exception:
-            if grading == GRADINGS[-1]:
-                raise
+    try:
+        return _run_netgen(solid.shape, size, curvature, local_sizes or {})
+    except NgException as error:
+        raise ValueError(
+            f"Netgen cannot mesh part {solid.name!r} with element_size {size:g} m ({error}); try another size or "
+            "fewer elements per radius of curvature"
+        ) from error
+
+
+def _run_netgen(shape: Any, size: float, curvature: float, local_sizes: Mapping[str, float]) -> Any:
+    """Netgen at times fails to fill a body between the pyramids on prisms; another grading or size may then help."""
+    _set_face_sizes(shape, local_sizes)
+    try:
+        for grading, share in TRIALS:
+            try:
+                # Netgen's defaults resolve a 0.3 mm fillet with 30 times more elements than curved ones need.
+                return occ.OCCGeometry(shape).GenerateMesh(
+                    maxh=share * size,
+                    grading=grading,
+                    curvaturesafety=curvature,
+                    segmentsperedge=0.2,
+                    closeedgefac=None,
+                    minedgelen=1e-3 * size,
+                    maxoutersteps=ROUNDS,
+                )
+            except NgException:
+                if (grading, share) == TRIALS[-1]:
+                    raise
+    finally:
+        _set_face_sizes(shape, dict.fromkeys(local_sizes, UNLIMITED))
 
 
 def _set_face_sizes(shape: Any, sizes: Mapping[str, float]) -> None:

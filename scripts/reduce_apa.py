@@ -6,7 +6,7 @@ Prints mass, stiffness and eigenfrequencies; draws the mesh, the remote points a
 import numpy as np
 from _common import parser, write_summary
 
-from models.apa300ml import PAPER_FREQUENCY_FE, PAPER_FREQUENCY_FORMULA, VENDOR_STIFFNESS, make_apa300ml
+from models.apa300ml import PAPER_FREQUENCY_FE, PAPER_FREQUENCY_FORMULA, PRISMS, VENDOR_STIFFNESS, make_apa300ml
 from nassim import build_fe_model, condense, craig_bampton
 from nassim.fullmodel import full_eigenfrequencies
 from nassim.plotting import plot_body, plot_mode, plt, save_figure
@@ -16,6 +16,7 @@ arguments.add_argument("--element-size", type=float, default=5.0, help="largest 
 arguments.add_argument("--order", type=int, default=3, help="order of the elements (default: 3)")
 arguments.add_argument("--modes", type=int, default=6, help="fixed-interface modes (default: 6)")
 arguments.add_argument("--coupling", choices=["rbe2", "rbe3"], default="rbe3", help="(default: rbe3)")
+arguments.add_argument("--tetrahedra", action="store_true", help="no prisms in the frame and the stacks")
 
 CASES = {
     "bottom clamped": {"fixed": ["bottom"]},
@@ -27,7 +28,10 @@ CASES = {
 def main() -> None:
     args = arguments.parse_args()
     fe_model = build_fe_model(
-        make_apa300ml(coupling=args.coupling), element_size=1e-3 * args.element_size, order=args.order
+        make_apa300ml(coupling=args.coupling),
+        element_size=1e-3 * args.element_size,
+        order=args.order,
+        **({} if args.tetrahedra else PRISMS),
     )
     condensed = condense(fe_model)
     body = craig_bampton(condensed, n_modes=args.modes)

@@ -9,7 +9,7 @@ import time
 import numpy as np
 from _common import compare_frf, parser, plot_bode_pair, pole_and_zero, write_summary
 
-from models.apa300ml import PAPER_FREQUENCY_FE, PAPER_FREQUENCY_FORMULA, make_apa300ml, reduced_apa300ml
+from models.apa300ml import PAPER_FREQUENCY_FE, PAPER_FREQUENCY_FORMULA, PRISMS, make_apa300ml, reduced_apa300ml
 from models.bench import BENCH_CONDITIONS, bench_forces_and_readings, make_bench
 from nassim import build_fe_model, condense, estimate_frf, frequency_response, linearize, save, simulate
 from nassim.fullmodel import full_frequency_response
@@ -47,7 +47,7 @@ def main() -> None:
     shown = list(frfs.values())
     if not args.no_full_model:
         print("full FE model, no reduction:")
-        condensed = condense(build_fe_model(make_apa300ml(), element_size=5e-3))
+        condensed = condense(build_fe_model(make_apa300ml(), element_size=5e-3, **PRISMS))
         inputs, outputs = bench_forces_and_readings()
         conditions = BENCH_CONDITIONS | {"masses": {"top": args.payload_mass}, "damping_ratio": args.damping_ratio}
         for name, frequency in (("full FE model", fine), ("shown", np.geomspace(10, 900, 48))):
