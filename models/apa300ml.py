@@ -164,6 +164,7 @@ def reduced_apa300ml(
             "nassim.solver",
             "nassim.condensation",
             "nassim.modes",
+            "nassim.discretization",
             "nassim.body",
             "nassim.reduction",
             "nassim.storage",

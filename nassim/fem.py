@@ -278,33 +278,73 @@ def assemble_mesh(mesh: Any, solid: Solid, order: int) -> FEModel:
         )
 
 
-def lower_order(fe_model: FEModel) -> FEModel:
-    """The same part on the same mesh with elements one order lower: cheaper, and a measure of the mesh's error.
+@dataclass(frozen=True)
+class Refinement:
+    """What elements one order higher on the same mesh add to an FE model of n scalar unknowns; they have m.
 
-    Raises ValueError for models of order 1 and for models made by hand.
+    stiffness: of the finer elements, (3 m, 3 m) [N/m]
+    held: unknowns of these that add nothing: those of the vertices and of lower degree on the edges
+    mixed_stiffness: forces on the finer unknowns from displacements of the model, (3 m, 3 n)
+    mixed_mass: the same for density, one scalar block, (m, n)
+    couplings: the remote points on the finer elements
     """
-    if fe_model._source is None or fe_model.order < 2:
-        raise ValueError(f"FE model {fe_model.name!r} has no lower order: it has order 1 or was made by hand")
+
+    stiffness: SymmetricMatrix
+    held: NDArray[np.int64]
+    mixed_stiffness: sp.csr_matrix
+    mixed_mass: sp.csr_matrix
+    couplings: tuple[Coupling, ...]
+
+
+def refine_order(fe_model: FEModel) -> Refinement:
+    """The same part on the same mesh with elements one order higher; ValueError for models made by hand."""
+    if fe_model._source is None:
+        raise ValueError(f"FE model {fe_model.name!r} was made by hand, so its elements cannot be refined")
     mesh, solid = fe_model._source
-    mesh.Curve(fe_model.order - 1)
-    return assemble_mesh(mesh, solid, fe_model.order - 1)
+    order = fe_model.order
+    with threads():
+        scalar, fine_scalar = ng.H1(mesh, order=order), ng.H1(mesh, order=order + 1)
+        held = np.zeros(fine_scalar.ndof, dtype=bool)
+        held[: mesh.nv] = True
+        for edge in mesh.edges:
+            held[list(fine_scalar.GetDofNrs(edge))[:-1]] = True
+        trial, test = ng.VectorH1(mesh, order=order), ng.VectorH1(mesh, order=order + 1)
+        stiffness = ng.BilinearForm(trialspace=trial, testspace=test)
+        stiffness += _elastic_energy(mesh, solid, trial.TrialFunction(), test.TestFunction()) * ng.dx
+        mass = ng.BilinearForm(trialspace=scalar, testspace=fine_scalar)
+        mass += _density(mesh, solid) * scalar.TrialFunction() * fine_scalar.TestFunction() * ng.dx(bonus_intorder=2)
+        fields = _position_fields(fine_scalar)
+        return Refinement(
+            _stiffness(mesh, solid, order + 1),
+            np.flatnonzero(np.tile(held, 3)),
+            _to_scipy(stiffness.Assemble().mat),
+            _to_scipy(mass.Assemble().mat),
+            tuple(_couple(mesh, fine_scalar, fields, point) for point in solid.remote_points),
+        )
 
 
-def _stiffness(mesh: Any, solid: Solid, order: int) -> SymmetricMatrix:
+def _elastic_energy(mesh: Any, solid: Solid, u: Any, v: Any) -> Any:
     lame = {name: material.lame_parameters for name, material in solid.materials.items()}
     lambda_ = mesh.MaterialCF({name: value[0] for name, value in lame.items()})
     mu = mesh.MaterialCF({name: value[1] for name, value in lame.items()})
+    strain_u, strain_v = ng.Sym(ng.Grad(u)), ng.Sym(ng.Grad(v))
+    return 2 * mu * ng.InnerProduct(strain_u, strain_v) + lambda_ * ng.div(u) * ng.div(v)
+
+
+def _density(mesh: Any, solid: Solid) -> Any:
+    return mesh.MaterialCF({name: material.density for name, material in solid.materials.items()})
+
+
+def _stiffness(mesh: Any, solid: Solid, order: int) -> SymmetricMatrix:
     space = ng.VectorH1(mesh, order=order)
     u, v = space.TnT()
-    strain_u, strain_v = ng.Sym(ng.Grad(u)), ng.Sym(ng.Grad(v))
-    energy = 2 * mu * ng.InnerProduct(strain_u, strain_v) + lambda_ * ng.div(u) * ng.div(v)
     form = ng.BilinearForm(space, symmetric=True, symmetric_storage=True)
-    form += energy * ng.dx
+    form += _elastic_energy(mesh, solid, u, v) * ng.dx
     return symmetric_matrix(form.Assemble().mat)
 
 
 def _scalar_mass(mesh: Any, solid: Solid, scalar: Any) -> sp.csr_matrix:
-    density = mesh.MaterialCF({name: material.density for name, material in solid.materials.items()})
+    density = _density(mesh, solid)
     u, v = scalar.TnT()
     # Two orders more than the default integrate the Jacobian of curved elements exactly, or nearly so.
     return _to_scipy(ng.BilinearForm(density * u * v * ng.dx(bonus_intorder=2)).Assemble().mat)

@@ -21,6 +21,7 @@ LAYERS = (
     ("fem",),
     ("condensation", "body"),
     ("modes",),
+    ("discretization",),
     ("reduction",),
     ("floating_frame", "fullmodel", "scene"),
     ("linear",),

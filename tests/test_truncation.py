@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 from conftest import lattice, make_bar
 
+from models.apa300ml import PRISMS, make_apa300ml
 from models.bench import BENCH_CONDITIONS, bench_forces_and_readings
 from nassim import build_fe_model, condense, craig_bampton, frequency_response, linearize, load, save
 from nassim.body import keep_modes
-from nassim.fem import lower_order
+from nassim.discretization import released_stiffness
 from nassim.fullmodel import full_eigenfrequencies, full_frequency_response
+from nassim.interface import rigid_transfer
 from nassim.linear import truncation_error
+from nassim.modes import fixed_interface_modes
 
 FACTOR = 3.0
 APA_CASES = [
@@ -84,26 +87,52 @@ def test_enriched_body_is_a_richer_basis_of_the_same_model(apa):
     assert np.all(apa.eigenfrequencies() >= apa.enriched.eigenfrequencies()[:n] * (1 - 1e-9) - 0.1)
 
 
-def test_discretisation_of_a_cantilever():
-    """Smooth solutions converge faster than the estimate knows: it errs to the safe side, beyond a factor of three."""
-    solid = make_bar(length=0.08, side=0.012)
-    body = craig_bampton(
-        build_fe_model(solid, element_size=0.012, order=3, progress=False), discretization=True, progress=False
-    )
-    fine = build_fe_model(solid, element_size=0.006, order=4, progress=False)
-    better = craig_bampton(fine, progress=False).enriched.eigenfrequencies(fixed=["left"], n=4)
-    true = body.enriched.eigenfrequencies(fixed=["left"], n=4) / better - 1
-    assert_within_factor(body.discretization_errors(fixed=["left"], n=4), true, negligible=2e-5, too_large=10)
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+@pytest.mark.parametrize("coupling", ["rbe2", "rbe3"])
+def test_discretisation_of_a_cantilever(order, coupling):
+    """Against elements half as large and of order 5."""
+    solid = make_bar(length=0.08, side=0.012, coupling=coupling)
+    found = []
+    for size, p in ((0.012, order), (0.006, 5)):
+        model = build_fe_model(solid, element_size=size, order=p, progress=False)
+        found.append(craig_bampton(model, n_modes=10, discretization=True, progress=False))
+    body, reference = found
+    true = body.eigenfrequencies(fixed=["left"])[:5] / reference.eigenfrequencies(fixed=["left"])[:5] - 1
+    assert_within_factor(body.discretization_errors(fixed=["left"], n=5), true, negligible=1e-6)
 
 
-def test_lower_order_is_the_same_part_with_fewer_unknowns():
-    model = build_fe_model(make_bar(), element_size=0.02, order=2, progress=False)
-    lower = lower_order(model)
-    assert lower.order == 1
-    assert lower.n_dofs < model.n_dofs
-    assert lower.mass == pytest.approx(model.mass, rel=1e-9)
-    with pytest.raises(ValueError, match="no lower order"):
-        lower_order(lower)
+@pytest.fixture(scope="module")
+def fine_apa():
+    """Prisms of order 4: their own error is a twentieth of that of tetrahedra, a third of that of order 3."""
+    model = build_fe_model(make_apa300ml(), element_size=5e-3, order=4, progress=False, **PRISMS)
+    return craig_bampton(model, n_modes=16, progress=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("options", [{"order": 2}, {"order": 3}, {"order": 3, **PRISMS}], ids=["2", "3", "prisms"])
+def test_discretisation_of_the_apa(options, fine_apa):
+    """Clamped, as on the bench, and free."""
+    model = build_fe_model(make_apa300ml(), element_size=5e-3, progress=False, **options)
+    body = craig_bampton(model, n_modes=16, discretization=True, progress=False)
+    for conditions in (APA_CASES[1], APA_CASES[4], {}):
+        first = 0 if conditions else 6
+        n = slice(first, first + 5)
+        true = body.eigenfrequencies(**conditions)[n] / fine_apa.eigenfrequencies(**conditions)[n] - 1
+        assert_within_factor(body.discretization_errors(**conditions)[n], true, negligible=1e-4)
+
+
+def test_refined_elements_release_no_stiffness_of_rigid_motions(apa_condensed):
+    frequency, modes = fixed_interface_modes(apa_condensed, n_modes=2)
+    released = released_stiffness(apa_condensed, frequency, modes)
+    points = [c.point.position for c in apa_condensed.couplings]
+    rigid = np.vstack([*(rigid_transfer(p) for p in points), np.zeros((2, 6))])
+    assert np.abs(rigid.T @ released @ rigid).max() < 1e-9 * np.abs(released).max()
+    assert np.linalg.eigvalsh(released)[0] > -1e-9 * np.abs(released).max()
+
+
+def test_models_made_by_hand_have_no_discretisation_error():
+    with pytest.raises(ValueError, match="made by hand"):
+        craig_bampton(lattice(), n_modes=3, discretization=True, progress=False)
 
 
 def test_tolerance_is_met_with_fewer_modes_when_looser(cantilever):
