@@ -15,6 +15,7 @@ def make_bench(
     fidelity: str = "ffrf",
     *,
     damping_ratio: float = 0.01,
+    cutoff_frequency: float | None = None,
     gravity: bool = False,
     apa: ReducedBody | None = None,
 ) -> Scene:
@@ -23,6 +24,7 @@ def make_bench(
     payload_mass: guided along z, on top of the actuator [kg]
     fidelity: of the actuator, see `FlexibleBody`
     damping_ratio: of every mode of the bench [-]; an assumption until measured
+    cutoff_frequency: models only what the bench needs below it [Hz], see `Scene`; default: all
     gravity: let the payload's and the actuator's weight act; simulations then start from static equilibrium
     apa: a reduced APA300ML (default: `reduced_apa300ml()`, cached)
     """
@@ -66,6 +68,7 @@ def make_bench(
             Encoder("encoder", "base.guide", "payload.bottom", axis="z"),
         ),
         damping_ratio=damping_ratio,
+        cutoff_frequency=cutoff_frequency,
         gravity=GRAVITY if gravity else np.zeros(3),
     )
 

@@ -32,6 +32,8 @@ class ReducedBody:
     record: how the reduction was made, as text
     enriched: the same body with more coordinates, in which what was left out is present, so that the difference of
         any answer of the two is the truncation error; None where unknown
+    passive_points, passive_motions: points that are no coordinates (any more) but move along, and their motions
+        (ux uy uz rx ry rz) per unit of the coordinates, shape (6 s, n)
     released_stiffness: how much the stiffness matrix would fall with finite elements one order higher, shape (n, n),
         for `discretization_errors`; None where not asked for
 
@@ -48,6 +50,8 @@ class ReducedBody:
     record: Mapping[str, str] = field(default_factory=dict)
     enriched: "ReducedBody | None" = field(default=None, repr=False)
     released_stiffness: Array | None = field(default=None, repr=False)
+    passive_points: tuple[RemotePoint, ...] = ()
+    passive_motions: Array | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         points = tuple(self.remote_points)
@@ -61,6 +65,10 @@ class ReducedBody:
         released = self.released_stiffness
         if released is not None:
             released = finite_array(f"body {self.name!r}: released stiffness", released, (n, n))
+        passive = self.passive_motions
+        if passive is None:
+            passive = np.zeros((0, n))
+        passive = finite_array(f"body {self.name!r}: passive motions", passive, (6 * len(self.passive_points), n))
         if n < 6 * len(points):
             raise ValueError(
                 f"body {self.name!r}: {len(points)} remote points need {6 * len(points)} coordinates, got {n}"
@@ -72,6 +80,8 @@ class ReducedBody:
             stiffness_matrix=stiffness,
             gram=gram,
             released_stiffness=released,
+            passive_points=tuple(self.passive_points),
+            passive_motions=passive,
             record=frozen_mapping(self.record),
         )
 
@@ -100,9 +110,24 @@ class ReducedBody:
         """Centre of mass in the body's frame, shape (3,) [m]."""
         return self.gram[0, 1:4] / self.gram[0, 0]
 
+    @property
+    def all_point_names(self) -> tuple[str, ...]:
+        """Names of the remote points, then of the passive ones."""
+        return self.point_names + tuple(point.name for point in self.passive_points)
+
     def point(self, name: str) -> RemotePoint:
-        """A remote point by name; raises ValueError listing the names when there is none."""
-        return self.remote_points[self.point_names.index(known("remote point", name, self.point_names))]
+        """A remote or passive point by name; raises ValueError listing the names when there is none."""
+        names = self.all_point_names
+        return (*self.remote_points, *self.passive_points)[names.index(known("remote point", name, names))]
+
+    def motion(self, name: str) -> Array:
+        """Motion (ux uy uz rx ry rz) of a remote or passive point per unit of the coordinates, shape (6, n)."""
+        index = self.all_point_names.index(known("remote point", name, self.all_point_names))
+        active = len(self.remote_points)
+        if index < active:
+            return np.eye(6, len(self.mass_matrix), 6 * index)
+        assert self.passive_motions is not None
+        return self.passive_motions[6 * (index - active) : 6 * (index - active + 1)]
 
     def eigenmodes(
         self,
@@ -222,6 +247,7 @@ def keep_modes(body: ReducedBody, n_modes: int) -> ReducedBody:
         mass_matrix=body.mass_matrix[:n, :n],
         stiffness_matrix=body.stiffness_matrix[:n, :n],
         gram=body.gram[: 4 + 3 * n, : 4 + 3 * n],
+        passive_motions=None if body.passive_motions is None else body.passive_motions[:, :n],
         surface_modes=None if body.surface_modes is None else body.surface_modes[:, :, :n].copy(),
         released_stiffness=None if body.released_stiffness is None else body.released_stiffness[:n, :n],
         enriched=replace(body, surface=None, surface_modes=None, released_stiffness=None),

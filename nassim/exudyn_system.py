@@ -1,12 +1,9 @@
-"""A scene as an Exudyn system: bodies, markers, joints, loads and sensors, and Exudyn's solvers.
+"""A scene as an Exudyn system: bodies, markers, joints, loads and sensors.
 
 The one stateful thing of nassim; it is born and gone within one call of `simulate` or `static_response`.
 """
 
-import signal
-import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,8 +16,7 @@ from exudyn.rigidBodyUtilities import GetRigidBodyNode
 from nassim.checks import Array
 from nassim.floating_frame import FloatingFrame
 from nassim.interface import DIRECTIONS, rigid_transfer
-from nassim.linear import Assembly, assemble, deformation_damping
-from nassim.progress import stage
+from nassim.linear import Assembly, assemble, deformable_bodies, deformation_damping
 from nassim.scene import FlexibleBody, Joint, RigidBody, Scene, Sensor, StackActuator, StackSensor
 
 # Corners of a regular tetrahedron: equal weights on four pilots there give a remote point's motion exactly.
@@ -28,69 +24,158 @@ PILOT_DIRECTIONS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) 
 
 
 @dataclass(frozen=True)
+class Carrier:
+    """Where Exudyn keeps the deformation of a flexible body.
+
+    nodes: nodes and their numbers of coordinates, whose sum is m
+    coordinates: the reduced body's coordinates per unit of these, shape (n, m)
+    """
+
+    nodes: tuple[tuple[int, int], ...]
+    coordinates: Array
+
+    def parts(self, row: Array) -> list[tuple[int, Array]]:
+        """A row over the body's coordinates, split by nodes; nodes that it leaves alone are left out."""
+        ends = np.cumsum([count for _, count in self.nodes])
+        pieces = np.split(row @ self.coordinates, ends[:-1])
+        return [(node, piece) for (node, _), piece in zip(self.nodes, pieces, strict=True) if np.any(piece)]
+
+
+@dataclass(frozen=True)
 class System:
     """Exudyn's numbers of what a scene consists of.
 
-    mbs: the Exudyn system, kept alive by container; nodes: rigid-body node per moving body; modal_nodes: modal
-    node per flexible body; readings: per output, Exudyn's sensors and the weights of their columns
+    mbs: the Exudyn system, kept alive by container; assembly: what it models
+    nodes: rigid-body node per moving body; carriers: per flexible body that deforms
+    loads: Exudyn's loads with the input that drives each and its value per unit of that
+    readings: per output, Exudyn's sensors and the weights of their columns
     """
 
     container: Any
     mbs: Any
+    assembly: Assembly
     nodes: dict[str, int]
-    modal_nodes: dict[str, int]
+    carriers: dict[str, Carrier]
+    loads: tuple[tuple[int, str, float], ...]
     readings: dict[str, list[tuple[int, Array]]]
 
+    def apply(self, inputs: Mapping[str, float]) -> None:
+        """Set the inputs [V]."""
+        for number, name, factor in self.loads:
+            self.mbs.SetLoadParameter(number, "load", factor * inputs[name])
+
+    def deformation(self, name: str) -> Array:
+        """Present coordinates of a flexible body that deforms, as `ReducedBody` orders them, shape (n,)."""
+        carrier = self.carriers[name]
+        kind = exu.OutputVariableType.Coordinates
+        found = [np.atleast_1d(self.mbs.GetNodeOutput(node, kind))[:count] for node, count in carrier.nodes]
+        result: Array = carrier.coordinates @ np.concatenate(found)
+        return result
+
     def recorded(self, sensor: Sensor) -> Array:
-        """Samples of one output, shape (n_samples,)."""
+        """Samples of one output, shape (n_samples,); a single 0 where nothing that moves is measured."""
         terms = [
             self.mbs.GetSensorStoredData(number)[:, 1:] @ weights for number, weights in self.readings[sensor.name]
         ]
         return np.sum(terms, axis=0) if terms else np.zeros(1)
 
 
-def build_system(scene: Scene, input_value: Callable[[str, float], float]) -> System:
-    """Build the Exudyn system of a scene.
-
-    input_value: value of an input [V] by its name and the time [s]
-    """
+def build_system(scene: Scene) -> System:
+    """Build the Exudyn system of a scene, with all inputs at zero."""
     container = exu.SystemContainer()
     mbs = container.AddSystem()
     assembly = assemble(scene)
-    dampings = _damping_blocks(scene, assembly)
+    scene = assembly.scene
+    damping = _damping_blocks(assembly)
     nodes: dict[str, int] = {}
-    modal_nodes: dict[str, int] = {}
+    carriers: dict[str, Carrier] = {}
     markers: dict[str, int] = {}
     objects: dict[str, int] = {}
+    rigid: dict[str, RigidBody] = {}
     for body in scene.bodies:
-        if isinstance(body, FlexibleBody):
-            frame = assembly.frames[body.name]
-            nodes[body.name], modal_nodes[body.name], objects[body.name], pilots = _add_flexible(
-                mbs, scene, body, frame, dampings[body.name]
+        if isinstance(body, FlexibleBody) and body.fidelity != "rigid":
+            add = _add_floating if body.fidelity == "ffrf" else _add_linear
+            node, carriers[body.name], objects[body.name], pilots = add(
+                mbs, scene, body, assembly.frames[body.name], damping[body.name, body.name]
             )
+            nodes[body.name] = node
             markers.update({f"{body.name}.{point}": marker for point, marker in pilots.items()})
         else:
-            node, objects[body.name] = _add_rigid(mbs, body)
-            if node is not None:
-                nodes[body.name] = node
+            spin = body.angular_velocity if isinstance(body, FlexibleBody) else np.zeros(3)
+            rigid[body.name] = _as_rigid(body, assembly) if isinstance(body, FlexibleBody) else body
+            number, objects[body.name] = _add_rigid(mbs, rigid[body.name], spin)
+            if number is not None:
+                nodes[body.name] = number
+    # A linear body carries its weight itself.
+    linear = [body.name for body in scene.flexible_bodies if body.fidelity == "linear"]
     for name in nodes:
-        if np.any(scene.gravity):
+        if np.any(scene.gravity) and name not in linear:
             marker = mbs.AddMarker(eii.MarkerBodyMass(bodyNumber=objects[name]))
             mbs.AddLoad(eii.LoadMassProportional(markerNumber=marker, loadVector=list(scene.gravity)))
-    _couple_dampings(mbs, scene, assembly, modal_nodes)
+    _couple_dampings(mbs, assembly, carriers, damping)
     for joint in scene.joints:
-        _add_joint(mbs, scene, joint, objects, markers)
-    for actuator in scene.actuators:
-        _add_actuator(mbs, scene, assembly, actuator, modal_nodes, input_value)
-    readings = {s.name: _add_sensor(mbs, scene, assembly, s, objects, modal_nodes) for s in scene.sensors}
+        _add_joint(mbs, joint, objects, markers, rigid)
+    loads = [load for actuator in scene.actuators for load in _add_actuator(mbs, scene, actuator, carriers)]
+    readings = {s.name: _add_sensor(mbs, scene, s, objects, carriers) for s in scene.sensors}
     mbs.Assemble()
-    return System(container, mbs, nodes, modal_nodes, readings)
+    return System(container, mbs, assembly, nodes, carriers, tuple(loads), readings)
 
 
-def _add_flexible(
+def _as_rigid(body: FlexibleBody, assembly: Assembly) -> RigidBody:
+    """A flexible body without its deformation, along the world's axes."""
+    frame, turn = assembly.frames[body.name], body.rotation
+    c = frame.center_of_mass
+    inertia = turn @ (frame.inertia - frame.mass * (c @ c * np.eye(3) - np.outer(c, c))) @ turn.T
+    position = _centre(body)
+    points = {name: body.point_position(name) - position for name in body.reduced.all_point_names}
+    return RigidBody(body.name, points, frame.mass, 0.5 * (inertia + inertia.T), position)
+
+
+def _add_linear(
     mbs: Any, scene: Scene, body: FlexibleBody, frame: FloatingFrame, damping: Array
-) -> tuple[int, int, int, dict[str, int]]:
-    """Add a floating-frame body; returns its rigid node, modal node, object, and a marker per jointed remote point."""
+) -> tuple[int, Carrier, int, dict[str, int]]:
+    """Add a body in small motion: a node per remote point along the world's axes, and one for the modes."""
+    reduced = body.reduced
+    counts = [6] * len(reduced.remote_points) + ([reduced.n_modes] if reduced.n_modes else [])
+    numbers = [
+        mbs.AddNode(eii.NodeRigidBodyRxyz(referenceCoordinates=[*body.point_position(point), 0.0, 0.0, 0.0]))
+        for point in reduced.point_names
+    ]
+    markers = {
+        point: mbs.AddMarker(eii.MarkerNodeRigid(nodeNumber=number))
+        for point, number in zip(reduced.point_names, numbers, strict=True)
+    }
+    if reduced.n_modes:
+        numbers.append(mbs.AddNode(_modal_node(reduced.n_modes)))
+    axes = [body.rotation.T] * (2 * len(reduced.remote_points))
+    to_body = scipy.linalg.block_diag(*axes, np.eye(reduced.n_modes))
+    deformation = frame.deformation(reduced) @ to_body
+    fall = np.vstack([*([np.eye(3), np.zeros((3, 3))] * len(reduced.remote_points)), np.zeros((reduced.n_modes, 3))])
+    mass = to_body.T @ reduced.mass_matrix @ to_body
+    number = mbs.AddObject(
+        eii.ObjectGenericODE2(
+            nodeNumbers=numbers,
+            massMatrix=mass,
+            stiffnessMatrix=to_body.T @ reduced.stiffness_matrix @ to_body,
+            dampingMatrix=deformation.T @ damping @ deformation,
+            forceVector=mass @ fall @ scene.gravity,
+        )
+    )
+    carrier = Carrier(tuple(zip(numbers, counts, strict=True)), to_body)
+    return numbers[reduced.point_names.index(frame.point)], carrier, number, markers
+
+
+def _modal_node(n: int) -> Any:
+    zero = [0.0] * n
+    return eii.NodeGenericODE2(
+        numberOfODE2Coordinates=n, referenceCoordinates=zero, initialCoordinates=zero, initialCoordinates_t=zero
+    )
+
+
+def _add_floating(
+    mbs: Any, scene: Scene, body: FlexibleBody, frame: FloatingFrame, damping: Array
+) -> tuple[int, Carrier, int, dict[str, int]]:
+    """Add a floating-frame body; returns its rigid node, carrier, object, and a marker per jointed remote point."""
     n = len(frame.flexible)
     node = mbs.AddNode(
         GetRigidBodyNode(
@@ -101,14 +186,7 @@ def _add_flexible(
             angularVelocity=list(body.angular_velocity),
         )
     )
-    modal_node = mbs.AddNode(
-        eii.NodeGenericODE2(
-            numberOfODE2Coordinates=n,
-            referenceCoordinates=[0.0] * n,
-            initialCoordinates=[0.0] * n,
-            initialCoordinates_t=[0.0] * n,
-        )
-    )
+    modal_node = mbs.AddNode(_modal_node(n))
     paths = [path for joint in scene.joints for path in (joint.a, joint.b)]
     used = [p for p in body.reduced.point_names if f"{body.name}.{p}" in paths and p != frame.point]
     positions, rows = _pilots(body, frame, used)
@@ -144,7 +222,8 @@ def _add_flexible(
                 localHT=axes,
             )
         )
-    return node, modal_node, number, markers
+    carrier = Carrier(((modal_node, n),), np.eye(len(body.reduced.mass_matrix))[:, frame.flexible])
+    return node, carrier, number, markers
 
 
 def _centre(body: FlexibleBody) -> Array:
@@ -165,30 +244,34 @@ def _pilots(body: FlexibleBody, frame: FloatingFrame, points: Sequence[str]) -> 
         return (radius * PILOT_DIRECTIONS).ravel(), np.zeros((12, n))
     positions, rows = [], []
     for point in points:
-        start = 6 * body.reduced.point_names.index(point)
-        motion = np.zeros((6, len(body.reduced.mass_matrix)))
-        motion[:, start : start + 6] = np.eye(6)
+        motion = body.reduced.motion(point)
         for offset in radius * PILOT_DIRECTIONS:
             positions.append(body.reduced.point(point).position - frame.origin + offset)
             rows.append((rigid_transfer(offset) @ motion[:, frame.flexible])[:3])
     return np.hstack(positions), np.vstack(rows)
 
 
-def _add_rigid(mbs: Any, body: RigidBody) -> tuple[int | None, int]:
+def _add_rigid(mbs: Any, body: RigidBody, angular_velocity: Array) -> tuple[int | None, int]:
     if body.fixed:
         return None, mbs.AddObject(eii.ObjectGround(referencePosition=list(body.position)))
-    node = mbs.AddNode(eii.NodeRigidBodyEP(referenceCoordinates=[*body.position, 1.0, 0.0, 0.0, 0.0]))
+    node = mbs.AddNode(
+        GetRigidBodyNode(
+            exu.NodeType.RotationEulerParameters, position=list(body.position), angularVelocity=list(angular_velocity)
+        )
+    )
     j = np.asarray(body.inertia)
     six = [j[0, 0], j[1, 1], j[2, 2], j[1, 2], j[0, 2], j[0, 1]]
     return node, mbs.AddObject(eii.ObjectRigidBody(nodeNumber=node, mass=body.mass, inertia=six))
 
 
-def _add_joint(mbs: Any, scene: Scene, joint: Joint, objects: dict[str, int], markers: dict[str, int]) -> None:
+def _add_joint(
+    mbs: Any, joint: Joint, objects: dict[str, int], markers: dict[str, int], rigid: dict[str, RigidBody]
+) -> None:
     for path in (joint.a, joint.b):
-        body, point = scene.split(path)
-        if isinstance(body, RigidBody) and path not in markers:
+        name, _, point = path.partition(".")
+        if path not in markers:
             markers[path] = mbs.AddMarker(
-                eii.MarkerBodyRigid(bodyNumber=objects[body.name], localPosition=list(body.points[point]))
+                eii.MarkerBodyRigid(bodyNumber=objects[name], localPosition=list(rigid[name].points[point]))
             )
     mbs.AddObject(
         eii.ObjectJointGeneric(
@@ -199,46 +282,31 @@ def _add_joint(mbs: Any, scene: Scene, joint: Joint, objects: dict[str, int], ma
 
 
 def _add_actuator(
-    mbs: Any,
-    scene: Scene,
-    assembly: Assembly,
-    actuator: StackActuator,
-    modal_nodes: dict[str, int],
-    input_value: Callable[[str, float], float],
-) -> None:
-    """A pair of opposite forces inside a body: no work on its frame, so loads on flexible coordinates only."""
-    name, row = _flexible_elongation(scene, assembly, actuator)
-    force = actuator.gain * actuator.force_per_volt * row
-    for coordinate in np.flatnonzero(force):
-        marker = mbs.AddMarker(eii.MarkerNodeCoordinate(nodeNumber=modal_nodes[name], coordinate=int(coordinate)))
-        mbs.AddLoad(
-            eii.LoadCoordinate(
-                markerNumber=marker,
-                load=float(force[coordinate]),
-                loadUserFunction=lambda _mbs, t, load, name=actuator.input: load * input_value(name, t),
-            )
-        )
+    mbs: Any, scene: Scene, actuator: StackActuator, carriers: dict[str, Carrier]
+) -> list[tuple[int, str, float]]:
+    """A pair of opposite forces inside a body: no work on its frame, so loads on coordinates of deformation only."""
+    loads = []
+    for node, row in _elongation(scene, actuator, carriers):
+        for coordinate in np.flatnonzero(row):
+            marker = mbs.AddMarker(eii.MarkerNodeCoordinate(nodeNumber=node, coordinate=int(coordinate)))
+            number = mbs.AddLoad(eii.LoadCoordinate(markerNumber=marker, load=0.0))
+            loads.append((number, actuator.input, float(actuator.gain * actuator.force_per_volt * row[coordinate])))
+    return loads
 
 
 def _add_sensor(
-    mbs: Any,
-    scene: Scene,
-    assembly: Assembly,
-    sensor: Sensor,
-    objects: dict[str, int],
-    modal_nodes: dict[str, int],
+    mbs: Any, scene: Scene, sensor: Sensor, objects: dict[str, int], carriers: dict[str, Carrier]
 ) -> list[tuple[int, Array]]:
+    kept = {"storeInternal": True, "writeToFile": False}
     if isinstance(sensor, StackSensor):
-        name, row = _flexible_elongation(scene, assembly, sensor)
-        number = mbs.AddSensor(
-            eii.SensorNode(
-                nodeNumber=modal_nodes[name],
-                outputVariableType=exu.OutputVariableType.Coordinates,
-                storeInternal=True,
-                writeToFile=False,
+        kind = exu.OutputVariableType.Coordinates
+        return [
+            (
+                mbs.AddSensor(eii.SensorNode(nodeNumber=node, outputVariableType=kind, **kept)),
+                -sensor.voltage_per_elongation * row,
             )
-        )
-        return [(number, -sensor.voltage_per_elongation * row)]
+            for node, row in _elongation(scene, sensor, carriers)
+        ]
     result = []
     for path, sign in ((sensor.a, -1.0), (sensor.b, 1.0)):
         body, point = scene.split(path)
@@ -249,54 +317,54 @@ def _add_sensor(
                     bodyNumber=objects[body.name],
                     localPosition=list(body.points[point]),
                     outputVariableType=exu.OutputVariableType.Displacement,
-                    storeInternal=True,
-                    writeToFile=False,
+                    **kept,
                 )
             )
             result.append((number, sign * np.eye(3)["xyz".index(sensor.axis)]))
     return result
 
 
-def _flexible_elongation(scene: Scene, assembly: Assembly, stack: StackActuator | StackSensor) -> tuple[str, Array]:
-    """Name of a stack's body, and the stack's elongation per unit of its flexible coordinates, shape (n,)."""
+def _elongation(
+    scene: Scene, stack: StackActuator | StackSensor, carriers: dict[str, Carrier]
+) -> list[tuple[int, Array]]:
+    """A stack's elongation per unit of the nodes' coordinates; empty in a rigid body."""
     body, start = scene.split(stack.start)
-    _, end = scene.split(stack.end)
     assert isinstance(body, FlexibleBody)
-    axis = body.reduced.point(end).position - body.reduced.point(start).position
-    axis = axis / np.linalg.norm(axis)
-    row = np.zeros(len(body.reduced.mass_matrix))
-    for point, sign in ((start, -1.0), (end, 1.0)):
-        first = 6 * body.reduced.point_names.index(point)
-        row[first : first + 3] += sign * axis
-    return body.name, row[assembly.frames[body.name].flexible]
+    if body.name not in carriers:
+        return []
+    return carriers[body.name].parts(body.elongation(start, stack.end.partition(".")[2]))
 
 
-def _damping_blocks(scene: Scene, assembly: Assembly) -> dict[str, Array]:
-    """Each flexible body's own block of the damping matrix."""
-    if not scene.flexible_bodies:
-        return {}
-    full = deformation_damping(scene, assembly)
-    blocks, start = {}, 0
-    for body in scene.flexible_bodies:
-        stop = start + len(assembly.frames[body.name].flexible)
-        blocks[body.name] = full[start:stop, start:stop]
-        start = stop
-    return blocks
+def _damping_blocks(assembly: Assembly) -> dict[tuple[str, str], Array]:
+    """Damping between the deformations of every two bodies, by their names."""
+    bodies = deformable_bodies(assembly.scene)
+    full = deformation_damping(assembly)
+    ends = np.cumsum([0, *(len(assembly.frames[body.name].flexible) for body in bodies)])
+    places = {body.name: slice(ends[k], ends[k + 1]) for k, body in enumerate(bodies)}
+    return {(a, b): full[places[a], places[b]] for a in places for b in places}
 
 
-def _couple_dampings(mbs: Any, scene: Scene, assembly: Assembly, modal_nodes: dict[str, int]) -> None:
+def _couple_dampings(
+    mbs: Any, assembly: Assembly, carriers: dict[str, Carrier], blocks: dict[tuple[str, str], Array]
+) -> None:
     """Damping between the deformations of several flexible bodies, which modal damping of their assembly needs."""
-    if len(scene.flexible_bodies) < 2:
+    bodies = deformable_bodies(assembly.scene)
+    if len(bodies) < 2:
         return
-    full = deformation_damping(scene, assembly)
-    full -= scipy.linalg.block_diag(*_damping_blocks(scene, assembly).values())
-    zero = np.zeros_like(full)
+    rows = [assembly.frames[b.name].deformation(b.reduced) @ carriers[b.name].coordinates for b in bodies]
+    damping = np.block(
+        [
+            [rows[i].T @ blocks[a.name, b.name] @ rows[j] * (i != j) for j, b in enumerate(bodies)]
+            for i, a in enumerate(bodies)
+        ]
+    )
+    zero = np.zeros_like(damping)
     mbs.AddObject(
         eii.ObjectGenericODE2(
-            nodeNumbers=[modal_nodes[body.name] for body in scene.flexible_bodies],
+            nodeNumbers=[node for body in bodies for node, _ in carriers[body.name].nodes],
             massMatrix=zero,
             stiffnessMatrix=zero,
-            dampingMatrix=full,
+            dampingMatrix=damping,
         )
     )
 
@@ -305,81 +373,3 @@ def _container(matrix: Array) -> Any:
     result = exu.MatrixContainer()
     result.SetWithDenseMatrix(matrix, useDenseMatrix=True)
     return result
-
-
-def _settings() -> Any:
-    settings = exu.SimulationSettings()
-    settings.solution.file.write = False
-    settings.timeIntegration.verboseMode = 0
-    settings.staticSolver.verboseMode = 0
-    return settings
-
-
-def eigenfrequencies(system: System) -> Array:
-    """Undamped eigenfrequencies of the system as Exudyn linearises it, ascending [Hz]."""
-    eigenvalues, _ = system.mbs.ComputeODE2Eigenvalues()
-    result: Array = np.sqrt(np.sort(np.abs(eigenvalues))) / (2 * np.pi)
-    return result
-
-
-def solve_static(system: System) -> None:
-    """Bring the system into static equilibrium and keep that as the initial state; RuntimeError without one."""
-    settings = _settings()
-    # The static solver counts its load steps as time; inputs are to keep their value at t = 0.
-    settings.staticSolver.loadStepDuration = 1e-12
-    try:
-        system.mbs.SolveStatic(settings, updateInitialValues=True)
-    except Exception as error:
-        raise RuntimeError(
-            f"no static equilibrium: can a body move freely? Add joints, or leave gravity out. Exudyn says: {error}"
-        ) from error
-
-
-def solve_dynamic(system: System, n_steps: int, time_step: float, spectral_radius: float, progress: bool) -> None:
-    """Integrate by generalized-alpha with a fixed step.
-
-    Ctrl-C ends the run after the step at hand with KeyboardInterrupt; RuntimeError when the integration fails.
-    """
-    settings = _settings()
-    settings.timeIntegration.numberOfSteps = n_steps
-    settings.timeIntegration.endTime = n_steps * time_step
-    settings.timeIntegration.adaptiveStep = False
-    settings.timeIntegration.generalizedAlpha.spectralRadius = spectral_radius
-    settings.solution.sensors.writePeriod = time_step
-    count = 0
-    chunk = max(1, n_steps // 200)
-    with stage("simulate", total=n_steps, unit="steps", enabled=progress) as advance, _interrupts() as interrupts:
-
-        def before_step(_mbs: Any, _time: float) -> bool:
-            nonlocal count
-            count += 1
-            if count % chunk == 0:
-                advance(chunk)
-            return not interrupts
-
-        system.mbs.SetPreStepUserFunction(before_step)
-        try:
-            system.mbs.SolveDynamic(settings)
-        except Exception as error:
-            if not interrupts:
-                raise RuntimeError(
-                    f"the integration failed at t = {count * time_step:g} s; try a smaller time_step or a "
-                    f"spectral_radius below 1. {error}"
-                ) from error
-        if interrupts:
-            raise KeyboardInterrupt(f"simulation stopped at t = {count * time_step:g} s")
-        advance(n_steps % chunk)
-
-
-@contextmanager
-def _interrupts() -> Iterator[list[int]]:
-    """Collect Ctrl-C instead of raising it: an exception inside one of Exudyn's callbacks would look like a failure."""
-    received: list[int] = []
-    if threading.current_thread() is not threading.main_thread():
-        yield received
-        return
-    earlier = signal.signal(signal.SIGINT, lambda number, _frame: received.append(number))
-    try:
-        yield received
-    finally:
-        signal.signal(signal.SIGINT, earlier)

@@ -12,6 +12,8 @@ from nassim.interface import AXES, DIRECTIONS, rigid_transfer
 from nassim.modal import eigenmodes, modal_damping_matrix
 from nassim.scene import Body, Encoder, FlexibleBody, RigidBody, Scene, StackActuator, StackSensor
 
+WELL_CONDITIONED = 1e8
+
 
 @dataclass(frozen=True)
 class LinearModel:
@@ -49,6 +51,7 @@ class LinearModel:
 class Assembly:
     """A scene's matrices for small motion: all bodies' coordinates, and the minimal ones that the joints leave.
 
+    scene: what is modelled, after `Scene.trimmed`
     slices: of each moving body's coordinates among all, by body name (flexible: the remote points' motions and
         the modes, in the body's frame; rigid: motion of the centre of mass in the world's frame)
     basis: all coordinates from the minimal ones, shape (n_all, n), orthonormal columns
@@ -57,9 +60,11 @@ class Assembly:
     damping_ratio: per mode, (n,) [-]
     input_matrix: forces on all coordinates per unit input, (n_all, inputs)
     output_matrix: outputs per unit of all coordinates, (outputs, n_all)
+    weight: forces of gravity on all coordinates, (n_all,)
     frames: floating frame of each flexible body, by name
     """
 
+    scene: Scene
     slices: dict[str, slice]
     basis: Array
     mass: Array
@@ -69,11 +74,14 @@ class Assembly:
     damping_ratio: Array
     input_matrix: Array
     output_matrix: Array
+    weight: Array
     frames: dict[str, FloatingFrame]
 
 
 def assemble(scene: Scene) -> Assembly:
     """Assemble a scene's mass and stiffness for small motion, and find its undamped eigenmodes."""
+    scene = scene.trimmed()
+    frames = {body.name: floating_frame(body.reduced, scene.frame_point(body)) for body in scene.flexible_bodies}
     slices: dict[str, slice] = {}
     blocks: list[tuple[Array, Array]] = []
     for body in scene.bodies:
@@ -92,6 +100,11 @@ def assemble(scene: Scene) -> Assembly:
         (motion(joint.b) - motion(joint.a))[[AXES.index(DIRECTIONS[d]) for d in DIRECTIONS if d not in joint.free]]
         for joint in scene.joints
     ]
+    for body in scene.flexible_bodies:
+        if body.fidelity == "rigid":
+            rows = np.zeros((len(frames[body.name].flexible), n_all))
+            rows[:, slices[body.name]] = frames[body.name].deformation(body.reduced)
+            constraints.append(rows)
     basis = _null_space(np.vstack([np.zeros((0, n_all)), *constraints]), mass_all)
     mass, stiffness = basis.T @ mass_all @ basis, basis.T @ stiffness_all @ basis
     frequency, shapes = eigenmodes(stiffness, mass)
@@ -107,8 +120,13 @@ def assemble(scene: Scene) -> Assembly:
             outputs[row] = (motion(sensor.b) - motion(sensor.a))["xyz".index(sensor.axis)]
         else:
             outputs[row] = -sensor.voltage_per_elongation * _elongation(scene, slices, n_all, sensor)
-    frames = {body.name: floating_frame(body.reduced, scene.frame_point(body)) for body in scene.flexible_bodies}
-    return Assembly(slices, basis, mass, stiffness, frequency, shapes, ratio, input_matrix, outputs, frames)
+    weight = np.zeros(n_all)
+    for body in scene.bodies:
+        if body.name in slices:
+            weight[slices[body.name]] = _weight(body, scene.gravity)
+    return Assembly(
+        scene, slices, basis, mass, stiffness, frequency, shapes, ratio, input_matrix, outputs, weight, frames
+    )
 
 
 def linearize(scene: Scene) -> LinearModel:
@@ -130,11 +148,22 @@ def linearize(scene: Scene) -> LinearModel:
 
 
 def frequency_response(model: LinearModel, frequency: Array, *, label: str = "linear model") -> FRF:
-    """FRF of a linear model at the given frequencies, shape (n,) [Hz]."""
+    """FRF of a linear model at the given frequencies, shape (n,) [Hz].
+
+    By the eigenvectors of A, which costs milliseconds; where they do not span (a double pole at one place, as of rigid
+    motion without damping) by a solve per frequency.
+    """
     frequency = finite_array("frequency", frequency, (None,))
-    resolvent = 2j * np.pi * frequency[:, None, None] * np.eye(len(model.A)) - model.A
-    values = model.C @ np.linalg.solve(resolvent, np.broadcast_to(model.B, (len(frequency), *model.B.shape))) + model.D
-    return FRF(frequency, values.transpose(1, 2, 0), model.outputs, model.inputs, None, label)
+    s = 2j * np.pi * frequency
+    poles, vectors = np.linalg.eig(model.A)
+    if np.linalg.cond(vectors / np.linalg.norm(vectors, axis=0)) < WELL_CONDITIONED:
+        inputs = np.linalg.solve(vectors, model.B.astype(complex))
+        values = np.einsum("ok,ki,kf->oif", model.C @ vectors, inputs, 1.0 / (s - poles[:, None])) + model.D[:, :, None]
+    else:
+        resolvent = s[:, None, None] * np.eye(len(model.A)) - model.A
+        states = np.linalg.solve(resolvent, np.broadcast_to(model.B, (len(frequency), *model.B.shape)))
+        values = (model.C @ states + model.D).transpose(1, 2, 0)
+    return FRF(frequency, values, model.outputs, model.inputs, None, label)
 
 
 def truncation_error(scene: Scene, frequency: Array) -> Array:
@@ -151,25 +180,35 @@ def truncation_error(scene: Scene, frequency: Array) -> Array:
             bodies.append(replace(body, reduced=body.reduced.enriched))
         else:
             bodies.append(body)
-    better = frequency_response(linearize(replace(scene, bodies=tuple(bodies))), frequency).values
+    better = frequency_response(
+        linearize(replace(scene, bodies=tuple(bodies), cutoff_frequency=None)), frequency
+    ).values
     result: Array = np.abs(frequency_response(linearize(scene), frequency).values / better - 1)
     return result
 
 
-def deformation_damping(scene: Scene, assembly: Assembly) -> Array:
-    """Damping matrix on the flexible coordinates of all floating frames, in order, that realises the modal ratios.
+def deformable_bodies(scene: Scene) -> tuple[FlexibleBody, ...]:
+    """The flexible bodies that the scene lets deform, in order."""
+    return tuple(body for body in scene.flexible_bodies if body.fidelity != "rigid")
+
+
+def deformation_damping(assembly: Assembly) -> Array:
+    """Damping matrix on the flexible coordinates of all bodies that deform, in order, that realises the modal ratios.
 
     With D the map from minimal to flexible coordinates, the damping C of the modes is D^T C_f D for
     C_f = D^+T C D^+: exact, because motion without deformation has no damped mode.
     """
+    bodies = deformable_bodies(assembly.scene)
+    if not bodies:
+        return np.zeros((0, 0))
     rows = []
-    for body in scene.flexible_bodies:
+    for body in bodies:
         part = assembly.basis[assembly.slices[body.name]]
         rows.append(assembly.frames[body.name].deformation(body.reduced) @ part)
     deformation = np.vstack(rows)
     damping = modal_damping_matrix(assembly.mass, assembly.frequency, assembly.shapes, assembly.damping_ratio)
     # Coordinates in metres, radians and modal units: scale to comparable energy before the pseudo-inverse.
-    stiffness = scipy.linalg.block_diag(*(f.stiffness_matrix for f in assembly.frames.values()))
+    stiffness = scipy.linalg.block_diag(*(assembly.frames[body.name].stiffness_matrix for body in bodies))
     factor = np.linalg.cholesky(stiffness)
     inverse = np.linalg.pinv(factor.T @ deformation, rcond=1e-9) @ factor.T
     result: Array = inverse.T @ damping @ inverse
@@ -184,14 +223,25 @@ def _body_matrices(body: Body) -> tuple[Array, Array]:
     return scipy.linalg.block_diag(body.mass * np.eye(3), body.inertia), np.zeros((6, 6))
 
 
+def _weight(body: Body, gravity: Array) -> Array:
+    """Forces of gravity on a body's coordinates."""
+    if isinstance(body, RigidBody):
+        assert body.mass is not None
+        return np.concatenate([body.mass * gravity, np.zeros(3)])
+    fall = np.zeros(len(body.reduced.mass_matrix))
+    fall[: 6 * len(body.reduced.remote_points)] = np.tile(
+        [*(body.rotation.T @ gravity), 0, 0, 0], len(body.reduced.remote_points)
+    )
+    result: Array = body.reduced.mass_matrix @ fall
+    return result
+
+
 def _point_motion(scene: Scene, slices: dict[str, slice], n_all: int, path: str) -> Array:
     """Small motion of a point in the world's frame from all coordinates, shape (6, n_all)."""
     body, point = scene.split(path)
     rows = np.zeros((6, n_all))
     if isinstance(body, FlexibleBody):
-        index = body.reduced.point_names.index(point)
-        start = slices[body.name].start + 6 * index
-        rows[:, start : start + 6] = scipy.linalg.block_diag(body.rotation, body.rotation)
+        rows[:, slices[body.name]] = scipy.linalg.block_diag(body.rotation, body.rotation) @ body.reduced.motion(point)
     elif not body.fixed:
         rows[:, slices[body.name]] = rigid_transfer(body.points[point])
     return rows

@@ -1,7 +1,7 @@
 """Scenes: bodies, joints, stacks and sensors as pure data, connected by name."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,8 +19,9 @@ from nassim.checks import (
     unique,
 )
 from nassim.interface import DIRECTIONS
+from nassim.trim import trim_body
 
-FIDELITIES = ("ffrf",)
+FIDELITIES = ("rigid", "linear", "ffrf")
 TOUCH_TOLERANCE = 1e-9
 """Largest gap [m] between the two points of a joint."""
 
@@ -74,7 +75,8 @@ class FlexibleBody:
     name: what the scene calls it; reduced: the body
     position: of the body's origin at the start, in the world's frame, shape (3,) [m]
     rotation: from the body's to the world's frame at the start, shape (3, 3)
-    fidelity: "ffrf", a floating frame that may move far and turn
+    fidelity: "ffrf", a floating frame that may move far and turn; "linear", small motion about the start (rotations
+        up to some 0.01 rad), twenty times as fast; "rigid", no deformation: its stacks then do and read nothing
     frame: remote point that the floating frame rides on (default: the first that a joint holds, else the first)
     angular_velocity: at the start, world frame, shape (3,) [rad/s]
     """
@@ -95,12 +97,21 @@ class FlexibleBody:
         known("fidelity", self.fidelity, FIDELITIES)
         if self.frame is not None:
             known("remote point", self.frame, self.reduced.point_names)
+        if self.fidelity == "linear" and np.any(self.angular_velocity):
+            raise ValueError(f'{label} spins, so it needs fidelity "ffrf" or "rigid": "linear" is for small rotation')
         freeze(
             self,
             position=finite_array(f"{label}: position", self.position, (3,)),
             rotation=rotation,
             angular_velocity=finite_array(f"{label}: angular_velocity", self.angular_velocity, (3,)),
         )
+
+    def elongation(self, start: str, end: str) -> Array:
+        """How much the distance between two points grows per unit of the reduced coordinates, shape (n,)."""
+        axis = self.reduced.point(end).position - self.reduced.point(start).position
+        axis = axis / np.linalg.norm(axis)
+        result: Array = axis @ (self.reduced.motion(end) - self.reduced.motion(start))[:3]
+        return result
 
     def point_position(self, point: str) -> Array:
         """Position of a remote point at the start, world frame, shape (3,) [m]."""
@@ -198,6 +209,8 @@ class Scene:
     damping_ratio: of every eigenmode of the assembled scene [-], one number or one per mode from the lowest (the
         remaining modes then have the last). It is realised as a damping of the flexible bodies' deformation.
     gravity: acceleration, world frame, shape (3,) [m/s2]; with any, simulations start in static equilibrium
+    cutoff_frequency: what flexible bodies need below it is modelled only, see `trimmed`; take three times the highest
+        frequency of interest [Hz]; None models all of each body
 
     Raises ValueError for unknown names and for joints whose points do not touch.
     """
@@ -209,8 +222,10 @@ class Scene:
     sensors: tuple[Sensor, ...] = ()
     damping_ratio: ArrayLike = 0.01
     gravity: Array = field(default_factory=lambda: np.zeros(3))
+    cutoff_frequency: float | None = None
 
     def __post_init__(self) -> None:
+        positive("cutoff_frequency", 1.0 if self.cutoff_frequency is None else self.cutoff_frequency, "Hz")
         ratio = np.atleast_1d(np.array(self.damping_ratio, dtype=float))
         if ratio.size == 0:
             raise ValueError("damping_ratio needs at least one value; 0 for no damping")
@@ -243,8 +258,7 @@ class Scene:
                     f"joint {joint.name!r}: {joint.a!r} and {joint.b!r} are {gap:.3g} m apart; they must coincide to "
                     f"{TOUCH_TOLERANCE:g} m: move one of the bodies"
                 )
-        stacks: tuple[StackActuator | StackSensor, ...] = self.actuators
-        for stack in (*stacks, *(s for s in self.sensors if isinstance(s, StackSensor))):
+        for stack in self.stacks:
             self._check_stack(stack)
         for sensor in self.sensors:
             if isinstance(sensor, Encoder):
@@ -261,6 +275,70 @@ class Scene:
             )
         if float(np.linalg.norm(body.point_position(start) - body.point_position(end))) < TOUCH_TOLERANCE:
             raise ValueError(f"stack {part.name!r}: its ends {part.start!r} and {part.end!r} lie in one place")
+
+    def trimmed(self) -> "Scene":
+        """The scene with bodies reduced further to what its joints and stacks need below the cut-off frequency.
+
+        Remote points that no joint holds are no coordinates any more; static answers to the stacks stay exact.
+        Without a cut-off frequency it is the same scene.
+        """
+        if self.cutoff_frequency is None:
+            return self
+        bodies = tuple(self._trim(body, self.cutoff_frequency) for body in self.bodies)
+        return replace(self, bodies=bodies, cutoff_frequency=None)
+
+    def _trim(self, body: Body, cutoff_frequency: float) -> Body:
+        if not isinstance(body, FlexibleBody) or body.fidelity == "rigid":
+            return body
+        stacks = [stack for stack in self.stacks if self.split(stack.start)[0] is body]
+        names = [(stack.start.partition(".")[2], stack.end.partition(".")[2]) for stack in stacks]
+        loads = np.zeros((len(body.reduced.mass_matrix), len(stacks)))
+        for k, (start, end) in enumerate(names):
+            loads[:, k] = body.elongation(start, end)
+        points = {self.frame_point(body), *self._jointed_points(body)}
+        trimmed = trim_body(body.reduced, points=points, loads=loads, cutoff_frequency=cutoff_frequency)
+        return replace(body, reduced=trimmed, frame=self.frame_point(body))
+
+    def summary(self) -> str:
+        """What is modelled of each body, with how many coordinates, and what is left out and why, as text."""
+        lines = [f"scene {self.name!r}: inputs {', '.join(self.inputs) or 'none'}; outputs {', '.join(self.outputs)}"]
+        for body, trimmed in zip(self.bodies, self.trimmed().bodies, strict=True):
+            if isinstance(body, RigidBody):
+                lines.append(f"  {body.name}: " + ("fixed" if body.fixed else "rigid, 6 coordinates"))
+            elif body.fidelity == "rigid":
+                lines.append(f"  {body.name}: rigid, 6 coordinates; the others left out by its fidelity")
+            else:
+                assert isinstance(trimmed, FlexibleBody)
+                lines.extend(self._describe(body.reduced, trimmed.reduced, body.fidelity))
+        return "\n".join(lines)
+
+    def _describe(self, body: ReducedBody, trimmed: ReducedBody, fidelity: str) -> list[str]:
+        n, points, p = len(trimmed.mass_matrix), trimmed.point_names, trimmed.n_modes
+        kind = "floating frame" if fidelity == "ffrf" else "linear"
+        lines = [f"  {body.name}: {kind}, {n} coordinates: {', '.join(points)} x 6 + {p} modes and load shapes"]
+        if len(body.mass_matrix) > n:
+            idle = ", ".join(name for name in body.point_names if name not in points) or "none"
+            lines.append(
+                f"    left out: {len(body.mass_matrix) - n} coordinates: points that no joint holds ({idle}) and modes "
+                f"above {self.cutoff_frequency:g} Hz; static answers to the stacks are kept"
+            )
+        idle_points = [name for name in points if name not in self._used_points()]
+        if idle_points and self.cutoff_frequency is None:
+            lines.append(f"    nothing uses {', '.join(idle_points)}: a cutoff_frequency would condense them")
+        return lines
+
+    def _used_points(self) -> set[str]:
+        paths = [path for joint in self.joints for path in (joint.a, joint.b)]
+        return {path.partition(".")[2] for path in [*paths, *(p for s in self.stacks for p in (s.start, s.end))]}
+
+    def _jointed_points(self, body: FlexibleBody) -> list[str]:
+        paths = [path for joint in self.joints for path in (joint.a, joint.b)]
+        return [path.partition(".")[2] for path in paths if self.split(path)[0] is body]
+
+    @property
+    def stacks(self) -> "tuple[StackActuator | StackSensor, ...]":
+        """Actuators, then the sensors that are stacks."""
+        return (*self.actuators, *(sensor for sensor in self.sensors if isinstance(sensor, StackSensor)))
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -294,5 +372,4 @@ class Scene:
         """Remote point that carries a flexible body's floating frame."""
         if body.frame is not None:
             return body.frame
-        jointed = [path.partition(".")[2] for j in self.joints for path in (j.a, j.b) if self.split(path)[0] is body]
-        return (jointed or list(body.reduced.point_names))[0]
+        return (self._jointed_points(body) or list(body.reduced.point_names))[0]

@@ -1,17 +1,25 @@
 """Time-domain simulation and static equilibrium of scenes."""
 
+import warnings
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from nassim.checks import Array, known, positive
-from nassim.exudyn_system import build_system, eigenfrequencies, solve_dynamic, solve_static
+from nassim.exact import exact_response
+from nassim.exudyn_solver import eigenfrequencies, solve_dynamic, solve_static
+from nassim.exudyn_system import build_system
+from nassim.linear import Assembly, assemble
 from nassim.scene import Scene
 from nassim.signals import TimeHistory, occupied_bandwidth
 
-METHODS = ("generalized_alpha",)
+METHODS = ("generalized_alpha", "exact")
 STEPS_PER_PERIOD = 8
 """Fewest time steps in the shortest period that an excitation holds."""
+SMALL_ROTATION = 0.01
+"""Rotation [rad] up to which small motion holds: the error is about half of its square."""
+STIFFENING = 1e-3
+"""Relative rise of a frequency by centrifugal stiffening that may be left out without a word."""
 
 
 def simulate(
@@ -23,6 +31,7 @@ def simulate(
     outputs: Sequence[str] | None = None,
     method: str = "generalized_alpha",
     spectral_radius: float = 1.0,
+    hold_order: int = 1,
     progress: bool = True,
 ) -> TimeHistory:
     """Simulate a scene and record its inputs and outputs together at every time step.
@@ -30,13 +39,18 @@ def simulate(
     excitation: one signal per input of the scene; between its samples it runs straight
     time_step: of the integrator [s]; duration [s] (default: the excitation's)
     outputs: names (default: all of the scene)
-    method: "generalized_alpha"; spectral_radius: numerical damping at infinite frequency, 1 (none, the
-        trapezoidal rule) ... 0; a step h lengthens a period T by about (2 pi h / T)^2 / 12
+    method: "generalized_alpha", Exudyn's implicit integrator, for every scene; "exact", the exact discrete-time
+        solution of scenes whose flexible bodies are all of fidelity "linear" or "rigid", a hundred times as fast
+    spectral_radius: of generalized-alpha, numerical damping at infinite frequency, 1 (none, the trapezoidal rule)
+        ... 0; a step h lengthens a period T by about (2 pi h / T)^2 / 12
+    hold_order: of the exact method, 1 for inputs that run straight between time steps, 0 for inputs that keep their
+        value
     progress: show a bar; Ctrl-C stops the run at the end of a step
 
-    Returns the signals of `excitation`, sampled at the time steps, then the outputs. Raises ValueError for unknown
-    names and for a step that gives the excitation's shortest period fewer than 8 steps; RuntimeError when the
-    integration fails.
+    Returns the signals of `excitation`, sampled at the time steps, then the outputs. Warns of rotations and
+    deformations beyond the range of small motion, and of spin whose centrifugal stiffening is not modelled. Raises
+    ValueError for unknown names, for a scene that the method does not fit and for a step that gives the excitation's
+    shortest period fewer than 8 steps; RuntimeError when the integration fails or diverges.
     """
     known("method", method, METHODS)
     names = scene.outputs if outputs is None else tuple(outputs)
@@ -44,29 +58,94 @@ def simulate(
         known("output", name, scene.outputs)
     if not 0.0 <= spectral_radius <= 1.0:
         raise ValueError(f"spectral_radius must lie in 0 ... 1, got {spectral_radius:g}")
+    if hold_order not in (0, 1):
+        raise ValueError(f"hold_order must be 0 or 1, got {hold_order!r}")
     n_steps = _steps(excitation, time_step, duration)
     missing = set(scene.inputs) - set(excitation.names)
     if missing:
         raise ValueError(f"the excitation lacks the input(s) {', '.join(sorted(missing))}; it has {excitation.names}")
     for name in excitation.names:
         known("input", name, scene.inputs)
-    _check_time_step(excitation, time_step)
+    _check_time_step(excitation, time_step, method, progress)
+    _warn_of_spin(scene)
 
     time = np.arange(n_steps + 1) * time_step
     driven = np.array([np.interp(time + excitation.time[0], excitation.time, row) for row in excitation.values])
-    signals = {name: row.tolist() for name, row in zip(excitation.names, driven, strict=True)}
-    system = build_system(scene, lambda name, t: signals[name][int(t / time_step + 0.5)])
-    if np.any(scene.gravity):
-        solve_static(system)
-    solve_dynamic(system, n_steps, time_step, spectral_radius, progress)
-    sensors = [scene.sensors[scene.outputs.index(name)] for name in names]
-    readings = np.array([system.recorded(sensor) for sensor in sensors]).reshape(len(names), n_steps + 1)
+    signals = dict(zip(excitation.names, driven, strict=True))
+    if method == "exact":
+        readings = _solve_exactly(scene, signals, time_step, hold_order)
+    else:
+        readings = _integrate(scene, signals, n_steps, time_step, spectral_radius, progress)
+    chosen = [scene.outputs.index(name) for name in names]
     return TimeHistory(
         time,
-        np.vstack([driven, readings]),
+        np.vstack([driven, readings[chosen]]),
         (*excitation.names, *names),
-        (*excitation.units, *(sensor.unit for sensor in sensors)),
+        (*excitation.units, *(scene.sensors[k].unit for k in chosen)),
     )
+
+
+def _integrate(
+    scene: Scene, signals: Mapping[str, Array], n_steps: int, time_step: float, spectral_radius: float, progress: bool
+) -> Array:
+    system = build_system(scene)
+    if np.any(scene.gravity):
+        system.apply({name: row[0] for name, row in signals.items()})
+        solve_static(system)
+    largest = solve_dynamic(
+        system, signals, n_steps=n_steps, time_step=time_step, spectral_radius=spectral_radius, progress=progress
+    )
+    _warn_of_rotations(system.assembly, largest)
+    return np.array([np.broadcast_to(system.recorded(s), (n_steps + 1,)) for s in scene.sensors])
+
+
+def _solve_exactly(scene: Scene, signals: Mapping[str, Array], time_step: float, hold_order: int) -> Array:
+    moving = [body.name for body in scene.flexible_bodies if body.fidelity == "ffrf"]
+    spinning = [body.name for body in scene.flexible_bodies if np.any(body.angular_velocity)]
+    if moving or spinning:
+        raise ValueError(
+            f"the exact solution holds for small motion only; {', '.join(moving or spinning)} "
+            + ('have fidelity "ffrf": give them "linear" or "rigid"' if moving else "spin")
+        )
+    assembly = assemble(scene)
+    driven = np.array([signals[name] for name in scene.inputs]).reshape(len(scene.inputs), -1)
+    readings, coordinates = exact_response(assembly, driven, time_step, hold_order=hold_order)
+    largest = np.abs(coordinates).max(axis=1)
+    _warn_of_rotations(assembly, {body.name: largest[assembly.slices[body.name]] for body in scene.flexible_bodies})
+    return readings
+
+
+def _warn_of_rotations(assembly: Assembly, largest: Mapping[str, Array]) -> None:
+    """largest: size that each coordinate of a body reached, by body; in a floating frame, of the deformation only."""
+    for body in assembly.scene.flexible_bodies:
+        if body.name not in largest:
+            continue
+        n = len(body.reduced.remote_points)
+        rotation = float(largest[body.name][: 6 * n].reshape(n, 6)[:, 3:].max(initial=0.0))
+        if rotation > SMALL_ROTATION:
+            kind, better = ("deformed by", "the reduced body itself holds for small ones")
+            if body.fidelity != "ffrf":
+                kind, better = "turned by", 'take fidelity "ffrf"'
+            warnings.warn(
+                f"body {body.name!r} {kind} up to {rotation:.3g} rad, where small motion is wrong by some "
+                f"{50 * rotation**2:.2g} %: {better}",
+                stacklevel=4,
+            )
+
+
+def _warn_of_spin(scene: Scene) -> None:
+    for body in scene.flexible_bodies:
+        rate = float(np.linalg.norm(body.angular_velocity)) / (2 * np.pi)
+        if body.fidelity != "ffrf" or rate == 0.0:
+            continue
+        first = body.reduced.eigenfrequencies(fixed=[scene.frame_point(body)])[0]
+        rise = 0.5 * (rate / first) ** 2
+        if rise > STIFFENING:
+            warnings.warn(
+                f"body {body.name!r} turns at {rate:.3g} Hz, its first frequency is {first:.4g} Hz: centrifugal "
+                f"stiffening, which the floating frame leaves out, would raise that by some {100 * rise:.2g} % or more",
+                stacklevel=3,
+            )
 
 
 def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> dict[str, float]:
@@ -77,14 +156,15 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
     values = {name: 0.0 for name in scene.inputs}
     for name, value in (inputs or {}).items():
         values[known("input", name, scene.inputs)] = value
-    system = build_system(scene, lambda name, t: values[name])
+    system = build_system(scene)
+    system.apply(values)
     solve_static(system)
     return {sensor.name: float(system.recorded(sensor)[-1]) for sensor in scene.sensors}
 
 
 def exudyn_eigenfrequencies(scene: Scene, *, n_modes: int | None = None) -> Array:
     """Undamped eigenfrequencies [Hz] of a scene as Exudyn linearises it about its start, ascending, (n_modes,)."""
-    return eigenfrequencies(build_system(scene, lambda name, t: 0.0))[:n_modes]
+    return eigenfrequencies(build_system(scene))[:n_modes]
 
 
 def _steps(excitation: TimeHistory, time_step: float, duration: float | None) -> int:
@@ -98,10 +178,15 @@ def _steps(excitation: TimeHistory, time_step: float, duration: float | None) ->
     return n_steps
 
 
-def _check_time_step(excitation: TimeHistory, time_step: float) -> None:
+def _check_time_step(excitation: TimeHistory, time_step: float, method: str, progress: bool) -> None:
     highest = occupied_bandwidth(excitation)
     if highest * time_step * STEPS_PER_PERIOD > 1.0:
         raise ValueError(
             f"time_step {time_step:g} s is too long: the excitation holds frequencies up to {highest:.4g} Hz; take at "
             f"most {1 / (STEPS_PER_PERIOD * highest):.3g} s ({STEPS_PER_PERIOD} steps per period) or filter it"
+        )
+    if progress and method == "generalized_alpha" and highest > 0:
+        print(
+            f"  excitation up to {highest:.4g} Hz: the integrator lengthens periods there by "
+            f"{100 * (2 * np.pi * highest * time_step) ** 2 / 12:.2g} %"
         )

@@ -20,18 +20,19 @@ LAYERS = (
     ("meshing", "surface"),
     ("fem",),
     ("condensation", "body"),
-    ("modes",),
+    ("modes", "trim"),
     ("discretization",),
     ("reduction",),
     ("floating_frame", "fullmodel", "scene"),
     ("linear",),
-    ("exudyn_system",),
+    ("exudyn_system", "exact"),
+    ("exudyn_solver",),
     ("simulation",),
     ("plotting",),
 )
 LAYER = {name: number for number, names in enumerate(LAYERS) for name in names}
 IMPORTERS = {
-    "exudyn": {"exudyn_system"},
+    "exudyn": {"exudyn_solver", "exudyn_system"},
     "h5py": {"storage"},
     "matplotlib": {"plotting"},
     "netgen": {"geometry", "meshing"},

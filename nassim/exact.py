@@ -1,0 +1,90 @@
+"""Exact discrete-time solution of scenes in small motion: mode by mode, without any step-size error.
+
+With the inputs held or running straight between samples, each mode's equation q'' + 2 zeta w q' + w^2 q = p is solved
+in closed form: q = Im(z) / w_d with z' = lambda z + p, a recursion of order one with complex coefficients.
+"""
+
+import numpy as np
+import scipy.signal
+
+from nassim.body import RIGID
+from nassim.checks import Array
+from nassim.linear import Assembly
+
+CHECKS = 200
+CLOSE_TO_CRITICAL = 1e-10
+"""Least |1 - zeta^2|: at critical damping the two solutions coincide, which the recursion does not cover."""
+
+
+def exact_response(assembly: Assembly, inputs: Array, time_step: float, *, hold_order: int = 1) -> tuple[Array, Array]:
+    """Outputs of an assembled scene from rest, or from its equilibrium under gravity.
+
+    inputs: shape (inputs, n_samples) [V]; hold_order: 0 for inputs that keep each sample's value until the next, 1 for
+    inputs that run straight between them
+
+    Returns the outputs (outputs, n_samples), and all coordinates at some 200 times, shape (n_all, n_times). Raises
+    RuntimeError when gravity meets a motion without stiffness.
+    """
+    modes = assembly.basis @ assembly.shapes
+    drives = modes.T @ assembly.input_matrix
+    readings = assembly.output_matrix @ modes
+    weight = modes.T @ assembly.weight
+    omega = 2 * np.pi * assembly.frequency
+    rigid = assembly.frequency <= RIGID * assembly.frequency[-1]
+    if np.abs(weight[rigid]).max(initial=0.0) > 1e-9 * np.abs(weight).max(initial=0.0):
+        raise RuntimeError("no static equilibrium: can a body move freely? Add joints, or leave gravity out")
+    outputs = np.zeros((len(readings), inputs.shape[1]))
+    seen = np.unique(np.linspace(0, inputs.shape[1] - 1, CHECKS).astype(int))
+    amplitudes = np.zeros((len(omega), len(seen)))
+    for k, frequency in enumerate(omega):
+        if not (np.any(drives[k]) or weight[k]):
+            continue
+        force = drives[k] @ inputs
+        damping = assembly.damping_ratio[k] * frequency
+        if rigid[k]:
+            amplitude = _free(force, time_step, hold_order)
+        else:
+            amplitude = weight[k] / frequency**2 + _oscillator(force, frequency, damping, time_step, hold_order)
+        outputs += readings[:, k : k + 1] * amplitude
+        amplitudes[k] = amplitude[seen]
+    return outputs, modes @ amplitudes
+
+
+def _oscillator(force: Array, omega: float, damping: float, h: float, hold_order: int) -> Array:
+    """Response of q'' + 2 damping q' + omega^2 q = force from rest at every sample."""
+    square = omega**2 - damping**2
+    if abs(square) < CLOSE_TO_CRITICAL * omega**2:
+        square = CLOSE_TO_CRITICAL * omega**2
+    if square > 0:
+        turn = np.sqrt(square)
+        result: Array = _first_order(force.astype(complex), -damping + 1j * turn, h, hold_order).imag / turn
+        return result
+    half = np.sqrt(-square)
+    slow, fast = (_first_order(force, -damping + sign * half, h, hold_order) for sign in (1.0, -1.0))
+    return (slow - fast) / (2 * half)
+
+
+def _first_order(force: Array, rate: complex, h: float, hold_order: int) -> Array:
+    """Response of z' = rate z + force from rest at every sample."""
+    x = rate * h
+    first = np.expm1(x) / x
+    # Taylor's series where the closed form would cancel.
+    second = (first - 1) / x if abs(x) > 1e-2 else sum(x**n / _factorial(n + 2) for n in range(8))
+    now, before = (h * second, h * (first - second)) if hold_order else (0.0, h * first)
+    result: Array = scipy.signal.lfilter([now, before], [1.0, -np.exp(x)], force)
+    # From rest, so the first sample's own share, which stands for time before it, is not there.
+    if hold_order:
+        result = result - now * force[0] * np.exp(x * np.arange(len(force)))
+    return result
+
+
+def _factorial(n: int) -> float:
+    return float(np.prod(np.arange(1.0, n + 1)))
+
+
+def _free(force: Array, h: float, hold_order: int) -> Array:
+    """Response of q'' = force from rest at every sample."""
+    before, after = force[:-1], force[1:] if hold_order else force[:-1]
+    velocity = np.concatenate([[0.0], np.cumsum(h * (before + after) / 2)])
+    steps = h * velocity[:-1] + h**2 * (before / 3 + after / 6)
+    return np.concatenate([[0.0], np.cumsum(steps)])
