@@ -30,7 +30,7 @@ def exact_response(assembly: Assembly, inputs: Array, time_step: float, *, hold_
     readings = assembly.output_matrix @ modes
     weight = modes.T @ assembly.weight
     omega = 2 * np.pi * assembly.frequency
-    rigid = assembly.frequency <= RIGID * assembly.frequency[-1]
+    rigid = assembly.frequency <= RIGID * assembly.frequency.max(initial=0.0)
     if np.abs(weight[rigid]).max(initial=0.0) > 1e-9 * np.abs(weight).max(initial=0.0):
         raise RuntimeError("no static equilibrium: can a body move freely? Add joints, or leave gravity out")
     outputs = np.zeros((len(readings), inputs.shape[1]))

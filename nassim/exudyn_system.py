@@ -114,7 +114,8 @@ def build_system(scene: Scene) -> System:
             mbs.AddLoad(eii.LoadMassProportional(markerNumber=marker, loadVector=list(scene.gravity)))
     _couple_dampings(mbs, assembly, carriers, damping)
     for joint in scene.joints:
-        _add_joint(mbs, joint, objects, markers, rigid)
+        if assembly.enforced[joint.name]:
+            _add_joint(mbs, joint, assembly.enforced[joint.name], objects, markers, rigid)
     loads = [load for actuator in scene.actuators for load in _add_actuator(mbs, scene, actuator, carriers)]
     readings = {s.name: _add_sensor(mbs, scene, s, objects, carriers) for s in scene.sensors}
     mbs.Assemble()
@@ -265,7 +266,12 @@ def _add_rigid(mbs: Any, body: RigidBody, angular_velocity: Array) -> tuple[int 
 
 
 def _add_joint(
-    mbs: Any, joint: Joint, objects: dict[str, int], markers: dict[str, int], rigid: dict[str, RigidBody]
+    mbs: Any,
+    joint: Joint,
+    enforced: Sequence[str],
+    objects: dict[str, int],
+    markers: dict[str, int],
+    rigid: dict[str, RigidBody],
 ) -> None:
     for path in (joint.a, joint.b):
         name, _, point = path.partition(".")
@@ -276,7 +282,7 @@ def _add_joint(
     mbs.AddObject(
         eii.ObjectJointGeneric(
             markerNumbers=[markers[joint.a], markers[joint.b]],
-            constrainedAxes=[int(direction not in joint.free) for direction in DIRECTIONS],
+            constrainedAxes=[int(direction in enforced) for direction in DIRECTIONS],
         )
     )
 

@@ -1,5 +1,6 @@
 """The linear model of a scene: small motion about its start, in minimal coordinates."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +14,8 @@ from nassim.modal import eigenmodes, modal_damping_matrix
 from nassim.scene import Body, Encoder, FlexibleBody, RigidBody, Scene, StackActuator, StackSensor
 
 WELL_CONDITIONED = 1e8
+REDUNDANT = 1e-7
+"""Constraints with less than this share of their own are implied by others."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,7 @@ class Assembly:
     scene: what is modelled, after `Scene.trimmed`
     slices: of each moving body's coordinates among all, by body name (flexible: the remote points' motions and
         the modes, in the body's frame; rigid: motion of the centre of mass in the world's frame)
+    enforced: directions that each joint holds, by name, without those that other joints hold already
     basis: all coordinates from the minimal ones, shape (n_all, n), orthonormal columns
     mass, stiffness: in minimal coordinates, (n, n)
     frequency: eigenfrequencies of the undamped scene, ascending, (n,) [Hz]; shapes: (n, n), unit modal mass
@@ -66,6 +70,7 @@ class Assembly:
 
     scene: Scene
     slices: dict[str, slice]
+    enforced: dict[str, tuple[str, ...]]
     basis: Array
     mass: Array
     stiffness: Array
@@ -96,16 +101,14 @@ def assemble(scene: Scene) -> Assembly:
     def motion(path: str) -> Array:
         return _point_motion(scene, slices, n_all, path)
 
-    constraints = [
-        (motion(joint.b) - motion(joint.a))[[AXES.index(DIRECTIONS[d]) for d in DIRECTIONS if d not in joint.free]]
-        for joint in scene.joints
-    ]
+    rigid = []
     for body in scene.flexible_bodies:
         if body.fidelity == "rigid":
             rows = np.zeros((len(frames[body.name].flexible), n_all))
             rows[:, slices[body.name]] = frames[body.name].deformation(body.reduced)
-            constraints.append(rows)
-    basis = _null_space(np.vstack([np.zeros((0, n_all)), *constraints]), mass_all)
+            rigid.append(rows)
+    held, enforced = _independent(scene, motion, np.vstack([np.zeros((0, n_all)), *rigid]), mass_all)
+    basis = _null_space(held, mass_all)
     mass, stiffness = basis.T @ mass_all @ basis, basis.T @ stiffness_all @ basis
     frequency, shapes = eigenmodes(stiffness, mass)
     given = np.atleast_1d(np.asarray(scene.damping_ratio, dtype=float))
@@ -125,7 +128,7 @@ def assemble(scene: Scene) -> Assembly:
         if body.name in slices:
             weight[slices[body.name]] = _weight(body, scene.gravity)
     return Assembly(
-        scene, slices, basis, mass, stiffness, frequency, shapes, ratio, input_matrix, outputs, weight, frames
+        scene, slices, enforced, basis, mass, stiffness, frequency, shapes, ratio, input_matrix, outputs, weight, frames
     )
 
 
@@ -155,6 +158,9 @@ def frequency_response(model: LinearModel, frequency: Array, *, label: str = "li
     """
     frequency = finite_array("frequency", frequency, (None,))
     s = 2j * np.pi * frequency
+    if not len(model.A):
+        nothing = np.broadcast_to(model.D[:, :, None], (*model.D.shape, len(frequency))).astype(complex)
+        return FRF(frequency, nothing, model.outputs, model.inputs, None, label)
     poles, vectors = np.linalg.eig(model.A)
     if np.linalg.cond(vectors / np.linalg.norm(vectors, axis=0)) < WELL_CONDITIONED:
         inputs = np.linalg.solve(vectors, model.B.astype(complex))
@@ -255,6 +261,33 @@ def _elongation(scene: Scene, slices: dict[str, slice], n_all: int, stack: Stack
     first, last = (axis @ motion[:3] for motion in ends)
     result: Array = last - first
     return result
+
+
+def _independent(
+    scene: Scene, motion: Callable[[str], Array], rows: Array, mass: Array
+) -> tuple[Array, dict[str, tuple[str, ...]]]:
+    """Constraints of all joints after the given ones, less those that earlier ones imply, and what each joint holds."""
+    scale = 1.0 / np.sqrt(np.diag(mass))
+    basis = scipy.linalg.orth((rows * scale).T).T
+    kept = [rows]
+    enforced: dict[str, tuple[str, ...]] = {}
+    for joint in scene.joints:
+        relative = motion(joint.b) - motion(joint.a)
+        holds = []
+        for direction, axis in DIRECTIONS.items():
+            if direction in joint.free:
+                continue
+            row = relative[AXES.index(axis)]
+            rest = row * scale
+            size = np.linalg.norm(rest)
+            for _ in range(2):  # twice is enough for orthogonality to the last digit
+                rest = rest - basis.T @ (basis @ rest)
+            if np.linalg.norm(rest) > REDUNDANT * size:
+                basis = np.vstack([basis, rest / np.linalg.norm(rest)])
+                kept.append(row[None])
+                holds.append(direction)
+        enforced[joint.name] = tuple(holds)
+    return np.vstack(kept), enforced
 
 
 def _null_space(constraints: Array, mass: Array) -> Array:

@@ -7,7 +7,8 @@ from conftest import lattice, make_bar
 from exudyn.FEM import ComputeSkewMatrix
 
 from nassim import FlexibleBody, Scene, build_fe_model, condense, craig_bampton
-from nassim.exudyn_system import build_system, solve_dynamic
+from nassim.exudyn_solver import solve_dynamic
+from nassim.exudyn_system import build_system
 from nassim.floating_frame import floating_frame
 from nassim.modes import fixed_interface_modes
 

@@ -73,8 +73,8 @@ def test_bench_names(bench):
 def test_bench_without_payload_is_refused(apa):
     with pytest.raises(ValueError, match="mass must be positive"):
         make_bench(0.0, apa=apa)
-    with pytest.raises(ValueError, match="known: ffrf"):
-        make_bench(fidelity="rigid", apa=apa)
+    with pytest.raises(ValueError, match="known: rigid, linear, ffrf"):
+        make_bench(fidelity="modal", apa=apa)
 
 
 def test_bench_frf_equals_the_full_fe_model(bench, apa_condensed):
