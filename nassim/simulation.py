@@ -70,7 +70,8 @@ def simulate(
     _warn_of_spin(scene)
 
     time = np.arange(n_steps + 1) * time_step
-    driven = np.array([np.interp(time + excitation.time[0], excitation.time, row) for row in excitation.values])
+    rows = [np.interp(time + excitation.time[0], excitation.time, row) for row in excitation.values]
+    driven = np.reshape(rows, (len(excitation.names), n_steps + 1))
     signals = dict(zip(excitation.names, driven, strict=True))
     if method == "exact":
         readings = _solve_exactly(scene, signals, time_step, hold_order)
@@ -96,7 +97,8 @@ def _integrate(
         system, signals, n_steps=n_steps, time_step=time_step, spectral_radius=spectral_radius, progress=progress
     )
     _warn_of_rotations(system.assembly, largest)
-    return np.array([np.broadcast_to(system.recorded(s), (n_steps + 1,)) for s in scene.sensors])
+    readings = [np.broadcast_to(system.recorded(s), (n_steps + 1,)) for s in scene.sensors]
+    return np.reshape(readings, (len(scene.sensors), n_steps + 1))
 
 
 def _solve_exactly(scene: Scene, signals: Mapping[str, Array], time_step: float, hold_order: int) -> Array:
