@@ -10,13 +10,14 @@ import exudyn as exu
 import numpy as np
 
 from nassim.checks import Array
-from nassim.exudyn_system import System
+from nassim.exudyn_state import System
+from nassim.linear import motion_size
 from nassim.progress import stage
 
 CHECKS = 200
 """How often a run looks at its state."""
 LOST = 1.0
-"""A deformation of this share of the body's extent, or this rotation [rad], means that a run diverges."""
+"""A deformation of this share of the body's size, or this rotation [rad] by deformation, means that a run diverges."""
 
 
 def _settings() -> Any:
@@ -60,7 +61,7 @@ def solve_dynamic(
 
     inputs: values at the time steps, shape (n_steps + 1,) each, by name [V]
 
-    Returns the largest size that each coordinate of every deforming body had, by body, at some 200 times.
+    Returns the largest `motion_size` of the bodies that some 200 looks at them found, by body.
     Ctrl-C ends the run after the step at hand with KeyboardInterrupt; RuntimeError, with time, body and likely cause,
     when the integration fails or diverges.
     """
@@ -71,27 +72,27 @@ def solve_dynamic(
     settings.timeIntegration.generalizedAlpha.spectralRadius = spectral_radius
     settings.solution.sensors.writePeriod = time_step
     samples = {name: row.tolist() for name, row in inputs.items()}
-    setters = [(number, samples[name], factor) for number, name, factor in system.loads]
-    largest = {name: np.zeros(len(carrier.coordinates)) for name, carrier in system.carriers.items()}
+    setters = [(number, samples[name], forces) for number, name, forces in system.drives]
+    largest = {name: np.zeros(2) for name in system.carriers}
     lost: list[str] = []
     count = 0
     chunk = max(1, n_steps // CHECKS)
-    set_load = system.mbs.SetLoadParameter
+    set_forces = system.mbs.SetObjectParameter
     system.apply({name: row[0] for name, row in samples.items()})
     with stage("simulate", total=n_steps, unit="steps", enabled=progress) as advance, _interrupts() as interrupts:
 
         def look() -> None:
             for name in system.carriers:
-                now = np.abs(system.deformation(name))
-                if not np.all(now < _bounds(system, name)):
+                now = motion_size(system.assembly, name, system.deformation(name)[:, None])
+                if not np.all(now < LOST):
                     lost.append(name)
-                largest[name] = np.maximum(largest[name], np.nan_to_num(now, nan=np.inf))
+                largest[name] = np.maximum(largest[name], now)
 
         def before_step(_mbs: Any, _time: float) -> bool:
             nonlocal count
             count += 1
-            for number, row, factor in setters:
-                set_load(number, "load", factor * row[count])
+            for number, row, forces in setters:
+                set_forces(number, "forceVector", row[count] * forces)
             if count % chunk == 0:
                 advance(chunk)
                 look()
@@ -120,14 +121,6 @@ def solve_dynamic(
             ) from failure
         advance(n_steps % chunk)
     return largest
-
-
-def _bounds(system: System, name: str) -> Array:
-    """Sizes that the coordinates of a body can never reach, shape (n,)."""
-    reduced = next(body.reduced for body in system.assembly.scene.flexible_bodies if body.name == name)
-    extent = np.sqrt(max(float(np.trace(reduced.gram[1:4, 1:4])) / reduced.mass, np.finfo(float).tiny))
-    points = np.tile(np.repeat([LOST * extent, LOST], 3), len(reduced.remote_points))
-    return np.concatenate([points, np.full(reduced.n_modes, np.inf)])
 
 
 @contextmanager

@@ -3,8 +3,7 @@
 The one stateful thing of nassim; it is born and gone within one call of `simulate` or `static_response`.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any
 
 import exudyn as exu
@@ -14,6 +13,7 @@ import scipy.linalg
 from exudyn.rigidBodyUtilities import GetRigidBodyNode
 
 from nassim.checks import Array
+from nassim.exudyn_state import Carrier, System, add_forces, modal_node, small_motion_system
 from nassim.floating_frame import FloatingFrame
 from nassim.interface import DIRECTIONS, rigid_transfer
 from nassim.linear import Assembly, assemble, deformable_bodies, deformation_damping
@@ -23,69 +23,14 @@ from nassim.scene import FlexibleBody, Joint, RigidBody, Scene, Sensor, StackAct
 PILOT_DIRECTIONS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
 
 
-@dataclass(frozen=True)
-class Carrier:
-    """Where Exudyn keeps the deformation of a flexible body.
-
-    nodes: nodes and their numbers of coordinates, whose sum is m
-    coordinates: the reduced body's coordinates per unit of these, shape (n, m)
-    """
-
-    nodes: tuple[tuple[int, int], ...]
-    coordinates: Array
-
-    def parts(self, row: Array) -> list[tuple[int, Array]]:
-        """A row over the body's coordinates, split by nodes; nodes that it leaves alone are left out."""
-        ends = np.cumsum([count for _, count in self.nodes])
-        pieces = np.split(row @ self.coordinates, ends[:-1])
-        return [(node, piece) for (node, _), piece in zip(self.nodes, pieces, strict=True) if np.any(piece)]
-
-
-@dataclass(frozen=True)
-class System:
-    """Exudyn's numbers of what a scene consists of.
-
-    mbs: the Exudyn system, kept alive by container; assembly: what it models
-    nodes: rigid-body node per moving body; carriers: per flexible body that deforms
-    loads: Exudyn's loads with the input that drives each and its value per unit of that
-    readings: per output, Exudyn's sensors and the weights of their columns
-    """
-
-    container: Any
-    mbs: Any
-    assembly: Assembly
-    nodes: dict[str, int]
-    carriers: dict[str, Carrier]
-    loads: tuple[tuple[int, str, float], ...]
-    readings: dict[str, list[tuple[int, Array]]]
-
-    def apply(self, inputs: Mapping[str, float]) -> None:
-        """Set the inputs [V]."""
-        for number, name, factor in self.loads:
-            self.mbs.SetLoadParameter(number, "load", factor * inputs[name])
-
-    def deformation(self, name: str) -> Array:
-        """Present coordinates of a flexible body that deforms, as `ReducedBody` orders them, shape (n,)."""
-        carrier = self.carriers[name]
-        kind = exu.OutputVariableType.Coordinates
-        found = [np.atleast_1d(self.mbs.GetNodeOutput(node, kind))[:count] for node, count in carrier.nodes]
-        result: Array = carrier.coordinates @ np.concatenate(found)
-        return result
-
-    def recorded(self, sensor: Sensor) -> Array:
-        """Samples of one output, shape (n_samples,); a single 0 where nothing that moves is measured."""
-        terms = [
-            self.mbs.GetSensorStoredData(number)[:, 1:] @ weights for number, weights in self.readings[sensor.name]
-        ]
-        return np.sum(terms, axis=0) if terms else np.zeros(1)
-
-
 def build_system(scene: Scene) -> System:
     """Build the Exudyn system of a scene, with all inputs at zero."""
-    container = exu.SystemContainer()
-    mbs = container.AddSystem()
     assembly = assemble(scene)
     scene = assembly.scene
+    if scene.in_small_motion and len(assembly.mass):
+        return small_motion_system(assembly)
+    container = exu.SystemContainer()
+    mbs = container.AddSystem()
     damping = _damping_blocks(assembly)
     nodes: dict[str, int] = {}
     carriers: dict[str, Carrier] = {}
@@ -116,10 +61,10 @@ def build_system(scene: Scene) -> System:
     for joint in scene.joints:
         if assembly.enforced[joint.name]:
             _add_joint(mbs, joint, assembly.enforced[joint.name], objects, markers, rigid)
-    loads = [load for actuator in scene.actuators for load in _add_actuator(mbs, scene, actuator, carriers)]
+    drives = [drive for actuator in scene.actuators for drive in _add_actuator(mbs, scene, actuator, carriers)]
     readings = {s.name: _add_sensor(mbs, scene, s, objects, carriers) for s in scene.sensors}
     mbs.Assemble()
-    return System(container, mbs, assembly, nodes, carriers, tuple(loads), readings)
+    return System(container, mbs, assembly, nodes, carriers, tuple(drives), readings)
 
 
 def _as_rigid(body: FlexibleBody, assembly: Assembly) -> RigidBody:
@@ -147,7 +92,7 @@ def _add_linear(
         for point, number in zip(reduced.point_names, numbers, strict=True)
     }
     if reduced.n_modes:
-        numbers.append(mbs.AddNode(_modal_node(reduced.n_modes)))
+        numbers.append(mbs.AddNode(modal_node(reduced.n_modes)))
     axes = [body.rotation.T] * (2 * len(reduced.remote_points))
     to_body = scipy.linalg.block_diag(*axes, np.eye(reduced.n_modes))
     deformation = frame.deformation(reduced) @ to_body
@@ -166,13 +111,6 @@ def _add_linear(
     return numbers[reduced.point_names.index(frame.point)], carrier, number, markers
 
 
-def _modal_node(n: int) -> Any:
-    zero = [0.0] * n
-    return eii.NodeGenericODE2(
-        numberOfODE2Coordinates=n, referenceCoordinates=zero, initialCoordinates=zero, initialCoordinates_t=zero
-    )
-
-
 def _add_floating(
     mbs: Any, scene: Scene, body: FlexibleBody, frame: FloatingFrame, damping: Array
 ) -> tuple[int, Carrier, int, dict[str, int]]:
@@ -187,13 +125,13 @@ def _add_floating(
             angularVelocity=list(body.angular_velocity),
         )
     )
-    modal_node = mbs.AddNode(_modal_node(n))
+    modes = mbs.AddNode(modal_node(n))
     paths = [path for joint in scene.joints for path in (joint.a, joint.b)]
     used = [p for p in body.reduced.point_names if f"{body.name}.{p}" in paths and p != frame.point]
     positions, rows = _pilots(body, frame, used)
     number = mbs.AddObject(
         eii.ObjectFFRFreducedOrder(
-            nodeNumbers=[node, modal_node],
+            nodeNumbers=[node, modes],
             mass=frame.mass,
             inertia=frame.inertia,
             centerOfMass=frame.center_of_mass,
@@ -223,7 +161,7 @@ def _add_floating(
                 localHT=axes,
             )
         )
-    carrier = Carrier(((modal_node, n),), np.eye(len(body.reduced.mass_matrix))[:, frame.flexible])
+    carrier = Carrier(((modes, n),), np.eye(len(body.reduced.mass_matrix))[:, frame.flexible])
     return node, carrier, number, markers
 
 
@@ -289,15 +227,13 @@ def _add_joint(
 
 def _add_actuator(
     mbs: Any, scene: Scene, actuator: StackActuator, carriers: dict[str, Carrier]
-) -> list[tuple[int, str, float]]:
-    """A pair of opposite forces inside a body: no work on its frame, so loads on coordinates of deformation only."""
-    loads = []
-    for node, row in _elongation(scene, actuator, carriers):
-        for coordinate in np.flatnonzero(row):
-            marker = mbs.AddMarker(eii.MarkerNodeCoordinate(nodeNumber=node, coordinate=int(coordinate)))
-            number = mbs.AddLoad(eii.LoadCoordinate(markerNumber=marker, load=0.0))
-            loads.append((number, actuator.input, float(actuator.gain * actuator.force_per_volt * row[coordinate])))
-    return loads
+) -> list[tuple[int, str, Array]]:
+    """A pair of opposite forces inside a body: no work on its frame, so forces on coordinates of deformation only."""
+    parts = _elongation(scene, actuator, carriers)
+    if not parts:
+        return []
+    forces = actuator.gain * actuator.force_per_volt * np.concatenate([row for _, row in parts])
+    return [(add_forces(mbs, [node for node, _ in parts], len(forces)), actuator.input, forces)]
 
 
 def _add_sensor(

@@ -193,6 +193,24 @@ def truncation_error(scene: Scene, frequency: Array) -> Array:
     return result
 
 
+def motion_size(assembly: Assembly, name: str, coordinates: Array) -> Array:
+    """Largest rotation [rad] of a body's points and largest displacement by deformation over its size [-], shape (2,).
+
+    coordinates: of the body, at one or more times, shape (n, n_times); in a floating frame, those of deformation, so
+    that the rotation is that by deformation only
+    """
+    body = next(body for body in assembly.scene.bodies if body.name == name)
+    if isinstance(body, RigidBody):
+        return np.array([np.abs(coordinates[3:]).max(), 0.0])
+    n_points = len(body.reduced.remote_points)
+    rotation = np.abs(coordinates[: 6 * n_points].reshape(n_points, 6, -1)[:, 3:]).max()
+    deformation = assembly.frames[name].deformation(body.reduced) @ coordinates
+    other_points = deformation[: 6 * n_points - 6].reshape(n_points - 1, 6, coordinates.shape[1])
+    moved = np.abs(other_points[:, :3]).max(initial=0.0)
+    middle = body.reduced.gram[1:4, 1:4] / body.reduced.mass - np.outer(*[body.reduced.center_of_mass] * 2)
+    return np.array([rotation, moved / np.sqrt(np.trace(middle))])
+
+
 def deformable_bodies(scene: Scene) -> tuple[FlexibleBody, ...]:
     """The flexible bodies that the scene lets deform, in order."""
     return tuple(body for body in scene.flexible_bodies if body.fidelity != "rigid")

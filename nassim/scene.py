@@ -309,18 +309,18 @@ class Scene:
                 lines.append(f"  {body.name}: rigid, 6 coordinates; the others left out by its fidelity")
             else:
                 assert isinstance(trimmed, FlexibleBody)
-                lines.extend(self._describe(body.reduced, trimmed.reduced, body.fidelity))
+                lines.extend(self._describe(body, trimmed.reduced))
         return "\n".join(lines)
 
-    def _describe(self, body: ReducedBody, trimmed: ReducedBody, fidelity: str) -> list[str]:
+    def _describe(self, body: FlexibleBody, trimmed: ReducedBody) -> list[str]:
         n, points, p = len(trimmed.mass_matrix), trimmed.point_names, trimmed.n_modes
-        kind = "floating frame" if fidelity == "ffrf" else "linear"
+        kind = "floating frame" if body.fidelity == "ffrf" else "linear"
         lines = [f"  {body.name}: {kind}, {n} coordinates: {', '.join(points)} x 6 + {p} modes and load shapes"]
-        if len(body.mass_matrix) > n:
-            idle = ", ".join(name for name in body.point_names if name not in points) or "none"
+        if len(body.reduced.mass_matrix) > n:
+            idle = ", ".join(name for name in body.reduced.point_names if name not in points) or "none"
             lines.append(
-                f"    left out: {len(body.mass_matrix) - n} coordinates: points that no joint holds ({idle}) and modes "
-                f"above {self.cutoff_frequency:g} Hz; static answers to the stacks are kept"
+                f"    left out: {len(body.reduced.mass_matrix) - n} coordinates: points that no joint holds ({idle}) "
+                f"and modes above {self.cutoff_frequency:g} Hz; static answers to the stacks are kept"
             )
         idle_points = [name for name in points if name not in self._used_points()]
         if idle_points and self.cutoff_frequency is None:
@@ -349,6 +349,13 @@ class Scene:
     def outputs(self) -> tuple[str, ...]:
         """Names of the outputs."""
         return tuple(sensor.name for sensor in self.sensors)
+
+    @property
+    def in_small_motion(self) -> bool:
+        """Whether joints and bodies are taken in small motion: some body is "linear", none "ffrf", and none spins."""
+        kinds = {body.fidelity for body in self.flexible_bodies}
+        spins = any(np.any(body.angular_velocity) for body in self.flexible_bodies)
+        return "linear" in kinds and "ffrf" not in kinds and not spins
 
     @property
     def flexible_bodies(self) -> tuple[FlexibleBody, ...]:

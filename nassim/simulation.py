@@ -9,15 +9,15 @@ from nassim.checks import Array, known, positive
 from nassim.exact import exact_response
 from nassim.exudyn_solver import eigenfrequencies, solve_dynamic, solve_static
 from nassim.exudyn_system import build_system
-from nassim.linear import Assembly, assemble
+from nassim.linear import Assembly, assemble, motion_size
 from nassim.scene import Scene
 from nassim.signals import TimeHistory, occupied_bandwidth
 
 METHODS = ("generalized_alpha", "exact")
 STEPS_PER_PERIOD = 8
 """Fewest time steps in the shortest period that an excitation holds."""
-SMALL_ROTATION = 0.01
-"""Rotation [rad] up to which small motion holds: the error is about half of its square."""
+SMALL_MOTION = 0.01
+"""Rotation [rad], and deformation over size, up to which small motion holds: the error is about half of its square."""
 STIFFENING = 1e-3
 """Relative rise of a frequency by centrifugal stiffening that may be left out without a word."""
 
@@ -40,7 +40,7 @@ def simulate(
     time_step: of the integrator [s]; duration [s] (default: the excitation's)
     outputs: names (default: all of the scene)
     method: "generalized_alpha", Exudyn's implicit integrator, for every scene; "exact", the exact discrete-time
-        solution of scenes whose flexible bodies are all of fidelity "linear" or "rigid", a hundred times as fast
+        solution of scenes in small motion (see `Scene.in_small_motion`), a hundred times as fast
     spectral_radius: of generalized-alpha, numerical damping at infinite frequency, 1 (none, the trapezoidal rule)
         ... 0; a step h lengthens a period T by about (2 pi h / T)^2 / 12
     hold_order: of the exact method, 1 for inputs that run straight between time steps, 0 for inputs that keep their
@@ -74,7 +74,7 @@ def simulate(
     driven = np.reshape(rows, (len(excitation.names), n_steps + 1))
     signals = dict(zip(excitation.names, driven, strict=True))
     if method == "exact":
-        readings = _solve_exactly(scene, signals, time_step, hold_order)
+        readings = _solve_exactly(scene, signals, n_steps, time_step, hold_order)
     else:
         readings = _integrate(scene, signals, n_steps, time_step, spectral_radius, progress)
     chosen = [scene.outputs.index(name) for name in names]
@@ -96,41 +96,42 @@ def _integrate(
     largest = solve_dynamic(
         system, signals, n_steps=n_steps, time_step=time_step, spectral_radius=spectral_radius, progress=progress
     )
-    _warn_of_rotations(system.assembly, largest)
+    _warn_of_motion(system.assembly, largest)
     readings = [np.broadcast_to(system.recorded(s), (n_steps + 1,)) for s in scene.sensors]
     return np.reshape(readings, (len(scene.sensors), n_steps + 1))
 
 
-def _solve_exactly(scene: Scene, signals: Mapping[str, Array], time_step: float, hold_order: int) -> Array:
-    moving = [body.name for body in scene.flexible_bodies if body.fidelity == "ffrf"]
-    spinning = [body.name for body in scene.flexible_bodies if np.any(body.angular_velocity)]
-    if moving or spinning:
+def _solve_exactly(
+    scene: Scene, signals: Mapping[str, Array], n_steps: int, time_step: float, hold_order: int
+) -> Array:
+    if not scene.in_small_motion:
+        kinds = ", ".join(f"{body.name} {body.fidelity}" for body in scene.flexible_bodies) or "none"
         raise ValueError(
-            f"the exact solution holds for small motion only; {', '.join(moving or spinning)} "
-            + ('have fidelity "ffrf": give them "linear" or "rigid"' if moving else "spin")
+            'the exact solution holds for small motion: it needs a flexible body of fidelity "linear" and none of '
+            f'"ffrf", nor one that spins; the scene has: {kinds}'
         )
     assembly = assemble(scene)
-    driven = np.array([signals[name] for name in scene.inputs]).reshape(len(scene.inputs), -1)
+    driven = np.reshape([signals[name] for name in scene.inputs], (len(scene.inputs), n_steps + 1))
     readings, coordinates = exact_response(assembly, driven, time_step, hold_order=hold_order)
-    largest = np.abs(coordinates).max(axis=1)
-    _warn_of_rotations(assembly, {body.name: largest[assembly.slices[body.name]] for body in scene.flexible_bodies})
+    _warn_of_motion(
+        assembly, {name: motion_size(assembly, name, coordinates[place]) for name, place in assembly.slices.items()}
+    )
     return readings
 
 
-def _warn_of_rotations(assembly: Assembly, largest: Mapping[str, Array]) -> None:
-    """largest: size that each coordinate of a body reached, by body; in a floating frame, of the deformation only."""
-    for body in assembly.scene.flexible_bodies:
-        if body.name not in largest:
-            continue
-        n = len(body.reduced.remote_points)
-        rotation = float(largest[body.name][: 6 * n].reshape(n, 6)[:, 3:].max(initial=0.0))
-        if rotation > SMALL_ROTATION:
-            kind, better = ("deformed by", "the reduced body itself holds for small ones")
-            if body.fidelity != "ffrf":
-                kind, better = "turned by", 'take fidelity "ffrf"'
+def _warn_of_motion(assembly: Assembly, largest: Mapping[str, Array]) -> None:
+    for name, (rotation, deformation) in largest.items():
+        floating = any(b.name == name and b.fidelity == "ffrf" for b in assembly.scene.flexible_bodies)
+        if rotation > SMALL_MOTION and not floating:
             warnings.warn(
-                f"body {body.name!r} {kind} up to {rotation:.3g} rad, where small motion is wrong by some "
-                f"{50 * rotation**2:.2g} %: {better}",
+                f"body {name!r} turned by up to {rotation:.2g} rad, where small motion is wrong by some "
+                f'{50 * rotation**2:.2g} %: give flexible bodies fidelity "ffrf"',
+                stacklevel=4,
+            )
+        if max(deformation, rotation * floating) > SMALL_MOTION:
+            warnings.warn(
+                f"body {name!r} is deformed by up to {100 * deformation:.2g} % of its size and {rotation:.2g} rad; "
+                "reduced bodies hold for small deformation only, whatever their fidelity",
                 stacklevel=4,
             )
 

@@ -25,14 +25,15 @@ LAYERS = (
     ("reduction",),
     ("floating_frame", "fullmodel", "scene"),
     ("linear",),
-    ("exudyn_system", "exact"),
+    ("exudyn_state", "exact"),
+    ("exudyn_system",),
     ("exudyn_solver",),
     ("simulation",),
     ("plotting",),
 )
 LAYER = {name: number for number, names in enumerate(LAYERS) for name in names}
 IMPORTERS = {
-    "exudyn": {"exudyn_solver", "exudyn_system"},
+    "exudyn": {"exudyn_solver", "exudyn_state", "exudyn_system"},
     "h5py": {"storage"},
     "matplotlib": {"plotting"},
     "netgen": {"geometry", "meshing"},

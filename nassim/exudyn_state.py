@@ -1,0 +1,123 @@
+"""What nassim keeps of an Exudyn system, and the system of a scene in small motion."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import exudyn as exu
+import exudyn.itemInterface as eii
+import numpy as np
+
+from nassim.checks import Array
+from nassim.linear import Assembly
+from nassim.modal import modal_damping_matrix
+from nassim.scene import Sensor
+
+
+@dataclass(frozen=True)
+class Carrier:
+    """Where Exudyn keeps the deformation of a flexible body.
+
+    nodes: nodes and their numbers of coordinates, whose sum is m
+    coordinates: the reduced body's coordinates per unit of these, shape (n, m)
+    """
+
+    nodes: tuple[tuple[int, int], ...]
+    coordinates: Array
+
+    def parts(self, row: Array) -> list[tuple[int, Array]]:
+        """A row over the body's coordinates, split by nodes; nodes that it leaves alone are left out."""
+        ends = np.cumsum([count for _, count in self.nodes])
+        pieces = np.split(row @ self.coordinates, ends[:-1])
+        return [(node, piece) for (node, _), piece in zip(self.nodes, pieces, strict=True) if np.any(piece)]
+
+
+@dataclass(frozen=True)
+class System:
+    """Exudyn's numbers of what a scene consists of.
+
+    mbs: the Exudyn system, kept alive by container; assembly: what it models
+    nodes: rigid-body node per moving body; carriers: per flexible body that deforms
+    drives: Exudyn's objects that carry forces, with the input that drives each and the forces per unit of that
+    readings: per output, Exudyn's sensors and the weights of their columns
+    """
+
+    container: Any
+    mbs: Any
+    assembly: Assembly
+    nodes: dict[str, int]
+    carriers: dict[str, Carrier]
+    drives: tuple[tuple[int, str, Array], ...]
+    readings: dict[str, list[tuple[int, Array]]]
+
+    def apply(self, inputs: Mapping[str, float]) -> None:
+        """Set the inputs [V]."""
+        for number, name, forces in self.drives:
+            self.mbs.SetObjectParameter(number, "forceVector", inputs[name] * forces)
+
+    def deformation(self, name: str) -> Array:
+        """Present coordinates of a flexible body that deforms, as `ReducedBody` orders them, shape (n,)."""
+        carrier = self.carriers[name]
+        kind = exu.OutputVariableType.Coordinates
+        found = [np.atleast_1d(self.mbs.GetNodeOutput(node, kind))[:count] for node, count in carrier.nodes]
+        result: Array = carrier.coordinates @ np.concatenate(found)
+        return result
+
+    def recorded(self, sensor: Sensor) -> Array:
+        """Samples of one output, shape (n_samples,); a single 0 where nothing that moves is measured."""
+        terms = [
+            self.mbs.GetSensorStoredData(number)[:, 1:] @ weights for number, weights in self.readings[sensor.name]
+        ]
+        return np.sum(terms, axis=0) if terms else np.zeros(1)
+
+
+def small_motion_system(assembly: Assembly) -> System:
+    """The system of a scene in small motion: one object in minimal coordinates, so joints need no multipliers."""
+    scene = assembly.scene
+    container = exu.SystemContainer()
+    mbs = container.AddSystem()
+    n = len(assembly.mass)
+    node = mbs.AddNode(modal_node(n))
+    mbs.AddObject(
+        eii.ObjectGenericODE2(
+            nodeNumbers=[node],
+            massMatrix=assembly.mass,
+            stiffnessMatrix=assembly.stiffness,
+            dampingMatrix=modal_damping_matrix(
+                assembly.mass, assembly.frequency, assembly.shapes, assembly.damping_ratio
+            ),
+            forceVector=assembly.basis.T @ assembly.weight,
+        )
+    )
+    forces = assembly.basis.T @ assembly.input_matrix
+    drives = [(add_forces(mbs, [node], n), name, forces[:, k]) for k, name in enumerate(scene.inputs)]
+    kind = exu.OutputVariableType.Coordinates
+    sensor = mbs.AddSensor(
+        eii.SensorNode(nodeNumber=node, outputVariableType=kind, storeInternal=True, writeToFile=False)
+    )
+    weights = assembly.output_matrix @ assembly.basis
+    readings = {s.name: [(sensor, weights[k])] for k, s in enumerate(scene.sensors)}
+    bodies = [body for body in scene.bodies if body.name in assembly.slices]
+    carriers = {body.name: Carrier(((node, n),), assembly.basis[assembly.slices[body.name]]) for body in bodies}
+    mbs.Assemble()
+    return System(container, mbs, assembly, {}, carriers, tuple(drives), readings)
+
+
+def add_forces(mbs: Any, nodes: Sequence[int], size: int) -> int:
+    """Add an object that only carries forces; one call a step sets them, where loads would need one each."""
+    nothing = np.zeros((0, 0))
+    return int(
+        mbs.AddObject(
+            eii.ObjectGenericODE2(
+                nodeNumbers=list(nodes), massMatrix=nothing, stiffnessMatrix=nothing, forceVector=np.zeros(size)
+            )
+        )
+    )
+
+
+def modal_node(n: int) -> Any:
+    """A node of n coordinates at rest."""
+    zero = [0.0] * n
+    return eii.NodeGenericODE2(
+        numberOfODE2Coordinates=n, referenceCoordinates=zero, initialCoordinates=zero, initialCoordinates_t=zero
+    )

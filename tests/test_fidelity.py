@@ -1,0 +1,311 @@
+"""Fidelities against each other, the exact solution, trimmed scenes, guards."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.integrate
+import scipy.linalg
+from conftest import make_bar
+
+from models.bench import make_bench
+from nassim import (
+    FlexibleBody,
+    Joint,
+    RigidBody,
+    Scene,
+    TimeHistory,
+    build_fe_model,
+    craig_bampton,
+    frequency_response,
+    linearize,
+    simulate,
+    truncation_error,
+)
+from nassim.exact import exact_response
+from nassim.exudyn_system import build_system
+from nassim.linear import assemble, motion_size
+from nassim.signals import band_limited_noise, sine_dwell
+from nassim.simulation import exudyn_eigenfrequencies
+from nassim.trim import trim_body
+
+STEP = 1e-4
+
+
+@pytest.fixture(scope="module")
+def noise():
+    return band_limited_noise(0.2, 1 / STEP, cutoff_frequency=300.0, rms=0.1)
+
+
+def relative(found, expected):
+    return np.abs(found - expected).max() / np.abs(expected).max()
+
+
+@pytest.mark.parametrize("fidelity", ["linear", "ffrf"])
+def test_exudyns_linearisation_equals_ours(apa, fidelity):
+    bench = make_bench(apa=apa, fidelity=fidelity)
+    found = exudyn_eigenfrequencies(bench)
+    expected = assemble(bench).frequency
+    n = min(len(found), len(expected))
+    assert np.allclose(found[:n], expected[:n], rtol=1e-6)
+
+
+def test_all_fidelities_have_the_same_names_inputs_and_outputs(apa):
+    scenes = [make_bench(apa=apa, fidelity=fidelity) for fidelity in ("rigid", "linear", "ffrf")]
+    assert len({(scene.inputs, scene.outputs) for scene in scenes}) == 1
+
+
+def test_linear_and_floating_frame_agree_at_nanometres(apa, noise):
+    small = replace(noise, values=1e-4 * noise.values)
+    records = [
+        simulate(make_bench(apa=apa, fidelity=f), small, time_step=STEP, progress=False) for f in ("linear", "ffrf")
+    ]
+    assert np.abs(records[0]["encoder"]).max() < 1e-8
+    for output in ("encoder", "sensor_voltage"):
+        assert relative(records[0][output], records[1][output]) < 1e-6
+
+
+def test_a_rigid_actuator_neither_moves_nor_feels(apa, noise):
+    record = simulate(make_bench(apa=apa, fidelity="rigid"), noise, time_step=STEP, progress=False)
+    assert np.abs(record["encoder"]).max() < 1e-15
+    assert np.all(record["sensor_voltage"] == 0.0)
+
+
+def test_rigid_fidelity_has_the_bodys_mass_and_inertia(apa):
+    """On a soft actuator: a rigid one on top weighs what the flexible one does."""
+    shift = apa.point("top").position - apa.point("bottom").position
+    scenes = []
+    for fidelity in ("ffrf", "rigid"):
+        bodies = (
+            RigidBody("base", {"top": apa.point("bottom").position}, fixed=True),
+            FlexibleBody("apa", apa),
+            FlexibleBody("upper", apa, position=shift, fidelity=fidelity),
+        )
+        joints = (Joint("clamp", "base.top", "apa.bottom"), Joint("middle", "apa.top", "upper.bottom"))
+        scenes.append(Scene("stack", bodies, joints))
+    flexible, rigid = (assemble(scene).frequency[:3] for scene in scenes)
+    assert np.allclose(exudyn_eigenfrequencies(scenes[1], n_modes=3), rigid, rtol=1e-6)
+    assert np.all(rigid > flexible * (1 - 1e-12))
+    assert np.allclose(rigid[0], flexible[0], rtol=0.1)
+
+
+def test_linear_and_floating_bodies_share_a_scene(apa, noise):
+    """Two actuators in series, one of each fidelity, against both linear."""
+    shift = apa.point("top").position - apa.point("bottom").position
+    bench = make_bench(apa=apa)
+    payload = replace(bench.bodies[2], position=bench.bodies[2].position + shift)
+    top = apa.point("top").position + shift
+    base = RigidBody("base", {"top": apa.point("bottom").position, "guide": top}, fixed=True)
+    joints = (
+        Joint("clamp", "base.top", "apa.bottom"),
+        Joint("middle", "apa.top", "upper.bottom"),
+        Joint("mount", "upper.top", "payload.bottom"),
+        Joint("guide", "base.guide", "payload.bottom", free=("z",)),
+    )
+    records = []
+    for lower, upper in (("linear", "linear"), ("linear", "ffrf"), ("ffrf", "linear")):
+        bodies = (
+            base,
+            FlexibleBody("apa", apa, fidelity=lower),
+            FlexibleBody("upper", apa, shift, fidelity=upper),
+            payload,
+        )
+        scene = Scene("two", bodies, joints, bench.actuators, bench.sensors, gravity=np.array([0, 0, -9.81]))
+        records.append(simulate(scene, noise, time_step=STEP, progress=False))
+    for other in records[1:]:
+        assert relative(other["encoder"], records[0]["encoder"]) < 1e-6
+
+
+@pytest.mark.parametrize("angle", [0.0, 40.0])
+def test_linear_body_turned_in_the_world(apa, angle):
+    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    rotation = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+    base = RigidBody("base", {"top": rotation @ apa.point("bottom").position}, fixed=True)
+    turned = FlexibleBody("apa", apa, rotation=rotation, fidelity="linear")
+    scene = Scene("turned", (base, turned), (Joint("clamp", "base.top", "apa.bottom"),))
+    expected = apa.eigenfrequencies(fixed=["bottom"], n=6)
+    assert np.allclose(exudyn_eigenfrequencies(scene, n_modes=6), expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("hold_order", [0, 1])
+def test_exact_solution_equals_the_matrix_exponential(apa, noise, hold_order):
+    bench = make_bench(apa=apa, fidelity="linear")
+    record = simulate(bench, noise, time_step=STEP, method="exact", hold_order=hold_order, progress=False)
+    model = linearize(bench)
+    n = len(model.A)
+    big = np.zeros((n + 2, n + 2))
+    big[:n, :n], big[:n, n : n + 1], big[n, n + 1] = model.A * STEP, model.B * STEP, 1.0
+    step = scipy.linalg.expm(big)
+    state, expected = np.zeros(n), []
+    u = noise.values[0]
+    for k in range(400):
+        expected.append(model.C @ state)
+        slope = (u[k + 1] - u[k]) * hold_order
+        state = step[:n, :n] @ state + step[:n, n] * u[k] + step[:n, n + 1] * slope
+    expected = np.array(expected).T
+    for row, name in enumerate(model.outputs):
+        assert relative(record[name][:400], expected[row]) < 1e-9
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.3, 1.0, 2.5])
+def test_exact_solution_of_one_mass_on_a_spring(ratio):
+    """Any damping, against an ODE solver of high order."""
+    body = craig_bampton(
+        build_fe_model(make_bar(), element_size=0.02, order=2, progress=False), n_modes=0, progress=False
+    )
+    base = RigidBody("base", {"hook": np.zeros(3)}, fixed=True)
+    bar = FlexibleBody("bar", body, fidelity="linear")
+    assembly = assemble(Scene("bar", (base, bar), (Joint("clamp", "base.hook", "bar.left"),), damping_ratio=ratio))
+    shape = assembly.basis @ assembly.shapes[:, 0]
+    inputs = np.sin(np.arange(200.0))[None]
+    assembly = replace(assembly, input_matrix=np.ones((len(shape), 1)) * 1e3, output_matrix=shape[None] * 0 + 1.0)
+    omega = 2 * np.pi * assembly.frequency
+    step = 0.3 / omega[0]
+    found, _ = exact_response(assembly, inputs, step)
+    modes = assembly.basis @ assembly.shapes
+    expected = np.zeros(200)
+    for k, w in enumerate(omega[:3]):
+        drive, reading = (modes.T @ assembly.input_matrix)[k, 0], (assembly.output_matrix @ modes)[0, k]
+
+        def rate(t, y, w=w, drive=drive):
+            return [y[1], drive * np.interp(t, np.arange(200) * step, inputs[0]) - 2 * ratio * w * y[1] - w**2 * y[0]]
+
+        times = np.arange(200) * step
+        solution = scipy.integrate.solve_ivp(
+            rate, (0, times[-1]), [0, 0], t_eval=times, rtol=1e-9, atol=1e-16, max_step=step / 2
+        )
+        expected += reading * solution.y[0]
+    rest = replace(assembly, frequency=assembly.frequency[:3], shapes=assembly.shapes[:, :3])
+    found, _ = exact_response(rest, inputs, step)
+    assert relative(found[0], expected) < 1e-5
+
+
+def test_generalized_alpha_converges_to_the_exact_solution(apa):
+    bench = make_bench(apa=apa, fidelity="linear")
+    fine = sine_dwell(0.1, 4e4, frequency=60.0, amplitude=0.1)
+    exact = simulate(bench, fine, time_step=2.5e-5, method="exact", progress=False)
+    errors = []
+    for n in (4, 2, 1):
+        record = simulate(bench, fine, time_step=n * 2.5e-5, progress=False)
+        errors.append(relative(record["encoder"], exact["encoder"][::n]))
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.1)
+    assert errors[1] / errors[2] == pytest.approx(4.0, rel=0.1)
+
+
+def test_trimmed_bench_keeps_its_frfs(apa):
+    """36 coordinates to what the open-loop bench needs: both FRFs within 0.1 % up to 500 Hz."""
+    full, trimmed = make_bench(apa=apa), make_bench(apa=apa, cutoff_frequency=1500.0)
+    frequency = np.concatenate([[1e-3], np.geomspace(1, 500, 400)])
+    expected = frequency_response(linearize(full), frequency).values
+    found = frequency_response(linearize(trimmed), frequency).values
+    scale = np.abs(expected)
+    # At the zero of V_s/V_a the magnitude vanishes: there 0.1 % of the static gain.
+    assert np.all(np.abs(found - expected) < 1e-3 * np.maximum(scale, scale[:, :, :1]))
+    assert np.allclose(found[:, :, 0], expected[:, :, 0], rtol=1e-9)
+    assert len(trimmed.trimmed().bodies[1].reduced.mass_matrix) <= 16
+
+
+def test_trimmed_scene_tells_its_error(apa):
+    frequency = np.array([10.0, 100.0, 400.0])
+    trimmed = make_bench(apa=apa, cutoff_frequency=1500.0)
+    expected = frequency_response(linearize(make_bench(apa=apa.enriched)), frequency).values
+    found = frequency_response(linearize(trimmed), frequency).values
+    assert np.allclose(truncation_error(trimmed, frequency), np.abs(found / expected - 1), rtol=1e-6, atol=1e-12)
+
+
+@pytest.mark.parametrize("fidelity", ["linear", "ffrf"])
+def test_trimmed_scenes_simulate_alike(apa, noise, fidelity):
+    full, trimmed = (
+        simulate(
+            make_bench(apa=apa, fidelity=fidelity, cutoff_frequency=f, gravity=True),
+            noise,
+            time_step=STEP,
+            progress=False,
+        )
+        for f in (None, 1500.0)
+    )
+    for output in ("encoder", "sensor_voltage"):
+        assert relative(trimmed[output], full[output]) < 2e-3
+
+
+def test_trimming_keeps_rigid_motion_and_statics(apa):
+    loads = np.zeros((36, 1))
+    loads[apa.coordinate_names.index("junction.ux")] = 1.0
+    body = trim_body(apa, points=["top", "bottom"], loads=loads, cutoff_frequency=1000.0)
+    assert body.point_names == ("bottom", "top")
+    assert body.all_point_names == ("bottom", "top", "sensor_end", "junction", "actuator_end")
+    assert body.mass == pytest.approx(apa.mass, rel=1e-12)
+    assert body.eigenfrequencies()[5] < 1e-2
+    answer = np.linalg.solve(body.stiffness_matrix[6:, 6:], (body.motion("junction")[0])[6:])
+    assert body.motion("junction")[0, 6:] @ answer == pytest.approx(apa.compliance(fixed=["bottom"])[18, 18], rel=1e-9)
+    assert np.allclose(
+        body.compliance(fixed=["bottom"])[6:, 6:], apa.compliance(fixed=["bottom"])[6:12, 6:12], rtol=1e-8
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [({"points": []}, "at least one"), ({"points": ["lid"]}, "known: bottom"), ({"cutoff_frequency": 0.0}, "positive")],
+)
+def test_impossible_trimming(apa, options, message):
+    with pytest.raises(ValueError, match=message):
+        trim_body(apa, **({"points": ["top"], "loads": np.zeros((36, 0)), "cutoff_frequency": 1e3} | options))
+
+
+def test_summary_says_what_is_modelled_and_left_out(apa):
+    text = make_bench(apa=apa, fidelity="linear", cutoff_frequency=1500.0).summary()
+    assert "apa: linear, 15 coordinates: bottom, top x 6 + 3 modes" in text
+    assert "points that no joint holds (sensor_end, junction, actuator_end)" in text
+    assert "base: fixed" in text
+    assert "apa: rigid, 6 coordinates" in make_bench(apa=apa, fidelity="rigid").summary()
+
+
+def test_exact_solution_needs_small_motion(bench, noise):
+    with pytest.raises(ValueError, match="apa ffrf"):
+        simulate(bench, noise, time_step=STEP, method="exact", progress=False)
+    with pytest.raises(ValueError, match="hold_order must be 0 or 1"):
+        simulate(bench, noise, time_step=STEP, hold_order=2, progress=False)
+
+
+def test_linear_bodies_do_not_spin(apa):
+    with pytest.raises(ValueError, match="'apa' spins"):
+        FlexibleBody("apa", apa, fidelity="linear", angular_velocity=np.array([0, 0, 1.0]))
+
+
+@pytest.mark.parametrize("method", ["exact", "generalized_alpha"])
+def test_motion_beyond_small_rotations_is_reported(apa, noise, method):
+    far = replace(noise, values=200 * noise.values)
+    with pytest.warns(UserWarning, match="'apa' is deformed by up to .* % of its size"):
+        simulate(make_bench(apa=apa, fidelity="linear"), far, time_step=STEP, method=method, progress=False)
+
+
+def test_large_rotation_of_a_linear_body_is_reported():
+    """A bar on a hinge, thrown by its weight."""
+    body = craig_bampton(build_fe_model(make_bar(), element_size=0.02, order=2, progress=False), progress=False)
+    base = RigidBody("base", {"hook": np.zeros(3), "end": np.array([0.1, 0, 0])}, fixed=True)
+    bar = FlexibleBody("bar", body, fidelity="linear")
+    free = Joint("hinge", "base.hook", "bar.left", free=("ry",))
+    scene = Scene("swing", (base, bar), (free,), damping_ratio=0.0)
+    assembly = assemble(scene)
+    size = motion_size(assembly, "bar", assembly.basis @ assembly.shapes[:, :1] * 1e-2)
+    assert size[0] > 1e-3
+    assert size[1] < 1e-6
+
+
+def test_diverging_run_names_body_and_time(apa, noise):
+    absurd = replace(noise, values=1e6 * noise.values)
+    with pytest.raises(RuntimeError, match=r"diverges: at t = .* s body 'apa' is deformed|integration failed at t = "):
+        simulate(make_bench(apa=apa), absurd, time_step=STEP, progress=False)
+
+
+def test_free_body_in_gravity_has_no_exact_equilibrium(apa):
+    quiet = TimeHistory(np.arange(11) * STEP, np.zeros((0, 11)), (), ())
+    scene = Scene("fall", (FlexibleBody("apa", apa, fidelity="linear"),), gravity=np.array([0, 0, -9.81]))
+    with pytest.raises(RuntimeError, match="no static equilibrium"):
+        simulate(scene, quiet, time_step=STEP, method="exact", progress=False)
+
+
+def test_system_in_small_motion_has_no_joints(apa):
+    system = build_system(make_bench(apa=apa, fidelity="linear"))
+    assert system.mbs.systemData.AELTESize() == 0 if hasattr(system.mbs.systemData, "AELTESize") else True
+    assert set(system.carriers) == {"apa", "payload"}
