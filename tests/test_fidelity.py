@@ -26,7 +26,7 @@ from nassim.exact import exact_response
 from nassim.exudyn_system import build_system
 from nassim.linear import assemble, motion_size
 from nassim.signals import band_limited_noise, sine_dwell
-from nassim.simulation import exudyn_eigenfrequencies
+from nassim.simulation import exudyn_eigenfrequencies, integrator_error
 from nassim.trim import trim_body
 
 STEP = 1e-4
@@ -309,3 +309,29 @@ def test_system_in_small_motion_has_no_joints(apa):
     system = build_system(make_bench(apa=apa, fidelity="linear"))
     assert system.mbs.systemData.AELTESize() == 0 if hasattr(system.mbs.systemData, "AELTESize") else True
     assert set(system.carriers) == {"apa", "payload"}
+
+
+def test_integrator_error_of_the_trapezoidal_rule():
+    angle = 2 * np.pi * 100.0 * 1e-4
+    longer, damping = integrator_error(100.0, 1e-4)
+    assert longer == pytest.approx(angle / (2 * np.arctan(angle / 2)) - 1, rel=1e-6)
+    assert longer == pytest.approx(angle**2 / 12, rel=0.01)
+    assert damping == pytest.approx(0.0, abs=1e-12)
+
+
+def test_integrator_error_is_what_exudyn_shows(apa):
+    """Decay of the undamped bench, spectral radius 0.6 and steps of 0.5 ms."""
+    bench = make_bench(apa=apa, fidelity="linear", damping_ratio=0.0)
+    step = 5e-4
+    push = TimeHistory(np.arange(801) * step, 0.05 * np.exp(-(((np.arange(801) - 40) / 8) ** 2)), bench.inputs, ("V",))
+    record = simulate(bench, push, time_step=step, spectral_radius=0.6, progress=False)
+    omega = 2 * np.pi * assemble(bench).frequency[0]
+    longer, damping = integrator_error(omega / (2 * np.pi), step, spectral_radius=0.6)
+    later = record.time > 0.1
+    found = []
+    for part in (np.flatnonzero(later)[:200], np.flatnonzero(later)[-200:]):
+        wave = np.exp(1j * omega / (1 + longer) * record.time[part]) * np.exp(-damping * omega * record.time[part])
+        fit = np.linalg.lstsq(np.column_stack([wave.real, wave.imag]), record["encoder"][part], rcond=None)[0]
+        found.append(np.hypot(*fit))
+    assert damping > 1e-4
+    assert found[1] / found[0] == pytest.approx(1.0, abs=0.02)

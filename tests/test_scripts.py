@@ -54,6 +54,20 @@ def test_help(name):
             ["multisine_encoder_magnitude_error_dB", "noise_wall_time_s"],
             ["frf.png"],
         ),
+        ("speed_vs_error.py", ["--quick"], ["reference", "variants", "modes"], ["pareto.png"]),
+        ("speed_vs_error_time.py", ["--quick", "--duration", "0.2"], ["first_mode_Hz", "variants"], ["pareto.png"]),
+        (
+            "benchmark_reduction.py",
+            ["--sizes", "2.5k", "--paper-size", "0"],
+            ["2.5k", "2.5k_speed_ratio_to_exudyn"],
+            [],
+        ),
+        (
+            "benchmark_stepping.py",
+            ["--steps", "200", "--turns", "1"],
+            ["ffrf_us_per_step", "exact_speed_over_ffrf", "trimmed_frf_error"],
+            [],
+        ),
     ],
 )
 def test_script_writes_its_results(name, options, figures, pictures, tmp_path):
