@@ -71,8 +71,8 @@ def simulate(
     if progress and method == "generalized_alpha" and highest > 0:
         longer, damping = integrator_error(highest, time_step, spectral_radius=spectral_radius)
         print(
-            f"  at {highest:.4g} Hz, the highest of the excitation, the steps lengthen periods by {100 * longer:.2g} % and "
-            f"damp {100 * damping:.2g} % of critical"
+            f"  at {highest:.4g} Hz, the highest of the excitation, the steps lengthen periods by {100 * longer:.2g} % "
+            f"and damp {100 * damping:.2g} % of critical"
         )
     _warn_of_spin(scene)
 

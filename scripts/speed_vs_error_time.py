@@ -42,9 +42,9 @@ def main() -> None:
         if (radius == 1.0 or cutoff == "all") and (fidelity == "linear" or step >= 1e-4)
     ]
     variants += [("linear", "exact", step, 1.0, cutoff) for step in steps for cutoff in CUTOFFS]
-    print("\n                                                                    error of           first mode:")
+    print("\n                             step                                        error of          first mode:")
     print(
-        "fidelity method           step [us] radius coordinates steps/s real time     V_s       d_e      period   damping"
+        "fidelity method              [us] radius coordinates steps/s real time     V_s       d_e      period  damping"
     )
     rows: list[dict[str, Any]] = []
     for fidelity, method, step, radius, cutoff in variants:

@@ -213,7 +213,7 @@ def interface_a_thousandth_of_the_part(apa):
 
 
 def steps_far_longer_than_the_fastest_period(apa):
-    """Steps a thousand times longer than the fastest mode's period: 10 Hz, against the exact answer."""
+    """Steps a thousand times longer than the fastest mode's period: 3 Hz, against the exact answer."""
     bench = make_bench(apa=apa, fidelity="linear")
     fastest = apa.eigenfrequencies(fixed=["bottom"])[-1]
     step = 1000 / fastest
