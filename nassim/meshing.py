@@ -1,8 +1,11 @@
 """Meshes of parts by Netgen: tetrahedra anywhere, prisms where bodies are extruded along an axis."""
 
 import itertools
+import os
+import sys
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import netgen.occ as occ
@@ -84,20 +87,39 @@ def _run_netgen(shape: Any, size: float, curvature: float, local_sizes: Mapping[
         for grading, share in TRIALS:
             try:
                 # Netgen's defaults resolve a 0.3 mm fillet with 30 times more elements than curved ones need.
-                return occ.OCCGeometry(shape).GenerateMesh(
-                    maxh=share * size,
-                    grading=grading,
-                    curvaturesafety=curvature,
-                    segmentsperedge=0.2,
-                    closeedgefac=None,
-                    minedgelen=1e-3 * size,
-                    maxoutersteps=ROUNDS,
-                )
+                with _silence():
+                    return occ.OCCGeometry(shape).GenerateMesh(
+                        maxh=share * size,
+                        grading=grading,
+                        curvaturesafety=curvature,
+                        segmentsperedge=0.2,
+                        closeedgefac=None,
+                        minedgelen=1e-3 * size,
+                        maxoutersteps=ROUNDS,
+                    )
             except NgException:
                 if (grading, share) == TRIALS[-1]:
                     raise
     finally:
         _set_face_sizes(shape, dict.fromkeys(local_sizes, UNLIMITED))
+
+
+@contextmanager
+def _silence() -> Iterator[None]:
+    """Keep Netgen's C++ from printing about attempts that another one follows; what it raises is told anyway."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    kept = [os.dup(stream) for stream in (1, 2)]
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        for stream in (1, 2):
+            os.dup2(nowhere, stream)
+        yield
+    finally:
+        for stream, copy in zip((1, 2), kept, strict=True):
+            os.dup2(copy, stream)
+            os.close(copy)
+        os.close(nowhere)
 
 
 def _set_face_sizes(shape: Any, sizes: Mapping[str, float]) -> None:

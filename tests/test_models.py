@@ -45,7 +45,7 @@ def test_impossible_dimensions(change):
 
 def test_reduction_is_cached_and_recomputed_when_an_input_changes(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("NASSIM_CACHE", str(tmp_path))
-    options = {"element_size": 8e-3, "order": 1}
+    options = {"element_size": 8e-3, "order": 1, "mesh": {}}
     first = reduced_apa300ml(**options)
     assert "saved to" in capsys.readouterr().out
     again = reduced_apa300ml(**options)
