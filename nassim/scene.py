@@ -322,14 +322,12 @@ class Scene:
                 f"    left out: {len(body.reduced.mass_matrix) - n} coordinates: points that no joint holds ({idle}) "
                 f"and modes above {self.cutoff_frequency:g} Hz; static answers to the stacks are kept"
             )
-        idle_points = [name for name in points if name not in self._used_points()]
+        ends = {path for stack in self.stacks for path in (stack.start, stack.end)}
+        used = {*self._jointed_points(body), self.frame_point(body)}
+        idle_points = [name for name in points if name not in used and f"{body.name}.{name}" not in ends]
         if idle_points and self.cutoff_frequency is None:
             lines.append(f"    nothing uses {', '.join(idle_points)}: a cutoff_frequency would condense them")
         return lines
-
-    def _used_points(self) -> set[str]:
-        paths = [path for joint in self.joints for path in (joint.a, joint.b)]
-        return {path.partition(".")[2] for path in [*paths, *(p for s in self.stacks for p in (s.start, s.end))]}
 
     def _jointed_points(self, body: FlexibleBody) -> list[str]:
         paths = [path for joint in self.joints for path in (joint.a, joint.b)]

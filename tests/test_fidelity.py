@@ -258,6 +258,9 @@ def test_summary_says_what_is_modelled_and_left_out(apa):
     assert "points that no joint holds (sensor_end, junction, actuator_end)" in text
     assert "base: fixed" in text
     assert "apa: rigid, 6 coordinates" in make_bench(apa=apa, fidelity="rigid").summary()
+    assert "nothing uses" not in make_bench(apa=apa).summary()
+    idle = replace(make_bench(apa=apa), actuators=(), sensors=())
+    assert "nothing uses sensor_end, junction, actuator_end" in idle.summary()
 
 
 def test_exact_solution_needs_small_motion(bench, noise):
