@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import exudyn as exu
 import numpy as np
 import pytest
 import scipy.integrate
@@ -338,3 +339,46 @@ def test_integrator_error_is_what_exudyn_shows(apa):
         found.append(np.hypot(*fit))
     assert damping > 1e-4
     assert found[1] / found[0] == pytest.approx(1.0, abs=0.02)
+
+
+def exudyns_own_frf(scene, frequency):
+    """FRFs from Exudyn's mass, stiffness, damping and constraints; where forces act and sensors read is ours."""
+    system = build_system(scene)
+    mbs, solver = system.mbs, exu.MainSolverImplicitSecondOrder()
+    solver.InitializeSolver(mbs, exu.SimulationSettings())
+    n = mbs.systemData.ODE2Size()
+    solver.ComputeMassMatrix(mbs)
+    mass = np.array(solver.GetSystemMassMatrix())[:n, :n]
+    found = []
+    for position, velocity in ((-1.0, 0.0), (0.0, -1.0)):
+        solver.ComputeJacobianODE2RHS(mbs, scalarFactor_ODE2=position, scalarFactor_ODE2_t=velocity)
+        found.append(np.array(solver.GetSystemJacobian())[:n, :n])
+    solver.ComputeJacobianAE(mbs, scalarFactor_ODE2=1.0, scalarFactor_ODE2_t=0.0)
+    rows = np.array(solver.GetSystemJacobian())[n:, :n]
+    sizes = np.linalg.norm(rows, axis=1, keepdims=True)
+    basis = scipy.linalg.null_space((rows / np.where(sizes > 0, sizes, 1.0)), rcond=1e-9) if len(rows) else np.eye(n)
+
+    (node, count), *_ = system.carriers["apa"].nodes
+    place = mbs.GetNodeODE2Index(node)
+    forces, readings = np.zeros(n), np.zeros((2, n))
+    forces[place : place + count] = system.drives[0][2]
+    readings[0, place : place + count] = system.readings["sensor_voltage"][0][1]
+    if scene.in_small_motion:
+        readings[1, place : place + count] = system.readings["encoder"][0][1]
+    else:
+        readings[1, mbs.GetNodeODE2Index(system.nodes["payload"]) + 2] = 1.0
+    mass, stiffness, damping = (basis.T @ matrix @ basis for matrix in (mass, *found))
+    s = 2j * np.pi * frequency[:, None, None]
+    answers = np.linalg.solve(
+        s**2 * mass + s * damping + stiffness, np.tile(basis.T @ forces, (len(frequency), 1))[:, :, None]
+    )
+    return (readings @ basis @ answers)[:, :, 0].T
+
+
+@pytest.mark.parametrize("fidelity", ["linear", "ffrf"])
+def test_frf_of_exudyns_linearisation_equals_ours(apa, fidelity):
+    bench = make_bench(apa=apa, fidelity=fidelity)
+    frequency = np.concatenate([[1e-3], np.geomspace(1, 2000, 200)])
+    expected = frequency_response(linearize(bench), frequency).values[:, 0]
+    found = exudyns_own_frf(bench, frequency)
+    assert np.all(np.abs(found - expected) < 1e-6 * np.abs(expected).max(axis=1, keepdims=True))

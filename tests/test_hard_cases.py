@@ -21,6 +21,8 @@ from nassim import (
     RemotePoint,
     Scene,
     Solid,
+    StackActuator,
+    StackSensor,
     TimeHistory,
     build_fe_model,
     condense,
@@ -32,7 +34,7 @@ from nassim.exudyn_system import build_system
 from nassim.fullmodel import full_eigenfrequencies
 from nassim.linear import assemble
 from nassim.signals import sine_dwell
-from nassim.simulation import exudyn_eigenfrequencies
+from nassim.simulation import exudyn_eigenfrequencies, integrator_error
 
 STEP = 1e-4
 
@@ -258,6 +260,40 @@ def spin_beyond_the_floating_frame(apa):
     return abs(float(told[1][0].rsplit("some ", 1)[1].split(" %")[0]) / (100 * rise) - 1), 0.05
 
 
+def spinning_bar_in_its_own_frame(apa):
+    """A free square bar at 60 and 3000 rpm about its axis: bending, seen in its frame, at f - n and f + n."""
+    bar = make_bar(length=0.5)
+    points = tuple(replace(p, position=p.position + np.array([0, 0, 0.005])) for p in bar.remote_points)
+    body = reduce(replace(bar, remote_points=points), 0.02, order=2)
+    still = body.eigenfrequencies()[6]
+    step = 1e-4
+    worst = 0.0
+    for rate, duration in ((1.0, 4.0), (50.0, 1.0)):  # 60 and 3000 rpm, in Hz; long enough to tell the two lines apart
+        time = np.arange(round(duration / step) + 1) * step
+        push = TimeHistory(time, np.exp(-(((time - 4e-3) / 8e-4) ** 2)), ("force",), ("V",))
+        spinning = FlexibleBody("bar", body, angular_velocity=np.array([2 * np.pi * rate, 0, 0]))
+        scene = Scene(
+            "spin",
+            (spinning,),
+            actuators=(StackActuator("push", "bar.left", "bar.right", 1.0, "force"),),
+            sensors=(StackSensor("strain", "bar.left", "bar.right", 1.0),),
+            damping_ratio=0.0,
+        )
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            record = simulate(scene, push, time_step=step, spectral_radius=0.9, progress=False)
+        free = record["strain"][400:]
+        free = (free - free.mean()) * np.hanning(len(free))
+        spectrum = np.abs(np.fft.rfft(free, 8 * len(free)))
+        frequency = np.fft.rfftfreq(8 * len(free), step)
+        for expected in (still - rate, still + rate):
+            near = np.abs(frequency - expected) < 0.9 * rate
+            found = frequency[near][np.argmax(spectrum[near])]
+            longer, _ = integrator_error(expected, step, spectral_radius=0.9)
+            worst = max(worst, abs(found * (1 + longer) / expected - 1))
+    return worst, 2e-3
+
+
 def redundant_clamps_and_guides(apa):
     """The payload guided twice and the actuator clamped twice: the static answer against the bench's."""
     bench = make_bench(apa=apa)
@@ -297,6 +333,7 @@ CASES = [
     steps_far_longer_than_the_fastest_period,
     picometres_to_millimetres,
     spin_beyond_the_floating_frame,
+    spinning_bar_in_its_own_frame,
     redundant_clamps_and_guides,
     at_rest_without_input,
 ]
