@@ -56,8 +56,11 @@ def solve_dynamic(
     time_step: float,
     spectral_radius: float,
     progress: bool,
+    explicit: bool = False,
 ) -> dict[str, Array]:
-    """Integrate by generalized-alpha with a fixed step.
+    """Integrate with a fixed step by generalized-alpha, or explicitly by Runge and Kutta's rule of order 4.
+
+    The explicit rule holds each input from its time step to the next, and needs a system without constraints.
 
     inputs: values at the time steps, shape (n_steps + 1,) each, by name [V]
 
@@ -92,7 +95,7 @@ def solve_dynamic(
             nonlocal count
             count += 1
             for number, row, forces in setters:
-                set_forces(number, "forceVector", row[count] * forces)
+                set_forces(number, "forceVector", row[count - explicit] * forces)
             if count % chunk == 0:
                 advance(chunk)
                 look()
@@ -101,7 +104,8 @@ def solve_dynamic(
         system.mbs.SetPreStepUserFunction(before_step)
         failure: Exception | None = None
         try:
-            system.mbs.SolveDynamic(settings)
+            kind = exu.DynamicSolverType.RK44 if explicit else exu.DynamicSolverType.GeneralizedAlpha
+            system.mbs.SolveDynamic(settings, solverType=kind)
         except Exception as error:
             failure = error
         if interrupts:

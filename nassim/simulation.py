@@ -13,7 +13,9 @@ from nassim.linear import Assembly, assemble, motion_size
 from nassim.scene import Scene
 from nassim.signals import TimeHistory, occupied_bandwidth
 
-METHODS = ("generalized_alpha", "exact")
+METHODS = ("generalized_alpha", "exact", "explicit")
+STABLE_ANGLE = 2.6
+"""Angle [rad] per step up to which Runge and Kutta's rule of order 4 is stable for every damping."""
 STEPS_PER_PERIOD = 8
 """Fewest time steps in the shortest period that an excitation holds."""
 SMALL_MOTION = 0.01
@@ -40,7 +42,8 @@ def simulate(
     time_step: of the integrator [s]; duration [s] (default: the excitation's)
     outputs: names (default: all of the scene)
     method: "generalized_alpha", Exudyn's implicit integrator, for every scene; "exact", the exact discrete-time
-        solution of scenes in small motion (see `Scene.in_small_motion`), a hundred times as fast
+        solution of scenes in small motion (see `Scene.in_small_motion`), a hundred times as fast; "explicit", the
+        Runge-Kutta rule of order 4, for the same scenes, which holds inputs like hold_order 0
     spectral_radius: of generalized-alpha, numerical damping at infinite frequency, 1 (none, the trapezoidal rule)
         ... 0; a step h lengthens a period T by about (2 pi h / T)^2 / 12
     hold_order: of the exact method, 1 for inputs that run straight between time steps, 0 for inputs that keep their
@@ -83,7 +86,9 @@ def simulate(
     if method == "exact":
         readings = _solve_exactly(scene, signals, n_steps, time_step, hold_order)
     else:
-        readings = _integrate(scene, signals, n_steps, time_step, spectral_radius, progress)
+        if method == "explicit":
+            _check_stability(scene, time_step)
+        readings = _integrate(scene, signals, n_steps, time_step, spectral_radius, progress, method == "explicit")
     chosen = [scene.outputs.index(name) for name in names]
     return TimeHistory(
         time,
@@ -94,14 +99,26 @@ def simulate(
 
 
 def _integrate(
-    scene: Scene, signals: Mapping[str, Array], n_steps: int, time_step: float, spectral_radius: float, progress: bool
+    scene: Scene,
+    signals: Mapping[str, Array],
+    n_steps: int,
+    time_step: float,
+    spectral_radius: float,
+    progress: bool,
+    explicit: bool,
 ) -> Array:
     system = build_system(scene)
     if np.any(scene.gravity):
         system.apply({name: row[0] for name, row in signals.items()})
         solve_static(system)
     largest = solve_dynamic(
-        system, signals, n_steps=n_steps, time_step=time_step, spectral_radius=spectral_radius, progress=progress
+        system,
+        signals,
+        n_steps=n_steps,
+        time_step=time_step,
+        spectral_radius=spectral_radius,
+        progress=progress,
+        explicit=explicit,
     )
     _warn_of_motion(system.assembly, largest)
     readings = [np.broadcast_to(system.recorded(s), (n_steps + 1,)) for s in scene.sensors]
@@ -111,12 +128,7 @@ def _integrate(
 def _solve_exactly(
     scene: Scene, signals: Mapping[str, Array], n_steps: int, time_step: float, hold_order: int
 ) -> Array:
-    if not scene.in_small_motion:
-        kinds = ", ".join(f"{body.name} {body.fidelity}" for body in scene.flexible_bodies) or "none"
-        raise ValueError(
-            'the exact solution holds for small motion: it needs a flexible body of fidelity "linear" and none of '
-            f'"ffrf", nor one that spins; the scene has: {kinds}'
-        )
+    _check_small_motion(scene, "exact")
     assembly = assemble(scene)
     driven = np.reshape([signals[name] for name in scene.inputs], (len(scene.inputs), n_steps + 1))
     readings, coordinates = exact_response(assembly, driven, time_step, hold_order=hold_order)
@@ -186,6 +198,26 @@ def _steps(excitation: TimeHistory, time_step: float, duration: float | None) ->
     if n_steps < 1:
         raise ValueError(f"time_step {step:g} s is longer than the duration {length:g} s")
     return n_steps
+
+
+def _check_small_motion(scene: Scene, method: str) -> None:
+    if not scene.in_small_motion:
+        kinds = ", ".join(f"{body.name} {body.fidelity}" for body in scene.flexible_bodies) or "none"
+        raise ValueError(
+            f'method "{method}" is for small motion: it needs a flexible body of fidelity "linear" and none of "ffrf", '
+            f"nor one that spins; the scene has: {kinds}"
+        )
+
+
+def _check_stability(scene: Scene, time_step: float) -> None:
+    _check_small_motion(scene, "explicit")
+    fastest = float(assemble(scene).frequency[-1])
+    limit = STABLE_ANGLE / (2 * np.pi * fastest)
+    if time_step > limit:
+        raise ValueError(
+            f"time_step {time_step:g} s is beyond the explicit rule's limit of {limit:.3g} s, set by the fastest mode "
+            f"of {fastest:.4g} Hz: take a shorter one, a cutoff_frequency, or an implicit or the exact method"
+        )
 
 
 def integrator_error(frequency: float, time_step: float, *, spectral_radius: float = 1.0) -> tuple[float, float]:

@@ -382,3 +382,19 @@ def test_frf_of_exudyns_linearisation_equals_ours(apa, fidelity):
     expected = frequency_response(linearize(bench), frequency).values[:, 0]
     found = exudyns_own_frf(bench, frequency)
     assert np.all(np.abs(found - expected) < 1e-6 * np.abs(expected).max(axis=1, keepdims=True))
+
+
+def test_explicit_integration_equals_the_exact_solution_and_knows_its_limit(apa):
+    bench = make_bench(apa=apa, fidelity="linear", cutoff_frequency=1500.0)
+    fastest = assemble(bench).frequency[-1]
+    limit = 2.6 / (2 * np.pi * fastest)
+    step = 0.9 * limit
+    time = np.arange(1501) * step
+    push = TimeHistory(time, 0.1 * np.exp(-(((time - 5e-3) / 1.5e-3) ** 2)), bench.inputs, ("V",))
+    exact = simulate(bench, push, time_step=step, method="exact", hold_order=0, progress=False)
+    record = simulate(bench, push, time_step=step, method="explicit", progress=False)
+    assert relative(record["encoder"], exact["encoder"]) < 1e-5
+    with pytest.raises(ValueError, match=r"beyond the explicit rule's limit of .* s, set by the fastest mode"):
+        simulate(bench, push, time_step=1.1 * limit, method="explicit", progress=False)
+    with pytest.raises(ValueError, match='method "explicit" is for small motion'):
+        simulate(make_bench(apa=apa), push, time_step=step, method="explicit", progress=False)
