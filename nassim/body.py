@@ -5,10 +5,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from nassim.checks import Array, finite_array, freeze, frozen_mapping, known
+from nassim.checks import Array, finite_array, freeze, frozen_mapping, known, unique
 from nassim.geometry import RemotePoint
 from nassim.interface import coordinate_names, free_coordinates, point_masses
 from nassim.modal import eigenmodes
+from nassim.piezo import PortCoupling
 from nassim.surface import Surface
 
 SATURATION = 1.7
@@ -36,6 +37,7 @@ class ReducedBody:
         (ux uy uz rx ry rz) per unit of the coordinates, shape (6 s, n)
     released_stiffness: how much the stiffness matrix would fall with finite elements one order higher, shape (n, n),
         for `discretization_errors`; None where not asked for
+    ports: electrical ports, their forces on the coordinates per volt; the coordinates hold the exact static answer
 
     Source: R. R. Craig, M. C. C. Bampton, Coupling of substructures for dynamic analyses, AIAA J. 6 (1968) 1313.
     """
@@ -52,6 +54,7 @@ class ReducedBody:
     released_stiffness: Array | None = field(default=None, repr=False)
     passive_points: tuple[RemotePoint, ...] = ()
     passive_motions: Array | None = field(default=None, repr=False)
+    ports: tuple[PortCoupling, ...] = ()
 
     def __post_init__(self) -> None:
         points = tuple(self.remote_points)
@@ -69,6 +72,12 @@ class ReducedBody:
         if passive is None:
             passive = np.zeros((0, n))
         passive = finite_array(f"body {self.name!r}: passive motions", passive, (6 * len(self.passive_points), n))
+        unique(f"body {self.name!r}: electrical port", (port.name for port in self.ports))
+        for port in self.ports:
+            if len(port.forces) != n:
+                raise ValueError(
+                    f"body {self.name!r}: port {port.name!r} acts on {len(port.forces)} coordinates, the body has {n}"
+                )
         if n < 6 * len(points):
             raise ValueError(
                 f"body {self.name!r}: {len(points)} remote points need {6 * len(points)} coordinates, got {n}"
@@ -82,6 +91,7 @@ class ReducedBody:
             released_stiffness=released,
             passive_points=tuple(self.passive_points),
             passive_motions=passive,
+            ports=tuple(self.ports),
             record=frozen_mapping(self.record),
         )
 
@@ -128,6 +138,11 @@ class ReducedBody:
             return np.eye(6, len(self.mass_matrix), 6 * index)
         assert self.passive_motions is not None
         return self.passive_motions[6 * (index - active) : 6 * (index - active + 1)]
+
+    def port(self, name: str) -> PortCoupling:
+        """An electrical port by name; raises ValueError listing the names when there is none."""
+        names = [port.name for port in self.ports]
+        return self.ports[names.index(known("electrical port", name, names))]
 
     def eigenmodes(
         self,
@@ -233,22 +248,3 @@ class ReducedBody:
         result[np.ix_(free, free)] = scale[:, None] * np.linalg.inv(scaled) * scale
         return result
 
-
-def keep_modes(body: ReducedBody, n_modes: int) -> ReducedBody:
-    """The same body with its first n_modes modal coordinates only; it remembers the given one as its richer form.
-
-    Raises ValueError when there are not so many.
-    """
-    if not 0 <= n_modes <= body.n_modes:
-        raise ValueError(f"body {body.name!r} has {body.n_modes} modes, so it cannot keep {n_modes}")
-    n = 6 * len(body.remote_points) + n_modes
-    return replace(
-        body,
-        mass_matrix=body.mass_matrix[:n, :n],
-        stiffness_matrix=body.stiffness_matrix[:n, :n],
-        gram=body.gram[: 4 + 3 * n, : 4 + 3 * n],
-        passive_motions=None if body.passive_motions is None else body.passive_motions[:, :n],
-        surface_modes=None if body.surface_modes is None else body.surface_modes[:, :, :n].copy(),
-        released_stiffness=None if body.released_stiffness is None else body.released_stiffness[:n, :n],
-        enriched=replace(body, surface=None, surface_modes=None, released_stiffness=None),
-    )

@@ -121,7 +121,8 @@ def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, p
     stiffness = lacking.T @ forces[:n_soft]
     if stiff.any():
         stiffness += lift.T @ (fe_model.stiffness @ lift)
-    stiffness = _free_of_rigid_motions(stiffness, [c.point.position for c in couplings])
+    keep = strained_part([c.point.position for c in couplings])
+    stiffness = keep.T @ stiffness @ keep
     return Condensation(
         fe_model,
         couplings,
@@ -185,15 +186,17 @@ def _ground(fe_model: FEModel, held: NDArray[np.int64]) -> _Grounded:
     return _Grounded(factorization, motions, inertia @ np.linalg.inv(motions.T @ inertia))
 
 
-def _free_of_rigid_motions(stiffness: Array, positions: Sequence[Array]) -> Array:
-    """The stiffness with the little energy that curved prisms spend on rigid motions projected out."""
+def strained_part(positions: Sequence[Array]) -> Array:
+    """Projection that takes a common rigid motion out of the motions of points at the given positions, (6 r, 6 r).
+
+    Curved prisms spend a little energy on rigid motions; with it, forces and stiffnesses become free of that.
+    """
     motions = np.vstack([rigid_transfer(position - positions[0]) for position in positions])
     extent = max(float(np.ptp(positions, axis=0).max()), np.finfo(float).eps)
     scale = np.tile(np.repeat([1.0, extent], 3), len(positions))  # rotations in metres
     basis = np.linalg.qr(scale[:, None] * motions)[0]
     keep = np.eye(len(scale)) - basis @ basis.T
-    projection = keep * scale / scale[:, None]
-    result: Array = projection.T @ stiffness @ projection
+    result: Array = keep * scale / scale[:, None]
     return result
 
 

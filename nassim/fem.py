@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from nassim.checks import Array, freeze, known
 from nassim.geometry import RemotePoint, Solid
 from nassim.meshing import generate_mesh
+from nassim.piezo import PortCoupling
+from nassim.ports import couple_port
 from nassim.progress import stage
 from nassim.solver import SymmetricMatrix, factor_memory, symmetric_matrix, threads
 from nassim.surface import Surface, outer_surface
@@ -55,7 +57,7 @@ class FEModel:
     scalar_mass_matrix: (n, n) sparse, integral of density times two scalar shape functions [kg]; the mass
         matrix is three such blocks
     fields: coefficients of the functions 1, x, y, z in the scalar shape functions, shape (4, n) [-, m, m, m]
-    couplings: the remote points, in the part's order
+    couplings: the remote points, in the part's order; ports: the electrical ports, likewise
     surface, surface_evaluation: triangles for pictures, and the (n_points, n) sparse matrix that evaluates
         a scalar field at their points; None in models made by hand
     description: element order, sizes and counts as text, for reports
@@ -71,6 +73,7 @@ class FEModel:
     surface_evaluation: sp.csr_matrix | None = field(default=None)
     description: str = field(default="")
     order: int = field(default=0)
+    ports: tuple[PortCoupling, ...] = ()
     _source: "tuple[Any, Solid] | None" = field(default=None, repr=False)  # NGSolve's mesh, part
 
     def __post_init__(self) -> None:
@@ -85,7 +88,7 @@ class FEModel:
         for label, matrix in (("stiffness", self.stiffness.lower), ("mass", self.scalar_mass_matrix)):
             if not np.all(np.isfinite(matrix.data)):
                 raise ValueError(f"FE model {self.name!r}: the {label} matrix holds NaN or infinite values")
-        freeze(self, couplings=tuple(self.couplings))
+        freeze(self, couplings=tuple(self.couplings), ports=tuple(self.ports))
 
     @property
     def n_dofs(self) -> int:
@@ -116,6 +119,11 @@ class FEModel:
     def rigid_motions(self) -> Array:
         """Unit translations and rotations about the part's origin, shape (3 n, 6)."""
         return rigid_motions(self.fields, np.zeros(3))
+
+    def port(self, name: str) -> PortCoupling:
+        """An electrical port by name; raises ValueError listing the names when there is none."""
+        names = [port.name for port in self.ports]
+        return self.ports[names.index(known("electrical port", name, names))]
 
     def coupling(self, name: str) -> Coupling:
         """The coupling of a remote point; raises ValueError listing the names when there is none."""
@@ -273,8 +281,10 @@ def assemble_mesh(mesh: Any, solid: Solid, order: int) -> FEModel:
         kinds = Counter(ELEMENTS[element.type] for element in mesh.Elements(ng.VOL))
         counts = " + ".join(f"{count} {kind}" for kind, count in kinds.items())
         description = f"{counts} of order {order}, {mesh.nv} vertices, {3 * scalar.ndof} degrees of freedom"
+        ports = tuple(couple_port(mesh, solid, order, port) for port in solid.ports)
+        source = (mesh, solid)
         return FEModel(
-            solid.name, stiffness, mass, fields, couplings, surface, evaluation, description, order, (mesh, solid)
+            solid.name, stiffness, mass, fields, couplings, surface, evaluation, description, order, ports, source
         )
 
 

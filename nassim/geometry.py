@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from nassim.checks import Array, finite_array, freeze, frozen_mapping, known, unique
 from nassim.materials import Material
+from nassim.piezo import ElectricalPort
 
 CAD_ENDINGS = {".step": ".step", ".stp": ".step", ".iges": ".iges", ".igs": ".iges", ".brep": ".brep"}
 UNITS = {"m": 1.0, "mm": 1e-3, "inch": 0.0254}
@@ -52,19 +53,23 @@ class Solid:
     shape: OCC shape of one or several touching bodies [m]
     materials: material per body name
     remote_points: its interfaces; may be empty for a look at the eigenmodes only
+    ports: electrical ports of its piezoelectric bodies
 
-    Raises ValueError for a body without material, an unknown face, and a face that two remote points claim.
+    Raises ValueError for a body without material, an unknown face or body, a face that two remote points claim, and a
+    body that two ports claim.
     """
 
     name: str
     shape: Any
     materials: Mapping[str, Material]
     remote_points: tuple[RemotePoint, ...] = field(default=())
+    ports: tuple[ElectricalPort, ...] = ()
 
     def __post_init__(self) -> None:
         points = tuple(self.remote_points)
         unique("remote point", (p.name for p in points))
-        for body in body_names(self.shape):
+        bodies = body_names(self.shape)
+        for body in bodies:
             if body not in self.materials:
                 raise ValueError(
                     f"part {self.name!r}: body {body!r} has no material; given: {', '.join(self.materials) or 'none'}"
@@ -82,13 +87,17 @@ class Solid:
                         "a face belongs to one remote point"
                     )
                 owner[face] = point.name
+        ports = tuple(self.ports)
+        unique("electrical port", (port.name for port in ports))
+        for body in unique("body of electrical port", (body for port in ports for body in port.bodies)):
+            known("body", body, bodies)
         size = np.ptp(np.array([tuple(corner) for corner in self.shape.bounding_box]), axis=0).max()
         if not 1e-6 < size < 10.0:
             raise ValueError(
                 f"part {self.name!r} is {size:g} m long, not 1e-6 to 10 m; shapes are in metres: check the "
                 "CAD file's unit"
             )
-        freeze(self, materials=frozen_mapping(self.materials), remote_points=points)
+        freeze(self, materials=frozen_mapping(self.materials), remote_points=points, ports=ports)
 
 
 @dataclass(frozen=True)

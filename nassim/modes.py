@@ -71,30 +71,42 @@ def modes_below(condensed: Condensation, cutoff_frequency: float, *, advance: Ad
 
 
 def left_out_vectors(
-    condensed: Condensation, frequency: Array, modes: Array, *, advance: Advance = silent
+    condensed: Condensation, frequency: Array, modes: Array, *, loads: Array | None = None, advance: Advance = silent
 ) -> tuple[Array, Array]:
     """Ritz vectors that stand for the modes not among the given ones: frequencies (k,) [Hz], shapes (n_dofs, k).
 
     frequency (p,) [Hz], modes (n_dofs, p): the lowest fixed-interface modes. The k vectors are at rest at the remote
     points, of unit modal mass and orthogonal to the modes. advance: called once per solve.
+    loads: further forces, shape (n_dofs, q) [N], whose static answers the modes and vectors together hold exactly
     """
     mass = mass_operator(condensed.fe_model)
     with threads():
         inertia = mass @ condensed.constraint_modes
         participation = modes.T @ inertia
         directions = _slowest_motions(condensed, frequency, inertia, participation)
-        inertia, participation = inertia @ directions, participation @ directions
+        loads = np.zeros((len(inertia), 0)) if loads is None else loads
+        inertia, participation = np.hstack([loads, inertia @ directions]), participation @ directions
+        participation = np.hstack([modes.T @ loads, participation])
         vectors = condensed.solve_fixed(inertia, advance=advance)
         # Since K X = M Psi in the space of motions at rest at the remote points, K itself is not needed.
         inverse = 1.0 / (2 * np.pi * frequency[:, None]) ** 2
         stiffness = vectors.T @ inertia - participation.T @ (inverse * participation)
         vectors -= modes @ (inverse * participation)
         gram = vectors.T @ (mass @ vectors)
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
-        weight, combinations = np.linalg.eigh(scale[:, None] * (0.5 * (gram + gram.T)) * scale)
-        combinations = scale[:, None] * combinations[:, weight > DEPENDENT * weight[-1]]
+        combinations = _independent(0.5 * (gram + gram.T), loads.shape[1])
         ritz, shapes = eigenmodes(combinations.T @ stiffness @ combinations, combinations.T @ gram @ combinations)
         return ritz, vectors @ (combinations @ shapes)
+
+
+def _independent(gram: Array, n_first: int) -> Array:
+    """Combinations of vectors with the given Gram matrix, less what rounding left; the first n_first ones stay exact."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
+    gram = scale[:, None] * gram * scale
+    n = len(gram)
+    others = np.eye(n, n - n_first, -n_first)
+    others[:n_first] = -np.linalg.solve(gram[:n_first, :n_first], gram[:n_first, n_first:])
+    weight, turn = np.linalg.eigh(others.T @ gram @ others)
+    return scale[:, None] * np.hstack([np.eye(n, n_first), others @ turn[:, weight > DEPENDENT * weight[-1]]])
 
 
 def _slowest_motions(condensed: Condensation, frequency: Array, inertia: Array, participation: Array) -> Array:

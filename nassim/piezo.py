@@ -1,8 +1,20 @@
-"""Piezoelectric stacks, described by their data sheet."""
+"""Piezoelectric stacks, described by their data sheet, and the electrical ports that they give a part."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
-from nassim.checks import freeze, positive
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nassim.checks import Array, finite, finite_array, freeze, positive, unique
+
+LARGEST_STRAIN = 5e-3
+"""Free stroke over length that no piezo ceramic reaches; usual ones give 1e-3 to 2e-3."""
+LARGEST_STRESS = 500e6
+"""Blocked force over cross-section [Pa] that no ceramic bears; usual ones give 30 to 50 MPa."""
+STIFFNESS_MISMATCH = 2.0
+USUAL_COUPLING = (0.65, 0.78)
+"""Coupling factor k33 of common PZT ceramics, small signals (IEEE Std 176-1987; manufacturers' tables)."""
 
 
 @dataclass(frozen=True)
@@ -12,11 +24,14 @@ class PiezoStack:
     free_stroke: elongation without load over the whole voltage range [m]
     blocked_force: force at zero elongation over the whole voltage range [N]
     voltage_range: range that stroke and force refer to [V]
-    stiffness: mechanical stiffness [N/m]
+    stiffness: mechanical stiffness at constant voltage [N/m]
     capacitance: capacitance of the unloaded stack [F]
     length, area: length [m] and cross-section [m2] of the ceramic
+    transverse_ratio: strain across over strain along the stack under voltage, d31 / d33 [-]; data sheets of stacks do
+        not give it, common ceramics have -0.4 to -0.5
 
-    Sign convention: a positive voltage lengthens the stack, forces are positive in tension.
+    Sign convention: a positive voltage lengthens the stack, forces are positive in tension. Raises ValueError for
+    figures that no ceramic reaches, the sign of a wrong unit.
     """
 
     free_stroke: float
@@ -26,9 +41,87 @@ class PiezoStack:
     capacitance: float
     length: float
     area: float
+    transverse_ratio: float = -0.45
 
     def __post_init__(self) -> None:
-        freeze(self, **{f.name: positive(f"piezo stack: {f.name}", getattr(self, f.name)) for f in fields(self)})
+        numbers = [f.name for f in fields(self) if f.name != "transverse_ratio"]
+        freeze(self, **{name: positive(f"piezo stack: {name}", getattr(self, name)) for name in numbers})
+        freeze(self, transverse_ratio=finite("piezo stack: transverse_ratio", self.transverse_ratio))
+        if not -0.6 <= self.transverse_ratio <= 0.0:
+            raise ValueError(f"piezo stack: transverse_ratio must lie between -0.6 and 0, got {self.transverse_ratio:g}")
+        if self.free_stroke > LARGEST_STRAIN * self.length:
+            raise ValueError(
+                f"piezo stack: a free_stroke of {self.free_stroke:g} m is {100 * self.free_stroke / self.length:.3g} % of "
+                f"the length {self.length:g} m; ceramics reach 0.2 %. Are both in metres?"
+            )
+        if self.blocked_force > LARGEST_STRESS * self.area:
+            raise ValueError(
+                f"piezo stack: a blocked_force of {self.blocked_force:g} N on {self.area:g} m2 is "
+                f"{1e-6 * self.blocked_force / self.area:.3g} MPa; ceramics give 30 to 50. Are they in N and m2?"
+            )
+        implied = self.blocked_force / self.free_stroke
+        if not 1 / STIFFNESS_MISMATCH < self.stiffness / implied < STIFFNESS_MISMATCH:
+            raise ValueError(
+                f"piezo stack: the stiffness {self.stiffness:g} N/m does not go with blocked_force / free_stroke = "
+                f"{implied:g} N/m; is it in N/m (not N/um)?"
+            )
+        if self.coupling_factor >= 1.0:
+            least = self.stiffness * (self.free_stroke / self.voltage_range) ** 2
+            raise ValueError(
+                f"piezo stack: with a capacitance of {self.capacitance:g} F it would give back more energy than it takes; "
+                f"stroke and stiffness need more than {least:.3g} F"
+            )
+
+    @classmethod
+    def from_datasheet(
+        cls,
+        *,
+        free_stroke: float,
+        blocked_force: float,
+        voltage_range: float | tuple[float, float],
+        capacitance: float,
+        size: Sequence[float],
+        stiffness: float | None = None,
+        transverse_ratio: float = -0.45,
+    ) -> "PiezoStack":
+        """A stack from what its data sheet prints.
+
+        voltage_range: (lowest, highest) or their difference [V]
+        size: length along the stack, then the two sides of its cross-section [m]
+        stiffness: [N/m]; default: blocked_force / free_stroke
+
+        The other arguments are the fields; `consistency` says how well the figures go together.
+        """
+        length, width, depth = finite_array("piezo stack: size", size, (3,))
+        ends = np.atleast_1d(np.array(voltage_range, dtype=float))
+        return cls(
+            free_stroke,
+            blocked_force,
+            float(np.ptp(ends)) if ends.size == 2 else float(ends[0]),
+            blocked_force / positive("piezo stack: free_stroke", free_stroke) if stiffness is None else stiffness,
+            capacitance,
+            float(length),
+            float(width * depth),
+            transverse_ratio,
+        )
+
+    @property
+    def stroke_per_volt(self) -> float:
+        """Free elongation per volt d [m/V]."""
+        return self.free_stroke / self.voltage_range
+
+    @property
+    def young_modulus(self) -> float:
+        """Young's modulus along the stack at constant voltage that its stiffness means [Pa]."""
+        return self.stiffness * self.length / self.area
+
+    @property
+    def coupling_factor(self) -> float:
+        """Electromechanical coupling factor k33 [-]: its square is the share of the energy that can change sides.
+
+        Held at constant length, the stack has the capacitance (1 - k33^2) C; open circuit, the stiffness k / (1 - k33^2).
+        """
+        return float(np.sqrt(self.stiffness / self.capacitance) * self.stroke_per_volt)
 
     @property
     def force_per_volt(self) -> float:
@@ -47,7 +140,84 @@ class PiezoStack:
         The charge is Q = d F + C V with C the capacitance of the unloaded stack. Open circuit (Q = 0)
         gives V = -d F / C, so compression (F < 0) gives a positive voltage. With F = k dl, where k is the
         stiffness of the open-circuit stack, g_s = d k / C = g_a / C: the figure that d33 / (eps_T s_D n)
-        [V/m] of the piezo literature also expresses. A data sheet does not say whether its stiffness is
-        that of the open or of the shorted stack, so expect an uncertainty of some 20 %.
+        [V/m] of the piezo literature also expresses. Where k is that at constant voltage, as an electrical port takes
+        it, V = -g_s dl / (1 - k33^2); the truth lies between, for a data sheet does not say.
         """
         return self.force_per_volt / self.capacitance
+
+    def consistency(self) -> str:
+        """What the figures say about each other, a line each."""
+        low, high = USUAL_COUPLING
+        factor = self.coupling_factor
+        if factor > high:
+            verdict = "high: stroke and force are those of large signals, the capacitance is that of small ones"
+        else:
+            verdict = "usual" if factor >= low else "low: are there inactive ends?"
+        implied = self.blocked_force / self.free_stroke
+        return "\n".join(
+            [
+                f"stiffness {1e-6 * self.stiffness:.4g} N/um; blocked force / free stroke: {1e-6 * implied:.4g} N/um "
+                f"({100 * (self.stiffness / implied - 1):+.1f} %)",
+                f"Young's modulus along the stack {1e-9 * self.young_modulus:.4g} GPa",
+                f"strain over the voltage range {100 * self.free_stroke / self.length:.3g} %, "
+                f"blocked stress {1e-6 * self.blocked_force / self.area:.3g} MPa",
+                f"coupling factor k33 {factor:.3f} (ceramics: {low} to {high}; {verdict})",
+            ]
+        )
+
+
+@dataclass(frozen=True)
+class ElectricalPort:
+    """Stacks of one part that share a voltage: two terminals.
+
+    name: what scenes call it; bodies: names of the CAD bodies, electrically in parallel
+    stack: what each of them is; direction: along which they lengthen under positive voltage, shape (3,)
+    """
+
+    name: str
+    bodies: tuple[str, ...]
+    stack: PiezoStack
+    direction: ArrayLike = (1.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        label = f"electrical port {self.name!r}"
+        bodies = (self.bodies,) if isinstance(self.bodies, str) else tuple(self.bodies)
+        direction = finite_array(f"{label}: direction", self.direction, (3,))
+        if not np.any(direction):
+            raise ValueError(f"{label}: direction must not be zero")
+        if not bodies:
+            raise ValueError(f"{label} names no body")
+        freeze(self, bodies=unique(f"{label}: body", bodies), direction=direction / np.linalg.norm(direction))
+
+    @property
+    def strain_per_volt(self) -> Array:
+        """Free strain under one volt, shape (3, 3) [1/V]."""
+        along = np.outer(self.direction, self.direction)
+        result: Array = along + self.stack.transverse_ratio * (np.eye(3) - along)
+        return self.stack.stroke_per_volt / self.stack.length * result
+
+
+@dataclass(frozen=True)
+class PortCoupling:
+    """An electrical port seen from the unknowns (finite elements) or coordinates (reduced body) u of a part.
+
+    name: of the port
+    forces: on the unknowns per volt, shape (n,) [N/V]. By reciprocity, the charge that their motion brings is
+        forces @ u [C], so that Q = forces @ u + blocked_capacitance V
+    blocked_capacitance: capacitance with all unknowns held [F]
+    """
+
+    name: str
+    forces: Array
+    blocked_capacitance: float
+
+    def __post_init__(self) -> None:
+        forces = finite_array(f"electrical port {self.name!r}: forces", self.forces, (None,))
+        capacitance = finite(f"electrical port {self.name!r}: blocked capacitance", self.blocked_capacitance)
+        if capacitance <= 0:
+            raise ValueError(
+                f"electrical port {self.name!r}: with all strains held its capacitance would be {capacitance:.3g} F, less "
+                "than none: the stack's stroke, the material's stiffness and the capacitance do not go together, or "
+                "its transverse_ratio is not that of a ceramic (-0.4 to -0.5)"
+            )
+        freeze(self, forces=forces, blocked_capacitance=capacitance)

@@ -5,14 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from nassim.body import RIGID, ReducedBody, keep_modes
+from nassim.body import RIGID, ReducedBody
 from nassim.checks import Array, positive
-from nassim.condensation import Condensation, condense
+from nassim.condensation import Condensation, condense, strained_part
 from nassim.discretization import released_stiffness
 from nassim.fem import FEModel
 from nassim.modes import check_n_modes, fixed_interface_modes, left_out_vectors, modes_below
+from nassim.piezo import PortCoupling
 from nassim.progress import stage
 from nassim.solver import threads
+from nassim.trim import keep_modes
 
 DEFAULT_MODES = 6
 COLUMNS = 64
@@ -26,6 +28,7 @@ def craig_bampton(
     cutoff_frequency: float | None = None,
     tolerance: float | None = None,
     remote_points: Sequence[str] | None = None,
+    ports: Sequence[str] | None = None,
     discretization: bool = False,
     progress: bool = True,
 ) -> ReducedBody:
@@ -38,6 +41,8 @@ def craig_bampton(
         the first five elastic ones, or of those below cutoff_frequency where that is given too, of the free body and
         of the body clamped at each one of its remote points
     remote_points: names (default: all)
+    ports: names of the electrical ports to keep (default: all); each adds one modal coordinate, which makes the
+        static answer to its voltage exact
     discretization: estimate the finite elements' error too, for `ReducedBody.discretization_errors`; takes about as
         long again
     progress: show the stages and the report
@@ -57,19 +62,25 @@ def craig_bampton(
     else:
         check_n_modes(count, fe_model.n_dofs)
         condensed = condense(fe_model, remote_points=remote_points, progress=progress)
+    kept = [condensed.fe_model.port(name) for name in ports] if ports is not None else condensed.fe_model.ports
     if tolerance is None:
-        rich, count = _reduce(condensed, count, cutoff_frequency, discretization, progress)
+        rich, count = _reduce(condensed, count, cutoff_frequency, kept, discretization, progress)
     else:
-        rich, count = _reduce_within(condensed, tolerance, cutoff_frequency, discretization, progress)
+        rich, count = _reduce_within(condensed, tolerance, cutoff_frequency, kept, discretization, progress)
     body = keep_modes(rich, count)
-    record = {**body.record, **_report(body, rich)}
+    record = {**body.record, **_report(body, rich, count)}
     if progress:
         print("\n".join(f"  {label}: {text}" for label, text in record.items() if label != "finite element model"))
     return replace(body, record=record)
 
 
 def _reduce(
-    condensed: Condensation, n_modes: int, cutoff_frequency: float | None, discretization: bool, progress: bool
+    condensed: Condensation,
+    n_modes: int,
+    cutoff_frequency: float | None,
+    ports: Sequence[PortCoupling],
+    discretization: bool,
+    progress: bool,
 ) -> tuple[ReducedBody, int]:
     """The body with some more modes than wanted and the vectors that stand for all others, and how many to keep."""
     with stage("fixed-interface modes", unit="solves", enabled=progress) as advance:
@@ -79,9 +90,11 @@ def _reduce(
             frequency, modes = modes_below(condensed, cutoff_frequency, advance=advance)
             n_modes = int(np.count_nonzero(frequency <= cutoff_frequency))
     with stage("truncation error", unit="solves", enabled=progress) as advance:
-        more, vectors = left_out_vectors(condensed, frequency, modes, advance=advance)
+        loads = np.column_stack([np.zeros((len(modes), 0)), *(port.forces for port in ports)])
+        more, vectors = left_out_vectors(condensed, frequency, modes, loads=loads, advance=advance)
     with stage("integrals", enabled=progress), threads():
-        rich = _project(condensed, np.concatenate([frequency, more]), [condensed.constraint_modes, modes, vectors])
+        parts = [condensed.constraint_modes, modes, vectors]
+        rich = _project(condensed, np.concatenate([frequency, more]), parts, ports)
     if discretization:
         with stage("discretisation error", unit="solves", enabled=progress) as advance:
             released = np.zeros_like(rich.stiffness_matrix)
@@ -92,13 +105,18 @@ def _reduce(
 
 
 def _reduce_within(
-    condensed: Condensation, tolerance: float, cutoff_frequency: float | None, discretization: bool, progress: bool
+    condensed: Condensation,
+    tolerance: float,
+    cutoff_frequency: float | None,
+    ports: Sequence[PortCoupling],
+    discretization: bool,
+    progress: bool,
 ) -> tuple[ReducedBody, int]:
     """As _reduce, with the fewest modes whose estimated errors stay within a tolerance."""
     available = 2 * DEFAULT_MODES
     while True:
         check_n_modes(available, condensed.fe_model.n_dofs)
-        rich, _ = _reduce(condensed, available, None, discretization, progress)
+        rich, _ = _reduce(condensed, available, None, ports, discretization, progress)
         for count in range(available + 1):
             if _worst_truncation(keep_modes(rich, count), cutoff_frequency) <= tolerance:
                 return rich, count
@@ -117,14 +135,14 @@ def _worst_truncation(body: ReducedBody, cutoff_frequency: float | None) -> floa
     return worst
 
 
-def _report(body: ReducedBody, rich: ReducedBody) -> dict[str, str]:
-    """What was kept, what was left out, and what that costs, as text."""
-    r, p = len(body.remote_points), body.n_modes
-    n = 6 * r + p
+def _report(body: ReducedBody, rich: ReducedBody, p: int) -> dict[str, str]:
+    """What was kept, what was left out, and what that costs, as text. p: number of fixed-interface modes kept."""
+    r, n = len(body.remote_points), len(body.mass_matrix)
+    more = f" + {body.n_modes - p} for electrical ports" if body.ports else ""
     frequency = np.sqrt(np.diag(rich.stiffness_matrix)[6 * r :]) / (2 * np.pi)
     first = body.point_names[0]
     record = {
-        "coordinates": f"{r} remote points x 6 + {p} fixed-interface modes = {n}; in a floating frame on one remote "
+        "coordinates": f"{r} remote points x 6 + {p} fixed-interface modes{more} = {n}; in a floating frame on one remote "
         f"point ({first!r} unless the scene says otherwise): {n - 6} flexible + 6 rigid",
         "fixed-interface frequencies [Hz]": " ".join(f"{f:.1f}" for f in frequency[:p]) or "none",
     }
@@ -143,7 +161,9 @@ def _report(body: ReducedBody, rich: ReducedBody) -> dict[str, str]:
     return record
 
 
-def _project(condensed: Condensation, frequency: Array, parts: Sequence[Array]) -> ReducedBody:
+def _project(
+    condensed: Condensation, frequency: Array, parts: Sequence[Array], ports: Sequence[PortCoupling]
+) -> ReducedBody:
     model = condensed.fe_model
     sizes = [part.shape[1] for part in parts]
     n, n_nodes = sum(sizes), model.scalar_mass_matrix.shape[0]
@@ -166,6 +186,12 @@ def _project(condensed: Condensation, frequency: Array, parts: Sequence[Array]) 
     surface_modes = None
     if model.surface_evaluation is not None:
         surface_modes = (model.surface_evaluation @ fields[4:].T).reshape(-1, n, 3).transpose(0, 2, 1)
+    keep = strained_part([c.point.position for c in condensed.couplings])
+    reduced_ports = []
+    for port in ports:
+        forces = np.concatenate([port.forces @ part for part in parts])
+        forces[:n_interface] = keep.T @ forces[:n_interface]
+        reduced_ports.append(PortCoupling(port.name, forces, port.blocked_capacitance))
     return ReducedBody(
         model.name,
         tuple(c.point for c in condensed.couplings),
@@ -175,4 +201,5 @@ def _project(condensed: Condensation, frequency: Array, parts: Sequence[Array]) 
         model.surface,
         surface_modes,
         {"finite element model": model.description},
+        ports=tuple(reduced_ports),
     )

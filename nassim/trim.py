@@ -1,17 +1,18 @@
-"""Reduced bodies with only what a use needs: fewer points and modes, exact in statics.
+"""Reduced bodies in other coordinates: fewer points and modes, exact in statics; electrical ports without a short.
 
-A second Craig-Bampton reduction, of the reduced matrices: the points that stay are its interface, static shapes of the
-loads that act elsewhere replace the coordinates of the other points.
+Trimming is a second Craig-Bampton reduction, of the reduced matrices: the points that stay are its interface, static
+shapes of the loads that act elsewhere replace the coordinates of the other points.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from nassim.body import ReducedBody
-from nassim.checks import Array, known, positive
+from nassim.checks import Array, known, not_negative, positive
 from nassim.modal import eigenmodes
+from nassim.piezo import PortCoupling
 
 DEPENDENT = 1e-10
 """Load shapes with less than this share of the largest one's energy add nothing."""
@@ -21,7 +22,8 @@ def trim_body(body: ReducedBody, *, points: Collection[str], loads: Array, cutof
     """The body with the given remote points as coordinates, and all others as points that only move along.
 
     points: names of those that joints may hold; at least one
-    loads: forces on the body's coordinates, shape (n, k): their static answers stay exact, at any of its points
+    loads: forces on the body's coordinates, shape (n, k): their static answers stay exact, at any of its points, and
+        so do those to its electrical ports
     cutoff_frequency: fixed-interface modes (all given points held) above it are left out [Hz]
 
     The result remembers the body's richer form, so its truncation errors say what the trimming costs. Raises
@@ -40,6 +42,7 @@ def trim_body(body: ReducedBody, *, points: Collection[str], loads: Array, cutof
     coupling = body.stiffness_matrix[np.ix_(inner, held)]
     # Metres, radians and modal amplitudes: a unit diagonal keeps the solves accurate.
     scale = 1.0 / np.sqrt(np.diag(stiffness))
+    loads = np.column_stack([loads, *(port.forces for port in body.ports)])
     statics = scale[:, None] * np.linalg.solve(
         scale[:, None] * stiffness * scale, scale[:, None] * np.hstack([-coupling, loads[inner]])
     )
@@ -49,33 +52,77 @@ def trim_body(body: ReducedBody, *, points: Collection[str], loads: Array, cutof
     change = np.zeros((n, len(held) + modes.shape[1] + shapes.shape[1]))
     change[held, np.arange(len(held))] = 1.0
     change[inner] = np.hstack([statics[:, : len(held)], modes, shapes])
+    bare = replace(body, surface=None, surface_modes=None)
+    return replace(project(bare, change, points=kept), enriched=body.enriched or body)
+
+
+def keep_modes(body: ReducedBody, n_modes: int) -> ReducedBody:
+    """The same body with its first n_modes modal coordinates only; it remembers the given one as its richer form.
+
+    Where it has electrical ports, their static answers stay: what the other coordinates had of them becomes a few modal
+    coordinates more, as many as there are ports. Raises ValueError when there are not so many modes.
+    """
+    if not 0 <= n_modes <= body.n_modes:
+        raise ValueError(f"body {body.name!r} has {body.n_modes} modes, so it cannot keep {n_modes}")
+    n_all, n = len(body.mass_matrix), 6 * len(body.remote_points) + n_modes
+    stiffness, mass = body.stiffness_matrix[n:, n:], body.mass_matrix[n:, n:]
+    loads = np.column_stack([np.zeros((n_all - n, 0)), *(port.forces[n:] for port in body.ports)])
+    shapes = _shapes_beside(np.linalg.solve(stiffness, loads), np.zeros((n_all - n, 0)), stiffness, mass)
+    change = np.eye(n_all, n + shapes.shape[1])
+    change[n:, n:] = shapes
+    richer = replace(body, surface=None, surface_modes=None, released_stiffness=None)
+    return replace(project(body, change, points=body.point_names), enriched=richer)
+
+
+def project(body: ReducedBody, change: Array, *, points: Sequence[str]) -> ReducedBody:
+    """The body restricted to its coordinates q = change @ q', shape (n, n').
+
+    points: names of the remote points whose motions the first 6 r' new coordinates are; all others become passive
+    """
     fields = np.zeros((len(body.gram), 4 + 3 * change.shape[1]))
     fields[:4, :4], fields[4:, 4:] = np.eye(4), np.kron(change, np.eye(3))
-    passive = [name for name in body.all_point_names if name not in kept]
-    released = body.released_stiffness
+    passive = [name for name in body.all_point_names if name not in points]
+    motions = [np.zeros((0, len(change))), *(body.motion(name) for name in passive)]
+    released, pictures = body.released_stiffness, body.surface_modes
     return replace(
         body,
-        remote_points=tuple(body.point(name) for name in kept),
+        remote_points=tuple(body.point(name) for name in points),
         mass_matrix=_congruent(body.mass_matrix, change),
         stiffness_matrix=_congruent(body.stiffness_matrix, change),
         gram=_congruent(body.gram, fields),
-        surface=None,
-        surface_modes=None,
+        surface_modes=None if pictures is None else pictures @ change,
         released_stiffness=None if released is None else _congruent(released, change),
         passive_points=tuple(body.point(name) for name in passive),
-        passive_motions=np.vstack([np.zeros((0, n)), *(body.motion(name) for name in passive)]) @ change,
-        enriched=body.enriched or body,
+        passive_motions=np.vstack(motions) @ change,
+        ports=tuple(PortCoupling(p.name, change.T @ p.forces, p.blocked_capacitance) for p in body.ports),
     )
+
+
+def open_circuit(body: ReducedBody, ports: Mapping[str, float]) -> ReducedBody:
+    """The body with ports that carry no charge: stiffer, because their voltage opposes the motion.
+
+    ports: name -> capacitance of what is connected, such as a cable [F]; 0 for a port that is open. All other ports stay
+    at zero voltage. Without charge, V = -b q / c, so the stiffness grows by b b^T / c.
+    """
+    stiffness = body.stiffness_matrix.copy()
+    for name, capacitance in ports.items():
+        port = body.port(name)
+        total = port.blocked_capacitance + not_negative(f"capacitance at port {name!r}", capacitance, "F")
+        stiffness += np.outer(port.forces, port.forces) / total
+    enriched = None if body.enriched is None else open_circuit(body.enriched, ports)
+    return replace(body, stiffness_matrix=stiffness, enriched=enriched)
 
 
 def _shapes_beside(shapes: Array, modes: Array, stiffness: Array, mass: Array) -> Array:
     """The part of static shapes that modes do not hold, as Ritz vectors of unit modal mass."""
     shapes = shapes - modes @ (modes.T @ (mass @ shapes))
     energy = _congruent(stiffness, shapes)
-    size, combinations = np.linalg.eigh(energy)
-    shapes = shapes @ combinations[:, size > DEPENDENT * max(size[-1], 0.0)] if size.size else shapes
-    if not shapes.shape[1]:
-        return shapes
+    used = np.diag(energy) > 0
+    if not used.any():
+        return np.zeros((len(shapes), 0))
+    shapes = shapes[:, used] / np.sqrt(np.diag(energy)[used])
+    size, combinations = np.linalg.eigh(_congruent(stiffness, shapes))
+    shapes = shapes @ combinations[:, size > DEPENDENT * size[-1]]
     _, ritz = eigenmodes(_congruent(stiffness, shapes), _congruent(mass, shapes))
     result: Array = shapes @ ritz
     return result

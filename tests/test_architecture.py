@@ -17,7 +17,7 @@ LAYERS = (
     ("checks", "progress", "storage"),
     ("materials", "piezo", "modal", "signals", "interface", "solver"),
     ("geometry", "frf"),
-    ("meshing", "surface"),
+    ("meshing", "ports", "surface"),
     ("fem",),
     ("condensation", "body"),
     ("modes", "trim"),
@@ -37,7 +37,7 @@ IMPORTERS = {
     "h5py": {"storage"},
     "matplotlib": {"plotting"},
     "netgen": {"geometry", "meshing"},
-    "ngsolve": {"fem", "solver", "surface"},
+    "ngsolve": {"fem", "ports", "solver", "surface"},
     "tqdm": {"progress"},
 }
 LIBRARIES = {*IMPORTERS, "numpy", "scipy", "mpl_toolkits", "psutil", "pypardiso", "threadpoolctl"}

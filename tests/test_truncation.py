@@ -9,12 +9,12 @@ from conftest import lattice, make_bar
 from models.apa300ml import PRISMS, make_apa300ml
 from models.bench import BENCH_CONDITIONS, bench_forces_and_readings
 from nassim import build_fe_model, condense, craig_bampton, frequency_response, linearize, load, save
-from nassim.body import keep_modes
 from nassim.discretization import released_stiffness
 from nassim.fullmodel import full_eigenfrequencies, full_frequency_response
 from nassim.interface import rigid_transfer
 from nassim.linear import truncation_error
 from nassim.modes import fixed_interface_modes
+from nassim.trim import keep_modes
 
 FACTOR = 3.0
 APA_CASES = [

@@ -1,0 +1,46 @@
+"""Electrical ports of a finite element model: piezoelectric stacks as consistent loads over their volume.
+
+The enthalpy of a stack whose strain is S and whose voltage is V, with the free strain per volt s and the elasticity C at
+constant voltage, is  1/2 S:C:S - V S:C:s - 1/2 c V^2, integrated over the volume: its derivatives are the forces
+K u - b V and the charge Q = b u + c V. The data sheet's capacitance is that of the unloaded stack, in which S = s V; so
+c is less than it by the integral of s:C:s.
+Source: IEEE Standard on Piezoelectricity, ANSI/IEEE Std 176-1987, section 2.
+"""
+
+from typing import Any
+
+import ngsolve as ng
+import numpy as np
+
+from nassim.geometry import Solid
+from nassim.piezo import ElectricalPort, PortCoupling
+
+VOLUME_MISMATCH = 0.02
+"""Largest difference between a body's volume and its data sheet's size."""
+
+
+def couple_port(mesh: Any, solid: Solid, order: int, port: ElectricalPort) -> PortCoupling:
+    """A port's forces on the unknowns x..., y..., z... of elements of the given order, and its blocked capacitance.
+
+    Raises ValueError when a body's volume is not that of the stack, or when the stack's figures do not go with the
+    body's material.
+    """
+    stack, strain = port.stack, port.strain_per_volt
+    test = ng.VectorH1(mesh, order=order).TestFunction()
+    form = ng.LinearForm(test.space)
+    capacitance = 0.0
+    for body in port.bodies:
+        region = mesh.Materials(body)
+        volume = ng.Integrate(1.0, mesh, definedon=region)
+        if abs(volume / (stack.length * stack.area) - 1) > VOLUME_MISMATCH:
+            raise ValueError(
+                f"electrical port {port.name!r}: body {body!r} has {1e9 * volume:.4g} mm3, its stack "
+                f"{1e9 * stack.length * stack.area:.4g} mm3; give each stack a body of its own, of its data sheet's size"
+            )
+        lambda_, mu = solid.materials[body].lame_parameters
+        stress = lambda_ * np.trace(strain) * np.eye(3) + 2 * mu * strain
+        field = ng.CoefficientFunction(tuple(stress.ravel()), dims=(3, 3))
+        form += ng.InnerProduct(field, ng.Grad(test)) * ng.dx(definedon=region)
+        capacitance += stack.capacitance - volume * float(np.sum(stress * strain))
+    form.Assemble()
+    return PortCoupling(port.name, form.vec.FV().NumPy().copy(), capacitance)
