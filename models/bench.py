@@ -1,9 +1,22 @@
 """The paper's test bench: granite base, amplified piezo actuator, guided mass on top, encoder."""
 
+import math
+
 import numpy as np
 
 from models.apa300ml import STACK, reduced_apa300ml
-from nassim import Encoder, FlexibleBody, Joint, ReducedBody, RigidBody, Scene, StackActuator, StackSensor
+from nassim import (
+    Encoder,
+    FlexibleBody,
+    Joint,
+    ReducedBody,
+    RigidBody,
+    Scene,
+    StackActuator,
+    StackSensor,
+    VoltageDrive,
+    VoltageSensor,
+)
 
 AMPLIFIER_GAIN = 20.0
 """Stack voltage per DAC voltage [V/V]."""
@@ -17,6 +30,8 @@ def make_bench(
     damping_ratio: float = 0.01,
     cutoff_frequency: float | None = None,
     gravity: bool = False,
+    ports: bool = False,
+    resistance: float = math.inf,
     apa: ReducedBody | None = None,
 ) -> Scene:
     """The test bench as a scene: input "actuator_voltage" (DAC) [V]; outputs "sensor_voltage" [V], "encoder" [m].
@@ -26,9 +41,12 @@ def make_bench(
     damping_ratio: of every mode of the bench [-]; an assumption until measured
     cutoff_frequency: models only what the bench needs below it [Hz], see `Scene`; default: all
     gravity: let the payload's and the actuator's weight act; simulations then start from static equilibrium
-    apa: a reduced APA300ML (default: `reduced_apa300ml()`, cached)
+    ports: let the stacks act and measure over their volume, as electrical ports of the actuator, with the sensor open
+        or loaded by `resistance` [Ohm]; otherwise by a pair of forces and an elongation between remote points
+    apa: a reduced APA300ML (default: `reduced_apa300ml(ports=ports)`, cached)
     """
-    body = reduced_apa300ml() if apa is None else apa
+    body = reduced_apa300ml(ports=ports) if apa is None else apa
+    drive, measure = _ports(resistance) if ports else _force_pair()
     bottom, top = (body.point(name).position for name in ("bottom", "top"))
     # A steel cube would do: the guide leaves only the mass to matter.
     side = np.cbrt(payload_mass / 7800.0) if payload_mass > 0 else 1.0
@@ -52,25 +70,30 @@ def make_bench(
             Joint("mount", "apa.top", "payload.bottom"),
             Joint("guide", "base.guide", "payload.bottom", free=("z",)),
         ),
-        actuators=(
-            # Two equal stacks in line at one voltage push their outer ends with the force of one.
-            StackActuator(
-                "actuator_stacks",
-                "apa.junction",
-                "apa.actuator_end",
-                force_per_volt=STACK.force_per_volt,
-                input="actuator_voltage",
-                gain=AMPLIFIER_GAIN,
-            ),
-        ),
-        sensors=(
-            StackSensor("sensor_voltage", "apa.sensor_end", "apa.junction", STACK.voltage_per_elongation),
-            Encoder("encoder", "base.guide", "payload.bottom", axis="z"),
-        ),
+        actuators=(drive,),
+        sensors=(measure, Encoder("encoder", "base.guide", "payload.bottom", axis="z")),
         damping_ratio=damping_ratio,
         cutoff_frequency=cutoff_frequency,
         gravity=GRAVITY if gravity else np.zeros(3),
     )
+
+
+def _force_pair() -> tuple[StackActuator, StackSensor]:
+    # Two equal stacks in line at one voltage push their outer ends with the force of one.
+    drive = StackActuator(
+        "actuator_stacks",
+        "apa.junction",
+        "apa.actuator_end",
+        force_per_volt=STACK.force_per_volt,
+        input="actuator_voltage",
+        gain=AMPLIFIER_GAIN,
+    )
+    return drive, StackSensor("sensor_voltage", "apa.sensor_end", "apa.junction", STACK.voltage_per_elongation)
+
+
+def _ports(resistance: float) -> tuple[VoltageDrive, VoltageSensor]:
+    drive = VoltageDrive("actuator_stacks", "apa.actuator", "actuator_voltage", gain=AMPLIFIER_GAIN)
+    return drive, VoltageSensor("sensor_voltage", "apa.sensor", resistance=resistance)
 
 
 BENCH_CONDITIONS = {"fixed": ["bottom"], "guided": {"top": "z"}}

@@ -7,9 +7,19 @@ from nassim.frf import FRF, estimate_frf
 from nassim.geometry import NearestTo, OnPlane, RemotePoint, Solid, read_solid
 from nassim.linear import LinearModel, frequency_response, linearize, truncation_error
 from nassim.materials import Material
-from nassim.piezo import PiezoStack
+from nassim.parts import (
+    Encoder,
+    FlexibleBody,
+    Joint,
+    RigidBody,
+    StackActuator,
+    StackSensor,
+    VoltageDrive,
+    VoltageSensor,
+)
+from nassim.piezo import ElectricalPort, PiezoStack
 from nassim.reduction import craig_bampton
-from nassim.scene import Encoder, FlexibleBody, Joint, RigidBody, Scene, StackActuator, StackSensor
+from nassim.scene import Scene
 from nassim.signals import TimeHistory
 from nassim.simulation import simulate, static_response
 from nassim.storage import load, save
@@ -19,6 +29,7 @@ __version__ = "0.1.0"
 __all__ = [
     "FRF",
     "Condensation",
+    "ElectricalPort",
     "Encoder",
     "FEModel",
     "FlexibleBody",
@@ -36,6 +47,8 @@ __all__ = [
     "StackActuator",
     "StackSensor",
     "TimeHistory",
+    "VoltageDrive",
+    "VoltageSensor",
     "build_fe_model",
     "condense",
     "craig_bampton",

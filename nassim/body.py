@@ -239,12 +239,13 @@ class ReducedBody:
         """
         n_interface = 6 * len(self.remote_points)
         free = free_coordinates(self.point_names, fixed=fixed, guided=guided)
-        stiffness = self.stiffness_matrix[np.ix_(free, free)]
+        # Modal coordinates take part where an open electrical port couples them to the points.
+        moving = np.concatenate([free, np.arange(n_interface, len(self.mass_matrix))])
+        stiffness = self.stiffness_matrix[np.ix_(moving, moving)]
         scale = 1.0 / np.sqrt(np.diag(stiffness))
         scaled = scale[:, None] * stiffness * scale
         if np.linalg.eigvalsh(scaled)[0] < 1e-10:
             raise ValueError(f"body {self.name!r} can move freely: fix enough remote points, known: {self.point_names}")
         result = np.zeros((n_interface, n_interface))
-        result[np.ix_(free, free)] = scale[:, None] * np.linalg.inv(scaled) * scale
+        result[np.ix_(free, free)] = (scale[:, None] * np.linalg.inv(scaled) * scale)[: len(free), : len(free)]
         return result
-

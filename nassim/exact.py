@@ -1,17 +1,20 @@
-"""Exact discrete-time solution of scenes in small motion: mode by mode, without any step-size error.
+"""Exact discrete-time solution of scenes in small motion, without any step-size error.
 
 With the inputs held or running straight between samples, each mode's equation q'' + 2 zeta w q' + w^2 q = p is solved
-in closed form: q = Im(z) / w_d with z' = lambda z + p, a recursion of order one with complex coefficients.
+in closed form: q = Im(z) / w_d with z' = lambda z + p, a recursion of order one with complex coefficients. Where
+circuits couple the modes, the whole state space goes from sample to sample by its matrix exponential.
 """
 
 import numpy as np
+import scipy.linalg
 import scipy.signal
 
+from nassim.assembly import Assembly, state_space
 from nassim.body import RIGID
 from nassim.checks import Array
-from nassim.linear import Assembly
 
 CHECKS = 200
+NO_EQUILIBRIUM = "no static equilibrium: can a body move freely? Add joints, or leave gravity out"
 CLOSE_TO_CRITICAL = 1e-10
 """Least |1 - zeta^2|: at critical damping the two solutions coincide, which the recursion does not cover."""
 
@@ -25,6 +28,8 @@ def exact_response(assembly: Assembly, inputs: Array, time_step: float, *, hold_
     Returns the outputs (outputs, n_samples), and all coordinates at some 200 times, shape (n_all, n_times). Raises
     RuntimeError when gravity meets a motion without stiffness.
     """
+    if assembly.circuits:
+        return _coupled_response(assembly, inputs, time_step, hold_order)
     modes = assembly.basis @ assembly.shapes
     drives = modes.T @ assembly.input_matrix
     readings = assembly.output_matrix @ modes
@@ -32,7 +37,7 @@ def exact_response(assembly: Assembly, inputs: Array, time_step: float, *, hold_
     omega = 2 * np.pi * assembly.frequency
     rigid = assembly.frequency <= RIGID * assembly.frequency.max(initial=0.0)
     if np.abs(weight[rigid]).max(initial=0.0) > 1e-9 * np.abs(weight).max(initial=0.0):
-        raise RuntimeError("no static equilibrium: can a body move freely? Add joints, or leave gravity out")
+        raise RuntimeError(NO_EQUILIBRIUM)
     outputs = np.zeros((len(readings), inputs.shape[1]))
     seen = np.unique(np.linspace(0, inputs.shape[1] - 1, CHECKS).astype(int))
     amplitudes = np.zeros((len(omega), len(seen)))
@@ -48,6 +53,44 @@ def exact_response(assembly: Assembly, inputs: Array, time_step: float, *, hold_
         outputs += readings[:, k : k + 1] * amplitude
         amplitudes[k] = amplitude[seen]
     return outputs, modes @ amplitudes
+
+
+def discretize(state: Array, inputs: Array, time_step: float) -> tuple[Array, Array, Array]:
+    """Exact steps of dx/dt = A x + B u: x_1 = P x_0 + G u_0 + H (u_1 - u_0); without H for inputs that are held.
+
+    state: A, (n, n); inputs: B, (n, m). Returns P (n, n), G (n, m), H (n, m).
+    Source: C. F. Van Loan, Computing integrals involving the matrix exponential, IEEE Trans. Automatic Control 23
+    (1978) 395-404.
+    """
+    n, m = inputs.shape
+    # Displacements and velocities differ by the frequency: a balanced matrix keeps the exponential accurate.
+    balanced, scale = scipy.linalg.matrix_balance(state, permute=False, separate=True)
+    scale = scale[0]
+    joint = np.zeros((n + 2 * m, n + 2 * m))
+    joint[:n, :n], joint[:n, n : n + m] = time_step * balanced, time_step * inputs / scale[:, None]
+    joint[n : n + m, n + m :] = np.eye(m)
+    result = scipy.linalg.expm(joint)[:n]
+    return scale[:, None] * result[:, :n] / scale, *np.split(scale[:, None] * result[:, n:], 2, axis=1)
+
+
+def _coupled_response(assembly: Assembly, inputs: Array, h: float, hold_order: int) -> tuple[Array, Array]:
+    """As exact_response, for states that do not fall apart into modes. Gravity is one more, constant input."""
+    state, forces, readings = state_space(assembly, np.column_stack([assembly.input_matrix, assembly.weight]))
+    driven = np.vstack([inputs, np.ones(inputs.shape[1])])
+    step, held, risen = discretize(state, forces, h)
+    x = np.zeros(len(state))
+    if np.any(assembly.weight):
+        if assembly.frequency[0] <= RIGID * assembly.frequency[-1]:
+            raise RuntimeError(NO_EQUILIBRIUM)
+        x = np.linalg.solve(state, -forces[:, -1])
+    pushes = held @ driven[:, :-1] + (risen @ np.diff(driven) if hold_order else 0.0)
+    states = np.empty((driven.shape[1], len(x)))
+    states[0] = x
+    for k, push in enumerate(pushes.T):
+        states[k + 1] = x = step @ x + push
+    seen = np.unique(np.linspace(0, len(states) - 1, CHECKS).astype(int))
+    modes = assembly.basis @ assembly.shapes
+    return readings @ states.T, modes @ states[seen, : modes.shape[1]].T
 
 
 def _oscillator(force: Array, omega: float, damping: float, h: float, hold_order: int) -> Array:

@@ -9,9 +9,9 @@ from typing import Any
 import exudyn as exu
 import numpy as np
 
+from nassim.assembly import motion_size
 from nassim.checks import Array
 from nassim.exudyn_state import System
-from nassim.linear import motion_size
 from nassim.progress import stage
 
 CHECKS = 200
@@ -72,6 +72,9 @@ def solve_dynamic(
     settings.timeIntegration.numberOfSteps = n_steps
     settings.timeIntegration.endTime = n_steps * time_step
     settings.timeIntegration.adaptiveStep = False
+    if system.assembly.circuits:
+        # A charge has no mass, so no acceleration can be computed for it.
+        settings.timeIntegration.generalizedAlpha.computeInitialAccelerations = False
     settings.timeIntegration.generalizedAlpha.spectralRadius = spectral_radius
     settings.solution.sensors.writePeriod = time_step
     samples = {name: row.tolist() for name, row in inputs.items()}

@@ -8,10 +8,10 @@ import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
 
+from nassim.assembly import Assembly, Circuit
 from nassim.checks import Array
-from nassim.linear import Assembly
 from nassim.modal import modal_damping_matrix
-from nassim.scene import Sensor
+from nassim.parts import Sensor
 
 
 @dataclass(frozen=True)
@@ -97,6 +97,9 @@ def small_motion_system(assembly: Assembly) -> System:
     )
     weights = assembly.output_matrix @ assembly.basis
     readings = {s.name: [(sensor, weights[k])] for k, s in enumerate(scene.sensors)}
+    for circuit in assembly.circuits:
+        forces_on_body = assembly.basis[assembly.slices[circuit.body]].T @ circuit.forces
+        readings[scene.sensors[circuit.output].name].append(add_circuit(mbs, circuit, [node], forces_on_body))
     bodies = [body for body in scene.bodies if body.name in assembly.slices]
     carriers = {body.name: Carrier(((node, n),), assembly.basis[assembly.slices[body.name]]) for body in bodies}
     mbs.Assemble()
@@ -113,6 +116,29 @@ def add_forces(mbs: Any, nodes: Sequence[int], size: int) -> int:
             )
         )
     )
+
+
+def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array) -> tuple[int, Array]:
+    """Add a port's charge, as a massless coordinate v [V]; returns the sensor of what it adds to the output.
+
+    forces: on the nodes' coordinates per volt of v. Symmetric rows: c v + R c^2 v' = forces @ q.
+    """
+    n, c = len(forces), circuit.capacitance
+    node = mbs.AddNode(modal_node(1))
+    stiffness, damping = np.zeros((n + 1, n + 1)), np.zeros((n + 1, n + 1))
+    stiffness[:n, n] = stiffness[n, :n] = -forces
+    stiffness[n, n], damping[n, n] = c, circuit.resistance * c**2
+    mbs.AddObject(
+        eii.ObjectGenericODE2(
+            nodeNumbers=[*nodes, node],
+            massMatrix=np.zeros((n + 1, n + 1)),
+            stiffnessMatrix=stiffness,
+            dampingMatrix=damping,
+        )
+    )
+    kind = exu.OutputVariableType.Coordinates
+    sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kind, storeInternal=True, writeToFile=False)
+    return mbs.AddSensor(sensor), np.array([circuit.gain])
 
 
 def modal_node(n: int) -> Any:

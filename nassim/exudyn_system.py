@@ -12,12 +12,13 @@ import numpy as np
 import scipy.linalg
 from exudyn.rigidBodyUtilities import GetRigidBodyNode
 
+from nassim.assembly import Assembly, assemble, deformable_bodies, deformation_damping
 from nassim.checks import Array
-from nassim.exudyn_state import Carrier, System, add_forces, modal_node, small_motion_system
+from nassim.exudyn_state import Carrier, System, add_circuit, add_forces, modal_node, small_motion_system
 from nassim.floating_frame import FloatingFrame
 from nassim.interface import DIRECTIONS, rigid_transfer
-from nassim.linear import Assembly, assemble, deformable_bodies, deformation_damping
-from nassim.scene import FlexibleBody, Joint, RigidBody, Scene, Sensor, StackActuator, StackSensor
+from nassim.parts import Actuator, Encoder, FlexibleBody, Joint, RigidBody, Sensor, StackSensor, VoltageSensor
+from nassim.scene import Scene
 
 # Corners of a regular tetrahedron: equal weights on four pilots there give a remote point's motion exactly.
 PILOT_DIRECTIONS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
@@ -63,6 +64,13 @@ def build_system(scene: Scene) -> System:
             _add_joint(mbs, joint, assembly.enforced[joint.name], objects, markers, rigid)
     drives = [drive for actuator in scene.actuators for drive in _add_actuator(mbs, scene, actuator, carriers)]
     readings = {s.name: _add_sensor(mbs, scene, s, objects, carriers) for s in scene.sensors}
+    for circuit in assembly.circuits:
+        if circuit.body in carriers:
+            parts = carriers[circuit.body].parts(circuit.forces)
+            nodes_of_body = [node for node, _ in parts]
+            forces = np.concatenate([row for _, row in parts])
+            name = scene.sensors[circuit.output].name
+            readings[name].append(add_circuit(mbs, circuit, nodes_of_body, forces))
     mbs.Assemble()
     return System(container, mbs, assembly, nodes, carriers, tuple(drives), readings)
 
@@ -226,13 +234,13 @@ def _add_joint(
 
 
 def _add_actuator(
-    mbs: Any, scene: Scene, actuator: StackActuator, carriers: dict[str, Carrier]
+    mbs: Any, scene: Scene, actuator: Actuator, carriers: dict[str, Carrier]
 ) -> list[tuple[int, str, Array]]:
-    """A pair of opposite forces inside a body: no work on its frame, so forces on coordinates of deformation only."""
-    parts = _elongation(scene, actuator, carriers)
+    """Forces in balance inside a body do no work on its frame, so they act on coordinates of deformation only."""
+    parts = _parts(scene, actuator, carriers)
     if not parts:
         return []
-    forces = actuator.gain * actuator.force_per_volt * np.concatenate([row for _, row in parts])
+    forces = np.concatenate([row for _, row in parts])
     return [(add_forces(mbs, [node for node, _ in parts], len(forces)), actuator.input, forces)]
 
 
@@ -240,14 +248,14 @@ def _add_sensor(
     mbs: Any, scene: Scene, sensor: Sensor, objects: dict[str, int], carriers: dict[str, Carrier]
 ) -> list[tuple[int, Array]]:
     kept = {"storeInternal": True, "writeToFile": False}
-    if isinstance(sensor, StackSensor):
+    if not isinstance(sensor, Encoder):
         kind = exu.OutputVariableType.Coordinates
         return [
             (
                 mbs.AddSensor(eii.SensorNode(nodeNumber=node, outputVariableType=kind, **kept)),
-                -sensor.voltage_per_elongation * row,
+                row,
             )
-            for node, row in _elongation(scene, sensor, carriers)
+            for node, row in _parts(scene, sensor, carriers)
         ]
     result = []
     for path, sign in ((sensor.a, -1.0), (sensor.b, 1.0)):
@@ -266,15 +274,12 @@ def _add_sensor(
     return result
 
 
-def _elongation(
-    scene: Scene, stack: StackActuator | StackSensor, carriers: dict[str, Carrier]
+def _parts(
+    scene: Scene, part: Actuator | StackSensor | VoltageSensor, carriers: dict[str, Carrier]
 ) -> list[tuple[int, Array]]:
-    """A stack's elongation per unit of the nodes' coordinates; empty in a rigid body."""
-    body, start = scene.split(stack.start)
-    assert isinstance(body, FlexibleBody)
-    if body.name not in carriers:
-        return []
-    return carriers[body.name].parts(body.elongation(start, stack.end.partition(".")[2]))
+    """A part's row over the coordinates of its body, split by nodes; empty in a rigid body."""
+    body, row = scene.body_row(part)
+    return carriers[body.name].parts(row) if body.name in carriers else []
 
 
 def _damping_blocks(assembly: Assembly) -> dict[tuple[str, str], Array]:

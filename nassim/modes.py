@@ -99,7 +99,7 @@ def left_out_vectors(
 
 
 def _independent(gram: Array, n_first: int) -> Array:
-    """Combinations of vectors with the given Gram matrix, less what rounding left; the first n_first ones stay exact."""
+    """Combinations of vectors with this Gram matrix, less what rounding left; the first n_first stay exact."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
     gram = scale[:, None] * gram * scale
     n = len(gram)

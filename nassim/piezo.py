@@ -48,11 +48,11 @@ class PiezoStack:
         freeze(self, **{name: positive(f"piezo stack: {name}", getattr(self, name)) for name in numbers})
         freeze(self, transverse_ratio=finite("piezo stack: transverse_ratio", self.transverse_ratio))
         if not -0.6 <= self.transverse_ratio <= 0.0:
-            raise ValueError(f"piezo stack: transverse_ratio must lie between -0.6 and 0, got {self.transverse_ratio:g}")
+            raise ValueError(f"piezo stack: transverse_ratio must be from -0.6 to 0, got {self.transverse_ratio:g}")
         if self.free_stroke > LARGEST_STRAIN * self.length:
             raise ValueError(
-                f"piezo stack: a free_stroke of {self.free_stroke:g} m is {100 * self.free_stroke / self.length:.3g} % of "
-                f"the length {self.length:g} m; ceramics reach 0.2 %. Are both in metres?"
+                f"piezo stack: a free_stroke of {self.free_stroke:g} m is {100 * self.free_stroke / self.length:.3g} % "
+                f"of the length {self.length:g} m; ceramics reach 0.2 %. Are both in metres?"
             )
         if self.blocked_force > LARGEST_STRESS * self.area:
             raise ValueError(
@@ -68,8 +68,8 @@ class PiezoStack:
         if self.coupling_factor >= 1.0:
             least = self.stiffness * (self.free_stroke / self.voltage_range) ** 2
             raise ValueError(
-                f"piezo stack: with a capacitance of {self.capacitance:g} F it would give back more energy than it takes; "
-                f"stroke and stiffness need more than {least:.3g} F"
+                f"piezo stack: with a capacitance of {self.capacitance:g} F it would give back more energy than it "
+                f"takes; stroke and stiffness need more than {least:.3g} F"
             )
 
     @classmethod
@@ -119,7 +119,8 @@ class PiezoStack:
     def coupling_factor(self) -> float:
         """Electromechanical coupling factor k33 [-]: its square is the share of the energy that can change sides.
 
-        Held at constant length, the stack has the capacitance (1 - k33^2) C; open circuit, the stiffness k / (1 - k33^2).
+        Held at constant length, the stack has the capacitance (1 - k33^2) C; open circuit, it has the stiffness
+        k / (1 - k33^2).
         """
         return float(np.sqrt(self.stiffness / self.capacitance) * self.stroke_per_volt)
 
@@ -192,7 +193,8 @@ class ElectricalPort:
     @property
     def strain_per_volt(self) -> Array:
         """Free strain under one volt, shape (3, 3) [1/V]."""
-        along = np.outer(self.direction, self.direction)
+        direction = np.asarray(self.direction)
+        along = np.outer(direction, direction)
         result: Array = along + self.stack.transverse_ratio * (np.eye(3) - along)
         return self.stack.stroke_per_volt / self.stack.length * result
 
@@ -216,8 +218,8 @@ class PortCoupling:
         capacitance = finite(f"electrical port {self.name!r}: blocked capacitance", self.blocked_capacitance)
         if capacitance <= 0:
             raise ValueError(
-                f"electrical port {self.name!r}: with all strains held its capacitance would be {capacitance:.3g} F, less "
-                "than none: the stack's stroke, the material's stiffness and the capacitance do not go together, or "
-                "its transverse_ratio is not that of a ceramic (-0.4 to -0.5)"
+                f"electrical port {self.name!r}: with all strains held its capacitance would be {capacitance:.3g} F, "
+                "less than none: the stack's stroke, the material's stiffness and the capacitance do not go together, "
+                "or its transverse_ratio is not that of a ceramic (-0.4 to -0.5)"
             )
         freeze(self, forces=forces, blocked_capacitance=capacitance)

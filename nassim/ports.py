@@ -1,7 +1,7 @@
 """Electrical ports of a finite element model: piezoelectric stacks as consistent loads over their volume.
 
-The enthalpy of a stack whose strain is S and whose voltage is V, with the free strain per volt s and the elasticity C at
-constant voltage, is  1/2 S:C:S - V S:C:s - 1/2 c V^2, integrated over the volume: its derivatives are the forces
+The enthalpy of a stack whose strain is S and whose voltage is V, with the free strain per volt s and the elasticity C
+at constant voltage, is  1/2 S:C:S - V S:C:s - 1/2 c V^2, integrated over the volume: its derivatives are the forces
 K u - b V and the charge Q = b u + c V. The data sheet's capacitance is that of the unloaded stack, in which S = s V; so
 c is less than it by the integral of s:C:s.
 Source: IEEE Standard on Piezoelectricity, ANSI/IEEE Std 176-1987, section 2.
@@ -35,7 +35,7 @@ def couple_port(mesh: Any, solid: Solid, order: int, port: ElectricalPort) -> Po
         if abs(volume / (stack.length * stack.area) - 1) > VOLUME_MISMATCH:
             raise ValueError(
                 f"electrical port {port.name!r}: body {body!r} has {1e9 * volume:.4g} mm3, its stack "
-                f"{1e9 * stack.length * stack.area:.4g} mm3; give each stack a body of its own, of its data sheet's size"
+                f"{1e9 * stack.length * stack.area:.4g} mm3; give each stack a body of its own, of that size"
             )
         lambda_, mu = solid.materials[body].lame_parameters
         stress = lambda_ * np.trace(strain) * np.eye(3) + 2 * mu * strain

@@ -142,8 +142,8 @@ def _report(body: ReducedBody, rich: ReducedBody, p: int) -> dict[str, str]:
     frequency = np.sqrt(np.diag(rich.stiffness_matrix)[6 * r :]) / (2 * np.pi)
     first = body.point_names[0]
     record = {
-        "coordinates": f"{r} remote points x 6 + {p} fixed-interface modes{more} = {n}; in a floating frame on one remote "
-        f"point ({first!r} unless the scene says otherwise): {n - 6} flexible + 6 rigid",
+        "coordinates": f"{r} remote points x 6 + {p} fixed-interface modes{more} = {n}; in a floating frame on one "
+        f"remote point ({first!r} unless the scene says otherwise): {n - 6} flexible + 6 rigid",
         "fixed-interface frequencies [Hz]": " ".join(f"{f:.1f}" for f in frequency[:p]) or "none",
     }
     if len(frequency) > p:

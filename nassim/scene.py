@@ -1,211 +1,37 @@
-"""Scenes: bodies, joints, stacks and sensors as pure data, connected by name."""
+"""Scenes: parts connected by name, as pure data."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.body import ReducedBody
-from nassim.checks import (
-    Array,
-    finite,
-    finite_array,
-    freeze,
-    frozen_mapping,
-    known,
-    not_negative,
-    positive,
-    unique,
+from nassim.checks import Array, finite_array, freeze, known, not_negative, positive, unique
+from nassim.parts import (
+    Actuator,
+    Body,
+    Encoder,
+    FlexibleBody,
+    Joint,
+    RigidBody,
+    Sensor,
+    StackActuator,
+    StackSensor,
+    VoltageDrive,
+    VoltageSensor,
 )
-from nassim.interface import DIRECTIONS
 from nassim.trim import trim_body
 
-FIDELITIES = ("rigid", "linear", "ffrf")
 TOUCH_TOLERANCE = 1e-9
 """Largest gap [m] between the two points of a joint."""
-
-
-@dataclass(frozen=True)
-class RigidBody:
-    """A rigid body.
-
-    name: what the scene calls it
-    mass: [kg]; inertia: about the centre of mass, shape (3, 3) [kg m2]; both may be None for a fixed body
-    position: of the centre of mass at the start, in the world's frame [m]
-    points: named points, relative to the centre of mass [m]
-    fixed: True for a body that does not move, such as a granite base
-    """
-
-    name: str
-    points: Mapping[str, Array]
-    mass: float | None = None
-    inertia: Array | None = None
-    position: Array = field(default_factory=lambda: np.zeros(3))
-    fixed: bool = False
-
-    def __post_init__(self) -> None:
-        label = f"rigid body {self.name!r}"
-        points = {k: finite_array(f"{label}: point {k!r}", v, (3,)) for k, v in self.points.items()}
-        freeze(
-            self,
-            points=frozen_mapping(points),
-            position=finite_array(f"{label}: position", self.position, (3,)),
-        )
-        if self.fixed:
-            return
-        if self.mass is None or self.inertia is None:
-            raise ValueError(f"{label} can move, so it needs a mass and an inertia (or fixed=True)")
-        mass = positive(f"{label}: mass", self.mass, "kg")
-        inertia = finite_array(f"{label}: inertia", self.inertia, (3, 3))
-        if np.abs(inertia - inertia.T).max() > 1e-9 * np.abs(inertia).max() or np.linalg.eigvalsh(inertia)[0] <= 0:
-            raise ValueError(f"{label}: inertia must be symmetric and positive definite")
-        freeze(self, mass=mass, inertia=inertia)
-
-    def point_position(self, point: str) -> Array:
-        """Position of a named point at the start, world frame, shape (3,) [m]."""
-        result: Array = self.position + self.points[known(f"point of {self.name!r}", point, self.points)]
-        return result
-
-
-@dataclass(frozen=True)
-class FlexibleBody:
-    """A reduced body in a scene.
-
-    name: what the scene calls it; reduced: the body
-    position: of the body's origin at the start, in the world's frame, shape (3,) [m]
-    rotation: from the body's to the world's frame at the start, shape (3, 3)
-    fidelity: "ffrf", a floating frame that may move far and turn; "linear", small motion about the start (rotations
-        up to some 0.01 rad), twenty times as fast; "rigid", no deformation: its stacks then do and read nothing
-    frame: remote point that the floating frame rides on (default: the first that a joint holds, else the first)
-    angular_velocity: at the start, world frame, shape (3,) [rad/s]
-    """
-
-    name: str
-    reduced: ReducedBody
-    position: Array = field(default_factory=lambda: np.zeros(3))
-    rotation: Array = field(default_factory=lambda: np.eye(3))
-    fidelity: str = "ffrf"
-    frame: str | None = None
-    angular_velocity: Array = field(default_factory=lambda: np.zeros(3))
-
-    def __post_init__(self) -> None:
-        label = f"flexible body {self.name!r}"
-        rotation = finite_array(f"{label}: rotation", self.rotation, (3, 3))
-        if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-9 or np.linalg.det(rotation) < 0:
-            raise ValueError(f"{label}: rotation must be a proper orthogonal matrix")
-        known("fidelity", self.fidelity, FIDELITIES)
-        if self.frame is not None:
-            known("remote point", self.frame, self.reduced.point_names)
-        if self.fidelity == "linear" and np.any(self.angular_velocity):
-            raise ValueError(f'{label} spins, so it needs fidelity "ffrf" or "rigid": "linear" is for small rotation')
-        freeze(
-            self,
-            position=finite_array(f"{label}: position", self.position, (3,)),
-            rotation=rotation,
-            angular_velocity=finite_array(f"{label}: angular_velocity", self.angular_velocity, (3,)),
-        )
-
-    def elongation(self, start: str, end: str) -> Array:
-        """How much the distance between two points grows per unit of the reduced coordinates, shape (n,)."""
-        axis = self.reduced.point(end).position - self.reduced.point(start).position
-        axis = axis / np.linalg.norm(axis)
-        result: Array = axis @ (self.reduced.motion(end) - self.reduced.motion(start))[:3]
-        return result
-
-    def point_position(self, point: str) -> Array:
-        """Position of a remote point at the start, world frame, shape (3,) [m]."""
-        result: Array = self.position + self.rotation @ self.reduced.point(point).position
-        return result
-
-
-Body = RigidBody | FlexibleBody
-
-
-@dataclass(frozen=True)
-class Joint:
-    """Connects two points that coincide at the start.
-
-    a, b: the points, "body.point"
-    free: directions of the world's frame in which b may move against a: "x" "y" "z" "rx" "ry" "rz";
-        none, the default, is a rigid connection
-    """
-
-    name: str
-    a: str
-    b: str
-    free: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        free = (self.free,) if isinstance(self.free, str) else tuple(self.free)
-        for direction in free:
-            known("direction", direction, DIRECTIONS)
-        freeze(self, free=free)
-
-
-@dataclass(frozen=True)
-class StackActuator:
-    """Piezo stacks that push two remote points of one flexible body apart.
-
-    start, end: the remote points, "body.point"; the force acts along the line through them
-    force_per_volt: blocked force per volt at the stack [N/V]; gain: amplifier, stack voltage per input [V/V]
-    input: name of the scene's input [V]
-    """
-
-    name: str
-    start: str
-    end: str
-    force_per_volt: float
-    input: str
-    gain: float = 1.0
-
-    def __post_init__(self) -> None:
-        freeze(self, force_per_volt=finite("force_per_volt", self.force_per_volt), gain=finite("gain", self.gain))
-
-
-@dataclass(frozen=True)
-class StackSensor:
-    """A piezo stack as force sensor: its open-circuit voltage, positive in compression.
-
-    name: of the scene's output [V]; start, end: remote points of one flexible body, "body.point"
-    voltage_per_elongation: [V/m]
-    """
-
-    name: str
-    start: str
-    end: str
-    voltage_per_elongation: float
-    unit: str = field(default="V", init=False)
-
-    def __post_init__(self) -> None:
-        freeze(self, voltage_per_elongation=finite("voltage_per_elongation", self.voltage_per_elongation))
-
-
-@dataclass(frozen=True)
-class Encoder:
-    """Displacement of point b against point a along one axis of the world's frame, zero at the unloaded start.
-
-    name: of the scene's output [m]; a, b: "body.point" of rigid bodies; axis: "x", "y" or "z"
-    """
-
-    name: str
-    a: str
-    b: str
-    axis: str = "z"
-    unit: str = field(default="m", init=False)
-
-    def __post_init__(self) -> None:
-        known("axis", self.axis, ("x", "y", "z"))
-
-
-Sensor = StackSensor | Encoder
 
 
 @dataclass(frozen=True)
 class Scene:
     """Everything that a simulation needs to know, as data.
 
-    bodies, joints, actuators, sensors: the parts; names must differ within each kind
+    bodies, joints, actuators, sensors: the parts; names must differ within each kind. An electrical port that is
+        neither driven nor measured is short-circuited.
     damping_ratio: of every eigenmode of the assembled scene [-], one number or one per mode from the lowest (the
         remaining modes then have the last). It is realised as a damping of the flexible bodies' deformation.
     gravity: acceleration, world frame, shape (3,) [m/s2]; with any, simulations start in static equilibrium
@@ -218,7 +44,7 @@ class Scene:
     name: str
     bodies: tuple[Body, ...]
     joints: tuple[Joint, ...] = ()
-    actuators: tuple[StackActuator, ...] = ()
+    actuators: tuple[Actuator, ...] = ()
     sensors: tuple[Sensor, ...] = ()
     damping_ratio: ArrayLike = 0.01
     gravity: Array = field(default_factory=lambda: np.zeros(3))
@@ -260,12 +86,23 @@ class Scene:
                 )
         for stack in self.stacks:
             self._check_stack(stack)
+        self._check_ports()
         for sensor in self.sensors:
             if isinstance(sensor, Encoder):
                 for path in (sensor.a, sensor.b):
                     if not isinstance(self.split(path)[0], RigidBody):
                         raise ValueError(f"encoder {sensor.name!r}: {path!r} must be a point of a rigid body")
                     self.point_position(path)
+
+    def _check_ports(self) -> None:
+        paths = [part.port for part in self.port_parts]
+        for path in paths:
+            body, port = self.split(path)
+            if not isinstance(body, FlexibleBody):
+                raise ValueError(f"electrical port {path!r}: body {body.name!r} is rigid and has none")
+            body.reduced.port(port)
+            if paths.count(path) > 1:
+                raise ValueError(f"electrical port {path!r} is used more than once; drive it or measure it, once")
 
     def _check_stack(self, part: StackActuator | StackSensor) -> None:
         (body, start), (other, end) = self.split(part.start), self.split(part.end)
@@ -291,12 +128,11 @@ class Scene:
         if not isinstance(body, FlexibleBody) or body.fidelity == "rigid":
             return body
         stacks = [stack for stack in self.stacks if self.split(stack.start)[0] is body]
-        names = [(stack.start.partition(".")[2], stack.end.partition(".")[2]) for stack in stacks]
-        loads = np.zeros((len(body.reduced.mass_matrix), len(stacks)))
-        for k, (start, end) in enumerate(names):
-            loads[:, k] = body.elongation(start, end)
+        loads = [np.zeros((len(body.reduced.mass_matrix), 0)), *(self.body_row(stack)[1] for stack in stacks)]
         points = {self.frame_point(body), *self._jointed_points(body)}
-        trimmed = trim_body(body.reduced, points=points, loads=loads, cutoff_frequency=cutoff_frequency)
+        used = {part.port.partition(".")[2] for part in self.port_parts if self.split(part.port)[0] is body}
+        reduced = replace(body.reduced, ports=tuple(port for port in body.reduced.ports if port.name in used))
+        trimmed = trim_body(reduced, points=points, loads=np.column_stack(loads), cutoff_frequency=cutoff_frequency)
         return replace(body, reduced=trimmed, frame=self.frame_point(body))
 
     def summary(self) -> str:
@@ -336,7 +172,34 @@ class Scene:
     @property
     def stacks(self) -> "tuple[StackActuator | StackSensor, ...]":
         """Actuators, then the sensors that are stacks."""
-        return (*self.actuators, *(sensor for sensor in self.sensors if isinstance(sensor, StackSensor)))
+        parts: tuple[Actuator | Sensor, ...] = (*self.actuators, *self.sensors)
+        return tuple(part for part in parts if isinstance(part, (StackActuator, StackSensor)))
+
+    @property
+    def port_parts(self) -> "tuple[VoltageDrive | VoltageSensor, ...]":
+        """Drives, then the sensors at electrical ports."""
+        parts: tuple[Actuator | Sensor, ...] = (*self.actuators, *self.sensors)
+        return tuple(part for part in parts if isinstance(part, (VoltageDrive, VoltageSensor)))
+
+    def body_row(self, part: Actuator | StackSensor | VoltageSensor) -> tuple[FlexibleBody, Array]:
+        """The flexible body that a part belongs to, and its row over the reduced coordinates, shape (n,).
+
+        Of an actuator: forces on the coordinates per unit input; of a sensor: its output per unit of the coordinates,
+        at a port without charge.
+        """
+        if isinstance(part, (StackActuator, StackSensor)):
+            body, start = self.split(part.start)
+            assert isinstance(body, FlexibleBody)
+            row = body.elongation(start, part.end.partition(".")[2])
+            if isinstance(part, StackSensor):
+                return body, -part.voltage_per_elongation * row
+            return body, part.gain * part.force_per_volt * row
+        body, name = self.split(part.port)
+        assert isinstance(body, FlexibleBody)
+        port = body.reduced.port(name)
+        if isinstance(part, VoltageDrive):
+            return body, part.gain * port.forces
+        return body, -part.gain / (port.blocked_capacitance + part.capacitance) * port.forces
 
     @property
     def inputs(self) -> tuple[str, ...]:

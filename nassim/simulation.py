@@ -5,11 +5,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from nassim.assembly import Assembly, assemble, motion_size
 from nassim.checks import Array, known, positive
 from nassim.exact import exact_response
 from nassim.exudyn_solver import eigenfrequencies, solve_dynamic, solve_static
 from nassim.exudyn_system import build_system
-from nassim.linear import Assembly, assemble, motion_size
 from nassim.scene import Scene
 from nassim.signals import TimeHistory, occupied_bandwidth
 
@@ -211,7 +211,10 @@ def _check_small_motion(scene: Scene, method: str) -> None:
 
 def _check_stability(scene: Scene, time_step: float) -> None:
     _check_small_motion(scene, "explicit")
-    fastest = float(assemble(scene).frequency[-1])
+    assembly = assemble(scene)
+    if assembly.circuits:
+        raise ValueError('method "explicit" cannot integrate the charge of a sensor with a resistance; take another')
+    fastest = float(assembly.frequency[-1])
     limit = STABLE_ANGLE / (2 * np.pi * fastest)
     if time_step > limit:
         raise ValueError(

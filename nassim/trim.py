@@ -101,8 +101,8 @@ def project(body: ReducedBody, change: Array, *, points: Sequence[str]) -> Reduc
 def open_circuit(body: ReducedBody, ports: Mapping[str, float]) -> ReducedBody:
     """The body with ports that carry no charge: stiffer, because their voltage opposes the motion.
 
-    ports: name -> capacitance of what is connected, such as a cable [F]; 0 for a port that is open. All other ports stay
-    at zero voltage. Without charge, V = -b q / c, so the stiffness grows by b b^T / c.
+    ports: name -> capacitance of what is connected, such as a cable [F]; 0 for a port that is open. All other ports
+    stay at zero voltage. Without charge, V = -b q / c, so the stiffness grows by b b^T / c.
     """
     stiffness = body.stiffness_matrix.copy()
     for name, capacitance in ports.items():

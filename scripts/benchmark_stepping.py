@@ -18,7 +18,7 @@ from exudyn.rigidBodyUtilities import GetRigidBodyNode
 from models.apa300ml import reduced_apa300ml
 from models.bench import make_bench
 from nassim import RigidBody, Scene, TimeHistory, frequency_response, linearize, simulate
-from nassim.linear import assemble, deformation_damping
+from nassim.assembly import assemble, deformation_damping
 from nassim.signals import band_limited_noise
 
 CUTOFF = 1500.0

@@ -15,7 +15,7 @@ from _common import parser, write_summary
 from models.apa300ml import reduced_apa300ml
 from models.bench import make_bench
 from nassim import TimeHistory, simulate
-from nassim.linear import assemble
+from nassim.assembly import assemble
 from nassim.plotting import plot_pareto, save_figure
 from nassim.signals import band_limited_noise
 from nassim.simulation import integrator_error

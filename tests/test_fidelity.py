@@ -23,9 +23,9 @@ from nassim import (
     simulate,
     truncation_error,
 )
+from nassim.assembly import assemble, motion_size
 from nassim.exact import exact_response
 from nassim.exudyn_system import build_system
-from nassim.linear import assemble, motion_size
 from nassim.signals import band_limited_noise, sine_dwell
 from nassim.simulation import exudyn_eigenfrequencies, integrator_error
 from nassim.trim import trim_body

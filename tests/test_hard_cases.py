@@ -29,10 +29,10 @@ from nassim import (
     craig_bampton,
     simulate,
 )
+from nassim.assembly import assemble
 from nassim.exudyn_solver import solve_dynamic
 from nassim.exudyn_system import build_system
 from nassim.fullmodel import full_eigenfrequencies
-from nassim.linear import assemble
 from nassim.signals import sine_dwell
 from nassim.simulation import exudyn_eigenfrequencies, integrator_error
 

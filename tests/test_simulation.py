@@ -17,7 +17,7 @@ from nassim import (
     simulate,
     static_response,
 )
-from nassim.linear import assemble, deformation_damping
+from nassim.assembly import assemble, deformation_damping
 from nassim.signals import multisine, sine_dwell, step
 from nassim.simulation import exudyn_eigenfrequencies
 
