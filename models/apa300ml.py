@@ -7,7 +7,7 @@ here a slot with a round end runs on beside the stack's end; its depth `relief` 
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -15,7 +15,16 @@ from typing import Any
 import netgen.occ as occ
 import numpy as np
 
-from nassim import ElectricalPort, Material, PiezoStack, ReducedBody, RemotePoint, Solid, build_fe_model, craig_bampton
+from nassim import (
+    ElectricalPort,
+    Material,
+    PiezoStack,
+    ReducedBody,
+    RemotePoint,
+    Solid,
+    build_fe_model,
+    craig_bampton,
+)
 from nassim.geometry import shape_bytes
 from nassim.storage import cached, fingerprint, source_fingerprint
 
@@ -23,8 +32,8 @@ from nassim.storage import cached, fingerprint, source_fingerprint
 STEEL = Material("stainless steel", young_modulus=190e9, poisson_ratio=0.31, density=7800.0)
 PZT = Material("piezoelectric ceramic", young_modulus=49.5e9, poisson_ratio=0.31, density=7800.0)
 
-# Data sheet of one stack, 10 x 10 x 20 mm, -20 ... 150 V. The stack's sheet gives 4.4 uF, the actuator's 20 uF (18 to 26)
-# for all three; with 4.4 uF the coupling factor k33 would be 0.86, which no ceramic has, with 6.7 uF it is a usual 0.70.
+# Data sheet of one stack, 10 x 10 x 20 mm, -20 ... 150 V. The stack's sheet gives 4.4 uF, the actuator's 20 uF (18 to
+# 26) for all three; with 4.4 uF the coupling factor k33 would be 0.86, which no ceramic has, with 6.7 uF it is 0.70.
 STACK = PiezoStack.from_datasheet(
     free_stroke=20e-6,
     blocked_force=4700.0,
@@ -90,10 +99,12 @@ def make_apa300ml(
     steel: Material = STEEL,
     ceramic: Material = PZT,
     coupling: str = "rbe3",
+    ports: Sequence[ElectricalPort] = (),
 ) -> Solid:
     """The APA300ML as a part with its five remote points (A to E of the paper).
 
     coupling: of all remote points, "rbe2" or "rbe3"
+    ports: electrical ports of its stacks, such as `PORTS`
     """
     g = geometry or APAGeometry()
     frame = _frame(g)
@@ -134,7 +145,7 @@ def make_apa300ml(
             RemotePoint("junction", ("spacer_sensor_side", "spacer_actuator_side"), np.array([-10e-3, 0, 0]), coupling),
             RemotePoint("actuator_end", ("actuator_stack_end",), np.array([32.5e-3, 0, 0]), coupling),
         ),
-        ports=PORTS,
+        ports=tuple(ports),
     )
 
 
@@ -145,24 +156,24 @@ def reduced_apa300ml(
     order: int = 3,
     n_modes: int = 6,
     coupling: str = "rbe3",
-    ports: bool = False,
+    ports: Sequence[ElectricalPort] = (),
     mesh: Mapping[str, Any] = MappingProxyType(PRISMS),
     progress: bool = True,
 ) -> ReducedBody:
     """The APA300ML reduced by Craig-Bampton: 5 x 6 + 6 = 36 coordinates.
 
     element_size [m], order: of the finite elements; n_modes: fixed-interface modes
-    ports: keep the electrical ports "sensor" and "actuator", for two coordinates more
+    ports: electrical ports of its stacks, such as `PORTS`; each adds a coordinate
     mesh: further arguments of `build_fe_model`; {} for tetrahedra throughout
 
     Loaded from the cache when it was made before from the same geometry, materials, mesh and code.
     """
-    solid = make_apa300ml(geometry, coupling=coupling)
+    solid = make_apa300ml(geometry, coupling=coupling, ports=ports)
     key = fingerprint(
         shape_bytes(solid.shape),
         solid.materials,
         solid.remote_points,
-        solid.ports if ports else (),
+        solid.ports,
         (element_size, order, n_modes),
         dict(mesh),
         source_fingerprint(
@@ -184,7 +195,7 @@ def reduced_apa300ml(
 
     def build() -> ReducedBody:
         fe_model = build_fe_model(solid, element_size=element_size, order=order, progress=progress, **mesh)
-        return craig_bampton(fe_model, n_modes=n_modes, ports=None if ports else (), progress=progress)
+        return craig_bampton(fe_model, n_modes=n_modes, progress=progress)
 
     return cached(solid.name, key, build, progress=progress)
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from models.apa300ml import STACK, reduced_apa300ml
+from models.apa300ml import PORTS, STACK, reduced_apa300ml
 from nassim import (
     Encoder,
     FlexibleBody,
@@ -43,9 +43,9 @@ def make_bench(
     gravity: let the payload's and the actuator's weight act; simulations then start from static equilibrium
     ports: let the stacks act and measure over their volume, as electrical ports of the actuator, with the sensor open
         or loaded by `resistance` [Ohm]; otherwise by a pair of forces and an elongation between remote points
-    apa: a reduced APA300ML (default: `reduced_apa300ml(ports=ports)`, cached)
+    apa: a reduced APA300ML (default: `reduced_apa300ml()`, with `PORTS` where they are asked for; cached)
     """
-    body = reduced_apa300ml(ports=ports) if apa is None else apa
+    body = reduced_apa300ml(ports=PORTS if ports else ()) if apa is None else apa
     drive, measure = _ports(resistance) if ports else _force_pair()
     bottom, top = (body.point(name).position for name in ("bottom", "top"))
     # A steel cube would do: the guide leaves only the mass to matter.

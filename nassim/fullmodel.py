@@ -132,8 +132,9 @@ def full_frequency_response(
 ) -> HarmonicSolution:
     """Harmonic response of the full model at the given frequencies, shape (n,) [Hz], without modal reduction.
 
-    inputs: name -> forces per unit input at named coordinates, e.g. {"force": {"top.uz": 1.0}}
-    outputs: name -> weights of named coordinates
+    inputs: name -> forces per unit input at named coordinates, e.g. {"force": {"top.uz": 1.0}}, and voltages at
+        electrical ports by their names; all other ports stay at zero voltage
+    outputs: name -> weights of named coordinates, and of the charges [C] at ports
     damping_ratio: zeta of every mode of the full model [-]
     tolerance: on the relative change by the last two Krylov vectors
 
@@ -149,17 +150,29 @@ def full_frequency_response(
     model = constrain(condensed, fixed=fixed, guided=guided, masses=masses)
     if model.mechanisms.size:
         raise ValueError("the full model can move freely under these boundary conditions; fix or guide remote points")
-    readings = np.array([coordinate_vector(condensed.names, weights) for weights in outputs.values()])
+    readings = np.array([_row(condensed, weights) for weights in outputs.values()])
     values = np.zeros((len(outputs), len(inputs), len(frequency)), dtype=complex)
     worst, n_solves = 0.0, 0
     with stage("full model's response", unit="vectors", enabled=progress) as advance:
         for column, weights in enumerate(inputs.values()):
-            load = condensed.averages.T @ coordinate_vector(condensed.names, weights)
+            load = _row(condensed, weights)
             basis, amplitudes, change = _krylov(model, load, frequency, damping_ratio, tolerance, max_solves, advance)
-            values[:, column] = readings @ (condensed.averages @ basis) @ amplitudes
+            values[:, column] = readings @ basis @ amplitudes
+            for port in condensed.fe_model.ports:
+                for row, measured in enumerate(outputs.values()):
+                    common = measured.get(port.name, 0.0) * weights.get(port.name, 0.0)
+                    values[row, column] += common * port.blocked_capacitance
             worst, n_solves = max(worst, change), n_solves + basis.shape[1] + 1
     frf = FRF(frequency, values, tuple(outputs), tuple(inputs), None, "full FE model")
     return HarmonicSolution(frf, worst, n_solves)
+
+
+def _row(condensed: Condensation, weights: Mapping[str, float]) -> Array:
+    """Weights of named coordinates and electrical ports as a row over all unknowns, (n_dofs,)."""
+    ports = {port.name: port.forces for port in condensed.fe_model.ports}
+    motions = {name: weight for name, weight in weights.items() if name not in ports}
+    row: Array = condensed.averages.T @ coordinate_vector(condensed.names, motions)
+    return np.sum([row, *(weights[name] * forces for name, forces in ports.items() if name in weights)], axis=0)
 
 
 def _krylov(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from models.apa300ml import make_apa300ml
+from models.apa300ml import PORTS, make_apa300ml
 from models.bench import make_bench
 from nassim import FEModel, Material, RemotePoint, Solid, build_fe_model, condense, craig_bampton
 from nassim.fem import make_coupling
@@ -73,6 +73,18 @@ def apa_condensed(apa_model):
 def apa(apa_condensed):
     """The APA300ML on a mesh of order 2, which is coarser than the default and three times as fast."""
     return craig_bampton(apa_condensed, progress=False)
+
+
+@pytest.fixture(scope="session")
+def apa_with_ports_condensed():
+    model = build_fe_model(make_apa300ml(ports=PORTS), element_size=8e-3, order=2, progress=False)
+    return condense(model, progress=False)
+
+
+@pytest.fixture(scope="session")
+def apa_with_ports(apa_with_ports_condensed):
+    """The APA300ML with its electrical ports, on a coarse mesh."""
+    return craig_bampton(apa_with_ports_condensed, progress=False)
 
 
 @pytest.fixture(scope="session")

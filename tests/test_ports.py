@@ -1,0 +1,338 @@
+"""Electrical ports: data sheets, closed forms of a single stack, the coupled FE system, fidelities, bad input."""
+
+from dataclasses import replace
+
+import netgen.occ as occ
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from conftest import make_bar
+from scipy.sparse.linalg import splu
+
+from models.apa300ml import PORTS, STACK, make_apa300ml
+from models.bench import BENCH_CONDITIONS, make_bench
+from nassim import (
+    ElectricalPort,
+    Material,
+    PiezoStack,
+    RemotePoint,
+    Solid,
+    TimeHistory,
+    VoltageDrive,
+    VoltageSensor,
+    build_fe_model,
+    condense,
+    craig_bampton,
+    frequency_response,
+    linearize,
+    load,
+    save,
+    simulate,
+    static_response,
+)
+from nassim.fullmodel import full_frequency_response
+from nassim.piezo import PortCoupling
+from nassim.signals import band_limited_noise
+from nassim.simulation import exudyn_eigenfrequencies
+from nassim.trim import keep_modes, open_circuit, trim_body
+
+SHEET = {
+    "free_stroke": 20e-6,
+    "blocked_force": 4700.0,
+    "voltage_range": (-20.0, 150.0),
+    "capacitance": 6.7e-6,
+    "size": (20e-3, 10e-3, 10e-3),
+}
+FIRST_VOLT = 170.0
+
+
+def make_stack(coupling="rbe3", n_modes=6, **changes):
+    """A single stack between two remote points, reduced."""
+    stack = PiezoStack.from_datasheet(**SHEET | changes)
+    shape = occ.Box(occ.Pnt(0, -5e-3, -5e-3), occ.Pnt(20e-3, 5e-3, 5e-3))
+    shape.name = "stack"
+    shape.faces.Min(occ.X).name, shape.faces.Max(occ.X).name = "left", "right"
+    points = tuple(RemotePoint(name, name, [x, 0, 0], coupling) for name, x in (("left", 0.0), ("right", 20e-3)))
+    ceramic = Material("ceramic", stack.young_modulus, 0.31, 7800.0)
+    solid = Solid("stack", shape, {"stack": ceramic}, points, (ElectricalPort("v", "stack", stack),))
+    fe_model = build_fe_model(solid, element_size=5e-3, order=2, progress=False)
+    return stack, craig_bampton(fe_model, n_modes=n_modes, progress=False)
+
+
+def answer(body, held, voltage):
+    """Coordinates under a voltage at the first port with some coordinates held, and the charge."""
+    port, q = body.ports[0], np.zeros(len(body.mass_matrix))
+    free = np.setdiff1d(np.arange(len(q)), held)
+    q[free] = np.linalg.solve(body.stiffness_matrix[np.ix_(free, free)], port.forces[free] * voltage)
+    return q, port.forces @ q + port.blocked_capacitance * voltage
+
+
+def test_single_stack_returns_its_data_sheet(tolerance=1e-8):
+    """Ends that may widen (rbe3) leave the stack in uniaxial stress, so all figures come back."""
+    stack, body = make_stack()
+    free, charge = answer(body, np.arange(6), FIRST_VOLT)
+    assert free[6] == pytest.approx(stack.free_stroke, rel=tolerance)
+    assert charge / FIRST_VOLT == pytest.approx(stack.capacitance, rel=tolerance)
+    blocked, charge = answer(body, np.arange(12), FIRST_VOLT)
+    force = body.ports[0].forces * FIRST_VOLT - body.stiffness_matrix @ blocked
+    assert force[6] == pytest.approx(stack.blocked_force, rel=tolerance)
+    assert charge / FIRST_VOLT == pytest.approx(stack.capacitance * (1 - stack.coupling_factor**2), rel=tolerance)
+    assert 1 / body.compliance(fixed=["left"])[6, 6] == pytest.approx(stack.stiffness, rel=tolerance)
+
+
+def test_ends_that_cannot_widen_cost_stroke():
+    """Poisson's ratio: rigid ends (rbe2) hold the ceramic's width, so it is stiffer and lengthens less."""
+    stack, body = make_stack("rbe2")
+    free, _ = answer(body, np.arange(6), FIRST_VOLT)
+    assert 0.92 < free[6] / stack.free_stroke < 0.97
+    assert 1.02 < 1 / body.compliance(fixed=["left"])[6, 6] / stack.stiffness < 1.06
+
+
+def test_open_circuit_stiffens_by_the_coupling_factor():
+    stack, body = make_stack()
+    opened = open_circuit(body, {"v": 0.0})
+    expected = stack.stiffness / (1 - stack.coupling_factor**2)
+    assert 1 / opened.compliance(fixed=["left"])[6, 6] == pytest.approx(expected, rel=1e-3)
+    axial = {"fixed": ["left"], "guided": {"right": "x"}, "masses": {"right": 1.0}}
+    rise = opened.eigenfrequencies(**axial)[0] / body.eigenfrequencies(**axial)[0]
+    assert rise == pytest.approx(1 / np.sqrt(1 - stack.coupling_factor**2), rel=1e-3)
+    shunted = open_circuit(body, {"v": 1.0})
+    assert 1 / shunted.compliance(fixed=["left"])[6, 6] == pytest.approx(stack.stiffness, rel=1e-5)
+    assert np.allclose(opened.eigenfrequencies()[:6], 0.0, atol=0.01), "rigid motions bring no charge"
+
+
+@pytest.fixture(scope="module")
+def coarse():
+    return build_fe_model(make_apa300ml(ports=PORTS), element_size=12e-3, order=2, progress=False)
+
+
+@pytest.fixture(scope="module")
+def reduced(coarse):
+    return craig_bampton(coarse, progress=False)
+
+
+@pytest.fixture(scope="module")
+def coupled_system(coarse):
+    """The FE model with both ports, bottom held and top guided, as one sparse saddle point system, factorised.
+
+    Unknowns: displacements, sensor voltage, the points' reactions. Returns solve(forces, actuator voltage).
+    """
+    condensed = condense(coarse, progress=False)
+    held = sp.vstack([condensed.averages[:6], condensed.averages[[6, 7, 9, 10, 11]]])
+    sensor, actuator = coarse.port("sensor"), coarse.port("actuator")
+    scale = 1e8
+    coupling = sp.csr_matrix(sensor.forces[:, None])
+    matrix = sp.bmat(
+        [
+            [coarse.stiffness_matrix, -coupling, scale * held.T],
+            [-coupling.T, -sp.eye(1) * sensor.blocked_capacitance, None],
+            [scale * held, None, None],
+        ],
+        format="csc",
+    )
+    factor = splu(matrix)
+
+    def solve(forces, voltage):
+        load = np.concatenate([forces + actuator.forces * voltage, np.zeros(1 + held.shape[0])])
+        solution = factor.solve(load)
+        solution += factor.solve(load - matrix @ solution)
+        u = solution[: coarse.n_dofs]
+        return u, solution[coarse.n_dofs], actuator.forces @ u + actuator.blocked_capacitance * voltage
+
+    return condensed.averages, solve
+
+
+def test_static_answer_equals_the_coupled_fe_system(reduced, coupled_system):
+    averages, solve = coupled_system
+    u, voltage, charge = solve(np.zeros(averages.shape[1]), 1.0)
+    bench = make_bench(apa=reduced, fidelity="linear", ports=True)
+    drive = replace(bench.actuators[0], gain=1.0)
+    found = static_response(replace(bench, actuators=(drive,)), {"actuator_voltage": 1.0})
+    assert found["encoder"] == pytest.approx((averages @ u)[8], rel=1e-8)
+    assert found["sensor_voltage"] == pytest.approx(voltage, rel=1e-8)
+    assert charge > reduced.port("actuator").blocked_capacitance
+
+
+def test_reciprocity(reduced, coupled_system):
+    """Displacement per volt equals charge per newton, in the FE system and in the reduced body."""
+    averages, solve = coupled_system
+    top = averages[8].toarray().ravel()
+    motion = top @ solve(np.zeros_like(top), 1.0)[0]
+    charge = solve(top, 0.0)[2]
+    assert charge == pytest.approx(motion, rel=1e-10)
+    opened = open_circuit(reduced, {"sensor": 0.0})
+    free = np.setdiff1d(np.arange(len(opened.mass_matrix)), [0, 1, 2, 3, 4, 5, 6, 7, 9, 10, 11])
+    flexibility = np.linalg.inv(opened.stiffness_matrix[np.ix_(free, free)])
+    forces = opened.port("actuator").forces[free]
+    assert flexibility[0] @ forces == pytest.approx(motion, rel=1e-8)
+    assert forces @ flexibility[:, 0] == pytest.approx(charge, rel=1e-8)
+
+
+def test_dynamics_against_the_full_fe_model(apa_with_ports, apa_with_ports_condensed):
+    """The open sensor's voltage from the full model's charges with both ports shorted: another route to the FRF."""
+    frequency = np.array([5.0, 60.0, 150.0, 400.0])
+    full = full_frequency_response(
+        apa_with_ports_condensed,
+        frequency,
+        inputs={"V_a": {"actuator": 20.0}, "V_s": {"sensor": 1.0}},
+        outputs={"Q_s": {"sensor": 1.0}, "encoder": {"top.uz": 1.0}},
+        damping_ratio=0.0,
+        masses={"top": 5.0},
+        progress=False,
+        **BENCH_CONDITIONS,
+    ).frf.values
+    voltage = -full[0, 0] / full[0, 1]
+    expected = np.array([voltage, full[1, 0] + full[1, 1] * voltage])
+    bench = make_bench(apa=apa_with_ports, fidelity="linear", ports=True, damping_ratio=0.0)
+    found = frequency_response(linearize(bench), frequency).values[:, 0]
+    assert np.allclose(found[:, 0], expected[:, 0], rtol=1e-6)
+    assert np.allclose(found, expected, rtol=1e-3)
+
+
+@pytest.mark.parametrize("resistance", [np.inf, 5e3])
+def test_fidelities_agree(apa_with_ports, resistance):
+    """Both fidelities by Exudyn, with a massless row for the charge, against the exact solution and its FRF."""
+    excitation = band_limited_noise(0.1, 10e3, cutoff_frequency=150.0, rms=0.1)
+
+    def run(fidelity, method, time_step):
+        bench = make_bench(apa=apa_with_ports, fidelity=fidelity, ports=True, resistance=resistance)
+        record = simulate(bench, excitation, time_step=time_step, method=method, progress=False)
+        return record.values[1:, :: round(1e-4 / time_step)]
+
+    reference = run("linear", "exact", 1e-4)
+    size = np.abs(reference).max(axis=1)
+    for fidelity in ("linear", "ffrf"):
+        coarse, fine = (
+            np.abs(run(fidelity, "generalized_alpha", h) - reference).max(axis=1) / size for h in (1e-4, 5e-5)
+        )
+        assert np.all(fine < 5e-3)
+        assert np.all(fine < coarse / 3.5), "the difference must be the integrator's, which is of order 2"
+
+
+def test_exact_steps_of_a_leaking_sensor_are_its_frf(apa_with_ports):
+    """A sine in steady state against the FRF: two routes through different code."""
+    bench = make_bench(apa=apa_with_ports, fidelity="linear", ports=True, resistance=5e3, damping_ratio=0.05)
+    time = np.arange(20001) * 1e-4
+    for frequency in (3.0, 60.0):
+        drive = TimeHistory(time, np.sin(2 * np.pi * frequency * time), ("actuator_voltage",), ("V",))
+        record = simulate(bench, drive, time_step=1e-4, method="exact", progress=False)
+        response = frequency_response(linearize(bench), np.array([frequency])).values[:, 0, 0]
+        for name, value in zip(bench.outputs, response, strict=True):
+            expected = np.imag(value * np.exp(2j * np.pi * frequency * time))
+            assert np.abs((record[name] - expected)[15000:]).max() < 1e-3 * abs(value)
+
+
+def test_resistance_makes_a_high_pass(apa_with_ports):
+    open_bench = make_bench(apa=apa_with_ports, fidelity="linear", ports=True)
+    loaded = make_bench(apa=apa_with_ports, fidelity="linear", ports=True, resistance=1e5)
+    frequency = np.geomspace(0.01, 5.0, 30)
+    quotient = frequency_response(linearize(loaded), frequency).response(
+        "sensor_voltage", "actuator_voltage"
+    ) / frequency_response(linearize(open_bench), frequency).response("sensor_voltage", "actuator_voltage")
+    corner = np.interp(1 / np.sqrt(2), np.abs(quotient), frequency)
+    # Far below the resonance the port's capacitance is that at zero force, between blocked and free.
+    port, stack = apa_with_ports.port("sensor"), STACK
+    assert 1 / (2 * np.pi * 1e5 * stack.capacitance) < corner < 1 / (2 * np.pi * 1e5 * port.blocked_capacitance)
+    assert np.allclose(quotient, 1j * frequency / (corner + 1j * frequency), atol=5e-3)
+
+
+def test_exudyn_finds_the_open_circuit_frequencies(apa_with_ports):
+    for fidelity in ("linear", "ffrf"):
+        bench = make_bench(apa=apa_with_ports, fidelity=fidelity, ports=True)
+        expected = np.sort(np.abs(linearize(bench).poles()))[::2] / (2 * np.pi)
+        assert np.allclose(exudyn_eigenfrequencies(bench, n_modes=4), expected[:4], rtol=1e-6)
+
+
+def test_fewer_coordinates_keep_the_static_answer(reduced):
+    conditions = {"points": ["bottom", "top"], "loads": np.zeros((len(reduced.mass_matrix), 0))}
+    for fewer in (keep_modes(reduced, 2), trim_body(reduced, cutoff_frequency=1e3, **conditions)):
+        assert len(fewer.mass_matrix) < len(reduced.mass_matrix)
+        charges = []
+        for body in (fewer, reduced):
+            index = 6 * body.point_names.index("bottom") + np.arange(6)
+            free = np.setdiff1d(np.arange(len(body.mass_matrix)), index)
+            forces = np.array([port.forces[free] for port in body.ports])
+            charges.append(forces @ np.linalg.solve(body.stiffness_matrix[np.ix_(free, free)], forces.T))
+        assert np.allclose(charges[0], charges[1], rtol=1e-8)
+
+
+def test_ports_survive_saving(reduced, tmp_path):
+    again = load(save(reduced, tmp_path / "apa.h5"))
+    assert np.array_equal(again.port("sensor").forces, reduced.port("sensor").forces)
+
+
+def test_bodies_without_deformation_read_nothing(apa_with_ports):
+    bench = make_bench(apa=apa_with_ports, fidelity="rigid", ports=True, resistance=1e4)
+    excitation = band_limited_noise(0.01, 10e3, cutoff_frequency=400.0)
+    record = simulate(bench, excitation, time_step=1e-4, progress=False)
+    assert not np.any(record["sensor_voltage"])
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        ({"free_stroke": 20.0}, "1e\\+05 % of the length"),
+        ({"blocked_force": 4.7e6}, "4.7e\\+04 MPa"),
+        ({"stiffness": 235.0}, "is it in N/m"),
+        ({"capacitance": 6.7e-9}, "give back more energy than it takes"),
+        ({"size": (20e-3, 10e-3)}, "size must have shape 3"),
+        ({"transverse_ratio": 0.4}, "transverse_ratio must be from"),
+        ({"voltage_range": (150.0, 150.0)}, "voltage_range must be positive"),
+    ],
+)
+def test_impossible_data_sheets(changes, problem):
+    with pytest.raises(ValueError, match=problem):
+        PiezoStack.from_datasheet(**SHEET | changes)
+
+
+def test_consistency_tells_a_coupling_factor_that_is_too_high():
+    assert "usual" in PiezoStack.from_datasheet(**SHEET).consistency()
+    assert "high: stroke and force" in PiezoStack.from_datasheet(**SHEET | {"capacitance": 4.4e-6}).consistency()
+    assert "low: are there" in PiezoStack.from_datasheet(**SHEET | {"capacitance": 20e-6}).consistency()
+
+
+def test_ceramic_that_cannot_be():
+    """No transverse strain in an isotropic ceramic of this stiffness: more energy out than in, so refused."""
+    with pytest.raises(ValueError, match="less than none"):
+        make_stack(capacitance=4.4e-6, transverse_ratio=0.0)
+
+
+def test_bad_ports():
+    bar = make_bar(length=20e-3)
+    port = ElectricalPort("v", "bar", PiezoStack.from_datasheet(**SHEET))
+    for ports, problem in (
+        ((replace(port, bodies=("rod",)),), "unknown body 'rod'"),
+        ((port, port), "electrical port names must differ"),
+        ((port, replace(port, name="w")), "body of electrical port names must differ"),
+    ):
+        with pytest.raises(ValueError, match=problem):
+            replace(bar, ports=ports)
+    with pytest.raises(ValueError, match="1000 mm3, its stack 2000 mm3"):
+        build_fe_model(replace(make_bar(length=10e-3), ports=(port,)), element_size=5e-3, progress=False)
+    with pytest.raises(ValueError, match="direction must not be zero"):
+        replace(port, direction=(0.0, 0.0, 0.0))
+    with pytest.raises(ValueError, match="names no body"):
+        replace(port, bodies=())
+
+
+def test_bad_use_in_scenes(apa, apa_with_ports):
+    bench = make_bench(apa=apa_with_ports, fidelity="linear", ports=True)
+    for changes, problem in (
+        ({"sensors": (VoltageSensor("v", "apa.actuator"),)}, "'apa.actuator' is used more than once"),
+        ({"sensors": (VoltageSensor("v", "apa.junction"),)}, "unknown electrical port 'junction'; known: sensor"),
+        ({"actuators": (VoltageDrive("v", "base.top", "u"),)}, "body 'base' is rigid"),
+    ):
+        with pytest.raises(ValueError, match=problem):
+            replace(bench, **changes)
+    with pytest.raises(ValueError, match="unknown electrical port 'actuator'; known: none"):
+        make_bench(apa=apa, ports=True)
+    with pytest.raises(ValueError, match="resistance must be positive"):
+        VoltageSensor("v", "apa.sensor", resistance=0.0)
+    with pytest.raises(ValueError, match="must not be negative, got -1 F"):
+        open_circuit(apa_with_ports, {"sensor": -1.0})
+    with pytest.raises(ValueError, match="acts on 3 coordinates, the body has 36"):
+        replace(apa, ports=(PortCoupling("v", np.zeros(3), 1e-6),))
+    loaded = make_bench(apa=apa_with_ports, fidelity="linear", ports=True, resistance=1e5, cutoff_frequency=500.0)
+    excitation = band_limited_noise(0.01, 10e3, cutoff_frequency=400.0)
+    with pytest.raises(ValueError, match="cannot integrate the charge"):
+        simulate(loaded, excitation, time_step=1e-4, method="explicit", progress=False)
