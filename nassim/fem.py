@@ -3,7 +3,7 @@
 import warnings
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import ngsolve as ng
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from nassim.checks import Array, freeze, known
 from nassim.geometry import RemotePoint, Solid
+from nassim.materials import Material
 from nassim.meshing import generate_mesh
 from nassim.piezo import PortCoupling
 from nassim.ports import couple_port
@@ -288,6 +289,18 @@ def assemble_mesh(mesh: Any, solid: Solid, order: int) -> FEModel:
         )
 
 
+def with_materials(fe_model: FEModel, materials: Mapping[str, Material]) -> FEModel:
+    """The same part on the same mesh with other materials by body name; ValueError for models made by hand."""
+    mesh, solid = _source(fe_model)
+    return assemble_mesh(mesh, replace(solid, materials={**solid.materials, **materials}), fe_model.order)
+
+
+def _source(fe_model: FEModel) -> tuple[Any, Solid]:
+    if fe_model._source is None:
+        raise ValueError(f"FE model {fe_model.name!r} was made by hand, so its mesh is unknown")
+    return fe_model._source
+
+
 @dataclass(frozen=True)
 class Refinement:
     """What elements one order higher on the same mesh add to an FE model of n scalar unknowns; they have m.
@@ -308,9 +321,7 @@ class Refinement:
 
 def refine_order(fe_model: FEModel) -> Refinement:
     """The same part on the same mesh with elements one order higher; ValueError for models made by hand."""
-    if fe_model._source is None:
-        raise ValueError(f"FE model {fe_model.name!r} was made by hand, so its elements cannot be refined")
-    mesh, solid = fe_model._source
+    mesh, solid = _source(fe_model)
     order = fe_model.order
     with threads():
         scalar, fine_scalar = ng.H1(mesh, order=order), ng.H1(mesh, order=order + 1)

@@ -67,8 +67,9 @@ def answer(body, held, voltage):
     return q, port.forces @ q + port.blocked_capacitance * voltage
 
 
-def test_single_stack_returns_its_data_sheet(tolerance=1e-8):
+def test_single_stack_returns_its_data_sheet():
     """Ends that may widen (rbe3) leave the stack in uniaxial stress, so all figures come back."""
+    tolerance = 1e-8
     stack, body = make_stack()
     free, charge = answer(body, np.arange(6), FIRST_VOLT)
     assert free[6] == pytest.approx(stack.free_stroke, rel=tolerance)

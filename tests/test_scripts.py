@@ -54,6 +54,13 @@ def test_help(name):
             ["multisine_encoder_magnitude_error_dB", "noise_wall_time_s"],
             ["frf.png"],
         ),
+        (
+            "calibrate_apa.py",
+            ["--element-size", "8", "--order", "2", "--to", "axial_stiffness=1.85e6"],
+            ["parameters", "relative_deviations", "sensitivities"],
+            [],
+        ),
+        ("piezo_ports.py", ["--coarse"], ["pair_of_forces_pole_Hz", "ports_sensor_open_zero_Hz"], ["frf.png"]),
         ("speed_vs_error.py", ["--quick"], ["reference", "variants", "modes"], ["pareto.png"]),
         ("speed_vs_error_time.py", ["--quick", "--duration", "0.2"], ["first_mode_Hz", "variants"], ["pareto.png"]),
         (

@@ -6,9 +6,11 @@ here a slot with a round end runs on beside the stack's end; its depth `relief` 
 """
 
 import itertools
+import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -30,7 +32,13 @@ from nassim.storage import cached, fingerprint, source_fingerprint
 
 # Table 1 of the paper; the ceramic's Poisson ratio and density are printed once for both materials.
 STEEL = Material("stainless steel", young_modulus=190e9, poisson_ratio=0.31, density=7800.0)
-PZT = Material("piezoelectric ceramic", young_modulus=49.5e9, poisson_ratio=0.31, density=7800.0)
+PZT_TABLE_1 = Material("piezoelectric ceramic", young_modulus=49.5e9, poisson_ratio=0.31, density=7800.0)
+
+CALIBRATION = Path(__file__).parent / "calibration.json"
+"""Record of the fit that `scripts/calibrate_apa.py --write` made the default."""
+_CALIBRATED = json.loads(CALIBRATION.read_text())["parameters"]
+PZT = replace(PZT_TABLE_1, young_modulus=_CALIBRATED["pzt_modulus"])
+"""The ceramic with the modulus that gives the vendor's stiffness, the default."""
 
 # Data sheet of one stack, 10 x 10 x 20 mm, -20 ... 150 V. The stack's sheet gives 4.4 uF, the actuator's 20 uF (18 to
 # 26) for all three; with 4.4 uF the coupling factor k33 would be 0.86, which no ceramic has, with 6.7 uF it is 0.70.
@@ -58,6 +66,8 @@ order 3 the first five clamped frequencies come to 0.07 to 0.21 % of those of or
 
 VENDOR_STIFFNESS = 1.79e6
 """Axial stiffness of the whole actuator [N/m], data sheet."""
+VENDOR_STROKE = 304e-6
+"""Stroke of the whole actuator over the full voltage range [m], as the literature gives it; unverified."""
 PAPER_FREQUENCY_FORMULA = 95.3
 """sqrt(k / m) / 2 pi for the vendor's stiffness and 5 kg [Hz], the paper's equation 1."""
 PAPER_FREQUENCY_FE = 95.9
@@ -157,6 +167,7 @@ def reduced_apa300ml(
     n_modes: int = 6,
     coupling: str = "rbe3",
     ports: Sequence[ElectricalPort] = (),
+    ceramic: Material = PZT,
     mesh: Mapping[str, Any] = MappingProxyType(PRISMS),
     progress: bool = True,
 ) -> ReducedBody:
@@ -164,11 +175,12 @@ def reduced_apa300ml(
 
     element_size [m], order: of the finite elements; n_modes: fixed-interface modes
     ports: electrical ports of its stacks, such as `PORTS`; each adds a coordinate
+    ceramic: its modulus is calibrated to the vendor's stiffness; PZT_TABLE_1 is the paper's
     mesh: further arguments of `build_fe_model`; {} for tetrahedra throughout
 
     Loaded from the cache when it was made before from the same geometry, materials, mesh and code.
     """
-    solid = make_apa300ml(geometry, coupling=coupling, ports=ports)
+    solid = make_apa300ml(geometry, ceramic=ceramic, coupling=coupling, ports=ports)
     key = fingerprint(
         shape_bytes(solid.shape),
         solid.materials,

@@ -1,0 +1,73 @@
+"""The bench's stacks as electrical ports against the cheaper pair of forces: static gains, pole and zero.
+
+As ports, the stacks act and measure over their volume: they push sideways too, an open sensor is stiffer than a shorted
+one, and an amplifier's input resistance makes it a high-pass.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from _common import parser, plot_bode_pair, write_summary
+
+from models.apa300ml import PORTS, STACK, reduced_apa300ml
+from models.bench import make_bench
+from nassim import frequency_response, linearize, truncation_error
+from nassim.plotting import save_figure
+
+SHEET_CAPACITANCE = 4.4e-6
+"""Of one stack by its own data sheet [F]; the actuator's sheet means 6.7e-6."""
+
+arguments = parser(__doc__, "piezo_ports")
+arguments.add_argument("--payload-mass", type=float, default=5.0, help="mass on top [kg] (default: 5)")
+arguments.add_argument("--resistance", type=float, default=1e4, help="of the loaded sensor [Ohm] (default: 1e4)")
+arguments.add_argument("--coarse", action="store_true", help="tetrahedra of 8 mm, for a quick look")
+
+
+def main() -> None:
+    args = arguments.parse_args()
+    mesh = {"element_size": 8e-3, "order": 2, "mesh": {}} if args.coarse else {}
+    apa = reduced_apa300ml(ports=PORTS, **mesh)
+    sheet = tuple(replace(port, stack=replace(STACK, capacitance=SHEET_CAPACITANCE)) for port in PORTS)
+    common = {"payload_mass": args.payload_mass, "fidelity": "linear"}
+    scenes = {
+        "pair of forces": make_bench(**common, apa=apa),
+        "ports, sensor open": make_bench(**common, ports=True, apa=apa),
+        f"ports, sensor with {args.resistance:g} Ohm": make_bench(
+            **common, ports=True, resistance=args.resistance, apa=apa
+        ),
+        "ports, sensor shorted": make_bench(**common, ports=True, resistance=1e-3, apa=apa),
+        "ports, 4.4 uF a stack": make_bench(**common, ports=True, apa=reduced_apa300ml(ports=sheet, **mesh)),
+    }
+    print(f"stack: {STACK.consistency()}\n".replace("\n", "\n  "))
+    print(f"{'':34}static gains           pole       zero       truncation, 10-500 Hz")
+    frequency = np.geomspace(0.5, 900.0, 6000)
+    frfs, summary = [], {}
+    for name, scene in scenes.items():
+        model = linearize(scene)
+        frf = frequency_response(model, frequency, label=name)
+        # The mean of a slow sine is not quite static where a resistance drains the charge.
+        static = np.abs(frequency_response(model, np.array([1e-6])).values[:, 0, 0])
+        voltage, motion = np.abs(frf.values[:, 0])
+        pole = frequency[np.argmax(motion)]
+        between = (frequency > 10.0) & (frequency < pole)
+        zero = frequency[between][np.argmin(voltage[between])]
+        error = truncation_error(scene, frequency[(frequency > 10) & (frequency < 500)]).max()
+        shown = "        -" if "shorted" in name else f"{zero:9.2f}"
+        gains = f"{static[0]:8.4f} V/V {1e6 * static[1]:7.2f} um/V"
+        print(f"{name:<30}{gains} {pole:8.2f} Hz {shown} Hz {100 * error:10.3f} %")
+        key = name.replace(",", "").replace(" ", "_")
+        summary |= {
+            f"{key}_static_gain_V_per_V": static[0],
+            f"{key}_static_gain_m_per_V": static[1],
+            f"{key}_pole_Hz": pole,
+            f"{key}_zero_Hz": None if "shorted" in name else zero,
+            f"{key}_truncation_error": error,
+        }
+        frfs.append(frf)
+    if not args.no_plot:
+        save_figure(plot_bode_pair(frfs[:3]), args.output / "frf.png")
+    write_summary(args.output, summary)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,120 @@
+"""Calibration: models in closed form, what data can determine, and the APA300ML's record."""
+
+import json
+
+import numpy as np
+import pytest
+
+from models.apa300ml import CALIBRATION, PAPER_FREQUENCY_FE, PZT, VENDOR_STIFFNESS, reduced_apa300ml
+from models.apa300ml.calibration import PARAMETERS, make_model, variant
+from models.bench import BENCH_CONDITIONS
+from nassim.calibration import Parameter, Target, calibrate, sensitivities
+
+WIDTH = Parameter("width", 0.010, 0.005, 0.020)
+HEIGHT = Parameter("height", 0.005, 0.002, 0.010)
+MODULUS = Parameter("modulus", 200e9, 100e9, 300e9)
+
+
+def cantilever(values):
+    """A beam of 0.1 m by Euler and Bernoulli: stiffness at its tip, first frequency, mass."""
+    width, height, modulus = values["width"], values["height"], values.get("modulus", 200e9)
+    area, inertia = width * height, width * height**3 / 12
+    frequency = 1.8751**2 / (2 * np.pi * 0.1**2) * np.sqrt(modulus * inertia / (7800.0 * area))
+    return {"stiffness": 3 * modulus * inertia / 0.1**3, "frequency": frequency, "mass": 7800.0 * area * 0.1}
+
+
+def test_sensitivities_are_the_exponents():
+    found = sensitivities(cantilever, [WIDTH, HEIGHT, MODULUS], ["stiffness", "frequency", "mass"])
+    assert np.allclose(found, [[1, 3, 1], [0, 1, 0.5], [1, 1, 0]], atol=1e-9)
+
+
+def test_sensitivity_at_a_bound():
+    edge = Parameter("height", 0.010, 0.002, 0.010)
+    assert np.allclose(sensitivities(cantilever, [WIDTH, edge], ["stiffness"]), [[1, 3]])
+
+
+def test_fit_finds_the_truth_with_poor_sensitivities():
+    truth = {"width": 0.012, "height": 0.0065}
+    targets = [Target(name, value, 0.01) for name, value in cantilever(truth).items() if name != "mass"]
+    exact = np.array([[1.0, 3.0], [0.0, 1.0]])
+    lines = []
+    result = calibrate(cantilever, [WIDTH, HEIGHT], targets, sensitivity=exact * [1.1, 0.9], report=lines.append)
+    for name, value in truth.items():
+        assert result.values[name] == pytest.approx(value, rel=1e-3)
+    assert result.n_evaluations == len(lines) > 2
+    assert result.figures["mass"] == pytest.approx(cantilever(truth)["mass"], rel=2e-3), "not fitted, so a prediction"
+
+
+def test_deviations_follow_from_the_tolerances():
+    def beam(values):
+        return cantilever({"width": 0.01} | dict(values))
+
+    target = Target("stiffness", beam({"height": 0.005})["stiffness"], 0.03)
+    result = calibrate(beam, [HEIGHT], [target], sensitivity=[[3.0]])
+    assert result.deviations["height"] == pytest.approx(0.01)
+    assert result.errors["stiffness"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_more_parameters_than_figures():
+    with pytest.raises(ValueError, match=r"2 parameters cannot be fitted to 1 figure.*alone.*: width, height"):
+        calibrate(cantilever, [WIDTH, HEIGHT], [Target("stiffness", 1e4, 0.01)], sensitivity=[[1.0, 3.0]])
+
+
+def test_parameters_that_the_figures_cannot_tell_apart():
+    calls = []
+    targets = [Target("stiffness", 1e5, 0.01), Target("mass", 0.04, 0.01)]
+    with pytest.raises(ValueError, match=r"cannot determine a \(only to .* changing a by -?\+?100 % and b by"):
+        calibrate(
+            calls.append,
+            [Parameter("a", 1.0, 0.1, 10.0), Parameter("b", 1.0, 0.1, 10.0)],
+            targets,
+            sensitivity=[[1.0, 1.0], [1.0, 1.01]],
+        )
+    assert not calls, "refused before any long work"
+
+
+def test_figures_that_do_not_depend_on_the_parameter():
+    with pytest.raises(ValueError, match=r"cannot determine modulus .*none of them"):
+        calibrate(cantilever, [MODULUS], [Target("mass", 0.04, 0.01)], sensitivity=[[0.0]])
+
+
+def test_targets_out_of_reach():
+    with pytest.raises(ValueError, match=r"would need height = .*, outside 0.002 to 0.01"):
+        calibrate(
+            lambda values: cantilever({"width": 0.01} | dict(values)),
+            [HEIGHT],
+            [Target("frequency", 5e4, 0.01)],
+            sensitivity=[[1.0]],
+        )
+
+
+def test_unknown_figures_and_bad_numbers():
+    with pytest.raises(ValueError, match="does not give colour; it gives stiffness"):
+        sensitivities(cantilever, [WIDTH, HEIGHT], ["colour"])
+    with pytest.raises(ValueError, match="does not lie between"):
+        Parameter("width", 1.0, 2.0, 3.0)
+    with pytest.raises(ValueError, match="value must be positive"):
+        Target("stiffness", -1.0, 0.01)
+    with pytest.raises(ValueError, match="NaN"):
+        sensitivities(lambda _: {"stiffness": np.nan}, [WIDTH], ["stiffness"])
+
+
+def test_a_changed_ceramic_keeps_the_mesh():
+    """Two moduli on one mesh and a mesh of its own: the first differ smoothly, so differences mean something."""
+    model = make_model(element_size=12e-3, order=1)
+    stiffnesses = [model({"pzt_modulus": e})["axial_stiffness"] for e in (48e9, 49e9, 50e9)]
+    assert abs(stiffnesses[0] - 2 * stiffnesses[1] + stiffnesses[2]) < 0.02 * (stiffnesses[2] - stiffnesses[0])
+    assert variant({"arm_thickness": 1.5e-3}).materials["sensor_stack"].young_modulus == PARAMETERS["pzt_modulus"].start
+
+
+@pytest.mark.slow
+def test_calibrated_apa_on_its_default_mesh():
+    """Stiffness as fitted; the frequency with 5 kg was not fitted, so it is a prediction."""
+    record = json.loads(CALIBRATION.read_text())
+    assert PZT.young_modulus == record["parameters"]["pzt_modulus"]
+    apa = reduced_apa300ml(progress=False)
+    stiffness = 1 / apa.compliance(fixed=["bottom"])[8, 8]
+    assert stiffness == pytest.approx(VENDOR_STIFFNESS, rel=5e-3)
+    assert stiffness == pytest.approx(record["figures"]["axial_stiffness"], rel=1e-3)
+    frequency = apa.eigenfrequencies(**BENCH_CONDITIONS, masses={"top": 5.0})[0]
+    assert frequency == pytest.approx(PAPER_FREQUENCY_FE, rel=0.015)
