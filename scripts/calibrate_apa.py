@@ -27,6 +27,7 @@ arguments.add_argument(
 arguments.add_argument("--tolerance", type=float, default=0.5, help="of the targets [%%] (default: 0.5)")
 arguments.add_argument("--element-size", type=float, default=5.0, help="of the fine mesh [mm] (default: 5)")
 arguments.add_argument("--order", type=int, default=3, help="of the fine mesh (default: 3)")
+arguments.add_argument("--coarse-size", type=float, default=5.0, help="mesh of the sensitivities [mm] (default: 5)")
 arguments.add_argument("--write", action="store_true", help="make the fit the model's default")
 
 
@@ -35,9 +36,9 @@ def main() -> None:
     targets = [read_target(text, args.tolerance / 100) for text in args.to]
     print(f"{STACK.consistency()}\n")
     with stage("sensitivities", total=2 * len(PARAMETERS), unit="evaluations") as advance:
-        coarse = make_model(element_size=5e-3, order=2)
+        coarse = make_model(element_size=1e-3 * args.coarse_size, order=2)
         table = sensitivities(coarse, list(PARAMETERS.values()), FIGURES, advance=advance)
-    print("\nrelative change of figures per relative change of parameters (tetrahedra of 5 mm, order 2)")
+    print("\nrelative change of figures per relative change of parameters (tetrahedra, order 2)")
     print(f"{'':18}" + "".join(f"{name:>16}" for name in PARAMETERS))
     for name, row in zip(FIGURES, table, strict=True):
         print(f"  {name:<16}" + "".join(f"{value:16.3f}" for value in row))

@@ -56,7 +56,7 @@ def test_help(name):
         ),
         (
             "calibrate_apa.py",
-            ["--element-size", "8", "--order", "2", "--to", "axial_stiffness=1.85e6"],
+            ["--coarse-size", "12", "--element-size", "12", "--order", "2", "--to", "axial_stiffness=1.85e6"],
             ["parameters", "relative_deviations", "sensitivities"],
             [],
         ),
