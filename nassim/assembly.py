@@ -10,7 +10,18 @@ from nassim.checks import Array
 from nassim.floating_frame import FloatingFrame, floating_frame
 from nassim.interface import AXES, DIRECTIONS, rigid_transfer
 from nassim.modal import eigenmodes, modal_damping_matrix
-from nassim.parts import Body, Encoder, FlexibleBody, RigidBody, VoltageSensor
+from nassim.parts import (
+    Actuator,
+    Body,
+    Encoder,
+    FlexibleBody,
+    GroundAcceleration,
+    PointForce,
+    RigidBody,
+    StackActuator,
+    VoltageDrive,
+    VoltageSensor,
+)
 from nassim.scene import Scene
 from nassim.trim import open_circuit
 
@@ -39,6 +50,18 @@ class Circuit:
 
 
 @dataclass(frozen=True)
+class Amplifier:
+    """A low-pass of first order between an input and forces: v' = rate (input - v).
+
+    input: index; forces: on all coordinates per unit of v, (n_all,); rate [1/s]
+    """
+
+    input: int
+    forces: Array
+    rate: float
+
+
+@dataclass(frozen=True)
 class Assembly:
     """A scene's matrices for small motion: all bodies' coordinates, and the minimal ones that the joints leave.
 
@@ -51,11 +74,13 @@ class Assembly:
     mass, stiffness: in minimal coordinates, (n, n)
     frequency: eigenfrequencies of the undamped scene, ascending, (n,) [Hz]; shapes: (n, n), unit modal mass
     damping_ratio: per mode, (n,) [-]
-    input_matrix: forces on all coordinates per unit input, (n_all, inputs)
+    input_matrix: forces on all coordinates per unit input, (n_all, inputs), but for those through amplifiers
     output_matrix: outputs per unit of all coordinates, (outputs, n_all)
     weight: forces of gravity on all coordinates, (n_all,)
     frames: floating frame of each flexible body, by name
     circuits: electrical ports whose charge leaks through a resistance
+    amplifiers: actuators with a bandwidth
+    damper_matrix: of the spring-dampers, beside modal damping, in minimal coordinates, (n, n)
     """
 
     scene: Scene
@@ -71,7 +96,14 @@ class Assembly:
     output_matrix: Array
     weight: Array
     frames: dict[str, FloatingFrame]
-    circuits: tuple[Circuit, ...] = ()
+    circuits: tuple[Circuit, ...]
+    amplifiers: tuple[Amplifier, ...]
+    damper_matrix: Array
+
+    @property
+    def falls_into_modes(self) -> bool:
+        """Whether nothing couples the undamped modes."""
+        return not (self.circuits or self.amplifiers or np.any(self.damper_matrix))
 
 
 def assemble(scene: Scene) -> Assembly:
@@ -98,6 +130,11 @@ def assemble(scene: Scene) -> Assembly:
             rows = np.zeros((len(frames[body.name].flexible), n_all))
             rows[:, slices[body.name]] = frames[body.name].deformation(body.reduced)
             rigid.append(rows)
+    dampers = np.zeros((n_all, n_all))
+    for spring in scene.springs:
+        row = (motion(spring.b) - motion(spring.a))["xyz".index(spring.axis)]
+        stiffness_all += spring.stiffness * np.outer(row, row)
+        dampers += spring.damping * np.outer(row, row)
     held, enforced = _independent(scene, motion, np.vstack([np.zeros((0, n_all)), *rigid]), mass_all)
     basis = _null_space(held, mass_all)
     mass, stiffness = basis.T @ mass_all @ basis, basis.T @ stiffness_all @ basis
@@ -105,9 +142,13 @@ def assemble(scene: Scene) -> Assembly:
     given = np.atleast_1d(np.asarray(scene.damping_ratio, dtype=float))
     ratio = given[np.minimum(np.arange(len(frequency)), len(given) - 1)]
     input_matrix = np.zeros((n_all, len(scene.inputs)))
+    amplifiers = []
     for actuator in scene.actuators:
-        body, row = scene.body_row(actuator)
-        input_matrix[slices[body.name], scene.inputs.index(actuator.input)] += row
+        index, forces = scene.inputs.index(actuator.input), _forces(scene, actuator, slices, motion)
+        if isinstance(actuator, (StackActuator, VoltageDrive)) and np.isfinite(actuator.bandwidth):
+            amplifiers.append(Amplifier(index, forces, 2 * np.pi * actuator.bandwidth))
+        else:
+            input_matrix[:, index] += forces
     outputs = np.zeros((len(scene.sensors), n_all))
     circuits = []
     for k, sensor in enumerate(scene.sensors):
@@ -118,10 +159,6 @@ def assemble(scene: Scene) -> Assembly:
             outputs[k, slices[body.name]] = row
         if isinstance(sensor, VoltageSensor) and np.isfinite(sensor.resistance):
             circuits.append(_circuit(scene, sensor, k))
-    weight = np.zeros(n_all)
-    for body in scene.bodies:
-        if body.name in slices:
-            weight[slices[body.name]] = _weight(body, scene.gravity)
     return Assembly(
         scene,
         slices,
@@ -134,35 +171,43 @@ def assemble(scene: Scene) -> Assembly:
         ratio,
         input_matrix,
         outputs,
-        weight,
+        _weight(scene, slices, n_all, scene.gravity),
         frames,
         tuple(circuits),
+        tuple(amplifiers),
+        basis.T @ dampers @ basis,
     )
 
 
-def state_space(assembly: Assembly, forces: Array) -> tuple[Array, Array, Array]:
-    """A, B and C of an assembled scene for columns of forces on all coordinates, shape (n_all, inputs)."""
+def state_space(assembly: Assembly) -> tuple[Array, Array, Array]:
+    """A, B and C of an assembled scene; the last column of B is gravity, a constant input of one.
+
+    States: modal amplitudes and their rates, then the charges of circuits (as volts) and the amplifiers' outputs.
+    """
     a = assembly
     omega = 2 * np.pi * a.frequency
-    n, k = len(omega), len(a.circuits)
+    n, n_in, n_out = len(omega), a.input_matrix.shape[1], len(a.output_matrix)
     modes = a.basis @ a.shapes
-    state = np.zeros((2 * n + k, 2 * n + k))
-    state[:n, n : 2 * n] = np.eye(n)
-    state[n : 2 * n, :n] = -np.diag(omega**2)
-    state[n : 2 * n, n : 2 * n] = -np.diag(2 * a.damping_ratio * omega)
-    readings = np.hstack([a.output_matrix @ modes, np.zeros((len(a.output_matrix), n + k))])
+    size = 2 * n + len(a.circuits) + len(a.amplifiers)
+    state, drives, readings = np.zeros((size, size)), np.zeros((size, n_in + 1)), np.zeros((n_out, size))
+    velocity = slice(n, 2 * n)
+    state[:n, velocity] = np.eye(n)
+    state[velocity, :n] = -np.diag(omega**2)
+    state[velocity, velocity] = -np.diag(2 * a.damping_ratio * omega) - a.shapes.T @ a.damper_matrix @ a.shapes
+    drives[velocity, :n_in], drives[velocity, n_in] = modes.T @ a.input_matrix, modes.T @ a.weight
+    readings[:, :n] = a.output_matrix @ modes
     for j, circuit in enumerate(a.circuits, start=2 * n):
         pull = modes[a.slices[circuit.body]].T @ circuit.forces
         rate = 1 / (circuit.resistance * circuit.capacitance)
-        state[n : 2 * n, j] = pull
+        state[velocity, j] = pull
         state[j, :n] = rate * pull / circuit.capacitance
         state[j, j] = -rate
         readings[circuit.output, j] = circuit.gain
-    return (
-        state,
-        np.vstack([np.zeros((n, forces.shape[1])), modes.T @ forces, np.zeros((k, forces.shape[1]))]),
-        readings,
-    )
+    for j, amplifier in enumerate(a.amplifiers, start=2 * n + len(a.circuits)):
+        state[velocity, j] = modes.T @ amplifier.forces
+        state[j, j] = -amplifier.rate
+        drives[j, amplifier.input] = amplifier.rate
+    return state, drives, readings
 
 
 def motion_size(assembly: Assembly, name: str, coordinates: Array) -> Array:
@@ -240,7 +285,30 @@ def _body_matrices(body: Body) -> tuple[Array, Array]:
     return scipy.linalg.block_diag(body.mass * np.eye(3), body.inertia), np.zeros((6, 6))
 
 
-def _weight(body: Body, gravity: Array) -> Array:
+def _forces(scene: Scene, actuator: Actuator, slices: dict[str, slice], motion: Callable[[str], Array]) -> Array:
+    """Forces of an actuator on all coordinates per unit of its input."""
+    n_all = max(place.stop for place in slices.values())
+    if isinstance(actuator, PointForce):
+        result: Array = motion(actuator.point)["xyz".index(actuator.axis)]
+        return result
+    if isinstance(actuator, GroundAcceleration):
+        return _weight(scene, slices, n_all, -np.eye(3)["xyz".index(actuator.axis)])
+    forces = np.zeros(n_all)
+    body, row = scene.body_row(actuator)
+    forces[slices[body.name]] = row
+    return forces
+
+
+def _weight(scene: Scene, slices: dict[str, slice], n_all: int, gravity: Array) -> Array:
+    """Forces of a uniform gravity, world frame, on all coordinates."""
+    result = np.zeros(n_all)
+    for body in scene.bodies:
+        if body.name in slices:
+            result[slices[body.name]] = body_weight(body, gravity)
+    return result
+
+
+def body_weight(body: Body, gravity: Array) -> Array:
     """Forces of gravity on a body's coordinates."""
     if isinstance(body, RigidBody):
         assert body.mass is not None

@@ -2,7 +2,8 @@
 
 With the inputs held or running straight between samples, each mode's equation q'' + 2 zeta w q' + w^2 q = p is solved
 in closed form: q = Im(z) / w_d with z' = lambda z + p, a recursion of order one with complex coefficients. Where
-circuits couple the modes, the whole state space goes from sample to sample by its matrix exponential.
+circuits or dampers couple the modes, amplifiers add states or loops run, the whole state space goes from sample to
+sample by its matrix exponential.
 """
 
 import numpy as np
@@ -12,6 +13,7 @@ import scipy.signal
 from nassim.assembly import Assembly, state_space
 from nassim.body import RIGID
 from nassim.checks import Array
+from nassim.digital import check_runaway, start_loops
 
 CHECKS = 200
 NO_EQUILIBRIUM = "no static equilibrium: can a body move freely? Add joints, or leave gravity out"
@@ -19,16 +21,19 @@ CLOSE_TO_CRITICAL = 1e-10
 """Least |1 - zeta^2|: at critical damping the two solutions coincide, which the recursion does not cover."""
 
 
-def exact_response(assembly: Assembly, inputs: Array, time_step: float, *, hold_order: int = 1) -> tuple[Array, Array]:
+def exact_response(
+    assembly: Assembly, inputs: Array, time_step: float, *, hold_order: int = 1
+) -> tuple[Array, Array, Array]:
     """Outputs of an assembled scene from rest, or from its equilibrium under gravity.
 
-    inputs: shape (inputs, n_samples) [V]; hold_order: 0 for inputs that keep each sample's value until the next, 1 for
+    inputs: shape (inputs, n_samples); hold_order: 0 for inputs that keep each sample's value until the next, 1 for
     inputs that run straight between them
 
-    Returns the outputs (outputs, n_samples), and all coordinates at some 200 times, shape (n_all, n_times). Raises
-    RuntimeError when gravity meets a motion without stiffness.
+    Returns the outputs (outputs, n_samples), the loops' commands (commands, n_samples), and all coordinates at some
+    200 times, shape (n_all, n_times). Raises RuntimeError when gravity meets a motion without stiffness and when a loop
+    runs away.
     """
-    if assembly.circuits:
+    if assembly.scene.loops or not assembly.falls_into_modes:
         return _coupled_response(assembly, inputs, time_step, hold_order)
     modes = assembly.basis @ assembly.shapes
     drives = modes.T @ assembly.input_matrix
@@ -52,7 +57,7 @@ def exact_response(assembly: Assembly, inputs: Array, time_step: float, *, hold_
             amplitude = weight[k] / frequency**2 + _oscillator(force, frequency, damping, time_step, hold_order)
         outputs += readings[:, k : k + 1] * amplitude
         amplitudes[k] = amplitude[seen]
-    return outputs, modes @ amplitudes
+    return outputs, np.zeros((0, inputs.shape[1])), modes @ amplitudes
 
 
 def discretize(state: Array, inputs: Array, time_step: float) -> tuple[Array, Array, Array]:
@@ -73,24 +78,38 @@ def discretize(state: Array, inputs: Array, time_step: float) -> tuple[Array, Ar
     return scale[:, None] * result[:, :n] / scale, *np.split(scale[:, None] * result[:, n:], 2, axis=1)
 
 
-def _coupled_response(assembly: Assembly, inputs: Array, h: float, hold_order: int) -> tuple[Array, Array]:
-    """As exact_response, for states that do not fall apart into modes. Gravity is one more, constant input."""
-    state, forces, readings = state_space(assembly, np.column_stack([assembly.input_matrix, assembly.weight]))
-    driven = np.vstack([inputs, np.ones(inputs.shape[1])])
-    step, held, risen = discretize(state, forces, h)
+def _coupled_response(assembly: Assembly, inputs: Array, h: float, hold_order: int) -> tuple[Array, Array, Array]:
+    """As exact_response, for states that do not fall apart into modes, and for loops."""
+    state, drives, readings = state_space(assembly)
+    phi, held, risen = discretize(state, drives, h)
     x = np.zeros(len(state))
     if np.any(assembly.weight):
         if assembly.frequency[0] <= RIGID * assembly.frequency[-1]:
             raise RuntimeError(NO_EQUILIBRIUM)
-        x = np.linalg.solve(state, -forces[:, -1])
-    pushes = held @ driven[:, :-1] + (risen @ np.diff(driven) if hold_order else 0.0)
-    states = np.empty((driven.shape[1], len(x)))
-    states[0] = x
-    for k, push in enumerate(pushes.T):
-        states[k + 1] = x = step @ x + push
-    seen = np.unique(np.linspace(0, len(states) - 1, CHECKS).astype(int))
+        x = np.linalg.solve(state, -drives[:, -1])
+    n_in, n_samples = inputs.shape
+    pushes = held[:, :-1] @ inputs + held[:, -1:]
+    if hold_order:
+        pushes[:, :-1] += risen[:, :-1] @ np.diff(inputs)
+    loops = start_loops(assembly.scene, h)
     modes = assembly.basis @ assembly.shapes
-    return readings @ states.T, modes @ states[seen, : modes.shape[1]].T
+    outputs = np.empty((n_samples, len(readings)))
+    commands = np.empty((n_samples, len(assembly.scene.commands)))
+    seen = np.unique(np.linspace(0, n_samples - 1, CHECKS).astype(int))
+    coordinates = np.empty((len(modes), len(seen)))
+    k = 0
+    for n, push in enumerate(pushes.T):
+        outputs[n] = readings @ x
+        added, commands[n] = loops(n, outputs[n].copy)
+        if n == seen[k]:
+            coordinates[:, k] = modes @ x[: modes.shape[1]]
+            if assembly.scene.loops:
+                check_runaway(assembly, coordinates[:, k], outputs[: n + 1], h)
+            k += 1
+        x = phi @ x + push
+        if commands.size:
+            x += held[:, :n_in] @ added
+    return outputs.T, commands.T, coordinates
 
 
 def _oscillator(force: Array, omega: float, damping: float, h: float, hold_order: int) -> Array:

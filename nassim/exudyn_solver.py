@@ -2,7 +2,7 @@
 
 import signal
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
@@ -11,7 +11,8 @@ import numpy as np
 
 from nassim.assembly import motion_size
 from nassim.checks import Array
-from nassim.exudyn_state import System
+from nassim.digital import RUNAWAY, runaway, start_loops
+from nassim.exudyn_state import Drive, System
 from nassim.progress import stage
 
 CHECKS = 200
@@ -57,14 +58,15 @@ def solve_dynamic(
     spectral_radius: float,
     progress: bool,
     explicit: bool = False,
-) -> dict[str, Array]:
+) -> tuple[dict[str, Array], Array]:
     """Integrate with a fixed step by generalized-alpha, or explicitly by Runge and Kutta's rule of order 4.
 
     The explicit rule holds each input from its time step to the next, and needs a system without constraints.
 
-    inputs: values at the time steps, shape (n_steps + 1,) each, by name [V]
+    inputs: values at the time steps, shape (n_steps + 1,) each, by name
 
-    Returns the largest `motion_size` of the bodies that some 200 looks at them found, by body.
+    Returns the largest `motion_size` of the bodies that some 200 looks at them found, by body, and what the scene's
+    loops put out, shape (commands, n_steps + 1).
     Ctrl-C ends the run after the step at hand with KeyboardInterrupt; RuntimeError, with time, body and likely cause,
     when the integration fails or diverges.
     """
@@ -77,28 +79,38 @@ def solve_dynamic(
         settings.timeIntegration.generalizedAlpha.computeInitialAccelerations = False
     settings.timeIntegration.generalizedAlpha.spectralRadius = spectral_radius
     settings.solution.sensors.writePeriod = time_step
+    scene = system.assembly.scene
     samples = {name: row.tolist() for name, row in inputs.items()}
-    setters = [(number, samples[name], forces) for number, name, forces in system.drives]
+    drives = [
+        (_follow(drive, samples[drive.input][0], time_step), samples[drive.input], drive) for drive in system.drives
+    ]
+    places = [scene.inputs.index(drive.input) for drive in system.drives]
+    step_loops = start_loops(scene, time_step)
+    commands = np.zeros((n_steps + 1, len(scene.commands)))
+    threshold = RUNAWAY if scene.loops else LOST
     largest = {name: np.zeros(2) for name in system.carriers}
     lost: list[str] = []
     count = 0
+    nothing = np.zeros(len(scene.inputs))
     chunk = max(1, n_steps // CHECKS)
-    set_forces = system.mbs.SetObjectParameter
     system.apply({name: row[0] for name, row in samples.items()})
     with stage("simulate", total=n_steps, unit="steps", enabled=progress) as advance, _interrupts() as interrupts:
 
         def look() -> None:
             for name in system.carriers:
                 now = motion_size(system.assembly, name, system.deformation(name)[:, None])
-                if not np.all(now < LOST):
+                if not np.all(now < threshold):
                     lost.append(name)
                 largest[name] = np.maximum(largest[name], now)
 
         def before_step(_mbs: Any, _time: float) -> bool:
             nonlocal count
+            added = nothing
+            if commands.size:
+                added, commands[count] = step_loops(count, system.measure)
             count += 1
-            for number, row, forces in setters:
-                set_forces(number, "forceVector", row[count - explicit] * forces)
+            for (follow, row, drive), place in zip(drives, places, strict=True):
+                drive.apply(system.mbs, follow(row[count - 1] + added[place], row[count - explicit] + added[place]))
             if count % chunk == 0:
                 advance(chunk)
                 look()
@@ -115,6 +127,9 @@ def solve_dynamic(
             raise KeyboardInterrupt(f"simulation stopped at t = {count * time_step:g} s")
         if not lost:
             look()
+        if lost and scene.loops:
+            outputs = np.column_stack(np.broadcast_arrays(*(system.recorded(s) for s in scene.sensors)))
+            raise RuntimeError(runaway(scene, lost[0], outputs, time_step))
         if lost:
             raise RuntimeError(
                 f"the run diverges: at t = {count * time_step:g} s body {lost[0]!r} is deformed beyond its own size; "
@@ -126,8 +141,27 @@ def solve_dynamic(
                 f"the integration failed at t = {count * time_step:g} s; try a smaller time_step or a "
                 f"spectral_radius below 1. {failure}"
             ) from failure
+        if commands.size:
+            commands[n_steps] = step_loops(n_steps, system.measure)[1]
         advance(n_steps % chunk)
-    return largest
+    return largest, commands.T
+
+
+def _follow(drive: Drive, start: float, time_step: float) -> Callable[[float, float], float]:
+    """What an amplifier puts out at the end of a time step whose input runs straight between two values."""
+    if not np.isfinite(drive.rate):
+        return lambda _before, after: after
+    x = drive.rate * time_step
+    share = -float(np.expm1(-x))
+    slope = 1 - share / x
+    value = start
+
+    def follow(before: float, after: float) -> float:
+        nonlocal value
+        value += share * (before - value) + slope * (after - before)
+        return value
+
+    return follow
 
 
 @contextmanager

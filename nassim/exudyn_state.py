@@ -1,5 +1,6 @@
 """What nassim keeps of an Exudyn system, and the system of a scene in small motion."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -33,12 +34,34 @@ class Carrier:
 
 
 @dataclass(frozen=True)
+class Drive:
+    """How an input acts on an Exudyn system.
+
+    input: name; forces: per unit of it; load: whether number is that of a load, else of an object of `add_forces`
+    rate: of the amplifier between, a low-pass of first order [1/s]
+    """
+
+    number: int
+    input: str
+    forces: Array
+    load: bool = False
+    rate: float = math.inf
+
+    def apply(self, mbs: Any, value: float) -> None:
+        """Set the forces for a value behind the amplifier."""
+        if self.load:
+            mbs.SetLoadParameter(self.number, "loadVector", value * self.forces)
+        else:
+            mbs.SetObjectParameter(self.number, "forceVector", value * self.forces)
+
+
+@dataclass(frozen=True)
 class System:
     """Exudyn's numbers of what a scene consists of.
 
     mbs: the Exudyn system, kept alive by container; assembly: what it models
     nodes: rigid-body node per moving body; carriers: per flexible body that deforms
-    drives: Exudyn's objects that carry forces, with the input that drives each and the forces per unit of that
+    drives: what the inputs act through
     readings: per output, Exudyn's sensors and the weights of their columns
     """
 
@@ -47,13 +70,21 @@ class System:
     assembly: Assembly
     nodes: dict[str, int]
     carriers: dict[str, Carrier]
-    drives: tuple[tuple[int, str, Array], ...]
+    drives: tuple[Drive, ...]
     readings: dict[str, list[tuple[int, Array]]]
 
     def apply(self, inputs: Mapping[str, float]) -> None:
-        """Set the inputs [V]."""
-        for number, name, forces in self.drives:
-            self.mbs.SetObjectParameter(number, "forceVector", inputs[name] * forces)
+        """Set the inputs, as if they had always been so."""
+        for drive in self.drives:
+            drive.apply(self.mbs, inputs[drive.input])
+
+    def measure(self) -> Array:
+        """Present outputs, (outputs,)."""
+        terms = [
+            sum(float(self.mbs.GetSensorValues(number) @ weights) for number, weights in self.readings[sensor.name])
+            for sensor in self.assembly.scene.sensors
+        ]
+        return np.array(terms, dtype=float)
 
     def deformation(self, name: str) -> Array:
         """Present coordinates of a flexible body that deforms, as `ReducedBody` orders them, shape (n,)."""
@@ -77,6 +108,7 @@ def small_motion_system(assembly: Assembly) -> System:
     container = exu.SystemContainer()
     mbs = container.AddSystem()
     n = len(assembly.mass)
+    forces = assembly.basis.T @ assembly.input_matrix
     node = mbs.AddNode(modal_node(n))
     mbs.AddObject(
         eii.ObjectGenericODE2(
@@ -85,12 +117,15 @@ def small_motion_system(assembly: Assembly) -> System:
             stiffnessMatrix=assembly.stiffness,
             dampingMatrix=modal_damping_matrix(
                 assembly.mass, assembly.frequency, assembly.shapes, assembly.damping_ratio
-            ),
+            )
+            + assembly.damper_matrix,
             forceVector=assembly.basis.T @ assembly.weight,
         )
     )
-    forces = assembly.basis.T @ assembly.input_matrix
-    drives = [(add_forces(mbs, [node], n), name, forces[:, k]) for k, name in enumerate(scene.inputs)]
+    drives = [Drive(add_forces(mbs, [node], n), name, forces[:, k]) for k, name in enumerate(scene.inputs)]
+    for a in assembly.amplifiers:
+        pushes = assembly.basis.T @ a.forces
+        drives.append(Drive(add_forces(mbs, [node], n), scene.inputs[a.input], pushes, rate=a.rate))
     kind = exu.OutputVariableType.Coordinates
     sensor = mbs.AddSensor(
         eii.SensorNode(nodeNumber=node, outputVariableType=kind, storeInternal=True, writeToFile=False)

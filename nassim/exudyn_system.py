@@ -14,10 +14,11 @@ from exudyn.rigidBodyUtilities import GetRigidBodyNode
 
 from nassim.assembly import Assembly, assemble, deformable_bodies, deformation_damping
 from nassim.checks import Array
-from nassim.exudyn_state import Carrier, System, add_circuit, add_forces, modal_node, small_motion_system
+from nassim.exudyn_parts import add_actuator, add_sensor, add_spring
+from nassim.exudyn_state import Carrier, System, add_circuit, modal_node, small_motion_system
 from nassim.floating_frame import FloatingFrame
 from nassim.interface import DIRECTIONS, rigid_transfer
-from nassim.parts import Actuator, Encoder, FlexibleBody, Joint, RigidBody, Sensor, StackSensor, VoltageSensor
+from nassim.parts import FlexibleBody, Joint, RigidBody
 from nassim.scene import Scene
 
 # Corners of a regular tetrahedron: equal weights on four pilots there give a remote point's motion exactly.
@@ -62,8 +63,10 @@ def build_system(scene: Scene) -> System:
     for joint in scene.joints:
         if assembly.enforced[joint.name]:
             _add_joint(mbs, joint, assembly.enforced[joint.name], objects, markers, rigid)
-    drives = [drive for actuator in scene.actuators for drive in _add_actuator(mbs, scene, actuator, carriers)]
-    readings = {s.name: _add_sensor(mbs, scene, s, objects, carriers) for s in scene.sensors}
+    for spring in scene.springs:
+        add_spring(mbs, spring, objects, rigid)
+    drives = [d for a in scene.actuators for d in add_actuator(mbs, scene, a, nodes, objects, rigid, carriers)]
+    readings = {s.name: add_sensor(mbs, scene, s, objects, carriers) for s in scene.sensors}
     for circuit in assembly.circuits:
         if circuit.body in carriers:
             parts = carriers[circuit.body].parts(circuit.forces)
@@ -231,55 +234,6 @@ def _add_joint(
             constrainedAxes=[int(direction in enforced) for direction in DIRECTIONS],
         )
     )
-
-
-def _add_actuator(
-    mbs: Any, scene: Scene, actuator: Actuator, carriers: dict[str, Carrier]
-) -> list[tuple[int, str, Array]]:
-    """Forces in balance inside a body do no work on its frame, so they act on coordinates of deformation only."""
-    parts = _parts(scene, actuator, carriers)
-    if not parts:
-        return []
-    forces = np.concatenate([row for _, row in parts])
-    return [(add_forces(mbs, [node for node, _ in parts], len(forces)), actuator.input, forces)]
-
-
-def _add_sensor(
-    mbs: Any, scene: Scene, sensor: Sensor, objects: dict[str, int], carriers: dict[str, Carrier]
-) -> list[tuple[int, Array]]:
-    kept = {"storeInternal": True, "writeToFile": False}
-    if not isinstance(sensor, Encoder):
-        kind = exu.OutputVariableType.Coordinates
-        return [
-            (
-                mbs.AddSensor(eii.SensorNode(nodeNumber=node, outputVariableType=kind, **kept)),
-                row,
-            )
-            for node, row in _parts(scene, sensor, carriers)
-        ]
-    result = []
-    for path, sign in ((sensor.a, -1.0), (sensor.b, 1.0)):
-        body, point = scene.split(path)
-        assert isinstance(body, RigidBody)
-        if not body.fixed:
-            number = mbs.AddSensor(
-                eii.SensorBody(
-                    bodyNumber=objects[body.name],
-                    localPosition=list(body.points[point]),
-                    outputVariableType=exu.OutputVariableType.Displacement,
-                    **kept,
-                )
-            )
-            result.append((number, sign * np.eye(3)["xyz".index(sensor.axis)]))
-    return result
-
-
-def _parts(
-    scene: Scene, part: Actuator | StackSensor | VoltageSensor, carriers: dict[str, Carrier]
-) -> list[tuple[int, Array]]:
-    """A part's row over the coordinates of its body, split by nodes; empty in a rigid body."""
-    body, row = scene.body_row(part)
-    return carriers[body.name].parts(row) if body.name in carriers else []
 
 
 def _damping_blocks(assembly: Assembly) -> dict[tuple[str, str], Array]:

@@ -49,13 +49,13 @@ def linearize(scene: Scene) -> LinearModel:
     """The scene's linear model about its start, with the modal damping that the scene states.
 
     The states are the minimal coordinates' modal amplitudes and their rates, then the charges of ports that leak (as
-    volts). Gravity's effect on stiffness and gyroscopic terms of a spinning body are not part of it.
+    volts) and the outputs of amplifiers with a bandwidth. The scene's loops are open. Gravity's effect on stiffness and
+    gyroscopic terms of a spinning body are not part of it.
     """
-    a = assemble(scene)
-    state, forces, readings = state_space(a, a.input_matrix)
+    state, drives, readings = state_space(assemble(scene))
     feedthrough = np.zeros((len(scene.outputs), len(scene.inputs)))
     units = tuple(sensor.unit for sensor in scene.sensors)
-    return LinearModel(state, forces, readings, feedthrough, scene.inputs, scene.outputs, units)
+    return LinearModel(state, drives[:, :-1], readings, feedthrough, scene.inputs, scene.outputs, units)
 
 
 def frequency_response(model: LinearModel, frequency: Array, *, label: str = "linear model") -> FRF:

@@ -1,4 +1,4 @@
-"""Parts of scenes: bodies, joints, actuators and sensors as pure data, connected by name."""
+"""Parts of scenes: bodies, joints, actuators, sensors and loops as pure data, connected by name."""
 
 import math
 from collections.abc import Mapping
@@ -7,10 +7,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from nassim.body import ReducedBody
-from nassim.checks import Array, finite, finite_array, freeze, frozen_mapping, known, not_negative, positive
+from nassim.checks import Array, finite, finite_array, freeze, frozen_mapping, known, not_negative, positive, unique
+from nassim.control import Controller
 from nassim.interface import DIRECTIONS
 
 FIDELITIES = ("rigid", "linear", "ffrf")
+AXES = ("x", "y", "z")
 
 
 @dataclass(frozen=True)
@@ -137,6 +139,7 @@ class StackActuator:
     start, end: the remote points, "body.point"; the force acts along the line through them
     force_per_volt: blocked force per volt at the stack [N/V]; gain: amplifier, stack voltage per input [V/V]
     input: name of the scene's input [V]
+    bandwidth: of the amplifier, a low-pass of first order, -3 dB [Hz]
     """
 
     name: str
@@ -145,9 +148,12 @@ class StackActuator:
     force_per_volt: float
     input: str
     gain: float = 1.0
+    bandwidth: float = math.inf
+    unit: str = field(default="V", init=False)
 
     def __post_init__(self) -> None:
         freeze(self, force_per_volt=finite("force_per_volt", self.force_per_volt), gain=finite("gain", self.gain))
+        _above_zero(f"actuator {self.name!r}: bandwidth", self.bandwidth, "Hz")
 
 
 @dataclass(frozen=True)
@@ -182,7 +188,7 @@ class Encoder:
     unit: str = field(default="m", init=False)
 
     def __post_init__(self) -> None:
-        known("axis", self.axis, ("x", "y", "z"))
+        known("axis", self.axis, AXES)
 
 
 @dataclass(frozen=True)
@@ -190,15 +196,77 @@ class VoltageDrive:
     """An amplifier that drives an electrical port of a flexible body, whatever current that takes.
 
     port: "body.port"; input: name of the scene's input [V]; gain: amplifier, port voltage per input [V/V]
+    bandwidth: of the amplifier, a low-pass of first order, -3 dB [Hz]
     """
 
     name: str
     port: str
     input: str
     gain: float = 1.0
+    bandwidth: float = math.inf
+    unit: str = field(default="V", init=False)
 
     def __post_init__(self) -> None:
         freeze(self, gain=finite("gain", self.gain))
+        _above_zero(f"drive {self.name!r}: bandwidth", self.bandwidth, "Hz")
+
+
+@dataclass(frozen=True)
+class PointForce:
+    """A force on a point of a rigid body, along an axis of the world's frame.
+
+    point: "body.point"; axis: "x", "y" or "z"; input: name of the scene's input [N]
+    """
+
+    name: str
+    point: str
+    axis: str
+    input: str
+    unit: str = field(default="N", init=False)
+
+    def __post_init__(self) -> None:
+        known("axis", self.axis, AXES)
+
+
+@dataclass(frozen=True)
+class GroundAcceleration:
+    """Acceleration of the ground with all fixed bodies, along an axis; motions are then relative to the ground.
+
+    In the ground's frame it acts as an opposite, uniform gravity. axis: "x", "y" or "z"
+    input: name of the scene's input [m/s2]
+    """
+
+    name: str
+    axis: str
+    input: str
+    unit: str = field(default="m/s2", init=False)
+
+    def __post_init__(self) -> None:
+        known("axis", self.axis, AXES)
+
+
+@dataclass(frozen=True)
+class SpringDamper:
+    """A spring and a viscous damper in parallel between two points of rigid bodies, along an axis of the world's frame.
+
+    a, b: "body.point"; axis: "x", "y" or "z"; stiffness [N/m]; damping [N s/m]
+    """
+
+    name: str
+    a: str
+    b: str
+    axis: str = "z"
+    stiffness: float = 0.0
+    damping: float = 0.0
+
+    def __post_init__(self) -> None:
+        label = f"spring-damper {self.name!r}"
+        known("axis", self.axis, AXES)
+        freeze(
+            self,
+            stiffness=not_negative(f"{label}: stiffness", self.stiffness, "N/m"),
+            damping=not_negative(f"{label}: damping", self.damping, "N s/m"),
+        )
 
 
 @dataclass(frozen=True)
@@ -220,10 +288,7 @@ class VoltageSensor:
 
     def __post_init__(self) -> None:
         label = f"voltage sensor {self.name!r}"
-        if not self.resistance > 0:
-            raise ValueError(
-                f"{label}: resistance must be positive, got {self.resistance:g} Ohm; inf for an open circuit"
-            )
+        _above_zero(f"{label}: resistance", self.resistance, "Ohm")
         freeze(
             self,
             resistance=float(self.resistance),
@@ -232,5 +297,47 @@ class VoltageSensor:
         )
 
 
-Actuator = StackActuator | VoltageDrive
+Actuator = StackActuator | VoltageDrive | PointForce | GroundAcceleration
 Sensor = StackSensor | VoltageSensor | Encoder
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A digital controller between named outputs and inputs of a scene; what it computes adds to the excitation.
+
+    measured: outputs, in the order of the controller's inputs; driven: inputs, in the order of its outputs
+    input_step, input_limit: resolution and range of the analogue-to-digital converters, in the outputs' units
+    output_step: resolution of the digital-to-analogue converters, in the inputs' units; 0: none
+    """
+
+    name: str
+    controller: Controller
+    measured: tuple[str, ...]
+    driven: tuple[str, ...]
+    input_step: float = 0.0
+    input_limit: float = math.inf
+    output_step: float = 0.0
+
+    def __post_init__(self) -> None:
+        label = f"loop {self.name!r}"
+        measured, driven = ((n,) if isinstance(n, str) else tuple(n) for n in (self.measured, self.driven))
+        n_out, n_in = self.controller.D.shape
+        if (len(driven), len(measured)) != (n_out, n_in):
+            raise ValueError(
+                f"{label}: its controller has {n_in} input(s) and {n_out} output(s), but it measures {len(measured)} "
+                f"and drives {len(driven)} signal(s)"
+            )
+        for name in ("input_step", "output_step"):
+            not_negative(f"{label}: {name}", getattr(self, name))
+        _above_zero(f"{label}: input_limit", self.input_limit)
+        freeze(self, measured=unique(f"{label}: measured", measured), driven=unique(f"{label}: driven", driven))
+
+    @property
+    def commands(self) -> tuple[str, ...]:
+        """Names of its signals in records: its own for one driven input, else "name.input"."""
+        return (self.name,) if len(self.driven) == 1 else tuple(f"{self.name}.{name}" for name in self.driven)
+
+
+def _above_zero(label: str, value: float, unit: str = "") -> None:
+    if not value > 0:
+        raise ValueError(f"{label} must be positive, got {value:g} {unit}".rstrip() + "; inf for none")

@@ -13,8 +13,11 @@ from nassim.parts import (
     Encoder,
     FlexibleBody,
     Joint,
+    Loop,
+    PointForce,
     RigidBody,
     Sensor,
+    SpringDamper,
     StackActuator,
     StackSensor,
     VoltageDrive,
@@ -32,6 +35,7 @@ class Scene:
 
     bodies, joints, actuators, sensors: the parts; names must differ within each kind. An electrical port that is
         neither driven nor measured is short-circuited.
+    springs: spring-dampers; loops: digital controllers, which run in `simulate`
     damping_ratio: of every eigenmode of the assembled scene [-], one number or one per mode from the lowest (the
         remaining modes then have the last). It is realised as a damping of the flexible bodies' deformation.
     gravity: acceleration, world frame, shape (3,) [m/s2]; with any, simulations start in static equilibrium
@@ -46,6 +50,8 @@ class Scene:
     joints: tuple[Joint, ...] = ()
     actuators: tuple[Actuator, ...] = ()
     sensors: tuple[Sensor, ...] = ()
+    springs: tuple[SpringDamper, ...] = ()
+    loops: tuple[Loop, ...] = ()
     damping_ratio: ArrayLike = 0.01
     gravity: Array = field(default_factory=lambda: np.zeros(3))
     cutoff_frequency: float | None = None
@@ -63,6 +69,8 @@ class Scene:
             joints=tuple(self.joints),
             actuators=tuple(self.actuators),
             sensors=tuple(self.sensors),
+            springs=tuple(self.springs),
+            loops=tuple(self.loops),
             damping_ratio=finite_array("damping_ratio", ratio, (None,)),
             gravity=finite_array("gravity", self.gravity, (3,)),
         )
@@ -71,6 +79,8 @@ class Scene:
             ("joint", self.joints),
             ("actuator", self.actuators),
             ("sensor", self.sensors),
+            ("spring", self.springs),
+            ("loop", self.loops),
         ):
             unique(kind, (part.name for part in parts))
         if not any(not isinstance(body, RigidBody) or not body.fixed for body in self.bodies):
@@ -87,12 +97,28 @@ class Scene:
         for stack in self.stacks:
             self._check_stack(stack)
         self._check_ports()
-        for sensor in self.sensors:
-            if isinstance(sensor, Encoder):
-                for path in (sensor.a, sensor.b):
+        self._check_points()
+        self._check_inputs()
+
+    def _check_points(self) -> None:
+        for part in (*self.springs, *self.actuators, *self.sensors):
+            if isinstance(part, (Encoder, SpringDamper, PointForce)):
+                for path in (part.point,) if isinstance(part, PointForce) else (part.a, part.b):
                     if not isinstance(self.split(path)[0], RigidBody):
-                        raise ValueError(f"encoder {sensor.name!r}: {path!r} must be a point of a rigid body")
+                        raise ValueError(f"{part.name!r}: {path!r} must be a point of a rigid body")
                     self.point_position(path)
+
+    def _check_inputs(self) -> None:
+        for actuator in self.actuators:
+            if actuator.unit != self.input_unit(actuator.input):
+                raise ValueError(
+                    f"input {actuator.input!r} cannot be both {actuator.unit} and {self.input_unit(actuator.input)}"
+                )
+        for loop in self.loops:
+            for name in loop.measured:
+                known("output", name, self.outputs)
+            for name in loop.driven:
+                known("input", name, self.inputs)
 
     def _check_ports(self) -> None:
         paths = [part.port for part in self.port_parts]
@@ -181,7 +207,7 @@ class Scene:
         parts: tuple[Actuator | Sensor, ...] = (*self.actuators, *self.sensors)
         return tuple(part for part in parts if isinstance(part, (VoltageDrive, VoltageSensor)))
 
-    def body_row(self, part: Actuator | StackSensor | VoltageSensor) -> tuple[FlexibleBody, Array]:
+    def body_row(self, part: StackActuator | VoltageDrive | StackSensor | VoltageSensor) -> tuple[FlexibleBody, Array]:
         """The flexible body that a part belongs to, and its row over the reduced coordinates, shape (n,).
 
         Of an actuator: forces on the coordinates per unit input; of a sensor: its output per unit of the coordinates,
@@ -203,8 +229,17 @@ class Scene:
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names of the inputs [V]."""
+        """Names of the inputs."""
         return tuple(dict.fromkeys(a.input for a in self.actuators))
+
+    @property
+    def commands(self) -> tuple[str, ...]:
+        """Names of what the loops' controllers put out."""
+        return tuple(name for loop in self.loops for name in loop.commands)
+
+    def input_unit(self, name: str) -> str:
+        """Unit of an input."""
+        return next(a.unit for a in self.actuators if a.input == name)
 
     @property
     def outputs(self) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ import numpy as np
 
 from nassim.assembly import Assembly, assemble, motion_size
 from nassim.checks import Array, known, positive
+from nassim.digital import samples_per_period
 from nassim.exact import exact_response
 from nassim.exudyn_solver import eigenfrequencies, solve_dynamic, solve_static
 from nassim.exudyn_system import build_system
@@ -40,7 +41,7 @@ def simulate(
 
     excitation: one signal per input of the scene; between its samples it runs straight
     time_step: of the integrator [s]; duration [s] (default: the excitation's)
-    outputs: names (default: all of the scene)
+    outputs: names (default: all of the scene, then what its loops put out)
     method: "generalized_alpha", Exudyn's implicit integrator, for every scene; "exact", the exact discrete-time
         solution of scenes in small motion (see `Scene.in_small_motion`), a hundred times as fast; "explicit", the
         Runge-Kutta rule of order 4, for the same scenes, which holds inputs like hold_order 0
@@ -56,9 +57,10 @@ def simulate(
     shortest period fewer than 8 steps; RuntimeError when the integration fails or diverges.
     """
     known("method", method, METHODS)
-    names = scene.outputs if outputs is None else tuple(outputs)
+    available = (*scene.outputs, *scene.commands)
+    names = available if outputs is None else tuple(outputs)
     for name in names:
-        known("output", name, scene.outputs)
+        known("output", name, available)
     if not 0.0 <= spectral_radius <= 1.0:
         raise ValueError(f"spectral_radius must lie in 0 ... 1, got {spectral_radius:g}")
     if hold_order not in (0, 1):
@@ -83,18 +85,22 @@ def simulate(
     rows = [np.interp(time + excitation.time[0], excitation.time, row) for row in excitation.values]
     driven = np.reshape(rows, (len(excitation.names), n_steps + 1))
     signals = dict(zip(excitation.names, driven, strict=True))
+    for loop in scene.loops:
+        samples_per_period(loop, time_step)
     if method == "exact":
         readings = _solve_exactly(scene, signals, n_steps, time_step, hold_order)
     else:
         if method == "explicit":
             _check_stability(scene, time_step)
         readings = _integrate(scene, signals, n_steps, time_step, spectral_radius, progress, method == "explicit")
-    chosen = [scene.outputs.index(name) for name in names]
+    units = [*(sensor.unit for sensor in scene.sensors)]
+    units += [scene.input_unit(name) for loop in scene.loops for name in loop.driven]
+    chosen = [(*scene.outputs, *scene.commands).index(name) for name in names]
     return TimeHistory(
         time,
         np.vstack([driven, readings[chosen]]),
         (*excitation.names, *names),
-        (*excitation.units, *(scene.sensors[k].unit for k in chosen)),
+        (*excitation.units, *(units[k] for k in chosen)),
     )
 
 
@@ -111,7 +117,7 @@ def _integrate(
     if np.any(scene.gravity):
         system.apply({name: row[0] for name, row in signals.items()})
         solve_static(system)
-    largest = solve_dynamic(
+    largest, commands = solve_dynamic(
         system,
         signals,
         n_steps=n_steps,
@@ -122,7 +128,7 @@ def _integrate(
     )
     _warn_of_motion(system.assembly, largest)
     readings = [np.broadcast_to(system.recorded(s), (n_steps + 1,)) for s in scene.sensors]
-    return np.reshape(readings, (len(scene.sensors), n_steps + 1))
+    return np.vstack([np.reshape(readings, (len(scene.sensors), n_steps + 1)), commands])
 
 
 def _solve_exactly(
@@ -131,11 +137,11 @@ def _solve_exactly(
     _check_small_motion(scene, "exact")
     assembly = assemble(scene)
     driven = np.reshape([signals[name] for name in scene.inputs], (len(scene.inputs), n_steps + 1))
-    readings, coordinates = exact_response(assembly, driven, time_step, hold_order=hold_order)
+    readings, commands, coordinates = exact_response(assembly, driven, time_step, hold_order=hold_order)
     _warn_of_motion(
         assembly, {name: motion_size(assembly, name, coordinates[place]) for name, place in assembly.slices.items()}
     )
-    return readings
+    return np.vstack([readings, commands])
 
 
 def _warn_of_motion(assembly: Assembly, largest: Mapping[str, Array]) -> None:

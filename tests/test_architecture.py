@@ -25,7 +25,8 @@ LAYERS = (
     ("reduction",),
     ("floating_frame", "fullmodel", "scene"),
     ("assembly",),
-    ("linear", "exudyn_state", "exact"),
+    ("linear", "exudyn_state", "digital"),
+    ("exact", "exudyn_parts"),
     ("exudyn_system",),
     ("exudyn_solver",),
     ("simulation",),
@@ -33,7 +34,7 @@ LAYERS = (
 )
 LAYER = {name: number for number, names in enumerate(LAYERS) for name in names}
 IMPORTERS = {
-    "exudyn": {"exudyn_solver", "exudyn_state", "exudyn_system"},
+    "exudyn": {"exudyn_parts", "exudyn_solver", "exudyn_state", "exudyn_system"},
     "h5py": {"storage"},
     "matplotlib": {"plotting"},
     "netgen": {"geometry", "meshing"},

@@ -361,7 +361,7 @@ def exudyns_own_frf(scene, frequency):
     (node, count), *_ = system.carriers["apa"].nodes
     place = mbs.GetNodeODE2Index(node)
     forces, readings = np.zeros(n), np.zeros((2, n))
-    forces[place : place + count] = system.drives[0][2]
+    forces[place : place + count] = system.drives[0].forces
     readings[0, place : place + count] = system.readings["sensor_voltage"][0][1]
     if scene.in_small_motion:
         readings[1, place : place + count] = system.readings["encoder"][0][1]

@@ -1,0 +1,115 @@
+"""What a digital controller does with every sample: convert, compute, saturate, wait, convert."""
+
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+
+from nassim.assembly import Assembly, motion_size
+from nassim.checks import Array
+from nassim.parts import Loop
+from nassim.scene import Scene
+
+RUNAWAY = 0.1
+"""A deformation of this share of a body's size, or this rotation [rad], means that a loop is unstable."""
+
+
+def samples_per_period(loop: Loop, time_step: float) -> int:
+    """Time steps in one sample period of a loop; ValueError when that is not a whole number."""
+    steps = 1 / (loop.controller.sample_rate * time_step)
+    whole = round(steps)
+    if whole < 1 or abs(steps - whole) > 1e-6 * whole:
+        raise ValueError(
+            f"loop {loop.name!r} samples at {loop.controller.sample_rate:g} Hz, every {steps:.6g} time steps of "
+            f"{time_step:g} s; take time_step = {1 / loop.controller.sample_rate:g} s over a whole number"
+        )
+    return whole
+
+
+def start_controller(loop: Loop) -> Callable[[Array], Array]:
+    """A controller at rest: a function that takes the measured outputs at a sample, (measured,), and returns what the
+    loop then adds to its inputs until the next sample, (driven,).
+    """
+    c = loop.controller
+    state = np.zeros(len(c.A))
+    waiting = deque(np.zeros((c.delay, len(loop.driven))))
+
+    def step(measured: Array) -> Array:
+        nonlocal state
+        seen = _converted(measured, loop.input_step, loop.input_limit)
+        computed = _converted(c.C @ state + c.D @ seen, loop.output_step, c.limit)
+        state = c.A @ state + c.B @ seen
+        waiting.append(computed)
+        return waiting.popleft()
+
+    return step
+
+
+def _converted(values: Array, step: float, limit: float) -> Array:
+    limited = np.clip(values, -limit, limit)
+    return step * np.round(limited / step) if step else limited
+
+
+Step = Callable[[int, Callable[[], Array]], tuple[Array, Array]]
+
+
+def start_loops(scene: Scene, time_step: float) -> Step:
+    """All loops of a scene at rest: a function step(n, measure) to be called at every time step n = 0, 1, ...
+
+    measure: returns the scene's outputs at that time, (outputs,); called only where a loop takes a sample
+
+    The function returns what the loops add to the scene's inputs until the next step, (inputs,), and their commands in
+    the order of `Scene.commands`.
+    """
+    loops = [
+        (
+            samples_per_period(loop, time_step),
+            start_controller(loop),
+            [scene.outputs.index(name) for name in loop.measured],
+            [scene.inputs.index(name) for name in loop.driven],
+            np.zeros(len(loop.driven)),
+        )
+        for loop in scene.loops
+    ]
+
+    def step(n: int, measure: Callable[[], Array]) -> tuple[Array, Array]:
+        due = [n % period == 0 for period, *_ in loops]
+        outputs = measure() if any(due) else None
+        total = np.zeros(len(scene.inputs))
+        for now, (_, control, measured, driven, command) in zip(due, loops, strict=True):
+            if now:
+                assert outputs is not None
+                command[:] = control(outputs[measured])
+            total[driven] += command
+        return total, np.concatenate([np.zeros(0), *(command for *_, command in loops)])
+
+    return step
+
+
+def check_runaway(assembly: Assembly, coordinates: Array, outputs: Array, time_step: float) -> None:
+    """Raise RuntimeError when a loop has driven a body beyond what it can bear.
+
+    coordinates: of all bodies now, (n_all,); outputs: of the scene from the start until now, (n_samples, outputs)
+    """
+    for name, place in assembly.slices.items():
+        if not np.all(motion_size(assembly, name, coordinates[place][:, None]) < RUNAWAY):
+            raise RuntimeError(runaway(assembly.scene, name, outputs, time_step))
+
+
+def runaway(scene: Scene, body: str, outputs: Array, time_step: float) -> str:
+    """What to say of a loop that runs away: when, which of its signals has grown most, and by how much.
+
+    outputs: of the scene from the start until now, (n_samples, outputs)
+    """
+    n = len(outputs)
+    recent, before = outputs[-max(1, n // 8) :], outputs[: max(1, n // 2)]
+    size = np.abs(recent).max(axis=0)
+    growth = size / np.maximum(np.abs(before).max(axis=0), np.finfo(float).tiny)
+    measured = [scene.outputs.index(name) for loop in scene.loops for name in loop.measured]
+    worst = max(measured, key=lambda k: growth[k])
+    names = ", ".join(repr(loop.name) for loop in scene.loops)
+    return (
+        f"the closed loop is unstable: at t = {(n - 1) * time_step:g} s {scene.outputs[worst]!r} has grown to "
+        f"{size[worst]:.3g} {scene.sensors[worst].unit} and body {body!r} is deformed by more than "
+        f"{100 * RUNAWAY:g} % of its size; check the sign, gain and delay of loop {names} on the linear model"
+    )
