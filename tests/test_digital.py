@@ -1,0 +1,259 @@
+"""Loops, amplifiers, forces, ground acceleration and dampers in simulations, against closed forms and each other."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from models.bench import make_bench
+from nassim import (
+    Encoder,
+    FlexibleBody,
+    GroundAcceleration,
+    Joint,
+    Loop,
+    PointForce,
+    RigidBody,
+    Scene,
+    SpringDamper,
+    TimeHistory,
+    frequency_response,
+    linearize,
+    simulate,
+)
+from nassim.control import Controller
+from nassim.digital import start_controller
+from nassim.simulation import exudyn_eigenfrequencies
+
+STEP = 1e-4
+GAIN = Controller(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[2.0]], 1e4, delay=0)
+
+
+def integrator(gain, **options):
+    """gain / s by Tustin's rule at 10 kHz."""
+    return Controller([[1.0]], [[STEP]], [[gain]], [[gain * STEP / 2]], 1 / STEP, **options)
+
+
+def pulse(name="actuator_voltage", unit="V", duration=0.2, size=0.05, time_step=STEP):
+    time = np.arange(round(duration / time_step) + 1) * time_step
+    return TimeHistory(time, size * np.exp(-(((time - 0.02) / 0.004) ** 2)), (name,), (unit,))
+
+
+def with_iff(gain=-20.0, apa=None, fidelity="linear", **options):
+    bench = make_bench(apa=apa, fidelity=fidelity, damping_ratio=0.002)
+    loop_options = {key: options.pop(key) for key in ("input_step", "input_limit", "output_step") if key in options}
+    loop = Loop("iff", integrator(gain, **options), "sensor_voltage", "actuator_voltage", **loop_options)
+    return replace(bench, loops=(loop,))
+
+
+def test_controller_computes_delays_and_saturates():
+    loop = Loop("p", replace(GAIN, delay=2, limit=5.0), "y", "u", input_step=0.5, output_step=2.0)
+    step = start_controller(loop)
+    put_out = [float(step(np.array([y]))[0]) for y in (1.2, 0.1, -9.0, 0.0, 0.0)]
+    # Read as 1.0, 0.0, -9.0; times 2, limited to 5, rounded to even numbers, two samples late.
+    assert put_out == [0.0, 0.0, 2.0, 0.0, -4.0]
+
+
+def test_integrator_state():
+    step = start_controller(Loop("i", integrator(3.0, delay=0), "y", "u"))
+    total = [float(step(np.array([1.0]))[0]) for _ in range(5)]
+    assert np.allclose(total, 3.0 * STEP * (np.arange(5) + 0.5))
+
+
+def test_a_loop_without_effect_changes_nothing(apa):
+    free = make_bench(apa=apa, fidelity="linear", damping_ratio=0.002)
+    idle = with_iff(0.0, apa)
+    plain, looped = (simulate(s, pulse(), time_step=STEP, method="exact", progress=False) for s in (free, idle))
+    assert looped.names == (*plain.names, "iff")
+    assert not np.any(looped["iff"])
+    size = np.abs(plain["encoder"]).max()
+    assert np.allclose(looped["encoder"], plain["encoder"], atol=1e-9 * size), "modal and dense steps agree"
+
+
+def test_fidelities_agree_in_closed_loop(apa):
+    """Exact steps against Exudyn's in both fidelities; the difference is the integrator's."""
+
+    def run(fidelity, method, h):
+        record = simulate(with_iff(apa=apa, fidelity=fidelity), pulse(), time_step=h, method=method, progress=False)
+        return record.values[1:, :: round(STEP / h)]
+
+    reference = run("linear", "exact", STEP)
+    size = np.abs(reference).max(axis=1)
+    for fidelity in ("linear", "ffrf"):
+        error = np.abs(run(fidelity, "generalized_alpha", STEP / 2) - reference).max(axis=1) / size
+        assert np.all(error < 1e-2), error
+        assert error[1] < 5e-3
+
+
+def test_command_is_what_the_controller_makes_of_the_record(apa):
+    record = simulate(with_iff(apa=apa), pulse(), time_step=STEP, method="exact", progress=False)
+    step = start_controller(with_iff(apa=apa).loops[0])
+    again = [float(step(np.array([y]))[0]) for y in record["sensor_voltage"]]
+    assert np.allclose(record["iff"], again, atol=1e-15)
+
+
+def test_held_between_samples(apa):
+    bench = with_iff(apa=apa)
+    record = simulate(bench, pulse(), time_step=STEP / 4, method="exact", progress=False)
+    blocks = record["iff"][:-1].reshape(-1, 4)
+    assert np.ptp(blocks, axis=1).max() == 0.0
+    assert np.any(blocks)
+
+
+@pytest.mark.parametrize("method", ["exact", "generalized_alpha"])
+def test_unstable_loop_stops_and_says_what_grows(apa, method):
+    text = r"unstable: at t = 0\.\d+ s 'sensor_voltage' has grown to .* V and body 'apa' .*sign, gain and delay of loop"
+    with pytest.raises(RuntimeError, match=text):
+        simulate(with_iff(+40.0, apa), pulse(duration=0.8), time_step=STEP, method=method, progress=False)
+
+
+def test_saturation_keeps_an_unstable_loop_bounded(apa):
+    record = simulate(with_iff(+40.0, apa, limit=0.2), pulse(), time_step=STEP, method="exact", progress=False)
+    assert np.abs(record["iff"]).max() == pytest.approx(0.2)
+
+
+def test_quantisation_is_seen(apa):
+    coarse = with_iff(apa=apa, output_step=1e-3)
+    record = simulate(coarse, pulse(), time_step=STEP, method="exact", progress=False)
+    steps = record["iff"] / 1e-3
+    assert np.allclose(steps, np.round(steps), atol=1e-9)
+    assert np.any(steps)
+
+
+@pytest.mark.parametrize(("fidelity", "method"), [("linear", "generalized_alpha"), ("ffrf", "generalized_alpha")])
+def test_amplifier_bandwidth(apa, fidelity, method):
+    """Against the exact solution, whose transfer function is that without amplifier times its low-pass."""
+
+    def bench(kind, bandwidth):
+        scene = make_bench(apa=apa, fidelity=kind)
+        return replace(scene, actuators=(replace(scene.actuators[0], bandwidth=bandwidth),))
+
+    frequency = np.geomspace(10, 1000, 20)
+    ideal = frequency_response(linearize(bench("linear", np.inf)), frequency).values
+    real = frequency_response(linearize(bench("linear", 300.0)), frequency).values
+    assert np.allclose(real, ideal / (1 + 1j * frequency / 300.0), rtol=1e-9)
+    reference = simulate(bench("linear", 300.0), pulse(), time_step=STEP, method="exact", progress=False)
+    found = simulate(bench(fidelity, 300.0), pulse(), time_step=STEP, method=method, progress=False)
+    assert np.abs(found["encoder"] - reference["encoder"]).max() < 0.02 * np.abs(reference["encoder"]).max()
+
+
+MASS, STIFFNESS, DAMPING = 2.0, 3e5, 40.0
+
+
+def oscillator(fidelity=None):
+    """A mass on a spring-damper above the ground, guided along z; with a fidelity, a free flexible body beside it."""
+    bodies = (
+        RigidBody("ground", {"top": np.zeros(3)}, fixed=True),
+        RigidBody("mass", {"centre": np.zeros(3)}, MASS, 0.01 * np.eye(3)),
+    )
+    return Scene(
+        "oscillator",
+        bodies,
+        joints=(Joint("guide", "ground.top", "mass.centre", free=("z",)),),
+        actuators=(
+            PointForce("push", "mass.centre", "z", "force"),
+            GroundAcceleration("quake", "z", "acceleration"),
+        ),
+        sensors=(Encoder("position", "ground.top", "mass.centre"),),
+        springs=(SpringDamper("spring", "ground.top", "mass.centre", "z", STIFFNESS, DAMPING),),
+    )
+
+
+def test_spring_damper_force_and_ground_in_closed_form():
+    frequency = np.geomspace(1, 500, 40)
+    s = 2j * np.pi * frequency
+    receptance = 1 / (MASS * s**2 + (DAMPING + 0.02 * np.sqrt(STIFFNESS * MASS)) * s + STIFFNESS)
+    frf = frequency_response(linearize(oscillator()), frequency)
+    assert np.allclose(frf.response("position", "force"), receptance, rtol=1e-10)
+    assert np.allclose(frf.response("position", "acceleration"), -MASS * receptance, rtol=1e-10)
+
+
+@pytest.mark.parametrize("name", ["force", "acceleration"])
+def test_spring_damper_in_exudyn(name):
+    """A scene of rigid bodies only, by Exudyn's connectors and loads, without modal damping."""
+    scene = replace(oscillator(), damping_ratio=0.0)
+    assert exudyn_eigenfrequencies(scene)[-1] == pytest.approx(np.sqrt(STIFFNESS / MASS) / (2 * np.pi), rel=1e-6)
+    unit = {"force": "N", "acceleration": "m/s2"}[name]
+    zero = {"force": "acceleration", "acceleration": "force"}[name]
+    drive = pulse(name, unit, size=1.0)
+    both = TimeHistory(drive.time, np.vstack([drive.values, 0 * drive.values]), (name, zero), (unit, "-"))
+    record = simulate(scene, both, time_step=STEP, progress=False)
+    omega, decay = np.sqrt(STIFFNESS / MASS), DAMPING / (2 * MASS)
+    turn = np.sqrt(omega**2 - decay**2)
+    impulse = (
+        np.exp(-decay * drive.time) * np.sin(turn * drive.time) / (MASS * turn) * (1 if name == "force" else -MASS)
+    )
+    expected = np.convolve(drive.values[0], impulse)[: len(drive.time)] * STEP
+    assert np.abs(record["position"] - expected).max() < 5e-3 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("fidelity", ["linear", "ffrf"])
+def test_forces_ground_and_dampers_with_a_flexible_body(apa, fidelity):
+    def scene(kind):
+        bench = make_bench(apa=apa, fidelity=kind)
+        return replace(
+            bench,
+            actuators=(
+                PointForce("push", "payload.bottom", "z", "force"),
+                GroundAcceleration("quake", "z", "acceleration"),
+            ),
+            springs=(SpringDamper("damper", "base.guide", "payload.bottom", "z", 2e5, 300.0),),
+        )
+
+    force, quake = pulse("force", "N", size=1.0), pulse("acceleration", "m/s2", size=0.1)
+    both = TimeHistory(force.time, np.vstack([force.values, -quake.values]), ("force", "acceleration"), ("N", "m/s2"))
+    reference = simulate(scene("linear"), both, time_step=STEP, method="exact", progress=False)
+    found = simulate(scene(fidelity), both, time_step=STEP, progress=False)
+    for name in ("encoder", "sensor_voltage"):
+        assert np.abs(found[name] - reference[name]).max() < 0.01 * np.abs(reference[name]).max()
+
+
+def test_ground_acceleration_is_an_opposite_gravity(apa):
+    bench = make_bench(apa=apa, fidelity="linear")
+    pushed = replace(bench, actuators=(GroundAcceleration("quake", "z", "acceleration"),))
+    static = frequency_response(linearize(pushed), np.array([1e-3])).values[:, 0, 0].real
+    still = make_bench(apa=apa, fidelity="linear", gravity=True)
+    quiet = TimeHistory([0.0, 1e-3], np.zeros(2), ("actuator_voltage",), ("V",))
+    sag = simulate(still, quiet, time_step=STEP, method="exact", progress=False).values[1:, 0]
+    assert np.allclose(9.81 * static, sag, rtol=1e-6)
+
+
+def test_bad_loops(apa):
+    bench = make_bench(apa=apa, fidelity="linear")
+    for loop, problem in (
+        (Loop("l", GAIN, "force", "actuator_voltage"), "unknown output 'force'; known: sensor_voltage, encoder"),
+        (Loop("l", GAIN, "encoder", "current"), "unknown input 'current'; known: actuator_voltage"),
+    ):
+        with pytest.raises(ValueError, match=problem):
+            replace(bench, loops=(loop,))
+    with pytest.raises(ValueError, match=r"has 1 input\(s\) and 1 output\(s\), but it measures 2"):
+        Loop("l", GAIN, ("encoder", "sensor_voltage"), "actuator_voltage")
+    for options, problem in (
+        ({"input_step": -1.0}, "input_step must not be"),
+        ({"input_limit": 0.0}, "input_limit must be"),
+    ):
+        with pytest.raises(ValueError, match=problem):
+            Loop("l", GAIN, "encoder", "actuator_voltage", **options)
+    looped = replace(bench, loops=(Loop("l", GAIN, "encoder", "actuator_voltage"),))
+    for method in ("exact", "generalized_alpha"):
+        with pytest.raises(ValueError, match=r"samples at 10000 Hz, every 1\.42857 time steps"):
+            simulate(looped, pulse(), time_step=0.7e-4, method=method, progress=False)
+    with pytest.raises(ValueError, match="delay must be a whole number"):
+        replace(GAIN, delay=0.5)
+    with pytest.raises(ValueError, match="limit must be positive"):
+        replace(GAIN, limit=0.0)
+
+
+def test_bad_parts(apa):
+    bench = make_bench(apa=apa, fidelity="linear")
+    with pytest.raises(ValueError, match=r"'apa\.top' must be a point of a rigid body"):
+        replace(bench, actuators=(PointForce("push", "apa.top", "z", "force"),))
+    with pytest.raises(ValueError, match="cannot be both"):
+        replace(bench, actuators=(*bench.actuators, PointForce("push", "payload.bottom", "z", "actuator_voltage")))
+    with pytest.raises(ValueError, match="unknown axis 'w'"):
+        GroundAcceleration("quake", "w", "a")
+    with pytest.raises(ValueError, match="damping must not be negative"):
+        SpringDamper("d", "a.b", "c.d", "z", damping=-1.0)
+    with pytest.raises(ValueError, match="bandwidth must be positive"):
+        replace(bench.actuators[0], bandwidth=0.0)
+    assert isinstance(bench.bodies[1], FlexibleBody)
