@@ -8,7 +8,9 @@ from models.apa300ml import PORTS, STACK, reduced_apa300ml
 from nassim import (
     Encoder,
     FlexibleBody,
+    GroundAcceleration,
     Joint,
+    PointForce,
     ReducedBody,
     RigidBody,
     Scene,
@@ -32,6 +34,7 @@ def make_bench(
     gravity: bool = False,
     ports: bool = False,
     resistance: float = math.inf,
+    disturbances: bool = False,
     apa: ReducedBody | None = None,
 ) -> Scene:
     """The test bench as a scene: input "actuator_voltage" (DAC) [V]; outputs "sensor_voltage" [V], "encoder" [m].
@@ -43,6 +46,8 @@ def make_bench(
     gravity: let the payload's and the actuator's weight act; simulations then start from static equilibrium
     ports: let the stacks act and measure over their volume, as electrical ports of the actuator, with the sensor open
         or loaded by `resistance` [Ohm]; otherwise by a pair of forces and an elongation between remote points
+    disturbances: two more inputs along z, "payload_force" [N] and "ground_acceleration" [m/s2]; the encoder then
+        measures against the ground
     apa: a reduced APA300ML (default: `reduced_apa300ml()`, with `PORTS` where they are asked for; cached)
     """
     body = reduced_apa300ml(ports=PORTS if ports else ()) if apa is None else apa
@@ -70,12 +75,18 @@ def make_bench(
             Joint("mount", "apa.top", "payload.bottom"),
             Joint("guide", "base.guide", "payload.bottom", free=("z",)),
         ),
-        actuators=(drive,),
+        actuators=(drive, *(DISTURBANCES if disturbances else ())),
         sensors=(measure, Encoder("encoder", "base.guide", "payload.bottom", axis="z")),
         damping_ratio=damping_ratio,
         cutoff_frequency=cutoff_frequency,
         gravity=GRAVITY if gravity else np.zeros(3),
     )
+
+
+DISTURBANCES = (
+    PointForce("push", "payload.bottom", "z", "payload_force"),
+    GroundAcceleration("ground", "z", "ground_acceleration"),
+)
 
 
 def _force_pair() -> tuple[StackActuator, StackSensor]:

@@ -39,7 +39,8 @@ def simulate(
 ) -> TimeHistory:
     """Simulate a scene and record its inputs and outputs together at every time step.
 
-    excitation: one signal per input of the scene; between its samples it runs straight
+    excitation: one signal per input of the scene, but for inputs that only a loop drives; between its samples it
+        runs straight
     time_step: of the integrator [s]; duration [s] (default: the excitation's)
     outputs: names (default: all of the scene, then what its loops put out)
     method: "generalized_alpha", Exudyn's implicit integrator, for every scene; "exact", the exact discrete-time
@@ -66,7 +67,8 @@ def simulate(
     if hold_order not in (0, 1):
         raise ValueError(f"hold_order must be 0 or 1, got {hold_order!r}")
     n_steps = _steps(excitation, time_step, duration)
-    missing = set(scene.inputs) - set(excitation.names)
+    looped = {name for loop in scene.loops for name in loop.driven}
+    missing = set(scene.inputs) - set(excitation.names) - looped
     if missing:
         raise ValueError(f"the excitation lacks the input(s) {', '.join(sorted(missing))}; it has {excitation.names}")
     for name in excitation.names:
@@ -84,7 +86,7 @@ def simulate(
     time = np.arange(n_steps + 1) * time_step
     rows = [np.interp(time + excitation.time[0], excitation.time, row) for row in excitation.values]
     driven = np.reshape(rows, (len(excitation.names), n_steps + 1))
-    signals = dict(zip(excitation.names, driven, strict=True))
+    signals = {name: np.zeros(n_steps + 1) for name in looped} | dict(zip(excitation.names, driven, strict=True))
     for loop in scene.loops:
         samples_per_period(loop, time_step)
     if method == "exact":
