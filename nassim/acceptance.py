@@ -9,8 +9,8 @@ import scipy.linalg
 from nassim.body import ReducedBody
 from nassim.checks import Array
 from nassim.geometry import RemotePoint
-from nassim.inertia import completed_gram
-from nassim.inspection import Report, as_superelement, check, free_of_rigid_motions, signed_frequencies
+from nassim.inertia import completed_gram, free_of_rigid_motions
+from nassim.inspection import Report, as_superelement, check, signed_frequencies
 from nassim.rowguess import rigid_residual
 from nassim.superelement import Superelement
 
@@ -89,7 +89,7 @@ def repair(body: Body) -> Repair[Body]:
     mended = replace(given, stiffness_matrix=stiffness, mass_matrix=mass)
     result: Body
     if isinstance(body, ReducedBody):
-        gram = body.gram if np.array_equal(mass, body.mass_matrix) else completed_gram(mass, motions)
+        gram = body.gram if np.array_equal(mass, body.mass_matrix) else completed_gram(mass, given.positions)
         result = replace(
             body,
             stiffness_matrix=stiffness,
@@ -122,7 +122,7 @@ def to_body(body: Superelement) -> ReducedBody:
         tuple(RemotePoint(name, (), position) for name, position in zip(body.names, body.positions, strict=True)),
         mass,
         0.5 * (body.stiffness_matrix + body.stiffness_matrix.T),
-        completed_gram(mass, body.rigid_motions),
+        completed_gram(mass, body.positions),
         record={"imported from": body.source, "units": body.units, "inspection": str(report)},
         full_integrals=False,
     )

@@ -9,7 +9,7 @@ import scipy.linalg
 
 from nassim.body import ReducedBody
 from nassim.checks import Array, freeze, frozen_mapping, known
-from nassim.inertia import RigidInertia, rigid_inertia
+from nassim.inertia import RigidInertia, free_of_rigid_motions, rigid_inertia
 from nassim.rowguess import FITS, guess_order, order_misfit, rigid_residual
 from nassim.superelement import Superelement, unit_factors
 
@@ -136,16 +136,6 @@ def signed_frequencies(stiffness: Array, mass: Array) -> Array:
     squares = scipy.linalg.eigvalsh(scale[:, None] * stiffness * scale, scale[:, None] * mass * scale)
     squares = squares[np.argsort(np.abs(squares))]
     result: Array = np.sign(squares) * np.sqrt(np.abs(squares)) / (2 * np.pi)
-    return result
-
-
-def free_of_rigid_motions(mass: Array, motions: Array) -> Array:
-    """A basis of the motions that are orthogonal to rigid ones in the mass's product, (n, n - 6), comparable sizes."""
-    scale = 1.0 / np.sqrt(np.diag(mass))
-    weighted = (motions.T @ mass * scale).T
-    weighted = weighted / np.maximum(np.linalg.norm(weighted, axis=0), 1e-300)
-    full = scipy.linalg.qr(weighted)[0]
-    result: Array = scale[:, None] * full[:, 6:]
     return result
 
 

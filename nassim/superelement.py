@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from nassim.arrayfiles import read_arrays, read_bytes
 from nassim.checks import Array, finite_array, freeze, known, unique
-from nassim.interface import rigid_transfer
+from nassim.inertia import rigid_motions
 from nassim.listing import LARGEST, Listing, nodal_frame, parse_listings, rows_by_node
 
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
@@ -88,9 +88,7 @@ class Superelement:
     @property
     def rigid_motions(self) -> Array:
         """The six rigid motions about the origin in these coordinates, (n, 6): from the geometry, modes at rest."""
-        result = np.zeros((len(self.mass_matrix), 6))
-        result[: 6 * len(self.positions)] = np.vstack([rigid_transfer(position) for position in self.positions])
-        return result
+        return rigid_motions(self.positions, len(self.mass_matrix))
 
     def reordered(self, rows: Sequence[int]) -> "Superelement":
         """The same with row rows[i] as row i, e.g. the rows that `guess_order` proposes."""
