@@ -25,7 +25,8 @@ VARIABLES = {
     "orientations": ("orientations",),
 }
 """Names under which .mat and .npz files are searched for what a superelement needs."""
-HUGE = 1e40
+HUGE, TINY = 1e40, 1e-100
+"""Numbers above the one are refused, below the other count as zero."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,9 @@ class Superelement:
         for kind, array in (("mass matrix", mass), ("stiffness matrix", stiffness), ("positions", positions)):
             if np.abs(array).max() > HUGE:
                 raise ValueError(f"{label}: the {kind} holds {np.abs(array).max():.3g}; nothing real is so large")
+        mass, stiffness, positions = (np.where(np.abs(array) < TINY, 0.0, array) for array in (mass, stiffness, positions))
+        for array in (mass, stiffness, positions):
+            array.setflags(write=False)
         freeze(
             self,
             stiffness_matrix=stiffness,
