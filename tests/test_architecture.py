@@ -15,17 +15,17 @@ TREES = {name: ast.parse((PACKAGE / f"{name}.py").read_text(encoding="utf-8")) f
 # A module imports only from lower layers, never from its own.
 LAYERS = (
     ("checks", "progress", "storage"),
-    ("materials", "piezo", "modal", "signals", "interface", "solver"),
-    ("geometry", "frf"),
-    ("meshing", "surface"),
-    ("fem",),
+    ("arrayfiles", "listing", "materials", "piezo", "modal", "signals", "interface", "solver"),
+    ("geometry", "frf", "inertia"),
+    ("meshing", "superelement", "surface"),
+    ("fem", "rowguess"),
     ("condensation", "body"),
-    ("modes", "trim"),
-    ("discretization",),
+    ("inspection", "modes", "trim"),
+    ("acceptance", "discretization"),
     ("reduction",),
     ("floating_frame", "fullmodel", "scene"),
     ("linear",),
-    ("exudyn_state", "exact"),
+    ("exudyn_state", "exact", "export"),
     ("exudyn_system",),
     ("exudyn_solver",),
     ("simulation",),
@@ -33,6 +33,7 @@ LAYERS = (
 )
 LAYER = {name: number for number, names in enumerate(LAYERS) for name in names}
 IMPORTERS = {
+    "control": {"export"},
     "exudyn": {"exudyn_solver", "exudyn_state", "exudyn_system"},
     "h5py": {"storage"},
     "matplotlib": {"plotting"},

@@ -78,7 +78,7 @@ def damaged_arrays(rng):
         elif kind == 2:
             variables[name] = array[: rng.integers(len(array) + 1)]
         elif kind == 3:
-            variables[name] = array.astype(complex) * 1j
+            variables[name] = array + 1j
         elif kind == 4:
             variables[name] = np.array([{"a": 1}, None], dtype=object)
         elif kind == 5:
