@@ -1,7 +1,7 @@
 """From a superelement to a body that scenes can use: repair what rounding spoilt, refuse what is wrong."""
 
 from dataclasses import dataclass, field, replace
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 import scipy.linalg
@@ -75,7 +75,9 @@ def repair(body: Body) -> Repair[Body]:
     """
     given = as_superelement(body)
     before = check(given)
-    wrong = [before_finding for before_finding in before.faults if before_finding.name in ("row order", "mass", "inertia")]
+    wrong = [
+        before_finding for before_finding in before.faults if before_finding.name in ("row order", "mass", "inertia")
+    ]
     if wrong:
         raise ValueError(f"{given.source}: cannot be repaired: {wrong[0].name}: {wrong[0].text}")
     steps: list[str] = []
@@ -86,21 +88,9 @@ def repair(body: Body) -> Repair[Body]:
     if rigid_residual(stiffness, motions).max() > CLEAN:
         stiffness = _without_rigid_stiffness(stiffness, mass, given, steps)
     stiffness = _positive_stiffness(stiffness, mass, given, steps)
-    mended = replace(given, stiffness_matrix=stiffness, mass_matrix=mass)
-    result: Body
-    if isinstance(body, ReducedBody):
-        gram = body.gram if np.array_equal(mass, body.mass_matrix) else completed_gram(mass, given.positions)
-        result = replace(
-            body,
-            stiffness_matrix=stiffness,
-            mass_matrix=mass,
-            gram=gram,
-            full_integrals=body.full_integrals and gram is body.gram,
-        )
-    else:
-        result = mended
+    mended: Body = _with_matrices(body, stiffness, mass)
     new = signed_frequencies(stiffness, mass)
-    report = Repair(result, tuple(steps), before, check(result), np.sort(old[6:]), np.sort(new[6:]))
+    report = Repair(mended, tuple(steps), before, check(mended), np.sort(old[6:]), np.sort(new[6:]))
     print(report, flush=True)
     return report
 
@@ -128,6 +118,14 @@ def to_body(body: Superelement) -> ReducedBody:
     )
 
 
+def _with_matrices(body: ReducedBody | Superelement, stiffness: Array, mass: Array) -> Any:
+    changed = replace(body, stiffness_matrix=stiffness, mass_matrix=mass)
+    if isinstance(changed, Superelement) or np.array_equal(mass, body.mass_matrix):
+        return changed
+    gram = completed_gram(mass, as_superelement(changed).positions)
+    return replace(changed, gram=gram, full_integrals=False)
+
+
 def _figure(report: Report, name: str, key: str) -> float:
     return next((f.figures[key] for f in report.findings if f.name == name and key in f.figures), np.nan)
 
@@ -136,7 +134,9 @@ def _symmetric(matrix: Array, letter: str, steps: list[str]) -> Array:
     result: Array = 0.5 * (matrix + matrix.T)
     moved = np.abs(result - matrix).max()
     if moved:
-        steps.append(f"{letter} made symmetric: entries moved by up to {moved / np.abs(matrix).max():.1e} of its largest")
+        steps.append(
+            f"{letter} made symmetric: entries moved by up to {moved / np.abs(matrix).max():.1e} of its largest"
+        )
     return result
 
 
@@ -155,8 +155,8 @@ def _positive_mass(mass: Array, source: str, steps: list[str]) -> Array:
         )
     raised = np.maximum(values, max(10 * floor, -float(values[0])))
     steps.append(
-        f"M made positive definite: {int(np.sum(raised > values))} eigenvalue(s) (unit diagonal) from {values[0]:.1e} up "
-        f"to {raised[0]:.1e}"
+        f"M made positive definite: {int(np.sum(raised > values))} eigenvalue(s) (unit diagonal) from "
+        f"{values[0]:.1e} up to {raised[0]:.1e}"
     )
     result: Array = scale[:, None] * ((vectors * raised) @ vectors.T) * scale
     return 0.5 * (result + result.T)
@@ -208,8 +208,8 @@ def _positive_stiffness(stiffness: Array, mass: Array, body: Superelement, steps
     if unstable.all() or -squares[0] > ROUNDING * squares[~unstable][0]:
         frequency = np.sqrt(-squares[0]) / (2 * np.pi)
         raise ValueError(
-            f"{body.source}: cannot be repaired: K has negative stiffness in elastic motion (-{frequency:.4g} Hz), which "
-            "is no rounding"
+            f"{body.source}: cannot be repaired: K has negative stiffness in elastic motion (-{frequency:.4g} Hz), "
+            "which is no rounding"
         )
     shapes = mass @ basis @ vectors[:, unstable]
     steps.append(f"{int(unstable.sum())} elastic eigenvalue(s) of K made positive, of the same size")

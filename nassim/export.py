@@ -61,19 +61,19 @@ def export_model(model: LinearModel, path: str | Path) -> Path:
 def body_state_space(body: ReducedBody, *, damping_ratio: ArrayLike = 0.0) -> LinearModel:
     """A free body as a state space: forces and moments at its remote points in, their motions out.
 
-    Inputs and outputs "bottom.ux" ... [N, N m; m, rad]; states: the body's coordinates, then their rates.
+    Inputs and outputs "bottom.ux" ... [N, N m; m, rad]; states: amplitudes of the eigenmodes, then their rates.
     damping_ratio: of each free elastic mode [-], one number or one per mode from the lowest
     """
-    n, b = len(body.mass_matrix), 6 * len(body.remote_points)
-    inverse = np.linalg.inv(body.mass_matrix)
-    system = np.zeros((2 * n, 2 * n))
-    system[:n, n:] = np.eye(n)
-    system[n:, :n] = -inverse @ body.stiffness_matrix
-    system[n:, n:] = -inverse @ body_damping(body, damping_ratio)
-    forces = np.vstack([np.zeros((n, b)), inverse[:, :b]])
+    frequency, shapes = eigenmodes(body.stiffness_matrix, body.mass_matrix)
+    omega = 2 * np.pi * np.where(frequency > RIGID * frequency[-1], frequency, 0.0)
+    n, b = len(omega), 6 * len(body.remote_points)
+    damping = 2 * _ratios(frequency, damping_ratio) * omega
+    system = np.block([[np.zeros((n, n)), np.eye(n)], [-np.diag(omega**2), -np.diag(damping)]])
+    forces = np.vstack([np.zeros((n, b)), shapes[:b].T])
+    motions = np.hstack([shapes[:b], np.zeros((b, n))])
     names = coordinate_names(body.point_names)
     units = tuple("rad" if name.rsplit(".", 1)[1].startswith("r") else "m" for name in names)
-    return LinearModel(system, forces, np.eye(b, 2 * n), np.zeros((b, b)), names, names, units)
+    return LinearModel(system, forces, motions, np.zeros((b, b)), names, names, units)
 
 
 def to_control(model: LinearModel) -> Any:
@@ -93,10 +93,16 @@ def to_control(model: LinearModel) -> Any:
 def body_damping(body: ReducedBody, damping_ratio: ArrayLike) -> Array:
     """Damping matrix that gives each free elastic mode its ratio, (n, n) [N s/m and the like]."""
     frequency, shapes = eigenmodes(body.stiffness_matrix, body.mass_matrix)
-    elastic = frequency > RIGID * frequency[-1]
+    return modal_damping_matrix(body.mass_matrix, frequency, shapes, _ratios(frequency, damping_ratio))
+
+
+def _ratios(frequency: Array, damping_ratio: ArrayLike) -> Array:
+    """Damping ratio of each mode: of elastic ones as given (the last for all that follow), of rigid ones none."""
+    elastic = np.flatnonzero(frequency > RIGID * frequency[-1])
     given = np.atleast_1d(np.asarray(damping_ratio, dtype=float))
-    ratio = given[np.minimum(np.arange(int(elastic.sum())), len(given) - 1)]
-    return modal_damping_matrix(body.mass_matrix, frequency[elastic], shapes[:, elastic], ratio)
+    result = np.zeros(len(frequency))
+    result[elastic] = given[np.minimum(np.arange(len(elastic)), len(given) - 1)]
+    return result
 
 
 def _write(variables: dict[str, Array], path: str | Path) -> Path:

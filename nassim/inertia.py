@@ -53,10 +53,16 @@ class RigidInertia:
 
     @property
     def box(self) -> Array:
-        """Squared sides of the homogeneous box with this inertia, ascending, (3,) [m2]; negative for an impossible one."""
+        """Squared sides of the homogeneous box with this inertia, ascending, (3,) [m2]; negative where none has."""
         moments = np.linalg.eigvalsh(self.central_inertia)
         result: Array = np.sort(6 * (moments.sum() - 2 * moments) / self.mass)
         return result
+
+    @property
+    def box_density(self) -> float:
+        """Mass over that box's volume [kg/m3]; NaN where it is flat or there is none."""
+        sides = self.box
+        return float(self.mass / np.sqrt(np.prod(sides))) if sides[0] > 1e-5 * sides[-1] else np.nan
 
 
 def rigid_inertia(mass_matrix: Array, rigid_motions: Array) -> RigidInertia:

@@ -9,31 +9,19 @@ import scipy.linalg
 
 from nassim.body import ReducedBody
 from nassim.checks import Array, freeze, frozen_mapping, known
-from nassim.inertia import RigidInertia, free_of_rigid_motions, rigid_inertia
+from nassim.inertia import RigidInertia, free_of_rigid_motions, rigid_inertia, rigid_motions
 from nassim.rowguess import FITS, guess_order, order_misfit, rigid_residual
-from nassim.superelement import Superelement, unit_factors
+from nassim.superelement import Superelement
+from nassim.units import Looks, likely_units
 
 VERDICTS = ("ok", "warning", "fault")
 TRUST = 1.5
 """Fixed-interface modes up to f represent a body up to f / 1.5: the usual rule."""
 SPIN = 1 / 30
 """Angular velocity over the lowest elastic frequency from which unknown integrals matter, see `nassim.inertia`."""
-UNIT_SYSTEMS = (
-    "m-N-kg mm-N-t mm-mN-kg mm-N-kg mm-uN-g cm-N-kg m-N-t m-kN-t m-N-g in-lbf-slinch in-lbf-lb ft-lbf-slug".split()
-)
 NO_INERTIA = 1e-30
 """Diagonal entries of M below this share of its largest mean a motion without inertia."""
 COORDINATE_UNITS = {1e-3: "mm", 1e3: "m, and the matrices' length mm", 0.0254: "inches", 1 / 0.0254: "m, not inches"}
-PLAUSIBLE = {
-    "mass_kg": (1e-7, 1e6),
-    "density_kg_per_m3": (1.0, 3e4),
-    "size_m": (1e-4, 100.0),
-    "speed_m_per_s": (0.1, 2e4),
-}
-"""Of parts that can be held: density over the box of the same inertia, speed = first frequency times size."""
-
-SOLID = 4000.0
-"""Between aluminium and steel [kg/m3]; the likelier units are those that come nearer."""
 
 
 @dataclass(frozen=True)
@@ -170,7 +158,9 @@ def _definite_mass(body: Superelement, mass: Array) -> Finding:
     diagonal = np.diag(mass)
     if np.any(diagonal <= NO_INERTIA * np.abs(mass).max()):
         row = int(np.argmin(diagonal))
-        text = f"the diagonal of M holds {diagonal[row]:.3g} in row {row + 1}: a motion without inertia, or no mass matrix"
+        text = (
+            f"the diagonal of M holds {diagonal[row]:.3g} in row {row + 1}: a motion without inertia, or no mass matrix"
+        )
         return Finding("mass matrix", "fault", text)
     scale = 1.0 / np.sqrt(diagonal)
     least = float(np.linalg.eigvalsh(scale[:, None] * mass * scale)[0])
@@ -199,12 +189,12 @@ def _row_order(n: _Numbers) -> Finding:
     if misfit <= FITS:
         return Finding("row order", "ok", "per node ux uy uz rx ry rz, as given", {"misfit": misfit})
     for factor, unit in COORDINATE_UNITS.items():
-        scaled = n.motions.copy()
-        rows = np.arange(6 * len(n.body.positions)).reshape(-1, 6)[:, :3].ravel()
-        scaled[np.ix_(rows, [3, 4, 5])] *= factor
+        scaled = rigid_motions(factor * n.body.positions, len(n.mass))
         fits = max(rigid_residual(n.stiffness, scaled).max(), rigid_inertia(n.mass, scaled).misfit)
         if fits <= min(FITS, 0.2 * misfit):
-            text = f"the order is right, but the coordinates seem to be in {unit}: they fit when multiplied by {factor:g}"
+            text = (
+                f"the order is right, but the coordinates seem to be in {unit}: they fit when multiplied by {factor:g}"
+            )
             return Finding("row order", "fault", text, {"misfit": misfit, "coordinate_factor": factor})
     guess = guess_order(n.body)
     if guess is None:
@@ -233,7 +223,9 @@ def _centre_of_mass(n: _Numbers) -> Finding:
     text = f"{_vector(1e3 * centre)} mm"
     if far:
         text += f"; {1e3 * outside:.3g} mm outside the nodes, farther than the body is large"
-    return Finding("centre of mass", "warning" if far else "ok", text, dict(zip(("x_m", "y_m", "z_m"), centre, strict=True)))
+    return Finding(
+        "centre of mass", "warning" if far else "ok", text, dict(zip(("x_m", "y_m", "z_m"), centre, strict=True))
+    )
 
 
 def _inertia(n: _Numbers) -> Finding:
@@ -266,50 +258,16 @@ def _size(n: _Numbers) -> float:
 
 
 def _units(n: _Numbers) -> Finding:
-    box = n.rigid.box
-    solid = bool(box[0] > 1e-5 * box[-1])
-    figures = {
-        "mass_kg": n.rigid.mass,
-        "size_m": _size(n),
-        "speed_m_per_s": n.first * _size(n),
-        "density_kg_per_m3": n.rigid.mass / np.sqrt(np.prod(box)) if solid else np.nan,
-    }
-    strange = _implausible(figures)
-    text = f"{n.body.units}: " + _describe(figures)
+    looks = Looks(n.rigid.mass, _size(n), n.first * _size(n), n.rigid.box_density)
+    text = f"{n.body.units}: {looks}"
+    strange = looks.implausible
     if not strange:
-        return Finding("units", "ok", text + ": plausible", figures)
+        return Finding("units", "ok", text + ": plausible", looks.figures)
     text += f"; {' and '.join(strange)} not plausible"
-    readings = {units: _reread(figures, n.body.units, units) for units in UNIT_SYSTEMS if units != n.body.units}
-    likely = [units for units, reread in readings.items() if not _implausible(reread)]
-    likely.sort(key=lambda units: abs(np.log(readings[units]["density_kg_per_m3"] / SOLID)) if solid else 0.0)
+    likely = likely_units(looks, n.body.units)
     if likely:
-        text += "; looks like " + ", or else ".join(f"{units} ({_describe(readings[units])})" for units in likely[:3])
-    return Finding("units", "warning", text, figures)
-
-
-def _implausible(figures: Mapping[str, float]) -> list[str]:
-    names = {"mass_kg": "mass", "size_m": "size", "speed_m_per_s": "wave speed", "density_kg_per_m3": "density"}
-    return [
-        names[key]
-        for key, value in figures.items()
-        if np.isfinite(value) and not PLAUSIBLE[key][0] <= value <= PLAUSIBLE[key][1]
-    ]
-
-
-def _reread(figures: Mapping[str, float], given: str, other: str) -> dict[str, float]:
-    length, force, mass = (b / a for a, b in zip(unit_factors(given), unit_factors(other), strict=True))
-    return {
-        "mass_kg": figures["mass_kg"] * mass,
-        "size_m": figures["size_m"] * length,
-        "speed_m_per_s": figures["speed_m_per_s"] * length * np.sqrt(force / (mass * length)),
-        "density_kg_per_m3": figures["density_kg_per_m3"] * mass / length**3,
-    }
-
-
-def _describe(figures: Mapping[str, float]) -> str:
-    density = figures["density_kg_per_m3"]
-    box = f", {density:.3g} kg/m3 of its box" if np.isfinite(density) else ""
-    return f"{figures['mass_kg']:.3g} kg, {figures['size_m']:.3g} m long{box}"
+        text += "; looks like " + ", or else ".join(f"{units} ({reread})" for units, reread in likely[:3])
+    return Finding("units", "warning", text, looks.figures)
 
 
 def _nodes(n: _Numbers) -> Finding:
@@ -338,8 +296,8 @@ def _modal_rows(n: _Numbers) -> Finding:
     text = f"the last {p} belong to no node; "
     if unit <= 1e-3 and loose <= 1e-3:
         return Finding("modal rows", "ok", text + "unit modal masses, no static coupling: Craig-Bampton", figures)
-    text += f"their masses differ from ones by {unit:.2g}, they couple to the nodes by {loose:.2g}: not Craig-Bampton's form"
-    return Finding("modal rows", "warning", text + ", or the rows of a node without coordinates", figures)
+    text += f"their masses differ from ones by {unit:.2g}, they couple to the nodes by {loose:.2g}: "
+    return Finding("modal rows", "warning", text + "no Craig-Bampton modes, or a node without coordinates", figures)
 
 
 def _range(n: _Numbers) -> Finding:

@@ -111,7 +111,9 @@ def _matrices(file: str, text: str) -> dict[str, Array]:
                 f"{file}, line {_line(text, match.start())}: entry {list(place)} is {match['value']!r}, not a number"
             )
         if entries[letter].setdefault(place, value) != value:
-            raise ValueError(f"{file}, line {_line(text, match.start())}: entry {list(place)} is there twice and differs")
+            raise ValueError(
+                f"{file}, line {_line(text, match.start())}: entry {list(place)} is there twice and differs"
+            )
         last = match.start()
     return {name: _filled(file, name, found, _line(text, last)) for name, found in entries.items()}
 
@@ -131,8 +133,8 @@ def _filled(file: str, letter: str, entries: Mapping[tuple[int, int], float], la
         if len(missing):
             row, column = missing[0] + 1
             raise ValueError(
-                f"{file}, line {last_line}: {letter} is cut: of {n} x {n} entries {len(missing)} are missing, the first "
-                f"is [{row}, {column}]"
+                f"{file}, line {last_line}: {letter} is cut: of {n} x {n} entries {len(missing)} are missing, the "
+                f"first is [{row}, {column}]"
             )
     return matrix
 

@@ -187,7 +187,7 @@ def plot_inspection(bodies: Mapping[str, Superelement], *, figure: Any = None) -
     axes[0].text(3.5, 0.97, "rigid motions", ha="center", va="top", transform=axes[0].get_xaxis_transform(), fontsize=9)
     axes[0].set(xlabel="mode (open: unstable)", ylabel="eigenfrequency [Hz]", xlim=(0.5, None))
     axes[0].xaxis.set_major_locator(MultipleLocator(2))
-    axes[1].set(yscale="log", ylim=(1e-18, 10), ylabel="force against it, over its terms [-]", xlabel="rigid motion")
+    axes[1].set(yscale="log", ylim=(1e-18, 1e3), ylabel="force against it, over its terms [-]", xlabel="rigid motion")
     axes[1].set_xticks(range(6), ["x", "y", "z", "rx", "ry", "rz"])
     for ax in axes:
         ax.grid(visible=True, alpha=0.3)

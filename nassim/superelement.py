@@ -13,10 +13,8 @@ from nassim.arrayfiles import read_arrays, read_bytes
 from nassim.checks import Array, finite_array, freeze, known, unique
 from nassim.inertia import rigid_motions
 from nassim.listing import LARGEST, Listing, nodal_frame, parse_listings, rows_by_node
+from nassim.units import unit_factors
 
-LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
-FORCES = {"N": 1.0, "mN": 1e-3, "uN": 1e-6, "kN": 1e3, "MN": 1e6, "lbf": 4.4482216152605}
-MASSES = {"kg": 1.0, "g": 1e-3, "t": 1e3, "lb": 0.45359237, "slug": 14.59390294, "slinch": 175.12683699}
 VARIABLES = {
     "K": ("K", "K_red", "stiffness", "stiffness_matrix", "Kr"),
     "M": ("M", "M_red", "mass", "mass_matrix", "Mr"),
@@ -72,7 +70,9 @@ class Superelement:
         for kind, array in (("mass matrix", mass), ("stiffness matrix", stiffness), ("positions", positions)):
             if np.abs(array).max() > HUGE:
                 raise ValueError(f"{label}: the {kind} holds {np.abs(array).max():.3g}; nothing real is so large")
-        mass, stiffness, positions = (np.where(np.abs(array) < TINY, 0.0, array) for array in (mass, stiffness, positions))
+        mass, stiffness, positions = (
+            np.where(np.abs(array) < TINY, 0.0, array) for array in (mass, stiffness, positions)
+        )
         for array in (mass, stiffness, positions):
             array.setflags(write=False)
         freeze(
@@ -138,7 +138,10 @@ def superelement(
     r = len(raw.positions)
     mass_factor = np.concatenate([np.tile([1 / length] * 3 + [1.0] * 3, r), [1 / np.sqrt(mass) / length] * raw.n_modes])
     energy = mass * length**2 * np.outer(mass_factor, mass_factor)
-    stiffness, masses = force * length * np.outer(mass_factor, mass_factor) * raw.stiffness_matrix, energy * raw.mass_matrix
+    stiffness, masses = (
+        force * length * np.outer(mass_factor, mass_factor) * raw.stiffness_matrix,
+        energy * raw.mass_matrix,
+    )
     if orientations is not None:
         turns = finite_array(f"{source}: orientations", orientations, (r, 3, 3))
         if np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max() > 1e-6 or np.any(np.linalg.det(turns) < 0):
@@ -146,18 +149,6 @@ def superelement(
         change = scipy.linalg.block_diag(*np.repeat(turns, 2, axis=0), np.eye(raw.n_modes))
         stiffness, masses = change @ stiffness @ change.T, change @ masses @ change.T
     return replace(raw, stiffness_matrix=stiffness, mass_matrix=masses, positions=length * raw.positions)
-
-
-def unit_factors(units: str) -> tuple[float, float, float]:
-    """The units of length [m], force [N] and mass [kg] of a text such as "mm-N-t"; raises ValueError otherwise."""
-    parts = units.split("-")
-    if len(parts) != 3:
-        raise ValueError(f"units are written length-force-mass, such as 'mm-N-t', got {units!r}")
-    tables = (("length", LENGTHS), ("force", FORCES), ("mass", MASSES))
-    length, force, mass = (
-        table[known(f"unit of {kind} in {units!r}", part, table)] for part, (kind, table) in zip(parts, tables, strict=True)
-    )
-    return length, force, mass
 
 
 def read_superelement(
@@ -188,9 +179,16 @@ def read_superelement(
         if len(files) > 1:
             raise ValueError(f"a .mat or .npz file stands alone, got {len(files)} files: {', '.join(map(str, files))}")
         found = _from_arrays(files[0], variables or {})
-        given = {"names": names, "orientations": orientations}
-        found.update({key: value for key, value in given.items() if value is not None})
-        return superelement(found.pop("K"), found.pop("M"), found.pop("positions"), name=label, units=units, **found)
+        return superelement(
+            found["K"],
+            found["M"],
+            found["positions"],
+            name=label,
+            names=_names(found["names"]) if names is None and "names" in found else names,
+            units=units,
+            orientations=found.get("orientations") if orientations is None else orientations,
+            source=str(files[0]),
+        )
     listing = parse_listings({str(path): read_bytes(path).decode("latin-1") for path in files})
     return _from_listing(listing, [str(path) for path in files], label, units, names, orientations)
 
@@ -222,11 +220,11 @@ def _from_listing(
     )
 
 
-def _from_arrays(path: Path, variables: Mapping[str, str]) -> dict[str, object]:
+def _from_arrays(path: Path, variables: Mapping[str, str]) -> dict[str, Array]:
     for key in variables:
         known("variable of a superelement", key, VARIABLES)
     arrays = read_arrays(path)
-    found: dict[str, object] = {"source": str(path)}
+    found: dict[str, Array] = {}
     for key, usual in VARIABLES.items():
         wanted = (variables[key],) if key in variables else usual
         present = [candidate for candidate in wanted if candidate in arrays]
@@ -234,30 +232,28 @@ def _from_arrays(path: Path, variables: Mapping[str, str]) -> dict[str, object]:
             found[key] = arrays[present[0]]
         elif key in variables or key in ("K", "M", "positions"):
             raise ValueError(
-                f"{path}: no variable {' or '.join(wanted)} for {key}; it has {', '.join(arrays) or 'none'}: name it by "
-                f"variables={{{key!r}: ...}}"
+                f"{path}: no variable {' or '.join(wanted)} for {key}; it has {', '.join(arrays) or 'none'}: name it "
+                f"by variables={{{key!r}: ...}}"
             )
-    positions = np.asarray(found["positions"])
+    positions = found["positions"]
     if positions.ndim == 2 and positions.shape[0] == 3 and positions.shape[1] != 3:
         found["positions"] = positions.T
-    if "names" in found:
-        found["names"] = _names(np.asarray(found["names"]).ravel())
     return found
 
 
 def _names(values: Array) -> list[str]:
     """Names as text; numbers as node_1001."""
-    return [value.strip() if isinstance(value, str) else f"node_{value:.15g}" for value in values.tolist()]
+    return [value.strip() if isinstance(value, str) else f"node_{value:.15g}" for value in values.ravel().tolist()]
 
 
 def significant_digits(matrix: Array) -> int:
-    """Fewest decimal digits (1 to 16) that give all entries to 4e-15."""
+    """Fewest decimal digits that give all entries to 1e-15; more than 14 count as 16."""
     values = np.abs(matrix[matrix != 0])
     if not values.size:
         return 1
     mantissa = values / 10.0 ** np.floor(np.log10(values))
-    for digits in range(1, 16):
+    for digits in range(1, 15):
         step = 10.0 ** (1 - digits)
-        if np.all(np.abs(mantissa - np.round(mantissa / step) * step) <= 4e-15 * mantissa):
+        if np.all(np.abs(mantissa - np.round(mantissa / step) * step) <= 1e-15 * mantissa):
             return digits
     return 16

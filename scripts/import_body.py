@@ -18,7 +18,9 @@ from nassim.superelement import read_superelement
 
 arguments = parser(__doc__, "import_body")
 arguments.add_argument("files", nargs="+", help="one .mat or .npz file, or the text listings of one body")
-arguments.add_argument("--units", default="m-N-kg", help="of the files: length-force-mass, e.g. mm-N-t (default: m-N-kg)")
+arguments.add_argument(
+    "--units", default="m-N-kg", help="of the files: length-force-mass, e.g. mm-N-t (default: m-N-kg)"
+)
 arguments.add_argument("--repair", action="store_true", help="mend what rounding spoilt")
 arguments.add_argument("--payload", type=float, default=1.0, help="on the bench [kg] (default: 1)")
 

@@ -15,7 +15,7 @@ TREES = {name: ast.parse((PACKAGE / f"{name}.py").read_text(encoding="utf-8")) f
 # A module imports only from lower layers, never from its own.
 LAYERS = (
     ("checks", "progress", "storage"),
-    ("arrayfiles", "listing", "materials", "piezo", "modal", "signals", "interface", "solver"),
+    ("arrayfiles", "listing", "materials", "piezo", "modal", "signals", "interface", "solver", "units"),
     ("geometry", "frf", "inertia"),
     ("meshing", "superelement", "surface"),
     ("fem", "rowguess"),
