@@ -6,6 +6,7 @@ and in any number of files.
 """
 
 import re
+from array import array
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
@@ -15,11 +16,13 @@ from nassim.checks import Array
 
 LARGEST = 1500
 """Most coordinates of a superelement that is read."""
+LONGEST = 64 * 2**20
+"""Most characters in the texts of one superelement: enough for that many coordinates."""
 DOFS = ("UX", "UY", "UZ", "ROTX", "ROTY", "ROTZ")
 _TITLE = r"(?P<title>\b[A-Za-z]+_(?P<letter>[KMCD])\s*:)"
 _ENTRY = r"\[\s*(?P<row>\d{1,9})\s*,\s*(?P<column>\d{1,9})\s*\]\s*:\s*(?P<value>[^\s\[\]]*)"
 _BROKEN = r"(?P<broken>\[)"
-_MATRIX = re.compile(f"{_TITLE}|{_ENTRY}|{_BROKEN}")
+_MATRIX = re.compile(f"{_ENTRY}|{_BROKEN}|{_TITLE}")
 _REAL = r"[+-]?(?:\d+\.\d*|\.\d+)(?:[EeDd][+-]?\d+)?"
 _INTEGER = r"[+-]?\d+"
 # A node with three or six reals anywhere in the text, or with any numbers on a line of its own.
@@ -27,6 +30,7 @@ _NODE = re.compile(rf"(?<!\S)(\d{{1,9}})((?:\s+{_REAL}|[+-](?:\d+\.\d*|\.\d+)(?:
 _NODE_LINE = re.compile(rf"^[ \t]*(\d{{1,9}})((?:[ \t]+(?:{_REAL}|{_INTEGER})){{3,}})[ \t]*\r?$", re.MULTILINE)
 _MASTER = re.compile(r"(?<!\S)(\d{1,9})\s+(UX|UY|UZ|ROTX|ROTY|ROTZ)\b")
 _NODE_HEADING = re.compile(r"\bNODE\s+X\s+Y\s+Z\b")
+_Entries = tuple["array[int]", "array[int]", "array[float]", "array[int]"]
 
 
 @dataclass(frozen=True)
@@ -52,6 +56,8 @@ def parse_listings(texts: Mapping[str, str]) -> Listing:
     Raises ValueError naming file, line and cause for entries that are no number, missing or contradictory, for
     matrices of different size, and for tables that are cut.
     """
+    if sum(map(len, texts.values())) > LONGEST:
+        raise ValueError(f"{', '.join(texts)}: more than {LONGEST >> 20} million characters, the most that is read")
     matrices: dict[str, Array] = {}
     where: dict[str, str] = {}
     nodes: dict[int, Array] = {}
@@ -89,53 +95,61 @@ def _line(text: str, place: int) -> int:
 
 
 def _matrices(file: str, text: str) -> dict[str, Array]:
-    entries: dict[str, dict[tuple[int, int], float]] = {}
-    letter, last = "", 0
+    # Row, column, value and place of each entry: a listing may hold millions.
+    entries: dict[str, _Entries] = {}
+    letter = ""
     for match in _MATRIX.finditer(text):
         if match["title"]:
             letter = match["letter"].upper()
-            entries.setdefault(letter, {})
+            entries.setdefault(letter, (array("i"), array("i"), array("d"), array("q")))
             continue
+        where = match.start()
         if match["broken"] is not None:
-            raise ValueError(f"{file}, line {_line(text, match.start())}: '[' begins no entry such as [ 1, 2]: 3.4")
+            raise ValueError(f"{file}, line {_line(text, where)}: '[' begins no entry such as [ 1, 2]: 3.4")
         if not letter:
-            raise ValueError(f"{file}, line {_line(text, match.start())}: an entry before a title such as MAT_K:")
-        place = int(match["row"]), int(match["column"])
-        if not all(1 <= index <= LARGEST for index in place):
+            raise ValueError(f"{file}, line {_line(text, where)}: an entry before a title such as MAT_K:")
+        row, column = int(match["row"]), int(match["column"])
+        if not (1 <= row <= LARGEST and 1 <= column <= LARGEST):
             raise ValueError(
-                f"{file}, line {_line(text, match.start())}: entry {list(place)}; indices run from 1 to {LARGEST}"
+                f"{file}, line {_line(text, where)}: entry [{row}, {column}]; indices run from 1 to {LARGEST}"
             )
         value = _number(match["value"])
         if value is None:
             raise ValueError(
-                f"{file}, line {_line(text, match.start())}: entry {list(place)} is {match['value']!r}, not a number"
+                f"{file}, line {_line(text, where)}: entry [{row}, {column}] is {match['value']!r}, not a number"
             )
-        if entries[letter].setdefault(place, value) != value:
-            raise ValueError(
-                f"{file}, line {_line(text, match.start())}: entry {list(place)} is there twice and differs"
-            )
-        last = match.start()
-    return {name: _filled(file, name, found, _line(text, last)) for name, found in entries.items()}
+        rows, columns, values, places = entries[letter]
+        rows.append(row)
+        columns.append(column)
+        values.append(value)
+        places.append(where)
+    return {name: _filled(file, text, name, found) for name, found in entries.items()}
 
 
-def _filled(file: str, letter: str, entries: Mapping[tuple[int, int], float], last_line: int) -> Array:
-    """The matrix of all entries, or of one triangle; raises ValueError when some are missing."""
-    n = max(max(place) for place in entries) if entries else 0
-    if not n:
+def _filled(file: str, text: str, letter: str, entries: "_Entries") -> Array:
+    """The matrix of all entries, or of one triangle; raises ValueError when some are missing or contradictory."""
+    rows, columns, values, places = (np.array(part) for part in entries)
+    if not len(rows):
         raise ValueError(f"{file}: the title of {letter} is followed by no entry such as [ 1, 2]: 3.4")
+    n = int(max(rows.max(), columns.max()))
     matrix = np.full((n, n), np.nan)
-    rows, columns = np.array(list(entries)).T - 1
-    matrix[rows, columns] = list(entries.values())
-    if len(entries) < n * n:
-        if np.isnan(matrix[np.tril_indices(n, -1)]).all() or np.isnan(matrix[np.triu_indices(n, 1)]).all():
-            matrix = np.where(np.isnan(matrix), matrix.T, matrix)
-        missing = np.argwhere(np.isnan(matrix))
-        if len(missing):
-            row, column = missing[0] + 1
-            raise ValueError(
-                f"{file}, line {last_line}: {letter} is cut: of {n} x {n} entries {len(missing)} are missing, the "
-                f"first is [{row}, {column}]"
-            )
+    matrix[rows - 1, columns - 1] = values
+    other = np.flatnonzero(matrix[rows - 1, columns - 1] != values)
+    if len(other):
+        k = other[0]
+        raise ValueError(
+            f"{file}, line {_line(text, places[k])}: entry [{rows[k]}, {columns[k]}] is there twice and differs"
+        )
+    missing = np.isnan(matrix)
+    if missing[np.tril_indices(n, -1)].all() or missing[np.triu_indices(n, 1)].all():
+        matrix = np.where(missing, matrix.T, matrix)
+    missing = np.argwhere(np.isnan(matrix))
+    if len(missing):
+        row, column = missing[0] + 1
+        raise ValueError(
+            f"{file}, line {_line(text, places[-1])}: {letter} is cut: of {n} x {n} entries {len(missing)} are "
+            f"missing, the first is [{row}, {column}]"
+        )
     return matrix
 
 

@@ -18,6 +18,8 @@ from nassim.superelement import Superelement
 FITS = 0.02
 """Largest misfit of an order that is right, for matrices of three digits and more."""
 MANY_NODES = 4
+AT_ONCE = 200_000
+"""Rows tried at a time."""
 
 
 @dataclass(frozen=True)
@@ -68,11 +70,17 @@ def guess_order(body: Superelement) -> OrderGuess | None:
     r, n = len(body.positions), len(body.mass_matrix)
     orders, texts = zip(*_orders(r, n), strict=True)
     rows = np.array(orders)
-    motions = np.zeros((len(rows), n, 6))
-    np.put_along_axis(motions, rows[:, :, None], np.broadcast_to(body.rigid_motions[: 6 * r], (len(rows), 6 * r, 6)), 1)
-    stiff = rigid_residual(body.stiffness_matrix, motions).max(axis=-1)
+    chunk = max(1, AT_ONCE // n)
+    stiff = np.concatenate(
+        [
+            rigid_residual(body.stiffness_matrix, _motions(body, rows[start : start + chunk])).max(axis=-1)
+            for start in range(0, len(rows), chunk)
+        ]
+    )
     candidates = np.argsort(stiff, kind="stable")[: int(np.sum(stiff <= FITS))]
-    misfits = np.array([max(stiff[k], rigid_inertia(body.mass_matrix, motions[k]).misfit) for k in candidates])
+    misfits = np.array(
+        [max(stiff[k], rigid_inertia(body.mass_matrix, _motions(body, rows[[k]])[0]).misfit) for k in candidates]
+    )
     good = [k for k, misfit in zip(candidates, misfits, strict=True) if misfit <= max(FITS / 10, 3 * misfits.min())]
     if not good or misfits.min() > min(FITS, 0.2 * given):
         return None
@@ -81,6 +89,14 @@ def guess_order(body: Superelement) -> OrderGuess | None:
     nodes = texts[chosen].format(*body.names)
     rest = tuple(k for k in range(n) if k not in order)
     return OrderGuess(order + rest, nodes, float(misfits.min()), given, len(good) - 1)
+
+
+def _motions(body: Superelement, rows: NDArray[np.int64]) -> Array:
+    """Rigid motions in coordinates that stand in the given rows, (m, n, 6) for rows (m, 6 r)."""
+    standard = body.rigid_motions[: rows.shape[1]]
+    result = np.zeros((len(rows), len(body.mass_matrix), 6))
+    np.put_along_axis(result, rows[:, :, None], np.broadcast_to(standard, (len(rows), *standard.shape)), 1)
+    return result
 
 
 def _orders(r: int, n: int) -> Iterator[tuple[NDArray[np.int64], str]]:
