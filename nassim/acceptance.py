@@ -75,9 +75,7 @@ def repair(body: Body) -> Repair[Body]:
     """
     given = as_superelement(body)
     before = check(given)
-    wrong = [
-        before_finding for before_finding in before.faults if before_finding.name in ("row order", "mass", "inertia")
-    ]
+    wrong = [finding for finding in before.faults if finding.name in ("row order", "mass", "inertia")]
     if wrong:
         raise ValueError(f"{given.source}: cannot be repaired: {wrong[0].name}: {wrong[0].text}")
     steps: list[str] = []

@@ -135,13 +135,11 @@ def superelement(
         source,
         units,
     )
-    r = len(raw.positions)
-    mass_factor = np.concatenate([np.tile([1 / length] * 3 + [1.0] * 3, r), [1 / np.sqrt(mass) / length] * raw.n_modes])
-    energy = mass * length**2 * np.outer(mass_factor, mass_factor)
-    stiffness, masses = (
-        force * length * np.outer(mass_factor, mass_factor) * raw.stiffness_matrix,
-        energy * raw.mass_matrix,
-    )
+    r, energy = len(raw.positions), mass * length**2
+    # Per unit of the file's coordinates: metres, radians, and modal amplitudes that keep unit modal masses.
+    unit = np.concatenate([np.tile([length] * 3 + [1.0] * 3, r), [np.sqrt(energy)] * raw.n_modes])
+    stiffness = force * length * raw.stiffness_matrix / np.outer(unit, unit)
+    masses = energy * raw.mass_matrix / np.outer(unit, unit)
     if orientations is not None:
         turns = finite_array(f"{source}: orientations", orientations, (r, 3, 3))
         if np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max() > 1e-6 or np.any(np.linalg.det(turns) < 0):

@@ -8,7 +8,7 @@ from conftest import lattice
 from superelements import grounded_at, joint_like, rounded, sample, with_matrices
 
 from models.bench import make_bench, make_passive_bench
-from nassim import craig_bampton, frequency_response, linearize, simulate, static_response
+from nassim import craig_bampton, frequency_response, linearize, load, save, simulate, static_response
 from nassim.acceptance import repair, to_body
 from nassim.export import export_body
 from nassim.inspection import as_superelement, check
@@ -183,6 +183,14 @@ def test_our_own_36_coordinates_come_back_with_the_same_frfs(apa, ending, tmp_pa
     histories = [simulate(scene, noise, time_step=1e-4, method="exact", progress=False) for scene in (old, new)]
     scale = np.abs(histories[0].values).max(axis=1, keepdims=True)
     assert np.abs((histories[1].values - histories[0].values) / scale).max() < 1e-9
+
+
+def test_imported_bodies_are_saved_and_loaded(own, tmp_path):
+    body = to_body(own)
+    back = load(save(body, tmp_path / "body.h5"))
+    assert not back.full_integrals
+    assert np.array_equal(back.gram, body.gram)
+    assert back.point_names == body.point_names
 
 
 def test_imported_bodies_say_so(own):
