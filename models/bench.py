@@ -124,3 +124,40 @@ def bench_forces_and_readings() -> tuple[dict[str, dict[str, float]], dict[str, 
         "encoder": {"top.uz": 1.0},
     }
     return inputs, outputs
+
+
+def make_passive_bench(body: ReducedBody, *, payload_mass: float = 1.0, fidelity: str = "ffrf") -> Scene:
+    """The bench with any body of two ends in the actuator's place: its first end clamped, its second carries a payload.
+
+    The payload is guided along the line through the ends (along the nearest axis; z where the ends lie in one place),
+    and its weight acts against it. Outputs: "encoder", the payload's displacement [m]. No inputs.
+    Raises ValueError for a body with more or fewer than two remote points.
+    """
+    if len(body.point_names) != 2:
+        raise ValueError(f"body {body.name!r} has {len(body.point_names)} remote points; the bench needs one with two")
+    first, last = (point.position for point in body.remote_points)
+    line = last - first
+    along = 2 if np.abs(line).max() < 1e-6 else int(np.argmax(np.abs(line)))
+    axis = "xyz"[along]
+    side = np.cbrt(payload_mass / 7800.0)
+    return Scene(
+        name=f"bench with {body.name}",
+        bodies=(
+            RigidBody("base", points={"top": first, "guide": last}, fixed=True),
+            FlexibleBody("body", body, fidelity=fidelity),
+            RigidBody(
+                "payload",
+                points={"end": np.zeros(3)},
+                mass=payload_mass,
+                inertia=payload_mass * side**2 / 6 * np.eye(3),
+                position=last,
+            ),
+        ),
+        joints=(
+            Joint("clamp", "base.top", f"body.{body.point_names[0]}"),
+            Joint("mount", f"body.{body.point_names[1]}", "payload.end"),
+            Joint("guide", "base.guide", "payload.end", free=(axis,)),
+        ),
+        sensors=(Encoder("encoder", "base.guide", "payload.end", axis=axis),),
+        gravity=-9.81 * np.eye(3)[along],
+    )

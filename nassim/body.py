@@ -33,6 +33,8 @@ class ReducedBody:
     record: how the reduction was made, as text
     enriched: the same body with more coordinates, in which what was left out is present, so that the difference of
         any answer of the two is the truncation error; None where unknown
+    full_integrals: False where `gram` is right for rigid motions and a guess for the rest, as of imported matrices,
+        see `nassim.inertia`
     passive_points, passive_motions: points that are no coordinates (any more) but move along, and their motions
         (ux uy uz rx ry rz) per unit of the coordinates, shape (6 s, n)
     released_stiffness: how much the stiffness matrix would fall with finite elements one order higher, shape (n, n),
@@ -55,6 +57,7 @@ class ReducedBody:
     passive_points: tuple[RemotePoint, ...] = ()
     passive_motions: Array | None = field(default=None, repr=False)
     ports: tuple[PortCoupling, ...] = ()
+    full_integrals: bool = True
 
     def __post_init__(self) -> None:
         points = tuple(self.remote_points)

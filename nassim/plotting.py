@@ -15,9 +15,15 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from nassim.body import ReducedBody
 from nassim.checks import Array, known
 from nassim.frf import FRF
+from nassim.inspection import signed_frequencies
+from nassim.rowguess import rigid_residual
 from nassim.signals import TimeHistory
+from nassim.superelement import Superelement
 
 COLORS = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf", "#8c564b", "#e377c2")
+
+LOWEST = 1e-6
+"""What eigenfrequencies of zero are drawn as [Hz]."""
 
 
 def plot_frf(
@@ -156,6 +162,37 @@ def plot_mode(body: ReducedBody, shape: Array, *, title: str = "", ax: Any = Non
     ax.set_title(title, fontsize=10)
     ax.set_axis_off()
     return ax
+
+
+def plot_inspection(bodies: Mapping[str, Superelement], *, figure: Any = None) -> Sequence[Any]:
+    """Eigenfrequencies of labelled versions of a body, and what force each rigid motion meets in them.
+
+    Returns the Axes: eigenfrequencies (open markers: unstable), residual of the six rigid motions.
+    """
+    figure = figure or plt.figure(figsize=(11, 4.5), layout="constrained")
+    axes = list(figure.subplots(1, 2, gridspec_kw={"width_ratios": [3, 2]}))
+    width = 0.8 / len(bodies)
+    for k, (color, (label, body)) in enumerate(zip(_colors(len(bodies)), bodies.items(), strict=True)):
+        stiffness, mass = (0.5 * (m + m.T) for m in (body.stiffness_matrix, body.mass_matrix))
+        frequency = signed_frequencies(stiffness, mass)
+        number = np.arange(1, len(frequency) + 1)
+        shift = 0.15 * (k - 0.5 * (len(bodies) - 1))
+        for kind, face in ((frequency > 0, color), (frequency <= 0, "none")):
+            size = np.maximum(np.abs(frequency[kind]), LOWEST)
+            axes[0].semilogy(number[kind] + shift, size, "os"[k % 2], color=color, mfc=face, ms=6)
+        axes[0].plot([], [], "os"[k % 2], color=color, label=label)
+        residual = np.maximum(rigid_residual(stiffness, body.rigid_motions), 1e-18)
+        axes[1].bar(np.arange(6) + (k + 0.5) * width - 0.4, residual, width, color=color, label=label)
+    axes[0].axvspan(0.5, 6.5, color="0.92", zorder=0)
+    axes[0].text(3.5, 0.97, "rigid motions", ha="center", va="top", transform=axes[0].get_xaxis_transform(), fontsize=9)
+    axes[0].set(xlabel="mode (open: unstable)", ylabel="eigenfrequency [Hz]", xlim=(0.5, None))
+    axes[0].xaxis.set_major_locator(MultipleLocator(2))
+    axes[1].set(yscale="log", ylim=(1e-18, 1e3), ylabel="force against it, over its terms [-]", xlabel="rigid motion")
+    axes[1].set_xticks(range(6), ["x", "y", "z", "rx", "ry", "rz"])
+    for ax in axes:
+        ax.grid(visible=True, alpha=0.3)
+        ax.legend(fontsize=9)
+    return axes
 
 
 def save_figure(axes: Any, path: str | Path) -> Path:

@@ -15,18 +15,19 @@ TREES = {name: ast.parse((PACKAGE / f"{name}.py").read_text(encoding="utf-8")) f
 # A module imports only from lower layers, never from its own.
 LAYERS = (
     ("checks", "progress", "storage"),
-    ("calibration", "control", "materials", "piezo", "modal", "signals", "interface", "solver"),
-    ("geometry", "frf"),
-    ("meshing", "ports", "surface"),
-    ("fem",),
+    ("arrayfiles", "calibration", "control", "listing", "materials", "modal", "piezo"),
+    ("interface", "signals", "solver", "units"),
+    ("geometry", "frf", "inertia"),
+    ("meshing", "ports", "superelement", "surface"),
+    ("fem", "rowguess"),
     ("condensation", "body"),
-    ("modes", "trim"),
-    ("discretization", "parts"),
+    ("inspection", "modes", "trim"),
+    ("acceptance", "discretization", "parts"),
     ("reduction",),
     ("floating_frame", "fullmodel", "scene"),
     ("assembly",),
     ("linear", "exudyn_state", "digital"),
-    ("exact", "exudyn_parts"),
+    ("exact", "export", "exudyn_parts"),
     ("exudyn_system",),
     ("exudyn_solver",),
     ("simulation",),
@@ -34,6 +35,7 @@ LAYERS = (
 )
 LAYER = {name: number for number, names in enumerate(LAYERS) for name in names}
 IMPORTERS = {
+    "control": {"export"},
     "exudyn": {"exudyn_parts", "exudyn_solver", "exudyn_state", "exudyn_system"},
     "h5py": {"storage"},
     "matplotlib": {"plotting"},

@@ -61,6 +61,17 @@ def test_help(name):
             [],
         ),
         ("piezo_ports.py", ["--coarse"], ["pair_of_forces_pole_Hz", "ports_sensor_open_zero_Hz"], ["frf.png"]),
+        (
+            "import_body.py",
+            [
+                *sorted(map(str, (ROOT / "tests" / "data" / "ansys_listing").glob("*.txt"))),
+                "--units",
+                "mm-N-t",
+                "--repair",
+            ],
+            ["mass_kg", "rigid_motions_residual", "elastic_after_Hz", "free_Hz"],
+            ["inspection.png"],
+        ),
         ("speed_vs_error.py", ["--quick"], ["reference", "variants", "modes"], ["pareto.png"]),
         ("speed_vs_error_time.py", ["--quick", "--duration", "0.2"], ["first_mode_Hz", "variants"], ["pareto.png"]),
         (
@@ -85,6 +96,29 @@ def test_script_writes_its_results(name, options, figures, pictures, tmp_path):
         assert figure in summary
     for picture in pictures:
         assert (tmp_path / picture).stat().st_size > 10_000
+
+
+def test_import_body_puts_a_body_of_two_ends_on_the_bench(tmp_path):
+    from conftest import lattice
+
+    from nassim import craig_bampton
+    from nassim.export import export_body
+
+    path = export_body(craig_bampton(lattice(), n_modes=12, progress=False), tmp_path / "box.mat")
+    result = run("scripts/import_body.py", path, "--output", tmp_path, "--no-plot")
+    assert result.returncode == 0, result.stderr
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["verdict"] == "ok"
+    assert summary["bench_ffrf_Hz"] == pytest.approx(summary["bench_linear_Hz"], rel=1e-6)
+    assert summary["bench_ffrf_sag_m"] < 0
+
+
+def test_import_body_refuses_in_words(tmp_path):
+    (tmp_path / "bad.mat").write_bytes(b"no matrices in here")
+    result = run("scripts/import_body.py", tmp_path / "bad.mat", "--output", tmp_path, "--no-plot")
+    assert result.returncode == 1
+    assert "bad.mat: damaged or of another format" in result.stderr
+    assert "Traceback" not in result.stderr
 
 
 def readme_blocks(language):

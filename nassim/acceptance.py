@@ -1,0 +1,215 @@
+"""From a superelement to a body that scenes can use: repair what rounding spoilt, refuse what is wrong."""
+
+from dataclasses import dataclass, field, replace
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+import scipy.linalg
+
+from nassim.body import ReducedBody
+from nassim.checks import Array
+from nassim.geometry import RemotePoint
+from nassim.inertia import completed_gram, free_of_rigid_motions
+from nassim.inspection import Report, as_superelement, check, signed_frequencies
+from nassim.rowguess import rigid_residual
+from nassim.superelement import Superelement
+
+CLEAN = 1e-12
+"""Residual of rigid motions below which there is nothing to project out."""
+ALONE = 0.01
+"""Residual of all other rows over that of one node's, below which that node's rows are the damaged ones."""
+ROUNDING = 1e-2
+"""Negative eigenvalues above this share of the positive ones are no rounding and are not repaired."""
+
+Body = TypeVar("Body", ReducedBody, Superelement)
+
+
+@dataclass(frozen=True)
+class Repair(Generic[Body]):
+    """What `repair` did.
+
+    body: the repaired one, of the kind that was given
+    steps: what was done, in words, in order; before, after: reports of `check`
+    elastic_before, elastic_after: frequencies beyond the six lowest [Hz], negative where unstable
+    """
+
+    body: Body
+    steps: tuple[str, ...]
+    before: Report
+    after: Report
+    elastic_before: Array = field(repr=False)
+    elastic_after: Array = field(repr=False)
+
+    @property
+    def elastic_shift(self) -> Array:
+        """Relative change of each elastic frequency [-]."""
+        result: Array = self.elastic_after / self.elastic_before - 1
+        return result
+
+    def __str__(self) -> str:
+        lines = [f"{self.before.name}: {len(self.steps)} repair(s), {self.before.verdict} -> {self.after.verdict}"]
+        lines += [f"  {step}" for step in self.steps]
+        for name, key, unit in (
+            ("rigid motions", "highest_Hz", "Hz, highest of six rigid motions"),
+            ("rigid motions", "residual", "K R over its terms"),
+            ("mass", "kg", "kg, mass"),
+        ):
+            old, new = (_figure(report, name, key) for report in (self.before, self.after))
+            lines.append(f"  {old:12.6g} -> {new:12.6g}  {unit}")
+        for old, new, shift in zip(self.elastic_before, self.elastic_after, self.elastic_shift, strict=True):
+            lines.append(f"  {old:12.6g} -> {new:12.6g}  Hz, elastic ({100 * shift:+.2g} %)")
+        return "\n".join(lines)
+
+
+def repair(body: Body) -> Repair[Body]:
+    """Mend what rounding and truncation do to reduced matrices, and print how far each figure moved.
+
+    Symmetrises K and M; raises eigenvalues of M that rounding made negative; takes out of K the stiffness that it has
+    against rigid motions, K' = P^T K P with P = I - R A and A R = I, so that K' R = 0; mirrors elastic eigenvalues that
+    rounding made negative. Any A leaves the true part of K alone; with A = (R^T M R)^-1 R^T M the error is averaged
+    over the body. Where one node's rows alone hold the error, A = that node's motion removes it altogether: its rows
+    then follow from the others' by equilibrium.
+
+    Returns a `Repair` with the body in the kind that was given. Raises ValueError for what is no rounding: rows in
+    another order, a matrix that is far from definite, a mass that is no body's.
+    """
+    given = as_superelement(body)
+    before = check(given)
+    wrong = [finding for finding in before.faults if finding.name in ("row order", "mass", "inertia")]
+    if wrong:
+        raise ValueError(f"{given.source}: cannot be repaired: {wrong[0].name}: {wrong[0].text}")
+    steps: list[str] = []
+    stiffness = _symmetric(given.stiffness_matrix, "K", steps)
+    mass = _positive_mass(_symmetric(given.mass_matrix, "M", steps), given.source, steps)
+    motions = given.rigid_motions
+    old = signed_frequencies(stiffness, mass)
+    if rigid_residual(stiffness, motions).max() > CLEAN:
+        stiffness = _without_rigid_stiffness(stiffness, mass, given, steps)
+    stiffness = _positive_stiffness(stiffness, mass, given, steps)
+    mended: Body = _with_matrices(body, stiffness, mass)
+    new = signed_frequencies(stiffness, mass)
+    report = Repair(mended, tuple(steps), before, check(mended), np.sort(old[6:]), np.sort(new[6:]))
+    print(report, flush=True)
+    return report
+
+
+def to_body(body: Superelement) -> ReducedBody:
+    """Accept a superelement as a body for scenes.
+
+    Its mass, centre of mass, inertia and response in small motion are those of the matrices; for what large motion
+    asks beyond that see `nassim.inertia`. It has no surface to draw.
+    Raises ValueError naming the source and all faults that `check` finds.
+    """
+    report = check(body)
+    if report.faults:
+        found = "; ".join(f"{finding.name}: {finding.text}" for finding in report.faults)
+        raise ValueError(f"{body.source}: not fit for use: {found}")
+    mass = 0.5 * (body.mass_matrix + body.mass_matrix.T)
+    return ReducedBody(
+        body.name,
+        tuple(RemotePoint(name, (), position) for name, position in zip(body.names, body.positions, strict=True)),
+        mass,
+        0.5 * (body.stiffness_matrix + body.stiffness_matrix.T),
+        completed_gram(mass, body.positions),
+        record={"imported from": body.source, "units": body.units, "inspection": str(report)},
+        full_integrals=False,
+    )
+
+
+def _with_matrices(body: ReducedBody | Superelement, stiffness: Array, mass: Array) -> Any:
+    changed = replace(body, stiffness_matrix=stiffness, mass_matrix=mass)
+    if isinstance(changed, Superelement) or np.array_equal(mass, body.mass_matrix):
+        return changed
+    gram = completed_gram(mass, as_superelement(changed).positions)
+    return replace(changed, gram=gram, full_integrals=False)
+
+
+def _figure(report: Report, name: str, key: str) -> float:
+    return next((f.figures[key] for f in report.findings if f.name == name and key in f.figures), np.nan)
+
+
+def _symmetric(matrix: Array, letter: str, steps: list[str]) -> Array:
+    result: Array = 0.5 * (matrix + matrix.T)
+    moved = np.abs(result - matrix).max()
+    if moved:
+        steps.append(
+            f"{letter} made symmetric: entries moved by up to {moved / np.abs(matrix).max():.1e} of its largest"
+        )
+    return result
+
+
+def _positive_mass(mass: Array, source: str, steps: list[str]) -> Array:
+    diagonal = np.diag(mass)
+    if np.any(diagonal <= 0):
+        raise ValueError(f"{source}: cannot be repaired: the diagonal of M holds {diagonal.min():.3g}")
+    scale = np.sqrt(diagonal)
+    values, vectors = np.linalg.eigh(mass / np.outer(scale, scale))
+    floor = 1e-12 * len(mass)
+    if values[0] > floor:
+        return mass
+    if values[0] < -ROUNDING:
+        raise ValueError(
+            f"{source}: cannot be repaired: M has the eigenvalue {values[0]:.2g} (unit diagonal), which is no rounding"
+        )
+    raised = np.maximum(values, max(10 * floor, -float(values[0])))
+    steps.append(
+        f"M made positive definite: {int(np.sum(raised > values))} eigenvalue(s) (unit diagonal) from "
+        f"{values[0]:.1e} up to {raised[0]:.1e}"
+    )
+    result: Array = scale[:, None] * ((vectors * raised) @ vectors.T) * scale
+    return 0.5 * (result + result.T)
+
+
+def _without_rigid_stiffness(stiffness: Array, mass: Array, body: Superelement, steps: list[str]) -> Array:
+    motions = body.rigid_motions
+    damaged = _damaged_node(stiffness, body)
+    if damaged is None:
+        weighted = motions.T @ mass
+        content = np.linalg.solve(weighted @ motions, weighted)
+        how = "averaged over the body's mass"
+    else:
+        rows = slice(6 * damaged, 6 * damaged + 6)
+        content = np.zeros((6, len(mass)))
+        content[:, rows] = np.linalg.inv(motions[rows])
+        how = f"all of it in the rows of {body.names[damaged]}, which now follow from the others by equilibrium"
+    keep = np.eye(len(mass)) - motions @ content
+    result = keep.T @ stiffness @ keep
+    moved = np.abs(result - stiffness).max() / np.abs(stiffness).max()
+    steps.append(
+        f"stiffness against rigid motions projected out of K, {how}: entries moved by up to {moved:.1e} of the largest"
+    )
+    return 0.5 * (result + result.T)
+
+
+def _damaged_node(stiffness: Array, body: Superelement) -> int | None:
+    """The one node whose rows hold nearly all of the forces K R that there should not be."""
+    if len(body.positions) < 2:
+        return None
+    scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(stiffness)), 1e-12 * np.abs(stiffness).max()))
+    force = scale[:, None] * (stiffness @ body.rigid_motions)
+    force = force / np.linalg.norm(body.rigid_motions / scale[:, None], axis=0)
+    rows = np.linalg.norm(force, axis=1)
+    by_node = np.linalg.norm(rows[: 6 * len(body.positions)].reshape(-1, 6), axis=1)
+    worst = int(np.argmax(by_node))
+    others = np.sqrt(max(float(rows @ rows - by_node[worst] ** 2), 0.0))
+    return worst if others < ALONE * by_node[worst] else None
+
+
+def _positive_stiffness(stiffness: Array, mass: Array, body: Superelement, steps: list[str]) -> Array:
+    basis = free_of_rigid_motions(mass, body.rigid_motions)
+    if not basis.shape[1]:
+        return stiffness
+    squares, vectors = scipy.linalg.eigh(basis.T @ stiffness @ basis, basis.T @ mass @ basis)
+    unstable = squares <= 0
+    if not unstable.any():
+        return stiffness
+    if unstable.all() or -squares[0] > ROUNDING * squares[~unstable][0]:
+        frequency = np.sqrt(-squares[0]) / (2 * np.pi)
+        raise ValueError(
+            f"{body.source}: cannot be repaired: K has negative stiffness in elastic motion (-{frequency:.4g} Hz), "
+            "which is no rounding"
+        )
+    shapes = mass @ basis @ vectors[:, unstable]
+    steps.append(f"{int(unstable.sum())} elastic eigenvalue(s) of K made positive, of the same size")
+    result: Array = stiffness - 2 * (shapes * squares[unstable]) @ shapes.T
+    return 0.5 * (result + result.T)

@@ -1,0 +1,126 @@
+"""Reduced bodies and linear models for other programs: .mat, .npz, python-control."""
+
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+import scipy.io
+from numpy.typing import ArrayLike
+
+from nassim.body import ReducedBody
+from nassim.checks import Array, known
+from nassim.interface import coordinate_names
+from nassim.linear import LinearModel
+from nassim.modal import eigenmodes, modal_damping_matrix
+
+RIGID = 1e-6
+"""Frequencies below this share of a body's highest are rigid motions; they stay undamped."""
+
+
+def export_body(body: ReducedBody, path: str | Path, *, damping_ratio: ArrayLike = 0.0) -> Path:
+    """Write a body's matrices to a .mat or .npz file, which `read_superelement` reads back exactly.
+
+    The variables suit Simscape's block Reduced Order Flexible Solid as they are: P, interface origins as rows (r, 3)
+    [m]; K, M and the damping C, (6 r + p, 6 r + p) [SI], per interface Tx Ty Tz Rx Ry Rz, then the p modal coordinates;
+    beside them names, of the interfaces.
+    damping_ratio: of each free elastic mode [-], one number or one per mode from the lowest
+
+    Source: MathWorks, Simscape Multibody, Reduced Order Flexible Solid. Raises ValueError for another ending.
+    """
+    variables = {
+        "K": body.stiffness_matrix,
+        "M": body.mass_matrix,
+        "C": body_damping(body, damping_ratio),
+        "P": np.array([point.position for point in body.remote_points]).reshape(-1, 3),
+        "names": np.array(body.point_names),
+    }
+    return _write(variables, path)
+
+
+def export_model(model: LinearModel, path: str | Path) -> Path:
+    """Write a state space to a .mat or .npz file: A, B, C, D [SI], and the names of inputs and outputs.
+
+    In MATLAB: m = load(file); ss(m.A, m.B, m.C, m.D). Raises ValueError for another ending.
+    """
+    return _write(
+        {
+            "A": model.A,
+            "B": model.B,
+            "C": model.C,
+            "D": model.D,
+            "inputs": np.array(model.inputs, dtype=str),
+            "outputs": np.array(model.outputs, dtype=str),
+        },
+        path,
+    )
+
+
+def body_state_space(body: ReducedBody, *, damping_ratio: ArrayLike = 0.0) -> LinearModel:
+    """A free body as a state space: forces and moments at its remote points in, their motions out.
+
+    Inputs and outputs "bottom.ux" ... [N, N m; m, rad]; states: amplitudes of the eigenmodes, then their rates.
+    damping_ratio: of each free elastic mode [-], one number or one per mode from the lowest
+    """
+    frequency, shapes = eigenmodes(body.stiffness_matrix, body.mass_matrix)
+    omega = 2 * np.pi * np.where(frequency > RIGID * frequency[-1], frequency, 0.0)
+    n, b = len(omega), 6 * len(body.remote_points)
+    damping = 2 * _ratios(frequency, damping_ratio) * omega
+    system = np.block([[np.zeros((n, n)), np.eye(n)], [-np.diag(omega**2), -np.diag(damping)]])
+    forces = np.vstack([np.zeros((n, b)), shapes[:b].T])
+    motions = np.hstack([shapes[:b], np.zeros((b, n))])
+    names = coordinate_names(body.point_names)
+    units = tuple("rad" if name.rsplit(".", 1)[1].startswith("r") else "m" for name in names)
+    return LinearModel(system, forces, motions, np.zeros((b, b)), names, names, units)
+
+
+def to_control(model: LinearModel) -> Any:
+    """A linear model as python-control's StateSpace, with the names of inputs and outputs.
+
+    Raises ImportError saying how to install python-control where it is missing.
+    """
+    try:
+        import control  # noqa: PLC0415
+    except ImportError as error:
+        raise ImportError("python-control is not installed: pip install 'nassim[control]'") from error
+    return control.ss(
+        model.A, model.B, model.C, model.D, inputs=list(model.inputs), outputs=list(model.outputs), name="nassim"
+    )
+
+
+def body_damping(body: ReducedBody, damping_ratio: ArrayLike) -> Array:
+    """Damping matrix that gives each free elastic mode its ratio, (n, n) [N s/m and the like]."""
+    frequency, shapes = eigenmodes(body.stiffness_matrix, body.mass_matrix)
+    return modal_damping_matrix(body.mass_matrix, frequency, shapes, _ratios(frequency, damping_ratio))
+
+
+def _ratios(frequency: Array, damping_ratio: ArrayLike) -> Array:
+    """Damping ratio of each mode: of elastic ones as given (the last for all that follow), of rigid ones none."""
+    elastic = np.flatnonzero(frequency > RIGID * frequency[-1])
+    given = np.atleast_1d(np.asarray(damping_ratio, dtype=float))
+    result = np.zeros(len(frequency))
+    result[elastic] = given[np.minimum(np.arange(len(elastic)), len(given) - 1)]
+    return result
+
+
+def _write(variables: dict[str, Array], path: str | Path) -> Path:
+    """Write arrays under another name, then move them in place."""
+    target = Path(path)
+    known("file ending", target.suffix, (".mat", ".npz"))
+    write: Callable[[BinaryIO], None]
+    if target.suffix == ".mat":
+        write = lambda file: scipy.io.savemat(file, variables, do_compression=True)  # noqa: E731
+    else:
+        write = lambda file: np.savez_compressed(file, **variables)  # type: ignore[arg-type]  # noqa: E731
+    target.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(suffix=".tmp", prefix=target.name, dir=target.parent)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            write(file)
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, target)
+    finally:
+        Path(temporary).unlink(missing_ok=True)
+    return target

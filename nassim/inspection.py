@@ -1,0 +1,339 @@
+"""Inspection of reduced bodies: what their matrices say in physical terms, with a verdict per line."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
+import scipy.linalg
+
+from nassim.body import ReducedBody
+from nassim.checks import Array, freeze, frozen_mapping, known
+from nassim.inertia import RigidInertia, free_of_rigid_motions, rigid_inertia, rigid_motions
+from nassim.rowguess import FITS, guess_order, order_misfit, rigid_residual
+from nassim.superelement import Superelement
+from nassim.units import Looks, likely_units
+
+VERDICTS = ("ok", "warning", "fault")
+TRUST = 1.5
+"""Fixed-interface modes up to f represent a body up to f / 1.5: the usual rule."""
+SPIN = 1 / 30
+"""Angular velocity over the lowest elastic frequency from which unknown integrals matter, see `nassim.inertia`."""
+NO_INERTIA = 1e-30
+"""Diagonal entries of M below this share of its largest mean a motion without inertia."""
+COORDINATE_UNITS = {1e-3: "mm", 1e3: "m, and the matrices' length mm", 0.0254: "inches", 1 / 0.0254: "m, not inches"}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One line of a report.
+
+    name: what was looked at; verdict: "ok", "warning" (works, but is worse than it could be) or "fault" (wrong)
+    text: in words; figures: numbers with their units in the keys
+    """
+
+    name: str
+    verdict: str
+    text: str
+    figures: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        known("verdict", self.verdict, VERDICTS)
+        freeze(self, figures=frozen_mapping({key: float(value) for key, value in self.figures.items()}))
+
+
+@dataclass(frozen=True)
+class Report:
+    """What `check` found on the body called name; `str` of it is a table for people."""
+
+    name: str
+    findings: tuple[Finding, ...]
+
+    @property
+    def verdict(self) -> str:
+        """The worst verdict of all findings."""
+        return max((finding.verdict for finding in self.findings), key=VERDICTS.index)
+
+    @property
+    def faults(self) -> tuple[Finding, ...]:
+        """The findings that are faults."""
+        return tuple(finding for finding in self.findings if finding.verdict == "fault")
+
+    def __getitem__(self, name: str) -> Finding:
+        """A finding by name; raises ValueError listing the names."""
+        names = [finding.name for finding in self.findings]
+        return self.findings[names.index(known("finding", name, names))]
+
+    def __str__(self) -> str:
+        lines = [f"{self.name}: {self.verdict}"]
+        lines += [f"  {finding.verdict:8}{finding.name:22}{finding.text}" for finding in self.findings]
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class _Numbers:
+    """What several findings need: symmetrised matrices, rigid motions, frequencies with the sign of their square."""
+
+    body: Superelement
+    stiffness: Array
+    mass: Array
+    motions: Array
+    rigid: RigidInertia
+    frequency: Array  # ascending by size
+    elastic: Array  # in motions free of rigid ones
+
+    @property
+    def first(self) -> float:
+        """Lowest elastic frequency [Hz]; infinite for a body without any."""
+        return float(np.min(np.abs(self.elastic), initial=np.inf))
+
+
+def check(body: ReducedBody | Superelement) -> Report:
+    """Inspect a reduced body: an imported one before it is trusted, or any other.
+
+    "fault" is what `to_body` refuses. Raises ValueError for a body without remote points only.
+    """
+    given = as_superelement(body)
+    stiffness, mass = (0.5 * (m + m.T) for m in (given.stiffness_matrix, given.mass_matrix))
+    findings = [_symmetry(given), _digits(given), _definite_mass(given, mass)]
+    if findings[-1].verdict != "fault":
+        try:
+            numbers = _numbers(given, stiffness, mass)
+        except np.linalg.LinAlgError:
+            findings.append(Finding("rigid motions", "fault", "the eigenvalue problem of K and M has no solution"))
+            return Report(given.name, tuple(findings))
+        findings += [line(numbers) for line in _LINES]
+    if isinstance(body, Superelement) or not body.full_integrals:
+        findings.append(_large_motion(None if findings[2].verdict == "fault" else numbers))
+    return Report(given.name, tuple(findings))
+
+
+def as_superelement(body: ReducedBody | Superelement) -> Superelement:
+    """The matrices, positions and names of a reduced body as a superelement."""
+    if isinstance(body, Superelement):
+        return body
+    positions = np.array([point.position for point in body.remote_points]).reshape(-1, 3)
+    return Superelement(
+        body.name, body.stiffness_matrix, body.mass_matrix, positions, body.point_names, f"body {body.name!r}"
+    )
+
+
+def signed_frequencies(stiffness: Array, mass: Array) -> Array:
+    """Eigenfrequencies [Hz], ascending by size; negative ones stand for a negative square (unstable)."""
+    scale = 1.0 / np.sqrt(np.diag(mass))
+    squares = scipy.linalg.eigvalsh(scale[:, None] * stiffness * scale, scale[:, None] * mass * scale)
+    squares = squares[np.argsort(np.abs(squares))]
+    result: Array = np.sign(squares) * np.sqrt(np.abs(squares)) / (2 * np.pi)
+    return result
+
+
+def _numbers(body: Superelement, stiffness: Array, mass: Array) -> _Numbers:
+    motions = body.rigid_motions
+    basis = free_of_rigid_motions(mass, motions)
+    elastic = np.zeros(0)
+    if basis.shape[1]:
+        elastic = signed_frequencies(basis.T @ stiffness @ basis, basis.T @ mass @ basis)
+    rigid = rigid_inertia(mass, motions)
+    return _Numbers(body, stiffness, mass, motions, rigid, signed_frequencies(stiffness, mass), elastic)
+
+
+def _symmetry(body: Superelement) -> Finding:
+    worst = {}
+    for letter, matrix in (("K", body.stiffness_matrix), ("M", body.mass_matrix)):
+        worst[letter] = float(np.abs(matrix - matrix.T).max() / max(np.abs(matrix).max(), 1e-300))
+    verdict = "ok" if max(worst.values()) <= 1e-12 else "warning" if max(worst.values()) <= 1e-9 else "fault"
+    text = f"largest |A - A^T| over largest |A|: {worst['K']:.1e} in K, {worst['M']:.1e} in M"
+    if verdict == "fault":
+        text += "; a reduced body needs symmetric ones: repair, or look for a damaged entry"
+    return Finding("symmetry", verdict, text, {"K": worst["K"], "M": worst["M"]})
+
+
+def _digits(body: Superelement) -> Finding:
+    few = body.digits <= 8
+    text = f"{body.digits} significant digits" + (": went through a text listing" if few else "")
+    return Finding("digits", "warning" if few else "ok", text, {"digits": body.digits})
+
+
+def _definite_mass(body: Superelement, mass: Array) -> Finding:
+    diagonal = np.diag(mass)
+    if np.any(diagonal <= NO_INERTIA * np.abs(mass).max()):
+        row = int(np.argmin(diagonal))
+        text = (
+            f"the diagonal of M holds {diagonal[row]:.3g} in row {row + 1}: a motion without inertia, or no mass matrix"
+        )
+        return Finding("mass matrix", "fault", text)
+    scale = 1.0 / np.sqrt(diagonal)
+    least = float(np.linalg.eigvalsh(scale[:, None] * mass * scale)[0])
+    bad = least <= 1e-13 * len(mass)
+    text = f"{'not ' if bad else ''}positive definite; least eigenvalue {least:.2e} for unit diagonal"
+    return Finding("mass matrix", "fault" if bad else "ok", text, {"least_eigenvalue": least})
+
+
+def _rigid_motions(n: _Numbers) -> Finding:
+    residual = float(rigid_residual(n.stiffness, n.motions).max())
+    six = n.frequency[:6]
+    share = float(np.abs(six).max() / max(n.first, 1e-100))
+    verdict = "ok" if share <= 1e-2 else "warning" if share <= 0.1 else "fault"
+    text = (
+        f"K R is {residual:.1e} of its terms; the six get {' '.join(f'{f:.3g}' for f in np.sort(six))} Hz "
+        f"(first elastic: {n.first:.5g} Hz; negative: unstable)"
+    )
+    if verdict != "ok":
+        text += "; repair projects this out"
+    figures = {"residual": residual, "highest_Hz": np.abs(six).max(), "first_elastic_Hz": n.first}
+    return Finding("rigid motions", verdict, text, figures)
+
+
+def _row_order(n: _Numbers) -> Finding:
+    misfit = order_misfit(n.body)
+    if misfit <= FITS:
+        return Finding("row order", "ok", "per node ux uy uz rx ry rz, as given", {"misfit": misfit})
+    for factor, unit in COORDINATE_UNITS.items():
+        scaled = rigid_motions(factor * n.body.positions, len(n.mass))
+        fits = max(rigid_residual(n.stiffness, scaled).max(), rigid_inertia(n.mass, scaled).misfit)
+        if fits <= min(FITS, 0.2 * misfit):
+            text = (
+                f"the order is right, but the coordinates seem to be in {unit}: they fit when multiplied by {factor:g}"
+            )
+            return Finding("row order", "fault", text, {"misfit": misfit, "coordinate_factor": factor})
+    guess = guess_order(n.body)
+    if guess is None:
+        text = f"misfit of rigid motions {misfit:.2g}, and no other order of rows fits better: errors in the numbers"
+        return Finding("row order", "warning", text, {"misfit": misfit})
+    text = f"wrong (misfit {misfit:.2g}); the rows fit when read as: {guess.text} (misfit {guess.misfit:.1e})"
+    if guess.alternatives:
+        text += f"; {guess.alternatives} other order(s) fit as well"
+    return Finding("row order", "fault", text, {"misfit": misfit, "guess_misfit": guess.misfit})
+
+
+def _mass(n: _Numbers) -> Finding:
+    wrong = n.rigid.mass <= 0 or n.rigid.misfit > 10 * FITS
+    text = f"{n.rigid.mass:.6g} kg"
+    if wrong:
+        text += f"; but R^T M R is no rigid body's (misfit {n.rigid.misfit:.2g}): wrong rows, units or coordinates"
+    return Finding("mass", "fault" if wrong else "ok", text, {"kg": n.rigid.mass, "misfit": n.rigid.misfit})
+
+
+def _centre_of_mass(n: _Numbers) -> Finding:
+    centre, positions = n.rigid.center_of_mass, n.body.positions
+    low, high = positions.min(axis=0), positions.max(axis=0)
+    outside = float(np.linalg.norm(np.maximum(low - centre, 0) + np.maximum(centre - high, 0)))
+    size = max(float(np.ptp(positions, axis=0).max()), _size(n))
+    far = len(positions) > 1 and outside > size
+    text = f"{_vector(1e3 * centre)} mm"
+    if far:
+        text += f"; {1e3 * outside:.3g} mm outside the nodes, farther than the body is large"
+    return Finding(
+        "centre of mass", "warning" if far else "ok", text, dict(zip(("x_m", "y_m", "z_m"), centre, strict=True))
+    )
+
+
+def _inertia(n: _Numbers) -> Finding:
+    moments = np.linalg.eigvalsh(n.rigid.central_inertia)
+    possible = moments[0] > 0 and moments[2] <= (1 + 2e-3) * (moments[0] + moments[1])
+    text = f"principal moments {_vector(moments)} kg m2 about the centre of mass"
+    if not possible:
+        text += "; impossible: none may be negative or larger than the sum of the others"
+    figures = {f"moment_{k + 1}_kgm2": value for k, value in enumerate(moments)}
+    return Finding("inertia", "ok" if possible else "fault", text, figures)
+
+
+def _stiffness(n: _Numbers) -> Finding:
+    falling = n.elastic[n.elastic < 0]
+    if not n.elastic.size:
+        return Finding("stiffness matrix", "ok", "no elastic motion: a rigid body")
+    least = float(n.elastic.min()) if falling.size else n.first
+    text = f"positive for all but rigid motions; elastic from {n.first:.5g} Hz"
+    verdict = "ok"
+    if falling.size or n.first <= 0:
+        verdict, text = "fault", f"{max(falling.size, 1)} elastic motion(s) with negative or no stiffness: repair"
+    elif np.any(n.frequency[:6] < 0):
+        text += "; negative eigenvalues in rigid motions only"
+    return Finding("stiffness matrix", verdict, text, {"lowest_elastic_Hz": least})
+
+
+def _size(n: _Numbers) -> float:
+    """Largest side of the box of the same inertia, or largest distance of nodes [m]."""
+    return float(max(np.sqrt(max(n.rigid.box[-1], 0.0)), np.ptp(n.body.positions, axis=0).max()))
+
+
+def _units(n: _Numbers) -> Finding:
+    looks = Looks(n.rigid.mass, _size(n), n.first * _size(n), n.rigid.box_density)
+    text = f"{n.body.units}: {looks}"
+    strange = looks.implausible
+    if not strange:
+        return Finding("units", "ok", text + ": plausible", looks.figures)
+    text += f"; {' and '.join(strange)} not plausible"
+    likely = likely_units(looks, n.body.units)
+    if likely:
+        text += "; looks like " + ", or else ".join(f"{units} ({reread})" for units, reread in likely[:3])
+    return Finding("units", "warning", text, looks.figures)
+
+
+def _nodes(n: _Numbers) -> Finding:
+    positions, size = n.body.positions, max(_size(n), 1e-12)
+    pairs = [
+        f"{n.body.names[a]} and {n.body.names[b]}"
+        for a, b in combinations(range(len(positions)), 2)
+        if np.linalg.norm(positions[a] - positions[b]) < 1e-6 * size
+    ]
+    if not pairs:
+        return Finding("nodes", "ok", f"{len(positions)}: {', '.join(n.body.names)}")
+    text = f"in one place: {'; '.join(pairs)}"
+    if order_misfit(n.body) <= FITS:
+        return Finding("nodes", "ok", text + " (right by the rigid-motion test, as in a flexible joint)")
+    return Finding("nodes", "warning", text + ": as in a flexible joint, or coordinates are rounded or lost")
+
+
+def _modal_rows(n: _Numbers) -> Finding:
+    p, b = n.body.n_modes, 6 * len(n.body.positions)
+    if not p:
+        return Finding("modal rows", "ok", "none: a static reduction")
+    size = np.sqrt(np.maximum(np.abs(np.diag(n.stiffness)), 1e-100))
+    unit = float(np.abs(n.mass[b:, b:] - np.eye(p)).max())
+    loose = float(np.abs(n.stiffness[:b, b:] / np.outer(size[:b], size[b:])).max())
+    figures = {"rows": p, "unit_mass_misfit": unit, "coupling": loose}
+    text = f"the last {p} belong to no node; "
+    if unit <= 1e-3 and loose <= 1e-3:
+        return Finding("modal rows", "ok", text + "unit modal masses, no static coupling: Craig-Bampton", figures)
+    text += f"their masses differ from ones by {unit:.2g}, they couple to the nodes by {loose:.2g}: "
+    return Finding("modal rows", "warning", text + "no Craig-Bampton modes, or a node without coordinates", figures)
+
+
+def _range(n: _Numbers) -> Finding:
+    p = n.body.n_modes
+    if not p:
+        text = "no modes: good well below the first frequency with all nodes held, which the matrices do not tell"
+        return Finding("range", "warning", text)
+    held = signed_frequencies(n.stiffness[-p:, -p:], n.mass[-p:, -p:])
+    good = float(held[-1]) / TRUST
+    text = f"to about {good:.5g} Hz: modes with all nodes held are kept to {held[-1]:.5g} Hz, over {TRUST}"
+    verdict = "ok" if good >= n.first else "warning"
+    return Finding("range", verdict, text, {"good_to_Hz": good, "highest_kept_Hz": held[-1]})
+
+
+def _large_motion(n: _Numbers | None) -> Finding:
+    text = "exact for rigid motions only, as from any matrices"
+    if n is None or not n.elastic.size:
+        return Finding("inertia integrals", "ok", text)
+    limit = SPIN * n.first * 60
+    text += f'; "ffrf" is right below some {limit:.3g} rev/min, a thirtieth of the first elastic frequency'
+    return Finding("inertia integrals", "ok", text, {"spin_limit_Hz": SPIN * n.first})
+
+
+def _vector(values: Array) -> str:
+    return " ".join(f"{value:.5g}" for value in values)
+
+
+_LINES: tuple[Callable[[_Numbers], Finding], ...] = (
+    _rigid_motions,
+    _row_order,
+    _mass,
+    _centre_of_mass,
+    _inertia,
+    _stiffness,
+    _units,
+    _nodes,
+    _modal_rows,
+    _range,
+)

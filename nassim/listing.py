@@ -1,0 +1,203 @@
+"""ANSYS listings of a superelement as text: its matrices, its nodes, and which row belongs to which node.
+
+Accepts what such listings vary in: the matrix's title, blanks inside [ 1, 2], numbers that follow without a blank,
+missing line breaks, banners and headings between rows, node tables with and without rotations, tables in any order
+and in any number of files.
+"""
+
+import re
+from array import array
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from nassim.checks import Array
+
+LARGEST = 1500
+"""Most coordinates of a superelement that is read."""
+LONGEST = 64 * 2**20
+"""Most characters in the texts of one superelement: enough for that many coordinates."""
+DOFS = ("UX", "UY", "UZ", "ROTX", "ROTY", "ROTZ")
+_TITLE = r"(?P<title>\b[A-Za-z]+_(?P<letter>[KMCD])\s*:)"
+_ENTRY = r"\[\s*(?P<row>\d{1,9})\s*,\s*(?P<column>\d{1,9})\s*\]\s*:\s*(?P<value>[^\s\[\]]*)"
+_BROKEN = r"(?P<broken>\[)"
+_MATRIX = re.compile(f"{_ENTRY}|{_BROKEN}|{_TITLE}")
+_REAL = r"[+-]?(?:\d+\.\d*|\.\d+)(?:[EeDd][+-]?\d+)?"
+_INTEGER = r"[+-]?\d+"
+# A node with three or six reals anywhere in the text, or with any numbers on a line of its own.
+_NODE = re.compile(rf"(?<!\S)(\d{{1,9}})((?:\s+{_REAL}|[+-](?:\d+\.\d*|\.\d+)(?:[EeDd][+-]?\d+)?){{2,}})(?!\S)")
+_NODE_LINE = re.compile(rf"^[ \t]*(\d{{1,9}})((?:[ \t]+(?:{_REAL}|{_INTEGER})){{3,}})[ \t]*\r?$", re.MULTILINE)
+_MASTER = re.compile(r"(?<!\S)(\d{1,9})\s+(UX|UY|UZ|ROTX|ROTY|ROTZ)\b")
+_NODE_HEADING = re.compile(r"\bNODE\s+X\s+Y\s+Z\b")
+_Entries = tuple["array[int]", "array[int]", "array[float]", "array[int]"]
+
+
+@dataclass(frozen=True)
+class Listing:
+    """What listings say, in their own units and order.
+
+    matrices: by letter, "K", "M", shape (n, n), rows as listed
+    nodes: coordinates by node number, (3,); angles: nodal frames THXY THYZ THZX by node number, (3,) [deg]
+    masters: node and DoF of the first rows, in order
+    where: a file for every letter
+    """
+
+    matrices: Mapping[str, Array]
+    nodes: Mapping[int, Array]
+    angles: Mapping[int, Array]
+    masters: tuple[tuple[int, str], ...]
+    where: Mapping[str, str] = field(default_factory=dict)
+
+
+def parse_listings(texts: Mapping[str, str]) -> Listing:
+    """Parse the texts of one superelement, by file name.
+
+    Raises ValueError naming file, line and cause for entries that are no number, missing or contradictory, for
+    matrices of different size, and for tables that are cut.
+    """
+    if sum(map(len, texts.values())) > LONGEST:
+        raise ValueError(f"{', '.join(texts)}: more than {LONGEST >> 20} million characters, the most that is read")
+    matrices: dict[str, Array] = {}
+    where: dict[str, str] = {}
+    nodes: dict[int, Array] = {}
+    angles: dict[int, Array] = {}
+    masters: dict[tuple[int, str], None] = {}
+    for file, text in texts.items():
+        for letter, matrix in _matrices(file, text).items():
+            if letter in matrices:
+                raise ValueError(f"{file}: a second matrix {letter}; the first is in {where[letter]}")
+            matrices[letter], where[letter] = matrix, file
+        _add_nodes(file, text, nodes, angles)
+        masters.update(dict.fromkeys((int(m[1]), m[2]) for m in _MASTER.finditer(text)))
+    for letter in "KM":
+        if letter not in matrices:
+            raise ValueError(f"{', '.join(texts)}: no matrix with a title such as MAT_{letter}: or SUB_{letter}:")
+    if matrices["K"].shape != matrices["M"].shape:
+        raise ValueError(
+            f"{where['K']}: K has {len(matrices['K'])} rows, M in {where['M']} has {len(matrices['M'])}; one is cut"
+        )
+    return Listing(matrices, nodes, angles, tuple(masters), where)
+
+
+def nodal_frame(angles: Array) -> Array:
+    """Rotation from a node's frame to the body's, from THXY, THYZ, THZX [deg]: about z, then x, then y, (3, 3)."""
+    (cz, cx, cy), (sz, sx, sy) = np.cos(np.radians(angles)), np.sin(np.radians(angles))
+    about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
+    about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+    about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
+    result: Array = about_z @ about_x @ about_y
+    return result
+
+
+def _line(text: str, place: int) -> int:
+    return text.count("\n", 0, place) + 1
+
+
+def _matrices(file: str, text: str) -> dict[str, Array]:
+    # Row, column, value and place of each entry: a listing may hold millions.
+    entries: dict[str, _Entries] = {}
+    letter = ""
+    for match in _MATRIX.finditer(text):
+        if match["title"]:
+            letter = match["letter"].upper()
+            entries.setdefault(letter, (array("i"), array("i"), array("d"), array("q")))
+            continue
+        where = match.start()
+        if match["broken"] is not None:
+            raise ValueError(f"{file}, line {_line(text, where)}: '[' begins no entry such as [ 1, 2]: 3.4")
+        if not letter:
+            raise ValueError(f"{file}, line {_line(text, where)}: an entry before a title such as MAT_K:")
+        row, column = int(match["row"]), int(match["column"])
+        if not (1 <= row <= LARGEST and 1 <= column <= LARGEST):
+            raise ValueError(
+                f"{file}, line {_line(text, where)}: entry [{row}, {column}]; indices run from 1 to {LARGEST}"
+            )
+        value = _number(match["value"])
+        if value is None:
+            raise ValueError(
+                f"{file}, line {_line(text, where)}: entry [{row}, {column}] is {match['value']!r}, not a number"
+            )
+        rows, columns, values, places = entries[letter]
+        rows.append(row)
+        columns.append(column)
+        values.append(value)
+        places.append(where)
+    return {name: _filled(file, text, name, found) for name, found in entries.items()}
+
+
+def _filled(file: str, text: str, letter: str, entries: "_Entries") -> Array:
+    """The matrix of all entries, or of one triangle; raises ValueError when some are missing or contradictory."""
+    rows, columns, values, places = (np.array(part) for part in entries)
+    if not len(rows):
+        raise ValueError(f"{file}: the title of {letter} is followed by no entry such as [ 1, 2]: 3.4")
+    n = int(max(rows.max(), columns.max()))
+    matrix = np.full((n, n), np.nan)
+    matrix[rows - 1, columns - 1] = values
+    other = np.flatnonzero(matrix[rows - 1, columns - 1] != values)
+    if len(other):
+        k = other[0]
+        raise ValueError(
+            f"{file}, line {_line(text, places[k])}: entry [{rows[k]}, {columns[k]}] is there twice and differs"
+        )
+    missing = np.isnan(matrix)
+    if missing[np.tril_indices(n, -1)].all() or missing[np.triu_indices(n, 1)].all():
+        matrix = np.where(missing, matrix.T, matrix)
+    missing = np.argwhere(np.isnan(matrix))
+    if len(missing):
+        row, column = missing[0] + 1
+        raise ValueError(
+            f"{file}, line {_line(text, places[-1])}: {letter} is cut: of {n} x {n} entries {len(missing)} are "
+            f"missing, the first is [{row}, {column}]"
+        )
+    return matrix
+
+
+def _number(text: str) -> float | None:
+    try:
+        value = float(text.replace("D", "E").replace("d", "e"))
+    except ValueError:
+        return None
+    return value if np.isfinite(value) else None
+
+
+def _add_nodes(file: str, text: str, nodes: dict[int, Array], angles: dict[int, Array]) -> None:
+    heading = _NODE_HEADING.search(text)
+    if not heading:
+        return
+    rows = {match.start(1): match for pattern in (_NODE_LINE, _NODE) for match in pattern.finditer(text, heading.end())}
+    for start, match in sorted(rows.items()):
+        where = f"{file}, line {_line(text, start)}"
+        values = [_number(word) for word in re.findall(f"{_REAL}|{_INTEGER}", match[2])]
+        if len(values) not in (3, 6) or None in values:
+            raise ValueError(f"{where}: node {match[1]} has {len(values)} numbers, not x y z (and three angles)")
+        row = np.array(values, dtype=float)
+        number = int(match[1])
+        if number in nodes and not np.array_equal(nodes[number], row[:3]):
+            raise ValueError(f"{where}: node {number} is there twice, at different places")
+        nodes[number] = row[:3]
+        if len(row) == 6:
+            angles[number] = row[3:]
+
+
+def rows_by_node(listing: Listing, where: Iterable[str]) -> tuple[tuple[int, ...], Array]:
+    """Master nodes, in order, and the listed row of each of their coordinates ux uy uz rx ry rz, shape (6 r,).
+
+    Raises ValueError without a table of masters, for nodes that lack a DoF or coordinates, and for more masters than
+    the matrices have rows.
+    """
+    files = ", ".join(where)
+    if not listing.masters:
+        raise ValueError(f"{files}: no table of master DoFs (heading NODE DOF): which row belongs to which node?")
+    n = len(listing.matrices["K"])
+    if len(listing.masters) > n:
+        raise ValueError(f"{files}: {len(listing.masters)} master DoFs, but matrices of {n} x {n}; one of them is cut")
+    place = {master: row for row, master in enumerate(listing.masters)}
+    numbers = tuple(dict.fromkeys(number for number, _ in listing.masters))
+    for number in numbers:
+        lacking = [dof for dof in DOFS if (number, dof) not in place]
+        if lacking:
+            raise ValueError(f"{files}: master node {number} lacks {' '.join(lacking)}; each needs all six DoFs")
+        if number not in listing.nodes:
+            raise ValueError(f"{files}: no coordinates of master node {number} under a heading NODE X Y Z")
+    return numbers, np.array([place[number, dof] for number in numbers for dof in DOFS])

@@ -1,0 +1,83 @@
+"""Inspect a body reduced elsewhere (.mat, .npz, or its ANSYS listings together), repair it, put it on the bench.
+
+Prints a verdict per line; --repair mends what rounding spoilt and prints how far each figure moved. A sound body with
+two ends then replaces the actuator on the bench, under a guided payload, in small and in large motion.
+"""
+
+import numpy as np
+from _common import parser, write_summary
+
+from models.bench import make_passive_bench
+from nassim import static_response
+from nassim.acceptance import repair, to_body
+from nassim.export import export_body
+from nassim.inspection import check
+from nassim.plotting import plot_inspection, save_figure
+from nassim.simulation import exudyn_eigenfrequencies
+from nassim.superelement import read_superelement
+
+arguments = parser(__doc__, "import_body")
+arguments.add_argument("files", nargs="+", help="one .mat or .npz file, or the text listings of one body")
+arguments.add_argument(
+    "--units", default="m-N-kg", help="of the files: length-force-mass, e.g. mm-N-t (default: m-N-kg)"
+)
+arguments.add_argument("--repair", action="store_true", help="mend what rounding spoilt")
+arguments.add_argument("--payload", type=float, default=1.0, help="on the bench [kg] (default: 1)")
+
+
+def main() -> None:
+    args = arguments.parse_args()
+    try:
+        body = read_superelement(*args.files, units=args.units)
+    except ValueError as error:
+        arguments.exit(1, f"{error}\n")
+    report = check(body)
+    print(report)
+    summary = {"verdict": report.verdict, "findings": {f.name: f.verdict for f in report.findings}}
+    for name in ("mass", "rigid motions", "range"):
+        found = {f.name: f for f in report.findings}.get(name)
+        summary |= {f"{name}_{key}".replace(" ", "_"): value for key, value in (found.figures if found else {}).items()}
+
+    bodies = {"as read": body}
+    if args.repair:
+        print()
+        mended = repair(body)
+        bodies["repaired"] = body = mended.body
+        report = mended.after
+        summary |= {
+            "repaired_verdict": report.verdict,
+            "repaired_rigid_motions_highest_Hz": report["rigid motions"].figures["highest_Hz"],
+            "elastic_before_Hz": mended.elastic_before,
+            "elastic_after_Hz": mended.elastic_after,
+        }
+    if not args.no_plot:
+        save_figure(plot_inspection(bodies), args.output / "inspection.png")
+
+    if report.faults:
+        print("\nnot fit for the bench" + ("" if args.repair else "; --repair may help"))
+    else:
+        accepted = to_body(body)
+        print(f"\nmatrices in {export_body(accepted, args.output / f'{accepted.name}.mat')}")
+        summary["free_Hz"] = accepted.eigenfrequencies()[6:]
+        if len(accepted.point_names) == 2:
+            summary |= on_bench(accepted, args.payload)
+        else:
+            print(f"not on the bench: {len(accepted.point_names)} nodes, not two")
+    write_summary(args.output, summary)
+
+
+def on_bench(body, payload_mass):
+    print(f"\nbench with {payload_mass:g} kg     1st, 2nd, 3rd eigenfrequency [Hz]     sag [um]")
+    summary = {"payload_kg": payload_mass}
+    for fidelity in ("linear", "ffrf"):
+        scene = make_passive_bench(body, payload_mass=payload_mass, fidelity=fidelity)
+        frequency = exudyn_eigenfrequencies(scene, n_modes=3)
+        sag = static_response(scene)["encoder"]
+        print(f"  {fidelity:12}" + " ".join(f"{f:15.4f}" for f in frequency) + f"{1e6 * sag:15.5f}")
+        summary |= {f"bench_{fidelity}_Hz": frequency, f"bench_{fidelity}_sag_m": sag}
+    return summary
+
+
+if __name__ == "__main__":
+    np.set_printoptions(precision=4)
+    main()

@@ -1,0 +1,201 @@
+"""Repairing superelements and using them: against the body that was spoilt, and in scenes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import lattice
+from superelements import grounded_at, joint_like, rounded, sample, with_matrices
+
+from models.bench import make_bench, make_passive_bench
+from nassim import craig_bampton, frequency_response, linearize, load, save, simulate, static_response
+from nassim.acceptance import repair, to_body
+from nassim.export import export_body
+from nassim.inspection import as_superelement, check
+from nassim.linear import assemble
+from nassim.signals import band_limited_noise
+from nassim.simulation import exudyn_eigenfrequencies
+from nassim.superelement import read_superelement
+
+SAMPLE_FREQUENCIES = [398.9, 664.9, 1107.9, 1846.5, 2171.3]
+"""Of the beam model that the sample was made from, before its matrices were cut to four digits [Hz]."""
+
+
+@pytest.fixture(scope="module")
+def own():
+    return as_superelement(craig_bampton(lattice(), n_modes=12, progress=False))
+
+
+def elastic(body):
+    return to_body(body).eigenfrequencies()[6:]
+
+
+def test_the_sample_has_the_beams_frequencies(capsys):
+    """Four digits in K are up to 1e-4 in a frequency; before the repair and after."""
+    for body in (sample(), repair(sample()).body):
+        assert elastic(body)[:5] == pytest.approx(SAMPLE_FREQUENCIES, rel=5e-4)
+        assert to_body(body).mass == pytest.approx(0.7536, rel=1e-4)
+
+
+@pytest.mark.parametrize("digits", [4, 5])
+@pytest.mark.parametrize("apart", [True, False], ids=["nodes apart", "nodes in one place"])
+def test_rounded_matrices_are_repaired(own, digits, apart, capsys):
+    """Rigid modes below 1 Hz, elastic ones within 0.1 % of those of the file and of the body before rounding."""
+    exact = own if apart else joint_like(own)
+    # A joint's two blocks differ in sign only, so they would be rounded alike: it is spoilt before.
+    spoilt = rounded(own, digits) if apart else joint_like(rounded(own, digits))
+    before = check(spoilt)["rigid motions"].figures["highest_Hz"]
+    mended = repair(spoilt)
+    assert before > 1.0
+    assert mended.after["rigid motions"].figures["highest_Hz"] < 0.03
+    assert np.abs(mended.elastic_shift).max() < 1e-3
+    assert np.abs(mended.elastic_after / elastic(exact) - 1).max() < 1e-3
+    assert mended.after["rigid motions"].verdict == "ok"
+
+
+def test_damage_in_one_nodes_rows_is_removed_altogether(own, capsys):
+    """Whatever is wrong with K's block of one node, the other rows determine it."""
+    exact = joint_like(own)
+    spoilt = grounded_at(exact, 1, 3.0)
+    with pytest.raises(ValueError, match=r"not fit for use: rigid motions: .* repair"):
+        to_body(spoilt)
+    mended = repair(spoilt)
+    assert "in the rows of right" in mended.steps[0]
+    size = np.abs(exact.stiffness_matrix).max()
+    assert np.abs(mended.body.stiffness_matrix - exact.stiffness_matrix).max() < 1e-12 * size
+    # Spread over the nodes, the same damage leaves a trace: the file's own elastic frequencies are off.
+    assert np.abs(mended.elastic_shift).max() > 0.1
+
+
+def test_nothing_is_repaired_silently(own, capsys):
+    repair(rounded(own, 4))
+    printed = capsys.readouterr().out
+    for words in (
+        "projected out of K",
+        "highest of six rigid motions",
+        "K R over its terms",
+        "kg, mass",
+        "Hz, elastic (",
+    ):
+        assert words in printed
+
+
+def test_sound_bodies_are_left_alone(own, apa, capsys):
+    assert repair(own).steps == ()
+    assert np.array_equal(repair(own).body.stiffness_matrix, own.stiffness_matrix)
+    mended = repair(apa)
+    assert mended.steps == ()
+    assert mended.body.full_integrals
+    assert np.array_equal(mended.body.gram, apa.gram)
+
+
+def test_asymmetry_is_repaired(own, capsys):
+    rng = np.random.default_rng(0)
+    noise = 1e-6 * rng.normal(size=own.mass_matrix.shape)
+    spoilt = with_matrices(own, lambda matrix: matrix * (1 + noise))
+    assert check(spoilt)["symmetry"].verdict == "fault"
+    mended = repair(spoilt)
+    assert sum("made symmetric" in step for step in mended.steps) == 2
+    assert mended.after["symmetry"].verdict == "ok"
+    assert elastic(mended.body) == pytest.approx(elastic(own), rel=1e-4)
+
+
+def test_definiteness_is_restored(own, capsys):
+    """A mode whose inertia rounding has made negative, and one whose stiffness it has."""
+    mass = np.array(own.mass_matrix)
+    values, vectors = np.linalg.eigh(mass)
+    light = (vectors * np.concatenate([[-1e-9 * values[0]], values[1:]])) @ vectors.T
+    mended = repair(replace(own, mass_matrix=light))
+    assert any("M made positive definite" in step for step in mended.steps)
+    assert mended.after["mass matrix"].verdict == "ok"
+
+    frequency, shapes = to_body(own).eigenmodes()
+    first = own.mass_matrix @ shapes[:, 6]
+    square = (2 * np.pi * frequency[6]) ** 2
+    soft = replace(own, stiffness_matrix=own.stiffness_matrix - (1 + 1e-4) * square * np.outer(first, first))
+    assert "stiffness matrix" in {finding.name for finding in check(soft).faults}
+    mended = repair(soft)
+    assert any("made positive" in step for step in mended.steps)
+    assert check(mended.body)["stiffness matrix"].verdict == "ok"
+
+
+def test_what_is_no_rounding_is_not_repaired(own):
+    n = len(own.mass_matrix)
+    rows = np.concatenate([np.arange(12).reshape(2, 2, 3)[:, ::-1].ravel(), np.arange(12, n)])
+    for spoilt, message in (
+        (sample().reordered([*range(6, 12), *range(6), *range(12, 22)]), "row order: wrong"),
+        (own.reordered(rows), "row order: wrong"),
+        (replace(own, mass_matrix=-own.mass_matrix), "the diagonal of M holds"),
+        (replace(own, stiffness_matrix=-own.stiffness_matrix), "negative stiffness in elastic motion"),
+        (replace(own, mass_matrix=own.mass_matrix - 0.9 * np.diag(np.diag(own.mass_matrix))), "no rounding"),
+    ):
+        with pytest.raises(ValueError, match=f"cannot be repaired: .*{message}"):
+            repair(spoilt)
+
+
+def test_a_reduced_body_is_repaired_as_one(apa, capsys):
+    spoilt = replace(
+        apa, stiffness_matrix=rounded(as_superelement(apa), 4).stiffness_matrix, released_stiffness=None, enriched=None
+    )
+    mended = repair(spoilt)
+    assert type(mended.body) is type(apa)
+    assert np.array_equal(mended.body.gram, apa.gram)
+    assert mended.after["rigid motions"].figures["highest_Hz"] < 1.0
+    assert np.abs(mended.elastic_shift).max() < 1e-3
+
+
+@pytest.mark.parametrize("apart", [True, False], ids=["nodes apart", "nodes in one place"])
+def test_imported_bodies_run_in_both_fidelities(own, apart, capsys):
+    """On the bench with a payload: equal frequencies and sag, in Exudyn and by hand."""
+    body = to_body(own if apart else repair(grounded_at(joint_like(own), 1, 3.0)).body)
+    axis = "x" if apart else "z"
+    expected = body.eigenfrequencies(fixed=["left"], guided={"right": axis}, masses={"right": 2.0}, n=3)
+    for fidelity in ("linear", "ffrf"):
+        scene = make_passive_bench(body, payload_mass=2.0, fidelity=fidelity)
+        assert assemble(scene).frequency[:3] == pytest.approx(expected, rel=1e-9)
+        assert exudyn_eigenfrequencies(scene, n_modes=3) == pytest.approx(expected, rel=1e-6)
+        coordinate = body.coordinate_names.index(f"right.u{axis}")
+        compliance = body.compliance(fixed=["left"], guided={"right": axis})[coordinate, coordinate]
+        fall = np.zeros(len(body.mass_matrix))
+        fall[[k for k, name in enumerate(body.coordinate_names) if name.endswith(f".u{axis}")]] = -9.81
+        # The payload's weight, and the part of the body's own that its end carries.
+        carried = -9.81 * 2.0 + (body.mass_matrix @ fall)[coordinate]
+        assert static_response(scene)["encoder"] == pytest.approx(compliance * carried, rel=1e-6)
+
+
+def test_the_passive_bench_needs_two_ends():
+    with pytest.raises(ValueError, match="3 remote points"):
+        make_passive_bench(to_body(sample()))
+
+
+@pytest.mark.parametrize("ending", ["mat", "npz"])
+def test_our_own_36_coordinates_come_back_with_the_same_frfs(apa, ending, tmp_path):
+    """Exported, imported, put on the bench in small motion: the same FRFs and the same time history."""
+    back = to_body(read_superelement(export_body(apa, tmp_path / f"apa.{ending}")))
+    assert len(back.mass_matrix) == 36
+    assert not back.full_integrals
+    frequency = np.geomspace(1.0, 2000.0, 400)
+    old, new = (make_bench(apa=body, fidelity="linear") for body in (apa, back))
+    reference = frequency_response(linearize(old), frequency).values
+    found = frequency_response(linearize(new), frequency).values
+    assert np.abs(found / reference - 1).max() < 1e-9
+    noise = band_limited_noise(0.05, 1e4, cutoff_frequency=300.0, rms=0.1)
+    histories = [simulate(scene, noise, time_step=1e-4, method="exact", progress=False) for scene in (old, new)]
+    scale = np.abs(histories[0].values).max(axis=1, keepdims=True)
+    assert np.abs((histories[1].values - histories[0].values) / scale).max() < 1e-9
+
+
+def test_imported_bodies_are_saved_and_loaded(own, tmp_path):
+    body = to_body(own)
+    back = load(save(body, tmp_path / "body.h5"))
+    assert not back.full_integrals
+    assert np.array_equal(back.gram, body.gram)
+    assert back.point_names == body.point_names
+
+
+def test_imported_bodies_say_so(own):
+    body = to_body(own)
+    assert body.surface is None
+    assert body.record["imported from"] == own.source
+    assert "rigid motions" in body.record["inspection"]
+    assert check(body)["inertia integrals"].figures["spin_limit_Hz"] > 0

@@ -1,0 +1,178 @@
+"""What `check` says: of the sample, of sound bodies, and of every defect that a body can be given."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import lattice
+from superelements import SAMPLE, grounded_at, joint_like, rounded, sample, with_matrices
+
+from nassim import craig_bampton
+from nassim.inspection import Finding, as_superelement, check
+from nassim.rowguess import guess_order, order_misfit
+from nassim.superelement import read_superelement
+
+
+@pytest.fixture(scope="module")
+def own():
+    """A body of two nodes and twelve modes, at full precision."""
+    return as_superelement(craig_bampton(lattice(), n_modes=12, progress=False))
+
+
+def test_the_sample_has_the_beams_figures():
+    report = check(sample())
+    assert report.verdict == "warning"
+    assert {f.name for f in report.findings if f.verdict != "ok"} == {"digits", "rigid motions"}
+    assert report["mass"].figures["kg"] == pytest.approx(0.4 * 0.012 * 0.02 * 7850, rel=1e-4)
+    assert report["centre of mass"].figures["x_m"] == pytest.approx(0.2, rel=1e-4)
+    # About the centre: the lateral moment of a thin bar (its beam elements have no rotary inertia to speak of).
+    assert report["inertia"].figures["moment_3_kgm2"] == pytest.approx(0.7536 * 0.4**2 / 12, rel=2e-3)
+    assert report["rigid motions"].figures["first_elastic_Hz"] == pytest.approx(398.9, rel=1e-3)
+    assert "4 significant digits" in report["digits"].text
+    assert "mm-N-t" in report["units"].text
+
+
+def test_own_bodies_are_clean(own, apa):
+    for body in (own, apa, joint_like(own)):
+        report = check(body)
+        assert report.verdict == "ok", str(report)
+    assert check(apa)["mass"].figures["kg"] == pytest.approx(apa.mass, rel=1e-12)
+    assert check(apa)["digits"].figures["digits"] == 16
+    names = [finding.name for finding in check(apa).findings]
+    assert "inertia integrals" not in names, "its integrals are known"
+    with pytest.raises(ValueError, match="unknown finding"):
+        check(apa)["colour"]
+    with pytest.raises(ValueError, match="unknown verdict"):
+        Finding("a", "good", "")
+
+
+def test_coincident_nodes_are_named(own):
+    joint = joint_like(own)
+    assert "left and right" in check(joint)["nodes"].text
+    assert check(joint)["nodes"].verdict == "ok"
+    lost = replace(own, positions=np.zeros((2, 3)))
+    assert check(lost)["nodes"].verdict == "warning"
+    assert check(lost).verdict == "fault"
+
+
+def test_a_truncated_joint_is_found(own):
+    """One node's block damaged, as by cancellation in a text listing."""
+    damaged = grounded_at(rounded(joint_like(own), 4), 1, 2.0)
+    report = check(damaged)
+    assert report["rigid motions"].verdict == "fault"
+    assert report["digits"].verdict == "warning"
+    assert "errors in the numbers" in report["row order"].text
+    assert report["mass"].figures["kg"] == pytest.approx(check(own)["mass"].figures["kg"], rel=1e-3)
+
+
+def orders(body):
+    """Orders that other programs use: rows[i] is the standard row that they put in place i."""
+    r, n = len(body.positions), len(body.mass_matrix)
+    index, modes = np.arange(6 * r).reshape(r, 2, 3), np.arange(6 * r, n)
+    turned = np.roll(np.arange(r), 1)
+    return {
+        "rotations before translations": np.concatenate([index[:, ::-1].ravel(), modes]),
+        "translations of all nodes, then all rotations": np.concatenate([index.transpose(1, 0, 2).ravel(), modes]),
+        "rotations of all nodes": np.concatenate([index[:, ::-1].transpose(1, 0, 2).ravel(), modes]),
+        "direction by direction": np.concatenate([index.reshape(r, 6).T.ravel(), modes]),
+        "ux rx uy": np.concatenate([index.transpose(0, 2, 1).ravel(), modes]),
+        "axes in the order": np.concatenate([index[:, :, [1, 2, 0]].ravel(), modes]),
+        "nodes in the order": np.concatenate([index[turned].ravel(), modes]),
+        "modal rows first": np.concatenate([modes, index.ravel()]),
+        "modal rows first; rotations before translations": np.concatenate([modes, index[:, ::-1].ravel()]),
+    }
+
+
+@pytest.mark.parametrize("words", orders(sample()))
+def test_the_order_of_rows_is_guessed(words):
+    body = sample()
+    shuffled = body.reordered(orders(body)[words])
+    report = check(shuffled)
+    assert report["row order"].verdict == "fault"
+    for word in words.split("; "):
+        assert word in report["row order"].text
+    guess = guess_order(shuffled)
+    assert guess.misfit < 1e-3
+    assert guess.given_misfit > 0.1
+    assert np.array_equal(shuffled.reordered(guess.rows).stiffness_matrix, body.stiffness_matrix)
+    assert check(shuffled.reordered(guess.rows))["row order"].verdict == "ok"
+
+
+@pytest.mark.parametrize("name", ["rotations before translations", "translations of all nodes, then all rotations"])
+def test_the_order_is_guessed_where_nodes_coincide(own, name):
+    """There the stiffness does not tell, but the mass does."""
+    joint = joint_like(own)
+    shuffled = joint.reordered(orders(joint)[name])
+    assert check(shuffled)["row order"].verdict == "fault"
+    assert name in check(shuffled)["row order"].text
+
+
+def test_many_nodes(own, apa):
+    """Five nodes, two of them swapped."""
+    body = as_superelement(apa)
+    rows = np.arange(36)
+    rows[6:12], rows[18:24] = np.arange(18, 24), np.arange(6, 12)
+    text = check(body.reordered(rows))["row order"].text
+    assert f"given, but {body.names[1]} and {body.names[3]} swapped" in text
+
+
+def test_no_order_is_claimed_for_noise(own):
+    rng = np.random.default_rng(0)
+    noise = rng.normal(size=own.mass_matrix.shape)
+    assert guess_order(with_matrices(own, lambda matrix: noise @ noise.T)) is None
+    assert order_misfit(own) < 1e-10
+    assert guess_order(own) is None
+
+
+@pytest.mark.parametrize(
+    ("declared", "truth"),
+    [("m-N-kg", "mm-N-t"), ("mm-N-kg", "mm-N-t"), ("in-lbf-slinch", "mm-N-t")],
+)
+def test_wrong_units_are_diagnosed(declared, truth):
+    """The sample is in mm, N, t."""
+    report = check(read_superelement(*sorted(SAMPLE.glob("*.txt")), units=declared))
+    assert report["units"].verdict == "warning"
+    assert f"not plausible; looks like {truth} (0.754 kg, 0.4 m long" in report["units"].text
+
+
+def test_coordinates_in_another_unit_than_the_matrices_are_found():
+    body = sample()
+    for factor, word in ((1e3, "in mm"), (1e-3, "matrices' length mm")):
+        found = check(replace(body, positions=factor * body.positions))["row order"]
+        assert found.verdict == "fault"
+        assert word in found.text
+        assert found.figures["coordinate_factor"] == pytest.approx(1 / factor)
+
+
+def faults(body):
+    return {finding.name for finding in check(body).faults}
+
+
+def test_every_other_defect_has_its_line(own):
+    n = len(own.mass_matrix)
+    skewed = np.zeros((n, n))
+    skewed[0, 5] = 1e-4 * np.abs(own.stiffness_matrix).max()
+    assert faults(replace(own, stiffness_matrix=own.stiffness_matrix + skewed)) >= {"symmetry"}
+    assert faults(replace(own, mass_matrix=-own.mass_matrix)) == {"mass matrix"}
+    assert faults(replace(own, mass_matrix=np.zeros((n, n)))) == {"mass matrix"}
+    heavy = np.array(own.mass_matrix)
+    heavy[0, 0] *= 5
+    assert "mass" in faults(replace(own, mass_matrix=heavy)), "heavier along x than along y"
+    assert "stiffness matrix" in faults(replace(own, stiffness_matrix=-own.stiffness_matrix))
+    scaled = np.eye(n)
+    scaled[-1, -1] = 2.0
+    assert check(with_matrices(own, lambda m: scaled @ m @ scaled))["modal rows"].verdict == "warning"
+    no_modes = replace(own, stiffness_matrix=own.stiffness_matrix[:12, :12], mass_matrix=own.mass_matrix[:12, :12])
+    assert check(no_modes)["range"].verdict == "warning"
+    assert "static reduction" in check(no_modes)["modal rows"].text
+
+
+def test_the_range_is_that_of_the_kept_modes(own):
+    held = np.sqrt(own.stiffness_matrix[-1, -1]) / (2 * np.pi)
+    assert check(own)["range"].figures["good_to_Hz"] == pytest.approx(held / 1.5)
+
+
+def test_the_report_reads_line_by_line():
+    lines = str(check(sample())).splitlines()
+    assert lines[0] == "beam_K: warning"
+    assert all(line.split()[0] in ("ok", "warning", "fault") for line in lines[1:])

@@ -1,0 +1,327 @@
+"""Reading superelements: listings in all their variations, .mat and .npz files, units, orientations."""
+
+import io
+
+import numpy as np
+import pytest
+import scipy.io
+import scipy.sparse
+from superelements import DOFS, SAMPLE, master_text, matrix_text, node_text, sample
+
+from nassim.arrayfiles import read_arrays
+from nassim.inspection import check
+from nassim.listing import nodal_frame
+from nassim.superelement import read_superelement, significant_digits, superelement
+from nassim.units import unit_factors
+
+
+@pytest.fixture(scope="module")
+def raw():
+    """The sample's matrices as listed, mm-N-t, and its positions [mm]."""
+    found = sample()
+    return (
+        read_superelement(*sorted(SAMPLE.glob("*.txt"))).stiffness_matrix,
+        read_superelement(*sorted(SAMPLE.glob("*.txt"))).mass_matrix,
+        1e3 * found.positions,
+    )
+
+
+def read_texts(folder, *texts, units="mm-N-t", **options):
+    paths = []
+    for k, text in enumerate(texts):
+        paths.append(folder / f"part{k}.txt")
+        paths[-1].write_text(text)
+    return read_superelement(*paths, units=units, **options)
+
+
+def test_the_sample_beam():
+    body = sample()
+    assert body.names == ("node_1001", "node_1029", "node_1113")
+    assert np.allclose(body.positions, [[0, 0, 0], [0.1, 0, 0], [0.4, 0, 0]])
+    assert (body.n_modes, body.digits, body.units) == (4, 4, "mm-N-t")
+    report = check(body)
+    assert report["mass"].figures["kg"] == pytest.approx(0.7536, rel=1e-4)
+    assert not report.faults
+
+
+BANNER = (
+    "\n ***** ANSYS - ENGINEERING ANALYSIS SYSTEM  RELEASE 19.2 *****\n"
+    " 00123456 VERSION=LINUX x64 10:11:12 CP= 1.234\n\n"
+)
+ONE_LINE = {"row_end": " "}
+VARIATIONS = {
+    "as the sample": {},
+    "another title": {"matrix": {"title": "SUB_{}"}},
+    "no blanks": {"matrix": {"entry": "[{:d},{:d}]:{:.3e}", "between": ""}},
+    "many blanks": {"matrix": {"entry": "[ {:4d} , {:4d} ] : {:12.3e}"}},
+    "Fortran exponents": {"matrix": {"entry": "[{:3d},{:3d}]:{:10.3e}", "exponent": "D"}},
+    "all on one line": {"matrix": {"row_end": ""}, "nodes": ONE_LINE, "masters": ONE_LINE},
+    "Windows line ends": {"matrix": {"row_end": "\r\n"}, "nodes": {"row_end": "\r\n"}, "masters": {"row_end": "\r\n"}},
+    "banners": {"matrix": {"banner": BANNER}},
+    "no rotations": {"nodes": {"rotations": False}},
+    "headings everywhere": {"nodes": {"heading_every": 1}, "masters": {"heading_every": 1}},
+    "only master nodes": {"nodes": {"others": False}},
+}
+
+
+@pytest.mark.parametrize("order", ["K M nodes masters", "masters nodes M K", "in one file"])
+@pytest.mark.parametrize("variation", VARIATIONS)
+def test_listings_vary(variation, order, raw, tmp_path):
+    stiffness, mass, positions = raw
+    options = VARIATIONS[variation]
+    style = dict(options.get("matrix", {}))
+    title, exponent = style.pop("title", "MAT_{}"), style.pop("exponent", "e")
+    texts = {
+        letter: matrix_text(matrix, title=title.format(letter), **style).replace("e", exponent)
+        for letter, matrix in (("K", stiffness), ("M", mass))
+    }
+    texts["nodes"] = node_text(positions, **options.get("nodes", {}))
+    texts["masters"] = master_text(3, **options.get("masters", {}))
+    if order == "in one file":
+        body = read_texts(tmp_path, "\n".join(texts.values()))
+    else:
+        body = read_texts(tmp_path, *(texts[name] for name in order.split()))
+    expected = sample()
+    assert body.names == ("node_11", "node_12", "node_13")
+    assert np.array_equal(body.stiffness_matrix, expected.stiffness_matrix)
+    assert np.array_equal(body.mass_matrix, expected.mass_matrix)
+    assert np.allclose(body.positions, expected.positions, atol=1e-12)
+
+
+def test_the_master_table_says_which_row_is_which(raw, tmp_path):
+    """A table with rotations first: rows are sorted by it."""
+    stiffness, mass, positions = raw
+    order = np.concatenate([np.arange(18).reshape(3, 2, 3)[:, ::-1].ravel(), np.arange(18, 22)])
+    block = np.ix_(order, order)
+    body = read_texts(
+        tmp_path,
+        matrix_text(stiffness[block]),
+        matrix_text(mass[block], title="MAT_M"),
+        node_text(positions),
+        master_text(3, dofs=DOFS[3:] + DOFS[:3]),
+    )
+    assert np.array_equal(body.stiffness_matrix, sample().stiffness_matrix)
+
+
+def test_one_triangle_is_enough(raw, tmp_path):
+    stiffness, mass, positions = raw
+    upper = "MAT_K:\n" + "".join(f"[{i + 1},{j + 1}]: {stiffness[i, j]:.3e}\n" for i in range(22) for j in range(i, 22))
+    body = read_texts(tmp_path, upper, matrix_text(mass, title="MAT_M"), node_text(positions), master_text(3))
+    assert np.array_equal(body.stiffness_matrix, sample().stiffness_matrix)
+
+
+def test_nodal_frames_are_turned_back(raw, tmp_path):
+    """A node whose frame is turned by 30 deg about z: the listing's angles bring its rows into the body's axes."""
+    stiffness, mass, positions = raw
+    turn = nodal_frame(np.array([30.0, 0, 0]))
+    assert turn @ [1, 0, 0] == pytest.approx([np.cos(np.pi / 6), 0.5, 0])
+    change = np.eye(22)
+    change[6:9, 6:9] = change[9:12, 9:12] = turn  # body from node
+    full = {"entry": "[{:3d},{:3d}]:{:25.16e}"}
+    body = read_texts(
+        tmp_path,
+        matrix_text(change.T @ stiffness @ change, **full),
+        matrix_text(change.T @ mass @ change, title="MAT_M", **full),
+        node_text(positions, turned={12: 30.0}),
+        master_text(3),
+    )
+    assert np.allclose(body.stiffness_matrix, sample().stiffness_matrix, rtol=1e-12, atol=1e-3)
+    by_hand = superelement(
+        change.T @ stiffness @ change, mass, positions, units="mm-N-t", orientations=[np.eye(3), turn, np.eye(3)]
+    )
+    assert np.allclose(by_hand.stiffness_matrix, sample().stiffness_matrix, rtol=1e-12, atol=1e-3)
+
+
+def test_nodal_frames_turn_about_z_then_x_then_y():
+    turn = nodal_frame(np.array([90.0, 90.0, 0]))
+    # After 90 deg about z the new x points along y; turning about it brings z to x.
+    assert np.allclose(turn @ np.eye(3), [[0, 0, 1], [1, 0, 0], [0, 1, 0]], atol=1e-15)
+
+
+BAD_LISTINGS = {
+    "cut": (lambda t: t["K"][: t["K"].index("[ 17,")], r"part0.txt, line \d+: K is cut: .* first is \[17, 1\]"),
+    "no number": (
+        lambda t: t["K"].replace(" 5.040e+05", " 5.04x+05", 1),
+        r"part0.txt, line 3: .*'5.04x\+05', not a number",
+    ),
+    "nan": (lambda t: t["K"].replace(" 5.040e+05", " nan", 1), r"part0.txt, line 3: .*not a number"),
+    "broken bracket": (lambda t: t["K"].replace("[  2,  1]", "[  2;  1]"), "part0.txt, line 4: '.' begins no entry"),
+    "twice": (lambda t: t["K"] + "[1, 1]: 7.0", r"part0.txt, line \d+: entry \[1, 1\] is there twice"),
+    "large index": (lambda t: t["K"] + "[99999, 1]: 7.0", r"part0.txt, line \d+: entry .* run from 1 to"),
+    "no title": (lambda t: t["K"].replace("MAT_K", "K"), r"part0.txt, line 3: an entry before a title"),
+}
+
+
+@pytest.mark.parametrize("fault", BAD_LISTINGS)
+def test_bad_matrices_are_named_by_file_line_and_cause(fault, raw, tmp_path):
+    stiffness, mass, positions = raw
+    change, message = BAD_LISTINGS[fault]
+    texts = {"K": matrix_text(stiffness)}
+    with pytest.raises(ValueError, match=message):
+        read_texts(tmp_path, change(texts), matrix_text(mass, title="MAT_M"), node_text(positions), master_text(3))
+
+
+BAD_TABLES = {
+    "no masters": (node_text, lambda n: "", "no table of master DoFs"),
+    "cut masters": (node_text, lambda n: master_text(n)[:-10], "master node 13 lacks ROTZ"),
+    "too many masters": (node_text, lambda n: master_text(4), "24 master DoFs, but matrices of 22 x 22"),
+    "no coordinates": (lambda p: node_text(p[:2]), master_text, "no coordinates of master node 13"),
+    "a column too few": (
+        lambda p: node_text(p).replace("     0.00     0.00\n", "     0.00\n", 1),
+        master_text,
+        r"line 3: node 11 has 5 numbers",
+    ),
+    "two places": (lambda p: node_text(p) + node_text(p + 1), master_text, "node 11 is there twice"),
+}
+
+
+@pytest.mark.parametrize("fault", BAD_TABLES)
+def test_bad_tables_are_refused(fault, raw, tmp_path):
+    stiffness, mass, positions = raw
+    nodes, masters, message = BAD_TABLES[fault]
+    with pytest.raises(ValueError, match=message):
+        read_texts(tmp_path, matrix_text(stiffness), matrix_text(mass, title="MAT_M"), nodes(positions), masters(3))
+
+
+def test_matrices_must_be_complete_and_of_one_size(raw, tmp_path):
+    stiffness, mass, positions = raw
+    tables = node_text(positions) + master_text(3)
+    with pytest.raises(ValueError, match="no matrix with a title such as MAT_M"):
+        read_texts(tmp_path, matrix_text(stiffness), tables)
+    with pytest.raises(ValueError, match=r"K has 22 rows, M in .* has 18"):
+        read_texts(tmp_path, matrix_text(stiffness), matrix_text(mass[:18, :18], title="MAT_M"), tables)
+    with pytest.raises(ValueError, match="a second matrix K"):
+        read_texts(tmp_path, matrix_text(stiffness), matrix_text(stiffness), tables)
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"do_compression": True}, {"format": "4"}], ids=["uncompressed", "compressed", "level 4"]
+)
+def test_mat_files_equal_scipys_reading(options, tmp_path):
+    """An independent reader gives the same numbers."""
+    body = sample()
+    path = tmp_path / "body.mat"
+    content = {"K": body.stiffness_matrix, "M": body.mass_matrix, "int_xyz": body.positions}
+    if "format" not in options:
+        content |= {
+            "int_i": np.array([[1001], [1029], [1113]], dtype=np.int32),
+            "more": {"a": 1},
+            "cell": np.array([{}, 2]),
+        }
+    scipy.io.savemat(path, content, **options)
+    read = read_superelement(path)
+    reference = scipy.io.loadmat(path)
+    assert np.array_equal(read.stiffness_matrix, reference["K"])
+    assert np.array_equal(read.mass_matrix, reference["M"])
+    assert np.array_equal(read.positions, reference["int_xyz"])
+    assert read.names == (body.names if "format" not in options else ("node_1", "node_2", "node_3"))
+
+
+def test_sparse_text_and_integers_in_mat_files(tmp_path):
+    path = tmp_path / "a.mat"
+    matrix = scipy.sparse.random(7, 5, 0.3, random_state=0, format="csc")
+    scipy.io.savemat(path, {"s": matrix, "t": ["left", "right one"], "i": np.arange(-3, 3, dtype=np.int16), "e": []})
+    found = read_arrays(path)
+    assert np.array_equal(found["s"], matrix.toarray())
+    assert found["t"].tolist() == ["left", "right one"]
+    assert found["i"].ravel().tolist() == [-3, -2, -1, 0, 1, 2]
+    assert found["e"].size == 0
+
+
+def test_names_of_variables_are_free(tmp_path):
+    body = sample()
+    path = tmp_path / "body.npz"
+    np.savez(path, stiff=body.stiffness_matrix, M=body.mass_matrix, xyz=body.positions.T[:, :2], P=body.positions)
+    with pytest.raises(ValueError, match=r"body.npz: no variable K or .* for K; it has stiff, M, xyz, P"):
+        read_superelement(path)
+    read = read_superelement(path, variables={"K": "stiff"}, names=["a", "b", "c"])
+    assert read.names == ("a", "b", "c")
+    # Columns instead of rows, as ReferenceLocations has them; two nodes then leave ten modal rows.
+    assert read_superelement(path, variables={"K": "stiff", "positions": "xyz"}).n_modes == 10
+    with pytest.raises(ValueError, match="unknown variable of a superelement 'Q'"):
+        read_superelement(path, variables={"Q": "stiff"})
+
+
+def test_bad_array_files_are_refused(tmp_path):
+    body = sample()
+    good = {"K": body.stiffness_matrix, "M": body.mass_matrix, "P": body.positions}
+
+    def reading(**changes):
+        np.savez(tmp_path / "body.npz", **(good | changes))
+        return read_superelement(tmp_path / "body.npz")
+
+    for changes, message in (
+        ({"K": np.array([None, {}])}, "not real numbers"),
+        ({"K": good["K"] + 1j}, "not real numbers"),
+        ({"K": good["K"][:5]}, "stiffness matrix must have shape 22 x 22, got 5 x 22"),
+        ({"P": np.zeros((4, 3))}, "4 nodes have 24 DoFs, but the matrices only 22 rows"),
+        ({"K": np.where(good["K"] == 0, np.nan, good["K"])}, "NaN or infinite"),
+        ({"M": good["M"] * 1e50}, "nothing real is so large"),
+    ):
+        with pytest.raises(ValueError, match=message) as caught:
+            reading(**changes)
+        assert "body.npz" in str(caught.value)
+    data = (tmp_path / "body.npz").read_bytes()
+    (tmp_path / "cut.npz").write_bytes(data[: len(data) // 2])
+    with pytest.raises(ValueError, match=r"cut\.npz: damaged or of another format"):
+        read_superelement(tmp_path / "cut.npz")
+    (tmp_path / "new.mat").write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(512))
+    with pytest.raises(ValueError, match=r"version 7\.3 .* '-v7'"):
+        read_superelement(tmp_path / "new.mat")
+    with pytest.raises(ValueError, match="cannot be read"):
+        read_superelement(tmp_path / "nothing.mat")
+    with pytest.raises(ValueError, match="stands alone"):
+        read_superelement(tmp_path / "new.mat", tmp_path / "cut.npz")
+
+
+def test_units_are_converted_once():
+    """A spring and a mass: 1 N/mm is 1000 N/m, 1 t is 1000 kg, N mm is 1e-3 N m; frequencies stay."""
+    stiffness, mass = np.eye(7), np.eye(7)
+    body = superelement(stiffness, mass, [[1.0, 2.0, 3.0]], units="mm-N-t")
+    assert np.diag(body.stiffness_matrix) == pytest.approx([1e3] * 3 + [1e-3] * 3 + [1.0])
+    assert np.diag(body.mass_matrix) == pytest.approx([1e3] * 3 + [1e-3] * 3 + [1.0])
+    assert body.positions[0] == pytest.approx([1e-3, 2e-3, 3e-3])
+    inches = superelement(stiffness, mass, [[1.0, 0, 0]], units="in-lbf-slinch")
+    assert inches.stiffness_matrix[0, 0] == pytest.approx(4.4482216152605 / 0.0254)
+    assert np.diag(inches.stiffness_matrix) == pytest.approx(np.diag(inches.mass_matrix))
+    for units in ("mm-N", "mm-N-stone", "furlong-N-kg"):
+        with pytest.raises(ValueError, match="unit"):
+            unit_factors(units)
+
+
+def test_digits_are_counted():
+    rng = np.random.default_rng(0)
+    values = rng.normal(size=(9, 9)) * 10.0 ** rng.integers(-9, 9, (9, 9))
+    for digits in (1, 3, 4, 5, 8):
+        text = np.array([[float(f"{v:.{digits - 1}e}") for v in row] for row in values])
+        assert significant_digits(text) == digits
+        assert significant_digits(1e-3 * text) == digits
+    assert significant_digits(values) == 16
+
+
+def test_wrong_nouns_are_refused():
+    with pytest.raises(ValueError, match="orientations must be rotation matrices"):
+        superelement(np.eye(6), np.eye(6), np.zeros((1, 3)), orientations=[2 * np.eye(3)])
+    with pytest.raises(ValueError, match="used more than once"):
+        superelement(np.eye(12), np.eye(12), np.zeros((2, 3)), names=["a", "a"])
+    with pytest.raises(ValueError, match="each of the 6 rows once"):
+        superelement(np.eye(6), np.eye(6), np.zeros((1, 3))).reordered([0, 0, 1, 2, 3, 4])
+    with pytest.raises(ValueError, match="at least one"):
+        read_superelement()
+
+
+def test_big_endian_mat_files_are_read(tmp_path):
+    """A level-4 and a level-5 variable written by hand in the other byte order."""
+    path = tmp_path / "big.mat"
+    path.write_bytes(np.array([1000, 2, 1, 0, 2], ">i4").tobytes() + b"v\x00" + np.array([1.5, -2.0], ">f8").tobytes())
+    assert read_arrays(path)["v"].ravel().tolist() == [1.5, -2.0]
+    body = io.BytesIO()
+    flags = np.array([6, 8, 6, 0], ">u4").tobytes()
+    size = np.array([5, 8, 1, 2], ">u4").tobytes()
+    name = np.array([1, 1], ">u4").tobytes() + b"v" + bytes(7)
+    numbers = np.array([9, 16], ">u4").tobytes() + np.array([1.5, -2.0], ">f8").tobytes()
+    content = flags + size + name + numbers
+    body.write(b"by hand".ljust(124) + b"\x01\x00MI" + np.array([14, len(content)], ">u4").tobytes() + content)
+    path.write_bytes(body.getvalue())
+    assert read_arrays(path)["v"].ravel().tolist() == [1.5, -2.0]
+    assert scipy.io.loadmat(path)["v"].ravel().tolist() == [1.5, -2.0]
