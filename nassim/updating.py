@@ -1,0 +1,198 @@
+"""Identified modes written into a scene: damping ratios, and factors of its actuators and sensors."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+
+from nassim.checks import Array, freeze, frozen_mapping, known, not_negative, positive
+from nassim.identification import ModalFit
+from nassim.linear import assemble
+from nassim.scene import Scene, Sensor, StackActuator, StackSensor
+
+Part = TypeVar("Part", StackActuator, Sensor)
+
+FACTORS = {StackActuator: "gain", StackSensor: "voltage_per_elongation"}
+"""Field by which a part's factor is corrected; parts without one are trusted."""
+VISIBLE = 1e-4
+"""Least share of an output's static response, over the largest of its modes, that makes a mode of a scene visible."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """One parameter of a scene before and after; std: standard deviation of `after`."""
+
+    parameter: str
+    before: float
+    after: float
+    std: float
+
+
+@dataclass(frozen=True)
+class UpdateReport:
+    """What `apply_identification` changed in a scene, and what it could not.
+
+    changes: damping ratios of modes, then factors of parts
+    matches: per identified mode the index of the scene's mode, (modes,), or -1 where the scene has none
+    identified, scene: frequencies [Hz], (modes,) and of the matched ones (modes,), 0 where there is none
+    unmeasured: damping ratio of all other modes of the scene [-]
+    gain_ratio: identified over the scene's old modal gains, (outputs, modes), 0 where there is no match or nothing to
+        see; the factors come from the best known of the trusted output's
+    """
+
+    changes: tuple[Change, ...]
+    matches: Array
+    identified: Array
+    scene: Array
+    unmeasured: Mapping[str, float]
+    gain_ratio: Array
+
+    def __post_init__(self) -> None:
+        freeze(self, unmeasured=frozen_mapping(self.unmeasured))
+
+    @property
+    def unmodelled(self) -> Array:
+        """Frequencies of identified resonances that the scene has no mode for [Hz]."""
+        result: Array = self.identified[self.matches < 0]
+        return result
+
+    def summary(self) -> str:
+        """The report as text."""
+        lines = []
+        for k, (identified, scene) in enumerate(zip(self.identified, self.scene, strict=True)):
+            if self.matches[k] < 0:
+                lines.append(f"{identified:.3f} Hz: not modelled, the scene has no mode near it")
+            else:
+                off = 100 * (identified / scene - 1)
+                lines.append(
+                    f"{identified:.3f} Hz: mode {self.matches[k] + 1:.0f} of the scene, {scene:.3f} Hz ({off:+.2f} %)"
+                )
+        for change in self.changes:
+            lines.append(f"{change.parameter}: {change.before:.5g} -> {change.after:.5g} ± {change.std:.1g}")
+        if self.unmeasured:
+            ratios = sorted(set(self.unmeasured.values()))
+            text = ", ".join(f"{100 * ratio:.3g}" for ratio in ratios)
+            lines.append(f"damping ratio of the {len(self.unmeasured)} other modes, not measured: {text} %")
+        return "\n".join(lines)
+
+
+def apply_identification(
+    scene: Scene,
+    fit: ModalFit,
+    *,
+    trusted: str,
+    distance: float = 0.1,
+    unmeasured_damping_ratio: float | None = None,
+) -> tuple[Scene, UpdateReport]:
+    """Write identified damping ratios and gains into a scene; returns the new scene and what was changed.
+
+    trusted: output whose sensor is right, such as an encoder: the ratio of its identified modal gain to the scene's is
+        the factor of the actuators at the fit's input, and what remains of another output's is its sensor's factor
+    distance: relative difference in frequency up to which an identified mode is one of the scene's
+    unmeasured_damping_ratio: of the scene's other modes (default: as they are)
+
+    Gains are static shares of modes, which do not change with a payload's mass as frequencies do; masses and
+    stiffnesses stay as they are. Raises ValueError for unknown names, when no mode matches, and when a match is not
+    unique: two modes of the scene that the outputs see near one identified, or two identified near one of the scene.
+    """
+    positive("distance", distance)
+    known("input", fit.input, scene.inputs)
+    for output in fit.outputs:
+        known("output", output, scene.outputs)
+    known("trusted output", trusted, fit.outputs)
+    assembly = assemble(scene)
+    modes = assembly.basis @ assembly.shapes
+    rows = [scene.outputs.index(output) for output in fit.outputs]
+    drive = modes.T @ assembly.input_matrix[:, scene.inputs.index(fit.input)]
+    readings = assembly.output_matrix[rows] @ modes
+    with np.errstate(divide="ignore", invalid="ignore"):
+        gains = np.nan_to_num(readings * drive / (2 * np.pi * assembly.frequency) ** 2, posinf=0.0, neginf=0.0)
+    visible = np.abs(gains) > VISIBLE * np.abs(gains).max(axis=1, keepdims=True)
+    matches = _match(fit.frequency, assembly.frequency, visible.any(axis=0), distance)
+
+    ratios = assembly.damping_ratio.copy()
+    if unmeasured_damping_ratio is not None:
+        ratios[:] = not_negative("unmeasured_damping_ratio", unmeasured_damping_ratio)
+    changes = []
+    for k, mode in enumerate(matches):
+        if mode >= 0:
+            ratios[mode], std = fit.damping_ratio[k], fit.damping_ratio_std[k]
+            name = f"damping ratio of mode {mode + 1}"
+            changes.append(Change(name, float(assembly.damping_ratio[mode]), float(ratios[mode]), float(std)))
+    gain_ratio = np.zeros(fit.gains.shape)
+    for k, mode in enumerate(matches):
+        seen = visible[:, mode] & (mode >= 0)
+        gain_ratio[seen, k] = fit.gains[seen, k] / gains[seen, mode]
+    scaled, factors = _scale(scene, fit, gain_ratio, trusted)
+    unmeasured = {f"mode {k + 1}": float(r) for k, r in enumerate(ratios) if k not in matches}
+    found = np.where(matches >= 0, assembly.frequency[matches], 0.0)
+    report = UpdateReport((*changes, *factors), matches, fit.frequency, found, unmeasured, gain_ratio)
+    return replace(scaled, damping_ratio=ratios), report
+
+
+def _match(identified: Array, frequency: Array, visible: Array, distance: float) -> Array:
+    """Index of each identified mode among the scene's, -1 for none."""
+    result = np.full(len(identified), -1)
+    for k, f in enumerate(identified):
+        near = np.flatnonzero(visible & (np.abs(frequency / f - 1) <= distance))
+        if len(near) > 1:
+            modes = ", ".join(f"{x:.4g}" for x in frequency[near])
+            raise ValueError(
+                f"{f:.4g} Hz may be any of the scene's modes at {modes} Hz, all within {100 * distance:g} %: lessen "
+                "the distance, or bring the scene's masses closer to the real ones"
+            )
+        if len(near):
+            result[k] = near[0]
+    for mode in set(result[result >= 0]):
+        rivals = identified[result == mode]
+        if len(rivals) > 1:
+            raise ValueError(
+                f"identified modes at {', '.join(f'{x:.4g}' for x in rivals)} Hz are all within {100 * distance:g} % "
+                f"of the scene's mode at {frequency[mode]:.4g} Hz: lessen the distance"
+            )
+    if np.all(result < 0):
+        raise ValueError(
+            f"no identified mode ({', '.join(f'{x:.4g}' for x in identified)} Hz) lies within {100 * distance:g} % of "
+            f"a mode that the scene's outputs see ({', '.join(f'{x:.4g}' for x in frequency[visible][:5])} ... Hz)"
+        )
+    return result
+
+
+def _scale(scene: Scene, fit: ModalFit, gain_ratio: Array, trusted: str) -> tuple[Scene, list[Change]]:
+    """Scale actuators and sensors, by the mode whose gain at the trusted output is known best."""
+    base, n_modes = fit.outputs.index(trusted), len(fit.frequency)
+    seen = np.flatnonzero(gain_ratio[base])
+    if not len(seen):
+        raise ValueError(f"no matched mode is seen by the trusted output {trusted!r}")
+    relative_std = np.abs(fit.gains_std[base, seen] / fit.gains[base, seen])
+    mode = seen[np.argmin(relative_std)]
+    index = 2 * n_modes + n_modes * np.arange(len(fit.outputs)) + mode
+    gains = fit.gains[:, mode]
+    covariance = fit.covariance[np.ix_(index, index)] / np.outer(gains, gains)
+    factors: dict[str, tuple[float, float]] = {}
+    for part in scene.actuators:
+        if part.input == fit.input:
+            factors[part.name] = float(gain_ratio[base, mode]), float(relative_std.min())
+    for row, output in enumerate(fit.outputs):
+        sensor = scene.sensors[scene.outputs.index(output)]
+        if row == base or type(sensor) not in FACTORS:
+            continue
+        if gain_ratio[row, mode] == 0:
+            raise ValueError(f"output {output!r} does not see the mode at {fit.frequency[mode]:.4g} Hz: leave it out")
+        variance = covariance[row, row] + covariance[base, base] - 2 * covariance[row, base]
+        factors[output] = float(gain_ratio[row, mode] / gain_ratio[base, mode]), float(np.sqrt(variance))
+    changes: list[Change] = []
+    actuators = tuple(_scaled(part, factors, changes) for part in scene.actuators)
+    sensors = tuple(_scaled(part, factors, changes) for part in scene.sensors)
+    return replace(scene, actuators=actuators, sensors=sensors), changes
+
+
+def _scaled(part: Part, factors: Mapping[str, tuple[float, float]], changes: list[Change]) -> Part:
+    """A part with its factor corrected, which is noted in `changes`; other parts as they are."""
+    if part.name not in factors:
+        return part
+    (factor, std), name = factors[part.name], FACTORS[type(part)]
+    before = getattr(part, name)
+    changes.append(Change(f"{part.name}.{name}", before, before * factor, abs(before * factor * std)))
+    return replace(part, **{name: before * factor})
