@@ -14,10 +14,11 @@ TREES = {name: ast.parse((PACKAGE / f"{name}.py").read_text(encoding="utf-8")) f
 
 # A module imports only from lower layers, never from its own.
 LAYERS = (
-    ("checks", "progress", "storage"),
+    ("checks", "progress", "storage", "units"),
     ("materials", "piezo", "modal", "signals", "interface", "solver"),
-    ("geometry", "frf"),
-    ("meshing", "surface"),
+    ("geometry", "frf", "pole_fit"),
+    ("meshing", "surface", "identification", "uff"),
+    ("measurements",),
     ("fem",),
     ("condensation", "body"),
     ("modes", "trim"),
@@ -25,7 +26,7 @@ LAYERS = (
     ("reduction",),
     ("floating_frame", "fullmodel", "scene"),
     ("linear",),
-    ("exudyn_state", "exact"),
+    ("exudyn_state", "exact", "updating"),
     ("exudyn_system",),
     ("exudyn_solver",),
     ("simulation",),
@@ -37,6 +38,7 @@ IMPORTERS = {
     "h5py": {"storage"},
     "matplotlib": {"plotting"},
     "netgen": {"geometry", "meshing"},
+    "pyuff": {"uff"},
     "ngsolve": {"fem", "solver", "surface"},
     "tqdm": {"progress"},
 }

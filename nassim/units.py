@@ -1,0 +1,29 @@
+"""Units of measured data, and their factors to SI."""
+
+PREFIXES = {"": 1.0, "k": 1e3, "m": 1e-3, "u": 1e-6, "n": 1e-9, "p": 1e-12}
+UNITS = {
+    **{
+        prefix + base: (f, base)
+        for base in ("m", "s", "Hz", "N", "V", "A", "C", "rad")
+        for prefix, f in PREFIXES.items()
+    },
+    **{"kg": (1.0, "kg"), "g": (1e-3, "kg"), "-": (1.0, "-"), "1": (1.0, "-")},
+}
+"""Factor to SI and SI unit of every known unit."""
+
+
+def to_si(unit: str) -> tuple[float, str]:
+    """Factor to SI, and the SI unit, of a unit such as "um", "um/V" or "m/s2" ("m/s^2" too).
+
+    Raises ValueError for an unknown unit, listing the known ones.
+    """
+    factor, names = 1.0, []
+    for place, part in enumerate(unit.replace("µ", "u").replace("μ", "u").replace("²", "2").split("/")):
+        name = part.strip().replace("^", "")
+        name, power = (name[:-1], 2) if name.endswith("2") else (name, 1)
+        if name not in UNITS:
+            raise ValueError(f"unknown unit {unit!r}; known: {', '.join(UNITS)}, and quotients of these")
+        one, base = UNITS[name]
+        factor *= one ** (-power if place else power)
+        names.append(base + ("2" if power == 2 else ""))
+    return factor, "/".join(names)
