@@ -27,7 +27,7 @@ EULER = 0.5772156649015329
 class ModalFit:
     """Real modes common to the responses of several outputs to one input, and how well they are known.
 
-    H_o = sum_r gains_or w_r^2 / (w_r^2 - w^2 + 2 i zeta_r w_r w) + sum_p residual_terms_op w^p
+    H_o = sum_r gains_or w_r^2 / (w_r^2 - w^2 + 2 i zeta_r w_r w) + sum_p residual_terms_op (i w)^p
 
     input, outputs: names
     frequency: ascending, (modes,) [Hz]; damping_ratio: (modes,) [-]
@@ -99,9 +99,9 @@ class ModalFit:
     def response(self, frequency: Array, *, label: str = "fit") -> FRF:
         """The identified FRF at any frequencies, (n,) [Hz]; trustworthy within the band of the fit."""
         f = finite_array("frequency", frequency, (None,))[:, None]
-        omega = 2 * np.pi * f
+        s = 2j * np.pi * f
         modes = self.frequency**2 / (self.frequency**2 - f**2 + 2j * self.damping_ratio * self.frequency * f)
-        values = self.gains @ modes.T + self.residual_terms @ (omega**self.residual_powers).T
+        values = self.gains @ modes.T + self.residual_terms @ (s**self.residual_powers).T
         return FRF(f[:, 0], values[:, None], self.outputs, (self.input,), None, label)
 
     def summary(self) -> str:
@@ -126,7 +126,7 @@ def identify_modes(
     n_modes: int | None = None,
     hold_order: int | None = None,
     sample_rate: float | None = None,
-    residual_powers: Sequence[int] = (0, 2),
+    residual_powers: Sequence[int] = (0, 1, 2, 3),
 ) -> ModalFit:
     """Identify the modes that show in one input's responses, with their standard deviations.
 
@@ -140,7 +140,8 @@ def identify_modes(
         lowers gains by the share (pi f / fs)^2 / 6, or / 3 if straight; order 0 also shifts frequencies by pi f / fs
         times the damping ratio.
     sample_rate: of the signals that an FRF was estimated from [Hz], needed for its hold_order only
-    residual_powers: p of the terms w^p for modes outside the band, above it 0 and 2; -2 for those below it
+    residual_powers: p of the terms (i w)^p for modes outside the band: 0 and 2 for those above it, 1 and 3 for what
+        their damping and a hold add, -2 for modes below it
 
     Noise is assumed at the outputs only, Gaussian and independent between outputs, and its variance is estimated per
     output from the residual, smooth over frequency; an FRF's coherence, where it has one, gives the shape of it.

@@ -1,5 +1,6 @@
 """Measured records and FRFs, read from CSV and UFF files in SI."""
 
+import itertools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -100,6 +101,17 @@ def read_frf(path: str | Path, *, label: str = "measured") -> FRF:
     if any(name.endswith(" coherence") for name in table.names):
         coherence = np.stack([table.column(f"{output} coherence", "-") for output in outputs])
     return _frf(path, frequency, values, outputs, inputs, coherence, label, table.lines)
+
+
+def read_measurement(path: str | Path) -> TimeHistory | FRF:
+    """Read a record or an FRF, whichever the file holds; errors as of `read_record` and `read_frf`."""
+    path = Path(path)
+    if path.suffix.lower() in UFF_SUFFIXES:
+        is_frf = any(curve.kind == "frf" for curve in read_curves(path))
+    else:
+        with path.open(encoding="utf-8-sig", errors="replace") as file:
+            is_frf = any(line.lower().lstrip().startswith("frequency") for line in itertools.islice(file, 100))
+    return read_frf(path) if is_frf else read_record(path)
 
 
 @dataclass(frozen=True)

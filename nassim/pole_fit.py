@@ -2,7 +2,7 @@
 
 The model of output o at the line omega, with U the input's spectrum (1 for an FRF), s = i omega and z = exp(s h):
 
-    Y_o = [sum_r c_or w_r^2 / (s^2 + 2 zeta_r w_r s + w_r^2) + sum_p d_op omega^p] U + T_o
+    Y_o = [sum_r c_or w_r^2 / (s^2 + 2 zeta_r w_r s + w_r^2) + sum_p d_op s^p] U + T_o
 
 For sampled records T_o is what the motion before and after the record leaves in its DFT, so no window is needed: per
 mode exactly a decaying exponential's transform, besides a polynomial for the modes outside the band and a linear drift.
@@ -37,7 +37,7 @@ class Lines:
     transient: whether a record's start and end are part of the model, as they must be but for FRFs
     hold_order: what the input does between samples, 0 or 1 as in `nassim.modal.held_pole`; None: it has no content
         above half the sample rate, or no time step is known
-    residual_powers: p of the terms omega^p that stand for modes outside the band
+    residual_powers: p of the terms s^p that stand for modes outside the band
     """
 
     omega: Array
@@ -79,7 +79,7 @@ class Lines:
     def columns(self, poles: Array) -> Array:
         """Everything that enters linearly: modes, residual terms, transients; poles (R, 2); (n, m) complex."""
         modes = [self.mode(pole) * self.excitation for pole in poles]
-        residuals = [self.omega**power * self.held * self.excitation for power in self.residual_powers]
+        residuals = [(1j * self.omega) ** power * self.held * self.excitation for power in self.residual_powers]
         transients = [column for pole in poles for column in self._transients(pole)]
         return np.stack([*modes, *residuals, *transients, *self._background()], axis=1)
 

@@ -6,9 +6,10 @@ from typing import TypeVar
 
 import numpy as np
 
+from nassim.body import RIGID
 from nassim.checks import Array, freeze, frozen_mapping, known, not_negative, positive
 from nassim.identification import ModalFit
-from nassim.linear import assemble
+from nassim.linear import Assembly, assemble
 from nassim.scene import Scene, Sensor, StackActuator, StackSensor
 
 Part = TypeVar("Part", StackActuator, Sensor)
@@ -37,8 +38,7 @@ class UpdateReport:
     matches: per identified mode the index of the scene's mode, (modes,), or -1 where the scene has none
     identified, scene: frequencies [Hz], (modes,) and of the matched ones (modes,), 0 where there is none
     unmeasured: damping ratio of all other modes of the scene [-]
-    gain_ratio: identified over the scene's old modal gains, (outputs, modes), 0 where there is no match or nothing to
-        see; the factors come from the best known of the trusted output's
+    static_ratio: identified over the scene's old static response by the modes in the band, (outputs,)
     """
 
     changes: tuple[Change, ...]
@@ -46,7 +46,7 @@ class UpdateReport:
     identified: Array
     scene: Array
     unmeasured: Mapping[str, float]
-    gain_ratio: Array
+    static_ratio: Array
 
     def __post_init__(self) -> None:
         freeze(self, unmeasured=frozen_mapping(self.unmeasured))
@@ -77,6 +77,17 @@ class UpdateReport:
         return "\n".join(lines)
 
 
+def modal_gains(assembly: Assembly) -> Array:
+    """Each mode's share of the static response, (outputs, inputs, modes), output units over V; 0 for rigid motion."""
+    modes = assembly.basis @ assembly.shapes
+    omega = 2 * np.pi * assembly.frequency
+    compliance = np.zeros(len(omega))
+    flexible = assembly.frequency > RIGID * assembly.frequency.max(initial=0.0)
+    compliance[flexible] = 1 / omega[flexible] ** 2
+    readings, drives = assembly.output_matrix @ modes, assembly.input_matrix.T @ modes
+    return np.einsum("or,ir,r->oir", readings, drives, compliance)
+
+
 def apply_identification(
     scene: Scene,
     fit: ModalFit,
@@ -87,14 +98,15 @@ def apply_identification(
 ) -> tuple[Scene, UpdateReport]:
     """Write identified damping ratios and gains into a scene; returns the new scene and what was changed.
 
-    trusted: output whose sensor is right, such as an encoder: the ratio of its identified modal gain to the scene's is
-        the factor of the actuators at the fit's input, and what remains of another output's is its sensor's factor
+    trusted: output whose sensor is right, such as an encoder: its identified static response over the scene's is the
+        factor of the actuators at the fit's input, and what remains of another output's is its sensor's factor
     distance: relative difference in frequency up to which an identified mode is one of the scene's
     unmeasured_damping_ratio: of the scene's other modes (default: as they are)
 
-    Gains are static shares of modes, which do not change with a payload's mass as frequencies do; masses and
-    stiffnesses stay as they are. Raises ValueError for unknown names, when no mode matches, and when a match is not
-    unique: two modes of the scene that the outputs see near one identified, or two identified near one of the scene.
+    Static response here is the sum of all modal gains in the band, unmodelled resonances included: masses, also such
+    that nobody modelled, move frequencies and share it out among the modes, but do not change it. Masses and
+    stiffnesses of the scene stay as they are. Raises ValueError for unknown names, when no mode matches, and when a
+    match is not unique: two modes of the scene that the outputs see near one identified, or two identified near one.
     """
     positive("distance", distance)
     known("input", fit.input, scene.inputs)
@@ -102,12 +114,8 @@ def apply_identification(
         known("output", output, scene.outputs)
     known("trusted output", trusted, fit.outputs)
     assembly = assemble(scene)
-    modes = assembly.basis @ assembly.shapes
     rows = [scene.outputs.index(output) for output in fit.outputs]
-    drive = modes.T @ assembly.input_matrix[:, scene.inputs.index(fit.input)]
-    readings = assembly.output_matrix[rows] @ modes
-    with np.errstate(divide="ignore", invalid="ignore"):
-        gains = np.nan_to_num(readings * drive / (2 * np.pi * assembly.frequency) ** 2, posinf=0.0, neginf=0.0)
+    gains = modal_gains(assembly)[rows, scene.inputs.index(fit.input)]
     visible = np.abs(gains) > VISIBLE * np.abs(gains).max(axis=1, keepdims=True)
     matches = _match(fit.frequency, assembly.frequency, visible.any(axis=0), distance)
 
@@ -120,14 +128,15 @@ def apply_identification(
             ratios[mode], std = fit.damping_ratio[k], fit.damping_ratio_std[k]
             name = f"damping ratio of mode {mode + 1}"
             changes.append(Change(name, float(assembly.damping_ratio[mode]), float(ratios[mode]), float(std)))
-    gain_ratio = np.zeros(fit.gains.shape)
-    for k, mode in enumerate(matches):
-        seen = visible[:, mode] & (mode >= 0)
-        gain_ratio[seen, k] = fit.gains[seen, k] / gains[seen, mode]
-    scaled, factors = _scale(scene, fit, gain_ratio, trusted)
+    within = (assembly.frequency >= fit.measured.frequency[0]) & (assembly.frequency <= fit.measured.frequency[-1])
+    within[matches[matches >= 0]] = True
+    static = gains[:, within].sum(axis=1)
+    scaled, factors = _scale(scene, fit, static, trusted)
     unmeasured = {f"mode {k + 1}": float(r) for k, r in enumerate(ratios) if k not in matches}
     found = np.where(matches >= 0, assembly.frequency[matches], 0.0)
-    report = UpdateReport((*changes, *factors), matches, fit.frequency, found, unmeasured, gain_ratio)
+    report = UpdateReport(
+        (*changes, *factors), matches, fit.frequency, found, unmeasured, fit.gains.sum(axis=1) / static
+    )
     return replace(scaled, damping_ratio=ratios), report
 
 
@@ -159,29 +168,20 @@ def _match(identified: Array, frequency: Array, visible: Array, distance: float)
     return result
 
 
-def _scale(scene: Scene, fit: ModalFit, gain_ratio: Array, trusted: str) -> tuple[Scene, list[Change]]:
-    """Scale actuators and sensors, by the mode whose gain at the trusted output is known best."""
-    base, n_modes = fit.outputs.index(trusted), len(fit.frequency)
-    seen = np.flatnonzero(gain_ratio[base])
-    if not len(seen):
-        raise ValueError(f"no matched mode is seen by the trusted output {trusted!r}")
-    relative_std = np.abs(fit.gains_std[base, seen] / fit.gains[base, seen])
-    mode = seen[np.argmin(relative_std)]
-    index = 2 * n_modes + n_modes * np.arange(len(fit.outputs)) + mode
-    gains = fit.gains[:, mode]
-    covariance = fit.covariance[np.ix_(index, index)] / np.outer(gains, gains)
-    factors: dict[str, tuple[float, float]] = {}
-    for part in scene.actuators:
-        if part.input == fit.input:
-            factors[part.name] = float(gain_ratio[base, mode]), float(relative_std.min())
+def _scale(scene: Scene, fit: ModalFit, static: Array, trusted: str) -> tuple[Scene, list[Change]]:
+    """Scale actuators and sensors by the fit's static responses over the scene's, (outputs,)."""
+    n_outputs, n_modes = fit.gains.shape
+    base = fit.outputs.index(trusted)
+    identified = fit.gains.sum(axis=1)
+    ratio = identified / static
+    summing = np.kron(np.eye(n_outputs), np.ones(n_modes)) / identified[:, None]
+    covariance = summing @ fit.covariance[2 * n_modes :, 2 * n_modes :] @ summing.T
+    actuator = float(ratio[base]), float(np.sqrt(covariance[base, base]))
+    factors = {part.name: actuator for part in scene.actuators if part.input == fit.input}
     for row, output in enumerate(fit.outputs):
-        sensor = scene.sensors[scene.outputs.index(output)]
-        if row == base or type(sensor) not in FACTORS:
-            continue
-        if gain_ratio[row, mode] == 0:
-            raise ValueError(f"output {output!r} does not see the mode at {fit.frequency[mode]:.4g} Hz: leave it out")
-        variance = covariance[row, row] + covariance[base, base] - 2 * covariance[row, base]
-        factors[output] = float(gain_ratio[row, mode] / gain_ratio[base, mode]), float(np.sqrt(variance))
+        if row != base and type(scene.sensors[scene.outputs.index(output)]) in FACTORS:
+            variance = covariance[row, row] + covariance[base, base] - 2 * covariance[row, base]
+            factors[output] = float(ratio[row] / ratio[base]), float(np.sqrt(variance))
     changes: list[Change] = []
     actuators = tuple(_scaled(part, factors, changes) for part in scene.actuators)
     sensors = tuple(_scaled(part, factors, changes) for part in scene.sensors)
