@@ -233,7 +233,10 @@ def _record_of_curves(path: Path, curves: Sequence[Curve]) -> TimeHistory:
     x = curves[0].x
     time = _equidistant(path, x, "sample", np.arange(len(x)) + 1)
     values = np.stack([curve.values.real for curve in curves])
-    return TimeHistory(time, values, tuple(c.output for c in curves), tuple(c.unit for c in curves))
+    try:
+        return TimeHistory(time, values, tuple(c.output for c in curves), tuple(c.unit for c in curves))
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
 
 
 def _frf_of_curves(path: Path, curves: Sequence[Curve], label: str) -> FRF:
