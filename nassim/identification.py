@@ -131,14 +131,13 @@ def identify_modes(
     """Identify the modes that show in one input's responses, with their standard deviations.
 
     measured: a record of input and outputs sampled together, or an FRF. A record is better: its transient is part of
-        the model, so nothing leaks, whereas an FRF estimated with a window broadens its resonances, which makes damping
-        ratios too large by several per cent where a half-width 2 zeta f spans fewer than some ten lines.
+        the model, so nothing leaks, whereas a windowed estimate of an FRF broadens its resonances, which makes damping
+        ratios too large by some two per cent where a half-width 2 zeta f spans two to four lines
     input, outputs: names; band: lowest and highest frequency that is fitted [Hz]
     n_modes: how many resonances the band has; None adds modes as long as Bayes' information criterion approves
     hold_order: of the input between its samples: 0 for a DAC that keeps each value until the next, 1 for straight
-        lines, None for an input without content above half the sample rate. Overlooked at the sample rate fs, a hold
-        lowers gains by the share (pi f / fs)^2 / 6, or / 3 if straight; order 0 also shifts frequencies by pi f / fs
-        times the damping ratio.
+        lines, None for an input without content above half the sample rate. Overlooked it lowers gains by the share
+        0.6 x^2 (order 0) or x^2 / 3 (order 1) with x = pi f / sample rate, and frequencies by x zeta (order 0)
     sample_rate: of the signals that an FRF was estimated from [Hz], needed for its hold_order only
     residual_powers: p of the terms (i w)^p for modes outside the band: 0 and 2 for those above it, 1 and 3 for what
         their damping and a hold add, -2 for modes below it

@@ -198,7 +198,7 @@ def strongest_pole(lines: Lines, residual: Array, weights: Array) -> Array:
             score = float(np.sum(explained / (size[:, near] @ np.abs(mode) ** 2)))
             if score > best_score:
                 best, best_score = np.array([candidate, ratio]), score
-            candidate += max(ratio * candidate, 0.5 * spacing)
+            candidate += max(2 * ratio * candidate, spacing)
     return best
 
 

@@ -14,7 +14,7 @@ from make_blind_record import make_blind_record
 
 from models.apa300ml import reduced_apa300ml
 from models.bench import make_bench
-from nassim import FRF, TimeHistory, frequency_response, linearize, save
+from nassim import TimeHistory, frequency_response, linearize, save
 from nassim.identification import ModalFit, identify_modes
 from nassim.measurements import read_measurement
 from nassim.plotting import plot_modal_fit, plt, save_figure
@@ -39,7 +39,7 @@ def main() -> None:
     path = args.record or make_blind_record(args.output, seed=args.seed, noise=args.noise, duration=16.0)
     measured = read_measurement(path)
     hold = 0 if isinstance(measured, TimeHistory) and args.input_hold == "dac" else None
-    options = {"band": tuple(args.band), "n_modes": args.modes, "hold_order": hold}
+    options = {"band": args.band, "n_modes": args.modes, "hold_order": hold}
     fit = identify_modes(measured, input=args.input, outputs=args.outputs, **options)
     print(f"\n{path}: {fit.how['data']}, {fit.how['band']}; ± one standard deviation")
     print(fit.summary())
@@ -67,7 +67,10 @@ def main() -> None:
         fine = np.geomspace(*args.band, 4000)
         scenes = {"bench as assumed": bench, "bench as identified": updated}
         models = [frequency_response(linearize(scene), fine, label=label) for label, scene in scenes.items()]
-        save_figure(plot(fit, models), args.output / "fit.png")
+        columns = plt.figure(figsize=(6.5 * len(fit.outputs), 8), layout="constrained").subfigures(1, len(fit.outputs))
+        for column, output in zip(np.atleast_1d(columns), fit.outputs, strict=True):
+            axes = plot_modal_fit(fit, models, output=output, unit=UNITS.get(output, "-"), figure=column)
+        save_figure(axes, args.output / "fit.png")
     write_summary(args.output, summary)
 
 
@@ -90,14 +93,8 @@ def compare(fit: ModalFit, report: UpdateReport, truth: dict[str, float]) -> dic
     return errors
 
 
-def plot(fit: ModalFit, models: list[FRF]) -> list:
-    """All outputs side by side; returns the Axes."""
-    columns = plt.figure(figsize=(6.5 * len(fit.outputs), 8), layout="constrained").subfigures(1, len(fit.outputs))
-    axes = []
-    for column, output in zip(np.atleast_1d(columns), fit.outputs, strict=True):
-        axes += plot_modal_fit(fit, models, output=output, unit=UNITS.get(output, "-"), figure=column)
-    return axes
-
-
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except (OSError, RuntimeError, ValueError) as error:
+        arguments.exit(1, f"{error}\n")
