@@ -132,7 +132,7 @@ def identify_modes(
 
     measured: a record of input and outputs sampled together, or an FRF. A record is better: its transient is part of
         the model, so nothing leaks, whereas a windowed estimate of an FRF broadens its resonances, which makes damping
-        ratios too large by some two per cent where a half-width 2 zeta f spans two to four lines
+        ratios too large by some two per cent where the half-power width 2 zeta f spans two to four lines
     input, outputs: names; band: lowest and highest frequency that is fitted [Hz]
     n_modes: how many resonances the band has; None adds modes as long as Bayes' information criterion approves
     hold_order: of the input between its samples: 0 for a DAC that keeps each value until the next, 1 for straight

@@ -138,12 +138,6 @@ class Solution:
         """Poles' unknowns and linear ones of all outputs."""
         return int(self.poles.size + self.values.size)
 
-    @property
-    def squares(self) -> Array:
-        """Weighted sum of squares per output, (outputs,)."""
-        result: Array = np.sum(np.abs(self.weights * self.residual) ** 2, axis=1)
-        return result
-
 
 def fit_poles(lines: Lines, start: Array, weights: Array) -> Solution:
     """Refine poles from a start, (R, 2) with R from 0 on; weights: (outputs, n).

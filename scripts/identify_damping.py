@@ -21,7 +21,6 @@ from nassim.plotting import plot_modal_fit, plt, save_figure
 from nassim.updating import UpdateReport, apply_identification
 
 UNITS = {"sensor_voltage": "V/V", "encoder": "m/V"}
-
 arguments = parser(__doc__, "identify_damping")
 arguments.add_argument("record", nargs="?", type=Path, metavar="RECORD", help="file (default: a blind demonstration)")
 arguments.add_argument("--input", default="actuator_voltage", help="name of the input (default: actuator_voltage)")

@@ -38,8 +38,8 @@ IMPORTERS = {
     "h5py": {"storage"},
     "matplotlib": {"plotting"},
     "netgen": {"geometry", "meshing"},
-    "pyuff": {"uff"},
     "ngsolve": {"fem", "solver", "surface"},
+    "pyuff": {"uff"},
     "tqdm": {"progress"},
 }
 LIBRARIES = {*IMPORTERS, "numpy", "scipy", "mpl_toolkits", "psutil", "pypardiso", "threadpoolctl"}

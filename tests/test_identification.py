@@ -184,7 +184,7 @@ def test_coverage_of_frfs_is_nominal(coherence):
 
 
 def test_a_windowed_estimate_broadens_resonances_and_a_record_does_not():
-    """Why a record is better than its FRF: with four lines across its half-width a mode seems damped by 2 % more."""
+    """Why a record is better than its FRF: four lines per half-power width add 2 % of damping."""
     record = make_record(1, duration=32.0, noise=0.01, hold_order=1)
     frf = estimate_frf(record, inputs=["u"], outputs=OUTPUTS, segment_duration=1.0)
     windowed = identify(frf, hold_order=1, sample_rate=record.sample_rate, n_modes=2)
