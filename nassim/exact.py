@@ -14,6 +14,7 @@ from nassim.assembly import Assembly, state_space
 from nassim.body import RIGID
 from nassim.checks import Array
 from nassim.digital import check_runaway, start_loops
+from nassim.modal import held_pole
 
 CHECKS = 200
 NO_EQUILIBRIUM = "no static equilibrium: can a body move freely? Add joints, or leave gravity out"
@@ -128,20 +129,12 @@ def _oscillator(force: Array, omega: float, damping: float, h: float, hold_order
 
 def _first_order(force: Array, rate: complex, h: float, hold_order: int) -> Array:
     """Response of z' = rate z + force from rest at every sample."""
-    x = rate * h
-    first = np.expm1(x) / x
-    # Taylor's series where the closed form would cancel.
-    second = (first - 1) / x if abs(x) > 1e-2 else sum(x**n / _factorial(n + 2) for n in range(8))
-    now, before = (h * second, h * (first - second)) if hold_order else (0.0, h * first)
-    result: Array = scipy.signal.lfilter([now, before], [1.0, -np.exp(x)], force)
+    now, before, decay = held_pole(rate, h, hold_order=hold_order)
+    result: Array = scipy.signal.lfilter([now, before], [1.0, -decay], force)
     # From rest, so the first sample's own share, which stands for time before it, is not there.
     if hold_order:
-        result = result - now * force[0] * np.exp(x * np.arange(len(force)))
+        result = result - now * force[0] * np.exp(rate * h * np.arange(len(force)))
     return result
-
-
-def _factorial(n: int) -> float:
-    return float(np.prod(np.arange(1.0, n + 1)))
 
 
 def _free(force: Array, h: float, hold_order: int) -> Array:

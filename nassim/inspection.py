@@ -12,7 +12,7 @@ from nassim.checks import Array, freeze, frozen_mapping, known
 from nassim.inertia import RigidInertia, free_of_rigid_motions, rigid_inertia, rigid_motions
 from nassim.rowguess import FITS, guess_order, order_misfit, rigid_residual
 from nassim.superelement import Superelement
-from nassim.units import Looks, likely_units
+from nassim.unit_systems import Looks, likely_units
 
 VERDICTS = ("ok", "warning", "fault")
 TRUST = 1.5

@@ -1,4 +1,6 @@
-"""Eigenmodes of dense mass and stiffness matrices, and modal damping."""
+"""Eigenmodes of dense mass and stiffness matrices, modal damping, and a pole in discrete time."""
+
+import math
 
 import numpy as np
 import scipy.linalg
@@ -50,6 +52,21 @@ def modal_damping_matrix(mass: Array, frequency: Array, shapes: Array, damping_r
     weighted = mass @ shapes
     result: Array = (weighted * (2 * ratio * 2 * np.pi * frequency)) @ weighted.T
     return result
+
+
+def held_pole(rate: complex, time_step: float, *, hold_order: int) -> tuple[complex, complex, complex]:
+    """Exact discrete form z[k] = decay z[k-1] + now u[k] + before u[k-1] of z' = rate z + u.
+
+    rate [1/s], not zero; hold_order: 0 for an input that keeps each sample's value until the next, 1 for one that runs
+    straight between them. Returns (now, before, decay).
+    """
+    x = rate * time_step
+    first = np.expm1(x) / x
+    if hold_order == 0:
+        return 0.0, time_step * first, np.exp(x)
+    # Taylor's series where the closed form would cancel.
+    second = (first - 1) / x if abs(x) > 1e-2 else sum(x**n / math.factorial(n + 2) for n in range(8))
+    return time_step * second, time_step * (first - second), np.exp(x)
 
 
 def mac(shapes_a: Array, shapes_b: Array, mass: Array | None = None) -> Array:

@@ -1,5 +1,6 @@
 """Pictures of finished results; each function returns its Axes."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,12 +10,13 @@ import numpy as np
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MultipleLocator
+from matplotlib.ticker import LogLocator, MultipleLocator, NullFormatter
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from nassim.body import ReducedBody
 from nassim.checks import Array, known
 from nassim.frf import FRF
+from nassim.identification import ModalFit
 from nassim.inspection import signed_frequencies
 from nassim.rowguess import rigid_residual
 from nassim.signals import TimeHistory
@@ -91,6 +93,61 @@ def plot_frf_error(
     axes[0].legend(fontsize=9)
     axes[1].set_ylabel("1 - coherence [-]")
     axes[1].set_xlabel("frequency [Hz]")
+    for ax in axes:
+        ax.grid(True, which="both", alpha=0.25)
+    return axes
+
+
+def plot_modal_fit(
+    fit: ModalFit, models: Sequence[FRF], *, output: str, unit: str, figure: Any = None
+) -> Sequence[Any]:
+    """Measured responses of one output line by line, the fit and models over them, and what the fit leaves over.
+
+    models: FRFs to compare with, such as a scene's before and after; unit: of the response
+
+    Returns the Axes: magnitude, phase, residual.
+    """
+    figure = figure or plt.figure(figsize=(7, 8), layout="constrained")
+    axes = list(figure.subplots(3, 1, sharex=True, gridspec_kw={"height_ratios": [3, 2, 2]}))
+    dots: dict[str, Any] = {"ls": "", "marker": ".", "ms": 2, "color": "0.65", "rasterized": True}
+    measured = fit.measured.response(output, fit.input)
+    # Lines that are mostly noise say nothing of the phase.
+    clear = np.abs(measured) > 3 * fit.noise[fit.outputs.index(output)]
+    frequency = fit.measured.frequency
+    axes[0].loglog(frequency, np.abs(measured), label="measured, line by line", **dots)
+    fine = np.geomspace(frequency[0], frequency[-1], 4000)
+    identified = fit.response(fine, label="identified")
+    response = identified.response(output, fit.input)
+    phase = _phase(response)
+
+    def near_phase(x: Array, values: Array) -> Array:
+        """Phase without jumps against the fit's [deg]."""
+        own = fit.response(x).response(output, fit.input)
+        turns = np.round((np.interp(x, fine, phase) - np.angle(own, deg=True)) / 360)
+        result: Array = np.angle(own, deg=True) + 360 * turns + np.angle(values / own, deg=True)
+        return result
+
+    axes[1].semilogx(frequency[clear], near_phase(frequency[clear], measured[clear]), **dots)
+    for k, frf in enumerate((identified, *models)):
+        style: dict[str, Any] = {"color": COLORS[k % len(COLORS)], "ls": ("-", "--", "-.", ":")[k % 4], "lw": 1.4}
+        values = frf.response(output, fit.input)
+        axes[0].loglog(frf.frequency, np.abs(values), label=frf.label, **style)
+        axes[1].semilogx(frf.frequency, near_phase(frf.frequency, values), **style)
+    axes[2].loglog(frequency, np.abs(fit.residual.response(output, fit.input)), label="residual", **dots)
+    noise = fit.noise[fit.outputs.index(output)]
+    axes[2].loglog(*_running_median(frequency, noise), color="black", lw=1.2, label="noise, standard deviation")
+    axes[2].loglog(fine, np.abs(response), color=COLORS[0], lw=0.8, label="identified")
+    axes[0].set_title(f"{output} / {fit.input}".replace("_", " "), fontsize=11)
+    axes[0].set_ylabel(f"magnitude [{unit}]")
+    axes[1].set_ylabel("phase [deg]")
+    axes[1].yaxis.set_major_locator(MultipleLocator(90))
+    axes[2].set_ylabel(f"residual [{unit}]")
+    axes[2].set_xlabel("frequency [Hz]")
+    for ax in (axes[0], axes[2]):
+        ax.legend(fontsize=8)
+    axes[2].xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes[2].xaxis.set_major_formatter("{x:g}")
+    axes[2].xaxis.set_minor_formatter(NullFormatter())
     for ax in axes:
         ax.grid(True, which="both", alpha=0.25)
     return axes
@@ -233,6 +290,13 @@ def _surface(body: ReducedBody) -> Any:
 
 def _colors(n: int) -> list[str]:
     return [COLORS[i % len(COLORS)] for i in range(n)]
+
+
+def _running_median(frequency: Array, values: Array, n_bins: int = 200) -> tuple[Array, Array]:
+    edges = np.geomspace(frequency[0], frequency[-1] * (1 + 1e-9), n_bins + 1)
+    groups = [(frequency >= low) & (frequency < high) for low, high in itertools.pairwise(edges)]
+    filled = [group for group in groups if group.any()]
+    return np.array([frequency[g].mean() for g in filled]), np.array([np.median(values[g]) for g in filled])
 
 
 def _phase(response: Array) -> Array:

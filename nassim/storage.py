@@ -4,7 +4,8 @@ import hashlib
 import importlib
 import os
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -23,20 +24,27 @@ def save(obj: object, path: str | Path) -> Path:
     The file appears whole or not at all: it is written under another name and then moved in place.
     Raises ValueError for objects that are not dataclasses of nassim.
     """
+    with written_whole(path) as temporary, h5py.File(temporary, "w") as file:
+        file.attrs["nassim_format"] = FORMAT_VERSION
+        _write(file, "content", obj)
+    return Path(path)
+
+
+@contextmanager
+def written_whole(path: str | Path) -> Iterator[Path]:
+    """Give a temporary path to write to, which is moved to `path` at the end, or removed when an error comes first."""
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(suffix=".tmp", prefix=target.name, dir=target.parent)
+    handle, name = tempfile.mkstemp(suffix=".tmp", prefix=target.name, dir=target.parent)
     os.close(handle)
+    temporary = Path(name)
     try:
-        with h5py.File(temporary, "w") as file:
-            file.attrs["nassim_format"] = FORMAT_VERSION
-            _write(file, "content", obj)
+        yield temporary
         # mkstemp lets only its owner read; a cache may be shared.
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, target)
+        temporary.chmod(0o644)
+        temporary.replace(target)
     finally:
-        Path(temporary).unlink(missing_ok=True)
-    return target
+        temporary.unlink(missing_ok=True)
 
 
 def load(path: str | Path) -> Any:

@@ -13,7 +13,7 @@ from nassim.arrayfiles import read_arrays, read_bytes
 from nassim.checks import Array, finite_array, freeze, known, unique
 from nassim.inertia import rigid_motions
 from nassim.listing import LARGEST, Listing, nodal_frame, parse_listings, rows_by_node
-from nassim.units import unit_factors
+from nassim.unit_systems import unit_factors
 
 VARIABLES = {
     "K": ("K", "K_red", "stiffness", "stiffness_matrix", "Kr"),

@@ -1,86 +1,29 @@
-"""Systems of units of foreign files, and which one the figures of a body speak for."""
+"""Units of measured data, and their factors to SI."""
 
-from dataclasses import dataclass
-
-import numpy as np
-
-from nassim.checks import known
-
-LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
-FORCES = {"N": 1.0, "mN": 1e-3, "uN": 1e-6, "kN": 1e3, "MN": 1e6, "lbf": 4.4482216152605}
-MASSES = {"kg": 1.0, "g": 1e-3, "t": 1e3, "lb": 0.45359237, "slug": 14.59390294, "slinch": 175.12683699}
-SYSTEMS = (
-    *("m-N-kg", "mm-N-t", "mm-mN-kg", "mm-N-kg", "mm-uN-g", "cm-N-kg", "m-N-t", "m-kN-t", "m-N-g"),
-    *("in-lbf-slinch", "in-lbf-lb", "ft-lbf-slug"),
-)
-PLAUSIBLE = {
-    "mass": (1e-7, 1e6),
-    "size": (1e-4, 100.0),
-    "wave speed": (0.1, 2e4),
-    "density": (10.0, 3e4),
+PREFIXES = {"": 1.0, "k": 1e3, "m": 1e-3, "u": 1e-6, "n": 1e-9, "p": 1e-12}
+UNITS = {
+    **{
+        prefix + base: (f, base)
+        for base in ("m", "s", "Hz", "N", "V", "A", "C", "rad")
+        for prefix, f in PREFIXES.items()
+    },
+    **{"kg": (1.0, "kg"), "g": (1e-3, "kg"), "-": (1.0, "-"), "1": (1.0, "-")},
 }
-"""Of parts of machines [kg, m, m/s, kg/m3]."""
-SOLID = 4000.0
-"""Between aluminium and steel [kg/m3]; the likelier units are those that come nearer."""
+"""Factor to SI and SI unit of every known unit."""
 
 
-@dataclass(frozen=True)
-class Looks:
-    """Figures of a body that wrong units make absurd; `str` of it tells them.
+def to_si(unit: str) -> tuple[float, str]:
+    """Factor to SI, and the SI unit, of a unit such as "um", "um/V" or "m/s2" ("m/s^2" too).
 
-    mass [kg]; size: its length [m]; speed: first elastic frequency times size, which waves in the material exceed [m/s]
-    density: over the homogeneous box of the same inertia [kg/m3], NaN where that has no volume
+    Raises ValueError for an unknown unit, listing the known ones.
     """
-
-    mass: float
-    size: float
-    speed: float
-    density: float
-
-    @property
-    def implausible(self) -> list[str]:
-        """Which of mass, size, wave speed and density no part of a machine has."""
-        values = zip(PLAUSIBLE.items(), (self.mass, self.size, self.speed, self.density), strict=True)
-        return [name for (name, (low, high)), value in values if np.isfinite(value) and not low <= value <= high]
-
-    @property
-    def figures(self) -> dict[str, float]:
-        """By name and unit."""
-        return {
-            "mass_kg": self.mass,
-            "size_m": self.size,
-            "speed_m_per_s": self.speed,
-            "density_kg_per_m3": self.density,
-        }
-
-    def reread(self, given: str, other: str) -> "Looks":
-        """The same numbers of a file read in other units."""
-        length, force, mass = (b / a for a, b in zip(unit_factors(given), unit_factors(other), strict=True))
-        speed = self.speed * length * np.sqrt(force / (mass * length))
-        return Looks(self.mass * mass, self.size * length, float(speed), self.density * mass / length**3)
-
-    def __str__(self) -> str:
-        box = f", {self.density:.3g} kg/m3 of its box" if np.isfinite(self.density) else ""
-        return f"{self.mass:.3g} kg, {self.size:.3g} m long{box}"
-
-
-def likely_units(looks: Looks, given: str) -> list[tuple[str, Looks]]:
-    """The other `SYSTEMS` in which nothing is implausible, the likeliest first, and what the body is in them."""
-    readings = {units: looks.reread(given, units) for units in SYSTEMS if units != given}
-    likely = [(units, reread) for units, reread in readings.items() if not reread.implausible]
-    if np.isfinite(looks.density):
-        likely.sort(key=lambda item: abs(np.log(item[1].density / SOLID)))
-    return likely
-
-
-def unit_factors(units: str) -> tuple[float, float, float]:
-    """The units of length [m], force [N] and mass [kg] of a text such as "mm-N-t"; raises ValueError otherwise."""
-    parts = units.split("-")
-    if len(parts) != 3:
-        raise ValueError(f"units are written length-force-mass, such as 'mm-N-t', got {units!r}")
-    tables = (("length", LENGTHS), ("force", FORCES), ("mass", MASSES))
-    length, force, mass = (
-        table[known(f"unit of {kind} in {units!r}", part, table)]
-        for part, (kind, table) in zip(parts, tables, strict=True)
-    )
-    return length, force, mass
+    factor, names = 1.0, []
+    for place, part in enumerate(unit.replace("µ", "u").replace("μ", "u").replace("²", "2").split("/")):
+        name = part.strip().replace("^", "")
+        name, power = (name[:-1], 2) if name.endswith("2") else (name, 1)
+        if name not in UNITS:
+            raise ValueError(f"unknown unit {unit!r}; known: {', '.join(UNITS)}, and quotients of these")
+        one, base = UNITS[name]
+        factor *= one ** (-power if place else power)
+        names.append(base + ("2" if power == 2 else ""))
+    return factor, "/".join(names)

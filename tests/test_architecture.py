@@ -14,19 +14,19 @@ TREES = {name: ast.parse((PACKAGE / f"{name}.py").read_text(encoding="utf-8")) f
 
 # A module imports only from lower layers, never from its own.
 LAYERS = (
-    ("checks", "progress", "storage"),
-    ("arrayfiles", "calibration", "control", "listing", "materials", "modal", "piezo"),
-    ("interface", "signals", "solver", "units"),
-    ("geometry", "frf", "inertia"),
-    ("meshing", "ports", "superelement", "surface"),
-    ("fem", "rowguess"),
+    ("checks", "progress", "storage", "units"),
+    ("arrayfiles", "calibration", "control", "listing", "materials", "modal", "piezo", "unit_systems"),
+    ("interface", "signals", "solver"),
+    ("geometry", "frf", "inertia", "pole_fit"),
+    ("meshing", "ports", "superelement", "surface", "identification", "uff"),
+    ("fem", "measurements", "rowguess"),
     ("condensation", "body"),
     ("inspection", "modes", "trim"),
     ("acceptance", "discretization", "parts"),
     ("reduction",),
     ("floating_frame", "fullmodel", "scene"),
     ("assembly",),
-    ("linear", "exudyn_state", "digital"),
+    ("linear", "exudyn_state", "digital", "updating"),
     ("exact", "export", "exudyn_parts"),
     ("exudyn_system",),
     ("exudyn_solver",),
@@ -41,6 +41,7 @@ IMPORTERS = {
     "matplotlib": {"plotting"},
     "netgen": {"geometry", "meshing"},
     "ngsolve": {"fem", "ports", "solver", "surface"},
+    "pyuff": {"uff"},
     "tqdm": {"progress"},
 }
 LIBRARIES = {*IMPORTERS, "numpy", "scipy", "mpl_toolkits", "psutil", "pypardiso", "threadpoolctl"}

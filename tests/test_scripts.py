@@ -86,6 +86,7 @@ def test_help(name):
             ["ffrf_us_per_step", "exact_speed_over_ffrf", "trimmed_frf_error"],
             [],
         ),
+        ("identify_damping.py", [], ["damping_ratio_std", "unmodelled_Hz", "errors_in_percent"], ["fit.png"]),
     ],
 )
 def test_script_writes_its_results(name, options, figures, pictures, tmp_path):
@@ -119,6 +120,29 @@ def test_import_body_refuses_in_words(tmp_path):
     assert result.returncode == 1
     assert "bad.mat: damaged or of another format" in result.stderr
     assert "Traceback" not in result.stderr
+
+
+@pytest.mark.slow
+def test_blind_identification_meets_its_accuracy(tmp_path):
+    """Another seed than the default, with 5 % noise: frequencies to 0.1 %, damping to 5 %, gains to 2 %."""
+    result = run("scripts/identify_damping.py", "--output", tmp_path, "--seed", "7", "--no-plot")
+    assert result.returncode == 0, result.stderr
+    errors = json.loads((tmp_path / "summary.json").read_text())["errors_in_percent"]
+    assert len(errors) == 10
+    for name, error in errors.items():
+        limit = 0.1 if name.startswith("frequency") else 5.0 if name.startswith("damping") else 2.0
+        assert abs(error) < limit, name
+
+
+def test_identification_that_fails_writes_nothing(tmp_path):
+    record = tmp_path / "record.csv"
+    rows = "\n".join(f"{1e-3 * k:.3f}, {k % 7}, {k % 5}, {k % 3}" for k in range(2000))
+    record.write_text("time [s], actuator_voltage [V], sensor_voltage [V], encoder [um]\n" + rows)
+    result = run("scripts/identify_damping.py", record, "--output", tmp_path / "out", "--band", "600", "700")
+    assert result.returncode == 1
+    assert "band 600 ... 700 Hz must ascend within" in result.stderr
+    assert "Traceback" not in result.stderr
+    assert not (tmp_path / "out").exists()
 
 
 def readme_blocks(language):

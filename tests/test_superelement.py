@@ -12,7 +12,7 @@ from nassim.arrayfiles import read_arrays
 from nassim.inspection import check
 from nassim.listing import nodal_frame
 from nassim.superelement import read_superelement, significant_digits, superelement
-from nassim.units import unit_factors
+from nassim.unit_systems import unit_factors
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,375 @@
+"""Modes identified from measurements: poles, damping ratios and gains with their uncertainty."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.ndimage
+from threadpoolctl import threadpool_limits
+
+from nassim.checks import Array, finite_array, freeze, frozen_mapping, positive, unique
+from nassim.frf import FRF
+from nassim.pole_fit import DAMPING_RANGE, Lines, Solution, fit_poles, strongest_pole
+from nassim.signals import TimeHistory
+
+MOST_MODES = 12
+"""Modes up to which the criterion looks for more."""
+EXACT = 1e-10
+"""Residual over response that counts as rounding: below it there is nothing left to fit."""
+UNEXCITED = 1e-6
+"""Lines whose input is this much below the largest carry no information."""
+COHERENCE_LINES = 5
+NOISE_DEGREE = 3
+EULER = 0.5772156649015329
+
+
+@dataclass(frozen=True)
+class ModalFit:
+    """Real modes common to the responses of several outputs to one input, and how well they are known.
+
+    H_o = sum_r gains_or w_r^2 / (w_r^2 - w^2 + 2 i zeta_r w_r w) + sum_p residual_terms_op (i w)^p
+
+    input, outputs: names
+    frequency: ascending, (modes,) [Hz]; damping_ratio: (modes,) [-]
+    gains: each mode's share of the static response, (outputs, modes), output unit over input unit
+    covariance: of frequency, damping_ratio and gains (output by output), square; from the noise only, not from what the
+        model cannot describe
+    residual_terms: (outputs, powers), output unit over input unit times s^p; residual_powers: (powers,)
+    measured: responses at the lines of the fit, without the transient of a record and the hold of its input
+    noise: standard deviation of `measured`, (outputs, lines), estimated from the residual
+    criterion: BIC with 0, 1, 2 ... modes, as far as it was followed
+    how: what was fitted and how, in words
+    """
+
+    input: str
+    outputs: tuple[str, ...]
+    frequency: Array
+    damping_ratio: Array
+    gains: Array
+    covariance: Array
+    residual_terms: Array
+    residual_powers: Array
+    measured: FRF
+    noise: Array
+    criterion: Array
+    how: Mapping[str, str]
+
+    def __post_init__(self) -> None:
+        n, outputs = len(self.frequency), unique("output", self.outputs)
+        size = (2 + len(outputs)) * n
+        freeze(
+            self,
+            outputs=outputs,
+            frequency=finite_array("frequency", self.frequency, (n,)),
+            damping_ratio=finite_array("damping_ratio", self.damping_ratio, (n,)),
+            gains=finite_array("gains", self.gains, (len(outputs), n)),
+            covariance=finite_array("covariance", self.covariance, (size, size)),
+            residual_terms=finite_array("residual_terms", self.residual_terms, (len(outputs), None)),
+            residual_powers=finite_array("residual_powers", self.residual_powers, (None,)),
+            noise=finite_array("noise", self.noise, (len(outputs), len(self.measured.frequency))),
+            criterion=finite_array("criterion", self.criterion, (None,)),
+            how=frozen_mapping(self.how),
+        )
+
+    @property
+    def frequency_std(self) -> Array:
+        """Standard deviation of the frequencies, (modes,) [Hz]."""
+        return self._std[: len(self.frequency)]
+
+    @property
+    def damping_ratio_std(self) -> Array:
+        """Standard deviation of the damping ratios, (modes,) [-]."""
+        return self._std[len(self.frequency) : 2 * len(self.frequency)]
+
+    @property
+    def gains_std(self) -> Array:
+        """Standard deviation of the gains, (outputs, modes)."""
+        return self._std[2 * len(self.frequency) :].reshape(self.gains.shape)
+
+    @property
+    def _std(self) -> Array:
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def residual(self) -> FRF:
+        """Measured less model at the lines of the fit."""
+        model = self.response(self.measured.frequency)
+        return FRF(model.frequency, self.measured.values - model.values, self.outputs, (self.input,), None, "residual")
+
+    def response(self, frequency: Array, *, label: str = "fit") -> FRF:
+        """The identified FRF at any frequencies, (n,) [Hz]; trustworthy within the band of the fit."""
+        f = finite_array("frequency", frequency, (None,))[:, None]
+        s = 2j * np.pi * f
+        modes = self.frequency**2 / (self.frequency**2 - f**2 + 2j * self.damping_ratio * self.frequency * f)
+        values = self.gains @ modes.T + self.residual_terms @ (s**self.residual_powers).T
+        return FRF(f[:, 0], values[:, None], self.outputs, (self.input,), None, label)
+
+    def summary(self) -> str:
+        """The modes as a table, each figure with its standard deviation, as text."""
+        rows = [
+            ["mode", "frequency [Hz]", "damping ratio [%]", *(f"gain {output}" for output in self.outputs)],
+        ]
+        for r in range(len(self.frequency)):
+            gains = [f"{g:.4g} ± {s:.1g}" for g, s in zip(self.gains[:, r], self.gains_std[:, r], strict=True)]
+            ratio = f"{100 * self.damping_ratio[r]:.4g} ± {100 * self.damping_ratio_std[r]:.1g}"
+            rows.append([str(r + 1), f"{self.frequency[r]:.3f} ± {self.frequency_std[r]:.1g}", ratio, *gains])
+        width = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+        return "\n".join("  ".join(cell.rjust(w) for cell, w in zip(row, width, strict=True)) for row in rows)
+
+
+def identify_modes(
+    measured: TimeHistory | FRF,
+    *,
+    input: str,
+    outputs: Sequence[str],
+    band: tuple[float, float],
+    n_modes: int | None = None,
+    hold_order: int | None = None,
+    sample_rate: float | None = None,
+    residual_powers: Sequence[int] = (0, 1, 2, 3),
+) -> ModalFit:
+    """Identify the modes that show in one input's responses, with their standard deviations.
+
+    measured: a record of input and outputs sampled together, or an FRF. A record is better: its transient is part of
+        the model, so nothing leaks, whereas a windowed estimate of an FRF broadens its resonances, which makes damping
+        ratios too large by some two per cent where the half-power width 2 zeta f spans two to four lines
+    input, outputs: names; band: lowest and highest frequency that is fitted [Hz]
+    n_modes: how many resonances the band has; None adds modes as long as Bayes' information criterion approves
+    hold_order: of the input between its samples: 0 for a DAC that keeps each value until the next, 1 for straight
+        lines, None for an input without content above half the sample rate. Overlooked it lowers gains by the share
+        0.6 x^2 (order 0) or x^2 / 3 (order 1) with x = pi f / sample rate, and frequencies by x zeta (order 0)
+    sample_rate: of the signals that an FRF was estimated from [Hz], needed for its hold_order only
+    residual_powers: p of the terms (i w)^p for modes outside the band: 0 and 2 for those above it, 1 and 3 for what
+        their damping and a hold add, -2 for modes below it
+
+    Noise is assumed at the outputs only, Gaussian and independent between outputs, and its variance is estimated per
+    output from the residual, smooth over frequency; an FRF's coherence, where it has one, gives the shape of it.
+    Raises ValueError for unknown names, a band outside the data, a constant input, and where the data do not determine
+    the modes: too few lines, no resonance, or a mode whose damping ratio is not known to twice its standard deviation.
+    """
+    names = unique("output", outputs)
+    if not names:
+        raise ValueError("name at least one output")
+    if n_modes is not None and not 1 <= n_modes <= MOST_MODES:
+        raise ValueError(f"n_modes must be 1 ... {MOST_MODES}, got {n_modes}")
+    if hold_order not in (None, 0, 1):
+        raise ValueError(f"hold_order must be None, 0 or 1, got {hold_order}")
+    powers = tuple(residual_powers)
+    if isinstance(measured, FRF):
+        if (hold_order is None) != (sample_rate is None):
+            raise ValueError("an FRF needs hold_order and sample_rate together, or neither")
+        step = None if sample_rate is None else 1 / positive("sample_rate", sample_rate, "Hz")
+        lines, shape = _lines_of_frf(measured, input, names, band, step, hold_order, powers)
+    else:
+        if sample_rate is not None:
+            raise ValueError("a record states its own sample rate: sample_rate is for FRFs")
+        lines, shape = _lines_of_record(measured, input, names, band, hold_order, powers), None
+    _enough(lines, n_modes or 1)
+    # The matrices are tall and narrow: more threads only wait for each other.
+    with threadpool_limits(limits=1, user_api="blas"):
+        solution, criterion = _search(lines, shape, n_modes, band)
+    how = {
+        "data": "frequency response" if isinstance(measured, FRF) else "time record with its transient",
+        "band": f"{band[0]:g} ... {band[1]:g} Hz, {len(lines.omega)} lines",
+        "hold_order": str(hold_order),
+        "n_modes": "chosen by BIC" if n_modes is None else "given",
+        "noise": "smooth over frequency, from the residual" if shape is None else "shape from the coherence",
+    }
+    return _modal_fit(lines, solution, input, names, criterion, how)
+
+
+def _band(band: tuple[float, float], lowest: float, highest: float) -> tuple[float, float]:
+    low, high = finite_array("band", band, (2,))
+    if not (0 < low < high and low >= lowest * (1 - 1e-9) and high <= highest * (1 + 1e-9)):
+        raise ValueError(f"band {low:g} ... {high:g} Hz must ascend within the data's {lowest:g} ... {highest:g} Hz")
+    return float(low), float(high)
+
+
+def _lines_of_record(
+    record: TimeHistory,
+    input: str,
+    outputs: tuple[str, ...],
+    band: tuple[float, float],
+    hold_order: int | None,
+    powers: tuple[int, ...],
+) -> Lines:
+    u, y = record[input], np.stack([record[name] for name in outputs])
+    for name, signal in ((input, u), *zip(outputs, y, strict=True)):
+        if np.ptp(signal) == 0:
+            raise ValueError(f"signal {name!r} is constant: no response can be identified from it")
+    n, step = len(u), 1 / record.sample_rate
+    low, high = _band(band, 1 / (n * step), 0.5 / step)
+    frequency = np.fft.rfftfreq(n, step)
+    keep = (frequency >= low) & (frequency <= high) & (frequency < 0.5 / step)
+    excitation = np.fft.rfft(u - u.mean())[keep]
+    responses = np.fft.rfft(y - y.mean(axis=1, keepdims=True))[:, keep]
+    excited = np.abs(excitation) > UNEXCITED * np.abs(excitation).max(initial=0.0)
+    omega = 2 * np.pi * frequency[keep][excited]
+    return Lines(omega, excitation[excited], responses[:, excited], step, True, hold_order, powers)
+
+
+def _lines_of_frf(
+    frf: FRF,
+    input: str,
+    outputs: tuple[str, ...],
+    band: tuple[float, float],
+    step: float | None,
+    hold_order: int | None,
+    powers: tuple[int, ...],
+) -> tuple[Lines, Array | None]:
+    responses = np.stack([frf.response(name, input) for name in outputs])
+    low, high = _band(band, float(frf.frequency[0]), float(frf.frequency[-1]))
+    keep = (frf.frequency >= low) & (frf.frequency <= high)
+    responses, omega = responses[:, keep], 2 * np.pi * frf.frequency[keep]
+    for name, response in zip(outputs, responses, strict=True):
+        if not np.any(response):
+            raise ValueError(f"the response of {name!r} is zero throughout the band")
+    lines = Lines(omega, np.ones(len(omega), dtype=complex), responses, step, False, hold_order, powers)
+    if frf.coherence is None:
+        return lines, None
+    rows = [frf.outputs.index(name) for name in outputs]
+    coherence = np.clip(frf.coherence[rows][:, keep], 1e-6, 1 - 1e-9)
+    # The variance of an estimated H is |H|^2 (1 - gamma^2) / gamma^2 over twice the number of averages (Bendat and
+    # Piersol, ch. 9): its shape is known, its size is found from the residual.
+    shape = np.abs(responses) * np.sqrt((1 - coherence) / coherence)
+    return lines, np.sqrt(scipy.ndimage.uniform_filter1d(shape**2, COHERENCE_LINES, axis=1))
+
+
+def _enough(lines: Lines, n_modes: int) -> None:
+    per_output = n_modes * (3 if lines.transient else 1) + len(lines.residual_powers) + (5 if lines.transient else 0)
+    needed = per_output + 2 * n_modes
+    if len(lines.omega) < needed:
+        raise ValueError(
+            f"{len(lines.omega)} lines in the band carry no {n_modes} mode(s), which need at least {needed}: widen the "
+            "band or measure longer"
+        )
+
+
+def _search(
+    lines: Lines, shape: Array | None, n_modes: int | None, band: tuple[float, float]
+) -> tuple[Solution, list[float]]:
+    """Add the strongest remaining pole and refit, until there are n_modes or the criterion rises."""
+    size = np.sqrt(np.mean(np.abs(lines.responses) ** 2, axis=1, keepdims=True))
+    noise = np.broadcast_to(size, lines.responses.shape) if shape is None else np.maximum(shape, EXACT * size)
+    best = _refined(lines, np.zeros((0, 2)), noise, shape)
+    criterion = [_bic(lines, best)]
+    for _ in range(n_modes or MOST_MODES):
+        if n_modes is None and np.all(np.abs(best.residual) < EXACT * size):
+            break
+        start = np.vstack([best.poles, strongest_pole(lines, best.residual, best.weights)])
+        try:
+            _enough(lines, len(start))
+            candidate = _refined(lines, start, np.sqrt(2) / best.weights, shape)
+            problem = _problem(lines, candidate, 0.5 if n_modes else 0.25)
+        except (ValueError, np.linalg.LinAlgError) as error:
+            problem = str(error)
+        if n_modes is None and (problem or _bic(lines, candidate) >= criterion[-1]):
+            break
+        if problem:
+            raise ValueError(
+                f"no {n_modes} resonance(s) in {band[0]:g} ... {band[1]:g} Hz: {problem}; ask for fewer modes or "
+                "another band, or measure longer"
+            )
+        best = candidate
+        criterion.append(_bic(lines, best))
+    if not len(best.poles):
+        raise ValueError(
+            f"no resonance in {band[0]:g} ... {band[1]:g} Hz stands out of the noise: check band and outputs, or "
+            "excite it more"
+        )
+    return best, criterion
+
+
+def _refined(lines: Lines, start: Array, noise: Array, shape: Array | None) -> Solution:
+    """Fit, estimate the noise from the residual, and fit again with its weights."""
+    solution = fit_poles(lines, start, np.sqrt(2) / noise)
+    for _ in range(2):
+        solution = fit_poles(lines, solution.poles, np.sqrt(2) / _noise(lines, solution, shape))
+    return solution
+
+
+def _noise(lines: Lines, solution: Solution, shape: Array | None) -> Array:
+    """Standard deviation of the complex responses, (outputs, n), smooth over frequency and true to the residual."""
+    residual, responses = solution.residual, lines.responses
+    floor = EXACT * np.sqrt(np.mean(np.abs(responses) ** 2, axis=1, keepdims=True))
+    noise = shape
+    if noise is None:
+        # A complex Gaussian's log |r|^2 scatters about log(variance) - Euler's constant.
+        x = np.interp(lines.omega, lines.omega[[0, -1]], [-1, 1])
+        basis = np.polynomial.chebyshev.chebvander(x, NOISE_DEGREE)
+        level = np.log(np.abs(residual) ** 2 + floor**2) + EULER
+        noise = np.exp(0.5 * basis @ np.linalg.lstsq(basis, level.T, rcond=None)[0]).T
+    noise = np.maximum(noise, floor)
+    freedom = max(lines.omega.size - solution.n_unknowns / len(responses) / 2, 1.0)
+    misfit = np.sqrt(np.sum(np.abs(residual / noise) ** 2, axis=1, keepdims=True) / freedom)
+    return np.maximum(noise * misfit, floor)
+
+
+def _bic(lines: Lines, solution: Solution) -> float:
+    """Bayes' information criterion; lines that a window correlates count less."""
+    n = 2 * lines.omega.size / _correlation(solution)
+    likelihood = n * np.sum(np.mean(np.log(2 / solution.weights**2), axis=1))
+    return float(likelihood + solution.n_unknowns * np.log(n * len(lines.responses)))
+
+
+def _problem(lines: Lines, solution: Solution, largest: float) -> str:
+    """Why a solution's modes are none, or nothing; largest: standard deviation of a damping ratio over the ratio."""
+    spread = np.sqrt(_correlation(solution) * np.diag(solution.covariance)[: solution.poles.size])
+    n = len(solution.poles)
+    for r, (frequency, ratio) in enumerate(solution.poles):
+        if not DAMPING_RANGE[0] * 1.01 < ratio < DAMPING_RANGE[1] * 0.99:
+            return f"at {frequency:.4g} Hz there is no resonance, its damping ratio would be {ratio:.3g}"
+        if not lines.omega[0] * (1 + 1e-6) < 2 * np.pi * frequency < lines.omega[-1] * (1 - 1e-6):
+            return f"a mode runs out of the band at {frequency:.4g} Hz"
+        if spread[n + r] > largest:
+            return (
+                f"the data do not determine the mode at {frequency:.4g} Hz, whose damping ratio {ratio:.3g} has the "
+                f"standard deviation {ratio * spread[n + r]:.2g}"
+            )
+    return ""
+
+
+def _correlation(solution: Solution) -> float:
+    """Variance of a sum of neighbouring lines over that of independent ones: windows correlate the next three."""
+    result = []
+    for weighted in solution.weights * solution.residual:
+        power = np.sum(np.abs(weighted) ** 2)
+        lags = [np.real(np.sum(weighted[k:] * weighted[:-k].conj())) for k in (1, 2, 3)]
+        result.append(1 + 2 * sum(lags) / power if power > 0 else 1.0)
+    return max(1.0, *result)
+
+
+def _modal_fit(
+    lines: Lines,
+    solution: Solution,
+    input: str,
+    outputs: tuple[str, ...],
+    criterion: Sequence[float],
+    how: Mapping[str, str],
+) -> ModalFit:
+    n, n_columns, n_residual = len(solution.poles), solution.values.shape[1], len(lines.residual_powers)
+    order = np.argsort(solution.poles[:, 0])
+    frequency, ratio = solution.poles[order].T
+    rows = [order, n + order, *(2 * n + k * n_columns + order for k in range(len(outputs)))]
+    index = np.concatenate(rows)
+    scale = np.concatenate([frequency, ratio, np.ones(n * len(outputs))])
+    covariance = _correlation(solution) * scale[:, None] * solution.covariance[np.ix_(index, index)] * scale
+    columns = lines.columns(solution.poles)
+    n_response = n + n_residual
+    transient = solution.values[:, n_response:] @ columns[:, n_response:].T
+    input_spectrum = lines.excitation * lines.held
+    responses = (lines.responses - transient) / input_spectrum
+    return ModalFit(
+        input,
+        outputs,
+        frequency,
+        ratio,
+        solution.values[:, order],
+        covariance,
+        solution.values[:, n:n_response],
+        np.array(lines.residual_powers, dtype=float),
+        FRF(lines.omega / (2 * np.pi), responses[:, None], outputs, (input,), None, "measured"),
+        np.sqrt(2) / solution.weights / np.abs(input_spectrum),
+        np.array(criterion),
+        how,
+    )

@@ -1,0 +1,266 @@
+"""Measured records and FRFs, read from CSV and UFF files in SI."""
+
+import itertools
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from nassim.checks import Array
+from nassim.frf import FRF
+from nassim.signals import TimeHistory
+from nassim.storage import written_whole
+from nassim.uff import Curve, read_curves
+from nassim.units import to_si
+
+SAME_STEP = 0.01
+"""Deviation from equal sampling, in steps, that counts as rounding of the printed times."""
+UFF_SUFFIXES = (".uff", ".unv", ".58")
+HEADER = re.compile(r"^\s*(?P<name>[^\[\]]*?)\s*\[\s*(?P<unit>[^\[\]]+?)\s*\]\s*$")
+FRF_COLUMN = re.compile(r"^(?P<output>[^/]+)/(?P<input>[^/]+) (?P<part>real|imag)$")
+
+
+def read_record(path: str | Path, *, names: Sequence[str] | None = None) -> TimeHistory:
+    """Read signals recorded together, in SI.
+
+    path: a CSV file whose first line names its columns and their units, such as
+        `time [s], actuator_voltage [V], encoder [um]`, after any lines that begin with "#"; or a UFF file (.uff, .unv)
+        whose data sets 58 are time responses
+    names: signals to keep (default: all)
+
+    Times printed with few digits are made equidistant when none is off by more than a hundredth of a step. Raises
+    FileNotFoundError, and ValueError naming file, line (data set) and cause: an empty file, columns missing, without a
+    unit or with an unknown one, text, gaps and NaN, unequal sampling. UFF files need the package pyuff (RuntimeError).
+    """
+    path = Path(path)
+    if path.suffix.lower() in UFF_SUFFIXES:
+        record = _record_of_curves(path, [curve for curve in read_curves(path) if curve.kind == "time"])
+    else:
+        table = _read_table(path)
+        time = table.column("time", "s")
+        signals = [name for name in table.names if name != "time"]
+        if not signals:
+            raise ValueError(f"{path}, line {table.header}: there is no signal besides the time")
+        values = np.stack([table.column(name) for name in signals])
+        units = tuple(table.units[name] for name in signals)
+        record = TimeHistory(_equidistant(path, time, "line", table.lines), values, tuple(signals), units)
+    if names is None:
+        return record
+    for name in names:
+        _require(path, name, record.names)
+    return record.select(names)
+
+
+def write_record(history: TimeHistory, path: str | Path) -> Path:
+    """Write a record as CSV that `read_record` reads, to 12 digits; the file appears whole or not at all."""
+    units = [unit or "-" for unit in history.units]
+    header = ["time [s]", *(f"{name} [{unit}]" for name, unit in zip(history.names, units, strict=True))]
+    with written_whole(path) as temporary:
+        table = np.vstack([history.time, history.values]).T
+        np.savetxt(
+            temporary, table, fmt="%.12g", delimiter=", ", header=", ".join(header), comments="", encoding="utf-8"
+        )
+    return Path(path)
+
+
+def read_frf(path: str | Path, *, label: str = "measured") -> FRF:
+    """Read frequency response functions, in SI.
+
+    path: a CSV file whose first line names its columns and their units, real and imaginary part of every output over
+        every input, and the coherence where known, such as `frequency [Hz], encoder/actuator_voltage real [um/V],
+        encoder/actuator_voltage imag [um/V], encoder coherence [-]`; or a UFF file (.uff, .unv) whose data sets 58 are
+        frequency response functions, and coherences
+    label: what a legend calls it
+
+    Raises FileNotFoundError, and ValueError as `read_record`; UFF files need the package pyuff (RuntimeError).
+    """
+    path = Path(path)
+    if path.suffix.lower() in UFF_SUFFIXES:
+        return _frf_of_curves(path, read_curves(path), label)
+    table = _read_table(path)
+    frequency = table.column("frequency", "Hz")
+    found = [match for name in table.names if (match := FRF_COLUMN.match(name))]
+    if not found:
+        raise ValueError(
+            f"{path}, line {table.header}: no column is named like 'output/input real [unit]'; columns: "
+            + ", ".join(table.names)
+        )
+    outputs, inputs = (tuple(dict.fromkeys(match[kind].strip() for match in found)) for kind in ("output", "input"))
+
+    def response(output: str, input: str) -> Array:
+        real, imaginary = (f"{output}/{input} {part}" for part in ("real", "imag"))
+        if table.units.get(real) != table.units.get(imaginary, table.units.get(real)):
+            raise ValueError(f"{path}, line {table.header}: {real!r} and {imaginary!r} have units of different kinds")
+        result: Array = table.column(real) + 1j * table.column(imaginary)
+        return result
+
+    values = np.array([[response(output, input) for input in inputs] for output in outputs])
+    coherence = None
+    if any(name.endswith(" coherence") for name in table.names):
+        coherence = np.stack([table.column(f"{output} coherence", "-") for output in outputs])
+    return _frf(path, frequency, values, outputs, inputs, coherence, label, table.lines)
+
+
+def read_measurement(path: str | Path) -> TimeHistory | FRF:
+    """Read a record or an FRF, whichever the file holds; errors as of `read_record` and `read_frf`."""
+    path = Path(path)
+    if path.suffix.lower() in UFF_SUFFIXES:
+        is_frf = any(curve.kind == "frf" for curve in read_curves(path))
+    else:
+        with path.open(encoding="utf-8-sig", errors="replace") as file:
+            is_frf = any(line.lower().lstrip().startswith("frequency") for line in itertools.islice(file, 100))
+    return read_frf(path) if is_frf else read_record(path)
+
+
+@dataclass(frozen=True)
+class _Table:
+    """A CSV file in SI: its column names in order, SI units by name, values, and the line of each row."""
+
+    path: Path
+    header: int
+    names: tuple[str, ...]
+    units: Mapping[str, str]
+    values: Array
+    lines: Array
+
+    def column(self, name: str, unit: str | None = None) -> Array:
+        _require(self.path, name, self.names, place=f", line {self.header}")
+        if unit is not None and self.units[name] != unit:
+            raise ValueError(f"{self.path}, line {self.header}: {name!r} must be in {unit}, not {self.units[name]}")
+        result: Array = self.values[:, self.names.index(name)]
+        return result
+
+
+def _read_table(path: Path) -> _Table:
+    try:
+        text = path.read_text(encoding="utf-8-sig").splitlines()
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: this is no text in UTF-8 ({error.reason} at byte {error.start})") from error
+    header = next((k for k, line in enumerate(text) if line.strip() and not line.startswith("#")), None)
+    if header is None:
+        raise ValueError(f"{path}: the file is empty")
+    while not text[-1].strip():
+        text.pop()
+    names, factors, units = [], [], {}
+    for cell in text[header].split(","):
+        match = HEADER.match(cell)
+        if match is None or not match["name"]:
+            raise ValueError(f"{path}, line {header + 1}: column {cell.strip()!r} must be written 'name [unit]'")
+        try:
+            factor, unit = to_si(match["unit"])
+        except ValueError as error:
+            raise ValueError(f"{path}, line {header + 1}: {error}") from error
+        if match["name"] in units:
+            raise ValueError(f"{path}, line {header + 1}: column {match['name']!r} occurs twice")
+        names.append(match["name"])
+        factors.append(factor)
+        units[match["name"]] = unit
+    rows = text[header + 1 :]
+    if not rows:
+        raise ValueError(f"{path}: the file ends after its header, it holds no data")
+    try:
+        values = np.loadtxt(rows, delimiter=",", ndmin=2, comments=None)
+    except ValueError as error:
+        raise _first_fault(path, rows, names, header) from error
+    if values.shape != (len(rows), len(names)) or not np.all(np.isfinite(values)):
+        raise _first_fault(path, rows, names, header)
+    lines = np.arange(len(rows)) + header + 2
+    return _Table(path, header + 1, tuple(names), units, values * np.array(factors), lines)
+
+
+def _first_fault(path: Path, rows: Sequence[str], names: Sequence[str], header: int) -> ValueError:
+    """What is wrong in the first faulty row: found by a slow search, which only faulty files pay for."""
+    for number, row in enumerate(rows, start=header + 2):
+        cells = row.split(",")
+        if not row.strip():
+            return ValueError(f"{path}, line {number}: a gap, the line is empty")
+        if len(cells) != len(names):
+            return ValueError(f"{path}, line {number}: {len(cells)} cells, but the header names {len(names)} columns")
+        for name, cell in zip(names, cells, strict=True):
+            try:
+                value = float(cell)
+            except ValueError:
+                cause = f"{cell.strip()!r} is no number" if cell.strip() else "a gap, the cell is empty"
+                return ValueError(f"{path}, line {number}, column {name!r}: {cause}")
+            if not np.isfinite(value):
+                return ValueError(f"{path}, line {number}, column {name!r}: {cell.strip()} is not finite")
+    return ValueError(f"{path}: the rows cannot be read as numbers")
+
+
+def _equidistant(path: Path, time: Array, kind: str, places: Array) -> Array:
+    """Times in exactly equal steps, if they are so up to rounding; places: the line (or what `kind` says) of each."""
+    if len(time) < 2:
+        raise ValueError(f"{path}, {kind} {places[0]}: a record needs at least 2 samples")
+    equal = np.linspace(time[0], time[-1], len(time))
+    steps = np.diff(time)
+    step = (time[-1] - time[0]) / (len(time) - 1)
+    if not step > 0 or np.abs(time - equal).max() > SAME_STEP * step:
+        usual = float(np.median(steps))
+        worst = int(np.argmax(np.abs(steps - usual)))
+        raise ValueError(
+            f"{path}, {kind} {places[worst + 1]}: unequal sampling, a step of {steps[worst]:.6g} s where {usual:.6g} s "
+            "is usual; fill the gap or resample"
+        )
+    return equal
+
+
+def _frf(
+    path: Path,
+    frequency: Array,
+    values: Array,
+    outputs: Sequence[str],
+    inputs: Sequence[str],
+    coherence: Array | None,
+    label: str,
+    lines: Array | None,
+) -> FRF:
+    falls = np.flatnonzero(np.diff(frequency) <= 0)
+    if len(falls) and lines is not None:
+        raise ValueError(f"{path}, line {lines[falls[0] + 1]}: the frequency must rise from line to line")
+    try:
+        return FRF(frequency, values, tuple(outputs), tuple(inputs), coherence, label)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _record_of_curves(path: Path, curves: Sequence[Curve]) -> TimeHistory:
+    if not curves:
+        raise ValueError(f"{path}: no data set 58 is a time response")
+    for curve in curves[1:]:
+        _same_axis(path, curve, curves[0])
+    x = curves[0].x
+    time = _equidistant(path, x, "sample", np.arange(len(x)) + 1)
+    values = np.stack([curve.values.real for curve in curves])
+    try:
+        return TimeHistory(time, values, tuple(c.output for c in curves), tuple(c.unit for c in curves))
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _frf_of_curves(path: Path, curves: Sequence[Curve], label: str) -> FRF:
+    responses = {(curve.output, curve.input): curve for curve in curves if curve.kind == "frf"}
+    coherences = {curve.output: curve for curve in curves if curve.kind == "coherence"}
+    if not responses:
+        raise ValueError(f"{path}: no data set 58 is a frequency response function")
+    first = next(iter(responses.values()))
+    for curve in (*responses.values(), *coherences.values()):
+        _same_axis(path, curve, first)
+    outputs, inputs = (tuple(dict.fromkeys(pair[k] for pair in responses)) for k in (0, 1))
+    for output in outputs:
+        for input in inputs:
+            _require(path, f"{output}/{input}", [f"{o}/{i}" for o, i in responses])
+    values = np.array([[responses[output, input].values for input in inputs] for output in outputs])
+    coherence = np.stack([coherences[o].values.real for o in outputs]) if set(outputs) <= set(coherences) else None
+    return _frf(path, first.x, values, outputs, inputs, coherence, label, None)
+
+
+def _same_axis(path: Path, curve: Curve, first: Curve) -> None:
+    if curve.x.shape != first.x.shape or not np.allclose(curve.x, first.x, rtol=1e-9, atol=0):
+        raise ValueError(f"{path}, data set {curve.number}: its axis differs from that of data set {first.number}")
+
+
+def _require(path: Path, name: str, names: Sequence[str], *, place: str = "") -> None:
+    if name not in names:
+        raise ValueError(f"{path}{place}: there is no {name!r}; present: {', '.join(names)}")

@@ -1,0 +1,256 @@
+"""Poles common to several responses, by separable least squares over the lines of a spectrum.
+
+The model of output o at the line omega, with U the input's spectrum (1 for an FRF), s = i omega and z = exp(s h):
+
+    Y_o = [sum_r c_or w_r^2 / (s^2 + 2 zeta_r w_r s + w_r^2) + sum_p d_op s^p] U + T_o
+
+For sampled records T_o is what the motion before and after the record leaves in its DFT, so no window is needed: per
+mode exactly a decaying exponential's transform, besides a polynomial for the modes outside the band and a linear drift.
+All but the poles enter linearly and are eliminated (variable projection).
+
+Source: R. Pintelon, J. Schoukens, System Identification: A Frequency Domain Approach, 2nd ed. (2012), ch. 6 and 9;
+G. Golub, V. Pereyra, Inverse Problems 19 (2003) R1 (variable projection; here with Kaufman's Jacobian).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+import scipy.optimize
+
+from nassim.checks import Array
+from nassim.modal import held_pole
+
+DAMPING_RANGE = (1e-5, 0.5)
+"""Damping ratios between which a pole counts as a resonance."""
+TRANSIENT_ORDER = 3
+STEP = 1e-4
+"""Step of the derivatives by a pole, relative to its half-width."""
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Spectral lines of one input and several outputs.
+
+    omega: (n,) [rad/s]; excitation: (n,) complex; responses: (outputs, n) complex
+    time_step: of the samples [s]; None where an FRF does not say
+    transient: whether a record's start and end are part of the model, as they must be but for FRFs
+    hold_order: what the input does between samples, 0 or 1 as in `nassim.modal.held_pole`; None: it has no content
+        above half the sample rate, or no time step is known
+    residual_powers: p of the terms s^p that stand for modes outside the band
+    """
+
+    omega: Array
+    excitation: Array
+    responses: Array
+    time_step: float | None
+    transient: bool
+    hold_order: int | None
+    residual_powers: tuple[int, ...]
+
+    @property
+    def held(self) -> Array:
+        """Spectrum of the input as it runs between its samples, over that of the samples, (n,) complex."""
+        if self.hold_order is None or self.time_step is None:
+            return np.ones(len(self.omega), dtype=complex)
+        half = 0.5 * self.omega * self.time_step
+        sinc = np.sin(half) / half
+        return sinc * np.exp(-1j * half) if self.hold_order == 0 else sinc**2 + 0j
+
+    def mode(self, pole: Array) -> Array:
+        """A mode's response to the input samples, with unit static gain; pole: (Hz, damping ratio); (n,) complex."""
+        omega = 2 * np.pi * pole[0]
+        if self.hold_order is None or self.time_step is None:
+            denominator = omega**2 - self.omega**2 + 2j * pole[1] * omega * self.omega
+            result: Array = omega**2 / denominator
+            return result
+        rate, back = self._rate(pole), np.exp(-1j * self.omega * self.time_step)
+
+        def first_order(rate: complex) -> Array:
+            assert self.time_step is not None
+            assert self.hold_order is not None
+            now, before, decay = held_pole(rate, self.time_step, hold_order=self.hold_order)
+            result: Array = (now + before * back) / (1 - decay * back)
+            return result
+
+        difference: Array = first_order(rate) - first_order(np.conj(rate))
+        return omega**2 * difference / (2j * rate.imag)
+
+    def columns(self, poles: Array) -> Array:
+        """Everything that enters linearly: modes, residual terms, transients; poles (R, 2); (n, m) complex."""
+        modes = [self.mode(pole) * self.excitation for pole in poles]
+        residuals = [(1j * self.omega) ** power * self.held * self.excitation for power in self.residual_powers]
+        transients = [column for pole in poles for column in self._transients(pole)]
+        return np.stack([*modes, *residuals, *transients, *self._background()], axis=1)
+
+    def derivatives(self, poles: Array, values: Array) -> Array:
+        """Derivatives of columns(poles) @ values by log frequency, then log damping, (outputs, n, 2 R) complex.
+
+        values: (outputs, m)
+        """
+        n_poles, n_linear = len(poles), len(self.residual_powers)
+        result = np.zeros((len(values), len(self.omega), 2 * n_poles), dtype=complex)
+        for r, pole in enumerate(poles):
+            own = [r, *(n_poles + n_linear + 2 * r + k for k in range(2) if self.transient)]
+            for k, step in enumerate((STEP * pole[1], STEP)):
+                moved = [pole * np.exp(sign * step * (np.arange(2) == k)) for sign in (1, -1)]
+                upper, lower = (np.stack([self.mode(p) * self.excitation, *self._transients(p)], axis=1) for p in moved)
+                result[:, :, k * n_poles + r] = values[:, own] @ ((upper - lower) / (2 * step)).T
+        return result
+
+    def _rate(self, pole: Array) -> complex:
+        return 2 * np.pi * pole[0] * complex(-pole[1], np.sqrt(1 - pole[1] ** 2))
+
+    def _transients(self, pole: Array) -> list[Array]:
+        if not self.transient or self.time_step is None:
+            return []
+        back = np.exp(-1j * self.omega * self.time_step)
+        rate = self._rate(pole) * self.time_step
+        above, below = 1 / (1 - np.exp(rate) * back), 1 / (1 - np.exp(rate.conjugate()) * back)
+        return [above + below, 1j * (above - below)]
+
+    def _background(self) -> list[Array]:
+        if not self.transient or self.time_step is None:
+            return []
+        s = 1j * self.omega / self.omega.max()
+        drift = 1 / (1 - np.exp(-1j * self.omega * self.time_step))
+        return [drift, *(s**power for power in range(TRANSIENT_ORDER + 1))]
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Poles, and what follows linearly from them.
+
+    poles: (R, 2), frequency [Hz] and damping ratio; values: of the columns, (outputs, m)
+    residual: responses less model, (outputs, n) complex; weights: that it was multiplied with, (outputs, n)
+    covariance: of log frequency, log damping and then of the values output by output, for weighted residuals with unit
+        variance in their real and in their imaginary parts
+    """
+
+    poles: Array
+    values: Array
+    residual: Array
+    weights: Array
+    covariance: Array
+
+    @property
+    def n_unknowns(self) -> int:
+        """Poles' unknowns and linear ones of all outputs."""
+        return int(self.poles.size + self.values.size)
+
+
+def fit_poles(lines: Lines, start: Array, weights: Array) -> Solution:
+    """Refine poles from a start, (R, 2) with R from 0 on; weights: (outputs, n).
+
+    Frequencies stay within the lines and damping ratios within DAMPING_RANGE. Raises numpy.linalg.LinAlgError when the
+    lines do not determine the unknowns.
+    """
+    n_poles = len(start)
+    if n_poles:
+        low = np.log(np.repeat([lines.omega[0] / (2 * np.pi), DAMPING_RANGE[0]], n_poles))
+        high = np.log(np.repeat([lines.omega[-1] / (2 * np.pi), DAMPING_RANGE[1]], n_poles))
+        last: list[tuple[bytes, list[_Projection]]] = []
+
+        def project(x: Array) -> list[_Projection]:
+            if not last or last[0][0] != x.tobytes():
+                last[:] = [(x.tobytes(), _project(lines, _poles(x), weights))]
+            return last[0][1]
+
+        found = scipy.optimize.least_squares(
+            lambda x: np.concatenate([part.projected for part in project(x)]),
+            np.clip(np.log(start.T.ravel()), low + 1e-9, high - 1e-9),
+            jac=lambda x: np.vstack([part.jacobian for part in project(x)]),
+            bounds=(low, high),
+            x_scale="jac",
+            # Of a sum of squares near 2 n, this share is far below the 1 that a standard deviation makes.
+            ftol=1e-8,
+            xtol=1e-12,
+            gtol=None,
+            max_nfev=100,
+        )
+        start = _poles(found.x)
+    return _solution(lines, start, weights)
+
+
+def strongest_pole(lines: Lines, residual: Array, weights: Array) -> Array:
+    """The pole (Hz, damping ratio) whose mode alone explains the most of what a fit has left over.
+
+    Every candidate is judged by the lines within twenty half-widths of it.
+    """
+    frequency = lines.omega / (2 * np.pi)
+    best, best_score = np.array([frequency[0], 0.01]), -1.0
+    spacing = float(np.median(np.diff(frequency)))
+    target, size = weights * residual, weights**2
+    for ratio in (0.003, 0.01, 0.03):
+        candidate = frequency[0]
+        while candidate < frequency[-1]:
+            low, high = np.searchsorted(frequency, candidate * np.array([1 - 20 * ratio, 1 + 20 * ratio]))
+            near = slice(max(low - 2, 0), high + 2)
+            x = 1 - (frequency[near] / candidate) ** 2 + 2j * ratio * frequency[near] / candidate
+            mode = lines.excitation[near] / x
+            explained = np.real(target[:, near] * weights[:, near] @ mode.conj()) ** 2
+            score = float(np.sum(explained / (size[:, near] @ np.abs(mode) ** 2)))
+            if score > best_score:
+                best, best_score = np.array([candidate, ratio]), score
+            candidate += max(2 * ratio * candidate, spacing)
+    return best
+
+
+@dataclass(frozen=True)
+class _Projection:
+    """One output's linear problem at given poles, in real numbers."""
+
+    values: Array
+    projected: Array
+    jacobian: Array
+    inverse: Array
+    sensitivity: Array
+
+
+def _project(lines: Lines, poles: Array, weights: Array) -> list[_Projection]:
+    columns = lines.columns(poles)
+    solved = []
+    for weight, response in zip(weights, lines.responses, strict=True):
+        matrix = _real(weight[:, None] * columns)
+        scale = 1 / np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
+        q, r = scipy.linalg.qr(np.asfortranarray(matrix * scale), overwrite_a=True, mode="economic", check_finite=False)
+        inverse = scale[:, None] * scipy.linalg.solve_triangular(r, np.eye(len(r)))
+        target = _real(weight * response)
+        coordinates = q.T @ target
+        solved.append((inverse @ coordinates, target - q @ coordinates, q, inverse))
+    slopes = lines.derivatives(poles, np.stack([values for values, *_ in solved]))
+    result = []
+    for weight, slope, (values, projected, q, inverse) in zip(weights, slopes, solved, strict=True):
+        full = -_real(weight[:, None] * slope)
+        within = q.T @ full
+        result.append(_Projection(values, projected, full - q @ within, inverse, inverse @ within))
+    return result
+
+
+def _solution(lines: Lines, poles: Array, weights: Array) -> Solution:
+    parts = _project(lines, poles, weights)
+    jacobian = np.vstack([part.jacobian for part in parts])
+    # The projected Jacobian is the Schur complement of the whole one: its inverse square is the poles' covariance.
+    _, r = np.linalg.qr(jacobian)
+    inverse = scipy.linalg.solve_triangular(r, np.eye(len(r))) if len(r) else r
+    of_poles = inverse @ inverse.T
+    slopes = np.vstack([np.eye(poles.size), *(part.sensitivity for part in parts)])
+    covariance = slopes @ of_poles @ slopes.T
+    place = poles.size
+    for part in parts:
+        here = slice(place, place + len(part.values))
+        covariance[here, here] += part.inverse @ part.inverse.T
+        place = here.stop
+    values = np.stack([part.values for part in parts])
+    residual = lines.responses - values @ lines.columns(poles).T
+    return Solution(poles, values, residual, weights, covariance)
+
+
+def _poles(x: Array) -> Array:
+    result: Array = np.exp(x).reshape(2, -1).T
+    return result
+
+
+def _real(values: Array) -> Array:
+    """Real above imaginary parts."""
+    return np.concatenate([values.real, values.imag])

@@ -1,0 +1,207 @@
+"""Identified modes written into a scene: damping ratios, and factors of its actuators and sensors."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+
+from nassim.assembly import Assembly, assemble
+from nassim.body import RIGID
+from nassim.checks import Array, freeze, frozen_mapping, known, not_negative, positive
+from nassim.identification import ModalFit
+from nassim.parts import Actuator, Sensor, StackActuator, StackSensor, VoltageDrive, VoltageSensor
+from nassim.scene import Scene
+
+Part = TypeVar("Part", Actuator, Sensor)
+
+FACTORS: dict[type, str] = {
+    StackActuator: "gain",
+    VoltageDrive: "gain",
+    StackSensor: "voltage_per_elongation",
+    VoltageSensor: "gain",
+}
+"""Field by which a part's factor is corrected; parts without one are trusted."""
+VISIBLE = 1e-4
+"""Least share of an output's static response, over the largest of its modes, that makes a mode of a scene visible."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """One parameter of a scene before and after; std: standard deviation of `after`."""
+
+    parameter: str
+    before: float
+    after: float
+    std: float
+
+
+@dataclass(frozen=True)
+class UpdateReport:
+    """What `apply_identification` changed in a scene, and what it could not.
+
+    changes: damping ratios of modes, then factors of parts
+    matches: per identified mode the index of the scene's mode, (modes,), or -1 where the scene has none
+    identified, scene: frequencies [Hz], (modes,) and of the matched ones (modes,), 0 where there is none
+    unmeasured: damping ratio of all other modes of the scene [-]
+    static_ratio: identified over the scene's old static response by the modes in the band, (outputs,)
+    """
+
+    changes: tuple[Change, ...]
+    matches: Array
+    identified: Array
+    scene: Array
+    unmeasured: Mapping[str, float]
+    static_ratio: Array
+
+    def __post_init__(self) -> None:
+        freeze(self, unmeasured=frozen_mapping(self.unmeasured))
+
+    @property
+    def unmodelled(self) -> Array:
+        """Frequencies of identified resonances that the scene has no mode for [Hz]."""
+        result: Array = self.identified[self.matches < 0]
+        return result
+
+    def summary(self) -> str:
+        """The report as text."""
+        lines = []
+        for k, (identified, scene) in enumerate(zip(self.identified, self.scene, strict=True)):
+            if self.matches[k] < 0:
+                lines.append(f"{identified:.3f} Hz: not modelled, the scene has no mode near it")
+            else:
+                off = 100 * (identified / scene - 1)
+                lines.append(
+                    f"{identified:.3f} Hz: mode {self.matches[k] + 1:.0f} of the scene, {scene:.3f} Hz ({off:+.2f} %)"
+                )
+        for change in self.changes:
+            lines.append(f"{change.parameter}: {change.before:.5g} -> {change.after:.5g} ± {change.std:.1g}")
+        if self.unmeasured:
+            ratios = sorted(set(self.unmeasured.values()))
+            text = ", ".join(f"{100 * ratio:.3g}" for ratio in ratios)
+            lines.append(f"damping ratio of the {len(self.unmeasured)} other modes, not measured: {text} %")
+        return "\n".join(lines)
+
+
+def modal_gains(assembly: Assembly) -> Array:
+    """Each mode's share of the static response, (outputs, inputs, modes), output units over V; 0 for rigid motion."""
+    modes = assembly.basis @ assembly.shapes
+    omega = 2 * np.pi * assembly.frequency
+    compliance = np.zeros(len(omega))
+    flexible = assembly.frequency > RIGID * assembly.frequency.max(initial=0.0)
+    compliance[flexible] = 1 / omega[flexible] ** 2
+    forces = assembly.input_matrix.copy()
+    for amplifier in assembly.amplifiers:
+        forces[:, amplifier.input] += amplifier.forces
+    readings, drives = assembly.output_matrix @ modes, forces.T @ modes
+    return np.einsum("or,ir,r->oir", readings, drives, compliance)
+
+
+def apply_identification(
+    scene: Scene,
+    fit: ModalFit,
+    *,
+    trusted: str,
+    distance: float = 0.1,
+    unmeasured_damping_ratio: float | None = None,
+) -> tuple[Scene, UpdateReport]:
+    """Write identified damping ratios and gains into a scene; returns the new scene and what was changed.
+
+    trusted: output whose sensor is right, such as an encoder: its identified static response over the scene's is the
+        factor of the actuators at the fit's input, and what remains of another output's is its sensor's factor
+    distance: relative difference in frequency up to which an identified mode is one of the scene's
+    unmeasured_damping_ratio: of the scene's other modes (default: as they are)
+
+    Static response here is the sum of all modal gains in the band, unmodelled resonances included: masses, also such
+    that nobody modelled, move frequencies and share it out among the modes, but do not change it. Masses and
+    stiffnesses of the scene stay as they are. Raises ValueError for unknown names, when no mode matches, and when a
+    match is not unique: two modes of the scene that the outputs see near one identified, or two identified near one.
+    """
+    positive("distance", distance)
+    known("input", fit.input, scene.inputs)
+    for output in fit.outputs:
+        known("output", output, scene.outputs)
+    known("trusted output", trusted, fit.outputs)
+    assembly = assemble(scene)
+    rows = [scene.outputs.index(output) for output in fit.outputs]
+    gains = modal_gains(assembly)[rows, scene.inputs.index(fit.input)]
+    visible = np.abs(gains) > VISIBLE * np.abs(gains).max(axis=1, keepdims=True)
+    matches = _match(fit.frequency, assembly.frequency, visible.any(axis=0), distance)
+
+    ratios = assembly.damping_ratio.copy()
+    if unmeasured_damping_ratio is not None:
+        ratios[:] = not_negative("unmeasured_damping_ratio", unmeasured_damping_ratio)
+    changes = []
+    for k, mode in enumerate(matches):
+        if mode >= 0:
+            ratios[mode], std = fit.damping_ratio[k], fit.damping_ratio_std[k]
+            name = f"damping ratio of mode {mode + 1}"
+            changes.append(Change(name, float(assembly.damping_ratio[mode]), float(ratios[mode]), float(std)))
+    within = (assembly.frequency >= fit.measured.frequency[0]) & (assembly.frequency <= fit.measured.frequency[-1])
+    within[matches[matches >= 0]] = True
+    static = gains[:, within].sum(axis=1)
+    scaled, factors = _scale(scene, fit, static, trusted)
+    unmeasured = {f"mode {k + 1}": float(r) for k, r in enumerate(ratios) if k not in matches}
+    found = np.where(matches >= 0, assembly.frequency[matches], 0.0)
+    report = UpdateReport(
+        (*changes, *factors), matches, fit.frequency, found, unmeasured, fit.gains.sum(axis=1) / static
+    )
+    return replace(scaled, damping_ratio=ratios), report
+
+
+def _match(identified: Array, frequency: Array, visible: Array, distance: float) -> Array:
+    """Index of each identified mode among the scene's, -1 for none."""
+    result = np.full(len(identified), -1)
+    for k, f in enumerate(identified):
+        near = np.flatnonzero(visible & (np.abs(frequency / f - 1) <= distance))
+        if len(near) > 1:
+            modes = ", ".join(f"{x:.4g}" for x in frequency[near])
+            raise ValueError(
+                f"{f:.4g} Hz may be any of the scene's modes at {modes} Hz, all within {100 * distance:g} %: lessen "
+                "the distance, or bring the scene's masses closer to the real ones"
+            )
+        if len(near):
+            result[k] = near[0]
+    for mode in set(result[result >= 0]):
+        rivals = identified[result == mode]
+        if len(rivals) > 1:
+            raise ValueError(
+                f"identified modes at {', '.join(f'{x:.4g}' for x in rivals)} Hz are all within {100 * distance:g} % "
+                f"of the scene's mode at {frequency[mode]:.4g} Hz: lessen the distance"
+            )
+    if np.all(result < 0):
+        raise ValueError(
+            f"no identified mode ({', '.join(f'{x:.4g}' for x in identified)} Hz) lies within {100 * distance:g} % of "
+            f"a mode that the scene's outputs see ({', '.join(f'{x:.4g}' for x in frequency[visible][:5])} ... Hz)"
+        )
+    return result
+
+
+def _scale(scene: Scene, fit: ModalFit, static: Array, trusted: str) -> tuple[Scene, list[Change]]:
+    """Scale actuators and sensors by the fit's static responses over the scene's, (outputs,)."""
+    n_outputs, n_modes = fit.gains.shape
+    base = fit.outputs.index(trusted)
+    identified = fit.gains.sum(axis=1)
+    ratio = identified / static
+    summing = np.kron(np.eye(n_outputs), np.ones(n_modes)) / identified[:, None]
+    covariance = summing @ fit.covariance[2 * n_modes :, 2 * n_modes :] @ summing.T
+    actuator = float(ratio[base]), float(np.sqrt(covariance[base, base]))
+    factors = {part.name: actuator for part in scene.actuators if part.input == fit.input}
+    for row, output in enumerate(fit.outputs):
+        if row != base and type(scene.sensors[scene.outputs.index(output)]) in FACTORS:
+            variance = covariance[row, row] + covariance[base, base] - 2 * covariance[row, base]
+            factors[output] = float(ratio[row] / ratio[base]), float(np.sqrt(variance))
+    changes: list[Change] = []
+    actuators = tuple(_scaled(part, factors, changes) for part in scene.actuators)
+    sensors = tuple(_scaled(part, factors, changes) for part in scene.sensors)
+    return replace(scene, actuators=actuators, sensors=sensors), changes
+
+
+def _scaled(part: Part, factors: Mapping[str, tuple[float, float]], changes: list[Change]) -> Part:
+    """A part with its factor corrected, which is noted in `changes`; other parts as they are."""
+    if part.name not in factors or type(part) not in FACTORS:
+        return part
+    (factor, std), name = factors[part.name], FACTORS[type(part)]
+    before = getattr(part, name)
+    changes.append(Change(f"{part.name}.{name}", before, before * factor, abs(before * factor * std)))
+    return replace(part, **{name: before * factor})

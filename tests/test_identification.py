@@ -1,0 +1,389 @@
+"""Modes identified from signals of oscillators that are known exactly, and written into the bench."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.integrate
+import scipy.signal
+
+from models.bench import make_bench
+from nassim import FRF, TimeHistory, estimate_frf, frequency_response, linearize, load, save, simulate
+from nassim.assembly import assemble
+from nassim.identification import ModalFit, identify_modes
+from nassim.modal import held_pole
+from nassim.signals import band_limited_noise, multisine
+from nassim.updating import apply_identification, modal_gains
+
+FREQUENCY, RATIO = np.array([98.0, 286.0]), np.array([0.01, 0.007])
+GAINS = np.array([[-4.4, 0.3], [2e-5, -2e-6]])
+OUTPUTS = ("sensor", "encoder")
+WITHIN = 1.96
+"""Half the width of a 95 % interval, in standard deviations."""
+
+
+def oscillator(u, frequency, ratio, rate, hold_order=0):
+    """Exact response of an oscillator with unit static gain, from rest."""
+    omega = 2 * np.pi * frequency
+    pole = complex(-ratio * omega, omega * np.sqrt(1 - ratio**2))
+    now, before, decay = held_pole(pole, 1 / rate, hold_order=hold_order)
+    return omega**2 * scipy.signal.lfilter([now, before], [1, -decay], u.astype(complex)).imag / pole.imag
+
+
+def make_record(seed, *, duration=2.0, rate=2000.0, noise=0.05, hold_order=0, n_modes=2, extra=0.0):
+    excitation = band_limited_noise(duration, rate, cutoff_frequency=400.0, seed=seed, name="u")
+    u = excitation["u"]
+    modes = [oscillator(u, f, z, rate, hold_order) for f, z in zip(FREQUENCY, RATIO, strict=True)][:n_modes]
+    y = GAINS[:, :n_modes] @ np.stack(modes) + extra
+    random = np.random.default_rng([seed, 1])
+    y = y + noise * y.std(axis=1, keepdims=True) * random.standard_normal(y.shape)
+    return TimeHistory(excitation.time, np.vstack([u, y]), ("u", *OUTPUTS), ("V", "V", "m"))
+
+
+def identify(measured, **options):
+    return identify_modes(
+        measured, **{"input": "u", "outputs": OUTPUTS, "band": (20.0, 450.0), "hold_order": 0, **options}
+    )
+
+
+def truth(n_modes=2):
+    return np.concatenate([FREQUENCY[:n_modes], RATIO[:n_modes], GAINS[:, :n_modes].ravel()])
+
+
+def found(fit):
+    return np.concatenate([fit.frequency, fit.damping_ratio, fit.gains.ravel()])
+
+
+def deviations(fit):
+    std = np.concatenate([fit.frequency_std, fit.damping_ratio_std, fit.gains_std.ravel()])
+    return (found(fit) - truth(len(fit.frequency))) / std
+
+
+def model_frf(frequency):
+    modes = 1 / (1 - (frequency / FREQUENCY[:, None]) ** 2 + 2j * RATIO[:, None] * frequency / FREQUENCY[:, None])
+    return GAINS @ modes
+
+
+# Without noise
+
+
+@pytest.mark.parametrize("hold_order", [0, 1])
+def test_record_without_noise_gives_the_parameters_to_rounding(hold_order):
+    """The discrete form of the model is exact under either hold, and so is the transient: there is nothing to lose."""
+    fit = identify(make_record(0, noise=0.0, hold_order=hold_order), hold_order=hold_order)
+    np.testing.assert_allclose(found(fit), truth(), rtol=1e-9)
+
+
+def test_continuous_motion_is_found_without_a_hold():
+    """A second route: the equation of motion integrated under a smooth input, not the formula that the fit inverts."""
+    rate, omega = 2000.0, 2 * np.pi * 98.0
+    time = np.arange(4000) / rate
+
+    def force(t):
+        return np.sin(2 * np.pi * (30.0 * t + 45.0 * t**2)) * np.sin(np.pi * t / 2.0) ** 2
+
+    def motion(t, x):
+        return [x[1], omega**2 * (force(t) - x[0]) - 2 * 0.01 * omega * x[1]]
+
+    options = {"t_eval": time, "rtol": 1e-11, "atol": 1e-13, "method": "DOP853"}
+    y = 3.0 * scipy.integrate.solve_ivp(motion, (0, time[-1]), [0.1, 20.0], **options).y[0]
+    fit = identify(TimeHistory(time, np.stack([force(time), y]), ("u", "y")), outputs=["y"], hold_order=None, n_modes=1)
+    np.testing.assert_allclose([fit.frequency[0], fit.damping_ratio[0], fit.gains[0, 0]], [98.0, 0.01, 3.0], rtol=1e-6)
+
+
+def test_frf_without_noise_gives_the_parameters_to_rounding():
+    frequency = np.arange(20.0, 450.0, 0.5)
+    fit = identify(FRF(frequency, model_frf(frequency)[:, None], OUTPUTS, ("u",)), hold_order=None, band=(20.0, 449.5))
+    np.testing.assert_allclose(found(fit), truth(), rtol=1e-9)
+    np.testing.assert_allclose(fit.response(frequency).values[:, 0], model_frf(frequency), rtol=1e-9)
+    # `measured` of a FRF is itself, the residual rounding.
+    assert np.abs(fit.residual.values).max() < 1e-9 * np.abs(fit.measured.values).max()
+
+
+@pytest.mark.parametrize(("hold_order", "gain_loss", "shift"), [(0, 0.6, 1.0), (1, 1 / 3, 0.0)])
+def test_hold_that_is_overlooked_costs_what_the_docstring_says(hold_order, gain_loss, shift):
+    record = make_record(0, noise=0.0, n_modes=1, duration=4.0, hold_order=hold_order)
+    fit = identify(record, n_modes=1, band=(60.0, 140.0), hold_order=None)
+    x = np.pi * 98.0 / record.sample_rate
+    np.testing.assert_allclose(1 - fit.gains / GAINS[:, :1], gain_loss * x**2, rtol=0.1)
+    assert 1 - fit.frequency[0] / 98.0 == pytest.approx(shift * x * 0.01, rel=0.1, abs=1e-5)
+
+
+def test_offset_drift_and_initial_motion_do_not_matter():
+    record = make_record(3, noise=0.0, duration=4.0)
+    drift = np.outer([2.0, 1e-5], 1 + record.time)
+    moved = TimeHistory(record.time, record.values + np.vstack([0 * record.time, drift]), record.names)
+    # `after` cuts the start away, so the rest begins in full motion.
+    np.testing.assert_allclose(found(identify(moved.after(2.0))), truth(), rtol=1e-8)
+
+
+def test_multisine_lines_without_power_are_left_out():
+    excitation = multisine(3.0, 2000.0, lowest_frequency=20.0, highest_frequency=400.0, period=0.5, name="u")
+    modes = [oscillator(excitation["u"], f, z, 2000.0) for f, z in zip(FREQUENCY, RATIO, strict=True)]
+    record = TimeHistory(excitation.time, np.vstack([excitation["u"], GAINS @ np.stack(modes)]), ("u", *OUTPUTS))
+    np.testing.assert_allclose(found(identify(record)), truth(), rtol=1e-7)
+
+
+def test_modes_outside_the_band_are_left_to_the_residual_terms():
+    fit = identify(make_record(0, noise=0.0, duration=4.0), band=(40.0, 180.0), n_modes=1)
+    expected = [FREQUENCY[0], RATIO[0], *GAINS[:, 0]]
+    np.testing.assert_allclose(found(fit), expected, rtol=2e-3)
+    fit = identify(make_record(0, noise=0.0, duration=4.0), band=(200.0, 400.0), n_modes=1, residual_powers=(-2, 0, 1))
+    expected = [FREQUENCY[1], RATIO[1], *GAINS[:, 1]]
+    np.testing.assert_allclose(found(fit), expected, rtol=2e-2)
+
+
+# With noise
+
+
+def test_five_percent_noise_leaves_the_accuracy_that_is_promised():
+    fits = [identify(make_record(seed, duration=8.0)) for seed in range(3)]
+    for fit in fits:
+        np.testing.assert_allclose(fit.frequency, FREQUENCY, rtol=1e-3)
+        np.testing.assert_allclose(fit.damping_ratio, RATIO, rtol=5e-2)
+        np.testing.assert_allclose(fit.gains, GAINS, rtol=2e-2)
+        assert np.all(np.diff(fit.criterion) < 0)
+
+
+def test_intervals_of_two_modes_cover_the_truth_in_nine_of_ten_records():
+    """95 % intervals; ten fixed seeds, and each of the eight parameters counts by itself."""
+    covered = np.abs([deviations(identify(make_record(seed, duration=1.0), n_modes=2)) for seed in range(10)]) < WITHIN
+    assert covered.sum(axis=0).min() >= 9, covered.sum(axis=0)
+
+
+def test_coverage_over_a_hundred_records_is_nominal():
+    """With 100 records of independent noise a 95 % interval covers 89 ... 99 times, at three standard deviations."""
+    options = {"n_modes": 1, "band": (50.0, 200.0)}
+    fits = [identify(make_record(seed, duration=1.0, n_modes=1), **options) for seed in range(100)]
+    scaled = np.array([deviations(fit) for fit in fits])
+    share = np.mean(np.abs(scaled) < WITHIN, axis=0)
+    assert share.min() > 0.88
+    assert share.mean() < 0.99
+    # Neither too small nor too large: the scaled errors have unit variance and no bias.
+    np.testing.assert_allclose(scaled.std(axis=0), 1.0, atol=0.25)
+    np.testing.assert_allclose(scaled.mean(axis=0), 0.0, atol=0.35)
+
+
+def noisy_frf(seed, *, coherence):
+    frequency = np.arange(20.0, 450.0, 0.5)
+    exact, random = model_frf(frequency), np.random.default_rng(seed)
+    n_averages, level = 40, 0.05 * np.abs(exact).mean(axis=1, keepdims=True) * (1 + frequency / 200.0)
+    gamma = 1 / (1 + (level / np.abs(exact)) ** 2)
+    noise = level / np.sqrt(n_averages) if coherence else level
+    values = exact + noise * np.sqrt(0.5) * (random.standard_normal((2, *exact.shape)).T @ [1, 1j]).T
+    return FRF(frequency, values[:, None], OUTPUTS, ("u",), gamma if coherence else None)
+
+
+@pytest.mark.parametrize("coherence", [False, True])
+def test_coverage_of_frfs_is_nominal(coherence):
+    options = {"n_modes": 2, "hold_order": None, "band": (20.0, 449.5)}
+    scaled = np.array([deviations(identify(noisy_frf(seed, coherence=coherence), **options)) for seed in range(25)])
+    share = np.mean(np.abs(scaled) < WITHIN, axis=0)
+    assert share.min() > 0.79  # 20 of 25 records
+    assert 0.90 < share.mean() < 0.99
+
+
+def test_a_windowed_estimate_broadens_resonances_and_a_record_does_not():
+    """Why a record is better than its FRF: four lines per half-power width add 2 % of damping."""
+    record = make_record(1, duration=32.0, noise=0.01, hold_order=1)
+    frf = estimate_frf(record, inputs=["u"], outputs=OUTPUTS, segment_duration=1.0)
+    windowed = identify(frf, hold_order=1, sample_rate=record.sample_rate, n_modes=2)
+    assert 1.01 < windowed.damping_ratio[1] / RATIO[1] < 1.04
+    np.testing.assert_allclose(windowed.frequency, FREQUENCY, rtol=1e-3)
+    np.testing.assert_allclose(windowed.gains, GAINS, rtol=2e-2)
+    assert identify(record, hold_order=1, n_modes=2).damping_ratio[1] == pytest.approx(RATIO[1], rel=2e-3)
+
+
+def test_correlated_lines_widen_the_intervals():
+    """Noise filtered over three neighbouring lines, as by a window, carries less than as many independent lines."""
+    frf = noisy_frf(0, coherence=False)
+    exact = model_frf(frf.frequency)[:, None]
+    smooth = scipy.signal.lfilter([0.5, 1.0, 0.5], [1.0], frf.values - exact, axis=2) / np.sqrt(1.5)
+    options = {"n_modes": 2, "hold_order": None, "band": (20.0, 449.5)}
+    independent, correlated = (identify(x, **options) for x in (frf, replace(frf, values=exact + smooth)))
+    widened = correlated.damping_ratio_std / independent.damping_ratio_std
+    # The variance of a sum rises by 4 / 1.5; the noise itself is as large as before.
+    np.testing.assert_allclose(widened, np.sqrt(4 / 1.5), rtol=0.3)
+
+
+# Refusals
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"input": "v"}, "unknown signal 'v'; known: u, sensor, encoder"),
+        ({"outputs": ["x"]}, "unknown signal 'x'; known: u, sensor, encoder"),
+        ({"outputs": []}, "name at least one output"),
+        ({"outputs": ["sensor", "sensor"]}, "output names must differ"),
+        ({"n_modes": 0}, "n_modes must be 1 ... 12, got 0"),
+        ({"hold_order": 2}, "hold_order must be None, 0 or 1, got 2"),
+        ({"sample_rate": 1e3}, "sample_rate is for FRFs"),
+        ({"band": (200.0, 100.0)}, "band 200 ... 100 Hz must ascend within the data's"),
+        ({"band": (0.0, 100.0)}, "must ascend within"),
+        ({"band": (20.0, 2000.0)}, "band 20 ... 2000 Hz must ascend within the data's 0.499"),
+        ({"band": (20.0, np.nan)}, "NaN"),
+        ({"band": (97.0, 99.0)}, r"4 lines in the band carry no 1 mode\(s\), which need at least"),
+        ({"band": (310.0, 390.0)}, "no resonance in 310 ... 390 Hz stands out of the noise"),
+        (
+            {"band": (310.0, 390.0), "n_modes": 1},
+            r"no 1 resonance\(s\) in 310 ... 390 Hz: .*(no resonance|determine|runs)",
+        ),
+        ({"n_modes": 5}, r"no 5 resonance\(s\) in 20 ... 450 Hz: .*; ask for fewer modes"),
+    ],
+)
+def test_records_that_carry_no_answer_are_refused(options, message):
+    record = make_record(0)
+    with pytest.raises(ValueError, match=message):
+        identify(record, **options)
+
+
+def test_constant_signals_and_mere_noise_are_refused():
+    record = make_record(0)
+    for row, name in enumerate(record.names):
+        values = record.values.copy()
+        values[row] = 0.3
+        with pytest.raises(ValueError, match=f"signal '{name}' is constant"):
+            identify(TimeHistory(record.time, values, record.names))
+    noise = np.random.default_rng(0).standard_normal(record.values.shape)
+    with pytest.raises(ValueError, match="no resonance"):
+        identify(TimeHistory(record.time, noise, record.names))
+
+
+@pytest.mark.parametrize(
+    ("values", "options", "message"),
+    [
+        (np.ones, {}, "no resonance in 20 ... 400 Hz"),
+        (np.zeros, {}, "the response of 'y' is zero throughout the band"),
+        (np.ones, {"input": "v"}, "unknown input 'v'; known: u"),
+        (np.ones, {"outputs": ["x"]}, "unknown output 'x'; known: y"),
+        (np.ones, {"band": (1.0, 400.0)}, "band 1 ... 400 Hz must ascend within the data's 20 ... 449 Hz"),
+        (np.ones, {"band": (20.0, 24.0)}, r"5 lines in the band carry no 1 mode\(s\)"),
+        (np.ones, {"hold_order": 0}, "hold_order and sample_rate together"),
+        (np.ones, {"sample_rate": 1e3}, "hold_order and sample_rate together"),
+        (np.ones, {"hold_order": 0, "sample_rate": -1.0}, "sample_rate must be positive"),
+    ],
+)
+def test_frfs_that_carry_no_answer_are_refused(values, options, message):
+    frf = FRF(np.arange(20.0, 450.0), values((1, 1, 430)), ("y",), ("u",))
+    with pytest.raises(ValueError, match=message):
+        identify(frf, **{"outputs": ["y"], "band": (20.0, 400.0), "hold_order": None, **options})
+
+
+def test_a_short_noisy_record_says_that_it_does_not_determine_the_mode():
+    with pytest.raises(ValueError, match=r"do not determine|no resonance"):
+        identify(make_record(0, duration=0.1, noise=1.0), outputs=["sensor"], band=(20.0, 400.0), n_modes=1)
+
+
+def test_fit_is_saved_whole_and_checks_itself(tmp_path):
+    fit = identify(make_record(0))
+    again = load(save(fit, tmp_path / "fit.h5"))
+    assert isinstance(again, ModalFit)
+    np.testing.assert_array_equal(again.covariance, fit.covariance)
+    np.testing.assert_array_equal(again.measured.values, fit.measured.values)
+    assert dict(again.how) == dict(fit.how)
+    assert "98.0" in fit.summary()
+    with pytest.raises(ValueError, match="gains must have shape 2 x 2"):
+        replace(fit, gains=np.ones((2, 3)))
+
+
+# Into the scene
+
+
+@pytest.fixture(scope="module")
+def small_bench(apa):
+    return make_bench(5.0, "linear", apa=apa)
+
+
+@pytest.fixture(scope="module")
+def bench_fit(small_bench):
+    """A bench with other damping, gains and payload than the model's, identified from a record."""
+    (actuator,), (sensor, encoder) = small_bench.actuators, small_bench.sensors
+    real = replace(
+        small_bench,
+        bodies=(*small_bench.bodies[:2], replace(small_bench.bodies[2], mass=4.8)),
+        actuators=(replace(actuator, gain=1.1 * actuator.gain),),
+        sensors=(replace(sensor, voltage_per_elongation=0.85 * sensor.voltage_per_elongation), encoder),
+        damping_ratio=0.017,
+    )
+    excitation = band_limited_noise(4.0, 1e4, cutoff_frequency=500.0, rms=0.1, seed=1)
+    record = simulate(real, excitation, time_step=1e-4, method="exact", hold_order=0, progress=False)
+    values = record.values.copy()
+    values[1:] += (
+        0.05 * values[1:].std(axis=1, keepdims=True) * np.random.default_rng(2).standard_normal(values[1:].shape)
+    )
+    noisy = TimeHistory(record.time, values, record.names, record.units)
+    options = {"outputs": real.outputs, "band": (20.0, 400.0), "hold_order": 0}
+    return identify_modes(noisy, input="actuator_voltage", **options), real
+
+
+def test_modal_gains_sum_to_the_static_response(small_bench):
+    static = frequency_response(linearize(small_bench), np.array([1e-3])).values[:, :, 0].real
+    np.testing.assert_allclose(modal_gains(assemble(small_bench)).sum(axis=2), static, rtol=1e-6)
+
+
+def test_damping_and_factors_return_to_the_scene(small_bench, bench_fit):
+    fit, real = bench_fit
+    updated, report = apply_identification(small_bench, fit, trusted="encoder", unmeasured_damping_ratio=0.02)
+    assert assemble(updated).damping_ratio[0] == pytest.approx(0.017, rel=0.01)
+    np.testing.assert_array_equal(assemble(updated).damping_ratio[1:], 0.02)
+    assert updated.actuators[0].gain == pytest.approx(real.actuators[0].gain, rel=2e-3)
+    expected = real.sensors[0].voltage_per_elongation
+    assert updated.sensors[0].voltage_per_elongation == pytest.approx(expected, rel=2e-3)
+    assert updated.sensors[1] == small_bench.sensors[1]
+    names = [change.parameter for change in report.changes]
+    assert names == ["damping ratio of mode 1", "actuator_stacks.gain", "sensor_voltage.voltage_per_elongation"]
+    for change, true in zip(report.changes, (0.017, real.actuators[0].gain, expected), strict=True):
+        assert abs(change.after - true) < 4 * change.std
+    assert len(report.unmodelled) == 0
+    for words in ("98.", "other modes, not measured: 2 %", "actuator_stacks.gain: 20 ->"):
+        assert words in report.summary()
+
+
+def test_other_modes_keep_their_ratio_unless_told(small_bench, bench_fit):
+    updated, report = apply_identification(
+        replace(small_bench, damping_ratio=[0.01, 0.03]), bench_fit[0], trusted="encoder"
+    )
+    np.testing.assert_array_equal(assemble(updated).damping_ratio[1:], 0.03)
+    assert set(report.unmeasured.values()) == {0.03}
+
+
+def shifted(fit, frequency):
+    """The same fit with modes at other frequencies, (n,), all with the gains of the first."""
+    n, outputs = len(frequency), len(fit.outputs)
+    return replace(
+        fit,
+        frequency=frequency,
+        damping_ratio=np.full(n, 0.01),
+        gains=np.repeat(fit.gains[:, :1], n, axis=1),
+        covariance=1e-12 * np.eye((2 + outputs) * n),
+    )
+
+
+def test_resonances_without_a_mode_are_reported_as_unmodelled(small_bench, bench_fit):
+    _, report = apply_identification(small_bench, shifted(bench_fit[0], [100.0, 300.0]), trusted="encoder")
+    np.testing.assert_array_equal(report.unmodelled, [300.0])
+    assert "300.000 Hz: not modelled" in report.summary()
+
+
+@pytest.mark.parametrize(
+    ("frequency", "options", "message"),
+    [
+        ([95.0, 100.0], {}, "identified modes at 95, 100 Hz are all within 10 % of the scene's mode at"),
+        ([300.0], {}, r"no identified mode \(300 Hz\) lies within 10 %"),
+        ([15e3], {"distance": 0.5}, "1.5e\\+04 Hz may be any of the scene's modes at"),
+        ([100.0], {"trusted": "ruler"}, "unknown trusted output 'ruler'"),
+        ([100.0], {"distance": 0.0}, "distance must be positive"),
+        ([100.0], {"unmeasured_damping_ratio": -1.0}, "unmeasured_damping_ratio must not be negative"),
+    ],
+)
+def test_doubtful_matches_are_refused(small_bench, bench_fit, frequency, options, message):
+    with pytest.raises(ValueError, match=message):
+        apply_identification(small_bench, shifted(bench_fit[0], frequency), **{"trusted": "encoder", **options})
+
+
+def test_names_that_the_scene_does_not_have_are_refused(small_bench, bench_fit):
+    with pytest.raises(ValueError, match="unknown input 'u'; known: actuator_voltage"):
+        apply_identification(small_bench, replace(bench_fit[0], input="u"), trusted="encoder")
+    with pytest.raises(ValueError, match="unknown output 'ruler'; known: sensor_voltage, encoder"):
+        apply_identification(small_bench, replace(bench_fit[0], outputs=("sensor_voltage", "ruler")), trusted="ruler")

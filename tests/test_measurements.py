@@ -1,0 +1,308 @@
+"""Measured files: what is read, and what every fault is called."""
+
+import builtins
+import time
+
+import numpy as np
+import pytest
+
+from nassim import FRF, TimeHistory
+from nassim.measurements import read_frf, read_measurement, read_record, write_record
+from nassim.units import to_si
+
+pyuff = pytest.importorskip("pyuff")
+RECORD = "time [ms], actuator_voltage [mV], encoder [um]\n0, 1, 2\n1, 3, 4\n2, 5, -6e-1\n"
+FRF_FILE = (
+    "frequency [kHz], encoder/u real [um/V], encoder/u imag [um/V], s/u real [V/V], s/u imag [V/V], "
+    "encoder coherence [-], s coherence [-]\n0.1, 1, 2, 3, 4, 0.5, 0.6\n0.3, 5, 6, 7, 8, 0.7, 0.8\n"
+)
+
+
+def written(tmp_path, text, name="file.csv"):
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor", "si"),
+    [
+        ("um", 1e-6, "m"),
+        ("µm", 1e-6, "m"),
+        ("kV", 1e3, "V"),
+        ("um/V", 1e-6, "m/V"),
+        ("mm / kN", 1e-6, "m/N"),
+        ("mm/s^2", 1e-3, "m/s2"),
+        ("m/ms2", 1e6, "m/s2"),
+        ("mrad", 1e-3, "rad"),
+        ("g", 1e-3, "kg"),
+        ("-", 1.0, "-"),
+    ],
+)
+def test_units_become_si(unit, factor, si):
+    found = to_si(unit)
+    assert found[0] == pytest.approx(factor, rel=1e-12)
+    assert found[1] == si
+
+
+@pytest.mark.parametrize("unit", ["", "inch", "V/", "um/V/parsec", "2"])
+def test_unknown_units_are_refused(unit):
+    with pytest.raises(ValueError, match=r"unknown unit.*known: m, km, mm"):
+        to_si(unit)
+
+
+@pytest.mark.parametrize("mark", ["", "\ufeff", "# bench of Monday\n"])
+def test_record_is_read_in_si(tmp_path, mark):
+    record = read_record(written(tmp_path, mark + RECORD))
+    np.testing.assert_allclose(record.time, [0, 1e-3, 2e-3], rtol=1e-12)
+    np.testing.assert_allclose(record["actuator_voltage"], [1e-3, 3e-3, 5e-3])
+    np.testing.assert_allclose(record["encoder"], [2e-6, 4e-6, -6e-7])
+    assert record.units == ("V", "m")
+
+
+def test_signals_are_chosen_by_name(tmp_path):
+    path = written(tmp_path, RECORD)
+    assert read_record(path, names=["encoder"]).names == ("encoder",)
+    with pytest.raises(ValueError, match=r"file.csv: there is no 'x'; present: actuator_voltage, encoder"):
+        read_record(path, names=["x"])
+
+
+def test_frf_is_read_in_si(tmp_path):
+    frf = read_frf(written(tmp_path, FRF_FILE))
+    np.testing.assert_allclose(frf.frequency, [100, 300])
+    np.testing.assert_allclose(frf.response("encoder", "u"), [1e-6 + 2e-6j, 5e-6 + 6e-6j])
+    np.testing.assert_allclose(frf.response("s", "u"), [3 + 4j, 7 + 8j])
+    np.testing.assert_allclose(frf.coherence, [[0.5, 0.7], [0.6, 0.8]])
+
+
+def test_a_measurement_is_what_its_first_column_says(tmp_path):
+    assert isinstance(read_measurement(written(tmp_path, RECORD)), TimeHistory)
+    assert isinstance(read_measurement(written(tmp_path, FRF_FILE)), FRF)
+
+
+FAULTS = [
+    (("RECORD", ""), "file.csv: the file is empty"),
+    (("-6e-1\n", ""), "line 4, column 'encoder': a gap, the cell is empty"),
+    (("3, 4", "3, nan"), "line 3, column 'encoder': nan is not finite"),
+    (("3, 4", "3, inf"), "line 3, column 'encoder': inf is not finite"),
+    (("3, 4", "three, 4"), "line 3, column 'actuator_voltage': 'three' is no number"),
+    (("3, 4", "3"), "line 3: 2 cells, but the header names 3 columns"),
+    (("1, 3, 4\n", "\n"), "line 3: a gap, the line is empty"),
+    (("-6e-1\n", "6\n4, 1, 1\n5, 1, 1\n"), "line 5: unequal sampling, a step of 0.002 s where 0.001 s is usual"),
+    (("-6e-1\n", "6\n2, 1, 1\n3, 1, 1\n"), "line 5: unequal sampling, a step of 0 s"),
+    (("time [ms]", "t [ms]"), "line 1: there is no 'time'; present: t, actuator_voltage, encoder"),
+    (("time [ms]", "time [mV]"), "line 1: 'time' must be in s, not V"),
+    (("[um]", "[inch]"), "line 1: unknown unit 'inch'"),
+    (("encoder [um]", "encoder"), r"line 1: column 'encoder' must be written 'name \[unit\]'"),
+    (("encoder", "actuator_voltage"), "line 1: column 'actuator_voltage' occurs twice"),
+    ((", actuator_voltage [mV], encoder [um]\n0, 1, 2\n1, 3, 4\n2, 5, -6e-1", "\n0\n1"), "no signal besides the time"),
+    (("0, 1, 2\n1, 3, 4\n2, 5, -6e-1\n", ""), "ends after its header"),
+    (("1, 3, 4\n2, 5, -6e-1\n", ""), "line 2: a record needs at least 2 samples"),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), FAULTS)
+def test_faults_are_named_by_file_and_line(tmp_path, change, message):
+    text = "" if change[0] == "RECORD" else RECORD.replace(*change)
+    assert text != RECORD
+    with pytest.raises(ValueError, match=message) as fault:
+        read_record(written(tmp_path, text))
+    assert "file.csv" in str(fault.value)
+
+
+def test_blank_lines_count_even_before_the_header(tmp_path):
+    with pytest.raises(ValueError, match=r"line 6, column 'encoder'.*'x' is no number"):
+        read_record(written(tmp_path, "# a\n\n" + RECORD.replace("-6e-1", "x")))
+
+
+def test_bytes_that_are_no_text(tmp_path):
+    path = tmp_path / "file.csv"
+    path.write_bytes(b"time [s], a [\xff]\n")
+    with pytest.raises(ValueError, match=r"file.csv: this is no text in UTF-8"):
+        read_record(path)
+    with pytest.raises(FileNotFoundError):
+        read_record(tmp_path / "none.csv")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("imag", "imaginary"), "line 1: there is no 'encoder/u imag'; present: frequency"),
+        (("encoder/u imag [um/V]", "encoder/u imag [V]"), "'encoder/u imag' have units of different kinds"),
+        ((", s coherence [-]", ", t coherence [-]"), "there is no 's coherence'"),
+        (("coherence [-]", "coherence [V]"), "'encoder coherence' must be in -, not V"),
+        (("frequency [kHz]", "frequency [s]"), "'frequency' must be in Hz, not s"),
+        (("0.3,", "0.1,"), "line 3: the frequency must rise"),
+        (("0.3,", "-0.3,"), "line 3: the frequency must rise"),
+        (("/", "|"), "unknown unit"),
+    ],
+)
+def test_faults_of_frfs(tmp_path, change, message):
+    with pytest.raises(ValueError, match=message) as fault:
+        read_frf(written(tmp_path, FRF_FILE.replace(*change)))
+    assert "file.csv" in str(fault.value)
+
+
+def test_a_record_is_no_frf(tmp_path):
+    with pytest.raises(ValueError, match=r"there is no 'frequency'; present: time"):
+        read_frf(written(tmp_path, RECORD))
+
+
+def test_rounded_times_are_made_equidistant(tmp_path):
+    exact = np.arange(1000) / 12800
+    lines = [f"{1e3 * t:.4f}, 1" for t in exact]
+    record = read_record(written(tmp_path, "time [ms], a [V]\n" + "\n".join(lines)))
+    assert record.sample_rate == pytest.approx(12800, rel=1e-5)
+    assert np.ptp(np.diff(record.time)) < 1e-12
+
+
+def test_what_is_written_is_read_again(tmp_path):
+    values = np.random.default_rng(0).standard_normal((2, 100)) * [[1.0], [1e-9]]
+    record = TimeHistory(np.arange(100) / 3e3, values, ("a", "b"), ("V", "m"))
+    again = read_record(write_record(record, tmp_path / "new" / "record.csv"))
+    np.testing.assert_allclose(again.values, record.values, rtol=1e-11)
+    np.testing.assert_allclose(again.time, record.time, atol=1e-12)
+    assert (again.names, again.units) == (record.names, record.units)
+
+
+def test_an_interrupted_write_leaves_the_old_file(tmp_path, monkeypatch):
+    record = TimeHistory([0.0, 1.0], [[1.0, 2.0]], ("a",), ("V",))
+    path = write_record(record, tmp_path / "record.csv")
+    before = path.read_bytes()
+
+    def interrupt(file, *_arguments, **_options):
+        file.write_text("half")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(np, "savetxt", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        write_record(record, path)
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_million_lines_take_seconds_and_still_have_numbers(tmp_path):
+    lines = ["time [s], a [V], b [um]", *(f"{1e-4 * k:.4f},1.25,-3.5" for k in range(1_000_000))]
+    path = written(tmp_path, "\n".join(lines))
+    start = time.perf_counter()
+    assert read_record(path).values.shape == (2, 1_000_000)
+    assert time.perf_counter() - start < 10.0  # 1.5 s on an idle machine
+    lines[900_000] = lines[900_000].replace("1.25", "1,25")
+    with pytest.raises(ValueError, match=r"line 900001: 4 cells, but the header names 3 columns"):
+        read_record(written(tmp_path, "\n".join(lines)))
+
+
+def data_set(x, data, func_type, **change):
+    content = {
+        "type": 58,
+        "binary": 0,
+        "func_type": func_type,
+        "rsp_node": 3,
+        "rsp_dir": -3,
+        "ref_node": 1,
+        "ref_dir": 1,
+        "abscissa_spacing": 1,
+        "abscissa_axis_units_lab": "s" if func_type == 1 else "Hz",
+        "ordinate_axis_lab": "encoder",
+        "ordinate_axis_units_lab": "um",
+        "orddenom_axis_lab": "actuator_voltage",
+        "orddenom_axis_units_lab": "mV",
+        "orddenom_spec_data_type": 0,
+        "x": x,
+        "data": data,
+    }
+    return {**content, **change}
+
+
+def write_uff(path, sets):
+    path.unlink(missing_ok=True)
+    for content in sets:  # one by one in mode "add": pyuff's "overwrite" loses the header of binary sets
+        pyuff.UFF(str(path)).write_sets(content, "add")
+    return path
+
+
+@pytest.mark.parametrize("binary", [0, 1])
+def test_records_of_uff_files(tmp_path, binary):
+    time = np.arange(200) * 1e-4
+    a, b = np.random.default_rng(0).standard_normal((2, 200))
+    sets = [
+        data_set(time, a, 1, binary=binary),
+        data_set(time, b, 1, binary=binary, ordinate_axis_lab="NONE", ordinate_axis_units_lab="mV"),
+    ]
+    record = read_measurement(write_uff(tmp_path / "record.uff", sets))
+    assert isinstance(record, TimeHistory)
+    assert (record.names, record.units) == (("encoder", "3 -z"), ("m", "V"))
+    np.testing.assert_allclose(record.values, [1e-6 * a, 1e-3 * b], rtol=1e-10)
+    np.testing.assert_allclose(record.time, time, atol=1e-10)
+
+
+@pytest.mark.parametrize("spacing", [0, 1])
+def test_frfs_of_uff_files(tmp_path, spacing):
+    frequency = 10.0 + 0.5 * np.arange(50)
+    response = np.random.default_rng(0).standard_normal((2, 50)) @ np.ones((50, 50)) + 1j * np.arange(50)
+    coherence = np.linspace(0.5, 1.0, 50)
+    same = {"abscissa_spacing": spacing}
+    sets = [
+        data_set(frequency, response[0], 4, **same),
+        data_set(frequency, response[1], 4, ordinate_axis_lab="sensor", ordinate_axis_units_lab="V", **same),
+        data_set(frequency, coherence, 6, **same),
+        data_set(frequency, coherence, 6, ordinate_axis_lab="sensor", **same),
+    ]
+    frf = read_measurement(write_uff(tmp_path / "frf.unv", sets))
+    assert (frf.outputs, frf.inputs) == (("encoder", "sensor"), ("actuator_voltage",))
+    np.testing.assert_allclose(frf.frequency, frequency, rtol=1e-5)
+    np.testing.assert_allclose(frf.values[0, 0], 1e-3 * response[0], rtol=1e-10)
+    np.testing.assert_allclose(frf.values[1, 0], 1e3 * response[1], rtol=1e-10)
+    np.testing.assert_allclose(frf.coherence, [coherence, coherence], rtol=1e-10)
+
+
+TIME = np.arange(20) * 1e-3
+
+
+@pytest.mark.parametrize(
+    ("sets", "message"),
+    [
+        ([data_set(TIME, TIME, 1, ordinate_axis_units_lab="NONE")], "data set 1: its ordinate states no unit"),
+        ([data_set(TIME, TIME, 1, ordinate_axis_units_lab="furlong")], "data set 1: unknown unit 'furlong'"),
+        ([data_set(TIME, TIME, 1, abscissa_axis_units_lab="V")], "data set 1: the axis of a time is in V"),
+        (
+            [data_set(TIME, TIME, 1), data_set(2 * TIME, TIME, 1)],
+            "data set 2: its axis differs from that of data set 1",
+        ),
+        ([data_set(np.append(TIME, 1.0), np.ones(21), 1, abscissa_spacing=0)], "sample 21: unequal sampling"),
+        ([data_set(TIME, TIME, 2)], "holds no time response, FRF or coherence"),
+        ([data_set(TIME, TIME, 1), data_set(TIME, TIME, 1)], "signal names must differ"),
+    ],
+)
+def test_faults_of_uff_files(tmp_path, sets, message):
+    with pytest.raises(ValueError, match=message) as fault:
+        read_record(write_uff(tmp_path / "file.uff", sets))
+    assert "file.uff" in str(fault.value)
+
+
+def test_missing_and_damaged_uff_files(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        read_record(tmp_path / "none.uff")
+    path = write_uff(tmp_path / "file.uff", [data_set(TIME, TIME, 1)])
+    text = path.read_text()
+    path.write_text(text.replace("1.10000000000e-02", "nan".rjust(17)))  # pyuff itself writes zeros for NaN
+    with pytest.raises(ValueError, match=r"file.uff, data set 1: value 12 is not finite"):
+        read_record(path)
+    path.write_text(text[: len(text) // 2] + "\n    -1\n")
+    with pytest.raises(ValueError, match=r"file.uff, data set 1: "):
+        read_record(path)
+    with pytest.raises(ValueError, match=r"file.uff: no data set 58 is a frequency response"):
+        read_frf(write_uff(path, [data_set(TIME, TIME, 1)]))
+
+
+def test_without_pyuff_the_message_says_what_to_install(tmp_path, monkeypatch):
+    real = builtins.__import__
+
+    def without(name, *arguments, **options):
+        if name == "pyuff":
+            raise ImportError(name)
+        return real(name, *arguments, **options)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(RuntimeError, match=r'pip install "nassim\[uff\]"'):
+        read_record(tmp_path / "file.uff")
