@@ -1,12 +1,18 @@
 """nassim: multibody simulation with reduced-order flexible bodies."""
 
+from nassim.acceptance import Repair, repair, to_body
 from nassim.body import ReducedBody
 from nassim.condensation import Condensation, condense
+from nassim.control import Controller
+from nassim.export import export_body
 from nassim.fem import FEModel, build_fe_model
 from nassim.frf import FRF, estimate_frf
 from nassim.geometry import NearestTo, OnPlane, RemotePoint, Solid, read_solid
+from nassim.identification import ModalFit, identify_modes
+from nassim.inspection import Report, check
 from nassim.linear import LinearModel, frequency_response, linearize, truncation_error
 from nassim.materials import Material
+from nassim.measurements import read_frf, read_record, write_record
 from nassim.parts import (
     Encoder,
     FlexibleBody,
@@ -27,12 +33,16 @@ from nassim.scene import Scene
 from nassim.signals import TimeHistory
 from nassim.simulation import simulate, static_response
 from nassim.storage import load, save
+from nassim.superelement import Superelement, read_superelement
+from nassim.trim import open_circuit
+from nassim.updating import apply_identification
 
 __version__ = "0.1.0"
 
 __all__ = [
     "FRF",
     "Condensation",
+    "Controller",
     "ElectricalPort",
     "Encoder",
     "FEModel",
@@ -42,31 +52,46 @@ __all__ = [
     "LinearModel",
     "Loop",
     "Material",
+    "ModalFit",
     "NearestTo",
     "OnPlane",
     "PiezoStack",
     "PointForce",
     "ReducedBody",
     "RemotePoint",
+    "Repair",
+    "Report",
     "RigidBody",
     "Scene",
     "Solid",
     "SpringDamper",
     "StackActuator",
     "StackSensor",
+    "Superelement",
     "TimeHistory",
     "VoltageDrive",
     "VoltageSensor",
+    "apply_identification",
     "build_fe_model",
+    "check",
     "condense",
     "craig_bampton",
     "estimate_frf",
+    "export_body",
     "frequency_response",
+    "identify_modes",
     "linearize",
     "load",
+    "open_circuit",
+    "read_frf",
+    "read_record",
     "read_solid",
+    "read_superelement",
+    "repair",
     "save",
     "simulate",
     "static_response",
+    "to_body",
     "truncation_error",
+    "write_record",
 ]
