@@ -1,10 +1,7 @@
 """Reduced bodies and linear models for other programs: .mat, .npz, python-control."""
 
-import os
-import tempfile
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 import scipy.io
@@ -15,6 +12,7 @@ from nassim.checks import Array, known
 from nassim.interface import coordinate_names
 from nassim.linear import LinearModel
 from nassim.modal import eigenmodes, modal_damping_matrix
+from nassim.storage import written_whole
 
 RIGID = 1e-6
 """Frequencies below this share of a body's highest are rigid motions; they stay undamped."""
@@ -106,21 +104,11 @@ def _ratios(frequency: Array, damping_ratio: ArrayLike) -> Array:
 
 
 def _write(variables: dict[str, Array], path: str | Path) -> Path:
-    """Write arrays under another name, then move them in place."""
     target = Path(path)
     known("file ending", target.suffix, (".mat", ".npz"))
-    write: Callable[[BinaryIO], None]
-    if target.suffix == ".mat":
-        write = lambda file: scipy.io.savemat(file, variables, do_compression=True)  # noqa: E731
-    else:
-        write = lambda file: np.savez_compressed(file, **variables)  # type: ignore[arg-type]  # noqa: E731
-    target.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(suffix=".tmp", prefix=target.name, dir=target.parent)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            write(file)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, target)
-    finally:
-        Path(temporary).unlink(missing_ok=True)
+    with written_whole(path) as temporary, temporary.open("wb") as file:
+        if target.suffix == ".mat":
+            scipy.io.savemat(file, variables, do_compression=True)
+        else:
+            np.savez_compressed(file, **variables)  # type: ignore[arg-type]
     return target
