@@ -1,12 +1,15 @@
-"""Eigenmodes of dense mass and stiffness matrices, modal damping, and a pole in discrete time."""
+"""Eigenmodes of dense mass and stiffness matrices, modal damping, poles in discrete time and of decays."""
 
 import math
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from nassim.checks import Array, finite_array
+
+EXCITED = 1e-9
+"""Directions of a decay below this share of the largest are rounding."""
 
 
 def eigenmodes(stiffness: Array, mass: Array, *, n_modes: int | None = None) -> tuple[Array, Array]:
@@ -81,3 +84,26 @@ def mac(shapes_a: Array, shapes_b: Array, mass: Array | None = None) -> Array:
     norm_b = np.einsum("ij,ij->j", shapes_b, weighted)
     result: Array = (shapes_a.T @ weighted) ** 2 / np.outer(norm_a, norm_b)
     return result
+
+
+def decay_poles(decay: Array, time_step: float, *, n_poles: int) -> NDArray[np.complex128]:
+    """Poles of a free decay, by the eigensystem realisation algorithm; for simulated signals without noise.
+
+    decay: shape (signals, n_samples); time_step [s]; n_poles: at most so many; directions that only rounding excites are
+    left out
+
+    Returns the poles s, those with most energy in the decay, shape (n,) [rad/s]; frequency |s| / 2 pi, damping ratio
+    -Re s / |s|. Source: J.-N. Juang, R. S. Pappa, An eigensystem realization algorithm for modal parameter
+    identification and model reduction, J. Guidance 8 (1985) 620-627. Raises ValueError for fewer than 4 n_poles samples.
+    """
+    n_signals, n_samples = finite_array("decay", decay, (None, None)).shape
+    if n_samples < 4 * n_poles:
+        raise ValueError(f"{n_poles} poles need at least {4 * n_poles} samples, got {n_samples}")
+    columns = n_samples // 2
+    scaled = decay / np.maximum(np.abs(decay).max(axis=1, keepdims=True), np.finfo(float).tiny)
+    hankel = np.vstack([scaled[:, k : k + columns] for k in range(min(columns, 8 * n_poles))])
+    left, sizes, _ = np.linalg.svd(hankel, full_matrices=False)
+    n = min(n_poles, int(np.count_nonzero(sizes > EXCITED * sizes[0])))
+    states = left[:, :n]
+    step = np.linalg.lstsq(states[:-n_signals], states[n_signals:], rcond=None)[0]
+    return np.log(np.linalg.eigvals(step).astype(complex)) / time_step
