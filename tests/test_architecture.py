@@ -15,9 +15,9 @@ TREES = {name: ast.parse((PACKAGE / f"{name}.py").read_text(encoding="utf-8")) f
 # A module imports only from lower layers, never from its own.
 LAYERS = (
     ("checks", "progress", "storage"),
-    ("calibration", "control", "materials", "piezo", "modal", "signals", "interface", "solver"),
+    ("calibration", "materials", "piezo", "modal", "signals", "statespace", "interface", "solver"),
     ("geometry", "frf"),
-    ("meshing", "ports", "surface"),
+    ("control", "meshing", "ports", "surface"),
     ("fem",),
     ("condensation", "body"),
     ("modes", "trim"),
@@ -26,13 +26,14 @@ LAYERS = (
     ("floating_frame", "fullmodel", "scene"),
     ("assembly",),
     ("linear", "exudyn_state", "exact"),
-    ("exudyn_system",),
+    ("exudyn_system", "feedback", "interchange"),
     ("exudyn_solver",),
     ("simulation",),
     ("plotting",),
 )
 LAYER = {name: number for number, names in enumerate(LAYERS) for name in names}
 IMPORTERS = {
+    "control": {"interchange"},
     "exudyn": {"exudyn_solver", "exudyn_state", "exudyn_system"},
     "h5py": {"storage"},
     "matplotlib": {"plotting"},
