@@ -6,6 +6,7 @@ A controller's output is added to the scene's input, u = excitation + K y: a pos
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import scipy.linalg
@@ -81,7 +82,9 @@ def integral_force_feedback(
 
     Source: A. Preumont, Vibration Control of Active Structures, 4th ed. (2018), chapter on collocated force feedback.
     """
-    leak = 2 * np.pi * _below_nyquist("corner_frequency", not_negative("corner_frequency", corner_frequency), sample_rate)
+    leak = (
+        2 * np.pi * _below_nyquist("corner_frequency", not_negative("corner_frequency", corner_frequency), sample_rate)
+    )
     high = 2 * np.pi * _below_nyquist("high_pass", not_negative("high_pass", high_pass), sample_rate)
     gain = finite("gain", gain)
     if high and leak:
@@ -91,9 +94,7 @@ def integral_force_feedback(
     return _by_tustin(numerator, denominator, sample_rate, delay, limit)
 
 
-def proportional(
-    gain: ArrayLike, *, sample_rate: float, delay: int = 1, limit: float = math.inf
-) -> Controller:
+def proportional(gain: ArrayLike, *, sample_rate: float, delay: int = 1, limit: float = math.inf) -> Controller:
     """Proportional feedback u = excitation + gain * y; gain: a number, or a matrix (outputs, inputs)."""
     direct = np.atleast_2d(np.asarray(gain, dtype=float))
     n_out, n_in = direct.shape
@@ -116,7 +117,8 @@ def lead(
         ratio of the corner frequencies, and of the gains far above and far below.
     sample_rate [Hz], delay, limit: see `Controller`
 
-    Source: G. F. Franklin, J. D. Powell, A. Emami-Naeini, Feedback Control of Dynamic Systems, 7th ed. (2015), sec. 6.7.
+    Source: G. F. Franklin, J. D. Powell, A. Emami-Naeini, Feedback Control of Dynamic Systems, 7th ed.
+    (2015), sec. 6.7.
     """
     if not abs(finite("phase", phase)) < 90:
         raise ValueError(f"phase must lie within -90 ... 90 deg, got {phase:g}; take two leads in series for more")
@@ -156,7 +158,7 @@ def series(*controllers: Controller) -> Controller:
     once. Only the last may have a limit, which is the result's. Raises ValueError otherwise.
     """
     rate, delay = _agreed(controllers)
-    for before, after in zip(controllers[:-1], controllers[1:], strict=True):
+    for before, after in pairwise(controllers):
         if len(before.D) != after.D.shape[1]:
             raise ValueError(f"series: {len(before.D)} output(s) cannot be the next one's {after.D.shape[1]} input(s)")
     _unlimited("series", controllers[:-1])
@@ -252,4 +254,6 @@ def _agreed(controllers: Sequence[Controller]) -> tuple[float, int]:
 def _unlimited(kind: str, controllers: Sequence[Controller]) -> None:
     limits = [c.limit for c in controllers if math.isfinite(c.limit)]
     if limits:
-        raise ValueError(f"{kind}: a limit of {limits[0]:g} inside cannot be expressed; give the result a limit instead")
+        raise ValueError(
+            f"{kind}: a limit of {limits[0]:g} inside cannot be expressed; give the result a limit instead"
+        )

@@ -40,7 +40,9 @@ def tustin(system: StateSpace, time_step: float, *, prewarp: float = 0.0) -> Sta
     a, b, c, d = system
     half = np.tan(prewarp * time_step / 2) / prewarp if prewarp else time_step / 2
     eye = np.eye(len(a))
-    inverse = _inverse(eye - half * a, "Tustin's rule has no answer for a pole at 2 / time step; change the sample rate")
+    inverse = _inverse(
+        eye - half * a, "Tustin's rule has no answer for a pole at 2 / time step; change the sample rate"
+    )
     return inverse @ (eye + half * a), 2 * half * inverse @ b, c @ inverse, d + half * c @ inverse @ b
 
 

@@ -27,6 +27,7 @@ LAYERS = (
     ("assembly",),
     ("linear", "exudyn_state", "exact"),
     ("exudyn_system", "feedback", "interchange"),
+    ("locus",),
     ("exudyn_solver",),
     ("simulation",),
     ("plotting",),
