@@ -14,6 +14,12 @@ from nassim.feedback import DELAY_ORDER, Names, close_loop, controller_model, na
 from nassim.linear import LinearModel, frequency_and_damping, is_growing, s_plane
 from nassim.statespace import cascade, transmission_zeros
 
+CRITICAL = 1 - 1e-12
+RESOLUTION = 1e-7
+"""Of an optimum gain, relative to the given gain above it."""
+ZOOM = 21
+"""Gains per step of refining an optimum, which narrows it tenfold."""
+
 
 @dataclass(frozen=True)
 class RootLocus:
@@ -93,19 +99,9 @@ def root_locus(
     """
     gains = _ascending(gains)
     poles = _poles_at(model, controller, measured, driven, delay_order)
-    rows: list[Array] = []
-    for k, gain in enumerate(gains):
-        found = poles(gain)
-        if k == 0:
-            rows.append(found[np.lexsort((found.imag, np.abs(found)))])
-            continue
-        expected = rows[-1]
-        if k > 1:
-            expected = expected + (rows[-1] - rows[-2]) * (gain - gains[k - 1]) / (gains[k - 1] - gains[k - 2])
-        _, order = scipy.optimize.linear_sum_assignment(np.abs(expected[:, None] - found))
-        rows.append(found[order])
+    rows = _branches(poles, gains)
     zeros = s_plane(_loop_zeros(model, controller, measured, driven), model.time_step)
-    return RootLocus(gains, s_plane(np.array(rows), model.time_step), zeros)
+    return RootLocus(gains, s_plane(rows, model.time_step), zeros)
 
 
 def optimum_gain(
@@ -123,41 +119,33 @@ def optimum_gain(
     gains: where to look, (n_gains,), ascending [-]; the best of the root locus is refined between its neighbours
     frequency: of the mode at the first gain [Hz], the nearest counts
     The other arguments are those of `close_loop`. A mode that reaches critical damping keeps a ratio of 1 beyond, and
-    the gain returned is about the least that does so. Raises ValueError when no gain is stable, and when the damping
+    the gain returned is the least that does so. Raises ValueError when no gain is stable, and when the damping
     still grows at the last one.
     """
-    locus = root_locus(model, controller, gains, measured=measured, driven=driven, delay_order=delay_order)
-    column = locus.branch(frequency)
-    branch, stable = locus.poles[:, column], locus.stable
-    if not stable.any():
-        raise ValueError("the loop is unstable at every gain; check the controller's sign and delay")
-    ratio = np.where(stable, locus.damping_ratio[:, column], -np.inf)
-    best = int(np.argmax(ratio >= ratio.max() - 1e-12))
-    last = len(ratio) - 1
-    if best == last and ratio[best] < 1 - 1e-9:
-        raise ValueError(f"the damping still grows at the largest gain, {locus.gains[-1]:g}; look further")
-    low, high = max(best - 1, 0), min(best + 1, last)
+    gains = _ascending(gains)
     poles = _poles_at(model, controller, measured, driven, delay_order)
-
-    def pole(gain: float) -> complex:
-        expected = np.interp(gain, locus.gains, branch.real) + 1j * np.interp(gain, locus.gains, branch.imag)
-        found = s_plane(poles(gain), model.time_step)
-        return complex(found[np.argmin(np.abs(found - expected))])
-
-    def undamped(gain: float) -> float:
-        found = s_plane(poles(gain), model.time_step)
-        if is_growing(found).any():
-            return math.inf
-        return -float(frequency_and_damping(np.array(pole(gain)))[1])
-
-    span = (locus.gains[low], locus.gains[high])
-    found = scipy.optimize.minimize_scalar(
-        undamped, bounds=span, method="bounded", options={"xatol": 1e-6 * (span[1] - span[0])}
+    rows = _branches(poles, gains)
+    locus = RootLocus(gains, s_plane(rows, model.time_step), np.zeros(0))
+    if not locus.stable.any():
+        raise ValueError("the loop is unstable at every gain; check the controller's sign and delay")
+    column = locus.branch(frequency)
+    best = _best(locus, column)
+    if best == len(gains) - 1 and locus.damping_ratio[best, column] < CRITICAL:
+        raise ValueError(f"the damping still grows at the largest gain, {gains[-1]:g}; look further")
+    resolution = RESOLUTION * gains[min(best + 1, len(gains) - 1)]
+    while True:
+        low, high = max(best - 1, 0), min(best + 1, len(locus.gains) - 1)
+        if locus.gains[high] - locus.gains[low] <= resolution:
+            break
+        start = rows[low, column]
+        closer = np.linspace(locus.gains[low], locus.gains[high], ZOOM)
+        rows = _branches(poles, closer)
+        locus = RootLocus(closer, s_plane(rows, model.time_step), np.zeros(0))
+        column = int(np.argmin(np.abs(rows[0] - start)))
+        best = _best(locus, column)
+    return Optimum(
+        float(locus.gains[best]), float(locus.damping_ratio[best, column]), float(locus.frequency[best, column])
     )
-    # Between real poles the ratio is flat: then the grid's gain is as good as any.
-    gain = float(found.x) if -found.fun > ratio[best] else float(locus.gains[best])
-    reached, damping_ratio = frequency_and_damping(np.array(pole(gain)))
-    return Optimum(gain, float(damping_ratio), float(reached))
 
 
 def iff_optimum(pole_frequency: float, zero_frequency: float) -> Optimum:
@@ -192,6 +180,26 @@ def _poles_at(
         return result
 
     return poles
+
+
+def _branches(poles: Callable[[float], Array], gains: Array) -> Array:
+    """Eigenvalues over gains, (n_gains, n_poles), each column continuing straight from gain to gain as best it can."""
+    first = poles(gains[0])
+    rows = [first[np.lexsort((first.imag, np.abs(first)))]]
+    for k in range(1, len(gains)):
+        expected = rows[-1]
+        if k > 1:
+            expected = expected + (rows[-1] - rows[-2]) * (gains[k] - gains[k - 1]) / (gains[k - 1] - gains[k - 2])
+        found = poles(gains[k])
+        _, order = scipy.optimize.linear_sum_assignment(np.abs(expected[:, None] - found))
+        rows.append(found[order])
+    return np.array(rows)
+
+
+def _best(locus: RootLocus, column: int) -> int:
+    """Index of the first gain with the largest damping ratio of a branch among the stable ones."""
+    ratio = np.where(locus.stable, locus.damping_ratio[:, column], -np.inf)
+    return int(np.argmax(ratio >= min(ratio.max(), CRITICAL)))
 
 
 def _loop_zeros(model: LinearModel, controller: Controller, measured: Names, driven: Names) -> Array:
