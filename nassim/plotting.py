@@ -132,7 +132,7 @@ def plot_root_locus(locus: RootLocus, *, frequency: float, optimum: Optimum | No
         color = COLORS[pairs.index(f"{locus.frequency[0, k]:.6e}") % len(COLORS)]
         ax.plot(points[:, k].real, points[:, k].imag, ".-", color=color, lw=1.4, ms=3)
         ax.plot(points[0, k].real, points[0, k].imag, "x", color=color, ms=9, mew=2)
-    zeros = locus.zeros / (2 * np.pi)
+    zeros = locus.zeros[locus.zeros.imag >= 0] / (2 * np.pi)
     ax.plot(zeros.real, zeros.imag, "o", color="black", mfc="none", ms=8, mew=1.3)
     handles = [
         Line2D([], [], ls="", marker="x", color="black", label=f"poles at gain {locus.gains[0]:g}"),
