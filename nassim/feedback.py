@@ -3,9 +3,9 @@
 Sampled or continuous follows the model. Around a sampled one (`nassim.linear.sampled`) the loop is exact: it predicts a
 simulation or a computer at that sample rate, saturation aside. Around a continuous one the controller stands by its
 continuous equivalent: for the insight of design, with branches and zeros as books draw them, and for FRFs between
-samples, up to a few tenths of the sample rate. A plant that follows its input within a sample (direct feedthrough, modes
-above half the sample rate) answers a held input in steps; a sample then sees the new step, or still the old one, which
-only the sampled model tells: the continuous one is off by up to half a sample of delay there.
+samples, up to a tenth of the sample rate. A plant that follows its input within a sample (direct feedthrough, modes
+above half the sample rate) answers a held input in steps; whether a sample sees the new step or still the old one
+only the sampled model tells, and the continuous one is off by up to half a sample of delay.
 """
 
 import math
