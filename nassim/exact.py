@@ -7,7 +7,6 @@ sample by its matrix exponential.
 """
 
 import numpy as np
-import scipy.linalg
 import scipy.signal
 
 from nassim.assembly import Assembly, state_space
@@ -15,6 +14,7 @@ from nassim.body import RIGID
 from nassim.checks import Array
 from nassim.digital import check_runaway, start_loops
 from nassim.modal import held_pole
+from nassim.statespace import discretize
 
 CHECKS = 200
 NO_EQUILIBRIUM = "no static equilibrium: can a body move freely? Add joints, or leave gravity out"
@@ -59,24 +59,6 @@ def exact_response(
         outputs += readings[:, k : k + 1] * amplitude
         amplitudes[k] = amplitude[seen]
     return outputs, np.zeros((0, inputs.shape[1])), modes @ amplitudes
-
-
-def discretize(state: Array, inputs: Array, time_step: float) -> tuple[Array, Array, Array]:
-    """Exact steps of dx/dt = A x + B u: x_1 = P x_0 + G u_0 + H (u_1 - u_0); without H for inputs that are held.
-
-    state: A, (n, n); inputs: B, (n, m). Returns P (n, n), G (n, m), H (n, m).
-    Source: C. F. Van Loan, Computing integrals involving the matrix exponential, IEEE Trans. Automatic Control 23
-    (1978) 395-404.
-    """
-    n, m = inputs.shape
-    # Displacements and velocities differ by the frequency: a balanced matrix keeps the exponential accurate.
-    balanced, scale = scipy.linalg.matrix_balance(state, permute=False, separate=True)
-    scale = scale[0]
-    joint = np.zeros((n + 2 * m, n + 2 * m))
-    joint[:n, :n], joint[:n, n : n + m] = time_step * balanced, time_step * inputs / scale[:, None]
-    joint[n : n + m, n + m :] = np.eye(m)
-    result = scipy.linalg.expm(joint)[:n]
-    return scale[:, None] * result[:, :n] / scale, *np.split(scale[:, None] * result[:, n:], 2, axis=1)
 
 
 def _coupled_response(assembly: Assembly, inputs: Array, h: float, hold_order: int) -> tuple[Array, Array, Array]:

@@ -1,7 +1,6 @@
 """Reduced bodies and linear models for other programs: .mat, .npz, python-control."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import scipy.io
@@ -72,20 +71,6 @@ def body_state_space(body: ReducedBody, *, damping_ratio: ArrayLike = 0.0) -> Li
     names = coordinate_names(body.point_names)
     units = tuple("rad" if name.rsplit(".", 1)[1].startswith("r") else "m" for name in names)
     return LinearModel(system, forces, motions, np.zeros((b, b)), names, names, units)
-
-
-def to_control(model: LinearModel) -> Any:
-    """A linear model as python-control's StateSpace, with the names of inputs and outputs.
-
-    Raises ImportError saying how to install python-control where it is missing.
-    """
-    try:
-        import control  # noqa: PLC0415
-    except ImportError as error:
-        raise ImportError("python-control is not installed: pip install 'nassim[control]'") from error
-    return control.ss(
-        model.A, model.B, model.C, model.D, inputs=list(model.inputs), outputs=list(model.outputs), name="nassim"
-    )
 
 
 def body_damping(body: ReducedBody, damping_ratio: ArrayLike) -> Array:

@@ -1,16 +1,18 @@
-"""The linear model of a scene: small motion about its start, in minimal coordinates."""
+"""The linear model of a scene: small motion about its start, in minimal coordinates; continuous or sampled."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from nassim.assembly import assemble, state_space
-from nassim.checks import Array, finite_array, freeze
+from nassim.checks import Array, finite_array, freeze, positive
 from nassim.frf import FRF
 from nassim.parts import Body, FlexibleBody
 from nassim.scene import Scene
+from nassim.statespace import StateSpace, discretize, transfer_matrix
 
-WELL_CONDITIONED = 1e8
+ROUNDING = 1e-8
+"""Growth rates below this share of the fastest pole are rounding: rigid motion's double pole has them."""
 
 
 @dataclass(frozen=True)
@@ -19,6 +21,8 @@ class LinearModel:
 
     A: (n, n); B: (n, inputs); C: (outputs, n); D: (outputs, inputs)
     units: of the outputs
+    time_step: [s] of a sampled model, x_(k+1) = A x_k + B u_k, whose inputs keep each sample's value until the next;
+        None for a continuous one
     """
 
     A: Array
@@ -28,6 +32,7 @@ class LinearModel:
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     units: tuple[str, ...] = ()
+    time_step: float | None = None
 
     def __post_init__(self) -> None:
         n, n_in, n_out = len(self.A), len(self.inputs), len(self.outputs)
@@ -37,12 +42,33 @@ class LinearModel:
             B=finite_array("B", self.B, (n, n_in)),
             C=finite_array("C", self.C, (n_out, n)),
             D=finite_array("D", self.D, (n_out, n_in)),
+            time_step=None if self.time_step is None else positive("time_step", self.time_step, "s"),
         )
 
+    @property
+    def matrices(self) -> StateSpace:
+        """A, B, C and D."""
+        return self.A, self.B, self.C, self.D
+
     def poles(self) -> Array:
-        """Eigenvalues of A, complex, shape (n,) [rad/s]."""
-        result: Array = np.linalg.eigvals(self.A)
-        return result
+        """Poles in the plane of s, complex, shape (n,) [rad/s]: eigenvalues of A, or ln(z)/T of a sampled model's z."""
+        return s_plane(np.linalg.eigvals(self.A), self.time_step)
+
+
+@dataclass(frozen=True)
+class UnstablePole:
+    """A motion that grows by itself.
+
+    frequency: of the oscillation, 0 for a drift [Hz]; growth_rate: the amplitude grows with exp(growth_rate * t) [1/s]
+    """
+
+    frequency: float
+    growth_rate: float
+
+    def __str__(self) -> str:
+        """In words, for a message."""
+        motion = f"an oscillation at {self.frequency:.4g} Hz" if self.frequency else "a drift"
+        return f"{motion} that grows e-fold in {1 / self.growth_rate:.3g} s"
 
 
 def linearize(scene: Scene) -> LinearModel:
@@ -58,26 +84,69 @@ def linearize(scene: Scene) -> LinearModel:
     return LinearModel(state, drives[:, :-1], readings, feedthrough, scene.inputs, scene.outputs, units)
 
 
-def frequency_response(model: LinearModel, frequency: Array, *, label: str = "linear model") -> FRF:
-    """FRF of a linear model at the given frequencies, shape (n,) [Hz].
+def sampled(model: LinearModel, sample_rate: float) -> LinearModel:
+    """A continuous model from sample to sample [Hz], exact for inputs that keep each sample's value until the next.
 
-    By the eigenvectors of A, which costs milliseconds; where they do not span (a double pole at one place, as of rigid
-    motion without damping) by a solve per frequency.
+    Raises ValueError for a model that is sampled already.
     """
+    if model.time_step is not None:
+        raise ValueError(f"the model is sampled already, every {model.time_step:g} s; sample the continuous one")
+    time_step = 1 / positive("sample_rate", sample_rate, "Hz")
+    state, held, _ = discretize(model.A, model.B, time_step)
+    return replace(model, A=state, B=held, time_step=time_step)
+
+
+def frequency_response(model: LinearModel, frequency: Array, *, label: str = "linear model") -> FRF:
+    """FRF of a linear model at the given frequencies, shape (n,) [Hz]; of a sampled one from sample to sample."""
     frequency = finite_array("frequency", frequency, (None,))
-    s = 2j * np.pi * frequency
-    if not len(model.A):
-        nothing = np.broadcast_to(model.D[:, :, None], (*model.D.shape, len(frequency))).astype(complex)
-        return FRF(frequency, nothing, model.outputs, model.inputs, None, label)
-    poles, vectors = np.linalg.eig(model.A)
-    if np.linalg.cond(vectors / np.linalg.norm(vectors, axis=0)) < WELL_CONDITIONED:
-        inputs = np.linalg.solve(vectors, model.B.astype(complex))
-        values = np.einsum("ok,ki,kf->oif", model.C @ vectors, inputs, 1.0 / (s - poles[:, None])) + model.D[:, :, None]
-    else:
-        resolvent = s[:, None, None] * np.eye(len(model.A)) - model.A
-        states = np.linalg.solve(resolvent, np.broadcast_to(model.B, (len(frequency), *model.B.shape)))
-        values = (model.C @ states + model.D).transpose(1, 2, 0)
+    values = transfer_matrix(model.matrices, z_plane(2j * np.pi * frequency, model.time_step))
     return FRF(frequency, values, model.outputs, model.inputs, None, label)
+
+
+def damping(model: LinearModel) -> tuple[Array, Array]:
+    """Natural frequency |s| / 2 pi [Hz], ascending, and damping ratio -Re s / |s| [-] of every pole.
+
+    One entry per pair of conjugate poles, shape (n,). Negative damping grows; a real pole has 1 or -1, one at rest 0.
+    """
+    poles = model.poles()
+    poles = poles[np.argsort(np.abs(poles))]
+    return frequency_and_damping(poles[poles.imag >= 0])
+
+
+def unstable_poles(model: LinearModel) -> tuple[UnstablePole, ...]:
+    """What grows by itself in a linear model, fastest first, one entry per oscillation; empty for a stable one.
+
+    Poles that grow by less than 1e-8 of the fastest pole's rate count as being at rest.
+    """
+    poles = model.poles()
+    growing = poles[is_growing(poles) & (poles.imag >= 0)]
+    growing = growing[np.argsort(-growing.real)]
+    return tuple(UnstablePole(float(s.imag) / (2 * np.pi), float(s.real)) for s in growing)
+
+
+def is_growing(poles: Array) -> Array:
+    """Which poles [rad/s], shape (..., n), grow by more than rounding explains."""
+    result: Array = poles.real > ROUNDING * np.abs(poles).max(axis=-1, keepdims=True, initial=0.0)
+    return result
+
+
+def frequency_and_damping(poles: Array) -> tuple[Array, Array]:
+    """Natural frequency [Hz] and damping ratio [-] of poles [rad/s], of their shape."""
+    size = np.abs(poles)
+    return size / (2 * np.pi), -poles.real / np.where(size > 0, size, 1.0)
+
+
+def s_plane(z: Array, time_step: float | None) -> Array:
+    """Poles in the plane of s [rad/s] from eigenvalues: themselves, or ln(z)/T; |z| below 1e-16 counts as that."""
+    if time_step is None:
+        return z
+    result: Array = (np.log(np.maximum(np.abs(z), 1e-16)) + 1j * np.angle(z + 0.0)) / time_step
+    return result
+
+
+def z_plane(s: Array, time_step: float | None) -> Array:
+    """Where the frequency response at s [rad/s] is read: s itself, or exp(s T) of a sampled model."""
+    return s if time_step is None else np.exp(s * time_step)
 
 
 def truncation_error(scene: Scene, frequency: Array) -> Array:

@@ -89,12 +89,13 @@ def mac(shapes_a: Array, shapes_b: Array, mass: Array | None = None) -> Array:
 def decay_poles(decay: Array, time_step: float, *, n_poles: int) -> NDArray[np.complex128]:
     """Poles of a free decay, by the eigensystem realisation algorithm; for simulated signals without noise.
 
-    decay: shape (signals, n_samples); time_step [s]; n_poles: at most so many; directions that only rounding excites are
-    left out
+    decay: shape (signals, n_samples); time_step [s]; n_poles: at most so many, less where only rounding excites more
 
     Returns the poles s, those with most energy in the decay, shape (n,) [rad/s]; frequency |s| / 2 pi, damping ratio
-    -Re s / |s|. Source: J.-N. Juang, R. S. Pappa, An eigensystem realization algorithm for modal parameter
-    identification and model reduction, J. Guidance 8 (1985) 620-627. Raises ValueError for fewer than 4 n_poles samples.
+    -Re s / |s|. Raises ValueError for fewer than 4 n_poles samples.
+
+    Source: J.-N. Juang, R. S. Pappa, An eigensystem realization algorithm for modal parameter identification and model
+    reduction, J. Guidance 8 (1985) 620-627.
     """
     n_signals, n_samples = finite_array("decay", decay, (None, None)).shape
     if n_samples < 4 * n_poles:

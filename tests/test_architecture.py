@@ -15,10 +15,10 @@ TREES = {name: ast.parse((PACKAGE / f"{name}.py").read_text(encoding="utf-8")) f
 # A module imports only from lower layers, never from its own.
 LAYERS = (
     ("checks", "progress", "storage", "units"),
-    ("arrayfiles", "calibration", "control", "listing", "materials", "modal", "piezo", "unit_systems"),
+    ("arrayfiles", "calibration", "listing", "materials", "modal", "piezo", "statespace", "unit_systems"),
     ("interface", "signals", "solver"),
     ("geometry", "frf", "inertia", "pole_fit"),
-    ("meshing", "ports", "superelement", "surface", "identification", "uff"),
+    ("control", "meshing", "ports", "superelement", "surface", "identification", "uff"),
     ("fem", "measurements", "rowguess"),
     ("condensation", "body"),
     ("inspection", "modes", "trim"),
@@ -27,15 +27,15 @@ LAYERS = (
     ("floating_frame", "fullmodel", "scene"),
     ("assembly",),
     ("linear", "exudyn_state", "digital", "updating"),
-    ("exact", "export", "exudyn_parts"),
-    ("exudyn_system",),
+    ("exact", "export", "exudyn_parts", "feedback", "interchange"),
+    ("exudyn_system", "locus"),
     ("exudyn_solver",),
     ("simulation",),
     ("plotting",),
 )
 LAYER = {name: number for number, names in enumerate(LAYERS) for name in names}
 IMPORTERS = {
-    "control": {"export"},
+    "control": {"interchange"},
     "exudyn": {"exudyn_parts", "exudyn_solver", "exudyn_state", "exudyn_system"},
     "h5py": {"storage"},
     "matplotlib": {"plotting"},

@@ -1,0 +1,260 @@
+"""Controllers in loops around linear models: the closed loop, the open loop's margins, sensitivity.
+
+Sampled or continuous follows the model. Around a sampled one (`nassim.linear.sampled`) the loop is exact: it predicts a
+simulation or a computer at that sample rate, saturation aside. Around a continuous one the controller stands by its
+continuous equivalent: for the insight of design, with branches and zeros as books draw them, and for FRFs between
+samples, up to a tenth of the sample rate. A plant that follows its input within a sample (direct feedthrough, modes
+above half the sample rate) answers a held input in steps; whether a sample sees the new step or still the old one
+only the sampled model tells, and the continuous one is off by up to half a sample of delay.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.signal
+
+from nassim.checks import Array, known, unique
+from nassim.control import Controller, controller_response
+from nassim.frf import FRF, ComplexArray
+from nassim.linear import LinearModel, frequency_response
+from nassim.statespace import StateSpace, cascade, inverse_tustin
+
+DELAY_ORDER = 4
+SAME = 1e-9
+Names = str | Sequence[str]
+
+
+def controller_model(
+    controller: Controller,
+    *,
+    inputs: Names,
+    outputs: Names,
+    time_step: float | None = None,
+    delay_order: int = DELAY_ORDER,
+) -> LinearModel:
+    """A controller with its delay as a linear model; its limit is no part of it.
+
+    inputs, outputs: names of what it measures and drives
+    time_step: of the controller [s], for the sampled model with the delay as states; None for the continuous
+        equivalent by the inverse of Tustin's rule
+    delay_order: of Pade's approximation to the delay and the half sample of the hold in the continuous one; 0 leaves
+        both out
+
+    Raises ValueError for other numbers of names than of signals, for another time step than the controller's, and
+    for a pole at z = -1 in the continuous case.
+    """
+    inputs, outputs = names("controller's input", inputs), names("controller's output", outputs)
+    if controller.D.shape != (len(outputs), len(inputs)):
+        n_out, n_in = controller.D.shape
+        raise ValueError(
+            f"the controller has {n_in} input(s) and {n_out} output(s), but is to measure {', '.join(inputs)} "
+            f"and to drive {', '.join(outputs)}"
+        )
+    _check_time_step(time_step, controller)
+    if delay_order < 0 or delay_order != int(delay_order):
+        raise ValueError(f"delay_order must be a whole number from 0 on, got {delay_order!r}")
+    period = 1 / controller.sample_rate
+    if time_step is not None:
+        system, late = controller.matrices, _shift(controller.delay)
+    else:
+        system = inverse_tustin(controller.matrices, period)
+        late = _pade((controller.delay + 0.5) * period, int(delay_order))
+    each = np.eye(len(outputs))
+    a, b, c, d = (np.kron(part, each) for part in late)
+    return LinearModel(*cascade(system, (a, b, c, d)), inputs, outputs, time_step=time_step)
+
+
+def close_loop(
+    model: LinearModel,
+    controller: Controller,
+    *,
+    measured: Names,
+    driven: Names,
+    gain: float = 1.0,
+    delay_order: int = DELAY_ORDER,
+) -> LinearModel:
+    """The linear model with u = excitation + gain * K y around it: the same inputs and outputs, the states of both.
+
+    measured: output, or outputs, that the controller reads; driven: input, or inputs, to which it adds
+    gain: factor on the whole controller [-]
+    delay_order: see `controller_model`; of no effect around a sampled model, whose delay is exact
+
+    Several loops: close one after the other. Raises ValueError for unknown names, for a sampled model whose time step
+    is not the controller's, and where an undelayed controller and the model's direct feedthrough contradict each other.
+    """
+    rows, columns = _indices(model, measured, driven)
+    k = controller_model(
+        controller, inputs=measured, outputs=driven, time_step=model.time_step, delay_order=delay_order
+    )
+    a, b, c, d = model.matrices
+    drive = np.zeros((len(model.inputs), len(columns)))
+    drive[columns, range(len(columns))] = gain
+    loop = np.eye(len(rows)) - d[rows] @ drive @ k.D
+    if np.linalg.cond(loop) > 1 / SAME:
+        raise ValueError("the loop has no solution within a sample: direct feedthrough times gain is 1; add a delay")
+    # What the controller reads, y = y_x x + y_k x_k + y_u u, and what it adds to the model's inputs.
+    y_x, y_k, y_u = (np.linalg.solve(loop, part) for part in (c[rows], d[rows] @ drive @ k.C, d[rows]))
+    u_x, u_k, u_u = drive @ k.D @ y_x, drive @ (k.C + k.D @ y_k), np.eye(len(model.inputs)) + drive @ k.D @ y_u
+    state = np.block([[a + b @ u_x, b @ u_k], [k.B @ y_x, k.A + k.B @ y_k]])
+    return replace(
+        model,
+        A=state,
+        B=np.vstack([b @ u_u, k.B @ y_u]),
+        C=np.hstack([c + d @ u_x, d @ u_k]),
+        D=d @ u_u,
+    )
+
+
+def open_loop(
+    model: LinearModel,
+    controller: Controller,
+    frequency: Array,
+    *,
+    measured: Names,
+    driven: Names,
+    gain: float = 1.0,
+    label: str = "open loop",
+) -> FRF:
+    """FRF of the loop cut at what is measured, L = -gain * G K, with the minus sign of textbooks: critical at L = -1.
+
+    frequency: (n,) [Hz]; the others: see `close_loop`. Around a continuous model the delay and the zero-order hold are
+    exact and aliasing is left out. Returns values (measured, measured, n). G may be a measured FRF as well:
+    `loop_response`.
+    """
+    _indices(model, measured, driven)
+    _check_time_step(model.time_step, controller)
+    plant = frequency_response(model, frequency)
+    hold = model.time_step is None
+    return loop_response(plant, controller, measured=measured, driven=driven, gain=gain, hold=hold, label=label)
+
+
+def loop_response(
+    plant: FRF,
+    controller: Controller,
+    *,
+    measured: Names,
+    driven: Names,
+    gain: float = 1.0,
+    hold: bool = True,
+    label: str = "open loop",
+) -> FRF:
+    """The loop of `open_loop` from the plant's FRF, computed or measured, at its frequencies.
+
+    hold: include the controller's zero-order hold; False where the plant's FRF is from sample to sample
+    """
+    measured, driven = names("measured signal", measured), names("driven signal", driven)
+    k = controller_response(controller, plant.frequency, hold=hold)
+    if k.values.shape[:2] != (len(driven), len(measured)):
+        n_out, n_in = k.values.shape[:2]
+        raise ValueError(f"the controller has {n_in} input(s) and {n_out} output(s); name as many signals")
+    g = np.array([[plant.response(y, u) for u in driven] for y in measured])
+    return FRF(plant.frequency, -gain * np.einsum("yuf,uzf->yzf", g, k.values), measured, measured, None, label)
+
+
+def sensitivity(loop: FRF) -> tuple[FRF, FRF]:
+    """Sensitivity S = (1 + L)^-1 and complementary sensitivity T = 1 - S of an open loop L, of its shape.
+
+    S is what the loop leaves of a disturbance at what it measures; |S| > 1 where it amplifies.
+    """
+    if loop.inputs != loop.outputs:
+        raise ValueError("an open loop has the same inputs as outputs; see open_loop")
+    one = np.eye(len(loop.outputs))
+    s: ComplexArray = np.linalg.inv(one + loop.values.transpose(2, 0, 1)).astype(complex)
+    return (
+        replace(loop, values=s.transpose(1, 2, 0), label="sensitivity"),
+        replace(loop, values=(one - s).transpose(1, 2, 0), label="complementary sensitivity"),
+    )
+
+
+@dataclass(frozen=True)
+class Margins:
+    """How far an open loop stays from instability; meaningful where the closed loop is stable.
+
+    gain_margin: factor by which the gain may grow [-]; inf where no factor destabilises
+    phase_margin: by which the phase may change where |L| = 1 [deg]; inf where the loop never crosses 1
+    modulus_margin: least distance |1 + L| from the critical point [-], the inverse of the largest sensitivity
+    gain_margin_frequency, phase_margin_frequency, modulus_margin_frequency: where [Hz]; nan with an infinite margin
+    """
+
+    gain_margin: float
+    gain_margin_frequency: float
+    phase_margin: float
+    phase_margin_frequency: float
+    modulus_margin: float
+    modulus_margin_frequency: float
+
+
+def margins(loop: FRF) -> Margins:
+    """Margins of an open loop with one signal, the smallest of each kind within its frequencies.
+
+    Crossings are interpolated between frequencies; the modulus margin is read at them: take them close at resonances.
+    Source: K. J. Astrom, R. M. Murray, Feedback Systems, 2nd ed. (2021), sec. 10.3. Raises ValueError for a loop with
+    several signals; close the others first.
+    """
+    if loop.values.shape[:2] != (1, 1):
+        raise ValueError(f"margins are defined for one signal, got {len(loop.outputs)}; close the other loops first")
+    f, values = loop.frequency, loop.values[0, 0]
+    gain, gain_at = math.inf, math.nan
+    for frequency, value in _crossings(f, values, values.imag):
+        if -1 < value.real < 0 and -1 / value.real < gain:
+            gain, gain_at = -1 / value.real, frequency
+    phase, phase_at = math.inf, math.nan
+    for frequency, value in _crossings(f, values, np.abs(values) - 1):
+        angle = abs(math.degrees(np.angle(-value)))
+        if angle < phase:
+            phase, phase_at = angle, frequency
+    distance = np.abs(1 + values)
+    nearest = int(np.argmin(distance))
+    return Margins(gain, gain_at, phase, phase_at, float(distance[nearest]), float(f[nearest]))
+
+
+def names(kind: str, value: Names) -> tuple[str, ...]:
+    """One name or several as a tuple; raises ValueError if one is empty or occurs twice."""
+    return unique(kind, (value,) if isinstance(value, str) else value)
+
+
+def _crossings(frequency: Array, values: Array, level: Array) -> list[tuple[float, complex]]:
+    """Frequencies and values where a real level changes its sign, by straight lines between frequencies."""
+    before = np.flatnonzero((level[:-1] < 0) != (level[1:] < 0))
+    share = level[before] / (level[before] - level[before + 1])
+    where = frequency[before] + share * np.diff(frequency)[before]
+    crossing = values[before] + share * np.diff(values)[before]
+    return [(float(f), complex(v)) for f, v in zip(where, crossing, strict=True)]
+
+
+def _indices(model: LinearModel, measured: Names, driven: Names) -> tuple[list[int], list[int]]:
+    rows = [model.outputs.index(known("output", n, model.outputs)) for n in names("measured signal", measured)]
+    columns = [model.inputs.index(known("input", n, model.inputs)) for n in names("driven signal", driven)]
+    return rows, columns
+
+
+def _check_time_step(time_step: float | None, controller: Controller) -> None:
+    if time_step is not None and abs(time_step * controller.sample_rate - 1) > SAME:
+        raise ValueError(
+            f"the model is sampled at {1 / time_step:g} Hz and the controller at {controller.sample_rate:g} Hz; "
+            "sample the model at the controller's rate"
+        )
+
+
+def _shift(delay: int) -> StateSpace:
+    """One signal, whole samples later."""
+    first, last = np.eye(1, delay), np.eye(1, delay, delay - 1)
+    return np.eye(delay, k=-1), first.T, last, np.full((1, 1), float(delay == 0))
+
+
+def _pade(delay: float, order: int) -> StateSpace:
+    """One signal later by a time [s], by Pade's approximation of equal orders; order 0: at once.
+
+    Source: G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed. (2013), sec. 9.3.
+    """
+    if order == 0:
+        return _shift(0)
+    # Coefficients of rising powers of s times the delay, which keeps the numbers near 1.
+    weights = [1.0]
+    for k in range(order):
+        weights.append(weights[-1] * (order - k) / ((2 * order - k) * (k + 1)))
+    falling = np.array(weights[::-1])
+    a, b, c, d = scipy.signal.tf2ss(falling * (-1.0) ** np.arange(order, -1, -1), falling)
+    return a / delay, b / delay, c, d

@@ -1,0 +1,74 @@
+"""Linear models and controllers to and from python-control, an optional dependency."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from nassim.checks import positive
+from nassim.control import Controller
+from nassim.linear import LinearModel
+from nassim.statespace import StateSpace, tustin
+
+
+def to_control(model: LinearModel) -> Any:
+    """A linear model as python-control's StateSpace, with the same matrices, time step and signal names.
+
+    Dots in names, which it does not take, become underscores. Raises ImportError without python-control.
+    """
+    control = _control()
+    dt = 0 if model.time_step is None else model.time_step
+    inputs, outputs = ([name.replace(".", "_") for name in names] for names in (model.inputs, model.outputs))
+    return control.ss(*model.matrices, dt, inputs=inputs, outputs=outputs)
+
+
+def model_from_control(system: Any) -> LinearModel:
+    """A linear model from python-control's StateSpace or TransferFunction, with its time step and signal names.
+
+    Raises ImportError without python-control; ValueError for an unspecified time step, for a transfer function
+    that is not proper, and for several transfer functions at once where python-control cannot convert them.
+    """
+    matrices, dt, inputs, outputs = _state_space(system)
+    if dt is True or (dt is None and len(matrices[0])):
+        raise ValueError("the system's time step is unspecified; give it one, 0 for continuous time")
+    return LinearModel(*matrices, inputs, outputs, time_step=dt or None)
+
+
+def controller_from_control(system: Any, *, sample_rate: float, delay: int = 1, limit: float = math.inf) -> Controller:
+    """A controller from python-control's StateSpace or TransferFunction, for u = excitation + K y.
+
+    A continuous system is sampled by Tustin's rule; a discrete one must have the period of `sample_rate` [Hz], or an
+    unspecified one. delay, limit: see `Controller`. Raises ImportError without python-control, ValueError as said and
+    as `model_from_control`.
+    """
+    matrices, dt, _, _ = _state_space(system)
+    period = 1 / positive("sample_rate", sample_rate, "Hz")
+    if dt is None and len(matrices[0]):
+        raise ValueError("the system's time step is unspecified; give it one, 0 for continuous time")
+    if dt == 0:
+        matrices = tustin(matrices, period)
+    elif dt not in (None, True) and abs(dt / period - 1) > 1e-9:
+        raise ValueError(f"the system's time step, {dt:g} s, is not the sample rate's, {period:g} s; sample it anew")
+    return Controller(*matrices, sample_rate, delay, limit)
+
+
+def _state_space(system: Any) -> tuple[StateSpace, Any, tuple[str, ...], tuple[str, ...]]:
+    control = _control()
+    if not isinstance(system, (control.StateSpace, control.TransferFunction)):
+        raise ValueError(f"give python-control's StateSpace or TransferFunction, got {type(system).__name__}")
+    try:
+        found = control.ss(system)
+    except control.ControlMIMONotImplemented as error:
+        raise ValueError(
+            "python-control cannot convert several transfer functions at once; give a StateSpace"
+        ) from error
+    a, b, c, d = (np.asarray(part, dtype=float) for part in (found.A, found.B, found.C, found.D))
+    return (a, b, c, d), found.dt, tuple(found.input_labels), tuple(found.output_labels)
+
+
+def _control() -> Any:
+    try:
+        import control  # noqa: PLC0415 -- optional, and slow to import
+    except ImportError as error:
+        raise ImportError('this needs python-control: pip install "nassim[control]"') from error
+    return control

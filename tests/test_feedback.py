@@ -1,0 +1,309 @@
+"""Closed loops against other routes: python-control, time stepping, closed forms."""
+
+import numpy as np
+import pytest
+import scipy.signal
+
+from nassim.control import Controller, controller_response, integral_force_feedback, notch, proportional, series
+from nassim.feedback import close_loop, controller_model, loop_response, margins, open_loop, sensitivity
+from nassim.frf import FRF
+from nassim.interchange import to_control
+from nassim.linear import LinearModel, damping, frequency_response, linearize, sampled, unstable_poles
+from nassim.statespace import discretize
+
+RATE = 2000.0
+POLE, ZERO = 100.0, 40.0
+LOOP = {"measured": "force", "driven": "stroke"}
+
+
+def one_mode(damping_ratio=0.0):
+    """A mass on a spring, with an actuator (a stroke behind a stiffness) and force sensor in line beside the spring."""
+    mass = 2.0
+    spring, leg = mass * (2 * np.pi * ZERO) ** 2, mass * (2 * np.pi) ** 2 * (POLE**2 - ZERO**2)
+    dashpot = 2 * damping_ratio * mass * 2 * np.pi * POLE
+    return LinearModel(
+        np.array([[0.0, 1.0], [-(spring + leg) / mass, -dashpot / mass]]),
+        np.array([[0.0, 0.0], [leg / mass, 1 / mass]]),
+        np.array([[-leg, 0.0], [1.0, 0.0]]),
+        np.array([[leg, 0.0], [0.0, 0.0]]),
+        ("stroke", "push"),
+        ("force", "position"),
+        ("N", "m"),
+    )
+
+
+def iff(share, *, delay=1, rate=RATE, **options):
+    """Integral force feedback by its gain over the loop's high-frequency gain [rad/s]."""
+    return integral_force_feedback(share / one_mode().D[0, 0], sample_rate=rate, delay=delay, **options)
+
+
+def two_modes():
+    """Two modes seen and driven by two pairs, each a little by the other's."""
+    omega = 2 * np.pi * np.array([60.0, 90.0])
+    shapes = np.array([[1.0, 0.3], [-0.4, 1.0]])
+    state = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.diag(omega**2), -np.diag(0.02 * omega)]])
+    forces = np.vstack([np.zeros((2, 2)), shapes.T])
+    readings = np.hstack([np.zeros((2, 2)), shapes])
+    return LinearModel(state, forces, readings, np.zeros((2, 2)), ("f1", "f2"), ("v1", "v2"))
+
+
+def step_by_step(model, controller, n, *, push):
+    """The loop as a computer runs it: read, compute, keep for the delay. Outputs, (outputs, n)."""
+    state, held, _ = discretize(model.A, model.B, 1 / controller.sample_rate)
+    x, xk, waiting = np.zeros(len(state)), np.zeros(len(controller.A)), [0.0] * controller.delay
+    record = np.empty((len(model.outputs), n))
+    for k in range(n):
+        u = np.array([waiting.pop(0), push if k == 0 else 0.0])
+        record[:, k] = model.C @ x + model.D @ u
+        y = record[:1, k]
+        waiting.append((controller.C @ xk + controller.D @ y).item())
+        xk = controller.A @ xk + controller.B @ y
+        x = state @ x + held @ u
+    return record
+
+
+def sorted_poles(values):
+    return np.sort_complex(np.round(values, 9))
+
+
+@pytest.mark.parametrize("delay", [1, 2, 5])
+def test_sampled_loop_is_python_controls(delay):
+    control = pytest.importorskip("control")
+    plant, controller = one_mode(0.01), iff(50.0, delay=delay)
+    ours = close_loop(sampled(plant, RATE), controller, **LOOP)
+    k = to_control(controller_model(controller, inputs="force", outputs="stroke", time_step=1 / RATE))
+    z = control.tf([1.0], [1.0] + [0.0] * delay, 1 / RATE)
+    by_hand = control.ss(*controller.matrices, 1 / RATE) * control.ss(z)
+    g = to_control(plant).sample(1 / RATE, method="zoh")
+    for theirs in (k, by_hand):
+        closed = control.feedback(g[0, 0], theirs, sign=+1)
+        assert sorted_poles(np.linalg.eigvals(ours.A)) == pytest.approx(sorted_poles(closed.poles()), abs=1e-6)
+        frequency = np.array([3.0, 99.0, 300.0])
+        there = closed(np.exp(2j * np.pi * frequency / RATE))
+        assert frequency_response(ours, frequency).response("force", "stroke") == pytest.approx(there, rel=1e-8)
+
+
+@pytest.mark.parametrize("share", [5.0, 20.0, 60.0])
+@pytest.mark.parametrize("delay", [1, 2])
+def test_logarithmic_decrement_is_the_predicted_damping(share, delay):
+    plant, controller = one_mode(0.005), iff(share, delay=delay)
+    frequency, ratio = damping(close_loop(sampled(plant, RATE), controller, **LOOP))
+    mode = np.argmin(np.abs(frequency - POLE))
+    record = step_by_step(plant, controller, 400, push=1.0)[1]
+    # Two oscillating states and one drift: three samples in a row fix their recursion once the delays have died out.
+    rows = np.lib.stride_tricks.sliding_window_view(record[60:160], 4)
+    z = np.roots([1.0, *-np.linalg.lstsq(rows[:, 2::-1], rows[:, 3], rcond=None)[0]])
+    s = np.log(z.astype(complex)) * RATE
+    s = s[np.argmin(np.abs(s - 2j * np.pi * POLE))]
+    assert -s.real / abs(s) == pytest.approx(ratio[mode], rel=1e-5)
+    assert abs(s) / (2 * np.pi) == pytest.approx(frequency[mode], rel=1e-5)
+    assert ratio[mode] > 0.005 + 0.3 * share / (4 * np.pi * POLE)
+
+
+def test_closed_loop_steps_like_the_loop_itself():
+    plant, controller = one_mode(0.01), iff(80.0, delay=3, corner_frequency=2.0)
+    closed = close_loop(sampled(plant, RATE), controller, **LOOP)
+    assert (closed.inputs, closed.outputs, closed.units) == (plant.inputs, plant.outputs, plant.units)
+    pushes = np.zeros((300, 2))
+    pushes[0, 1] = 1.0
+    _, record, _ = scipy.signal.dlsim((*closed.matrices, 1 / RATE), pushes)
+    expected = step_by_step(plant, controller, 300, push=1.0)
+    assert pytest.approx(expected, abs=1e-10 * np.abs(expected).max()) == record.T
+
+
+def test_wrong_sign_and_long_delay_are_unstable():
+    plant = one_mode(0.01)
+    discrete = sampled(plant, RATE)
+
+    def growing(controller):
+        return unstable_poles(close_loop(discrete, controller, **LOOP))
+
+    assert growing(iff(60.0)) == ()
+    assert unstable_poles(discrete) == ()
+    assert len(growing(iff(-60.0))) == 2, "the mode, and the integrator with the wrong sign"
+    (late,) = growing(iff(60.0, delay=10))
+    assert late.frequency == pytest.approx(POLE, rel=0.1)
+    assert f"oscillation at {late.frequency:.4g} Hz" in str(late)
+    record = step_by_step(plant, iff(60.0, delay=10), 2000, push=1.0)[1]
+    growth = np.log(np.abs(record[1800:]).max() / np.abs(record[800:1000]).max()) / (1000 / RATE)
+    assert growth == pytest.approx(late.growth_rate, rel=0.02)
+    drift = unstable_poles(LinearModel(np.eye(1), np.eye(1), np.eye(1), np.zeros((1, 1)), ("u",), ("y",)))
+    assert (drift[0].frequency, drift[0].growth_rate) == (0.0, 1.0)
+    assert str(drift[0]) == "a drift that grows e-fold in 1 s"
+    free = LinearModel(np.eye(2, k=1), np.eye(2), np.eye(2), np.zeros((2, 2)), ("u", "v"), ("x", "y"))
+    assert unstable_poles(free) == (), "rigid motion is at rest"
+
+
+def test_continuous_loop_approaches_the_sampled_one():
+    plant, pair = two_modes(), {"measured": "v1", "driven": "f1"}
+
+    def mode(model, controller, **options):
+        poles = close_loop(model, controller, **pair, **options).poles()
+        return poles[np.argmin(np.abs(poles - 2j * np.pi * 60.0))]
+
+    errors = []
+    for rate in (2000.0, 4000.0):
+        controller = proportional(-100.0, sample_rate=rate)
+        exact = mode(sampled(plant, rate), controller)
+        errors.append(abs(mode(plant, controller) - exact))
+        assert errors[-1] < 0.05 * abs(mode(plant, controller, delay_order=0) - exact)
+    assert errors[1] < errors[0] / 3, "what is left of the hold falls with the square of the sample period"
+
+
+def test_pade_approximates_the_delay():
+    frequency = np.array([5.0, 50.0, 250.0])
+    for delay in (0, 1, 3):
+        controller = iff(60.0, delay=delay, corner_frequency=4.0)
+        model = controller_model(controller, inputs="force", outputs="stroke", delay_order=6)
+        ideal = controller_model(controller, inputs="force", outputs="stroke", delay_order=0)
+        late = np.exp(-2j * np.pi * frequency * (delay + 0.5) / RATE)
+        expected = frequency_response(ideal, frequency).values * late
+        assert frequency_response(model, frequency).values == pytest.approx(expected, rel=1e-6)
+        s = 2j * np.pi * frequency
+        formula = -60.0 / one_mode().D[0, 0] / (s + 2 * np.pi * 4.0)
+        assert frequency_response(ideal, frequency).values[0, 0] == pytest.approx(formula, rel=1e-9)
+
+
+def test_several_signals_at_once_or_one_after_the_other():
+    plant = sampled(two_modes(), RATE)
+    one, two = (proportional(-gain, sample_rate=RATE) for gain in (30.0, 50.0))
+    both = proportional(np.diag([-30.0, -50.0]), sample_rate=RATE)
+    first = close_loop(plant, one, measured="v1", driven="f1")
+    after = close_loop(first, two, measured="v2", driven="f2")
+    together = close_loop(plant, both, measured=("v1", "v2"), driven=("f1", "f2"))
+    crossed = close_loop(plant, proportional(np.diag([-50.0, -30.0]), sample_rate=RATE),
+                         measured=("v2", "v1"), driven=("f2", "f1"))  # fmt: skip
+    frequency = np.array([1.0, 60.0, 88.0, 500.0])
+    expected = frequency_response(after, frequency).values
+    for closed in (together, crossed):
+        assert frequency_response(closed, frequency).values == pytest.approx(expected, rel=1e-9)
+    assert damping(together)[1].min() > damping(plant)[1].min()
+
+
+def test_sensitivity_is_what_the_loop_does():
+    plant, frequency = sampled(two_modes(), RATE), np.array([1.0, 60.0, 88.0, 500.0])
+    controller = proportional([[-30.0, 4.0], [-8.0, -50.0]], sample_rate=RATE)
+    pair = {"measured": ("v1", "v2"), "driven": ("f1", "f2")}
+    s, t = sensitivity(open_loop(plant, controller, frequency, **pair))
+    before = frequency_response(plant, frequency).values
+    after = frequency_response(close_loop(plant, controller, **pair), frequency).values
+    assert np.einsum("abf,bcf->acf", s.values, before) == pytest.approx(after, rel=1e-9)
+    assert s.values + t.values == pytest.approx(np.broadcast_to(np.eye(2)[:, :, None], s.values.shape))
+    assert (s.outputs, s.inputs) == (("v1", "v2"), ("v1", "v2"))
+
+
+def test_open_loop_of_a_continuous_model_has_delay_and_hold():
+    plant, controller, frequency = one_mode(0.01), iff(60.0), np.array([20.0, 95.0, 300.0])
+    g = frequency_response(plant, frequency).response("force", "stroke")
+    k = controller_response(controller, frequency, hold=True).values[0, 0]
+    loop = open_loop(plant, controller, frequency, **LOOP, gain=2.0)
+    assert loop.values[0, 0] == pytest.approx(-2.0 * g * k, rel=1e-12)
+    measured = frequency_response(plant, frequency)
+    assert np.array_equal(loop_response(measured, controller, **LOOP, gain=2.0).values, loop.values)
+    pair = {"measured": "v1", "driven": "f1"}
+    controller = proportional(-9.0, sample_rate=RATE)
+    exact = open_loop(sampled(two_modes(), RATE), controller, frequency, **pair).values[0, 0]
+    # What a sampler sees is the sum over all frequencies that it cannot tell apart.
+    shifts = RATE * np.arange(-400, 401)
+    folded = []
+    for one in frequency:
+        every = one + shifts
+        order = np.argsort(np.abs(every))
+        values = open_loop(two_modes(), controller, np.abs(every)[order], **pair).values[0, 0]
+        folded.append(np.sum(np.where(every[order] < 0, values.conj(), values)))
+    assert exact == pytest.approx(folded, rel=1e-4)
+
+
+def test_margins_of_an_integrator_with_delay():
+    frequency, crossover, delay = np.geomspace(0.1, 1000, 20001), 2 * np.pi * 20.0, 1e-3
+    s = 2j * np.pi * frequency
+    found = margins(FRF(frequency, (crossover / s * np.exp(-s * delay))[None, None], ("y",), ("y",)))
+    assert found.phase_margin == pytest.approx(90 - np.degrees(crossover * delay), rel=1e-6)
+    assert found.phase_margin_frequency == pytest.approx(20.0, rel=1e-6)
+    assert found.gain_margin == pytest.approx(np.pi / (2 * crossover * delay), rel=1e-6)
+    assert found.gain_margin_frequency == pytest.approx(250.0, rel=1e-6)
+
+
+def test_margins_agree_with_the_closed_loop():
+    plant, controller = sampled(one_mode(0.01), RATE), iff(60.0, delay=2)
+    loop = open_loop(plant, controller, np.linspace(0.1, RATE / 2, 50001), **LOOP)
+    found = margins(loop)
+    for factor, stable in ((0.999, True), (1.001, False)):
+        closed = close_loop(plant, controller, **LOOP, gain=factor * found.gain_margin)
+        assert (unstable_poles(closed) == ()) == stable
+    assert unstable_poles(closed)[0].frequency == pytest.approx(found.gain_margin_frequency, rel=1e-3)
+    s, _ = sensitivity(loop)
+    assert found.modulus_margin == pytest.approx(1 / np.abs(s.values).max(), rel=1e-9)
+    assert 0 < found.modulus_margin <= 1
+    calm = margins(FRF(loop.frequency, 0.1 * np.ones((1, 1, len(loop.frequency))), ("y",), ("y",)))
+    assert (calm.gain_margin, calm.phase_margin, calm.modulus_margin) == (np.inf, np.inf, pytest.approx(1.1))
+
+
+def test_undelayed_loop_through_feedthrough():
+    plant = sampled(one_mode(0.01), RATE)
+    closed = close_loop(plant, proportional(-0.5 / plant.D[0, 0], sample_rate=RATE, delay=0), **LOOP)
+    frequency = np.array([5.0, 80.0, 400.0])
+    g = frequency_response(plant, frequency).response("force", "stroke")
+    expected = g / (1 + 0.5 * g / plant.D[0, 0])
+    assert frequency_response(closed, frequency).response("force", "stroke") == pytest.approx(expected, rel=1e-9)
+    with pytest.raises(ValueError, match="add a delay"):
+        close_loop(plant, proportional(1 / plant.D[0, 0], sample_rate=RATE, delay=0), **LOOP)
+
+
+def test_positive_gain_damps_the_bench(bench):
+    """The bench's force sensor: in phase with the drive above the resonance, so the damping sign is negative."""
+    plant = linearize(bench)
+    pair = {"measured": "sensor_voltage", "driven": "actuator_voltage"}
+    above = frequency_response(plant, np.array([300.0])).response("sensor_voltage", "actuator_voltage")
+    assert abs(np.angle(above[0], deg=True)) < 5
+    first = damping(plant)[1][0]
+    for rate, model in ((1e4, plant), (1e4, sampled(plant, 1e4))):
+        ratios = {}
+        for gain in (-20.0, 20.0):
+            controller = integral_force_feedback(gain, sample_rate=rate)
+            poles = close_loop(model, controller, **pair).poles()
+            mode = poles[np.argmin(np.abs(poles - 2j * np.pi * damping(plant)[0][0]))]
+            ratios[gain] = -mode.real / abs(mode)
+        assert ratios[-20.0] < first - 0.03 < first + 0.03 < ratios[20.0]
+    long = integral_force_feedback(150.0, sample_rate=1e4, delay=40)
+    assert unstable_poles(close_loop(sampled(plant, 1e4), long, **pair))
+
+
+PLANT, SAMPLED, GAIN = one_mode(), sampled(one_mode(), RATE), proportional(1.0, sample_rate=RATE)
+AT_NYQUIST = Controller(-np.eye(1), np.eye(1), np.eye(1), np.zeros((1, 1)), RATE)
+BAD = {
+    "output": (lambda: close_loop(PLANT, GAIN, measured="speed", driven="stroke"), "unknown output 'speed'; known"),
+    "input": (lambda: close_loop(PLANT, GAIN, measured="force", driven="pull"), "unknown input 'pull'; known"),
+    "twice": (lambda: close_loop(PLANT, GAIN, measured=("force", "force"), driven="stroke"), "used more than once"),
+    "one of two": (
+        lambda: close_loop(PLANT, GAIN, measured=("force", "position"), driven="stroke"),
+        r"has 1 input\(s\) and 1 output\(s\), but is to measure force, position and to drive stroke",
+    ),
+    "rate": (lambda: close_loop(SAMPLED, proportional(1.0, sample_rate=1e3), **LOOP), "2000 Hz and the controller at"),
+    "rate of FRF": (lambda: open_loop(SAMPLED, proportional(1.0, sample_rate=1e3), [1.0], **LOOP), "2000 Hz and the"),
+    "signals of FRF": (
+        lambda: open_loop(SAMPLED, GAIN, [1.0], measured=("force", "position"), driven="stroke"),
+        "name as many signals",
+    ),
+    "order": (lambda: close_loop(PLANT, GAIN, **LOOP, delay_order=-1), "whole number"),
+    "no continuous form": (lambda: close_loop(PLANT, AT_NYQUIST, **LOOP), "model the loop sampled"),
+    "sampled twice": (lambda: sampled(SAMPLED, RATE), "sampled already"),
+    "no time": (lambda: LinearModel(*PLANT.matrices, PLANT.inputs, PLANT.outputs, time_step=0.0), "time_step must"),
+    "several": (lambda: margins(frequency_response(PLANT, [1.0])), "one signal, got 2"),
+    "no loop": (lambda: sensitivity(frequency_response(PLANT, [1.0])), "same inputs as outputs"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_is_named(case):
+    make, message = BAD[case]
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def test_series_with_a_notch_closes_too():
+    chain = series(iff(60.0), notch(400.0, zero_damping=0.05, pole_damping=0.5, sample_rate=RATE))
+    closed = close_loop(SAMPLED, chain, **LOOP)
+    loop = open_loop(SAMPLED, chain, np.array([30.0, 400.0]), **LOOP).values[0, 0]
+    g = frequency_response(SAMPLED, [30.0, 400.0]).response("force", "stroke")
+    assert frequency_response(closed, [30.0, 400.0]).response("force", "stroke") == pytest.approx(g / (1 + loop))

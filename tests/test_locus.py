@@ -1,0 +1,211 @@
+"""Root loci and optimum gains against closed forms, brute force and each other."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_feedback import LOOP, POLE, RATE, ZERO, iff, one_mode, two_modes
+
+from nassim.control import integral_force_feedback, proportional
+from nassim.feedback import close_loop
+from nassim.linear import LinearModel, damping, frequency_response, linearize, sampled, unstable_poles
+from nassim.locus import RootLocus, iff_optimum, optimum_gain, root_locus
+from nassim.plotting import plot_root_locus, save_figure
+from nassim.statespace import transmission_zeros
+
+GAINS = np.concatenate([[0.0], np.geomspace(0.01, 60.0, 140)])
+BENCH = {"measured": "sensor_voltage", "driven": "actuator_voltage"}
+
+
+@pytest.mark.parametrize("zero", [40.0, 60.0, 90.0])
+def test_optimum_of_one_mode_is_the_closed_form(zero):
+    formula = iff_optimum(POLE, zero)
+    assert formula.damping_ratio == pytest.approx((POLE - zero) / (2 * zero), rel=1e-12)
+    omega_p, omega_z = 2 * np.pi * POLE, 2 * np.pi * zero
+    # The loop g / s (s^2 + w_z^2) / (s^2 + w_p^2), whose feedthrough is 1.
+    plant = LinearModel(
+        np.array([[0.0, 1.0], [-(omega_p**2), 0.0]]),
+        np.array([[0.0], [1.0]]),
+        np.array([[omega_z**2 - omega_p**2, 0.0]]),
+        np.eye(1),
+        ("stroke",),
+        ("force",),
+    )
+    controller = integral_force_feedback(100.0, sample_rate=1e4)
+    gains = np.concatenate([[0.0], np.geomspace(0.1, 100.0, 80)])
+    found = optimum_gain(plant, controller, gains, **LOOP, frequency=POLE, delay_order=0)
+    assert 100.0 * found.gain == pytest.approx(formula.gain, rel=1e-3)
+    assert found.damping_ratio == pytest.approx(formula.damping_ratio, rel=1e-6)
+    assert found.frequency == pytest.approx(formula.frequency, rel=1e-3)
+
+
+def test_closed_form_is_a_root_of_the_loop():
+    found = iff_optimum(POLE, ZERO)
+    s = 2 * np.pi * found.frequency * (-found.damping_ratio + 1j * np.sqrt(1 - found.damping_ratio**2))
+    omega_p, omega_z = 2 * np.pi * POLE, 2 * np.pi * ZERO
+    assert s * (s**2 + omega_p**2) == pytest.approx(-found.gain * (s**2 + omega_z**2), rel=1e-10)
+
+
+def test_physical_mode_reaches_the_closed_form():
+    """Mass, spring and actuator with force sensor: the gain is the formula's over the high-frequency response."""
+    formula = iff_optimum(POLE, ZERO)
+    found = optimum_gain(one_mode(), iff(100.0), GAINS, **LOOP, frequency=POLE, delay_order=0)
+    assert found.damping_ratio == pytest.approx(formula.damping_ratio, rel=1e-3)
+    assert 100.0 * found.gain == pytest.approx(formula.gain, rel=1e-3)
+
+
+@pytest.mark.parametrize("model", [one_mode(0.01), sampled(one_mode(0.01), RATE)], ids=["continuous", "sampled"])
+def test_branches_hold_the_closed_loops_poles_and_stay_whole(model):
+    locus = root_locus(model, iff(100.0), GAINS, **LOOP)
+    for k in (0, 40, 90):
+        closed = close_loop(model, iff(100.0), **LOOP, gain=GAINS[k]).poles()
+        distance = np.abs(locus.poles[k][:, None] - closed).min(axis=1)
+        assert distance.max() < 1e-6 * np.abs(closed).max()
+    column = locus.branch(POLE)
+    assert locus.frequency[0, column] == pytest.approx(POLE, rel=1e-6)
+    assert locus.damping_ratio[0, column] == pytest.approx(0.01, rel=1e-6)
+    steps = np.abs(np.diff(locus.poles[:80, column]))
+    assert steps.max() < 0.15 * 2 * np.pi * POLE
+    first = locus.stable.argmin()
+    assert 0 < first < len(GAINS), "the delay makes high gains unstable"
+    for k in (first - 1, first):
+        closed = close_loop(model, iff(100.0), **LOOP, gain=GAINS[k])
+        assert (unstable_poles(closed) == ()) == locus.stable[k]
+
+
+def test_zeros_end_the_branches():
+    locus = root_locus(one_mode(), iff(100.0), GAINS, **LOOP, delay_order=0)
+    assert np.sort(locus.zeros.imag) == pytest.approx(2 * np.pi * ZERO * np.array([-1, 1]), rel=1e-9)
+    assert np.abs(locus.zeros.real).max() < 1e-6
+    far = root_locus(one_mode(), iff(100.0), [0.0, 1e3], **LOOP, delay_order=0).poles[-1]
+    assert np.abs(far[:, None] - locus.zeros).min(axis=0) == pytest.approx(0, abs=0.01 * 2 * np.pi * ZERO)
+
+
+def test_transmission_zeros_of_several_signals():
+    """Where a square system cannot answer: its transfer matrix is singular there."""
+    random = np.random.default_rng(5)
+    a, b, c, d = (random.normal(size=shape) for shape in ((5, 5), (5, 2), (2, 5), (2, 2)))
+    for direct, count in ((d, 5), (np.zeros((2, 2)), 3)):
+        zeros = transmission_zeros((a, b, c, direct))
+        assert len(zeros) == count
+        for zero in zeros:
+            response = c @ np.linalg.solve(zero * np.eye(5) - a, b) + direct
+            assert np.linalg.svd(response, compute_uv=False)[-1] < 1e-8 * np.linalg.norm(response)
+    nothing = np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1))
+    assert len(transmission_zeros(nothing)) == 0
+
+
+def test_several_signals_share_a_gain():
+    plant = sampled(two_modes(), RATE)
+    controller = proportional(np.diag([-1.0, -2.0]), sample_rate=RATE)
+    pair = {"measured": ("v1", "v2"), "driven": ("f1", "f2")}
+    gains = np.linspace(0.0, 40.0, 9)
+    locus = root_locus(plant, controller, gains, **pair)
+    for k, gain in enumerate(gains):
+        ratio = damping(close_loop(plant, controller, **pair, gain=gain))[1]
+        assert locus.damping_ratio[k].min() == pytest.approx(ratio.min(), rel=1e-6)
+    assert np.all(np.diff(locus.damping_ratio[:, locus.branch(60.0)]) > 0)
+
+
+@pytest.mark.parametrize("corner", [5.0, 40.0])
+def test_optimum_on_the_bench_beats_every_other_gain(bench, corner):
+    plant = sampled(linearize(bench), 1e4)
+    controller = integral_force_feedback(1.0, sample_rate=1e4, corner_frequency=corner)
+    mode = damping(plant)[0][0]
+    gains = np.concatenate([[0.0], np.geomspace(5.0, 2000.0, 60)])
+    found = optimum_gain(plant, controller, gains, **BENCH, frequency=mode)
+    # Brute force needs no branches: the least damped pole below 150 Hz, in small steps about the answer.
+    around = found.gain * np.linspace(0.9, 1.1, 41)
+
+    def least(gain):
+        frequency, ratio = damping(close_loop(plant, controller, **BENCH, gain=gain))
+        return ratio[(frequency > 20) & (frequency < 150)].min()
+
+    ratios = [least(gain) for gain in around]
+    assert max(ratios) <= found.damping_ratio + 1e-9
+    assert least(found.gain) == pytest.approx(found.damping_ratio, rel=1e-9)
+    assert abs(around[int(np.argmax(ratios))] / found.gain - 1) < 0.006
+    assert unstable_poles(close_loop(plant, controller, **BENCH, gain=found.gain)) == ()
+
+
+def test_bench_without_delay_is_its_first_mode(bench):
+    """The bench's optimum by its first pole and zero alone, and the closed form that leaves their own damping out."""
+    plant = linearize(bench)
+    controller = integral_force_feedback(1.0, sample_rate=1e4)
+    gains = np.concatenate([[0.0], np.geomspace(5.0, 1000.0, 60)])
+    locus = root_locus(plant, controller, gains, **BENCH, delay_order=0)
+    pole = locus.poles[0, locus.branch(damping(plant)[0][0])]
+    zero = locus.zeros[np.argmin(np.abs(locus.zeros))]
+    found = optimum_gain(plant, controller, gains, **BENCH, frequency=abs(pole) / (2 * np.pi), delay_order=0)
+
+    at = np.array([300.0])
+    s = 2j * np.pi * at
+    shape = (s**2 - 2 * zero.real * s + abs(zero) ** 2) / (s**2 - 2 * pole.real * s + abs(pole) ** 2)
+    above = (frequency_response(plant, at).response("sensor_voltage", "actuator_voltage") / shape).real.item()
+    one = LinearModel(
+        np.array([[0.0, 1.0], [-(abs(pole) ** 2), 2 * pole.real]]),
+        np.array([[0.0], [above]]),
+        np.array([[abs(zero) ** 2 - abs(pole) ** 2, 2 * pole.real - 2 * zero.real]]),
+        np.array([[above]]),
+        ("actuator_voltage",),
+        ("sensor_voltage",),
+    )
+    alone = optimum_gain(one, controller, gains, **BENCH, frequency=abs(pole) / (2 * np.pi), delay_order=0)
+    assert found.gain == pytest.approx(alone.gain, rel=5e-3)
+    assert found.damping_ratio == pytest.approx(alone.damping_ratio, rel=5e-3)
+
+    formula = iff_optimum(abs(pole) / (2 * np.pi), abs(zero) / (2 * np.pi))
+    assert 0 < found.damping_ratio - formula.damping_ratio < -4 * pole.real / abs(pole)
+    assert found.gain == pytest.approx(formula.gain / above, rel=0.02)
+
+
+def test_critical_damping_is_reached_at_the_least_gain():
+    """Undelayed velocity feedback on one mode: critical at the gain 2 w, flat beyond."""
+    omega = 2 * np.pi * POLE
+    plant = LinearModel(
+        np.array([[0.0, 1.0], [-(omega**2), 0.0]]), np.array([[0.0], [1.0]]), np.array([[0.0, 1.0]]), [[0.0]],
+        ("f",), ("v",),
+    )  # fmt: skip
+    gains = np.linspace(0.0, 5.0, 12) * omega
+    controller = proportional(-1.0, sample_rate=1e4)
+    found = optimum_gain(plant, controller, gains, measured="v", driven="f", frequency=POLE, delay_order=0)
+    assert found.gain == pytest.approx(2 * omega, rel=1e-6)
+    assert (found.damping_ratio, found.frequency) == (pytest.approx(1.0), pytest.approx(POLE, rel=1e-2))
+
+
+def test_no_gain_better_than_none():
+    found = optimum_gain(one_mode(0.02), iff(-1.0), GAINS, **LOOP, frequency=POLE)
+    assert found.gain == pytest.approx(0.0, abs=1e-6)
+    assert found.damping_ratio == pytest.approx(0.02, rel=1e-6)
+
+
+def test_picture_of_a_root_locus(tmp_path):
+    locus = root_locus(one_mode(0.01), iff(100.0), GAINS, **LOOP, delay_order=0)
+    ax = plot_root_locus(locus, frequency=120.0, optimum=iff_optimum(POLE, ZERO))
+    curves = [line.get_xydata() for line in ax.get_lines() if line.get_marker() == "."]
+    expected = np.column_stack([locus.poles[:, locus.branch(POLE)].real, locus.poles[:, locus.branch(POLE)].imag])
+    assert any(curve == pytest.approx(expected / (2 * np.pi), nan_ok=True) for curve in curves)
+    (star,) = [line.get_xydata()[0] for line in ax.get_lines() if line.get_marker() == "*"]
+    assert np.hypot(*star) == pytest.approx(np.sqrt(POLE * ZERO))
+    assert Path(save_figure(ax, tmp_path / "locus.png")).stat().st_size > 10_000
+
+
+BAD = {
+    "no zero": (lambda: iff_optimum(POLE, 0.0), "zero_frequency must be positive"),
+    "zero above": (lambda: iff_optimum(POLE, 120.0), "between one and three times"),
+    "zero far below": (lambda: iff_optimum(POLE, 30.0), "between one and three times"),
+    "one gain": (lambda: root_locus(one_mode(), iff(1.0), [1.0], **LOOP), "ascending, at least two"),
+    "falling": (lambda: root_locus(one_mode(), iff(1.0), [1.0, 0.5], **LOOP), "ascending"),
+    "rows": (lambda: RootLocus([0.0, 1.0], np.zeros((3, 2)), []), "a row for each of 2 gains"),
+    "too little": (lambda: optimum_gain(one_mode(), iff(1.0), [0.0, 1.0], **LOOP, frequency=POLE), "still grows"),
+    "unstable": (lambda: optimum_gain(one_mode(), iff(-1.0), [5.0, 6.0], **LOOP, frequency=POLE), "at every gain"),
+    "no mode": (lambda: RootLocus([0.0, 1.0], -np.ones((2, 1)), []).branch(5.0), "no pole oscillates"),
+    "output": (lambda: root_locus(one_mode(), iff(1.0), [0.0, 1.0], measured="v", driven="stroke"), "unknown output"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_is_named(case):
+    make, message = BAD[case]
+    with pytest.raises(ValueError, match=message):
+        make()
