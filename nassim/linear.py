@@ -149,6 +149,16 @@ def z_plane(s: Array, time_step: float | None) -> Array:
     return s if time_step is None else np.exp(s * time_step)
 
 
+def transmissibility(frf: FRF, *, output: str, ground: str) -> FRF:
+    """Absolute motion over the ground's, from an FRF of motion relative to the ground over the ground's acceleration.
+
+    output: relative displacement x [m]; ground: input a of a `GroundAcceleration` [m/s2]. Where the ground moves by w,
+    a = -omega^2 w, so (w + x) / w = 1 - omega^2 x / a. Returns an FRF of "absolute motion" over "ground" [m/m].
+    """
+    values = 1 - (2 * np.pi * frf.frequency) ** 2 * frf.response(output, ground)
+    return FRF(frf.frequency, values[None, None], ("absolute motion",), ("ground",), None, frf.label)
+
+
 def truncation_error(scene: Scene, frequency: Array) -> Array:
     """Estimated relative error of a scene's FRFs due to the modes that its flexible bodies leave out.
 

@@ -60,6 +60,12 @@ def test_help(name):
             ["parameters", "relative_deviations", "sensitivities"],
             [],
         ),
+        (
+            "active_damping.py",
+            ["--coarse", "--duration", "5"],
+            ["optimum_gain_per_s", "trials", "IFF_transmissibility_500_Hz"],
+            ["root_locus.png", "frf.png", "isolation.png", "step.png"],
+        ),
         ("piezo_ports.py", ["--coarse"], ["pair_of_forces_pole_Hz", "ports_sensor_open_zero_Hz"], ["frf.png"]),
         (
             "import_body.py",

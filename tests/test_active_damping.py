@@ -1,0 +1,113 @@
+"""Active damping from end to end: the damping that simulations show against the linear prediction; isolation."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_digital import DAMPING, MASS, STIFFNESS, oscillator
+
+from models.bench import make_bench
+from nassim import Loop, TimeHistory, frequency_response, linearize, simulate
+from nassim.control import integral_force_feedback
+from nassim.feedback import linearize_closed
+from nassim.linear import transmissibility, unstable_poles
+from nassim.modal import decay_poles
+
+RATE = 1e4
+
+
+def looped(apa, gain, fidelity="linear", delay=1):
+    """The bench with integral force feedback at 10 kHz."""
+    bench = make_bench(apa=apa, fidelity=fidelity, damping_ratio=0.005)
+    controller = integral_force_feedback(gain, sample_rate=RATE, corner_frequency=2.0, delay=delay)
+    return replace(bench, loops=(Loop("iff", controller, "sensor_voltage", "actuator_voltage"),))
+
+
+def slowest(poles):
+    """The oscillation below 300 Hz that decays slowest."""
+    within = poles[(poles.imag > 0) & (np.abs(poles) < 2 * np.pi * 300)]
+    pole = within[np.argmax(within.real)]
+    return abs(pole) / (2 * np.pi), -pole.real / abs(pole)
+
+
+def pulse(duration, time_step):
+    time = np.arange(round(duration / time_step) + 1) * time_step
+    return TimeHistory(time, 0.1 * np.exp(-(((time - 0.01) / 0.002) ** 2)), ("actuator_voltage",), ("V",))
+
+
+def simulated(scene, method, time_step):
+    record = simulate(scene, pulse(0.2, time_step), time_step=time_step, method=method, progress=False).after(0.02)
+    stride = round(5e-4 / time_step)
+    return slowest(decay_poles(record.values[1:3, ::stride], stride * time_step, n_poles=16))
+
+
+@pytest.mark.parametrize("gain", [5.0, 20.0, 50.0, 100.0, 180.0])
+def test_damping_in_the_time_simulation(apa, gain):
+    """Sampled at 10 kHz with one sample of delay: by exact steps, as predicted, at damping ratios of 2 to 50 %."""
+    scene = looped(apa, gain)
+    frequency, ratio = slowest(linearize_closed(scene).poles())
+    found = simulated(scene, "exact", 1e-4)
+    assert found[1] == pytest.approx(ratio, rel=1e-4)
+    assert found[0] == pytest.approx(frequency, rel=1e-5)
+
+
+@pytest.mark.parametrize(("fidelity", "gain"), [("linear", 20.0), ("linear", 100.0), ("ffrf", 50.0)])
+def test_damping_in_exudyn(apa, fidelity, gain):
+    """By generalized-alpha with a quarter of the sample period: within the required 2 %."""
+    scene = looped(apa, gain, fidelity)
+    _, ratio = slowest(linearize_closed(scene).poles())
+    assert simulated(scene, "generalized_alpha", 2.5e-5)[1] == pytest.approx(ratio, rel=0.02)
+
+
+def test_damping_grows_with_the_gain_and_needs_the_delay(apa):
+    ratios = [slowest(linearize_closed(looped(apa, gain)).poles())[1] for gain in (5.0, 20.0, 50.0, 100.0)]
+    assert ratios == sorted(ratios)
+    ideal = slowest(linearize_closed(looped(apa, 100.0), continuous=True, delay_order=0).poles())[1]
+    continuous = slowest(linearize_closed(looped(apa, 100.0), continuous=True).poles())[1]
+    assert continuous == pytest.approx(ratios[-1], rel=0.01)
+    assert ideal < 0.98 * ratios[-1], "the delay counts, so the test above is not one of continuous time"
+
+
+@pytest.mark.parametrize(("gain", "delay"), [(-20.0, 1), (150.0, 40)])
+def test_instability_is_predicted_and_stops_the_run(apa, gain, delay):
+    """Wrong sign; 4 ms of delay."""
+    scene = looped(apa, gain, delay=delay)
+    worst = unstable_poles(linearize_closed(scene))
+    assert worst
+    assert max(pole.growth_rate for pole in worst) > 1.0
+    with pytest.raises(RuntimeError, match=r"unstable: at t = .* has grown to"):
+        simulate(scene, pulse(2.0, 1e-4), time_step=1e-4, method="exact", progress=False)
+    assert not unstable_poles(linearize_closed(looped(apa, 20.0)))
+
+
+def test_transmissibility_in_closed_form():
+    """A mass on a spring and damper: (c s + k) / (m s^2 + c s + k)."""
+    frequency = np.geomspace(1, 500, 50)
+    s = 2j * np.pi * frequency
+    scene = replace(oscillator(), damping_ratio=0.0)
+    found = transmissibility(frequency_response(linearize(scene), frequency), output="position", ground="acceleration")
+    expected = (DAMPING * s + STIFFNESS) / (MASS * s**2 + DAMPING * s + STIFFNESS)
+    assert np.allclose(found.response("absolute motion", "ground"), expected, rtol=1e-8)
+
+
+def test_scenes_without_loops_or_with_several_rates(apa):
+    with pytest.raises(ValueError, match="has no loops"):
+        linearize_closed(make_bench(apa=apa, fidelity="linear"))
+    scene = looped(apa, 10.0)
+    slower = Loop("slow", integral_force_feedback(1.0, sample_rate=5e3), "sensor_voltage", "actuator_voltage")
+    both = replace(scene, loops=(*scene.loops, slower))
+    with pytest.raises(ValueError, match="several sample rates"):
+        linearize_closed(both)
+    assert len(linearize_closed(both, continuous=True).A) > len(linearize(scene).A)
+
+
+def test_poles_of_a_decay():
+    time = np.arange(400) * 1e-3
+    poles = np.array([-3 + 200j, -40 + 600j, -25.0])
+    signals = [np.real(np.exp(np.outer(poles, time)).T @ weights) for weights in ([1, 0.3, 2], [0.5j, 1, -1])]
+    found = decay_poles(np.array(signals), 1e-3, n_poles=12)
+    assert len(found) == 5
+    for pole in poles:
+        assert np.abs(found - pole).min() < 1e-6 * abs(pole)
+    with pytest.raises(ValueError, match="need at least 1600 samples, got 400"):
+        decay_poles(np.array(signals), 1e-3, n_poles=400)
