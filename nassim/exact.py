@@ -14,6 +14,7 @@ from nassim.body import RIGID
 from nassim.checks import Array
 from nassim.digital import check_runaway, start_loops
 from nassim.modal import held_pole
+from nassim.progress import Advance, silent
 from nassim.statespace import discretize
 
 CHECKS = 200
@@ -23,19 +24,19 @@ CLOSE_TO_CRITICAL = 1e-10
 
 
 def exact_response(
-    assembly: Assembly, inputs: Array, time_step: float, *, hold_order: int = 1
+    assembly: Assembly, inputs: Array, time_step: float, *, hold_order: int = 1, advance: Advance = silent
 ) -> tuple[Array, Array, Array]:
     """Outputs of an assembled scene from rest, or from its equilibrium under gravity.
 
     inputs: shape (inputs, n_samples); hold_order: 0 for inputs that keep each sample's value until the next, 1 for
-    inputs that run straight between them
+    inputs that run straight between them; advance: called with the number of steps done
 
     Returns the outputs (outputs, n_samples), the loops' commands (commands, n_samples), and all coordinates at some
     200 times, shape (n_all, n_times). Raises RuntimeError when gravity meets a motion without stiffness and when a loop
     runs away.
     """
     if assembly.scene.loops or not assembly.falls_into_modes:
-        return _coupled_response(assembly, inputs, time_step, hold_order)
+        return _coupled_response(assembly, inputs, time_step, hold_order, advance)
     modes = assembly.basis @ assembly.shapes
     drives = modes.T @ assembly.input_matrix
     readings = assembly.output_matrix @ modes
@@ -61,7 +62,9 @@ def exact_response(
     return outputs, np.zeros((0, inputs.shape[1])), modes @ amplitudes
 
 
-def _coupled_response(assembly: Assembly, inputs: Array, h: float, hold_order: int) -> tuple[Array, Array, Array]:
+def _coupled_response(
+    assembly: Assembly, inputs: Array, h: float, hold_order: int, advance: Advance
+) -> tuple[Array, Array, Array]:
     """As exact_response, for states that do not fall apart into modes, and for loops."""
     state, drives, readings = state_space(assembly)
     phi, held, risen = discretize(state, drives, h)
@@ -88,6 +91,7 @@ def _coupled_response(assembly: Assembly, inputs: Array, h: float, hold_order: i
             coordinates[:, k] = modes @ x[: modes.shape[1]]
             if assembly.scene.loops:
                 check_runaway(assembly, coordinates[:, k], outputs[: n + 1], h)
+            advance(int(n - (seen[k - 1] if k else 0)))
             k += 1
         x = phi @ x + push
         if commands.size:

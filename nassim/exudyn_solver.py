@@ -81,9 +81,7 @@ def solve_dynamic(
     settings.solution.sensors.writePeriod = time_step
     scene = system.assembly.scene
     samples = {name: row.tolist() for name, row in inputs.items()}
-    drives = [
-        (_follow(drive, samples[drive.input][0], time_step), samples[drive.input], drive) for drive in system.drives
-    ]
+    drives = [(_follow(drive, time_step), samples[drive.input], drive) for drive in system.drives]
     places = [scene.inputs.index(drive.input) for drive in system.drives]
     step_loops = start_loops(scene, time_step)
     commands = np.zeros((n_steps + 1, len(scene.commands)))
@@ -93,7 +91,8 @@ def solve_dynamic(
     count = 0
     nothing = np.zeros(len(scene.inputs))
     chunk = max(1, n_steps // CHECKS)
-    system.apply({name: row[0] for name, row in samples.items()})
+    for _, row, drive in drives:
+        drive.apply(system.mbs, 0.0 if np.isfinite(drive.rate) else row[0])
     with stage("simulate", total=n_steps, unit="steps", enabled=progress) as advance, _interrupts() as interrupts:
 
         def look() -> None:
@@ -147,14 +146,14 @@ def solve_dynamic(
     return largest, commands.T
 
 
-def _follow(drive: Drive, start: float, time_step: float) -> Callable[[float, float], float]:
-    """What an amplifier puts out at the end of a time step whose input runs straight between two values."""
+def _follow(drive: Drive, time_step: float) -> Callable[[float, float], float]:
+    """What an amplifier at rest puts out at the end of each time step, whose input runs straight between two values."""
     if not np.isfinite(drive.rate):
         return lambda _before, after: after
     x = drive.rate * time_step
     share = -float(np.expm1(-x))
     slope = 1 - share / x
-    value = start
+    value = 0.0
 
     def follow(before: float, after: float) -> float:
         nonlocal value

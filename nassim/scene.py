@@ -38,7 +38,8 @@ class Scene:
     springs: spring-dampers; loops: digital controllers, which run in `simulate`
     damping_ratio: of every eigenmode of the assembled scene [-], one number or one per mode from the lowest (the
         remaining modes then have the last). It is realised as a damping of the flexible bodies' deformation.
-    gravity: acceleration, world frame, shape (3,) [m/s2]; with any, simulations start in static equilibrium
+    gravity: acceleration, world frame, shape (3,) [m/s2]; with any, simulations start in equilibrium,
+        all inputs at zero
     cutoff_frequency: what flexible bodies need below it is modelled only, see `trimmed`; take three times the highest
         frequency of interest [Hz]; None models all of each body
 

@@ -11,6 +11,7 @@ from nassim.digital import samples_per_period
 from nassim.exact import exact_response
 from nassim.exudyn_solver import eigenfrequencies, solve_dynamic, solve_static
 from nassim.exudyn_system import build_system
+from nassim.progress import stage
 from nassim.scene import Scene
 from nassim.signals import TimeHistory, occupied_bandwidth
 
@@ -90,7 +91,7 @@ def simulate(
     for loop in scene.loops:
         samples_per_period(loop, time_step)
     if method == "exact":
-        readings = _solve_exactly(scene, signals, n_steps, time_step, hold_order)
+        readings = _solve_exactly(scene, signals, n_steps, time_step, hold_order, progress)
     else:
         if method == "explicit":
             _check_stability(scene, time_step)
@@ -117,7 +118,6 @@ def _integrate(
 ) -> Array:
     system = build_system(scene)
     if np.any(scene.gravity):
-        system.apply({name: row[0] for name, row in signals.items()})
         solve_static(system)
     largest, commands = solve_dynamic(
         system,
@@ -134,12 +134,15 @@ def _integrate(
 
 
 def _solve_exactly(
-    scene: Scene, signals: Mapping[str, Array], n_steps: int, time_step: float, hold_order: int
+    scene: Scene, signals: Mapping[str, Array], n_steps: int, time_step: float, hold_order: int, progress: bool
 ) -> Array:
     _check_small_motion(scene, "exact")
     assembly = assemble(scene)
     driven = np.reshape([signals[name] for name in scene.inputs], (len(scene.inputs), n_steps + 1))
-    readings, commands, coordinates = exact_response(assembly, driven, time_step, hold_order=hold_order)
+    with stage("simulate", total=n_steps, unit="steps", enabled=progress) as advance:
+        readings, commands, coordinates = exact_response(
+            assembly, driven, time_step, hold_order=hold_order, advance=advance
+        )
     _warn_of_motion(
         assembly, {name: motion_size(assembly, name, coordinates[place]) for name, place in assembly.slices.items()}
     )
