@@ -50,6 +50,8 @@ def make_bench(
         measures against the ground
     apa: a reduced APA300ML (default: `reduced_apa300ml()`, with `PORTS` where they are asked for; cached)
     """
+    if np.isfinite(resistance) and not ports:
+        raise ValueError("a resistance loads the sensor's electrical port; give ports=True too")
     body = reduced_apa300ml(ports=PORTS if ports else ()) if apa is None else apa
     drive, measure = _ports(resistance) if ports else _force_pair()
     bottom, top = (body.point(name).position for name in ("bottom", "top"))

@@ -1,14 +1,16 @@
 """A scene's matrices for small motion about its start: bodies, joints, damping and electrical ports put together."""
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
 
+from nassim.body import RIGID
 from nassim.checks import Array
 from nassim.floating_frame import FloatingFrame, floating_frame
-from nassim.interface import AXES, DIRECTIONS, rigid_transfer
+from nassim.interface import AXES, DIRECTIONS, rigid_transfer, unit_vector
 from nassim.modal import eigenmodes, modal_damping_matrix
 from nassim.parts import (
     Actuator,
@@ -25,6 +27,8 @@ from nassim.parts import (
 from nassim.scene import Scene
 from nassim.trim import open_circuit
 
+LOST_DAMPING = 0.01
+"""Share of a mode's damping whose loss is worth a warning."""
 REDUNDANT = 1e-7
 """Constraints with less than this share of their own are implied by others."""
 
@@ -132,7 +136,7 @@ def assemble(scene: Scene) -> Assembly:
             rigid.append(rows)
     dampers = np.zeros((n_all, n_all))
     for spring in scene.springs:
-        row = (motion(spring.b) - motion(spring.a))["xyz".index(spring.axis)]
+        row = unit_vector(spring.axis) @ (motion(spring.b) - motion(spring.a))[:3]
         stiffness_all += spring.stiffness * np.outer(row, row)
         dampers += spring.damping * np.outer(row, row)
     held, enforced = _independent(scene, motion, np.vstack([np.zeros((0, n_all)), *rigid]), mass_all)
@@ -153,7 +157,7 @@ def assemble(scene: Scene) -> Assembly:
     circuits = []
     for k, sensor in enumerate(scene.sensors):
         if isinstance(sensor, Encoder):
-            outputs[k] = (motion(sensor.b) - motion(sensor.a))["xyz".index(sensor.axis)]
+            outputs[k] = unit_vector(sensor.axis) @ (motion(sensor.b) - motion(sensor.a))[:3]
         else:
             body, row = scene.body_row(sensor)
             outputs[k, slices[body.name]] = row
@@ -237,10 +241,12 @@ def deformation_damping(assembly: Assembly) -> Array:
     """Damping matrix on the flexible coordinates of all bodies that deform, in order, that realises the modal ratios.
 
     With D the map from minimal to flexible coordinates, the damping C of the modes is D^T C_f D for
-    C_f = D^+T C D^+: exact, because motion without deformation has no damped mode.
+    C_f = D^+T C D^+: exact where motion without deformation has no damped mode. Modes of bodies that only springs hold
+    lose damping, of which a warning tells.
     """
     bodies = deformable_bodies(assembly.scene)
     if not bodies:
+        _warn_of_lost_damping(assembly, np.zeros_like(assembly.mass))
         return np.zeros((0, 0))
     rows = []
     for body in bodies:
@@ -253,6 +259,7 @@ def deformation_damping(assembly: Assembly) -> Array:
     factor = np.linalg.cholesky(stiffness)
     inverse = np.linalg.pinv(factor.T @ deformation, rcond=1e-9) @ factor.T
     result: Array = inverse.T @ damping @ inverse
+    _warn_of_lost_damping(assembly, deformation.T @ result @ deformation)
     return result
 
 
@@ -289,10 +296,10 @@ def _forces(scene: Scene, actuator: Actuator, slices: dict[str, slice], motion: 
     """Forces of an actuator on all coordinates per unit of its input."""
     n_all = max(place.stop for place in slices.values())
     if isinstance(actuator, PointForce):
-        result: Array = motion(actuator.point)["xyz".index(actuator.axis)]
+        result: Array = unit_vector(actuator.axis) @ motion(actuator.point)[:3]
         return result
     if isinstance(actuator, GroundAcceleration):
-        return _weight(scene, slices, n_all, -np.eye(3)["xyz".index(actuator.axis)])
+        return _weight(scene, slices, n_all, -unit_vector(actuator.axis))
     forces = np.zeros(n_all)
     body, row = scene.body_row(actuator)
     forces[slices[body.name]] = row
@@ -306,6 +313,21 @@ def _weight(scene: Scene, slices: dict[str, slice], n_all: int, gravity: Array) 
         if body.name in slices:
             result[slices[body.name]] = body_weight(body, gravity)
     return result
+
+
+def _warn_of_lost_damping(assembly: Assembly, realised: Array) -> None:
+    """Warn of modes that a damping matrix in minimal coordinates, (n, n), damps less than they should be."""
+    wanted = 4 * np.pi * assembly.damping_ratio * assembly.frequency
+    lost = wanted - np.einsum("ik,ij,jk->k", assembly.shapes, realised, assembly.shapes)
+    modes = (lost > LOST_DAMPING * wanted) & (assembly.frequency > RIGID * assembly.frequency.max(initial=0.0))
+    if modes.any():
+        listed = ", ".join(f"{f:.4g}" for f in assembly.frequency[modes][:5])
+        warnings.warn(
+            f"damping_ratio acts through deformation only, so the modes at {listed} Hz, in which springs rather than "
+            "bodies deform, lose damping in this simulation: give the spring-dampers a damping of their own and such "
+            "modes a ratio of 0",
+            stacklevel=2,
+        )
 
 
 def body_weight(body: Body, gravity: Array) -> Array:

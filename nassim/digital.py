@@ -11,7 +11,7 @@ from nassim.parts import Loop
 from nassim.scene import Scene
 
 RUNAWAY = 0.1
-"""A deformation of this share of a body's size, or this rotation [rad], means that a loop is unstable."""
+"""A deformation of this share of a body's size, or this rotation [rad], means that a loop runs away."""
 
 
 def samples_per_period(loop: Loop, time_step: float) -> int:
@@ -26,31 +26,36 @@ def samples_per_period(loop: Loop, time_step: float) -> int:
     return whole
 
 
-def start_controller(loop: Loop) -> Callable[[Array], Array]:
-    """A controller at rest: a function that takes the measured outputs at a sample, (measured,), and returns what the
-    loop then adds to its inputs until the next sample, (driven,).
+def start_controller(loop: Loop) -> Callable[[Array], tuple[Array, Array]]:
+    """A controller at rest: a function that takes the measured outputs at a sample, (measured,).
+
+    It returns what the loop then adds to its inputs until the next sample, (driven,), and what from then on as far as
+    that is known already: with a delay of at least one sample it is, without one it is taken as the same.
     """
     c = loop.controller
     state = np.zeros(len(c.A))
     waiting = deque(np.zeros((c.delay, len(loop.driven))))
 
-    def step(measured: Array) -> Array:
+    def step(measured: Array) -> tuple[Array, Array]:
         nonlocal state
         seen = _converted(measured, loop.input_step, loop.input_limit)
         computed = _converted(c.C @ state + c.D @ seen, loop.output_step, c.limit)
         state = c.A @ state + c.B @ seen
         waiting.append(computed)
-        return waiting.popleft()
+        now = waiting.popleft()
+        return now, waiting[0] if waiting else now
 
     return step
 
 
 def _converted(values: Array, step: float, limit: float) -> Array:
-    limited = np.clip(values, -limit, limit)
-    return step * np.round(limited / step) if step else limited
+    if not step:
+        return np.clip(values, -limit, limit)
+    most = np.floor(limit / step)
+    return step * np.clip(np.round(values / step), -most, most)
 
 
-Step = Callable[[int, Callable[[], Array]], tuple[Array, Array]]
+Step = Callable[[int, Callable[[], Array]], tuple[Array, Array, Array]]
 
 
 def start_loops(scene: Scene, time_step: float) -> Step:
@@ -58,8 +63,8 @@ def start_loops(scene: Scene, time_step: float) -> Step:
 
     measure: returns the scene's outputs at that time, (outputs,); called only where a loop takes a sample
 
-    The function returns what the loops add to the scene's inputs until the next step, (inputs,), and their commands in
-    the order of `Scene.commands`.
+    The function returns what the loops add to the scene's inputs until the next step, (inputs,); the mean of that and
+    of what they add after it; and their commands in the order of `Scene.commands`.
     """
     loops = [
         (
@@ -67,21 +72,22 @@ def start_loops(scene: Scene, time_step: float) -> Step:
             start_controller(loop),
             [scene.outputs.index(name) for name in loop.measured],
             [scene.inputs.index(name) for name in loop.driven],
-            np.zeros(len(loop.driven)),
+            np.zeros((2, len(loop.driven))),
         )
         for loop in scene.loops
     ]
 
-    def step(n: int, measure: Callable[[], Array]) -> tuple[Array, Array]:
+    def step(n: int, measure: Callable[[], Array]) -> tuple[Array, Array, Array]:
         due = [n % period == 0 for period, *_ in loops]
         outputs = measure() if any(due) else None
-        total = np.zeros(len(scene.inputs))
-        for now, (_, control, measured, driven, command) in zip(due, loops, strict=True):
+        held, mean = np.zeros(len(scene.inputs)), np.zeros(len(scene.inputs))
+        for now, (period, control, measured, driven, command) in zip(due, loops, strict=True):
             if now:
                 assert outputs is not None
                 command[:] = control(outputs[measured])
-            total[driven] += command
-        return total, np.concatenate([np.zeros(0), *(command for *_, command in loops)])
+            held[driven] += command[0]
+            mean[driven] += command.mean(axis=0) if (n + 1) % period == 0 else command[0]
+        return held, mean, np.concatenate([np.zeros(0), *(command[0] for *_, command in loops)])
 
     return step
 
@@ -109,7 +115,8 @@ def runaway(scene: Scene, body: str, outputs: Array, time_step: float) -> str:
     worst = max(measured, key=lambda k: growth[k])
     names = ", ".join(repr(loop.name) for loop in scene.loops)
     return (
-        f"the closed loop is unstable: at t = {(n - 1) * time_step:g} s {scene.outputs[worst]!r} has grown to "
+        f"the closed loop runs away: at t = {(n - 1) * time_step:g} s {scene.outputs[worst]!r} has grown to "
         f"{size[worst]:.3g} {scene.sensors[worst].unit} and body {body!r} is deformed by more than "
-        f"{100 * RUNAWAY:g} % of its size; check the sign, gain and delay of loop {names} on the linear model"
+        f"{100 * RUNAWAY:g} % of its size. Unstable, unless the excitation is far too large: check the sign, gain and "
+        f"delay of loop {names} on the linear model (linearize_closed, unstable_poles)"
     )

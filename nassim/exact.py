@@ -18,7 +18,6 @@ from nassim.progress import Advance, silent
 from nassim.statespace import discretize
 
 CHECKS = 200
-NO_EQUILIBRIUM = "no static equilibrium: can a body move freely? Add joints, or leave gravity out"
 CLOSE_TO_CRITICAL = 1e-10
 """Least |1 - zeta^2|: at critical damping the two solutions coincide, which the recursion does not cover."""
 
@@ -42,9 +41,7 @@ def exact_response(
     readings = assembly.output_matrix @ modes
     weight = modes.T @ assembly.weight
     omega = 2 * np.pi * assembly.frequency
-    rigid = assembly.frequency <= RIGID * assembly.frequency.max(initial=0.0)
-    if np.abs(weight[rigid]).max(initial=0.0) > 1e-9 * np.abs(weight).max(initial=0.0):
-        raise RuntimeError(NO_EQUILIBRIUM)
+    rigid = _free_modes(assembly)
     outputs = np.zeros((len(readings), inputs.shape[1]))
     seen = np.unique(np.linspace(0, inputs.shape[1] - 1, CHECKS).astype(int))
     amplitudes = np.zeros((len(omega), len(seen)))
@@ -62,6 +59,15 @@ def exact_response(
     return outputs, np.zeros((0, inputs.shape[1])), modes @ amplitudes
 
 
+def _free_modes(assembly: Assembly) -> Array:
+    """Which modes have no stiffness, bool (n,); RuntimeError when gravity acts on one."""
+    weight = assembly.shapes.T @ assembly.basis.T @ assembly.weight
+    rigid: Array = assembly.frequency <= RIGID * assembly.frequency.max(initial=0.0)
+    if np.abs(weight[rigid]).max(initial=0.0) > 1e-9 * np.abs(weight).max(initial=0.0):
+        raise RuntimeError("no static equilibrium: can a body move freely? Add joints, or leave gravity out")
+    return rigid
+
+
 def _coupled_response(
     assembly: Assembly, inputs: Array, h: float, hold_order: int, advance: Advance
 ) -> tuple[Array, Array, Array]:
@@ -70,9 +76,10 @@ def _coupled_response(
     phi, held, risen = discretize(state, drives, h)
     x = np.zeros(len(state))
     if np.any(assembly.weight):
-        if assembly.frequency[0] <= RIGID * assembly.frequency[-1]:
-            raise RuntimeError(NO_EQUILIBRIUM)
-        x = np.linalg.solve(state, -drives[:, -1])
+        held_by_stiffness = np.ones(len(x), dtype=bool)
+        held_by_stiffness[: 2 * len(assembly.frequency)] = np.tile(~_free_modes(assembly), 2)
+        part = np.ix_(held_by_stiffness, held_by_stiffness)
+        x[held_by_stiffness] = np.linalg.solve(state[part], -drives[held_by_stiffness, -1])
     n_in, n_samples = inputs.shape
     pushes = held[:, :-1] @ inputs + held[:, -1:]
     if hold_order:
@@ -86,7 +93,7 @@ def _coupled_response(
     k = 0
     for n, push in enumerate(pushes.T):
         outputs[n] = readings @ x
-        added, commands[n] = loops(n, outputs[n].copy)
+        added, _, commands[n] = loops(n, outputs[n].copy)
         if n == seen[k]:
             coordinates[:, k] = modes @ x[: modes.shape[1]]
             if assembly.scene.loops:

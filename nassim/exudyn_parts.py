@@ -9,6 +9,7 @@ import numpy as np
 from nassim.assembly import body_weight
 from nassim.checks import Array
 from nassim.exudyn_state import Carrier, Drive, add_forces
+from nassim.interface import unit_vector
 from nassim.parts import (
     Actuator,
     Encoder,
@@ -61,7 +62,7 @@ def _add_force(mbs: Any, force: PointForce, objects: dict[str, int], rigid: dict
         eii.MarkerBodyPosition(bodyNumber=objects[name], localPosition=list(rigid[name].points[point]))
     )
     number = mbs.AddLoad(eii.LoadForceVector(markerNumber=marker, loadVector=[0.0, 0.0, 0.0]))
-    return [Drive(number, force.input, np.eye(3)["xyz".index(force.axis)], load=True)]
+    return [Drive(number, force.input, unit_vector(force.axis), load=True)]
 
 
 def _add_ground(
@@ -73,7 +74,7 @@ def _add_ground(
     carriers: dict[str, Carrier],
 ) -> list[Drive]:
     """The ground's acceleration as an opposite gravity on every body that moves."""
-    fall = -np.eye(3)["xyz".index(ground.axis)]
+    fall = -unit_vector(ground.axis)
     drives = []
     for body in scene.bodies:
         if isinstance(body, FlexibleBody) and body.fidelity == "linear":
@@ -96,7 +97,7 @@ def add_spring(mbs: Any, spring: SpringDamper, objects: dict[str, int], rigid: d
         markers.append(mbs.AddMarker(eii.MarkerBodyPosition(bodyNumber=objects[name], localPosition=position)))
     offset = rigid[spring.b.partition(".")[0]].point_position(spring.b.partition(".")[2])
     offset = offset - rigid[spring.a.partition(".")[0]].point_position(spring.a.partition(".")[2])
-    axis = np.eye(3)["xyz".index(spring.axis)]
+    axis = unit_vector(spring.axis)
     mbs.AddObject(
         eii.ObjectConnectorCartesianSpringDamper(
             markerNumbers=markers,
@@ -134,7 +135,7 @@ def add_sensor(
                     **kept,
                 )
             )
-            result.append((number, sign * np.eye(3)["xyz".index(sensor.axis)]))
+            result.append((number, sign * unit_vector(sensor.axis)))
     return result
 
 

@@ -11,6 +11,11 @@ AXES = ("ux", "uy", "uz", "rx", "ry", "rz")
 DIRECTIONS = {"x": "ux", "y": "uy", "z": "uz", "rx": "rx", "ry": "ry", "rz": "rz"}
 
 
+def unit_vector(axis: str) -> Array:
+    """The unit vector along "x", "y" or "z", shape (3,)."""
+    return np.eye(3)["xyz".index(axis)]
+
+
 def skew(vector: Array) -> Array:
     """The matrix a~ with a~ b = a x b, shape (3, 3)."""
     x, y, z = vector

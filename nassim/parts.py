@@ -12,7 +12,7 @@ from nassim.control import Controller
 from nassim.interface import DIRECTIONS
 
 FIDELITIES = ("rigid", "linear", "ffrf")
-AXES = ("x", "y", "z")
+WORLD_AXES = ("x", "y", "z")
 
 
 @dataclass(frozen=True)
@@ -188,7 +188,8 @@ class Encoder:
     unit: str = field(default="m", init=False)
 
     def __post_init__(self) -> None:
-        known("axis", self.axis, AXES)
+        _two_points(f"encoder {self.name!r}", self.a, self.b)
+        known("axis", self.axis, WORLD_AXES)
 
 
 @dataclass(frozen=True)
@@ -225,7 +226,7 @@ class PointForce:
     unit: str = field(default="N", init=False)
 
     def __post_init__(self) -> None:
-        known("axis", self.axis, AXES)
+        known("axis", self.axis, WORLD_AXES)
 
 
 @dataclass(frozen=True)
@@ -242,7 +243,7 @@ class GroundAcceleration:
     unit: str = field(default="m/s2", init=False)
 
     def __post_init__(self) -> None:
-        known("axis", self.axis, AXES)
+        known("axis", self.axis, WORLD_AXES)
 
 
 @dataclass(frozen=True)
@@ -261,12 +262,15 @@ class SpringDamper:
 
     def __post_init__(self) -> None:
         label = f"spring-damper {self.name!r}"
-        known("axis", self.axis, AXES)
+        known("axis", self.axis, WORLD_AXES)
+        _two_points(label, self.a, self.b)
         freeze(
             self,
             stiffness=not_negative(f"{label}: stiffness", self.stiffness, "N/m"),
             damping=not_negative(f"{label}: damping", self.damping, "N s/m"),
         )
+        if not self.stiffness and not self.damping:
+            raise ValueError(f"{label} has neither stiffness nor damping")
 
 
 @dataclass(frozen=True)
@@ -336,6 +340,11 @@ class Loop:
     def commands(self) -> tuple[str, ...]:
         """Names of its signals in records: its own for one driven input, else "name.input"."""
         return (self.name,) if len(self.driven) == 1 else tuple(f"{self.name}.{name}" for name in self.driven)
+
+
+def _two_points(label: str, a: str, b: str) -> None:
+    if a == b:
+        raise ValueError(f"{label} connects {a!r} with itself")
 
 
 def _above_zero(label: str, value: float, unit: str = "") -> None:

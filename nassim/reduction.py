@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from nassim.body import RIGID, ReducedBody
-from nassim.checks import Array, positive
+from nassim.checks import Array, positive, unique
 from nassim.condensation import Condensation, condense, strained_part
 from nassim.discretization import released_stiffness
 from nassim.fem import FEModel
@@ -62,7 +62,11 @@ def craig_bampton(
     else:
         check_n_modes(count, fe_model.n_dofs)
         condensed = condense(fe_model, remote_points=remote_points, progress=progress)
-    kept = [condensed.fe_model.port(name) for name in ports] if ports is not None else condensed.fe_model.ports
+    kept = (
+        [condensed.fe_model.port(name) for name in unique("electrical port", ports)]
+        if ports is not None
+        else condensed.fe_model.ports
+    )
     if tolerance is None:
         rich, count = _reduce(condensed, count, cutoff_frequency, kept, discretization, progress)
     else:

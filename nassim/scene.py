@@ -37,9 +37,10 @@ class Scene:
         neither driven nor measured is short-circuited.
     springs: spring-dampers; loops: digital controllers, which run in `simulate`
     damping_ratio: of every eigenmode of the assembled scene [-], one number or one per mode from the lowest (the
-        remaining modes then have the last). It is realised as a damping of the flexible bodies' deformation.
+        remaining modes then have the last). It is realised as a damping of the flexible bodies' deformation, so in
+        floating frames motion that only springs hold keeps their own damping, of which a warning tells.
     gravity: acceleration, world frame, shape (3,) [m/s2]; with any, simulations start in equilibrium,
-        all inputs at zero
+        all inputs at zero; controllers start at rest, on the offsets that their signals then have
     cutoff_frequency: what flexible bodies need below it is modelled only, see `trimmed`; take three times the highest
         frequency of interest [Hz]; None models all of each body
 
@@ -105,8 +106,11 @@ class Scene:
         for part in (*self.springs, *self.actuators, *self.sensors):
             if isinstance(part, (Encoder, SpringDamper, PointForce)):
                 for path in (part.point,) if isinstance(part, PointForce) else (part.a, part.b):
-                    if not isinstance(self.split(path)[0], RigidBody):
+                    body = self.split(path)[0]
+                    if not isinstance(body, RigidBody):
                         raise ValueError(f"{part.name!r}: {path!r} must be a point of a rigid body")
+                    if isinstance(part, PointForce) and body.fixed:
+                        raise ValueError(f"{part.name!r}: {path!r} belongs to a fixed body, which no force moves")
                     self.point_position(path)
 
     def _check_inputs(self) -> None:
@@ -115,6 +119,7 @@ class Scene:
                 raise ValueError(
                     f"input {actuator.input!r} cannot be both {actuator.unit} and {self.input_unit(actuator.input)}"
                 )
+        unique("signal (input, output, loop)", (*self.inputs, *self.outputs, *self.commands))
         for loop in self.loops:
             for name in loop.measured:
                 known("output", name, self.outputs)

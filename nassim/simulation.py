@@ -1,7 +1,9 @@
 """Time-domain simulation and static equilibrium of scenes."""
 
+import math
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +13,7 @@ from nassim.digital import samples_per_period
 from nassim.exact import exact_response
 from nassim.exudyn_solver import eigenfrequencies, solve_dynamic, solve_static
 from nassim.exudyn_system import build_system
+from nassim.parts import VoltageSensor
 from nassim.progress import stage
 from nassim.scene import Scene
 from nassim.signals import TimeHistory, occupied_bandwidth
@@ -67,6 +70,8 @@ def simulate(
         raise ValueError(f"spectral_radius must lie in 0 ... 1, got {spectral_radius:g}")
     if hold_order not in (0, 1):
         raise ValueError(f"hold_order must be 0 or 1, got {hold_order!r}")
+    if hold_order == 0 and method == "generalized_alpha":
+        raise ValueError('generalized_alpha takes inputs as straight between time steps; hold_order=0 needs "exact"')
     n_steps = _steps(excitation, time_step, duration)
     looped = {name for loop in scene.loops for name in loop.driven}
     missing = set(scene.inputs) - set(excitation.names) - looped
@@ -182,9 +187,10 @@ def _warn_of_spin(scene: Scene) -> None:
 
 
 def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> dict[str, float]:
-    """Outputs of a scene in static equilibrium under constant inputs [V] and its gravity, by Exudyn's static solver.
+    """Outputs of a scene in static equilibrium under constant inputs and its gravity, by Exudyn's static solver.
 
-    Raises ValueError for unknown inputs, RuntimeError when there is no equilibrium (a body that can move freely).
+    Loops are open. Raises ValueError for unknown inputs, RuntimeError when there is no equilibrium (a body that can
+    move freely).
     """
     values = {name: 0.0 for name in scene.inputs}
     for name, value in (inputs or {}).items():
@@ -196,8 +202,12 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
 
 
 def exudyn_eigenfrequencies(scene: Scene, *, n_modes: int | None = None) -> Array:
-    """Undamped eigenfrequencies [Hz] of a scene as Exudyn linearises it about its start, ascending, (n_modes,)."""
-    return eigenfrequencies(build_system(scene))[:n_modes]
+    """Undamped eigenfrequencies [Hz] of a scene as Exudyn linearises it about its start, ascending, (n_modes,).
+
+    Measured electrical ports keep their charge, whatever their resistance.
+    """
+    sensors = tuple(replace(s, resistance=math.inf) if isinstance(s, VoltageSensor) else s for s in scene.sensors)
+    return eigenfrequencies(build_system(replace(scene, sensors=sensors)))[:n_modes]
 
 
 def _steps(excitation: TimeHistory, time_step: float, duration: float | None) -> int:

@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 import psutil
 
-from nassim import FRF
+from nassim import FRF, LinearModel
+from nassim.linear import damping
 from nassim.plotting import plot_frf, plot_frf_error, plt
+from nassim.statespace import transmission_zeros
 
 
 def parser(doc: str, name: str) -> argparse.ArgumentParser:
@@ -71,6 +73,18 @@ def pole_and_zero(frf: FRF) -> tuple[float, float]:
     band = frf.band(10, 300)
     magnitude = np.abs(band.response("sensor_voltage", "actuator_voltage"))
     return float(band.frequency[np.argmax(magnitude)]), float(band.frequency[np.argmin(magnitude)])
+
+
+def pole_and_zero_of(model: LinearModel) -> tuple[float, float]:
+    """Natural frequencies of the first pole of V_s/V_a above 10 Hz and of the zero below it [Hz]; nan without one."""
+    frequency, ratio = damping(model)
+    pole = min(f for f, zeta in zip(frequency, ratio, strict=True) if f > 10.0 and zeta < 0.9)
+    row, column = model.outputs.index("sensor_voltage"), model.inputs.index("actuator_voltage")
+    a, b, c, d = model.matrices
+    zeros = transmission_zeros((a, b[:, [column]], c[[row]], d[[row]][:, [column]]))
+    below = np.abs(zeros[zeros.imag > 0]) / (2 * np.pi)
+    below = below[(below > 10.0) & (below < pole)]
+    return float(pole), float(below.max()) if below.size else float("nan")
 
 
 def peak_memory() -> float:

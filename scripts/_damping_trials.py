@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from _common import pole_and_zero_of
 
 from nassim import FRF, LinearModel, Scene, SpringDamper, TimeHistory, estimate_frf, frequency_response, simulate
 from nassim.feedback import linearize_closed
@@ -15,12 +16,10 @@ from nassim.signals import band_limited_noise
 
 def pole_zero_level(plant: LinearModel) -> tuple[float, float, float]:
     """Pole and zero of V_s/V_a [Hz], and the level that it tends to between this and the next pole [V/V]."""
-    frequency = np.geomspace(10.0, 300.0, 20000)
-    response = np.abs(frequency_response(plant, frequency).response("sensor_voltage", "actuator_voltage"))
-    pole, below = frequency[np.argmax(response)], frequency < frequency[np.argmax(response)]
-    zero = frequency[below][np.argmin(response[below])]
-    level = response[-1] * abs(pole**2 - frequency[-1] ** 2) / abs(zero**2 - frequency[-1] ** 2)
-    return float(pole), float(zero), float(level)
+    pole, zero = pole_and_zero_of(plant)
+    between = 3 * pole
+    response = frequency_response(plant, np.array([between])).response("sensor_voltage", "actuator_voltage")
+    return pole, zero, float(np.abs(response[0]) * abs(pole**2 - between**2) / abs(zero**2 - between**2))
 
 
 def first_mode(model: LinearModel, near: float) -> tuple[float, float]:

@@ -89,7 +89,7 @@ def main() -> None:
     chosen = with_gain(0.35 * best.gain)
     target = first_mode(linearize_closed(chosen), pole)[1]
     most = 1.5 * 2 * np.pi * pole * args.payload_mass
-    rate = brentq(lambda c: first_mode(linearize(with_damper(bench, c)), pole)[1] - target, 0.0, most)
+    rate = brentq(lambda c: first_mode(linearize(with_damper(bench, c)), pole)[1] - target, 1.0, most)
     scenes = {"no damping added": bench, "IFF": chosen, "passive damper": with_damper(bench, rate)}
     frequency, frfs = np.geomspace(1.0, 900.0, 3000), []
     for name, scene in scenes.items():

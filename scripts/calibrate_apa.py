@@ -80,7 +80,7 @@ def main() -> None:
         "the paper's own model, fitted to resonances too, was stiffer"
     )
     record = {
-        "parameters": dict(result.values),
+        "parameters": fixed | dict(result.values),
         "relative_deviations": dict(result.deviations),
         "targets": {t.name: t.value for t in targets},
         "target_tolerance": args.tolerance / 100,

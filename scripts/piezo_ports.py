@@ -7,7 +7,7 @@ one, and an amplifier's input resistance makes it a high-pass.
 from dataclasses import replace
 
 import numpy as np
-from _common import parser, plot_bode_pair, write_summary
+from _common import parser, plot_bode_pair, pole_and_zero_of, write_summary
 
 from models.apa300ml import PORTS, STACK, reduced_apa300ml
 from models.bench import make_bench
@@ -47,10 +47,7 @@ def main() -> None:
         frf = frequency_response(model, frequency, label=name)
         # The mean of a slow sine is not quite static where a resistance drains the charge.
         static = np.abs(frequency_response(model, np.array([1e-6])).values[:, 0, 0])
-        voltage, motion = np.abs(frf.values[:, 0])
-        pole = frequency[np.argmax(motion)]
-        between = (frequency > 10.0) & (frequency < pole)
-        zero = frequency[between][np.argmin(voltage[between])]
+        pole, zero = pole_and_zero_of(model)
         error = truncation_error(scene, frequency[(frequency > 10) & (frequency < 500)]).max()
         shown = "        -" if "shorted" in name else f"{zero:9.2f}"
         gains = f"{static[0]:8.4f} V/V {1e6 * static[1]:7.2f} um/V"

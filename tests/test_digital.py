@@ -23,6 +23,8 @@ from nassim import (
 )
 from nassim.control import Controller
 from nassim.digital import start_controller
+from nassim.feedback import linearize_closed
+from nassim.modal import decay_poles
 from nassim.simulation import exudyn_eigenfrequencies
 
 STEP = 1e-4
@@ -49,14 +51,19 @@ def with_iff(gain=-20.0, apa=None, fidelity="linear", **options):
 def test_controller_computes_delays_and_saturates():
     loop = Loop("p", replace(GAIN, delay=2, limit=5.0), "y", "u", input_step=0.5, output_step=2.0)
     step = start_controller(loop)
-    put_out = [float(step(np.array([y]))[0]) for y in (1.2, 0.1, -9.0, 0.0, 0.0)]
+    put_out = [float(step(np.array([y]))[0][0]) for y in (1.2, 0.1, -9.0, 0.0, 0.0)]
     # Read as 1.0, 0.0, -9.0; times 2, limited to 5, rounded to even numbers, two samples late.
     assert put_out == [0.0, 0.0, 2.0, 0.0, -4.0]
 
 
+def test_converters_stay_within_their_range():
+    step = start_controller(Loop("p", replace(GAIN, limit=11.0), "y", "u", output_step=4.0))
+    assert [float(step(np.array([y]))[0][0]) for y in (50.0, -50.0, 4.6)] == [8.0, -8.0, 8.0]
+
+
 def test_integrator_state():
     step = start_controller(Loop("i", integrator(3.0, delay=0), "y", "u"))
-    total = [float(step(np.array([1.0]))[0]) for _ in range(5)]
+    total = [float(step(np.array([1.0]))[0][0]) for _ in range(5)]
     assert np.allclose(total, 3.0 * STEP * (np.arange(5) + 0.5))
 
 
@@ -88,8 +95,26 @@ def test_fidelities_agree_in_closed_loop(apa):
 def test_command_is_what_the_controller_makes_of_the_record(apa):
     record = simulate(with_iff(apa=apa), pulse(), time_step=STEP, method="exact", progress=False)
     step = start_controller(with_iff(apa=apa).loops[0])
-    again = [float(step(np.array([y]))[0]) for y in record["sensor_voltage"]]
+    again = [float(step(np.array([y]))[0][0]) for y in record["sensor_voltage"]]
     assert np.allclose(record["iff"], again, atol=1e-15)
+
+
+@pytest.mark.parametrize(("steps", "tolerance"), [(1, 0.05), (4, 0.01)])
+def test_the_implicit_rule_adds_no_delay_to_a_held_command(steps, tolerance):
+    """A mass whose loop takes damping away by its delay: half a step more would be half a sample more at one step."""
+    rate = 2000.0
+    controller = Controller(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[-((2 * np.pi * 30.0) ** 2)]], rate)
+    spring = SpringDamper("spring", "ground.top", "mass.centre", "z", 4e4, 300.0)
+    scene = replace(oscillator(), springs=(spring,), damping_ratio=0.0)
+    scene = replace(scene, loops=(Loop("p", controller, "position", "force"),))
+    time = np.arange(round(0.4 * rate * steps) + 1) / (rate * steps)
+    push = np.exp(-(((time - 0.01) / 0.003) ** 2))
+    both = TimeHistory(time, np.vstack([push, 0 * push]), ("force", "acceleration"), ("N", "m/s2"))
+    record = simulate(scene, both, time_step=time[1], progress=False).after(0.03)
+    found = decay_poles(record.values[2:3, ::steps], 1 / rate, n_poles=4)
+    expected = linearize_closed(scene).poles()
+    expected = expected[(expected.imag > 0) & (np.abs(expected) < 1e3)][0]
+    assert np.abs(found - expected).min() < tolerance * abs(expected.real)
 
 
 def test_held_between_samples(apa):
@@ -102,7 +127,9 @@ def test_held_between_samples(apa):
 
 @pytest.mark.parametrize("method", ["exact", "generalized_alpha"])
 def test_unstable_loop_stops_and_says_what_grows(apa, method):
-    text = r"unstable: at t = 0\.\d+ s 'sensor_voltage' has grown to .* V and body 'apa' .*sign, gain and delay of loop"
+    text = (
+        r"runs away: at t = 0\.\d+ s 'sensor_voltage' has grown to .* V and body 'apa' .*sign, gain and delay of loop"
+    )
     with pytest.raises(RuntimeError, match=text):
         simulate(with_iff(+40.0, apa), pulse(duration=0.8), time_step=STEP, method=method, progress=False)
 
@@ -244,6 +271,20 @@ def test_bad_loops(apa):
         replace(GAIN, limit=0.0)
 
 
+def test_damping_that_a_floating_frame_cannot_realise_is_told():
+    scene = replace(oscillator(), damping_ratio=0.05)
+    quiet = TimeHistory([0.0, 1e-3], np.zeros((2, 2)), ("force", "acceleration"), ("N", "m/s2"))
+    with pytest.warns(UserWarning, match=r"the modes at 61\.64 Hz, in which springs rather than bodies deform, lose"):
+        simulate(scene, quiet, time_step=STEP, progress=False)
+
+
+def test_signals_need_names_of_their_own(apa):
+    bench = make_bench(apa=apa, fidelity="linear")
+    for name in ("encoder", "actuator_voltage"):
+        with pytest.raises(ValueError, match="must differ; used more than once"):
+            replace(bench, loops=(Loop(name, GAIN, "encoder", "actuator_voltage"),))
+
+
 def test_bad_parts(apa):
     bench = make_bench(apa=apa, fidelity="linear")
     with pytest.raises(ValueError, match=r"'apa\.top' must be a point of a rigid body"):
@@ -252,6 +293,18 @@ def test_bad_parts(apa):
         replace(bench, actuators=(*bench.actuators, PointForce("push", "payload.bottom", "z", "actuator_voltage")))
     with pytest.raises(ValueError, match="unknown axis 'w'"):
         GroundAcceleration("quake", "w", "a")
+    with pytest.raises(ValueError, match="belongs to a fixed body"):
+        replace(bench, actuators=(PointForce("push", "base.top", "z", "force"),))
+    with pytest.raises(ValueError, match=r"connects 'a\.b' with itself"):
+        SpringDamper("d", "a.b", "a.b", "z", damping=1.0)
+    with pytest.raises(ValueError, match="neither stiffness nor damping"):
+        SpringDamper("d", "a.b", "c.d", "z")
+    with pytest.raises(ValueError, match=r"connects 'a\.b' with itself"):
+        Encoder("e", "a.b", "a.b")
+    with pytest.raises(ValueError, match="resistance loads the sensor's electrical port"):
+        make_bench(apa=apa, resistance=1e4)
+    with pytest.raises(ValueError, match='hold_order=0 needs "exact"'):
+        simulate(bench, pulse(), time_step=STEP, hold_order=0, progress=False)
     with pytest.raises(ValueError, match="damping must not be negative"):
         SpringDamper("d", "a.b", "c.d", "z", damping=-1.0)
     with pytest.raises(ValueError, match="bandwidth must be positive"):

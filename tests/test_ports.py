@@ -244,6 +244,11 @@ def test_exudyn_finds_the_open_circuit_frequencies(apa_with_ports):
         assert np.allclose(exudyn_eigenfrequencies(bench, n_modes=4), expected[:4], rtol=1e-6)
 
 
+def test_exudyn_takes_a_leaking_port_as_one_that_keeps_its_charge(apa_with_ports):
+    scenes = [make_bench(apa=apa_with_ports, fidelity="linear", ports=True, resistance=r) for r in (np.inf, 1e4)]
+    assert np.allclose(*(exudyn_eigenfrequencies(scene, n_modes=5) for scene in scenes), rtol=1e-9)
+
+
 def test_fewer_coordinates_keep_the_static_answer(reduced):
     conditions = {"points": ["bottom", "top"], "loads": np.zeros((len(reduced.mass_matrix), 0))}
     for fewer in (keep_modes(reduced, 2), trim_body(reduced, cutoff_frequency=1e3, **conditions)):
@@ -310,10 +315,18 @@ def test_bad_ports():
             replace(bar, ports=ports)
     with pytest.raises(ValueError, match="1000 mm3, its stack 2000 mm3"):
         build_fe_model(replace(make_bar(length=10e-3), ports=(port,)), element_size=5e-3, progress=False)
+    with pytest.raises(ValueError, match=r"10 mm long along the port's direction, its stack 20 mm"):
+        build_fe_model(replace(bar, ports=(replace(port, direction=(0, 1, 0)),)), element_size=5e-3, progress=False)
     with pytest.raises(ValueError, match="direction must not be zero"):
         replace(port, direction=(0.0, 0.0, 0.0))
     with pytest.raises(ValueError, match="names no body"):
         replace(port, bodies=())
+
+
+def test_a_port_is_kept_once(coarse):
+    with pytest.raises(ValueError, match="electrical port names must differ"):
+        craig_bampton(coarse, ports=["sensor", "sensor"], progress=False)
+    assert not craig_bampton(coarse, ports=[], progress=False).ports
 
 
 def test_bad_use_in_scenes(apa, apa_with_ports):

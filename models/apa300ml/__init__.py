@@ -76,16 +76,16 @@ PAPER_FREQUENCY_FE = 95.9
 
 @dataclass(frozen=True)
 class APAGeometry:
-    """Dimensions that one may want to vary [m]; the defaults are the measured ones.
+    """Dimensions that one may want to vary [m]; the defaults are the measured ones, or those of the calibration.
 
     arm_thickness: thickness of the arms; pad_fillet: fillet where an arm meets its pad
     relief: how far the slot between arm and end block runs beyond the stack's end (see the module's docstring)
     depth: extent of the frame in y; hole_diameter: hole through the pads
     """
 
-    arm_thickness: float = 1.40e-3
-    pad_fillet: float = 0.70e-3
-    relief: float = 3.5e-3
+    arm_thickness: float = _CALIBRATED.get("arm_thickness", 1.40e-3)
+    pad_fillet: float = _CALIBRATED.get("pad_fillet", 0.70e-3)
+    relief: float = _CALIBRATED.get("relief", 3.5e-3)
     depth: float = 20e-3
     hole_diameter: float = 4.2e-3
 
@@ -189,6 +189,10 @@ def reduced_apa300ml(
         (element_size, order, n_modes),
         dict(mesh),
         source_fingerprint(
+            "nassim.interface",
+            "nassim.materials",
+            "nassim.modal",
+            "nassim.piezo",
             "nassim.geometry",
             "nassim.meshing",
             "nassim.fem",
