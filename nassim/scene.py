@@ -168,7 +168,7 @@ class Scene:
         return replace(body, reduced=trimmed, frame=self.frame_point(body))
 
     def summary(self) -> str:
-        """What is modelled of each body, with how many coordinates, and what is left out and why, as text."""
+        """What is modelled of each body, with how many coordinates, what is left out and why; the wiring; as text."""
         lines = [f"scene {self.name!r}: inputs {', '.join(self.inputs) or 'none'}; outputs {', '.join(self.outputs)}"]
         for body, trimmed in zip(self.bodies, self.trimmed().bodies, strict=True):
             if isinstance(body, RigidBody):
@@ -178,7 +178,22 @@ class Scene:
             else:
                 assert isinstance(trimmed, FlexibleBody)
                 lines.extend(self._describe(body, trimmed.reduced))
+                lines.extend(f"    port {port.name}: {self._wiring(body, port.name)}" for port in body.reduced.ports)
+        for loop in self.loops:
+            c = loop.controller
+            lines.append(
+                f"  loop {loop.name}: {', '.join(loop.measured)} to {', '.join(loop.driven)} at {c.sample_rate:g} Hz, "
+                f"{c.delay} sample(s) of delay"
+            )
         return "\n".join(lines)
+
+    def _wiring(self, body: FlexibleBody, port: str) -> str:
+        for part in self.port_parts:
+            if part.port == f"{body.name}.{port}":
+                if isinstance(part, VoltageDrive):
+                    return f"driven by {part.input}"
+                return "measured, " + ("open" if np.isinf(part.resistance) else f"{part.resistance:g} Ohm")
+        return "short-circuited"
 
     def _describe(self, body: FlexibleBody, trimmed: ReducedBody) -> list[str]:
         n, points, p = len(trimmed.mass_matrix), trimmed.point_names, trimmed.n_modes
