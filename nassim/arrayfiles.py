@@ -157,7 +157,7 @@ def _level_5(data: bytes, order: str) -> Iterator[tuple[str, Array]]:
     if kind == _SPARSE_CLASS:
         yield name, _sparse(name, shape, [_numbers(part, order) for part in parts[3:6]])
         return
-    flat = _numbers(parts[3], order)
+    flat = _characters(parts[3], order) if kind == _TEXT_CLASS else _numbers(parts[3], order)
     if math.prod(shape) != flat.size:
         raise ValueError(f"variable {name!r} says it has shape {shape}, which is not the length of its data")
     values = flat.reshape(shape, order="F")
@@ -166,6 +166,14 @@ def _level_5(data: bytes, order: str) -> Iterator[tuple[str, Array]]:
         yield name, np.array(["".join(chr(code) for code in row).rstrip() for row in rows])
     else:
         yield name, _plain(values)
+
+
+def _characters(element: _Element, order: str) -> Array:
+    """Codes of text, which is stored as numbers, or as UTF-8 or UTF-16."""
+    codecs = {16: "utf-8", 17: "utf-16-le" if order == "<" else "utf-16-be"}
+    if element.kind not in codecs:
+        return _numbers(element, order)
+    return np.array([ord(letter) for letter in element.data.decode(codecs[element.kind])], dtype=float)
 
 
 def _sparse(name: str, shape: tuple[int, ...], parts: list[Array]) -> Array:

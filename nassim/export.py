@@ -6,15 +6,12 @@ import numpy as np
 import scipy.io
 from numpy.typing import ArrayLike
 
-from nassim.body import ReducedBody
+from nassim.body import RIGID, ReducedBody
 from nassim.checks import Array, known
 from nassim.interface import coordinate_names
 from nassim.linear import LinearModel
 from nassim.modal import eigenmodes, modal_damping_matrix
 from nassim.storage import written_whole
-
-RIGID = 1e-6
-"""Frequencies below this share of a body's highest are rigid motions; they stay undamped."""
 
 
 def export_body(body: ReducedBody, path: str | Path, *, damping_ratio: ArrayLike = 0.0) -> Path:
@@ -25,6 +22,7 @@ def export_body(body: ReducedBody, path: str | Path, *, damping_ratio: ArrayLike
     beside them names, of the interfaces.
     damping_ratio: of each free elastic mode [-], one number or one per mode from the lowest
 
+    Electrical ports, passive points and inertia integrals beyond K and M have no place there and are left out.
     Source: MathWorks, Simscape Multibody, Reduced Order Flexible Solid. Raises ValueError for another ending.
     """
     variables = {
@@ -83,6 +81,8 @@ def _ratios(frequency: Array, damping_ratio: ArrayLike) -> Array:
     """Damping ratio of each mode: of elastic ones as given (the last for all that follow), of rigid ones none."""
     elastic = np.flatnonzero(frequency > RIGID * frequency[-1])
     given = np.atleast_1d(np.asarray(damping_ratio, dtype=float))
+    if not np.all(given >= 0):
+        raise ValueError(f"damping ratios must not be negative or NaN, got {given}")
     result = np.zeros(len(frequency))
     result[elastic] = given[np.minimum(np.arange(len(elastic)), len(given) - 1)]
     return result

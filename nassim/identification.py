@@ -1,15 +1,15 @@
 """Modes identified from measurements: poles, damping ratios and gains with their uncertainty."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.ndimage
 from threadpoolctl import threadpool_limits
 
-from nassim.checks import Array, finite_array, freeze, frozen_mapping, positive, unique
+from nassim.checks import Array, finite, finite_array, freeze, frozen_mapping, known, positive, unique
 from nassim.frf import FRF
-from nassim.pole_fit import DAMPING_RANGE, Lines, Solution, fit_poles, strongest_pole
+from nassim.pole_fit import DAMPING_RANGE, Lines, Solution, fit_poles, strongest_pole, twins
 from nassim.signals import TimeHistory
 
 MOST_MODES = 12
@@ -125,19 +125,24 @@ def identify_modes(
     band: tuple[float, float],
     n_modes: int | None = None,
     hold_order: int | None = None,
+    delay: float = 0.0,
     sample_rate: float | None = None,
     residual_powers: Sequence[int] = (0, 1, 2, 3),
 ) -> ModalFit:
     """Identify the modes that show in one input's responses, with their standard deviations.
 
-    measured: a record of input and outputs sampled together, or an FRF. A record is better: its transient is part of
-        the model, so nothing leaks, whereas a windowed estimate of an FRF broadens its resonances, which makes damping
+    measured: a record of input and outputs sampled together, or an FRF, of displacements, forces or voltages, not of
+        velocities or accelerations, whose modes have other numerators. A record is better: its transient is part of the
+        model, so nothing leaks, whereas a windowed estimate of an FRF broadens its resonances, which makes damping
         ratios too large by some two per cent where the half-power width 2 zeta f spans two to four lines
     input, outputs: names; band: lowest and highest frequency that is fitted [Hz]
-    n_modes: how many resonances the band has; None adds modes as long as Bayes' information criterion approves
+    n_modes: how many resonances the band has; None adds modes as long as Bayes' information criterion approves, but no
+        two that overlap and look alike: these are one resonance that the model misses (a hold, a delay, another input)
     hold_order: of the input between its samples: 0 for a DAC that keeps each value until the next, 1 for straight
         lines, None for an input without content above half the sample rate. Overlooked it lowers gains by the share
         0.6 x^2 (order 0) or x^2 / 3 (order 1) with x = pi f / sample rate, and frequencies by x zeta (order 0)
+    delay: of the outputs behind the input beyond the hold, such as converters' latency [s]; one sample of 0.1 ms that
+        is overlooked costs some tenths of a per cent of damping ratios and gains
     sample_rate: of the signals that an FRF was estimated from [Hz], needed for its hold_order only
     residual_powers: p of the terms (i w)^p for modes outside the band: 0 and 2 for those above it, 1 and 3 for what
         their damping and a hold add, -2 for modes below it
@@ -163,7 +168,12 @@ def identify_modes(
     else:
         if sample_rate is not None:
             raise ValueError("a record states its own sample rate: sample_rate is for FRFs")
+        for name in names:
+            unit = measured.units[measured.names.index(known("signal", name, measured.names))]
+            if unit.endswith(("/s", "/s2")):
+                raise ValueError(f"output {name!r} is a rate [{unit}]; modes are fitted to motions: integrate it first")
         lines, shape = _lines_of_record(measured, input, names, band, hold_order, powers), None
+    lines = replace(lines, excitation=lines.excitation * np.exp(-1j * finite("delay", delay) * lines.omega))
     _enough(lines, n_modes or 1)
     # The matrices are tall and narrow: more threads only wait for each other.
     with threadpool_limits(limits=1, user_api="blas"):
@@ -172,6 +182,7 @@ def identify_modes(
         "data": "frequency response" if isinstance(measured, FRF) else "time record with its transient",
         "band": f"{band[0]:g} ... {band[1]:g} Hz, {len(lines.omega)} lines",
         "hold_order": str(hold_order),
+        "delay": f"{delay:g} s",
         "n_modes": "chosen by BIC" if n_modes is None else "given",
         "noise": "smooth over frequency, from the residual" if shape is None else "shape from the coherence",
     }
@@ -260,7 +271,7 @@ def _search(
         try:
             _enough(lines, len(start))
             candidate = _refined(lines, start, np.sqrt(2) / best.weights, shape)
-            problem = _problem(lines, candidate, 0.5 if n_modes else 0.25)
+            problem = _problem(lines, candidate, 0.5 if n_modes else 0.25) or ("" if n_modes else twins(candidate))
         except (ValueError, np.linalg.LinAlgError) as error:
             problem = str(error)
         if n_modes is None and (problem or _bic(lines, candidate) >= criterion[-1]):

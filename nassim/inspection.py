@@ -199,6 +199,8 @@ def _row_order(n: _Numbers) -> Finding:
     guess = guess_order(n.body)
     if guess is None:
         text = f"misfit of rigid motions {misfit:.2g}, and no other order of rows fits better: errors in the numbers"
+        if n.body.units[:2] != "m-":
+            text += '; or another order, found only when the file is read in units "m-..."'
         return Finding("row order", "warning", text, {"misfit": misfit})
     text = f"wrong (misfit {misfit:.2g}); the rows fit when read as: {guess.text} (misfit {guess.misfit:.1e})"
     if guess.alternatives:

@@ -54,8 +54,15 @@ def read_record(path: str | Path, *, names: Sequence[str] | None = None) -> Time
 
 
 def write_record(history: TimeHistory, path: str | Path) -> Path:
-    """Write a record as CSV that `read_record` reads, to 12 digits; the file appears whole or not at all."""
+    """Write a record as CSV that `read_record` reads, to 12 digits; the file appears whole or not at all.
+
+    Raises ValueError for units and names that could not be read back.
+    """
     units = [unit or "-" for unit in history.units]
+    for name, unit in zip(history.names, units, strict=True):
+        to_si(unit)
+        if set(name) & set(",[]"):
+            raise ValueError(f"signal {name!r} cannot be a column's name: no commas or brackets")
     header = ["time [s]", *(f"{name} [{unit}]" for name, unit in zip(history.names, units, strict=True))]
     with written_whole(path) as temporary:
         table = np.vstack([history.time, history.values]).T
@@ -240,8 +247,19 @@ def _record_of_curves(path: Path, curves: Sequence[Curve]) -> TimeHistory:
 
 
 def _frf_of_curves(path: Path, curves: Sequence[Curve], label: str) -> FRF:
-    responses = {(curve.output, curve.input): curve for curve in curves if curve.kind == "frf"}
-    coherences = {curve.output: curve for curve in curves if curve.kind == "coherence"}
+    responses: dict[tuple[str, str], Curve] = {}
+    coherences: dict[str, Curve] = {}
+    for curve in curves:
+        earlier = responses.get((curve.output, curve.input)) if curve.kind == "frf" else coherences.get(curve.output)
+        if curve.kind in ("frf", "coherence") and earlier is not None:
+            raise ValueError(
+                f"{path}, data set {curve.number}: {curve.output!r} is there already, in data set {earlier.number}; "
+                "give each point an axis label of its own"
+            )
+        if curve.kind == "frf":
+            responses[curve.output, curve.input] = curve
+        elif curve.kind == "coherence":
+            coherences[curve.output] = curve
     if not responses:
         raise ValueError(f"{path}: no data set 58 is a frequency response function")
     first = next(iter(responses.values()))

@@ -12,6 +12,7 @@ Source: R. Pintelon, J. Schoukens, System Identification: A Frequency Domain App
 G. Golub, V. Pereyra, Inverse Problems 19 (2003) R1 (variable projection; here with Kaufman's Jacobian).
 """
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,13 +20,16 @@ import scipy.linalg
 import scipy.optimize
 
 from nassim.checks import Array
-from nassim.modal import held_pole
+from nassim.modal import held_pole, mac
 
 DAMPING_RANGE = (1e-5, 0.5)
 """Damping ratios between which a pole counts as a resonance."""
 TRANSIENT_ORDER = 3
 STEP = 1e-4
 """Step of the derivatives by a pole, relative to its half-width."""
+
+LOOKS_ALIKE = 0.99
+"""Modal assurance criterion of two modes' gains above which they look alike."""
 
 
 @dataclass(frozen=True)
@@ -254,3 +258,15 @@ def _poles(x: Array) -> Array:
 def _real(values: Array) -> Array:
     """Real above imaginary parts."""
     return np.concatenate([values.real, values.imag])
+
+
+def twins(solution: Solution) -> str:
+    """Whether two modes overlap and look alike, one resonance that the model misses; why, or nothing."""
+    n = len(solution.poles)
+    gains = solution.values[:, :n]
+    alike = mac(gains, gains)
+    for a, b in itertools.combinations(range(n), 2):
+        (f_a, ratio_a), (f_b, ratio_b) = solution.poles[a], solution.poles[b]
+        if alike[a, b] > LOOKS_ALIKE and abs(f_a - f_b) < ratio_a * f_a + ratio_b * f_b:
+            return f"modes at {f_a:.4g} and {f_b:.4g} Hz overlap and look alike; check hold_order and delay"
+    return ""

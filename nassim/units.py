@@ -7,7 +7,7 @@ UNITS = {
         for base in ("m", "s", "Hz", "N", "V", "A", "C", "rad")
         for prefix, f in PREFIXES.items()
     },
-    **{"kg": (1.0, "kg"), "g": (1e-3, "kg"), "-": (1.0, "-"), "1": (1.0, "-")},
+    **{"kg": (1.0, "kg"), "-": (1.0, "-"), "1": (1.0, "-")},
 }
 """Factor to SI and SI unit of every known unit."""
 
@@ -21,6 +21,8 @@ def to_si(unit: str) -> tuple[float, str]:
     for place, part in enumerate(unit.replace("µ", "u").replace("μ", "u").replace("²", "2").split("/")):
         name = part.strip().replace("^", "")
         name, power = (name[:-1], 2) if name.endswith("2") else (name, 1)
+        if name == "g":
+            raise ValueError(f"unit {unit!r}: g may be gram or gravity; write kg or m/s2")
         if name not in UNITS:
             raise ValueError(f"unknown unit {unit!r}; known: {', '.join(UNITS)}, and quotients of these")
         one, base = UNITS[name]

@@ -90,10 +90,7 @@ def modal_gains(assembly: Assembly) -> Array:
     compliance = np.zeros(len(omega))
     flexible = assembly.frequency > RIGID * assembly.frequency.max(initial=0.0)
     compliance[flexible] = 1 / omega[flexible] ** 2
-    forces = assembly.input_matrix.copy()
-    for amplifier in assembly.amplifiers:
-        forces[:, amplifier.input] += amplifier.forces
-    readings, drives = assembly.output_matrix @ modes, forces.T @ modes
+    readings, drives = assembly.output_matrix @ modes, assembly.input_matrix.T @ modes
     return np.einsum("or,ir,r->oir", readings, drives, compliance)
 
 
@@ -114,8 +111,11 @@ def apply_identification(
 
     Static response here is the sum of all modal gains in the band, unmodelled resonances included: masses, also such
     that nobody modelled, move frequencies and share it out among the modes, but do not change it. Masses and
-    stiffnesses of the scene stay as they are. Raises ValueError for unknown names, when no mode matches, and when a
-    match is not unique: two modes of the scene that the outputs see near one identified, or two identified near one.
+    stiffnesses of the scene stay as they are.
+
+    Raises ValueError for unknown names, for scenes with damping that is not modal (dampers, resistances, bandwidths,
+    loops), when no mode matches, and when a match is not unique: two modes of the scene that the outputs see near one
+    identified, or two identified near one.
     """
     positive("distance", distance)
     known("input", fit.input, scene.inputs)
@@ -123,6 +123,11 @@ def apply_identification(
         known("output", output, scene.outputs)
     known("trusted output", trusted, fit.outputs)
     assembly = assemble(scene)
+    if not assembly.falls_into_modes or scene.loops:
+        raise ValueError(
+            "damping ratios are written into a scene whose damping is all modal: take out dampers, resistances at "
+            "ports, amplifiers' bandwidths and loops, which damp beside them"
+        )
     rows = [scene.outputs.index(output) for output in fit.outputs]
     gains = modal_gains(assembly)[rows, scene.inputs.index(fit.input)]
     visible = np.abs(gains) > VISIBLE * np.abs(gains).max(axis=1, keepdims=True)
@@ -186,13 +191,14 @@ def _scale(scene: Scene, fit: ModalFit, static: Array, trusted: str) -> tuple[Sc
     summing = np.kron(np.eye(n_outputs), np.ones(n_modes)) / identified[:, None]
     covariance = summing @ fit.covariance[2 * n_modes :, 2 * n_modes :] @ summing.T
     actuator = float(ratio[base]), float(np.sqrt(covariance[base, base]))
-    factors = {part.name: actuator for part in scene.actuators if part.input == fit.input}
+    drives = {part.name: actuator for part in scene.actuators if part.input == fit.input}
+    factors = {}
     for row, output in enumerate(fit.outputs):
         if row != base and type(scene.sensors[scene.outputs.index(output)]) in FACTORS:
             variance = covariance[row, row] + covariance[base, base] - 2 * covariance[row, base]
             factors[output] = float(ratio[row] / ratio[base]), float(np.sqrt(variance))
     changes: list[Change] = []
-    actuators = tuple(_scaled(part, factors, changes) for part in scene.actuators)
+    actuators = tuple(_scaled(part, drives, changes) for part in scene.actuators)
     sensors = tuple(_scaled(part, factors, changes) for part in scene.sensors)
     return replace(scene, actuators=actuators, sensors=sensors), changes
 

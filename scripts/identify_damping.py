@@ -35,6 +35,8 @@ arguments.add_argument("--noise", type=float, default=0.05, help="of the blind d
 
 def main() -> None:
     args = arguments.parse_args()
+    if args.record is None and set(args.outputs) != set(UNITS):
+        arguments.error("the blind demonstration has its own outputs; give a RECORD to choose others")
     path = args.record or make_blind_record(args.output, seed=args.seed, noise=args.noise, duration=16.0)
     measured = read_measurement(path)
     hold = 0 if isinstance(measured, TimeHistory) and args.input_hold == "dac" else None
@@ -79,8 +81,9 @@ def compare(fit: ModalFit, report: UpdateReport, truth: dict[str, float]) -> dic
     for k in range(min(2, len(fit.frequency))):
         rows[f"frequency_{k + 1}_Hz"] = fit.frequency[k], fit.frequency_std[k]
         rows[f"damping_ratio_{k + 1}"] = fit.damping_ratio[k], fit.damping_ratio_std[k]
-        rows[f"sensor_voltage_gain_{k + 1}_V_per_V"] = fit.gains[0, k], fit.gains_std[0, k]
-        rows[f"encoder_gain_{k + 1}_m_per_V"] = fit.gains[1, k], fit.gains_std[1, k]
+        for name, unit in (("sensor_voltage", "V_per_V"), ("encoder", "m_per_V")):
+            row = fit.outputs.index(name)
+            rows[f"{name}_gain_{k + 1}_{unit}"] = fit.gains[row, k], fit.gains_std[row, k]
     for change in report.changes[-2:]:  # one actuator, one sensor besides the encoder
         kind = change.parameter.partition("_")[0]
         rows[f"{kind}_factor"] = change.after / change.before, change.std / abs(change.before)

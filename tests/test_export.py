@@ -1,5 +1,7 @@
 """Export: exact round trips, the layout that others expect, state spaces."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.io
@@ -86,3 +88,15 @@ def test_a_body_goes_to_python_control(body):
 def test_other_endings_are_refused(body, tmp_path):
     with pytest.raises(ValueError, match="unknown file ending"):
         export_body(body, tmp_path / "body.csv")
+
+
+def test_names_beyond_ascii_survive(body, tmp_path):
+    named = replace(body, remote_points=tuple(replace(p, name=f"{p.name} µ-Spitze_ü") for p in body.remote_points))
+    for ending in ("mat", "npz"):
+        assert read_superelement(export_body(named, tmp_path / f"n.{ending}")).names == named.point_names
+
+
+def test_negative_damping_is_refused(body, tmp_path):
+    for use in (lambda: body_state_space(body, damping_ratio=-0.1), lambda: body_damping(body, -0.1)):
+        with pytest.raises(ValueError, match="must not be negative"):
+            use()

@@ -35,7 +35,6 @@ def written(tmp_path, text, name="file.csv"):
         ("mm/s^2", 1e-3, "m/s2"),
         ("m/ms2", 1e6, "m/s2"),
         ("mrad", 1e-3, "rad"),
-        ("g", 1e-3, "kg"),
         ("-", 1.0, "-"),
     ],
 )
@@ -280,6 +279,15 @@ def test_faults_of_uff_files(tmp_path, sets, message):
     assert "file.uff" in str(fault.value)
 
 
+@pytest.mark.parametrize("func_type", [4, 6])
+def test_points_of_one_label_do_not_overwrite_each_other(tmp_path, func_type):
+    frequency = 10.0 + np.arange(20.0)
+    twice = [data_set(frequency, np.full(20, value), func_type, rsp_node=int(value)) for value in (1.0, 2.0)]
+    sets = [data_set(frequency, np.ones(20), 4, ordinate_axis_lab="other"), *twice]
+    with pytest.raises(ValueError, match="data set 3: 'encoder' is there already, in data set 2"):
+        read_frf(write_uff(tmp_path / "frf.uff", sets))
+
+
 def test_missing_and_damaged_uff_files(tmp_path):
     with pytest.raises(FileNotFoundError):
         read_record(tmp_path / "none.uff")
@@ -306,3 +314,16 @@ def test_without_pyuff_the_message_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(RuntimeError, match=r'pip install "nassim\[uff\]"'):
         read_record(tmp_path / "file.uff")
+
+
+def test_g_is_ambiguous():
+    with pytest.raises(ValueError, match="gram or gravity"):
+        to_si("g")
+
+
+@pytest.mark.parametrize(("name", "unit"), [("a, b", "V"), ("u", "N m")])
+def test_records_that_could_not_be_read_back_are_not_written(name, unit, tmp_path):
+    record = TimeHistory([0.0, 1.0], [[1.0, 2.0]], (name,), (unit,))
+    with pytest.raises(ValueError, match=r"cannot be a column's name|unknown unit"):
+        write_record(record, tmp_path / "r.csv")
+    assert not list(tmp_path.iterdir())
