@@ -7,7 +7,7 @@ one, and an amplifier's input resistance makes it a high-pass.
 from dataclasses import replace
 
 import numpy as np
-from _common import parser, plot_bode_pair, pole_and_zero_of, write_summary
+from _common import parser, plot_bode_pair, pole_and_zero_of, positive, run, write_summary
 
 from models.apa300ml import PORTS, STACK, reduced_apa300ml
 from models.bench import make_bench
@@ -18,8 +18,8 @@ SHEET_CAPACITANCE = 4.4e-6
 """Of one stack by its own data sheet [F]; the actuator's sheet means 6.7e-6."""
 
 arguments = parser(__doc__, "piezo_ports")
-arguments.add_argument("--payload-mass", type=float, default=5.0, help="mass on top [kg] (default: 5)")
-arguments.add_argument("--resistance", type=float, default=1e4, help="of the loaded sensor [Ohm] (default: 1e4)")
+arguments.add_argument("--payload-mass", type=positive, default=5.0, help="mass on top [kg] (default: 5)")
+arguments.add_argument("--resistance", type=positive, default=1e4, help="of the loaded sensor [Ohm] (default: 1e4)")
 arguments.add_argument("--coarse", action="store_true", help="tetrahedra of 8 mm, for a quick look")
 
 
@@ -41,7 +41,17 @@ def main() -> None:
     print(f"stack: {STACK.consistency()}\n".replace("\n", "\n  "))
     print(f"{'':34}static gains           pole       zero       truncation, 10-500 Hz")
     frequency = np.geomspace(0.5, 900.0, 6000)
-    frfs, summary = [], {}
+    frfs = []
+    summary = {
+        "payload_mass_kg": args.payload_mass,
+        "resistance_Ohm": args.resistance,
+        "stack_stiffness_N_per_m": STACK.stiffness,
+        "stack_blocked_force_over_free_stroke_N_per_m": STACK.blocked_force / STACK.free_stroke,
+        "stack_young_modulus_Pa": STACK.young_modulus,
+        "stack_strain": STACK.free_stroke / STACK.length,
+        "stack_blocked_stress_Pa": STACK.blocked_force / STACK.area,
+        "stack_coupling_factor": STACK.coupling_factor,
+    }
     for name, scene in scenes.items():
         model = linearize(scene)
         frf = frequency_response(model, frequency, label=name)
@@ -67,4 +77,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

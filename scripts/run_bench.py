@@ -7,7 +7,16 @@ record, and compares them with the linear model, with the full FE model and with
 import time
 
 import numpy as np
-from _common import compare_frf, parser, plot_bode_pair, pole_and_zero, write_summary
+from _common import (
+    compare_frf,
+    fraction,
+    parser,
+    plot_bode_pair,
+    pole_and_zero,
+    positive,
+    run,
+    write_summary,
+)
 
 from models.apa300ml import PAPER_FREQUENCY_FE, PAPER_FREQUENCY_FORMULA, PRISMS, make_apa300ml, reduced_apa300ml
 from models.bench import BENCH_CONDITIONS, bench_forces_and_readings, make_bench
@@ -17,17 +26,21 @@ from nassim.plotting import plot_time_history, save_figure
 from nassim.signals import band_limited_noise
 
 arguments = parser(__doc__, "run_bench")
-arguments.add_argument("--payload-mass", type=float, default=5.0, help="mass on top [kg] (default: 5)")
-arguments.add_argument("--damping-ratio", type=float, default=0.01, help="of every mode [-] (default: 0.01, assumed)")
-arguments.add_argument("--duration", type=float, default=16.0, help="of the record [s] (default: 16)")
-arguments.add_argument("--time-step", type=float, default=1e-4, help="of the integrator [s] (default: 1e-4)")
+arguments.add_argument("--payload-mass", type=positive, default=5.0, help="mass on top [kg] (default: 5)")
+arguments.add_argument(
+    "--damping-ratio", type=fraction, default=0.01, help="of every mode [-] (default: 0.01, assumed)"
+)
+arguments.add_argument("--duration", type=positive, default=16.0, help="of the record [s] (default: 16)")
+arguments.add_argument("--time-step", type=positive, default=1e-4, help="of the integrator [s] (default: 1e-4)")
 arguments.add_argument("--gravity", action="store_true", help="start in static equilibrium under gravity")
 arguments.add_argument("--no-full-model", action="store_true", help="leave out the full FE model (15 s)")
 
 
 def main() -> None:
     args = arguments.parse_args()
+    start = time.perf_counter()
     apa = reduced_apa300ml()
+    reduction = time.perf_counter() - start
     bench = make_bench(args.payload_mass, damping_ratio=args.damping_ratio, gravity=args.gravity, apa=apa)
     print(f"damping: {100 * args.damping_ratio:g} % of critical in every mode of the bench, an assumption")
 
@@ -58,8 +71,11 @@ def main() -> None:
     undamped = apa.eigenfrequencies(fixed=["bottom"], guided={"top": "z"}, masses={"top": args.payload_mass})[0]
     gains = np.abs(frequency_response(linear, np.array([1e-3])).values[:, 0, 0])
     summary = {
+        "reduction_or_loading_time_s": reduction,
         "simulated_time_s": args.duration,
         "wall_time_s": wall,
+        "us_per_step": 1e6 * wall / len(record.time),
+        "frequency_resolution_Hz": 1 / segment,
         "time_step_s": args.time_step,
         "damping_ratio": args.damping_ratio,
         "payload_mass_kg": args.payload_mass,
@@ -97,4 +113,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)
