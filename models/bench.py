@@ -25,7 +25,7 @@ from nassim.fullmodel import full_frequency_response
 AMPLIFIER_GAIN = 20.0
 """Stack voltage per DAC voltage [V/V]."""
 SENSOR_RESISTANCE = 80e3
-"""Across the sensor stack [Ohm]: a resistor beside the converter's input keeps its bias current from charging the stack.
+"""Across the sensor stack [Ohm]: a resistor beside the converter's input, which keeps bias currents from charging it.
 Of the size that benches of this actuator use, unverified; with the stack's capacitance a high-pass at 0.4 to 0.6 Hz."""
 GRAVITY = np.array([0.0, 0.0, -9.81])
 

@@ -1,9 +1,10 @@
 """The bench's figures from stresses in the stacks' volume: a second route that shares no reduction, point or port.
 
 The actuator stacks are given the free strain s of a voltage (an eigenstrain), the sensor stack is read by the stress
-averaged over its volume: without charge, its voltage V obeys  0 = integral of s : sigma + C V,  sigma = C : (eps - s V),
-with the unloaded stack's capacitance C. Mesh of tetrahedra, boundary conditions on the pads' faces (clamped below,
-guided above with the payload spread over the face), elasticity and loads are written out here.
+averaged over its volume: without charge, its voltage V obeys  0 = integral of s : sigma + C V,  where sigma is the
+stress of the strain beyond s V and C the unloaded stack's capacitance. Mesh of tetrahedra, boundary conditions on the
+pads' faces (clamped below, guided above with the payload spread over the face), elasticity and loads are written out
+here.
 """
 
 from dataclasses import dataclass
@@ -44,7 +45,7 @@ class StackFigures:
 
 
 def stack_figures(
-    *, payload_mass: float = 5.0, gain: float = 20.0, element_size: float = 4e-3, order: int = 3
+    *, payload_mass: float = 5.0, gain: float = 20.0, element_size: float = 5e-3, order: int = 3
 ) -> StackFigures:
     """The bench's figures by stresses in the stacks' volume.
 
@@ -102,7 +103,7 @@ def stack_figures(
     with ng.TaskManager():
         stiffness.Assemble()
         mass.Assemble()
-        basis, solved = _moments(stiffness.mat, mass.mat, space.FreeDofs(), loads)
+        basis = _moments(stiffness.mat, mass.mat, space.FreeDofs(), loads)
     k, m = (_projected(matrix, basis) for matrix in (stiffness.mat, mass.mat))
     drive, sensor, both, top_row, axial_stress = (
         basis.T @ r for r in (gain * drive, sensor, both, top_row, axial_stress)
@@ -132,10 +133,8 @@ def stack_figures(
     )
 
 
-def _moments(
-    stiffness: ng.BaseMatrix, mass: ng.BaseMatrix, free: ng.BitArray, loads: np.ndarray
-) -> tuple[np.ndarray, int]:
-    """Orthonormal basis of K^-1 f, K^-1 M K^-1 f, ... for the loads f (n, k), and the number of solves."""
+def _moments(stiffness: ng.BaseMatrix, mass: ng.BaseMatrix, free: ng.BitArray, loads: np.ndarray) -> np.ndarray:
+    """Orthonormal basis of K^-1 f, K^-1 M K^-1 f, ... for the loads f (n, k)."""
     inverse = stiffness.Inverse(free, inverse="sparsecholesky")
     source, answer = stiffness.CreateColVector(), stiffness.CreateColVector()
     vectors = []
@@ -147,7 +146,8 @@ def _moments(
             source.data = mass * answer
     scaled = np.stack(vectors, axis=1)
     left, size, _ = np.linalg.svd(scaled / np.linalg.norm(scaled, axis=0), full_matrices=False)
-    return left[:, size > 1e-9 * size[0]], len(vectors)
+    result: np.ndarray = left[:, size > 1e-9 * size[0]]
+    return result
 
 
 def _projected(matrix: ng.BaseMatrix, basis: np.ndarray) -> np.ndarray:
