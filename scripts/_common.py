@@ -105,12 +105,12 @@ def write_summary(folder: Path, summary: Mapping[str, Any]) -> None:
 
 
 def command_line(arguments: list[str]) -> str:
-    """The command that runs a script again from the repository's folder; where its results went is left out."""
+    """The command that makes the same figures from the repository's folder, wherever results go, with pictures."""
     script, *options = arguments
     kept = [
         option
         for before, option in zip(["", *options], options, strict=False)
-        if before != "--output" and option.partition("=")[0] != "--output"
+        if before != "--output" and option.partition("=")[0] not in ("--output", "--no-plot")
     ]
     return shlex.join(["python", f"scripts/{Path(script).name}", *kept])
 

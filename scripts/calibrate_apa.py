@@ -95,6 +95,7 @@ def main() -> None:
         print(f"written to {CALIBRATION}: the model's default from now on")
     differences = {name: 100 * (result.figures[name] / known - 1) for name, known in PUBLISHED.items()}
     further = {
+        "started_from": {parameter.name: parameter.start for parameter in chosen},
         "published": PUBLISHED,
         "differences_percent": differences,
         "moving_mass_kg": moving,

@@ -83,7 +83,7 @@ def main() -> None:
 
 
 def compare(fit: ModalFit, report: UpdateReport, truth: dict[str, float]) -> dict[str, dict[str, float]]:
-    """Print fitted against true parameters; returns the errors in percent and over the standard deviation."""
+    """Print fitted against true parameters; returns them and their errors in percent and in standard deviations."""
     rows = {}
     for k in range(min(2, len(fit.frequency))):
         rows[f"frequency_{k + 1}_Hz"] = fit.frequency[k], fit.frequency_std[k]
@@ -99,7 +99,8 @@ def compare(fit: ModalFit, report: UpdateReport, truth: dict[str, float]) -> dic
     scaled = {name: (value - truth[name]) / std for name, (value, std) in rows.items()}
     for name, (value, std) in rows.items():
         print(f"{name:<32}{value:>12.5g}{std:>10.1g}{truth[name]:>12.5g}{errors[name]:>11.3f}{scaled[name]:>11.2f}")
-    return {"errors_in_percent": errors, "errors_over_std": scaled}
+    fitted = {name: value for name, (value, _) in rows.items()}
+    return {"fitted": fitted, "errors_in_percent": errors, "errors_over_std": scaled}
 
 
 if __name__ == "__main__":

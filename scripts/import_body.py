@@ -43,8 +43,11 @@ def main() -> None:
         summary |= {
             "repaired_verdict": report.verdict,
             "repaired_rigid_motions_highest_Hz": report["rigid motions"].figures["highest_Hz"],
+            "repaired_rigid_motions_residual": report["rigid motions"].figures["residual"],
+            "repair_steps": mended.steps,
             "elastic_before_Hz": mended.elastic_before,
             "elastic_after_Hz": mended.elastic_after,
+            "elastic_shift_percent": 100 * mended.elastic_shift,
         }
     if not args.no_plot:
         save_figure(plot_inspection(bodies), args.output / "inspection.png")

@@ -52,6 +52,7 @@ def main() -> None:
         "axial_stiffness_N_per_m": stiffness,
         "vendor_axial_stiffness_N_per_m": VENDOR_STIFFNESS,
         "axial_stiffness_difference_percent": 100 * (stiffness / VENDOR_STIFFNESS - 1),
+        "record": body.record,
         "n_dofs_full": fe_model.n_dofs,
         "n_coordinates": len(body.mass_matrix),
     }

@@ -136,7 +136,7 @@ def test_errors_of_the_script_itself_keep_their_traceback(script, monkeypatch):
 
 def test_summaries_name_their_command_and_are_plain_json(tmp_path, script, monkeypatch):
     common = script("_common")
-    options = ["--band", "20", "30", "--output", str(tmp_path), "--seed=3", "a file"]
+    options = ["--band", "20", "30", "--output", str(tmp_path), "--no-plot", "--seed=3", "a file"]
     monkeypatch.setattr(sys, "argv", ["/somewhere/scripts/identify_damping.py", *options])
     figures = {
         "a_Hz": np.array([1.5, np.nan]),
