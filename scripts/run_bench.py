@@ -113,6 +113,7 @@ def main() -> None:
     }
     summary |= {f"axial_stiffness_{state}_N_per_m": value for state, value in stiffness.items()}
     summary |= {f"first_eigenfrequency_{state}_Hz": value for state, value in first.items()}
+    summary["open_over_shorted_pole_percent"] = 100 * (first["open"] / first["shorted"] - 1)
     print("\nV_s/V_a               zero [Hz]   pole [Hz]")
     for name, frf in frfs.items():
         pole, zero = pole_and_zero(frf)
