@@ -92,8 +92,8 @@ def estimate_frf(
     overlap: share by which segments overlap [-]; window: any of scipy.signal, "boxcar" for periodic signals
     method: "H1" = Syu Suu^-1 (noise at the outputs) or "H2" = Syy Suy^-1 (noise at the input; one input only)
 
-    At lines where an input has no power its response is zero, and where none has any the coherence too. So it is, with a
-    warning, at lines where inputs cannot be told apart.
+    At lines where an input has no power its response is zero, and where none has any the coherence too. So are both,
+    with a warning, at lines where inputs cannot be told apart.
 
     Source: J. S. Bendat, A. G. Piersol, Random Data, 4th ed. (2010), ch. 6 and 7. Raises ValueError for unknown names,
     for a record with no more segments than inputs (two for one input), which leaves the coherence without meaning, and
@@ -108,8 +108,8 @@ def estimate_frf(
     n_overlap = round(overlap * n_segment)
     if len(history.time) < n_segment + len(inputs) * (n_segment - n_overlap) or n_segment < 2:
         raise ValueError(
-            f"a record of {history.duration:g} s holds fewer than {len(inputs) + 1} segments of {segment_duration:g} s, "
-            f"one more than inputs ({len(inputs)}); record longer or take shorter segments"
+            f"a record of {history.duration:g} s holds fewer than {len(inputs) + 1} segments of {segment_duration:g} "
+            f"s, one more than inputs ({len(inputs)}); record longer or take shorter segments"
         )
     if method == "H2" and len(inputs) != 1:
         raise ValueError(f"H2 needs exactly one input, got {len(inputs)}; take H1")
