@@ -417,6 +417,35 @@ def shifted(fit, frequency):
     )
 
 
+@pytest.mark.parametrize("frequency", [93.0, 96.0, 104.0])
+def test_a_foreign_resonance_near_a_mode_leaves_its_damping_alone(small_bench, bench_fit, frequency):
+    """A cable at 1 % of the gain beside the mode, or in place of it, within the distance: it is not modelled."""
+    fit, n = bench_fit[0], len(bench_fit[0].frequency)
+    assert n == 1
+    both = shifted(fit, [frequency, fit.frequency[0]])
+    gains = np.column_stack([0.01 * fit.gains[:, 0], fit.gains[:, 0]])
+    both = replace(both, gains=gains, damping_ratio=np.array([0.2, 0.017]))
+    updated, report = apply_identification(small_bench, both, trusted="encoder")
+    np.testing.assert_array_equal(report.unmodelled, [frequency])
+    assert assemble(updated).damping_ratio[0] == pytest.approx(0.017)
+    assert f"{frequency:.3f} Hz: not modelled, the scene has no mode of about its gain" in report.summary()
+    alone = replace(shifted(fit, [frequency]), gains=0.01 * fit.gains)
+    with pytest.raises(ValueError, match=r"no identified mode .* with a gain within 5 times its own"):
+        apply_identification(small_bench, alone, trusted="encoder")
+    for sign in (1.0, -1.0):
+        apply_identification(small_bench, replace(alone, gains=sign * 0.25 * fit.gains), trusted="encoder")
+    apply_identification(small_bench, alone, trusted="encoder", factor=200.0)
+
+
+def test_a_sensor_of_unknown_factor_does_not_hide_a_mode(small_bench, bench_fit):
+    """Only the trusted output's gain counts, the other's factor is what is sought."""
+    fit = bench_fit[0]
+    weak = replace(fit, gains=fit.gains * np.array([[1e-3], [1.0]]))
+    updated, _ = apply_identification(small_bench, weak, trusted="encoder")
+    before, after = (scene.sensors[0].voltage_per_elongation for scene in (small_bench, updated))
+    assert after / before == pytest.approx(0.85e-3, rel=5e-3)
+
+
 def test_resonances_without_a_mode_are_reported_as_unmodelled(small_bench, bench_fit):
     _, report = apply_identification(small_bench, shifted(bench_fit[0], [100.0, 300.0]), trusted="encoder")
     np.testing.assert_array_equal(report.unmodelled, [300.0])
@@ -428,7 +457,8 @@ def test_resonances_without_a_mode_are_reported_as_unmodelled(small_bench, bench
     [
         ([95.0, 100.0], {}, "identified modes at 95, 100 Hz are all within 10 % of the scene's mode at"),
         ([300.0], {}, r"no identified mode \(300 Hz\) lies within 10 %"),
-        ([15e3], {"distance": 0.5}, "1.5e\\+04 Hz may be any of the scene's modes at"),
+        ([15e3], {"distance": 0.5, "factor": 1e5}, "1.5e\\+04 Hz may be any of the scene's modes at"),
+        ([100.0], {"factor": 1.0}, "factor must be above 1, got 1"),
         ([100.0], {"trusted": "ruler"}, "unknown trusted output 'ruler'"),
         ([100.0], {"distance": 0.0}, "distance must be positive"),
         ([100.0], {"unmeasured_damping_ratio": -1.0}, "unmeasured_damping_ratio must not be negative"),
@@ -437,6 +467,13 @@ def test_resonances_without_a_mode_are_reported_as_unmodelled(small_bench, bench
 def test_doubtful_matches_are_refused(small_bench, bench_fit, frequency, options, message):
     with pytest.raises(ValueError, match=message):
         apply_identification(small_bench, shifted(bench_fit[0], frequency), **{"trusted": "encoder", **options})
+
+
+def test_outputs_that_do_not_move_are_refused(small_bench, bench_fit):
+    still = replace(small_bench.sensors[1], b="base.top")
+    scene = replace(small_bench, sensors=(small_bench.sensors[0], still))
+    with pytest.raises(ValueError, match="output 'encoder' of the scene does not respond to 'actuator_voltage'"):
+        apply_identification(scene, bench_fit[0], trusted="encoder")
 
 
 def test_names_that_the_scene_does_not_have_are_refused(small_bench, bench_fit):
