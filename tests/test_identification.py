@@ -134,6 +134,47 @@ def test_modes_outside_the_band_are_left_to_the_residual_terms():
     np.testing.assert_allclose(found(fit), expected, rtol=2e-2)
 
 
+def held_record(hold_order, late):
+    """The two modes by SciPy's simulation at ten times the rate, the input held or straight, and `late` tenths late."""
+    rate, fine, n = 2000.0, 10, 4000
+    u = band_limited_noise((n - 1) / rate, rate, cutoff_frequency=400.0, name="u")["u"]
+    time = np.arange(n * fine) / (rate * fine)
+    running = np.repeat(u, fine) if hold_order == 0 else np.interp(time, time[::fine], u)
+    running = np.concatenate([np.zeros(late), running])[: n * fine]
+    y = np.zeros((2, n))
+    for f, z, gain in zip(2 * np.pi * FREQUENCY, RATIO, GAINS.T, strict=True):
+        motion = scipy.signal.lsim(([f**2], [1, 2 * z * f, f**2]), running, time, interp=bool(hold_order))[1]
+        y += np.outer(gain, motion[::fine])
+    return TimeHistory(time[::fine], np.vstack([u, y]), ("u", *OUTPUTS), ("V", "V", "m"))
+
+
+@pytest.mark.parametrize("late", [0, 3, 13])
+@pytest.mark.parametrize("hold_order", [0, 1])
+def test_measured_is_the_continuous_response(hold_order, late):
+    """Without the hold and the delay, whatever they are; half a sample more would be 15 % at the first resonance."""
+    fit = identify(held_record(hold_order, late), hold_order=hold_order, delay=0.1 * late / 2000.0, n_modes=2)
+    np.testing.assert_allclose(found(fit), truth(), rtol=2e-5)
+    exact = model_frf(fit.measured.frequency)
+    for measured, expected in zip(fit.measured.values[:, 0], exact, strict=True):
+        np.testing.assert_allclose(measured, expected, atol=3e-5 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(("hold_order", "method"), [(0, "zoh"), (1, "foh")])
+def test_frfs_of_samples_become_continuous_ones(hold_order, method):
+    """SciPy's discrete equivalents under either hold, as an analyser at 2 kHz sees them."""
+    rate, frequency = 2000.0, np.arange(20.0, 450.0, 0.5)
+    seen = np.zeros((2, 1, len(frequency)), complex)
+    for f, z, gain in zip(2 * np.pi * FREQUENCY, RATIO, GAINS.T, strict=True):
+        system = scipy.signal.cont2discrete(([f**2], [1, 2 * z * f, f**2]), 1 / rate, method=method)
+        numbers = (np.ravel(system[0]), np.ravel(system[1]))
+        seen[:, 0] += np.outer(gain, scipy.signal.freqz(*numbers, worN=frequency, fs=rate)[1])
+    options = {"hold_order": hold_order, "sample_rate": rate, "band": (20.0, 449.5), "n_modes": 2}
+    fit = identify(FRF(frequency, seen, OUTPUTS, ("u",)), **options)
+    np.testing.assert_allclose(found(fit), truth(), rtol=1e-8)
+    for measured, expected in zip(fit.measured.values[:, 0], model_frf(frequency), strict=True):
+        np.testing.assert_allclose(measured, expected, atol=3e-5 * np.abs(expected).max())
+
+
 # With noise
 
 
