@@ -53,7 +53,8 @@ def main() -> None:
         save_figure(plot_inspection(bodies), args.output / "inspection.png")
 
     if report.faults:
-        print("\nnot fit for the bench" + ("" if args.repair else "; --repair may help"))
+        faults = ", ".join(finding.name for finding in report.faults)
+        print(f"\nnot fit for the bench: {faults}" + ("" if args.repair else "; --repair may help, but against units"))
     else:
         accepted = to_body(body)
         print(f"\nmatrices in {export_body(accepted, args.output / f'{accepted.name}.mat')}")
