@@ -25,7 +25,7 @@ LAYERS = (
     ("acceptance", "discretization", "parts"),
     ("reduction",),
     ("floating_frame", "fullmodel", "scene"),
-    ("assembly",),
+    ("assembly", "kinematics"),
     ("linear", "exudyn_state", "digital", "updating"),
     ("exact", "export", "exudyn_parts", "feedback", "interchange"),
     ("exudyn_system", "locus"),
