@@ -9,7 +9,7 @@ from typing import Any
 import exudyn as exu
 import numpy as np
 
-from nassim.assembly import motion_size
+from nassim.assembly import NO_EQUILIBRIUM, motion_size
 from nassim.checks import Array
 from nassim.digital import RUNAWAY, runaway, start_loops
 from nassim.exudyn_state import Drive, System
@@ -37,16 +37,32 @@ def eigenfrequencies(system: System) -> Array:
 
 
 def solve_static(system: System) -> None:
-    """Bring the system into static equilibrium and keep that as the initial state; RuntimeError without one."""
+    """Bring the system into static equilibrium and keep that as the initial state; RuntimeError without one.
+
+    Where the equilibrium is neutral, such as of a block free to slide, it is the one with the block where it is.
+    """
     settings = _settings()
     # The static solver counts its load steps as time; inputs are to keep their value at t = 0.
     settings.staticSolver.loadStepDuration = 1e-12
+    if _solved(system, settings):
+        return
+    # Full pivoting leaves motions without stiffness alone, and does not converge where a force acts on one.
+    settings.linearSolver.solverType = exu.LinearSolverType.EigenDense
+    settings.linearSolver.ignoreSingularJacobian = True
+    if not _solved(system, settings):
+        raise RuntimeError(NO_EQUILIBRIUM)
+
+
+def _solved(system: System, settings: Any) -> bool:
+    loud = exu.config.printToConsole
+    exu.config.printToConsole = False  # of failures nassim tells itself
     try:
         system.mbs.SolveStatic(settings, updateInitialValues=True)
-    except Exception as error:
-        raise RuntimeError(
-            f"no static equilibrium: can a body move freely? Add joints, or leave gravity out. Exudyn says: {error}"
-        ) from error
+    except Exception:
+        return False
+    finally:
+        exu.config.printToConsole = loud
+    return True
 
 
 def solve_dynamic(

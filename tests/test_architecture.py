@@ -25,7 +25,7 @@ LAYERS = (
     ("acceptance", "discretization", "parts"),
     ("reduction",),
     ("floating_frame", "fullmodel", "scene"),
-    ("assembly", "kinematics"),
+    ("assembly", "kinematics", "sampling"),
     ("linear", "exudyn_state", "digital", "updating"),
     ("exact", "export", "exudyn_parts", "feedback", "interchange"),
     ("exudyn_system", "locus"),

@@ -203,7 +203,7 @@ def test_spring_damper_in_exudyn(name):
     unit = {"force": "N", "acceleration": "m/s2"}[name]
     zero = {"force": "acceleration", "acceleration": "force"}[name]
     drive = pulse(name, unit, size=1.0)
-    both = TimeHistory(drive.time, np.vstack([drive.values, 0 * drive.values]), (name, zero), (unit, "-"))
+    both = TimeHistory(drive.time, np.vstack([drive.values, 0 * drive.values]), (name, zero), (unit, ""))
     record = simulate(scene, both, time_step=STEP, progress=False)
     omega, decay = np.sqrt(STIFFNESS / MASS), DAMPING / (2 * MASS)
     turn = np.sqrt(omega**2 - decay**2)

@@ -1,4 +1,4 @@
-"""Starts in motion and joints that others imply, against closed forms and integrations by SciPy."""
+"""Starts in motion and released, joints that others imply: against closed forms and integrations by SciPy."""
 
 import re
 from dataclasses import replace
@@ -13,8 +13,10 @@ from nassim import (
     Encoder,
     FlexibleBody,
     Joint,
+    PointForce,
     RigidBody,
     Scene,
+    SpringDamper,
     TimeHistory,
     build_fe_model,
     craig_bampton,
@@ -221,3 +223,101 @@ def test_a_closed_linkage_of_rigid_bodies_moves(bar):
     assert np.abs(record["x"] - LENGTH * np.sin(angle)).max() < 2e-4 * LENGTH
     assert np.abs(record["y"] - LENGTH * (np.cos(angle) - 1)).max() < 2e-4 * LENGTH
     assert np.abs(record["z"]).max() < 1e-9
+
+
+GRAVITY = np.array([0.0, 0.0, -9.81])
+
+
+def pendulum(bar, fidelity, angle):
+    """The bar on a hinge at the origin, hanging at an angle [rad] against the vertical, with a flag at its end."""
+    turn = Rotation.from_euler("y", np.pi / 2 + angle).as_matrix()
+    return replace(swinging_bar(bar, fidelity, ("ry",), np.zeros(3), turn), gravity=GRAVITY)
+
+
+@pytest.mark.parametrize("fidelity", ["rigid", "ffrf"])
+@pytest.mark.parametrize("angle", [-2.0, 0.5])
+def test_a_released_pendulum_swings(bar, fidelity, angle):
+    """theta'' = -(m g l / 2) / I sin(theta), by SciPy."""
+    record = run(pendulum(bar, fidelity, angle), 0.8, 5e-4, start="released", spectral_radius=0.9)
+    inertia = CROSSWISE + MASS * LENGTH**2 / 4
+
+    def rate(_t, state):
+        return [state[1], -MASS * 9.81 * LENGTH / 2 / inertia * np.sin(state[0])]
+
+    found = scipy.integrate.solve_ivp(rate, (0, 0.8), [angle, 0.0], t_eval=record.time, rtol=1e-10, atol=1e-12).y[0]
+    assert np.ptp(found) > 1.5 * abs(angle)
+    assert np.abs(record["x"] + LENGTH * (np.sin(found) - np.sin(angle))).max() < 1e-3 * LENGTH
+    assert np.abs(record["z"] + LENGTH * (np.cos(found) - np.cos(angle))).max() < 1e-3 * LENGTH
+
+
+def test_a_pendulum_out_of_equilibrium_needs_a_choice(bar):
+    with pytest.raises(RuntimeError, match=r'no static equilibrium.*start="released"'):
+        run(pendulum(bar, "rigid", np.pi / 2), 0.1, 1e-3)
+    with pytest.warns(UserWarning, match=r"'bar' turned by 0\.5 rad from where it is drawn.*start=\"released\""):
+        record = run(pendulum(bar, "ffrf", 0.5), 0.1, 1e-3)
+    assert record["z"][0] == pytest.approx(LENGTH * (np.cos(0.5) - 1), rel=1e-3)
+    assert np.ptp(record["z"]) < 1e-6 * LENGTH
+    with pytest.raises(ValueError, match="unknown start 'rest'; known: equilibrium, released"):
+        run(pendulum(bar, "rigid", 0.5), 0.1, 1e-3, start="rest")
+
+
+def sliding(bar, fidelity, mass=0.5):
+    """The bar on a slide along x, flat, with a block at its end that a force pushes."""
+    body = FlexibleBody("bar", bar, fidelity=fidelity)
+    block = RigidBody("block", {"hook": (-0.01, 0, 0)}, mass, 1e-4 * np.eye(3), (LENGTH + 0.01, 0, 0))
+    joints = (
+        Joint("slide", "base.origin", "bar.left", free="x"),
+        Joint("bolt", "bar.right", "block.hook"),
+    )
+    push = PointForce("push", "block.hook", "x", "force")
+    scene = Scene("slide", (base(), body, block), joints, (push,), encoders("block.hook"), damping_ratio=0.0)
+    return replace(scene, gravity=GRAVITY)
+
+
+@pytest.mark.parametrize(
+    ("fidelity", "method"),
+    [
+        ("rigid", "generalized_alpha"),
+        ("ffrf", "generalized_alpha"),
+        ("linear", "generalized_alpha"),
+        ("linear", "exact"),
+    ],
+)
+def test_a_block_free_to_slide_rests_and_can_be_pushed(bar, fidelity, method):
+    """Neutral equilibrium: sagging by the weight, then x = F t^2 / 2 m."""
+    mass, force, time = 0.5, 0.02, np.arange(401) * 5e-4
+    both = TimeHistory(time, np.full((1, 401), force), ("force",), ("N",))
+    record = simulate(sliding(bar, fidelity), both, time_step=5e-4, method=method, progress=False)
+    expected = 0.5 * force / (MASS + mass) * time**2
+    assert np.abs(record["x"] - record["x"][0] - expected).max() < 1e-3 * expected[-1]
+    modulus, area_moment = 200e9, 0.01**4 / 12
+    tip, uniform = mass * 9.81, MASS * 9.81 / LENGTH
+    sag = (tip * LENGTH**3 / 3 + tip * 0.01 * LENGTH**2 / 2 + uniform * LENGTH**4 / 8) / (modulus * area_moment)
+    assert record["z"][0] == pytest.approx(0.0 if fidelity == "rigid" else -sag, rel=0.02, abs=1e-15)
+    assert np.ptp(record["z"]) < 1e-3 * sag
+
+
+@pytest.mark.parametrize(("method", "step"), [("exact", 1e-4), ("generalized_alpha", 2e-5), ("explicit", 4e-6)])
+@pytest.mark.parametrize("damping", [0.0, 80.0])
+def test_a_released_spring_overshoots_its_sag(bar, method, step, damping):
+    """A mass on a relaxed spring, let go, also free to fall sideways; beside it a flexible body, for the method."""
+    mass, stiffness = 2.0, 5e5
+    body = RigidBody("mass", {"c": np.zeros(3)}, mass, 1e-2 * np.eye(3))
+    beside = FlexibleBody("beside", bar, position=(1, 0, 0), fidelity="linear")
+    scene = Scene(
+        "sprung",
+        (base(side=(1.0, 0, 0)), body, beside),
+        (Joint("guide", "base.origin", "mass.c", free=("x", "z")), Joint("held", "base.side", "beside.left")),
+        sensors=encoders("mass.c"),
+        springs=(SpringDamper("spring", "base.origin", "mass.c", "z", stiffness, damping),),
+        damping_ratio=0.0,
+        gravity=np.array([3.0, 0.0, -9.81]),
+        cutoff_frequency=3e3,
+    )
+    record = run(scene, 0.02, step, method=method, start="released")
+    sag, decay, time = mass * 9.81 / stiffness, damping / (2 * mass), record.time
+    omega = np.sqrt(stiffness / mass - decay**2)
+    expected = -sag * (1 - np.exp(-decay * time) * (np.cos(omega * time) + decay / omega * np.sin(omega * time)))
+    assert expected.min() < -1.5 * sag
+    assert np.abs(record["z"] - expected).max() < 1e-3 * sag
+    assert np.allclose(record["x"], 1.5 * record.time**2, rtol=1e-3, atol=1e-9)
