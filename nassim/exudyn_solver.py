@@ -9,10 +9,12 @@ from typing import Any
 import exudyn as exu
 import numpy as np
 
-from nassim.assembly import NO_EQUILIBRIUM, motion_size
+from nassim.assembly import NO_EQUILIBRIUM, deformable_bodies, motion_size
+from nassim.buckling import axial_forces
 from nassim.checks import Array
 from nassim.digital import RUNAWAY, runaway, start_loops
 from nassim.exudyn_state import Drive, System
+from nassim.parts import FlexibleBody
 from nassim.progress import stage
 
 CHECKS = 200
@@ -74,15 +76,15 @@ def solve_dynamic(
     spectral_radius: float,
     progress: bool,
     explicit: bool = False,
-) -> tuple[dict[str, Array], Array]:
+) -> tuple[dict[str, Array], dict[str, Array], Array]:
     """Integrate with a fixed step by generalized-alpha, or explicitly by Runge and Kutta's rule of order 4.
 
     The explicit rule holds each input from its time step to the next, and needs a system without constraints.
 
     inputs: values at the time steps, shape (n_steps + 1,) each, by name
 
-    Returns the largest `motion_size` of the bodies that some 200 looks at them found, by body, and what the scene's
-    loops put out, shape (commands, n_steps + 1).
+    Returns the largest `motion_size` of the bodies, the least `axial_forces` of those that deform, both by body as some
+    200 looks at them found, and what the scene's loops put out, shape (commands, n_steps + 1).
     Ctrl-C ends the run after the step at hand with KeyboardInterrupt; RuntimeError, with time, body and likely cause,
     when the integration fails or diverges.
     """
@@ -103,6 +105,7 @@ def solve_dynamic(
     commands = np.zeros((n_steps + 1, len(scene.commands)))
     threshold = RUNAWAY if scene.loops else LOST
     largest = {name: np.zeros(2) for name in system.carriers}
+    slackest = {body.name: axial_tension(system, body) for body in deformable_bodies(scene)}
     lost: list[str] = []
     count = 0
     nothing = np.zeros(len(scene.inputs))
@@ -117,6 +120,8 @@ def solve_dynamic(
                 if not np.all(now < threshold):
                     lost.append(name)
                 largest[name] = np.maximum(largest[name], now)
+            for body in deformable_bodies(scene):
+                slackest[body.name] = np.minimum(slackest[body.name], axial_tension(system, body))
 
         def before_step(_mbs: Any, _time: float) -> bool:
             nonlocal count
@@ -163,7 +168,13 @@ def solve_dynamic(
         if commands.size:
             commands[n_steps] = step_loops(n_steps, system.measure)[2]
         advance(n_steps % chunk)
-    return largest, commands.T
+    return largest, slackest, commands.T
+
+
+def axial_tension(system: System, body: FlexibleBody) -> Array:
+    """Present `axial_forces` of a body that deforms, (lines,) [N]."""
+    result: Array = axial_forces(body.reduced, system.deformation(body.name)[:, None])[:, 0]
+    return result
 
 
 def _follow(drive: Drive, time_step: float) -> Callable[[float, float], float]:

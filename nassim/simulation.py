@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from nassim.assembly import Assembly, assemble, motion_size
+from nassim.assembly import Assembly, assemble, deformable_bodies, motion_size
+from nassim.buckling import axial_forces, warn_of_buckling
 from nassim.checks import Array, finite, known
 from nassim.digital import samples_per_period
 from nassim.exact import exact_response
-from nassim.exudyn_solver import eigenfrequencies, solve_dynamic, solve_static
+from nassim.exudyn_solver import axial_tension, eigenfrequencies, solve_dynamic, solve_static
 from nassim.exudyn_state import System
 from nassim.exudyn_system import build_system
 from nassim.parts import VoltageSensor
@@ -64,10 +65,11 @@ def simulate(
     progress: show a bar; Ctrl-C stops the run at the end of a step
 
     Returns the signals of `excitation` at the time steps, counted from its first sample, then the outputs. Warns of
-    rotations and deformations beyond the range of small motion, and of spin whose centrifugal stiffening is not
-    modelled. Raises ValueError for unknown names, for a scene or an option that the method does not fit, and for steps
-    between which something of the excitation is lost (fewer than 8 in its shortest period, pulses shorter than one);
-    RuntimeError when there is no equilibrium to start from and when the integration fails or diverges.
+    rotations and deformations beyond the range of small motion, of spin whose centrifugal stiffening is not modelled,
+    and of preload above a tenth of a body's buckling load. Raises ValueError for unknown names, for a scene or an
+    option that the method does not fit, and for steps between which something of the excitation is lost (fewer than 8
+    in its shortest period, pulses shorter than one); RuntimeError when there is no equilibrium to start from and when
+    the integration fails or diverges.
     """
     known("method", method, METHODS)
     known("start", start, STARTS)
@@ -126,7 +128,7 @@ def _integrate(
     if np.any(scene.gravity) and not released:
         solve_static(system)
         _warn_of_far_equilibrium(system)
-    largest, commands = solve_dynamic(
+    largest, slackest, commands = solve_dynamic(
         system,
         signals,
         n_steps=n_steps,
@@ -136,6 +138,7 @@ def _integrate(
         explicit=explicit,
     )
     _warn_of_motion(system.assembly, largest)
+    warn_of_buckling(system.assembly, slackest)
     readings = [np.broadcast_to(system.recorded(s), (n_steps + 1,)) for s in scene.sensors]
     return np.vstack([np.reshape(readings, (len(scene.sensors), n_steps + 1)), commands])
 
@@ -158,6 +161,13 @@ def _solve_exactly(
         )
     _warn_of_motion(
         assembly, {name: motion_size(assembly, name, coordinates[place]) for name, place in assembly.slices.items()}
+    )
+    warn_of_buckling(
+        assembly,
+        {
+            body.name: axial_forces(body.reduced, coordinates[assembly.slices[body.name]]).min(axis=1)
+            for body in deformable_bodies(assembly.scene)
+        },
     )
     return np.vstack([readings, commands])
 
@@ -207,8 +217,8 @@ def _warn_of_spin(scene: Scene) -> None:
 def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> dict[str, float]:
     """Outputs of a scene in static equilibrium under constant inputs and its gravity, by Exudyn's static solver.
 
-    Loops are open. Raises ValueError for unknown inputs, RuntimeError when there is no equilibrium (a body that can
-    move freely).
+    Loops are open. Warns of motion and preload as `simulate` does. Raises ValueError for unknown inputs, RuntimeError
+    when there is no equilibrium (a body that can move freely).
     """
     values = {name: 0.0 for name in scene.inputs}
     for name, value in (inputs or {}).items():
@@ -216,6 +226,11 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
     system = build_system(scene)
     system.apply(values)
     solve_static(system)
+    assembly = system.assembly
+    _warn_of_motion(
+        assembly, {name: motion_size(assembly, name, system.deformation(name)[:, None]) for name in system.carriers}
+    )
+    warn_of_buckling(assembly, {body.name: axial_tension(system, body) for body in deformable_bodies(assembly.scene)})
     return {sensor.name: float(system.recorded(sensor)[-1]) for sensor in scene.sensors}
 
 

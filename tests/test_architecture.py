@@ -26,7 +26,7 @@ LAYERS = (
     ("reduction",),
     ("floating_frame", "fullmodel", "scene"),
     ("assembly", "kinematics", "sampling"),
-    ("linear", "exudyn_state", "digital", "updating"),
+    ("buckling", "linear", "exudyn_state", "digital", "updating"),
     ("exact", "export", "exudyn_parts", "feedback", "interchange"),
     ("exudyn_system", "locus"),
     ("exudyn_solver",),
