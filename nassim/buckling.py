@@ -69,8 +69,8 @@ def warn_of_buckling(assembly: Assembly, tensions: Mapping[str, Array]) -> None:
             f"lower frequencies by up to some {100 * (1 - np.sqrt(1 - share)):.2g} %" if share < 1 else "let it buckle"
         )
         warnings.warn(
-            f"the preload in body {name!r} is {share:.2g} of its buckling load (estimated, for slender columns within a "
-            f"factor of {FACTOR}); it would {does}, but simulations leave its stiffness out",
+            f"the preload in body {name!r} is {share:.2g} of its buckling load (estimated, within a factor of "
+            f"{FACTOR} for slender columns); it would {does}, but simulations leave its stiffness out",
             stacklevel=4,
         )
 

@@ -130,8 +130,8 @@ def solve_dynamic(
                 held, end, commands[count] = step_loops(count, system.measure)
             count += 1
             for (follow, row, drive), place in zip(drives, places, strict=True):
-                # The implicit rule takes forces at both ends of a step. A command that jumps at the end enters with its
-                # mean there, else the loop would have half a step of delay more.
+                # The implicit rule takes forces at both ends of a step. A command that jumps there enters with its
+                # mean, else the loop would have half a step of delay more.
                 straight = not explicit and not np.isfinite(drive.rate)
                 added = end[place] if straight else held[place]
                 drive.apply(system.mbs, follow(row[count - 1] + added, row[count - explicit] + added))
