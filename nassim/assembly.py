@@ -29,6 +29,10 @@ from nassim.trim import open_circuit
 
 LOST_DAMPING = 0.01
 """Share of a mode's damping whose loss is worth a warning."""
+NO_EQUILIBRIUM = (
+    "no static equilibrium: can a body move freely? Add joints, leave gravity out, or let the scene go as it is drawn "
+    'by simulate(..., start="released")'
+)
 REDUNDANT = 1e-7
 """Constraints with less than this share of their own are implied by others."""
 

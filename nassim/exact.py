@@ -9,7 +9,7 @@ sample by its matrix exponential.
 import numpy as np
 import scipy.signal
 
-from nassim.assembly import Assembly, state_space
+from nassim.assembly import NO_EQUILIBRIUM, Assembly, state_space
 from nassim.body import RIGID
 from nassim.checks import Array
 from nassim.digital import check_runaway, start_loops
@@ -23,9 +23,15 @@ CLOSE_TO_CRITICAL = 1e-10
 
 
 def exact_response(
-    assembly: Assembly, inputs: Array, time_step: float, *, hold_order: int = 1, advance: Advance = silent
+    assembly: Assembly,
+    inputs: Array,
+    time_step: float,
+    *,
+    hold_order: int = 1,
+    released: bool = False,
+    advance: Advance = silent,
 ) -> tuple[Array, Array, Array]:
-    """Outputs of an assembled scene from rest, or from its equilibrium under gravity.
+    """Outputs of an assembled scene from rest in its equilibrium under gravity, or released: unloaded at the start.
 
     inputs: shape (inputs, n_samples); hold_order: 0 for inputs that keep each sample's value until the next, 1 for
     inputs that run straight between them; advance: called with the number of steps done
@@ -35,49 +41,51 @@ def exact_response(
     runs away.
     """
     if assembly.scene.loops or not assembly.falls_into_modes:
-        return _coupled_response(assembly, inputs, time_step, hold_order, advance)
+        return _coupled_response(assembly, inputs, time_step, hold_order, released, advance)
     modes = assembly.basis @ assembly.shapes
     drives = modes.T @ assembly.input_matrix
     readings = assembly.output_matrix @ modes
     weight = modes.T @ assembly.weight
     omega = 2 * np.pi * assembly.frequency
-    rigid = _free_modes(assembly)
+    rigid = _free_modes(assembly, released)
     outputs = np.zeros((len(readings), inputs.shape[1]))
     seen = np.unique(np.linspace(0, inputs.shape[1] - 1, CHECKS).astype(int))
     amplitudes = np.zeros((len(omega), len(seen)))
     for k, frequency in enumerate(omega):
         if not (np.any(drives[k]) or weight[k]):
             continue
-        force = drives[k] @ inputs
+        force = drives[k] @ inputs + weight[k] * released
         damping = assembly.damping_ratio[k] * frequency
         if rigid[k]:
             amplitude = _free(force, time_step, hold_order)
         else:
-            amplitude = weight[k] / frequency**2 + _oscillator(force, frequency, damping, time_step, hold_order)
+            amplitude = weight[k] * (not released) / frequency**2 + _oscillator(
+                force, frequency, damping, time_step, hold_order
+            )
         outputs += readings[:, k : k + 1] * amplitude
         amplitudes[k] = amplitude[seen]
     return outputs, np.zeros((0, inputs.shape[1])), modes @ amplitudes
 
 
-def _free_modes(assembly: Assembly) -> Array:
-    """Which modes have no stiffness, bool (n,); RuntimeError when gravity acts on one."""
+def _free_modes(assembly: Assembly, released: bool) -> Array:
+    """Which modes have no stiffness, bool (n,); RuntimeError when gravity acts on one, unless it is released."""
     weight = assembly.shapes.T @ assembly.basis.T @ assembly.weight
     rigid: Array = assembly.frequency <= RIGID * assembly.frequency.max(initial=0.0)
-    if np.abs(weight[rigid]).max(initial=0.0) > 1e-9 * np.abs(weight).max(initial=0.0):
-        raise RuntimeError("no static equilibrium: can a body move freely? Add joints, or leave gravity out")
+    if not released and np.abs(weight[rigid]).max(initial=0.0) > 1e-9 * np.abs(weight).max(initial=0.0):
+        raise RuntimeError(NO_EQUILIBRIUM)
     return rigid
 
 
 def _coupled_response(
-    assembly: Assembly, inputs: Array, h: float, hold_order: int, advance: Advance
+    assembly: Assembly, inputs: Array, h: float, hold_order: int, released: bool, advance: Advance
 ) -> tuple[Array, Array, Array]:
     """As exact_response, for states that do not fall apart into modes, and for loops."""
     state, drives, readings = state_space(assembly)
     phi, held, risen = discretize(state, drives, h)
     x = np.zeros(len(state))
-    if np.any(assembly.weight):
+    if np.any(assembly.weight) and not released:
         held_by_stiffness = np.ones(len(x), dtype=bool)
-        held_by_stiffness[: 2 * len(assembly.frequency)] = np.tile(~_free_modes(assembly), 2)
+        held_by_stiffness[: 2 * len(assembly.frequency)] = np.tile(~_free_modes(assembly, released), 2)
         part = np.ix_(held_by_stiffness, held_by_stiffness)
         x[held_by_stiffness] = np.linalg.solve(state[part], -drives[held_by_stiffness, -1])
     n_in, n_samples = inputs.shape

@@ -67,7 +67,8 @@ class FlexibleBody:
     fidelity: "ffrf", a floating frame that may move far and turn; "linear", small motion about the start (rotations
         up to some 0.01 rad), twenty times as fast; "rigid", no deformation: its stacks then do and read nothing
     frame: remote point that the floating frame rides on (default: the first that a joint holds, else the first)
-    angular_velocity: at the start, world frame, shape (3,) [rad/s]
+    angular_velocity: at the start, world frame, shape (3,) [rad/s]; bodies jointed to this one move along, and what
+        the joints do not allow is refused when a simulation starts; zero asks for nothing
     """
 
     name: str
