@@ -7,7 +7,6 @@ from typing import TypeVar
 import numpy as np
 
 from nassim.assembly import Assembly, assemble
-from nassim.body import RIGID
 from nassim.checks import Array, finite, freeze, frozen_mapping, known, not_negative, positive
 from nassim.identification import ModalFit
 from nassim.parts import Actuator, Sensor, StackActuator, StackSensor, VoltageDrive, VoltageSensor
@@ -88,7 +87,7 @@ def modal_gains(assembly: Assembly) -> Array:
     modes = assembly.basis @ assembly.shapes
     omega = 2 * np.pi * assembly.frequency
     compliance = np.zeros(len(omega))
-    flexible = assembly.frequency > RIGID * assembly.frequency.max(initial=0.0)
+    flexible = ~assembly.free
     compliance[flexible] = 1 / omega[flexible] ** 2
     readings, drives = assembly.output_matrix @ modes, assembly.input_matrix.T @ modes
     return np.einsum("or,ir,r->oir", readings, drives, compliance)
@@ -160,7 +159,8 @@ def apply_identification(
     report = UpdateReport(
         (*changes, *factors), matches, fit.frequency, found, unmeasured, fit.gains.sum(axis=1) / static
     )
-    return replace(scaled, damping_ratio=ratios), report
+    # A scene counts its elastic modes only.
+    return replace(scaled, damping_ratio=ratios[~assembly.free]), report
 
 
 def _alike(identified: Array, gains: Array, visible: Array, base: int, factor: float) -> Array:
