@@ -96,7 +96,7 @@ def alone(route: str, size: float, curvature: float) -> dict[str, Any]:
 
 def beside_exudyn(route: str, size: float, curvature: float) -> dict[str, Any]:
     """One route from the mesh to its mode basis or reduced body, and its error."""
-    solid = make_apa300ml(coupling="rbe2")
+    solid = make_apa300ml(coupling="rbe2", stack_coupling="rbe2")
     mesh = ng.Mesh(generate_mesh(solid, element_size=size, curvature=curvature))
     start = time.perf_counter()
     if route == "nassim":

@@ -105,7 +105,7 @@ def measure(variant: Variant) -> dict[str, Any]:
     """Time and memory from CAD to 36 coordinates; then the answers, without the error of truncation."""
     kind, order, size, coupling = variant
     start = time.perf_counter()
-    solid = make_apa300ml(coupling=coupling)
+    solid = make_apa300ml(coupling=coupling, stack_coupling=coupling)
     mesh = PRISM_MESH if kind == PRISMS else {}
     fe_model = build_fe_model(solid, element_size=1e-3 * size, order=order, **mesh)
     body = craig_bampton(fe_model)
@@ -120,7 +120,7 @@ def measure(variant: Variant) -> dict[str, Any]:
 def compare_modes(row: dict[str, Any]) -> list[dict[str, Any]]:
     """Truncation errors by number of modes on the mesh of a reference: as each body estimates them, and true."""
     mesh = PRISM_MESH if row["kind"] == PRISMS else {}
-    solid = make_apa300ml(coupling=row["coupling"])
+    solid = make_apa300ml(coupling=row["coupling"], stack_coupling=row["coupling"])
     model = build_fe_model(solid, element_size=1e-3 * row["size_mm"], order=row["order"], progress=False, **mesh)
     condensed = condense(model, progress=False)
     rich = craig_bampton(condensed, n_modes=MANY_MODES, progress=False).enriched
