@@ -14,11 +14,12 @@ TREES = {name: ast.parse((PACKAGE / f"{name}.py").read_text(encoding="utf-8")) f
 
 # A module imports only from lower layers, never from its own.
 LAYERS = (
-    ("checks", "progress", "storage", "units"),
+    ("checks", "exclusive", "notices", "progress", "units"),
+    ("storage",),
     ("arrayfiles", "calibration", "listing", "materials", "modal", "piezo", "statespace", "unit_systems"),
-    ("interface", "signals", "solver"),
+    ("interface", "regions", "signals", "solver"),
     ("geometry", "frf", "inertia", "pole_fit"),
-    ("control", "meshing", "ports", "superelement", "surface", "identification", "strain", "uff"),
+    ("control", "meshing", "ports", "superelement", "surface", "identification", "strain", "mesh_checks", "uff"),
     ("fem", "measurements", "rowguess"),
     ("condensation", "body"),
     ("inspection", "modes", "trim"),
@@ -40,7 +41,7 @@ IMPORTERS = {
     "h5py": {"storage"},
     "matplotlib": {"plotting"},
     "netgen": {"geometry", "meshing"},
-    "ngsolve": {"fem", "ports", "solver", "surface"},
+    "ngsolve": {"fem", "mesh_checks", "ports", "regions", "solver", "surface"},
     "pyuff": {"uff"},
     "tqdm": {"progress"},
 }
