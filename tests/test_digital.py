@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import lattice
 
 from models.bench import make_bench
 from nassim import (
@@ -17,6 +18,7 @@ from nassim import (
     Scene,
     SpringDamper,
     TimeHistory,
+    craig_bampton,
     frequency_response,
     linearize,
     simulate,
@@ -25,6 +27,7 @@ from nassim.control import Controller
 from nassim.digital import start_controller
 from nassim.feedback import linearize_closed
 from nassim.modal import decay_poles
+from nassim.signals import low_pass
 from nassim.simulation import exudyn_eigenfrequencies
 
 STEP = 1e-4
@@ -94,9 +97,53 @@ def test_fidelities_agree_in_closed_loop(apa):
 
 def test_command_is_what_the_controller_makes_of_the_record(apa):
     record = simulate(with_iff(apa=apa), pulse(), time_step=STEP, method="exact", progress=False)
-    step = start_controller(with_iff(apa=apa).loops[0])
-    again = [float(step(np.array([y]))[0][0]) for y in record["sensor_voltage"]]
-    assert np.allclose(record["iff"], again, atol=1e-15)
+    measured = record["sensor_voltage"]
+    # The trapezoidal sum of all samples so far, put out one sample later.
+    integral = STEP * (np.cumsum(measured) - 0.5 * measured)
+    expected = np.concatenate([[0.0], -20.0 * integral[:-1]])
+    assert np.ptp(expected) > 1e-3
+    assert np.allclose(record["iff"], expected, atol=1e-12 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("delay", [0, 1, 3])
+def test_a_loop_by_its_difference_equations(delay):
+    """A mass on a spring, a proportional and integrating controller: the swing in closed form, the loop written out."""
+    rate, stiffness, damping, gain, integral = 2000.0, 3e5, 40.0, -4e4, -6e5
+    controller = Controller([[1.0]], [[1.0]], [[integral / rate]], [[gain]], rate, delay=delay)
+    spring = SpringDamper("spring", "ground.top", "mass.centre", "z", stiffness, damping)
+    bar = craig_bampton(lattice(), n_modes=0, progress=False)
+    beside = FlexibleBody("beside", bar, fidelity="linear", frame="left")
+    scene = oscillator()
+    ground = replace(scene.bodies[0], points={"top": np.zeros(3), "beside": bar.point("left").position})
+    scene = replace(
+        scene,
+        bodies=(ground, scene.bodies[1], beside),  # exact steps are those of a scene with a flexible body
+        joints=(*scene.joints, Joint("clamp", "ground.beside", "beside.left")),
+        springs=(spring,),
+        damping_ratio=0.0,
+        loops=(Loop("pi", controller, "position", "force"),),
+    )
+    noise = np.random.default_rng(4).normal(size=(2, 300))
+    push, quake = low_pass(noise, cutoff_frequency=80.0, sample_rate=rate)
+    history = TimeHistory(np.arange(300) / rate, [push, quake], ("force", "acceleration"), ("N", "m/s2"))
+    record = simulate(scene, history, time_step=1 / rate, method="exact", hold_order=0, progress=False)
+
+    omega, decay = np.sqrt(stiffness / MASS), damping / (2 * MASS)
+    turn = np.sqrt(omega**2 - decay**2)
+    fade, sine, cosine = (f(a / rate) for f, a in ((np.exp, -decay), (np.sin, turn), (np.cos, turn)))
+    x = v = total = 0.0
+    waiting, position, command = [0.0] * delay, [], []
+    for force, ground in zip(push, quake, strict=True):
+        waiting.append(gain * x + integral / rate * total)
+        total += x
+        position.append(x)
+        command.append(waiting.pop(0))
+        rest = (force + command[-1] - MASS * ground) / stiffness
+        away = x - rest
+        x = rest + fade * (away * cosine + (v + decay * away) / turn * sine)
+        v = fade * (v * cosine - (decay * v + omega**2 * away) / turn * sine)
+    for found, expected in ((record["position"], position), (record["pi"], command)):
+        assert np.allclose(found, expected, atol=1e-9 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("steps", [1, 4])
