@@ -82,17 +82,14 @@ def left_out_vectors(
     mass = mass_operator(condensed.fe_model)
     with threads():
         inertia = mass @ condensed.constraint_modes
-        participation = modes.T @ inertia
-        directions = _slowest_motions(condensed, frequency, inertia, participation)
+        directions = _slowest_motions(condensed, frequency, inertia, modes.T @ inertia)
         loads = np.zeros((len(inertia), 0)) if loads is None else loads
-        inertia, participation = np.hstack([loads, inertia @ directions]), participation @ directions
-        participation = np.hstack([modes.T @ loads, participation])
-        vectors = condensed.solve_fixed(inertia, advance=advance)
-        # Since K X = M Psi in the space of motions at rest at the remote points, K itself is not needed.
-        inverse = 1.0 / (2 * np.pi * frequency[:, None]) ** 2
-        stiffness = vectors.T @ inertia - participation.T @ (inverse * participation)
-        vectors -= modes @ (inverse * participation)
+        vectors = condensed.solve_fixed(np.hstack([loads, inertia @ directions]), advance=advance)
+        # The modes are good to LANCZOS_TOLERANCE but orthogonal to the last digit, and what they leave may be small:
+        # so neither K X = M Psi nor K phi = lambda M phi is made use of, only products with K and M themselves.
+        vectors -= modes @ (modes.T @ (mass @ vectors))
         gram = vectors.T @ (mass @ vectors)
+        stiffness = vectors.T @ (condensed.fe_model.stiffness @ vectors)
         combinations = _independent(0.5 * (gram + gram.T), loads.shape[1])
         ritz, shapes = eigenmodes(combinations.T @ stiffness @ combinations, combinations.T @ gram @ combinations)
         return ritz, vectors @ (combinations @ shapes)

@@ -10,12 +10,19 @@ from conftest import make_bar
 from scipy.sparse.linalg import splu
 
 from models.apa300ml import PORTS, STACK, make_apa300ml
+from models.apa300ml.calibration import data_sheet_figures
 from models.bench import BENCH_CONDITIONS, make_bench
 from nassim import (
     ElectricalPort,
+    Encoder,
+    FlexibleBody,
+    Joint,
     Material,
     PiezoStack,
+    PointForce,
     RemotePoint,
+    RigidBody,
+    Scene,
     Solid,
     TimeHistory,
     VoltageDrive,
@@ -31,6 +38,7 @@ from nassim import (
     static_response,
 )
 from nassim.fullmodel import full_frequency_response
+from nassim.interface import rigid_transfer
 from nassim.piezo import PortCoupling
 from nassim.signals import band_limited_noise
 from nassim.simulation import exudyn_eigenfrequencies
@@ -81,6 +89,27 @@ def test_single_stack_returns_its_data_sheet():
     assert 1 / body.compliance(fixed=["left"])[6, 6] == pytest.approx(stack.stiffness, rel=tolerance)
 
 
+def test_figures_of_an_actuator_made_of_one_stack():
+    """What the APA300ML is calibrated with, where its closed form is the stack's own data sheet."""
+    shape = occ.Box(occ.Pnt(-5e-3, -5e-3, 0), occ.Pnt(5e-3, 5e-3, STACK.length))
+    shape.name = "stack"
+    shape.faces.Min(occ.Z).name, shape.faces.Max(occ.Z).name = "floor", "roof"
+    points = (RemotePoint("bottom", "floor", np.zeros(3)), RemotePoint("top", "roof", [0, 0, STACK.length]))
+    ceramic = Material("ceramic", STACK.young_modulus, 0.31, 7800.0)
+    ports = (ElectricalPort("all", "stack", STACK, direction=(0, 0, 1)),)
+    solid = Solid("stack", shape, {"stack": ceramic}, points, ports)
+    figures = data_sheet_figures(build_fe_model(solid, element_size=5e-3, order=2, progress=False))
+    assert figures["stroke"] == pytest.approx(20e-6, rel=1e-8), "20 um from -20 to 150 V"
+    assert figures["axial_stiffness"] == pytest.approx(235e6, rel=1e-8)
+    assert figures["mass"] == pytest.approx(7800.0 * 2e-6, rel=1e-9)
+    rod = np.sqrt(235e6 / (5.0 + 7800.0 * 2e-6 / 3)) / (2 * np.pi)
+    assert figures["frequency_5kg"] == pytest.approx(rod, rel=1e-5)
+
+
+def test_the_apas_stack_is_a_possible_ceramic():
+    assert "; usual)" in STACK.consistency()
+
+
 def test_ends_that_cannot_widen_cost_stroke():
     """Poisson's ratio: rigid ends (rbe2) hold the ceramic's width, so it is stiffer and lengthens less."""
     stack, body = make_stack("rbe2")
@@ -100,6 +129,74 @@ def test_open_circuit_stiffens_by_the_coupling_factor():
     shunted = open_circuit(body, {"v": 1.0})
     assert 1 / shunted.compliance(fixed=["left"])[6, 6] == pytest.approx(stack.stiffness, rel=1e-5)
     assert np.allclose(opened.eigenfrequencies()[:6], 0.0, atol=0.01), "rigid motions bring no charge"
+
+
+def test_an_open_stack_knows_what_its_modes_leave_out():
+    """Its first axial frequency, estimated by the open richer form, against a reduction that keeps nearly all."""
+    held = {"fixed": ["left"], "guided": {"right": "x"}, "masses": {"right": 0.02}}
+    coarse, fine = (open_circuit(make_stack(n_modes=n)[1], {"v": 0.0}) for n in (0, 20))
+    first = [body.eigenfrequencies(**held)[0] for body in (coarse, fine)]
+    true = first[0] / first[1] - 1
+    assert true > 5e-3
+    assert coarse.truncation_errors(**held)[0] == pytest.approx(true, rel=0.05)
+
+
+CABLE, RESISTANCE = 2.5e-6, 1e3
+
+
+def loaded_stack(fidelity, *, resistance=np.inf, **options):
+    """A stack on the ground that a force pulls at, its port loaded by a cable; weightless but for a small tip."""
+    stack, body = make_stack()
+    tip = RigidBody("tip", {"foot": np.zeros(3)}, 1e-3, 1e-8 * np.eye(3), position=np.array([20e-3, 0, 0]))
+    ground = RigidBody("ground", {"left": np.zeros(3), "right": np.array([20e-3, 0, 0])}, fixed=True)
+    scene = Scene(
+        "loaded stack",
+        (ground, FlexibleBody("stack", body, fidelity=fidelity), tip),
+        (Joint("clamp", "ground.left", "stack.left"), Joint("mount", "stack.right", "tip.foot")),
+        (PointForce("pull", "tip.foot", "x", "force"),),
+        (
+            VoltageSensor("voltage", "stack.v", resistance=resistance, capacitance=CABLE, gain=3.0),
+            Encoder("elongation", "ground.right", "tip.foot", axis="x"),
+        ),
+        **options,
+    )
+    return stack, scene
+
+
+@pytest.mark.parametrize("fidelity", ["linear", "ffrf"])
+def test_a_cable_shares_the_charge(fidelity):
+    """Q = d F + (C + cable) V = 0, and the voltage stiffens the stack by what is left of its coupling."""
+    stack, scene = loaded_stack(fidelity)
+    whole = stack.capacitance + CABLE
+    voltage = -3.0 * stack.stroke_per_volt / whole
+    flexibility = (1 - stack.coupling_factor**2 * stack.capacitance / whole) / stack.stiffness
+    found = static_response(scene, {"force": 2.0})
+    assert found["voltage"] == pytest.approx(2.0 * voltage, rel=1e-5)
+    assert found["elongation"] == pytest.approx(2.0 * flexibility, rel=1e-5)
+    slow = frequency_response(linearize(scene), np.array([1e-3])).values[:, 0, 0]
+    assert np.allclose(slow, [voltage, flexibility], rtol=1e-6)
+
+
+def test_a_loaded_sensor_is_a_high_pass_of_all_its_capacitance():
+    """Under a given force: V = V_open jf / (jf + f_c) with f_c = 1 / (2 pi R (C + cable)), far below resonance."""
+    frequency = np.array([2.0, 19.0, 60.0])
+    stack, scene = loaded_stack("linear", resistance=RESISTANCE)
+    corner = 1 / (2 * np.pi * RESISTANCE * (stack.capacitance + CABLE))
+    expected = -3.0 * stack.stroke_per_volt / (stack.capacitance + CABLE) * 1j * frequency / (1j * frequency + corner)
+    found = frequency_response(linearize(scene), frequency).response("voltage", "force")
+    assert np.allclose(found, expected, rtol=1e-4)
+
+
+@pytest.mark.parametrize(("fidelity", "method"), [("linear", "exact"), ("linear", None), ("ffrf", None)])
+def test_a_loaded_sensor_follows_a_ramp_by_its_time_constant(fidelity, method):
+    """Under a force that rises by F' a second: V = -F' d R (1 - exp(-t / R (C + cable)))."""
+    stack, scene = loaded_stack(fidelity, resistance=RESISTANCE, damping_ratio=0.05)
+    time = np.arange(201) * 1e-4
+    ramp = TimeHistory(time, 100.0 * time, ("force",), ("N",))
+    found = simulate(scene, ramp, time_step=1e-4, method=method or "generalized_alpha", progress=False)["voltage"]
+    constant = RESISTANCE * (stack.capacitance + CABLE)
+    expected = -3.0 * 100.0 * stack.stroke_per_volt * RESISTANCE * (1 - np.exp(-time / constant))
+    assert np.abs(found - expected).max() < 2e-3 * np.abs(expected).max()
 
 
 @pytest.fixture(scope="module")
@@ -152,6 +249,21 @@ def test_static_answer_equals_the_coupled_fe_system(reduced, coupled_system):
     assert found["encoder"] == pytest.approx((averages @ u)[8], rel=1e-8)
     assert found["sensor_voltage"] == pytest.approx(voltage, rel=1e-8)
     assert charge > reduced.port("actuator").blocked_capacitance
+
+
+def test_stacks_in_parallel_add_their_capacitances(coarse):
+    """Two alike, held, take twice the charge of one."""
+    one, two = coarse.port("sensor"), coarse.port("actuator")
+    assert two.blocked_capacitance == pytest.approx(2 * one.blocked_capacitance, rel=1e-9)
+
+
+def test_a_voltage_does_not_push_on_rigid_motions(reduced):
+    """Forces in balance: they do no work on any of the six, however curved the elements are."""
+    points = [rigid_transfer(point.position) for point in reduced.remote_points]
+    rigid = np.vstack([*points, np.zeros((reduced.n_modes, 6))])
+    for port in reduced.ports:
+        terms = np.abs(port.forces) @ np.abs(rigid)
+        assert np.all(np.abs(port.forces @ rigid) < 1e-12 * terms)
 
 
 def test_reciprocity(reduced, coupled_system):

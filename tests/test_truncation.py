@@ -8,7 +8,7 @@ from conftest import lattice, make_bar, pair_forces_and_readings
 
 from models.apa300ml import PRISMS, make_apa300ml
 from models.bench import BENCH_CONDITIONS
-from nassim import build_fe_model, condense, craig_bampton, frequency_response, linearize, load, save
+from nassim import Material, build_fe_model, condense, craig_bampton, frequency_response, linearize, load, save
 from nassim.discretization import released_stiffness
 from nassim.fullmodel import full_eigenfrequencies, full_frequency_response
 from nassim.interface import rigid_transfer
@@ -99,6 +99,22 @@ def test_discretisation_of_a_cantilever(order, coupling):
     body, reference = found
     true = body.eigenfrequencies(fixed=["left"])[:5] / reference.eigenfrequencies(fixed=["left"])[:5] - 1
     assert_within_factor(body.discretization_errors(fixed=["left"], n=5), true, negligible=1e-6)
+
+
+@pytest.mark.parametrize("order", [2, 3])
+def test_discretisation_of_a_held_rod_is_sharp(order):
+    """A rod held at both ends, f = c / 2 l: all that its mesh lacks is what one order more removes, times 1.7."""
+    length = 0.03
+    solid = make_bar(length=length, material=Material("cork", 1e9, 0.0, 200.0))
+    model = build_fe_model(
+        solid, element_size=0.005, order=order, extrude="x", layer_thickness=length / 4, progress=False
+    )
+    body = craig_bampton(model, n_modes=8, discretization=True, progress=False)
+    held = {"fixed": ["left", "right"]}
+    true = body.eigenfrequencies(**held) / (np.sqrt(1e9 / 200.0) / (2 * length)) - 1
+    axial = np.argmin(np.abs(true))
+    assert 1e-7 < true[axial] < 1e-3
+    assert body.discretization_errors(**held)[axial] == pytest.approx(1.7 * true[axial], rel=0.03)
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,167 @@
+"""Scenes of a few masses, whose motion can be written down: what forces, springs, encoders and damping ratios mean."""
+
+import numpy as np
+import pytest
+
+from nassim import (
+    Encoder,
+    FlexibleBody,
+    Joint,
+    PointForce,
+    ReducedBody,
+    RemotePoint,
+    RigidBody,
+    Scene,
+    SpringDamper,
+    TimeHistory,
+    frequency_response,
+    linearize,
+    simulate,
+    static_response,
+)
+from nassim.assembly import assemble, motion_size
+from nassim.interface import rigid_transfer
+from nassim.linear import damping
+from nassim.simulation import exudyn_eigenfrequencies
+
+LENGTH, STIFFNESS, LEFT, RIGHT, LOAD = 0.2, 5e4, 0.7, 0.4, 1.3
+GROUND = RigidBody("ground", {"left": np.zeros(3), "right": np.array([LENGTH, 0, 0])}, fixed=True)
+
+
+def dumbbell(origin=(0.0, 0.0, 0.0)):
+    """Six point masses around either end of a spring without mass, which resists every relative motion of the ends.
+
+    origin: of the body's frame, as seen from the left end
+    """
+    ends = np.array([[0.0, 0, 0], [LENGTH, 0, 0]]) - np.asarray(origin)
+    offsets = 0.02 * np.vstack([np.eye(3), -np.eye(3)])
+    gram = np.zeros((40, 40))
+    for end, mass in enumerate((LEFT, RIGHT)):
+        for offset in offsets:
+            motions = np.zeros((12, 3))
+            motions[6 * end : 6 * end + 6] = rigid_transfer(offset)[:3].T
+            fields = np.concatenate([[1.0], ends[end] + offset, motions.ravel()])
+            gram += mass / 6 * np.outer(fields, fields)
+    relative = np.hstack([-rigid_transfer(ends[1] - ends[0]), np.eye(6)])
+    stiffness = relative.T @ np.diag([STIFFNESS, 2e5, 3e5, 900.0, 1100.0, 1300.0]) @ relative
+    mass_matrix = np.einsum("jckc->jk", gram[4:, 4:].reshape(12, 3, 12, 3))
+    points = tuple(RemotePoint(name, name, end) for name, end in zip(("left", "right"), ends, strict=True))
+    return ReducedBody("dumbbell", points, mass_matrix, stiffness, gram)
+
+
+def pushed(*joints, **options):
+    """A load of some mass on the dumbbell's right end, which a force pushes along x; its position is read."""
+    load = RigidBody("load", {"foot": np.zeros(3)}, LOAD, 1e-3 * np.eye(3), position=np.array([LENGTH, 0, 0]))
+    return Scene(
+        "pushed",
+        (GROUND, FlexibleBody("dumbbell", dumbbell(), fidelity="linear"), load),
+        (*joints, Joint("mount", "dumbbell.right", "load.foot")),
+        (PointForce("push", "load.foot", "x", "force"),),
+        (Encoder("position", "ground.right", "load.foot", axis="x"),),
+        **options,
+    )
+
+
+def record(time, force):
+    return TimeHistory(time, force, ("force",), ("N",))
+
+
+@pytest.mark.parametrize("hold_order", [0, 1])
+def test_a_force_that_is_there_from_the_start(hold_order):
+    """F/k (1 - cos w t), however far into the force's record the run begins."""
+    scene = pushed(Joint("clamp", "ground.left", "dumbbell.left"), damping_ratio=0.0)
+    omega = np.sqrt(STIFFNESS / (LOAD + RIGHT))
+    time = np.arange(400) * 0.1 / omega
+    options = {"time_step": time[1], "method": "exact", "hold_order": hold_order, "progress": False}
+    found = simulate(scene, record(time, np.full(400, 7.0)), **options)["position"]
+    assert np.allclose(found, 7.0 / STIFFNESS * (1 - np.cos(omega * time)), atol=1e-9 * 7.0 / STIFFNESS)
+
+
+def test_a_ramp_on_a_free_body():
+    """Rigid motion under a rising force, and the oscillation of the two ends against each other."""
+    scene = pushed(damping_ratio=0.0)
+    right = RIGHT + LOAD
+    omega = np.sqrt(STIFFNESS * (1 / LEFT + 1 / right))
+    time = np.arange(300) * 0.05 / omega
+    base, slope = 3.0, 900.0
+    rising = record(time, base + slope * time)
+    found = simulate(scene, rising, time_step=time[1], method="exact", progress=False)["position"]
+    whole = (base * time**2 / 2 + slope * time**3 / 6) / (LEFT + right)
+    stretch = (base * (1 - np.cos(omega * time)) + slope * (time - np.sin(omega * time) / omega)) / (omega**2 * right)
+    expected = whole + LEFT / (LEFT + right) * stretch
+    assert np.allclose(found, expected, atol=1e-7 * np.abs(expected).max())
+
+
+def test_damping_ratios_belong_to_modes_in_order():
+    given = [0.02, 0.05, 0.03]
+    scene = pushed(Joint("clamp", "ground.left", "dumbbell.left"), damping_ratio=given)
+    frequency, ratio = damping(linearize(scene))
+    assert len(frequency) == 6
+    assert np.allclose(frequency, assemble(scene).frequency, rtol=1e-9)
+    assert np.allclose(ratio, [0.02, 0.05, 0.03, 0.03, 0.03, 0.03], rtol=1e-9)
+
+
+def test_size_of_a_motion_does_not_depend_on_the_bodys_origin():
+    """What counts as large is measured by the body, not by how far from it its frame lies."""
+    found = []
+    for origin in ((0, 0, 0), (0.4, -0.9, 2.0)):
+        body = FlexibleBody("dumbbell", dumbbell(origin), position=origin, fidelity="linear")
+        scene = Scene("free", (GROUND, body), (Joint("clamp", "ground.left", "dumbbell.left"),))
+        coordinates = np.zeros((12, 1))
+        coordinates[[6, 11]] = [[2e-3], [4e-3]]
+        found.append(motion_size(assemble(scene), "dumbbell", coordinates))
+    assert np.allclose(found[0], found[1], rtol=1e-9)
+    assert found[0][0] == pytest.approx(4e-3)
+    # Radius of gyration of two masses at a distance, and of the points around them.
+    spread = LEFT * RIGHT / (LEFT + RIGHT) ** 2 * LENGTH**2 + 0.02**2
+    assert found[0][1] == pytest.approx(2e-3 / np.sqrt(spread))
+
+
+def test_a_lever_turns_about_its_hinge():
+    """A force, a spring and an encoder beside the centre of mass: their arms make the moments and the reading."""
+    arms = {"hinge": np.zeros(3), "push": [0.03, 0, 0.01], "held": [-0.05, 0, 0.02], "read": [0.08, 0, -0.01]}
+    base = RigidBody("base", {name: np.asarray(arm, dtype=float) for name, arm in arms.items()}, fixed=True)
+    lever = RigidBody("lever", arms, 2.0, np.diag([0.01, 0.02, 0.03]))
+    scene = Scene(
+        "lever",
+        (base, lever),
+        (Joint("hinge", "base.hinge", "lever.hinge", free=("ry",)),),
+        (PointForce("push", "lever.push", "z", "force"),),
+        (Encoder("reading", "base.read", "lever.read", axis="z"),),
+        (SpringDamper("spring", "base.held", "lever.held", axis="z", stiffness=4e4),),
+        damping_ratio=0.0,
+    )
+    # A rotation b about y lifts a point at x by -b x: b = -0.03 F / (k 0.05^2).
+    expected = 0.03 * 0.08 / (4e4 * 0.05**2)
+    assert static_response(scene, {"force": 1e-3})["reading"] == pytest.approx(1e-3 * expected, rel=1e-5)
+    slow = frequency_response(linearize(scene), np.array([1e-3])).response("reading", "force")[0]
+    assert slow == pytest.approx(expected, rel=1e-9)
+    frequency = np.sqrt(4e4 * 0.05**2 / 0.02) / (2 * np.pi)
+    assert assemble(scene).frequency == pytest.approx([frequency], rel=1e-9)
+    assert exudyn_eigenfrequencies(scene) == pytest.approx([frequency], rel=1e-6)
+
+
+def test_a_spring_between_two_masses_that_move():
+    """In phase it does nothing, in opposite phase it counts twice."""
+    place = {"ends": np.zeros(3)}
+    masses = [RigidBody(name, place, 2.0, 0.01 * np.eye(3)) for name in ("a", "b")]
+    scene = Scene(
+        "two",
+        (RigidBody("base", place, fixed=True), *masses),
+        tuple(Joint(f"guide {m.name}", "base.ends", f"{m.name}.ends", free=("x",)) for m in masses),
+        (PointForce("push", "a.ends", "x", "force"),),
+        (Encoder("other", "base.ends", "b.ends", axis="x"), Encoder("between", "a.ends", "b.ends", axis="x")),
+        (
+            SpringDamper("left", "base.ends", "a.ends", axis="x", stiffness=3e4),
+            SpringDamper("middle", "a.ends", "b.ends", axis="x", stiffness=1e4),
+            SpringDamper("right", "b.ends", "base.ends", axis="x", stiffness=3e4),
+        ),
+        damping_ratio=0.0,
+    )
+    expected = np.sqrt(np.array([3e4, 5e4]) / 2.0) / (2 * np.pi)
+    assert np.allclose(assemble(scene).frequency, expected, rtol=1e-9)
+    assert np.allclose(exudyn_eigenfrequencies(scene), expected, rtol=1e-6)
+    # Force 1 N on a: x_b = k_c / (k (k + 2 k_c)), x_b - x_a = -1 / (k + 2 k_c).
+    found = static_response(scene, {"force": 1.0})
+    assert found["other"] == pytest.approx(1e4 / (3e4 * 5e4), rel=1e-6)
+    assert found["between"] == pytest.approx(-1 / 5e4, rel=1e-6)

@@ -1,0 +1,83 @@
+"""What pictures show: the numbers in their lines, and the surface that they draw."""
+
+import matplotlib.pyplot as plt
+import netgen.occ as occ
+import numpy as np
+import pytest
+from conftest import STEEL, make_bar
+
+from nassim import FRF, RemotePoint, Solid, TimeHistory, build_fe_model, craig_bampton
+from nassim.interface import rigid_transfer
+from nassim.plotting import plot_frf, plot_frf_error, plot_mode, plot_time_history
+
+
+@pytest.fixture(autouse=True)
+def _close():
+    yield
+    plt.close("all")
+
+
+@pytest.fixture(scope="module")
+def bar():
+    model = build_fe_model(make_bar(), element_size=0.01, order=2, progress=False)
+    return craig_bampton(model, n_modes=2, progress=False)
+
+
+def delayed(delay, coherence=None, factor=1.0):
+    frequency = np.linspace(1.0, 400.0, 400)
+    values = factor * np.exp(-2j * np.pi * frequency * delay)
+    return FRF(frequency, values[None, None], ("y",), ("u",), coherence, f"late by {delay:g} s")
+
+
+def test_phase_of_a_delay_falls_without_jumps():
+    axes = plot_frf([delayed(5e-3, np.full((1, 400), 0.75), factor=3.0)], output="y", input="u", unit="V/V")
+    (magnitude,), (phase,), (coherence,) = (ax.get_lines() for ax in axes)
+    frequency = np.linspace(1.0, 400.0, 400)
+    assert magnitude.get_xydata() == pytest.approx(np.column_stack([frequency, np.full(400, 3.0)]))
+    assert phase.get_xydata() == pytest.approx(np.column_stack([frequency, -360 * 5e-3 * frequency]))
+    assert coherence.get_xydata() == pytest.approx(np.column_stack([frequency, np.full(400, 0.75)]))
+
+
+def test_differences_are_shown_in_per_cent():
+    frf, reference = delayed(0.0, np.full((1, 400), 0.9), factor=1.03), delayed(0.0)
+    error, incoherence = plot_frf_error([frf], [reference], output="y", input="u")
+    assert error.get_lines()[0].get_ydata() == pytest.approx(3.0)
+    assert incoherence.get_lines()[0].get_ydata() == pytest.approx(0.1)
+
+
+def test_signals_stand_over_their_time():
+    time = 0.5 + np.arange(5) * 0.1
+    history = TimeHistory(time, np.arange(10.0).reshape(2, 5), ("a", "b"), ("V", "m"))
+    (axis,) = plot_time_history(history, names=["b"])
+    assert axis.get_lines()[0].get_xydata() == pytest.approx(np.column_stack([time, np.arange(5.0, 10.0)]))
+    assert axis.get_ylabel() == "b\n[m]"
+
+
+def test_a_motion_is_drawn_at_eight_per_cent_of_the_size(bar):
+    """A shift along z moves the picture by 8 mm of 100 mm, whatever its amplitude."""
+    shift = np.zeros(14)
+    shift[[2, 8]] = 1e-6
+    axis = plot_mode(bar, shift)
+    assert axis.get_zlim() == pytest.approx((-5 + 8, 5 + 8))
+    assert axis.get_xlim() == pytest.approx((0, 100))
+
+
+def test_the_surface_moves_with_the_body(bar):
+    """Rigid motions of all coordinates are rigid motions of every point of the surface."""
+    motions = np.vstack([*(rigid_transfer(point.position) for point in bar.remote_points), np.zeros((2, 6))])
+    expected = np.stack([rigid_transfer(point)[:3] for point in bar.surface.points])
+    assert np.allclose(bar.surface_modes @ motions, expected, atol=1e-10)
+
+
+@pytest.mark.parametrize("order", [2, 3])
+def test_the_surface_of_a_cylinder_is_round(order):
+    """Midpoints of curved edges lie on the circle, not on its chords."""
+    shape = occ.Cylinder(occ.Pnt(0, 0, 0), occ.X, r=0.01, h=0.04)
+    shape.name = "rod"
+    shape.faces.Min(occ.X).name = "end"
+    solid = Solid("rod", shape, {"rod": STEEL}, (RemotePoint("end", "end", np.zeros(3)),))
+    points = build_fe_model(solid, element_size=0.006, order=order, progress=False).surface.points
+    radius = np.hypot(points[:, 1], points[:, 2])
+    outside = (points[:, 0] > 1e-6) & (points[:, 0] < 0.04 - 1e-6)
+    assert outside.sum() > 20
+    assert np.allclose(radius[outside], 0.01, rtol=2e-3)
