@@ -14,6 +14,7 @@ from models.apa300ml import CALIBRATION, PAPER_FREQUENCY_FE, PRISMS, STACK, VEND
 from models.apa300ml.calibration import FIGURES, PARAMETERS, PUBLISHED, make_model
 from nassim.calibration import Target, calibrate, check_determined, sensitivities
 from nassim.progress import stage
+from nassim.storage import written_whole
 
 arguments = parser(__doc__, "calibrate_apa")
 arguments.add_argument("--fit", nargs="+", default=["pzt_modulus"], choices=PARAMETERS, help="(default: pzt_modulus)")
@@ -90,9 +91,6 @@ def main() -> None:
             name: dict(zip(PARAMETERS, row, strict=True)) for name, row in zip(FIGURES, table.tolist(), strict=True)
         },
     }
-    if args.write:
-        CALIBRATION.write_text(json.dumps(record, indent=2) + "\n")
-        print(f"written to {CALIBRATION}: the model's default from now on")
     differences = {name: 100 * (result.figures[name] / known - 1) for name, known in PUBLISHED.items()}
     further = {
         "started_from": {parameter.name: parameter.start for parameter in chosen},
@@ -104,6 +102,10 @@ def main() -> None:
         "stack_coupling_factor": STACK.coupling_factor,
     }
     write_summary(args.output, record | further)
+    if args.write:
+        with written_whole(CALIBRATION) as temporary:
+            temporary.write_text(json.dumps(record, indent=2) + "\n")
+        print(f"written to {CALIBRATION}: the model's default from now on")
 
 
 def read_target(text: str, tolerance: float) -> Target:
