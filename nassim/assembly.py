@@ -123,7 +123,7 @@ class Assembly:
 
 def assemble(scene: Scene) -> Assembly:
     """Assemble a scene's mass and stiffness for small motion, and find its undamped eigenmodes."""
-    scene = _with_open_ports(scene.trimmed())
+    scene = _as_modelled(scene.trimmed())
     frames = {body.name: floating_frame(body.reduced, scene.frame_point(body)) for body in scene.flexible_bodies}
     slices: dict[str, slice] = {}
     blocks: list[Array] = []
@@ -238,14 +238,19 @@ def deformation_damping(assembly: Assembly) -> Array:
     return result
 
 
-def _with_open_ports(scene: Scene) -> Scene:
-    """The scene with the stiffness that its bodies have while their measured electrical ports keep their charge."""
+def _as_modelled(scene: Scene) -> Scene:
+    """The scene with the stiffness that bodies have while their measured electrical ports keep their charge.
+
+    Bodies of which nothing but six rigid motions is left are rigid.
+    """
     bodies: list[Body] = []
     for body in scene.bodies:
-        measured = [s for s in scene.sensors if isinstance(s, VoltageSensor) and scene.split(s.port)[0] is body]
-        if isinstance(body, FlexibleBody) and measured:
+        if isinstance(body, FlexibleBody):
+            measured = [s for s in scene.sensors if isinstance(s, VoltageSensor) and scene.split(s.port)[0] is body]
             loads = {sensor.port.partition(".")[2]: sensor.capacitance for sensor in measured}
-            bodies.append(replace(body, reduced=open_circuit(body.reduced, loads)))
+            reduced = open_circuit(body.reduced, loads) if measured else body.reduced
+            stiff = body.fidelity == "ffrf" and len(reduced.mass_matrix) == 6
+            bodies.append(replace(body, reduced=reduced, fidelity="rigid" if stiff else body.fidelity))
         else:
             bodies.append(body)
     return replace(scene, bodies=tuple(bodies))

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from nassim.checks import Array, finite_array, freeze, frozen_mapping, known, unique
+from nassim.checks import Array, finite_array, freeze, frozen_mapping, instances, known, unique
 from nassim.geometry import RemotePoint
 from nassim.interface import coordinate_names, free_coordinates, point_masses
 from nassim.piezo import PortCoupling
@@ -58,21 +58,28 @@ class ReducedBody:
     full_integrals: bool = True
 
     def __post_init__(self) -> None:
-        points = tuple(self.remote_points)
+        points = instances(f"body {self.name!r}: remote_points", self.remote_points, (RemotePoint,))
+        passive_points = instances(f"body {self.name!r}: passive_points", self.passive_points, (RemotePoint,))
+        unique("body", (self.name,))
+        unique(f"body {self.name!r}: remote point", (point.name for point in (*points, *passive_points)))
         mass = finite_array(f"body {self.name!r}: mass matrix", self.mass_matrix, (None, None))
         n = len(mass)
+        if not n:
+            raise ValueError(f"body {self.name!r} has no coordinates: its matrices are empty")
         stiffness = finite_array(f"body {self.name!r}: stiffness matrix", self.stiffness_matrix, (n, n))
         gram = finite_array(f"body {self.name!r}: gram", self.gram, (4 + 3 * n, 4 + 3 * n))
         for label, matrix in (("mass", mass), ("stiffness", stiffness)):
             if matrix.shape != (n, n) or np.abs(matrix - matrix.T).max() > 1e-9 * np.abs(matrix).max():
                 raise ValueError(f"body {self.name!r}: the {label} matrix must be square and symmetric")
+        if np.diag(mass).min() < 0:
+            raise ValueError(f"body {self.name!r}: the diagonal of the mass matrix holds {np.diag(mass).min():.3g}")
         released = self.released_stiffness
         if released is not None:
             released = finite_array(f"body {self.name!r}: released stiffness", released, (n, n))
         passive = self.passive_motions
         if passive is None:
             passive = np.zeros((0, n))
-        passive = finite_array(f"body {self.name!r}: passive motions", passive, (6 * len(self.passive_points), n))
+        passive = finite_array(f"body {self.name!r}: passive motions", passive, (6 * len(passive_points), n))
         unique(f"body {self.name!r}: electrical port", (port.name for port in self.ports))
         for port in self.ports:
             if len(port.forces) != n:
@@ -90,7 +97,7 @@ class ReducedBody:
             stiffness_matrix=stiffness,
             gram=gram,
             released_stiffness=released,
-            passive_points=tuple(self.passive_points),
+            passive_points=passive_points,
             passive_motions=passive,
             ports=tuple(self.ports),
             record=frozen_mapping(self.record),
@@ -148,8 +155,12 @@ class ReducedBody:
     @property
     def strain(self) -> Strain:
         """What strains in the body's motions."""
-        positions = np.array([point.position for point in self.remote_points]).reshape(-1, 3)
-        return body_strain(self.stiffness_matrix, self.mass_matrix, positions)
+        return body_strain(self.stiffness_matrix, self.mass_matrix, self.positions)
+
+    @property
+    def positions(self) -> Array:
+        """Where the remote points lie, in the body's frame, (r, 3) [m]."""
+        return np.array([point.position for point in self.remote_points]).reshape(-1, 3)
 
     def eigenmodes(
         self,
@@ -172,8 +183,8 @@ class ReducedBody:
         added = np.zeros(len(self.mass_matrix))
         added[:n_interface] = point_masses(self.point_names, masses)
         mass = (self.mass_matrix + np.diag(added))[np.ix_(free, free)]
-        if n is not None and n < 1:
-            raise ValueError(f"n must be at least 1, got {n}")
+        if n is not None and (n != int(n) or n < 1):
+            raise ValueError(f"n must be a whole number of modes, at least 1, got {n}")
         frequency, vectors = strained_modes(self.strain.within(np.eye(len(added))[:, free]), mass)
         frequency, vectors = frequency[:n], vectors[:, :n]
         shapes = np.zeros((len(self.mass_matrix), len(frequency)))
@@ -251,11 +262,12 @@ class ReducedBody:
         free = free_coordinates(self.point_names, fixed=fixed, guided=guided)
         # Modal coordinates take part where an open electrical port couples them to the points.
         moving = np.concatenate([free, np.arange(n_interface, len(self.mass_matrix))])
+        strain = self.strain.within(np.eye(len(self.mass_matrix))[:, moving])
+        if np.any(strained_modes(strain, self.mass_matrix[np.ix_(moving, moving)])[0] == 0):
+            raise ValueError(f"body {self.name!r} can move freely: fix enough remote points, known: {self.point_names}")
         stiffness = self.stiffness_matrix[np.ix_(moving, moving)]
         scale = 1.0 / np.sqrt(np.diag(stiffness))
         scaled = scale[:, None] * stiffness * scale
-        if np.linalg.eigvalsh(scaled)[0] < 1e-10:
-            raise ValueError(f"body {self.name!r} can move freely: fix enough remote points, known: {self.point_names}")
         result = np.zeros((n_interface, n_interface))
         result[np.ix_(free, free)] = (scale[:, None] * np.linalg.inv(scaled) * scale)[: len(free), : len(free)]
         return result

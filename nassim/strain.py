@@ -17,6 +17,8 @@ from nassim.inertia import rigid_motions
 
 UNSTRAINED = 1e-9
 """Strain below this share of what its terms could add up to is rounding."""
+ROUNDING = 1e-11
+"""Share of a body's largest stiffness, as square of a frequency, that rounding may leave against its rigid motions."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,7 @@ def joined(strains: Sequence[Strain], n: int) -> Strain:
 
 def spring_strain(row: Array, stiffness: float, mass: Array) -> Strain:
     """Of a spring [N/m] whose elongation is row @ q, (n,); mass: (n, n)."""
-    size = np.linalg.norm(row / np.sqrt(np.diag(mass)))
+    size = np.linalg.norm(row * _unit_mass(mass))
     rows = row[None] if stiffness > 0 and size > 0 else np.zeros((0, len(row)))
     return Strain(rows / (size or 1.0), np.sqrt(stiffness) * rows)
 
@@ -61,14 +63,12 @@ def body_strain(stiffness: Array, mass: Array, positions: Array) -> Strain:
     Directions in which the stiffness is nothing but rounding (or negative) strain nothing.
     """
     n = len(mass)
-    motions = rigid_motions(positions, n)
     relative = np.eye(n)
-    if len(positions) and _lets_go(stiffness, motions):
-        relative[:, :6] -= motions @ np.linalg.inv(motions[:6])
-        relative, stiffness = relative[6:], stiffness[6:, 6:]
+    if lets_go(stiffness, mass, positions):
+        relative, stiffness = _beside_first(positions, n), stiffness[6:, 6:]
     kinds, weights = _factors(stiffness, n_points=len(stiffness) - n + 6 * len(positions))
     rows = kinds @ relative
-    size = np.linalg.norm(rows / np.sqrt(np.diag(mass)), axis=1, keepdims=True)
+    size = np.linalg.norm(rows * _unit_mass(mass), axis=1, keepdims=True)
     return Strain(rows / size, weights @ relative)
 
 
@@ -80,11 +80,7 @@ def strained_modes(strain: Strain, mass: Array) -> tuple[Array, Array]:
     n = len(mass)
     if not n:
         return np.zeros(0), np.zeros((0, 0))
-    # Scaling to a unit diagonal of M mends the mix of metres, radians and modal coordinates.
-    diagonal = np.diag(mass)
-    if np.any(diagonal <= 0):
-        raise ValueError("the mass matrix has a diagonal entry that is not positive; it must be positive definite")
-    scale = 1.0 / np.sqrt(diagonal)
+    scale = _unit_mass(mass)
     try:
         factor = np.linalg.cholesky(scale[:, None] * mass * scale)
     except np.linalg.LinAlgError as error:
@@ -104,14 +100,39 @@ def strained_modes(strain: Strain, mass: Array) -> tuple[Array, Array]:
     return np.concatenate([np.zeros(free), omega]) / (2 * np.pi), shapes
 
 
-def _lets_go(stiffness: Array, motions: Array) -> bool:
-    """Whether rigid motions, (n, 6), cause no forces beyond rounding."""
-    size = np.sqrt(np.abs(np.diag(stiffness)))
-    scale = 1.0 / np.where(size > 0, size, 1.0)
-    scaled, amplitudes = scale[:, None] * stiffness * scale, motions / scale[:, None]
+def _unit_mass(mass: Array) -> Array:
+    """Scales of a unit diagonal of M, (n,), which mend the mix of metres, radians and modal coordinates."""
+    diagonal = np.diag(mass)
+    if np.any(diagonal <= 0):
+        raise ValueError("the mass matrix has a diagonal entry that is not positive; it must be positive definite")
+    result: Array = 1.0 / np.sqrt(diagonal)
+    return result
+
+
+def lets_go(stiffness: Array, mass: Array, positions: Array) -> bool:
+    """Whether rigid motions cause no forces beyond rounding of the largest that any motion causes.
+
+    Their own terms would be no measure: of a body with one point, all of them are rounding.
+    """
+    if not len(positions):
+        return False
+    scale = _unit_mass(mass)
+    scaled, amplitudes = scale[:, None] * stiffness * scale, rigid_motions(positions, len(mass)) / scale[:, None]
     force = np.linalg.norm(scaled @ amplitudes, axis=0)
-    terms = np.linalg.norm(np.abs(scaled) @ np.abs(amplitudes), axis=0)
-    return bool(np.all(force <= UNSTRAINED * terms))
+    return bool(np.all(force <= ROUNDING * np.linalg.norm(scaled) * np.linalg.norm(amplitudes, axis=0)))
+
+
+def without_rounding(stiffness: Array, positions: Array) -> Array:
+    """A stiffness matrix that lets go, (n, n), with the first point's rows from the others' by equilibrium."""
+    relative = _beside_first(positions, len(stiffness))
+    result: Array = relative.T @ stiffness[6:, 6:] @ relative
+    return 0.5 * (result + result.T)
+
+
+def _beside_first(positions: Array, n: int) -> Array:
+    """Motions of all points but the first beside what the first one's would give them, and modes, (n - 6, n)."""
+    motions = rigid_motions(positions - positions[0], n)
+    return np.hstack([-motions[6:], np.eye(n - 6)])
 
 
 def _factors(stiffness: Array, *, n_points: int) -> tuple[Array, Array]:

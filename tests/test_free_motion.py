@@ -31,6 +31,7 @@ from nassim.inertia import rigid_motions
 from nassim.interface import rigid_transfer
 from nassim.linear import damping
 from nassim.strain import strained_modes
+from nassim.trim import trim_body
 
 MASS = 100.0
 CENTRE = np.array([0.3, -0.2, 0.1])
@@ -178,6 +179,36 @@ def test_a_free_body_has_six_free_motions_and_falls(block):
         simulate(scene, QUIET, time_step=0.1, method="exact", progress=False)
 
 
+@pytest.mark.parametrize("point", ["left", "right"])
+@pytest.mark.parametrize("cutoff_frequency", [1e3, 1e9])
+def test_a_body_of_one_point_is_free_however_little_is_left(flexure, point, cutoff_frequency):
+    """All stiffness against its point's motion is rounding; without modes there is nothing to compare that with."""
+    loads = np.zeros((len(flexure.mass_matrix), 0))
+    body = trim_body(flexure, points=[point], loads=loads, cutoff_frequency=cutoff_frequency)
+    assert np.count_nonzero(body.eigenfrequencies() == 0) == 6
+    assert (len(body.mass_matrix) == 6) == (cutoff_frequency == 1e3)
+
+
+@pytest.mark.parametrize("fidelity", ["linear", "ffrf"])
+@pytest.mark.parametrize("cutoff_frequency", [1e3, None])
+def test_a_body_without_deformation_moves_as_a_rigid_one(flexure, fidelity, cutoff_frequency):
+    """Force over both masses, though the floating frame has nothing to float."""
+    leaf = FlexibleBody("leaf", flexure, fidelity=fidelity)
+    block = RigidBody("block", {"c": np.zeros(3)}, 1e-3, 1e-9 * np.diag([1.0, 1.5, 2.0]))
+    scene = Scene(
+        "flight",
+        (RigidBody("ground", {"o": np.zeros(3)}, fixed=True), leaf, block),
+        (Joint("glue", "block.c", "leaf.left"),),
+        (PointForce("push", "block.c", "x", "force"),),
+        (Encoder("motion", "ground.o", "block.c", "x"),),
+        cutoff_frequency=cutoff_frequency,
+    )
+    time = np.arange(101) * 1e-4
+    push = TimeHistory(time, np.full((1, 101), 1e-3), ("force",), ("N",))
+    found = simulate(scene, push, time_step=1e-4, progress=False)["motion"]
+    np.testing.assert_allclose(found[-1], 1e-3 / (1e-3 + flexure.mass) * time[-1] ** 2 / 2, rtol=1e-3)
+
+
 def test_a_body_tied_to_the_ground_is_not_free(block):
     tied = grounded_at(block, 1, 1e-5)
     expected = np.sqrt(scipy.linalg.eigh(tied.stiffness_matrix, tied.mass_matrix, eigvals_only=True)) / (2 * np.pi)
@@ -245,5 +276,5 @@ def test_modes_need_a_definite_mass(block):
         strained_modes(block.strain, strange)
     with pytest.raises(ValueError, match="a diagonal entry that is not positive"):
         strained_modes(block.strain, -block.mass_matrix)
-    with pytest.raises(ValueError, match="n must be at least 1"):
+    with pytest.raises(ValueError, match="n must be a whole number of modes, at least 1, got 0"):
         block.eigenfrequencies(n=0)
