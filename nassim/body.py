@@ -8,14 +8,12 @@ import numpy as np
 from nassim.checks import Array, finite_array, freeze, frozen_mapping, known, unique
 from nassim.geometry import RemotePoint
 from nassim.interface import coordinate_names, free_coordinates, point_masses
-from nassim.modal import eigenmodes
 from nassim.piezo import PortCoupling
+from nassim.strain import Strain, body_strain, strained_modes
 from nassim.surface import Surface
 
 SATURATION = 1.7
 """Error left by a mesh over the part of it that elements one order higher remove."""
-RIGID = 1e-6
-"""Frequencies below this share of a body's highest are those of rigid motions."""
 
 
 @dataclass(frozen=True)
@@ -147,6 +145,12 @@ class ReducedBody:
         names = [port.name for port in self.ports]
         return self.ports[names.index(known("electrical port", name, names))]
 
+    @property
+    def strain(self) -> Strain:
+        """What strains in the body's motions."""
+        positions = np.array([point.position for point in self.remote_points]).reshape(-1, 3)
+        return body_strain(self.stiffness_matrix, self.mass_matrix, positions)
+
     def eigenmodes(
         self,
         *,
@@ -155,7 +159,7 @@ class ReducedBody:
         masses: Mapping[str, float] | None = None,
         n: int | None = None,
     ) -> tuple[Array, Array]:
-        """Eigenfrequencies (m,) [Hz] and mode shapes (n_coordinates, m) of the undamped body.
+        """Eigenfrequencies (m,) [Hz], 0 for free motions only, and mode shapes (n_coordinates, m), undamped.
 
         fixed: remote points that cannot move; guided: point -> the one direction left free ("x" ... "rz")
         masses: point masses at remote points [kg]; n: how many modes (default: all)
@@ -168,7 +172,10 @@ class ReducedBody:
         added = np.zeros(len(self.mass_matrix))
         added[:n_interface] = point_masses(self.point_names, masses)
         mass = (self.mass_matrix + np.diag(added))[np.ix_(free, free)]
-        frequency, vectors = eigenmodes(self.stiffness_matrix[np.ix_(free, free)], mass, n_modes=n)
+        if n is not None and n < 1:
+            raise ValueError(f"n must be at least 1, got {n}")
+        frequency, vectors = strained_modes(self.strain.within(np.eye(len(added))[:, free]), mass)
+        frequency, vectors = frequency[:n], vectors[:, :n]
         shapes = np.zeros((len(self.mass_matrix), len(frequency)))
         shapes[free] = vectors
         return frequency, shapes
@@ -201,7 +208,7 @@ class ReducedBody:
             raise ValueError(f"body {self.name!r} carries no enriched form, so its truncation error is unknown")
         frequency = self.eigenfrequencies(fixed=fixed, guided=guided, masses=masses)
         better = self.enriched.eigenfrequencies(fixed=fixed, guided=guided, masses=masses)[: len(frequency)]
-        elastic = better > RIGID * frequency[-1]
+        elastic = (frequency > 0) & (better > 0)
         errors = np.zeros(len(frequency))
         errors[elastic] = frequency[elastic] / better[elastic] - 1
         return errors[:n]
@@ -230,7 +237,7 @@ class ReducedBody:
         frequency = self.eigenfrequencies(fixed=fixed, guided=guided, masses=masses)
         softer = replace(self, stiffness_matrix=self.stiffness_matrix - self.released_stiffness)
         better = softer.eigenfrequencies(fixed=fixed, guided=guided, masses=masses)
-        elastic = better > RIGID * frequency[-1]
+        elastic = (frequency > 0) & (better > 0)
         errors = np.zeros(len(frequency))
         errors[elastic] = SATURATION * 0.5 * (1 - (better[elastic] / frequency[elastic]) ** 2)
         return errors[:n]

@@ -17,7 +17,7 @@ import numpy as np
 import scipy.linalg
 
 from nassim.assembly import Assembly, deformable_bodies
-from nassim.body import RIGID, ReducedBody
+from nassim.body import ReducedBody
 from nassim.checks import Array
 
 CLAMPED = 12.3
@@ -48,7 +48,7 @@ def buckling_share(assembly: Assembly, tensions: Mapping[str, Array]) -> tuple[f
 
     Free motions are left out: what a weight does to a mechanism is no buckling.
     """
-    elastic = assembly.frequency > RIGID * assembly.frequency.max(initial=0.0)
+    elastic = ~assembly.free
     modes = assembly.basis @ (assembly.shapes / np.where(elastic, 2 * np.pi * assembly.frequency, 1.0))[:, elastic]
     softening = {}
     for body in deformable_bodies(assembly.scene):

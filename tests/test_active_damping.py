@@ -62,7 +62,7 @@ def test_damping_in_exudyn(apa, fidelity, gain):
 @pytest.mark.parametrize("fidelity", ["linear", "ffrf"])
 def test_damping_of_the_bench_with_ports_in_exudyn(apa_with_ports, fidelity):
     """One step a sample, trimmed: else modes near multiples of the sample rate, which the integrator moves, fold in."""
-    bench = make_bench(apa=apa_with_ports, fidelity=fidelity, ports=True, cutoff_frequency=1500.0)
+    bench = make_bench(apa=apa_with_ports, fidelity=fidelity, resistance=np.inf, cutoff_frequency=1500.0)
     controller = integral_force_feedback(80.0, sample_rate=RATE, corner_frequency=2.0)
     scene = replace(bench, loops=(Loop("iff", controller, "sensor_voltage", "actuator_voltage"),))
     _, ratio = slowest(linearize_closed(scene).poles())

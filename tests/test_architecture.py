@@ -18,7 +18,7 @@ LAYERS = (
     ("arrayfiles", "calibration", "listing", "materials", "modal", "piezo", "statespace", "unit_systems"),
     ("interface", "signals", "solver"),
     ("geometry", "frf", "inertia", "pole_fit"),
-    ("control", "meshing", "ports", "superelement", "surface", "identification", "uff"),
+    ("control", "meshing", "ports", "superelement", "surface", "identification", "strain", "uff"),
     ("fem", "measurements", "rowguess"),
     ("condensation", "body"),
     ("inspection", "modes", "trim"),

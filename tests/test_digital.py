@@ -277,12 +277,12 @@ def test_bad_loops(apa):
 
 
 def test_summary_tells_the_wiring(apa_with_ports, apa):
-    bench = make_bench(apa=apa_with_ports, fidelity="linear", ports=True, resistance=1e4)
+    bench = make_bench(apa=apa_with_ports, fidelity="linear", resistance=1e4)
     text = replace(bench, loops=(Loop("p", GAIN, "encoder", "actuator_voltage"),)).summary()
     assert "port sensor: measured, 10000 Ohm" in text
     assert "port actuator: driven by actuator_voltage" in text
     assert "loop p: encoder to actuator_voltage at 10000 Hz, 0 sample(s) of delay" in text
-    assert "port sensor: short-circuited" in make_bench(apa=apa_with_ports).summary()
+    assert "port sensor: short-circuited" in make_bench(apa=apa_with_ports, ports=False).summary()
 
 
 def test_damping_that_a_floating_frame_cannot_realise_is_told():
