@@ -78,6 +78,8 @@ def check_implied(scene: Scene, enforced: Mapping[str, Sequence[str]]) -> None:
     scale = np.tile([size] * 3 + [1.0] * 3, len(bodies))
     about_middle = scipy.linalg.block_diag(*[rigid_transfer(-middle)] * len(bodies)) * scale
     motions = about_middle @ _null_space(_all_rows(scene, places) @ about_middle)
+    if not motions.size:
+        return
     correct = about_middle @ np.linalg.pinv(_all_rows(scene, places, enforced) @ about_middle, rcond=1e-9)
 
     def opened(twists: Array) -> Array:

@@ -205,7 +205,7 @@ def _warn_of_spin(scene: Scene) -> None:
         if body.fidelity != "ffrf" or rate == 0.0:
             continue
         first = body.reduced.eigenfrequencies(fixed=[scene.frame_point(body)])[0]
-        rise = 0.5 * (rate / first) ** 2
+        rise = float(np.hypot(1.0, rate / first)) - 1
         if rise > STIFFENING:
             warnings.warn(
                 f"body {body.name!r} turns at {rate:.3g} Hz, its first frequency is {first:.4g} Hz: centrifugal "

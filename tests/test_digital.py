@@ -95,14 +95,14 @@ def test_fidelities_agree_in_closed_loop(apa):
         assert error[1] < 5e-3
 
 
-def test_command_is_what_the_controller_makes_of_the_record(apa):
-    record = simulate(with_iff(apa=apa), pulse(), time_step=STEP, method="exact", progress=False)
-    measured = record["sensor_voltage"]
-    # The trapezoidal sum of all samples so far, put out one sample later.
-    integral = STEP * (np.cumsum(measured) - 0.5 * measured)
-    expected = np.concatenate([[0.0], -20.0 * integral[:-1]])
-    assert np.ptp(expected) > 1e-3
-    assert np.allclose(record["iff"], expected, atol=1e-12 * np.abs(expected).max())
+@pytest.mark.parametrize("delay", [0, 1, 3])
+def test_command_is_tustins_integral_of_the_record(apa, delay):
+    """gain (sum of all readings before + half of the present one) h, `delay` samples late."""
+    record = simulate(with_iff(-20.0, apa, delay=delay), pulse(), time_step=STEP, method="exact", progress=False)
+    y = record["sensor_voltage"]
+    integral = -20.0 * STEP * (np.cumsum(y) - y / 2)
+    expected = np.concatenate([np.zeros(delay), integral[: len(integral) - delay]])
+    assert np.allclose(record["iff"], expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("delay", [0, 1, 3])

@@ -256,8 +256,10 @@ def spin_beyond_the_floating_frame(apa):
         told.append([str(w.message) for w in caught if "centrifugal" in str(w.message)])
     assert not told[0]
     assert len(told[1]) == 1
-    rise = 0.5 * (50.0 / body.eigenfrequencies(fixed=["left"])[0]) ** 2
-    return abs(float(told[1][0].rsplit("some ", 1)[1].split(" %")[0]) / (100 * rise) - 1), 0.05
+    # A cantilever's flapping rises by f^2 = f0^2 + 1.193 n^2 (Southwell's coefficient); f0 from Euler and Bernoulli.
+    first = 1.875104**2 / (2 * np.pi * 0.5**2) * np.sqrt(200e9 * 0.01**2 / 12 / 7800)
+    rise = np.sqrt(1 + 1.193 * (50.0 / first) ** 2) - 1
+    return abs(float(told[1][0].rsplit("some ", 1)[1].split(" %")[0]) / (100 * rise) - 1), 0.2
 
 
 def spinning_bar_in_its_own_frame(apa):
@@ -295,7 +297,7 @@ def spinning_bar_in_its_own_frame(apa):
 
 
 def redundant_clamps_and_guides(apa):
-    """The payload guided twice and the actuator clamped twice: the static answer against the bench's."""
+    """The payload guided twice and the actuator clamped twice: the answer to a jump against the bench's."""
     bench = make_bench(apa=apa)
     twice = (*bench.joints, replace(bench.joints[0], name="again"), replace(bench.joints[2], name="guide 2"))
     worst = 0.0
@@ -304,7 +306,9 @@ def redundant_clamps_and_guides(apa):
         scene = replace(bench, bodies=(bench.bodies[0], body, bench.bodies[2]), joints=twice)
         record = simulate(scene, signal(np.full(51, 0.1)), time_step=STEP, progress=False)
         one = simulate(replace(scene, joints=bench.joints), signal(np.full(51, 0.1)), time_step=STEP, progress=False)
-        worst = max(worst, np.abs(record["encoder"] - one["encoder"]).max() / 1e-6)
+        scale = np.abs(one["encoder"]).max()
+        assert (scale == 0) == (fidelity == "rigid")
+        worst = max(worst, np.abs(record["encoder"] - one["encoder"]).max() / (scale or 1.0))
     return worst, 1e-6
 
 
