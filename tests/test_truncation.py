@@ -90,7 +90,7 @@ def test_enriched_body_is_a_richer_basis_of_the_same_model(apa):
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 @pytest.mark.parametrize("coupling", ["rbe2", "rbe3"])
 def test_discretisation_of_a_cantilever(order, coupling):
-    """Against elements half as large and of order 5, from both sides; order 1 locks, which one order more mends in part."""
+    """Against elements half as large and of order 5; order 1 locks, of which one order more mends only a part."""
     solid = make_bar(length=0.08, side=0.012, coupling=coupling)
     found = []
     for size, p in ((0.012, order), (0.006, 5)):
