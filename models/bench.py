@@ -1,11 +1,12 @@
 """The paper's test bench: granite base, amplified piezo actuator, guided mass on top, encoder."""
 
-import math
-
 import numpy as np
+from numpy.typing import ArrayLike
 
-from models.apa300ml import PORTS, STACK, reduced_apa300ml
+from models.apa300ml import PORTS, PZT, STACK, STEEL, reduced_apa300ml
 from nassim import (
+    FRF,
+    Condensation,
     Encoder,
     FlexibleBody,
     GroundAcceleration,
@@ -19,9 +20,13 @@ from nassim import (
     VoltageDrive,
     VoltageSensor,
 )
+from nassim.fullmodel import full_frequency_response
 
 AMPLIFIER_GAIN = 20.0
 """Stack voltage per DAC voltage [V/V]."""
+SENSOR_RESISTANCE = 80e3
+"""Across the sensor stack [Ohm]: a resistor beside the converter's input, which keeps bias currents from charging it.
+Of the size that benches of this actuator use, unverified; with the stack's capacitance a high-pass at 0.4 to 0.6 Hz."""
 GRAVITY = np.array([0.0, 0.0, -9.81])
 
 
@@ -32,8 +37,8 @@ def make_bench(
     damping_ratio: float = 0.01,
     cutoff_frequency: float | None = None,
     gravity: bool = False,
-    ports: bool = False,
-    resistance: float = math.inf,
+    ports: bool | None = None,
+    resistance: float | None = None,
     disturbances: bool = False,
     apa: ReducedBody | None = None,
 ) -> Scene:
@@ -44,16 +49,23 @@ def make_bench(
     damping_ratio: of every mode of the bench [-]; an assumption until measured
     cutoff_frequency: models only what the bench needs below it [Hz], see `Scene`; default: all
     gravity: let the payload's and the actuator's weight act; simulations then start from static equilibrium
-    ports: let the stacks act and measure over their volume, as electrical ports of the actuator, with the sensor open
-        or loaded by `resistance` [Ohm]; otherwise by a pair of forces and an elongation between remote points
+    ports: whether the stacks act and measure over their volume, as electrical ports of the actuator, or by the cheaper
+        pair of forces and elongation between remote points (default: ports, unless `apa` has none)
+    resistance: across the sensor stack [Ohm]; math.inf for an open one (default: `SENSOR_RESISTANCE`). The pair of
+        forces knows no electricity: its sensor is open and as stiff as a shorted one.
     disturbances: two more inputs along z, "payload_force" [N] and "ground_acceleration" [m/s2]; the encoder then
         measures against the ground
-    apa: a reduced APA300ML (default: `reduced_apa300ml()`, with `PORTS` where they are asked for; cached)
+    apa: a reduced APA300ML (default: `reduced_apa300ml` with `PORTS`, or with plane faces on the stack line for the
+        pair of forces; cached)
     """
-    if np.isfinite(resistance) and not ports:
-        raise ValueError("a resistance loads the sensor's electrical port; give ports=True too")
-    body = reduced_apa300ml(ports=PORTS if ports else ()) if apa is None else apa
-    drive, measure = _ports(resistance) if ports else _force_pair()
+    if ports is None:
+        ports = apa is None or bool(apa.ports)
+    if resistance is not None and not ports:
+        raise ValueError("a resistance loads the sensor's electrical port, which the pair of forces does without")
+    if apa is None:
+        apa = reduced_apa300ml(ports=PORTS) if ports else reduced_apa300ml(stack_coupling="rbe2")
+    body = apa
+    drive, measure = _ports(SENSOR_RESISTANCE if resistance is None else resistance) if ports else _force_pair()
     bottom, top = (body.point(name).position for name in ("bottom", "top"))
     # A steel cube would do: the guide leaves only the mass to matter.
     side = np.cbrt(payload_mass / 7800.0) if payload_mass > 0 else 1.0
@@ -101,7 +113,18 @@ def _force_pair() -> tuple[StackActuator, StackSensor]:
         input="actuator_voltage",
         gain=AMPLIFIER_GAIN,
     )
-    return drive, StackSensor("sensor_voltage", "apa.sensor_end", "apa.junction", STACK.voltage_per_elongation)
+    return drive, StackSensor("sensor_voltage", "apa.sensor_end", "apa.junction", sensor_span_constant())
+
+
+def sensor_span_constant() -> float:
+    """Voltage per elongation between `sensor_end` and `junction` [V/m]: of the sensor stack with the spacer in line.
+
+    An open stack reads V = -d F / C, whatever passes the force on; F is the span's elongation times its stiffness,
+    1 / (l / EA of the ceramic + l / EA of the steel).
+    """
+    spacer = 5e-3 / (STEEL.young_modulus * STACK.area)
+    stiffness = 1 / (STACK.length / (PZT.young_modulus * STACK.area) + spacer)
+    return STACK.stroke_per_volt * stiffness / STACK.capacitance
 
 
 def _ports(resistance: float) -> tuple[VoltageDrive, VoltageSensor]:
@@ -113,19 +136,36 @@ BENCH_CONDITIONS = {"fixed": ["bottom"], "guided": {"top": "z"}}
 """What the bench's joints do to the actuator's remote points, for `eigenfrequencies` and the full FE model."""
 
 
-def bench_forces_and_readings() -> tuple[dict[str, dict[str, float]], dict[str, dict[str, float]]]:
-    """The bench's input and outputs at the actuator's remote points, for `full_frequency_response`.
+def full_bench_response(
+    condensed: Condensation,
+    frequency: ArrayLike,
+    *,
+    payload_mass: float = 5.0,
+    damping_ratio: float = 0.01,
+    resistance: float = SENSOR_RESISTANCE,
+    progress: bool = True,
+) -> FRF:
+    """The bench's FRFs by the full FE model with both stacks as electrical ports, at frequencies (n,) [Hz].
 
-    Written out by hand: a second route to what `make_bench` says by names of stacks and sensors.
+    The model answers two voltages, of the drive and at the sensor, with the sensor's charge Q; the resistance then says
+    which sensor voltage goes with which drive: Q' = -V / R. Beside the reduced bench this shares the ports and the
+    points of the FE model, but no reduction and no scene. Damping is that of the modes with the sensor shorted.
     """
-    force = AMPLIFIER_GAIN * STACK.force_per_volt
-    sensitivity = STACK.voltage_per_elongation
-    inputs = {"actuator_voltage": {"actuator_end.ux": force, "junction.ux": -force}}
-    outputs = {
-        "sensor_voltage": {"sensor_end.ux": sensitivity, "junction.ux": -sensitivity},
-        "encoder": {"top.uz": 1.0},
-    }
-    return inputs, outputs
+    full = full_frequency_response(
+        condensed,
+        np.asarray(frequency, dtype=float),
+        inputs={"actuator_voltage": {"actuator": AMPLIFIER_GAIN}, "sensor": {"sensor": 1.0}},
+        outputs={"charge": {"sensor": 1.0}, "encoder": {"top.uz": 1.0}},
+        damping_ratio=damping_ratio,
+        masses={"top": payload_mass},
+        progress=progress,
+        **BENCH_CONDITIONS,
+    ).frf
+    (by_drive, by_sensor), (moved, moved_by_sensor) = full.values
+    leak = 1 / resistance / (2j * np.pi * full.frequency)
+    voltage = -by_drive / (by_sensor + leak)
+    values = np.stack([voltage, moved + moved_by_sensor * voltage])[:, None]
+    return FRF(full.frequency, values, ("sensor_voltage", "encoder"), ("actuator_voltage",), None, full.label)
 
 
 def make_passive_bench(body: ReducedBody, *, payload_mass: float = 1.0, fidelity: str = "ffrf") -> Scene:

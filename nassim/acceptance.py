@@ -93,17 +93,21 @@ def repair(body: Body) -> Repair[Body]:
     return report
 
 
-def to_body(body: Superelement) -> ReducedBody:
+def to_body(body: Superelement, *, any_size: bool = False) -> ReducedBody:
     """Accept a superelement as a body for scenes.
+
+    any_size: take it although no part of a machine has its mass, size, wave speed or density, which means wrong units
 
     Its mass, centre of mass, inertia and response in small motion are those of the matrices; for what large motion
     asks beyond that see `nassim.inertia`. It has no surface to draw.
     Raises ValueError naming the source and all faults that `check` finds.
     """
     report = check(body)
-    if report.faults:
-        found = "; ".join(f"{finding.name}: {finding.text}" for finding in report.faults)
-        raise ValueError(f"{body.source}: not fit for use: {found}")
+    faults = [finding for finding in report.faults if not (any_size and finding.name == "units")]
+    if faults:
+        found = "; ".join(f"{finding.name}: {finding.text}" for finding in faults)
+        help = "; read it in its own units, or confirm by any_size=True" if faults[-1].name == "units" else ""
+        raise ValueError(f"{body.source}: not fit for use: {found}{help}")
     mass = 0.5 * (body.mass_matrix + body.mass_matrix.T)
     return ReducedBody(
         body.name,

@@ -19,6 +19,8 @@ from nassim.checks import Array
 
 LARGEST_FILE = 128 * 2**20
 """Largest file and largest unpacked variable [bytes]."""
+LARGEST_TOTAL = 4 * LARGEST_FILE
+"""Most that all variables of a file may hold together [bytes]."""
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _MATRIX, _COMPRESSED = 14, 15
 _TEXT_CLASS, _SPARSE_CLASS, _NUMERIC_CLASSES, _COMPLEX = 4, 5, range(6, 16), 0x08
@@ -47,14 +49,14 @@ def read_arrays(path: str | Path) -> dict[str, Array]:
     """Arrays of numbers and of text (one string per row) of a .mat (levels 4, 5, 7) or .npz file, by name.
 
     Variables of other kinds (structures, cells, tables) are left out. Raises ValueError, naming the file and the
-    variable, for damaged files, pickled objects, complex numbers, and sizes above `LARGEST_FILE`.
+    variable, for damaged files, pickled objects, complex numbers, and sizes above `LARGEST_FILE` or, together,
+    `LARGEST_TOTAL`.
     """
     source = Path(path)
     data = read_bytes(source)
     try:
-        if source.suffix.lower() == ".npz":
-            return dict(_npz(data))
-        return dict(_mat(data))
+        variables = _npz(data) if source.suffix.lower() == ".npz" else _mat(data)
+        return dict(_within_total(variables))
     except _SIGNS_OF_DAMAGE as error:
         raise ValueError(f"{source}: damaged or of another format: {error or type(error).__name__}") from error
 
@@ -73,6 +75,15 @@ _SIGNS_OF_DAMAGE = (
     zlib.error,
     zipfile.BadZipFile,
 )
+
+
+def _within_total(variables: Iterator[tuple[str, Array]]) -> Iterator[tuple[str, Array]]:
+    total = 0
+    for name, array in variables:
+        total += array.nbytes
+        if total > LARGEST_TOTAL:
+            raise ValueError(f"all variables up to {name!r} hold more than {LARGEST_TOTAL >> 20} MB, the most together")
+        yield name, array
 
 
 def _npz(data: bytes) -> Iterator[tuple[str, Array]]:

@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg
 
-from nassim.body import RIGID
 from nassim.checks import Array
 from nassim.floating_frame import FloatingFrame, floating_frame
 from nassim.interface import AXES, DIRECTIONS, rigid_transfer, unit_vector
-from nassim.modal import eigenmodes, modal_damping_matrix
+from nassim.modal import elastic_ratios, modal_damping_matrix
 from nassim.parts import (
     Actuator,
     Body,
@@ -25,10 +24,15 @@ from nassim.parts import (
     VoltageSensor,
 )
 from nassim.scene import Scene
+from nassim.strain import joined, spring_strain, strained_modes
 from nassim.trim import open_circuit
 
 LOST_DAMPING = 0.01
 """Share of a mode's damping whose loss is worth a warning."""
+NO_EQUILIBRIUM = (
+    "no static equilibrium: can a body move freely? Add joints, leave gravity out, or let the scene go as it is drawn "
+    'by simulate(..., start="released")'
+)
 REDUNDANT = 1e-7
 """Constraints with less than this share of their own are implied by others."""
 
@@ -76,8 +80,9 @@ class Assembly:
     enforced: directions that each joint holds, by name, without those that other joints hold already
     basis: all coordinates from the minimal ones, shape (n_all, n), orthonormal columns
     mass, stiffness: in minimal coordinates, (n, n)
-    frequency: eigenfrequencies of the undamped scene, ascending, (n,) [Hz]; shapes: (n, n), unit modal mass
-    damping_ratio: per mode, (n,) [-]
+    frequency: eigenfrequencies of the undamped scene, ascending, exactly 0 for free motions only, (n,) [Hz]
+    shapes: (n, n), unit modal mass
+    damping_ratio: per mode, 0 for free motions, (n,) [-]
     input_matrix: forces on all coordinates per unit input, (n_all, inputs), but for those through amplifiers
     output_matrix: outputs per unit of all coordinates, (outputs, n_all)
     weight: forces of gravity on all coordinates, (n_all,)
@@ -105,6 +110,12 @@ class Assembly:
     damper_matrix: Array
 
     @property
+    def free(self) -> Array:
+        """Which modes are free motions, that strain no body and no spring, bool (n,)."""
+        result: Array = self.frequency == 0
+        return result
+
+    @property
     def falls_into_modes(self) -> bool:
         """Whether nothing couples the undamped modes."""
         return not (self.circuits or self.amplifiers or np.any(self.damper_matrix))
@@ -112,39 +123,39 @@ class Assembly:
 
 def assemble(scene: Scene) -> Assembly:
     """Assemble a scene's mass and stiffness for small motion, and find its undamped eigenmodes."""
-    scene = _with_open_ports(scene.trimmed())
+    scene = _as_modelled(scene.trimmed())
     frames = {body.name: floating_frame(body.reduced, scene.frame_point(body)) for body in scene.flexible_bodies}
     slices: dict[str, slice] = {}
-    blocks: list[tuple[Array, Array]] = []
+    blocks: list[Array] = []
     for body in scene.bodies:
         if isinstance(body, RigidBody) and body.fixed:
             continue
-        start = sum(len(m) for m, _ in blocks)
-        blocks.append(_body_matrices(body))
-        slices[body.name] = slice(start, start + len(blocks[-1][0]))
-    mass_all, stiffness_all = (scipy.linalg.block_diag(*kind) for kind in zip(*blocks, strict=True))
+        start = sum(map(len, blocks))
+        blocks.append(_body_mass(body))
+        slices[body.name] = slice(start, start + len(blocks[-1]))
+    mass_all = scipy.linalg.block_diag(*blocks)
     n_all = len(mass_all)
 
     def motion(path: str) -> Array:
         return _point_motion(scene, slices, n_all, path)
 
-    rigid = []
+    rigid, strains = [], []
     for body in scene.flexible_bodies:
+        own = np.eye(n_all)[slices[body.name]]
         if body.fidelity == "rigid":
-            rows = np.zeros((len(frames[body.name].flexible), n_all))
-            rows[:, slices[body.name]] = frames[body.name].deformation(body.reduced)
-            rigid.append(rows)
+            rigid.append(frames[body.name].deformation(body.reduced) @ own)
+        else:
+            strains.append(body.reduced.strain.within(own))
     dampers = np.zeros((n_all, n_all))
     for spring in scene.springs:
         row = unit_vector(spring.axis) @ (motion(spring.b) - motion(spring.a))[:3]
-        stiffness_all += spring.stiffness * np.outer(row, row)
+        strains.append(spring_strain(row, spring.stiffness, mass_all))
         dampers += spring.damping * np.outer(row, row)
     held, enforced = _independent(scene, motion, np.vstack([np.zeros((0, n_all)), *rigid]), mass_all)
     basis = _null_space(held, mass_all)
-    mass, stiffness = basis.T @ mass_all @ basis, basis.T @ stiffness_all @ basis
-    frequency, shapes = eigenmodes(stiffness, mass)
-    given = np.atleast_1d(np.asarray(scene.damping_ratio, dtype=float))
-    ratio = given[np.minimum(np.arange(len(frequency)), len(given) - 1)]
+    mass, strain = basis.T @ mass_all @ basis, joined(strains, n_all).within(basis)
+    frequency, shapes = strained_modes(strain, mass)
+    ratio = elastic_ratios(frequency, scene.damping_ratio)
     input_matrix = np.zeros((n_all, len(scene.inputs)))
     amplifiers = []
     for actuator in scene.actuators:
@@ -153,65 +164,29 @@ def assemble(scene: Scene) -> Assembly:
             amplifiers.append(Amplifier(index, forces, 2 * np.pi * actuator.bandwidth))
         else:
             input_matrix[:, index] += forces
-    outputs = np.zeros((len(scene.sensors), n_all))
-    circuits = []
-    for k, sensor in enumerate(scene.sensors):
-        if isinstance(sensor, Encoder):
-            outputs[k] = unit_vector(sensor.axis) @ (motion(sensor.b) - motion(sensor.a))[:3]
-        else:
-            body, row = scene.body_row(sensor)
-            outputs[k, slices[body.name]] = row
-        if isinstance(sensor, VoltageSensor) and np.isfinite(sensor.resistance):
-            circuits.append(_circuit(scene, sensor, k))
+    circuits = [
+        _circuit(scene, sensor, k)
+        for k, sensor in enumerate(scene.sensors)
+        if isinstance(sensor, VoltageSensor) and np.isfinite(sensor.resistance)
+    ]
     return Assembly(
         scene,
         slices,
         enforced,
         basis,
         mass,
-        stiffness,
+        strain.stiffness,
         frequency,
         shapes,
         ratio,
         input_matrix,
-        outputs,
+        _output_matrix(scene, slices, motion),
         _weight(scene, slices, n_all, scene.gravity),
         frames,
         tuple(circuits),
         tuple(amplifiers),
         basis.T @ dampers @ basis,
     )
-
-
-def state_space(assembly: Assembly) -> tuple[Array, Array, Array]:
-    """A, B and C of an assembled scene; the last column of B is gravity, a constant input of one.
-
-    States: modal amplitudes and their rates, then the charges of circuits (as volts) and the amplifiers' outputs.
-    """
-    a = assembly
-    omega = 2 * np.pi * a.frequency
-    n, n_in, n_out = len(omega), a.input_matrix.shape[1], len(a.output_matrix)
-    modes = a.basis @ a.shapes
-    size = 2 * n + len(a.circuits) + len(a.amplifiers)
-    state, drives, readings = np.zeros((size, size)), np.zeros((size, n_in + 1)), np.zeros((n_out, size))
-    velocity = slice(n, 2 * n)
-    state[:n, velocity] = np.eye(n)
-    state[velocity, :n] = -np.diag(omega**2)
-    state[velocity, velocity] = -np.diag(2 * a.damping_ratio * omega) - a.shapes.T @ a.damper_matrix @ a.shapes
-    drives[velocity, :n_in], drives[velocity, n_in] = modes.T @ a.input_matrix, modes.T @ a.weight
-    readings[:, :n] = a.output_matrix @ modes
-    for j, circuit in enumerate(a.circuits, start=2 * n):
-        pull = modes[a.slices[circuit.body]].T @ circuit.forces
-        rate = 1 / (circuit.resistance * circuit.capacitance)
-        state[velocity, j] = pull
-        state[j, :n] = rate * pull / circuit.capacitance
-        state[j, j] = -rate
-        readings[circuit.output, j] = circuit.gain
-    for j, amplifier in enumerate(a.amplifiers, start=2 * n + len(a.circuits)):
-        state[velocity, j] = modes.T @ amplifier.forces
-        state[j, j] = -amplifier.rate
-        drives[j, amplifier.input] = amplifier.rate
-    return state, drives, readings
 
 
 def motion_size(assembly: Assembly, name: str, coordinates: Array) -> Array:
@@ -263,14 +238,19 @@ def deformation_damping(assembly: Assembly) -> Array:
     return result
 
 
-def _with_open_ports(scene: Scene) -> Scene:
-    """The scene with the stiffness that its bodies have while their measured electrical ports keep their charge."""
+def _as_modelled(scene: Scene) -> Scene:
+    """The scene with the stiffness that bodies have while their measured electrical ports keep their charge.
+
+    Bodies of which nothing but six rigid motions is left are rigid.
+    """
     bodies: list[Body] = []
     for body in scene.bodies:
-        measured = [s for s in scene.sensors if isinstance(s, VoltageSensor) and scene.split(s.port)[0] is body]
-        if isinstance(body, FlexibleBody) and measured:
+        if isinstance(body, FlexibleBody):
+            measured = [s for s in scene.sensors if isinstance(s, VoltageSensor) and scene.split(s.port)[0] is body]
             loads = {sensor.port.partition(".")[2]: sensor.capacitance for sensor in measured}
-            bodies.append(replace(body, reduced=open_circuit(body.reduced, loads)))
+            reduced = open_circuit(body.reduced, loads) if measured else body.reduced
+            stiff = body.fidelity == "ffrf" and len(reduced.mass_matrix) == 6
+            bodies.append(replace(body, reduced=reduced, fidelity="rigid" if stiff else body.fidelity))
         else:
             bodies.append(body)
     return replace(scene, bodies=tuple(bodies))
@@ -284,12 +264,13 @@ def _circuit(scene: Scene, sensor: VoltageSensor, output: int) -> Circuit:
     return Circuit(output, body.name, coupling.forces, capacitance, sensor.resistance, sensor.gain)
 
 
-def _body_matrices(body: Body) -> tuple[Array, Array]:
+def _body_mass(body: Body) -> Array:
     if isinstance(body, FlexibleBody):
-        return body.reduced.mass_matrix, body.reduced.stiffness_matrix
+        return body.reduced.mass_matrix
     assert body.mass is not None
     assert body.inertia is not None
-    return scipy.linalg.block_diag(body.mass * np.eye(3), body.inertia), np.zeros((6, 6))
+    result: Array = scipy.linalg.block_diag(body.mass * np.eye(3), body.inertia)
+    return result
 
 
 def _forces(scene: Scene, actuator: Actuator, slices: dict[str, slice], motion: Callable[[str], Array]) -> Array:
@@ -306,6 +287,18 @@ def _forces(scene: Scene, actuator: Actuator, slices: dict[str, slice], motion: 
     return forces
 
 
+def _output_matrix(scene: Scene, slices: dict[str, slice], motion: Callable[[str], Array]) -> Array:
+    """Outputs per unit of all coordinates, at ports without charge."""
+    result = np.zeros((len(scene.sensors), max(place.stop for place in slices.values())))
+    for k, sensor in enumerate(scene.sensors):
+        if isinstance(sensor, Encoder):
+            result[k] = unit_vector(sensor.axis) @ (motion(sensor.b) - motion(sensor.a))[:3]
+        else:
+            body, row = scene.body_row(sensor)
+            result[k, slices[body.name]] = row
+    return result
+
+
 def _weight(scene: Scene, slices: dict[str, slice], n_all: int, gravity: Array) -> Array:
     """Forces of a uniform gravity, world frame, on all coordinates."""
     result = np.zeros(n_all)
@@ -319,7 +312,7 @@ def _warn_of_lost_damping(assembly: Assembly, realised: Array) -> None:
     """Warn of modes that a damping matrix in minimal coordinates, (n, n), damps less than they should be."""
     wanted = 4 * np.pi * assembly.damping_ratio * assembly.frequency
     lost = wanted - np.einsum("ik,ij,jk->k", assembly.shapes, realised, assembly.shapes)
-    modes = (lost > LOST_DAMPING * wanted) & (assembly.frequency > RIGID * assembly.frequency.max(initial=0.0))
+    modes = (lost > LOST_DAMPING * wanted) & ~assembly.free
     if modes.any():
         listed = ", ".join(f"{f:.4g}" for f in assembly.frequency[modes][:5])
         warnings.warn(

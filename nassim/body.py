@@ -5,17 +5,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from nassim.checks import Array, finite_array, freeze, frozen_mapping, known, unique
+from nassim.checks import Array, finite_array, freeze, frozen_mapping, instances, known, unique
 from nassim.geometry import RemotePoint
 from nassim.interface import coordinate_names, free_coordinates, point_masses
-from nassim.modal import eigenmodes
 from nassim.piezo import PortCoupling
+from nassim.strain import Strain, body_strain, strained_modes
 from nassim.surface import Surface
 
 SATURATION = 1.7
 """Error left by a mesh over the part of it that elements one order higher remove."""
-RIGID = 1e-6
-"""Frequencies below this share of a body's highest are those of rigid motions."""
 
 
 @dataclass(frozen=True)
@@ -60,21 +58,28 @@ class ReducedBody:
     full_integrals: bool = True
 
     def __post_init__(self) -> None:
-        points = tuple(self.remote_points)
+        points = instances(f"body {self.name!r}: remote_points", self.remote_points, (RemotePoint,))
+        passive_points = instances(f"body {self.name!r}: passive_points", self.passive_points, (RemotePoint,))
+        unique("body", (self.name,))
+        unique(f"body {self.name!r}: remote point", (point.name for point in (*points, *passive_points)))
         mass = finite_array(f"body {self.name!r}: mass matrix", self.mass_matrix, (None, None))
         n = len(mass)
+        if not n:
+            raise ValueError(f"body {self.name!r} has no coordinates: its matrices are empty")
         stiffness = finite_array(f"body {self.name!r}: stiffness matrix", self.stiffness_matrix, (n, n))
         gram = finite_array(f"body {self.name!r}: gram", self.gram, (4 + 3 * n, 4 + 3 * n))
         for label, matrix in (("mass", mass), ("stiffness", stiffness)):
             if matrix.shape != (n, n) or np.abs(matrix - matrix.T).max() > 1e-9 * np.abs(matrix).max():
                 raise ValueError(f"body {self.name!r}: the {label} matrix must be square and symmetric")
+        if np.diag(mass).min() < 0:
+            raise ValueError(f"body {self.name!r}: the diagonal of the mass matrix holds {np.diag(mass).min():.3g}")
         released = self.released_stiffness
         if released is not None:
             released = finite_array(f"body {self.name!r}: released stiffness", released, (n, n))
         passive = self.passive_motions
         if passive is None:
             passive = np.zeros((0, n))
-        passive = finite_array(f"body {self.name!r}: passive motions", passive, (6 * len(self.passive_points), n))
+        passive = finite_array(f"body {self.name!r}: passive motions", passive, (6 * len(passive_points), n))
         unique(f"body {self.name!r}: electrical port", (port.name for port in self.ports))
         for port in self.ports:
             if len(port.forces) != n:
@@ -92,7 +97,7 @@ class ReducedBody:
             stiffness_matrix=stiffness,
             gram=gram,
             released_stiffness=released,
-            passive_points=tuple(self.passive_points),
+            passive_points=passive_points,
             passive_motions=passive,
             ports=tuple(self.ports),
             record=frozen_mapping(self.record),
@@ -147,6 +152,16 @@ class ReducedBody:
         names = [port.name for port in self.ports]
         return self.ports[names.index(known("electrical port", name, names))]
 
+    @property
+    def strain(self) -> Strain:
+        """What strains in the body's motions."""
+        return body_strain(self.stiffness_matrix, self.mass_matrix, self.positions)
+
+    @property
+    def positions(self) -> Array:
+        """Where the remote points lie, in the body's frame, (r, 3) [m]."""
+        return np.array([point.position for point in self.remote_points]).reshape(-1, 3)
+
     def eigenmodes(
         self,
         *,
@@ -155,7 +170,7 @@ class ReducedBody:
         masses: Mapping[str, float] | None = None,
         n: int | None = None,
     ) -> tuple[Array, Array]:
-        """Eigenfrequencies (m,) [Hz] and mode shapes (n_coordinates, m) of the undamped body.
+        """Eigenfrequencies (m,) [Hz], 0 for free motions only, and mode shapes (n_coordinates, m), undamped.
 
         fixed: remote points that cannot move; guided: point -> the one direction left free ("x" ... "rz")
         masses: point masses at remote points [kg]; n: how many modes (default: all)
@@ -168,7 +183,10 @@ class ReducedBody:
         added = np.zeros(len(self.mass_matrix))
         added[:n_interface] = point_masses(self.point_names, masses)
         mass = (self.mass_matrix + np.diag(added))[np.ix_(free, free)]
-        frequency, vectors = eigenmodes(self.stiffness_matrix[np.ix_(free, free)], mass, n_modes=n)
+        if n is not None and (n != int(n) or n < 1):
+            raise ValueError(f"n must be a whole number of modes, at least 1, got {n}")
+        frequency, vectors = strained_modes(self.strain.within(np.eye(len(added))[:, free]), mass)
+        frequency, vectors = frequency[:n], vectors[:, :n]
         shapes = np.zeros((len(self.mass_matrix), len(frequency)))
         shapes[free] = vectors
         return frequency, shapes
@@ -201,7 +219,7 @@ class ReducedBody:
             raise ValueError(f"body {self.name!r} carries no enriched form, so its truncation error is unknown")
         frequency = self.eigenfrequencies(fixed=fixed, guided=guided, masses=masses)
         better = self.enriched.eigenfrequencies(fixed=fixed, guided=guided, masses=masses)[: len(frequency)]
-        elastic = better > RIGID * frequency[-1]
+        elastic = (frequency > 0) & (better > 0)
         errors = np.zeros(len(frequency))
         errors[elastic] = frequency[elastic] / better[elastic] - 1
         return errors[:n]
@@ -230,7 +248,7 @@ class ReducedBody:
         frequency = self.eigenfrequencies(fixed=fixed, guided=guided, masses=masses)
         softer = replace(self, stiffness_matrix=self.stiffness_matrix - self.released_stiffness)
         better = softer.eigenfrequencies(fixed=fixed, guided=guided, masses=masses)
-        elastic = better > RIGID * frequency[-1]
+        elastic = (frequency > 0) & (better > 0)
         errors = np.zeros(len(frequency))
         errors[elastic] = SATURATION * 0.5 * (1 - (better[elastic] / frequency[elastic]) ** 2)
         return errors[:n]
@@ -244,11 +262,12 @@ class ReducedBody:
         free = free_coordinates(self.point_names, fixed=fixed, guided=guided)
         # Modal coordinates take part where an open electrical port couples them to the points.
         moving = np.concatenate([free, np.arange(n_interface, len(self.mass_matrix))])
+        strain = self.strain.within(np.eye(len(self.mass_matrix))[:, moving])
+        if np.any(strained_modes(strain, self.mass_matrix[np.ix_(moving, moving)])[0] == 0):
+            raise ValueError(f"body {self.name!r} can move freely: fix enough remote points, known: {self.point_names}")
         stiffness = self.stiffness_matrix[np.ix_(moving, moving)]
         scale = 1.0 / np.sqrt(np.diag(stiffness))
         scaled = scale[:, None] * stiffness * scale
-        if np.linalg.eigvalsh(scaled)[0] < 1e-10:
-            raise ValueError(f"body {self.name!r} can move freely: fix enough remote points, known: {self.point_names}")
         result = np.zeros((n_interface, n_interface))
         result[np.ix_(free, free)] = (scale[:, None] * np.linalg.inv(scaled) * scale)[: len(free), : len(free)]
         return result

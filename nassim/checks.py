@@ -70,6 +70,18 @@ def unique(kind: str, names: Iterable[str]) -> tuple[str, ...]:
     return result
 
 
+def instances(label: str, value: Any, kinds: tuple[type, ...]) -> tuple[Any, ...]:
+    """Return parts as a tuple; raises ValueError where it is no sequence or holds something of another kind."""
+    allowed = ", ".join(kind.__name__ for kind in kinds)
+    if isinstance(value, (str, Mapping)) or not isinstance(value, Iterable):
+        raise ValueError(f"{label} must be a tuple of {allowed}, got {type(value).__name__}; write (part,) for one")
+    result = tuple(value)
+    for part in result:
+        if not isinstance(part, kinds):
+            raise ValueError(f"{label} must be of {allowed}, got {part!r:.60}, a {type(part).__name__}")
+    return result
+
+
 def frozen_mapping(value: Mapping[str, Value] | None) -> Mapping[str, Value]:
     """Return a read-only copy of a mapping (None: an empty one)."""
     return MappingProxyType(dict(value or {}))

@@ -63,8 +63,10 @@ def start_loops(scene: Scene, time_step: float) -> Step:
 
     measure: returns the scene's outputs at that time, (outputs,); called only where a loop takes a sample
 
-    The function returns what the loops add to the scene's inputs until the next step, (inputs,); the mean of that and
-    of what they add after it; and their commands in the order of `Scene.commands`.
+    The function returns what the loops add to the scene's inputs until the next step, (inputs,); what of it acts at the
+    end of that step, for a rule that takes forces at both ends of one; and their commands in the order of
+    `Scene.commands`. Where a command jumps, the rule has the mean of both its values there: known before by a delay,
+    or else, as the rule has taken the old value there already, with the missing half of the jump a step later.
     """
     loops = [
         (
@@ -77,17 +79,22 @@ def start_loops(scene: Scene, time_step: float) -> Step:
         for loop in scene.loops
     ]
 
+    delays = [loop.controller.delay for loop in scene.loops]
+
     def step(n: int, measure: Callable[[], Array]) -> tuple[Array, Array, Array]:
         due = [n % period == 0 for period, *_ in loops]
         outputs = measure() if any(due) else None
-        held, mean = np.zeros(len(scene.inputs)), np.zeros(len(scene.inputs))
-        for now, (period, control, measured, driven, command) in zip(due, loops, strict=True):
+        held, end = np.zeros(len(scene.inputs)), np.zeros(len(scene.inputs))
+        for now, delay, (period, control, measured, driven, command) in zip(due, delays, loops, strict=True):
+            late = np.zeros(len(driven))
             if now:
                 assert outputs is not None
+                before = command[0].copy()
                 command[:] = control(outputs[measured])
+                late = (command[0] - before) / 2 * (delay == 0)
             held[driven] += command[0]
-            mean[driven] += command.mean(axis=0) if (n + 1) % period == 0 else command[0]
-        return held, mean, np.concatenate([np.zeros(0), *(command[0] for *_, command in loops)])
+            end[driven] += late + (command.mean(axis=0) if (n + 1) % period == 0 else command[0])
+        return held, end, np.concatenate([np.zeros(0), *(command[0] for *_, command in loops)])
 
     return step
 

@@ -9,75 +9,90 @@ sample by its matrix exponential.
 import numpy as np
 import scipy.signal
 
-from nassim.assembly import Assembly, state_space
-from nassim.body import RIGID
+from nassim.assembly import NO_EQUILIBRIUM, Assembly
 from nassim.checks import Array
 from nassim.digital import check_runaway, start_loops
+from nassim.linear import state_space
 from nassim.modal import held_pole
+from nassim.parts import RigidBody
 from nassim.progress import Advance, silent
 from nassim.statespace import discretize
 
 CHECKS = 200
+NEUTRAL = 1e-9
+"""Share of all weight that a free motion may feel by rounding."""
 CLOSE_TO_CRITICAL = 1e-10
 """Least |1 - zeta^2|: at critical damping the two solutions coincide, which the recursion does not cover."""
 
 
 def exact_response(
-    assembly: Assembly, inputs: Array, time_step: float, *, hold_order: int = 1, advance: Advance = silent
+    assembly: Assembly,
+    inputs: Array,
+    time_step: float,
+    *,
+    hold_order: int = 1,
+    released: bool = False,
+    advance: Advance = silent,
 ) -> tuple[Array, Array, Array]:
-    """Outputs of an assembled scene from rest, or from its equilibrium under gravity.
+    """Outputs of an assembled scene from rest in its equilibrium under gravity, or released: unloaded at the start.
 
     inputs: shape (inputs, n_samples); hold_order: 0 for inputs that keep each sample's value until the next, 1 for
     inputs that run straight between them; advance: called with the number of steps done
 
     Returns the outputs (outputs, n_samples), the loops' commands (commands, n_samples), and all coordinates at some
-    200 times, shape (n_all, n_times). Raises RuntimeError when gravity meets a motion without stiffness and when a loop
-    runs away.
+    200 times, shape (n_all, n_times). Raises RuntimeError when gravity does work on a free motion and when a loop runs
+    away.
     """
     if assembly.scene.loops or not assembly.falls_into_modes:
-        return _coupled_response(assembly, inputs, time_step, hold_order, advance)
+        return _coupled_response(assembly, inputs, time_step, hold_order, released, advance)
     modes = assembly.basis @ assembly.shapes
     drives = modes.T @ assembly.input_matrix
     readings = assembly.output_matrix @ modes
     weight = modes.T @ assembly.weight
     omega = 2 * np.pi * assembly.frequency
-    rigid = _free_modes(assembly)
+    if not released:
+        _check_equilibrium(assembly)
     outputs = np.zeros((len(readings), inputs.shape[1]))
     seen = np.unique(np.linspace(0, inputs.shape[1] - 1, CHECKS).astype(int))
     amplitudes = np.zeros((len(omega), len(seen)))
     for k, frequency in enumerate(omega):
         if not (np.any(drives[k]) or weight[k]):
             continue
-        force = drives[k] @ inputs
+        force = drives[k] @ inputs + weight[k] * released
         damping = assembly.damping_ratio[k] * frequency
-        if rigid[k]:
+        if assembly.free[k]:
             amplitude = _free(force, time_step, hold_order)
         else:
-            amplitude = weight[k] / frequency**2 + _oscillator(force, frequency, damping, time_step, hold_order)
+            amplitude = weight[k] * (not released) / frequency**2 + _oscillator(
+                force, frequency, damping, time_step, hold_order
+            )
         outputs += readings[:, k : k + 1] * amplitude
         amplitudes[k] = amplitude[seen]
     return outputs, np.zeros((0, inputs.shape[1])), modes @ amplitudes
 
 
-def _free_modes(assembly: Assembly) -> Array:
-    """Which modes have no stiffness, bool (n,); RuntimeError when gravity acts on one."""
-    weight = assembly.shapes.T @ assembly.basis.T @ assembly.weight
-    rigid: Array = assembly.frequency <= RIGID * assembly.frequency.max(initial=0.0)
-    if np.abs(weight[rigid]).max(initial=0.0) > 1e-9 * np.abs(weight).max(initial=0.0):
-        raise RuntimeError("no static equilibrium: can a body move freely? Add joints, or leave gravity out")
-    return rigid
+def _check_equilibrium(assembly: Assembly) -> None:
+    """RuntimeError when gravity does work on a free motion; where it does none, equilibrium is neutral."""
+    modes = (assembly.basis @ assembly.shapes)[:, assembly.free]
+    moving = [body for body in assembly.scene.bodies if body.name in assembly.slices]
+    mass = sum(float((body if isinstance(body, RigidBody) else body.reduced).mass or 0.0) for body in moving)
+    # Of unit modal mass, no motion can feel more than all masses falling together.
+    most = np.sqrt(mass) * float(np.linalg.norm(assembly.scene.gravity))
+    if np.abs(modes.T @ assembly.weight).max(initial=0.0) > NEUTRAL * most:
+        raise RuntimeError(NO_EQUILIBRIUM)
 
 
 def _coupled_response(
-    assembly: Assembly, inputs: Array, h: float, hold_order: int, advance: Advance
+    assembly: Assembly, inputs: Array, h: float, hold_order: int, released: bool, advance: Advance
 ) -> tuple[Array, Array, Array]:
     """As exact_response, for states that do not fall apart into modes, and for loops."""
     state, drives, readings = state_space(assembly)
     phi, held, risen = discretize(state, drives, h)
     x = np.zeros(len(state))
-    if np.any(assembly.weight):
+    if np.any(assembly.weight) and not released:
+        _check_equilibrium(assembly)
         held_by_stiffness = np.ones(len(x), dtype=bool)
-        held_by_stiffness[: 2 * len(assembly.frequency)] = np.tile(~_free_modes(assembly), 2)
+        held_by_stiffness[: 2 * len(assembly.frequency)] = np.tile(~assembly.free, 2)
         part = np.ix_(held_by_stiffness, held_by_stiffness)
         x[held_by_stiffness] = np.linalg.solve(state[part], -drives[held_by_stiffness, -1])
     n_in, n_samples = inputs.shape

@@ -6,11 +6,11 @@ import numpy as np
 import scipy.io
 from numpy.typing import ArrayLike
 
-from nassim.body import RIGID, ReducedBody
+from nassim.body import ReducedBody
 from nassim.checks import Array, known
 from nassim.interface import coordinate_names
 from nassim.linear import LinearModel
-from nassim.modal import eigenmodes, modal_damping_matrix
+from nassim.modal import elastic_ratios, modal_damping_matrix
 from nassim.storage import written_whole
 
 
@@ -59,10 +59,10 @@ def body_state_space(body: ReducedBody, *, damping_ratio: ArrayLike = 0.0) -> Li
     Inputs and outputs "bottom.ux" ... [N, N m; m, rad]; states: amplitudes of the eigenmodes, then their rates.
     damping_ratio: of each free elastic mode [-], one number or one per mode from the lowest
     """
-    frequency, shapes = eigenmodes(body.stiffness_matrix, body.mass_matrix)
-    omega = 2 * np.pi * np.where(frequency > RIGID * frequency[-1], frequency, 0.0)
+    frequency, shapes = body.eigenmodes()
+    omega = 2 * np.pi * frequency
     n, b = len(omega), 6 * len(body.remote_points)
-    damping = 2 * _ratios(frequency, damping_ratio) * omega
+    damping = 2 * elastic_ratios(frequency, damping_ratio) * omega
     system = np.block([[np.zeros((n, n)), np.eye(n)], [-np.diag(omega**2), -np.diag(damping)]])
     forces = np.vstack([np.zeros((n, b)), shapes[:b].T])
     motions = np.hstack([shapes[:b], np.zeros((b, n))])
@@ -73,19 +73,8 @@ def body_state_space(body: ReducedBody, *, damping_ratio: ArrayLike = 0.0) -> Li
 
 def body_damping(body: ReducedBody, damping_ratio: ArrayLike) -> Array:
     """Damping matrix that gives each free elastic mode its ratio, (n, n) [N s/m and the like]."""
-    frequency, shapes = eigenmodes(body.stiffness_matrix, body.mass_matrix)
-    return modal_damping_matrix(body.mass_matrix, frequency, shapes, _ratios(frequency, damping_ratio))
-
-
-def _ratios(frequency: Array, damping_ratio: ArrayLike) -> Array:
-    """Damping ratio of each mode: of elastic ones as given (the last for all that follow), of rigid ones none."""
-    elastic = np.flatnonzero(frequency > RIGID * frequency[-1])
-    given = np.atleast_1d(np.asarray(damping_ratio, dtype=float))
-    if not np.all(given >= 0):
-        raise ValueError(f"damping ratios must not be negative or NaN, got {given}")
-    result = np.zeros(len(frequency))
-    result[elastic] = given[np.minimum(np.arange(len(elastic)), len(given) - 1)]
-    return result
+    frequency, shapes = body.eigenmodes()
+    return modal_damping_matrix(body.mass_matrix, frequency, shapes, elastic_ratios(frequency, damping_ratio))
 
 
 def _write(variables: dict[str, Array], path: str | Path) -> Path:

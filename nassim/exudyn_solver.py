@@ -9,10 +9,12 @@ from typing import Any
 import exudyn as exu
 import numpy as np
 
-from nassim.assembly import motion_size
+from nassim.assembly import NO_EQUILIBRIUM, deformable_bodies, motion_size
+from nassim.buckling import axial_forces
 from nassim.checks import Array
 from nassim.digital import RUNAWAY, runaway, start_loops
 from nassim.exudyn_state import Drive, System
+from nassim.parts import FlexibleBody
 from nassim.progress import stage
 
 CHECKS = 200
@@ -37,16 +39,32 @@ def eigenfrequencies(system: System) -> Array:
 
 
 def solve_static(system: System) -> None:
-    """Bring the system into static equilibrium and keep that as the initial state; RuntimeError without one."""
+    """Bring the system into static equilibrium and keep that as the initial state; RuntimeError without one.
+
+    Where the equilibrium is neutral, such as of a block free to slide, it is the one with the block where it is.
+    """
     settings = _settings()
     # The static solver counts its load steps as time; inputs are to keep their value at t = 0.
     settings.staticSolver.loadStepDuration = 1e-12
+    if _solved(system, settings):
+        return
+    # Full pivoting leaves motions without stiffness alone, and does not converge where a force acts on one.
+    settings.linearSolver.solverType = exu.LinearSolverType.EigenDense
+    settings.linearSolver.ignoreSingularJacobian = True
+    if not _solved(system, settings):
+        raise RuntimeError(NO_EQUILIBRIUM)
+
+
+def _solved(system: System, settings: Any) -> bool:
+    loud = exu.config.printToConsole
+    exu.config.printToConsole = False  # of failures nassim tells itself
     try:
         system.mbs.SolveStatic(settings, updateInitialValues=True)
-    except Exception as error:
-        raise RuntimeError(
-            f"no static equilibrium: can a body move freely? Add joints, or leave gravity out. Exudyn says: {error}"
-        ) from error
+    except Exception:
+        return False
+    finally:
+        exu.config.printToConsole = loud
+    return True
 
 
 def solve_dynamic(
@@ -58,15 +76,15 @@ def solve_dynamic(
     spectral_radius: float,
     progress: bool,
     explicit: bool = False,
-) -> tuple[dict[str, Array], Array]:
+) -> tuple[dict[str, Array], dict[str, Array], Array]:
     """Integrate with a fixed step by generalized-alpha, or explicitly by Runge and Kutta's rule of order 4.
 
     The explicit rule holds each input from its time step to the next, and needs a system without constraints.
 
     inputs: values at the time steps, shape (n_steps + 1,) each, by name
 
-    Returns the largest `motion_size` of the bodies that some 200 looks at them found, by body, and what the scene's
-    loops put out, shape (commands, n_steps + 1).
+    Returns the largest `motion_size` of the bodies, the least `axial_forces` of those that deform, both by body as some
+    200 looks at them found, and what the scene's loops put out, shape (commands, n_steps + 1).
     Ctrl-C ends the run after the step at hand with KeyboardInterrupt; RuntimeError, with time, body and likely cause,
     when the integration fails or diverges.
     """
@@ -87,6 +105,7 @@ def solve_dynamic(
     commands = np.zeros((n_steps + 1, len(scene.commands)))
     threshold = RUNAWAY if scene.loops else LOST
     largest = {name: np.zeros(2) for name in system.carriers}
+    slackest = {body.name: axial_tension(system, body) for body in deformable_bodies(scene)}
     lost: list[str] = []
     count = 0
     nothing = np.zeros(len(scene.inputs))
@@ -101,6 +120,8 @@ def solve_dynamic(
                 if not np.all(now < threshold):
                     lost.append(name)
                 largest[name] = np.maximum(largest[name], now)
+            for body in deformable_bodies(scene):
+                slackest[body.name] = np.minimum(slackest[body.name], axial_tension(system, body))
 
         def before_step(_mbs: Any, _time: float) -> bool:
             nonlocal count
@@ -109,8 +130,8 @@ def solve_dynamic(
                 held, end, commands[count] = step_loops(count, system.measure)
             count += 1
             for (follow, row, drive), place in zip(drives, places, strict=True):
-                # The implicit rule takes forces at both ends of a step. A command that jumps at the end enters with its
-                # mean there, else the loop would have half a step of delay more.
+                # The implicit rule takes forces at both ends of a step. A command that jumps there enters with its
+                # mean, else the loop would have half a step of delay more.
                 straight = not explicit and not np.isfinite(drive.rate)
                 added = end[place] if straight else held[place]
                 drive.apply(system.mbs, follow(row[count - 1] + added, row[count - explicit] + added))
@@ -147,7 +168,13 @@ def solve_dynamic(
         if commands.size:
             commands[n_steps] = step_loops(n_steps, system.measure)[2]
         advance(n_steps % chunk)
-    return largest, commands.T
+    return largest, slackest, commands.T
+
+
+def axial_tension(system: System, body: FlexibleBody) -> Array:
+    """Present `axial_forces` of a body that deforms, (lines,) [N]."""
+    result: Array = axial_forces(body.reduced, system.deformation(body.name)[:, None])[:, 0]
+    return result
 
 
 def _follow(drive: Drive, time_step: float) -> Callable[[float, float], float]:

@@ -94,6 +94,15 @@ class System:
         result: Array = carrier.coordinates @ np.concatenate(found)
         return result
 
+    def turn(self, name: str) -> float:
+        """Angle by which a body's frame is turned against the scene as drawn [rad]."""
+        kind, drawn = exu.OutputVariableType.RotationMatrix, exu.ConfigurationType.Reference
+        now, before = (
+            np.reshape(self.mbs.GetNodeOutput(self.nodes[name], kind, configuration=configuration), (3, 3))
+            for configuration in (exu.ConfigurationType.Current, drawn)
+        )
+        return float(np.arccos(np.clip(0.5 * (np.trace(now @ before.T) - 1), -1.0, 1.0)))
+
     def recorded(self, sensor: Sensor) -> Array:
         """Samples of one output, shape (n_samples,); a single 0 where nothing that moves is measured."""
         terms = [

@@ -18,6 +18,7 @@ from nassim.exudyn_parts import add_actuator, add_sensor, add_spring
 from nassim.exudyn_state import Carrier, System, add_circuit, modal_node, small_motion_system
 from nassim.floating_frame import FloatingFrame
 from nassim.interface import DIRECTIONS, rigid_transfer
+from nassim.kinematics import check_implied, starting_twists
 from nassim.parts import FlexibleBody, Joint, RigidBody
 from nassim.scene import Scene
 
@@ -26,11 +27,16 @@ PILOT_DIRECTIONS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) 
 
 
 def build_system(scene: Scene) -> System:
-    """Build the Exudyn system of a scene, with all inputs at zero."""
+    """Build the Exudyn system of a scene, with all inputs at zero.
+
+    Raises ValueError for joints and angular velocities that do not go together, see `nassim.kinematics`.
+    """
     assembly = assemble(scene)
     scene = assembly.scene
     if scene.in_small_motion and len(assembly.mass):
         return small_motion_system(assembly)
+    check_implied(scene, assembly.enforced)
+    twists = starting_twists(scene)
     container = exu.SystemContainer()
     mbs = container.AddSystem()
     damping = _damping_blocks(assembly)
@@ -43,14 +49,13 @@ def build_system(scene: Scene) -> System:
         if isinstance(body, FlexibleBody) and body.fidelity != "rigid":
             add = _add_floating if body.fidelity == "ffrf" else _add_linear
             node, carriers[body.name], objects[body.name], pilots = add(
-                mbs, scene, body, assembly.frames[body.name], damping[body.name, body.name]
+                mbs, scene, body, assembly.frames[body.name], damping[body.name, body.name], twists[body.name]
             )
             nodes[body.name] = node
             markers.update({f"{body.name}.{point}": marker for point, marker in pilots.items()})
         else:
-            spin = body.angular_velocity if isinstance(body, FlexibleBody) else np.zeros(3)
             rigid[body.name] = _as_rigid(body, assembly) if isinstance(body, FlexibleBody) else body
-            number, objects[body.name] = _add_rigid(mbs, rigid[body.name], spin)
+            number, objects[body.name] = _add_rigid(mbs, rigid[body.name], twists.get(body.name, np.zeros(6)))
             if number is not None:
                 nodes[body.name] = number
     # A linear body carries its weight itself.
@@ -89,13 +94,18 @@ def _as_rigid(body: FlexibleBody, assembly: Assembly) -> RigidBody:
 
 
 def _add_linear(
-    mbs: Any, scene: Scene, body: FlexibleBody, frame: FloatingFrame, damping: Array
+    mbs: Any, scene: Scene, body: FlexibleBody, frame: FloatingFrame, damping: Array, twist: Array
 ) -> tuple[int, Carrier, int, dict[str, int]]:
     """Add a body in small motion: a node per remote point along the world's axes, and one for the modes."""
     reduced = body.reduced
     counts = [6] * len(reduced.remote_points) + ([reduced.n_modes] if reduced.n_modes else [])
     numbers = [
-        mbs.AddNode(eii.NodeRigidBodyRxyz(referenceCoordinates=[*body.point_position(point), 0.0, 0.0, 0.0]))
+        mbs.AddNode(
+            eii.NodeRigidBodyRxyz(
+                referenceCoordinates=[*body.point_position(point), 0.0, 0.0, 0.0],
+                initialVelocities=list(rigid_transfer(body.point_position(point)) @ twist),
+            )
+        )
         for point in reduced.point_names
     ]
     markers = {
@@ -123,7 +133,7 @@ def _add_linear(
 
 
 def _add_floating(
-    mbs: Any, scene: Scene, body: FlexibleBody, frame: FloatingFrame, damping: Array
+    mbs: Any, scene: Scene, body: FlexibleBody, frame: FloatingFrame, damping: Array, twist: Array
 ) -> tuple[int, Carrier, int, dict[str, int]]:
     """Add a floating-frame body; returns its rigid node, carrier, object, and a marker per jointed remote point."""
     n = len(frame.flexible)
@@ -132,8 +142,8 @@ def _add_floating(
             exu.NodeType.RotationEulerParameters,
             position=list(body.point_position(frame.point)),
             rotationMatrix=body.rotation,
-            velocity=list(np.cross(body.angular_velocity, body.point_position(frame.point) - _centre(body))),
-            angularVelocity=list(body.angular_velocity),
+            velocity=list((rigid_transfer(body.point_position(frame.point)) @ twist)[:3]),
+            angularVelocity=list(twist[3:]),
         )
     )
     modes = mbs.AddNode(modal_node(n))
@@ -201,12 +211,15 @@ def _pilots(body: FlexibleBody, frame: FloatingFrame, points: Sequence[str]) -> 
     return np.hstack(positions), np.vstack(rows)
 
 
-def _add_rigid(mbs: Any, body: RigidBody, angular_velocity: Array) -> tuple[int | None, int]:
+def _add_rigid(mbs: Any, body: RigidBody, twist: Array) -> tuple[int | None, int]:
     if body.fixed:
         return None, mbs.AddObject(eii.ObjectGround(referencePosition=list(body.position)))
     node = mbs.AddNode(
         GetRigidBodyNode(
-            exu.NodeType.RotationEulerParameters, position=list(body.position), angularVelocity=list(angular_velocity)
+            exu.NodeType.RotationEulerParameters,
+            position=list(body.position),
+            velocity=list((rigid_transfer(body.position) @ twist)[:3]),
+            angularVelocity=list(twist[3:]),
         )
     )
     j = np.asarray(body.inertia)

@@ -1,6 +1,5 @@
 """Finite element models: mesh, stiffness and mass of any element order, remote points."""
 
-import warnings
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -8,27 +7,24 @@ from typing import Any
 
 import ngsolve as ng
 import numpy as np
-import psutil
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from nassim.checks import Array, freeze, known
+from nassim.exclusive import exclusive
 from nassim.geometry import RemotePoint, Solid
 from nassim.materials import Material
+from nassim.mesh_checks import check_memory, check_volume, warn_of_thin_walls
 from nassim.meshing import generate_mesh
+from nassim.notices import collected
 from nassim.piezo import PortCoupling
 from nassim.ports import couple_port
 from nassim.progress import stage
-from nassim.solver import SymmetricMatrix, factor_memory, symmetric_matrix, threads
+from nassim.regions import by_body, faces
+from nassim.solver import SymmetricMatrix, symmetric_matrix, threads
 from nassim.surface import Surface, outer_surface
 
 MAX_ORDER = 6
-SMALL = 50_000
-"""Models with fewer unknowns than this fit in any memory."""
-USUAL_SHARE = 0.7
-"""What the sparse Cholesky takes at most of the estimated memory."""
-THIN_SHARE = 0.5
-LARGEST_VOLUME_ERROR = 0.01
 ELEMENTS = {ng.ET.TET: "tetrahedra", ng.ET.PRISM: "prisms", ng.ET.PYRAMID: "pyramids", ng.ET.HEX: "hexahedra"}
 
 
@@ -63,6 +59,7 @@ class FEModel:
         a scalar field at their points; None in models made by hand
     description: element order, sizes and counts as text, for reports
     order: polynomial order of the elements; 0 where unknown
+    warnings: what was told while the mesh was made
     """
 
     name: str
@@ -75,6 +72,7 @@ class FEModel:
     description: str = field(default="")
     order: int = field(default=0)
     ports: tuple[PortCoupling, ...] = ()
+    warnings: tuple[str, ...] = ()
     _source: "tuple[Any, Solid] | None" = field(default=None, repr=False)  # NGSolve's mesh, part
 
     def __post_init__(self) -> None:
@@ -89,7 +87,7 @@ class FEModel:
         for label, matrix in (("stiffness", self.stiffness.lower), ("mass", self.scalar_mass_matrix)):
             if not np.all(np.isfinite(matrix.data)):
                 raise ValueError(f"FE model {self.name!r}: the {label} matrix holds NaN or infinite values")
-        freeze(self, couplings=tuple(self.couplings), ports=tuple(self.ports))
+        freeze(self, couplings=tuple(self.couplings), ports=tuple(self.ports), warnings=tuple(self.warnings))
 
     @property
     def n_dofs(self) -> int:
@@ -193,73 +191,31 @@ def build_fe_model(
     """
     if not 1 <= order <= MAX_ORDER or int(order) != order:
         raise ValueError(f"order must be a whole number from 1 to {MAX_ORDER}, got {order!r}")
-    with stage("mesh", enabled=progress):
-        mesh = ng.Mesh(
-            generate_mesh(
-                solid,
-                element_size=element_size,
-                curvature=curvature,
-                local_sizes=local_sizes,
-                extrude=extrude,
-                layer_thickness=layer_thickness,
+    with exclusive(), collected() as told:
+        with stage("mesh", enabled=progress):
+            mesh = ng.Mesh(
+                generate_mesh(
+                    solid,
+                    element_size=element_size,
+                    curvature=curvature,
+                    local_sizes=local_sizes,
+                    extrude=extrude,
+                    layer_thickness=layer_thickness,
+                )
             )
-        )
-        # Isoparametric at most: the unknowns then hold every rigid motion exactly.
-        mesh.Curve(order)
-        _check_memory(mesh, solid, order, element_size)
-    _check_volume(mesh, solid)
-    if order == 1:
-        _warn_of_thin_walls(mesh, solid)
-    with stage("assemble", enabled=progress):
-        model = assemble_mesh(mesh, solid, order)
+            # Isoparametric at most: the unknowns then hold every rigid motion exactly.
+            mesh.Curve(order)
+            check_memory(mesh, solid, order, element_size)
+        check_volume(mesh, solid)
+        if order == 1:
+            warn_of_thin_walls(mesh, solid)
+        with stage("assemble", enabled=progress):
+            model = assemble_mesh(mesh, solid, order)
+    description = "; ".join([model.description, *told.notes])
+    model = replace(model, description=description, warnings=tuple(told.warnings))
     if progress:
         print(f"  {model.description}")
     return model
-
-
-def _check_memory(mesh: Any, solid: Solid, order: int, element_size: float) -> None:
-    """Refuse a mesh whose factorisation would not fit in the memory that is free."""
-    scalar = ng.H1(mesh, order=order)
-    if 3 * scalar.ndof < SMALL:
-        return
-    points = np.array([vertex.point for vertex in mesh.vertices])
-    elements = list(mesh.Elements(ng.VOL))
-    centres = np.array([points[[v.nr for v in element.vertices]].mean(axis=0) for element in elements])
-    unknowns = [np.array(scalar.GetDofNrs(element)) for element in elements]
-    need = USUAL_SHARE * factor_memory(centres, unknowns)
-    free = psutil.virtual_memory().available
-    if need > free:
-        # The factor grows about as the number of unknowns to the power 4/3.
-        fitting = element_size * (need / free) ** 0.25
-        raise ValueError(
-            f"part {solid.name!r}: {3 * scalar.ndof} degrees of freedom need about {need / 1e9:.1f} GB to factorise, "
-            f"{free / 1e9:.1f} GB are free; an element_size of {fitting:.2g} m or more would fit"
-        )
-
-
-def _check_volume(mesh: Any, solid: Solid) -> None:
-    cad = sum(body.mass for body in solid.shape.solids)
-    excess = ng.Integrate(1, mesh) / cad - 1
-    if abs(excess) > LARGEST_VOLUME_ERROR:
-        warnings.warn(
-            f"part {solid.name!r}: the mesh has {100 * excess:+.1f} % more volume than the CAD; give its curved faces "
-            "smaller elements (local_sizes, curvature) or a higher order",
-            stacklevel=3,
-        )
-
-
-def _warn_of_thin_walls(mesh: Any, solid: Solid) -> None:
-    outside = np.zeros(mesh.nv, dtype=bool)
-    for element in mesh.Elements(ng.BND):
-        outside[[v.nr for v in element.vertices]] = True
-    thin = np.mean([all(outside[v.nr] for v in element.vertices) for element in mesh.Elements(ng.VOL)])
-    if thin > THIN_SHARE:
-        warnings.warn(
-            f"part {solid.name!r}: {100 * thin:.0f} % of the elements reach from surface to surface, so walls are one "
-            "element thick; with order 1 they are far too stiff (the first clamped frequency of an APA300ML comes out "
-            "2.6 times too high on 5 mm elements): use order 2 or more",
-            stacklevel=3,
-        )
 
 
 def assemble_mesh(mesh: Any, solid: Solid, order: int) -> FEModel:
@@ -283,16 +239,27 @@ def assemble_mesh(mesh: Any, solid: Solid, order: int) -> FEModel:
         counts = " + ".join(f"{count} {kind}" for kind, count in kinds.items())
         description = f"{counts} of order {order}, {mesh.nv} vertices, {3 * scalar.ndof} degrees of freedom"
         ports = tuple(couple_port(mesh, solid, order, port) for port in solid.ports)
-        source = (mesh, solid)
         return FEModel(
-            solid.name, stiffness, mass, fields, couplings, surface, evaluation, description, order, ports, source
+            solid.name,
+            stiffness,
+            mass,
+            fields,
+            couplings,
+            surface,
+            evaluation,
+            description,
+            order,
+            ports,
+            _source=(mesh, solid),
         )
 
 
 def with_materials(fe_model: FEModel, materials: Mapping[str, Material]) -> FEModel:
     """The same part on the same mesh with other materials by body name; ValueError for models made by hand."""
     mesh, solid = _source(fe_model)
-    return assemble_mesh(mesh, replace(solid, materials={**solid.materials, **materials}), fe_model.order)
+    changed = replace(solid, materials={**solid.materials, **materials})
+    model = assemble_mesh(mesh, changed, fe_model.order)
+    return replace(model, description=fe_model.description, warnings=fe_model.warnings)
 
 
 def _source(fe_model: FEModel) -> tuple[Any, Solid]:
@@ -346,14 +313,13 @@ def refine_order(fe_model: FEModel) -> Refinement:
 
 def _elastic_energy(mesh: Any, solid: Solid, u: Any, v: Any) -> Any:
     lame = {name: material.lame_parameters for name, material in solid.materials.items()}
-    lambda_ = mesh.MaterialCF({name: value[0] for name, value in lame.items()})
-    mu = mesh.MaterialCF({name: value[1] for name, value in lame.items()})
+    lambda_, mu = (by_body(mesh, {name: values[k] for name, values in lame.items()}) for k in range(2))
     strain_u, strain_v = ng.Sym(ng.Grad(u)), ng.Sym(ng.Grad(v))
     return 2 * mu * ng.InnerProduct(strain_u, strain_v) + lambda_ * ng.div(u) * ng.div(v)
 
 
 def _density(mesh: Any, solid: Solid) -> Any:
-    return mesh.MaterialCF({name: material.density for name, material in solid.materials.items()})
+    return by_body(mesh, {name: material.density for name, material in solid.materials.items()})
 
 
 def _stiffness(mesh: Any, solid: Solid, order: int) -> SymmetricMatrix:
@@ -388,7 +354,7 @@ def _position_fields(scalar: Any) -> Array:
 
 
 def _couple(mesh: Any, scalar: Any, fields: Array, point: RemotePoint) -> Coupling:
-    region = mesh.Boundaries("|".join(point.faces))
+    region = faces(mesh, point.faces)
     dofs = np.flatnonzero(np.array(scalar.GetDofs(region)))
     test = scalar.TestFunction()
     integrals = [

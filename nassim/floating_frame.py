@@ -95,7 +95,7 @@ def floating_frame(body: ReducedBody, point: str) -> FloatingFrame:
         mass_matrix=trace,
         stiffness_matrix=body.stiffness_matrix[np.ix_(flexible, flexible)],
         translation_flexible=mean.T,
-        translation_rotated=np.hstack([skew(s) for s in mean]),
+        translation_rotated=np.hstack([np.zeros((3, 0)), *(skew(s) for s in mean)]),
         position_flexible=-np.einsum("abc,bjc->aj", permutation, position),
         position_rotated=(np.einsum("cjc,ab->ajb", position, eye) - np.einsum("bja->ajb", position)).reshape(3, 3 * n),
         rotated_flexible=-np.einsum("abc,jbkc->jak", permutation, pairs).reshape(3 * n, n),

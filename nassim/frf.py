@@ -1,5 +1,7 @@
 """Frequency response functions, and their estimation from recorded signals."""
 
+import itertools
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -11,6 +13,14 @@ from nassim.checks import Array, finite, finite_array, freeze, known, positive, 
 from nassim.signals import TimeHistory
 
 ComplexArray = NDArray[np.complex128]
+
+EMPTY = 1e-20
+"""Lines with less than this share of an input's largest power hold rounding only: they have no power."""
+ALIKE = 1e-4
+"""Share of an input's power that the other inputs do not explain, below which it cannot be told from them: noise at
+the outputs would pass into the response enlarged a hundredfold."""
+MUCH = 0.1
+"""Share of an input's power at lines where it is like the others, above which the estimate is refused."""
 
 
 @dataclass(frozen=True)
@@ -76,13 +86,18 @@ def estimate_frf(
 ) -> FRF:
     """Estimate FRFs from signals recorded together, by averaging over windowed segments (Welch).
 
-    inputs, outputs: names of signals in `history`; with several inputs the full matrix is solved for
+    inputs, outputs: names of signals in `history`; with several inputs, of whatever units and sizes, the full matrix is
+        solved for
     segment_duration: length of a segment [s]; the frequency resolution is its inverse
     overlap: share by which segments overlap [-]; window: any of scipy.signal, "boxcar" for periodic signals
     method: "H1" = Syu Suu^-1 (noise at the outputs) or "H2" = Syy Suy^-1 (noise at the input; one input only)
 
-    Source: J. S. Bendat, A. G. Piersol, Random Data, 4th ed. (2010), ch. 6 and 7. Raises ValueError for
-    unknown names and for a record shorter than two segments, which leaves the coherence without meaning.
+    At lines where an input has no power its response is zero, and where none has any the coherence too. So are both,
+    with a warning, at lines where inputs cannot be told apart.
+
+    Source: J. S. Bendat, A. G. Piersol, Random Data, 4th ed. (2010), ch. 6 and 7. Raises ValueError for unknown names,
+    for a record with no more segments than inputs (two for one input), which leaves the coherence without meaning, and
+    for inputs that cannot be told apart where their power lies.
     """
     known("method", method, ("H1", "H2"))
     if not unique("input", inputs) or not unique("output", outputs):
@@ -91,10 +106,10 @@ def estimate_frf(
         raise ValueError(f"overlap must lie in 0 ... 1 (1 excluded), got {overlap:g}")
     n_segment = round(positive("segment_duration", segment_duration, "s") * history.sample_rate)
     n_overlap = round(overlap * n_segment)
-    if len(history.time) < 2 * n_segment - n_overlap or n_segment < 2:
+    if len(history.time) < n_segment + len(inputs) * (n_segment - n_overlap) or n_segment < 2:
         raise ValueError(
-            f"a record of {history.duration:g} s holds fewer than two segments of {segment_duration:g} s; "
-            "record longer or take shorter segments"
+            f"a record of {history.duration:g} s holds fewer than {len(inputs) + 1} segments of {segment_duration:g} "
+            f"s, one more than inputs ({len(inputs)}); record longer or take shorter segments"
         )
     if method == "H2" and len(inputs) != 1:
         raise ValueError(f"H2 needs exactly one input, got {len(inputs)}; take H1")
@@ -118,15 +133,46 @@ def estimate_frf(
     frequency = np.fft.rfftfreq(n_segment, 1 / history.sample_rate)[1:]
     s_uu, s_yu = spectra(inputs, inputs)[1:], spectra(outputs, inputs)[1:]
     s_yy = np.stack([spectra([name], [name])[1:, 0, 0] for name in outputs], axis=1).real
-    for name, power in zip(inputs, np.einsum("fii->if", s_uu).real, strict=True):
-        if not np.any(power > 0):
+    for name in inputs:
+        if np.ptp(history[name]) == 0:
             raise ValueError(f"input {name!r} is constant: no response can be estimated from it")
-    # Lines without any input power get the response zero and, honestly, the coherence zero.
-    h1 = np.linalg.pinv(s_uu.transpose(0, 2, 1), rcond=1e-14, hermitian=False) @ s_yu.transpose(0, 2, 1)
-    h1 = h1.transpose(0, 2, 1)
+    h1 = _solved(s_uu, s_yu, tuple(inputs), frequency)
     coherent_power = np.einsum("foi,foi->fo", h1, s_yu.conj()).real
     coherence = np.clip(coherent_power / np.maximum(s_yy, np.finfo(float).tiny), 0.0, 1.0)
-    coherent = np.abs(s_yu) > 0
+    coherent = (np.abs(s_yu) > 0) & (h1 != 0)
     h2 = np.where(coherent, s_yy[:, :, None] / np.where(coherent, s_yu.conj(), 1.0), 0.0)
     values = h1 if method == "H1" else h2
     return FRF(frequency, values.transpose(1, 2, 0), tuple(outputs), tuple(inputs), coherence.T, label)
+
+
+def _solved(s_uu: ComplexArray, s_yu: ComplexArray, inputs: tuple[str, ...], frequency: Array) -> ComplexArray:
+    """H of H Suu = Syu, line by line, (n, outputs, inputs); zero where an input has no power or is like the others.
+
+    s_uu: (n, inputs, inputs); s_yu: (n, outputs, inputs). Inputs are scaled to unit power at every line, so their units
+    do not matter. Raises ValueError for inputs that are alike where their power lies.
+    """
+    power = np.einsum("fii->fi", s_uu).real
+    carried = power > EMPTY * power.max(axis=0)
+    scale = np.where(carried, 1 / np.sqrt(np.where(carried, power, 1.0)), 0.0)
+    unit = s_uu * scale[:, :, None] * scale[:, None, :]
+    np.einsum("fii->fi", unit)[:] = 1.0
+    sizes, vectors = np.linalg.eigh(unit)
+    inverse = (vectors / np.maximum(sizes, np.finfo(float).eps)[:, None, :]) @ vectors.conj().transpose(0, 2, 1)
+    alike = 1 / np.einsum("fii->fi", inverse).real < ALIKE
+    if alike.any():
+        share = np.sum(power * alike, axis=0) / power.sum(axis=0)
+        lines = alike.any(axis=1)
+        coherence, involved = np.median(np.abs(unit[lines]) ** 2, axis=0), alike.any(axis=0)
+        pairs = ", ".join(
+            f"{inputs[a]} and {inputs[b]} {coherence[a, b]:.6f}"
+            for a, b in itertools.combinations(range(len(inputs)), 2)
+            if involved[a] or involved[b]
+        )
+        where = f"{lines.sum()} of {len(lines)} lines in {frequency[lines][0]:g} ... {frequency[lines][-1]:g} Hz"
+        text = f"inputs cannot be told apart at {where}; their ordinary coherence there: {pairs}"
+        if share.max() > MUCH:
+            raise ValueError(f"{text}: drive them independently, or name only one of them as input")
+        warnings.warn(f"{text}; responses there are set to zero", stacklevel=3)
+    usable = carried & ~alike.any(axis=1, keepdims=True)
+    result: ComplexArray = np.where(usable[:, None, :], (s_yu * scale[:, None, :]) @ inverse * scale[:, None, :], 0.0)
+    return result

@@ -1,7 +1,8 @@
 """Parts: CAD shapes with named bodies and faces, their materials and remote points."""
 
+import itertools
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,12 +12,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.checks import Array, finite_array, freeze, frozen_mapping, known, unique
+from nassim.exclusive import exclusive
 from nassim.materials import Material
+from nassim.notices import warn
 from nassim.piezo import ElectricalPort
 
 CAD_ENDINGS = {".step": ".step", ".stp": ".step", ".iges": ".iges", ".igs": ".iges", ".brep": ".brep"}
 UNITS = {"m": 1.0, "mm": 1e-3, "inch": 0.0254}
 COUPLINGS = ("rbe2", "rbe3")
+SMALLEST = 1e-6
+"""Shortest part [m]; OpenCASCADE takes points within 1e-7 for one."""
+LARGE = 10.0
+"""Parts from this length on were more often drawn in millimetres than are so long [m]."""
+OVERLAP = 1e-4
+"""Shared volume, over the smaller body's, from which on it is more than the inaccuracy of faces that touch."""
 
 
 @dataclass(frozen=True)
@@ -55,8 +64,9 @@ class Solid:
     remote_points: its interfaces; may be empty for a look at the eigenmodes only
     ports: electrical ports of its piezoelectric bodies
 
-    Raises ValueError for a body without material, an unknown face or body, a face that two remote points claim, and a
-    body that two ports claim.
+    Raises ValueError for a body without material, an unknown face or body, a face that two remote points claim, a
+    body that two ports claim, bodies that overlap, and a shape below 1e-6 m; warns of one of 10 m or more. Make a shape
+    of several bodies by `glue`: OpenCASCADE's own gluing gives what two bodies share to the first, without a word.
     """
 
     name: str
@@ -91,12 +101,9 @@ class Solid:
         unique("electrical port", (port.name for port in ports))
         for body in unique("body of electrical port", (body for port in ports for body in port.bodies)):
             known("body", body, bodies)
-        size = np.ptp(np.array([tuple(corner) for corner in self.shape.bounding_box]), axis=0).max()
-        if not 1e-6 < size < 10.0:
-            raise ValueError(
-                f"part {self.name!r} is {size:g} m long, not 1e-6 to 10 m; shapes are in metres: check the "
-                "CAD file's unit"
-            )
+        with exclusive(forkable=True):
+            _refuse_overlaps(self.name, list(self.shape.solids))
+        _check_size(self.name, self.shape)
         freeze(self, materials=frozen_mapping(self.materials), remote_points=points, ports=ports)
 
 
@@ -152,18 +159,55 @@ def read_solid(
     (the message lists the faces).
     """
     source = Path(path)
-    shape = _read_shape(source).Scale(occ.Pnt(0, 0, 0), UNITS[known("unit", unit, UNITS)])
-    if len(shape.solids) == 0:
-        raise ValueError(f"{source} holds no solid body, only surfaces or curves; export solids")
-    for index, body in enumerate(shape.solids, start=1):
-        body.name = body.name or f"body {index}"
-    if len(shape.solids) > 1:
-        shape = occ.Glue(list(shape.solids))
-    for face_name, pick in (faces or {}).items():
-        name_faces(shape, face_name, pick)
-    if isinstance(materials, Material):
-        materials = dict.fromkeys(body_names(shape), materials)
-    return Solid(name or source.stem, shape, materials, remote_points)
+    with exclusive(forkable=True):
+        shape = _read_shape(source).Scale(occ.Pnt(0, 0, 0), UNITS[known("unit", unit, UNITS)])
+        if len(shape.solids) == 0:
+            raise ValueError(f"{source} holds no solid body, only surfaces or curves; export solids")
+        for index, body in enumerate(shape.solids, start=1):
+            body.name = body.name or f"body {index}"
+        if len(shape.solids) > 1:
+            shape = glue(list(shape.solids), name=name or source.stem)
+        for face_name, pick in (faces or {}).items():
+            name_faces(shape, face_name, pick)
+        if isinstance(materials, Material):
+            materials = dict.fromkeys(body_names(shape), materials)
+        return Solid(name or source.stem, shape, materials, remote_points)
+
+
+def glue(bodies: Sequence[Any], *, name: str = "") -> Any:
+    """One shape of bodies that touch, in which they share their common faces.
+
+    name: of the part, for messages. Raises ValueError for bodies that overlap: what they share belongs to neither.
+    """
+    _refuse_overlaps(name, bodies)
+    return occ.Glue(list(bodies))
+
+
+def _refuse_overlaps(part: str, bodies: Sequence[Any]) -> None:
+    boxes = [np.array([tuple(corner) for corner in body.bounding_box]) for body in bodies]
+    for (i, a), (j, b) in itertools.combinations(enumerate(bodies), 2):
+        apart = np.any((boxes[i][0] >= boxes[j][1]) | (boxes[j][0] >= boxes[i][1]))
+        shared = 0.0 if apart else (a * b).mass
+        smaller = min(a.mass, b.mass)
+        if shared > OVERLAP * smaller:
+            raise ValueError(
+                f"part {part!r}: bodies {a.name or ''!r} and {b.name or ''!r} share {100 * shared / smaller:.2g} % of "
+                "the smaller one's volume, so its material there is unknown: cut one by the other in the CAD"
+            )
+
+
+def _check_size(part: str, shape: Any) -> None:
+    size = np.ptp(np.array([tuple(corner) for corner in shape.bounding_box]), axis=0).max()
+    if not SMALLEST < size < np.inf:
+        raise ValueError(
+            f"part {part!r} is {size:g} m long; at least {SMALLEST:g} m is needed, and shapes are in metres: check the "
+            "CAD file's unit"
+        )
+    if size >= LARGE:
+        warn(
+            f"part {part!r} is {size:g} m long; shapes are in metres: check the CAD file's unit if that is too long",
+            stacklevel=4,
+        )
 
 
 def name_faces(shape: Any, name: str, pick: FacePick) -> None:

@@ -1,5 +1,6 @@
 """Modes identified from measurements: poles, damping ratios and gains with their uncertainty."""
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -9,13 +10,25 @@ from threadpoolctl import threadpool_limits
 
 from nassim.checks import Array, finite, finite_array, freeze, frozen_mapping, known, positive, unique
 from nassim.frf import FRF
-from nassim.pole_fit import DAMPING_RANGE, Lines, Solution, fit_poles, strongest_pole, twins
+from nassim.pole_fit import (
+    DAMPING_RANGE,
+    Lines,
+    Solution,
+    correlation,
+    fit_poles,
+    misfit,
+    misfit_in_words,
+    strongest_pole,
+    twins,
+)
 from nassim.signals import TimeHistory
 
 MOST_MODES = 12
 """Modes up to which the criterion looks for more."""
 EXACT = 1e-10
 """Residual over response that counts as rounding: below it there is nothing left to fit."""
+POOR = 0.01
+"""Relative deviation of a damping ratio from which a systematic residual is warned of."""
 UNEXCITED = 1e-6
 """Lines whose input is this much below the largest carry no information."""
 COHERENCE_LINES = 5
@@ -32,13 +45,13 @@ class ModalFit:
     input, outputs: names
     frequency: ascending, (modes,) [Hz]; damping_ratio: (modes,) [-]
     gains: each mode's share of the static response, (outputs, modes), output unit over input unit
-    covariance: of frequency, damping_ratio and gains (output by output), square; from the noise only, not from what the
-        model cannot describe
+    covariance: of frequency, damping_ratio and gains (output by output), square; from the noise, and near a resonance
+        whose residual is systematic from this misfit, see `nassim.pole_fit.misfit`
     residual_terms: (outputs, powers), output unit over input unit times s^p; residual_powers: (powers,)
     measured: responses at the lines of the fit, without the transient of a record and the hold of its input
     noise: standard deviation of `measured`, (outputs, lines), estimated from the residual
     criterion: BIC with 0, 1, 2 ... modes, as far as it was followed
-    how: what was fitted and how, in words
+    how: what was fitted and how, in words; "doubts": what speaks against it, empty when nothing does
     """
 
     input: str
@@ -106,15 +119,14 @@ class ModalFit:
 
     def summary(self) -> str:
         """The modes as a table, each figure with its standard deviation, as text."""
-        rows = [
-            ["mode", "frequency [Hz]", "damping ratio [%]", *(f"gain {output}" for output in self.outputs)],
-        ]
+        rows = [["mode", "frequency [Hz]", "damping ratio [%]", *(f"gain {output}" for output in self.outputs)]]
         for r in range(len(self.frequency)):
             gains = [f"{g:.4g} ± {s:.1g}" for g, s in zip(self.gains[:, r], self.gains_std[:, r], strict=True)]
             ratio = f"{100 * self.damping_ratio[r]:.4g} ± {100 * self.damping_ratio_std[r]:.1g}"
             rows.append([str(r + 1), f"{self.frequency[r]:.3f} ± {self.frequency_std[r]:.1g}", ratio, *gains])
         width = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-        return "\n".join("  ".join(cell.rjust(w) for cell, w in zip(row, width, strict=True)) for row in rows)
+        lines = ["  ".join(cell.rjust(w) for cell, w in zip(row, width, strict=True)) for row in rows]
+        return "\n".join(lines) + (f"\ndoubtful: {self.how['doubts']}" if self.how.get("doubts") else "")
 
 
 def identify_modes(
@@ -149,8 +161,10 @@ def identify_modes(
 
     Noise is assumed at the outputs only, Gaussian and independent between outputs, and its variance is estimated per
     output from the residual, smooth over frequency; an FRF's coherence, where it has one, gives the shape of it.
+    Near a resonance the residual may be systematic: two modes close together that are fitted as one, a hold or delay
+    overlooked. Then the standard deviations grow with it, the summary tells, and from 1 % of damping on a warning.
     Raises ValueError for unknown names, a band outside the data, a constant input, and where the data do not determine
-    the modes: too few lines, no resonance, or a mode whose damping ratio is not known to twice its standard deviation.
+    the modes: too few lines, no resonance, or a mode whose damping ratio noise leaves unknown by half.
     """
     names = unique("output", outputs)
     if not names:
@@ -177,7 +191,8 @@ def identify_modes(
     _enough(lines, n_modes or 1)
     # The matrices are tall and narrow: more threads only wait for each other.
     with threadpool_limits(limits=1, user_api="blas"):
-        solution, criterion = _search(lines, shape, n_modes, band)
+        solution, criterion, doubt = _search(lines, shape, n_modes, band)
+    missed = misfit(lines, solution)
     how = {
         "data": "frequency response" if isinstance(measured, FRF) else "time record with its transient",
         "band": f"{band[0]:g} ... {band[1]:g} Hz, {len(lines.omega)} lines",
@@ -185,8 +200,13 @@ def identify_modes(
         "delay": f"{delay:g} s",
         "n_modes": "chosen by BIC" if n_modes is None else "given",
         "noise": "smooth over frequency, from the residual" if shape is None else "shape from the coherence",
+        "doubts": "; ".join(text for text in (misfit_in_words(solution, missed), doubt) if text),
     }
-    return _modal_fit(lines, solution, input, names, criterion, how)
+    fit = _modal_fit(lines, solution, missed, input, names, criterion, how)
+    spread = fit.damping_ratio_std / fit.damping_ratio
+    if np.any((spread > POOR) & (missed[np.argsort(solution.poles[:, 0])] > 0)):
+        warnings.warn(f"the fit is poor: {how['doubts']}", stacklevel=2)
+    return fit
 
 
 def _band(band: tuple[float, float], lowest: float, highest: float) -> tuple[float, float]:
@@ -258,8 +278,9 @@ def _enough(lines: Lines, n_modes: int) -> None:
 
 def _search(
     lines: Lines, shape: Array | None, n_modes: int | None, band: tuple[float, float]
-) -> tuple[Solution, list[float]]:
-    """Add the strongest remaining pole and refit, until there are n_modes or the criterion rises."""
+) -> tuple[Solution, list[float], str]:
+    """Add the strongest remaining pole and refit, until n_modes or the criterion rises; what is doubtful."""
+    doubt = ""
     size = np.sqrt(np.mean(np.abs(lines.responses) ** 2, axis=1, keepdims=True))
     noise = np.broadcast_to(size, lines.responses.shape) if shape is None else np.maximum(shape, EXACT * size)
     best = _refined(lines, np.zeros((0, 2)), noise, shape)
@@ -267,14 +288,16 @@ def _search(
     for _ in range(n_modes or MOST_MODES):
         if n_modes is None and np.all(np.abs(best.residual) < EXACT * size):
             break
-        start = np.vstack([best.poles, strongest_pole(lines, best.residual, best.weights)])
+        start, alike = np.vstack([best.poles, strongest_pole(lines, best.residual, best.weights)]), ""
         try:
             _enough(lines, len(start))
             candidate = _refined(lines, start, np.sqrt(2) / best.weights, shape)
-            problem = _problem(lines, candidate, 0.5 if n_modes else 0.25) or ("" if n_modes else twins(candidate))
+            alike = "" if n_modes else twins(candidate)
+            problem = _problem(lines, candidate, 0.5 if n_modes else 0.25) or alike
         except (ValueError, np.linalg.LinAlgError) as error:
             problem = str(error)
         if n_modes is None and (problem or _bic(lines, candidate) >= criterion[-1]):
+            doubt = f"one mode more would fit better, but {problem}, or give n_modes={len(start)}" if alike else ""
             break
         if problem:
             raise ValueError(
@@ -288,7 +311,7 @@ def _search(
             f"no resonance in {band[0]:g} ... {band[1]:g} Hz stands out of the noise: check band and outputs, or "
             "excite it more"
         )
-    return best, criterion
+    return best, criterion, doubt
 
 
 def _refined(lines: Lines, start: Array, noise: Array, shape: Array | None) -> Solution:
@@ -318,14 +341,14 @@ def _noise(lines: Lines, solution: Solution, shape: Array | None) -> Array:
 
 def _bic(lines: Lines, solution: Solution) -> float:
     """Bayes' information criterion; lines that a window correlates count less."""
-    n = 2 * lines.omega.size / _correlation(solution)
+    n = 2 * lines.omega.size / correlation(solution)
     likelihood = n * np.sum(np.mean(np.log(2 / solution.weights**2), axis=1))
     return float(likelihood + solution.n_unknowns * np.log(n * len(lines.responses)))
 
 
 def _problem(lines: Lines, solution: Solution, largest: float) -> str:
     """Why a solution's modes are none, or nothing; largest: standard deviation of a damping ratio over the ratio."""
-    spread = np.sqrt(_correlation(solution) * np.diag(solution.covariance)[: solution.poles.size])
+    spread = np.sqrt(correlation(solution) * np.diag(solution.covariance)[: solution.poles.size])
     n = len(solution.poles)
     for r, (frequency, ratio) in enumerate(solution.poles):
         if not DAMPING_RANGE[0] * 1.01 < ratio < DAMPING_RANGE[1] * 0.99:
@@ -340,33 +363,24 @@ def _problem(lines: Lines, solution: Solution, largest: float) -> str:
     return ""
 
 
-def _correlation(solution: Solution) -> float:
-    """Variance of a sum of neighbouring lines over that of independent ones: windows correlate the next three."""
-    result = []
-    for weighted in solution.weights * solution.residual:
-        power = np.sum(np.abs(weighted) ** 2)
-        lags = [np.real(np.sum(weighted[k:] * weighted[:-k].conj())) for k in (1, 2, 3)]
-        result.append(1 + 2 * sum(lags) / power if power > 0 else 1.0)
-    return max(1.0, *result)
-
-
 def _modal_fit(
     lines: Lines,
     solution: Solution,
+    missed: Array,
     input: str,
     outputs: tuple[str, ...],
     criterion: Sequence[float],
     how: Mapping[str, str],
 ) -> ModalFit:
-    n, n_columns, n_residual = len(solution.poles), solution.values.shape[1], len(lines.residual_powers)
+    n, n_columns = len(solution.poles), solution.values.shape[1]
+    n_response = n + len(lines.residual_powers)
     order = np.argsort(solution.poles[:, 0])
     frequency, ratio = solution.poles[order].T
-    rows = [order, n + order, *(2 * n + k * n_columns + order for k in range(len(outputs)))]
-    index = np.concatenate(rows)
-    scale = np.concatenate([frequency, ratio, np.ones(n * len(outputs))])
-    covariance = _correlation(solution) * scale[:, None] * solution.covariance[np.ix_(index, index)] * scale
+    index = np.concatenate([order, n + order, *(2 * n + k * n_columns + order for k in range(len(outputs)))])
+    enlarged = np.sqrt(correlation(solution) + missed[order])
+    scale = np.concatenate([frequency, ratio, np.ones(n * len(outputs))]) * np.tile(enlarged, 2 + len(outputs))
+    covariance = scale[:, None] * solution.covariance[np.ix_(index, index)] * scale
     columns = lines.columns(solution.poles)
-    n_response = n + n_residual
     transient = solution.values[:, n_response:] @ columns[:, n_response:].T
     input_spectrum = lines.excitation * lines.held
     responses = (lines.responses - transient) / input_spectrum

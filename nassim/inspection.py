@@ -269,7 +269,7 @@ def _units(n: _Numbers) -> Finding:
     likely = likely_units(looks, n.body.units)
     if likely:
         text += "; looks like " + ", or else ".join(f"{units} ({reread})" for units, reread in likely[:3])
-    return Finding("units", "warning", text, looks.figures)
+    return Finding("units", "fault", text, looks.figures)
 
 
 def _nodes(n: _Numbers) -> Finding:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nassim.assembly import assemble, state_space
+from nassim.assembly import Assembly, assemble
 from nassim.checks import Array, finite_array, freeze, positive
 from nassim.frf import FRF
 from nassim.parts import Body, FlexibleBody
@@ -82,6 +82,37 @@ def linearize(scene: Scene) -> LinearModel:
     feedthrough = np.zeros((len(scene.outputs), len(scene.inputs)))
     units = tuple(sensor.unit for sensor in scene.sensors)
     return LinearModel(state, drives[:, :-1], readings, feedthrough, scene.inputs, scene.outputs, units)
+
+
+def state_space(assembly: Assembly) -> tuple[Array, Array, Array]:
+    """A, B and C of an assembled scene; the last column of B is gravity, a constant input of one.
+
+    States: modal amplitudes and their rates, then the charges of circuits (as volts) and the amplifiers' outputs.
+    """
+    a = assembly
+    omega = 2 * np.pi * a.frequency
+    n, n_in, n_out = len(omega), a.input_matrix.shape[1], len(a.output_matrix)
+    modes = a.basis @ a.shapes
+    size = 2 * n + len(a.circuits) + len(a.amplifiers)
+    state, drives, readings = np.zeros((size, size)), np.zeros((size, n_in + 1)), np.zeros((n_out, size))
+    velocity = slice(n, 2 * n)
+    state[:n, velocity] = np.eye(n)
+    state[velocity, :n] = -np.diag(omega**2)
+    state[velocity, velocity] = -np.diag(2 * a.damping_ratio * omega) - a.shapes.T @ a.damper_matrix @ a.shapes
+    drives[velocity, :n_in], drives[velocity, n_in] = modes.T @ a.input_matrix, modes.T @ a.weight
+    readings[:, :n] = a.output_matrix @ modes
+    for j, circuit in enumerate(a.circuits, start=2 * n):
+        pull = modes[a.slices[circuit.body]].T @ circuit.forces
+        rate = 1 / (circuit.resistance * circuit.capacitance)
+        state[velocity, j] = pull
+        state[j, :n] = rate * pull / circuit.capacitance
+        state[j, j] = -rate
+        readings[circuit.output, j] = circuit.gain
+    for j, amplifier in enumerate(a.amplifiers, start=2 * n + len(a.circuits)):
+        state[velocity, j] = modes.T @ amplifier.forces
+        state[j, j] = -amplifier.rate
+        drives[j, amplifier.input] = amplifier.rate
+    return state, drives, readings
 
 
 def sampled(model: LinearModel, sample_rate: float) -> LinearModel:

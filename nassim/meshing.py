@@ -3,20 +3,24 @@
 import itertools
 import os
 import sys
-import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 import netgen.occ as occ
 import numpy as np
-from netgen.libngpy._meshing import NgException
+from netgen.libngpy._meshing import NgException, _SetTerminate
 
 from nassim.checks import known, positive
+from nassim.exclusive import exclusive
 from nassim.geometry import Solid, face_names
+from nassim.notices import note, warn
 
 AXES = {"x": occ.X, "y": occ.Y, "z": occ.Z}
 GHOST = "(empty)"
+"""Name of cells that hold no material; those of bodies are numbers while a mesh is made."""
 SAME = 1e-9
 """Relative difference of volumes and areas that counts as none."""
 TRIALS = ((0.7, 1.0), (0.5, 1.0), (0.3, 1.0), (0.7, 0.8), (0.5, 0.8))
@@ -26,8 +30,8 @@ ROUNDS = 3
 NEAR = 1e-6
 """Distances below this are nil [m]."""
 UNLIMITED = 1e99
-LARGE = 100.0
-"""Beyond every part [m]."""
+PATIENCE = 0.1
+"""How often Ctrl-C is looked for [s]."""
 
 
 def generate_mesh(
@@ -54,25 +58,46 @@ def generate_mesh(
     """
     size = positive("element_size", element_size, "m")
     extent = np.array([tuple(corner) for corner in solid.shape.bounding_box])
-    if size < 1e-3 * np.ptp(extent, axis=0).max():
+    length = np.ptp(extent, axis=0).max()
+    if size > length * (1 + SAME):
+        raise ValueError(
+            f"element_size {size:g} m is longer than the part {solid.name!r}, which has {length:g} m; take that at "
+            "most, and give lengths in metres: 5e-3 for 5 mm"
+        )
+    if size < 1e-3 * length:
         raise ValueError(
             f"element_size {size:g} m is below a thousandth of the part {solid.name!r}; that mesh would not fit in "
             "memory: take a larger size and a higher order"
         )
     positive("curvature", curvature)
+    sizes = dict(local_sizes or {})
+    for name, local_size in sizes.items():
+        known("face", name, face_names(solid.shape))
+        positive(f"size on face {name!r}", local_size, "m")
+    thickness = size if layer_thickness is None else positive("layer_thickness", layer_thickness, "m")
     if extrude is not None:
-        thickness = size if layer_thickness is None else positive("layer_thickness", layer_thickness, "m")
-        layered = cut_in_layers(solid, axis=known("extrude", extrude, AXES), thickness=thickness)
+        known("extrude", extrude, AXES)
+    with exclusive(), _numbered(solid.shape) as names:
+        numbered_sizes = {str(names.index(name)): local_size for name, local_size in sizes.items()}
+        mesh = _mesh(solid, size, curvature, numbered_sizes, extrude, thickness)
+        _name_again(mesh, names)
+    return mesh
+
+
+def _mesh(
+    solid: Solid, size: float, curvature: float, sizes: Mapping[str, float], extrude: str | None, thickness: float
+) -> Any:
+    if extrude is not None:
         try:
-            return _run_netgen(layered, size, curvature, local_sizes or {})
+            return _run_netgen(cut_in_layers(solid, axis=extrude, thickness=thickness), size, curvature, sizes)
         except NgException:
-            warnings.warn(
+            warn(
                 f"Netgen fails to mesh part {solid.name!r} with prisms: tetrahedra take their place, at a larger "
                 "error; other sizes may help",
-                stacklevel=3,
+                stacklevel=4,
             )
     try:
-        return _run_netgen(solid.shape, size, curvature, local_sizes or {})
+        return _run_netgen(solid.shape, size, curvature, sizes)
     except NgException as error:
         raise ValueError(
             f"Netgen cannot mesh part {solid.name!r} with element_size {size:g} m ({error}); try another size or "
@@ -80,28 +105,77 @@ def generate_mesh(
         ) from error
 
 
-def _run_netgen(shape: Any, size: float, curvature: float, local_sizes: Mapping[str, float]) -> Any:
+@contextmanager
+def _numbered(shape: Any) -> Iterator[list[str]]:
+    """Bodies and faces are called by their names' places in the yielded list, so that any name will do in a mesh."""
+    named = [(item, item.name) for item in [*shape.solids, *shape.faces] if item.name]
+    names = list(dict.fromkeys(name for _, name in named))
+    try:
+        for item, name in named:
+            item.name = str(names.index(name))
+        yield names
+    finally:
+        for item, name in named:
+            item.name = name
+
+
+def _name_again(mesh: Any, names: Sequence[str]) -> None:
+    """Undo `_numbered` in a mesh; what has no name, which Netgen calls "default", is called ''."""
+    original = {str(number): name for number, name in enumerate(names)}
+    for body in range(1, mesh.GetNDomains() + 1):
+        mesh.SetMaterial(body, original.get(mesh.GetMaterial(body), ""))
+    for face in range(mesh.GetNFaceDescriptors()):
+        mesh.SetBCName(face, original.get(mesh.GetBCName(face), ""))
+
+
+def _run_netgen(shape: Any, size: float, curvature: float, sizes: Mapping[str, float]) -> Any:
     """Netgen at times fails to fill a body between the pyramids on prisms; another grading or size may then help."""
-    _set_face_sizes(shape, local_sizes)
+    _set_face_sizes(shape, sizes)
     try:
         for grading, share in TRIALS:
+            # Netgen's defaults resolve a 0.3 mm fillet with 30 times more elements than curved ones need.
+            options = {
+                "maxh": share * size,
+                "grading": grading,
+                "curvaturesafety": curvature,
+                "segmentsperedge": 0.2,
+                "closeedgefac": None,
+                "minedgelen": 1e-3 * size,
+                "maxoutersteps": ROUNDS,
+            }
             try:
-                # Netgen's defaults resolve a 0.3 mm fillet with 30 times more elements than curved ones need.
                 with _silence():
-                    return occ.OCCGeometry(shape).GenerateMesh(
-                        maxh=share * size,
-                        grading=grading,
-                        curvaturesafety=curvature,
-                        segmentsperedge=0.2,
-                        closeedgefac=None,
-                        minedgelen=1e-3 * size,
-                        maxoutersteps=ROUNDS,
-                    )
+                    mesh = _interruptibly(partial(_generate, shape, options))
             except NgException:
                 if (grading, share) == TRIALS[-1]:
                     raise
+            else:
+                if (grading, share) != TRIALS[0]:
+                    note(f"made with grading {grading:g} and {share:g} times the size, finer than asked: Netgen failed")
+                return mesh
     finally:
-        _set_face_sizes(shape, dict.fromkeys(local_sizes, UNLIMITED))
+        _set_face_sizes(shape, dict.fromkeys(sizes, UNLIMITED))
+
+
+def _generate(shape: Any, options: Mapping[str, Any]) -> Any:
+    return occ.OCCGeometry(shape).GenerateMesh(**options)
+
+
+def _interruptibly(work: Callable[[], Any]) -> Any:
+    """The result of Netgen's work, done in another thread: Ctrl-C arrives meanwhile and makes Netgen stop."""
+    with ThreadPoolExecutor(1) as worker:
+        future = worker.submit(work)
+        try:
+            while not wait([future], timeout=PATIENCE).done:
+                pass
+            return future.result()
+        except KeyboardInterrupt:
+            # Said again and again, because a mesh that is only just begun takes the word back.
+            while not wait([future], timeout=PATIENCE).done:
+                _SetTerminate(True)
+            raise
+        finally:
+            _SetTerminate(False)
 
 
 @contextmanager
@@ -124,12 +198,9 @@ def _silence() -> Iterator[None]:
 
 def _set_face_sizes(shape: Any, sizes: Mapping[str, float]) -> None:
     """Netgen reads the sizes from the shape, which keeps them."""
-    for name, size in sizes.items():
-        known("face", name, face_names(shape))
-        positive(f"size on face {name!r}", size, "m")
-        for face in shape.faces:
-            if face.name == name:
-                face.maxh = size
+    for face in shape.faces:
+        if face.name in sizes:
+            face.maxh = sizes[face.name]
 
 
 def cut_in_layers(solid: Solid, *, axis: str, thickness: float) -> Any:
@@ -213,7 +284,8 @@ def _layer(prisms: Sequence[Any], others: Sequence[Any], k: int, low: float, hig
         faces, ends = _ends(body, k)
         inside = faces[0].center[k] < middle < ends[0].center[k]
         (present if inside else absent).append(body)
-    corners = np.array([np.full(3, -LARGE), np.full(3, LARGE)])
+    reach = 2 * max(abs(c) for body in prisms for corner in body.bounding_box for c in corner)
+    corners = np.array([np.full(3, -reach), np.full(3, reach)])
     corners[:, k] = low, high
     slab = occ.Box(*(occ.Pnt(*corner) for corner in corners))
     real = [cell for body in present for cell in _named(body * slab, body.name)]

@@ -57,6 +57,21 @@ def modal_damping_matrix(mass: Array, frequency: Array, shapes: Array, damping_r
     return result
 
 
+def elastic_ratios(frequency: Array, damping_ratio: ArrayLike) -> Array:
+    """Damping ratio of each mode, (n,) [-]: none of free motions, which have 0 Hz; of the others as given.
+
+    damping_ratio: one number or one per elastic mode from the lowest; the last one is that of all that follow
+    Raises ValueError for one that is negative or NaN.
+    """
+    given = np.atleast_1d(np.asarray(damping_ratio, dtype=float))
+    if not np.all(given >= 0):
+        raise ValueError(f"damping ratios must not be negative or NaN, got {given}")
+    elastic = np.flatnonzero(frequency > 0)
+    result = np.zeros(len(frequency))
+    result[elastic] = given[np.minimum(np.arange(len(elastic)), len(given) - 1)]
+    return result
+
+
 def held_pole(rate: complex, time_step: float, *, hold_order: int) -> tuple[complex, complex, complex]:
     """Exact discrete form z[k] = decay z[k-1] + now u[k] + before u[k-1] of z' = rate z + u.
 

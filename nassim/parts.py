@@ -7,12 +7,25 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from nassim.body import ReducedBody
-from nassim.checks import Array, finite, finite_array, freeze, frozen_mapping, known, not_negative, positive, unique
+from nassim.checks import (
+    Array,
+    finite,
+    finite_array,
+    freeze,
+    frozen_mapping,
+    instances,
+    known,
+    not_negative,
+    positive,
+    unique,
+)
 from nassim.control import Controller
 from nassim.interface import DIRECTIONS
 
 FIDELITIES = ("rigid", "linear", "ffrf")
 WORLD_AXES = ("x", "y", "z")
+ROUNDED = 2e-3
+"""Share by which rounded moments of a flat body may exceed what is possible."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +48,11 @@ class RigidBody:
 
     def __post_init__(self) -> None:
         label = f"rigid body {self.name!r}"
+        if not isinstance(self.points, Mapping):
+            raise ValueError(f'{label}: points must map names to positions, such as {{"top": (0, 0, 0.1)}}')
+        if not isinstance(self.fixed, (bool, np.bool_)):
+            raise ValueError(f"{label}: fixed must be True or False, got {self.fixed!r}")
+        unique(f"{label}: point", self.points)
         points = {k: finite_array(f"{label}: point {k!r}", v, (3,)) for k, v in self.points.items()}
         freeze(
             self,
@@ -49,6 +67,12 @@ class RigidBody:
         inertia = finite_array(f"{label}: inertia", self.inertia, (3, 3))
         if np.abs(inertia - inertia.T).max() > 1e-9 * np.abs(inertia).max() or np.linalg.eigvalsh(inertia)[0] <= 0:
             raise ValueError(f"{label}: inertia must be symmetric and positive definite")
+        moments = np.linalg.eigvalsh(inertia)
+        if moments[2] > (1 + ROUNDED) * (moments[0] + moments[1]):
+            raise ValueError(
+                f"{label}: no body has the principal moments {', '.join(f'{m:.4g}' for m in moments)} kg m2: none "
+                "can exceed the sum of the other two"
+            )
         freeze(self, mass=mass, inertia=inertia)
 
     def point_position(self, point: str) -> Array:
@@ -67,7 +91,8 @@ class FlexibleBody:
     fidelity: "ffrf", a floating frame that may move far and turn; "linear", small motion about the start (rotations
         up to some 0.01 rad), twenty times as fast; "rigid", no deformation: its stacks then do and read nothing
     frame: remote point that the floating frame rides on (default: the first that a joint holds, else the first)
-    angular_velocity: at the start, world frame, shape (3,) [rad/s]
+    angular_velocity: at the start, world frame, shape (3,) [rad/s]; bodies jointed to this one move along, and what
+        the joints do not allow is refused when a simulation starts; zero asks for nothing
     """
 
     name: str
@@ -80,6 +105,10 @@ class FlexibleBody:
 
     def __post_init__(self) -> None:
         label = f"flexible body {self.name!r}"
+        if not isinstance(self.reduced, ReducedBody):
+            raise ValueError(f"{label}: reduced must be a ReducedBody, got a {type(self.reduced).__name__}")
+        if not self.reduced.remote_points:
+            raise ValueError(f"{label} needs at least one remote point, on which its frame rides")
         rotation = finite_array(f"{label}: rotation", self.rotation, (3, 3))
         if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-9 or np.linalg.det(rotation) < 0:
             raise ValueError(f"{label}: rotation must be a proper orthogonal matrix")
@@ -96,9 +125,15 @@ class FlexibleBody:
         )
 
     def elongation(self, start: str, end: str) -> Array:
-        """How much the distance between two points grows per unit of the reduced coordinates, shape (n,)."""
+        """How much the distance between two points grows per unit of the reduced coordinates, shape (n,).
+
+        Raises ValueError for unknown points and for two in one place.
+        """
         axis = self.reduced.point(end).position - self.reduced.point(start).position
-        axis = axis / np.linalg.norm(axis)
+        length = float(np.linalg.norm(axis))
+        if not length:
+            raise ValueError(f"{start!r} and {end!r} of body {self.name!r} lie in one place: no line joins them")
+        axis = axis / length
         result: Array = axis @ (self.reduced.motion(end) - self.reduced.motion(start))[:3]
         return result
 
@@ -116,8 +151,9 @@ class Joint:
     """Connects two points that coincide at the start.
 
     a, b: the points, "body.point"
-    free: directions of the world's frame in which b may move against a: "x" "y" "z" "rx" "ry" "rz";
-        none, the default, is a rigid connection
+    free: directions in which b may move against a: "x" "y" "z" "rx" "ry" "rz"; none, the default, is a rigid
+        connection. They are the world's at the start and turn with the body of a from there on: a slide on a rail
+        has the rail's point as a.
     """
 
     name: str
@@ -126,10 +162,10 @@ class Joint:
     free: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        free = (self.free,) if isinstance(self.free, str) else tuple(self.free)
+        free = instances("free", (self.free,) if isinstance(self.free, str) else self.free, (str,))
         for direction in free:
             known("direction", direction, DIRECTIONS)
-        freeze(self, free=free)
+        freeze(self, free=unique(f"joint {self.name!r}: free direction", free))
 
 
 @dataclass(frozen=True)
@@ -324,6 +360,8 @@ class Loop:
 
     def __post_init__(self) -> None:
         label = f"loop {self.name!r}"
+        if not isinstance(self.controller, Controller):
+            raise ValueError(f"{label}: controller must be a Controller, got a {type(self.controller).__name__}")
         measured, driven = ((n,) if isinstance(n, str) else tuple(n) for n in (self.measured, self.driven))
         n_out, n_in = self.controller.D.shape
         if (len(driven), len(measured)) != (n_out, n_in):
@@ -348,5 +386,5 @@ def _two_points(label: str, a: str, b: str) -> None:
 
 
 def _above_zero(label: str, value: float, unit: str = "") -> None:
-    if not value > 0:
-        raise ValueError(f"{label} must be positive, got {value:g} {unit}".rstrip() + "; inf for none")
+    if not isinstance(value, (int, float, np.number)) or not value > 0:
+        raise ValueError(f"{label} must be a positive number, got {value!r} {unit}".rstrip() + "; inf for none")

@@ -29,7 +29,15 @@ STEP = 1e-4
 """Step of the derivatives by a pole, relative to its half-width."""
 
 LOOKS_ALIKE = 0.99
-"""Modal assurance criterion of two modes' gains above which they look alike."""
+"""Modal assurance criterion of two modes' gains, each output by its largest, above which they look alike."""
+NEAR = 5.0
+"""Half-widths to either side of a resonance within which its misfit shows."""
+FEWEST_NEAR = 8
+MISFIT_POWERS = 4
+SYSTEMATIC = 6.0
+"""Energy that shapes of a misfit explain, in standard deviations above what they explain of noise, that is no noise."""
+TAKEN_UP = 2.0
+"""Errors that parameters take up over those left in the residual: up to 2 for two modes within a half-width."""
 
 
 @dataclass(frozen=True)
@@ -263,10 +271,62 @@ def _real(values: Array) -> Array:
 def twins(solution: Solution) -> str:
     """Whether two modes overlap and look alike, one resonance that the model misses; why, or nothing."""
     n = len(solution.poles)
-    gains = solution.values[:, :n]
+    gains = solution.values[:, :n] / np.maximum(np.abs(solution.values[:, :n]).max(axis=1, keepdims=True), 1e-300)
     alike = mac(gains, gains)
     for a, b in itertools.combinations(range(n), 2):
         (f_a, ratio_a), (f_b, ratio_b) = solution.poles[a], solution.poles[b]
         if alike[a, b] > LOOKS_ALIKE and abs(f_a - f_b) < ratio_a * f_a + ratio_b * f_b:
             return f"modes at {f_a:.4g} and {f_b:.4g} Hz overlap and look alike; check hold_order and delay"
     return ""
+
+
+def misfit(lines: Lines, solution: Solution) -> Array:
+    """What the model misses near each resonance, (R,): variance that it adds, in units of the noise's; 0: nothing.
+
+    Modes 1 / (D + d) fitted by one 1 / D, or one with a wrong phase, leave powers of 1 / D, which noise does not. The
+    energy that these explain of the weighted residual, beyond their share of noise of the size that remains, moves
+    a parameter by up to its root, in standard deviations; and what parameters have taken up, so that no residual shows
+    it, is larger by TAKEN_UP.
+    """
+    frequency = lines.omega / (2 * np.pi)
+    least = FEWEST_NEAR * float(np.median(np.diff(frequency)))
+    correlated, result = correlation(solution), np.zeros(len(solution.poles))
+    for r, (pole, ratio) in enumerate(solution.poles):
+        near = np.abs(frequency - pole) < max(NEAR * ratio * pole, least)
+        x = frequency[near] / pole
+        shape = 2j * ratio / (1 - x**2 + 2j * ratio * x)
+        powers = lines.excitation[near, None] * shape[:, None] ** np.arange(1, MISFIT_POWERS + 1)
+        if near.sum() < 2 * MISFIT_POWERS:
+            continue
+        explained = remaining = 0.0
+        for weights, residual in zip(solution.weights[:, near], solution.residual[:, near], strict=True):
+            q = np.linalg.qr(weights[:, None] * powers)[0]
+            inside = float(np.sum(np.abs(q.conj().T @ (weights * residual)) ** 2))
+            explained += inside
+            remaining += float(np.sum(np.abs(weights * residual) ** 2)) - inside
+        share = MISFIT_POWERS / (near.sum() - MISFIT_POWERS) * correlated * remaining
+        count = 2 * MISFIT_POWERS * len(solution.weights)
+        if explained > share * (1 + SYSTEMATIC * np.sqrt(2 / count)):
+            result[r] = TAKEN_UP**2 * (explained - share)
+    return result
+
+
+def misfit_in_words(solution: Solution, missed: Array) -> str:
+    """Where the residual is systematic, and what it does to the standard deviations; empty where it is not."""
+    where = ", ".join(
+        f"{frequency:.4g} Hz ({np.sqrt(1 + energy / correlation(solution)):.0f} times)"
+        for (frequency, _), energy in zip(solution.poles, missed, strict=True)
+        if energy
+    )
+    cause = "deviations enlarged: check for modes close together, hold_order, delay"
+    return f"the residual is systematic near {where}, {cause}" if where else ""
+
+
+def correlation(solution: Solution) -> float:
+    """Variance of a sum of neighbouring lines over that of independent ones: windows correlate the next three."""
+    result = []
+    for weighted in solution.weights * solution.residual:
+        power = np.sum(np.abs(weighted) ** 2)
+        lags = [np.real(np.sum(weighted[k:] * weighted[:-k].conj())) for k in (1, 2, 3)]
+        result.append(1 + 2 * sum(lags) / power if power > 0 else 1.0)
+    return max(1.0, *result)

@@ -14,6 +14,7 @@ import numpy as np
 
 from nassim.geometry import Solid
 from nassim.piezo import ElectricalPort, PortCoupling
+from nassim.regions import bodies
 
 VOLUME_MISMATCH = 0.02
 """Largest difference between a body's volume and its data sheet's size."""
@@ -30,7 +31,7 @@ def couple_port(mesh: Any, solid: Solid, order: int, port: ElectricalPort) -> Po
     form = ng.LinearForm(test.space)
     capacitance = 0.0
     for body in port.bodies:
-        region = mesh.Materials(body)
+        region = bodies(mesh, [body])
         volume = ng.Integrate(1.0, mesh, definedon=region)
         if abs(volume / (stack.length * stack.area) - 1) > VOLUME_MISMATCH:
             raise ValueError(

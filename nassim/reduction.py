@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from nassim.body import RIGID, ReducedBody
+from nassim.body import ReducedBody
 from nassim.checks import Array, positive, unique
 from nassim.condensation import Condensation, condense, strained_part
 from nassim.discretization import released_stiffness
@@ -132,7 +132,7 @@ def _worst_truncation(body: ReducedBody, cutoff_frequency: float | None) -> floa
     for fixed in [(), *((name,) for name in body.point_names)]:
         frequency = body.eigenfrequencies(fixed=fixed)
         error = body.truncation_errors(fixed=fixed)
-        elastic = frequency > RIGID * frequency[-1]
+        elastic = frequency > 0
         chosen = elastic & (frequency <= cutoff_frequency) if cutoff_frequency is not None else elastic
         errors = error[chosen] if cutoff_frequency is not None else error[chosen][:5]
         worst = max(worst, float(np.max(errors, initial=0.0)))
@@ -153,7 +153,7 @@ def _report(body: ReducedBody, rich: ReducedBody, p: int) -> dict[str, str]:
     if len(frequency) > p:
         record["modes left out"] = f"all from {frequency[p]:.1f} Hz"
     for label, fixed in (("free", ()), (f"{first!r} clamped", (first,))):
-        errors = body.truncation_errors(fixed=fixed)[0 if fixed else 6 :][:5]
+        errors = body.truncation_errors(fixed=fixed)[body.eigenfrequencies(fixed=fixed) > 0][:5]
         record[f"truncation error of the first eigenfrequencies, {label} (estimate)"] = (
             " ".join(f"{100 * e:.2g}" for e in errors) + " %"
         )

@@ -1,12 +1,14 @@
 """Scenes: parts connected by name, as pure data."""
 
+import warnings
 from dataclasses import dataclass, field, replace
+from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.body import ReducedBody
-from nassim.checks import Array, finite_array, freeze, known, not_negative, positive, unique
+from nassim.checks import Array, finite_array, freeze, instances, known, not_negative, positive, unique
 from nassim.parts import (
     Actuator,
     Body,
@@ -25,6 +27,14 @@ from nassim.parts import (
 )
 from nassim.trim import trim_body
 
+KINDS: dict[str, tuple[type, ...]] = {
+    "bodies": get_args(Body),
+    "joints": (Joint,),
+    "actuators": get_args(Actuator),
+    "sensors": get_args(Sensor),
+    "springs": (SpringDamper,),
+    "loops": (Loop,),
+}
 TOUCH_TOLERANCE = 1e-9
 """Largest gap [m] between the two points of a joint."""
 
@@ -36,9 +46,10 @@ class Scene:
     bodies, joints, actuators, sensors: the parts; names must differ within each kind. An electrical port that is
         neither driven nor measured is short-circuited.
     springs: spring-dampers; loops: digital controllers, which run in `simulate`
-    damping_ratio: of every eigenmode of the assembled scene [-], one number or one per mode from the lowest (the
-        remaining modes then have the last). It is realised as a damping of the flexible bodies' deformation, so in
-        floating frames motion that only springs hold keeps their own damping, of which a warning tells.
+    damping_ratio: of every elastic eigenmode of the assembled scene [-], one number or one per mode from the lowest
+        (the remaining modes then have the last); free motions, which strain nothing, have none. It is realised as a
+        damping of the flexible bodies' deformation, so in floating frames motion that only springs hold keeps their
+        own damping, of which a warning tells.
     gravity: acceleration, world frame, shape (3,) [m/s2]; with any, simulations start in equilibrium,
         all inputs at zero; controllers start at rest, on the offsets that their signals then have
     cutoff_frequency: what flexible bodies need below it is modelled only, see `trimmed`; take three times the highest
@@ -59,24 +70,24 @@ class Scene:
     cutoff_frequency: float | None = None
 
     def __post_init__(self) -> None:
+        unique("scene", (self.name,))
         positive("cutoff_frequency", 1.0 if self.cutoff_frequency is None else self.cutoff_frequency, "Hz")
-        ratio = np.atleast_1d(np.array(self.damping_ratio, dtype=float))
+        ratio = finite_array("damping_ratio", np.atleast_1d(self.damping_ratio), (None,))
         if ratio.size == 0:
             raise ValueError("damping_ratio needs at least one value; 0 for no damping")
         for value in ratio:
             not_negative("damping_ratio", value)
-        freeze(
-            self,
-            bodies=tuple(self.bodies),
-            joints=tuple(self.joints),
-            actuators=tuple(self.actuators),
-            sensors=tuple(self.sensors),
-            springs=tuple(self.springs),
-            loops=tuple(self.loops),
-            damping_ratio=finite_array("damping_ratio", ratio, (None,)),
-            gravity=finite_array("gravity", self.gravity, (3,)),
-        )
-        for kind, parts in (
+        if ratio.max() >= 1:
+            warnings.warn(
+                f"damping_ratio {ratio.max():g} is critical damping or more, in which nothing swings: one percent is "
+                "the ratio 0.01",
+                stacklevel=3,
+            )
+        kinds = {
+            label: instances(f"scene {self.name!r}: {label}", getattr(self, label), KINDS[label]) for label in KINDS
+        }
+        freeze(self, **kinds, damping_ratio=ratio, gravity=finite_array("gravity", self.gravity, (3,)))
+        for kind, named in (
             ("body", self.bodies),
             ("joint", self.joints),
             ("actuator", self.actuators),
@@ -84,12 +95,17 @@ class Scene:
             ("spring", self.springs),
             ("loop", self.loops),
         ):
-            unique(kind, (part.name for part in parts))
+            unique(kind, (part.name for part in named))
+        dotted = [body.name for body in self.bodies if "." in body.name]
+        if dotted:
+            raise ValueError(f"body {dotted[0]!r}: no dot in a body's name, because points are written 'body.point'")
         if not any(not isinstance(body, RigidBody) or not body.fixed for body in self.bodies):
             raise ValueError(f"scene {self.name!r} has no body that can move")
         for joint in self.joints:
             if joint.a == joint.b:
                 raise ValueError(f"joint {joint.name!r} connects {joint.a!r} with itself")
+            for path in (joint.a, joint.b):
+                self._check_held(joint.name, path)
             gap = float(np.linalg.norm(self.point_position(joint.b) - self.point_position(joint.a)))
             if gap > TOUCH_TOLERANCE:
                 raise ValueError(
@@ -102,6 +118,17 @@ class Scene:
         self._check_points()
         self._check_inputs()
 
+    def _check_held(self, joint: str, path: str) -> None:
+        """A point that only moves along, as trimming leaves some, is no coordinate that a joint could hold."""
+        body, point = self.split(path)
+        if not isinstance(body, FlexibleBody) or body.fidelity == "rigid":
+            return
+        if point in [passive.name for passive in body.reduced.passive_points]:
+            raise ValueError(
+                f"joint {joint!r}: {path!r} is a passive point, which moves along with the body but cannot be held: "
+                "use the body before it was trimmed, or name the point in trim_body(points=...)"
+            )
+
     def _check_points(self) -> None:
         for part in (*self.springs, *self.actuators, *self.sensors):
             if isinstance(part, (Encoder, SpringDamper, PointForce)):
@@ -112,6 +139,9 @@ class Scene:
                     if isinstance(part, PointForce) and body.fixed:
                         raise ValueError(f"{part.name!r}: {path!r} belongs to a fixed body, which no force moves")
                     self.point_position(path)
+        for spring in self.springs:
+            if self.split(spring.a)[0] is self.split(spring.b)[0]:
+                raise ValueError(f"spring {spring.name!r}: {spring.a!r} and {spring.b!r} belong to one rigid body")
 
     def _check_inputs(self) -> None:
         for actuator in self.actuators:
@@ -179,6 +209,7 @@ class Scene:
                 assert isinstance(trimmed, FlexibleBody)
                 lines.extend(self._describe(body, trimmed.reduced))
                 lines.extend(f"    port {port.name}: {self._wiring(body, port.name)}" for port in body.reduced.ports)
+        lines.extend(f"  {line}" for line in self._describe_mechanics())
         for loop in self.loops:
             c = loop.controller
             lines.append(
@@ -186,6 +217,29 @@ class Scene:
                 f"{c.delay} sample(s) of delay"
             )
         return "\n".join(lines)
+
+    def _describe_mechanics(self) -> list[str]:
+        """Joints, springs, damping and gravity, a line each."""
+        lines = [
+            f"joint {j.name}: {j.a} to {j.b}, " + (f"free in {', '.join(j.free)}" if j.free else "rigid")
+            for j in self.joints
+        ]
+        lines += [
+            f"spring {s.name}: {s.a} to {s.b} along {s.axis}, {s.stiffness:g} N/m, {s.damping:g} N s/m"
+            for s in self.springs
+        ]
+        percent = [f"{100 * ratio:g} %" for ratio in np.atleast_1d(self.damping_ratio)]
+        if len(percent) > 1:
+            modes = f"{', '.join(percent)} of critical in the first elastic modes, {percent[-1]} in all others"
+        else:
+            modes = f"{percent[0]} of critical in every elastic mode" if np.any(self.damping_ratio) else "none in modes"
+        lines.append(f"damping: {modes}" + ("; dampers and loops beside it" if self._damped_beside() else ""))
+        pull = " ".join(f"{g:g}" for g in self.gravity)
+        return [*lines, f"gravity: {pull} m/s2" if np.any(self.gravity) else "gravity: none"]
+
+    def _damped_beside(self) -> bool:
+        leaks = any(isinstance(part, VoltageSensor) and np.isfinite(part.resistance) for part in self.sensors)
+        return leaks or bool(self.loops) or any(spring.damping for spring in self.springs)
 
     def _wiring(self, body: FlexibleBody, port: str) -> str:
         for part in self.port_parts:
@@ -281,9 +335,9 @@ class Scene:
 
     def split(self, path: str) -> tuple[Body, str]:
         """Body and point name of "body.point"; raises ValueError listing the known names."""
-        body_name, dot, point = path.partition(".")
-        if not dot:
+        if not isinstance(path, str) or "." not in path:
             raise ValueError(f"a point is written 'body.point', got {path!r}")
+        body_name, _, point = path.partition(".")
         names = [body.name for body in self.bodies]
         return self.bodies[names.index(known("body", body_name, names))], point
 
@@ -296,4 +350,5 @@ class Scene:
         """Remote point that carries a flexible body's floating frame."""
         if body.frame is not None:
             return body.frame
-        return (self._jointed_points(body) or list(body.reduced.point_names))[0]
+        names = body.reduced.point_names
+        return next((name for name in self._jointed_points(body) if name in names), names[0])

@@ -7,24 +7,28 @@ from dataclasses import replace
 
 import numpy as np
 
-from nassim.assembly import Assembly, assemble, motion_size
-from nassim.checks import Array, known, positive
+from nassim.assembly import Assembly, assemble, deformable_bodies, motion_size
+from nassim.buckling import axial_forces, warn_of_buckling
+from nassim.checks import Array, finite, known
 from nassim.digital import samples_per_period
 from nassim.exact import exact_response
-from nassim.exudyn_solver import eigenfrequencies, solve_dynamic, solve_static
+from nassim.exudyn_solver import axial_tension, eigenfrequencies, solve_dynamic, solve_static
+from nassim.exudyn_state import System
 from nassim.exudyn_system import build_system
 from nassim.parts import VoltageSensor
 from nassim.progress import stage
+from nassim.sampling import sampled
 from nassim.scene import Scene
 from nassim.signals import TimeHistory, occupied_bandwidth
 
 METHODS = ("generalized_alpha", "exact", "explicit")
 STABLE_ANGLE = 2.6
 """Angle [rad] per step up to which Runge and Kutta's rule of order 4 is stable for every damping."""
-STEPS_PER_PERIOD = 8
-"""Fewest time steps in the shortest period that an excitation holds."""
+STARTS = ("equilibrium", "released")
 SMALL_MOTION = 0.01
 """Rotation [rad], and deformation over size, up to which small motion holds: the error is about half of its square."""
+FAR = 0.1
+"""Rotation [rad] from the scene as drawn to its equilibrium that is worth a word."""
 STIFFENING = 1e-3
 """Relative rise of a frequency by centrifugal stiffening that may be left out without a word."""
 
@@ -37,76 +41,74 @@ def simulate(
     duration: float | None = None,
     outputs: Sequence[str] | None = None,
     method: str = "generalized_alpha",
-    spectral_radius: float = 1.0,
-    hold_order: int = 1,
+    spectral_radius: float | None = None,
+    hold_order: int | None = None,
+    start: str = "equilibrium",
     progress: bool = True,
 ) -> TimeHistory:
     """Simulate a scene and record its inputs and outputs together at every time step.
 
     excitation: one signal per input of the scene, but for inputs that only a loop drives; between its samples it
-        runs straight
-    time_step: of the integrator [s]; duration [s] (default: the excitation's)
+        runs straight; in the inputs' units, in others that convert to them ("mV", "kN"), or without
+    time_step: of the integrator [s]; duration: a whole number of steps [s] (default: those within the excitation)
     outputs: names (default: all of the scene, then what its loops put out)
     method: "generalized_alpha", Exudyn's implicit integrator, for every scene; "exact", the exact discrete-time
         solution of scenes in small motion (see `Scene.in_small_motion`), a hundred times as fast; "explicit", the
         Runge-Kutta rule of order 4, for the same scenes, which holds inputs like hold_order 0
-    spectral_radius: of generalized-alpha, numerical damping at infinite frequency, 1 (none, the trapezoidal rule)
-        ... 0; a step h lengthens a period T by about (2 pi h / T)^2 / 12
-    hold_order: of the exact method, 1 for inputs that run straight between time steps, 0 for inputs that keep their
-        value
+    spectral_radius: of generalized-alpha only, numerical damping at infinite frequency, 1 (none, the trapezoidal
+        rule, the default) ... 0; a step h lengthens a period T by about (2 pi h / T)^2 / 12
+    hold_order: of the exact method, 1 for inputs that run straight between time steps, the default, 0 for inputs that
+        keep their value
+    start: what gravity has done before: "equilibrium", the scene hangs at rest in static equilibrium; "released", it
+        is as drawn, unloaded, and falls from the first step on: a pendulum let go at an angle. Bodies with an
+        angular_velocity turn from the start in both.
     progress: show a bar; Ctrl-C stops the run at the end of a step
 
-    Returns the signals of `excitation`, sampled at the time steps, then the outputs. Warns of rotations and
-    deformations beyond the range of small motion, and of spin whose centrifugal stiffening is not modelled. Raises
-    ValueError for unknown names, for a scene that the method does not fit and for a step that gives the excitation's
-    shortest period fewer than 8 steps; RuntimeError when the integration fails or diverges.
+    Returns the signals of `excitation` at the time steps, counted from its first sample, then the outputs. Warns of
+    rotations and deformations beyond the range of small motion, of spin whose centrifugal stiffening is not modelled,
+    and of preload above a tenth of a body's buckling load. Raises ValueError for unknown names, for a scene or an
+    option that the method does not fit, and for steps between which something of the excitation is lost (fewer than 8
+    in its shortest period, pulses shorter than one); RuntimeError when there is no equilibrium to start from and when
+    the integration fails or diverges.
     """
     known("method", method, METHODS)
+    known("start", start, STARTS)
     available = (*scene.outputs, *scene.commands)
     names = available if outputs is None else tuple(outputs)
     for name in names:
         known("output", name, available)
-    if not 0.0 <= spectral_radius <= 1.0:
-        raise ValueError(f"spectral_radius must lie in 0 ... 1, got {spectral_radius:g}")
-    if hold_order not in (0, 1):
-        raise ValueError(f"hold_order must be 0 or 1, got {hold_order!r}")
-    if hold_order == 0 and method == "generalized_alpha":
-        raise ValueError('generalized_alpha takes inputs as straight between time steps; hold_order=0 needs "exact"')
-    n_steps = _steps(excitation, time_step, duration)
-    looped = {name for loop in scene.loops for name in loop.driven}
-    missing = set(scene.inputs) - set(excitation.names) - looped
-    if missing:
-        raise ValueError(f"the excitation lacks the input(s) {', '.join(sorted(missing))}; it has {excitation.names}")
-    for name in excitation.names:
-        known("input", name, scene.inputs)
-    _check_time_step(excitation, time_step)
+    _check_options(method, spectral_radius, hold_order)
+    radius = 1.0 if spectral_radius is None else spectral_radius
+    excitation = sampled(scene, excitation, time_step=time_step, duration=duration)
+    n_steps = len(excitation.time) - 1
     highest = occupied_bandwidth(excitation)
     if progress and method == "generalized_alpha" and highest > 0:
-        longer, damping = integrator_error(highest, time_step, spectral_radius=spectral_radius)
+        longer, damping = integrator_error(highest, time_step, spectral_radius=radius)
         print(
             f"  at {highest:.4g} Hz, the highest of the excitation, the steps lengthen periods by {100 * longer:.2g} % "
             f"and damp {100 * damping:.2g} % of critical"
         )
     _warn_of_spin(scene)
 
-    time = np.arange(n_steps + 1) * time_step
-    rows = [np.interp(time + excitation.time[0], excitation.time, row) for row in excitation.values]
-    driven = np.reshape(rows, (len(excitation.names), n_steps + 1))
-    signals = {name: np.zeros(n_steps + 1) for name in looped} | dict(zip(excitation.names, driven, strict=True))
+    looped = {name for loop in scene.loops for name in loop.driven}
+    signals = {name: np.zeros(n_steps + 1) for name in looped}
+    signals |= dict(zip(excitation.names, excitation.values, strict=True))
     for loop in scene.loops:
         samples_per_period(loop, time_step)
+    released = start == "released"
     if method == "exact":
-        readings = _solve_exactly(scene, signals, n_steps, time_step, hold_order, progress)
+        order = 1 if hold_order is None else hold_order
+        readings = _solve_exactly(scene, signals, n_steps, time_step, order, released, progress)
     else:
         if method == "explicit":
             _check_stability(scene, time_step)
-        readings = _integrate(scene, signals, n_steps, time_step, spectral_radius, progress, method == "explicit")
+        readings = _integrate(scene, signals, n_steps, time_step, radius, released, progress, method == "explicit")
     units = [*(sensor.unit for sensor in scene.sensors)]
     units += [scene.input_unit(name) for loop in scene.loops for name in loop.driven]
     chosen = [(*scene.outputs, *scene.commands).index(name) for name in names]
     return TimeHistory(
-        time,
-        np.vstack([driven, readings[chosen]]),
+        excitation.time,
+        np.vstack([excitation.values, readings[chosen]]),
         (*excitation.names, *names),
         (*excitation.units, *(units[k] for k in chosen)),
     )
@@ -118,13 +120,15 @@ def _integrate(
     n_steps: int,
     time_step: float,
     spectral_radius: float,
+    released: bool,
     progress: bool,
     explicit: bool,
 ) -> Array:
     system = build_system(scene)
-    if np.any(scene.gravity):
+    if np.any(scene.gravity) and not released:
         solve_static(system)
-    largest, commands = solve_dynamic(
+        _warn_of_far_equilibrium(system)
+    largest, slackest, commands = solve_dynamic(
         system,
         signals,
         n_steps=n_steps,
@@ -134,22 +138,36 @@ def _integrate(
         explicit=explicit,
     )
     _warn_of_motion(system.assembly, largest)
+    warn_of_buckling(system.assembly, slackest)
     readings = [np.broadcast_to(system.recorded(s), (n_steps + 1,)) for s in scene.sensors]
     return np.vstack([np.reshape(readings, (len(scene.sensors), n_steps + 1)), commands])
 
 
 def _solve_exactly(
-    scene: Scene, signals: Mapping[str, Array], n_steps: int, time_step: float, hold_order: int, progress: bool
+    scene: Scene,
+    signals: Mapping[str, Array],
+    n_steps: int,
+    time_step: float,
+    hold_order: int,
+    released: bool,
+    progress: bool,
 ) -> Array:
     _check_small_motion(scene, "exact")
     assembly = assemble(scene)
     driven = np.reshape([signals[name] for name in scene.inputs], (len(scene.inputs), n_steps + 1))
     with stage("simulate", total=n_steps, unit="steps", enabled=progress) as advance:
         readings, commands, coordinates = exact_response(
-            assembly, driven, time_step, hold_order=hold_order, advance=advance
+            assembly, driven, time_step, hold_order=hold_order, released=released, advance=advance
         )
     _warn_of_motion(
         assembly, {name: motion_size(assembly, name, coordinates[place]) for name, place in assembly.slices.items()}
+    )
+    warn_of_buckling(
+        assembly,
+        {
+            body.name: axial_forces(body.reduced, coordinates[assembly.slices[body.name]]).min(axis=1)
+            for body in deformable_bodies(assembly.scene)
+        },
     )
     return np.vstack([readings, commands])
 
@@ -171,13 +189,23 @@ def _warn_of_motion(assembly: Assembly, largest: Mapping[str, Array]) -> None:
             )
 
 
+def _warn_of_far_equilibrium(system: System) -> None:
+    name, angle = max(((name, system.turn(name)) for name in system.nodes), key=lambda item: item[1], default=("", 0.0))
+    if angle > FAR:
+        warnings.warn(
+            f"the run starts in static equilibrium, with body {name!r} turned by {angle:.2g} rad from where it is "
+            'drawn; to let it go as it is drawn, give start="released"',
+            stacklevel=4,
+        )
+
+
 def _warn_of_spin(scene: Scene) -> None:
     for body in scene.flexible_bodies:
         rate = float(np.linalg.norm(body.angular_velocity)) / (2 * np.pi)
         if body.fidelity != "ffrf" or rate == 0.0:
             continue
         first = body.reduced.eigenfrequencies(fixed=[scene.frame_point(body)])[0]
-        rise = 0.5 * (rate / first) ** 2
+        rise = float(np.hypot(1.0, rate / first)) - 1
         if rise > STIFFENING:
             warnings.warn(
                 f"body {body.name!r} turns at {rate:.3g} Hz, its first frequency is {first:.4g} Hz: centrifugal "
@@ -189,15 +217,20 @@ def _warn_of_spin(scene: Scene) -> None:
 def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> dict[str, float]:
     """Outputs of a scene in static equilibrium under constant inputs and its gravity, by Exudyn's static solver.
 
-    Loops are open. Raises ValueError for unknown inputs, RuntimeError when there is no equilibrium (a body that can
-    move freely).
+    Loops are open. Warns of motion and preload as `simulate` does. Raises ValueError for unknown inputs, RuntimeError
+    when there is no equilibrium (a body that can move freely).
     """
     values = {name: 0.0 for name in scene.inputs}
     for name, value in (inputs or {}).items():
-        values[known("input", name, scene.inputs)] = value
+        values[known("input", name, scene.inputs)] = finite(f"input {name!r}", value)
     system = build_system(scene)
     system.apply(values)
     solve_static(system)
+    assembly = system.assembly
+    _warn_of_motion(
+        assembly, {name: motion_size(assembly, name, system.deformation(name)[:, None]) for name in system.carriers}
+    )
+    warn_of_buckling(assembly, {body.name: axial_tension(system, body) for body in deformable_bodies(assembly.scene)})
     return {sensor.name: float(system.recorded(sensor)[-1]) for sensor in scene.sensors}
 
 
@@ -210,15 +243,21 @@ def exudyn_eigenfrequencies(scene: Scene, *, n_modes: int | None = None) -> Arra
     return eigenfrequencies(build_system(replace(scene, sensors=sensors)))[:n_modes]
 
 
-def _steps(excitation: TimeHistory, time_step: float, duration: float | None) -> int:
-    step = positive("time_step", time_step, "s")
-    length = excitation.duration if duration is None else positive("duration", duration, "s")
-    if length > excitation.duration * (1 + 1e-9):
-        raise ValueError(f"duration {length:g} s is longer than the excitation ({excitation.duration:g} s)")
-    n_steps = round(length / step)
-    if n_steps < 1:
-        raise ValueError(f"time_step {step:g} s is longer than the duration {length:g} s")
-    return n_steps
+def _check_options(method: str, spectral_radius: float | None, hold_order: int | None) -> None:
+    if spectral_radius is not None:
+        if not 0.0 <= spectral_radius <= 1.0:
+            raise ValueError(f"spectral_radius must lie in 0 ... 1, got {spectral_radius:g}")
+        if method != "generalized_alpha":
+            raise ValueError(f'spectral_radius is of "generalized_alpha"; method {method!r} has none, leave it out')
+    if hold_order is not None:
+        if hold_order not in (0, 1):
+            raise ValueError(f"hold_order must be 0 or 1, got {hold_order!r}")
+        if method == "generalized_alpha" and hold_order == 0:
+            raise ValueError(
+                'generalized_alpha takes inputs as straight between time steps; hold_order=0 needs "exact"'
+            )
+        if method == "explicit" and hold_order == 1:
+            raise ValueError('"explicit" holds inputs from step to step; hold_order=1 needs another method')
 
 
 def _check_small_motion(scene: Scene, method: str) -> None:
@@ -261,12 +300,3 @@ def integrator_error(frequency: float, time_step: float, *, spectral_radius: flo
     values = np.linalg.eigvals(np.linalg.solve(new, old))
     root = np.log(values[np.argmax(values.imag)])
     return float(angle / abs(root) - 1), max(0.0, round(float(-root.real / abs(root)), 12))
-
-
-def _check_time_step(excitation: TimeHistory, time_step: float) -> None:
-    highest = occupied_bandwidth(excitation)
-    if highest * time_step * STEPS_PER_PERIOD > 1.0:
-        raise ValueError(
-            f"time_step {time_step:g} s is too long: the excitation holds frequencies up to {highest:.4g} Hz; take at "
-            f"most {1 / (STEPS_PER_PERIOD * highest):.3g} s ({STEPS_PER_PERIOD} steps per period) or filter it"
-        )

@@ -10,7 +10,6 @@ import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from contextvars import ContextVar
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -22,6 +21,7 @@ from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from nassim.checks import Array, known
+from nassim.exclusive import exclusive
 from nassim.progress import Advance, silent
 
 SOLVERS = ("sparsecholesky", "pardiso")
@@ -206,7 +206,7 @@ def factor_memory(centres: Array, unknowns: Sequence[NDArray[np.int64]], compone
 
 
 _BLAS = ThreadpoolController().select(internal_api="openblas")
-_running = ContextVar("running", default=False)
+_running = False  # belongs to the thread that holds NGSolve
 
 
 @contextmanager
@@ -214,16 +214,18 @@ def threads() -> Iterator[None]:
     """Run NGSolve on all processors that this process may use (environment variable NASSIM_THREADS: on so many).
 
     NumPy's own threads pause meanwhile: they keep spinning after each product and would take the processors from the
-    solver, which halves its speed. May be nested; the outermost counts.
+    solver, which halves its speed. May be nested; the outermost counts, and other threads of Python wait for its end.
     """
-    if _running.get():
-        yield
-        return
-    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    ngsolve.SetNumThreads(int(os.environ.get("NASSIM_THREADS", available)))
-    token = _running.set(True)
-    try:
-        with _BLAS.limit(limits=1), ngsolve.TaskManager():
+    global _running  # noqa: PLW0603 (it stands for global state of NGSolve)
+    with exclusive():
+        if _running:
             yield
-    finally:
-        _running.reset(token)
+            return
+        available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        ngsolve.SetNumThreads(int(os.environ.get("NASSIM_THREADS", available)))
+        _running = True
+        try:
+            with _BLAS.limit(limits=1), ngsolve.TaskManager():
+                yield
+        finally:
+            _running = False

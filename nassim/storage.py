@@ -1,70 +1,133 @@
 """Saving nassim's nouns to HDF5, and a cache that recomputes when its inputs change."""
 
+import errno
 import hashlib
 import importlib
+import io
 import os
+import platform
+import re
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 import h5py
 import numpy as np
+import psutil
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
+"""Format 1, of nassim 0.1, had no seal."""
+SEAL_SIZE = 512
+"""Bytes before the HDF5 image, which HDF5 leaves to applications (its user block): they hold the image's SHA-256."""
 
 Noun = TypeVar("Noun")
 
 
 def save(obj: object, path: str | Path) -> Path:
-    """Write a noun of nassim (TimeHistory, FRF, ReducedBody, ...) to an HDF5 file.
+    """Write a noun of nassim (TimeHistory, FRF, ReducedBody, ...) to an HDF5 file that begins with a checksum.
 
-    The file appears whole or not at all: it is written under another name and then moved in place.
-    Raises ValueError for objects that are not dataclasses of nassim.
+    The file appears whole or not at all: it is made in memory, written under another name and then moved in place.
+    Raises ValueError for objects that are not dataclasses of nassim, OSError naming the file when it cannot be written.
     """
-    with written_whole(path) as temporary, h5py.File(temporary, "w") as file:
+    # HDF5 writing to a full disk would end the interpreter.
+    image = io.BytesIO()
+    with h5py.File(image, "w", userblock_size=SEAL_SIZE) as file:
         file.attrs["nassim_format"] = FORMAT_VERSION
         _write(file, "content", obj)
+    content = image.getbuffer()
+    content[:SEAL_SIZE] = _seal(hashlib.sha256(content[SEAL_SIZE:]))
+    with written_whole(path) as temporary:
+        temporary.write_bytes(content)
     return Path(path)
 
 
 @contextmanager
 def written_whole(path: str | Path) -> Iterator[Path]:
-    """Give a temporary path to write to, which is moved to `path` at the end, or removed when an error comes first."""
+    """Give a temporary path to write to, which is moved to `path` at the end, or removed when an error comes first.
+
+    What killed processes left in the folder is removed too. Raises OSError naming `path` when it cannot be written.
+    """
     target = Path(path)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(suffix=".tmp", prefix=target.name, dir=target.parent)
-    os.close(handle)
-    temporary = Path(name)
     try:
-        yield temporary
-        # mkstemp lets only its owner read; a cache may be shared.
-        temporary.chmod(0o644)
-        temporary.replace(target)
-    finally:
-        temporary.unlink(missing_ok=True)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        host = re.sub(r"\W", "_", platform.node())
+        _remove_stale(target.parent, host)
+        handle, name = tempfile.mkstemp(suffix=".tmp", prefix=f"nassim-{host}-{os.getpid()}-", dir=target.parent)
+        os.close(handle)
+        temporary = Path(name)
+        try:
+            yield temporary
+            # mkstemp lets only its owner read; a cache may be shared.
+            temporary.chmod(0o644)
+            temporary.replace(target)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except OSError as error:
+        cause = f"cannot be written: {error.strerror or error}"
+        raise OSError(error.errno or errno.EIO, cause, str(target)) from error
+
+
+def _remove_stale(folder: Path, host: str) -> None:
+    """Remove temporary files of processes of this computer that are gone."""
+    for path in folder.glob("nassim-*.tmp"):
+        name = re.fullmatch(rf"nassim-{host}-(\d{{1,9}})-\w*\.tmp", path.name)
+        if name and not psutil.pid_exists(int(name[1])):
+            with suppress(OSError):  # it may be another user's
+                path.unlink()
 
 
 def load(path: str | Path) -> Any:
     """Read what `save` wrote.
 
-    Raises FileNotFoundError, or ValueError naming the file when it is damaged or of a newer format.
+    The checksum is compared before anything is read; files of format 1 have none. Whatever `save` does not write, such
+    as links and external or compressed data, is refused: a foreign file can neither read others nor ask for more memory
+    than its own size.
+    Raises FileNotFoundError, or ValueError naming the file when it is damaged, foreign or of a newer format.
     """
     source = Path(path)
     if not source.exists():
         raise FileNotFoundError(f"no such file: {source}")
     try:
+        sealed = _check_seal(source)
         with h5py.File(source, "r") as file:
-            version = int(file.attrs.get("nassim_format", 0))
+            version = int(_attribute(file, "nassim_format") if "nassim_format" in file.attrs else 0)
             if version == 0:
                 raise ValueError("it was not written by nassim.save")
             if version > FORMAT_VERSION:
                 raise ValueError(f"it has format {version}, this nassim reads up to {FORMAT_VERSION}; upgrade nassim")
-            return _read(file["content"])
-    except (OSError, KeyError, TypeError, ValueError, AttributeError, ImportError, RuntimeError) as error:
-        raise ValueError(f"cannot read {source}: {error}") from error
+            if version > 1 and not sealed:
+                raise ValueError("its checksum is missing")
+            return _Reader(source.stat().st_size).child(file, "content")
+    except _SIGNS_OF_DAMAGE as error:
+        raise ValueError(f"cannot read {source}: {error or type(error).__name__}") from error
+
+
+_SIGNS_OF_DAMAGE = (OSError, KeyError, TypeError, ValueError, AttributeError, ImportError, RuntimeError, MemoryError)
+
+
+def _seal(digest: Any) -> bytes:
+    return f"nassim, SHA-256 of what follows byte {SEAL_SIZE}: {digest.hexdigest()}\n".encode().ljust(SEAL_SIZE, b"\0")
+
+
+def _check_seal(source: Path) -> bool:
+    """Whether a file begins with a seal; raises ValueError if it is not that of its content."""
+    if not source.is_file():
+        raise ValueError("it is no file")
+    with source.open("rb") as stream:
+        seal = stream.read(SEAL_SIZE)
+        if seal.startswith(b"\x89HDF"):
+            return False
+        digest = hashlib.sha256()
+        while block := stream.read(2**20):
+            digest.update(block)
+    if not seal.startswith(b"nassim"):
+        raise ValueError("it was not written by nassim.save, or is damaged at its start")
+    if seal != _seal(digest):
+        raise ValueError("it is damaged or was edited: its content does not go with its checksum")
+    return True
 
 
 def cache_directory() -> Path:
@@ -165,25 +228,84 @@ def _write(parent: Any, name: str, value: object) -> None:
         raise ValueError(f"cannot save {type(value).__name__} ({name}): only nouns of nassim, arrays, numbers and text")
 
 
-def _read(item: Any) -> Any:
-    if isinstance(item, h5py.Dataset):
-        if h5py.check_string_dtype(item.dtype):
-            text = item.asstr()[()]
-            return text if isinstance(text, str) else tuple(text.tolist())
+_TEXT_SIZE = 16
+"""Bytes that HDF5 stores in a dataset for a text of any length: its length and where it lies."""
+
+
+class _Reader:
+    """Reads the tree of a file and refuses what `save` does not write; size: of the file [bytes]."""
+
+    def __init__(self, size: int) -> None:
+        self.left = size
+        self.seen: set[Any] = set()
+
+    def child(self, group: Any, name: str) -> Any:
+        """The value under a name of a group."""
+        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+            raise ValueError(f"{name!r} is missing or a link to elsewhere")
+        item = group[name]
+        place = h5py.h5o.get_info(item.id).addr
+        if place in self.seen:
+            raise ValueError(f"{name!r} is in it twice")
+        self.seen.add(place)
+        return self.dataset(item) if isinstance(item, h5py.Dataset) else self.group(item)
+
+    def dataset(self, item: Any) -> Any:
+        """An array, a number or text."""
+        text = h5py.check_string_dtype(item.dtype)
+        known = text.length is None if text else item.dtype.kind in "biufc"
+        plan = item.id.get_create_plist()
+        plain = plan.get_layout() in (h5py.h5d.CONTIGUOUS, h5py.h5d.COMPACT)
+        if not (known and plain) or plan.get_nfilters() or plan.get_external_count():
+            raise ValueError(f"{item.name} is stored in a way that nassim.save does not use")
+        if item.id.get_storage_size() != item.size * (_TEXT_SIZE if text else item.id.get_type().get_size()):
+            raise ValueError(f"{item.name} has shape {item.shape}, which is not the length of its data")
+        if text:
+            return self.text(item)
+        self.take(item.size * item.dtype.itemsize)
         value = item[()]
         return value.item() if isinstance(value, np.generic) else value
-    kind = item.attrs["kind"]
-    if kind == "none":
-        return None
-    if kind == "tuple":
-        return tuple(_read(item[str(index)]) for index in range(len(item)))
-    content = {name: _read(item[name]) for name in item}
-    if kind == "mapping":
-        return dict(zip(content["keys"], content["values"], strict=True))
-    module, _, type_name = item.attrs["type"].partition(":")
+
+    def text(self, item: Any) -> Any:
+        """Text, or a tuple of texts, read one by one because their lengths are known only then."""
+        if item.ndim > 1:
+            raise ValueError(f"{item.name} is a table of texts")
+        texts = []
+        for place in np.ndindex(item.shape):
+            texts.append(item.asstr()[place])
+            self.take(len(texts[-1]))
+        return tuple(texts) if item.shape else texts[0]
+
+    def take(self, size: int) -> None:
+        """Count bytes; raises ValueError for more than the file has."""
+        self.left -= size
+        if self.left < 0:
+            raise ValueError("it says it holds more data than it has bytes")
+
+    def group(self, group: Any) -> Any:
+        """None, a tuple, a mapping or a noun."""
+        kind = _attribute(group, "kind")
+        if kind == "none":
+            return None
+        if kind == "tuple":
+            return tuple(self.child(group, str(index)) for index in range(len(group)))
+        content = {name: self.child(group, name) for name in group}
+        if kind == "mapping":
+            return dict(zip(content["keys"], content["values"], strict=True))
+        return _noun(_attribute(group, "type"))(**content)
+
+
+def _attribute(item: Any, name: str) -> Any:
+    if item.attrs.get_id(name).shape != ():
+        raise ValueError(f"its attribute {name!r} is not a single value")
+    return item.attrs[name]
+
+
+def _noun(dotted: str) -> Any:
+    module, _, name = dotted.partition(":")
     if not module.startswith("nassim."):
-        raise ValueError(f"it holds a {module}.{type_name}, which is not of nassim")
-    noun: Any = getattr(importlib.import_module(module), type_name)
-    if not (isinstance(noun, type) and is_dataclass(noun)):
-        raise ValueError(f"{module}.{type_name} is not a noun of nassim")
-    return noun(**content)
+        raise ValueError(f"it holds a {module}.{name}, which is not of nassim")
+    noun: Any = getattr(importlib.import_module(module), name)
+    if not (isinstance(noun, type) and is_dataclass(noun) and noun.__module__ == module):
+        raise ValueError(f"{module}.{name} is not a noun of nassim")
+    return noun

@@ -13,6 +13,7 @@ from nassim.body import ReducedBody
 from nassim.checks import Array, known, not_negative, positive
 from nassim.modal import eigenmodes
 from nassim.piezo import PortCoupling
+from nassim.strain import lets_go, without_rounding
 
 DEPENDENT = 1e-10
 """Load shapes with less than this share of the largest one's energy add nothing."""
@@ -84,11 +85,14 @@ def project(body: ReducedBody, change: Array, *, points: Sequence[str]) -> Reduc
     passive = [name for name in body.all_point_names if name not in points]
     motions = [np.zeros((0, len(change))), *(body.motion(name) for name in passive)]
     released, pictures = body.released_stiffness, body.surface_modes
+    stiffness, kept = _congruent(body.stiffness_matrix, change), tuple(body.point(name) for name in points)
+    if kept and lets_go(body.stiffness_matrix, body.mass_matrix, body.positions):
+        stiffness = without_rounding(stiffness, np.array([point.position for point in kept]))
     return replace(
         body,
-        remote_points=tuple(body.point(name) for name in points),
+        remote_points=kept,
         mass_matrix=_congruent(body.mass_matrix, change),
-        stiffness_matrix=_congruent(body.stiffness_matrix, change),
+        stiffness_matrix=stiffness,
         gram=_congruent(body.gram, fields),
         surface_modes=None if pictures is None else pictures @ change,
         released_stiffness=None if released is None else _congruent(released, change),

@@ -6,9 +6,11 @@ import numpy as np
 
 from nassim.checks import known
 
-LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048}
-FORCES = {"N": 1.0, "mN": 1e-3, "uN": 1e-6, "kN": 1e3, "MN": 1e6, "lbf": 4.4482216152605}
-MASSES = {"kg": 1.0, "g": 1e-3, "t": 1e3, "lb": 0.45359237, "slug": 14.59390294, "slinch": 175.12683699}
+INCH, FOOT, POUND = 0.0254, 0.3048, 0.45359237
+POUND_FORCE = 9.80665 * POUND
+LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": INCH, "ft": FOOT}
+FORCES = {"N": 1.0, "mN": 1e-3, "uN": 1e-6, "kN": 1e3, "MN": 1e6, "lbf": POUND_FORCE}
+MASSES = {"kg": 1.0, "g": 1e-3, "t": 1e3, "lb": POUND, "slug": POUND_FORCE / FOOT, "slinch": POUND_FORCE / INCH}
 SYSTEMS = (
     *("m-N-kg", "mm-N-t", "mm-mN-kg", "mm-N-kg", "mm-uN-g", "cm-N-kg", "m-N-t", "m-kN-t", "m-N-g"),
     *("in-lbf-slinch", "in-lbf-lb", "ft-lbf-slug"),

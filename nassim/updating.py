@@ -7,8 +7,7 @@ from typing import TypeVar
 import numpy as np
 
 from nassim.assembly import Assembly, assemble
-from nassim.body import RIGID
-from nassim.checks import Array, freeze, frozen_mapping, known, not_negative, positive
+from nassim.checks import Array, finite, freeze, frozen_mapping, known, not_negative, positive
 from nassim.identification import ModalFit
 from nassim.parts import Actuator, Sensor, StackActuator, StackSensor, VoltageDrive, VoltageSensor
 from nassim.scene import Scene
@@ -68,7 +67,7 @@ class UpdateReport:
         lines = []
         for k, (identified, scene) in enumerate(zip(self.identified, self.scene, strict=True)):
             if self.matches[k] < 0:
-                lines.append(f"{identified:.3f} Hz: not modelled, the scene has no mode near it")
+                lines.append(f"{identified:.3f} Hz: not modelled, the scene has no mode of about its gain near it")
             else:
                 off = 100 * (identified / scene - 1)
                 lines.append(
@@ -88,7 +87,7 @@ def modal_gains(assembly: Assembly) -> Array:
     modes = assembly.basis @ assembly.shapes
     omega = 2 * np.pi * assembly.frequency
     compliance = np.zeros(len(omega))
-    flexible = assembly.frequency > RIGID * assembly.frequency.max(initial=0.0)
+    flexible = ~assembly.free
     compliance[flexible] = 1 / omega[flexible] ** 2
     readings, drives = assembly.output_matrix @ modes, assembly.input_matrix.T @ modes
     return np.einsum("or,ir,r->oir", readings, drives, compliance)
@@ -100,6 +99,7 @@ def apply_identification(
     *,
     trusted: str,
     distance: float = 0.1,
+    factor: float = 5.0,
     unmeasured_damping_ratio: float | None = None,
 ) -> tuple[Scene, UpdateReport]:
     """Write identified damping ratios and gains into a scene; returns the new scene and what was changed.
@@ -107,17 +107,21 @@ def apply_identification(
     trusted: output whose sensor is right, such as an encoder: its identified static response over the scene's is the
         factor of the actuators at the fit's input, and what remains of another output's is its sensor's factor
     distance: relative difference in frequency up to which an identified mode is one of the scene's
+    factor: up to which, either way, their gains may differ besides: at the trusted output, or where that does not see
+        the mode, at the one that sees it best. A resonance of cables or of the table near a mode is not the mode
     unmeasured_damping_ratio: of the scene's other modes (default: as they are)
 
     Static response here is the sum of all modal gains in the band, unmodelled resonances included: masses, also such
     that nobody modelled, move frequencies and share it out among the modes, but do not change it. Masses and
     stiffnesses of the scene stay as they are.
 
-    Raises ValueError for unknown names, for scenes with damping that is not modal (dampers, resistances, bandwidths,
-    loops), when no mode matches, and when a match is not unique: two modes of the scene that the outputs see near one
-    identified, or two identified near one.
+    Raises ValueError for unknown names, for outputs of the scene that do not respond to the input, for scenes with
+    damping that is not modal (dampers, resistances, bandwidths, loops), when no mode matches, and when a match is not
+    unique: two modes of the scene that the outputs see near one identified, or two identified near one.
     """
     positive("distance", distance)
+    if not finite("factor", factor) > 1:
+        raise ValueError(f"factor must be above 1, got {factor:g}: gains never agree exactly")
     known("input", fit.input, scene.inputs)
     for output in fit.outputs:
         known("output", output, scene.outputs)
@@ -130,8 +134,12 @@ def apply_identification(
         )
     rows = [scene.outputs.index(output) for output in fit.outputs]
     gains = modal_gains(assembly)[rows, scene.inputs.index(fit.input)]
+    for output, row in zip(fit.outputs, gains, strict=True):
+        if not np.any(row):
+            raise ValueError(f"output {output!r} of the scene does not respond to {fit.input!r}: leave it out")
     visible = np.abs(gains) > VISIBLE * np.abs(gains).max(axis=1, keepdims=True)
-    matches = _match(fit.frequency, assembly.frequency, visible.any(axis=0), distance)
+    alike = _alike(fit.gains, gains, visible, fit.outputs.index(trusted), factor)
+    matches = _match(fit.frequency, assembly.frequency, alike, distance, factor)
 
     ratios = assembly.damping_ratio.copy()
     if unmeasured_damping_ratio is not None:
@@ -151,14 +159,29 @@ def apply_identification(
     report = UpdateReport(
         (*changes, *factors), matches, fit.frequency, found, unmeasured, fit.gains.sum(axis=1) / static
     )
-    return replace(scaled, damping_ratio=ratios), report
+    # A scene counts its elastic modes only.
+    return replace(scaled, damping_ratio=ratios[~assembly.free]), report
 
 
-def _match(identified: Array, frequency: Array, visible: Array, distance: float) -> Array:
-    """Index of each identified mode among the scene's, -1 for none."""
+def _alike(identified: Array, gains: Array, visible: Array, base: int, factor: float) -> Array:
+    """Whether an identified mode may be a mode of the scene by its gain, (identified, modes).
+
+    identified: (outputs, identified); gains, visible: (outputs, modes); base: row of the trusted output
+    """
+    share = np.abs(gains) / np.abs(gains).max(axis=1, keepdims=True)
+    row = np.where(visible[base], base, share.argmax(axis=0))
+    columns = np.arange(gains.shape[1])
+    larger, smaller = factor * np.abs(identified[row].T), np.abs(identified[row].T) / factor
+    size = np.abs(gains[row, columns])
+    result: Array = visible.any(axis=0) & (smaller <= size) & (size <= larger)
+    return result
+
+
+def _match(identified: Array, frequency: Array, alike: Array, distance: float, factor: float) -> Array:
+    """Index of each identified mode among the scene's, -1 for none; alike: (identified, modes)."""
     result = np.full(len(identified), -1)
     for k, f in enumerate(identified):
-        near = np.flatnonzero(visible & (np.abs(frequency / f - 1) <= distance))
+        near = np.flatnonzero(alike[k] & (np.abs(frequency / f - 1) <= distance))
         if len(near) > 1:
             modes = ", ".join(f"{x:.4g}" for x in frequency[near])
             raise ValueError(
@@ -175,9 +198,12 @@ def _match(identified: Array, frequency: Array, visible: Array, distance: float)
                 f"of the scene's mode at {frequency[mode]:.4g} Hz: lessen the distance"
             )
     if np.all(result < 0):
+        found = ", ".join(f"{x:.4g}" for x in identified)
+        seen = ", ".join(f"{x:.4g}" for x in frequency[alike.any(axis=0)][:5])
         raise ValueError(
-            f"no identified mode ({', '.join(f'{x:.4g}' for x in identified)} Hz) lies within {100 * distance:g} % of "
-            f"a mode that the scene's outputs see ({', '.join(f'{x:.4g}' for x in frequency[visible][:5])} ... Hz)"
+            f"no identified mode ({found} Hz) lies within {100 * distance:g} % of a mode that the scene's outputs see "
+            f"with a gain within {factor:g} times its own ({seen or 'none'} Hz): check units, the scene's masses, or "
+            "give a larger distance or factor"
         )
     return result
 

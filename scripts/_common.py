@@ -1,12 +1,17 @@
-"""What every script shares: its arguments and where its results go."""
+"""What every script shares: its arguments, how it ends when something is wrong, and where its results go."""
 
 import argparse
 import importlib
 import json
+import math
+import shlex
 import subprocess
 import sys
+import tempfile
+import time
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import psutil
@@ -15,26 +20,109 @@ from nassim import FRF, LinearModel
 from nassim.linear import damping
 from nassim.plotting import plot_frf, plot_frf_error, plt
 from nassim.statespace import transmission_zeros
+from nassim.storage import written_whole
 
 
-def parser(doc: str, name: str) -> argparse.ArgumentParser:
+class Arguments(argparse.ArgumentParser):
+    """An argument parser that answers a wrong argument with one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print what is wrong and exit with status 2."""
+        self.exit(2, f"{self.prog}: {message}; see --help\n")
+
+
+def parser(doc: str, name: str) -> Arguments:
     """An argument parser with the options that all scripts take."""
-    result = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    result = Arguments(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False)
     default = Path("results") / name
-    result.add_argument("--output", type=Path, default=default, help=f"folder of the results (default: {default})")
+    help_text = f"folder of the results (default: {default})"
+    result.add_argument("--output", type=writable_folder, default=str(default), metavar="DIR", help=help_text)
     result.add_argument("--no-plot", action="store_true", help="write no pictures")
     return result
 
 
-def write_summary(folder: Path, summary: dict[str, Any]) -> None:
-    """Write all figures, with units in the keys, to summary.json."""
-    folder.mkdir(parents=True, exist_ok=True)
+def writable_folder(text: str) -> Path:
+    """A folder of an argument, made later; refused at once if nothing can be written there."""
+    folder = Path(text)
+    try:
+        existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+        if not existing.is_dir():
+            raise argparse.ArgumentTypeError(f"{existing} is a file, not a folder")
+        with tempfile.TemporaryFile(dir=existing):
+            return folder
+    except OSError as error:
+        raise argparse.ArgumentTypeError(f"cannot write to {text} ({error.strerror})") from error
 
-    def plain(value: Any) -> Any:
-        return np.asarray(value).tolist()
 
-    (folder / "summary.json").write_text(json.dumps(summary, indent=2, default=plain) + "\n")
+def _number(kind: type, wanted: str, allowed: Callable[[Any], bool]) -> Callable[[str], Any]:
+    def read(text: str) -> Any:
+        try:
+            value = kind(text)
+        except ValueError:
+            value = math.nan
+        if not (math.isfinite(value) and allowed(value)):
+            raise argparse.ArgumentTypeError(f"must be {wanted}, got {text!r}")
+        return value
+
+    return read
+
+
+positive = _number(float, "a number above 0", lambda x: x > 0)
+not_negative = _number(float, "a number of at least 0", lambda x: x >= 0)
+fraction = _number(float, "a number from 0 to below 1", lambda x: 0 <= x < 1)
+
+
+def whole(least: int) -> Callable[[str], Any]:
+    """Type of arguments that are whole numbers."""
+    return _number(int, f"a whole number of at least {least}", lambda n: n >= least)
+
+
+def run(main: Callable[[], None]) -> None:
+    """Run a script: what stops it is told in one line, with exit status 2 (130 for Ctrl-C).
+
+    `python -X dev script.py` shows where an error arose.
+    """
+    name = Path(sys.argv[0]).name
+    try:
+        main()
+    except KeyboardInterrupt:
+        print(f"\n{name}: interrupted", file=sys.stderr)
+        sys.exit(130)
+    except (OSError, RuntimeError, ValueError) as error:
+        if sys.flags.dev_mode:
+            raise
+        print(f"{name}: {' '.join(str(error).split()) or type(error).__name__}", file=sys.stderr)
+        sys.exit(2)
+
+
+def write_summary(folder: Path, summary: Mapping[str, Any]) -> None:
+    """Write all figures, with units in the keys, the command that made them and its time to summary.json."""
+    elapsed = time.time() - psutil.Process().create_time()
+    content = {"command": command_line(sys.argv), "script_time_s": elapsed, **summary}
+    with written_whole(folder / "summary.json") as temporary:
+        temporary.write_text(json.dumps(_plain(content), indent=2, allow_nan=False) + "\n", encoding="utf-8")
     print(f"results in {folder.resolve()}")
+
+
+def command_line(arguments: list[str]) -> str:
+    """The command that makes the same figures from the repository's folder, wherever results go, with pictures."""
+    script, *options = arguments
+    kept = [
+        option
+        for before, option in zip(["", *options], options, strict=False)
+        if before != "--output" and option.partition("=")[0] not in ("--output", "--no-plot")
+    ]
+    return shlex.join(["python", f"scripts/{Path(script).name}", *kept])
+
+
+def _plain(value: Any) -> Any:
+    """Mappings, sequences, arrays and numbers as JSON knows them; null where a number is not finite."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [_plain(item) for item in value]
+    value = value.item() if isinstance(value, np.generic) else value
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def compare_frf(measured: FRF, reference: FRF, *, least_coherence: float = 0.99) -> dict[str, float]:
@@ -98,14 +186,15 @@ def peak_memory() -> float:
 
 
 def run_in_own_process(script: str, *arguments: object) -> dict[str, Any]:
-    """Run a script with arguments and return the JSON object in the last line that it prints.
+    """Run a script with arguments and return the JSON object in the last line that it prints; it writes no results.
 
-    Raises RuntimeError with what it printed when it fails.
+    Raises RuntimeError with the last line of what it said when it fails.
     """
-    command = [sys.executable, script, *map(str, arguments)]
-    run = subprocess.run(command, capture_output=True, text=True, check=False)
-    lines = run.stdout.strip().splitlines()
-    if run.returncode or not lines:
-        raise RuntimeError(f"{' '.join(command)} failed ({run.returncode}):\n{run.stdout}{run.stderr}")
+    command = [sys.executable, script, *map(str, arguments), "--output", tempfile.gettempdir()]
+    child = subprocess.run(command, capture_output=True, text=True, check=False)
+    lines = child.stdout.strip().splitlines()
+    if child.returncode or not lines:
+        said = (child.stderr.strip() or child.stdout.strip() or "nothing").splitlines()[-1]
+        raise RuntimeError(f"{shlex.join(command)} failed ({child.returncode}), saying: {said}")
     result: dict[str, Any] = json.loads(lines[-1])
     return result

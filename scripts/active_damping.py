@@ -8,7 +8,7 @@ a passive damper between ground and payload that damps the resonance as much.
 from dataclasses import replace
 
 import numpy as np
-from _common import parser, write_summary
+from _common import not_negative, parser, positive, run, whole, write_summary
 from _damping_trials import (
     first_mode,
     plot_isolation,
@@ -34,11 +34,11 @@ SHARES = (0.05, 0.1, 0.2, 0.35, 0.5, 0.7)
 """Gains of the trials over the optimum."""
 
 arguments = parser(__doc__, "active_damping")
-arguments.add_argument("--payload-mass", type=float, default=5.0, help="mass on top [kg] (default: 5)")
-arguments.add_argument("--sample-rate", type=float, default=10e3, help="of the controller [Hz] (default: 10000)")
-arguments.add_argument("--delay", type=int, default=1, help="of the controller in samples (default: 1)")
-arguments.add_argument("--corner", type=float, default=2.0, help="of the leaky integrator [Hz] (default: 2)")
-arguments.add_argument("--duration", type=float, default=20.0, help="of a record for an FRF [s] (default: 20)")
+arguments.add_argument("--payload-mass", type=positive, default=5.0, help="mass on top [kg] (default: 5)")
+arguments.add_argument("--sample-rate", type=positive, default=10e3, help="of the controller [Hz] (default: 10000)")
+arguments.add_argument("--delay", type=whole(0), default=1, help="of the controller in samples (default: 1)")
+arguments.add_argument("--corner", type=not_negative, default=2.0, help="of the leaky integrator [Hz] (default: 2)")
+arguments.add_argument("--duration", type=positive, default=20.0, help="of a record for an FRF [s] (default: 20)")
 arguments.add_argument("--coarse", action="store_true", help="tetrahedra of 8 mm, for a quick look")
 
 
@@ -66,11 +66,13 @@ def main() -> None:
     summary = {
         "pole_Hz": pole,
         "zero_Hz": zero,
+        "level_between_modes_V_per_V": level,
         "closed_form_gain_per_s": closed_form.gain / level,
         "closed_form_damping_ratio": closed_form.damping_ratio,
         "optimum_gain_per_s": best.gain,
         "optimum_damping_ratio": best.damping_ratio,
         "gain_margin": robust.gain_margin,
+        "gain_margin_frequency_Hz": robust.gain_margin_frequency,
     }
 
     print("\n                damping ratio                           frequency [Hz]")
@@ -84,7 +86,16 @@ def main() -> None:
         print(
             f"{gain:10.2f} {predicted[1]:11.5f} {found[1]:11.5f} {error:10.4f} % {predicted[0]:13.2f} {found[0]:11.2f}"
         )
-        summary["trials"].append({"gain_per_s": gain, "damping_predicted": predicted[1], "damping_simulated": found[1]})
+        summary["trials"].append(
+            {
+                "gain_per_s": gain,
+                "damping_predicted": predicted[1],
+                "damping_simulated": found[1],
+                "damping_difference_percent": error,
+                "frequency_predicted_Hz": predicted[0],
+                "frequency_simulated_Hz": found[0],
+            }
+        )
 
     chosen = with_gain(0.35 * best.gain)
     target = first_mode(linearize_closed(chosen), pole)[1]
@@ -97,6 +108,7 @@ def main() -> None:
         frfs.append(frequency_response(model, frequency, label=name))
     isolation = [transmissibility(frf, output="encoder", ground="ground_acceleration") for frf in frfs]
     print(f"\nfirst mode damped to {100 * target:.1f} % of critical, by IFF or by a damper of {rate:.0f} N s/m")
+    summary |= {"chosen_damping_ratio": target, "passive_damper_N_s_per_m": rate}
     print("                    ground to payload, 500 Hz   compliance, 1 Hz [um/N]   largest [um/N]")
     for frf, way in zip(frfs, isolation, strict=True):
         compliance = 1e6 * np.abs(frf.response("encoder", "payload_force"))
@@ -104,6 +116,7 @@ def main() -> None:
         print(f"{frf.label:<18}{passed:27.5f} {compliance[0]:25.3f} {compliance[frequency < 300].max():16.3f}")
         key = frf.label.replace(" ", "_")
         summary |= {f"{key}_transmissibility_500_Hz": passed, f"{key}_compliance_1_Hz_um_per_N": compliance[0]}
+        summary[f"{key}_largest_compliance_um_per_N"] = compliance[frequency < 300].max()
 
     if not args.no_plot:
         locus = root_locus(digital, unit, gains, **WIRES)
@@ -117,4 +130,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -12,7 +12,7 @@ from typing import Any
 import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
-from _common import parser, write_summary
+from _common import parser, run, whole, write_summary
 from exudyn.rigidBodyUtilities import GetRigidBodyNode
 
 from models.apa300ml import reduced_apa300ml
@@ -32,8 +32,8 @@ ROUTES: dict[str, dict[str, Any]] = {
 }
 
 arguments = parser(__doc__, "benchmark_stepping")
-arguments.add_argument("--steps", type=int, default=10000, help="of 0.1 ms, per route and turn (default: 10000)")
-arguments.add_argument("--turns", type=int, default=3, help="the fastest of which counts (default: 3)")
+arguments.add_argument("--steps", type=whole(20), default=10000, help="of 0.1 ms, per route and turn (default: 10000)")
+arguments.add_argument("--turns", type=whole(1), default=3, help="the fastest of which counts (default: 3)")
 
 
 def main() -> None:
@@ -53,9 +53,9 @@ def main() -> None:
     per_step = dict.fromkeys(runs, np.inf)
     records = {}
     for _ in range(args.turns):
-        for label, run in runs.items():
+        for label, route in runs.items():
             start = time.perf_counter()
-            records[label] = run()
+            records[label] = route()
             steps = len(records[label]) - 1
             per_step[label] = min(per_step[label], (time.perf_counter() - start) / steps)
 
@@ -71,7 +71,8 @@ def main() -> None:
             f"{1e-4 / wall:10.2f} {100 * error:12.3g} %"
         )
         key = label.replace(",", "").replace(" ", "_")
-        summary |= {f"{key}_us_per_step": 1e6 * wall, f"{key}_speed_over_ffrf": ratios[0]}
+        summary |= {f"{key}_us_per_step": 1e6 * wall, f"{key}_steps_per_s": 1 / wall}
+        summary |= {f"{key}_speed_over_real_time": 1e-4 / wall, f"{key}_speed_over_ffrf": ratios[0]}
         summary |= {f"{key}_speed_over_usual": ratios[1], f"{key}_encoder_error": error}
     print("(the steps' error is that of the integrator, which lengthens periods)")
 
@@ -82,7 +83,8 @@ def main() -> None:
     scale = np.maximum(np.abs(full), np.abs(full[:, :, :1]))
     summary["trimmed_frf_error"] = float(np.max(np.abs(trimmed - full) / scale))
     print(f"FRFs of the trimmed bench up to 500 Hz: within {100 * summary['trimmed_frf_error']:.2g} %")
-    print(make_bench(apa=apa, cutoff_frequency=CUTOFF).summary())
+    summary["trimmed_scene"] = make_bench(apa=apa, cutoff_frequency=CUTOFF).summary()
+    print(summary["trimmed_scene"])
     write_summary(args.output, summary)
 
 
@@ -193,4 +195,4 @@ def container_of(matrix: Any) -> Any:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -8,12 +8,13 @@ With --write, the fit becomes the model's default.
 import json
 
 import numpy as np
-from _common import parser, write_summary
+from _common import parser, positive, run, whole, write_summary
 
 from models.apa300ml import CALIBRATION, PAPER_FREQUENCY_FE, PRISMS, STACK, VENDOR_STIFFNESS
 from models.apa300ml.calibration import FIGURES, PARAMETERS, PUBLISHED, make_model
 from nassim.calibration import Target, calibrate, check_determined, sensitivities
 from nassim.progress import stage
+from nassim.storage import written_whole
 
 arguments = parser(__doc__, "calibrate_apa")
 arguments.add_argument("--fit", nargs="+", default=["pzt_modulus"], choices=PARAMETERS, help="(default: pzt_modulus)")
@@ -24,10 +25,10 @@ arguments.add_argument(
     metavar="FIGURE=VALUE",
     help=f"targets in SI units, of {', '.join(FIGURES)} (default: axial_stiffness=1.79e6)",
 )
-arguments.add_argument("--tolerance", type=float, default=0.5, help="of the targets [%%] (default: 0.5)")
-arguments.add_argument("--element-size", type=float, default=5.0, help="of the fine mesh [mm] (default: 5)")
-arguments.add_argument("--order", type=int, default=3, help="of the fine mesh (default: 3)")
-arguments.add_argument("--coarse-size", type=float, default=5.0, help="mesh of the sensitivities [mm] (default: 5)")
+arguments.add_argument("--tolerance", type=positive, default=0.5, help="of the targets [%%] (default: 0.5)")
+arguments.add_argument("--element-size", type=positive, default=5.0, help="of the fine mesh [mm] (default: 5)")
+arguments.add_argument("--order", type=whole(1), default=3, help="of the fine mesh (default: 3)")
+arguments.add_argument("--coarse-size", type=positive, default=5.0, help="mesh of the sensitivities [mm] (default: 5)")
 arguments.add_argument("--write", action="store_true", help="make the fit the model's default")
 
 
@@ -90,10 +91,21 @@ def main() -> None:
             name: dict(zip(PARAMETERS, row, strict=True)) for name, row in zip(FIGURES, table.tolist(), strict=True)
         },
     }
+    differences = {name: 100 * (result.figures[name] / known - 1) for name, known in PUBLISHED.items()}
+    further = {
+        "started_from": {parameter.name: parameter.start for parameter in chosen},
+        "published": PUBLISHED,
+        "differences_percent": differences,
+        "moving_mass_kg": moving,
+        "stiffness_of_the_papers_frequency_N_per_m": implied,
+        "stiffness_of_the_papers_frequency_over_vendors_percent": 100 * (implied / VENDOR_STIFFNESS - 1),
+        "stack_coupling_factor": STACK.coupling_factor,
+    }
+    write_summary(args.output, record | further)
     if args.write:
-        CALIBRATION.write_text(json.dumps(record, indent=2) + "\n")
+        with written_whole(CALIBRATION) as temporary:
+            temporary.write_text(json.dumps(record, indent=2) + "\n")
         print(f"written to {CALIBRATION}: the model's default from now on")
-    write_summary(args.output, record)
 
 
 def read_target(text: str, tolerance: float) -> Target:
@@ -107,4 +119,4 @@ def read_target(text: str, tolerance: float) -> Target:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

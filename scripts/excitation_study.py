@@ -7,7 +7,7 @@ window is needed.
 import time
 
 import numpy as np
-from _common import compare_frf, parser, plot_bode_pair, plot_error_pair, write_summary
+from _common import compare_frf, parser, plot_bode_pair, plot_error_pair, positive, run, write_summary
 
 from models.bench import make_bench
 from nassim import TimeHistory, estimate_frf, frequency_response, linearize, simulate
@@ -15,11 +15,13 @@ from nassim.plotting import save_figure
 from nassim.signals import band_limited_noise, chirp, multisine
 
 arguments = parser(__doc__, "excitation_study")
-arguments.add_argument("--duration", type=float, default=12.0, help="of each record, whole periods [s] (default: 12)")
 arguments.add_argument(
-    "--period", type=float, default=4.0, help="of the multisine, and segment length [s] (default: 4)"
+    "--duration", type=positive, default=12.0, help="of each record, whole periods [s] (default: 12)"
 )
-arguments.add_argument("--time-step", type=float, default=1e-4, help="of the integrator [s] (default: 1e-4)")
+arguments.add_argument(
+    "--period", type=positive, default=4.0, help="of the multisine, and segment length [s] (default: 4)"
+)
+arguments.add_argument("--time-step", type=positive, default=1e-4, help="of the integrator [s] (default: 1e-4)")
 
 
 def main() -> None:
@@ -36,7 +38,7 @@ def main() -> None:
             args.duration, rate, lowest_frequency=5.0, highest_frequency=600.0, period=args.period, rms=0.1
         ),
     }
-    frfs, summary = [], {"duration_s": args.duration, "time_step_s": args.time_step}
+    frfs, summary = [], {"duration_s": args.duration, "period_s": args.period, "time_step_s": args.time_step}
     rows = []
     for name, excitation in excitations.items():
         print(name)
@@ -83,4 +85,4 @@ def repeated(sweep: TimeHistory, duration: float) -> TimeHistory:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -5,11 +5,10 @@ RECORD is a CSV file with named columns and units, such as `time [s], actuator_v
 make_blind_record.py, and compares what it finds with the truth.
 """
 
-import json
 from pathlib import Path
 
 import numpy as np
-from _common import parser, write_summary
+from _common import not_negative, parser, positive, run, whole, write_summary
 from make_blind_record import make_blind_record
 
 from models.apa300ml import reduced_apa300ml
@@ -25,19 +24,25 @@ arguments = parser(__doc__, "identify_damping")
 arguments.add_argument("record", nargs="?", type=Path, metavar="RECORD", help="file (default: a blind demonstration)")
 arguments.add_argument("--input", default="actuator_voltage", help="name of the input (default: actuator_voltage)")
 arguments.add_argument("--outputs", nargs="+", default=list(UNITS), help=f"(default: {' '.join(UNITS)})")
-arguments.add_argument("--band", nargs=2, type=float, default=[20.0, 500.0], metavar=("LOW", "HIGH"), help="[Hz]")
-arguments.add_argument("--modes", type=int, help="how many resonances the band has (default: chosen by BIC)")
+arguments.add_argument("--band", nargs=2, type=positive, default=[20.0, 500.0], metavar=("LOW", "HIGH"), help="[Hz]")
+arguments.add_argument("--modes", type=whole(1), help="how many resonances the band has (default: chosen by BIC)")
 arguments.add_argument("--input-hold", choices=["dac", "none"], default="dac", help="of a record (default: dac)")
-arguments.add_argument("--payload-mass", type=float, default=5.0, help="of the bench written back to [kg] (default: 5)")
-arguments.add_argument("--seed", type=int, default=0, help="of the blind demonstration (default: 0)")
-arguments.add_argument("--noise", type=float, default=0.05, help="of the blind demonstration, rms (default: 0.05)")
+arguments.add_argument(
+    "--payload-mass", type=positive, default=5.0, help="of the bench written back to [kg] (default: 5)"
+)
+arguments.add_argument("--seed", type=whole(0), default=0, help="of the blind demonstration (default: 0)")
+arguments.add_argument(
+    "--noise", type=not_negative, default=0.05, help="of the blind demonstration, rms (default: 0.05)"
+)
 
 
 def main() -> None:
     args = arguments.parse_args()
     if args.record is None and set(args.outputs) != set(UNITS):
         arguments.error("the blind demonstration has its own outputs; give a RECORD to choose others")
-    path = args.record or make_blind_record(args.output, seed=args.seed, noise=args.noise, duration=16.0)
+    path, truth = args.record, None
+    if path is None:
+        path, truth = make_blind_record(args.output, seed=args.seed, noise=args.noise, duration=16.0)
     measured = read_measurement(path)
     hold = 0 if isinstance(measured, TimeHistory) and args.input_hold == "dac" else None
     options = {"band": args.band, "n_modes": args.modes, "hold_order": hold}
@@ -56,13 +61,15 @@ def main() -> None:
         "damping_ratio": fit.damping_ratio,
         "damping_ratio_std": fit.damping_ratio_std,
         "unmodelled_Hz": report.unmodelled,
-        "parameters": {change.parameter: {"value": change.after, "std": change.std} for change in report.changes},
+        "parameters": {c.parameter: {"before": c.before, "value": c.after, "std": c.std} for c in report.changes},
+        "scene_Hz": report.scene,
+        "how": fit.how,
     }
     for k, output in enumerate(fit.outputs):
         unit = UNITS.get(output, "").replace("/", "_per_")
         summary |= {f"{output}_gain_{unit}": fit.gains[k], f"{output}_gain_std_{unit}": fit.gains_std[k]}
-    if args.record is None:
-        summary["errors_in_percent"] = compare(fit, report, json.loads((args.output / "truth.json").read_text()))
+    if truth is not None:
+        summary |= {"truth": truth, **compare(fit, report, truth)}
     save(fit, args.output / "fit.h5")
     if not args.no_plot:
         fine = np.geomspace(*args.band, 4000)
@@ -75,8 +82,8 @@ def main() -> None:
     write_summary(args.output, summary)
 
 
-def compare(fit: ModalFit, report: UpdateReport, truth: dict[str, float]) -> dict[str, float]:
-    """Print fitted against true parameters; returns their relative errors [%]."""
+def compare(fit: ModalFit, report: UpdateReport, truth: dict[str, float]) -> dict[str, dict[str, float]]:
+    """Print fitted against true parameters; returns them and their errors in percent and in standard deviations."""
     rows = {}
     for k in range(min(2, len(fit.frequency))):
         rows[f"frequency_{k + 1}_Hz"] = fit.frequency[k], fit.frequency_std[k]
@@ -89,14 +96,12 @@ def compare(fit: ModalFit, report: UpdateReport, truth: dict[str, float]) -> dic
         rows[f"{kind}_factor"] = change.after / change.before, change.std / abs(change.before)
     print(f"\n{'':<32}{'fitted':>12}{'std':>10}{'true':>12}{'error [%]':>11}{'error/std':>11}")
     errors = {name: 100 * (value / truth[name] - 1) for name, (value, _) in rows.items()}
+    scaled = {name: (value - truth[name]) / std for name, (value, std) in rows.items()}
     for name, (value, std) in rows.items():
-        scaled = (value - truth[name]) / std
-        print(f"{name:<32}{value:>12.5g}{std:>10.1g}{truth[name]:>12.5g}{errors[name]:>11.3f}{scaled:>11.2f}")
-    return errors
+        print(f"{name:<32}{value:>12.5g}{std:>10.1g}{truth[name]:>12.5g}{errors[name]:>11.3f}{scaled[name]:>11.2f}")
+    fitted = {name: value for name, (value, _) in rows.items()}
+    return {"fitted": fitted, "errors_in_percent": errors, "errors_over_std": scaled}
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except (OSError, RuntimeError, ValueError) as error:
-        arguments.exit(1, f"{error}\n")
+    run(main)

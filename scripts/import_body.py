@@ -5,7 +5,7 @@ two ends then replaces the actuator on the bench, under a guided payload, in sma
 """
 
 import numpy as np
-from _common import parser, write_summary
+from _common import parser, positive, run, write_summary
 
 from models.bench import make_passive_bench
 from nassim import static_response
@@ -22,21 +22,17 @@ arguments.add_argument(
     "--units", default="m-N-kg", help="of the files: length-force-mass, e.g. mm-N-t (default: m-N-kg)"
 )
 arguments.add_argument("--repair", action="store_true", help="mend what rounding spoilt")
-arguments.add_argument("--payload", type=float, default=1.0, help="on the bench [kg] (default: 1)")
+arguments.add_argument("--payload", type=positive, default=1.0, help="on the bench [kg] (default: 1)")
 
 
 def main() -> None:
     args = arguments.parse_args()
-    try:
-        body = read_superelement(*args.files, units=args.units)
-    except ValueError as error:
-        arguments.exit(1, f"{error}\n")
+    body = read_superelement(*args.files, units=args.units)
     report = check(body)
     print(report)
     summary = {"verdict": report.verdict, "findings": {f.name: f.verdict for f in report.findings}}
-    for name in ("mass", "rigid motions", "range"):
-        found = {f.name: f for f in report.findings}.get(name)
-        summary |= {f"{name}_{key}".replace(" ", "_"): value for key, value in (found.figures if found else {}).items()}
+    for finding in report.findings:
+        summary |= {f"{finding.name}_{key}".replace(" ", "_"): value for key, value in finding.figures.items()}
 
     bodies = {"as read": body}
     if args.repair:
@@ -47,14 +43,18 @@ def main() -> None:
         summary |= {
             "repaired_verdict": report.verdict,
             "repaired_rigid_motions_highest_Hz": report["rigid motions"].figures["highest_Hz"],
+            "repaired_rigid_motions_residual": report["rigid motions"].figures["residual"],
+            "repair_steps": mended.steps,
             "elastic_before_Hz": mended.elastic_before,
             "elastic_after_Hz": mended.elastic_after,
+            "elastic_shift_percent": 100 * mended.elastic_shift,
         }
     if not args.no_plot:
         save_figure(plot_inspection(bodies), args.output / "inspection.png")
 
     if report.faults:
-        print("\nnot fit for the bench" + ("" if args.repair else "; --repair may help"))
+        faults = ", ".join(finding.name for finding in report.faults)
+        print(f"\nnot fit for the bench: {faults}" + ("" if args.repair else "; --repair may help, but against units"))
     else:
         accepted = to_body(body)
         print(f"\nmatrices in {export_body(accepted, args.output / f'{accepted.name}.mat')}")
@@ -80,4 +80,4 @@ def on_bench(body, payload_mass):
 
 if __name__ == "__main__":
     np.set_printoptions(precision=4)
-    main()
+    run(main)

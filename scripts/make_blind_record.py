@@ -2,15 +2,14 @@
 
 The bench gets a payload mass, damping ratios, an actuator and a sensor factor drawn at random, and on its payload a
 second APA300ML with a mass, a resonance that the usual bench does not have. Writes record.csv (actuator_voltage,
-sensor_voltage, encoder, with noise) and truth.json.
+sensor_voltage, encoder, with noise) and, in summary.json, the truth.
 """
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from _common import parser
+from _common import not_negative, parser, positive, run, whole, write_summary
 
 from models.apa300ml import reduced_apa300ml
 from models.bench import make_bench
@@ -18,7 +17,6 @@ from nassim import FlexibleBody, Joint, ReducedBody, RigidBody, Scene, TimeHisto
 from nassim.assembly import assemble
 from nassim.measurements import write_record
 from nassim.signals import band_limited_noise
-from nassim.storage import written_whole
 from nassim.updating import modal_gains
 
 SAMPLE_RATE, CUTOFF_FREQUENCY = 10e3, 500.0  # Hz
@@ -30,6 +28,19 @@ LIMITS = {  # drawn evenly between these
     "actuator_factor": (0.8, 1.2),
     "sensor_factor": (0.8, 1.2),
 }
+
+
+arguments = parser(__doc__, "make_blind_record")
+arguments.add_argument("--seed", type=whole(0), default=0, help="of all random numbers (default: 0)")
+arguments.add_argument("--noise", type=not_negative, default=0.05, help="rms over the signal's rms (default: 0.05)")
+arguments.add_argument("--duration", type=positive, default=16.0, help="of the record [s] (default: 16)")
+
+
+def main() -> None:
+    args = arguments.parse_args()
+    path, truth = make_blind_record(args.output, seed=args.seed, noise=args.noise, duration=args.duration)
+    print(path)
+    write_summary(args.output, truth)
 
 
 def blind_scene(seed: int, apa: ReducedBody) -> tuple[Scene, dict[str, float]]:
@@ -71,8 +82,8 @@ def blind_scene(seed: int, apa: ReducedBody) -> tuple[Scene, dict[str, float]]:
     return scene, truth
 
 
-def make_blind_record(folder: Path, *, seed: int, noise: float, duration: float) -> Path:
-    """Write record.csv and truth.json into a folder; noise: rms over the signal's rms. Returns the record's path."""
+def make_blind_record(folder: Path, *, seed: int, noise: float, duration: float) -> tuple[Path, dict[str, float]]:
+    """Write record.csv into a folder; returns its path and the truth. noise: rms over the signal's rms."""
     apa = reduced_apa300ml(element_size=8e-3, order=2, mesh={})
     scene, truth = blind_scene(seed, apa)
     excitation = band_limited_noise(duration, SAMPLE_RATE, cutoff_frequency=CUTOFF_FREQUENCY, rms=0.1, seed=seed)
@@ -80,16 +91,8 @@ def make_blind_record(folder: Path, *, seed: int, noise: float, duration: float)
     values = record.values.copy()
     random = np.random.default_rng([seed, 1])
     values[1:] += noise * values[1:].std(axis=1, keepdims=True) * random.standard_normal(values[1:].shape)
-    path = write_record(TimeHistory(record.time, values, record.names, record.units), folder / "record.csv")
-    with written_whole(folder / "truth.json") as temporary:
-        temporary.write_text(json.dumps(truth, indent=2) + "\n")
-    return path
+    return write_record(TimeHistory(record.time, values, record.names, record.units), folder / "record.csv"), truth
 
 
 if __name__ == "__main__":
-    arguments = parser(__doc__, "make_blind_record")
-    arguments.add_argument("--seed", type=int, default=0, help="of all random numbers (default: 0)")
-    arguments.add_argument("--noise", type=float, default=0.05, help="rms over the signal's rms (default: 0.05)")
-    arguments.add_argument("--duration", type=float, default=16.0, help="of the record [s] (default: 16)")
-    args = arguments.parse_args()
-    print(make_blind_record(args.output, seed=args.seed, noise=args.noise, duration=args.duration))
+    run(main)

@@ -1,16 +1,17 @@
-"""The bench's stacks as electrical ports against the cheaper pair of forces: static gains, pole and zero.
+"""The bench's stacks as electrical ports in several circuits, and the cheaper pair of forces: gains, pole and zero.
 
 As ports, the stacks act and measure over their volume: they push sideways too, an open sensor is stiffer than a shorted
-one, and an amplifier's input resistance makes it a high-pass.
+one, and a resistance makes it a high-pass.
 """
 
+import math
 from dataclasses import replace
 
 import numpy as np
-from _common import parser, plot_bode_pair, pole_and_zero_of, write_summary
+from _common import parser, plot_bode_pair, pole_and_zero_of, positive, run, write_summary
 
 from models.apa300ml import PORTS, STACK, reduced_apa300ml
-from models.bench import make_bench
+from models.bench import SENSOR_RESISTANCE, make_bench
 from nassim import frequency_response, linearize, truncation_error
 from nassim.plotting import save_figure
 
@@ -18,8 +19,10 @@ SHEET_CAPACITANCE = 4.4e-6
 """Of one stack by its own data sheet [F]; the actuator's sheet means 6.7e-6."""
 
 arguments = parser(__doc__, "piezo_ports")
-arguments.add_argument("--payload-mass", type=float, default=5.0, help="mass on top [kg] (default: 5)")
-arguments.add_argument("--resistance", type=float, default=1e4, help="of the loaded sensor [Ohm] (default: 1e4)")
+arguments.add_argument("--payload-mass", type=positive, default=5.0, help="mass on top [kg] (default: 5)")
+arguments.add_argument(
+    "--resistance", type=positive, default=SENSOR_RESISTANCE, help="across the sensor [Ohm] (default: %(default)g)"
+)
 arguments.add_argument("--coarse", action="store_true", help="tetrahedra of 8 mm, for a quick look")
 
 
@@ -28,20 +31,30 @@ def main() -> None:
     mesh = {"element_size": 8e-3, "order": 2, "mesh": {}} if args.coarse else {}
     apa = reduced_apa300ml(ports=PORTS, **mesh)
     sheet = tuple(replace(port, stack=replace(STACK, capacitance=SHEET_CAPACITANCE)) for port in PORTS)
+    sheet_apa = reduced_apa300ml(ports=sheet, **mesh)
+    pair = reduced_apa300ml(stack_coupling="rbe2", **mesh)
     common = {"payload_mass": args.payload_mass, "fidelity": "linear"}
     scenes = {
-        "pair of forces": make_bench(**common, apa=apa),
-        "ports, sensor open": make_bench(**common, ports=True, apa=apa),
-        f"ports, sensor with {args.resistance:g} Ohm": make_bench(
-            **common, ports=True, resistance=args.resistance, apa=apa
-        ),
-        "ports, sensor shorted": make_bench(**common, ports=True, resistance=1e-3, apa=apa),
-        "ports, 4.4 uF a stack": make_bench(**common, ports=True, apa=reduced_apa300ml(ports=sheet, **mesh)),
+        "ports, sensor open": make_bench(**common, apa=apa, resistance=math.inf),
+        f"ports, sensor with {args.resistance:g} Ohm": make_bench(**common, apa=apa, resistance=args.resistance),
+        "ports, sensor shorted": make_bench(**common, apa=apa, resistance=1e-3),
+        "ports, 4.4 uF a stack": make_bench(**common, apa=sheet_apa, resistance=math.inf),
+        "pair of forces": make_bench(**common, apa=pair),
     }
     print(f"stack: {STACK.consistency()}\n".replace("\n", "\n  "))
     print(f"{'':34}static gains           pole       zero       truncation, 10-500 Hz")
     frequency = np.geomspace(0.5, 900.0, 6000)
-    frfs, summary = [], {}
+    frfs = []
+    summary = {
+        "payload_mass_kg": args.payload_mass,
+        "resistance_Ohm": args.resistance,
+        "stack_stiffness_N_per_m": STACK.stiffness,
+        "stack_blocked_force_over_free_stroke_N_per_m": STACK.blocked_force / STACK.free_stroke,
+        "stack_young_modulus_Pa": STACK.young_modulus,
+        "stack_strain": STACK.free_stroke / STACK.length,
+        "stack_blocked_stress_Pa": STACK.blocked_force / STACK.area,
+        "stack_coupling_factor": STACK.coupling_factor,
+    }
     for name, scene in scenes.items():
         model = linearize(scene)
         frf = frequency_response(model, frequency, label=name)
@@ -67,4 +80,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

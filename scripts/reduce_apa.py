@@ -4,7 +4,7 @@ Prints mass, stiffness and eigenfrequencies; draws the mesh, the remote points a
 """
 
 import numpy as np
-from _common import parser, write_summary
+from _common import parser, positive, run, whole, write_summary
 
 from models.apa300ml import PAPER_FREQUENCY_FE, PAPER_FREQUENCY_FORMULA, PRISMS, VENDOR_STIFFNESS, make_apa300ml
 from nassim import build_fe_model, condense, craig_bampton
@@ -12,9 +12,9 @@ from nassim.fullmodel import full_eigenfrequencies
 from nassim.plotting import plot_body, plot_mode, plt, save_figure
 
 arguments = parser(__doc__, "reduce_apa")
-arguments.add_argument("--element-size", type=float, default=5.0, help="largest element [mm] (default: 5)")
-arguments.add_argument("--order", type=int, default=3, help="order of the elements (default: 3)")
-arguments.add_argument("--modes", type=int, default=6, help="fixed-interface modes (default: 6)")
+arguments.add_argument("--element-size", type=positive, default=5.0, help="largest element [mm] (default: 5)")
+arguments.add_argument("--order", type=whole(1), default=3, help="order of the elements (default: 3)")
+arguments.add_argument("--modes", type=whole(0), default=6, help="fixed-interface modes (default: 6)")
 arguments.add_argument("--coupling", choices=["rbe2", "rbe3"], default="rbe3", help="(default: rbe3)")
 arguments.add_argument("--discretization", action="store_true", help="estimate the elements' error too (15 s)")
 arguments.add_argument("--tetrahedra", action="store_true", help="no prisms in the frame and the stacks")
@@ -48,7 +48,11 @@ def main() -> None:
     )
     summary = {
         "mass_kg": body.mass,
+        "mass_by_density_kg": fe_model.mass,
         "axial_stiffness_N_per_m": stiffness,
+        "vendor_axial_stiffness_N_per_m": VENDOR_STIFFNESS,
+        "axial_stiffness_difference_percent": 100 * (stiffness / VENDOR_STIFFNESS - 1),
+        "record": body.record,
         "n_dofs_full": fe_model.n_dofs,
         "n_coordinates": len(body.mass_matrix),
     }
@@ -66,13 +70,18 @@ def main() -> None:
         print("  36 coordinates   ".replace("36", str(len(body.mass_matrix))) + " ".join(f"{f:10.2f}" for f in reduced))
         print("  error            " + " ".join(f"{100 * e:8.3f} %" for e in reduced / full - 1))
         key = name.replace(",", "").replace(" ", "_")
-        summary[f"{key}_full_Hz"], summary[f"{key}_reduced_Hz"] = full, reduced
+        summary |= {f"{key}_full_Hz": full, f"{key}_reduced_Hz": reduced}
+        summary[f"{key}_error_percent"] = 100 * (reduced / full - 1)
     first = tables["5 kg, guided along z"][0][0]
     print(
         f"\nwith 5 kg: {first:.2f} Hz; paper: {PAPER_FREQUENCY_FE} Hz by FE"
         f" ({100 * (first / PAPER_FREQUENCY_FE - 1):+.2f} %), {PAPER_FREQUENCY_FORMULA} Hz by sqrt(k/m)"
     )
-    summary["paper_fe_Hz"], summary["paper_formula_Hz"] = PAPER_FREQUENCY_FE, PAPER_FREQUENCY_FORMULA
+    summary |= {"paper_fe_Hz": PAPER_FREQUENCY_FE, "paper_formula_Hz": PAPER_FREQUENCY_FORMULA}
+    summary["difference_to_paper_fe_percent"] = 100 * (first / PAPER_FREQUENCY_FE - 1)
+    summary["truncation_error_percent"] = 100 * body.truncation_errors(fixed=["bottom"], n=5)
+    if args.discretization:
+        summary["discretization_error_percent"] = 100 * body.discretization_errors(fixed=["bottom"], n=5)
 
     if not args.no_plot:
         save_figure(plot_body(body), args.output / "mesh_and_remote_points.png")
@@ -88,4 +97,4 @@ def main() -> None:
 
 if __name__ == "__main__":
     np.set_printoptions(precision=4)
-    main()
+    run(main)

@@ -11,7 +11,7 @@ import time
 from typing import Any
 
 import numpy as np
-from _common import parser, peak_memory, run_in_own_process, write_summary
+from _common import parser, peak_memory, run, run_in_own_process, write_summary
 
 from models.apa300ml import PRISMS as PRISM_MESH
 from models.apa300ml import make_apa300ml
@@ -49,7 +49,7 @@ def main() -> None:
         kind, order, size, coupling = args.child
         print("\n" + json.dumps(measure((kind, int(order), float(size), coupling))))
         return
-    reference = [run(variant) for variant in (QUICK_REFERENCE if args.quick else REFERENCE)]
+    reference = [in_own_process(variant) for variant in (QUICK_REFERENCE if args.quick else REFERENCE)]
     print("convergence of the reference: first five clamped eigenfrequencies [Hz], axial stiffness [N/um]")
     for row in reference:
         values = " ".join(f"{f:8.2f}" for f in row["clamped_Hz"])
@@ -58,10 +58,11 @@ def main() -> None:
     print("\nlargest error of five frequencies           DoF   clamped      free stiffness  time [s]  memory [GB]")
     rows = []
     for variant in QUICK if args.quick else VARIANTS:
-        row = run(variant)
+        row = in_own_process(variant)
         for key in ("clamped_Hz", "free_Hz", "stiffness_N_per_m"):
             errors = np.abs(np.divide(row[key], reference[-1][key]) - 1)
-            row[key.split("_")[0] + "_error"] = float(errors.max())
+            case = key.split("_")[0]
+            row |= {f"{case}_error": float(errors.max()), f"{case}_errors": errors}
         print(
             f"  {row['name']:<32}{row['n_dofs']:13d} "
             + " ".join(f"{100 * row[key + '_error']:7.3f} %" for key in ("clamped", "free", "stiffness"))
@@ -74,7 +75,7 @@ def main() -> None:
     modes = compare_modes(reference[0])
     for row in modes:
         cases = "   ".join(f"{c} {100 * row[c]:9.5f} % ({100 * row[c + '_estimate']:9.5f} %)" for c in CASES)
-        print(f"  {row['n_modes']:3d} modes, {row['n_coordinates']:3d} coordinates   {cases}")
+        print(f"  {row['name']:>8}, {row['n_coordinates']:3d} coordinates   {cases}")
 
     args.output.mkdir(parents=True, exist_ok=True)
     with (args.output / "variants.csv").open("w", newline="", encoding="utf-8") as file:
@@ -93,7 +94,7 @@ def main() -> None:
     write_summary(args.output, {"reference": reference, "variants": rows, "modes": modes})
 
 
-def run(variant: Variant) -> dict[str, Any]:
+def in_own_process(variant: Variant) -> dict[str, Any]:
     kind, order, size, coupling = variant
     name = f"{size:g} mm {kind}, order {order}, {coupling}"
     described = {"name": name, "kind": kind, "order": order, "size_mm": size, "coupling": coupling}
@@ -104,7 +105,7 @@ def measure(variant: Variant) -> dict[str, Any]:
     """Time and memory from CAD to 36 coordinates; then the answers, without the error of truncation."""
     kind, order, size, coupling = variant
     start = time.perf_counter()
-    solid = make_apa300ml(coupling=coupling)
+    solid = make_apa300ml(coupling=coupling, stack_coupling=coupling)
     mesh = PRISM_MESH if kind == PRISMS else {}
     fe_model = build_fe_model(solid, element_size=1e-3 * size, order=order, **mesh)
     body = craig_bampton(fe_model)
@@ -119,7 +120,7 @@ def measure(variant: Variant) -> dict[str, Any]:
 def compare_modes(row: dict[str, Any]) -> list[dict[str, Any]]:
     """Truncation errors by number of modes on the mesh of a reference: as each body estimates them, and true."""
     mesh = PRISM_MESH if row["kind"] == PRISMS else {}
-    solid = make_apa300ml(coupling=row["coupling"])
+    solid = make_apa300ml(coupling=row["coupling"], stack_coupling=row["coupling"])
     model = build_fe_model(solid, element_size=1e-3 * row["size_mm"], order=row["order"], progress=False, **mesh)
     condensed = condense(model, progress=False)
     rich = craig_bampton(condensed, n_modes=MANY_MODES, progress=False).enriched
@@ -127,7 +128,7 @@ def compare_modes(row: dict[str, Any]) -> list[dict[str, Any]]:
     result = []
     for n_modes in (0, 2, 4, 6, 10, 15, 20):
         body = craig_bampton(condensed, n_modes=n_modes, progress=False)
-        errors: dict[str, Any] = {"n_modes": n_modes, "n_coordinates": len(body.mass_matrix)}
+        errors: dict[str, Any] = {"name": f"{n_modes} modes", "n_coordinates": len(body.mass_matrix)}
         for case, conditions in CASES.items():
             errors[case] = float(np.max(first_five(body, case) / first_five(rich, case) - 1))
             errors[f"{case}_estimate"] = float(np.max(body.truncation_errors(**conditions)[: 5 + 6 * (case == "free")]))
@@ -141,4 +142,4 @@ def first_five(body: ReducedBody, case: str) -> Any:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

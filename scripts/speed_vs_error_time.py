@@ -10,7 +10,7 @@ import time
 from typing import Any
 
 import numpy as np
-from _common import parser, write_summary
+from _common import parser, positive, run, write_summary
 
 from models.apa300ml import reduced_apa300ml
 from models.bench import make_bench
@@ -23,7 +23,7 @@ from nassim.simulation import integrator_error
 CUTOFFS = {"all": None, "1500 Hz": 1500.0, "500 Hz": 500.0}
 
 arguments = parser(__doc__, "speed_vs_error_time")
-arguments.add_argument("--duration", type=float, default=1.0, help="of the record [s] (default: 1)")
+arguments.add_argument("--duration", type=positive, default=1.0, help="of the record [s] (default: 1)")
 arguments.add_argument("--quick", action="store_true", help="few variants, to see the report's form")
 
 
@@ -50,10 +50,12 @@ def main() -> None:
     for fidelity, method, step, radius, cutoff in variants:
         bench = make_bench(apa=apa, fidelity=fidelity, cutoff_frequency=CUTOFFS[cutoff])
         start = time.perf_counter()
-        record = simulate(bench, noise, time_step=step, method=method, spectral_radius=radius, progress=False)
+        options: dict[str, Any] = {} if method == "exact" else {"spectral_radius": radius}
+        record = simulate(bench, noise, time_step=step, method=method, progress=False, **options)
         wall = time.perf_counter() - start
         longer, damping = integrator_error(first, step, spectral_radius=radius) if method != "exact" else (0.0, 0.0)
         row: dict[str, Any] = {
+            "name": f"{fidelity}, {method}, {1e6 * step:g} us, radius {radius:g}, {cutoff}",
             "fidelity": fidelity,
             "method": method,
             "time_step_s": step,
@@ -99,4 +101,4 @@ def error(record: TimeHistory, exact: TimeHistory, name: str) -> float:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

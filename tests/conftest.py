@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from models.apa300ml import PORTS, make_apa300ml
-from models.bench import make_bench
+from models.apa300ml import PORTS, STACK, make_apa300ml
+from models.bench import AMPLIFIER_GAIN, make_bench, sensor_span_constant
 from nassim import FEModel, Material, RemotePoint, Solid, build_fe_model, condense, craig_bampton
 from nassim.fem import make_coupling
 
@@ -59,6 +59,17 @@ def lattice(coupling="rbe3", n=4, stiffness=1e6, node_mass=0.01):
     return FEModel("lattice", sp.csr_matrix(matrix), sp.csr_matrix(mass), fields, tuple(couplings))
 
 
+def pair_forces_and_readings():
+    """The force-pair bench's input and outputs at the actuator's remote points, for `full_frequency_response`."""
+    force, sensitivity = AMPLIFIER_GAIN * STACK.force_per_volt, sensor_span_constant()
+    inputs = {"actuator_voltage": {"actuator_end.ux": force, "junction.ux": -force}}
+    outputs = {
+        "sensor_voltage": {"sensor_end.ux": sensitivity, "junction.ux": -sensitivity},
+        "encoder": {"top.uz": 1.0},
+    }
+    return inputs, outputs
+
+
 @pytest.fixture(scope="session")
 def apa_model():
     return build_fe_model(make_apa300ml(), element_size=5e-3, order=2, progress=False)
@@ -89,4 +100,5 @@ def apa_with_ports(apa_with_ports_condensed):
 
 @pytest.fixture(scope="session")
 def bench(apa):
+    """With a pair of forces for the stacks: no circuits, which most tests do without."""
     return make_bench(apa=apa)

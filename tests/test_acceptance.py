@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import lattice
-from superelements import grounded_at, joint_like, rounded, sample, with_matrices
+from superelements import SAMPLE, grounded_at, joint_like, rounded, sample, with_matrices
 
 from models.bench import make_bench, make_passive_bench
 from nassim import craig_bampton, frequency_response, linearize, load, save, simulate, static_response
@@ -24,6 +24,10 @@ SAMPLE_FREQUENCIES = [398.9, 664.9, 1107.9, 1846.5, 2171.3]
 @pytest.fixture(scope="module")
 def own():
     return as_superelement(craig_bampton(lattice(), n_modes=12, progress=False))
+
+
+def sample_in(units):
+    return read_superelement(*sorted(SAMPLE.glob("*.txt")), units=units)
 
 
 def elastic(body):
@@ -183,6 +187,23 @@ def test_our_own_36_coordinates_come_back_with_the_same_frfs(apa, ending, tmp_pa
     histories = [simulate(scene, noise, time_step=1e-4, method="exact", progress=False) for scene in (old, new)]
     scale = np.abs(histories[0].values).max(axis=1, keepdims=True)
     assert np.abs((histories[1].values - histories[0].values) / scale).max() < 1e-9
+
+
+@pytest.mark.parametrize("units", ["m-N-kg", "mm-N-kg", "m-N-t", "in-lbf-slinch", "ft-lbf-slug"])
+def test_units_that_were_forgotten_are_refused(units):
+    """The sample is in mm, N and t, 0.754 kg and 0.4 m: as m, N and kg it would weigh 0.75 g and be 400 m long."""
+    strange = sample_in(units)
+    with pytest.raises(
+        ValueError, match=r"not fit for use: units: .* looks like mm-N-t \(0.754 kg, 0.4 m.*any_size=True"
+    ):
+        to_body(strange)
+    assert to_body(strange, any_size=True).mass == pytest.approx(check(strange)["mass"].figures["kg"])
+
+
+def test_confirmed_units_confirm_nothing_else():
+    grounded = grounded_at(sample_in("m-N-kg"), 0, 5.0)
+    with pytest.raises(ValueError, match="not fit for use: rigid motions"):
+        to_body(grounded, any_size=True)
 
 
 def test_imported_bodies_are_saved_and_loaded(own, tmp_path):

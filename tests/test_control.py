@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.signal
 
 from nassim.control import (
     Controller,
@@ -114,6 +115,21 @@ def test_series_of_several_signals_multiplies_in_order():
     left, right = np.array([[1.0, 2.0], [3.0, 4.0], [0.5, 0.0]]), np.array([[0.0, 1.0, 1.0], [1.0, -1.0, 2.0]])
     chain = series(proportional(left, sample_rate=RATE), proportional(right, sample_rate=RATE))
     assert np.all(right @ left == chain.D)
+
+
+@pytest.mark.parametrize("prewarp", [0.0, 31.0])
+def test_tustin_is_scipys_and_python_controls(prewarp):
+    control = pytest.importorskip("control")
+    random = np.random.default_rng(1)
+    system = tuple(random.normal(size=shape) for shape in ((4, 4), (4, 2), (3, 4), (3, 2)))
+    z = np.exp(1j * np.array([0.1, 1.3, 2.9]))
+    found = control.ss(*tustin(system, 0.05, prewarp=prewarp), 0.05)(z)
+    if not prewarp:
+        theirs = scipy.signal.cont2discrete(system, 0.05, method="bilinear")[:4]
+        assert found == pytest.approx(control.ss(*theirs, 0.05)(z), rel=1e-11)
+    options = {"prewarp_frequency": prewarp} if prewarp else {}
+    theirs = control.sample_system(control.ss(*system), 0.05, method="bilinear", **options)
+    assert found == pytest.approx(theirs(z), rel=1e-11)
 
 
 def test_tustin_and_its_inverse():

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from nassim.control import Controller, controller_response, integral_force_feedback, notch, proportional, series
+from nassim.control import Controller, integral_force_feedback, notch, proportional, series
 from nassim.feedback import close_loop, controller_model, loop_response, margins, open_loop, sensitivity
 from nassim.frf import FRF
 from nassim.interchange import to_control
 from nassim.linear import LinearModel, damping, frequency_response, linearize, sampled, unstable_poles
-from nassim.statespace import discretize
 
 RATE = 2000.0
 POLE, ZERO = 100.0, 40.0
@@ -48,8 +47,8 @@ def two_modes():
 
 
 def step_by_step(model, controller, n, *, push):
-    """The loop as a computer runs it: read, compute, keep for the delay. Outputs, (outputs, n)."""
-    state, held, _ = discretize(model.A, model.B, 1 / controller.sample_rate)
+    """The loop as a computer runs it: read, compute, keep for the delay. Outputs, (outputs, n); the plant by SciPy."""
+    state, held, *_ = scipy.signal.cont2discrete(model.matrices, 1 / controller.sample_rate, method="zoh")
     x, xk, waiting = np.zeros(len(state)), np.zeros(len(controller.A)), [0.0] * controller.delay
     record = np.empty((len(model.outputs), n))
     for k in range(n):
@@ -194,10 +193,15 @@ def test_sensitivity_is_what_the_loop_does():
 
 def test_open_loop_of_a_continuous_model_has_delay_and_hold():
     plant, controller, frequency = one_mode(0.01), iff(60.0), np.array([20.0, 95.0, 300.0])
-    g = frequency_response(plant, frequency).response("force", "stroke")
-    k = controller_response(controller, frequency, hold=True).values[0, 0]
+    # By hand: the leg's force at rest of the mass, less what its motion takes off; Tustin's integrator; delay and hold.
+    s, period, mass = 2j * np.pi * frequency, 1 / RATE, 2.0
+    leg = mass * (2 * np.pi) ** 2 * (POLE**2 - ZERO**2)
+    dashpot = 2 * 0.01 * mass * 2 * np.pi * POLE
+    g = leg - leg**2 / (mass * s**2 + dashpot * s + mass * (2 * np.pi * POLE) ** 2)
+    k = -60.0 / leg * period / 2 / np.tanh(s * period / 2)
+    late = np.exp(-s * period) * (1 - np.exp(-s * period)) / (s * period)
     loop = open_loop(plant, controller, frequency, **LOOP, gain=2.0)
-    assert loop.values[0, 0] == pytest.approx(-2.0 * g * k, rel=1e-12)
+    assert loop.values[0, 0] == pytest.approx(-2.0 * g * k * late, rel=1e-9)
     measured = frequency_response(plant, frequency)
     assert np.array_equal(loop_response(measured, controller, **LOOP, gain=2.0).values, loop.values)
     pair = {"measured": "v1", "driven": "f1"}
@@ -237,6 +241,37 @@ def test_margins_agree_with_the_closed_loop():
     assert 0 < found.modulus_margin <= 1
     calm = margins(FRF(loop.frequency, 0.1 * np.ones((1, 1, len(loop.frequency))), ("y",), ("y",)))
     assert (calm.gain_margin, calm.phase_margin, calm.modulus_margin) == (np.inf, np.inf, pytest.approx(1.1))
+
+
+def test_closed_loop_by_its_difference_equations():
+    """Oscillator, integrator and delay written out: no matrices, no discretisation but the closed form of the swing."""
+    controller = iff(80.0, delay=2, corner_frequency=3.0)
+    closed = close_loop(sampled(one_mode(0.02), RATE), controller, **LOOP)
+    n, mass, period = 400, 2.0, 1 / RATE
+    leg = mass * (2 * np.pi) ** 2 * (POLE**2 - ZERO**2)
+    omega, decay = 2 * np.pi * POLE, 0.02 * 2 * np.pi * POLE
+    turn = np.sqrt(omega**2 - decay**2)
+    fade, sine, cosine = np.exp(-decay * period), np.sin(turn * period), np.cos(turn * period)
+    corner = 2 * np.pi * 3.0
+    over, under = 2 / period + corner, 2 / period - corner
+    x = v = drive = before = 0.0
+    waiting, expected = [0.0, 0.0], np.empty((n, 2))
+    for k in range(n):
+        stroke, push = waiting.pop(0), 1.0 if k < 3 else 0.0
+        force = leg * (stroke - x)
+        expected[k] = force, x
+        # (2/T (1 - 1/z) + corner (1 + 1/z)) drive = -80 / leg (1 + 1/z) force
+        drive = (under * drive - 80.0 / leg * (force + before)) / over
+        before = force
+        waiting.append(drive)
+        rest = (leg * stroke + push) / (mass * omega**2)
+        away = x - rest
+        x = rest + fade * (away * cosine + (v + decay * away) / turn * sine)
+        v = fade * (v * cosine - (decay * v + omega**2 * away) / turn * sine)
+    pushes = np.zeros((n, 2))
+    pushes[:3, 1] = 1.0
+    _, found, _ = scipy.signal.dlsim((*closed.matrices, period), pushes)
+    np.testing.assert_allclose(found, expected, atol=1e-10 * np.abs(expected).max(axis=0).min())
 
 
 def test_undelayed_loop_through_feedthrough():

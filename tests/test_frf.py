@@ -64,6 +64,109 @@ def test_two_correlated_inputs_are_told_apart():
     assert frf.coherence.min() > 0.99
 
 
+def two_inputs(share, *, weak=1.0):
+    """Inputs whose ordinary coherence is 1 - share: the second holds that share of its power for itself."""
+    first, own = white(1), white(2)
+    return {"u1": first, "u2": weak * (np.sqrt(1 - share) * first + np.sqrt(share) * own)}
+
+
+def respond(u, weak):
+    """y1 of FILTERS, to which both inputs contribute alike."""
+    first, second = (scipy.signal.lfilter(*FILTERS["y1", name], u[name]) for name in ("u1", "u2"))
+    return first + second / weak
+
+
+@pytest.mark.parametrize("order", [["u1", "u2"], ["u2", "u1"]])
+@pytest.mark.parametrize("weak", [1.0, 1e-7, 1e9])
+def test_inputs_of_any_size_count_alike(weak, order):
+    """1 V beside 1e-7 m/s2: powers 14 decades apart, responses of equal size."""
+    u = two_inputs(1.0, weak=weak)
+    frf = estimate_frf(history(**u, y1=respond(u, weak)), inputs=order, outputs=["y1"], segment_duration=1.0)
+    for name, scale in (("u1", 1.0), ("u2", 1 / weak)):
+        expected = scale * exact(("y1", name), frf.frequency)
+        np.testing.assert_allclose(frf.response("y1", name), expected, atol=0.02 * np.abs(expected).max())
+    assert frf.coherence.min() > 0.99
+
+
+@pytest.mark.parametrize("share", [0.5, 0.1, 1e-2, 1e-3])
+def test_correlated_inputs_keep_their_own_responses(share):
+    """Gains without memory leave nothing to leak, so the answer is exact at any correlation that is not refused."""
+    u = two_inputs(share, weak=1e-7)
+    record = history(**u, y=3.0 * u["u1"] - 4e7 * u["u2"])
+    frf = estimate_frf(record, inputs=["u1", "u2"], outputs=["y"], segment_duration=1.0)
+    np.testing.assert_allclose(frf.response("y", "u1"), 3.0, rtol=1e-9)
+    np.testing.assert_allclose(frf.response("y", "u2"), -4e7, rtol=1e-9)
+    np.testing.assert_allclose(frf.coherence, 1.0, rtol=1e-9)
+
+
+@pytest.mark.parametrize("share", [1.0, 0.2])
+def test_multiple_coherence_is_the_share_of_both_inputs(share):
+    """y = a u1 + b u2 + n: what the inputs explain over all, with their correlation."""
+    u, gains = two_inputs(share), np.array([1.0, -2.0])
+    explained = gains @ np.array([[1.0, np.sqrt(1 - share)], [np.sqrt(1 - share), 1.0]]) @ gains
+    record = history(**u, y=gains[0] * u["u1"] + gains[1] * u["u2"] + 1.5 * white(3))
+    frf = estimate_frf(record, inputs=["u1", "u2"], outputs=["y"], segment_duration=0.1)
+    assert frf.coherence.mean() == pytest.approx(explained / (explained + 1.5**2), abs=0.01)
+
+
+@pytest.mark.parametrize("own", [0.0, 1e-3])
+def test_inputs_that_cannot_be_told_apart_are_refused(own):
+    u = white(1)
+    record = history(u1=u, other=white(5), u2=3e-6 * (u + own * white(2)), y=u)
+    message = (
+        r"cannot be told apart at \d+ of 500 lines in 1 ... 500 Hz; their ordinary coherence there: "
+        r"u1 and u2 (1.000000|0.99999.), u1 and other 0.0\d*, u2 and other 0.0\d*: drive them independently"
+    )
+    with pytest.raises(ValueError, match=message):
+        estimate_frf(record, inputs=["u1", "u2", "other"], outputs=["y"], segment_duration=1.0)
+    alone = estimate_frf(record, inputs=["u1", "other"], outputs=["y"], segment_duration=1.0)
+    np.testing.assert_allclose(alone.response("y", "u1"), 1.0, rtol=1e-9)
+
+
+def test_an_input_that_two_others_make_up_is_refused():
+    record = history(a=white(1), b=white(2), c=white(1) + 1e-5 * white(2), d=white(3), y=white(4))
+    with pytest.raises(ValueError, match=r"told apart .* a and c 1\.000000"):
+        estimate_frf(record, inputs=["a", "b", "c"], outputs=["y"], segment_duration=1.0)
+    total = history(a=white(1), b=white(2), c=white(1) + white(2), y=white(4))
+    with pytest.raises(ValueError, match=r"told apart at 500 of 500 lines"):
+        estimate_frf(total, inputs=["a", "b", "c"], outputs=["y"], segment_duration=1.0)
+
+
+def test_few_lines_where_inputs_are_alike_are_set_to_zero_and_told():
+    """Independent noise without content at 3 Hz, where both hold the same small tone."""
+
+    def but_at_3_hz(signal):
+        lines = np.fft.rfft(signal.reshape(-1, int(RATE)))
+        lines[:, 3] = 0.0
+        return np.fft.irfft(lines).ravel()
+
+    tone = 0.1 * np.cos(2 * np.pi * 3.0 * np.arange(N) / RATE)
+    u1, u2 = (but_at_3_hz(white(seed)) + tone for seed in (1, 2))
+    record = history(u1=u1, u2=u2, y=2 * u1 + 5 * u2)
+    with pytest.warns(UserWarning, match=r"cannot be told apart at 1 of 500 lines in 3 ... 3 Hz"):
+        frf = estimate_frf(
+            record, inputs=["u1", "u2"], outputs=["y"], segment_duration=1.0, window="boxcar", overlap=0.0
+        )
+    alike = frf.frequency == 3.0
+    assert np.all(frf.values[..., alike] == 0)
+    assert np.all(frf.coherence[:, alike] == 0)
+    np.testing.assert_allclose(frf.response("y", "u2")[~alike], 5.0, rtol=1e-9)
+
+
+def test_lines_without_power_are_zero_and_say_so():
+    """Two periodic inputs: the one has 2 ... 300 Hz, the other 400 Hz; elsewhere is none."""
+    options = {"period": 0.5, "rms": 1.0}
+    u1 = multisine(5.0, RATE, lowest_frequency=2.0, highest_frequency=300.0, seed=2, **options).values[0]
+    time = np.arange(len(u1)) / RATE
+    u2 = 1e-6 * np.sin(2 * np.pi * 400.0 * time)
+    record = history(u1=u1, u2=u2, y=2.0 * u1 + 3e6 * u2)
+    frf = estimate_frf(record, inputs=["u1", "u2"], outputs=["y"], segment_duration=0.5, window="boxcar", overlap=0.0)
+    first, second = frf.frequency <= 300.0, np.isclose(frf.frequency, 400.0)
+    np.testing.assert_allclose(frf.response("y", "u1"), 2.0 * first, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(frf.response("y", "u2"), 3e6 * second, rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(frf.coherence[0], first | second, rtol=1e-9)
+
+
 @pytest.mark.parametrize("noise", [0.0, 0.5, 1.0, 2.0])
 def test_coherence_and_h1_with_noise_at_the_output(noise):
     u = white(1)
@@ -110,7 +213,11 @@ def estimate(**options):
         ({"outputs": ["w"]}, "unknown signal 'w'; known: u, v, y"),
         ({"method": "H3"}, "unknown method 'H3'; known: H1, H2"),
         ({"method": "H2", "inputs": ["u", "v"]}, "H2 needs exactly one input, got 2; take H1"),
-        ({"segment_duration": 0.8}, "record of 1 s holds fewer than two segments of 0.8 s; record longer"),
+        ({"segment_duration": 0.8}, "record of 1 s holds fewer than 2 segments of 0.8 s, .*record longer"),
+        (
+            {"inputs": ["u", "v"], "segment_duration": 0.6},
+            r"fewer than 3 segments of 0.6 s, one more than inputs \(2\)",
+        ),
         ({"segment_duration": 0.0}, "segment_duration must be positive"),
         ({"segment_duration": np.nan}, "NaN"),
         ({"overlap": 1.0}, r"overlap must lie in 0 ... 1 \(1 excluded\), got 1"),

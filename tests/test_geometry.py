@@ -1,13 +1,14 @@
 """CAD parts: files written here with OpenCASCADE, read back, and the checks on what is read."""
 
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 from netgen import occ
 
-from nassim import Material, NearestTo, OnPlane, RemotePoint, Solid, read_solid
-from nassim.geometry import body_names, face_names, name_faces, shape_bytes
+from nassim import Material, NearestTo, OnPlane, RemotePoint, Solid, build_fe_model, read_solid
+from nassim.geometry import body_names, face_names, glue, name_faces, shape_bytes
 from nassim.meshing import generate_mesh
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
@@ -176,11 +177,54 @@ def test_body_without_material(tmp_path):
         read_solid(path, {})
 
 
-@pytest.mark.parametrize(("length", "shown"), [(200.0, "200"), (5e-7, "7e-07")])
-def test_part_of_an_unlikely_size(length, shown):
-    cube = occ.Box((0, 0, 0), (length,) * 3)
-    with pytest.raises(ValueError, match=f"part 'cube' is {shown} m long, .* check the CAD file's unit"):
-        Solid("cube", cube, {"": STEEL})
+def cube(length):
+    return Solid("cube", occ.Box((0, 0, 0), (length,) * 3), {"": STEEL})
+
+
+def test_part_below_a_thousandth_of_a_millimetre_is_refused():
+    with pytest.raises(ValueError, match=r"part 'cube' is 7e-07 m long; at least 1e-06 m .* check the CAD file's unit"):
+        cube(5e-7)
+    cube(2e-6)
+
+
+def test_long_part_is_warned_of_and_meshed():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        cube(9.9)
+    with pytest.warns(UserWarning, match="part 'cube' is 200 m long; shapes are in metres") as told:
+        solid = cube(200.0)
+    assert told[0].filename == __file__
+    for extrude in (None, "x"):
+        model = build_fe_model(solid, element_size=100.0, order=2, extrude=extrude, progress=False)
+        assert model.mass == pytest.approx(7850 * 200.0**3, rel=1e-9)
+
+
+def overlapping():
+    """Two cubes of 10 mm, one pushed half into the other, and a third that touches the second [mm]."""
+    low, high, beside = (occ.Box((0, 0, z), (10, 10, z + 10)) for z in (0, 5, 15))
+    low.name, high.name, beside.name = "foot (1)", "post", "lid"
+    return [low, high, beside]
+
+
+def test_overlapping_bodies_are_refused_by_name(tmp_path):
+    message = r"part 'tower': bodies 'foot \(1\)' and 'post' share 50 % of the smaller one's volume"
+    path = written(occ.Compound(overlapping()), tmp_path / "tower.step")
+    with pytest.raises(ValueError, match=message):
+        read_solid(path, STEEL)
+    with pytest.raises(ValueError, match=message):
+        glue(overlapping(), name="tower")
+    materials = dict.fromkeys(("foot (1)", "post", "lid"), STEEL)
+    with pytest.raises(ValueError, match=message):
+        Solid("tower", occ.Compound([body.Scale(occ.Pnt(0, 0, 0), 1e-3) for body in overlapping()]), materials)
+
+
+def test_bodies_that_touch_on_curved_faces_do_not_overlap():
+    """A pin in its bore, their boxes one within the other."""
+    pin = occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, 0.01, 0.02)
+    ring = occ.Box((-0.02, -0.02, 0), (0.02, 0.02, 0.02)) - pin
+    ring.name, pin.name = "ring", "pin"
+    solid = Solid("pressed", glue([ring, pin]), {"ring": ALU, "pin": STEEL})
+    assert solid.shape.mass == pytest.approx(0.04**2 * 0.02, rel=1e-9)
 
 
 def solid_with(*points):
@@ -259,6 +303,7 @@ def test_mesh_fills_the_volume():
         (0.0, "element_size must be positive, got 0 m"),
         (np.nan, "element_size holds 1 value.* NaN"),
         (2e-5, "element_size 2e-05 m is below a thousandth of the part 'part'"),
+        (5.0, r"element_size 5 m is longer than the part 'part', which has 0\.03\d* m; .* 5e-3 for 5 mm"),
     ],
 )
 def test_element_size_is_checked(size, message):

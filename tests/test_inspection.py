@@ -131,7 +131,7 @@ def test_no_order_is_claimed_for_noise(own):
 def test_wrong_units_are_diagnosed(declared, truth):
     """The sample is in mm, N, t."""
     report = check(read_superelement(*sorted(SAMPLE.glob("*.txt")), units=declared))
-    assert report["units"].verdict == "warning"
+    assert report["units"].verdict == "fault"
     assert f"not plausible; looks like {truth} (0.754 kg, 0.4 m long" in report["units"].text
 
 

@@ -9,7 +9,7 @@ import pytest
 from conftest import STEEL, make_bar
 
 from models.apa300ml import PRISMS, make_apa300ml
-from nassim import Material, RemotePoint, Solid, build_fe_model, condense, craig_bampton, fem, meshing
+from nassim import Material, RemotePoint, Solid, build_fe_model, condense, craig_bampton, mesh_checks, meshing
 from nassim.fullmodel import full_eigenfrequencies
 from nassim.meshing import generate_mesh
 
@@ -142,8 +142,8 @@ def test_order_1_in_thin_walls_is_warned_of():
 
 
 def test_mesh_too_large_for_the_memory(monkeypatch):
-    monkeypatch.setattr(fem, "SMALL", 0)
-    monkeypatch.setattr(fem.psutil, "virtual_memory", lambda: type("Memory", (), {"available": 1e6}))
+    monkeypatch.setattr(mesh_checks, "SMALL", 0)
+    monkeypatch.setattr(mesh_checks.psutil, "virtual_memory", lambda: type("Memory", (), {"available": 1e6}))
     with pytest.raises(ValueError, match=r"need about .* GB to factorise, .* an element_size of .* would fit"):
         build_fe_model(make_bar(), element_size=0.005, order=2, progress=False)
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from models.apa300ml import STACK, APAGeometry, make_apa300ml, reduced_apa300ml
-from models.bench import BENCH_CONDITIONS, bench_forces_and_readings, make_bench
+from models.bench import SENSOR_RESISTANCE, full_bench_response, make_bench
 from nassim import frequency_response, linearize
-from nassim.fullmodel import full_frequency_response
 
 
 def test_apa_envelope_and_remote_points():
@@ -77,22 +76,29 @@ def test_bench_without_payload_is_refused(apa):
         make_bench(fidelity="modal", apa=apa)
 
 
-def test_bench_frf_equals_the_full_fe_model(bench, apa_condensed):
-    """First pole and first zero within 0.5 %, the whole response close, by a route that shares no scene code."""
-    frequency = np.linspace(20.0, 120.0, 4001)
-    inputs, outputs = bench_forces_and_readings()
-    full = full_frequency_response(
-        apa_condensed,
-        frequency,
-        inputs=inputs,
-        outputs=outputs,
-        damping_ratio=0.01,
-        masses={"top": 5.0},
-        progress=False,
-        **BENCH_CONDITIONS,
-    ).frf
+@pytest.mark.parametrize("resistance", [np.inf, 5e3])
+def test_bench_frf_equals_the_full_fe_model(apa_with_ports, apa_with_ports_condensed, resistance):
+    """Pole, zero and the whole response by a route without reduction and scene, sensor open and loaded.
+
+    Without damping, which is that of the modes with the sensor open in the one and shorted in the other.
+    """
+    frequency = np.concatenate([[0.5, 5.0], np.linspace(20.0, 120.0, 2001)])
+    bench = make_bench(apa=apa_with_ports, fidelity="linear", resistance=resistance, damping_ratio=0.0)
+    full = full_bench_response(
+        apa_with_ports_condensed, frequency, resistance=resistance, damping_ratio=0.0, progress=False
+    )
     linear = frequency_response(linearize(bench), frequency)
-    voltage = [np.abs(f.response("sensor_voltage", "actuator_voltage")) for f in (full, linear)]
+    voltage = [np.abs(f.response("sensor_voltage", "actuator_voltage"))[2:] for f in (full, linear)]
     for pick in (np.argmax, np.argmin):
-        assert frequency[pick(voltage[1])] == pytest.approx(frequency[pick(voltage[0])], rel=5e-3)
-    assert np.abs(linear.values / full.values - 1).max() < 0.02
+        assert pick(voltage[1]) == pick(voltage[0])
+    pole, zero = (frequency[2:][pick(voltage[0])] for pick in (np.argmax, np.argmin))
+    away = (np.abs(frequency / pole - 1) > 0.02) & (np.abs(frequency / zero - 1) > 0.02)
+    assert np.abs(linear.values / full.values - 1)[..., away].max() < 1e-3
+
+
+def test_loaded_sensor_is_the_default_and_an_open_one_the_option(apa_with_ports):
+    sensor = make_bench(apa=apa_with_ports).sensors[0]
+    assert sensor.resistance == SENSOR_RESISTANCE
+    assert make_bench(apa=apa_with_ports, resistance=np.inf).sensors[0].resistance == np.inf
+    with pytest.raises(ValueError, match="which the pair of forces does without"):
+        make_bench(apa=apa_with_ports, ports=False, resistance=1e5)

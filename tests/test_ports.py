@@ -243,7 +243,7 @@ def coupled_system(coarse):
 def test_static_answer_equals_the_coupled_fe_system(reduced, coupled_system):
     averages, solve = coupled_system
     u, voltage, charge = solve(np.zeros(averages.shape[1]), 1.0)
-    bench = make_bench(apa=reduced, fidelity="linear", ports=True)
+    bench = make_bench(apa=reduced, fidelity="linear", resistance=np.inf)
     drive = replace(bench.actuators[0], gain=1.0)
     found = static_response(replace(bench, actuators=(drive,)), {"actuator_voltage": 1.0})
     assert found["encoder"] == pytest.approx((averages @ u)[8], rel=1e-8)
@@ -296,7 +296,7 @@ def test_dynamics_against_the_full_fe_model(apa_with_ports, apa_with_ports_conde
     ).frf.values
     voltage = -full[0, 0] / full[0, 1]
     expected = np.array([voltage, full[1, 0] + full[1, 1] * voltage])
-    bench = make_bench(apa=apa_with_ports, fidelity="linear", ports=True, damping_ratio=0.0)
+    bench = make_bench(apa=apa_with_ports, fidelity="linear", resistance=np.inf, damping_ratio=0.0)
     found = frequency_response(linearize(bench), frequency).values[:, 0]
     assert np.allclose(found[:, 0], expected[:, 0], rtol=1e-6)
     assert np.allclose(found, expected, rtol=1e-3)
@@ -308,7 +308,7 @@ def test_fidelities_agree(apa_with_ports, resistance):
     excitation = band_limited_noise(0.1, 10e3, cutoff_frequency=150.0, rms=0.1)
 
     def run(fidelity, method, time_step):
-        bench = make_bench(apa=apa_with_ports, fidelity=fidelity, ports=True, resistance=resistance)
+        bench = make_bench(apa=apa_with_ports, fidelity=fidelity, resistance=resistance)
         record = simulate(bench, excitation, time_step=time_step, method=method, progress=False)
         return record.values[1:, :: round(1e-4 / time_step)]
 
@@ -324,7 +324,7 @@ def test_fidelities_agree(apa_with_ports, resistance):
 
 def test_exact_steps_of_a_leaking_sensor_are_its_frf(apa_with_ports):
     """A sine in steady state against the FRF: two routes through different code."""
-    bench = make_bench(apa=apa_with_ports, fidelity="linear", ports=True, resistance=5e3, damping_ratio=0.05)
+    bench = make_bench(apa=apa_with_ports, fidelity="linear", resistance=5e3, damping_ratio=0.05)
     time = np.arange(20001) * 1e-4
     for frequency in (3.0, 60.0):
         drive = TimeHistory(time, np.sin(2 * np.pi * frequency * time), ("actuator_voltage",), ("V",))
@@ -336,8 +336,8 @@ def test_exact_steps_of_a_leaking_sensor_are_its_frf(apa_with_ports):
 
 
 def test_resistance_makes_a_high_pass(apa_with_ports):
-    open_bench = make_bench(apa=apa_with_ports, fidelity="linear", ports=True)
-    loaded = make_bench(apa=apa_with_ports, fidelity="linear", ports=True, resistance=1e5)
+    open_bench = make_bench(apa=apa_with_ports, fidelity="linear", resistance=np.inf)
+    loaded = make_bench(apa=apa_with_ports, fidelity="linear", resistance=1e5)
     frequency = np.geomspace(0.01, 5.0, 30)
     quotient = frequency_response(linearize(loaded), frequency).response(
         "sensor_voltage", "actuator_voltage"
@@ -351,13 +351,13 @@ def test_resistance_makes_a_high_pass(apa_with_ports):
 
 def test_exudyn_finds_the_open_circuit_frequencies(apa_with_ports):
     for fidelity in ("linear", "ffrf"):
-        bench = make_bench(apa=apa_with_ports, fidelity=fidelity, ports=True)
+        bench = make_bench(apa=apa_with_ports, fidelity=fidelity, resistance=np.inf)
         expected = np.sort(np.abs(linearize(bench).poles()))[::2] / (2 * np.pi)
         assert np.allclose(exudyn_eigenfrequencies(bench, n_modes=4), expected[:4], rtol=1e-6)
 
 
 def test_exudyn_takes_a_leaking_port_as_one_that_keeps_its_charge(apa_with_ports):
-    scenes = [make_bench(apa=apa_with_ports, fidelity="linear", ports=True, resistance=r) for r in (np.inf, 1e4)]
+    scenes = [make_bench(apa=apa_with_ports, fidelity="linear", resistance=r) for r in (np.inf, 1e4)]
     assert np.allclose(*(exudyn_eigenfrequencies(scene, n_modes=5) for scene in scenes), rtol=1e-9)
 
 
@@ -380,7 +380,7 @@ def test_ports_survive_saving(reduced, tmp_path):
 
 
 def test_bodies_without_deformation_read_nothing(apa_with_ports):
-    bench = make_bench(apa=apa_with_ports, fidelity="rigid", ports=True, resistance=1e4)
+    bench = make_bench(apa=apa_with_ports, fidelity="rigid", resistance=1e4)
     excitation = band_limited_noise(0.01, 10e3, cutoff_frequency=400.0)
     record = simulate(bench, excitation, time_step=1e-4, progress=False)
     assert not np.any(record["sensor_voltage"])
@@ -442,7 +442,7 @@ def test_a_port_is_kept_once(coarse):
 
 
 def test_bad_use_in_scenes(apa, apa_with_ports):
-    bench = make_bench(apa=apa_with_ports, fidelity="linear", ports=True)
+    bench = make_bench(apa=apa_with_ports, fidelity="linear", resistance=np.inf)
     for changes, problem in (
         ({"sensors": (VoltageSensor("v", "apa.actuator"),)}, "'apa.actuator' is used more than once"),
         ({"sensors": (VoltageSensor("v", "apa.junction"),)}, "unknown electrical port 'junction'; known: sensor"),
@@ -458,7 +458,7 @@ def test_bad_use_in_scenes(apa, apa_with_ports):
         open_circuit(apa_with_ports, {"sensor": -1.0})
     with pytest.raises(ValueError, match="acts on 3 coordinates, the body has 36"):
         replace(apa, ports=(PortCoupling("v", np.zeros(3), 1e-6),))
-    loaded = make_bench(apa=apa_with_ports, fidelity="linear", ports=True, resistance=1e5, cutoff_frequency=500.0)
+    loaded = make_bench(apa=apa_with_ports, fidelity="linear", resistance=1e5, cutoff_frequency=500.0)
     excitation = band_limited_noise(0.01, 10e3, cutoff_frequency=400.0)
     with pytest.raises(ValueError, match="cannot integrate the charge"):
         simulate(loaded, excitation, time_step=1e-4, method="explicit", progress=False)

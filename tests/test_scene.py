@@ -4,18 +4,25 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import lattice
 
 from nassim import (
     Encoder,
     FlexibleBody,
     Joint,
+    Loop,
     ReducedBody,
     RemotePoint,
     RigidBody,
     Scene,
+    SpringDamper,
     StackActuator,
     StackSensor,
+    VoltageSensor,
+    craig_bampton,
 )
+from nassim.assembly import assemble
+from nassim.trim import trim_body
 
 LENGTH, MASS = 0.1, 2.0
 TURN = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])  # z axis of the body: world's x
@@ -126,11 +133,77 @@ def with_stack(start, end, kind="actuators"):
         ({"sensors": (Encoder("e", "base.mount", "strut.top"),)}, "'e': 'strut.top' must be"),
         ({"sensors": (Encoder("e", "strut.top", "base.mount"),)}, "'e': 'strut.top' must be"),
         ({"sensors": (Encoder("e", "base.mount", "load.top"),)}, "'load' 'top'; known: foot, side"),
+        ({"sensors": (Encoder("e", None, "load.foot"),)}, "a point is written 'body.point', got None"),
+        ({"name": ""}, "scene names must be non-empty strings"),
+        ({"bodies": STRUT}, r"bodies must be a tuple of RigidBody, FlexibleBody, got FlexibleBody; write \(part,\)"),
+        ({"bodies": {"strut": STRUT}}, "bodies must be a tuple of RigidBody, FlexibleBody, got mappingproxy|got dict"),
+        ({"joints": None}, "joints must be a tuple of Joint, got NoneType"),
+        ({"joints": ("low",)}, "joints must be of Joint, got 'low', a str"),
+        ({"sensors": SCENE.actuators}, "sensors must be of StackSensor, VoltageSensor, Encoder, got StackActuator"),
+        ({"actuators": SCENE.sensors}, "actuators must be of StackActuator, .*, got StackSensor"),
+        ({"springs": SCENE.joints}, "springs must be of SpringDamper, got Joint"),
+        ({"bodies": (BASE, replace(STRUT, name="a.b"), LOAD)}, "body 'a.b': no dot in a body's name"),
+        ({"damping_ratio": "little"}, "damping_ratio must be numbers, got"),
+        ({"damping_ratio": ()}, "damping_ratio needs at least one value"),
+        ({"damping_ratio": [[0.01]]}, "damping_ratio must have shape any, got 1 x 1"),
+        ({"springs": (SpringDamper("s", "load.foot", "load.side", "z", 1.0),)}, "'s': .* belong to one rigid body"),
     ],
 )
 def test_scene_checks_itself(change, message):
     with pytest.raises(ValueError, match=message):
         replace(SCENE, **change)
+
+
+def test_percent_taken_for_a_ratio_is_told():
+    with pytest.warns(UserWarning, match="damping_ratio 2 is critical damping or more.* one percent is the ratio 0.01"):
+        replace(SCENE, damping_ratio=(0.01, 2.0))
+
+
+def test_a_list_of_damping_ratios_counts_elastic_modes():
+    """The strut alone has six free motions, which take nothing from the list."""
+    body = trimmed()
+    assembly = assemble(Scene("free", (FlexibleBody("strut", body),), damping_ratio=(0.02, 0.05)))
+    elastic = body.eigenfrequencies() > 0
+    assert elastic.sum() == len(elastic) - 6
+    expected = np.where(elastic, 0.05, 0.0)
+    expected[6] = 0.02
+    np.testing.assert_array_equal(assembly.damping_ratio, expected)
+
+
+def trimmed():
+    """A body of two points of which one only moves along."""
+    body = craig_bampton(lattice(), n_modes=2, progress=False)
+    return trim_body(body, points=["left"], loads=np.zeros((14, 0)), cutoff_frequency=1e9)
+
+
+@pytest.mark.parametrize("fidelity", ["linear", "ffrf"])
+def test_passive_points_cannot_be_held(fidelity):
+    body = trimmed()
+    strut = FlexibleBody("strut", body, fidelity=fidelity)
+    base = RigidBody("base", {"pin": np.zeros(3)}, position=body.point("right").position, fixed=True)
+    joints = (Joint("pin", "base.pin", "strut.right"),)
+    with pytest.raises(ValueError, match=r"joint 'pin': 'strut.right' is a passive point.*trim_body\(points=...\)"):
+        Scene("s", (base, strut), joints)
+    held = Scene("s", (base, replace(strut, fidelity="rigid")), joints)
+    assert not len(assemble(held).mass)
+    with pytest.raises(ValueError, match="unknown remote point 'right'; known: left"):
+        FlexibleBody("strut", body, frame="right")
+    assert np.any(strut.elongation("left", "right"))
+
+
+def test_summary_tells_what_is_assumed():
+    text = SCENE.summary()
+    assert "joint low: base.mount to strut.bottom, rigid" in text
+    assert "joint high: strut.top to load.foot, free in z" in text
+    assert "damping: 1 % of critical in every elastic mode\n" in text
+    assert text.endswith("gravity: none")
+    spring = SpringDamper("hold", "base.mount", "load.foot", "x", 2e3, 5.0)
+    loaded = replace(SCENE, springs=(spring,), damping_ratio=(0.02, 0.005), gravity=(0, 0, -9.81))
+    text = loaded.summary()
+    assert "spring hold: base.mount to load.foot along x, 2000 N/m, 5 N s/m" in text
+    assert "damping: 2 %, 0.5 % of critical in the first elastic modes, 0.5 % in all others; dampers and loops" in text
+    assert "gravity: 0 0 -9.81 m/s2" in text
+    assert "damping: none in modes" in replace(SCENE, damping_ratio=0.0).summary()
 
 
 def test_stack_between_points_in_one_place():
@@ -150,6 +223,11 @@ def test_stack_between_points_in_one_place():
         ({"inertia": np.triu(np.ones((3, 3))) + np.eye(3)}, "inertia must be symmetric"),
         ({"inertia": np.ones(3)}, "inertia must have shape 3 x 3, got 3"),
         ({"inertia": np.full((3, 3), np.nan)}, "inertia holds 9 value.* NaN"),
+        ({"inertia": np.diag([1.0, 1.0, 2.01])}, "no body has the principal moments 1, 1, 2.01 kg m2"),
+        ({"inertia": TURN @ np.diag([3.0, 1.0, 1.0]) @ TURN.T}, "no body has the principal moments"),
+        ({"points": None}, "points must map names to positions"),
+        ({"points": {"": (0, 0, 0)}}, "point names must be non-empty strings"),
+        ({"fixed": "no"}, "fixed must be True or False, got 'no'"),
         ({"position": (0, 0, np.nan)}, "'load': position holds 1 value.* NaN"),
         ({"points": {"foot": (0, np.inf, 0)}}, "'load': point 'foot' holds 1 value.* infinite"),
     ],
@@ -157,6 +235,11 @@ def test_stack_between_points_in_one_place():
 def test_rigid_body_checks_itself(change, message):
     with pytest.raises(ValueError, match=message):
         replace(LOAD, **change)
+
+
+def test_a_flat_plate_has_an_inertia_that_a_body_can_have():
+    """Equality, to the digits that tables give."""
+    assert replace(LOAD, inertia=np.diag([1.0, 1.33, 2.331])).mass == 5.0
 
 
 def test_fixed_body_needs_no_mass():
@@ -168,6 +251,7 @@ def test_fixed_body_needs_no_mass():
     [
         ({"fidelity": "magic"}, "unknown fidelity 'magic'; known: .*ffrf"),
         ({"frame": "side"}, "unknown remote point 'side'; known: bottom, top"),
+        ({"reduced": LOAD}, "reduced must be a ReducedBody, got a RigidBody"),
         ({"rotation": 2 * np.eye(3)}, "'strut': rotation must be a proper orthogonal matrix"),
         ({"rotation": np.diag([1.0, 1.0, -1.0])}, "proper orthogonal"),
         ({"rotation": np.full((3, 3), np.nan)}, "rotation holds 9 value.* NaN"),
@@ -187,6 +271,17 @@ def test_flexible_body_checks_itself(change, message):
         (lambda: Encoder("e", "a.b", "c.d", axis="rz"), "unknown axis 'rz'; known: x, y, z"),
         (lambda: StackActuator("s", "a.b", "a.c", np.nan, "u"), "force_per_volt holds 1 value.* NaN"),
         (lambda: StackActuator("s", "a.b", "a.c", 1.0, "u", gain=np.inf), "gain holds 1 value.* infinite"),
+        (lambda: Joint("j", "a.b", "c.d", free=None), "free must be a tuple of str, got NoneType"),
+        (lambda: Joint("j", "a.b", "c.d", free=("x", "x")), "free direction names must differ"),
+        (lambda: StackActuator("s", "a.b", "a.c", 1.0, "u", bandwidth="fast"), "bandwidth must be a positive number"),
+        (lambda: VoltageSensor("s", "a.p", resistance=np.nan), "resistance must be a positive number, got nan Ohm"),
+        (lambda: Loop("l", None, ("a",), ("b",)), "controller must be a Controller, got a NoneType"),
+        (lambda: STRUT.elongation("top", "top"), "'top' and 'top' of body 'strut' lie in one place"),
+        (lambda: replace(reduced(), remote_points=reduced().remote_points[:1] * 2), "used more than once: bottom"),
+        (lambda: replace(reduced(), remote_points=("bottom", "top")), "remote_points must be of RemotePoint"),
+        (lambda: FlexibleBody("s", replace(reduced(), remote_points=())), "needs at least one remote point"),
+        (lambda: ReducedBody("s", (), np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((4, 4))), "has no coordinates"),
+        (lambda: replace(reduced(), mass_matrix=-np.eye(12)), "the diagonal of the mass matrix holds -1"),
         (lambda: StackSensor("s", "a.b", "a.c", np.nan), "voltage_per_elongation holds 1 value.* NaN"),
     ],
 )

@@ -1,12 +1,15 @@
 """The scripts and the README's code run as they stand, on small problems where they can be made small."""
 
+import importlib
 import json
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).parent.parent
@@ -30,6 +33,124 @@ def test_help(name):
     assert result.returncode == 0, result.stderr
     for option in ("--output", "--no-plot"):
         assert option in result.stdout
+
+
+@pytest.fixture
+def script(monkeypatch):
+    """Imports a script, or what scripts share, by name."""
+    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+    return importlib.import_module
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
+@pytest.mark.parametrize("value", ["-1", "nan", "inf", "text"])
+def test_wrong_numbers_are_refused_at_the_start(name, value, script, capsys):
+    arguments, common = script(Path(name).stem).arguments, script("_common")
+    for action in arguments._actions:
+        if action.type in (None, Path, common.writable_folder):
+            continue
+        option = action.option_strings[0]
+        with pytest.raises(SystemExit) as stop:
+            arguments.parse_args([option, *[value] * (action.nargs or 1)])
+        assert stop.value.code == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert f"{option}: must be a" in line
+        assert f"got '{value}'" in line
+
+
+@pytest.mark.parametrize(
+    ("kind", "good", "bad"),
+    [
+        ("positive", {"1e-9": 1e-9}, ["0", "-0.0", "1,5", ""]),
+        ("not_negative", {"0": 0.0, "2.5": 2.5}, ["-1e-9"]),
+        ("fraction", {"0": 0.0, "0.999": 0.999}, ["1", "-0.01"]),
+    ],
+)
+def test_limits_of_arguments(kind, good, bad, script):
+    read = getattr(script("_common"), kind)
+    assert {text: read(text) for text in good} == good
+    for text in bad:
+        with pytest.raises(script("_common").argparse.ArgumentTypeError, match="must be a number"):
+            read(text)
+
+
+def test_whole_numbers(script):
+    read = script("_common").whole(2)
+    assert read("2") == 2
+    for text in ("1", "2.5", "2.0"):
+        with pytest.raises(script("_common").argparse.ArgumentTypeError, match="whole number of at least 2, got"):
+            read(text)
+
+
+def test_output_that_cannot_be_written_is_refused_before_any_work(tmp_path):
+    (tmp_path / "taken").write_text("a file")
+    result = run("scripts/run_bench.py", "--output", tmp_path / "taken" / "folder")
+    assert result.returncode == 2
+    assert result.stdout == ""
+    assert result.stderr.splitlines() == [
+        f"run_bench.py: argument --output: {tmp_path / 'taken'} is a file, not a folder; see --help"
+    ]
+
+
+def test_output_is_tried_and_left_as_it_was(tmp_path, script, monkeypatch):
+    common = script("_common")
+    assert common.writable_folder(str(tmp_path / "a" / "b")) == tmp_path / "a" / "b"
+    assert list(tmp_path.iterdir()) == []
+
+    def refuse(**_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(common.tempfile, "TemporaryFile", refuse)
+    with pytest.raises(common.argparse.ArgumentTypeError, match=r"cannot write to .*b \(Permission denied\)"):
+        common.writable_folder(str(tmp_path / "a" / "b"))
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "said"),
+    [
+        (ValueError("two\nlines"), 2, "script.py: two lines"),
+        (RuntimeError("diverged"), 2, "script.py: diverged"),
+        (FileNotFoundError("no such file: x"), 2, "script.py: no such file: x"),
+        (KeyboardInterrupt(), 130, "script.py: interrupted"),
+    ],
+)
+def test_what_stops_a_script_is_told_in_one_line(error, status, said, script, capsys, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["folder/script.py"])
+
+    def main():
+        raise error
+
+    with pytest.raises(SystemExit) as stop:
+        script("_common").run(main)
+    assert stop.value.code == status
+    assert capsys.readouterr().err.strip() == said
+
+
+def test_errors_of_the_script_itself_keep_their_traceback(script, monkeypatch):
+    with pytest.raises(TypeError):
+        script("_common").run(lambda: len(3))
+    monkeypatch.setattr(sys, "flags", SimpleNamespace(dev_mode=True))
+    with pytest.raises(ValueError, match="invalid literal"):
+        script("_common").run(lambda: int("x"))
+
+
+def test_summaries_name_their_command_and_are_plain_json(tmp_path, script, monkeypatch):
+    common = script("_common")
+    options = ["--band", "20", "30", "--output", str(tmp_path), "--no-plot", "--seed=3", "a file"]
+    monkeypatch.setattr(sys, "argv", ["/somewhere/scripts/identify_damping.py", *options])
+    figures = {
+        "a_Hz": np.array([1.5, np.nan]),
+        "b": np.float64(np.inf),
+        "c": {"n": np.int64(3)},
+        "d": (True, "x", None),
+    }
+    common.write_summary(tmp_path / "new", figures)
+    text = (tmp_path / "new" / "summary.json").read_text()
+    summary = json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
+    assert summary.pop("command") == "python scripts/identify_damping.py --band 20 30 --seed=3 'a file'"
+    assert summary.pop("script_time_s") > 0
+    assert summary == {"a_Hz": [1.5, None], "b": None, "c": {"n": 3}, "d": [True, "x", None]}
+    assert common.command_line(["s.py", "--output=x", "y"]) == "python scripts/s.py y"
 
 
 @pytest.mark.slow
@@ -92,6 +213,7 @@ def test_help(name):
             ["ffrf_us_per_step", "exact_speed_over_ffrf", "trimmed_frf_error"],
             [],
         ),
+        ("make_blind_record.py", ["--duration", "1"], ["payload_mass_kg", "encoder_gain_2_m_per_V"], []),
         ("identify_damping.py", [], ["damping_ratio_std", "unmodelled_Hz", "errors_in_percent"], ["fit.png"]),
     ],
 )
@@ -99,6 +221,7 @@ def test_script_writes_its_results(name, options, figures, pictures, tmp_path):
     result = run(f"scripts/{name}", "--output", tmp_path, *options)
     assert result.returncode == 0, result.stderr
     summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["command"].split()[:2] == ["python", f"scripts/{name}"]
     for figure in figures:
         assert figure in summary
     for picture in pictures:
@@ -123,7 +246,7 @@ def test_import_body_puts_a_body_of_two_ends_on_the_bench(tmp_path):
 def test_import_body_refuses_in_words(tmp_path):
     (tmp_path / "bad.mat").write_bytes(b"no matrices in here")
     result = run("scripts/import_body.py", tmp_path / "bad.mat", "--output", tmp_path, "--no-plot")
-    assert result.returncode == 1
+    assert result.returncode == 2
     assert "bad.mat: damaged or of another format" in result.stderr
     assert "Traceback" not in result.stderr
 
@@ -145,7 +268,7 @@ def test_identification_that_fails_writes_nothing(tmp_path):
     rows = "\n".join(f"{1e-3 * k:.3f}, {k % 7}, {k % 5}, {k % 3}" for k in range(2000))
     record.write_text("time [s], actuator_voltage [V], sensor_voltage [V], encoder [um]\n" + rows)
     result = run("scripts/identify_damping.py", record, "--output", tmp_path / "out", "--band", "600", "700")
-    assert result.returncode == 1
+    assert result.returncode == 2
     assert "band 600 ... 700 Hz must ascend within" in result.stderr
     assert "Traceback" not in result.stderr
     assert not (tmp_path / "out").exists()

@@ -1,5 +1,11 @@
 """Files of nassim's nouns, fingerprints and the cache."""
 
+import hashlib
+import platform
+import re
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import h5py
@@ -55,25 +61,81 @@ def test_truncated_file_is_named(tmp_path, share):
         load(path)
 
 
+def test_every_flipped_bit_is_noticed(tmp_path):
+    path = save(record(), tmp_path / "noun.h5")
+    content = path.read_bytes()
+    for place in np.random.default_rng(0).choice(8 * len(content), 300, replace=False):
+        changed = bytearray(content)
+        changed[place // 8] ^= 1 << (place % 8)
+        path.write_bytes(changed)
+        with pytest.raises(ValueError, match=r"cannot read .*noun\.h5: it .*damaged"):
+            load(path)
+    path.write_bytes(content)
+    assert_same(load(path), record())
+
+
+def test_threads_save_at_once(tmp_path):
+    with ThreadPoolExecutor(4) as pool:
+        paths = list(pool.map(lambda k: save(record(k), tmp_path / f"{k}.h5"), range(40)))
+    for k, path in enumerate(paths):
+        assert_same(load(path), record(k))
+
+
+def test_the_checksum_is_that_of_the_hdf5_image(tmp_path):
+    content = save(record(), tmp_path / "noun.h5").read_bytes()
+    assert hashlib.sha256(content[512:]).hexdigest().encode() in content[:512]
+    assert content[512:].startswith(b"\x89HDF")
+    with h5py.File(tmp_path / "noun.h5") as file:
+        np.testing.assert_array_equal(file["content/values"][:], record().values)
+
+
+def test_a_file_of_nassim_0_1_loads():
+    """Made by the save of version 0.1 from the FRF of this module."""
+    assert_same(load(Path(__file__).parent / "data" / "frf_format_1.h5"), frf())
+
+
+def test_a_seal_taken_away_is_noticed(tmp_path):
+    path = save(record(), tmp_path / "noun.h5")
+    path.write_bytes(path.read_bytes()[512:])
+    with pytest.raises(ValueError, match=r"noun\.h5: its checksum is missing"):
+        load(path)
+
+
+def test_only_files_are_loaded(tmp_path):
+    with pytest.raises(ValueError, match="it is no file"):
+        load(tmp_path)
+    (tmp_path / "text.h5").write_text("no HDF5 at all")
+    with pytest.raises(ValueError, match=r"text\.h5: it was not written by nassim\.save"):
+        load(tmp_path / "text.h5")
+
+
 def test_missing_file(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"no such file: .*none\.h5"):
         load(tmp_path / "none.h5")
 
 
+def sealed_anew(path):
+    image = path.read_bytes()[512:]
+    path.write_bytes(storage._seal(hashlib.sha256(image)) + image)
+
+
 @pytest.mark.parametrize(
     ("attribute", "value", "message"),
     [
-        ("nassim_format", 99, r"noun\.h5: it has format 99, this nassim reads up to 1; upgrade"),
+        ("nassim_format", 99, r"noun\.h5: it has format 99, this nassim reads up to 2; upgrade"),
         ("nassim_format", 0, r"noun\.h5: it was not written by nassim\.save"),
         ("type", "os:system", r"noun\.h5: it holds a os\.system, which is not of nassim"),
         ("type", "nassim.storage:load", r"noun\.h5: nassim\.storage\.load is not a noun"),
         ("type", "nassim.signals:Gone", r"cannot read .*noun\.h5: .*Gone"),
+        ("type", "nassim.frf:TimeHistory", r"noun\.h5: nassim\.frf\.TimeHistory is not a noun"),
+        ("type", ["nassim.signals:TimeHistory"] * 2, r"noun\.h5: its attribute 'type' is not a single value"),
     ],
 )
 def test_files_that_are_not_ours_are_refused(tmp_path, attribute, value, message):
     path = save(record(), tmp_path / "noun.h5")
     with h5py.File(path, "a") as file:
         (file if attribute == "nassim_format" else file["content"]).attrs[attribute] = value
+    sealed_anew(path)
     with pytest.raises(ValueError, match=message):
         load(path)
 
@@ -82,8 +144,182 @@ def test_files_are_checked_like_new_nouns(tmp_path):
     path = save(record(), tmp_path / "noun.h5")
     with h5py.File(path, "a") as file:
         file["content/values"][0, 0] = np.nan
+    sealed_anew(path)
     with pytest.raises(ValueError, match=r"noun\.h5: values holds 1 value.* NaN"):
         load(path)
+
+
+def external_storage(group, folder):
+    (folder / "secret").write_bytes(np.arange(6.0).tobytes())
+    group.create_dataset("values", shape=(2, 3), dtype=float, external=[(str(folder / "secret"), 0, 48)])
+
+
+def external_link(group, folder):
+    with h5py.File(folder / "secret.h5", "w") as other:
+        other["values"] = np.zeros((2, 3))
+    group["values"] = h5py.ExternalLink(str(folder / "secret.h5"), "/values")
+
+
+def soft_link(group, _folder):
+    group.file["elsewhere"] = np.zeros((2, 3))
+    group["values"] = h5py.SoftLink("/elsewhere")
+
+
+def virtual(group, folder):
+    with h5py.File(folder / "secret.h5", "w") as other:
+        other["values"] = np.zeros((2, 3))
+    layout = h5py.VirtualLayout((2, 3), dtype=float)
+    layout[:] = h5py.VirtualSource(str(folder / "secret.h5"), "values", shape=(2, 3))
+    group.create_virtual_dataset("values", layout)
+
+
+def other_dataset(**options):
+    return lambda group, _folder: group.create_dataset("values", **options)
+
+
+def compact_and_huge(group, _folder):
+    plan = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    plan.set_layout(h5py.h5d.COMPACT)
+    group.create_dataset("values", data=np.zeros((2, 3)), dcpl=plan)
+
+
+def cycle(group, _folder):
+    group["values"] = group
+
+
+def same_twice(group, _folder):
+    group["values"] = group["time"]
+
+
+def named_type(group, _folder):
+    group["values"] = np.dtype("f8")
+
+
+def deep(group, _folder):
+    for _ in range(500):
+        group.attrs["kind"] = "tuple"
+        group = group.create_group("0")
+    group.attrs["kind"] = "none"
+
+
+def crafted(folder, build):
+    """A file as nassim 0.1 wrote a TimeHistory, without a checksum, but for its values."""
+    path = folder / "crafted.h5"
+    with h5py.File(path, "w") as file:
+        file.attrs["nassim_format"] = 1
+        group = file.create_group("content")
+        group.attrs["kind"], group.attrs["type"] = "dataclass", "nassim.signals:TimeHistory"
+        group["time"] = np.arange(3.0)
+        for name, texts in (("names", ["a", "b"]), ("units", ["V", "m"])):
+            group.create_dataset(name, data=texts, dtype=h5py.string_dtype())
+        build(group, folder)
+    return path
+
+
+ELSEWHERE, OTHERWISE = "'values' is missing or a link to elsewhere", "values is stored in a way that nassim"
+
+
+@pytest.mark.parametrize(
+    ("build", "message"),
+    [
+        (external_storage, OTHERWISE),
+        (external_link, ELSEWHERE),
+        (soft_link, ELSEWHERE),
+        (virtual, OTHERWISE),
+        (other_dataset(shape=(2, 2**35), dtype=float), r"values has shape \(2, 34359738368\), which is not the length"),
+        (other_dataset(shape=(2, 2**35), dtype=float, chunks=(1, 2**10), fillvalue=1.0), OTHERWISE),
+        (other_dataset(data=np.zeros((2, 3)), compression="gzip"), OTHERWISE),
+        (other_dataset(data=np.zeros(3, dtype=[("a", "f8"), ("b", "f8")])), OTHERWISE),
+        (other_dataset(data=np.array([b"fixed", b"width"])), OTHERWISE),
+        (other_dataset(data=np.array([["a"]], dtype=object), dtype=h5py.string_dtype()), "values is a table of texts"),
+        (other_dataset(shape=(2**40,), dtype=h5py.string_dtype()), "which is not the length of its data"),
+        (cycle, "'values' is in it twice"),
+        (same_twice, "'values' is in it twice"),
+        (named_type, "attribute: .kind"),
+        (deep, "recursion"),
+        (lambda *_: None, "missing .* argument: 'values'"),
+    ],
+)
+def test_crafted_files_are_refused(tmp_path, build, message):
+    with pytest.raises(ValueError, match=rf"cannot read .*crafted\.h5: .*{message}"):
+        load(crafted(tmp_path, build))
+
+
+@pytest.mark.parametrize("build", [other_dataset(data=np.ones((2, 3))), compact_and_huge])
+def test_the_crafted_file_is_refused_for_its_fault_only(tmp_path, build):
+    assert load(crafted(tmp_path, build)).values.shape == (2, 3)
+
+
+def test_many_texts_in_one_place_are_refused(tmp_path):
+    """500 names that all point to the same text of 10 kB: 5 MB from a file of 30 kB."""
+    path = crafted(tmp_path, other_dataset(data=["x" * 10000] + [""] * 499, dtype=h5py.string_dtype()))
+    with h5py.File(path) as file:
+        start = file["content/values"].id.get_offset()
+    content = bytearray(path.read_bytes())
+    content[start : start + 500 * 16] = content[start : start + 16] * 500
+    path.write_bytes(content)
+    with h5py.File(path) as file:
+        assert len(file["content/values"].asstr()[499]) == 10000
+    with pytest.raises(ValueError, match="it says it holds more data than it has bytes"):
+        load(path)
+
+
+LIMITED = """
+import resource, sys
+import numpy as np
+from nassim import TimeHistory, save
+from nassim.measurements import write_record
+time = np.arange(100000) / 1e3
+history = TimeHistory(time, [np.sin(time)], ("u",), ("V",))
+resource.setrlimit(resource.RLIMIT_FSIZE, (100000, 100000))
+for write, name in ((save, "record.h5"), (write_record, "record.csv")):
+    try:
+        write(history, f"{sys.argv[1]}/{name}")
+    except OSError as error:
+        print(error)
+"""
+
+
+def test_a_full_disk_is_an_error_that_leaves_no_file(tmp_path):
+    pytest.importorskip("resource")
+    run = subprocess.run([sys.executable, "-c", LIMITED, tmp_path], capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    first, second = run.stdout.splitlines()
+    assert re.search(r"cannot be written: .*record\.h5'", first)
+    assert re.search(r"cannot be written: .*record\.csv'", second)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_cannot_be_is_named(tmp_path):
+    (tmp_path / "taken").write_text("a file")
+    with pytest.raises(OSError, match=r"cannot be written: .*taken/noun\.h5'"):
+        save(record(), tmp_path / "taken" / "noun.h5")
+
+
+HANGING = """
+import sys, time
+from nassim.storage import written_whole
+with written_whole(sys.argv[1]) as temporary:
+    temporary.write_bytes(bytes(1000))
+    print(temporary.name, flush=True)
+    time.sleep(60)
+"""
+
+
+def test_what_killed_processes_leave_is_removed_by_the_next_write(tmp_path):
+    command = [sys.executable, "-c", HANGING, tmp_path / "first.h5"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        left = tmp_path / process.stdout.readline().strip()
+        save(record(), tmp_path / "second.h5")
+        assert left.exists(), "another process is still writing this"
+        process.kill()
+    host = re.sub(r"\W", "_", platform.node())
+    elsewhere = tmp_path / left.name.replace(host, "another_computer", 1)
+    elsewhere.write_bytes(b"")
+    with storage.written_whole(tmp_path / "third.h5") as ours:
+        save(record(), tmp_path / "second.h5")
+        assert ours.exists(), "this process is still writing this"
+    assert sorted(p.name for p in tmp_path.iterdir()) == sorted([elsewhere.name, "second.h5", "third.h5"])
 
 
 def test_what_cannot_be_saved_leaves_no_file(tmp_path):

@@ -8,6 +8,7 @@ import scipy.io
 import scipy.sparse
 from superelements import DOFS, SAMPLE, master_text, matrix_text, node_text, sample
 
+from nassim import arrayfiles
 from nassim.arrayfiles import read_arrays
 from nassim.inspection import check
 from nassim.listing import nodal_frame
@@ -226,6 +227,20 @@ def test_sparse_text_and_integers_in_mat_files(tmp_path):
     assert found["t"].tolist() == ["left", "right one"]
     assert found["i"].ravel().tolist() == [-3, -2, -1, 0, 1, 2]
     assert found["e"].size == 0
+
+
+@pytest.mark.parametrize("ending", ["npz", "mat"])
+def test_small_files_that_unpack_to_much_are_refused(tmp_path, ending, monkeypatch):
+    monkeypatch.setattr(arrayfiles, "LARGEST_TOTAL", 3 * 8 * 10000)
+    path, zeros = tmp_path / f"bomb.{ending}", {name: np.zeros((100, 100)) for name in "abcd"}
+    if ending == "npz":
+        np.savez_compressed(path, **zeros)
+    else:
+        scipy.io.savemat(path, zeros, do_compression=True)
+    with pytest.raises(ValueError, match=r"bomb\..*all variables up to 'd' hold more than"):
+        read_arrays(path)
+    monkeypatch.undo()
+    assert list(read_arrays(path)) == list("abcd")
 
 
 def test_names_of_variables_are_free(tmp_path):

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import lattice, make_bar
+from conftest import lattice, make_bar, pair_forces_and_readings
 
 from models.apa300ml import PRISMS, make_apa300ml
-from models.bench import BENCH_CONDITIONS, bench_forces_and_readings
+from models.bench import BENCH_CONDITIONS
 from nassim import Material, build_fe_model, condense, craig_bampton, frequency_response, linearize, load, save
 from nassim.discretization import released_stiffness
 from nassim.fullmodel import full_eigenfrequencies, full_frequency_response
@@ -60,7 +60,7 @@ def test_truncation_of_a_cantilever(cantilever, n_modes):
 
 def test_truncation_of_the_benchs_frf(apa_condensed, bench):
     frequency = np.geomspace(10.0, 1000.0, 150)
-    inputs, outputs = bench_forces_and_readings()
+    inputs, outputs = pair_forces_and_readings()
     full = full_frequency_response(
         apa_condensed,
         frequency,

@@ -109,11 +109,15 @@ def make_apa300ml(
     steel: Material = STEEL,
     ceramic: Material = PZT,
     coupling: str = "rbe3",
+    stack_coupling: str = "rbe3",
     ports: Sequence[ElectricalPort] = (),
 ) -> Solid:
     """The APA300ML as a part with its five remote points (A to E of the paper).
 
-    coupling: of all remote points, "rbe2" or "rbe3"
+    coupling: of the remote points on the pads, "rbe2" or "rbe3"
+    stack_coupling: of the three on the stack line. "rbe3" adds no stiffness; "rbe2" keeps their faces plane, which a
+        pair of forces between them wants: pushed from one side, a soft face dishes, and the reading across the sensor
+        takes that for a force
     ports: electrical ports of its stacks, such as `PORTS`
     """
     g = geometry or APAGeometry()
@@ -135,7 +139,6 @@ def make_apa300ml(
         ]
     ]
     sensor.faces.Min(occ.X).name = "sensor_stack_end"
-    sensor.faces.Max(occ.X).name = spacer.faces.Min(occ.X).name = "spacer_sensor_side"
     actuator_1.faces.Min(occ.X).name = spacer.faces.Max(occ.X).name = "spacer_actuator_side"
     actuator_2.faces.Max(occ.X).name = "actuator_stack_end"
     return Solid(
@@ -151,9 +154,10 @@ def make_apa300ml(
         remote_points=(
             RemotePoint("bottom", ("bottom_pad",), np.array([0, 0, -15e-3]), coupling),
             RemotePoint("top", ("top_pad",), np.array([0, 0, 15e-3]), coupling),
-            RemotePoint("sensor_end", ("sensor_stack_end",), np.array([-32.5e-3, 0, 0]), coupling),
-            RemotePoint("junction", ("spacer_sensor_side", "spacer_actuator_side"), np.array([-10e-3, 0, 0]), coupling),
-            RemotePoint("actuator_end", ("actuator_stack_end",), np.array([32.5e-3, 0, 0]), coupling),
+            RemotePoint("sensor_end", ("sensor_stack_end",), np.array([-32.5e-3, 0, 0]), stack_coupling),
+            # On the spacer's one side only: over both, a part of the spacer's strain leaks from drive to reading.
+            RemotePoint("junction", ("spacer_actuator_side",), np.array([-7.5e-3, 0, 0]), stack_coupling),
+            RemotePoint("actuator_end", ("actuator_stack_end",), np.array([32.5e-3, 0, 0]), stack_coupling),
         ),
         ports=tuple(ports),
     )
@@ -166,6 +170,7 @@ def reduced_apa300ml(
     order: int = 3,
     n_modes: int = 6,
     coupling: str = "rbe3",
+    stack_coupling: str = "rbe3",
     ports: Sequence[ElectricalPort] = (),
     ceramic: Material = PZT,
     mesh: Mapping[str, Any] = MappingProxyType(PRISMS),
@@ -174,13 +179,14 @@ def reduced_apa300ml(
     """The APA300ML reduced by Craig-Bampton: 5 x 6 + 6 = 36 coordinates.
 
     element_size [m], order: of the finite elements; n_modes: fixed-interface modes
+    coupling, stack_coupling: see `make_apa300ml`
     ports: electrical ports of its stacks, such as `PORTS`; each adds a coordinate
     ceramic: its modulus is calibrated to the vendor's stiffness; PZT_TABLE_1 is the paper's
     mesh: further arguments of `build_fe_model`; {} for tetrahedra throughout
 
     Loaded from the cache when it was made before from the same geometry, materials, mesh and code.
     """
-    solid = make_apa300ml(geometry, ceramic=ceramic, coupling=coupling, ports=ports)
+    solid = make_apa300ml(geometry, ceramic=ceramic, coupling=coupling, stack_coupling=stack_coupling, ports=ports)
     key = fingerprint(
         shape_bytes(solid.shape),
         solid.materials,

@@ -1,0 +1,161 @@
+"""The bench's figures from stresses in the stacks' volume: a second route that shares no reduction, point or port.
+
+The actuator stacks are given the free strain s of a voltage (an eigenstrain), the sensor stack is read by the stress
+averaged over its volume: without charge, its voltage V obeys  0 = integral of s : sigma + C V,  where sigma is the
+stress of the strain beyond s V and C the unloaded stack's capacitance. Mesh of tetrahedra, boundary conditions on the
+pads' faces (clamped below, guided above with the payload spread over the face), elasticity and loads are written out
+here.
+"""
+
+from dataclasses import dataclass
+
+import netgen.occ as occ
+import ngsolve as ng
+import numpy as np
+import scipy.linalg
+import scipy.optimize
+
+from models.apa300ml import PZT, STACK, STEEL, make_apa300ml
+
+ACTUATORS, SENSOR = "actuator_stack_1|actuator_stack_2", "sensor_stack"
+N_MOMENTS = 4
+"""Krylov vectors per load: below 200 Hz more change nothing in eight digits."""
+
+
+@dataclass(frozen=True)
+class StackFigures:
+    """What the volumes tell of the bench.
+
+    zero: of V_s/V_a [Hz]; axial_zero: of the mean axial stress in the sensor stack alone, lateral stress unseen [Hz]
+    pole, shorted_pole: first eigenfrequency with the sensor open and shorted [Hz]
+    sensor_gain: static V_s/V_a with the sensor open [V/V]; encoder_gain: static d_e/V_a, sensor open [m/V]
+    shorted_encoder_gain: sensor shorted [m/V]; stiffness: of the whole actuator, all stacks shorted [N/m]
+    stroke: of the top under the full voltage range at all three stacks [m]
+    """
+
+    zero: float
+    axial_zero: float
+    pole: float
+    shorted_pole: float
+    sensor_gain: float
+    encoder_gain: float
+    shorted_encoder_gain: float
+    stiffness: float
+    stroke: float
+
+
+def stack_figures(
+    *, payload_mass: float = 5.0, gain: float = 20.0, element_size: float = 5e-3, order: int = 3
+) -> StackFigures:
+    """The bench's figures by stresses in the stacks' volume.
+
+    payload_mass: guided along z [kg]; gain: stack voltage per drive voltage [V/V]
+    element_size [m], order: of the tetrahedra
+    """
+    shape = make_apa300ml().shape
+    geometry = occ.OCCGeometry(shape)
+    mesh = ng.Mesh(geometry.GenerateMesh(maxh=element_size, curvaturesafety=1.0, segmentsperedge=0.3, grading=0.5))
+    mesh.Curve(order)
+    space = ng.VectorH1(
+        mesh, order=order, dirichletx="bottom_pad|top_pad", dirichlety="bottom_pad|top_pad", dirichletz="bottom_pad"
+    )
+    u, v = space.TnT()
+    metal = {"frame": STEEL, "spacer": STEEL}
+    materials = {name: metal.get(name, PZT) for name in mesh.GetMaterials()}
+    young = mesh.MaterialCF({name: m.young_modulus for name, m in materials.items()})
+    poisson = mesh.MaterialCF({name: m.poisson_ratio for name, m in materials.items()})
+    density = mesh.MaterialCF({name: m.density for name, m in materials.items()})
+
+    def stress(strain: ng.CoefficientFunction) -> ng.CoefficientFunction:
+        return young / (1 + poisson) * (strain + poisson / (1 - 2 * poisson) * ng.Trace(strain) * ng.Id(3))
+
+    strain_u, strain_v = ng.Sym(ng.Grad(u)), ng.Sym(ng.Grad(v))
+    stiffness = ng.BilinearForm(space, symmetric=True)
+    stiffness += ng.InnerProduct(stress(strain_u), strain_v) * ng.dx
+    mass = ng.BilinearForm(space, symmetric=True)
+    mass += density * u * v * ng.dx
+    face = ng.Integrate(1.0, mesh, definedon=mesh.Boundaries("top_pad"))
+    mass += payload_mass / face * u[2] * v[2] * ng.ds("top_pad")
+
+    along = STACK.free_stroke / STACK.voltage_range / STACK.length
+    across = STACK.transverse_ratio * along
+    free_strain = ng.CoefficientFunction((along, 0, 0, 0, across, 0, 0, 0, across), dims=(3, 3))
+    axial = ng.CoefficientFunction((1, 0, 0, 0, 0, 0, 0, 0, 0), dims=(3, 3))
+
+    def row(integrand: ng.CoefficientFunction, region: str) -> np.ndarray:
+        form = ng.LinearForm(space)
+        form += integrand * ng.dx(definedon=mesh.Materials(region))
+        return form.Assemble().vec.FV().NumPy().copy()
+
+    drive, sensor, both = (
+        row(ng.InnerProduct(stress(free_strain), strain_v), region)
+        for region in (ACTUATORS, SENSOR, f"{ACTUATORS}|{SENSOR}")
+    )
+    axial_stress = row(ng.InnerProduct(axial, stress(strain_v)), SENSOR)
+    top = ng.LinearForm(space)
+    top += v[2] / face * ng.ds("top_pad")
+    top_row = top.Assemble().vec.FV().NumPy().copy()
+    # With all strains held, the stress of the sensor's own voltage takes charge away.
+    held = ng.Integrate(ng.InnerProduct(stress(free_strain), free_strain), mesh, definedon=mesh.Materials(SENSOR))
+    capacitance = STACK.capacitance - held
+
+    loads = np.stack([drive, sensor, both, top_row], axis=1)
+    with ng.TaskManager():
+        stiffness.Assemble()
+        mass.Assemble()
+        basis = _moments(stiffness.mat, mass.mat, space.FreeDofs(), loads)
+    k, m = (_projected(matrix, basis) for matrix in (stiffness.mat, mass.mat))
+    drive, sensor, both, top_row, axial_stress = (
+        basis.T @ r for r in (gain * drive, sensor, both, top_row, axial_stress)
+    )
+    opened = k + np.outer(sensor, sensor) / capacitance
+
+    def zero_of(reading: np.ndarray, matrix: np.ndarray) -> float:
+        def reads(frequency: float) -> float:
+            return float(reading @ np.linalg.solve(matrix - (2 * np.pi * frequency) ** 2 * m, drive))
+
+        return float(scipy.optimize.brentq(reads, 15.0, 80.0))
+
+    def first(matrix: np.ndarray) -> float:
+        return float(np.sqrt(scipy.linalg.eigvalsh(matrix, m)[0]) / (2 * np.pi))
+
+    static = np.linalg.solve(opened, drive)
+    return StackFigures(
+        zero=zero_of(sensor, k),
+        axial_zero=zero_of(axial_stress, k),
+        pole=first(opened),
+        shorted_pole=first(k),
+        sensor_gain=float(-sensor @ static / capacitance),
+        encoder_gain=float(top_row @ static),
+        shorted_encoder_gain=float(top_row @ np.linalg.solve(k, drive)),
+        stiffness=float(1 / (top_row @ np.linalg.solve(k, top_row))),
+        stroke=float(abs(STACK.voltage_range * top_row @ np.linalg.solve(k, both))),
+    )
+
+
+def _moments(stiffness: ng.BaseMatrix, mass: ng.BaseMatrix, free: ng.BitArray, loads: np.ndarray) -> np.ndarray:
+    """Orthonormal basis of K^-1 f, K^-1 M K^-1 f, ... for the loads f (n, k)."""
+    inverse = stiffness.Inverse(free, inverse="sparsecholesky")
+    source, answer = stiffness.CreateColVector(), stiffness.CreateColVector()
+    vectors = []
+    for load in loads.T:
+        source.FV().NumPy()[:] = load
+        for _ in range(N_MOMENTS):
+            answer.data = inverse * source
+            vectors.append(answer.FV().NumPy().copy())
+            source.data = mass * answer
+    scaled = np.stack(vectors, axis=1)
+    left, size, _ = np.linalg.svd(scaled / np.linalg.norm(scaled, axis=0), full_matrices=False)
+    result: np.ndarray = left[:, size > 1e-9 * size[0]]
+    return result
+
+
+def _projected(matrix: ng.BaseMatrix, basis: np.ndarray) -> np.ndarray:
+    source, answer = matrix.CreateColVector(), matrix.CreateColVector()
+    columns = []
+    for vector in basis.T:
+        source.FV().NumPy()[:] = vector
+        answer.data = matrix * source
+        columns.append(basis.T @ answer.FV().NumPy())
+    result = np.stack(columns, axis=1)
+    return 0.5 * (result + result.T)

@@ -1,0 +1,173 @@
+"""A scene's bodies moved as rigid ones: velocities that joints allow, and constraints that others imply only at rest.
+
+A body's twist (6,) is the motion (ux uy uz rx ry rz) of its point at the world's origin, along the world's axes.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import scipy.linalg
+from scipy.spatial.transform import Rotation
+
+from nassim.checks import Array
+from nassim.interface import DIRECTIONS, rigid_transfer
+from nassim.parts import Body, FlexibleBody, Joint, RigidBody
+from nassim.scene import Scene
+
+FOLLOWED = 1e-9
+"""Share of an asked angular velocity that rounding may leave out."""
+PERTURBATION = 1e-3
+"""Rotation [rad], and displacement over the scene's size, of the small finite motions that test constraints."""
+IMPLIED = 1e-4
+"""Violation, over the perturbation squared, up to which a constraint is implied by others in motion too."""
+
+
+def starting_twists(scene: Scene) -> dict[str, Array]:
+    """Twists of all moving bodies at the start, in accord with the joints, by body name.
+
+    Bodies turn at the angular velocity that they are given; all others, and what that leaves open, move as little as
+    the joints let them: at the least distance, in kinetic energy, to the motion without joints, in which each body
+    turns about its centre of mass. So joints take up forces, but a free scene keeps its momentum. Nothing deforms.
+
+    Raises ValueError for an angular velocity that the joints do not allow.
+    """
+    bodies = _moving(scene)
+    spins = [body for body in scene.flexible_bodies if np.any(body.angular_velocity)]
+    if not spins:
+        return {name: np.zeros(6) for name in bodies}
+    places = {name: slice(6 * k, 6 * k + 6) for k, name in enumerate(bodies)}
+    # Square roots of energy: u = L^T twist, with M = L L^T.
+    to_twist = np.linalg.inv(np.linalg.cholesky(scipy.linalg.block_diag(*map(_mass, bodies.values())))).T
+    alone = np.zeros(6 * len(bodies))
+    turning = np.zeros((3 * len(spins), 6 * len(bodies)))
+    for k, body in enumerate(spins):
+        alone[places[body.name]] = _spinning(body)
+        turning[3 * k : 3 * k + 3, places[body.name]] = np.eye(3, 6, 3)
+    asked = turning @ alone
+    allowed = to_twist @ _null_space(_all_rows(scene, places) @ to_twist)
+    free = allowed.T @ scipy.linalg.block_diag(*map(_mass, bodies.values())) @ alone
+    rates = turning @ allowed
+    found = allowed @ (free + np.linalg.pinv(rates, rcond=1e-9) @ (asked - rates @ free))
+    for k, body in enumerate(spins):
+        missing = (asked - turning @ found)[3 * k : 3 * k + 3]
+        if np.linalg.norm(missing) > FOLLOWED * np.linalg.norm(asked):
+            raise ValueError(
+                f"body {body.name!r} cannot start to turn at {_listed(body.angular_velocity)} rad/s: its joints, and "
+                f"what else turns, leave {_listed(asked[3 * k : 3 * k + 3] - missing)} rad/s, with all bodies rigid; "
+                "give an angular_velocity that they allow, or free more directions of a joint"
+            )
+    return {name: found[place] for name, place in places.items()}
+
+
+def check_implied(scene: Scene, enforced: Mapping[str, Sequence[str]]) -> None:
+    """Raise ValueError for a joint's direction that the others hold at the start, but no more once bodies move.
+
+    enforced: directions that each joint holds, by name, without those that others hold at the start. Where these,
+    satisfied, let the bodies make small finite motions, the left out must stay satisfied.
+    """
+    left_out = {
+        joint.name: [d for d in DIRECTIONS if d not in joint.free and d not in enforced[joint.name]]
+        for joint in scene.joints
+    }
+    if not any(left_out.values()):
+        return
+    bodies = _moving(scene)
+    places = {name: slice(6 * k, 6 * k + 6) for k, name in enumerate(bodies)}
+    points = np.array([scene.point_position(joint.a) for joint in scene.joints])
+    middle, size = points.mean(axis=0), max(float(np.ptp(points, axis=0).max()), 1e-6)
+    scale = np.tile([size] * 3 + [1.0] * 3, len(bodies))
+    about_middle = scipy.linalg.block_diag(*[rigid_transfer(-middle)] * len(bodies)) * scale
+    motions = about_middle @ _null_space(_all_rows(scene, places) @ about_middle)
+    if not motions.size:
+        return
+    correct = about_middle @ np.linalg.pinv(_all_rows(scene, places, enforced) @ about_middle, rcond=1e-9)
+
+    def opened(twists: Array) -> Array:
+        return np.hstack([_gaps(scene, places, joint, enforced[joint.name], twists) for joint in scene.joints])
+
+    directions = np.hstack([np.eye(motions.shape[1]), np.random.default_rng(0).standard_normal((motions.shape[1], 5))])
+    for motion in (motions @ directions).T:
+        twists = PERTURBATION * motion / np.abs(np.linalg.solve(about_middle, motion)).max()
+        for _ in range(10):
+            twists = twists - correct @ opened(twists)
+        limit = IMPLIED * PERTURBATION**2 * size
+        if np.abs(opened(twists)).max(initial=0.0) > limit:
+            continue  # locked by the others already, so this is no finite motion
+        for joint in scene.joints:
+            broken = np.abs(_gaps(scene, places, joint, left_out[joint.name], twists)) > limit
+            if broken.any():
+                listed = ", ".join(np.array(left_out[joint.name])[broken])
+                raise ValueError(
+                    f"joint {joint.name!r}: at the start other joints imply what it holds along {listed}, but no more "
+                    "once the bodies move, so there the scene locks or branches, which cannot be simulated; free that "
+                    "direction of a joint, start in another position, or let a body deform"
+                )
+
+
+def _moving(scene: Scene) -> dict[str, Body]:
+    return {body.name: body for body in scene.bodies if not (isinstance(body, RigidBody) and body.fixed)}
+
+
+def _mass(body: Body) -> Array:
+    """Mass matrix of a rigid body's twist, (6, 6)."""
+    if isinstance(body, RigidBody):
+        assert body.mass is not None
+        assert body.inertia is not None
+        inertia, center, mass = body.inertia, body.position, body.mass
+    else:
+        mass, center = body.reduced.mass, body.position + body.rotation @ body.reduced.center_of_mass
+        about = body.reduced.gram[1:4, 1:4] - mass * np.outer(*[body.reduced.center_of_mass] * 2)
+        # Slender bodies made by hand may have no inertia about their axis.
+        spread = np.trace(about) * (1 + 1e-9) * np.eye(3) - about
+        inertia = body.rotation @ spread @ body.rotation.T
+    to_center = rigid_transfer(center)
+    result: Array = to_center.T @ scipy.linalg.block_diag(mass * np.eye(3), inertia) @ to_center
+    return result
+
+
+def _spinning(body: FlexibleBody) -> Array:
+    """Twist of a body that turns about its centre of mass."""
+    center = body.position + body.rotation @ body.reduced.center_of_mass
+    return np.concatenate([np.cross(center, body.angular_velocity), body.angular_velocity])
+
+
+def _all_rows(scene: Scene, places: Mapping[str, slice], held: Mapping[str, Sequence[str]] | None = None) -> Array:
+    """Relative velocities at the joints along all that they hold, or what is given by name, per unit of all twists."""
+    result = [np.zeros((0, 6 * len(places)))]
+    for joint in scene.joints:
+        rows = np.zeros((6, 6 * len(places)))
+        for path, sign in ((joint.a, -1.0), (joint.b, 1.0)):
+            place = places.get(path.partition(".")[0])
+            if place is not None:
+                rows[:, place] += sign * rigid_transfer(scene.point_position(path))
+        directions = [d for d in DIRECTIONS if d not in joint.free] if held is None else held[joint.name]
+        result.append(rows[[list(DIRECTIONS).index(d) for d in directions]])
+    return np.vstack(result)
+
+
+def _gaps(scene: Scene, places: Mapping[str, slice], joint: Joint, directions: Sequence[str], twists: Array) -> Array:
+    """What opens at a joint along directions that turn with its body a, once all bodies made finite motions."""
+    turns, moved = [], []
+    for path in (joint.a, joint.b):
+        place = places.get(path.partition(".")[0])
+        twist = np.zeros(6) if place is None else twists[place]
+        turns.append(Rotation.from_rotvec(twist[3:]).as_matrix())
+        at = scene.point_position(path)
+        moved.append(turns[-1] @ at + twist[:3] - at)
+    turned = turns[0].T @ turns[1]
+    opened = np.concatenate([turns[0].T @ (moved[1] - moved[0]), [turned[2, 1], turned[0, 2], turned[1, 0]]])
+    result: Array = opened[[list(DIRECTIONS).index(d) for d in directions]]
+    return result
+
+
+def _null_space(rows: Array) -> Array:
+    if not len(rows):
+        return np.eye(rows.shape[1])
+    sizes = np.linalg.norm(rows, axis=1, keepdims=True)
+    result: Array = scipy.linalg.null_space(rows / np.where(sizes > 0, sizes, 1.0), rcond=1e-9)
+    return result
+
+
+def _listed(vector: Array) -> str:
+    rounded = np.round(vector, 9) + 0.0  # no -0
+    return "(" + ", ".join(f"{value:.4g}" for value in rounded) + ")"

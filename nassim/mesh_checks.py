@@ -1,0 +1,65 @@
+"""Whether a mesh serves: its factorisation fits in memory, it fills the part, its walls are thick enough."""
+
+from typing import Any
+
+import ngsolve as ng
+import numpy as np
+import psutil
+
+from nassim.geometry import Solid
+from nassim.notices import warn
+from nassim.solver import factor_memory
+
+SMALL = 50_000
+"""Models with fewer unknowns than this fit in any memory."""
+USUAL_SHARE = 0.7
+"""What the sparse Cholesky takes at most of the estimated memory."""
+THIN_SHARE = 0.5
+LARGEST_VOLUME_ERROR = 0.01
+
+
+def check_memory(mesh: Any, solid: Solid, order: int, element_size: float) -> None:
+    """Refuse a mesh whose factorisation would not fit in the memory that is free."""
+    scalar = ng.H1(mesh, order=order)
+    if 3 * scalar.ndof < SMALL:
+        return
+    points = np.array([vertex.point for vertex in mesh.vertices])
+    elements = list(mesh.Elements(ng.VOL))
+    centres = np.array([points[[v.nr for v in element.vertices]].mean(axis=0) for element in elements])
+    unknowns = [np.array(scalar.GetDofNrs(element)) for element in elements]
+    need = USUAL_SHARE * factor_memory(centres, unknowns)
+    free = psutil.virtual_memory().available
+    if need > free:
+        # The factor grows about as the number of unknowns to the power 4/3.
+        fitting = element_size * (need / free) ** 0.25
+        raise ValueError(
+            f"part {solid.name!r}: {3 * scalar.ndof} degrees of freedom need about {need / 1e9:.1f} GB to factorise, "
+            f"{free / 1e9:.1f} GB are free; an element_size of {fitting:.2g} m or more would fit"
+        )
+
+
+def check_volume(mesh: Any, solid: Solid) -> None:
+    """Warn of a mesh whose curved faces miss the CAD's by so much that its volume is off."""
+    cad = sum(body.mass for body in solid.shape.solids)
+    excess = ng.Integrate(1, mesh) / cad - 1
+    if abs(excess) > LARGEST_VOLUME_ERROR:
+        warn(
+            f"part {solid.name!r}: the mesh has {100 * excess:+.1f} % more volume than the CAD; give its curved faces "
+            "smaller elements (local_sizes, curvature) or a higher order",
+            stacklevel=3,
+        )
+
+
+def warn_of_thin_walls(mesh: Any, solid: Solid) -> None:
+    """Warn of walls one element thick, for elements of order 1."""
+    outside = np.zeros(mesh.nv, dtype=bool)
+    for element in mesh.Elements(ng.BND):
+        outside[[v.nr for v in element.vertices]] = True
+    thin = np.mean([all(outside[v.nr] for v in element.vertices) for element in mesh.Elements(ng.VOL)])
+    if thin > THIN_SHARE:
+        warn(
+            f"part {solid.name!r}: {100 * thin:.0f} % of the elements reach from surface to surface, so walls are one "
+            "element thick; with order 1 they are far too stiff (the first clamped frequency of an APA300ML comes out "
+            "2.6 times too high on 5 mm elements): use order 2 or more",
+            stacklevel=3,
+        )

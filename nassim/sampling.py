@@ -1,0 +1,120 @@
+"""An excitation at the time steps of a simulation: in the scene's units, with nothing of it lost between the steps."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from nassim.checks import Array, known, positive
+from nassim.scene import Scene
+from nassim.signals import TimeHistory, occupied_bandwidth
+from nassim.units import to_si
+
+STEPS_PER_PERIOD = 8
+"""Fewest time steps in the shortest period that an excitation holds."""
+LOST = 0.02
+"""Share of a signal's power that straight lines between the time steps may lose; a sine of 8 steps loses 0.003."""
+
+
+def sampled(scene: Scene, excitation: TimeHistory, *, time_step: float, duration: float | None) -> TimeHistory:
+    """The excitation at the time steps 0, time_step, ... from its first sample on, in the units of the scene's inputs.
+
+    duration: a whole number of steps [s]; default: as many as the excitation has room for
+
+    Raises ValueError for inputs that the scene does not know or, but for those of its loops, that the excitation lacks,
+    for other units, for a duration that does not fit, and for steps that are too long for what the excitation holds.
+    """
+    looped = {name for loop in scene.loops for name in loop.driven}
+    missing = set(scene.inputs) - set(excitation.names) - looped
+    if missing:
+        raise ValueError(f"the excitation lacks the input(s) {', '.join(sorted(missing))}; it has {excitation.names}")
+    for name in excitation.names:
+        known("input", name, scene.inputs)
+    excitation = _in_units(scene, excitation)
+    steps = np.arange(_n_steps(excitation, time_step, duration) + 1) * time_step
+    _check_bandwidth(excitation, time_step)
+    _check_loss(excitation, time_step, float(steps[-1]))
+    rows = [np.interp(steps, excitation.time - excitation.time[0], row) for row in excitation.values]
+    values = np.reshape(rows, (len(excitation.names), len(steps)))
+    return replace(excitation, time=steps, values=values)
+
+
+def _in_units(scene: Scene, excitation: TimeHistory) -> TimeHistory:
+    values, units = excitation.values.copy(), [scene.input_unit(name) for name in excitation.names]
+    for k, (name, given) in enumerate(zip(excitation.names, excitation.units, strict=True)):
+        if given in ("", units[k]):
+            continue
+        try:
+            factor, unit = to_si(given)
+        except ValueError as error:
+            raise ValueError(f"input {name!r} is in {units[k]}, the excitation in {given!r}: {error}") from error
+        if unit != units[k]:
+            raise ValueError(
+                f"input {name!r} is in {units[k]}, the excitation in {given!r}; convert it, or name no unit"
+            )
+        values[k] *= factor
+    return replace(excitation, values=values, units=tuple(units))
+
+
+def _n_steps(excitation: TimeHistory, time_step: float, duration: float | None) -> int:
+    step = positive("time_step", time_step, "s")
+    length = excitation.duration if duration is None else positive("duration", duration, "s")
+    if length > excitation.duration * (1 + 1e-9):
+        raise ValueError(f"duration {length:g} s is longer than the excitation ({excitation.duration:g} s)")
+    n_steps = int(np.floor(length / step * (1 + 1e-9)))
+    if n_steps < 1:
+        raise ValueError(f"time_step {step:g} s is longer than the duration {length:g} s")
+    if duration is not None and abs(length / step - n_steps) > 1e-6 * n_steps:
+        raise ValueError(
+            f"duration {length:g} s is {length / step:.6g} time steps of {step:g} s; take {n_steps * step:.9g} s or "
+            f"another whole number of steps"
+        )
+    return n_steps
+
+
+def _check_bandwidth(excitation: TimeHistory, time_step: float) -> None:
+    highest = occupied_bandwidth(excitation)
+    if highest * time_step * STEPS_PER_PERIOD > 1.0:
+        raise ValueError(
+            f"time_step {time_step:g} s is too long: the excitation holds frequencies up to {highest:.4g} Hz; take at "
+            f"most {1 / (STEPS_PER_PERIOD * highest):.3g} s ({STEPS_PER_PERIOD} steps per period) or filter it"
+        )
+
+
+def _check_loss(excitation: TimeHistory, time_step: float, end: float) -> None:
+    """A pulse shorter than a step may fall between two: straight lines through the steps must follow the samples."""
+    time = excitation.time - excitation.time[0]
+    until = time <= end * (1 + 1e-9)
+    shares = _lost_power(time[until], excitation.values[:, until], time_step)
+    worst = int(np.argmax(shares)) if len(shares) else 0
+    if not len(shares) or shares[worst] <= LOST:
+        return
+    good = _longest_step(time[until], excitation.values[:, until], time_step)
+    raise ValueError(
+        f"time_step {time_step:g} s is too long: straight lines between the steps lose {100 * shares[worst]:.3g} % "
+        f"of the power of {excitation.names[worst]!r}, as of a pulse that falls between two; take at most {good:.4g} s "
+        "or filter it"
+    )
+
+
+def _lost_power(time: Array, values: Array, time_step: float) -> Array:
+    """Share of each signal's power, mean value left out, that straight lines through the time steps lose."""
+    steps = np.append(np.arange(0.0, time[-1], time_step), time[-1])
+    lost = np.array([np.sum((row - np.interp(time, steps, np.interp(steps, time, row))) ** 2) for row in values])
+    power = np.sum((values - values.mean(axis=1, keepdims=True)) ** 2, axis=1)
+    result: Array = np.divide(lost, power, out=np.zeros(len(values)), where=lost > 1e-20 * power)
+    return result
+
+
+def _longest_step(time: Array, values: Array, time_step: float) -> float:
+    """The longest step, a whole number of samples (or a whole part of one), that loses no more than it may."""
+    sample = float(time[1] - time[0])
+    if time_step <= sample:
+        return sample / np.ceil(sample / time_step)
+    good, bad = 1, int(np.ceil(time_step / sample))
+    while bad - good > 1:
+        middle = (good + bad) // 2
+        if np.all(_lost_power(time, values, middle * sample) <= LOST):
+            good = middle
+        else:
+            bad = middle
+    return good * sample

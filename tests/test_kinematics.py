@@ -1,0 +1,323 @@
+"""Starts in motion and released, joints that others imply: against closed forms and integrations by SciPy."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.integrate
+from conftest import make_bar
+from scipy.spatial.transform import Rotation
+
+from nassim import (
+    Encoder,
+    FlexibleBody,
+    Joint,
+    PointForce,
+    RigidBody,
+    Scene,
+    SpringDamper,
+    TimeHistory,
+    build_fe_model,
+    craig_bampton,
+    simulate,
+)
+from nassim.kinematics import starting_twists
+
+LENGTH = 0.1
+MASS = 7800 * LENGTH * 0.01**2
+CROSSWISE = MASS * (LENGTH**2 + 0.01**2) / 12
+"""Moment of inertia of the bar about its centre, across its axis."""
+IDENTITY = np.eye(3)
+TURN = Rotation.from_rotvec([0.4, -0.7, 1.1]).as_matrix()
+
+
+@pytest.fixture(scope="module")
+def bar():
+    return craig_bampton(build_fe_model(make_bar(), element_size=0.02, order=2, progress=False), progress=False)
+
+
+def quiet(duration, time_step):
+    time = np.arange(round(duration / time_step) + 1) * time_step
+    return TimeHistory(time, np.zeros((0, len(time))), (), ())
+
+
+def run(scene, duration, time_step, **options):
+    return simulate(scene, quiet(duration, time_step), time_step=time_step, progress=False, **options)
+
+
+def encoders(path):
+    return tuple(Encoder(axis, "base.origin", path, axis) for axis in "xyz")
+
+
+def base(**points):
+    return RigidBody("base", {"origin": np.zeros(3), **points}, fixed=True)
+
+
+def flag(position):
+    """Hardly any mass, to read where a point of a flexible body is."""
+    return RigidBody("flag", {"pole": np.zeros(3)}, 1e-6, 1e-12 * np.eye(3), position)
+
+
+def swinging_bar(bar, fidelity, free, spin, turn=IDENTITY, frame=None):
+    """A bar that a joint at the origin holds at its left end, with a flag at its right one."""
+    body = FlexibleBody("bar", bar, rotation=turn, fidelity=fidelity, angular_velocity=spin, frame=frame)
+    joints = (Joint("pin", "base.origin", "bar.left", free=free), Joint("mast", "bar.right", "flag.pole"))
+    scene = Scene("swing", (base(), body, flag(turn @ [LENGTH, 0, 0])), joints, damping_ratio=0.0)
+    return replace(scene, sensors=encoders("flag.pole"))
+
+
+@pytest.mark.parametrize(("fidelity", "frame"), [("rigid", None), ("ffrf", "left"), ("ffrf", "right")])
+def test_a_pinned_bar_turns_as_asked(bar, fidelity, frame):
+    """10 rad/s for 0.5 s: 5 rad, on a circle."""
+    spin = np.array([0.0, -10.0, 0.0])
+    record = run(swinging_bar(bar, fidelity, ("ry",), spin, frame=frame), 0.5, 5e-4)
+    angle = 10.0 * record.time
+    assert np.abs(record["x"] - LENGTH * (np.cos(angle) - 1)).max() < 2e-4 * LENGTH
+    assert np.abs(record["z"] - LENGTH * np.sin(angle)).max() < 2e-4 * LENGTH
+    assert np.abs(record["y"]).max() < 1e-9
+
+
+@pytest.mark.parametrize("fidelity", ["rigid", "ffrf"])
+def test_a_turned_bar_on_a_ball_follows_eulers_equations(bar, fidelity):
+    """Any axis, unequal inertias: the rate in the bar's axes by SciPy, and from it the path of its end."""
+    spin = np.array([3.0, -6.0, 5.0])
+    record = run(swinging_bar(bar, fidelity, ("rx", "ry", "rz"), spin, TURN), 0.3, 2.5e-4)
+    inertia = np.diag([MASS * 0.01**2 / 6, *[CROSSWISE + MASS * LENGTH**2 / 4] * 2])
+
+    def rate(_t, state):
+        turn, omega = state[:9].reshape(3, 3), state[9:]
+        turning = turn @ np.cross(np.eye(3), omega).T.T
+        return np.hstack([turning.ravel(), np.linalg.solve(inertia, np.cross(inertia @ omega, omega))])
+
+    start = np.hstack([TURN.ravel(), TURN.T @ spin])
+    found = scipy.integrate.solve_ivp(rate, (0, 0.3), start, t_eval=record.time, rtol=1e-10, atol=1e-12)
+    path = LENGTH * found.y[:9:3] - LENGTH * TURN[:, :1]
+    assert np.abs(path).max() > LENGTH
+    assert np.abs(record.values - path).max() < 2e-4 * LENGTH
+
+
+@pytest.mark.parametrize("fidelity", ["rigid", "ffrf"])
+def test_double_pendulum_started_by_one_of_its_arms(bar, fidelity):
+    """In the plane, no weight; the second arm starts as the blow on its hinge throws it."""
+    mass, inertia, arm = 0.2, 3e-4, 0.04
+    spin = np.array([0.0, -12.0, 0.0])
+    joints = (
+        Joint("pin", "base.origin", "bar.left", free="ry"),
+        Joint("elbow", "bar.right", "second.hinge", free="ry"),
+    )
+    points = {"hinge": (0, 0, arm), "end": (0, 0, -arm)}
+    second = RigidBody("second", points, mass, np.diag([1e-4, inertia, 2e-4]), (LENGTH, 0, -arm))
+    body = FlexibleBody("bar", bar, fidelity=fidelity, angular_velocity=spin)
+    scene = Scene("double", (base(), body, second), joints, damping_ratio=0.0, sensors=encoders("second.end"))
+    record = run(scene, 0.4, 5e-4, spectral_radius=0.9)
+
+    # Angles against the x axis, towards z; the second arm starts at -90 degrees.
+    first_inertia = CROSSWISE + MASS * LENGTH**2 / 4 + mass * LENGTH**2
+
+    def rate(_t, state):
+        a, b, da, db = state
+        coupling = mass * LENGTH * arm
+        matrix = [[first_inertia, coupling * np.cos(a - b)], [coupling * np.cos(a - b), inertia + mass * arm**2]]
+        return [da, db, *np.linalg.solve(matrix, coupling * np.sin(a - b) * np.array([-(db**2), da**2]))]
+
+    # Velocity of the hinge is along z, along the second arm, so the blow does not turn it.
+    start = [0.0, -np.pi / 2, 12.0, 0.0]
+    found = scipy.integrate.solve_ivp(rate, (0, 0.4), start, t_eval=record.time, rtol=1e-10, atol=1e-12)
+    a, b = found.y[:2]
+    assert np.ptp(b) > 1.0
+    assert np.abs(record["x"] - (LENGTH * np.cos(a) + 2 * arm * np.cos(b) - LENGTH)).max() < 1e-3 * LENGTH
+    assert np.abs(record["z"] - (LENGTH * np.sin(a) + 2 * arm * np.sin(b) + 2 * arm)).max() < 1e-3 * LENGTH
+
+
+def test_a_jointed_free_body_is_thrown_as_by_a_blow(bar):
+    """In line with the bar: the blow J at the hinge has rate arm / 2 = J (1 / m1 + 1 / m2 + c^2 / I)."""
+    mass, inertia, arm, spin = 0.2, 3e-4, 0.04, 7.0
+    second = RigidBody("second", {"hinge": (-arm, 0, 0)}, mass, inertia * np.eye(3), (LENGTH + arm, 0, 0))
+    body = FlexibleBody("bar", bar, angular_velocity=np.array([0, 0, spin]))
+    scene = Scene("thrown", (body, second), (Joint("hinge", "bar.right", "second.hinge", free="rz"),))
+    twists = starting_twists(scene)
+    blow = spin * LENGTH / 2 / (1 / MASS + 1 / mass + arm**2 / inertia)
+    assert np.allclose(twists["bar"][3:], [0, 0, spin], rtol=1e-12)
+    assert np.allclose(twists["second"][3:], [0, 0, -blow * arm / inertia], rtol=1e-9)
+    middle = twists["bar"][1] + spin * LENGTH / 2
+    assert middle == pytest.approx(-blow / MASS, rel=1e-9)
+    assert twists["second"][1] + twists["second"][5] * (LENGTH + arm) == pytest.approx(blow / mass, rel=1e-9)
+
+
+def test_a_free_body_turns_about_its_centre_of_mass(bar):
+    twist = starting_twists(Scene("free", (FlexibleBody("bar", bar, angular_velocity=np.array([1.0, 2.0, 3.0])),)))
+    assert np.allclose(twist["bar"][:3] + np.cross([1, 2, 3], [LENGTH / 2, 0, 0]), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("free", "spin", "left"), [((), [0, 0, 9.0], "(0, 0, 0)"), (("rz",), [0, 4.0, 9.0], "(0, 0, 9)")]
+)
+def test_a_turn_that_joints_do_not_allow_is_refused(bar, free, spin, left):
+    with pytest.raises(ValueError, match=rf"'bar' cannot start to turn at .* leave {re.escape(left)} rad/s"):
+        run(swinging_bar(bar, "ffrf", free, np.array(spin)), 0.01, 1e-3)
+
+
+def in_a_slot(bar, fidelity):
+    """A bar pinned at its left end; its right end, free to turn, may move in a slot across the bar."""
+    body = FlexibleBody("bar", bar, fidelity=fidelity, angular_velocity=np.array([0, 0, 1.0]))
+    joints = (
+        Joint("pin", "base.origin", "bar.left", free="rz"),
+        Joint("slot", "base.slot", "bar.right", free=("y", "rz")),
+    )
+    return Scene("locked", (base(slot=[LENGTH, 0, 0]), body), joints, damping_ratio=0.0)
+
+
+def test_a_bar_locked_in_a_slot_is_refused(bar):
+    """Along the bar the slot's hold is the pin's, to first order only: a circle is no straight line."""
+    with pytest.raises(ValueError, match="joint 'slot': at the start other joints imply what it holds along x, but"):
+        run(in_a_slot(bar, "rigid"), 0.1, 1e-3)
+
+
+def door(bar, second):
+    """A bar on two hinges in line, the second of which holds what is given."""
+    low, high = np.array([0.02, 0.03, 0.0]), np.array([0.02, 0.03, 0.05])
+    leaf = RigidBody("leaf", {"low": low, "high": high, "edge": (0.1, 0.03, 0)}, 1.0, np.diag([1e-3, 2e-3, 3e-3]))
+    weight = FlexibleBody("bar", bar, position=(0.1, 0.03, 0), fidelity="rigid", angular_velocity=(0, 0, 4.0))
+    joints = (
+        Joint("first", "base.low", "leaf.low", free="rz"),
+        Joint("second", "base.high", "leaf.high", free=second),
+        Joint("bolt", "leaf.edge", "bar.left"),
+    )
+    scene = Scene("door", (base(low=low, high=high), leaf, weight), joints, damping_ratio=0.0)
+    return replace(scene, sensors=encoders("leaf.edge"))
+
+
+@pytest.mark.parametrize("second", [("rz",), ("z", "rz"), ("rx", "ry", "rz")])
+def test_two_hinges_in_line_are_one(bar, second):
+    record = run(door(bar, second), 0.4, 1e-3)
+    angle = 4.0 * record.time
+    assert np.abs(record["x"] - 0.08 * (np.cos(angle) - 1)).max() < 2e-4 * 0.08
+    assert np.abs(record["y"] - 0.08 * np.sin(angle)).max() < 2e-4 * 0.08
+
+
+def four_bar(bar, coupler=0.25):
+    """Two cranks of one length, hinged to the ground and a coupler: over-constrained in space, with one freedom."""
+    far = np.array([coupler, 0, 0])
+    turn = Rotation.from_euler("z", 90, degrees=True).as_matrix()
+    crank = FlexibleBody("crank", bar, rotation=turn, fidelity="rigid", angular_velocity=(0, 0, -3.0))
+    follower = RigidBody(
+        "follower", {"low": (0, -0.05, 0), "high": (0, 0.05, 0)}, 0.1, 1e-4 * np.eye(3), (*far[:1], 0.05, 0)
+    )
+    ends = {"left": (-coupler / 2, 0, 0), "right": (coupler / 2, 0, 0)}
+    rod = RigidBody("rod", ends, 0.3, 2e-3 * np.eye(3), (coupler / 2, LENGTH, 0))
+    joints = (
+        Joint("a", "base.origin", "crank.left", free="rz"),
+        Joint("b", "base.far", "follower.low", free="rz"),
+        Joint("c", "crank.right", "rod.left", free="rz"),
+        Joint("d", "follower.high", "rod.right", free="rz"),
+    )
+    scene = Scene("four-bar", (base(far=far), crank, follower, rod), joints, damping_ratio=0.0)
+    return replace(scene, sensors=encoders("rod.right"))
+
+
+def test_a_closed_linkage_of_rigid_bodies_moves(bar):
+    """A parallelogram turns evenly: its coupler goes round without turning."""
+    record = run(four_bar(bar), 0.5, 1e-3)
+    angle = 3.0 * record.time
+    assert np.abs(record["x"] - LENGTH * np.sin(angle)).max() < 2e-4 * LENGTH
+    assert np.abs(record["y"] - LENGTH * (np.cos(angle) - 1)).max() < 2e-4 * LENGTH
+    assert np.abs(record["z"]).max() < 1e-9
+
+
+GRAVITY = np.array([0.0, 0.0, -9.81])
+
+
+def pendulum(bar, fidelity, angle):
+    """The bar on a hinge at the origin, hanging at an angle [rad] against the vertical, with a flag at its end."""
+    turn = Rotation.from_euler("y", np.pi / 2 + angle).as_matrix()
+    return replace(swinging_bar(bar, fidelity, ("ry",), np.zeros(3), turn), gravity=GRAVITY)
+
+
+@pytest.mark.parametrize("fidelity", ["rigid", "ffrf"])
+@pytest.mark.parametrize("angle", [-2.0, 0.5])
+def test_a_released_pendulum_swings(bar, fidelity, angle):
+    """theta'' = -(m g l / 2) / I sin(theta), by SciPy."""
+    record = run(pendulum(bar, fidelity, angle), 0.8, 5e-4, start="released", spectral_radius=0.9)
+    inertia = CROSSWISE + MASS * LENGTH**2 / 4
+
+    def rate(_t, state):
+        return [state[1], -MASS * 9.81 * LENGTH / 2 / inertia * np.sin(state[0])]
+
+    found = scipy.integrate.solve_ivp(rate, (0, 0.8), [angle, 0.0], t_eval=record.time, rtol=1e-10, atol=1e-12).y[0]
+    assert np.ptp(found) > 1.5 * abs(angle)
+    assert np.abs(record["x"] + LENGTH * (np.sin(found) - np.sin(angle))).max() < 1e-3 * LENGTH
+    assert np.abs(record["z"] + LENGTH * (np.cos(found) - np.cos(angle))).max() < 1e-3 * LENGTH
+
+
+def test_a_pendulum_out_of_equilibrium_needs_a_choice(bar):
+    with pytest.raises(RuntimeError, match=r'no static equilibrium.*start="released"'):
+        run(pendulum(bar, "rigid", np.pi / 2), 0.1, 1e-3)
+    with pytest.warns(UserWarning, match=r"'bar' turned by 0\.5 rad from where it is drawn.*start=\"released\""):
+        record = run(pendulum(bar, "ffrf", 0.5), 0.1, 1e-3)
+    assert record["z"][0] == pytest.approx(LENGTH * (np.cos(0.5) - 1), rel=1e-3)
+    assert np.ptp(record["z"]) < 1e-6 * LENGTH
+    with pytest.raises(ValueError, match="unknown start 'rest'; known: equilibrium, released"):
+        run(pendulum(bar, "rigid", 0.5), 0.1, 1e-3, start="rest")
+
+
+def sliding(bar, fidelity, mass=0.5):
+    """The bar on a slide along x, flat, with a block at its end that a force pushes."""
+    body = FlexibleBody("bar", bar, fidelity=fidelity)
+    block = RigidBody("block", {"hook": (-0.01, 0, 0)}, mass, 1e-4 * np.eye(3), (LENGTH + 0.01, 0, 0))
+    joints = (
+        Joint("slide", "base.origin", "bar.left", free="x"),
+        Joint("bolt", "bar.right", "block.hook"),
+    )
+    push = PointForce("push", "block.hook", "x", "force")
+    scene = Scene("slide", (base(), body, block), joints, (push,), encoders("block.hook"), damping_ratio=0.0)
+    return replace(scene, gravity=GRAVITY)
+
+
+@pytest.mark.parametrize(
+    ("fidelity", "method"),
+    [
+        ("rigid", "generalized_alpha"),
+        ("ffrf", "generalized_alpha"),
+        ("linear", "generalized_alpha"),
+        ("linear", "exact"),
+    ],
+)
+def test_a_block_free_to_slide_rests_and_can_be_pushed(bar, fidelity, method):
+    """Neutral equilibrium: sagging by the weight, then x = F t^2 / 2 m."""
+    mass, force, time = 0.5, 0.02, np.arange(401) * 5e-4
+    both = TimeHistory(time, np.full((1, 401), force), ("force",), ("N",))
+    record = simulate(sliding(bar, fidelity), both, time_step=5e-4, method=method, progress=False)
+    expected = 0.5 * force / (MASS + mass) * time**2
+    assert np.abs(record["x"] - record["x"][0] - expected).max() < 1e-3 * expected[-1]
+    modulus, area_moment = 200e9, 0.01**4 / 12
+    tip, uniform = mass * 9.81, MASS * 9.81 / LENGTH
+    sag = (tip * LENGTH**3 / 3 + tip * 0.01 * LENGTH**2 / 2 + uniform * LENGTH**4 / 8) / (modulus * area_moment)
+    assert record["z"][0] == pytest.approx(0.0 if fidelity == "rigid" else -sag, rel=0.02, abs=1e-15)
+    assert np.ptp(record["z"]) < 1e-3 * sag
+
+
+@pytest.mark.parametrize(("method", "step"), [("exact", 1e-4), ("generalized_alpha", 2e-5), ("explicit", 4e-6)])
+@pytest.mark.parametrize("damping", [0.0, 80.0])
+def test_a_released_spring_overshoots_its_sag(bar, method, step, damping):
+    """A mass on a relaxed spring, let go, also free to fall sideways; beside it a flexible body, for the method."""
+    mass, stiffness = 2.0, 5e5
+    body = RigidBody("mass", {"c": np.zeros(3)}, mass, 1e-2 * np.eye(3))
+    beside = FlexibleBody("beside", bar, position=(1, 0, 0), fidelity="linear")
+    scene = Scene(
+        "sprung",
+        (base(side=(1.0, 0, 0)), body, beside),
+        (Joint("guide", "base.origin", "mass.c", free=("x", "z")), Joint("held", "base.side", "beside.left")),
+        sensors=encoders("mass.c"),
+        springs=(SpringDamper("spring", "base.origin", "mass.c", "z", stiffness, damping),),
+        damping_ratio=0.0,
+        gravity=np.array([3.0, 0.0, -9.81]),
+        cutoff_frequency=3e3,
+    )
+    record = run(scene, 0.02, step, method=method, start="released")
+    sag, decay, time = mass * 9.81 / stiffness, damping / (2 * mass), record.time
+    omega = np.sqrt(stiffness / mass - decay**2)
+    expected = -sag * (1 - np.exp(-decay * time) * (np.cos(omega * time) + decay / omega * np.sin(omega * time)))
+    assert expected.min() < -1.5 * sag
+    assert np.abs(record["z"] - expected).max() < 1e-3 * sag
+    assert np.allclose(record["x"], 1.5 * record.time**2, rtol=1e-3, atol=1e-9)
