@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+import scipy.spatial
 
 from nassim import (
     Encoder,
     FlexibleBody,
     Joint,
+    LinearModel,
     PointForce,
     ReducedBody,
     RemotePoint,
@@ -20,9 +22,11 @@ from nassim import (
     static_response,
 )
 from nassim.assembly import assemble, motion_size
+from nassim.inertia import RigidInertia
 from nassim.interface import rigid_transfer
 from nassim.linear import damping
 from nassim.simulation import exudyn_eigenfrequencies
+from nassim.statespace import discretize
 
 LENGTH, STIFFNESS, LEFT, RIGHT, LOAD = 0.2, 5e4, 0.7, 0.4, 1.3
 GROUND = RigidBody("ground", {"left": np.zeros(3), "right": np.array([LENGTH, 0, 0])}, fixed=True)
@@ -92,6 +96,19 @@ def test_a_ramp_on_a_free_body():
     assert np.allclose(found, expected, atol=1e-7 * np.abs(expected).max())
 
 
+def test_exact_steps_of_an_oscillator_driven_in_both_states():
+    """Inputs into the displacement and into the velocity, held and straight, at a frequency that asks for balancing."""
+    w, h = 3e4, 4e-5
+    c, s = np.cos(w * h), np.sin(w * h)
+    step, held, risen = discretize(np.array([[0.0, 1.0], [-(w**2), 0.0]]), np.diag([2.0, 5.0]), h)
+    assert np.allclose(step, [[c, s / w], [-w * s, c]], rtol=1e-10)
+    expected = np.array([[s / w, (1 - c) / w**2], [c - 1, s / w]]) @ np.diag([2.0, 5.0])
+    assert np.allclose(held, expected, rtol=1e-10, atol=0)
+    rise = 1 - s / (w * h)
+    expected = np.array([[(1 - c) / (w**2 * h), rise / w**2], [-rise, (1 - c) / (w**2 * h)]]) @ np.diag([2.0, 5.0])
+    assert np.allclose(risen, expected, rtol=1e-9, atol=0)
+
+
 def test_damping_ratios_belong_to_modes_in_order():
     given = [0.02, 0.05, 0.03]
     scene = pushed(Joint("clamp", "ground.left", "dumbbell.left"), damping_ratio=given)
@@ -99,6 +116,30 @@ def test_damping_ratios_belong_to_modes_in_order():
     assert len(frequency) == 6
     assert np.allclose(frequency, assemble(scene).frequency, rtol=1e-9)
     assert np.allclose(ratio, [0.02, 0.05, 0.03, 0.03, 0.03, 0.03], rtol=1e-9)
+
+
+def test_damping_that_grows_is_negative():
+    """x'' - 2 z w x' + w^2 x = 0, a drift x' = a x and one that dies away."""
+    w, z = 2 * np.pi * 12.0, 0.03
+    state = np.zeros((4, 4))
+    state[:2, :2] = [[0, 1], [-(w**2), 2 * z * w]]
+    state[2, 2], state[3, 3] = 5.0, -800.0
+    model = LinearModel(state, np.zeros((4, 0)), np.zeros((0, 4)), np.zeros((0, 0)), (), ())
+    frequency, ratio = damping(model)
+    assert np.allclose(frequency, [5 / (2 * np.pi), 12.0, 800 / (2 * np.pi)], rtol=1e-9)
+    assert np.allclose(ratio, [-1.0, -z, 1.0], rtol=1e-9)
+
+
+def test_the_box_of_a_bodys_inertia_is_the_box_itself():
+    """A homogeneous box of 0.3 x 0.1 x 0.2 m, turned, its centre away from the origin."""
+    sides, mass, centre = np.array([0.3, 0.1, 0.2]), 7.0, np.array([0.4, -0.2, 0.1])
+    turn = scipy.spatial.transform.Rotation.from_euler("zyx", [30, 40, 50], degrees=True).as_matrix()
+    inertia = turn @ np.diag(mass / 12 * (np.sum(sides**2) - sides**2)) @ turn.T
+    about_origin = inertia + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    rigid = RigidInertia(mass, centre, about_origin, 0.0)
+    assert np.allclose(rigid.central_inertia, inertia, atol=1e-12)
+    assert np.allclose(rigid.box, np.sort(sides**2), rtol=1e-9)
+    assert rigid.box_density == pytest.approx(mass / np.prod(sides), rel=1e-9)
 
 
 def test_size_of_a_motion_does_not_depend_on_the_bodys_origin():
@@ -162,6 +203,8 @@ def test_a_spring_between_two_masses_that_move():
     assert np.allclose(assemble(scene).frequency, expected, rtol=1e-9)
     assert np.allclose(exudyn_eigenfrequencies(scene), expected, rtol=1e-6)
     # Force 1 N on a: x_b = k_c / (k (k + 2 k_c)), x_b - x_a = -1 / (k + 2 k_c).
+    answer = [1e4 / (3e4 * 5e4), -1 / 5e4]
     found = static_response(scene, {"force": 1.0})
-    assert found["other"] == pytest.approx(1e4 / (3e4 * 5e4), rel=1e-6)
-    assert found["between"] == pytest.approx(-1 / 5e4, rel=1e-6)
+    assert [found["other"], found["between"]] == pytest.approx(answer, rel=1e-6)
+    slow = frequency_response(linearize(scene), np.array([1e-3])).values[:, 0, 0]
+    assert np.allclose(slow, answer, rtol=1e-6, atol=0)

@@ -52,10 +52,12 @@ def test_cutting_in_layers_leaves_the_part_alone():
     assert [face.name for face in solid.shape.faces] == before
 
 
-def test_layers_are_thin_enough():
-    mesh = ng.Mesh(generate_mesh(make_bar(), element_size=0.02, extrude="x", layer_thickness=0.004))
+@pytest.mark.parametrize(("thickness", "layers"), [(0.004, 25), (0.03, 4)])
+def test_layers_are_thin_enough(thickness, layers):
+    """As few equal layers as are no thicker than asked for."""
+    mesh = ng.Mesh(generate_mesh(make_bar(), element_size=0.02, extrude="x", layer_thickness=thickness))
     x = {round(vertex.point[0], 9) for vertex in mesh.vertices}
-    assert np.diff(sorted(x)).max() <= 0.004 + 1e-9
+    assert np.allclose(np.diff(sorted(x)), 0.1 / layers, atol=2e-9)
 
 
 def test_prisms_and_tetrahedra_agree():

@@ -90,7 +90,7 @@ def test_enriched_body_is_a_richer_basis_of_the_same_model(apa):
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 @pytest.mark.parametrize("coupling", ["rbe2", "rbe3"])
 def test_discretisation_of_a_cantilever(order, coupling):
-    """Against elements half as large and of order 5."""
+    """Against elements half as large and of order 5; order 1 locks, of which one order more mends only a part."""
     solid = make_bar(length=0.08, side=0.012, coupling=coupling)
     found = []
     for size, p in ((0.012, order), (0.006, 5)):
@@ -98,7 +98,9 @@ def test_discretisation_of_a_cantilever(order, coupling):
         found.append(craig_bampton(model, n_modes=10, discretization=True, progress=False))
     body, reference = found
     true = body.eigenfrequencies(fixed=["left"])[:5] / reference.eigenfrequencies(fixed=["left"])[:5] - 1
-    assert_within_factor(body.discretization_errors(fixed=["left"], n=5), true, negligible=1e-6)
+    ratio = body.discretization_errors(fixed=["left"], n=5) / true
+    low, high = (0.5, 1.2) if order == 1 else (0.8, 1.6)
+    assert np.all((ratio > low) & (ratio < high)), ratio
 
 
 @pytest.mark.parametrize("order", [2, 3])
