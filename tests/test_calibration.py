@@ -5,9 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from models.apa300ml import CALIBRATION, PAPER_FREQUENCY_FE, PZT, VENDOR_STIFFNESS, reduced_apa300ml
-from models.apa300ml.calibration import PARAMETERS, make_model, variant
+from models.apa300ml import CALIBRATION, PAPER_FREQUENCY_FE, PZT, STACK, VENDOR_STIFFNESS, reduced_apa300ml
+from models.apa300ml.beam_model import axial_stiffness, beam_model
+from models.apa300ml.calibration import CIRCUITS, PARAMETERS, data_sheet_figures, make_model, variant
 from models.bench import BENCH_CONDITIONS
+from nassim import build_fe_model
 from nassim.calibration import Parameter, Target, calibrate, sensitivities
 
 WIDTH = Parameter("width", 0.010, 0.005, 0.020)
@@ -118,3 +120,18 @@ def test_calibrated_apa_on_its_default_mesh():
     assert stiffness == pytest.approx(record["figures"]["axial_stiffness"], rel=1e-3)
     frequency = apa.eigenfrequencies(**BENCH_CONDITIONS, masses={"top": 5.0})[0]
     assert frequency == pytest.approx(PAPER_FREQUENCY_FE, rel=0.015)
+
+
+def test_open_stacks_are_stiffer_by_what_the_beam_model_says():
+    """All three stacks open: each is 1 / (1 - k33^2) as stiff; the rest of the actuator stays as it is."""
+    fe_model = build_fe_model(variant({}), element_size=8e-3, order=2, progress=False)
+    figures = {circuit: data_sheet_figures(fe_model, circuit=circuit) for circuit in CIRCUITS}
+    beam = beam_model()
+    opened = beam.span / (1 - STACK.stroke_per_volt**2 * beam.span / STACK.capacitance)
+    line = 1 / (1 / beam.line - 3 / beam.span + 3 / opened)
+    expected = axial_stiffness(beam, line=line) / axial_stiffness(beam) - 1
+    found = figures["open"]["axial_stiffness"] / figures["shorted"]["axial_stiffness"] - 1
+    assert found == pytest.approx(expected, rel=0.2)
+    assert figures["open"]["stroke"] == figures["shorted"]["stroke"]
+    with pytest.raises(ValueError, match="unknown circuit 'closed'; known: shorted, open"):
+        data_sheet_figures(fe_model, circuit="closed")

@@ -15,8 +15,9 @@ from models.apa300ml import (
     APAGeometry,
     make_apa300ml,
 )
-from nassim import ElectricalPort, FEModel, Solid, build_fe_model, craig_bampton
+from nassim import ElectricalPort, FEModel, Solid, build_fe_model, craig_bampton, open_circuit
 from nassim.calibration import Parameter
+from nassim.checks import known
 from nassim.fem import with_materials
 from nassim.materials import Material
 
@@ -35,6 +36,12 @@ PUBLISHED = {"axial_stiffness": VENDOR_STIFFNESS, "frequency_5kg": PAPER_FREQUEN
 PORTS = (ElectricalPort("all", ("sensor_stack", "actuator_stack_1", "actuator_stack_2"), STACK),)
 
 
+CIRCUITS = ("shorted", "open")
+"""Electrical state of all stacks that a vendor's stiffness may refer to. Data sheets give the stiffness together with
+stroke and blocked force of an actuator on its amplifier, which holds the voltage: as with a short. An open stack is
+stiffer by 1 / (1 - k33^2)."""
+
+
 def variant(values: Mapping[str, float]) -> Solid:
     """The APA300ML with some parameters changed from their start; all three stacks are one electrical port."""
     chosen = {name: p.start for name, p in PARAMETERS.items()} | dict(values)
@@ -42,17 +49,21 @@ def variant(values: Mapping[str, float]) -> Solid:
     return make_apa300ml(geometry, ceramic=_ceramic(chosen["pzt_modulus"]), ports=PORTS)
 
 
-def data_sheet_figures(fe_model: FEModel) -> dict[str, float]:
+def data_sheet_figures(fe_model: FEModel, *, circuit: str = "shorted") -> dict[str, float]:
     """Figures of a variant's FE model that data sheets and papers give [SI units].
 
+    circuit: of all stacks, for stiffness and frequencies, see `CIRCUITS`; the stroke is always driven
     axial_stiffness: of the whole actuator [N/m]; stroke: with all stacks from 0 to their full range [m]
     frequency_5kg: bottom fixed, top guided with 5 kg; blocked_1, blocked_2: bottom clamped; free_1: free [Hz]
     """
+    known("circuit", circuit, CIRCUITS)
     body = craig_bampton(fe_model, n_modes=8, remote_points=["bottom", "top"], progress=False)
-    compliance = body.compliance(fixed=["bottom"])
     free = np.arange(6, len(body.mass_matrix))
     forces = body.port("all").forces[free] * STACK.voltage_range
     motion = np.linalg.solve(body.stiffness_matrix[np.ix_(free, free)], forces)
+    if circuit == "open":
+        body = open_circuit(body, {"all": 0.0})
+    compliance = body.compliance(fixed=["bottom"])
     blocked = body.eigenfrequencies(fixed=["bottom"])
     return {
         "axial_stiffness": float(1 / compliance[8, 8]),
@@ -65,9 +76,10 @@ def data_sheet_figures(fe_model: FEModel) -> dict[str, float]:
     }
 
 
-def make_model(**mesh: Any) -> Callable[[Mapping[str, float]], Mapping[str, float]]:
+def make_model(*, circuit: str = "shorted", **mesh: Any) -> Callable[[Mapping[str, float]], Mapping[str, float]]:
     """The figures as a function of the parameters, on meshes made with the given arguments of `build_fe_model`.
 
+    circuit: see `data_sheet_figures`
     A geometry is meshed once; where only the ceramic changes, its mesh is used again.
     """
     models: dict[tuple[tuple[str, float], ...], FEModel] = {}
@@ -78,7 +90,7 @@ def make_model(**mesh: Any) -> Callable[[Mapping[str, float]], Mapping[str, floa
             models[geometry] = build_fe_model(variant(dict(geometry)), progress=False, **mesh)
         ceramic = _ceramic(values.get("pzt_modulus", PARAMETERS["pzt_modulus"].start))
         stacks = {name: ceramic for name in PORTS[0].bodies}
-        return data_sheet_figures(with_materials(models[geometry], stacks))
+        return data_sheet_figures(with_materials(models[geometry], stacks), circuit=circuit)
 
     return figures
 
