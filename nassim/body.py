@@ -28,7 +28,7 @@ class ReducedBody:
         field of coordinate j: all that large motion needs to know of the inertia
     surface, surface_modes: triangles of the outer surface and its displacements per coordinate, shape
         (n_points, 3, n), for pictures; None where unknown
-    record: how the reduction was made, as text
+    record: how the reduction was made, as text; under "warnings" what was warned of meanwhile, a line each
     enriched: the same body with more coordinates, in which what was left out is present, so that the difference of
         any answer of the two is the truncation error; None where unknown
     full_integrals: False where `gram` is right for rigid motions and a guess for the rest, as of imported matrices,

@@ -9,8 +9,10 @@ from nassim.body import ReducedBody
 from nassim.checks import Array, positive, unique
 from nassim.condensation import Condensation, condense, strained_part
 from nassim.discretization import released_stiffness
+from nassim.exclusive import exclusive
 from nassim.fem import FEModel
 from nassim.modes import check_n_modes, fixed_interface_modes, left_out_vectors, modes_below
+from nassim.notices import collected
 from nassim.piezo import PortCoupling
 from nassim.progress import stage
 from nassim.solver import threads
@@ -55,27 +57,29 @@ def craig_bampton(
         if value is not None:
             positive(label, value, unit)
     count = DEFAULT_MODES if n_modes is None else n_modes
-    if isinstance(fe_model, Condensation):
-        if remote_points is not None:
-            raise ValueError("a Condensation has its remote points already; give them to condense instead")
-        condensed = fe_model
-    else:
-        check_n_modes(count, fe_model.n_dofs)
-        condensed = condense(fe_model, remote_points=remote_points, progress=progress)
-    kept = (
-        [condensed.fe_model.port(name) for name in unique("electrical port", ports)]
-        if ports is not None
-        else condensed.fe_model.ports
-    )
-    if tolerance is None:
-        rich, count = _reduce(condensed, count, cutoff_frequency, kept, discretization, progress)
-    else:
-        rich, count = _reduce_within(condensed, tolerance, cutoff_frequency, kept, discretization, progress)
+    with exclusive(), collected() as told:
+        if isinstance(fe_model, Condensation):
+            if remote_points is not None:
+                raise ValueError("a Condensation has its remote points already; give them to condense instead")
+            condensed = fe_model
+        else:
+            check_n_modes(count, fe_model.n_dofs)
+            condensed = condense(fe_model, remote_points=remote_points, progress=progress)
+        kept = (
+            [condensed.fe_model.port(name) for name in unique("electrical port", ports)]
+            if ports is not None
+            else condensed.fe_model.ports
+        )
+        if tolerance is None:
+            rich, count = _reduce(condensed, count, cutoff_frequency, kept, discretization, progress)
+        else:
+            rich, count = _reduce_within(condensed, tolerance, cutoff_frequency, kept, discretization, progress)
     body = keep_modes(rich, count)
     record = {**body.record, **_report(body, rich, count)}
+    warnings = [*condensed.fe_model.warnings, *told.warnings]
     if progress:
         print("\n".join(f"  {label}: {text}" for label, text in record.items() if label != "finite element model"))
-    return replace(body, record=record)
+    return replace(body, record={**record, **({"warnings": "\n".join(warnings)} if warnings else {})})
 
 
 def _reduce(

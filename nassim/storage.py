@@ -3,6 +3,7 @@
 import errno
 import hashlib
 import importlib
+import importlib.metadata
 import io
 import os
 import platform
@@ -18,10 +19,14 @@ import h5py
 import numpy as np
 import psutil
 
+from nassim.notices import warn
+
 FORMAT_VERSION = 2
 """Format 1, of nassim 0.1, had no seal."""
 SEAL_SIZE = 512
 """Bytes before the HDF5 image, which HDF5 leaves to applications (its user block): they hold the image's SHA-256."""
+PACKAGE = Path(__file__).parent
+LIBRARIES = ("netgen-mesher", "ngsolve", "numpy", "scipy", "pypardiso", "mkl")
 
 Noun = TypeVar("Noun")
 
@@ -141,7 +146,8 @@ def cached(name: str, key: str, build: Callable[[], Noun], *, progress: bool = T
     key: a `fingerprint` of everything that the result depends on
     progress: print whether the result was loaded or computed, and where it lies
 
-    A damaged file is reported and rebuilt.
+    Warnings that the result remembers in its `record` are given again when it is loaded. A damaged file is reported and
+    rebuilt. A folder that cannot be written is warned of before the work, whose result is then not kept.
     """
     path = cache_directory() / f"{name}-{key[:16]}.h5"
 
@@ -149,17 +155,44 @@ def cached(name: str, key: str, build: Callable[[], Noun], *, progress: bool = T
         if progress:
             print(f"{name}: {message}", flush=True)
 
-    if path.exists():
+    if os.path.exists(path):
         try:
             result: Noun = load(path)
-            tell(f"loaded from {path} (same inputs)")
-            return result
         except ValueError as error:
             tell(f"the cached file is damaged and will be rebuilt ({error})")
+        else:
+            tell(f"loaded from {path} (same inputs)")
+            record = getattr(result, "record", {})
+            if "finite element model" in record:
+                tell(record["finite element model"])
+            for message in record.get("warnings", "").splitlines():
+                warn(message, stacklevel=3)
+            return result
+    problem = _why_not_writable(path.parent)
+    if problem:
+        warn(
+            f"the cache folder {path.parent} cannot be written ({problem}), so {name} will be computed but not kept; "
+            "set the environment variable NASSIM_CACHE to a folder that can",
+            stacklevel=3,
+        )
+        return build()
     result = build()
-    save(result, path)
-    tell(f"saved to {path}")
+    try:
+        save(result, path)
+    except OSError as error:
+        warn(f"{name} could not be kept in the cache folder {path.parent}: {error}", stacklevel=3)
+    else:
+        tell(f"saved to {path}")
     return result
+
+
+def _why_not_writable(folder: Path) -> str:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        return str(error)
+    return ""
 
 
 def fingerprint(*parts: object) -> str:
@@ -170,10 +203,17 @@ def fingerprint(*parts: object) -> str:
     return digest.hexdigest()
 
 
-def source_fingerprint(*modules: str) -> str:
-    """SHA-256 of the source code of modules, for keys that must change when the method changes."""
-    paths = [importlib.import_module(name).__file__ for name in modules]
-    return fingerprint(*(Path(path).read_bytes() for path in paths if path))
+def code_fingerprint() -> str:
+    """SHA-256 of what computes a reduction: all sources of nassim, and the versions of the libraries beneath."""
+    sources = {path.relative_to(PACKAGE).as_posix(): path.read_bytes() for path in PACKAGE.rglob("*.py")}
+    return fingerprint(sources, {name: _version(name) for name in LIBRARIES})
+
+
+def _version(library: str) -> str:
+    try:
+        return importlib.metadata.version(library)
+    except importlib.metadata.PackageNotFoundError:
+        return "none"
 
 
 def _update(digest: Any, part: object) -> None:
@@ -183,6 +223,7 @@ def _update(digest: Any, part: object) -> None:
             digest.update(item.name.encode())
             _update(digest, getattr(part, item.name))
     elif isinstance(part, Mapping):
+        digest.update(str(len(part)).encode())
         for key in sorted(part):
             _update(digest, key)
             _update(digest, part[key])
@@ -193,7 +234,7 @@ def _update(digest: Any, part: object) -> None:
     elif isinstance(part, np.ndarray):
         digest.update(f"{part.dtype}{part.shape}".encode() + np.ascontiguousarray(part).tobytes())
     elif isinstance(part, bytes):
-        digest.update(part)
+        digest.update(str(len(part)).encode() + b":" + part)
     elif part is None or isinstance(part, (str, bool, int, float, np.generic)):
         digest.update(repr(part).encode())
     else:

@@ -31,11 +31,11 @@ def reduce_bar(length, side):
 
 
 def run(call, timeout=120):
-    """Run a function of this file in another process, with two threads of NGSolve; returns what it printed."""
+    """Run a function of this file in another process; returns what it printed."""
     return subprocess.run(
         [sys.executable, "-c", f"import test_exclusive; test_exclusive.{call}"],
         cwd=HERE,
-        env={**os.environ, "NASSIM_THREADS": "2"},
+        env={**os.environ, "NASSIM_THREADS": "1"},
         capture_output=True,
         text=True,
         timeout=timeout,

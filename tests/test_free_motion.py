@@ -11,6 +11,7 @@ from superelements import grounded_at
 from nassim import (
     Encoder,
     FlexibleBody,
+    GroundAcceleration,
     Joint,
     PointForce,
     ReducedBody,
@@ -267,6 +268,23 @@ def test_neutral_equilibrium(damper):
     expected = 8.0 * (time / c - m / c**2 * (1 - np.exp(-c * time / m))) if c else 8.0 * time**2 / (2 * m)
     # The far mass follows on a stiff bar, so the plate's ripple is small beside the motion.
     np.testing.assert_allclose(record["x"], expected, atol=1e-4 * expected[-1])
+
+
+@pytest.mark.parametrize("along", ["x", "y"])
+def test_neutral_equilibrium_of_a_slide_that_carries_all_weight(block, along):
+    """Nothing gives way under weight, so the free motion's share, all rounding, has only itself to compare with."""
+    loads = np.zeros((len(block.mass_matrix), 0))
+    body = trim_body(block, points=["left"], loads=loads, cutoff_frequency=1.0)
+    c, s = np.cos(0.7), np.sin(0.7)
+    tilt = np.array([[1, 0, 0], [0, c, -s], [0, s, c]]) @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+    base = RigidBody("base", {"rail": np.zeros(3)}, position=tilt @ body.point("left").position, fixed=True)
+    sled = FlexibleBody("sled", body, rotation=tilt, fidelity="linear")
+    rail = Joint("rail", "base.rail", "sled.left", free=along)
+    push = GroundAcceleration("shake", along, "shake")
+    scene = Scene("slide", (base, sled), (rail,), (push,), gravity=(0, 0, -9.81))
+    assert np.any(assemble(scene).shapes.T @ assemble(scene).basis.T @ assemble(scene).weight)
+    shake = TimeHistory(np.array([0.0, 1.0]), np.ones((1, 2)), ("shake",), ("m/s2",))
+    simulate(scene, shake, time_step=0.1, method="exact", progress=False)
 
 
 def test_modes_need_a_definite_mass(block):

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from nassim import FRF, Material, TimeHistory, load, save, storage
-from nassim.storage import cache_directory, cached, fingerprint, source_fingerprint
+from nassim.storage import cache_directory, cached, fingerprint
 
 
 def record(amplitude=1.0):
@@ -441,9 +441,3 @@ def test_fingerprints_do_not_depend_on_order_or_layout():
 def test_fingerprint_refuses_what_it_cannot_see_through():
     with pytest.raises(ValueError, match="cannot make a fingerprint of function"):
         fingerprint(lambda: 0)
-
-
-def test_source_fingerprint_names_the_method():
-    one = source_fingerprint("nassim.modal")
-    assert one == source_fingerprint("nassim.modal")
-    assert one != source_fingerprint("nassim.modal", "nassim.interface")

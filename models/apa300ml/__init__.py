@@ -28,7 +28,8 @@ from nassim import (
     craig_bampton,
 )
 from nassim.geometry import shape_bytes
-from nassim.storage import cached, fingerprint, source_fingerprint
+from nassim.solver import solver_name
+from nassim.storage import cached, code_fingerprint, fingerprint
 
 # Table 1 of the paper; the ceramic's Poisson ratio and density are printed once for both materials.
 STEEL = Material("stainless steel", young_modulus=190e9, poisson_ratio=0.31, density=7800.0)
@@ -184,7 +185,8 @@ def reduced_apa300ml(
     ceramic: its modulus is calibrated to the vendor's stiffness; PZT_TABLE_1 is the paper's
     mesh: further arguments of `build_fe_model`; {} for tetrahedra throughout
 
-    Loaded from the cache when it was made before from the same geometry, materials, mesh and code.
+    Loaded from the cache when it was made before from the same geometry, materials, points, ports and mesh, by the same
+    solver, the same code and the same versions of the libraries.
     """
     solid = make_apa300ml(geometry, ceramic=ceramic, coupling=coupling, stack_coupling=stack_coupling, ports=ports)
     key = fingerprint(
@@ -194,25 +196,8 @@ def reduced_apa300ml(
         solid.ports,
         (element_size, order, n_modes),
         dict(mesh),
-        source_fingerprint(
-            "nassim.interface",
-            "nassim.materials",
-            "nassim.modal",
-            "nassim.piezo",
-            "nassim.geometry",
-            "nassim.meshing",
-            "nassim.fem",
-            "nassim.ports",
-            "nassim.trim",
-            "nassim.surface",
-            "nassim.solver",
-            "nassim.condensation",
-            "nassim.modes",
-            "nassim.discretization",
-            "nassim.body",
-            "nassim.reduction",
-            "nassim.storage",
-        ),
+        solver_name(),
+        code_fingerprint(),
     )
 
     def build() -> ReducedBody:
