@@ -206,7 +206,7 @@ def test_trimmed_bench_keeps_its_frfs(apa):
     scale = np.abs(expected)
     # At the zero of V_s/V_a the magnitude vanishes: there 0.1 % of the static gain.
     assert np.all(np.abs(found - expected) < 1e-3 * np.maximum(scale, scale[:, :, :1]))
-    assert np.allclose(found[:, :, 0], expected[:, :, 0], rtol=1e-9)
+    assert np.allclose(found[:, :, 0].real, expected[:, :, 0].real, rtol=1e-11, atol=0)
     assert len(trimmed.trimmed().bodies[1].reduced.mass_matrix) <= 16
 
 
@@ -243,9 +243,9 @@ def test_trimming_keeps_rigid_motion_and_statics(apa):
     assert body.eigenfrequencies()[5] < 1e-2
     answer = np.linalg.solve(body.stiffness_matrix[6:, 6:], (body.motion("junction")[0])[6:])
     assert body.motion("junction")[0, 6:] @ answer == pytest.approx(apa.compliance(fixed=["bottom"])[18, 18], rel=1e-9)
-    assert np.allclose(
-        body.compliance(fixed=["bottom"])[6:, 6:], apa.compliance(fixed=["bottom"])[6:12, 6:12], rtol=1e-8
-    )
+    found, expected = body.compliance(fixed=["bottom"])[6:, 6:], apa.compliance(fixed=["bottom"])[6:12, 6:12]
+    scale = 1 / np.sqrt(np.diag(expected))
+    assert np.abs(scale[:, None] * (found - expected) * scale).max() < 1e-8
 
 
 @pytest.mark.parametrize(

@@ -161,7 +161,7 @@ def nearly_incompressible_glue(apa):
         for modulus in (glue.young_modulus, glue.young_modulus * 0.501 / (1.499 * 0.002))
     )
     assert free < fine < held
-    return coarse / fine - 1, 0.05
+    return abs(coarse / fine - 1), 0.05
 
 
 def arms_0_2_mm_thin(apa):

@@ -559,3 +559,30 @@ def test_scenes_that_are_damped_otherwise_are_refused(small_bench, bench_fit):
     slow = replace(small_bench, actuators=(replace(small_bench.actuators[0], bandwidth=300.0),))
     with pytest.raises(ValueError, match="whose damping is all modal"):
         apply_identification(slow, bench_fit[0], trusted="encoder")
+
+
+def test_the_noise_of_a_fit_is_that_of_its_data():
+    """Standard deviations of complex responses, another for each output."""
+    frequency = np.arange(20.0, 450.0, 0.25)
+    size = np.array([[0.02], [0.3]]) * np.abs(GAINS).mean(axis=1, keepdims=True)
+    random = np.random.default_rng(3)
+    parts = (random.standard_normal((2, len(frequency))) for _ in range(2))
+    noise = size / np.sqrt(2) * (next(parts) + 1j * next(parts))
+    frf = FRF(frequency, (model_frf(frequency) + noise)[:, None], OUTPUTS, ("u",))
+    fit = identify(frf, hold_order=None, band=(20.0, 449.0))
+    # 1700 lines tell a standard deviation to 1.2 %.
+    np.testing.assert_allclose(np.sqrt(np.mean(fit.noise**2, axis=1)), size[:, 0], rtol=0.04)
+
+
+def test_a_factor_is_known_the_better_the_more_its_gains_err_together(small_bench, bench_fit):
+    """Two gains each uncertain by s with correlation r: their quotient is uncertain by s sqrt(2 - 2 r)."""
+    fit, _ = bench_fit
+    n, (n_outputs, n_modes) = 2 * len(fit.frequency), fit.gains.shape
+    for r in (0.0, 0.5, 0.9):
+        together = np.full((n_outputs, n_outputs), r) + (1 - r) * np.eye(n_outputs)
+        covariance = np.zeros_like(fit.covariance)
+        covariance[n:, n:] = 0.01**2 * np.kron(together, np.ones((n_modes,) * 2)) * np.outer(fit.gains, fit.gains)
+        _, report = apply_identification(small_bench, replace(fit, covariance=covariance), trusted="encoder")
+        change = report.changes[-1]
+        assert change.parameter == "sensor_voltage.voltage_per_elongation"
+        assert change.std / abs(change.after) == pytest.approx(0.01 * np.sqrt(2 - 2 * r), rel=1e-9)

@@ -174,7 +174,7 @@ def test_a_cable_shares_the_charge(fidelity):
     assert found["voltage"] == pytest.approx(2.0 * voltage, rel=1e-5)
     assert found["elongation"] == pytest.approx(2.0 * flexibility, rel=1e-5)
     slow = frequency_response(linearize(scene), np.array([1e-3])).values[:, 0, 0]
-    assert np.allclose(slow, [voltage, flexibility], rtol=1e-6)
+    assert np.allclose(slow, [voltage, flexibility], rtol=1e-6, atol=0)
 
 
 def test_a_loaded_sensor_is_a_high_pass_of_all_its_capacitance():
@@ -184,7 +184,7 @@ def test_a_loaded_sensor_is_a_high_pass_of_all_its_capacitance():
     corner = 1 / (2 * np.pi * RESISTANCE * (stack.capacitance + CABLE))
     expected = -3.0 * stack.stroke_per_volt / (stack.capacitance + CABLE) * 1j * frequency / (1j * frequency + corner)
     found = frequency_response(linearize(scene), frequency).response("voltage", "force")
-    assert np.allclose(found, expected, rtol=1e-4)
+    assert np.allclose(found, expected, rtol=1e-4, atol=0)
 
 
 @pytest.mark.parametrize(("fidelity", "method"), [("linear", "exact"), ("linear", None), ("ffrf", None)])
@@ -298,8 +298,8 @@ def test_dynamics_against_the_full_fe_model(apa_with_ports, apa_with_ports_conde
     expected = np.array([voltage, full[1, 0] + full[1, 1] * voltage])
     bench = make_bench(apa=apa_with_ports, fidelity="linear", resistance=np.inf, damping_ratio=0.0)
     found = frequency_response(linearize(bench), frequency).values[:, 0]
-    assert np.allclose(found[:, 0], expected[:, 0], rtol=1e-6)
-    assert np.allclose(found, expected, rtol=1e-3)
+    assert np.allclose(found[:, 0], expected[:, 0], rtol=1e-6, atol=0)
+    assert np.allclose(found, expected, rtol=1e-3, atol=0)
 
 
 @pytest.mark.parametrize("resistance", [np.inf, 5e3])
@@ -371,7 +371,7 @@ def test_fewer_coordinates_keep_the_static_answer(reduced):
             free = np.setdiff1d(np.arange(len(body.mass_matrix)), index)
             forces = np.array([port.forces[free] for port in body.ports])
             charges.append(forces @ np.linalg.solve(body.stiffness_matrix[np.ix_(free, free)], forces.T))
-        assert np.allclose(charges[0], charges[1], rtol=1e-8)
+        assert np.allclose(charges[0], charges[1], rtol=1e-8, atol=0)
 
 
 def test_ports_survive_saving(reduced, tmp_path):

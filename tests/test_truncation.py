@@ -78,7 +78,9 @@ def test_truncation_of_the_benchs_frf(apa_condensed, bench):
 
 def test_static_answers_have_no_truncation_error(apa):
     """The enriched body has the same constraint modes, so its compliance is the same."""
-    assert np.allclose(apa.compliance(fixed=["bottom"]), apa.enriched.compliance(fixed=["bottom"]), rtol=1e-9)
+    found, expected = (body.compliance(fixed=["bottom"]) for body in (apa, apa.enriched))
+    scale = 1 / np.sqrt(np.maximum(np.diag(expected), 1e-30))
+    assert np.abs(scale[:, None] * (found - expected) * scale).max() < 1e-9
 
 
 def test_enriched_body_is_a_richer_basis_of_the_same_model(apa):
