@@ -201,7 +201,7 @@ class ReducedBody:
             raise ValueError(f"body {self.name!r} carries no enriched form, so its truncation error is unknown")
         frequency = self.eigenfrequencies(fixed=fixed, guided=guided, masses=masses)
         better = self.enriched.eigenfrequencies(fixed=fixed, guided=guided, masses=masses)[: len(frequency)]
-        elastic = better > RIGID * frequency[-1]
+        elastic = better > RIGID * np.max(frequency, initial=0.0)
         errors = np.zeros(len(frequency))
         errors[elastic] = frequency[elastic] / better[elastic] - 1
         return errors[:n]
@@ -230,7 +230,7 @@ class ReducedBody:
         frequency = self.eigenfrequencies(fixed=fixed, guided=guided, masses=masses)
         softer = replace(self, stiffness_matrix=self.stiffness_matrix - self.released_stiffness)
         better = softer.eigenfrequencies(fixed=fixed, guided=guided, masses=masses)
-        elastic = better > RIGID * frequency[-1]
+        elastic = better > RIGID * np.max(frequency, initial=0.0)
         errors = np.zeros(len(frequency))
         errors[elastic] = SATURATION * 0.5 * (1 - (better[elastic] / frequency[elastic]) ** 2)
         return errors[:n]
