@@ -11,8 +11,8 @@ POSSIBLE_SPEEDS = (0.5, 1e6)
 """Speeds of sound [m/s] outside which a modulus or density is in other units: jelly has 1, steel in GPa would have 0.2,
 diamond has 18 000, steel in t/mm3 would have 5e9."""
 USUAL_SPEEDS = (10.0, 30e3)
-"""Speeds of sound [m/s] of engineering materials: soft rubber has 20, diamond 18 000; steel in MPa would have 5, alumina
-in MPa 9.7, steel in g/cm3 160 000, a plastic in g/cm3 40 000."""
+"""Speeds of sound [m/s] of engineering materials: soft rubber has 20, diamond 18 000; steel in MPa would have 5,
+alumina in MPa 9.7, steel in g/cm3 160 000, a plastic in g/cm3 40 000."""
 LIGHTEST = 5.0
 """Density [kg/m3] of the lightest foams; rubber and plastics in g/cm3, about 1, lie below, aerogels too."""
 
