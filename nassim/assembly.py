@@ -352,7 +352,7 @@ def _independent(
 ) -> tuple[Array, dict[str, tuple[str, ...]]]:
     """Constraints of all joints after the given ones, less those that earlier ones imply, and what each joint holds."""
     scale = 1.0 / np.sqrt(np.diag(mass))
-    basis = scipy.linalg.orth((rows * scale).T).T
+    basis = scipy.linalg.orth((rows * scale).T).T if len(rows) else rows  # SciPy before 1.14 takes no empty matrix
     kept = [rows]
     enforced: dict[str, tuple[str, ...]] = {}
     for joint in scene.joints:

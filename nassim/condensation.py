@@ -28,6 +28,9 @@ from nassim.interface import rigid_transfer
 from nassim.progress import Advance, silent, stage
 from nassim.solver import Factorization, factorize, solver_name, threads
 
+DEPENDENT = 1e-9
+"""Share of a remote point's measured motion, squared, below which it is not its own."""
+
 
 @dataclass(frozen=True)
 class Condensation:
@@ -91,7 +94,8 @@ def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, p
 
     remote_points: names (default: all of the model, in its order)
 
-    Raises ValueError for unknown names, no remote point at all, and rbe2 interfaces that share nodes.
+    Raises ValueError for unknown names, no remote point at all, rbe2 interfaces that share nodes, and rbe3 interfaces
+    that share so many with others that their points cannot move by themselves.
     """
     names = [p.name for p in fe_model.remote_points] if remote_points is None else list(remote_points)
     if not unique("remote point", names):
@@ -99,9 +103,10 @@ def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, p
     couplings = tuple(fe_model.coupling(name) for name in names)
     stiff = np.repeat([c.point.coupling == "rbe2" for c in couplings], 6)
     held, prescribed = _prescribed_motions(fe_model, couplings)
+    averages = sp.vstack([_average_rows(c, fe_model.n_dofs) for c in couplings], format="csr")
+    _refuse_dependent(couplings, averages, held)
     with stage(f"factorise ({solver_name()})", enabled=progress), threads():
         grounded = _ground(fe_model, held)
-    averages = sp.vstack([_average_rows(c, fe_model.n_dofs) for c in couplings], format="csr")
     soft_averages = averages[~stiff]
     n_solves = len(stiff) - 6 if stiff.any() else len(stiff)
     with stage("static modes", total=n_solves, unit="solves", enabled=progress) as advance, threads():
@@ -163,6 +168,31 @@ def _prescribed_motions(fe_model: FEModel, couplings: Sequence[Coupling]) -> tup
         prescribed[expanded_dofs(coupling, fe_model.n_dofs), 6 * i : 6 * i + 6] = coupling.motions
     scalar = np.array(sorted(owner), dtype=np.int64)
     return np.concatenate([scalar + k * (fe_model.n_dofs // 3) for k in range(3)]), prescribed
+
+
+def _refuse_dependent(couplings: Sequence[Coupling], averages: sp.csr_matrix, held: NDArray[np.int64]) -> None:
+    """Refuse rbe3 points whose measured motions follow from those of other points, as on small faces that touch."""
+    soft = [i for i, c in enumerate(couplings) if c.point.coupling == "rbe3"]
+    if not soft:
+        return
+    free = np.ones(averages.shape[1])
+    free[held] = 0.0
+    rows = []
+    for i in soft:
+        own = averages[6 * i : 6 * i + 6]
+        # Orthonormal rows on the whole interface: what is left of them on unknowns that move is then at most 1.
+        factor = np.linalg.cholesky((own @ own.T).toarray())
+        rows.append(np.linalg.solve(factor, own.toarray() * free))
+    measured = np.vstack(rows)
+    independent, directions = np.linalg.eigh(measured @ measured.T)
+    if independent[0] < DEPENDENT:
+        share = np.sum(directions[:, 0].reshape(-1, 6) ** 2, axis=1)
+        tied = [couplings[i].point.name for i, s in zip(soft, share, strict=True) if s > DEPENDENT]
+        raise ValueError(
+            f"rbe3 remote points that cannot move by themselves: {', '.join(map(repr, tied))}; too few nodes of their "
+            "interfaces are not on each other's or on an rbe2 point's as well; make the elements there smaller "
+            "(local_sizes), raise the order, or separate the faces"
+        )
 
 
 def _motions_of_first(fe_model: FEModel, couplings: Sequence[Coupling], others: Array) -> Array:

@@ -2,7 +2,19 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from nassim.checks import finite, freeze, positive
+from nassim.notices import warn
+
+POSSIBLE_SPEEDS = (0.5, 1e6)
+"""Speeds of sound [m/s] outside which a modulus or density is in other units: jelly has 1, steel in GPa would have 0.2,
+diamond has 18 000, steel in t/mm3 would have 5e9."""
+USUAL_SPEEDS = (10.0, 30e3)
+"""Speeds of sound [m/s] of engineering materials: soft rubber has 20, diamond 18 000; steel in MPa would have 5,
+alumina in MPa 9.7, steel in g/cm3 160 000, a plastic in g/cm3 40 000."""
+LIGHTEST = 5.0
+"""Density [kg/m3] of the lightest foams; rubber and plastics in g/cm3, about 1, lie below, aerogels too."""
 
 
 @dataclass(frozen=True)
@@ -14,7 +26,10 @@ class Material:
     poisson_ratio: Poisson's ratio [-], above -1 and below 0.5
     density: mass density [kg/m3]
 
-    Raises ValueError when a value is not physical.
+    Raises ValueError when a value is not physical, also where modulus and density together are not: the speed of sound
+    sqrt(young_modulus / density) is 1 m/s in jelly, 20 in soft rubber, 5000 in steel and 18 000 in diamond; it must lie
+    between 0.5 and 1e6 m/s. Outside 10 to 30 000 m/s, and below 5 kg/m3, warns: GPa, MPa or g/cm3 were probably meant;
+    a stand-in for something rigid or without mass may ignore that.
     """
 
     name: str
@@ -30,12 +45,18 @@ class Material:
                 f"{label}: poisson_ratio must lie between -1 and 0.5 (both excluded), got {nu:g}; "
                 "for a nearly incompressible material take 0.49 to 0.499 and elements of order 2 or higher"
             )
-        freeze(
-            self,
-            young_modulus=positive(f"{label}: young_modulus", self.young_modulus, "Pa"),
-            poisson_ratio=nu,
-            density=positive(f"{label}: density", self.density, "kg/m3"),
+        modulus = positive(f"{label}: young_modulus", self.young_modulus, "Pa")
+        density = positive(f"{label}: density", self.density, "kg/m3")
+        speed = np.sqrt(modulus / density)
+        message = (
+            f"{label}: young_modulus {modulus:g} Pa and density {density:g} kg/m3 make a speed of sound of {speed:.2g} "
+            "m/s, steel has 5000; give Pa and kg/m3: 210e9 for 210 GPa or 210e3 MPa, 7800 for 7.8 g/cm3"
         )
+        if not POSSIBLE_SPEEDS[0] <= speed <= POSSIBLE_SPEEDS[1]:
+            raise ValueError(message)
+        if not USUAL_SPEEDS[0] <= speed <= USUAL_SPEEDS[1] or density < LIGHTEST:
+            warn(message, stacklevel=3)
+        freeze(self, young_modulus=modulus, poisson_ratio=nu, density=density)
 
     @property
     def lame_parameters(self) -> tuple[float, float]:

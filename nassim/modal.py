@@ -26,6 +26,8 @@ def eigenmodes(stiffness: Array, mass: Array, *, n_modes: int | None = None) -> 
     finite_array("mass matrix", mass, (len(mass), len(mass)))
     if n_modes is not None and n_modes < 1:
         raise ValueError(f"n_modes must be at least 1, got {n_modes}")
+    if len(mass) == 0:
+        return np.zeros(0), np.zeros((0, 0))
     last = len(stiffness) - 1 if n_modes is None else min(n_modes, len(stiffness)) - 1
     # Scaling to a unit diagonal of M mends the mix of metres, radians and modal coordinates.
     diagonal = np.diag(mass)

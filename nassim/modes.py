@@ -11,6 +11,8 @@ Source: R. R. Craig, C. J. Chang, On the use of attachment modes in substructure
 Z.-Q. Qu, Model Order Reduction Techniques (2004), ch. 6, on moments.
 """
 
+from numbers import Real
+
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, eigsh
 
@@ -29,7 +31,7 @@ DEPENDENT = 1e-10
 
 def check_n_modes(n_modes: int, n_dofs: int) -> None:
     """Raise ValueError when a model with n_dofs unknowns cannot give so many modes."""
-    if int(n_modes) != n_modes or not 0 <= n_modes < n_dofs // 2:
+    if not (isinstance(n_modes, Real) and 0 <= n_modes < n_dofs // 2 and int(n_modes) == n_modes):
         raise ValueError(f"n_modes must be a whole number from 0 to {n_dofs // 2 - 1} for this model, got {n_modes!r}")
 
 

@@ -19,6 +19,8 @@ from nassim.solver import threads
 from nassim.trim import keep_modes
 
 DEFAULT_MODES = 6
+MOST_MODES = 400
+"""Beyond these, the body is no longer small; each doubling on the way costs more than all before it."""
 COLUMNS = 64
 """Fields whose products with the mass matrix are held at once."""
 
@@ -49,7 +51,8 @@ def craig_bampton(
         long again
     progress: show the stages and the report
 
-    Raises ValueError for no remote points, unknown names, more modes than unknowns, and n_modes beside the others.
+    Raises ValueError for no remote points, unknown names, more modes than unknowns, n_modes beside the others, and a
+    tolerance out of reach (the message says what is within).
     """
     if n_modes is not None and not (cutoff_frequency is None and tolerance is None):
         raise ValueError("give either n_modes, or cutoff_frequency and/or tolerance, not both")
@@ -121,14 +124,20 @@ def _reduce_within(
     progress: bool,
 ) -> tuple[ReducedBody, int]:
     """As _reduce, with the fewest modes whose estimated errors stay within a tolerance."""
-    available = 2 * DEFAULT_MODES
+    most = min(MOST_MODES, condensed.fe_model.n_dofs // 2 - 2)
+    available = min(2 * DEFAULT_MODES, most)
     while True:
-        check_n_modes(available, condensed.fe_model.n_dofs)
         rich, _ = _reduce(condensed, available, None, ports, discretization, progress)
-        for count in range(available + 1):
-            if _worst_truncation(keep_modes(rich, count), cutoff_frequency) <= tolerance:
-                return rich, count
-        available *= 2
+        errors = [_worst_truncation(keep_modes(rich, count), cutoff_frequency) for count in range(available + 1)]
+        within = np.flatnonzero(np.array(errors) <= tolerance)
+        if within.size:
+            return rich, int(within[0])
+        if available == most:
+            raise ValueError(
+                f"tolerance {tolerance:g} is out of reach: {int(np.argmin(errors))} of at most {most} modes leave an "
+                f"estimated error of {min(errors):.2g}; ask for that or more, or give cutoff_frequency or n_modes"
+            )
+        available = min(2 * available, most)
 
 
 def _worst_truncation(body: ReducedBody, cutoff_frequency: float | None) -> float:
@@ -158,15 +167,15 @@ def _report(body: ReducedBody, rich: ReducedBody, p: int) -> dict[str, str]:
         record["modes left out"] = f"all from {frequency[p]:.1f} Hz"
     for label, fixed in (("free", ()), (f"{first!r} clamped", (first,))):
         errors = body.truncation_errors(fixed=fixed)[body.eigenfrequencies(fixed=fixed) > 0][:5]
-        record[f"truncation error of the first eigenfrequencies, {label} (estimate)"] = (
-            " ".join(f"{100 * e:.2g}" for e in errors) + " %"
-        )
+        record[f"truncation error of the first eigenfrequencies, {label} (estimate)"] = _percent(errors)
     if body.released_stiffness is not None:
         errors = body.discretization_errors(fixed=(first,), n=5)
-        record[f"discretisation error of the first eigenfrequencies, {first!r} clamped (estimate)"] = (
-            " ".join(f"{100 * e:.2g}" for e in errors) + " %"
-        )
+        record[f"discretisation error of the first eigenfrequencies, {first!r} clamped (estimate)"] = _percent(errors)
     return record
+
+
+def _percent(errors: Array) -> str:
+    return " ".join(f"{100 * e:.2g}" for e in errors) + " %" if errors.size else "none: it has no such modes"
 
 
 def _project(

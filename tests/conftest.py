@@ -55,7 +55,7 @@ def lattice(coupling="rbe3", n=4, stiffness=1e6, node_mass=0.01):
         point = RemotePoint(name, name, np.array([x, 0.01, 0.01]), coupling)
         couplings.append(make_coupling(point, dofs, fields[:, dofs], fields[:, dofs]))
     # Unequal masses: no double eigenvalues, whose shapes would not be unique.
-    mass = sp.diags_array(node_mass * np.random.default_rng(0).uniform(0.7, 1.3, count)).tocsr()
+    mass = sp.diags(node_mass * np.random.default_rng(0).uniform(0.7, 1.3, count)).tocsr()
     return FEModel("lattice", sp.csr_matrix(matrix), sp.csr_matrix(mass), fields, tuple(couplings))
 
 

@@ -1,11 +1,15 @@
 """Static condensation against dense algebra on models made by hand, and on the APA."""
 
+from dataclasses import replace
+
+import netgen.occ as occ
 import numpy as np
 import pytest
-from conftest import lattice, make_bar
+from conftest import STEEL, lattice, make_bar
 
-from nassim import FEModel, build_fe_model, condense
+from nassim import FEModel, RemotePoint, Solid, build_fe_model, condense
 from nassim.condensation import expanded_dofs
+from nassim.interface import rigid_transfer
 
 
 def dense_reference(model, load):
@@ -114,3 +118,40 @@ def test_stiff_interfaces_that_share_nodes():
 
 def _parts(coupling):
     return coupling.dofs, coupling.averages, coupling.motions
+
+
+def cube_with_faces(kinds, order):
+    """A cube in few elements whose four sides around z are the interface of one point, one of its ends of another."""
+    cube = occ.Box((0, 0, 0), (0.01, 0.01, 0.01))
+    cube.name = "cube"
+    sides = ("west", "east", "south", "north")
+    for name, pick, axis in zip(sides, ("Min", "Max") * 2, (occ.X, occ.X, occ.Y, occ.Y), strict=True):
+        getattr(cube.faces, pick)(axis).name = name
+    cube.faces.Min(occ.Z).name = "floor"
+    points = (
+        RemotePoint("around", sides, (0.005, 0.005, 0.005), kinds[0]),
+        RemotePoint("foot", "floor", (0.005, 0.005, 0.0), kinds[1]),
+    )
+    return build_fe_model(Solid("cube", cube, {"cube": STEEL}, points), element_size=0.01, order=order, progress=False)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_soft_interface_all_on_stiff_ones_is_refused(order):
+    """The floor's nodes but at most one lie on the sides, which move as a rigid body."""
+    with pytest.raises(ValueError, match="rbe3 remote points that cannot move by themselves: 'foot'; too few nodes"):
+        condense(cube_with_faces(("rbe2", "rbe3"), order), progress=False)
+
+
+def test_two_soft_points_on_one_interface_are_refused():
+    soft = cube_with_faces(("rbe3", "rbe3"), 2)
+    twice = replace(soft, couplings=(soft.couplings[0], replace(soft.couplings[0], point=soft.couplings[1].point)))
+    with pytest.raises(ValueError, match="that cannot move by themselves: 'around', 'foot'; too few nodes"):
+        condense(twice, progress=False)
+
+
+def test_soft_interface_with_nodes_of_its_own_beside_a_stiff_one():
+    """Enough nodes of the floor lie inside it: the body turns and moves freely."""
+    condensed = condense(cube_with_faces(("rbe2", "rbe3"), 4), progress=False)
+    assert np.all(np.isfinite(condensed.stiffness))
+    motions = np.vstack([rigid_transfer(c.point.position) for c in condensed.couplings])
+    assert np.abs(condensed.stiffness @ motions).max() < 1e-9 * np.abs(condensed.stiffness).max()

@@ -1,5 +1,7 @@
 """Materials: Lamé parameters in closed form, and the checks."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -40,3 +42,50 @@ def test_values_that_are_not_physical_are_refused(change, message):
     steel = {"name": "steel", "young_modulus": 210e9, "poisson_ratio": 0.3, "density": 7850.0}
     with pytest.raises(ValueError, match=message):
         Material(**{**steel, **change})
+
+
+REAL = {
+    "jelly's harder sister, a silicone gel": (150e3, 1000.0),
+    "soft rubber": (1e6, 1100.0),
+    "rubber foam": (0.2e6, 120.0),
+    "packaging foam": (5e6, 15.0),
+    "polyethylene": (0.2e9, 920.0),
+    "balsa": (3e9, 150.0),
+    "lead": (16e9, 11340.0),
+    "tungsten": (410e9, 19300.0),
+    "osmium": (560e9, 22590.0),
+    "beryllium": (303e9, 1848.0),
+    "diamond": (1220e9, 3515.0),
+}
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_real_materials_pass_without_a_word(name):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Material(name, REAL[name][0], 0.3, REAL[name][1])
+
+
+@pytest.mark.parametrize(("modulus", "density"), [(200.0, 7800.0), (70.0, 2700.0), (3.0, 1200.0), (210e9, 7.8e-9)])
+def test_moduli_in_gpa_and_densities_in_tonnes_per_cubic_millimetre_are_refused(modulus, density):
+    with pytest.raises(ValueError, match=r"'slip': young_modulus .* Pa and density .* 7800 for 7\.8 g/cm3"):
+        Material("slip", modulus, 0.3, density)
+
+
+@pytest.mark.parametrize(
+    ("modulus", "density"),
+    [
+        (210e9, 7.8),  # g/cm3, of the softest and the stiffest
+        (1e6, 1.1),
+        (16e9, 11.3),
+        (210e3, 7800.0),  # MPa, likewise
+        (370e3, 3900.0),
+        (2e3, 920.0),
+        (1e15, 7800.0),  # a stand-in for something rigid
+    ],
+)
+def test_moduli_in_mpa_and_densities_in_grams_per_cubic_centimetre_are_warned_of(modulus, density):
+    with pytest.warns(UserWarning, match="'slip': .* make a speed of sound of") as told:
+        material = Material("slip", modulus, 0.3, density)
+    assert (material.young_modulus, material.density) == (modulus, density)
+    assert told[0].filename == __file__

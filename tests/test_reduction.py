@@ -1,5 +1,7 @@
 """Craig-Bampton: exact statics, convergence from above, errors of the 36-coordinate APA."""
 
+import re
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -99,10 +101,33 @@ def test_cutoff_frequency_picks_the_modes_below():
     assert craig_bampton(model, cutoff_frequency=limit, progress=False).n_modes == 10
 
 
-@pytest.mark.parametrize("n_modes", [-1, 10**6, 2.5])
+@pytest.mark.parametrize("n_modes", [-1, 10**6, 2.5, np.nan, np.inf, "3"])
 def test_impossible_numbers_of_modes(n_modes):
     with pytest.raises(ValueError, match="n_modes must be a whole number"):
         craig_bampton(lattice(), n_modes=n_modes, progress=False)
+
+
+@pytest.mark.parametrize("coupling", ["rbe2", "rbe3"])
+def test_one_point_and_no_modes_make_a_rigid_body(coupling):
+    """Six coordinates and no others: the mass matrix is that of a rigid body about the point."""
+    model = lattice(coupling)
+    body = craig_bampton(model, n_modes=0, remote_points=["left"], progress=False)
+    assert np.array_equal(body.eigenfrequencies(), np.zeros(6))
+    assert body.eigenfrequencies(fixed=["left"]).shape == body.truncation_errors(fixed=["left"]).shape == (0,)
+    node_mass = model.scalar_mass_matrix.diagonal()
+    arms = [_arm(position - body.point("left").position)[:3] for position in model.fields[1:].T]
+    expected = sum(m * arm.T @ arm for m, arm in zip(node_mass, arms, strict=True))
+    assert np.allclose(body.mass_matrix, expected, atol=1e-12 * np.abs(expected).max())
+    assert body.record["truncation error of the first eigenfrequencies, 'left' clamped (estimate)"].startswith("none")
+
+
+def test_tolerance_out_of_reach_says_what_is_within():
+    with pytest.raises(ValueError, match=r"tolerance 1e-12 is out of reach: \d+ of at most 52 modes leave") as told:
+        craig_bampton(lattice(), tolerance=1e-12, progress=False)
+    within = float(re.search(r"error of (\S+);", str(told.value))[1])
+    body = craig_bampton(lattice(), tolerance=1.1 * within, progress=False)
+    assert body.n_modes <= 52
+    assert body.truncation_errors()[6:11].max() <= 1.1 * within
 
 
 def test_boundary_conditions_with_unknown_names(apa):

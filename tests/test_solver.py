@@ -13,8 +13,8 @@ HAS_PARDISO = importlib.util.find_spec("pypardiso") is not None
 
 def laplacian(n=12):
     """A 3D grid's Laplacian plus a little: sparse, symmetric positive definite."""
-    line = sp.diags_array([-np.ones(n - 1), 2.01 * np.ones(n), -np.ones(n - 1)], offsets=[-1, 0, 1])
-    eye = sp.eye_array(n)
+    line = sp.diags([-np.ones(n - 1), 2.01 * np.ones(n), -np.ones(n - 1)], offsets=[-1, 0, 1])
+    eye = sp.eye(n)
     return sum(sp.kron(sp.kron(a, b), c) for a, b, c in ((line, eye, eye), (eye, line, eye), (eye, eye, line))).tocsr()
 
 
@@ -106,8 +106,8 @@ def test_memory_estimate_of_a_line_and_of_a_cube():
 
 def test_random_matrix_with_held_unknowns():
     rng = np.random.default_rng(3)
-    part = sp.random_array((300, 300), density=0.02, rng=rng)
-    matrix = (part @ part.T + sp.eye_array(300)).tocsr()
+    part = sp.csr_matrix(rng.standard_normal((300, 300)) * (rng.random((300, 300)) < 0.02))
+    matrix = (part @ part.T + sp.eye(300)).tocsr()
     held = rng.choice(300, 30, replace=False)
     free = np.setdiff1d(np.arange(300), held)
     factor = factorize(symmetric_matrix(matrix), held=held)
