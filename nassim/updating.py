@@ -132,6 +132,7 @@ def apply_identification(
     visible = np.abs(gains) > VISIBLE * np.abs(gains).max(axis=1, keepdims=True)
     matches = _match(fit.frequency, assembly.frequency, visible.any(axis=0), distance)
 
+    n_free = np.count_nonzero(assembly.free)  # a scene counts its elastic modes only
     ratios = assembly.damping_ratio.copy()
     if unmeasured_damping_ratio is not None:
         ratios[:] = not_negative("unmeasured_damping_ratio", unmeasured_damping_ratio)
@@ -139,19 +140,18 @@ def apply_identification(
     for k, mode in enumerate(matches):
         if mode >= 0:
             ratios[mode], std = fit.damping_ratio[k], fit.damping_ratio_std[k]
-            name = f"damping ratio of mode {mode + 1}"
+            name = f"damping ratio of mode {mode + 1 - n_free}"
             changes.append(Change(name, float(assembly.damping_ratio[mode]), float(ratios[mode]), float(std)))
     within = (assembly.frequency >= fit.measured.frequency[0]) & (assembly.frequency <= fit.measured.frequency[-1])
     within[matches[matches >= 0]] = True
     static = gains[:, within].sum(axis=1)
     scaled, factors = _scale(scene, fit, static, trusted)
-    unmeasured = {f"mode {k + 1}": float(r) for k, r in enumerate(ratios) if k not in matches}
+    unmeasured = {f"mode {k + 1 - n_free}": float(r) for k, r in enumerate(ratios) if k not in matches and k >= n_free}
     found = np.where(matches >= 0, assembly.frequency[matches], 0.0)
     report = UpdateReport(
         (*changes, *factors), matches, fit.frequency, found, unmeasured, fit.gains.sum(axis=1) / static
     )
-    # A scene counts its elastic modes only.
-    return replace(scaled, damping_ratio=ratios[~assembly.free]), report
+    return replace(scaled, damping_ratio=ratios[n_free:]), report
 
 
 def _match(identified: Array, frequency: Array, visible: Array, distance: float) -> Array:

@@ -33,6 +33,7 @@ from nassim.interface import rigid_transfer
 from nassim.linear import damping
 from nassim.strain import strained_modes
 from nassim.trim import trim_body
+from nassim.updating import modal_gains
 
 MASS = 100.0
 CENTRE = np.array([0.3, -0.2, 0.1])
@@ -101,6 +102,13 @@ def test_linear_model_of_soft_springs_beside_a_stiff_body(flexure):
     slow = np.argsort(np.abs(natural - np.sqrt(stiffness / mass) / (2 * np.pi)))[:3]
     np.testing.assert_allclose(natural[slow], np.sqrt(stiffness / mass) / (2 * np.pi), rtol=1e-6)
     np.testing.assert_allclose(ratio[slow], 20.0 / (2 * np.sqrt(stiffness * mass)), rtol=1e-6)
+
+
+def test_soft_modes_have_their_share_of_the_static_response(flexure):
+    """The three modes of the springs hold all of 1 / k; the free rotations none."""
+    gains = modal_gains(assemble(table(flexure, 0.7)))[0, 0]
+    assert gains.sum() == pytest.approx(1 / (MASS * (2 * np.pi * 0.7) ** 2), rel=1e-6)
+    assert np.all(gains[:3] == 0)
 
 
 def test_soft_modes_have_the_modal_damping_that_the_scene_states(flexure):
