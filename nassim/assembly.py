@@ -24,7 +24,7 @@ from nassim.parts import (
     VoltageSensor,
 )
 from nassim.scene import Scene
-from nassim.strain import joined, spring_strain, strained_modes
+from nassim.strain import joined, spring_strain, stiffness_root, strained_modes
 from nassim.trim import open_circuit
 
 LOST_DAMPING = 0.01
@@ -230,9 +230,12 @@ def deformation_damping(assembly: Assembly) -> Array:
     deformation = np.vstack(rows)
     damping = modal_damping_matrix(assembly.mass, assembly.frequency, assembly.shapes, assembly.damping_ratio)
     # Coordinates in metres, radians and modal units: scale to comparable energy before the pseudo-inverse.
-    stiffness = scipy.linalg.block_diag(*(assembly.frames[body.name].stiffness_matrix for body in bodies))
-    factor = np.linalg.cholesky(stiffness)
-    inverse = np.linalg.pinv(factor.T @ deformation, rcond=1e-9) @ factor.T
+    roots = [
+        stiffness_root(assembly.frames[b.name].stiffness_matrix, n_points=6 * len(b.reduced.remote_points) - 6)[1]
+        for b in bodies
+    ]
+    root = scipy.linalg.block_diag(*roots)
+    inverse = np.linalg.pinv(root @ deformation, rcond=1e-9) @ root
     result: Array = inverse.T @ damping @ inverse
     _warn_of_lost_damping(assembly, deformation.T @ result @ deformation)
     return result

@@ -387,4 +387,4 @@ def _two_points(label: str, a: str, b: str) -> None:
 
 def _above_zero(label: str, value: float, unit: str = "") -> None:
     if not isinstance(value, (int, float, np.number)) or not value > 0:
-        raise ValueError(f"{label} must be a positive number, got {value!r} {unit}".rstrip() + "; inf for none")
+        raise ValueError(f"{label} must be positive, got {value!r} {unit}".rstrip() + "; inf for none")

@@ -66,7 +66,7 @@ def body_strain(stiffness: Array, mass: Array, positions: Array) -> Strain:
     relative = np.eye(n)
     if lets_go(stiffness, mass, positions):
         relative, stiffness = _beside_first(positions, n), stiffness[6:, 6:]
-    kinds, weights = _factors(stiffness, n_points=len(stiffness) - n + 6 * len(positions))
+    kinds, weights = stiffness_root(stiffness, n_points=len(stiffness) - n + 6 * len(positions))
     rows = kinds @ relative
     size = np.linalg.norm(rows * _unit_mass(mass), axis=1, keepdims=True)
     return Strain(rows / size, weights @ relative)
@@ -100,13 +100,29 @@ def strained_modes(strain: Strain, mass: Array) -> tuple[Array, Array]:
     return np.concatenate([np.zeros(free), omega]) / (2 * np.pi), shapes
 
 
-def _unit_mass(mass: Array) -> Array:
-    """Scales of a unit diagonal of M, (n,), which mend the mix of metres, radians and modal coordinates."""
-    diagonal = np.diag(mass)
-    if np.any(diagonal <= 0):
-        raise ValueError("the mass matrix has a diagonal entry that is not positive; it must be positive definite")
-    result: Array = 1.0 / np.sqrt(diagonal)
-    return result
+def stiffness_root(stiffness: Array, *, n_points: int) -> tuple[Array, Array]:
+    """Independent strains, (m, n), and G with G^T G = K, (m, n), of a stiffness matrix that may be semidefinite.
+
+    n_points: how many of the coordinates, the first ones, are translations and rotations of points
+    """
+    n = len(stiffness)
+    rounding = 10 * n * np.finfo(float).eps
+    size = np.diag(stiffness).copy()
+    for kind in size[:n_points].reshape(-1, 2, 3).transpose(1, 0, 2):  # N/m, then N m/rad
+        kind[kind < rounding * kind.max(initial=0.0)] = 0.0
+    size = np.sqrt(np.maximum(size, 0.0))
+    scale = 1.0 / np.where(size > 0, size, np.inf)
+    scaled = scale[:, None] * stiffness * scale
+    try:
+        root = np.linalg.cholesky(scaled).T
+        if np.diag(root).min(initial=1.0) ** 2 > rounding:
+            return np.eye(n), root * size
+    except np.linalg.LinAlgError:
+        pass
+    values, vectors = np.linalg.eigh(scaled)
+    kept = values > rounding * values.max(initial=0.0)
+    kinds = vectors[:, kept].T * size
+    return kinds, np.sqrt(values[kept])[:, None] * kinds
 
 
 def lets_go(stiffness: Array, mass: Array, positions: Array) -> bool:
@@ -129,32 +145,16 @@ def without_rounding(stiffness: Array, positions: Array) -> Array:
     return 0.5 * (result + result.T)
 
 
+def _unit_mass(mass: Array) -> Array:
+    """Scales of a unit diagonal of M, (n,), which mend the mix of metres, radians and modal coordinates."""
+    diagonal = np.diag(mass)
+    if np.any(diagonal <= 0):
+        raise ValueError("the mass matrix has a diagonal entry that is not positive; it must be positive definite")
+    result: Array = 1.0 / np.sqrt(diagonal)
+    return result
+
+
 def _beside_first(positions: Array, n: int) -> Array:
     """Motions of all points but the first beside what the first one's would give them, and modes, (n - 6, n)."""
     motions = rigid_motions(positions - positions[0], n)
     return np.hstack([-motions[6:], np.eye(n - 6)])
-
-
-def _factors(stiffness: Array, *, n_points: int) -> tuple[Array, Array]:
-    """Independent strains, (m, n), and G with G^T G = K, (m, n), from a matrix that may be semidefinite.
-
-    n_points: how many coordinates are translations and rotations of points
-    """
-    n = len(stiffness)
-    rounding = 10 * n * np.finfo(float).eps
-    size = np.diag(stiffness).copy()
-    for kind in size[:n_points].reshape(-1, 2, 3).transpose(1, 0, 2):  # N/m, then N m/rad
-        kind[kind < rounding * kind.max(initial=0.0)] = 0.0
-    size = np.sqrt(np.maximum(size, 0.0))
-    scale = 1.0 / np.where(size > 0, size, np.inf)
-    scaled = scale[:, None] * stiffness * scale
-    try:
-        root = np.linalg.cholesky(scaled).T
-        if np.diag(root).min(initial=1.0) ** 2 > rounding:
-            return np.eye(n), root * size
-    except np.linalg.LinAlgError:
-        pass
-    values, vectors = np.linalg.eigh(scaled)
-    kept = values > rounding * values.max(initial=0.0)
-    kinds = vectors[:, kept].T * size
-    return kinds, np.sqrt(values[kept])[:, None] * kinds

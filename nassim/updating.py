@@ -141,6 +141,7 @@ def apply_identification(
     alike = _alike(fit.gains, gains, visible, fit.outputs.index(trusted), factor)
     matches = _match(fit.frequency, assembly.frequency, alike, distance, factor)
 
+    n_free = np.count_nonzero(assembly.free)  # a scene counts its elastic modes only
     ratios = assembly.damping_ratio.copy()
     if unmeasured_damping_ratio is not None:
         ratios[:] = not_negative("unmeasured_damping_ratio", unmeasured_damping_ratio)
@@ -148,19 +149,18 @@ def apply_identification(
     for k, mode in enumerate(matches):
         if mode >= 0:
             ratios[mode], std = fit.damping_ratio[k], fit.damping_ratio_std[k]
-            name = f"damping ratio of mode {mode + 1}"
+            name = f"damping ratio of mode {mode + 1 - n_free}"
             changes.append(Change(name, float(assembly.damping_ratio[mode]), float(ratios[mode]), float(std)))
     within = (assembly.frequency >= fit.measured.frequency[0]) & (assembly.frequency <= fit.measured.frequency[-1])
     within[matches[matches >= 0]] = True
     static = gains[:, within].sum(axis=1)
     scaled, factors = _scale(scene, fit, static, trusted)
-    unmeasured = {f"mode {k + 1}": float(r) for k, r in enumerate(ratios) if k not in matches}
+    unmeasured = {f"mode {k + 1 - n_free}": float(r) for k, r in enumerate(ratios) if k not in matches and k >= n_free}
     found = np.where(matches >= 0, assembly.frequency[matches], 0.0)
     report = UpdateReport(
         (*changes, *factors), matches, fit.frequency, found, unmeasured, fit.gains.sum(axis=1) / static
     )
-    # A scene counts its elastic modes only.
-    return replace(scaled, damping_ratio=ratios[~assembly.free]), report
+    return replace(scaled, damping_ratio=ratios[n_free:]), report
 
 
 def _alike(identified: Array, gains: Array, visible: Array, base: int, factor: float) -> Array:

@@ -33,6 +33,7 @@ from nassim.interface import rigid_transfer
 from nassim.linear import damping
 from nassim.strain import strained_modes
 from nassim.trim import trim_body
+from nassim.updating import modal_gains
 
 MASS = 100.0
 CENTRE = np.array([0.3, -0.2, 0.1])
@@ -103,6 +104,13 @@ def test_linear_model_of_soft_springs_beside_a_stiff_body(flexure):
     np.testing.assert_allclose(ratio[slow], 20.0 / (2 * np.sqrt(stiffness * mass)), rtol=1e-6)
 
 
+def test_soft_modes_have_their_share_of_the_static_response(flexure):
+    """The three modes of the springs hold all of 1 / k; the free rotations none."""
+    gains = modal_gains(assemble(table(flexure, 0.7)))[0, 0]
+    assert gains.sum() == pytest.approx(1 / (MASS * (2 * np.pi * 0.7) ** 2), rel=1e-6)
+    assert np.all(gains[:3] == 0)
+
+
 def test_soft_modes_have_the_modal_damping_that_the_scene_states(flexure):
     assembly = assemble(table(flexure, 0.7, damping_ratio=(0.01, 0.02, 0.03, 0.04)))
     np.testing.assert_array_equal(assembly.damping_ratio[:8], [0, 0, 0, 0.01, 0.02, 0.03, 0.04, 0.04])
@@ -122,8 +130,8 @@ def test_a_scene_that_nothing_holds_gets_no_warning_of_lost_damping(recwarn):
     assert not recwarn.list
 
 
-def soft_and_stiff(slow, fast):
-    """Two point masses of 1 kg and 1 g m2, 1 m apart on a bar as soft as stated, and a mode as fast as stated."""
+def soft_and_stiff(slow, fast, twist=1.0):
+    """Two masses of 1 kg and 1 g m2, 1 m apart along y on a bar as soft as stated, and a mode as fast as stated."""
     points = (RemotePoint("a", "a", [0.2, 0.3, 0.1]), RemotePoint("b", "b", [0.2, 1.3, 0.1]))
     fields = np.zeros((2, 3, 13))
     for k in range(2):
@@ -132,7 +140,7 @@ def soft_and_stiff(slow, fast):
     mass = np.diag([1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3] * 2 + [1.0])
     relative = np.hstack([-rigid_transfer([0.0, 1.0, 0.0]), np.eye(6)])
     stiffness = np.zeros((13, 13))
-    stiffness[:12, :12] = (2 * np.pi * slow) ** 2 * relative.T @ np.diag([0.5, 1e3, 0.5, 1, 1, 1]) @ relative
+    stiffness[:12, :12] = (2 * np.pi * slow) ** 2 * relative.T @ np.diag([0.5, 1e3, 0.5, 1, twist, 1]) @ relative
     stiffness[12, 12] = (2 * np.pi * fast) ** 2
     return ReducedBody("soft and stiff", points, mass, stiffness, corners.T @ corners)
 
@@ -151,6 +159,27 @@ def test_a_soft_body_is_not_free():
     assert np.count_nonzero(np.diag(model.A)) == 7
     modal = np.diag(shapes.T @ body_damping(body, 0.02) @ shapes)
     np.testing.assert_allclose(modal, 0.04 * 2 * np.pi * frequency, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("fidelity", ["linear", "ffrf"])
+def test_a_body_with_a_joint_inside_is_free_in_it(fidelity):
+    """No stiffness against a turn of its far end about the line between the points: a seventh free motion."""
+    body = soft_and_stiff(1e3, 1e5, twist=0.0)
+    assert np.count_nonzero(body.eigenfrequencies() == 0) == 7
+    base = RigidBody("base", {"o": np.zeros(3)}, position=body.remote_points[0].position, fixed=True)
+    wheel = RigidBody("wheel", {"o": np.zeros(3), "rim": np.array([0.1, 0, 0])}, 1.0, np.diag([0.1, 0.2, 0.15]))
+    wheel = replace(wheel, position=body.remote_points[1].position)
+    scene = Scene(
+        "shaft",
+        (base, FlexibleBody("shaft", body, fidelity=fidelity), wheel),
+        (Joint("clamp", "base.o", "shaft.a"), Joint("hub", "shaft.b", "wheel.o")),
+        (PointForce("push", "wheel.rim", "z", "force"),),
+        (Encoder("rim", "base.o", "wheel.rim", "z"),),
+    )
+    time = np.arange(101) * 1e-3
+    push = TimeHistory(time, np.full((1, 101), 0.01), ("force",), ("N",))
+    found = simulate(scene, push, time_step=1e-3, progress=False)["rim"]
+    assert found[-1] == pytest.approx(0.01 * 0.1**2 / (0.2 + 1e-3) * time[-1] ** 2 / 2, rel=1e-2)
 
 
 def test_truncation_errors_of_a_soft_free_body():

@@ -8,7 +8,7 @@ import scipy.integrate
 import scipy.signal
 
 from models.bench import make_bench
-from nassim import FRF, TimeHistory, estimate_frf, frequency_response, linearize, load, save, simulate
+from nassim import FRF, RigidBody, TimeHistory, estimate_frf, frequency_response, linearize, load, save, simulate
 from nassim.assembly import assemble
 from nassim.identification import ModalFit, identify_modes
 from nassim.modal import held_pole
@@ -418,6 +418,20 @@ def bench_fit(small_bench):
 def test_modal_gains_sum_to_the_static_response(small_bench):
     static = frequency_response(linearize(small_bench), np.array([1e-3])).values[:, :, 0].real
     np.testing.assert_allclose(modal_gains(assemble(small_bench)).sum(axis=2), static, rtol=1e-6)
+
+
+def test_free_motions_take_nothing_from_an_identified_list(small_bench, bench_fit):
+    """A block that floats beside the bench adds six modes at 0 Hz, before all others, and changes no damping."""
+    block = RigidBody("block", {}, 2.0, np.diag([1.0, 1.2, 1.4]))
+    beside = replace(small_bench, bodies=(*small_bench.bodies, block))
+    (expected, report), (found, same) = (
+        apply_identification(scene, bench_fit[0], trusted="encoder", unmeasured_damping_ratio=0.02)
+        for scene in (small_bench, beside)
+    )
+    np.testing.assert_array_equal(assemble(found).damping_ratio[:6], 0.0)
+    np.testing.assert_allclose(assemble(found).damping_ratio[6:], assemble(expected).damping_ratio, rtol=1e-9)
+    assert same.changes[0].parameter == report.changes[0].parameter == "damping ratio of mode 1"
+    assert set(same.unmeasured) == set(report.unmeasured)
 
 
 def test_damping_and_factors_return_to_the_scene(small_bench, bench_fit):

@@ -273,8 +273,11 @@ def test_flexible_body_checks_itself(change, message):
         (lambda: StackActuator("s", "a.b", "a.c", 1.0, "u", gain=np.inf), "gain holds 1 value.* infinite"),
         (lambda: Joint("j", "a.b", "c.d", free=None), "free must be a tuple of str, got NoneType"),
         (lambda: Joint("j", "a.b", "c.d", free=("x", "x")), "free direction names must differ"),
-        (lambda: StackActuator("s", "a.b", "a.c", 1.0, "u", bandwidth="fast"), "bandwidth must be a positive number"),
-        (lambda: VoltageSensor("s", "a.p", resistance=np.nan), "resistance must be a positive number, got nan Ohm"),
+        (
+            lambda: StackActuator("s", "a.b", "a.c", 1.0, "u", bandwidth="fast"),
+            "bandwidth must be positive, got 'fast'",
+        ),
+        (lambda: VoltageSensor("s", "a.p", resistance=np.nan), "resistance must be positive, got nan Ohm"),
         (lambda: Loop("l", None, ("a",), ("b",)), "controller must be a Controller, got a NoneType"),
         (lambda: STRUT.elongation("top", "top"), "'top' and 'top' of body 'strut' lie in one place"),
         (lambda: replace(reduced(), remote_points=reduced().remote_points[:1] * 2), "used more than once: bottom"),

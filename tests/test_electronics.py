@@ -1,0 +1,173 @@
+"""What a sensor's cable and electronics do to its reading; open circuits in error figures; trimmed scenes' statics."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.integrate
+import scipy.linalg
+from conftest import lattice
+
+from nassim import (
+    Encoder,
+    FlexibleBody,
+    Joint,
+    PointForce,
+    RemotePoint,
+    RigidBody,
+    Scene,
+    StackActuator,
+    StackSensor,
+    TimeHistory,
+    VoltageDrive,
+    VoltageSensor,
+    craig_bampton,
+    frequency_response,
+    linearize,
+    open_circuit,
+    simulate,
+    static_response,
+    truncation_error,
+)
+from nassim.fem import make_coupling
+from nassim.piezo import PortCoupling
+
+CAPACITANCE = 1e-6
+TURN = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
+
+
+@pytest.fixture(scope="module")
+def model():
+    """A lattice with a third remote point inside and two electrical ports that stretch a layer each."""
+    plain = lattice(n=5, stiffness=1e5)
+    x = plain.fields[1]
+    inner = np.flatnonzero(np.abs(x - 0.02) < 1e-9)
+    point = RemotePoint("middle", "middle", [0.02, 0.01, 0.01])
+    middle = make_coupling(point, inner, plain.fields[:, inner], plain.fields[:, inner])
+    ports = []
+    for name, start, end, strength in (("drive", 0.01, 0.02, 2.0), ("sense", 0.02, 0.03, 0.5)):
+        along = strength * (np.isclose(x, end).astype(float) - np.isclose(x, start)) / 9
+        ports.append(PortCoupling(name, np.concatenate([along, 0 * along, 0 * along]), CAPACITANCE))
+    return replace(plain, couplings=(*plain.couplings, middle), ports=tuple(ports))
+
+
+@pytest.fixture(scope="module")
+def body(model):
+    return craig_bampton(model, n_modes=3, progress=False)
+
+
+def held(body, sensor, fidelity="linear", **options):
+    """The body turned, clamped at its left, with a small payload at its right that a force pulls along the body."""
+    at = [TURN @ body.point(name).position for name in ("left", "right")]
+    base = RigidBody("base", {"o": np.zeros(3)}, position=at[0], fixed=True)
+    payload = RigidBody("payload", {"foot": np.zeros(3)}, 0.01, 1e-6 * np.diag([1.0, 2.0, 2.5]), at[1])
+    return Scene(
+        "held",
+        (base, FlexibleBody("body", body, rotation=TURN, fidelity=fidelity), payload),
+        (Joint("clamp", "base.o", "body.left"), Joint("mount", "body.right", "payload.foot")),
+        (PointForce("pull", "payload.foot", "z", "force"),),
+        (sensor,),
+        **{"damping_ratio": 0.0} | options,
+    )
+
+
+def short_circuit(body):
+    """Charge per newton of pull with the port shorted, and the charge that its own volt brings by stretching."""
+    free = np.arange(6, len(body.mass_matrix))
+    flexibility = np.linalg.inv(body.stiffness_matrix[np.ix_(free, free)])
+    forces = body.port("sense").forces[free]
+    pull = np.eye(len(body.mass_matrix))[6 * body.point_names.index("right")][free]
+    return forces @ flexibility @ pull, forces @ flexibility @ forces
+
+
+@pytest.mark.parametrize("fidelity", ["linear", "ffrf"])
+@pytest.mark.parametrize("cable", [0.0, 0.5, 3.0])
+def test_cable_takes_its_share_of_an_open_sensors_voltage(body, fidelity, cable):
+    """The charge spreads over the port, free to stretch, and the cable: V = -Q / (c + c_stretch + C)."""
+    charge, stretch = short_circuit(body)
+    assert stretch > 0.1 * CAPACITANCE
+    sensor = VoltageSensor("voltage", "body.sense", capacitance=cable * CAPACITANCE, gain=4.0)
+    found = static_response(held(body, sensor, fidelity), {"force": 1e-3})["voltage"]
+    expected = -4.0 * 1e-3 * charge / (CAPACITANCE * (1 + cable) + stretch)
+    assert found == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.mark.parametrize("cable", [0.0, 3.0])
+def test_cable_lowers_a_resistive_sensors_corner(body, cable):
+    """V = -s R Q / (1 + s R (c + c_stretch + C)) well below the resonance, whose inertia adds some 1e-5."""
+    charge, stretch = short_circuit(body)
+    total, resistance = CAPACITANCE * (1 + cable) + stretch, 3e5
+    sensor = VoltageSensor("voltage", "body.sense", resistance, cable * CAPACITANCE)
+    scene = held(body, sensor)
+    s = 2j * np.pi * np.array([0.01, 0.1, 0.5, 1.0])
+    found = frequency_response(linearize(scene), s.imag / (2 * np.pi)).values[0, 0]
+    np.testing.assert_allclose(found, -s * resistance * charge / (1 + s * resistance * total), rtol=1e-3)
+
+    time = np.arange(2001) * 1e-3
+
+    def pull(t):
+        return 1e-3 * np.sin(np.pi * t / 2.0) ** 2
+
+    def rate(t, voltage):
+        slope = 1e-3 * np.pi / 2.0 * np.sin(np.pi * t)
+        return -(voltage / resistance + charge * slope) / total
+
+    expected = scipy.integrate.solve_ivp(rate, (0, 2), [0.0], t_eval=time, rtol=1e-9, atol=1e-15, max_step=0.01).y[0]
+    record = TimeHistory(time, pull(time)[None], ("force",), ("N",))
+    for of in (scene, held(body, sensor, "ffrf")):
+        found = simulate(of, record, time_step=1e-3, progress=False)["voltage"]
+        np.testing.assert_allclose(found, expected, atol=2e-3 * np.abs(expected).max())
+
+
+def test_truncation_error_of_an_open_circuit(body):
+    """Both the body and its richer form are stiffer by b b^T / c: eigenvalues of the two by SciPy."""
+    opened = open_circuit(body, {"sense": 2e-7})
+
+    def frequencies(of):
+        forces = of.port("sense").forces
+        stiffness = of.stiffness_matrix + np.outer(forces, forces) / (CAPACITANCE + 2e-7)
+        values = scipy.linalg.eigh(stiffness[6:, 6:], of.mass_matrix[6:, 6:], eigvals_only=True)
+        return np.sqrt(values) / (2 * np.pi)
+
+    expected = frequencies(body) / frequencies(body.enriched)[: len(body.mass_matrix) - 6] - 1
+    found = opened.truncation_errors(fixed=["left"])
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-9)
+    short = body.truncation_errors(fixed=["left"])
+    assert np.abs(found - short).max() > 1e-3, "the port matters here"
+
+
+def test_truncation_error_of_a_scene_with_an_open_sensor(body):
+    sensor = VoltageSensor("voltage", "body.sense", capacitance=CAPACITANCE)
+    scene = held(body, sensor, damping_ratio=0.01)
+    frequency = np.array([1.0, 50.0, 300.0])
+    found, better = (frequency_response(linearize(held(b, sensor)), frequency).values for b in (body, body.enriched))
+    undamped = replace(scene, damping_ratio=0.0)
+    np.testing.assert_allclose(truncation_error(undamped, frequency), np.abs(found / better - 1), rtol=1e-6, atol=1e-12)
+
+
+@pytest.mark.parametrize("fidelity", ["linear", "ffrf"])
+def test_trimmed_scenes_keep_their_statics(body, fidelity):
+    """Stacks and ports anywhere in the body, though the middle point and all modes are left out."""
+    scene = held(body, Encoder("tip", "base.o", "payload.foot", "z"), fidelity)
+    scene = replace(
+        scene,
+        actuators=(
+            *scene.actuators,
+            StackActuator("stack", "body.left", "body.middle", 3.0, "stack"),
+            VoltageDrive("amplifier", "body.drive", "volts", gain=0.5),
+        ),
+        sensors=(
+            *scene.sensors,
+            StackSensor("length", "body.middle", "body.right", 1e4),
+            VoltageSensor("voltage", "body.sense", capacitance=2e-7),
+        ),
+    )
+    trimmed = replace(scene, cutoff_frequency=10.0)
+    left = trimmed.trimmed().bodies[1].reduced
+    assert left.point_names == ("left", "right")
+    assert len(left.mass_matrix) < len(body.mass_matrix)
+    for name in scene.inputs:
+        expected = np.array(list(static_response(scene, {name: 1e-3}).values()))
+        found = np.array(list(static_response(trimmed, {name: 1e-3}).values()))
+        assert np.all(expected != 0)
+        np.testing.assert_allclose(found, expected, rtol=1e-7)
