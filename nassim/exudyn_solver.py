@@ -13,7 +13,7 @@ from nassim.assembly import NO_EQUILIBRIUM, deformable_bodies, motion_size
 from nassim.buckling import axial_forces
 from nassim.checks import Array
 from nassim.digital import RUNAWAY, runaway, start_loops
-from nassim.exudyn_state import Drive, System
+from nassim.exudyn_state import Drive, System, find_accelerations
 from nassim.parts import FlexibleBody
 from nassim.progress import stage
 
@@ -92,9 +92,6 @@ def solve_dynamic(
     settings.timeIntegration.numberOfSteps = n_steps
     settings.timeIntegration.endTime = n_steps * time_step
     settings.timeIntegration.adaptiveStep = False
-    if system.assembly.circuits:
-        # A charge has no mass, so no acceleration can be computed for it.
-        settings.timeIntegration.generalizedAlpha.computeInitialAccelerations = False
     settings.timeIntegration.generalizedAlpha.spectralRadius = spectral_radius
     settings.solution.sensors.writePeriod = time_step
     scene = system.assembly.scene
@@ -112,6 +109,7 @@ def solve_dynamic(
     chunk = max(1, n_steps // CHECKS)
     for _, row, drive in drives:
         drive.apply(system.mbs, 0.0 if np.isfinite(drive.rate) else row[0])
+    find_accelerations(system, settings)
     with stage("simulate", total=n_steps, unit="steps", enabled=progress) as advance, _interrupts() as interrupts:
 
         def look() -> None:

@@ -163,26 +163,48 @@ def add_forces(mbs: Any, nodes: Sequence[int], size: int) -> int:
 
 
 def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array) -> tuple[int, Array]:
-    """Add a port's charge, as a massless coordinate v [V]; returns the sensor of what it adds to the output.
+    """Add a port's charge as a coordinate w = v / scale; returns the sensor of what it adds to the output.
 
-    forces: on the nodes' coordinates per volt of v. Symmetric rows: c v + R c^2 v' = forces @ q.
+    forces: on the nodes' coordinates per volt of v. Symmetric rows: c v + R c^2 v' = forces @ q. The scale makes them
+    as large as those of the body's forces, else the tolerance of Newton's iterations passes over them. The mass is for
+    the accelerations at the start, where w'' = 0; `find_accelerations` takes it away.
     """
     n, c = len(forces), circuit.capacitance
+    scale = float(np.linalg.norm(forces)) / c or 1.0
     node = mbs.AddNode(modal_node(1))
-    stiffness, damping = np.zeros((n + 1, n + 1)), np.zeros((n + 1, n + 1))
-    stiffness[:n, n] = stiffness[n, :n] = -forces
-    stiffness[n, n], damping[n, n] = c, circuit.resistance * c**2
+    mass, stiffness, damping = np.zeros((3, n + 1, n + 1))
+    mass[n, n] = 1.0
+    stiffness[:n, n] = stiffness[n, :n] = -scale * forces
+    stiffness[n, n], damping[n, n] = scale**2 * c, scale**2 * circuit.resistance * c**2
     mbs.AddObject(
         eii.ObjectGenericODE2(
+            name=f"circuit {circuit.output}",
             nodeNumbers=[*nodes, node],
-            massMatrix=np.zeros((n + 1, n + 1)),
+            massMatrix=mass,
             stiffnessMatrix=stiffness,
             dampingMatrix=damping,
         )
     )
     kind = exu.OutputVariableType.Coordinates
     sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kind, storeInternal=True, writeToFile=False)
-    return mbs.AddSensor(sensor), np.array([circuit.gain])
+    return mbs.AddSensor(sensor), np.array([scale * circuit.gain])
+
+
+def find_accelerations(system: System, settings: Any) -> None:
+    """Set the accelerations at the start, while charges have the mass that Exudyn needs for that, and take it away.
+
+    Without them an input that does not start at zero would lose half a step.
+    """
+    if not system.assembly.circuits:
+        return
+    mbs = system.mbs
+    solver: Any = exu.MainSolverImplicitSecondOrder()
+    solver.InitializeSolver(mbs, settings)
+    accelerations = mbs.systemData.GetODE2Coordinates_tt(exu.ConfigurationType.Current)
+    mbs.systemData.SetODE2Coordinates_tt(accelerations, exu.ConfigurationType.Initial)
+    for circuit in system.assembly.circuits:
+        mbs.SetObjectParameter(mbs.GetObjectNumber(f"circuit {circuit.output}"), "massMatrix", np.zeros((0, 0)))
+    settings.timeIntegration.generalizedAlpha.computeInitialAccelerations = False
 
 
 def modal_node(n: int) -> Any:

@@ -15,6 +15,7 @@ from nassim.exact import exact_response
 from nassim.exudyn_solver import axial_tension, eigenfrequencies, solve_dynamic, solve_static
 from nassim.exudyn_state import System
 from nassim.exudyn_system import build_system
+from nassim.kinematics import starting_twists
 from nassim.parts import VoltageSensor
 from nassim.progress import stage
 from nassim.sampling import sampled
@@ -200,8 +201,9 @@ def _warn_of_far_equilibrium(system: System) -> None:
 
 
 def _warn_of_spin(scene: Scene) -> None:
+    twists = starting_twists(scene)
     for body in scene.flexible_bodies:
-        rate = float(np.linalg.norm(body.angular_velocity)) / (2 * np.pi)
+        rate = float(np.linalg.norm(twists[body.name][3:])) / (2 * np.pi)
         if body.fidelity != "ffrf" or rate == 0.0:
             continue
         first = body.reduced.eigenfrequencies(fixed=[scene.frame_point(body)])[0]

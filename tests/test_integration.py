@@ -9,6 +9,7 @@ import pytest
 import scipy.linalg
 from conftest import make_bar
 
+from models.bench import make_bench
 from nassim import (
     Encoder,
     FlexibleBody,
@@ -21,6 +22,7 @@ from nassim import (
     TimeHistory,
     build_fe_model,
     craig_bampton,
+    linearize,
     simulate,
     static_response,
 )
@@ -255,3 +257,23 @@ def test_static_answers_beyond_small_motion_are_told(bar, fidelity):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert static_response(scene, {"force": 1e-3 * force})["position"] == pytest.approx(7.8e-5, rel=0.02)
+
+
+@pytest.mark.parametrize("fidelity", ["linear", "ffrf"])
+@pytest.mark.parametrize("resistance", [3.0, 1e4])
+def test_a_jump_at_the_start_with_a_loaded_sensor(apa_with_ports, fidelity, resistance):
+    """The trapezoidal rule on the state space, whose charge is a state: nothing lost of the first step, nor of V_s."""
+    bench = make_bench(
+        apa=apa_with_ports, fidelity=fidelity, resistance=resistance, cutoff_frequency=500.0, damping_ratio=0.05
+    )
+    step, n = 4e-4, 60
+    jump = TimeHistory(np.arange(n) * step, np.full((1, n), 0.01), bench.inputs, ("V",))
+    record = simulate(bench, jump, time_step=step, progress=False)
+    model = linearize(bench)
+    half = step / 2 * model.A
+    x, expected = np.zeros(len(half)), []
+    for _ in range(n):
+        expected.append(model.C @ x)
+        x = np.linalg.solve(np.eye(len(half)) - half, x + half @ x + step * model.B[:, 0] * 0.01)
+    expected = np.array(expected).T
+    assert np.all(np.abs(record.values[1:] - expected) < 1e-4 * np.abs(expected).max(axis=1, keepdims=True))

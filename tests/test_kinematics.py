@@ -1,6 +1,7 @@
 """Starts in motion and released, joints that others imply: against closed forms and integrations by SciPy."""
 
 import re
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -156,6 +157,22 @@ def test_a_free_body_turns_about_its_centre_of_mass(bar):
 def test_a_turn_that_joints_do_not_allow_is_refused(bar, free, spin, left):
     with pytest.raises(ValueError, match=rf"'bar' cannot start to turn at .* leave {re.escape(left)} rad/s"):
         run(swinging_bar(bar, "ffrf", free, np.array(spin)), 0.01, 1e-3)
+
+
+@pytest.mark.parametrize(("rate", "told"), [(400.0, True), (40.0, False)])
+def test_a_body_that_is_taken_along_is_told_of_its_spin(bar, rate, told):
+    """A bar of 817 Hz bolted to one that is asked to turn, at 64 and 6.4 Hz."""
+    second = FlexibleBody("second", bar, position=(LENGTH, 0, 0))
+    scene = Scene(
+        "two",
+        (FlexibleBody("bar", bar, fidelity="rigid", angular_velocity=(0, 0, rate)), second),
+        (Joint("bolt", "bar.right", "second.left"),),
+        damping_ratio=0.0,
+    )
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        run(scene, 1e-4, 1e-5, spectral_radius=0.8)
+    assert any(f"'second' turns at {rate / 2 / np.pi:.3g} Hz" in str(w.message) for w in caught) == told
 
 
 def in_a_slot(bar, fidelity):
