@@ -1,7 +1,8 @@
 """Calibrate the APA300ML: fit parameters of the model to figures of its data sheet.
 
 Prints how every figure depends on every parameter, so which data can determine what, fits the chosen ones
-(sensitivities from a coarse mesh, every step on the fine one), and compares what was not fitted with what is published.
+(sensitivities from a coarse mesh, every step on the fine one), says how far they would move were the other parameters
+at their bounds (fitted anew on the coarse mesh), and compares what was not fitted with what is published.
 With --write, the fit becomes the model's default.
 """
 
@@ -12,7 +13,7 @@ from _common import parser, write_summary
 
 from models.apa300ml import CALIBRATION, PAPER_FREQUENCY_FE, PRISMS, STACK, VENDOR_STIFFNESS
 from models.apa300ml.calibration import FIGURES, PARAMETERS, PUBLISHED, make_model
-from nassim.calibration import Target, calibrate, check_determined, sensitivities
+from nassim.calibration import Target, at_bounds, calibrate, check_determined, sensitivities
 from nassim.progress import stage
 
 arguments = parser(__doc__, "calibrate_apa")
@@ -64,6 +65,15 @@ def main() -> None:
             f"  {name} = {value:.5g} +- {100 * result.deviations[name]:.2g} %, started from {PARAMETERS[name].start:g}"
         )
 
+    others = [p for name, p in PARAMETERS.items() if name not in args.fit]
+    with stage("fits with others at their bounds", total=2 * len(others) + 1, unit="fits") as advance:
+        moved = at_bounds(coarse, chosen, others, targets, sensitivity=sensitivity, advance=advance)
+    print("\nthat is what the tolerance alone leaves open; with another parameter at its bounds the fit would need")
+    for other in others:
+        for name, (low, high) in moved[other.name].items():
+            bounds = f"{other.lowest:.3g} ... {other.highest:.3g}"
+            print(f"  {other.name} at {bounds}: {name} {100 * low:+.1f} ... {100 * high:+.1f} %")
+
     print("\nfigure                value        published   difference")
     for name in FIGURES:
         value, known = result.figures[name], PUBLISHED.get(name)
@@ -72,6 +82,11 @@ def main() -> None:
             f"  {name:<16} {value:12.5g} "
             + (f"{known:12.5g} {100 * (value / known - 1):+9.2f} % {label}" if known else "")
         )
+    half = table[FIGURES.index("frequency_5kg")] - 0.5 * table[FIGURES.index("axial_stiffness")]
+    print(
+        "frequency_5kg depends on every parameter half as the stiffness does "
+        f"(to within {np.abs(half).max():.3f}): it follows from it and the mass, and confirms nothing more"
+    )
     moving = result.figures["axial_stiffness"] / (2 * np.pi * result.figures["frequency_5kg"]) ** 2
     implied = (2 * np.pi * PAPER_FREQUENCY_FE) ** 2 * moving
     print(
@@ -84,6 +99,10 @@ def main() -> None:
         "relative_deviations": dict(result.deviations),
         "targets": {t.name: t.value for t in targets},
         "target_tolerance": args.tolerance / 100,
+        "relative_changes_with_others_at_their_bounds": {
+            "command": "python scripts/calibrate_apa.py",
+            **{other.name: {"bounds": [other.lowest, other.highest], **moved[other.name]} for other in others},
+        },
         "figures": dict(result.figures),
         "mesh": f"{args.element_size:g} mm, order {args.order}, {'prisms' if kinds else 'tetrahedra'}",
         "sensitivities": {

@@ -92,6 +92,12 @@ def test_help(name):
             ["ffrf_us_per_step", "exact_speed_over_ffrf", "trimmed_frf_error"],
             [],
         ),
+        (
+            "identification_coverage.py",
+            ["--repetitions", "2", "--duration", "4"],
+            ["covered_in_percent", "parameters"],
+            [],
+        ),
         ("identify_damping.py", [], ["damping_ratio_std", "unmodelled_Hz", "errors_in_percent"], ["fit.png"]),
     ],
 )
