@@ -55,7 +55,7 @@ class Calibration:
     """Fitted parameters, and what the model shows with them.
 
     values, deviations: by parameter; the deviation is the relative standard deviation [-] that the targets' tolerances
-        mean
+        alone mean, as if all other parameters were known: for what these add see `at_bounds`
     figures: all that the model shows at the end, by name
     errors: relative differences of the targets' figures [-], by name
     n_evaluations: of the model
@@ -80,12 +80,15 @@ def sensitivities(
     By differences over +-4 %, or to the side that the bounds leave. advance: called once per evaluation, of which there
     are two per parameter.
     """
-    unique("parameter", (p.name for p in parameters))
+    if not unique("parameter", (p.name for p in parameters)):
+        raise ValueError("name at least one parameter")
     start = {p.name: p.start for p in parameters}
     columns = []
     for p in parameters:
         ends = [p.start * np.exp(sign * STEP) for sign in (-1.0, 1.0)]
         ends = [min(max(end, p.lowest), p.highest) for end in ends]
+        if ends[0] == ends[1]:
+            raise ValueError(f"parameter {p.name!r} has no room between its bounds: {p.lowest:g} to {p.highest:g}")
         logarithms = []
         for end in ends:
             logarithms.append(_logarithms(model(start | {p.name: end}), figures))
@@ -115,7 +118,8 @@ def calibrate(
     leaves a parameter's bounds; RuntimeError when it does not settle.
     """
     names = unique("parameter", (p.name for p in parameters))
-    unique("target", (t.name for t in targets))
+    if not names or not unique("target", (t.name for t in targets)):
+        raise ValueError("name at least one parameter and one target")
     sensitivity = finite_array("sensitivity", sensitivity, (len(targets), len(parameters)))
     deviation = check_determined(parameters, targets, sensitivity, largest_deviation=largest_deviation)
     weights = 1 / np.array([t.tolerance for t in targets])
@@ -142,6 +146,40 @@ def calibrate(
                     "another parameter, or question the target"
                 )
     raise RuntimeError(f"the fit has not settled after {MOST_STEPS} steps; last errors: {np.expm1(-gap)}")
+
+
+def at_bounds(
+    model: Model,
+    fitted: Sequence[Parameter],
+    others: Sequence[Parameter],
+    targets: Sequence[Target],
+    *,
+    sensitivity: Array,
+    advance: Advance = silent,
+) -> dict[str, dict[str, tuple[float, float]]]:
+    """How far fitted parameters would move were another one, which was not fitted, at its bounds: by other, by fitted.
+
+    Relative changes [-] at the other's lowest and at its highest value, each from a fit of its own on the same model,
+    against the fit with all others at their start; a cheap model serves, as it only has to tell differences.
+    sensitivity: shape (targets, fitted); advance: called once per fit, of which there are two per other and one more
+    Raises RuntimeError when a fit does not settle, ValueError when one would move a parameter more than fivefold.
+    """
+    start = {p.name: p.start for p in others}
+    wide = [Parameter(p.name, p.start, p.start / 5, 5 * p.start) for p in fitted]
+
+    def fit(values: Mapping[str, float]) -> Mapping[str, float]:
+        found = calibrate(lambda free: model({**values, **free}), wide, targets, sensitivity=sensitivity)
+        advance()
+        return found.values
+
+    reference = fit(start)
+    result: dict[str, dict[str, tuple[float, float]]] = {}
+    for other in others:
+        low, high = (fit(start | {other.name: bound}) for bound in (other.lowest, other.highest))
+        result[other.name] = {
+            name: (low[name] / value - 1, high[name] / value - 1) for name, value in reference.items()
+        }
+    return result
 
 
 def check_determined(

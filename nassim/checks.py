@@ -17,6 +17,8 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
 
     Raises ValueError for another shape and for NaN or infinity.
     """
+    if np.iscomplexobj(value):
+        raise ValueError(f"{name} must be real numbers, got complex ones")
     try:
         array = np.array(value, dtype=float)
     except (TypeError, ValueError) as error:
@@ -60,7 +62,9 @@ def known(kind: str, name: str, names: Collection[str]) -> str:
 
 
 def unique(kind: str, names: Iterable[str]) -> tuple[str, ...]:
-    """Return the names as a tuple; raises ValueError if one is empty or occurs twice."""
+    """Return the names as a tuple; raises ValueError for a bare text, and if one is empty or occurs twice."""
+    if isinstance(names, str):
+        raise ValueError(f"{kind} names must be a list of them, got the text {names!r}; write [{names!r}]")
     result = tuple(names)
     twice = sorted({n for n in result if result.count(n) > 1})
     if twice:

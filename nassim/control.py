@@ -41,7 +41,9 @@ class Controller:
         n_out, n_in = direct.shape
         state = finite_array("controller: A", self.A, (None, None))
         n = len(state)
-        if int(self.delay) != self.delay or self.delay < 0:
+        if not direct.size:
+            raise ValueError("controller: D must have a row for each output and a column for each input, got none")
+        if not finite("controller: delay", self.delay).is_integer() or self.delay < 0:
             raise ValueError(f"controller: delay must be a whole number of samples from 0 on, got {self.delay!r}")
         if not self.limit > 0:
             raise ValueError(f"controller: limit must be positive, got {self.limit!r}; inf for none")
@@ -96,7 +98,7 @@ def integral_force_feedback(
 
 def proportional(gain: ArrayLike, *, sample_rate: float, delay: int = 1, limit: float = math.inf) -> Controller:
     """Proportional feedback u = excitation + gain * y; gain: a number, or a matrix (outputs, inputs)."""
-    direct = np.atleast_2d(np.asarray(gain, dtype=float))
+    direct = finite_array("gain", np.atleast_2d(np.asarray(gain)), (None, None))
     n_out, n_in = direct.shape
     return Controller(np.zeros((0, 0)), np.zeros((0, n_in)), np.zeros((n_out, 0)), direct, sample_rate, delay, limit)
 

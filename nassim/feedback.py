@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.signal
 
-from nassim.checks import Array, known, unique
+from nassim.checks import Array, finite, known, unique
 from nassim.control import Controller, controller_response
 from nassim.frf import FRF, ComplexArray
 from nassim.linear import LinearModel, frequency_response, linearize, sampled
@@ -54,7 +54,7 @@ def controller_model(
             f"and to drive {', '.join(outputs)}"
         )
     _check_time_step(time_step, controller)
-    if delay_order < 0 or delay_order != int(delay_order):
+    if not finite("delay_order", delay_order).is_integer() or delay_order < 0:
         raise ValueError(f"delay_order must be a whole number from 0 on, got {delay_order!r}")
     period = 1 / controller.sample_rate
     if time_step is not None:
@@ -91,7 +91,7 @@ def close_loop(
     )
     a, b, c, d = model.matrices
     drive = np.zeros((len(model.inputs), len(columns)))
-    drive[columns, range(len(columns))] = gain
+    drive[columns, range(len(columns))] = finite("gain", gain)
     loop = np.eye(len(rows)) - d[rows] @ drive @ k.D
     if np.linalg.cond(loop) > 1 / SAME:
         raise ValueError("the loop has no solution within a sample: direct feedthrough times gain is 1; add a delay")
@@ -184,7 +184,13 @@ def sensitivity(loop: FRF) -> tuple[FRF, FRF]:
     if loop.inputs != loop.outputs:
         raise ValueError("an open loop has the same inputs as outputs; see open_loop")
     one = np.eye(len(loop.outputs))
-    s: ComplexArray = np.linalg.inv(one + loop.values.transpose(2, 0, 1)).astype(complex)
+    difference = one + loop.values.transpose(2, 0, 1)
+    critical = np.linalg.matrix_rank(difference) < len(one)
+    if critical.any():
+        raise ValueError(
+            f"the loop oscillates at {loop.frequency[critical][0]:g} Hz, where det(1 + L) = 0: lower the gain"
+        )
+    s: ComplexArray = np.linalg.inv(difference).astype(complex)
     return (
         replace(loop, values=s.transpose(1, 2, 0), label="sensitivity"),
         replace(loop, values=(one - s).transpose(1, 2, 0), label="complementary sensitivity"),

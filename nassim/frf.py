@@ -56,7 +56,10 @@ class FRF:
         values.setflags(write=False)
         freeze(self, frequency=frequency, values=values, outputs=outputs, inputs=inputs)
         if self.coherence is not None:
-            freeze(self, coherence=finite_array("coherence", self.coherence, (len(outputs), len(frequency))))
+            coherence = finite_array("coherence", self.coherence, (len(outputs), len(frequency)))
+            if coherence.min() < 0 or coherence.max() > 1 + 1e-6:
+                raise ValueError(f"coherence must lie in 0 ... 1, got {coherence.min():g} ... {coherence.max():g}")
+            freeze(self, coherence=coherence)
 
     def response(self, output: str, input: str) -> ComplexArray:
         """One entry of the matrix over frequency, complex, shape (n_frequencies,)."""
@@ -111,6 +114,12 @@ def estimate_frf(
             f"a record of {history.duration:g} s holds fewer than {len(inputs) + 1} segments of {segment_duration:g} "
             f"s, one more than inputs ({len(inputs)}); record longer or take shorter segments"
         )
+    if n_overlap == n_segment:
+        raise ValueError(f"an overlap of {overlap:g} leaves no new sample to a segment of {n_segment}; take less")
+    try:
+        scipy.signal.get_window(window, n_segment)
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"window {window!r} is none of scipy.signal's: {error}") from error
     if method == "H2" and len(inputs) != 1:
         raise ValueError(f"H2 needs exactly one input, got {len(inputs)}; take H1")
 

@@ -31,8 +31,7 @@ POOR = 0.01
 """Relative deviation of a damping ratio from which a systematic residual is warned of."""
 UNEXCITED = 1e-6
 """Lines whose input is this much below the largest carry no information."""
-COHERENCE_LINES = 5
-NOISE_DEGREE = 3
+COHERENCE_LINES, NOISE_DEGREE = 5, 3
 EULER = 0.5772156649015329
 
 
@@ -166,14 +165,15 @@ def identify_modes(
     Raises ValueError for unknown names, a band outside the data, a constant input, and where the data do not determine
     the modes: too few lines, no resonance, or a mode whose damping ratio noise leaves unknown by half.
     """
-    names = unique("output", outputs)
-    if not names:
+    if not (names := unique("output", outputs)):
         raise ValueError("name at least one output")
-    if n_modes is not None and not 1 <= n_modes <= MOST_MODES:
-        raise ValueError(f"n_modes must be 1 ... {MOST_MODES}, got {n_modes}")
+    if n_modes not in (None, *range(1, MOST_MODES + 1)):
+        raise ValueError(f"n_modes must be 1 ... {MOST_MODES}, got {n_modes!r}")
     if hold_order not in (None, 0, 1):
         raise ValueError(f"hold_order must be None, 0 or 1, got {hold_order}")
     powers = tuple(residual_powers)
+    if len(set(powers)) < len(powers) or not set(powers) <= set(range(-4, 9)):
+        raise ValueError(f"residual_powers must be different whole numbers from -4 to 8, got {residual_powers!r}")
     if isinstance(measured, FRF):
         if (hold_order is None) != (sample_rate is None):
             raise ValueError("an FRF needs hold_order and sample_rate together, or neither")

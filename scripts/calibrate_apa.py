@@ -1,7 +1,8 @@
 """Calibrate the APA300ML: fit parameters of the model to figures of its data sheet.
 
 Prints how every figure depends on every parameter, so which data can determine what, fits the chosen ones
-(sensitivities from a coarse mesh, every step on the fine one), and compares what was not fitted with what is published.
+(sensitivities from a coarse mesh, every step on the fine one), says how far they would move were the other parameters
+at their bounds (fitted anew on the coarse mesh), and compares what was not fitted with what is published.
 With --write, the fit becomes the model's default.
 """
 
@@ -11,8 +12,8 @@ import numpy as np
 from _common import parser, positive, run, whole, write_summary
 
 from models.apa300ml import CALIBRATION, PAPER_FREQUENCY_FE, PRISMS, STACK, VENDOR_STIFFNESS
-from models.apa300ml.calibration import FIGURES, PARAMETERS, PUBLISHED, make_model
-from nassim.calibration import Target, calibrate, check_determined, sensitivities
+from models.apa300ml.calibration import CIRCUITS, FIGURES, PARAMETERS, PUBLISHED, make_model
+from nassim.calibration import Target, at_bounds, calibrate, check_determined, sensitivities
 from nassim.progress import stage
 from nassim.storage import written_whole
 
@@ -29,6 +30,9 @@ arguments.add_argument("--tolerance", type=positive, default=0.5, help="of the t
 arguments.add_argument("--element-size", type=positive, default=5.0, help="of the fine mesh [mm] (default: 5)")
 arguments.add_argument("--order", type=whole(1), default=3, help="of the fine mesh (default: 3)")
 arguments.add_argument("--coarse-size", type=positive, default=5.0, help="mesh of the sensitivities [mm] (default: 5)")
+arguments.add_argument(
+    "--circuit", default="shorted", choices=CIRCUITS, help="of all stacks, where the targets hold (default: shorted)"
+)
 arguments.add_argument("--write", action="store_true", help="make the fit the model's default")
 
 
@@ -37,7 +41,7 @@ def main() -> None:
     targets = [read_target(text, args.tolerance / 100) for text in args.to]
     print(f"{STACK.consistency()}\n")
     with stage("sensitivities", total=2 * len(PARAMETERS), unit="evaluations") as advance:
-        coarse = make_model(element_size=1e-3 * args.coarse_size, order=2)
+        coarse = make_model(circuit=args.circuit, element_size=1e-3 * args.coarse_size, order=2)
         table = sensitivities(coarse, list(PARAMETERS.values()), FIGURES, advance=advance)
     print("\nrelative change of figures per relative change of parameters (tetrahedra, order 2)")
     print(f"{'':18}" + "".join(f"{name:>16}" for name in PARAMETERS))
@@ -51,7 +55,7 @@ def main() -> None:
     check_determined(chosen, targets, sensitivity, largest_deviation=0.1)
     fixed = {name: p.start for name, p in PARAMETERS.items() if name not in args.fit}
     kinds = PRISMS if "arm_thickness" not in args.fit else {}
-    fine = make_model(element_size=1e-3 * args.element_size, order=args.order, **kinds)
+    fine = make_model(circuit=args.circuit, element_size=1e-3 * args.element_size, order=args.order, **kinds)
     print(f"\nfit of {', '.join(args.fit)} on the fine mesh:")
     result = calibrate(
         lambda values: fine(fixed | dict(values)),
@@ -65,6 +69,15 @@ def main() -> None:
             f"  {name} = {value:.5g} +- {100 * result.deviations[name]:.2g} %, started from {PARAMETERS[name].start:g}"
         )
 
+    others = [p for name, p in PARAMETERS.items() if name not in args.fit]
+    with stage("fits with others at their bounds", total=2 * len(others) + 1, unit="fits") as advance:
+        moved = at_bounds(coarse, chosen, others, targets, sensitivity=sensitivity, advance=advance)
+    print("\nthat is what the tolerance alone leaves open; with another parameter at its bounds the fit would need")
+    for other in others:
+        for name, (low, high) in moved[other.name].items():
+            bounds = f"{other.lowest:.3g} ... {other.highest:.3g}"
+            print(f"  {other.name} at {bounds}: {name} {100 * low:+.1f} ... {100 * high:+.1f} %")
+
     print("\nfigure                value        published   difference")
     for name in FIGURES:
         value, known = result.figures[name], PUBLISHED.get(name)
@@ -73,6 +86,11 @@ def main() -> None:
             f"  {name:<16} {value:12.5g} "
             + (f"{known:12.5g} {100 * (value / known - 1):+9.2f} % {label}" if known else "")
         )
+    half = table[FIGURES.index("frequency_5kg")] - 0.5 * table[FIGURES.index("axial_stiffness")]
+    print(
+        "frequency_5kg depends on every parameter half as the stiffness does "
+        f"(to within {np.abs(half).max():.3f}): it follows from it and the mass, and confirms nothing more"
+    )
     moving = result.figures["axial_stiffness"] / (2 * np.pi * result.figures["frequency_5kg"]) ** 2
     implied = (2 * np.pi * PAPER_FREQUENCY_FE) ** 2 * moving
     print(
@@ -85,6 +103,11 @@ def main() -> None:
         "relative_deviations": dict(result.deviations),
         "targets": {t.name: t.value for t in targets},
         "target_tolerance": args.tolerance / 100,
+        "circuit": args.circuit,
+        "relative_changes_with_others_at_their_bounds": {
+            "command": "python scripts/calibrate_apa.py",
+            **{other.name: {"bounds": [other.lowest, other.highest], **moved[other.name]} for other in others},
+        },
         "figures": dict(result.figures),
         "mesh": f"{args.element_size:g} mm, order {args.order}, {'prisms' if kinds else 'tetrahedra'}",
         "sensitivities": {

@@ -82,8 +82,8 @@ def main() -> None:
     write_summary(args.output, summary)
 
 
-def compare(fit: ModalFit, report: UpdateReport, truth: dict[str, float]) -> dict[str, dict[str, float]]:
-    """Print fitted against true parameters; returns them and their errors in percent and in standard deviations."""
+def figures(fit: ModalFit, report: UpdateReport) -> dict[str, tuple[float, float]]:
+    """Fitted parameters of the blind bench and their standard deviations, by their names in the truth."""
     rows = {}
     for k in range(min(2, len(fit.frequency))):
         rows[f"frequency_{k + 1}_Hz"] = fit.frequency[k], fit.frequency_std[k]
@@ -94,6 +94,12 @@ def compare(fit: ModalFit, report: UpdateReport, truth: dict[str, float]) -> dic
     for change in report.changes[-2:]:  # one actuator, one sensor besides the encoder
         kind = change.parameter.partition("_")[0]
         rows[f"{kind}_factor"] = change.after / change.before, change.std / abs(change.before)
+    return rows
+
+
+def compare(fit: ModalFit, report: UpdateReport, truth: dict[str, float]) -> dict[str, dict[str, float]]:
+    """Print fitted against true parameters; returns them and their errors in percent and in standard deviations."""
+    rows = figures(fit, report)
     print(f"\n{'':<32}{'fitted':>12}{'std':>10}{'true':>12}{'error [%]':>11}{'error/std':>11}")
     errors = {name: 100 * (value / truth[name] - 1) for name, (value, _) in rows.items()}
     scaled = {name: (value - truth[name]) / std for name, (value, std) in rows.items()}

@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.linalg
+import scipy.signal
 from test_digital import DAMPING, MASS, STIFFNESS, oscillator
 
 from models.bench import make_bench
@@ -30,6 +32,22 @@ def slowest(poles):
     return abs(pole) / (2 * np.pi), -pole.real / abs(pole)
 
 
+def by_python_control(apa, gain):
+    """Poles of the loop put together by python-control: the plant held, the formula by Tustin's rule, a sample late."""
+    control = pytest.importorskip("control")
+    model, period = linearize(make_bench(apa=apa, fidelity="linear", damping_ratio=0.005)), 1 / RATE
+    row, column = model.outputs.index("sensor_voltage"), model.inputs.index("actuator_voltage")
+    # Displacements by millions of rad/s: SciPy's exponential wants the states balanced.
+    a, scale = scipy.linalg.matrix_balance(model.A, permute=False, separate=True)
+    b, c = model.B[:, [column]] / scale[0][:, None], model.C[[row]] * scale[0]
+    plant = control.ss(
+        *scipy.signal.cont2discrete((a, b, c, model.D[[row]][:, [column]]), period, method="zoh")[:4], period
+    )
+    formula = control.sample_system(control.tf([-gain], [1, 2 * np.pi * 2.0]), period, method="bilinear")
+    closed = control.feedback(plant, control.ss(formula) * control.ss(control.tf([1], [1, 0], period)), sign=+1)
+    return np.log(closed.poles().astype(complex)) / period
+
+
 def pulse(duration, time_step):
     time = np.arange(round(duration / time_step) + 1) * time_step
     return TimeHistory(time, 0.1 * np.exp(-(((time - 0.01) / 0.002) ** 2)), ("actuator_voltage",), ("V",))
@@ -43,9 +61,14 @@ def simulated(scene, method, time_step):
 
 @pytest.mark.parametrize("gain", [5.0, 20.0, 50.0, 100.0, 180.0])
 def test_damping_in_the_time_simulation(apa, gain):
-    """Sampled at 10 kHz with one sample of delay: by exact steps, as predicted, at damping ratios of 2 to 50 %."""
+    """Sampled at 10 kHz with one sample of delay: by exact steps, as predicted, at damping ratios of 2 to 50 %.
+
+    Predicted twice: by the closed linear model, and by python-control, which shares neither its loop nor its sampling.
+    """
     scene = looped(apa, gain)
     frequency, ratio = slowest(linearize_closed(scene).poles())
+    elsewhere = slowest(by_python_control(apa, gain))
+    assert (frequency, ratio) == (pytest.approx(elsewhere[0], rel=1e-6), pytest.approx(elsewhere[1], rel=1e-5))
     found = simulated(scene, "exact", 1e-4)
     assert found[1] == pytest.approx(ratio, rel=1e-4)
     assert found[0] == pytest.approx(frequency, rel=1e-5)

@@ -321,6 +321,12 @@ BAD = {
         "name as many signals",
     ),
     "order": (lambda: close_loop(PLANT, GAIN, **LOOP, delay_order=-1), "whole number"),
+    "no order": (lambda: close_loop(PLANT, GAIN, **LOOP, delay_order=np.nan), "delay_order holds 1 value.*NaN"),
+    "no gain": (lambda: close_loop(PLANT, GAIN, **LOOP, gain=np.nan), "gain holds 1 value.*NaN"),
+    "critical": (
+        lambda: sensitivity(FRF([3.0, 7.0], [[[0.5, -1.0]]], ("y",), ("y",))),
+        r"oscillates at 7 Hz, where det\(1 \+ L\) = 0",
+    ),
     "no continuous form": (lambda: close_loop(PLANT, AT_NYQUIST, **LOOP), "model the loop sampled"),
     "sampled twice": (lambda: sampled(SAMPLED, RATE), "sampled already"),
     "no time": (lambda: LinearModel(*PLANT.matrices, PLANT.inputs, PLANT.outputs, time_step=0.0), "time_step must"),

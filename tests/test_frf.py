@@ -222,7 +222,11 @@ def estimate(**options):
         ({"segment_duration": np.nan}, "NaN"),
         ({"overlap": 1.0}, r"overlap must lie in 0 ... 1 \(1 excluded\), got 1"),
         ({"overlap": -0.1}, "overlap must lie in 0"),
-        ({"window": "hat"}, "window.*'hat'"),
+        ({"window": "hat"}, "window 'hat' is none of scipy.signal's"),
+        ({"window": "kaiser"}, "window 'kaiser' is none of scipy.signal's: .*parameters"),
+        ({"window": None}, "window None is none of scipy.signal's"),
+        ({"overlap": 0.9999}, "overlap of 0.9999 leaves no new sample to a segment of 100"),
+        ({"inputs": "u"}, r"input names must be a list of them, got the text 'u'; write \['u'\]"),
         ({"outputs": ["y", "y"]}, "output names must differ"),
     ],
 )
@@ -255,6 +259,9 @@ def test_band_keeps_both_ends():
         ({"outputs": ("a", "a")}, "output names must differ; used more than once: a"),
         ({"inputs": ("",)}, "input names must be non-empty"),
         ({"coherence": np.ones((1, 3))}, "coherence must have shape 2 x 3, got 1 x 3"),
+        ({"coherence": np.full((2, 3), 1.1)}, r"coherence must lie in 0 ... 1, got 1.1 ... 1.1"),
+        ({"coherence": np.full((2, 3), -0.1)}, r"coherence must lie in 0 ... 1"),
+        ({"frequency": [1.0, 2.0, 3.0j]}, "frequency must be real numbers, got complex ones"),
         ({"coherence": np.full((2, 3), np.nan)}, "coherence holds 6 value.* NaN"),
     ],
 )

@@ -214,6 +214,12 @@ def test_summaries_name_their_command_and_are_plain_json(tmp_path, script, monke
             [],
         ),
         ("make_blind_record.py", ["--duration", "1"], ["payload_mass_kg", "encoder_gain_2_m_per_V"], []),
+        (
+            "identification_coverage.py",
+            ["--repetitions", "2", "--duration", "4"],
+            ["covered_in_percent", "parameters"],
+            [],
+        ),
         ("identify_damping.py", [], ["damping_ratio_std", "unmodelled_Hz", "errors_in_percent"], ["fit.png"]),
     ],
 )
