@@ -109,6 +109,17 @@ def test_exact_steps_of_an_oscillator_driven_in_both_states():
     assert np.allclose(risen, expected, rtol=1e-9, atol=0)
 
 
+def test_free_motions_strain_nothing():
+    """A free body's six motions at 0 Hz cause no force, whichever axis they turn about."""
+    body = dumbbell()
+    scene = Scene("free", (FlexibleBody("dumbbell", body, fidelity="linear"),))
+    assembly = assemble(scene)
+    assert np.array_equal(assembly.frequency == 0, np.arange(12) < 6)
+    motions = (assembly.basis @ assembly.shapes)[:, :6]
+    forces = np.abs(body.stiffness_matrix @ motions)
+    assert np.all(forces <= 1e-9 * np.abs(body.stiffness_matrix) @ np.abs(motions))
+
+
 def test_damping_ratios_belong_to_modes_in_order():
     given = [0.02, 0.05, 0.03]
     scene = pushed(Joint("clamp", "ground.left", "dumbbell.left"), damping_ratio=given)

@@ -10,7 +10,7 @@ from superelements import SAMPLE, grounded_at, joint_like, rounded, sample, with
 from nassim import craig_bampton
 from nassim.inspection import Finding, as_superelement, check
 from nassim.rowguess import guess_order, order_misfit
-from nassim.superelement import read_superelement
+from nassim.superelement import read_superelement, superelement
 
 
 @pytest.fixture(scope="module")
@@ -176,3 +176,10 @@ def test_the_report_reads_line_by_line():
     lines = str(check(sample())).splitlines()
     assert lines[0] == "beam_K: warning"
     assert all(line.split()[0] in ("ok", "warning", "fault") for line in lines[1:])
+
+
+@pytest.mark.parametrize(("moment", "verdict"), [(1.5, "ok"), (2.0, "ok"), (2.1, "fault")])
+def test_no_moment_of_inertia_exceeds_the_sum_of_the_others(moment, verdict):
+    """A rigid body of one node, whose moments are 1, 1 and another: at 2 it is a flat plate, beyond it cannot be."""
+    body = superelement(np.zeros((6, 6)), np.diag([1.0, 1, 1, 1, 1, moment]), np.zeros((1, 3)))
+    assert check(body)["inertia"].verdict == verdict
