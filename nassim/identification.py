@@ -32,7 +32,6 @@ POOR = 0.01
 UNEXCITED = 1e-6
 """Lines whose input is this much below the largest carry no information."""
 COHERENCE_LINES, NOISE_DEGREE = 5, 3
-EULER = 0.5772156649015329
 
 
 @dataclass(frozen=True)
@@ -160,6 +159,7 @@ def identify_modes(
 
     Noise is assumed at the outputs only, Gaussian and independent between outputs, and its variance is estimated per
     output from the residual, smooth over frequency; an FRF's coherence, where it has one, gives the shape of it.
+    Of 400 intervals of 95 % from forty blind records 376 hold the truth (`scripts/identification_coverage.py`).
     Near a resonance the residual may be systematic: two modes close together that are fitted as one, a hold or delay
     overlooked. Then the standard deviations grow with it, the summary tells, and from 1 % of damping on a warning.
     Raises ValueError for unknown names, a band outside the data, a constant input, and where the data do not determine
@@ -331,7 +331,7 @@ def _noise(lines: Lines, solution: Solution, shape: Array | None) -> Array:
         # A complex Gaussian's log |r|^2 scatters about log(variance) - Euler's constant.
         x = np.interp(lines.omega, lines.omega[[0, -1]], [-1, 1])
         basis = np.polynomial.chebyshev.chebvander(x, NOISE_DEGREE)
-        level = np.log(np.abs(residual) ** 2 + floor**2) + EULER
+        level = np.log(np.abs(residual) ** 2 + floor**2) + np.euler_gamma
         noise = np.exp(0.5 * basis @ np.linalg.lstsq(basis, level.T, rcond=None)[0]).T
     noise = np.maximum(noise, floor)
     freedom = max(lines.omega.size - solution.n_unknowns / len(responses) / 2, 1.0)
