@@ -84,9 +84,13 @@ class FEModel:
             )
         if sp.issparse(self.stiffness):
             freeze(self, stiffness=symmetric_matrix(self.stiffness))
-        for label, matrix in (("stiffness", self.stiffness.lower), ("mass", self.scalar_mass_matrix)):
-            if not np.all(np.isfinite(matrix.data)):
-                raise ValueError(f"FE model {self.name!r}: the {label} matrix holds NaN or infinite values")
+        for label, values in (
+            ("stiffness matrix holds", self.stiffness.lower.data),
+            ("mass matrix holds", self.scalar_mass_matrix.data),
+            ("fields hold", self.fields),
+        ):
+            if not np.all(np.isfinite(values)):
+                raise ValueError(f"FE model {self.name!r}: the {label} NaN or infinite values")
         freeze(self, couplings=tuple(self.couplings), ports=tuple(self.ports), warnings=tuple(self.warnings))
 
     @property

@@ -3,9 +3,9 @@
 import netgen.occ as occ
 import numpy as np
 import pytest
-from conftest import STEEL, make_bar
+from conftest import STEEL, lattice, make_bar
 
-from nassim import Material, RemotePoint, Solid, build_fe_model, condense
+from nassim import FEModel, Material, RemotePoint, Solid, build_fe_model, condense
 from nassim.fem import make_coupling
 from nassim.fullmodel import full_eigenfrequencies
 
@@ -135,3 +135,17 @@ def test_remote_points_on_one_line_are_fine(coupling):
     """A beam's two remote points are always collinear; each carries its rotations itself."""
     condensed = condense(build_fe_model(make_bar(coupling=coupling), element_size=0.02, progress=False), progress=False)
     assert np.linalg.eigvalsh(condensed.stiffness[6:, 6:])[0] > 0
+
+
+@pytest.mark.parametrize("what", ["stiffness", "scalar_mass_matrix", "fields"])
+def test_models_made_by_hand_hold_numbers_only(what):
+    model = lattice()
+    given = {
+        "stiffness": model.stiffness_matrix,
+        "scalar_mass_matrix": model.scalar_mass_matrix,
+        "fields": model.fields,
+    }
+    broken = given[what].copy()
+    (broken if what == "fields" else broken.data).flat[0] = np.nan
+    with pytest.raises(ValueError, match=r"FE model 'lattice': the .* NaN or infinite values"):
+        FEModel("lattice", **{**given, what: broken})
