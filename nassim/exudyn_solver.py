@@ -1,12 +1,14 @@
 """Exudyn's solvers on the system of a scene: statics, time integration, eigenfrequencies; guards while they run."""
 
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
 import exudyn as exu
+import exudyn.solver
 import numpy as np
 
 from nassim.assembly import NO_EQUILIBRIUM, deformable_bodies, motion_size
@@ -142,7 +144,8 @@ def solve_dynamic(
         failure: Exception | None = None
         try:
             kind = exu.DynamicSolverType.RK44 if explicit else exu.DynamicSolverType.GeneralizedAlpha
-            system.mbs.SolveDynamic(settings, solverType=kind)
+            with _uncounted_vectors():
+                system.mbs.SolveDynamic(settings, solverType=kind)
         except Exception as error:
             failure = error
         if interrupts:
@@ -190,6 +193,17 @@ def _follow(drive: Drive, time_step: float) -> Callable[[float, float], float]:
         return value
 
     return follow
+
+
+@contextmanager
+def _uncounted_vectors() -> Iterator[None]:
+    """Exudyn counts the vectors that inputs set at every step, and would warn of them in the midst of the progress."""
+    earlier = exudyn.solver.solverCheckMemoryAllocationsThreshold
+    exudyn.solver.solverCheckMemoryAllocationsThreshold = sys.maxsize
+    try:
+        yield
+    finally:
+        exudyn.solver.solverCheckMemoryAllocationsThreshold = earlier
 
 
 @contextmanager
