@@ -242,6 +242,23 @@ def test_a_closed_linkage_of_rigid_bodies_moves(bar):
     assert np.abs(record["z"]).max() < 1e-9
 
 
+def test_a_third_crank_of_a_parallelogram_is_redundant_in_motion_too(bar):
+    """In the plane it holds one direction too many at the start, and in every other position."""
+    scene = four_bar(bar)
+    at = np.array([0.08, 0, 0])
+    third = RigidBody("third", {"low": (0, -0.05, 0), "high": (0, 0.05, 0)}, 0.1, 1e-4 * np.eye(3), (at[0], 0.05, 0))
+    ground, crank, follower, rod = scene.bodies
+    ground = replace(ground, points={**ground.points, "middle": at})
+    rod = replace(rod, points={**rod.points, "middle": np.array([at[0], LENGTH, 0]) - rod.position})
+    joints = (
+        *scene.joints,
+        Joint("e", "base.middle", "third.low", free="rz"),
+        Joint("f", "third.high", "rod.middle", free="rz"),
+    )
+    record = run(replace(scene, bodies=(ground, crank, follower, rod, third), joints=joints), 0.3, 1e-3)
+    assert np.abs(record["x"] - LENGTH * np.sin(3.0 * record.time)).max() < 2e-4 * LENGTH
+
+
 GRAVITY = np.array([0.0, 0.0, -9.81])
 
 
