@@ -37,7 +37,7 @@ from nassim.superelement import Superelement, read_superelement
 from nassim.trim import open_circuit
 from nassim.updating import apply_identification
 
-__version__ = "0.1.0"
+__version__ = "0.2.0.dev0"
 
 __all__ = [
     "FRF",
