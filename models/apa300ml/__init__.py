@@ -27,7 +27,7 @@ from nassim import (
     build_fe_model,
     craig_bampton,
 )
-from nassim.geometry import shape_bytes
+from nassim.geometry import glue, shape_bytes
 from nassim.solver import solver_name
 from nassim.storage import cached, code_fingerprint, fingerprint
 
@@ -144,7 +144,7 @@ def make_apa300ml(
     actuator_2.faces.Max(occ.X).name = "actuator_stack_end"
     return Solid(
         name="apa300ml",
-        shape=occ.Glue([*pieces, *stacks]).Scale(occ.Pnt(0, 0, 0), 1e-3),
+        shape=glue([*pieces, *stacks]).Scale(occ.Pnt(0, 0, 0), 1e-3),
         materials={
             "frame": steel,
             "spacer": steel,
