@@ -1,7 +1,7 @@
 """Fitting a model's parameters to measured or published figures, as far as these can determine them."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ STEP = 0.04
 CONVERGED = 0.02
 """Steps below this share of a parameter's standard deviation end a fit."""
 MOST_STEPS = 8
+ROUGHER = 4.0
 
 
 @dataclass(frozen=True)
@@ -161,24 +162,30 @@ def at_bounds(
 
     Relative changes [-] at the other's lowest and at its highest value, each from a fit of its own on the same model,
     against the fit with all others at their start; a cheap model serves, as it only has to tell differences.
-    sensitivity: shape (targets, fitted); advance: called once per fit, of which there are two per other and one more
+    sensitivity: shape (targets, fitted); advance: called once per bound, of which there are two per other
     Raises RuntimeError when a fit does not settle, ValueError when one would move a parameter more than fivefold.
     """
-    start = {p.name: p.start for p in others}
-    wide = [Parameter(p.name, p.start, p.start / 5, 5 * p.start) for p in fitted]
+    # Differences need not be as exact as the fit itself, so its steps may end sooner.
+    rough = [replace(t, tolerance=ROUGHER * t.tolerance) for t in targets]
 
-    def fit(values: Mapping[str, float]) -> Mapping[str, float]:
-        found = calibrate(lambda free: model({**values, **free}), wide, targets, sensitivity=sensitivity)
-        advance()
+    def fit(values: Mapping[str, float], start: Mapping[str, float]) -> Mapping[str, float]:
+        wide = [Parameter(p.name, start[p.name], p.start / 5, 5 * p.start) for p in fitted]
+        found = calibrate(
+            lambda free: model({**values, **free}), wide, rough, sensitivity=sensitivity, largest_deviation=1e9
+        )
         return found.values
 
-    reference = fit(start)
+    usual = {p.name: p.start for p in others}
+    reference = fit(usual, {p.name: p.start for p in fitted})
     result: dict[str, dict[str, tuple[float, float]]] = {}
     for other in others:
-        low, high = (fit(start | {other.name: bound}) for bound in (other.lowest, other.highest))
-        result[other.name] = {
-            name: (low[name] / value - 1, high[name] / value - 1) for name, value in reference.items()
-        }
+        changes = []
+        for bound in (other.lowest, other.highest):
+            there = reference if bound == other.start else fit(usual | {other.name: bound}, reference)
+            changes.append({name: there[name] / value - 1 for name, value in reference.items()})
+            advance()
+        low, high = changes
+        result[other.name] = {name: (low[name], high[name]) for name in reference}
     return result
 
 

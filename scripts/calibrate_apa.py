@@ -70,7 +70,7 @@ def main() -> None:
         )
 
     others = [p for name, p in PARAMETERS.items() if name not in args.fit]
-    with stage("fits with others at their bounds", total=2 * len(others) + 1, unit="fits") as advance:
+    with stage("fits with others at their bounds", total=2 * len(others), unit="fits") as advance:
         moved = at_bounds(coarse, chosen, others, targets, sensitivity=sensitivity, advance=advance)
     print("\nthat is what the tolerance alone leaves open; with another parameter at its bounds the fit would need")
     for other in others:
