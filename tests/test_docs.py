@@ -17,8 +17,6 @@ spec.loader.exec_module(docs)
 GIVEN = json.loads((ROOT / "docs" / "given.json").read_text(encoding="utf-8"))
 TEMPLATES = sorted((ROOT / "docs" / "templates").glob("*.md"))
 FIGURES = docs.load_figures()
-NOT_CONVERTED = {"README.md"}
-"""Templates whose text still holds typed figures."""
 
 
 def test_documents_are_what_their_templates_give():
@@ -31,15 +29,7 @@ def test_every_document_has_a_template_or_a_command():
     assert set((ROOT / "docs").glob("*.md")) | {ROOT / "README.md"} == made
 
 
-@pytest.mark.parametrize(
-    "template",
-    [
-        pytest.param(
-            path, id=path.name, marks=pytest.mark.xfail(path.name in NOT_CONVERTED, strict=True, reason="typed")
-        )
-        for path in TEMPLATES
-    ],
-)
+@pytest.mark.parametrize("template", TEMPLATES, ids=[path.name for path in TEMPLATES])
 def test_no_figure_is_typed(template):
     typed = docs.typed_figures(template.read_text(encoding="utf-8"), GIVEN)
     assert not typed, "take them from a summary, or enter them in docs/given.json with their source"
