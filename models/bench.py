@@ -1,9 +1,11 @@
 """The paper's test bench: granite base, amplified piezo actuator, guided mass on top, encoder."""
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.apa300ml import PORTS, PZT, STACK, STEEL, reduced_apa300ml
+from models.apa300ml import PORTS, PZT, STACK, STEEL, VENDOR_STIFFNESS, reduced_apa300ml
 from nassim import (
     FRF,
     Condensation,
@@ -130,6 +132,11 @@ def sensor_span_constant() -> float:
 def _ports(resistance: float) -> tuple[VoltageDrive, VoltageSensor]:
     drive = VoltageDrive("actuator_stacks", "apa.actuator", "actuator_voltage", gain=AMPLIFIER_GAIN)
     return drive, VoltageSensor("sensor_voltage", "apa.sensor", resistance=resistance)
+
+
+def formula_frequency(payload_mass: float = 5.0) -> float:
+    """sqrt(k / m) / 2 pi with the vendor's stiffness [Hz], the paper's equation 1, which prints 95.3 Hz for 5 kg."""
+    return math.sqrt(VENDOR_STIFFNESS / payload_mass) / (2 * math.pi)
 
 
 BENCH_CONDITIONS = {"fixed": ["bottom"], "guided": {"top": "z"}}

@@ -25,11 +25,10 @@ from models.apa300ml import (
     PAPER_FREQUENCY_FE,
     PORTS,
     PRISMS,
-    VENDOR_STIFFNESS,
     make_apa300ml,
     reduced_apa300ml,
 )
-from models.bench import BENCH_CONDITIONS, SENSOR_RESISTANCE, full_bench_response, make_bench
+from models.bench import BENCH_CONDITIONS, SENSOR_RESISTANCE, formula_frequency, full_bench_response, make_bench
 from nassim import build_fe_model, condense, estimate_frf, frequency_response, linearize, open_circuit, save, simulate
 from nassim.plotting import plot_time_history, save_figure
 from nassim.signals import band_limited_noise
@@ -93,8 +92,7 @@ def main() -> None:
     bodies = {"shorted": apa, "open": open_circuit(apa, {"sensor": 0.0})}
     stiffness = {state: 1 / body.compliance(fixed=["bottom"])[8, 8] for state, body in bodies.items()}
     first = {state: body.eigenfrequencies(**conditions)[0] for state, body in bodies.items()}
-    # Vendor's stiffness with what moves; the paper leaves the actuator's own share of the mass out.
-    formula = math.sqrt(VENDOR_STIFFNESS / args.payload_mass) / (2 * math.pi)
+    formula = formula_frequency(args.payload_mass)
     summary = {
         "reduction_or_loading_time_s": reduction,
         "simulated_time_s": args.duration,

@@ -69,8 +69,6 @@ VENDOR_STIFFNESS = 1.79e6
 """Axial stiffness of the whole actuator [N/m], data sheet."""
 VENDOR_STROKE = 304e-6
 """Stroke of the whole actuator over the full voltage range [m], as the literature gives it; unverified."""
-PAPER_FREQUENCY_FORMULA = 95.3
-"""sqrt(k / m) / 2 pi for the vendor's stiffness and 5 kg [Hz], the paper's equation 1."""
 PAPER_FREQUENCY_FE = 95.9
 """First eigenfrequency with 5 kg on top, bottom fixed, top guided [Hz], the paper's figure 2b."""
 
