@@ -268,20 +268,37 @@ def pendulum(bar, fidelity, angle):
     return replace(swinging_bar(bar, fidelity, ("ry",), np.zeros(3), turn), gravity=GRAVITY)
 
 
-@pytest.mark.parametrize("fidelity", ["rigid", "ffrf"])
-@pytest.mark.parametrize("angle", [-2.0, 0.5])
-def test_a_released_pendulum_swings(bar, fidelity, angle):
-    """theta'' = -(m g l / 2) / I sin(theta), by SciPy."""
-    record = run(pendulum(bar, fidelity, angle), 0.8, 5e-4, start="released", spectral_radius=0.9)
+def swing(angle, time):
+    """theta'' = -(m g l / 2) / I sin(theta) from rest, by SciPy."""
     inertia = CROSSWISE + MASS * LENGTH**2 / 4
 
     def rate(_t, state):
         return [state[1], -MASS * 9.81 * LENGTH / 2 / inertia * np.sin(state[0])]
 
-    found = scipy.integrate.solve_ivp(rate, (0, 0.8), [angle, 0.0], t_eval=record.time, rtol=1e-10, atol=1e-12).y[0]
+    found = scipy.integrate.solve_ivp(rate, (0, time[-1]), [angle, 0.0], t_eval=time, rtol=1e-10, atol=1e-12).y[0]
     assert np.ptp(found) > 1.5 * abs(angle)
+    return found
+
+
+@pytest.mark.parametrize("fidelity", ["rigid", "ffrf"])
+@pytest.mark.parametrize("angle", [-2.0, 0.5])
+def test_a_released_pendulum_swings(bar, fidelity, angle):
+    record = run(pendulum(bar, fidelity, angle), 0.8, 5e-4, start="released", spectral_radius=0.9)
+    found = swing(angle, record.time)
     assert np.abs(record["x"] + LENGTH * (np.sin(found) - np.sin(angle))).max() < 1e-3 * LENGTH
     assert np.abs(record["z"] + LENGTH * (np.cos(found) - np.cos(angle))).max() < 1e-3 * LENGTH
+
+
+def test_a_pendulum_swings_beside_a_body_in_small_motion(bar):
+    """A bar that is clamped to the same base, along x, keeps the floating one from no large motion."""
+    scene = pendulum(bar, "ffrf", -2.0)
+    beside = FlexibleBody("beside", bar, fidelity="linear")
+    clamp = Joint("clamp", "base.origin", "beside.left")
+    scene = replace(scene, bodies=(*scene.bodies, beside), joints=(*scene.joints, clamp))
+    record = run(scene, 0.4, 1e-3, start="released", spectral_radius=0.8)
+    found = swing(-2.0, record.time)
+    assert np.abs(record["x"] + LENGTH * (np.sin(found) - np.sin(-2.0))).max() < 5e-3 * LENGTH
+    assert np.abs(record["z"] + LENGTH * (np.cos(found) - np.cos(-2.0))).max() < 5e-3 * LENGTH
 
 
 def test_a_pendulum_out_of_equilibrium_needs_a_choice(bar):
