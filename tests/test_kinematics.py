@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.integrate
-from conftest import make_bar
+from conftest import lattice, make_bar
 from scipy.spatial.transform import Rotation
 
 from nassim import (
@@ -144,6 +144,32 @@ def test_a_jointed_free_body_is_thrown_as_by_a_blow(bar):
     middle = twists["bar"][1] + spin * LENGTH / 2
     assert middle == pytest.approx(-blow / MASS, rel=1e-9)
     assert twists["second"][1] + twists["second"][5] * (LENGTH + arm) == pytest.approx(blow / mass, rel=1e-9)
+
+
+def test_a_turned_body_is_thrown_by_its_inertia(bar):
+    """The blow at a ball joint takes both points there to one velocity; the second body's inertia over its masses."""
+    model, spin = lattice(), np.array([2.0, -5.0, 7.0])
+    block = craig_bampton(model, n_modes=1, progress=False)
+    hinge = np.array([LENGTH, 0, 0])
+    place = hinge - TURN @ block.point("left").position
+    second = FlexibleBody("second", block, place, TURN)
+    body = FlexibleBody("bar", bar, angular_velocity=spin)
+    joint = Joint("ball", "bar.right", "second.left", free=("rx", "ry", "rz"))
+    twists = starting_twists(Scene("thrown", (body, second), (joint,)))
+
+    masses = model.scalar_mass_matrix.diagonal()
+    spots = place + model.fields[1:].T @ TURN.T
+    centre = masses @ spots / masses.sum()
+    arms = np.cross(np.eye(3)[:, None], spots - centre)  # velocities by a turn about each axis
+    inertia = np.einsum("n,ina,jna->ij", masses, arms, arms)
+    arm = np.cross(np.eye(3), hinge - centre)
+    yielding = np.eye(3) * (1 / MASS + 1 / masses.sum()) + arm.T @ np.linalg.solve(inertia, arm)
+    blow = np.linalg.solve(yielding, np.cross(spin, hinge / 2))
+    assert np.allclose(twists["bar"][3:], spin, rtol=1e-12)
+    rate = np.linalg.solve(inertia, np.cross(hinge - centre, blow))
+    assert np.allclose(twists["second"][3:], rate, rtol=1e-6, atol=1e-6 * np.abs(rate).max())
+    velocity = twists["second"][:3] + np.cross(rate, centre)
+    assert np.allclose(velocity, blow / masses.sum(), atol=1e-6 * np.abs(velocity).max())
 
 
 def test_a_free_body_turns_about_its_centre_of_mass(bar):
