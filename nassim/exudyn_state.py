@@ -195,14 +195,15 @@ def find_accelerations(system: System, settings: Any) -> None:
 
     Without them an input that does not start at zero would lose half a step.
     """
-    if not system.assembly.circuits:
+    circuits = [circuit for circuit in system.assembly.circuits if circuit.body in system.carriers]
+    if not circuits:
         return
     mbs = system.mbs
     solver: Any = exu.MainSolverImplicitSecondOrder()
     solver.InitializeSolver(mbs, settings)
     accelerations = mbs.systemData.GetODE2Coordinates_tt(exu.ConfigurationType.Current)
     mbs.systemData.SetODE2Coordinates_tt(accelerations, exu.ConfigurationType.Initial)
-    for circuit in system.assembly.circuits:
+    for circuit in circuits:
         mbs.SetObjectParameter(mbs.GetObjectNumber(f"circuit {circuit.output}"), "massMatrix", np.zeros((0, 0)))
     settings.timeIntegration.generalizedAlpha.computeInitialAccelerations = False
 

@@ -37,6 +37,7 @@ CHANGES = {
     "order": [2],
     "n_modes": [7],
     "coupling": ["rbe2"],
+    "stack_coupling": ["rbe2"],
     "ports": [
         PORTS,
         PORTS[:1],

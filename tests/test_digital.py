@@ -368,6 +368,6 @@ def test_bad_parts(apa):
         simulate(bench, pulse(), time_step=STEP, hold_order=0, progress=False)
     with pytest.raises(ValueError, match="damping must not be negative"):
         SpringDamper("d", "a.b", "c.d", "z", damping=-1.0)
-    with pytest.raises(ValueError, match="bandwidth must be a positive number"):
+    with pytest.raises(ValueError, match="bandwidth must be positive"):
         replace(bench.actuators[0], bandwidth=0.0)
     assert isinstance(bench.bodies[1], FlexibleBody)

@@ -119,6 +119,7 @@ def test_spawned_process_agrees_bit_for_bit(monkeypatch):
 
 
 def mesh_for_long():
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # shells have their background jobs ignore Ctrl-C
     solid = make_bar()
     print("begins", flush=True)
     try:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.integrate
-from conftest import make_bar
+from conftest import lattice, make_bar
 from scipy.spatial.transform import Rotation
 
 from nassim import (
@@ -146,6 +146,32 @@ def test_a_jointed_free_body_is_thrown_as_by_a_blow(bar):
     assert twists["second"][1] + twists["second"][5] * (LENGTH + arm) == pytest.approx(blow / mass, rel=1e-9)
 
 
+def test_a_turned_body_is_thrown_by_its_inertia(bar):
+    """The blow at a ball joint takes both points there to one velocity; the second body's inertia over its masses."""
+    model, spin = lattice(), np.array([2.0, -5.0, 7.0])
+    block = craig_bampton(model, n_modes=1, progress=False)
+    hinge = np.array([LENGTH, 0, 0])
+    place = hinge - TURN @ block.point("left").position
+    second = FlexibleBody("second", block, place, TURN)
+    body = FlexibleBody("bar", bar, angular_velocity=spin)
+    joint = Joint("ball", "bar.right", "second.left", free=("rx", "ry", "rz"))
+    twists = starting_twists(Scene("thrown", (body, second), (joint,)))
+
+    masses = model.scalar_mass_matrix.diagonal()
+    spots = place + model.fields[1:].T @ TURN.T
+    centre = masses @ spots / masses.sum()
+    arms = np.cross(np.eye(3)[:, None], spots - centre)  # velocities by a turn about each axis
+    inertia = np.einsum("n,ina,jna->ij", masses, arms, arms)
+    arm = np.cross(np.eye(3), hinge - centre)
+    yielding = np.eye(3) * (1 / MASS + 1 / masses.sum()) + arm.T @ np.linalg.solve(inertia, arm)
+    blow = np.linalg.solve(yielding, np.cross(spin, hinge / 2))
+    assert np.allclose(twists["bar"][3:], spin, rtol=1e-12)
+    rate = np.linalg.solve(inertia, np.cross(hinge - centre, blow))
+    assert np.allclose(twists["second"][3:], rate, rtol=1e-6, atol=1e-6 * np.abs(rate).max())
+    velocity = twists["second"][:3] + np.cross(rate, centre)
+    assert np.allclose(velocity, blow / masses.sum(), atol=1e-6 * np.abs(velocity).max())
+
+
 def test_a_free_body_turns_about_its_centre_of_mass(bar):
     twist = starting_twists(Scene("free", (FlexibleBody("bar", bar, angular_velocity=np.array([1.0, 2.0, 3.0])),)))
     assert np.allclose(twist["bar"][:3] + np.cross([1, 2, 3], [LENGTH / 2, 0, 0]), 0.0, atol=1e-12)
@@ -268,20 +294,37 @@ def pendulum(bar, fidelity, angle):
     return replace(swinging_bar(bar, fidelity, ("ry",), np.zeros(3), turn), gravity=GRAVITY)
 
 
-@pytest.mark.parametrize("fidelity", ["rigid", "ffrf"])
-@pytest.mark.parametrize("angle", [-2.0, 0.5])
-def test_a_released_pendulum_swings(bar, fidelity, angle):
-    """theta'' = -(m g l / 2) / I sin(theta), by SciPy."""
-    record = run(pendulum(bar, fidelity, angle), 0.8, 5e-4, start="released", spectral_radius=0.9)
+def swing(angle, time):
+    """theta'' = -(m g l / 2) / I sin(theta) from rest, by SciPy."""
     inertia = CROSSWISE + MASS * LENGTH**2 / 4
 
     def rate(_t, state):
         return [state[1], -MASS * 9.81 * LENGTH / 2 / inertia * np.sin(state[0])]
 
-    found = scipy.integrate.solve_ivp(rate, (0, 0.8), [angle, 0.0], t_eval=record.time, rtol=1e-10, atol=1e-12).y[0]
+    found = scipy.integrate.solve_ivp(rate, (0, time[-1]), [angle, 0.0], t_eval=time, rtol=1e-10, atol=1e-12).y[0]
     assert np.ptp(found) > 1.5 * abs(angle)
+    return found
+
+
+@pytest.mark.parametrize("fidelity", ["rigid", "ffrf"])
+@pytest.mark.parametrize("angle", [-2.0, 0.5])
+def test_a_released_pendulum_swings(bar, fidelity, angle):
+    record = run(pendulum(bar, fidelity, angle), 0.8, 5e-4, start="released", spectral_radius=0.9)
+    found = swing(angle, record.time)
     assert np.abs(record["x"] + LENGTH * (np.sin(found) - np.sin(angle))).max() < 1e-3 * LENGTH
     assert np.abs(record["z"] + LENGTH * (np.cos(found) - np.cos(angle))).max() < 1e-3 * LENGTH
+
+
+def test_a_pendulum_swings_beside_a_body_in_small_motion(bar):
+    """A bar that is clamped to the same base, along x, keeps the floating one from no large motion."""
+    scene = pendulum(bar, "ffrf", -2.0)
+    beside = FlexibleBody("beside", bar, fidelity="linear")
+    clamp = Joint("clamp", "base.origin", "beside.left")
+    scene = replace(scene, bodies=(*scene.bodies, beside), joints=(*scene.joints, clamp))
+    record = run(scene, 0.4, 1e-3, start="released", spectral_radius=0.8)
+    found = swing(-2.0, record.time)
+    assert np.abs(record["x"] + LENGTH * (np.sin(found) - np.sin(-2.0))).max() < 5e-3 * LENGTH
+    assert np.abs(record["z"] + LENGTH * (np.cos(found) - np.cos(-2.0))).max() < 5e-3 * LENGTH
 
 
 def test_a_pendulum_out_of_equilibrium_needs_a_choice(bar):

@@ -173,6 +173,25 @@ def test_critical_damping_is_reached_at_the_least_gain():
     assert (found.damping_ratio, found.frequency) == (pytest.approx(1.0), pytest.approx(POLE, rel=1e-2))
 
 
+def test_optimum_ends_where_another_mode_becomes_unstable():
+    """Two oscillators, each with a rate feedback of its own: the one's gain damps it, the other's drives it.
+
+    The second loses its damping 2 zeta w at a gain of 2 zeta w / 0.2, where the first one's has grown by so much.
+    """
+    omega, ratio = 2 * np.pi * np.array([60.0, 90.0]), np.array([0.01, 0.03])
+    own = 2 * ratio * omega
+    state = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.diag(omega**2), -np.diag(own)]])
+    forces, readings = np.eye(4)[:, 2:], np.eye(4)[2:]
+    plant = LinearModel(state, forces, readings, np.zeros((2, 2)), ("f1", "f2"), ("v1", "v2"))
+    controller = proportional(np.diag([-1.0, 0.2]), sample_rate=1e4)
+    pair = {"measured": plant.outputs, "driven": plant.inputs}
+    gains = np.linspace(0.0, 300.0, 31)
+    found = optimum_gain(plant, controller, gains, **pair, frequency=60.0, delay_order=0)
+    edge = own[1] / 0.2
+    assert found.gain == pytest.approx(edge, rel=1e-5)
+    assert found.damping_ratio == pytest.approx((own[0] + edge) / (2 * omega[0]), rel=1e-5)
+
+
 def test_no_gain_better_than_none():
     found = optimum_gain(one_mode(0.02), iff(-1.0), GAINS, **LOOP, frequency=POLE)
     assert found.gain == pytest.approx(0.0, abs=1e-6)

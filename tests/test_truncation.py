@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.linalg
 from conftest import lattice, make_bar, pair_forces_and_readings
 
 from models.apa300ml import PRISMS, make_apa300ml
@@ -14,7 +15,7 @@ from nassim.fullmodel import full_eigenfrequencies, full_frequency_response
 from nassim.interface import rigid_transfer
 from nassim.linear import truncation_error
 from nassim.modes import fixed_interface_modes
-from nassim.trim import keep_modes
+from nassim.trim import keep_modes, trim_body
 
 FACTOR = 3.0
 APA_CASES = [
@@ -228,6 +229,22 @@ def test_keep_modes_is_the_reduction_with_fewer_modes():
     for n in (-1, 10):
         with pytest.raises(ValueError, match="has 9 modes, so it cannot keep"):
             keep_modes(rich, n)
+
+
+def test_a_trimmed_body_knows_what_was_left_out_before():
+    """Trimmed of nothing, against the richest form; frequencies by SciPy."""
+    body = craig_bampton(lattice(), n_modes=2, progress=False)
+    loads = np.zeros((len(body.mass_matrix), 0))
+    trimmed = trim_body(body, points=body.point_names, loads=loads, cutoff_frequency=1e9)
+
+    def held(of):
+        values = scipy.linalg.eigh(of.stiffness_matrix[6:, 6:], of.mass_matrix[6:, 6:], eigvals_only=True)
+        return np.sqrt(values)
+
+    found = trimmed.truncation_errors(fixed=["left"])
+    expected = held(body) / held(body.enriched)[: len(found)] - 1
+    assert expected.max() > 0.1
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-12)
 
 
 def test_length_of_truncation_errors():
