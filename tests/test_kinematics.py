@@ -4,6 +4,7 @@ import re
 import warnings
 from dataclasses import replace
 
+import exudyn as exu
 import numpy as np
 import pytest
 import scipy.integrate
@@ -23,7 +24,10 @@ from nassim import (
     craig_bampton,
     simulate,
 )
+from nassim.exudyn_system import build_system
 from nassim.kinematics import starting_twists
+
+OUTPUT = exu.OutputVariableType
 
 LENGTH = 0.1
 MASS = 7800 * LENGTH * 0.01**2
@@ -146,16 +150,18 @@ def test_a_jointed_free_body_is_thrown_as_by_a_blow(bar):
     assert twists["second"][1] + twists["second"][5] * (LENGTH + arm) == pytest.approx(blow / mass, rel=1e-9)
 
 
-def test_a_turned_body_is_thrown_by_its_inertia(bar):
+@pytest.mark.parametrize("fidelity", ["linear", "ffrf"])
+def test_a_turned_body_is_thrown_by_its_inertia(bar, fidelity):
     """The blow at a ball joint takes both points there to one velocity; the second body's inertia over its masses."""
     model, spin = lattice(), np.array([2.0, -5.0, 7.0])
     block = craig_bampton(model, n_modes=1, progress=False)
     hinge = np.array([LENGTH, 0, 0])
     place = hinge - TURN @ block.point("left").position
-    second = FlexibleBody("second", block, place, TURN)
+    second = FlexibleBody("second", block, place, TURN, fidelity=fidelity)
     body = FlexibleBody("bar", bar, angular_velocity=spin)
     joint = Joint("ball", "bar.right", "second.left", free=("rx", "ry", "rz"))
-    twists = starting_twists(Scene("thrown", (body, second), (joint,)))
+    scene = Scene("thrown", (body, second), (joint,))
+    twists = starting_twists(scene)
 
     masses = model.scalar_mass_matrix.diagonal()
     spots = place + model.fields[1:].T @ TURN.T
@@ -170,6 +176,13 @@ def test_a_turned_body_is_thrown_by_its_inertia(bar):
     assert np.allclose(twists["second"][3:], rate, rtol=1e-6, atol=1e-6 * np.abs(rate).max())
     velocity = twists["second"][:3] + np.cross(rate, centre)
     assert np.allclose(velocity, blow / masses.sum(), atol=1e-6 * np.abs(velocity).max())
+
+    system = build_system(scene)
+    nodes = system.carriers["second"].nodes[:2] if fidelity == "linear" else [(system.nodes["second"], 6)]
+    for (node, _), point in zip(nodes, block.point_names, strict=False):
+        found = [system.mbs.GetNodeOutput(node, kind) for kind in (OUTPUT.Velocity, OUTPUT.AngularVelocity)]
+        moves = blow / masses.sum() + np.cross(rate, second.point_position(point) - centre)
+        assert np.allclose(found, [moves, rate], atol=1e-6 * np.abs(rate).max())
 
 
 def test_a_free_body_turns_about_its_centre_of_mass(bar):

@@ -105,6 +105,8 @@ def test_several_signals_share_a_gain():
         ratio = damping(close_loop(plant, controller, **pair, gain=gain))[1]
         assert locus.damping_ratio[k].min() == pytest.approx(ratio.min(), rel=1e-6)
     assert np.all(np.diff(locus.damping_ratio[:, locus.branch(60.0)]) > 0)
+    for near, mode in ((50.0, 60.0), (74.0, 60.0), (76.0, 90.0), (500.0, 90.0)):
+        assert locus.frequency[0, locus.branch(near)] == pytest.approx(mode, rel=1e-6)
 
 
 @pytest.mark.parametrize("corner", [5.0, 40.0])

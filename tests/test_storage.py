@@ -309,10 +309,12 @@ with written_whole(sys.argv[1]) as temporary:
 def test_what_killed_processes_leave_is_removed_by_the_next_write(tmp_path):
     command = [sys.executable, "-c", HANGING, tmp_path / "first.h5"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        left = tmp_path / process.stdout.readline().strip()
-        save(record(), tmp_path / "second.h5")
-        assert left.exists(), "another process is still writing this"
-        process.kill()
+        try:
+            left = tmp_path / process.stdout.readline().strip()
+            save(record(), tmp_path / "second.h5")
+            assert left.exists(), "another process is still writing this"
+        finally:
+            process.kill()
     host = re.sub(r"\W", "_", platform.node())
     elsewhere = tmp_path / left.name.replace(host, "another_computer", 1)
     elsewhere.write_bytes(b"")
