@@ -199,6 +199,7 @@ def test_summaries_name_their_command_and_are_plain_json(tmp_path, script, monke
             ["root_locus.png", "frf.png", "isolation.png", "step.png"],
         ),
         ("piezo_ports.py", ["--coarse"], ["pair_of_forces_pole_Hz", "ports_sensor_open_zero_Hz"], ["frf.png"]),
+        ("compare_routes.py", ["--coarse"], ["volume_stress_zero_Hz", "beam_model_stroke_m"], []),
         (
             "import_body.py",
             [
