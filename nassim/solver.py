@@ -28,6 +28,11 @@ SOLVERS = ("sparsecholesky", "pardiso")
 ELEMENTS_PER_LEAF = 24
 BLOCK = 16
 """Right-hand sides that PARDISO solves at once."""
+SINGULAR = (
+    "the stiffness matrix is singular or indefinite: is a part loose, or does a material or element have no stiffness?"
+)
+ZERO_PIVOT = -4
+"""PARDISO's error code for a matrix that is not positive definite."""
 
 
 @dataclass(frozen=True)
@@ -124,10 +129,7 @@ def factorize(matrix: SymmetricMatrix, *, held: NDArray[np.int64] | None = None)
     residual = np.where(free, matrix @ solution, 0.0) - probe
     solved = np.linalg.norm(residual) < 1e-4 * np.linalg.norm(probe)
     if not (solved and np.all(matrix.lower.diagonal()[free] > 0) and probe @ solution > 0):
-        raise ValueError(
-            "the stiffness matrix is singular or indefinite: is a part loose, or does a material or element "
-            "have no stiffness?"
-        )
+        raise ValueError(SINGULAR)
     return factor
 
 
@@ -152,8 +154,14 @@ def _pardiso(matrix: SymmetricMatrix, free: NDArray[np.bool_]) -> Callable[[Arra
     upper = matrix.lower[free][:, free].T.tocsr()
     upper.sort_indices()
     # Imported here because it is optional and its MKL takes a second to load.
-    engine = importlib.import_module("pypardiso").PyPardisoSolver(mtype=2)
-    engine.factorize(upper)
+    pypardiso = importlib.import_module("pypardiso")
+    engine = pypardiso.PyPardisoSolver(mtype=2)
+    try:
+        engine.factorize(upper)
+    except pypardiso.pardiso_wrapper.PyPardisoError as error:
+        if error.value != ZERO_PIVOT:
+            raise
+        raise ValueError(SINGULAR) from error
     engine.set_phase(33)
 
     def solve(columns: Array) -> Array:

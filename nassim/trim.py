@@ -58,7 +58,7 @@ def trim_body(body: ReducedBody, *, points: Collection[str], loads: Array, cutof
 
 
 def keep_modes(body: ReducedBody, n_modes: int) -> ReducedBody:
-    """The same body with its first n_modes modal coordinates only; it remembers the given one as its richer form.
+    """The same body with its first n_modes modal coordinates only; it remembers the richest form as its enriched one.
 
     Where it has electrical ports, their static answers stay: what the other coordinates had of them becomes a few modal
     coordinates more, as many as there are ports. Raises ValueError when there are not so many modes.
@@ -72,7 +72,7 @@ def keep_modes(body: ReducedBody, n_modes: int) -> ReducedBody:
     change = np.eye(n_all, n + shapes.shape[1])
     change[n:, n:] = shapes
     richer = replace(body, surface=None, surface_modes=None, released_stiffness=None)
-    return replace(project(body, change, points=body.point_names), enriched=richer)
+    return replace(project(body, change, points=body.point_names), enriched=body.enriched or richer)
 
 
 def project(body: ReducedBody, change: Array, *, points: Sequence[str]) -> ReducedBody:

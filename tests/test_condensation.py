@@ -87,7 +87,8 @@ def test_apa_compliance_equals_the_full_model(apa_condensed, apa):
     reactions = apa_condensed.stiffness @ motion
     residual = model.stiffness_matrix @ u - apa_condensed.averages.T @ reactions
     assert np.abs(residual).max() < 1e-8 * np.abs(apa_condensed.averages.T @ reactions).max()
-    assert np.allclose(apa_condensed.averages @ u, motion, atol=1e-10 * np.abs(motion).max())
+    # The sparse Cholesky is right to 4e-14 of the largest, PARDISO to 1e-10.
+    assert np.allclose(apa_condensed.averages @ u, motion, atol=1e-9 * np.abs(motion).max())
     assert reactions[column] == pytest.approx(1.0, rel=1e-8)
 
 

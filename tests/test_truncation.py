@@ -224,8 +224,8 @@ def test_keep_modes_is_the_reduction_with_fewer_modes():
     kept = keep_modes(rich, 4)
     assert kept.coordinate_names == fewer.coordinate_names
     assert np.allclose(kept.eigenfrequencies()[6:], fewer.eigenfrequencies()[6:], rtol=1e-8)
-    assert kept.enriched.n_modes == 9
-    assert np.allclose(kept.truncation_errors()[6:], kept.eigenfrequencies()[6:] / rich.eigenfrequencies()[6:16] - 1)
+    richest = rich.enriched.eigenfrequencies()[6 : 6 + 10]
+    assert np.allclose(kept.truncation_errors()[6:], kept.eigenfrequencies()[6:] / richest - 1)
     for n in (-1, 10):
         with pytest.raises(ValueError, match="has 9 modes, so it cannot keep"):
             keep_modes(rich, n)
