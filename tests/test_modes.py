@@ -134,7 +134,7 @@ def test_where_hardly_anything_is_left_out_the_vectors_are_still_stiff():
     frequency, modes = fixed_interface_modes(condensed, n_modes=8)
     ritz, vectors = left_out_vectors(condensed, frequency, modes)
     following = fixed_interface_modes(condensed, n_modes=8 + len(ritz))[0][8:]
-    # What is left is 1e-5 of the solutions that it is the rest of: by solver and threads the first one is up to 1 % low.
+    # What is left is 1e-5 of the solutions that it is the rest of: rounding makes the first one up to 1 % low.
     assert np.all(ritz > following * (1 - 0.03))
     energy = np.einsum("ij,ij->j", vectors, model.stiffness_matrix @ vectors)
     assert np.allclose(ritz, np.sqrt(energy) / (2 * np.pi), rtol=1e-6)
