@@ -81,7 +81,7 @@ class System:
     def measure(self) -> Array:
         """Present outputs, (outputs,)."""
         terms = [
-            sum(float(self.mbs.GetSensorValues(number) @ weights) for number, weights in self.readings[sensor.name])
+            sum(float(np.atleast_1d(self.mbs.GetSensorValues(number)) @ weights) for number, weights in self.readings[sensor.name])
             for sensor in self.assembly.scene.sensors
         ]
         return np.array(terms, dtype=float)
