@@ -1,40 +1,33 @@
 """nassim: multibody simulation with reduced-order flexible bodies."""
 
 from nassim.acceptance import Repair, repair, to_body
+from nassim.bodies import FlexibleBody, RigidBody
 from nassim.body import ReducedBody
 from nassim.condensation import Condensation, condense
 from nassim.control import Controller
+from nassim.describe import describe
 from nassim.export import export_body
 from nassim.fem import FEModel, build_fe_model
 from nassim.frf import FRF, estimate_frf
 from nassim.geometry import NearestTo, OnPlane, RemotePoint, Solid, read_solid
 from nassim.identification import ModalFit, identify_modes
 from nassim.inspection import Report, check
-from nassim.linear import LinearModel, frequency_response, linearize, truncation_error
+from nassim.linear import LinearModel, frequency_response
+from nassim.linearize import linearize, truncation_error
+from nassim.loop import Loop
 from nassim.materials import Material
 from nassim.measurements import read_frf, read_record, write_record
-from nassim.parts import (
-    Encoder,
-    FlexibleBody,
-    GroundAcceleration,
-    Joint,
-    Loop,
-    PointForce,
-    RigidBody,
-    SpringDamper,
-    StackActuator,
-    StackSensor,
-    VoltageDrive,
-    VoltageSensor,
-)
+from nassim.mechanics import Encoder, GroundAcceleration, Joint, PointForce, SpringDamper
 from nassim.piezo import ElectricalPort, PiezoStack
 from nassim.reduction import craig_bampton
 from nassim.scene import Scene
 from nassim.signals import TimeHistory
 from nassim.simulation import simulate, static_response
+from nassim.stacks import StackActuator, StackSensor, VoltageDrive, VoltageSensor
 from nassim.storage import load, save
 from nassim.superelement import Superelement, read_superelement
 from nassim.trim import open_circuit
+from nassim.trimming import trim_scene
 from nassim.updating import apply_identification
 
 __version__ = "0.2.0.dev0"
@@ -76,6 +69,7 @@ __all__ = [
     "check",
     "condense",
     "craig_bampton",
+    "describe",
     "estimate_frf",
     "export_body",
     "frequency_response",
@@ -92,6 +86,7 @@ __all__ = [
     "simulate",
     "static_response",
     "to_body",
+    "trim_scene",
     "truncation_error",
     "write_record",
 ]

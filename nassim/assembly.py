@@ -1,34 +1,23 @@
-"""A scene's matrices for small motion about its start: bodies, joints, damping and electrical ports put together."""
+"""A scene's matrices for small motion about its start: bodies and what the parts say put together."""
 
-import warnings
-from collections.abc import Callable
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
 
+from nassim.bodies import Body, RigidBody
 from nassim.checks import Array
+from nassim.damping import Damping
 from nassim.floating_frame import FloatingFrame, floating_frame
-from nassim.interface import AXES, DIRECTIONS, rigid_transfer, unit_vector
-from nassim.modal import elastic_ratios, modal_damping_matrix
-from nassim.parts import (
-    Actuator,
-    Body,
-    Encoder,
-    FlexibleBody,
-    GroundAcceleration,
-    PointForce,
-    RigidBody,
-    StackActuator,
-    VoltageDrive,
-    VoltageSensor,
-)
+from nassim.interface import AXES, DIRECTIONS
+from nassim.modal import elastic_ratios
+from nassim.part import Constraint, Field, Force, Leak, Reading, Row, Spring, Word, unknown_word
+from nassim.rows import shares
 from nassim.scene import Scene
-from nassim.strain import joined, spring_strain, stiffness_root, strained_modes
-from nassim.trim import open_circuit
+from nassim.strain import Strain, joined, spring_strain, stiffness_root, strained_modes
+from nassim.trimming import trim_scene
 
-LOST_DAMPING = 0.01
-"""Share of a mode's damping whose loss is worth a warning."""
 NO_EQUILIBRIUM = (
     "no static equilibrium: can a body move freely? Add joints, leave gravity out, or let the scene go as it is drawn "
     'by simulate(..., start="released")'
@@ -41,16 +30,13 @@ REDUNDANT = 1e-7
 class Circuit:
     """A resistance across an electrical port, whose charge is a state v = charge / capacitance [V] of its own.
 
-    output: index of the sensor that measures it
-    body: name of the flexible body; forces: on its coordinates per volt of v, (n,)
-    capacitance [F]: of port and load; resistance [Ohm]; gain: output per volt [V/V]
+    forces: on all coordinates per volt of v, (n_all,); the others: see `nassim.part.Leak`
 
     The voltage V = v - forces @ q / capacitance drives the current that discharges it:
     capacitance v' = -V / resistance.
     """
 
-    output: int
-    body: str
+    output: str
     forces: Array
     capacitance: float
     resistance: float
@@ -73,8 +59,9 @@ class Amplifier:
 class Assembly:
     """A scene's matrices for small motion: all bodies' coordinates, and the minimal ones that the joints leave.
 
-    scene: what is modelled, after `Scene.trimmed`, with the stiffness that measured electrical ports have without
-        charge
+    scene: what is modelled, after `trim_scene`; its bodies have the stiffness of springs within them, as of electrical
+        ports that keep their charge
+    words: what the parts say but for these springs
     slices: of each moving body's coordinates among all, by body name (flexible: the remote points' motions and
         the modes, in the body's frame; rigid: motion of the centre of mass in the world's frame)
     enforced: directions that each joint holds, by name, without those that other joints hold already
@@ -82,17 +69,18 @@ class Assembly:
     mass, stiffness: in minimal coordinates, (n, n)
     frequency: eigenfrequencies of the undamped scene, ascending, exactly 0 for free motions only, (n,) [Hz]
     shapes: (n, n), unit modal mass
-    damping_ratio: per mode, 0 for free motions, (n,) [-]
+    damping: of the modes and beside them, in minimal coordinates
     input_matrix: forces on all coordinates per unit input, (n_all, inputs), but for those through amplifiers
-    output_matrix: outputs per unit of all coordinates, (outputs, n_all)
+    output_matrix: outputs per unit of all coordinates or of the derivative that they read, (outputs, n_all)
+    derivatives: what the outputs read: 0 displacement, 1 velocity, 2 acceleration, (outputs,)
     weight: forces of gravity on all coordinates, (n_all,)
     frames: floating frame of each flexible body, by name
     circuits: electrical ports whose charge leaks through a resistance
     amplifiers: actuators with a bandwidth
-    damper_matrix: of the spring-dampers, beside modal damping, in minimal coordinates, (n, n)
     """
 
     scene: Scene
+    words: tuple[Word, ...]
     slices: dict[str, slice]
     enforced: dict[str, tuple[str, ...]]
     basis: Array
@@ -100,14 +88,14 @@ class Assembly:
     stiffness: Array
     frequency: Array
     shapes: Array
-    damping_ratio: Array
+    damping: Damping
     input_matrix: Array
     output_matrix: Array
+    derivatives: tuple[int, ...]
     weight: Array
     frames: dict[str, FloatingFrame]
     circuits: tuple[Circuit, ...]
     amplifiers: tuple[Amplifier, ...]
-    damper_matrix: Array
 
     @property
     def free(self) -> Array:
@@ -117,75 +105,82 @@ class Assembly:
 
     @property
     def falls_into_modes(self) -> bool:
-        """Whether nothing couples the undamped modes."""
-        return not (self.circuits or self.amplifiers or np.any(self.damper_matrix))
+        """Whether nothing couples the undamped modes, and outputs read displacements only."""
+        coupled = self.circuits or self.amplifiers or np.any(self.damping.dampers)
+        return not (coupled or any(self.derivatives))
+
+
+@dataclass(frozen=True)
+class _Coordinates:
+    """All coordinates of a scene's moving bodies, and what rows and gravity are in them."""
+
+    scene: Scene
+    slices: dict[str, slice]
+    mass: Array
+
+    @classmethod
+    def of(cls, scene: Scene) -> "_Coordinates":
+        bodies = [body for body in scene.bodies if body.moves]
+        blocks = [body.mass_matrix for body in bodies]
+        ends = np.cumsum([0, *map(len, blocks)])
+        places = {body.name: slice(ends[k], ends[k + 1]) for k, body in enumerate(bodies)}
+        return cls(scene, places, scipy.linalg.block_diag(*blocks))
+
+    def vector(self, row: Row) -> Array:
+        """A row on all coordinates, (n_all,)."""
+        result = np.zeros(len(self.mass))
+        for name, share in shares(self.scene, row).items():
+            result[self.slices[name]] = share
+        return result
+
+    def motion(self, path: str) -> Array:
+        """Small motion of a point in the world's frame, (6, n_all)."""
+        body, point = self.scene.split(path)
+        rows = np.zeros((6, len(self.mass)))
+        if body.moves:
+            rows[:, self.slices[body.name]] = body.motion(point)
+        return rows
+
+    def weight(self, gravity: Array) -> Array:
+        """Forces of a uniform gravity, world frame, (n_all,)."""
+        result = np.zeros(len(self.mass))
+        for name, place in self.slices.items():
+            result[place] = self.scene.split(f"{name}.")[0].weight(gravity)
+        return result
 
 
 def assemble(scene: Scene) -> Assembly:
     """Assemble a scene's mass and stiffness for small motion, and find its undamped eigenmodes."""
-    scene = _as_modelled(scene.trimmed())
+    scene, words = _as_modelled(trim_scene(scene))
     frames = {body.name: floating_frame(body.reduced, scene.frame_point(body)) for body in scene.flexible_bodies}
-    slices: dict[str, slice] = {}
-    blocks: list[Array] = []
-    for body in scene.bodies:
-        if isinstance(body, RigidBody) and body.fixed:
-            continue
-        start = sum(map(len, blocks))
-        blocks.append(_body_mass(body))
-        slices[body.name] = slice(start, start + len(blocks[-1]))
-    mass_all = scipy.linalg.block_diag(*blocks)
-    n_all = len(mass_all)
-
-    def motion(path: str) -> Array:
-        return _point_motion(scene, slices, n_all, path)
-
-    rigid, strains = [], []
-    for body in scene.flexible_bodies:
-        own = np.eye(n_all)[slices[body.name]]
-        if body.fidelity == "rigid":
-            rigid.append(frames[body.name].deformation(body.reduced) @ own)
-        else:
-            strains.append(body.reduced.strain.within(own))
-    dampers = np.zeros((n_all, n_all))
-    for spring in scene.springs:
-        row = unit_vector(spring.axis) @ (motion(spring.b) - motion(spring.a))[:3]
-        strains.append(spring_strain(row, spring.stiffness, mass_all))
-        dampers += spring.damping * np.outer(row, row)
-    held, enforced = _independent(scene, motion, np.vstack([np.zeros((0, n_all)), *rigid]), mass_all)
-    basis = _null_space(held, mass_all)
-    mass, strain = basis.T @ mass_all @ basis, joined(strains, n_all).within(basis)
+    coordinates = _Coordinates.of(scene)
+    strains, dampers = _strains(coordinates, words)
+    held, enforced = _independent(coordinates, words, _undeformed(coordinates, frames))
+    basis = _null_space(held, coordinates.mass)
+    mass, strain = basis.T @ coordinates.mass @ basis, joined(strains, len(coordinates.mass)).within(basis)
     frequency, shapes = strained_modes(strain, mass)
     ratio = elastic_ratios(frequency, scene.damping_ratio)
-    input_matrix = np.zeros((n_all, len(scene.inputs)))
-    amplifiers = []
-    for actuator in scene.actuators:
-        index, forces = scene.inputs.index(actuator.input), _forces(scene, actuator, slices, motion)
-        if isinstance(actuator, (StackActuator, VoltageDrive)) and np.isfinite(actuator.bandwidth):
-            amplifiers.append(Amplifier(index, forces, 2 * np.pi * actuator.bandwidth))
-        else:
-            input_matrix[:, index] += forces
-    circuits = [
-        _circuit(scene, sensor, k)
-        for k, sensor in enumerate(scene.sensors)
-        if isinstance(sensor, VoltageSensor) and np.isfinite(sensor.resistance)
-    ]
+    input_matrix, amplifiers = _actions(coordinates, words)
+    readings = [word for word in words if isinstance(word, Reading)]
+    vectors = [word.gain * coordinates.vector(word.row) for word in readings]
     return Assembly(
-        scene,
-        slices,
-        enforced,
-        basis,
-        mass,
-        strain.stiffness,
-        frequency,
-        shapes,
-        ratio,
-        input_matrix,
-        _output_matrix(scene, slices, motion),
-        _weight(scene, slices, n_all, scene.gravity),
-        frames,
-        tuple(circuits),
-        tuple(amplifiers),
-        basis.T @ dampers @ basis,
+        scene=scene,
+        words=words,
+        slices=coordinates.slices,
+        enforced=enforced,
+        basis=basis,
+        mass=mass,
+        stiffness=strain.stiffness,
+        frequency=frequency,
+        shapes=shapes,
+        damping=Damping(mass, frequency, shapes, ratio, basis.T @ dampers @ basis),
+        input_matrix=input_matrix,
+        output_matrix=np.reshape(vectors, (len(readings), len(coordinates.mass))),
+        derivatives=tuple(word.derivative for word in readings),
+        weight=coordinates.weight(scene.gravity),
+        frames=frames,
+        circuits=_circuits(coordinates, words),
+        amplifiers=amplifiers,
     )
 
 
@@ -207,164 +202,110 @@ def motion_size(assembly: Assembly, name: str, coordinates: Array) -> Array:
     return np.array([rotation, moved / np.sqrt(np.trace(middle))])
 
 
-def deformable_bodies(scene: Scene) -> tuple[FlexibleBody, ...]:
-    """The flexible bodies that the scene lets deform, in order."""
-    return tuple(body for body in scene.flexible_bodies if body.fidelity != "rigid")
-
-
 def deformation_damping(assembly: Assembly) -> Array:
-    """Damping matrix on the flexible coordinates of all bodies that deform, in order, that realises the modal ratios.
-
-    With D the map from minimal to flexible coordinates, the damping C of the modes is D^T C_f D for
-    C_f = D^+T C D^+: exact where motion without deformation has no damped mode. Modes of bodies that only springs hold
-    lose damping, of which a warning tells.
-    """
-    bodies = deformable_bodies(assembly.scene)
-    if not bodies:
-        _warn_of_lost_damping(assembly, np.zeros_like(assembly.mass))
-        return np.zeros((0, 0))
-    rows = []
+    """Damping matrix on the deformation of all bodies, in order, that realises the modal ratios: `Damping.through`."""
+    bodies = assembly.scene.deformable_bodies
+    deformation, roots = [np.zeros((0, len(assembly.mass)))], [np.zeros((0, 0))]
     for body in bodies:
-        part = assembly.basis[assembly.slices[body.name]]
-        rows.append(assembly.frames[body.name].deformation(body.reduced) @ part)
-    deformation = np.vstack(rows)
-    damping = modal_damping_matrix(assembly.mass, assembly.frequency, assembly.shapes, assembly.damping_ratio)
-    # Coordinates in metres, radians and modal units: scale to comparable energy before the pseudo-inverse.
-    roots = [
-        stiffness_root(assembly.frames[b.name].stiffness_matrix, n_points=6 * len(b.reduced.remote_points) - 6)[1]
-        for b in bodies
-    ]
-    root = scipy.linalg.block_diag(*roots)
-    inverse = np.linalg.pinv(root @ deformation, rcond=1e-9) @ root
-    result: Array = inverse.T @ damping @ inverse
-    _warn_of_lost_damping(assembly, deformation.T @ result @ deformation)
-    return result
+        frame = assembly.frames[body.name]
+        deformation.append(frame.deformation(body.reduced) @ assembly.basis[assembly.slices[body.name]])
+        roots.append(stiffness_root(frame.stiffness_matrix, n_points=6 * len(body.reduced.remote_points) - 6)[1])
+    return assembly.damping.through(np.vstack(deformation), scipy.linalg.block_diag(*roots))
 
 
-def _as_modelled(scene: Scene) -> Scene:
-    """The scene with the stiffness that bodies have while their measured electrical ports keep their charge.
+def _as_modelled(scene: Scene) -> tuple[Scene, tuple[Word, ...]]:
+    """The scene with springs within bodies made part of these, and what its parts say but for them.
 
     Bodies of which nothing but six rigid motions is left are rigid.
     """
+    added: dict[str, Array] = {}
+    words = []
+    for word in scene.words:
+        if not isinstance(word, Word):
+            raise unknown_word(word, "the model of small motion")
+        name = word.row.within if isinstance(word, Spring) and not word.damping else None
+        if isinstance(word, Spring) and name is not None:
+            row = shares(scene, word.row)[name]
+            added[name] = added.get(name, 0.0) + word.stiffness * np.outer(row, row)
+        else:
+            words.append(word)
     bodies: list[Body] = []
     for body in scene.bodies:
-        if isinstance(body, FlexibleBody):
-            measured = [s for s in scene.sensors if isinstance(s, VoltageSensor) and scene.split(s.port)[0] is body]
-            loads = {sensor.port.partition(".")[2]: sensor.capacitance for sensor in measured}
-            reduced = open_circuit(body.reduced, loads) if measured else body.reduced
-            stiff = body.fidelity == "ffrf" and len(reduced.mass_matrix) == 6
-            bodies.append(replace(body, reduced=reduced, fidelity="rigid" if stiff else body.fidelity))
-        else:
+        if isinstance(body, RigidBody):
             bodies.append(body)
-    return replace(scene, bodies=tuple(bodies))
+            continue
+        reduced = body.reduced
+        if body.name in added:
+            reduced = replace(reduced, stiffness_matrix=reduced.stiffness_matrix + added[body.name])
+        stiff = body.fidelity == "ffrf" and len(reduced.mass_matrix) == 6
+        bodies.append(replace(body, reduced=reduced, fidelity="rigid" if stiff else body.fidelity))
+    return replace(scene, bodies=tuple(bodies)), tuple(words)
 
 
-def _circuit(scene: Scene, sensor: VoltageSensor, output: int) -> Circuit:
-    body, port = scene.split(sensor.port)
-    assert isinstance(body, FlexibleBody)
-    coupling = body.reduced.port(port)
-    capacitance = coupling.blocked_capacitance + sensor.capacitance
-    return Circuit(output, body.name, coupling.forces, capacitance, sensor.resistance, sensor.gain)
+def _strains(coordinates: _Coordinates, words: Sequence[Word]) -> tuple[list[Strain], Array]:
+    """What strains, and the damping of spring-dampers, both in all coordinates."""
+    strains = []
+    for body in coordinates.scene.deformable_bodies:
+        own = np.eye(len(coordinates.mass))[coordinates.slices[body.name]]
+        strains.append(body.reduced.strain.within(own))
+    dampers = np.zeros_like(coordinates.mass)
+    for word in words:
+        if isinstance(word, Spring):
+            row = coordinates.vector(word.row)
+            strains.append(spring_strain(row, word.stiffness, coordinates.mass))
+            dampers += word.damping * np.outer(row, row)
+    return strains, dampers
 
 
-def _body_mass(body: Body) -> Array:
-    if isinstance(body, FlexibleBody):
-        return body.reduced.mass_matrix
-    assert body.mass is not None
-    assert body.inertia is not None
-    result: Array = scipy.linalg.block_diag(body.mass * np.eye(3), body.inertia)
-    return result
+def _undeformed(coordinates: _Coordinates, frames: Mapping[str, FloatingFrame]) -> Array:
+    """Rows that vanish while the bodies of fidelity "rigid" keep their shape, (m, n_all)."""
+    rows = [np.zeros((0, len(coordinates.mass)))]
+    for body in coordinates.scene.flexible_bodies:
+        if not body.deforms:
+            own = np.eye(len(coordinates.mass))[coordinates.slices[body.name]]
+            rows.append(frames[body.name].deformation(body.reduced) @ own)
+    return np.vstack(rows)
 
 
-def _forces(scene: Scene, actuator: Actuator, slices: dict[str, slice], motion: Callable[[str], Array]) -> Array:
-    """Forces of an actuator on all coordinates per unit of its input."""
-    n_all = max(place.stop for place in slices.values())
-    if isinstance(actuator, PointForce):
-        result: Array = unit_vector(actuator.axis) @ motion(actuator.point)[:3]
-        return result
-    if isinstance(actuator, GroundAcceleration):
-        return _weight(scene, slices, n_all, -unit_vector(actuator.axis))
-    forces = np.zeros(n_all)
-    body, row = scene.body_row(actuator)
-    forces[slices[body.name]] = row
-    return forces
+def _actions(coordinates: _Coordinates, words: Sequence[Word]) -> tuple[Array, tuple[Amplifier, ...]]:
+    """Forces on all coordinates per unit input, (n_all, inputs), and those behind amplifiers with a bandwidth."""
+    inputs = coordinates.scene.inputs
+    matrix, amplifiers = np.zeros((len(coordinates.mass), len(inputs))), []
+    for word in words:
+        if isinstance(word, Field):
+            matrix[:, inputs.index(word.input)] += coordinates.weight(word.direction)
+        elif isinstance(word, Force):
+            index, forces = inputs.index(word.input), word.gain * coordinates.vector(word.row)
+            if np.isfinite(word.bandwidth):
+                amplifiers.append(Amplifier(index, forces, 2 * np.pi * word.bandwidth))
+            else:
+                matrix[:, index] += forces
+    return matrix, tuple(amplifiers)
 
 
-def _output_matrix(scene: Scene, slices: dict[str, slice], motion: Callable[[str], Array]) -> Array:
-    """Outputs per unit of all coordinates, at ports without charge."""
-    result = np.zeros((len(scene.sensors), max(place.stop for place in slices.values())))
-    for k, sensor in enumerate(scene.sensors):
-        if isinstance(sensor, Encoder):
-            result[k] = unit_vector(sensor.axis) @ (motion(sensor.b) - motion(sensor.a))[:3]
-        else:
-            body, row = scene.body_row(sensor)
-            result[k, slices[body.name]] = row
-    return result
-
-
-def _weight(scene: Scene, slices: dict[str, slice], n_all: int, gravity: Array) -> Array:
-    """Forces of a uniform gravity, world frame, on all coordinates."""
-    result = np.zeros(n_all)
-    for body in scene.bodies:
-        if body.name in slices:
-            result[slices[body.name]] = body_weight(body, gravity)
-    return result
-
-
-def _warn_of_lost_damping(assembly: Assembly, realised: Array) -> None:
-    """Warn of modes that a damping matrix in minimal coordinates, (n, n), damps less than they should be."""
-    wanted = 4 * np.pi * assembly.damping_ratio * assembly.frequency
-    lost = wanted - np.einsum("ik,ij,jk->k", assembly.shapes, realised, assembly.shapes)
-    modes = (lost > LOST_DAMPING * wanted) & ~assembly.free
-    if modes.any():
-        listed = ", ".join(f"{f:.4g}" for f in assembly.frequency[modes][:5])
-        warnings.warn(
-            f"damping_ratio acts through deformation only, so the modes at {listed} Hz, in which springs rather than "
-            "bodies deform, lose damping in this simulation: give the spring-dampers a damping of their own and such "
-            "modes a ratio of 0",
-            stacklevel=2,
-        )
-
-
-def body_weight(body: Body, gravity: Array) -> Array:
-    """Forces of gravity on a body's coordinates."""
-    if isinstance(body, RigidBody):
-        assert body.mass is not None
-        return np.concatenate([body.mass * gravity, np.zeros(3)])
-    fall = np.zeros(len(body.reduced.mass_matrix))
-    fall[: 6 * len(body.reduced.remote_points)] = np.tile(
-        [*(body.rotation.T @ gravity), 0, 0, 0], len(body.reduced.remote_points)
+def _circuits(coordinates: _Coordinates, words: Sequence[Word]) -> tuple[Circuit, ...]:
+    return tuple(
+        Circuit(word.output, coordinates.vector(word.row), word.capacitance, word.resistance, word.gain)
+        for word in words
+        if isinstance(word, Leak)
     )
-    result: Array = body.reduced.mass_matrix @ fall
-    return result
-
-
-def _point_motion(scene: Scene, slices: dict[str, slice], n_all: int, path: str) -> Array:
-    """Small motion of a point in the world's frame from all coordinates, shape (6, n_all)."""
-    body, point = scene.split(path)
-    rows = np.zeros((6, n_all))
-    if isinstance(body, FlexibleBody):
-        rows[:, slices[body.name]] = scipy.linalg.block_diag(body.rotation, body.rotation) @ body.reduced.motion(point)
-    elif not body.fixed:
-        rows[:, slices[body.name]] = rigid_transfer(body.points[point])
-    return rows
 
 
 def _independent(
-    scene: Scene, motion: Callable[[str], Array], rows: Array, mass: Array
+    coordinates: _Coordinates, words: Sequence[Word], rows: Array
 ) -> tuple[Array, dict[str, tuple[str, ...]]]:
-    """Constraints of all joints after the given ones, less those that earlier ones imply, and what each joint holds."""
-    scale = 1.0 / np.sqrt(np.diag(mass))
+    """All constraints after the given rows, less those that earlier ones imply, and what each constraint holds."""
+    scale = 1.0 / np.sqrt(np.diag(coordinates.mass))
     basis = scipy.linalg.orth((rows * scale).T).T if len(rows) else rows  # SciPy before 1.14 takes no empty matrix
     kept = [rows]
     enforced: dict[str, tuple[str, ...]] = {}
-    for joint in scene.joints:
-        relative = motion(joint.b) - motion(joint.a)
+    for word in words:
+        if not isinstance(word, Constraint):
+            continue
+        relative = coordinates.motion(word.b) - coordinates.motion(word.a)
         holds = []
-        for direction, axis in DIRECTIONS.items():
-            if direction in joint.free:
-                continue
-            row = relative[AXES.index(axis)]
+        for direction in word.held:
+            row = relative[AXES.index(DIRECTIONS[direction])]
             rest = row * scale
             size = np.linalg.norm(rest)
             for _ in range(2):  # twice is enough for orthogonality to the last digit
@@ -373,7 +314,7 @@ def _independent(
                 basis = np.vstack([basis, rest / np.linalg.norm(rest)])
                 kept.append(row[None])
                 holds.append(direction)
-        enforced[joint.name] = tuple(holds)
+        enforced[word.name] = tuple(holds)
     return np.vstack(kept), enforced
 
 

@@ -16,7 +16,7 @@ from itertools import combinations
 import numpy as np
 import scipy.linalg
 
-from nassim.assembly import Assembly, deformable_bodies
+from nassim.assembly import Assembly
 from nassim.body import ReducedBody
 from nassim.checks import Array
 
@@ -51,7 +51,7 @@ def buckling_share(assembly: Assembly, tensions: Mapping[str, Array]) -> tuple[f
     elastic = ~assembly.free
     modes = assembly.basis @ (assembly.shapes / np.where(elastic, 2 * np.pi * assembly.frequency, 1.0))[:, elastic]
     softening = {}
-    for body in deformable_bodies(assembly.scene):
+    for body in assembly.scene.deformable_bodies:
         part = modes[assembly.slices[body.name]]
         softening[body.name] = -part.T @ _geometric_stiffness(body.reduced, tensions[body.name]) @ part
     if not softening or not elastic.any():

@@ -54,6 +54,13 @@ def not_negative(name: str, value: float, unit: str = "") -> float:
     return number
 
 
+def above_zero(name: str, value: float, unit: str = "") -> float:
+    """Return a number above zero, infinity included; raises ValueError otherwise."""
+    if not isinstance(value, (int, float, np.number)) or not value > 0:
+        raise ValueError(f"{name} must be positive, got {value!r} {unit}".rstrip() + "; inf for none")
+    return float(value)
+
+
 def known(kind: str, name: str, names: Collection[str]) -> str:
     """Return `name` if it is one of `names`; the ValueError otherwise lists them."""
     if name not in names:

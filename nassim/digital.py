@@ -7,7 +7,7 @@ import numpy as np
 
 from nassim.assembly import Assembly, motion_size
 from nassim.checks import Array
-from nassim.parts import Loop
+from nassim.loop import Loop
 from nassim.scene import Scene
 
 RUNAWAY = 0.1
@@ -123,7 +123,7 @@ def runaway(scene: Scene, body: str, outputs: Array, time_step: float) -> str:
     names = ", ".join(repr(loop.name) for loop in scene.loops)
     return (
         f"the closed loop runs away: at t = {(n - 1) * time_step:g} s {scene.outputs[worst]!r} has grown to "
-        f"{size[worst]:.3g} {scene.sensors[worst].unit} and body {body!r} is deformed by more than "
+        f"{size[worst]:.3g} {scene.output_units[worst]} and body {body!r} is deformed by more than "
         f"{100 * RUNAWAY:g} % of its size. Unstable, unless the excitation is far too large: check the sign, gain and "
         f"delay of loop {names} on the linear model (linearize_closed, unstable_poles)"
     )

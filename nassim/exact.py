@@ -12,9 +12,8 @@ import scipy.signal
 from nassim.assembly import NO_EQUILIBRIUM, Assembly
 from nassim.checks import Array
 from nassim.digital import check_runaway, start_loops
-from nassim.linear import state_space
+from nassim.linearize import state_space
 from nassim.modal import held_pole
-from nassim.parts import RigidBody
 from nassim.progress import Advance, silent
 from nassim.statespace import discretize
 
@@ -59,7 +58,7 @@ def exact_response(
         if not (np.any(drives[k]) or weight[k]):
             continue
         force = drives[k] @ inputs + weight[k] * released
-        damping = assembly.damping_ratio[k] * frequency
+        damping = assembly.damping.ratio[k] * frequency
         if assembly.free[k]:
             amplitude = _free(force, time_step, hold_order)
         else:
@@ -75,7 +74,7 @@ def _check_equilibrium(assembly: Assembly) -> None:
     """RuntimeError when gravity does work on a free motion; where it does none, equilibrium is neutral."""
     modes = (assembly.basis @ assembly.shapes)[:, assembly.free]
     moving = [body for body in assembly.scene.bodies if body.name in assembly.slices]
-    mass = sum(float((body if isinstance(body, RigidBody) else body.reduced).mass or 0.0) for body in moving)
+    mass = sum(body.rigid_inertia[0] for body in moving)
     # Of unit modal mass, no motion can feel more than all masses falling together.
     most = np.sqrt(mass) * float(np.linalg.norm(assembly.scene.gravity))
     if np.abs(modes.T @ assembly.weight).max(initial=0.0) > NEUTRAL * most:
@@ -86,7 +85,7 @@ def _coupled_response(
     assembly: Assembly, inputs: Array, h: float, hold_order: int, released: bool, advance: Advance
 ) -> tuple[Array, Array, Array]:
     """As exact_response, for states that do not fall apart into modes, and for loops."""
-    state, drives, readings = state_space(assembly)
+    state, drives, readings, feedthrough = state_space(assembly)
     phi, held, risen = discretize(state, drives, h)
     x = np.zeros(len(state))
     if np.any(assembly.weight) and not released:
@@ -99,6 +98,8 @@ def _coupled_response(
     pushes = held[:, :-1] @ inputs + held[:, -1:]
     if hold_order:
         pushes[:, :-1] += risen[:, :-1] @ np.diff(inputs)
+    through = feedthrough[:, :-1] @ inputs + feedthrough[:, -1:]
+    added = np.zeros(n_in)
     loops = start_loops(assembly.scene, h)
     modes = assembly.basis @ assembly.shapes
     outputs = np.empty((n_samples, len(readings)))
@@ -107,7 +108,7 @@ def _coupled_response(
     coordinates = np.empty((len(modes), len(seen)))
     k = 0
     for n, push in enumerate(pushes.T):
-        outputs[n] = readings @ x
+        outputs[n] = readings @ x + through[:, n] + feedthrough[:, :-1] @ added
         added, _, commands[n] = loops(n, outputs[n].copy)
         if n == seen[k]:
             coordinates[:, k] = modes @ x[: modes.shape[1]]

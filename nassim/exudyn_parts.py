@@ -1,147 +1,158 @@
-"""Actuators, sensors and springs of a scene as Exudyn's items."""
+"""What the parts of a scene say, as Exudyn's items, in floating frames and large motion."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
 
-from nassim.assembly import body_weight
+from nassim.bodies import FlexibleBody, RigidBody
 from nassim.checks import Array
-from nassim.exudyn_state import Carrier, Drive, add_forces
-from nassim.interface import unit_vector
-from nassim.parts import (
-    Actuator,
-    Encoder,
-    FlexibleBody,
-    GroundAcceleration,
-    PointForce,
-    RigidBody,
-    Sensor,
-    SpringDamper,
-    StackActuator,
-    StackSensor,
-    VoltageDrive,
-    VoltageSensor,
-)
+from nassim.exudyn_state import COORDINATES, Carrier, Drive, add_forces
+from nassim.interface import DIRECTIONS
+from nassim.part import Constraint, Field, Force, Reading, Row, Spring
+from nassim.rows import shares
 from nassim.scene import Scene
 
-
-def add_actuator(
-    mbs: Any,
-    scene: Scene,
-    actuator: Actuator,
-    nodes: dict[str, int],
-    objects: dict[str, int],
-    rigid: dict[str, RigidBody],
-    carriers: dict[str, Carrier],
-) -> list[Drive]:
-    """Add what an actuator acts through."""
-    if isinstance(actuator, GroundAcceleration):
-        return _add_ground(mbs, actuator, scene, nodes, objects, carriers)
-    if isinstance(actuator, PointForce):
-        return _add_force(mbs, actuator, objects, rigid)
-    return _add_stacks(mbs, scene, actuator, carriers)
+MOTIONS = (exu.OutputVariableType.Displacement, exu.OutputVariableType.Velocity, exu.OutputVariableType.Acceleration)
+"""What a reading of each derivative records of a point."""
+KEPT = {"storeInternal": True, "writeToFile": False}
 
 
-def _add_stacks(
-    mbs: Any, scene: Scene, actuator: StackActuator | VoltageDrive, carriers: dict[str, Carrier]
-) -> list[Drive]:
-    """Forces in balance inside a body do no work on its frame, so they act on coordinates of deformation only."""
-    parts = _parts(scene, actuator, carriers)
-    if not parts:
-        return []
-    forces = np.concatenate([row for _, row in parts])
-    number = add_forces(mbs, [node for node, _ in parts], len(forces))
-    return [Drive(number, actuator.input, forces, rate=2 * np.pi * actuator.bandwidth)]
+@dataclass(frozen=True)
+class Items:
+    """Exudyn's numbers of a scene's bodies, by name; markers of points by path.
+
+    rigid: bodies without deformation, along the world's axes; carriers: of those that deform; nodes: of all that move
+    """
+
+    mbs: Any
+    scene: Scene
+    nodes: Mapping[str, int]
+    objects: Mapping[str, int]
+    rigid: Mapping[str, RigidBody]
+    carriers: Mapping[str, Carrier]
+    markers: dict[str, int]
 
 
-def _add_force(mbs: Any, force: PointForce, objects: dict[str, int], rigid: dict[str, RigidBody]) -> list[Drive]:
-    name, _, point = force.point.partition(".")
-    marker = mbs.AddMarker(
-        eii.MarkerBodyPosition(bodyNumber=objects[name], localPosition=list(rigid[name].points[point]))
-    )
-    number = mbs.AddLoad(eii.LoadForceVector(markerNumber=marker, loadVector=[0.0, 0.0, 0.0]))
-    return [Drive(number, force.input, unit_vector(force.axis), load=True)]
-
-
-def _add_ground(
-    mbs: Any,
-    ground: GroundAcceleration,
-    scene: Scene,
-    nodes: dict[str, int],
-    objects: dict[str, int],
-    carriers: dict[str, Carrier],
-) -> list[Drive]:
-    """The ground's acceleration as an opposite gravity on every body that moves."""
-    fall = -unit_vector(ground.axis)
+def add_force(items: Items, word: Force) -> list[Drive]:
+    """Add what an input pushes through: forces on coordinates, and loads at points of rigid bodies."""
     drives = []
-    for body in scene.bodies:
-        if isinstance(body, FlexibleBody) and body.fidelity == "linear":
-            numbers = [node for node, _ in carriers[body.name].nodes]
-            forces = carriers[body.name].coordinates.T @ body_weight(body, fall)
-            drives.append(Drive(add_forces(mbs, numbers, len(forces)), ground.input, forces))
-        elif body.name in nodes:
-            marker = mbs.AddMarker(eii.MarkerBodyMass(bodyNumber=objects[body.name]))
-            number = mbs.AddLoad(eii.LoadMassProportional(markerNumber=marker, loadVector=[0.0, 0.0, 0.0]))
-            drives.append(Drive(number, ground.input, fall, load=True))
+    nodes = _on_coordinates(items, word.row)
+    if nodes:
+        # Forces in balance inside a body do no work on its frame, so they act on coordinates of deformation only.
+        forces = word.gain * np.concatenate([row for _, row in nodes])
+        number = add_forces(items.mbs, [node for node, _ in nodes], len(forces))
+        drives.append(Drive(number, word.input, forces, rate=2 * np.pi * word.bandwidth))
+    for name, position, weights in _on_points(items, word.row):
+        marker = items.mbs.AddMarker(eii.MarkerBodyPosition(bodyNumber=items.objects[name], localPosition=position))
+        number = items.mbs.AddLoad(eii.LoadForceVector(markerNumber=marker, loadVector=[0.0, 0.0, 0.0]))
+        drives.append(Drive(number, word.input, word.gain * weights, load=True, rate=2 * np.pi * word.bandwidth))
     return drives
 
 
-def add_spring(mbs: Any, spring: SpringDamper, objects: dict[str, int], rigid: dict[str, RigidBody]) -> None:
-    """Add a spring-damper, relaxed at the start, wherever its ends are."""
+def add_field(items: Items, word: Field) -> list[Drive]:
+    """Add a uniform acceleration of every body that moves."""
+    drives = []
+    for name in items.nodes:
+        body = items.scene.split(f"{name}.")[0]
+        if isinstance(body, FlexibleBody) and body.fidelity == "linear":
+            numbers = [number for number, _ in items.carriers[name].nodes]
+            forces = items.carriers[name].coordinates.T @ body.weight(word.direction)
+            drives.append(Drive(add_forces(items.mbs, numbers, len(forces)), word.input, forces))
+        else:
+            marker = items.mbs.AddMarker(eii.MarkerBodyMass(bodyNumber=items.objects[name]))
+            number = items.mbs.AddLoad(eii.LoadMassProportional(markerNumber=marker, loadVector=[0.0, 0.0, 0.0]))
+            drives.append(Drive(number, word.input, word.direction, load=True))
+    return drives
+
+
+def add_spring(items: Items, word: Spring) -> None:
+    """Add a spring-damper, relaxed at the start: within bodies, or between points of rigid ones along an axis."""
+    nodes = _on_coordinates(items, word.row)
+    if nodes:
+        row = np.concatenate([piece for _, piece in nodes])
+        items.mbs.AddObject(
+            eii.ObjectGenericODE2(
+                nodeNumbers=[node for node, _ in nodes],
+                massMatrix=np.zeros((0, 0)),
+                stiffnessMatrix=word.stiffness * np.outer(row, row),
+                dampingMatrix=word.damping * np.outer(row, row),
+                forceVector=np.zeros(len(row)),
+            )
+        )
+        return
+    (a, along_a), (b, along_b) = ((path, weights[:3]) for path, weights in word.row.points)
+    if np.count_nonzero(along_b) != 1 or np.any(along_a + along_b):
+        raise ValueError(f"between {a!r} and {b!r}: in large motion springs act along one of the world's axes")
     markers = []
-    for path in (spring.a, spring.b):
+    for path in (a, b):
         name, _, point = path.partition(".")
-        position = list(rigid[name].points[point])
-        markers.append(mbs.AddMarker(eii.MarkerBodyPosition(bodyNumber=objects[name], localPosition=position)))
-    offset = rigid[spring.b.partition(".")[0]].point_position(spring.b.partition(".")[2])
-    offset = offset - rigid[spring.a.partition(".")[0]].point_position(spring.a.partition(".")[2])
-    axis = unit_vector(spring.axis)
-    mbs.AddObject(
+        position = list(items.rigid[name].points[point])
+        markers.append(
+            items.mbs.AddMarker(eii.MarkerBodyPosition(bodyNumber=items.objects[name], localPosition=position))
+        )
+    items.mbs.AddObject(
         eii.ObjectConnectorCartesianSpringDamper(
             markerNumbers=markers,
-            stiffness=list(spring.stiffness * axis),
-            damping=list(spring.damping * axis),
-            offset=list(offset),
+            stiffness=list(word.stiffness * along_b**2),
+            damping=list(word.damping * along_b**2),
+            offset=list(items.scene.point_position(b) - items.scene.point_position(a)),
         )
     )
 
 
-def add_sensor(
-    mbs: Any, scene: Scene, sensor: Sensor, objects: dict[str, int], carriers: dict[str, Carrier]
-) -> list[tuple[int, Array]]:
+def add_reading(items: Items, word: Reading) -> list[tuple[int, Array]]:
     """Add what an output is read from: Exudyn's sensors and the weights of their columns."""
-    kept = {"storeInternal": True, "writeToFile": False}
-    if not isinstance(sensor, Encoder):
-        kind = exu.OutputVariableType.Coordinates
-        return [
-            (
-                mbs.AddSensor(eii.SensorNode(nodeNumber=node, outputVariableType=kind, **kept)),
-                row,
-            )
-            for node, row in _parts(scene, sensor, carriers)
-        ]
+    kinds = COORDINATES[word.derivative], MOTIONS[word.derivative]
     result = []
-    for path, sign in ((sensor.a, -1.0), (sensor.b, 1.0)):
-        body, point = scene.split(path)
-        assert isinstance(body, RigidBody)
-        if not body.fixed:
-            number = mbs.AddSensor(
-                eii.SensorBody(
-                    bodyNumber=objects[body.name],
-                    localPosition=list(body.points[point]),
-                    outputVariableType=exu.OutputVariableType.Displacement,
-                    **kept,
-                )
-            )
-            result.append((number, sign * unit_vector(sensor.axis)))
+    for node, row in _on_coordinates(items, word.row):
+        sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kinds[0], **KEPT)
+        result.append((items.mbs.AddSensor(sensor), word.gain * row))
+    for name, position, weights in _on_points(items, word.row):
+        number = items.objects[name]
+        sensor = eii.SensorBody(bodyNumber=number, localPosition=position, outputVariableType=kinds[1], **KEPT)
+        result.append((items.mbs.AddSensor(sensor), word.gain * weights))
     return result
 
 
-def _parts(
-    scene: Scene, part: StackActuator | VoltageDrive | StackSensor | VoltageSensor, carriers: dict[str, Carrier]
-) -> list[tuple[int, Array]]:
-    """A part's row over the coordinates of its body, split by nodes; empty in a rigid body."""
-    body, row = scene.body_row(part)
-    return carriers[body.name].parts(row) if body.name in carriers else []
+def add_constraint(items: Items, word: Constraint, held: tuple[str, ...]) -> None:
+    """Add a joint that holds the given ones of its directions."""
+    for path in (word.a, word.b):
+        name, _, point = path.partition(".")
+        if path not in items.markers:
+            position = list(items.rigid[name].points[point])
+            marker = eii.MarkerBodyRigid(bodyNumber=items.objects[name], localPosition=position)
+            items.markers[path] = items.mbs.AddMarker(marker)
+    items.mbs.AddObject(
+        eii.ObjectJointGeneric(
+            markerNumbers=[items.markers[word.a], items.markers[word.b]],
+            constrainedAxes=[int(direction in held) for direction in DIRECTIONS],
+        )
+    )
+
+
+def _on_coordinates(items: Items, row: Row) -> list[tuple[int, Array]]:
+    """A row's weights on the coordinates of bodies that deform, by node: those of bodies whose shape it counts."""
+    if row.points and not row.frame:
+        row = Row(own=row.own)
+    found = shares(items.scene, row)
+    return [
+        part for name, share in found.items() if name in items.carriers for part in items.carriers[name].parts(share)
+    ]
+
+
+def _on_points(items: Items, row: Row) -> list[tuple[str, list[float], Array]]:
+    """Body, place in it and weights (3,) of the points of rigid bodies that move and that a row counts."""
+    result = []
+    for path, weights in () if row.frame else row.points:
+        name, _, point = path.partition(".")
+        if name not in items.rigid:
+            raise ValueError(f"{path!r}: in large motion only points of rigid bodies are pushed and read")
+        if np.any(weights[3:]):
+            raise ValueError(f"{path!r}: in large motion rotations are neither pushed nor read")
+        if name in items.nodes:
+            result.append((name, list(items.rigid[name].points[point]), weights[:3]))
+    return result

@@ -11,12 +11,12 @@ import exudyn as exu
 import exudyn.solver
 import numpy as np
 
-from nassim.assembly import NO_EQUILIBRIUM, deformable_bodies, motion_size
+from nassim.assembly import NO_EQUILIBRIUM, motion_size
+from nassim.bodies import FlexibleBody
 from nassim.buckling import axial_forces
 from nassim.checks import Array
 from nassim.digital import RUNAWAY, runaway, start_loops
 from nassim.exudyn_state import Drive, System, find_accelerations
-from nassim.parts import FlexibleBody
 from nassim.progress import stage
 
 CHECKS = 200
@@ -104,7 +104,7 @@ def solve_dynamic(
     commands = np.zeros((n_steps + 1, len(scene.commands)))
     threshold = RUNAWAY if scene.loops else LOST
     largest = {name: np.zeros(2) for name in system.carriers}
-    slackest = {body.name: axial_tension(system, body) for body in deformable_bodies(scene)}
+    slackest = {body.name: axial_tension(system, body) for body in scene.deformable_bodies}
     lost: list[str] = []
     count = 0
     nothing = np.zeros(len(scene.inputs))
@@ -120,7 +120,7 @@ def solve_dynamic(
                 if not np.all(now < threshold):
                     lost.append(name)
                 largest[name] = np.maximum(largest[name], now)
-            for body in deformable_bodies(scene):
+            for body in scene.deformable_bodies:
                 slackest[body.name] = np.minimum(slackest[body.name], axial_tension(system, body))
 
         def before_step(_mbs: Any, _time: float) -> bool:
@@ -153,7 +153,7 @@ def solve_dynamic(
         if not lost:
             look()
         if lost and scene.loops:
-            outputs = np.column_stack(np.broadcast_arrays(*(system.recorded(s) for s in scene.sensors)))
+            outputs = np.column_stack(np.broadcast_arrays(*(system.recorded(name) for name in scene.outputs)))
             raise RuntimeError(runaway(scene, lost[0], outputs, time_step))
         if lost:
             raise RuntimeError(

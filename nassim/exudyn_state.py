@@ -11,8 +11,13 @@ import numpy as np
 
 from nassim.assembly import Assembly, Circuit
 from nassim.checks import Array
-from nassim.modal import modal_damping_matrix
-from nassim.parts import Sensor
+
+COORDINATES = (
+    exu.OutputVariableType.Coordinates,
+    exu.OutputVariableType.Coordinates_t,
+    exu.OutputVariableType.Coordinates_tt,
+)
+"""What a reading of each derivative records of a node."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +68,7 @@ class System:
     nodes: rigid-body node per moving body; carriers: per flexible body that deforms
     drives: what the inputs act through
     readings: per output, Exudyn's sensors and the weights of their columns
+    circuits: objects of `add_circuit`
     """
 
     container: Any
@@ -72,6 +78,7 @@ class System:
     carriers: dict[str, Carrier]
     drives: tuple[Drive, ...]
     readings: dict[str, list[tuple[int, Array]]]
+    circuits: tuple[int, ...]
 
     def apply(self, inputs: Mapping[str, float]) -> None:
         """Set the inputs, as if they had always been so."""
@@ -81,8 +88,8 @@ class System:
     def measure(self) -> Array:
         """Present outputs, (outputs,)."""
         terms = [
-            sum(float(np.atleast_1d(self.mbs.GetSensorValues(number)) @ weights) for number, weights in self.readings[sensor.name])
-            for sensor in self.assembly.scene.sensors
+            sum(float(np.atleast_1d(self.mbs.GetSensorValues(number)) @ weights) for number, weights in parts)
+            for parts in self.readings.values()
         ]
         return np.array(terms, dtype=float)
 
@@ -103,11 +110,9 @@ class System:
         )
         return float(np.arccos(np.clip(0.5 * (np.trace(now @ before.T) - 1), -1.0, 1.0)))
 
-    def recorded(self, sensor: Sensor) -> Array:
+    def recorded(self, output: str) -> Array:
         """Samples of one output, shape (n_samples,); a single 0 where nothing that moves is measured."""
-        terms = [
-            self.mbs.GetSensorStoredData(number)[:, 1:] @ weights for number, weights in self.readings[sensor.name]
-        ]
+        terms = [self.mbs.GetSensorStoredData(number)[:, 1:] @ weights for number, weights in self.readings[output]]
         return np.sum(terms, axis=0) if terms else np.zeros(1)
 
 
@@ -124,10 +129,7 @@ def small_motion_system(assembly: Assembly) -> System:
             nodeNumbers=[node],
             massMatrix=assembly.mass,
             stiffnessMatrix=assembly.stiffness,
-            dampingMatrix=modal_damping_matrix(
-                assembly.mass, assembly.frequency, assembly.shapes, assembly.damping_ratio
-            )
-            + assembly.damper_matrix,
+            dampingMatrix=assembly.damping.matrix,
             forceVector=assembly.basis.T @ assembly.weight,
         )
     )
@@ -135,19 +137,21 @@ def small_motion_system(assembly: Assembly) -> System:
     for a in assembly.amplifiers:
         pushes = assembly.basis.T @ a.forces
         drives.append(Drive(add_forces(mbs, [node], n), scene.inputs[a.input], pushes, rate=a.rate))
-    kind = exu.OutputVariableType.Coordinates
-    sensor = mbs.AddSensor(
-        eii.SensorNode(nodeNumber=node, outputVariableType=kind, storeInternal=True, writeToFile=False)
-    )
     weights = assembly.output_matrix @ assembly.basis
-    readings = {s.name: [(sensor, weights[k])] for k, s in enumerate(scene.sensors)}
+    readings = {}
+    for k, (name, derivative) in enumerate(zip(scene.outputs, assembly.derivatives, strict=True)):
+        kind = COORDINATES[derivative]
+        sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kind, storeInternal=True, writeToFile=False)
+        readings[name] = [(mbs.AddSensor(sensor), weights[k])]
+    circuits = []
     for circuit in assembly.circuits:
-        forces_on_body = assembly.basis[assembly.slices[circuit.body]].T @ circuit.forces
-        readings[scene.sensors[circuit.output].name].append(add_circuit(mbs, circuit, [node], forces_on_body))
+        number, reading = add_circuit(mbs, circuit, [node], assembly.basis.T @ circuit.forces)
+        circuits.append(number)
+        readings[circuit.output].append(reading)
     bodies = [body for body in scene.bodies if body.name in assembly.slices]
     carriers = {body.name: Carrier(((node, n),), assembly.basis[assembly.slices[body.name]]) for body in bodies}
     mbs.Assemble()
-    return System(container, mbs, assembly, {}, carriers, tuple(drives), readings)
+    return System(container, mbs, assembly, {}, carriers, tuple(drives), readings, tuple(circuits))
 
 
 def add_forces(mbs: Any, nodes: Sequence[int], size: int) -> int:
@@ -162,8 +166,8 @@ def add_forces(mbs: Any, nodes: Sequence[int], size: int) -> int:
     )
 
 
-def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array) -> tuple[int, Array]:
-    """Add a port's charge as a coordinate w = v / scale; returns the sensor of what it adds to the output.
+def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array) -> tuple[int, tuple[int, Array]]:
+    """Add a port's charge as a coordinate w = v / scale; returns its object and the sensor of its output.
 
     forces: on the nodes' coordinates per volt of v. Symmetric rows: c v + R c^2 v' = forces @ q. The scale makes them
     as large as those of the body's forces, else the tolerance of Newton's iterations passes over them. The mass is for
@@ -176,9 +180,8 @@ def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array)
     mass[n, n] = 1.0
     stiffness[:n, n] = stiffness[n, :n] = -scale * forces
     stiffness[n, n], damping[n, n] = scale**2 * c, scale**2 * circuit.resistance * c**2
-    mbs.AddObject(
+    number = mbs.AddObject(
         eii.ObjectGenericODE2(
-            name=f"circuit {circuit.output}",
             nodeNumbers=[*nodes, node],
             massMatrix=mass,
             stiffnessMatrix=stiffness,
@@ -187,7 +190,7 @@ def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array)
     )
     kind = exu.OutputVariableType.Coordinates
     sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kind, storeInternal=True, writeToFile=False)
-    return mbs.AddSensor(sensor), np.array([scale * circuit.gain])
+    return number, (mbs.AddSensor(sensor), np.array([scale * circuit.gain]))
 
 
 def find_accelerations(system: System, settings: Any) -> None:
@@ -195,16 +198,15 @@ def find_accelerations(system: System, settings: Any) -> None:
 
     Without them an input that does not start at zero would lose half a step.
     """
-    circuits = [circuit for circuit in system.assembly.circuits if circuit.body in system.carriers]
-    if not circuits:
+    if not system.circuits:
         return
     mbs = system.mbs
     solver: Any = exu.MainSolverImplicitSecondOrder()
     solver.InitializeSolver(mbs, settings)
     accelerations = mbs.systemData.GetODE2Coordinates_tt(exu.ConfigurationType.Current)
     mbs.systemData.SetODE2Coordinates_tt(accelerations, exu.ConfigurationType.Initial)
-    for circuit in circuits:
-        mbs.SetObjectParameter(mbs.GetObjectNumber(f"circuit {circuit.output}"), "massMatrix", np.zeros((0, 0)))
+    for number in system.circuits:
+        mbs.SetObjectParameter(number, "massMatrix", np.zeros((0, 0)))
     settings.timeIntegration.generalizedAlpha.computeInitialAccelerations = False
 
 

@@ -12,33 +12,70 @@ import numpy as np
 import scipy.linalg
 from exudyn.rigidBodyUtilities import GetRigidBodyNode
 
-from nassim.assembly import Assembly, assemble, deformable_bodies, deformation_damping
+from nassim.assembly import Assembly, deformation_damping
+from nassim.bodies import FlexibleBody, RigidBody
 from nassim.checks import Array
-from nassim.exudyn_parts import add_actuator, add_sensor, add_spring
-from nassim.exudyn_state import Carrier, System, add_circuit, modal_node, small_motion_system
+from nassim.exudyn_parts import Items, add_constraint, add_field, add_force, add_reading, add_spring
+from nassim.exudyn_state import Carrier, Drive, System, add_circuit, modal_node, small_motion_system
 from nassim.floating_frame import FloatingFrame
-from nassim.interface import DIRECTIONS, rigid_transfer
+from nassim.interface import rigid_transfer
 from nassim.kinematics import check_implied, starting_twists
-from nassim.parts import FlexibleBody, Joint, RigidBody
+from nassim.part import Constraint, Field, Force, Leak, Reading, Spring, unknown_word
 from nassim.scene import Scene
 
 # Corners of a regular tetrahedron: equal weights on four pilots there give a remote point's motion exactly.
 PILOT_DIRECTIONS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
 
 
-def build_system(scene: Scene) -> System:
-    """Build the Exudyn system of a scene, with all inputs at zero.
+def build_system(assembly: Assembly) -> System:
+    """Build the Exudyn system of an assembled scene, with all inputs at zero.
 
     Raises ValueError for joints and angular velocities that do not go together, see `nassim.kinematics`.
     """
-    assembly = assemble(scene)
-    scene = assembly.scene
-    if scene.in_small_motion and len(assembly.mass):
+    if assembly.scene.in_small_motion and len(assembly.mass):
         return small_motion_system(assembly)
-    check_implied(scene, assembly.enforced)
-    twists = starting_twists(scene)
+    check_implied(assembly.scene, assembly.enforced)
     container = exu.SystemContainer()
     mbs = container.AddSystem()
+    items = _add_bodies(mbs, assembly)
+    drives: list[Drive] = []
+    readings: dict[str, list[tuple[int, Array]]] = {}
+    for word in assembly.words:
+        match word:
+            case Constraint():
+                if assembly.enforced[word.name]:
+                    add_constraint(items, word, assembly.enforced[word.name])
+            case Spring():
+                add_spring(items, word)
+            case Force():
+                drives += add_force(items, word)
+            case Field():
+                drives += add_field(items, word)
+            case Reading():
+                readings[word.output] = add_reading(items, word)
+            case Leak():
+                pass  # one of the assembly's circuits
+            case _:
+                raise unknown_word(word, "Exudyn's system of large motion")
+    circuits = []
+    for circuit in assembly.circuits:
+        forces = {name: circuit.forces[assembly.slices[name]] for name in items.carriers}
+        parts = [part for name, carrier in items.carriers.items() for part in carrier.parts(forces[name])]
+        if parts:
+            row = np.concatenate([piece for _, piece in parts])
+            number, reading = add_circuit(mbs, circuit, [node for node, _ in parts], row)
+            circuits.append(number)
+            readings[circuit.output].append(reading)
+    mbs.Assemble()
+    return System(
+        container, mbs, assembly, dict(items.nodes), dict(items.carriers), tuple(drives), readings, tuple(circuits)
+    )
+
+
+def _add_bodies(mbs: Any, assembly: Assembly) -> Items:
+    """Add the bodies with their weight, and the damping between them."""
+    scene = assembly.scene
+    twists = starting_twists(scene)
     damping = _damping_blocks(assembly)
     nodes: dict[str, int] = {}
     carriers: dict[str, Carrier] = {}
@@ -46,7 +83,7 @@ def build_system(scene: Scene) -> System:
     objects: dict[str, int] = {}
     rigid: dict[str, RigidBody] = {}
     for body in scene.bodies:
-        if isinstance(body, FlexibleBody) and body.fidelity != "rigid":
+        if isinstance(body, FlexibleBody) and body.deforms:
             add = _add_floating if body.fidelity == "ffrf" else _add_linear
             node, carriers[body.name], objects[body.name], pilots = add(
                 mbs, scene, body, assembly.frames[body.name], damping[body.name, body.name], twists[body.name]
@@ -65,22 +102,7 @@ def build_system(scene: Scene) -> System:
             marker = mbs.AddMarker(eii.MarkerBodyMass(bodyNumber=objects[name]))
             mbs.AddLoad(eii.LoadMassProportional(markerNumber=marker, loadVector=list(scene.gravity)))
     _couple_dampings(mbs, assembly, carriers, damping)
-    for joint in scene.joints:
-        if assembly.enforced[joint.name]:
-            _add_joint(mbs, joint, assembly.enforced[joint.name], objects, markers, rigid)
-    for spring in scene.springs:
-        add_spring(mbs, spring, objects, rigid)
-    drives = [d for a in scene.actuators for d in add_actuator(mbs, scene, a, nodes, objects, rigid, carriers)]
-    readings = {s.name: add_sensor(mbs, scene, s, objects, carriers) for s in scene.sensors}
-    for circuit in assembly.circuits:
-        if circuit.body in carriers:
-            parts = carriers[circuit.body].parts(circuit.forces)
-            nodes_of_body = [node for node, _ in parts]
-            forces = np.concatenate([row for _, row in parts])
-            name = scene.sensors[circuit.output].name
-            readings[name].append(add_circuit(mbs, circuit, nodes_of_body, forces))
-    mbs.Assemble()
-    return System(container, mbs, assembly, nodes, carriers, tuple(drives), readings)
+    return Items(mbs, scene, nodes, objects, rigid, carriers, markers)
 
 
 def _as_rigid(body: FlexibleBody, assembly: Assembly) -> RigidBody:
@@ -88,7 +110,7 @@ def _as_rigid(body: FlexibleBody, assembly: Assembly) -> RigidBody:
     frame, turn = assembly.frames[body.name], body.rotation
     c = frame.center_of_mass
     inertia = turn @ (frame.inertia - frame.mass * (c @ c * np.eye(3) - np.outer(c, c))) @ turn.T
-    position = _centre(body)
+    position = body.centre
     points = {name: body.point_position(name) - position for name in body.reduced.all_point_names}
     return RigidBody(body.name, points, frame.mass, 0.5 * (inertia + inertia.T), position)
 
@@ -147,8 +169,8 @@ def _add_floating(
         )
     )
     modes = mbs.AddNode(modal_node(n))
-    paths = [path for joint in scene.joints for path in (joint.a, joint.b)]
-    used = [p for p in body.reduced.point_names if f"{body.name}.{p}" in paths and p != frame.point]
+    held = scene.held_points(body)
+    used = [p for p in body.reduced.point_names if p in held and p != frame.point]
     positions, rows = _pilots(body, frame, used)
     number = mbs.AddObject(
         eii.ObjectFFRFreducedOrder(
@@ -184,11 +206,6 @@ def _add_floating(
         )
     carrier = Carrier(((modes, n),), np.eye(len(body.reduced.mass_matrix))[:, frame.flexible])
     return node, carrier, number, markers
-
-
-def _centre(body: FlexibleBody) -> Array:
-    result: Array = body.position + body.rotation @ body.reduced.center_of_mass
-    return result
 
 
 def _pilots(body: FlexibleBody, frame: FloatingFrame, points: Sequence[str]) -> tuple[Array, Array]:
@@ -227,31 +244,9 @@ def _add_rigid(mbs: Any, body: RigidBody, twist: Array) -> tuple[int | None, int
     return node, mbs.AddObject(eii.ObjectRigidBody(nodeNumber=node, mass=body.mass, inertia=six))
 
 
-def _add_joint(
-    mbs: Any,
-    joint: Joint,
-    enforced: Sequence[str],
-    objects: dict[str, int],
-    markers: dict[str, int],
-    rigid: dict[str, RigidBody],
-) -> None:
-    for path in (joint.a, joint.b):
-        name, _, point = path.partition(".")
-        if path not in markers:
-            markers[path] = mbs.AddMarker(
-                eii.MarkerBodyRigid(bodyNumber=objects[name], localPosition=list(rigid[name].points[point]))
-            )
-    mbs.AddObject(
-        eii.ObjectJointGeneric(
-            markerNumbers=[markers[joint.a], markers[joint.b]],
-            constrainedAxes=[int(direction in enforced) for direction in DIRECTIONS],
-        )
-    )
-
-
 def _damping_blocks(assembly: Assembly) -> dict[tuple[str, str], Array]:
     """Damping between the deformations of every two bodies, by their names."""
-    bodies = deformable_bodies(assembly.scene)
+    bodies = assembly.scene.deformable_bodies
     full = deformation_damping(assembly)
     ends = np.cumsum([0, *(len(assembly.frames[body.name].flexible) for body in bodies)])
     places = {body.name: slice(ends[k], ends[k + 1]) for k, body in enumerate(bodies)}
@@ -262,7 +257,7 @@ def _couple_dampings(
     mbs: Any, assembly: Assembly, carriers: dict[str, Carrier], blocks: dict[tuple[str, str], Array]
 ) -> None:
     """Damping between the deformations of several flexible bodies, which modal damping of their assembly needs."""
-    bodies = deformable_bodies(assembly.scene)
+    bodies = assembly.scene.deformable_bodies
     if len(bodies) < 2:
         return
     rows = [assembly.frames[b.name].deformation(b.reduced) @ carriers[b.name].coordinates for b in bodies]

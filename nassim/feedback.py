@@ -18,8 +18,7 @@ import scipy.signal
 from nassim.checks import Array, finite, known, unique
 from nassim.control import Controller, controller_response
 from nassim.frf import FRF, ComplexArray
-from nassim.linear import LinearModel, frequency_response, linearize, sampled
-from nassim.scene import Scene
+from nassim.linear import LinearModel, frequency_response
 from nassim.statespace import StateSpace, cascade, inverse_tustin
 
 DELAY_ORDER = 4
@@ -106,28 +105,6 @@ def close_loop(
         C=np.hstack([c + d @ u_x, d @ u_k]),
         D=d @ u_u,
     )
-
-
-def linearize_closed(scene: Scene, *, continuous: bool = False, delay_order: int = DELAY_ORDER) -> LinearModel:
-    """The linear model of a scene with all its loops closed, their converters and limits left out.
-
-    The model is sampled at the loops' rate: what a simulation without saturation does at its samples, exactly, with the
-    excitation held between them. continuous: the continuous equivalent instead, with delay and hold by Pade's
-    approximation of delay_order. Raises ValueError for a scene without loops, and for several rates unless continuous.
-    """
-    rates = {loop.controller.sample_rate for loop in scene.loops}
-    if not rates:
-        raise ValueError(f"scene {scene.name!r} has no loops; linearize serves")
-    if len(rates) > 1 and not continuous:
-        raise ValueError(
-            f"the loops of scene {scene.name!r} have several sample rates; only the continuous model has all"
-        )
-    model = linearize(scene)
-    if not continuous:
-        model = sampled(model, rates.pop())
-    for loop in scene.loops:
-        model = close_loop(model, loop.controller, measured=loop.measured, driven=loop.driven, delay_order=delay_order)
-    return model
 
 
 def open_loop(

@@ -9,9 +9,10 @@ import numpy as np
 import scipy.linalg
 from scipy.spatial.transform import Rotation
 
+from nassim.bodies import Body, FlexibleBody
 from nassim.checks import Array
 from nassim.interface import DIRECTIONS, rigid_transfer
-from nassim.parts import Body, FlexibleBody, Joint, RigidBody
+from nassim.part import Constraint
 from nassim.scene import Scene
 
 FOLLOWED = 1e-9
@@ -66,14 +67,13 @@ def check_implied(scene: Scene, enforced: Mapping[str, Sequence[str]]) -> None:
     satisfied, let the bodies make small finite motions, the left out must stay satisfied.
     """
     left_out = {
-        joint.name: [d for d in DIRECTIONS if d not in joint.free and d not in enforced[joint.name]]
-        for joint in scene.joints
+        joint.name: [d for d in joint.held if d not in enforced[joint.name]] for joint in scene.said(Constraint)
     }
     if not any(left_out.values()):
         return
     bodies = _moving(scene)
     places = {name: slice(6 * k, 6 * k + 6) for k, name in enumerate(bodies)}
-    points = np.array([scene.point_position(joint.a) for joint in scene.joints])
+    points = np.array([scene.point_position(joint.a) for joint in scene.said(Constraint)])
     middle, size = points.mean(axis=0), max(float(np.ptp(points, axis=0).max()), 1e-6)
     scale = np.tile([size] * 3 + [1.0] * 3, len(bodies))
     about_middle = scipy.linalg.block_diag(*[rigid_transfer(-middle)] * len(bodies)) * scale
@@ -83,7 +83,9 @@ def check_implied(scene: Scene, enforced: Mapping[str, Sequence[str]]) -> None:
     correct = about_middle @ np.linalg.pinv(_all_rows(scene, places, enforced) @ about_middle, rcond=1e-9)
 
     def opened(twists: Array) -> Array:
-        return np.hstack([_gaps(scene, places, joint, enforced[joint.name], twists) for joint in scene.joints])
+        return np.hstack(
+            [_gaps(scene, places, joint, enforced[joint.name], twists) for joint in scene.said(Constraint)]
+        )
 
     directions = np.hstack([np.eye(motions.shape[1]), np.random.default_rng(0).standard_normal((motions.shape[1], 5))])
     for motion in (motions @ directions).T:
@@ -93,7 +95,7 @@ def check_implied(scene: Scene, enforced: Mapping[str, Sequence[str]]) -> None:
         limit = IMPLIED * PERTURBATION**2 * size
         if np.abs(opened(twists)).max(initial=0.0) > limit:
             continue  # locked by the others already, so this is no finite motion
-        for joint in scene.joints:
+        for joint in scene.said(Constraint):
             broken = np.abs(_gaps(scene, places, joint, left_out[joint.name], twists)) > limit
             if broken.any():
                 listed = ", ".join(np.array(left_out[joint.name])[broken])
@@ -105,21 +107,12 @@ def check_implied(scene: Scene, enforced: Mapping[str, Sequence[str]]) -> None:
 
 
 def _moving(scene: Scene) -> dict[str, Body]:
-    return {body.name: body for body in scene.bodies if not (isinstance(body, RigidBody) and body.fixed)}
+    return {body.name: body for body in scene.bodies if body.moves}
 
 
 def _mass(body: Body) -> Array:
     """Mass matrix of a rigid body's twist, (6, 6)."""
-    if isinstance(body, RigidBody):
-        assert body.mass is not None
-        assert body.inertia is not None
-        inertia, center, mass = body.inertia, body.position, body.mass
-    else:
-        mass, center = body.reduced.mass, body.position + body.rotation @ body.reduced.center_of_mass
-        about = body.reduced.gram[1:4, 1:4] - mass * np.outer(*[body.reduced.center_of_mass] * 2)
-        # Slender bodies made by hand may have no inertia about their axis.
-        spread = np.trace(about) * (1 + 1e-9) * np.eye(3) - about
-        inertia = body.rotation @ spread @ body.rotation.T
+    mass, center, inertia = body.rigid_inertia
     to_center = rigid_transfer(center)
     result: Array = to_center.T @ scipy.linalg.block_diag(mass * np.eye(3), inertia) @ to_center
     return result
@@ -127,25 +120,26 @@ def _mass(body: Body) -> Array:
 
 def _spinning(body: FlexibleBody) -> Array:
     """Twist of a body that turns about its centre of mass."""
-    center = body.position + body.rotation @ body.reduced.center_of_mass
-    return np.concatenate([np.cross(center, body.angular_velocity), body.angular_velocity])
+    return np.concatenate([np.cross(body.centre, body.angular_velocity), body.angular_velocity])
 
 
 def _all_rows(scene: Scene, places: Mapping[str, slice], held: Mapping[str, Sequence[str]] | None = None) -> Array:
     """Relative velocities at the joints along all that they hold, or what is given by name, per unit of all twists."""
     result = [np.zeros((0, 6 * len(places)))]
-    for joint in scene.joints:
+    for joint in scene.said(Constraint):
         rows = np.zeros((6, 6 * len(places)))
         for path, sign in ((joint.a, -1.0), (joint.b, 1.0)):
             place = places.get(path.partition(".")[0])
             if place is not None:
                 rows[:, place] += sign * rigid_transfer(scene.point_position(path))
-        directions = [d for d in DIRECTIONS if d not in joint.free] if held is None else held[joint.name]
+        directions = joint.held if held is None else held[joint.name]
         result.append(rows[[list(DIRECTIONS).index(d) for d in directions]])
     return np.vstack(result)
 
 
-def _gaps(scene: Scene, places: Mapping[str, slice], joint: Joint, directions: Sequence[str], twists: Array) -> Array:
+def _gaps(
+    scene: Scene, places: Mapping[str, slice], joint: Constraint, directions: Sequence[str], twists: Array
+) -> Array:
     """What opens at a joint along directions that turn with its body a, once all bodies made finite motions."""
     turns, moved = [], []
     for path in (joint.a, joint.b):

@@ -1,14 +1,11 @@
-"""The linear model of a scene: small motion about its start, in minimal coordinates; continuous or sampled."""
+"""Linear models with named inputs and outputs, continuous or sampled: poles, damping, frequency response."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nassim.assembly import Assembly, assemble
 from nassim.checks import Array, finite_array, freeze, positive
 from nassim.frf import FRF
-from nassim.parts import Body, FlexibleBody
-from nassim.scene import Scene
 from nassim.statespace import StateSpace, discretize, transfer_matrix
 
 ROUNDING = 1e-8
@@ -69,50 +66,6 @@ class UnstablePole:
         """In words, for a message."""
         motion = f"an oscillation at {self.frequency:.4g} Hz" if self.frequency else "a drift"
         return f"{motion} that grows e-fold in {1 / self.growth_rate:.3g} s"
-
-
-def linearize(scene: Scene) -> LinearModel:
-    """The scene's linear model about its start, with the modal damping that the scene states.
-
-    The states are the minimal coordinates' modal amplitudes and their rates, then the charges of ports that leak (as
-    volts) and the outputs of amplifiers with a bandwidth. The scene's loops are open. Gravity's effect on stiffness and
-    gyroscopic terms of a spinning body are not part of it.
-    """
-    state, drives, readings = state_space(assemble(scene))
-    feedthrough = np.zeros((len(scene.outputs), len(scene.inputs)))
-    units = tuple(sensor.unit for sensor in scene.sensors)
-    return LinearModel(state, drives[:, :-1], readings, feedthrough, scene.inputs, scene.outputs, units)
-
-
-def state_space(assembly: Assembly) -> tuple[Array, Array, Array]:
-    """A, B and C of an assembled scene; the last column of B is gravity, a constant input of one.
-
-    States: modal amplitudes and their rates, then the charges of circuits (as volts) and the amplifiers' outputs.
-    """
-    a = assembly
-    omega = 2 * np.pi * a.frequency
-    n, n_in, n_out = len(omega), a.input_matrix.shape[1], len(a.output_matrix)
-    modes = a.basis @ a.shapes
-    size = 2 * n + len(a.circuits) + len(a.amplifiers)
-    state, drives, readings = np.zeros((size, size)), np.zeros((size, n_in + 1)), np.zeros((n_out, size))
-    velocity = slice(n, 2 * n)
-    state[:n, velocity] = np.eye(n)
-    state[velocity, :n] = -np.diag(omega**2)
-    state[velocity, velocity] = -np.diag(2 * a.damping_ratio * omega) - a.shapes.T @ a.damper_matrix @ a.shapes
-    drives[velocity, :n_in], drives[velocity, n_in] = modes.T @ a.input_matrix, modes.T @ a.weight
-    readings[:, :n] = a.output_matrix @ modes
-    for j, circuit in enumerate(a.circuits, start=2 * n):
-        pull = modes[a.slices[circuit.body]].T @ circuit.forces
-        rate = 1 / (circuit.resistance * circuit.capacitance)
-        state[velocity, j] = pull
-        state[j, :n] = rate * pull / circuit.capacitance
-        state[j, j] = -rate
-        readings[circuit.output, j] = circuit.gain
-    for j, amplifier in enumerate(a.amplifiers, start=2 * n + len(a.circuits)):
-        state[velocity, j] = modes.T @ amplifier.forces
-        state[j, j] = -amplifier.rate
-        drives[j, amplifier.input] = amplifier.rate
-    return state, drives, readings
 
 
 def sampled(model: LinearModel, sample_rate: float) -> LinearModel:
@@ -188,24 +141,3 @@ def transmissibility(frf: FRF, *, output: str, ground: str) -> FRF:
     """
     values = 1 - (2 * np.pi * frf.frequency) ** 2 * frf.response(output, ground)
     return FRF(frf.frequency, values[None, None], ("absolute motion",), ("ground",), None, frf.label)
-
-
-def truncation_error(scene: Scene, frequency: Array) -> Array:
-    """Estimated relative error of a scene's FRFs due to the modes that its flexible bodies leave out.
-
-    frequency: (n,) [Hz]. Returns |H / H_enriched - 1|, shape (outputs, inputs, n) [-], where H_enriched is the FRF of
-    the scene with every body in its `enriched` form. Raises ValueError where a body has none.
-    """
-    bodies: list[Body] = []
-    for body in scene.bodies:
-        if isinstance(body, FlexibleBody):
-            if body.reduced.enriched is None:
-                raise ValueError(f"body {body.name!r} carries no enriched form, so its truncation error is unknown")
-            bodies.append(replace(body, reduced=body.reduced.enriched))
-        else:
-            bodies.append(body)
-    better = frequency_response(
-        linearize(replace(scene, bodies=tuple(bodies), cutoff_frequency=None)), frequency
-    ).values
-    result: Array = np.abs(frequency_response(linearize(scene), frequency).values / better - 1)
-    return result

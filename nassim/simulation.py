@@ -1,13 +1,12 @@
 """Time-domain simulation and static equilibrium of scenes."""
 
-import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from nassim.assembly import Assembly, assemble, deformable_bodies, motion_size
+from nassim.assembly import Assembly, assemble, motion_size
 from nassim.buckling import axial_forces, warn_of_buckling
 from nassim.checks import Array, finite, known
 from nassim.digital import samples_per_period
@@ -16,7 +15,8 @@ from nassim.exudyn_solver import axial_tension, eigenfrequencies, solve_dynamic,
 from nassim.exudyn_state import System
 from nassim.exudyn_system import build_system
 from nassim.kinematics import starting_twists
-from nassim.parts import VoltageSensor
+from nassim.linearize import linearize
+from nassim.part import Reading
 from nassim.progress import stage
 from nassim.sampling import sampled
 from nassim.scene import Scene
@@ -94,8 +94,7 @@ def simulate(
     looped = {name for loop in scene.loops for name in loop.driven}
     signals = {name: np.zeros(n_steps + 1) for name in looped}
     signals |= dict(zip(excitation.names, excitation.values, strict=True))
-    for loop in scene.loops:
-        samples_per_period(loop, time_step)
+    _check_loops(scene, time_step)
     released = start == "released"
     if method == "exact":
         order = 1 if hold_order is None else hold_order
@@ -104,7 +103,7 @@ def simulate(
         if method == "explicit":
             _check_stability(scene, time_step)
         readings = _integrate(scene, signals, n_steps, time_step, radius, released, progress, method == "explicit")
-    units = [*(sensor.unit for sensor in scene.sensors)]
+    units = [*scene.output_units]
     units += [scene.input_unit(name) for loop in scene.loops for name in loop.driven]
     chosen = [(*scene.outputs, *scene.commands).index(name) for name in names]
     return TimeHistory(
@@ -125,7 +124,7 @@ def _integrate(
     progress: bool,
     explicit: bool,
 ) -> Array:
-    system = build_system(scene)
+    system = build_system(assemble(scene))
     if np.any(scene.gravity) and not released:
         solve_static(system)
         _warn_of_far_equilibrium(system)
@@ -140,8 +139,8 @@ def _integrate(
     )
     _warn_of_motion(system.assembly, largest)
     warn_of_buckling(system.assembly, slackest)
-    readings = [np.broadcast_to(system.recorded(s), (n_steps + 1,)) for s in scene.sensors]
-    return np.vstack([np.reshape(readings, (len(scene.sensors), n_steps + 1)), commands])
+    readings = [np.broadcast_to(system.recorded(name), (n_steps + 1,)) for name in scene.outputs]
+    return np.vstack([np.reshape(readings, (len(scene.outputs), n_steps + 1)), commands])
 
 
 def _solve_exactly(
@@ -167,7 +166,7 @@ def _solve_exactly(
         assembly,
         {
             body.name: axial_forces(body.reduced, coordinates[assembly.slices[body.name]]).min(axis=1)
-            for body in deformable_bodies(assembly.scene)
+            for body in assembly.scene.deformable_bodies
         },
     )
     return np.vstack([readings, commands])
@@ -225,15 +224,15 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
     values = {name: 0.0 for name in scene.inputs}
     for name, value in (inputs or {}).items():
         values[known("input", name, scene.inputs)] = finite(f"input {name!r}", value)
-    system = build_system(scene)
+    system = build_system(assemble(scene))
     system.apply(values)
     solve_static(system)
     assembly = system.assembly
     _warn_of_motion(
         assembly, {name: motion_size(assembly, name, system.deformation(name)[:, None]) for name in system.carriers}
     )
-    warn_of_buckling(assembly, {body.name: axial_tension(system, body) for body in deformable_bodies(assembly.scene)})
-    return {sensor.name: float(system.recorded(sensor)[-1]) for sensor in scene.sensors}
+    warn_of_buckling(assembly, {body.name: axial_tension(system, body) for body in assembly.scene.deformable_bodies})
+    return {name: float(system.recorded(name)[-1]) for name in scene.outputs}
 
 
 def exudyn_eigenfrequencies(scene: Scene, *, n_modes: int | None = None) -> Array:
@@ -241,8 +240,7 @@ def exudyn_eigenfrequencies(scene: Scene, *, n_modes: int | None = None) -> Arra
 
     Measured electrical ports keep their charge, whatever their resistance.
     """
-    sensors = tuple(replace(s, resistance=math.inf) if isinstance(s, VoltageSensor) else s for s in scene.sensors)
-    return eigenfrequencies(build_system(replace(scene, sensors=sensors)))[:n_modes]
+    return eigenfrequencies(build_system(replace(assemble(scene), circuits=())))[:n_modes]
 
 
 def _check_options(method: str, spectral_radius: float | None, hold_order: int | None) -> None:
@@ -260,6 +258,22 @@ def _check_options(method: str, spectral_radius: float | None, hold_order: int |
             )
         if method == "explicit" and hold_order == 1:
             raise ValueError('"explicit" holds inputs from step to step; hold_order=1 needs another method')
+
+
+def _check_loops(scene: Scene, time_step: float) -> None:
+    for loop in scene.loops:
+        samples_per_period(loop, time_step)
+    if not scene.loops or not any(reading.derivative == 2 for reading in scene.said(Reading)):
+        return
+    model = linearize(scene)
+    for loop in scene.loops:
+        rows, columns = map(model.outputs.index, loop.measured), list(map(model.inputs.index, loop.driven))
+        for row in rows:
+            if np.any(model.D[row, columns]):
+                raise ValueError(
+                    f"loop {loop.name!r} measures {model.outputs[row]!r}, which follows what the loop drives at once, "
+                    "so whether a sample sees its command is open: give the actuator or the sensor a bandwidth"
+                )
 
 
 def _check_small_motion(scene: Scene, method: str) -> None:

@@ -9,18 +9,11 @@ import numpy as np
 from nassim.assembly import Assembly, assemble
 from nassim.checks import Array, finite, freeze, frozen_mapping, known, not_negative, positive
 from nassim.identification import ModalFit
-from nassim.parts import Actuator, Sensor, StackActuator, StackSensor, VoltageDrive, VoltageSensor
+from nassim.part import Actuator, Field, Force, Sensor
 from nassim.scene import Scene
 
-Part = TypeVar("Part", Actuator, Sensor)
+Kind = TypeVar("Kind", Actuator, Sensor)
 
-FACTORS: dict[type, str] = {
-    StackActuator: "gain",
-    VoltageDrive: "gain",
-    StackSensor: "voltage_per_elongation",
-    VoltageSensor: "gain",
-}
-"""Field by which a part's factor is corrected; parts without one are trusted."""
 VISIBLE = 1e-4
 """Least share of an output's static response, over the largest of its modes, that makes a mode of a scene visible."""
 
@@ -142,7 +135,7 @@ def apply_identification(
     matches = _match(fit.frequency, assembly.frequency, alike, distance, factor)
 
     n_free = np.count_nonzero(assembly.free)  # a scene counts its elastic modes only
-    ratios = assembly.damping_ratio.copy()
+    ratios = assembly.damping.ratio.copy()
     if unmeasured_damping_ratio is not None:
         ratios[:] = not_negative("unmeasured_damping_ratio", unmeasured_damping_ratio)
     changes = []
@@ -150,7 +143,7 @@ def apply_identification(
         if mode >= 0:
             ratios[mode], std = fit.damping_ratio[k], fit.damping_ratio_std[k]
             name = f"damping ratio of mode {mode + 1 - n_free}"
-            changes.append(Change(name, float(assembly.damping_ratio[mode]), float(ratios[mode]), float(std)))
+            changes.append(Change(name, float(assembly.damping.ratio[mode]), float(ratios[mode]), float(std)))
     within = (assembly.frequency >= fit.measured.frequency[0]) & (assembly.frequency <= fit.measured.frequency[-1])
     within[matches[matches >= 0]] = True
     static = gains[:, within].sum(axis=1)
@@ -217,10 +210,10 @@ def _scale(scene: Scene, fit: ModalFit, static: Array, trusted: str) -> tuple[Sc
     summing = np.kron(np.eye(n_outputs), np.ones(n_modes)) / identified[:, None]
     covariance = summing @ fit.covariance[2 * n_modes :, 2 * n_modes :] @ summing.T
     actuator = float(ratio[base]), float(np.sqrt(covariance[base, base]))
-    drives = {part.name: actuator for part in scene.actuators if part.input == fit.input}
+    drives = {part.name: actuator for part in scene.actuators if _acts_by(scene, part, fit.input)}
     factors = {}
     for row, output in enumerate(fit.outputs):
-        if row != base and type(scene.sensors[scene.outputs.index(output)]) in FACTORS:
+        if row != base:
             variance = covariance[row, row] + covariance[base, base] - 2 * covariance[row, base]
             factors[output] = float(ratio[row] / ratio[base]), float(np.sqrt(variance))
     changes: list[Change] = []
@@ -229,11 +222,15 @@ def _scale(scene: Scene, fit: ModalFit, static: Array, trusted: str) -> tuple[Sc
     return replace(scene, actuators=actuators, sensors=sensors), changes
 
 
-def _scaled(part: Part, factors: Mapping[str, tuple[float, float]], changes: list[Change]) -> Part:
-    """A part with its factor corrected, which is noted in `changes`; other parts as they are."""
-    if part.name not in factors or type(part) not in FACTORS:
+def _acts_by(scene: Scene, part: Actuator, name: str) -> bool:
+    return any(isinstance(word, (Force, Field)) and word.input == name for word in part.says(scene))
+
+
+def _scaled(part: Kind, factors: Mapping[str, tuple[float, float]], changes: list[Change]) -> Kind:
+    """A part with its factor corrected, which is noted in `changes`; parts that have none are trusted."""
+    if part.name not in factors or part.factor is None:
         return part
-    (factor, std), name = factors[part.name], FACTORS[type(part)]
-    before = getattr(part, name)
-    changes.append(Change(f"{part.name}.{name}", before, before * factor, abs(before * factor * std)))
-    return replace(part, **{name: before * factor})
+    factor, std = factors[part.name]
+    before = getattr(part, part.factor)
+    changes.append(Change(f"{part.name}.{part.factor}", before, before * factor, abs(before * factor * std)))
+    return replace(part, **{part.factor: before * factor})

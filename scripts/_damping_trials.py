@@ -8,7 +8,7 @@ import numpy as np
 from _common import pole_and_zero_of
 
 from nassim import FRF, LinearModel, Scene, SpringDamper, TimeHistory, estimate_frf, frequency_response, simulate
-from nassim.feedback import linearize_closed
+from nassim.linearize import linearize_closed
 from nassim.modal import decay_poles
 from nassim.plotting import plot_frf, plot_time_history, plt, save_figure
 from nassim.signals import band_limited_noise

@@ -24,8 +24,9 @@ from models.apa300ml import PORTS, reduced_apa300ml
 from models.bench import make_bench
 from nassim import Loop, frequency_response, linearize
 from nassim.control import integral_force_feedback
-from nassim.feedback import linearize_closed, margins, open_loop
+from nassim.feedback import margins, open_loop
 from nassim.linear import sampled, transmissibility
+from nassim.linearize import linearize_closed
 from nassim.locus import iff_optimum, optimum_gain, root_locus
 from nassim.plotting import plot_root_locus, save_figure
 

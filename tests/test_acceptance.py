@@ -10,9 +10,9 @@ from superelements import SAMPLE, grounded_at, joint_like, rounded, sample, with
 from models.bench import make_bench, make_passive_bench
 from nassim import craig_bampton, frequency_response, linearize, load, save, simulate, static_response
 from nassim.acceptance import repair, to_body
+from nassim.assembly import assemble
 from nassim.export import export_body
 from nassim.inspection import as_superelement, check
-from nassim.linear import assemble
 from nassim.signals import band_limited_noise
 from nassim.simulation import exudyn_eigenfrequencies
 from nassim.superelement import read_superelement

@@ -11,8 +11,8 @@ from test_digital import DAMPING, MASS, STIFFNESS, oscillator
 from models.bench import make_bench
 from nassim import Loop, TimeHistory, frequency_response, linearize, simulate
 from nassim.control import integral_force_feedback
-from nassim.feedback import linearize_closed
 from nassim.linear import transmissibility, unstable_poles
+from nassim.linearize import linearize_closed
 from nassim.modal import decay_poles
 
 RATE = 1e4

@@ -24,8 +24,9 @@ from nassim import (
     simulate,
 )
 from nassim.control import Controller
+from nassim.describe import describe
 from nassim.digital import start_controller
-from nassim.feedback import linearize_closed
+from nassim.linearize import linearize_closed
 from nassim.modal import decay_poles
 from nassim.signals import low_pass
 from nassim.simulation import exudyn_eigenfrequencies
@@ -325,11 +326,11 @@ def test_bad_loops(apa):
 
 def test_summary_tells_the_wiring(apa_with_ports, apa):
     bench = make_bench(apa=apa_with_ports, fidelity="linear", resistance=1e4)
-    text = replace(bench, loops=(Loop("p", GAIN, "encoder", "actuator_voltage"),)).summary()
+    text = describe(replace(bench, loops=(Loop("p", GAIN, "encoder", "actuator_voltage"),)))
     assert "port sensor: measured, 10000 Ohm" in text
     assert "port actuator: driven by actuator_voltage" in text
     assert "loop p: encoder to actuator_voltage at 10000 Hz, 0 sample(s) of delay" in text
-    assert "port sensor: short-circuited" in make_bench(apa=apa_with_ports, ports=False).summary()
+    assert "port sensor: short-circuited" in describe(make_bench(apa=apa_with_ports, ports=False))
 
 
 def test_damping_that_a_floating_frame_cannot_realise_is_told():

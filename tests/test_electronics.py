@@ -27,6 +27,7 @@ from nassim import (
     open_circuit,
     simulate,
     static_response,
+    trim_scene,
     truncation_error,
 )
 from nassim.fem import make_coupling
@@ -163,7 +164,7 @@ def test_trimmed_scenes_keep_their_statics(body, fidelity):
         ),
     )
     trimmed = replace(scene, cutoff_frequency=10.0)
-    left = trimmed.trimmed().bodies[1].reduced
+    left = trim_scene(trimmed).bodies[1].reduced
     assert left.point_names == ("left", "right")
     assert len(left.mass_matrix) < len(body.mass_matrix)
     for name in scene.inputs:

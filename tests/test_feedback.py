@@ -8,7 +8,8 @@ from nassim.control import Controller, integral_force_feedback, notch, proportio
 from nassim.feedback import close_loop, controller_model, loop_response, margins, open_loop, sensitivity
 from nassim.frf import FRF
 from nassim.interchange import to_control
-from nassim.linear import LinearModel, damping, frequency_response, linearize, sampled, unstable_poles
+from nassim.linear import LinearModel, damping, frequency_response, sampled, unstable_poles
+from nassim.linearize import linearize
 
 RATE = 2000.0
 POLE, ZERO = 100.0, 40.0

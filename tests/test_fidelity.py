@@ -27,12 +27,14 @@ from nassim import (
     truncation_error,
 )
 from nassim.assembly import assemble
+from nassim.describe import describe
 from nassim.exact import exact_response
 from nassim.exudyn_system import build_system
 from nassim.modal import decay_poles
 from nassim.signals import band_limited_noise, sine_dwell
 from nassim.simulation import exudyn_eigenfrequencies, integrator_error
 from nassim.trim import trim_body
+from nassim.trimming import trim_scene
 
 STEP = 1e-4
 
@@ -207,7 +209,7 @@ def test_trimmed_bench_keeps_its_frfs(apa):
     # At the zero of V_s/V_a the magnitude vanishes: there 0.1 % of the static gain.
     assert np.all(np.abs(found - expected) < 1e-3 * np.maximum(scale, scale[:, :, :1]))
     assert np.allclose(found[:, :, 0].real, expected[:, :, 0].real, rtol=1e-11, atol=0)
-    assert len(trimmed.trimmed().bodies[1].reduced.mass_matrix) <= 16
+    assert len(trim_scene(trimmed).bodies[1].reduced.mass_matrix) <= 16
 
 
 def test_trimmed_scene_tells_its_error(apa):
@@ -258,14 +260,14 @@ def test_impossible_trimming(apa, options, message):
 
 
 def test_summary_says_what_is_modelled_and_left_out(apa):
-    text = make_bench(apa=apa, fidelity="linear", cutoff_frequency=1500.0).summary()
+    text = describe(make_bench(apa=apa, fidelity="linear", cutoff_frequency=1500.0))
     assert "apa: linear, 15 coordinates: bottom, top x 6 + 3 modes" in text
     assert "points that no joint holds (sensor_end, junction, actuator_end)" in text
     assert "base: fixed" in text
-    assert "apa: rigid, 6 coordinates" in make_bench(apa=apa, fidelity="rigid").summary()
-    assert "nothing uses" not in make_bench(apa=apa).summary()
+    assert "apa: rigid, 6 coordinates" in describe(make_bench(apa=apa, fidelity="rigid"))
+    assert "nothing uses" not in describe(make_bench(apa=apa))
     idle = replace(make_bench(apa=apa), actuators=(), sensors=())
-    assert "nothing uses sensor_end, junction, actuator_end" in idle.summary()
+    assert "nothing uses sensor_end, junction, actuator_end" in describe(idle)
 
 
 def test_exact_solution_needs_small_motion(bench, noise):
@@ -301,10 +303,10 @@ def test_free_body_in_gravity_has_no_exact_equilibrium(apa):
 
 
 def test_system_in_small_motion_has_no_joints(apa):
-    system = build_system(make_bench(apa=apa, fidelity="linear"))
+    system = build_system(assemble(make_bench(apa=apa, fidelity="linear")))
     assert system.mbs.systemData.AEsize() == 0
     assert system.mbs.systemData.ODE2Size() == len(system.assembly.mass)
-    assert build_system(make_bench(apa=apa)).mbs.systemData.AEsize() > 0
+    assert build_system(assemble(make_bench(apa=apa))).mbs.systemData.AEsize() > 0
     assert set(system.carriers) == {"apa", "payload"}
 
 
@@ -344,7 +346,7 @@ def test_integrator_error_is_what_exudyn_shows(radius):
 
 def exudyns_own_frf(scene, frequency):
     """FRFs from Exudyn's mass, stiffness, damping and constraints; where forces act and sensors read is ours."""
-    system = build_system(scene)
+    system = build_system(assemble(scene))
     mbs, solver = system.mbs, exu.MainSolverImplicitSecondOrder()
     solver.InitializeSolver(mbs, exu.SimulationSettings())
     n = mbs.systemData.ODE2Size()

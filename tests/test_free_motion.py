@@ -113,7 +113,7 @@ def test_soft_modes_have_their_share_of_the_static_response(flexure):
 
 def test_soft_modes_have_the_modal_damping_that_the_scene_states(flexure):
     assembly = assemble(table(flexure, 0.7, damping_ratio=(0.01, 0.02, 0.03, 0.04)))
-    np.testing.assert_array_equal(assembly.damping_ratio[:8], [0, 0, 0, 0.01, 0.02, 0.03, 0.04, 0.04])
+    np.testing.assert_array_equal(assembly.damping.ratio[:8], [0, 0, 0, 0.01, 0.02, 0.03, 0.04, 0.04])
 
 
 def test_loss_of_damping_of_soft_springs_is_told(flexure):

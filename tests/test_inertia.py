@@ -8,6 +8,7 @@ import pytest
 from conftest import lattice, make_bar
 
 from nassim import FlexibleBody, Scene, build_fe_model, craig_bampton
+from nassim.assembly import assemble
 from nassim.exudyn_solver import solve_dynamic
 from nassim.exudyn_system import build_system
 from nassim.floating_frame import floating_frame
@@ -84,7 +85,7 @@ def stretched_by_spin(body, angular_velocity):
     scene = Scene(
         "spin", (FlexibleBody("bar", body, angular_velocity=np.array([0, 0, angular_velocity])),), damping_ratio=0.3
     )
-    system = build_system(scene)
+    system = build_system(assemble(scene))
     solve_dynamic(system, {}, n_steps=800, time_step=2e-5, spectral_radius=0.7, progress=False)
     node = system.carriers["bar"].nodes[0][0]
     return np.array(system.mbs.GetNodeOutput(node, exu.OutputVariableType.Coordinates))[0]

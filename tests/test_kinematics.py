@@ -24,6 +24,7 @@ from nassim import (
     craig_bampton,
     simulate,
 )
+from nassim.assembly import assemble
 from nassim.exudyn_system import build_system
 from nassim.kinematics import starting_twists
 
@@ -177,7 +178,7 @@ def test_a_turned_body_is_thrown_by_its_inertia(bar, fidelity):
     velocity = twists["second"][:3] + np.cross(rate, centre)
     assert np.allclose(velocity, blow / masses.sum(), atol=1e-6 * np.abs(velocity).max())
 
-    system = build_system(scene)
+    system = build_system(assemble(scene))
     nodes = system.carriers["second"].nodes[:2] if fidelity == "linear" else [(system.nodes["second"], 6)]
     for (node, _), point in zip(nodes, block.point_names, strict=False):
         found = [system.mbs.GetNodeOutput(node, kind) for kind in (OUTPUT.Velocity, OUTPUT.AngularVelocity)]

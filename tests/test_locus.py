@@ -8,7 +8,8 @@ from test_feedback import LOOP, POLE, RATE, ZERO, iff, one_mode, two_modes
 
 from nassim.control import integral_force_feedback, proportional
 from nassim.feedback import close_loop
-from nassim.linear import LinearModel, damping, frequency_response, linearize, sampled, unstable_poles
+from nassim.linear import LinearModel, damping, frequency_response, sampled, unstable_poles
+from nassim.linearize import linearize
 from nassim.locus import RootLocus, iff_optimum, optimum_gain, root_locus
 from nassim.plotting import plot_root_locus, save_figure
 from nassim.statespace import transmission_zeros

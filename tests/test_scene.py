@@ -22,6 +22,7 @@ from nassim import (
     craig_bampton,
 )
 from nassim.assembly import assemble
+from nassim.describe import describe
 from nassim.trim import trim_body
 
 LENGTH, MASS = 0.1, 2.0
@@ -137,11 +138,11 @@ def with_stack(start, end, kind="actuators"):
         ({"name": ""}, "scene names must be non-empty strings"),
         ({"bodies": STRUT}, r"bodies must be a tuple of RigidBody, FlexibleBody, got FlexibleBody; write \(part,\)"),
         ({"bodies": {"strut": STRUT}}, "bodies must be a tuple of RigidBody, FlexibleBody, got mappingproxy|got dict"),
-        ({"joints": None}, "joints must be a tuple of Joint, got NoneType"),
-        ({"joints": ("low",)}, "joints must be of Joint, got 'low', a str"),
-        ({"sensors": SCENE.actuators}, "sensors must be of StackSensor, VoltageSensor, Encoder, got StackActuator"),
-        ({"actuators": SCENE.sensors}, "actuators must be of StackActuator, .*, got StackSensor"),
-        ({"springs": SCENE.joints}, "springs must be of SpringDamper, got Joint"),
+        ({"joints": None}, "joints must be a tuple of Connection, got NoneType"),
+        ({"joints": ("low",)}, "joints must be of Connection, got 'low', a str"),
+        ({"sensors": SCENE.actuators}, "sensors must be of Sensor, got StackActuator"),
+        ({"actuators": SCENE.sensors}, "actuators must be of Actuator, got StackSensor"),
+        ({"springs": SCENE.joints}, "springs must be of ForceElement, got Joint"),
         ({"bodies": (BASE, replace(STRUT, name="a.b"), LOAD)}, "body 'a.b': no dot in a body's name"),
         ({"damping_ratio": "little"}, "damping_ratio must be numbers, got"),
         ({"damping_ratio": ()}, "damping_ratio needs at least one value"),
@@ -167,7 +168,7 @@ def test_a_list_of_damping_ratios_counts_elastic_modes():
     assert elastic.sum() == len(elastic) - 6
     expected = np.where(elastic, 0.05, 0.0)
     expected[6] = 0.02
-    np.testing.assert_array_equal(assembly.damping_ratio, expected)
+    np.testing.assert_array_equal(assembly.damping.ratio, expected)
 
 
 def trimmed():
@@ -188,22 +189,21 @@ def test_passive_points_cannot_be_held(fidelity):
     assert not len(assemble(held).mass)
     with pytest.raises(ValueError, match="unknown remote point 'right'; known: left"):
         FlexibleBody("strut", body, frame="right")
-    assert np.any(strut.elongation("left", "right"))
 
 
 def test_summary_tells_what_is_assumed():
-    text = SCENE.summary()
+    text = describe(SCENE)
     assert "joint low: base.mount to strut.bottom, rigid" in text
     assert "joint high: strut.top to load.foot, free in z" in text
     assert "damping: 1 % of critical in every elastic mode\n" in text
     assert text.endswith("gravity: none")
     spring = SpringDamper("hold", "base.mount", "load.foot", "x", 2e3, 5.0)
     loaded = replace(SCENE, springs=(spring,), damping_ratio=(0.02, 0.005), gravity=(0, 0, -9.81))
-    text = loaded.summary()
+    text = describe(loaded)
     assert "spring hold: base.mount to load.foot along x, 2000 N/m, 5 N s/m" in text
     assert "damping: 2 %, 0.5 % of critical in the first elastic modes, 0.5 % in all others; dampers and loops" in text
     assert "gravity: 0 0 -9.81 m/s2" in text
-    assert "damping: none in modes" in replace(SCENE, damping_ratio=0.0).summary()
+    assert "damping: none in modes" in describe(replace(SCENE, damping_ratio=0.0))
 
 
 def test_stack_between_points_in_one_place():
@@ -279,7 +279,6 @@ def test_flexible_body_checks_itself(change, message):
         ),
         (lambda: VoltageSensor("s", "a.p", resistance=np.nan), "resistance must be positive, got nan Ohm"),
         (lambda: Loop("l", None, ("a",), ("b",)), "controller must be a Controller, got a NoneType"),
-        (lambda: STRUT.elongation("top", "top"), "'top' and 'top' of body 'strut' lie in one place"),
         (lambda: replace(reduced(), remote_points=reduced().remote_points[:1] * 2), "used more than once: bottom"),
         (lambda: replace(reduced(), remote_points=("bottom", "top")), "remote_points must be of RemotePoint"),
         (lambda: FlexibleBody("s", replace(reduced(), remote_points=())), "needs at least one remote point"),

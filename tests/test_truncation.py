@@ -13,7 +13,7 @@ from nassim import Material, build_fe_model, condense, craig_bampton, frequency_
 from nassim.discretization import released_stiffness
 from nassim.fullmodel import full_eigenfrequencies, full_frequency_response
 from nassim.interface import rigid_transfer
-from nassim.linear import truncation_error
+from nassim.linearize import truncation_error
 from nassim.modes import fixed_interface_modes
 from nassim.trim import keep_modes, trim_body
 

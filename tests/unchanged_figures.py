@@ -39,7 +39,18 @@ from nassim import (
 )
 
 TOLERANCE = 1e-12
-TIMINGS = ("_time_s", "time_s", "us_per_step", "speed", "memory", "MB", "command", "_per_s_wall", "wall", "ratio_to_exudyn")
+TIMINGS = (
+    "_time_s",
+    "time_s",
+    "us_per_step",
+    "speed",
+    "memory",
+    "MB",
+    "command",
+    "_per_s_wall",
+    "wall",
+    "ratio_to_exudyn",
+)
 
 
 def script_figures():
@@ -93,15 +104,21 @@ def scenes():
         block = RigidBody(
             "block", {"mount": np.zeros(3), "corner": [0.05, 0.02, 0.01]}, 3.0, np.diag([1e-2, 2e-2, 2.5e-2]), end
         )
-        ground = RigidBody("ground", {"foot": mount, "wall": end + [0.1, 0.0, 0.0]}, fixed=True)
-        yield f"turned, spring, {fidelity}", Scene(
-            "turned",
-            (ground, top, block),
-            (Joint("foot", "ground.foot", "apa.bottom"), Joint("head", "apa.top", "block.mount", free=("rx", "ry"))),
-            (PointForce("push", "block.corner", "y", "force"),),
-            (Encoder("gauge", "ground.wall", "block.corner", "x"),),
-            (SpringDamper("spring", "ground.wall", "block.corner", "y", 1e5, 30.0),),
-            gravity=np.array([0.3, -0.2, -9.81]),
+        ground = RigidBody("ground", {"foot": mount, "wall": end + np.array([0.1, 0.0, 0.0])}, fixed=True)
+        yield (
+            f"turned, spring, {fidelity}",
+            Scene(
+                "turned",
+                (ground, top, block),
+                (
+                    Joint("foot", "ground.foot", "apa.bottom"),
+                    Joint("head", "apa.top", "block.mount", free=("rx", "ry")),
+                ),
+                (PointForce("push", "block.corner", "y", "force"),),
+                (Encoder("gauge", "ground.wall", "block.corner", "x"),),
+                (SpringDamper("spring", "ground.wall", "block.corner", "y", 1e5, 30.0),),
+                gravity=np.array([0.3, -0.2, -9.81]),
+            ),
         )
 
 

@@ -1,0 +1,208 @@
+"""Bodies of a scene: rigid ones, and reduced ones with the fidelity that they are modelled in."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.linalg
+
+from nassim.body import ReducedBody
+from nassim.checks import Array, finite_array, freeze, frozen_mapping, known, positive, unique
+from nassim.interface import rigid_transfer
+
+FIDELITIES = ("rigid", "linear", "ffrf")
+ROUNDED = 2e-3
+"""Share by which rounded moments of a flat body may exceed what is possible."""
+
+
+@dataclass(frozen=True)
+class RigidBody:
+    """A rigid body.
+
+    name: what the scene calls it
+    mass: [kg]; inertia: about the centre of mass, shape (3, 3) [kg m2]; both may be None for a fixed body
+    position: of the centre of mass at the start, in the world's frame [m]
+    points: named points, relative to the centre of mass [m]
+    fixed: True for a body that does not move, such as a granite base
+    """
+
+    name: str
+    points: Mapping[str, Array]
+    mass: float | None = None
+    inertia: Array | None = None
+    position: Array = field(default_factory=lambda: np.zeros(3))
+    fixed: bool = False
+
+    def __post_init__(self) -> None:
+        label = f"rigid body {self.name!r}"
+        if not isinstance(self.points, Mapping):
+            raise ValueError(f'{label}: points must map names to positions, such as {{"top": (0, 0, 0.1)}}')
+        if not isinstance(self.fixed, (bool, np.bool_)):
+            raise ValueError(f"{label}: fixed must be True or False, got {self.fixed!r}")
+        unique(f"{label}: point", self.points)
+        points = {k: finite_array(f"{label}: point {k!r}", v, (3,)) for k, v in self.points.items()}
+        freeze(
+            self,
+            points=frozen_mapping(points),
+            position=finite_array(f"{label}: position", self.position, (3,)),
+        )
+        if self.fixed:
+            return
+        if self.mass is None or self.inertia is None:
+            raise ValueError(f"{label} can move, so it needs a mass and an inertia (or fixed=True)")
+        mass = positive(f"{label}: mass", self.mass, "kg")
+        inertia = finite_array(f"{label}: inertia", self.inertia, (3, 3))
+        if np.abs(inertia - inertia.T).max() > 1e-9 * np.abs(inertia).max() or np.linalg.eigvalsh(inertia)[0] <= 0:
+            raise ValueError(f"{label}: inertia must be symmetric and positive definite")
+        moments = np.linalg.eigvalsh(inertia)
+        if moments[2] > (1 + ROUNDED) * (moments[0] + moments[1]):
+            raise ValueError(
+                f"{label}: no body has the principal moments {', '.join(f'{m:.4g}' for m in moments)} kg m2: none "
+                "can exceed the sum of the other two"
+            )
+        freeze(self, mass=mass, inertia=inertia)
+
+    @property
+    def moves(self) -> bool:
+        """Whether it has coordinates: the motion (6) of its centre of mass along the world's axes."""
+        return not self.fixed
+
+    @property
+    def deforms(self) -> bool:
+        """Whether it deforms: never."""
+        return False
+
+    @property
+    def mass_matrix(self) -> Array:
+        """Of its coordinates, shape (6, 6)."""
+        assert self.mass is not None
+        assert self.inertia is not None
+        result: Array = scipy.linalg.block_diag(self.mass * np.eye(3), self.inertia)
+        return result
+
+    def weight(self, gravity: Array) -> Array:
+        """Forces of a uniform gravity, world frame, on its coordinates, shape (6,)."""
+        assert self.mass is not None
+        return np.concatenate([self.mass * gravity, np.zeros(3)])
+
+    def motion(self, point: str) -> Array:
+        """Small motion of a point along the world's axes per unit of the coordinates, shape (6, 6).
+
+        Raises ValueError for an unknown point, listing the known ones.
+        """
+        return rigid_transfer(self.points[known(f"point of {self.name!r}", point, self.points)])
+
+    def own_motion(self, point: str) -> Array:
+        """As `motion`, along the body's own axes."""
+        return self.motion(point)
+
+    def point_position(self, point: str) -> Array:
+        """Position of a named point at the start, world frame, shape (3,) [m]."""
+        result: Array = self.position + self.points[known(f"point of {self.name!r}", point, self.points)]
+        return result
+
+    @property
+    def rigid_inertia(self) -> tuple[float, Array, Array]:
+        """Mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg m2] at the start, world frame."""
+        assert self.mass is not None
+        assert self.inertia is not None
+        return self.mass, self.position, self.inertia
+
+
+@dataclass(frozen=True)
+class FlexibleBody:
+    """A reduced body in a scene.
+
+    name: what the scene calls it; reduced: the body
+    position: of the body's origin at the start, in the world's frame, shape (3,) [m]
+    rotation: from the body's to the world's frame at the start, shape (3, 3)
+    fidelity: "ffrf", a floating frame that may move far and turn; "linear", small motion about the start (rotations
+        up to some 0.01 rad), twenty times as fast; "rigid", no deformation: its stacks then do and read nothing
+    frame: remote point that the floating frame rides on (default: the first that a joint holds, else the first)
+    angular_velocity: at the start, world frame, shape (3,) [rad/s]; bodies jointed to this one move along, and what
+        the joints do not allow is refused when a simulation starts; zero asks for nothing
+    """
+
+    name: str
+    reduced: ReducedBody
+    position: Array = field(default_factory=lambda: np.zeros(3))
+    rotation: Array = field(default_factory=lambda: np.eye(3))
+    fidelity: str = "ffrf"
+    frame: str | None = None
+    angular_velocity: Array = field(default_factory=lambda: np.zeros(3))
+
+    def __post_init__(self) -> None:
+        label = f"flexible body {self.name!r}"
+        if not isinstance(self.reduced, ReducedBody):
+            raise ValueError(f"{label}: reduced must be a ReducedBody, got a {type(self.reduced).__name__}")
+        if not self.reduced.remote_points:
+            raise ValueError(f"{label} needs at least one remote point, on which its frame rides")
+        rotation = finite_array(f"{label}: rotation", self.rotation, (3, 3))
+        if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-9 or np.linalg.det(rotation) < 0:
+            raise ValueError(f"{label}: rotation must be a proper orthogonal matrix")
+        known("fidelity", self.fidelity, FIDELITIES)
+        if self.frame is not None:
+            known("remote point", self.frame, self.reduced.point_names)
+        if self.fidelity == "linear" and np.any(self.angular_velocity):
+            raise ValueError(f'{label} spins, so it needs fidelity "ffrf" or "rigid": "linear" is for small rotation')
+        freeze(
+            self,
+            position=finite_array(f"{label}: position", self.position, (3,)),
+            rotation=rotation,
+            angular_velocity=finite_array(f"{label}: angular_velocity", self.angular_velocity, (3,)),
+        )
+
+    @property
+    def moves(self) -> bool:
+        """Whether it has coordinates: always, those of `reduced`, along the body's axes at the start."""
+        return True
+
+    @property
+    def deforms(self) -> bool:
+        """Whether its fidelity lets it deform."""
+        return self.fidelity != "rigid"
+
+    @property
+    def mass_matrix(self) -> Array:
+        """Of its coordinates, shape (n, n)."""
+        return self.reduced.mass_matrix
+
+    def weight(self, gravity: Array) -> Array:
+        """Forces of a uniform gravity, world frame, on its coordinates, shape (n,)."""
+        r = len(self.reduced.remote_points)
+        fall = np.zeros(len(self.mass_matrix))
+        fall[: 6 * r] = np.tile([*(self.rotation.T @ gravity), 0, 0, 0], r)
+        result: Array = self.mass_matrix @ fall
+        return result
+
+    def motion(self, point: str) -> Array:
+        """Small motion of a point along the world's axes per unit of the coordinates, shape (6, n)."""
+        result: Array = scipy.linalg.block_diag(self.rotation, self.rotation) @ self.reduced.motion(point)
+        return result
+
+    def own_motion(self, point: str) -> Array:
+        """As `motion`, along the body's own axes."""
+        return self.reduced.motion(point)
+
+    def point_position(self, point: str) -> Array:
+        """Position of a remote point at the start, world frame, shape (3,) [m]."""
+        result: Array = self.position + self.rotation @ self.reduced.point(point).position
+        return result
+
+    @property
+    def centre(self) -> Array:
+        """Centre of mass at the start, world frame, shape (3,) [m]."""
+        result: Array = self.position + self.rotation @ self.reduced.center_of_mass
+        return result
+
+    @property
+    def rigid_inertia(self) -> tuple[float, Array, Array]:
+        """Mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg m2] at the start, world frame."""
+        mass = self.reduced.mass
+        about = self.reduced.gram[1:4, 1:4] - mass * np.outer(*[self.reduced.center_of_mass] * 2)
+        # Slender bodies made by hand may have no inertia about their axis.
+        spread = np.trace(about) * (1 + 1e-9) * np.eye(3) - about
+        return mass, self.centre, self.rotation @ spread @ self.rotation.T
+
+
+Body = RigidBody | FlexibleBody

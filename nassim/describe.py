@@ -1,0 +1,75 @@
+"""What a scene models, with how many coordinates, and what it leaves out, as text."""
+
+import numpy as np
+
+from nassim.bodies import FlexibleBody
+from nassim.part import Force, Leak, Reading, Spring
+from nassim.scene import Scene
+from nassim.trimming import trim_scene
+
+
+def describe(scene: Scene) -> str:
+    """What is modelled of each body, with how many coordinates, what is left out and why; the wiring; as text."""
+    lines = [f"scene {scene.name!r}: inputs {', '.join(scene.inputs) or 'none'}; outputs {', '.join(scene.outputs)}"]
+    fewer = {body.name: body for body in trim_scene(scene).flexible_bodies}
+    for body in scene.bodies:
+        if body.deforms:
+            assert isinstance(body, FlexibleBody)
+            first, *more = _flexible(scene, body, fewer[body.name])
+            lines += [f"  {body.name}: {first}", *(f"    {line}" for line in (*more, *_ports(scene, body)))]
+        elif not body.moves:
+            lines.append(f"  {body.name}: fixed")
+        else:
+            reason = "; the others left out by its fidelity" if isinstance(body, FlexibleBody) else ""
+            lines.append(f"  {body.name}: rigid, 6 coordinates{reason}")
+    wired = [part.describe() for part in scene.parts if not part.claims]
+    return "\n".join([*lines, *(f"  {line}" for line in (*filter(None, wired), *_rest(scene)))])
+
+
+def _flexible(scene: Scene, body: FlexibleBody, fewer: FlexibleBody) -> list[str]:
+    n, points, p = len(fewer.mass_matrix), fewer.reduced.point_names, fewer.reduced.n_modes
+    kind = "floating frame" if body.fidelity == "ffrf" else "linear"
+    lines = [f"{kind}, {n} coordinates: {', '.join(points)} x 6 + {p} modes and load shapes"]
+    if len(body.mass_matrix) > n:
+        idle = ", ".join(name for name in body.reduced.point_names if name not in points) or "none"
+        lines.append(
+            f"left out: {len(body.mass_matrix) - n} coordinates: points that no joint holds ({idle}) and modes above "
+            f"{scene.cutoff_frequency:g} Hz; static answers to the stacks are kept"
+        )
+    used = {scene.frame_point(body), *_used_points(scene, body)}
+    idle_points = [name for name in points if name not in used]
+    if idle_points and scene.cutoff_frequency is None:
+        lines.append(f"nothing uses {', '.join(idle_points)}: a cutoff_frequency would condense them")
+    return lines
+
+
+def _used_points(scene: Scene, body: FlexibleBody) -> set[str]:
+    rows = [word.row for word in scene.words if isinstance(word, (Force, Reading, Spring, Leak))]
+    paths = [path for row in rows for path, _ in row.points]
+    return {*scene.held_points(body), *(path.partition(".")[2] for path in paths if scene.split(path)[0] is body)}
+
+
+def _ports(scene: Scene, body: FlexibleBody) -> list[str]:
+    wired = {path: part.describe() for part in scene.parts for path in part.claims}
+    names = [port.name for port in body.reduced.ports]
+    return [f"port {name}: {wired.get(f'{body.name}.{name}', 'short-circuited')}" for name in names]
+
+
+def _rest(scene: Scene) -> list[str]:
+    """Damping, gravity and loops."""
+    percent = [f"{100 * ratio:g} %" for ratio in np.atleast_1d(scene.damping_ratio)]
+    if len(percent) > 1:
+        modes = f"{', '.join(percent)} of critical in the first elastic modes, {percent[-1]} in all others"
+    else:
+        modes = f"{percent[0]} of critical in every elastic mode" if np.any(scene.damping_ratio) else "none in modes"
+    dampers = any(spring.damping for spring in scene.said(Spring)) or scene.said(Leak) or scene.loops
+    pull = " ".join(f"{g:g}" for g in scene.gravity)
+    return [
+        f"damping: {modes}" + ("; dampers and loops beside it" if dampers else ""),
+        f"gravity: {pull} m/s2" if np.any(scene.gravity) else "gravity: none",
+        *(
+            f"loop {loop.name}: {', '.join(loop.measured)} to {', '.join(loop.driven)} at "
+            f"{loop.controller.sample_rate:g} Hz, {loop.controller.delay} sample(s) of delay"
+            for loop in scene.loops
+        ),
+    ]

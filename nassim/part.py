@@ -1,0 +1,181 @@
+"""What the parts of a scene say to engines: a few neutral words. An engine knows the words and no kind of part.
+
+To add a kind of sensor, actuator, spring or joint: write one frozen dataclass with the base class `Sensor`, `Actuator`,
+`ForceElement` or `Connection` and its method `says`, anywhere. All engines (linear models, exact steps, floating
+frames) then run it, summaries describe it and trimming keeps what it needs. An engine that meets a word it does not
+know raises TypeError.
+"""
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from nassim.checks import Array
+
+if TYPE_CHECKING:
+    from nassim.scene import Scene
+
+
+@dataclass(frozen=True)
+class Row:
+    """A scalar motion of a scene, zero at its start.
+
+    points: what motions of points count, ((path, weights on ux uy uz rx ry rz, (6,)), ...)
+    frame: along whose axes these weights are. "", the world's, which do not turn, in large motion too; rotations then
+        count in small motion only. Or the name of a flexible body that has all the points: along its own axes, so that
+        in large motion what counts is its deformation
+    own: what bodies' own coordinates count, ((name, weights (n,)), ...), on the coordinates of `FlexibleBody.reduced`;
+        in large motion on those of the deformation beside the floating frame
+    """
+
+    points: tuple[tuple[str, Array], ...] = ()
+    frame: str = ""
+    own: tuple[tuple[str, Array], ...] = ()
+
+    @property
+    def within(self) -> str | None:
+        """Name of the one body whose own shape is all that counts; None where there is no such body."""
+        names = {name for name, _ in self.own} | ({self.frame} if self.points else set())
+        return names.pop() or None if len(names) == 1 else None
+
+    @classmethod
+    def between(cls, a: str, b: str, direction: Array, *, frame: str = "") -> "Row":
+        """Displacement of point b against point a along a direction of the frame, (3,)."""
+        weights = np.concatenate([direction, np.zeros(3)])
+        return cls(((a, -weights), (b, weights)), frame)
+
+    @classmethod
+    def of_point(cls, path: str, direction: Array) -> "Row":
+        """Displacement of a point along a direction of the world's frame, (3,)."""
+        return cls(((path, np.concatenate([direction, np.zeros(3)])),))
+
+
+@dataclass(frozen=True)
+class Force:
+    """An input pushes along a row: gain newtons (or what the row's dual is) per unit.
+
+    bandwidth: of an amplifier between, a low-pass of first order, -3 dB [Hz]
+    """
+
+    input: str
+    unit: str
+    row: Row
+    gain: float = 1.0
+    bandwidth: float = math.inf
+
+
+@dataclass(frozen=True)
+class Field:
+    """An input accelerates everything that moves along a direction of the world's frame, (3,) per unit."""
+
+    input: str
+    unit: str
+    direction: Array
+
+
+@dataclass(frozen=True)
+class Reading:
+    """An output reads a row: gain units per unit of the row's displacement, velocity or acceleration.
+
+    derivative: 0, 1 or 2
+    """
+
+    output: str
+    unit: str
+    row: Row
+    gain: float = 1.0
+    derivative: int = 0
+
+
+@dataclass(frozen=True)
+class Spring:
+    """A row is held by a spring [N/m] and a viscous damper [N s/m] in parallel."""
+
+    row: Row
+    stiffness: float
+    damping: float = 0.0
+
+
+@dataclass(frozen=True)
+class Leak:
+    """The charge of an electrical port leaks through a resistance, and an output reads what it adds to the voltage.
+
+    row: charge that the motion brings [C]; capacitance: of port and load [F]; resistance [Ohm]; gain: output per volt
+    """
+
+    output: str
+    row: Row
+    capacitance: float
+    resistance: float
+    gain: float
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """Point b does not move against point a along the directions held, which turn with the body of a.
+
+    held: of "x" "y" "z" "rx" "ry" "rz"
+    """
+
+    name: str
+    a: str
+    b: str
+    held: tuple[str, ...]
+
+
+Word = Force | Field | Reading | Spring | Leak | Constraint
+
+
+def unknown_word(word: object, engine: str) -> TypeError:
+    """What an engine raises that meets a word it does not know."""
+    return TypeError(f"{engine} does not know what {type(word).__name__} means; known words: nassim.part.Word")
+
+
+@dataclass(frozen=True)
+class Part(ABC):
+    """An element of a scene that does something; a frozen dataclass with a name.
+
+    factor: the field that scales what the part does, which an identification may correct; None where none may
+    """
+
+    name: str
+    factor: ClassVar[str | None] = None
+
+    @abstractmethod
+    def says(self, scene: "Scene") -> tuple[Word, ...]:
+        """What the part does in a scene; raises ValueError where it does not fit there."""
+
+    def describe(self) -> str:
+        """What the part does, in a line for reports; empty where the scene's list of signals says it all.
+
+        Of a part that claims an electrical port, what it does there.
+        """
+        return ""
+
+    @property
+    def claims(self) -> tuple[str, ...]:
+        """Electrical ports, "body.port", that no other part may use."""
+        return ()
+
+
+@dataclass(frozen=True)
+class Actuator(Part):
+    """What acts by an input."""
+
+
+@dataclass(frozen=True)
+class Sensor(Part):
+    """What gives an output."""
+
+
+@dataclass(frozen=True)
+class ForceElement(Part):
+    """What resists motion: springs, dampers, bushings."""
+
+
+@dataclass(frozen=True)
+class Connection(Part):
+    """What holds points together: joints."""

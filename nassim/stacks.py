@@ -1,0 +1,173 @@
+"""Piezoelectric parts of scenes: stacks as pairs of forces and elongations, or by the electrical ports of a body."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from nassim.bodies import FlexibleBody
+from nassim.checks import above_zero, finite, freeze, not_negative
+from nassim.part import Actuator, Force, Leak, Reading, Row, Sensor, Spring, Word
+from nassim.piezo import PortCoupling
+from nassim.scene import Scene
+
+ONE_PLACE = 1e-9
+"""Distance [m] up to which two points lie in one place."""
+
+
+@dataclass(frozen=True)
+class StackActuator(Actuator):
+    """Piezo stacks that push two remote points of one flexible body apart.
+
+    start, end: the remote points, "body.point"; the force acts along the line through them
+    force_per_volt: blocked force per volt at the stack [N/V]; gain: amplifier, stack voltage per input [V/V]
+    input: name of the scene's input [V]
+    bandwidth: of the amplifier, a low-pass of first order, -3 dB [Hz]
+    """
+
+    name: str
+    start: str
+    end: str
+    force_per_volt: float
+    input: str
+    gain: float = 1.0
+    bandwidth: float = math.inf
+    unit: str = field(default="V", init=False)
+    factor = "gain"
+
+    def __post_init__(self) -> None:
+        freeze(self, force_per_volt=finite("force_per_volt", self.force_per_volt), gain=finite("gain", self.gain))
+        above_zero(f"actuator {self.name!r}: bandwidth", self.bandwidth, "Hz")
+
+    def says(self, scene: Scene) -> tuple[Force]:
+        """The input stretches the line between the two points."""
+        row = _elongation(scene, self.name, self.start, self.end)
+        return (Force(self.input, self.unit, row, self.gain * self.force_per_volt, self.bandwidth),)
+
+
+@dataclass(frozen=True)
+class StackSensor(Sensor):
+    """A piezo stack as force sensor: its open-circuit voltage, positive in compression.
+
+    name: of the scene's output [V]; start, end: remote points of one flexible body, "body.point"
+    voltage_per_elongation: [V/m]
+    """
+
+    name: str
+    start: str
+    end: str
+    voltage_per_elongation: float
+    unit: str = field(default="V", init=False)
+    factor = "voltage_per_elongation"
+
+    def __post_init__(self) -> None:
+        freeze(self, voltage_per_elongation=finite("voltage_per_elongation", self.voltage_per_elongation))
+
+    def says(self, scene: Scene) -> tuple[Reading]:
+        """It reads how the line between the two points shortens."""
+        row = _elongation(scene, self.name, self.start, self.end)
+        return (Reading(self.name, self.unit, row, -self.voltage_per_elongation),)
+
+
+@dataclass(frozen=True)
+class VoltageDrive(Actuator):
+    """An amplifier that drives an electrical port of a flexible body, whatever current that takes.
+
+    port: "body.port"; input: name of the scene's input [V]; gain: amplifier, port voltage per input [V/V]
+    bandwidth: of the amplifier, a low-pass of first order, -3 dB [Hz]
+    """
+
+    name: str
+    port: str
+    input: str
+    gain: float = 1.0
+    bandwidth: float = math.inf
+    unit: str = field(default="V", init=False)
+    factor = "gain"
+
+    def __post_init__(self) -> None:
+        freeze(self, gain=finite("gain", self.gain))
+        above_zero(f"drive {self.name!r}: bandwidth", self.bandwidth, "Hz")
+
+    def says(self, scene: Scene) -> tuple[Force]:
+        """The voltage pushes with the port's forces."""
+        body, port = _port(scene, self.port)
+        return (Force(self.input, self.unit, Row(own=((body, port.forces),)), self.gain, self.bandwidth),)
+
+    @property
+    def claims(self) -> tuple[str, ...]:
+        """Its port."""
+        return (self.port,)
+
+    def describe(self) -> str:
+        """Who drives the port."""
+        return f"driven by {self.input}"
+
+
+@dataclass(frozen=True)
+class VoltageSensor(Sensor):
+    """The voltage of an electrical port of a flexible body, positive in compression.
+
+    name: of the scene's output [V]; port: "body.port"
+    resistance, capacitance: of the electronics and its cable, in parallel to the port [Ohm], [F]. With a resistance R
+        the sensor is a high-pass of 1 / (2 pi R (c + capacitance)) [Hz]; default: open circuit
+    gain: output per port voltage [V/V]
+    """
+
+    name: str
+    port: str
+    resistance: float = math.inf
+    capacitance: float = 0.0
+    gain: float = 1.0
+    unit: str = field(default="V", init=False)
+    factor = "gain"
+
+    def __post_init__(self) -> None:
+        label = f"voltage sensor {self.name!r}"
+        above_zero(f"{label}: resistance", self.resistance, "Ohm")
+        freeze(
+            self,
+            resistance=float(self.resistance),
+            capacitance=not_negative(f"{label}: capacitance", self.capacitance, "F"),
+            gain=finite("gain", self.gain),
+        )
+
+    def says(self, scene: Scene) -> tuple[Word, ...]:
+        """Motion brings the charge b q, whose voltage -b q / c opposes it like a spring 1 / c; and which may leak."""
+        body, port = _port(scene, self.port)
+        row, capacitance = Row(own=((body, port.forces),)), port.blocked_capacitance + self.capacitance
+        words: tuple[Word, ...] = (
+            Reading(self.name, self.unit, row, -self.gain / capacitance),
+            Spring(row, 1 / capacitance),
+        )
+        if math.isfinite(self.resistance):
+            words += (Leak(self.name, row, capacitance, self.resistance, self.gain),)
+        return words
+
+    @property
+    def claims(self) -> tuple[str, ...]:
+        """Its port."""
+        return (self.port,)
+
+    def describe(self) -> str:
+        """What lies across the port."""
+        return "measured, " + ("open" if math.isinf(self.resistance) else f"{self.resistance:g} Ohm")
+
+
+def _elongation(scene: Scene, part: str, start: str, end: str) -> Row:
+    """How the line between two remote points of one flexible body grows, by its deformation alone."""
+    (body, first), (other, last) = scene.split(start), scene.split(end)
+    if body is not other or not isinstance(body, FlexibleBody) or first == last:
+        raise ValueError(f"stack {part!r}: {start!r} and {end!r} must be two points of one flexible body")
+    line = body.reduced.point(last).position - body.reduced.point(first).position
+    length = float(np.linalg.norm(line))
+    if length < ONE_PLACE:
+        raise ValueError(f"stack {part!r}: its ends {start!r} and {end!r} lie in one place: no line joins them")
+    return Row.between(start, end, line / length, frame=body.name)
+
+
+def _port(scene: Scene, path: str) -> tuple[str, PortCoupling]:
+    body, name = scene.split(path)
+    if not isinstance(body, FlexibleBody):
+        raise ValueError(f"electrical port {path!r}: body {body.name!r} is rigid and has none")
+    return body.name, body.reduced.port(name)

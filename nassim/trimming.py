@@ -1,0 +1,49 @@
+"""Scenes with no more of each body than they need below a cut-off frequency."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from nassim.bodies import Body, FlexibleBody
+from nassim.checks import Array
+from nassim.part import Force, Leak, Reading, Spring
+from nassim.rows import shares
+from nassim.scene import Scene
+from nassim.trim import trim_body
+
+
+def trim_scene(scene: Scene) -> Scene:
+    """The scene with bodies reduced further to what its parts need below its cut-off frequency.
+
+    Remote points that nothing holds are no coordinates any more; static answers to the stacks stay exact.
+    Without a cut-off frequency it is the same scene.
+    """
+    if scene.cutoff_frequency is None:
+        return scene
+    bodies = tuple(_trimmed(scene, body, scene.cutoff_frequency) for body in scene.bodies)
+    return replace(scene, bodies=bodies, cutoff_frequency=None)
+
+
+def _trimmed(scene: Scene, body: Body, cutoff_frequency: float) -> Body:
+    if not body.deforms:
+        return body
+    assert isinstance(body, FlexibleBody)
+    used = {path.partition(".")[2] for part in scene.parts for path in part.claims if scene.split(path)[0] is body}
+    reduced = replace(body.reduced, ports=tuple(port for port in body.reduced.ports if port.name in used))
+    points = {scene.frame_point(body), *scene.held_points(body)}
+    loads = _loads(scene, body.name, [port.forces for port in reduced.ports])
+    trimmed = trim_body(reduced, points=points, loads=loads, cutoff_frequency=cutoff_frequency)
+    return replace(body, reduced=trimmed, frame=scene.frame_point(body))
+
+
+def _loads(scene: Scene, name: str, ports: Sequence[Array]) -> Array:
+    """Rows on a body's own coordinates that something pushes, holds or reads, (n, k), without those of its ports."""
+    found = list(ports)
+    for word in scene.words:
+        if isinstance(word, (Force, Reading, Spring, Leak)):
+            row = shares(scene, word.row).get(name)
+            if row is not None and not any(np.array_equal(row, other) for other in found):
+                found.append(row)
+    n = len(scene.split(f"{name}.")[0].mass_matrix)
+    return np.column_stack([np.zeros((n, 0)), *found[len(ports) :]])
