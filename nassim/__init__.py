@@ -13,6 +13,7 @@ from nassim.inspection import Report, check
 from nassim.linear import LinearModel, frequency_response, linearize, truncation_error
 from nassim.materials import Material
 from nassim.measurements import read_frf, read_record, write_record
+from nassim.nouns import register
 from nassim.parts import (
     Encoder,
     FlexibleBody,
@@ -87,6 +88,7 @@ __all__ = [
     "read_record",
     "read_solid",
     "read_superelement",
+    "register",
     "repair",
     "save",
     "simulate",
