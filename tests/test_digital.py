@@ -171,7 +171,7 @@ def test_the_implicit_rule_adds_no_delay_to_a_held_command(steps, delay):
 
 def test_a_record_holds_all_commands_the_last_one_too():
     controller = Controller(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[-1e3]], 2000.0, delay=0)
-    scene = replace(oscillator(), loops=(Loop("p", controller, "position", "force"),))
+    scene = replace(oscillator(), damping_ratio=0.0, loops=(Loop("p", controller, "position", "force"),))
     push = TimeHistory(np.arange(20) / 2000.0, np.ones((2, 20)), ("force", "acceleration"), ("N", "m/s2"))
     record = simulate(scene, push, time_step=1 / 2000.0, progress=False)
     assert record["position"][-1] != 0
