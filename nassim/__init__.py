@@ -18,6 +18,7 @@ from nassim.loop import Loop
 from nassim.materials import Material
 from nassim.measurements import read_frf, read_record, write_record
 from nassim.mechanics import Encoder, GroundAcceleration, Joint, PointForce, SpringDamper
+from nassim.nouns import register
 from nassim.piezo import ElectricalPort, PiezoStack
 from nassim.reduction import craig_bampton
 from nassim.scene import Scene
@@ -81,6 +82,7 @@ __all__ = [
     "read_record",
     "read_solid",
     "read_superelement",
+    "register",
     "repair",
     "save",
     "simulate",

@@ -12,11 +12,11 @@ import exudyn.solver
 import numpy as np
 
 from nassim.assembly import NO_EQUILIBRIUM, motion_size
-from nassim.bodies import FlexibleBody
 from nassim.buckling import axial_forces
 from nassim.checks import Array
 from nassim.digital import RUNAWAY, runaway, start_loops
 from nassim.exudyn_state import Drive, System, find_accelerations
+from nassim.bodies import FlexibleBody
 from nassim.progress import stage
 
 CHECKS = 200
@@ -30,6 +30,16 @@ def _settings() -> Any:
     settings.solution.file.write = False
     settings.timeIntegration.verboseMode = 0
     settings.staticSolver.verboseMode = 0
+    return settings
+
+
+def _fixed_steps(n_steps: int, time_step: float, spectral_radius: float) -> Any:
+    settings = _settings()
+    settings.timeIntegration.numberOfSteps = n_steps
+    settings.timeIntegration.endTime = n_steps * time_step
+    settings.timeIntegration.adaptiveStep = False
+    settings.timeIntegration.generalizedAlpha.spectralRadius = spectral_radius
+    settings.solution.sensors.writePeriod = time_step
     return settings
 
 
@@ -90,86 +100,132 @@ def solve_dynamic(
     Ctrl-C ends the run after the step at hand with KeyboardInterrupt; RuntimeError, with time, body and likely cause,
     when the integration fails or diverges.
     """
-    settings = _settings()
-    settings.timeIntegration.numberOfSteps = n_steps
-    settings.timeIntegration.endTime = n_steps * time_step
-    settings.timeIntegration.adaptiveStep = False
-    settings.timeIntegration.generalizedAlpha.spectralRadius = spectral_radius
-    settings.solution.sensors.writePeriod = time_step
-    scene = system.assembly.scene
-    samples = {name: row.tolist() for name, row in inputs.items()}
-    drives = [(_follow(drive, time_step), samples[drive.input], drive) for drive in system.drives]
-    places = [scene.inputs.index(drive.input) for drive in system.drives]
-    step_loops = start_loops(scene, time_step)
-    commands = np.zeros((n_steps + 1, len(scene.commands)))
-    threshold = RUNAWAY if scene.loops else LOST
-    largest = {name: np.zeros(2) for name in system.carriers}
-    slackest = {body.name: axial_tension(system, body) for body in scene.deformable_bodies}
-    lost: list[str] = []
-    count = 0
-    nothing = np.zeros(len(scene.inputs))
-    chunk = max(1, n_steps // CHECKS)
-    for _, row, drive in drives:
-        drive.apply(system.mbs, 0.0 if np.isfinite(drive.rate) else row[0])
+    settings = _fixed_steps(n_steps, time_step, spectral_radius)
+    watch = _Watch(system)
+    steps = _Steps(system, inputs, n_steps, time_step, explicit=explicit)
     find_accelerations(system, settings)
+    chunk = max(1, n_steps // CHECKS)
     with stage("simulate", total=n_steps, unit="steps", enabled=progress) as advance, _interrupts() as interrupts:
 
-        def look() -> None:
-            for name in system.carriers:
-                now = motion_size(system.assembly, name, system.deformation(name)[:, None])
-                if not np.all(now < threshold):
-                    lost.append(name)
-                largest[name] = np.maximum(largest[name], now)
-            for body in scene.deformable_bodies:
-                slackest[body.name] = np.minimum(slackest[body.name], axial_tension(system, body))
-
         def before_step(_mbs: Any, _time: float) -> bool:
-            nonlocal count
-            held = end = nothing
-            if commands.size:
-                held, end, commands[count] = step_loops(count, system.measure)
-            count += 1
-            for (follow, row, drive), place in zip(drives, places, strict=True):
-                # The implicit rule takes forces at both ends of a step. A command that jumps there enters with its
-                # mean, else the loop would have half a step of delay more.
-                straight = not explicit and not np.isfinite(drive.rate)
-                added = end[place] if straight else held[place]
-                drive.apply(system.mbs, follow(row[count - 1] + added, row[count - explicit] + added))
-            if count % chunk == 0:
+            steps.begin()
+            if steps.begun % chunk == 0:
                 advance(chunk)
-                look()
-            return not interrupts and not lost
+                watch.look()
+            return not interrupts and not watch.lost
 
         system.mbs.SetPreStepUserFunction(before_step)
-        failure: Exception | None = None
-        try:
-            kind = exu.DynamicSolverType.RK44 if explicit else exu.DynamicSolverType.GeneralizedAlpha
-            with _uncounted_vectors():
-                system.mbs.SolveDynamic(settings, solverType=kind)
-        except Exception as error:
-            failure = error
+        failure = _integrate(system, settings, explicit=explicit)
         if interrupts:
-            raise KeyboardInterrupt(f"simulation stopped at t = {count * time_step:g} s")
-        if not lost:
-            look()
-        if lost and scene.loops:
-            outputs = np.column_stack(np.broadcast_arrays(*(system.recorded(name) for name in scene.outputs)))
-            raise RuntimeError(runaway(scene, lost[0], outputs, time_step))
-        if lost:
-            raise RuntimeError(
-                f"the run diverges: at t = {count * time_step:g} s body {lost[0]!r} is deformed beyond its own size; "
-                "likely an excitation far too large, or a spectral_radius of 1 on a spinning body without damping: "
-                "take one below 1 or a smaller time_step"
-            )
-        if failure is not None:
-            raise RuntimeError(
-                f"the integration failed at t = {count * time_step:g} s; try a smaller time_step or a "
-                f"spectral_radius below 1. {failure}"
-            ) from failure
-        if commands.size:
-            commands[n_steps] = step_loops(n_steps, system.measure)[2]
+            raise KeyboardInterrupt(f"simulation stopped at t = {steps.begun * time_step:g} s")
+        if not watch.lost:
+            watch.look()
+        _check_run(system, watch.lost, failure, steps.begun, time_step)
+        steps.end()
         advance(n_steps % chunk)
-    return largest, slackest, commands.T
+    return watch.largest, watch.slackest, steps.commands.T
+
+
+class _Watch:
+    """What is seen of a run whenever it is looked at.
+
+    largest: `motion_size` of each body, (2,); slackest: `axial_forces` of those that deform; lost: bodies that are
+        deformed beyond what a run may do
+    """
+
+    def __init__(self, system: System) -> None:
+        scene = system.assembly.scene
+        self.system = system
+        self.bodies = scene.deformable_bodies
+        self.threshold = RUNAWAY if scene.loops else LOST
+        self.largest = {name: np.zeros(2) for name in system.carriers}
+        self.slackest = {body.name: axial_tension(system, body) for body in self.bodies}
+        self.lost: list[str] = []
+
+    def look(self) -> None:
+        """Compare the present state with the earlier ones."""
+        system = self.system
+        for name in system.carriers:
+            now = motion_size(system.assembly, name, system.deformation(name)[:, None])
+            if not np.all(now < self.threshold):
+                self.lost.append(name)
+            self.largest[name] = np.maximum(self.largest[name], now)
+        for body in self.bodies:
+            self.slackest[body.name] = np.minimum(self.slackest[body.name], axial_tension(system, body))
+
+
+class _Steps:
+    """Sets, step by step, the inputs and what loops add to them.
+
+    begun: number of steps; commands: what the loops put out, (n_steps + 1, commands)
+    """
+
+    def __init__(
+        self, system: System, inputs: Mapping[str, Array], n_steps: int, time_step: float, *, explicit: bool
+    ) -> None:
+        scene = system.assembly.scene
+        samples = {name: row.tolist() for name, row in inputs.items()}
+        self.system, self.explicit = system, explicit
+        self.begun = 0
+        self.commands = np.zeros((n_steps + 1, len(scene.commands)))
+        self.step_loops = start_loops(scene, time_step)
+        self.nothing = np.zeros(len(scene.inputs))
+        self.drives = []
+        for drive in system.drives:
+            direct = not np.isfinite(drive.rate)
+            row, place = samples[drive.input], scene.inputs.index(drive.input)
+            # The implicit rule takes forces at both ends of a step. A command that jumps there enters with its
+            # mean, else the loop would have half a step of delay more.
+            straight = direct and not explicit
+            self.drives.append((_follow(drive, time_step), row, drive, place, straight))
+            drive.apply(system.mbs, row[0] if direct else 0.0)
+
+    def begin(self) -> None:
+        """Set what acts during the next step."""
+        count, mbs, explicit = self.begun, self.system.mbs, self.explicit
+        held = end = self.nothing
+        if self.commands.size:
+            held, end, self.commands[count] = self.step_loops(count, self.system.measure)
+        count += 1
+        for follow, row, drive, place, straight in self.drives:
+            added = end[place] if straight else held[place]
+            drive.apply(mbs, follow(row[count - 1] + added, row[count - explicit] + added))
+        self.begun = count
+
+    def end(self) -> None:
+        """Take what the loops put out at the end of the last step."""
+        if self.commands.size:
+            self.commands[self.begun] = self.step_loops(self.begun, self.system.measure)[2]
+
+
+def _integrate(system: System, settings: Any, *, explicit: bool) -> Exception | None:
+    """Run Exudyn's solver; the error when it fails."""
+    kind = exu.DynamicSolverType.RK44 if explicit else exu.DynamicSolverType.GeneralizedAlpha
+    try:
+        with _uncounted_vectors():
+            system.mbs.SolveDynamic(settings, solverType=kind)
+    except Exception as error:
+        return error
+    return None
+
+
+def _check_run(system: System, lost: list[str], failure: Exception | None, begun: int, time_step: float) -> None:
+    """Raise RuntimeError when a run has lost bodies or failed in its step number `begun`."""
+    scene = system.assembly.scene
+    if lost and scene.loops:
+        outputs = np.column_stack(np.broadcast_arrays(*(system.recorded(name) for name in scene.outputs)))
+        raise RuntimeError(runaway(scene, lost[0], outputs, time_step))
+    if lost:
+        raise RuntimeError(
+            f"the run diverges: at t = {begun * time_step:g} s body {lost[0]!r} is deformed beyond its own size; "
+            "likely an excitation far too large, or a spectral_radius of 1 on a spinning body without damping: "
+            "take one below 1 or a smaller time_step"
+        )
+    if failure is not None:
+        raise RuntimeError(
+            f"the integration failed at t = {begun * time_step:g} s; try a smaller time_step or a "
+            f"spectral_radius below 1. {failure}"
+        ) from failure
 
 
 def axial_tension(system: System, body: FlexibleBody) -> Array:

@@ -2,7 +2,6 @@
 
 import errno
 import hashlib
-import importlib
 import importlib.metadata
 import io
 import os
@@ -20,9 +19,10 @@ import numpy as np
 import psutil
 
 from nassim.notices import warn
+from nassim.nouns import UPGRADES, find, is_noun
 
-FORMAT_VERSION = 2
-"""Format 1, of nassim 0.1, had no seal."""
+FORMAT_VERSION = 3
+"""Format 1, of nassim 0.1, had no seal; 1 and 2 named a noun by its module too, as in "nassim.signals:TimeHistory"."""
 SEAL_SIZE = 512
 """Bytes before the HDF5 image, which HDF5 leaves to applications (its user block): they hold the image's SHA-256."""
 PACKAGE = Path(__file__).parent
@@ -32,10 +32,11 @@ Noun = TypeVar("Noun")
 
 
 def save(obj: object, path: str | Path) -> Path:
-    """Write a noun of nassim (TimeHistory, FRF, ReducedBody, ...) to an HDF5 file that begins with a checksum.
+    """Write a noun (TimeHistory, FRF, ReducedBody, ..., `register`ed ones) to an HDF5 file that begins with a checksum.
 
     The file appears whole or not at all: it is made in memory, written under another name and then moved in place.
-    Raises ValueError for objects that are not dataclasses of nassim, OSError naming the file when it cannot be written.
+    Raises ValueError for dataclasses that are not in `nassim.nouns` and for other objects that no file holds, OSError
+    naming the file when it cannot be written.
     """
     # HDF5 writing to a full disk would end the interpreter.
     image = io.BytesIO()
@@ -89,7 +90,7 @@ def load(path: str | Path) -> Any:
 
     The checksum is compared before anything is read; files of format 1 have none. Whatever `save` does not write, such
     as links and external or compressed data, is refused: a foreign file can neither read others nor ask for more memory
-    than its own size.
+    than its own size. Nothing is made but nouns that are registered, by their own constructors.
     Raises FileNotFoundError, or ValueError naming the file when it is damaged, foreign or of a newer format.
     """
     source = Path(path)
@@ -99,18 +100,15 @@ def load(path: str | Path) -> Any:
         sealed = _check_seal(source)
         with h5py.File(source, "r") as file:
             version = int(_attribute(file, "nassim_format") if "nassim_format" in file.attrs else 0)
-            if version == 0:
+            if version < 1:
                 raise ValueError("it was not written by nassim.save")
             if version > FORMAT_VERSION:
                 raise ValueError(f"it has format {version}, this nassim reads up to {FORMAT_VERSION}; upgrade nassim")
             if version > 1 and not sealed:
                 raise ValueError("its checksum is missing")
-            return _Reader(source.stat().st_size).child(file, "content")
-    except _SIGNS_OF_DAMAGE as error:
+            return _Reader(source.stat().st_size, version).child(file, "content")
+    except Exception as error:  # constructors may raise anything when given what is not theirs
         raise ValueError(f"cannot read {source}: {error or type(error).__name__}") from error
-
-
-_SIGNS_OF_DAMAGE = (OSError, KeyError, TypeError, ValueError, AttributeError, ImportError, RuntimeError, MemoryError)
 
 
 def _seal(digest: Any) -> bytes:
@@ -242,13 +240,18 @@ def _update(digest: Any, part: object) -> None:
 
 
 def _write(parent: Any, name: str, value: object) -> None:
-    if is_dataclass(value) and type(value).__module__.startswith("nassim."):
+    if is_noun(value):
         group = parent.create_group(name)
         group.attrs["kind"] = "dataclass"
-        group.attrs["type"] = f"{type(value).__module__}:{type(value).__qualname__}"
+        group.attrs["type"] = type(value).__name__
         for item in fields(value):
             if item.init:
                 _write(group, item.name, getattr(value, item.name))
+    elif is_dataclass(value) and not isinstance(value, type):
+        raise ValueError(
+            f"cannot save {type(value).__name__} ({name}): it is not registered; give a dataclass of your own to "
+            "nassim.register, before saving and before loading: its fields can be nouns, arrays, numbers and text"
+        )
     elif isinstance(value, Mapping):
         group = parent.create_group(name)
         group.attrs["kind"] = "mapping"
@@ -274,10 +277,14 @@ _TEXT_SIZE = 16
 
 
 class _Reader:
-    """Reads the tree of a file and refuses what `save` does not write; size: of the file [bytes]."""
+    """Reads the tree of a file and refuses what `save` does not write.
 
-    def __init__(self, size: int) -> None:
+    size: of the file [bytes]; version: its format
+    """
+
+    def __init__(self, size: int, version: int) -> None:
         self.left = size
+        self.version = version
         self.seen: set[Any] = set()
 
     def child(self, group: Any, name: str) -> Any:
@@ -330,10 +337,16 @@ class _Reader:
             return None
         if kind == "tuple":
             return tuple(self.child(group, str(index)) for index in range(len(group)))
-        content = {name: self.child(group, name) for name in group}
         if kind == "mapping":
-            return dict(zip(content["keys"], content["values"], strict=True))
-        return _noun(_attribute(group, "type"))(**content)
+            return dict(zip(self.child(group, "keys"), self.child(group, "values"), strict=True))
+        if kind != "dataclass":
+            raise ValueError(f"{group.name} is of the kind {kind!r}, which this nassim does not know; upgrade nassim")
+        name = _public_name(_attribute(group, "type"), self.version)
+        noun = find(name)
+        content = {field: self.child(group, field) for field in group}
+        if self.version < FORMAT_VERSION and name in UPGRADES:
+            content = UPGRADES[name](content)
+        return noun(**content)
 
 
 def _attribute(item: Any, name: str) -> Any:
@@ -342,11 +355,7 @@ def _attribute(item: Any, name: str) -> Any:
     return item.attrs[name]
 
 
-def _noun(dotted: str) -> Any:
-    module, _, name = dotted.partition(":")
-    if not module.startswith("nassim."):
-        raise ValueError(f"it holds a {module}.{name}, which is not of nassim")
-    noun: Any = getattr(importlib.import_module(module), name)
-    if not (isinstance(noun, type) and is_dataclass(noun) and noun.__module__ == module):
-        raise ValueError(f"{module}.{name} is not a noun of nassim")
-    return noun
+def _public_name(written: str, version: int) -> str:
+    """The public name of a noun from what a file of a format says."""
+    module, _, name = written.partition(":")
+    return name if version < 3 and module.startswith("nassim.") else written

@@ -170,6 +170,15 @@ def test_the_implicit_rule_adds_no_delay_to_a_held_command(steps, delay):
     assert np.abs(found - expected).min() < 4e-3 / steps**2 * abs(expected.real)
 
 
+def test_a_record_holds_all_commands_the_last_one_too():
+    controller = Controller(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[-1e3]], 2000.0, delay=0)
+    scene = replace(oscillator(), damping_ratio=0.0, loops=(Loop("p", controller, "position", "force"),))
+    push = TimeHistory(np.arange(20) / 2000.0, np.ones((2, 20)), ("force", "acceleration"), ("N", "m/s2"))
+    record = simulate(scene, push, time_step=1 / 2000.0, progress=False)
+    assert record["position"][-1] != 0
+    np.testing.assert_allclose(record["p"], -1e3 * record["position"], rtol=1e-12)
+
+
 def test_held_between_samples(apa):
     bench = with_iff(apa=apa)
     record = simulate(bench, pulse(), time_step=STEP / 4, method="exact", progress=False)

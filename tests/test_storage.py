@@ -6,13 +6,15 @@ import re
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import fields
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
-from nassim import FRF, Material, TimeHistory, load, save, storage
+from nassim import FRF, Material, TimeHistory, load, nouns, save, storage
 from nassim.storage import cache_directory, cached, fingerprint
 
 
@@ -89,11 +91,6 @@ def test_the_checksum_is_that_of_the_hdf5_image(tmp_path):
         np.testing.assert_array_equal(file["content/values"][:], record().values)
 
 
-def test_a_file_of_nassim_0_1_loads():
-    """Made by the save of version 0.1 from the FRF of this module."""
-    assert_same(load(Path(__file__).parent / "data" / "frf_format_1.h5"), frf())
-
-
 def test_a_seal_taken_away_is_noticed(tmp_path):
     path = save(record(), tmp_path / "noun.h5")
     path.write_bytes(path.read_bytes()[512:])
@@ -122,13 +119,14 @@ def sealed_anew(path):
 @pytest.mark.parametrize(
     ("attribute", "value", "message"),
     [
-        ("nassim_format", 99, r"noun\.h5: it has format 99, this nassim reads up to 2; upgrade"),
+        ("nassim_format", 99, r"noun\.h5: it has format 99, this nassim reads up to 3; upgrade"),
         ("nassim_format", 0, r"noun\.h5: it was not written by nassim\.save"),
-        ("type", "os:system", r"noun\.h5: it holds a os\.system, which is not of nassim"),
-        ("type", "nassim.storage:load", r"noun\.h5: nassim\.storage\.load is not a noun"),
-        ("type", "nassim.signals:Gone", r"cannot read .*noun\.h5: .*Gone"),
-        ("type", "nassim.frf:TimeHistory", r"noun\.h5: nassim\.frf\.TimeHistory is not a noun"),
-        ("type", ["nassim.signals:TimeHistory"] * 2, r"noun\.h5: its attribute 'type' is not a single value"),
+        ("nassim_format", -1, r"noun\.h5: it was not written by nassim\.save"),
+        ("kind", "set", r"noun\.h5: /content is of the kind 'set', which this nassim does not know; upgrade"),
+        ("type", "Gone", r"noun\.h5: it holds a 'Gone', .* upgrade nassim, or, .* nassim\.register before loading"),
+        ("type", 3, r"cannot read .*noun\.h5"),
+        ("type", ["TimeHistory"] * 2, r"noun\.h5: its attribute 'type' is not a single value"),
+        ("type", "FRF", r"noun\.h5: FRF\.__init__\(\) got an unexpected keyword argument"),
     ],
 )
 def test_files_that_are_not_ours_are_refused(tmp_path, attribute, value, message):
@@ -147,6 +145,49 @@ def test_files_are_checked_like_new_nouns(tmp_path):
     sealed_anew(path)
     with pytest.raises(ValueError, match=r"noun\.h5: values holds 1 value.* NaN"):
         load(path)
+
+
+FORGED = (
+    "os:system",
+    "nassim.storage:load",
+    "nassim.fem:build_fe_model",
+    "nassim.fem:FEModel",
+    "antigravity:FRF",
+    "load",
+)
+
+
+@pytest.mark.parametrize("version", [1, 2, 3])
+@pytest.mark.parametrize("forged", FORGED)
+@pytest.mark.parametrize("place", ["content", "content/0"])
+def test_a_file_cannot_ask_for_what_is_no_noun(tmp_path, monkeypatch, version, forged, place):
+    monkeypatch.setattr(
+        nouns.importlib, "import_module", lambda name: pytest.fail(f"the file made nassim import {name}")
+    )
+    path = save(((),), tmp_path / "noun.h5")
+    with h5py.File(path, "a") as file:
+        file.attrs["nassim_format"] = version
+        file[place].attrs["kind"], file[place].attrs["type"] = "dataclass", forged
+    sealed_anew(path)
+    with pytest.raises(ValueError, match=r"cannot read .*noun\.h5: it holds a '.*', which is no noun"):
+        load(path)
+
+
+def test_nouns_made_of_anything_are_refused_by_name_or_are_that_noun(tmp_path):
+    """Whatever a constructor raises when it is given what is not its own, `load` names the file."""
+    for name in nouns.NOUNS:
+        noun = nouns.find(name)
+        for wrong in ({"a": ()}, np.zeros((2, 0))):
+            path = tmp_path / "noun.h5"
+            with h5py.File(path, "w") as file:
+                file.attrs["nassim_format"] = 1
+                group = file.create_group("content")
+                for item in fields(noun):
+                    if item.init:
+                        storage._write(group, item.name, wrong)
+                group.attrs["kind"], group.attrs["type"] = "dataclass", f"nassim.moved.away:{name}"
+            with suppress(ValueError):
+                assert type(load(path)) is noun
 
 
 def external_storage(group, folder):

@@ -1,0 +1,110 @@
+"""The nouns that files hold, under public names that outlive moves of their modules.
+
+A file names a noun by its class's own name. This table says where the class lives, as text, so that reading a record
+does not load what meshes and reduces. A file can ask for no class that is not in it.
+"""
+
+import importlib
+from collections.abc import Callable
+from typing import Any, TypeGuard, TypeVar
+
+Noun = TypeVar("Noun")
+
+NOUNS: dict[str, str] = {
+    "Calibration": "nassim.calibration",
+    "Change": "nassim.updating",
+    "Controller": "nassim.control",
+    "ElectricalPort": "nassim.piezo",
+    "Encoder": "nassim.mechanics",
+    "FRF": "nassim.frf",
+    "Finding": "nassim.inspection",
+    "FlexibleBody": "nassim.bodies",
+    "FloatingFrame": "nassim.floating_frame",
+    "GroundAcceleration": "nassim.mechanics",
+    "HarmonicSolution": "nassim.fullmodel",
+    "Joint": "nassim.mechanics",
+    "LinearModel": "nassim.linear",
+    "Loop": "nassim.loop",
+    "Margins": "nassim.feedback",
+    "Material": "nassim.materials",
+    "ModalFit": "nassim.identification",
+    "NearestTo": "nassim.geometry",
+    "OnPlane": "nassim.geometry",
+    "Optimum": "nassim.locus",
+    "OrderGuess": "nassim.rowguess",
+    "Parameter": "nassim.calibration",
+    "PiezoStack": "nassim.piezo",
+    "PointForce": "nassim.mechanics",
+    "PortCoupling": "nassim.piezo",
+    "ReducedBody": "nassim.body",
+    "RemotePoint": "nassim.geometry",
+    "Repair": "nassim.acceptance",
+    "Report": "nassim.inspection",
+    "RigidBody": "nassim.bodies",
+    "RigidInertia": "nassim.inertia",
+    "RootLocus": "nassim.locus",
+    "Scene": "nassim.scene",
+    "SpringDamper": "nassim.mechanics",
+    "StackActuator": "nassim.stacks",
+    "StackSensor": "nassim.stacks",
+    "Strain": "nassim.strain",
+    "Superelement": "nassim.superelement",
+    "Surface": "nassim.surface",
+    "Target": "nassim.calibration",
+    "TimeHistory": "nassim.signals",
+    "UnstablePole": "nassim.linear",
+    "UpdateReport": "nassim.updating",
+    "VoltageDrive": "nassim.stacks",
+    "VoltageSensor": "nassim.stacks",
+}
+"""Public name of each noun of nassim -> the module in which its class lives."""
+
+UPGRADES: dict[str, Callable[[dict[str, Any]], dict[str, Any]]] = {}
+"""Public name -> function from a noun's fields in a file of an older format to those of today.
+
+It is given the fields by name, those that are nouns already made, and makes new ones by `find`.
+"""
+
+_registered: dict[str, type] = {}
+
+
+def register(noun: type[Noun]) -> type[Noun]:
+    """Let `save` and `load` know a dataclass of your own, under its name; to be written above its `@dataclass`.
+
+    A script that loads the file must have registered it too. Raises ValueError for what is not a dataclass, and for a
+    name that another class has; the same class defined anew, as in a notebook, takes the place of the earlier one.
+    """
+    if not (isinstance(noun, type) and "__dataclass_fields__" in vars(noun)):
+        raise ValueError(
+            f"register takes a dataclass, got {getattr(noun, '__name__', noun)!r}; write @register above @dataclass"
+        )
+    taken = _known(noun.__name__) or noun
+    if (taken.__module__, taken.__qualname__) != (noun.__module__, noun.__qualname__):
+        raise ValueError(
+            f"the name {noun.__name__!r} is taken by {taken.__module__}.{taken.__qualname__}; give the class another"
+        )
+    _registered[noun.__name__] = noun
+    return noun
+
+
+def find(name: str) -> type:
+    """The noun with a public name; raises ValueError when there is none."""
+    noun = _known(name)
+    if noun is None:
+        raise ValueError(
+            f"it holds a {name!r}, which is no noun that this nassim knows; upgrade nassim, or, where it is a "
+            "dataclass of your own, give that to nassim.register before loading"
+        )
+    return noun
+
+
+def is_noun(value: object) -> TypeGuard[Any]:
+    """Whether a value is of a class that files hold."""
+    return _known(type(value).__name__) is type(value)
+
+
+def _known(name: str) -> type | None:
+    if name not in NOUNS:
+        return _registered.get(name)
+    noun: type = getattr(importlib.import_module(NOUNS[name]), name)
+    return noun
