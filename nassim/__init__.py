@@ -4,10 +4,10 @@ from nassim.acceptance import Repair, repair, to_body
 from nassim.body import ReducedBody
 from nassim.condensation import Condensation, condense
 from nassim.control import Controller
+from nassim.craig_bampton import craig_bampton
 from nassim.export import export_body
-from nassim.fem import FEModel, build_fe_model
+from nassim.fe_assembly import FEModel, build_fe_model
 from nassim.frf import FRF, estimate_frf
-from nassim.geometry import NearestTo, OnPlane, RemotePoint, Solid, read_solid
 from nassim.identification import ModalFit, identify_modes
 from nassim.inspection import Report, check
 from nassim.linear import LinearModel, frequency_response, linearize, truncation_error
@@ -28,10 +28,10 @@ from nassim.parts import (
     VoltageSensor,
 )
 from nassim.piezo import ElectricalPort, PiezoStack
-from nassim.reduction import craig_bampton
 from nassim.scene import Scene
 from nassim.signals import TimeHistory
 from nassim.simulation import simulate, static_response
+from nassim.solid import NearestTo, OnPlane, RemotePoint, Solid, read_solid
 from nassim.storage import load, save
 from nassim.superelement import Superelement, read_superelement
 from nassim.trim import open_circuit

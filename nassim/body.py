@@ -6,11 +6,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from nassim.checks import Array, finite_array, freeze, frozen_mapping, instances, known, unique
-from nassim.geometry import RemotePoint
 from nassim.interface import coordinate_names, free_coordinates, point_masses
 from nassim.piezo import PortCoupling
+from nassim.skin import Surface
+from nassim.solid import RemotePoint
 from nassim.strain import Strain, body_strain, strained_modes
-from nassim.surface import Surface
 
 SATURATION = 1.7
 """Error left by a mesh over the part of it that elements one order higher remove."""

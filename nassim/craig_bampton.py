@@ -8,9 +8,9 @@ import numpy as np
 from nassim.body import ReducedBody
 from nassim.checks import Array, positive, unique
 from nassim.condensation import Condensation, condense, strained_part
-from nassim.discretization import released_stiffness
 from nassim.exclusive import exclusive
-from nassim.fem import FEModel
+from nassim.fe_assembly import FEModel
+from nassim.mesh_error import released_stiffness
 from nassim.modes import check_n_modes, fixed_interface_modes, left_out_vectors, modes_below
 from nassim.notices import collected
 from nassim.piezo import PortCoupling

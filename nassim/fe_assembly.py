@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from nassim.checks import Array, freeze, known
 from nassim.exclusive import exclusive
-from nassim.geometry import RemotePoint, Solid
 from nassim.materials import Material
 from nassim.mesh_checks import check_memory, check_volume, warn_of_thin_walls
 from nassim.meshing import generate_mesh
@@ -21,8 +20,9 @@ from nassim.piezo import PortCoupling
 from nassim.ports import couple_port
 from nassim.progress import stage
 from nassim.regions import by_body, faces
+from nassim.skin import Surface, outer_surface
+from nassim.solid import RemotePoint, Solid
 from nassim.solver import SymmetricMatrix, symmetric_matrix, threads
-from nassim.surface import Surface, outer_surface
 
 MAX_ORDER = 6
 ELEMENTS = {ng.ET.TET: "tetrahedra", ng.ET.PRISM: "prisms", ng.ET.PYRAMID: "pyramids", ng.ET.HEX: "hexahedra"}

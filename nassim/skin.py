@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from nassim.checks import Array
-from nassim.geometry import Solid
+from nassim.solid import Solid
 
 
 @dataclass(frozen=True)

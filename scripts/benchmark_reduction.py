@@ -19,8 +19,8 @@ from _common import not_negative, parser, peak_memory, run, run_in_own_process, 
 
 from models.apa300ml import make_apa300ml
 from nassim import FEModel, Solid, condense, craig_bampton
-from nassim.fem import assemble_mesh, make_coupling
-from nassim.fullmodel import full_eigenfrequencies
+from nassim.fe_assembly import assemble_mesh, make_coupling
+from nassim.full_model import full_eigenfrequencies
 from nassim.meshing import generate_mesh
 from nassim.modal import eigenmodes
 from nassim.solver import threads

@@ -37,7 +37,7 @@ from nassim import (
     simulate,
     static_response,
 )
-from nassim.fullmodel import full_frequency_response
+from nassim.full_model import full_frequency_response
 from nassim.interface import rigid_transfer
 from nassim.piezo import PortCoupling
 from nassim.signals import band_limited_noise
