@@ -10,6 +10,7 @@ from nassim.fe_assembly import FEModel, build_fe_model
 from nassim.frf import FRF, estimate_frf
 from nassim.identification import ModalFit, identify_modes
 from nassim.inspection import Report, check
+from nassim.interface import RemotePoint
 from nassim.linear import LinearModel, frequency_response, linearize, truncation_error
 from nassim.materials import Material
 from nassim.measurements import read_frf, read_record, write_record
@@ -31,7 +32,7 @@ from nassim.piezo import ElectricalPort, PiezoStack
 from nassim.scene import Scene
 from nassim.signals import TimeHistory
 from nassim.simulation import simulate, static_response
-from nassim.solid import NearestTo, OnPlane, RemotePoint, Solid, read_solid
+from nassim.solid import NearestTo, OnPlane, Solid, read_solid
 from nassim.storage import load, save
 from nassim.superelement import Superelement, read_superelement
 from nassim.trim import open_circuit

@@ -10,8 +10,8 @@ from nassim.body import ReducedBody
 from nassim.checks import Array
 from nassim.inertia import completed_gram, free_of_rigid_motions
 from nassim.inspection import Report, as_superelement, check, signed_frequencies
+from nassim.interface import RemotePoint
 from nassim.rowguess import rigid_residual
-from nassim.solid import RemotePoint
 from nassim.superelement import Superelement
 
 CLEAN = 1e-12

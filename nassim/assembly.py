@@ -9,7 +9,6 @@ import scipy.linalg
 
 from nassim.checks import Array
 from nassim.floating_frame import FloatingFrame, floating_frame
-from nassim.interface import AXES, DIRECTIONS, rigid_transfer, unit_vector
 from nassim.modal import elastic_ratios, modal_damping_matrix
 from nassim.parts import (
     Actuator,
@@ -23,6 +22,7 @@ from nassim.parts import (
     VoltageDrive,
     VoltageSensor,
 )
+from nassim.rigid_motion import AXES, DIRECTIONS, rigid_transfer, unit_vector
 from nassim.scene import Scene
 from nassim.strain import joined, spring_strain, stiffness_root, strained_modes
 from nassim.trim import open_circuit

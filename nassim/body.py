@@ -6,10 +6,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from nassim.checks import Array, finite_array, freeze, frozen_mapping, instances, known, unique
-from nassim.interface import coordinate_names, free_coordinates, point_masses
+from nassim.interface import RemotePoint, coordinate_names, free_coordinates, point_masses
 from nassim.piezo import PortCoupling
 from nassim.skin import Surface
-from nassim.solid import RemotePoint
 from nassim.strain import Strain, body_strain, strained_modes
 
 SATURATION = 1.7

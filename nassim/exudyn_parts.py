@@ -9,7 +9,6 @@ import numpy as np
 from nassim.assembly import body_weight
 from nassim.checks import Array
 from nassim.exudyn_state import Carrier, Drive, add_forces
-from nassim.interface import unit_vector
 from nassim.parts import (
     Actuator,
     Encoder,
@@ -24,6 +23,7 @@ from nassim.parts import (
     VoltageDrive,
     VoltageSensor,
 )
+from nassim.rigid_motion import unit_vector
 from nassim.scene import Scene
 
 

@@ -17,9 +17,9 @@ from nassim.checks import Array
 from nassim.exudyn_parts import add_actuator, add_sensor, add_spring
 from nassim.exudyn_state import Carrier, System, add_circuit, modal_node, small_motion_system
 from nassim.floating_frame import FloatingFrame
-from nassim.interface import DIRECTIONS, rigid_transfer
 from nassim.kinematics import check_implied, starting_twists
 from nassim.parts import FlexibleBody, Joint, RigidBody
+from nassim.rigid_motion import DIRECTIONS, rigid_transfer
 from nassim.scene import Scene
 
 # Corners of a regular tetrahedron: equal weights on four pilots there give a remote point's motion exactly.

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from nassim.checks import Array, freeze, known
 from nassim.exclusive import exclusive
+from nassim.interface import RemotePoint
 from nassim.materials import Material
 from nassim.mesh_checks import check_memory, check_volume, warn_of_thin_walls
 from nassim.meshing import generate_mesh
@@ -21,7 +22,7 @@ from nassim.ports import couple_port
 from nassim.progress import stage
 from nassim.regions import by_body, faces
 from nassim.skin import Surface, outer_surface
-from nassim.solid import RemotePoint, Solid
+from nassim.solid import Solid
 from nassim.solver import SymmetricMatrix, symmetric_matrix, threads
 
 MAX_ORDER = 6

@@ -10,8 +10,8 @@ import scipy.linalg
 from scipy.spatial.transform import Rotation
 
 from nassim.checks import Array
-from nassim.interface import DIRECTIONS, rigid_transfer
 from nassim.parts import Body, FlexibleBody, Joint, RigidBody
+from nassim.rigid_motion import DIRECTIONS, rigid_transfer
 from nassim.scene import Scene
 
 FOLLOWED = 1e-9

@@ -20,7 +20,7 @@ from nassim.checks import (
     unique,
 )
 from nassim.control import Controller
-from nassim.interface import DIRECTIONS
+from nassim.rigid_motion import DIRECTIONS
 
 FIDELITIES = ("rigid", "linear", "ffrf")
 WORLD_AXES = ("x", "y", "z")

@@ -13,45 +13,19 @@ from numpy.typing import ArrayLike
 
 from nassim.checks import Array, finite_array, freeze, frozen_mapping, known, unique
 from nassim.exclusive import exclusive
+from nassim.interface import RemotePoint
 from nassim.materials import Material
 from nassim.notices import warn
 from nassim.piezo import ElectricalPort
 
 CAD_ENDINGS = {".step": ".step", ".stp": ".step", ".iges": ".iges", ".igs": ".iges", ".brep": ".brep"}
 UNITS = {"m": 1.0, "mm": 1e-3, "inch": 0.0254}
-COUPLINGS = ("rbe2", "rbe3")
 SMALLEST = 1e-6
 """Shortest part [m]; OpenCASCADE takes points within 1e-7 for one."""
 LARGE = 10.0
 """Parts from this length on were more often drawn in millimetres than are so long [m]."""
 OVERLAP = 1e-4
 """Shared volume, over the smaller body's, from which on it is more than the inaccuracy of faces that touch."""
-
-
-@dataclass(frozen=True)
-class RemotePoint:
-    """A point with 6 degrees of freedom, coupled to faces of a part (ANSYS: remote point, Simscape: interface).
-
-    name: what scenes call it
-    faces: names of the CAD faces that form its interface (one name may stand alone)
-    position: where it lies, in the part's frame, shape (3,) [m]
-    coupling: "rbe2", the faces move as a rigid body; "rbe3", the point follows the faces' mean rigid motion
-        (least squares over the area) and the faces stay deformable
-    """
-
-    name: str
-    faces: tuple[str, ...]
-    position: Array
-    coupling: str = "rbe3"
-
-    def __post_init__(self) -> None:
-        faces = (self.faces,) if isinstance(self.faces, str) else tuple(self.faces)
-        freeze(
-            self,
-            faces=unique(f"remote point {self.name!r}: face", faces),
-            position=finite_array(f"remote point {self.name!r}: position", self.position, (3,)),
-        )
-        known("coupling", self.coupling, COUPLINGS)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ TREES = {name: ast.parse((PACKAGE / f"{name}.py").read_text(encoding="utf-8")) f
 # A module imports only from lower layers, never from its own.
 LAYERS = (
     ("checks", "exclusive", "notices", "progress", "units"),
-    ("storage",),
+    ("rigid_motion", "storage"),
     ("arrayfiles", "calibration", "listing", "materials", "modal", "piezo", "statespace", "unit_systems"),
     ("interface", "regions", "signals", "solver"),
     ("solid", "frf", "inertia", "pole_fit"),

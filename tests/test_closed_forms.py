@@ -23,8 +23,8 @@ from nassim import (
 )
 from nassim.assembly import assemble, motion_size
 from nassim.inertia import RigidInertia
-from nassim.interface import rigid_transfer
 from nassim.linear import damping
+from nassim.rigid_motion import rigid_transfer
 from nassim.simulation import exudyn_eigenfrequencies
 from nassim.statespace import discretize
 

@@ -9,7 +9,7 @@ from conftest import STEEL, lattice, make_bar
 
 from nassim import FEModel, RemotePoint, Solid, build_fe_model, condense
 from nassim.condensation import expanded_dofs
-from nassim.interface import rigid_transfer
+from nassim.rigid_motion import rigid_transfer
 
 
 def dense_reference(model, load):

@@ -28,9 +28,8 @@ from nassim import (
 )
 from nassim.assembly import assemble
 from nassim.export import body_damping, body_state_space
-from nassim.inertia import rigid_motions
-from nassim.interface import rigid_transfer
 from nassim.linear import damping
+from nassim.rigid_motion import rigid_motions, rigid_transfer
 from nassim.strain import strained_modes
 from nassim.trim import trim_body
 from nassim.updating import modal_gains

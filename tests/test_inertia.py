@@ -11,7 +11,8 @@ from nassim import FlexibleBody, Scene, build_fe_model, craig_bampton
 from nassim.exudyn_solver import solve_dynamic
 from nassim.exudyn_system import build_system
 from nassim.floating_frame import floating_frame
-from nassim.inertia import completed_gram, rigid_inertia, rigid_motions
+from nassim.inertia import completed_gram, rigid_inertia
+from nassim.rigid_motion import rigid_motions
 from nassim.trim import trim_body
 
 KNOWN = (

@@ -38,8 +38,8 @@ from nassim import (
     static_response,
 )
 from nassim.full_model import full_frequency_response
-from nassim.interface import rigid_transfer
 from nassim.piezo import PortCoupling
+from nassim.rigid_motion import rigid_transfer
 from nassim.signals import band_limited_noise
 from nassim.simulation import exudyn_eigenfrequencies
 from nassim.trim import keep_modes, open_circuit, trim_body
