@@ -6,7 +6,8 @@ from nassim.condensation import Condensation, condense
 from nassim.control import Controller
 from nassim.craig_bampton import craig_bampton
 from nassim.export import export_body
-from nassim.fe_assembly import FEModel, build_fe_model
+from nassim.fe_assembly import build_fe_model
+from nassim.fe_model import FEModel
 from nassim.frf import FRF, estimate_frf
 from nassim.identification import ModalFit, identify_modes
 from nassim.inspection import Report, check

@@ -23,7 +23,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from nassim.checks import Array, unique
-from nassim.fe_assembly import Coupling, FEModel, rigid_motions
+from nassim.fe_model import Coupling, FEModel, rigid_motions
 from nassim.progress import Advance, silent, stage
 from nassim.rigid_motion import rigid_transfer
 from nassim.solver import Factorization, factorize, solver_name, threads

@@ -29,7 +29,7 @@ from nassim import (
     static_response,
     truncation_error,
 )
-from nassim.fe_assembly import make_coupling
+from nassim.fe_model import make_coupling
 from nassim.piezo import PortCoupling
 
 CAPACITANCE = 1e-6

@@ -6,7 +6,7 @@ import pytest
 from conftest import STEEL, lattice, make_bar
 
 from nassim import FEModel, Material, RemotePoint, Solid, build_fe_model, condense
-from nassim.fe_assembly import make_coupling
+from nassim.fe_model import make_coupling
 from nassim.full_model import full_eigenfrequencies
 
 
