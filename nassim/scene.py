@@ -25,7 +25,7 @@ from nassim.parts import (
     VoltageDrive,
     VoltageSensor,
 )
-from nassim.trim import trim_body
+from nassim.trim import keep_ports, trim_body
 
 KINDS: dict[str, tuple[type, ...]] = {
     "bodies": get_args(Body),
@@ -193,7 +193,7 @@ class Scene:
         loads = [np.zeros((len(body.reduced.mass_matrix), 0)), *(self.body_row(stack)[1] for stack in stacks)]
         points = {self.frame_point(body), *self._jointed_points(body)}
         used = {part.port.partition(".")[2] for part in self.port_parts if self.split(part.port)[0] is body}
-        reduced = replace(body.reduced, ports=tuple(port for port in body.reduced.ports if port.name in used))
+        reduced = keep_ports(body.reduced, used)
         trimmed = trim_body(reduced, points=points, loads=np.column_stack(loads), cutoff_frequency=cutoff_frequency)
         return replace(body, reduced=trimmed, frame=self.frame_point(body))
 

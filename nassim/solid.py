@@ -17,6 +17,7 @@ from nassim.interface import RemotePoint
 from nassim.materials import Material
 from nassim.notices import warn
 from nassim.piezo import ElectricalPort
+from nassim.readouts import SURFACE
 
 CAD_ENDINGS = {".step": ".step", ".stp": ".step", ".iges": ".iges", ".igs": ".iges", ".brep": ".brep"}
 UNITS = {"m": 1.0, "mm": 1e-3, "inch": 0.0254}
@@ -39,8 +40,9 @@ class Solid:
     ports: electrical ports of its piezoelectric bodies
 
     Raises ValueError for a body without material, an unknown face or body, a face that two remote points claim, a
-    body that two ports claim, bodies that overlap, and a shape below 1e-6 m; warns of one of 10 m or more. Make a shape
-    of several bodies by `glue`: OpenCASCADE's own gluing gives what two bodies share to the first, without a word.
+    body that two ports claim, a name that points and ports share ("surface" is the picture's), bodies that overlap, and
+    a shape below 1e-6 m; warns of one of 10 m or more. Make a shape of several bodies by `glue`: OpenCASCADE's own
+    gluing gives what two bodies share to the first, without a word.
     """
 
     name: str
@@ -73,6 +75,9 @@ class Solid:
                 owner[face] = point.name
         ports = tuple(self.ports)
         unique("electrical port", (port.name for port in ports))
+        # A reduced body reads all of them out by name, its surface beside them.
+        named = (SURFACE, *(point.name for point in points), *(port.name for port in ports))
+        unique(f"part {self.name!r}: remote point, electrical port and picture ({SURFACE!r})", named)
         for body in unique("body of electrical port", (body for port in ports for body in port.bodies)):
             known("body", body, bodies)
         with exclusive(forkable=True):
