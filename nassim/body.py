@@ -25,9 +25,8 @@ class ReducedBody:
     gram: integrals over the body of density times the product of every two of the scalar fields
         1, x, y, z, psi_1x, psi_1y, psi_1z, psi_2x, ..., shape (4 + 3 n, 4 + 3 n), where psi_j is the displacement
         field of coordinate j: all that large motion needs to know of the inertia
-    readouts: what the coordinates tell of the body beside themselves, by name: its picture ("surface"), electrical
-        ports, whose static answers the coordinates hold exactly, passive points, which move along. `project` carries
-        all of it to other coordinates
+    readouts: what else follows from the coordinates, by name: the picture ("surface"), electrical ports, whose static
+        answers the coordinates hold exactly, and passive points, which move along
     record: how the reduction was made, as text; under "warnings" what was warned of meanwhile, a line each
     enriched: the same body with more coordinates, in which what was left out is present, so that the difference of
         any answer of the two is the truncation error; None where unknown
@@ -36,7 +35,7 @@ class ReducedBody:
     released_stiffness: how much the stiffness matrix would fall with finite elements one order higher, shape (n, n),
         for `discretization_errors`; None where not asked for
 
-    Raises ValueError for matrices that do not go together, and for a name that two remote points or read-outs share.
+    Raises ValueError for matrices that do not go together, and for a name that remote points and read-outs share.
     Source: R. R. Craig, M. C. C. Bampton, Coupling of substructures for dynamic analyses, AIAA J. 6 (1968) 1313.
     """
 

@@ -22,7 +22,8 @@ from nassim.progress import stage
 from nassim.regions import by_body, faces
 from nassim.skin import outer_surface
 from nassim.solid import Solid
-from nassim.solver import SymmetricMatrix, symmetric_matrix, threads
+from nassim.solver import threads
+from nassim.sparse import SymmetricMatrix, symmetric_matrix
 
 MAX_ORDER = 6
 ELEMENTS = {ng.ET.TET: "tetrahedra", ng.ET.PRISM: "prisms", ng.ET.PYRAMID: "pyramids", ng.ET.HEX: "hexahedra"}

@@ -11,7 +11,7 @@ from nassim.checks import Array, freeze, known
 from nassim.interface import RemotePoint
 from nassim.piezo import PortCoupling
 from nassim.readouts import Surface
-from nassim.solver import SymmetricMatrix, symmetric_matrix
+from nassim.sparse import SymmetricMatrix, symmetric_matrix
 
 
 @dataclass(frozen=True)

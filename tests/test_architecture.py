@@ -16,7 +16,7 @@ TREES = {name: ast.parse((PACKAGE / f"{name}.py").read_text(encoding="utf-8")) f
 # A module imports only from lower layers, never from its own.
 LAYERS = (
     ("checks", "exclusive", "notices", "progress", "units"),
-    ("rigid_motion", "storage"),
+    ("rigid_motion", "sparse", "storage"),
     ("arrayfiles", "calibration", "interface", "listing", "materials", "modal", "piezo", "statespace", "unit_systems"),
     ("readouts", "regions", "signals", "solver"),
     ("solid", "frf", "inertia", "pole_fit"),
@@ -51,7 +51,7 @@ LONGEST = 400
 HEAVY = ("exudyn", "netgen", "ngsolve")
 WITHOUT_HEAVY = (
     *("acceptance", "assembly", "body", "export", "feedback", "floating_frame", "inertia", "inspection", "interface"),
-    *("linear", "piezo", "readouts", "rigid_motion", "scene", "superelement", "trim"),
+    *("fe_model", "linear", "piezo", "readouts", "rigid_motion", "scene", "superelement", "trim"),
 )
 """Modules that work where none of these libraries can be loaded."""
 
