@@ -5,13 +5,15 @@ from nassim.bodies import FlexibleBody, RigidBody
 from nassim.body import ReducedBody
 from nassim.condensation import Condensation, condense
 from nassim.control import Controller
+from nassim.craig_bampton import craig_bampton
 from nassim.describe import describe
 from nassim.export import export_body
-from nassim.fem import FEModel, build_fe_model
+from nassim.fe_assembly import build_fe_model
+from nassim.fe_model import FEModel
 from nassim.frf import FRF, estimate_frf
-from nassim.geometry import NearestTo, OnPlane, RemotePoint, Solid, read_solid
 from nassim.identification import ModalFit, identify_modes
 from nassim.inspection import Report, check
+from nassim.interface import RemotePoint
 from nassim.linear import LinearModel, frequency_response
 from nassim.linearize import linearize, truncation_error
 from nassim.loop import Loop
@@ -20,10 +22,10 @@ from nassim.measurements import read_frf, read_record, write_record
 from nassim.mechanics import Encoder, GroundAcceleration, Joint, PointForce, SpringDamper
 from nassim.nouns import register
 from nassim.piezo import ElectricalPort, PiezoStack
-from nassim.reduction import craig_bampton
 from nassim.scene import Scene
 from nassim.signals import TimeHistory
 from nassim.simulation import simulate, static_response
+from nassim.solid import NearestTo, OnPlane, Solid, read_solid
 from nassim.stacks import StackActuator, StackSensor, VoltageDrive, VoltageSensor
 from nassim.storage import load, save
 from nassim.superelement import Superelement, read_superelement

@@ -8,9 +8,9 @@ import scipy.linalg
 
 from nassim.body import ReducedBody
 from nassim.checks import Array
-from nassim.geometry import RemotePoint
 from nassim.inertia import completed_gram, free_of_rigid_motions
 from nassim.inspection import Report, as_superelement, check, signed_frequencies
+from nassim.interface import RemotePoint
 from nassim.rowguess import rigid_residual
 from nassim.superelement import Superelement
 
@@ -111,10 +111,12 @@ def to_body(body: Superelement, *, any_size: bool = False) -> ReducedBody:
     mass = 0.5 * (body.mass_matrix + body.mass_matrix.T)
     return ReducedBody(
         body.name,
-        tuple(RemotePoint(name, (), position) for name, position in zip(body.names, body.positions, strict=True)),
-        mass,
-        0.5 * (body.stiffness_matrix + body.stiffness_matrix.T),
-        completed_gram(mass, body.positions),
+        remote_points=tuple(
+            RemotePoint(name, (), position) for name, position in zip(body.names, body.positions, strict=True)
+        ),
+        mass_matrix=mass,
+        stiffness_matrix=0.5 * (body.stiffness_matrix + body.stiffness_matrix.T),
+        gram=completed_gram(mass, body.positions),
         record={"imported from": body.source, "units": body.units, "inspection": str(report)},
         full_integrals=False,
     )

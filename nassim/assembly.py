@@ -10,9 +10,9 @@ from nassim.bodies import Body, RigidBody
 from nassim.checks import Array
 from nassim.damping import Damping
 from nassim.floating_frame import FloatingFrame, floating_frame
-from nassim.interface import AXES, DIRECTIONS
 from nassim.modal import elastic_ratios
 from nassim.part import Constraint, Field, Force, Leak, Reading, Row, Spring, Word, unknown_word
+from nassim.rigid_motion import AXES, DIRECTIONS
 from nassim.rows import shares
 from nassim.scene import Scene
 from nassim.strain import Strain, joined, spring_strain, stiffness_root, strained_modes

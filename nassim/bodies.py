@@ -8,7 +8,7 @@ import scipy.linalg
 
 from nassim.body import ReducedBody
 from nassim.checks import Array, finite_array, freeze, frozen_mapping, known, positive, unique
-from nassim.interface import rigid_transfer
+from nassim.rigid_motion import rigid_transfer
 
 FIDELITIES = ("rigid", "linear", "ffrf")
 ROUNDED = 2e-3

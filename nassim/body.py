@@ -1,16 +1,15 @@
 """A body reduced to remote points and modes, and what is known of its error."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 
 import numpy as np
 
 from nassim.checks import Array, finite_array, freeze, frozen_mapping, instances, known, unique
-from nassim.geometry import RemotePoint
-from nassim.interface import coordinate_names, free_coordinates, point_masses
+from nassim.interface import RemotePoint, coordinate_names, free_coordinates, point_masses
 from nassim.piezo import PortCoupling
+from nassim.readouts import PassivePoint, Picture, Readout, Surface, of_kind
 from nassim.strain import Strain, body_strain, strained_modes
-from nassim.surface import Surface
 
 SATURATION = 1.7
 """Error left by a mesh over the part of it that elements one order higher remove."""
@@ -26,42 +25,36 @@ class ReducedBody:
     gram: integrals over the body of density times the product of every two of the scalar fields
         1, x, y, z, psi_1x, psi_1y, psi_1z, psi_2x, ..., shape (4 + 3 n, 4 + 3 n), where psi_j is the displacement
         field of coordinate j: all that large motion needs to know of the inertia
-    surface, surface_modes: triangles of the outer surface and its displacements per coordinate, shape
-        (n_points, 3, n), for pictures; None where unknown
+    readouts: what else follows from the coordinates, by name: the picture ("surface"), electrical ports, whose static
+        answers the coordinates hold exactly, and passive points, which move along
     record: how the reduction was made, as text; under "warnings" what was warned of meanwhile, a line each
     enriched: the same body with more coordinates, in which what was left out is present, so that the difference of
         any answer of the two is the truncation error; None where unknown
     full_integrals: False where `gram` is right for rigid motions and a guess for the rest, as of imported matrices,
         see `nassim.inertia`
-    passive_points, passive_motions: points that are no coordinates (any more) but move along, and their motions
-        (ux uy uz rx ry rz) per unit of the coordinates, shape (6 s, n)
     released_stiffness: how much the stiffness matrix would fall with finite elements one order higher, shape (n, n),
         for `discretization_errors`; None where not asked for
-    ports: electrical ports, their forces on the coordinates per volt; the coordinates hold the exact static answer
 
+    Raises ValueError for matrices that do not go together, and for a name that remote points and read-outs share.
     Source: R. R. Craig, M. C. C. Bampton, Coupling of substructures for dynamic analyses, AIAA J. 6 (1968) 1313.
     """
 
     name: str
+    _: KW_ONLY
     remote_points: tuple[RemotePoint, ...]
     mass_matrix: Array
     stiffness_matrix: Array
     gram: Array
-    surface: Surface | None = field(default=None)
-    surface_modes: Array | None = field(default=None)
+    readouts: Mapping[str, Readout] = field(default_factory=dict, repr=False)
     record: Mapping[str, str] = field(default_factory=dict)
     enriched: "ReducedBody | None" = field(default=None, repr=False)
     released_stiffness: Array | None = field(default=None, repr=False)
-    passive_points: tuple[RemotePoint, ...] = ()
-    passive_motions: Array | None = field(default=None, repr=False)
-    ports: tuple[PortCoupling, ...] = ()
     full_integrals: bool = True
 
     def __post_init__(self) -> None:
         points = instances(f"body {self.name!r}: remote_points", self.remote_points, (RemotePoint,))
-        passive_points = instances(f"body {self.name!r}: passive_points", self.passive_points, (RemotePoint,))
         unique("body", (self.name,))
-        unique(f"body {self.name!r}: remote point", (point.name for point in (*points, *passive_points)))
+        unique(f"body {self.name!r}: remote point", (point.name for point in points))
         mass = finite_array(f"body {self.name!r}: mass matrix", self.mass_matrix, (None, None))
         n = len(mass)
         if not n:
@@ -76,16 +69,6 @@ class ReducedBody:
         released = self.released_stiffness
         if released is not None:
             released = finite_array(f"body {self.name!r}: released stiffness", released, (n, n))
-        passive = self.passive_motions
-        if passive is None:
-            passive = np.zeros((0, n))
-        passive = finite_array(f"body {self.name!r}: passive motions", passive, (6 * len(passive_points), n))
-        unique(f"body {self.name!r}: electrical port", (port.name for port in self.ports))
-        for port in self.ports:
-            if len(port.forces) != n:
-                raise ValueError(
-                    f"body {self.name!r}: port {port.name!r} acts on {len(port.forces)} coordinates, the body has {n}"
-                )
         if n < 6 * len(points):
             raise ValueError(
                 f"body {self.name!r}: {len(points)} remote points need {6 * len(points)} coordinates, got {n}"
@@ -97,11 +80,22 @@ class ReducedBody:
             stiffness_matrix=stiffness,
             gram=gram,
             released_stiffness=released,
-            passive_points=passive_points,
-            passive_motions=passive,
-            ports=tuple(self.ports),
+            readouts=frozen_mapping(self.readouts),
             record=frozen_mapping(self.record),
         )
+        self._check_readouts()
+
+    def _check_readouts(self) -> None:
+        n = len(self.mass_matrix)
+        for name, readout in self.readouts.items():
+            label = f"body {self.name!r}: read-out {name!r}"
+            if not isinstance(readout, Readout):
+                raise ValueError(f"{label} is a {type(readout).__name__}, which `project` could not carry along")
+            if readout.name != name:
+                raise ValueError(f"{label} calls itself {readout.name!r}; make the mapping by readouts.by_name")
+            if readout.n_coordinates != n:
+                raise ValueError(f"{label} is one of {readout.n_coordinates} coordinates, the body has {n}")
+        unique(f"body {self.name!r}: remote point and read-out", (*self.point_names, *self.readouts))
 
     @property
     def point_names(self) -> tuple[str, ...]:
@@ -129,6 +123,30 @@ class ReducedBody:
         return self.gram[0, 1:4] / self.gram[0, 0]
 
     @property
+    def surface(self) -> Surface | None:
+        """Triangles of the outer surface, for pictures; None where unknown."""
+        return self._picture.surface if self._picture else None
+
+    @property
+    def surface_modes(self) -> Array | None:
+        """Displacements of the surface's points per unit of the coordinates, shape (n_points, 3, n)."""
+        return self._picture.modes if self._picture else None
+
+    @property
+    def _picture(self) -> Picture | None:
+        return next(iter(of_kind(self.readouts, Picture)), None)
+
+    @property
+    def ports(self) -> tuple[PortCoupling, ...]:
+        """The electrical ports, their forces on the coordinates per volt."""
+        return of_kind(self.readouts, PortCoupling)
+
+    @property
+    def passive_points(self) -> tuple[RemotePoint, ...]:
+        """Points that are no coordinates (any more) but move along."""
+        return tuple(passive.point for passive in of_kind(self.readouts, PassivePoint))
+
+    @property
     def all_point_names(self) -> tuple[str, ...]:
         """Names of the remote points, then of the passive ones."""
         return self.point_names + tuple(point.name for point in self.passive_points)
@@ -144,8 +162,7 @@ class ReducedBody:
         active = len(self.remote_points)
         if index < active:
             return np.eye(6, len(self.mass_matrix), 6 * index)
-        assert self.passive_motions is not None
-        return self.passive_motions[6 * (index - active) : 6 * (index - active + 1)]
+        return of_kind(self.readouts, PassivePoint)[index - active].motions
 
     def port(self, name: str) -> PortCoupling:
         """An electrical port by name; raises ValueError listing the names when there is none."""

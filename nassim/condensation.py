@@ -23,9 +23,9 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from nassim.checks import Array, unique
-from nassim.fem import Coupling, FEModel, rigid_motions
-from nassim.interface import rigid_transfer
+from nassim.fe_model import Coupling, FEModel, rigid_motions
 from nassim.progress import Advance, silent, stage
+from nassim.rigid_motion import rigid_transfer
 from nassim.solver import Factorization, factorize, solver_name, threads
 
 DEPENDENT = 1e-9

@@ -11,8 +11,8 @@ import numpy as np
 from nassim.bodies import FlexibleBody, RigidBody
 from nassim.checks import Array
 from nassim.exudyn_state import COORDINATES, Carrier, Drive, add_forces
-from nassim.interface import DIRECTIONS
 from nassim.part import Constraint, Field, Force, Reading, Row, Spring
+from nassim.rigid_motion import DIRECTIONS
 from nassim.rows import shares
 from nassim.scene import Scene
 

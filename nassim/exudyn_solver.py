@@ -12,11 +12,11 @@ import exudyn.solver
 import numpy as np
 
 from nassim.assembly import NO_EQUILIBRIUM, motion_size
+from nassim.bodies import FlexibleBody
 from nassim.buckling import axial_forces
 from nassim.checks import Array
 from nassim.digital import RUNAWAY, runaway, start_loops
 from nassim.exudyn_state import Drive, System, find_accelerations
-from nassim.bodies import FlexibleBody
 from nassim.progress import stage
 
 CHECKS = 200

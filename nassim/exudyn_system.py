@@ -18,9 +18,9 @@ from nassim.checks import Array
 from nassim.exudyn_parts import Items, add_constraint, add_field, add_force, add_reading, add_spring
 from nassim.exudyn_state import Carrier, Drive, System, add_circuit, modal_node, small_motion_system
 from nassim.floating_frame import FloatingFrame
-from nassim.interface import rigid_transfer
 from nassim.kinematics import check_implied, starting_twists
 from nassim.part import Constraint, Field, Force, Leak, Reading, Spring, unknown_word
+from nassim.rigid_motion import rigid_transfer
 from nassim.scene import Scene
 
 # Corners of a regular tetrahedron: equal weights on four pilots there give a remote point's motion exactly.

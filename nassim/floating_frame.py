@@ -11,7 +11,7 @@ import numpy as np
 
 from nassim.body import ReducedBody
 from nassim.checks import Array, known
-from nassim.interface import rigid_transfer, skew
+from nassim.rigid_motion import rigid_transfer, skew
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ import numpy as np
 import scipy.linalg
 
 from nassim.checks import Array
-from nassim.interface import rigid_transfer, skew
+from nassim.rigid_motion import rigid_motions, skew
 
 FLAT = 1e-6
 """Points within this share of the body's size of a plane or line lie in it."""
@@ -79,13 +79,6 @@ def rigid_inertia(mass_matrix: Array, rigid_motions: Array) -> RigidInertia:
         strange[1] = 0.5 * (coupling + coupling.T) / radius
     misfit = float(np.abs(strange).max() / abs(mass)) if mass else np.inf
     return RigidInertia(mass, centre, 0.5 * (inertia + inertia.T), misfit)
-
-
-def rigid_motions(positions: Array, n: int) -> Array:
-    """The six rigid motions about the origin in n coordinates: six for each of the positions (r, 3), others at rest."""
-    result = np.zeros((n, 6))
-    result[: 6 * len(positions)] = np.vstack([rigid_transfer(position) for position in positions])
-    return result
 
 
 def free_of_rigid_motions(mass_matrix: Array, motions: Array) -> Array:

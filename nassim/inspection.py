@@ -9,7 +9,8 @@ import scipy.linalg
 
 from nassim.body import ReducedBody
 from nassim.checks import Array, freeze, frozen_mapping, known
-from nassim.inertia import RigidInertia, free_of_rigid_motions, rigid_inertia, rigid_motions
+from nassim.inertia import RigidInertia, free_of_rigid_motions, rigid_inertia
+from nassim.rigid_motion import rigid_motions
 from nassim.rowguess import FITS, guess_order, order_misfit, rigid_residual
 from nassim.superelement import Superelement
 from nassim.unit_systems import Looks, likely_units

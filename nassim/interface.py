@@ -1,32 +1,41 @@
-"""Naming of interface coordinates, and boundary conditions at remote points."""
+"""Remote points, the names of their coordinates, and boundary conditions there."""
 
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nassim.checks import Array, known, not_negative
+from nassim.checks import Array, finite_array, freeze, known, not_negative, unique
+from nassim.rigid_motion import AXES, DIRECTIONS
 
-AXES = ("ux", "uy", "uz", "rx", "ry", "rz")
-DIRECTIONS = {"x": "ux", "y": "uy", "z": "uz", "rx": "rx", "ry": "ry", "rz": "rz"}
-
-
-def unit_vector(axis: str) -> Array:
-    """The unit vector along "x", "y" or "z", shape (3,)."""
-    return np.eye(3)["xyz".index(axis)]
+COUPLINGS = ("rbe2", "rbe3")
 
 
-def skew(vector: Array) -> Array:
-    """The matrix a~ with a~ b = a x b, shape (3, 3)."""
-    x, y, z = vector
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+@dataclass(frozen=True)
+class RemotePoint:
+    """A point with 6 degrees of freedom, coupled to faces of a part (ANSYS: remote point, Simscape: interface).
 
+    name: what scenes call it
+    faces: names of the CAD faces that form its interface (one name may stand alone)
+    position: where it lies, in the part's frame, shape (3,) [m]
+    coupling: "rbe2", the faces move as a rigid body; "rbe3", the point follows the faces' mean rigid motion
+        (least squares over the area) and the faces stay deformable
+    """
 
-def rigid_transfer(offset: Array) -> Array:
-    """Motion (6) of a point at `offset` (3,) from the motion (6) of a rigid body's reference point, shape (6, 6)."""
-    result = np.eye(6)
-    result[:3, 3:] = -skew(offset)
-    return result
+    name: str
+    faces: tuple[str, ...]
+    position: Array
+    coupling: str = "rbe3"
+
+    def __post_init__(self) -> None:
+        faces = (self.faces,) if isinstance(self.faces, str) else tuple(self.faces)
+        freeze(
+            self,
+            faces=unique(f"remote point {self.name!r}: face", faces),
+            position=finite_array(f"remote point {self.name!r}: position", self.position, (3,)),
+        )
+        known("coupling", self.coupling, COUPLINGS)
 
 
 def coordinate_names(points: Sequence[str]) -> tuple[str, ...]:

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from nassim.bodies import Body, FlexibleBody
 from nassim.checks import Array
-from nassim.interface import DIRECTIONS, rigid_transfer
 from nassim.part import Constraint
+from nassim.rigid_motion import DIRECTIONS, rigid_transfer
 from nassim.scene import Scene
 
 FOLLOWED = 1e-9

@@ -6,8 +6,8 @@ import numpy as np
 
 from nassim.bodies import FlexibleBody, RigidBody
 from nassim.checks import freeze, instances, known, not_negative, unique
-from nassim.interface import DIRECTIONS, unit_vector
 from nassim.part import Actuator, Connection, Constraint, Field, Force, ForceElement, Reading, Row, Sensor, Spring
+from nassim.rigid_motion import DIRECTIONS, unit_vector
 from nassim.scene import Scene
 
 WORLD_AXES = ("x", "y", "z")

@@ -6,8 +6,8 @@ import ngsolve as ng
 import numpy as np
 import psutil
 
-from nassim.geometry import Solid
 from nassim.notices import warn
+from nassim.solid import Solid
 from nassim.solver import factor_memory
 
 SMALL = 50_000

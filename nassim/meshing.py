@@ -15,8 +15,8 @@ from netgen.libngpy._meshing import NgException, _SetTerminate
 
 from nassim.checks import known, positive
 from nassim.exclusive import exclusive
-from nassim.geometry import Solid, face_names
 from nassim.notices import note, warn
+from nassim.solid import Solid, face_names
 
 AXES = {"x": occ.X, "y": occ.Y, "z": occ.Z}
 GHOST = "(empty)"

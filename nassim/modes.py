@@ -18,7 +18,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from nassim.checks import Array
 from nassim.condensation import Condensation
-from nassim.fem import FEModel
+from nassim.fe_model import FEModel
 from nassim.modal import eigenmodes
 from nassim.progress import Advance, silent
 from nassim.solver import threads

@@ -5,7 +5,6 @@ does not load what meshes and reduces. A file can ask for no class that is not i
 """
 
 import importlib
-from collections.abc import Callable
 from typing import Any, TypeGuard, TypeVar
 
 Noun = TypeVar("Noun")
@@ -21,23 +20,25 @@ NOUNS: dict[str, str] = {
     "FlexibleBody": "nassim.bodies",
     "FloatingFrame": "nassim.floating_frame",
     "GroundAcceleration": "nassim.mechanics",
-    "HarmonicSolution": "nassim.fullmodel",
+    "HarmonicSolution": "nassim.full_model",
     "Joint": "nassim.mechanics",
     "LinearModel": "nassim.linear",
     "Loop": "nassim.loop",
     "Margins": "nassim.feedback",
     "Material": "nassim.materials",
     "ModalFit": "nassim.identification",
-    "NearestTo": "nassim.geometry",
-    "OnPlane": "nassim.geometry",
+    "NearestTo": "nassim.solid",
+    "OnPlane": "nassim.solid",
     "Optimum": "nassim.locus",
     "OrderGuess": "nassim.rowguess",
     "Parameter": "nassim.calibration",
+    "PassivePoint": "nassim.readouts",
+    "Picture": "nassim.readouts",
     "PiezoStack": "nassim.piezo",
     "PointForce": "nassim.mechanics",
     "PortCoupling": "nassim.piezo",
     "ReducedBody": "nassim.body",
-    "RemotePoint": "nassim.geometry",
+    "RemotePoint": "nassim.interface",
     "Repair": "nassim.acceptance",
     "Report": "nassim.inspection",
     "RigidBody": "nassim.bodies",
@@ -49,7 +50,7 @@ NOUNS: dict[str, str] = {
     "StackSensor": "nassim.stacks",
     "Strain": "nassim.strain",
     "Superelement": "nassim.superelement",
-    "Surface": "nassim.surface",
+    "Surface": "nassim.readouts",
     "Target": "nassim.calibration",
     "TimeHistory": "nassim.signals",
     "UnstablePole": "nassim.linear",
@@ -59,10 +60,10 @@ NOUNS: dict[str, str] = {
 }
 """Public name of each noun of nassim -> the module in which its class lives."""
 
-UPGRADES: dict[str, Callable[[dict[str, Any]], dict[str, Any]]] = {}
-"""Public name -> function from a noun's fields in a file of an older format to those of today.
+UPGRADES: dict[str, str] = {"ReducedBody": "nassim.readouts:upgraded_readouts"}
+"""Public name -> function, as "module:name", from a noun's fields in a file of an older format to those of today.
 
-It is given the fields by name, those that are nouns already made, and makes new ones by `find`.
+It is given the fields by name; those that are nouns are made already.
 """
 
 _registered: dict[str, type] = {}
@@ -96,6 +97,15 @@ def find(name: str) -> type:
             "dataclass of your own, give that to nassim.register before loading"
         )
     return noun
+
+
+def upgraded(name: str, content: dict[str, Any]) -> dict[str, Any]:
+    """A noun's fields in a file of an older format as those of today."""
+    if name not in UPGRADES:
+        return content
+    module, _, function = UPGRADES[name].partition(":")
+    result: dict[str, Any] = getattr(importlib.import_module(module), function)(content)
+    return result
 
 
 def is_noun(value: object) -> TypeGuard[Any]:

@@ -1,7 +1,7 @@
 """Piezoelectric stacks, described by their data sheet, and the electrical ports that they give a part."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -223,3 +223,12 @@ class PortCoupling:
                 "or its transverse_ratio is not that of a ceramic (-0.4 to -0.5)"
             )
         freeze(self, forces=forces, blocked_capacitance=capacitance)
+
+    @property
+    def n_coordinates(self) -> int:
+        """Number n of the unknowns or coordinates."""
+        return len(self.forces)
+
+    def projected(self, change: Array) -> "PortCoupling":
+        """The port seen from n' coordinates u', where u = change @ u', shape (n, n')."""
+        return replace(self, forces=change.T @ self.forces)

@@ -11,11 +11,9 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any
 
 import ngsolve
 import numpy as np
-import scipy.sparse as sp
 from ngsolve import la
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
@@ -23,6 +21,7 @@ from threadpoolctl import ThreadpoolController
 from nassim.checks import Array, known
 from nassim.exclusive import exclusive
 from nassim.progress import Advance, silent
+from nassim.sparse import SymmetricMatrix
 
 SOLVERS = ("sparsecholesky", "pardiso")
 ELEMENTS_PER_LEAF = 24
@@ -33,43 +32,6 @@ SINGULAR = (
 )
 ZERO_PIVOT = -4
 """PARDISO's error code for a matrix that is not positive definite."""
-
-
-@dataclass(frozen=True)
-class SymmetricMatrix:
-    """A sparse symmetric matrix that is held once: its lower triangle, where possible in NGSolve's own memory.
-
-    lower: lower triangle with the diagonal, shape (n, n)
-    native: the same as an NGSolve matrix; None makes one when a factorisation needs it
-    """
-
-    lower: sp.csr_matrix
-    native: Any = field(default=None, repr=False)
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
-        return self.lower.shape
-
-    def __matmul__(self, columns: Array) -> Array:
-        """Product with a vector (n,) or with columns (n, k)."""
-        diagonal = self.lower.diagonal()
-        below = columns * (diagonal if columns.ndim == 1 else diagonal[:, None])
-        result: Array = self.lower @ columns + self.lower.T @ columns - below
-        return result
-
-    def to_scipy(self) -> sp.csr_matrix:
-        """The whole matrix, made anew at every call."""
-        return (self.lower + sp.tril(self.lower, -1).T).tocsr()
-
-
-def symmetric_matrix(matrix: Any) -> SymmetricMatrix:
-    """The lower triangle of a SciPy matrix, or of an NGSolve matrix with symmetric storage (shared, not copied)."""
-    if sp.issparse(matrix):
-        return SymmetricMatrix(sp.tril(matrix, format="csr"))
-    values, columns, row_starts = (np.asarray(part) for part in matrix.CSR())
-    shape = (matrix.height, matrix.width)
-    return SymmetricMatrix(sp.csr_matrix((values, columns, row_starts.astype(columns.dtype)), shape=shape), matrix)
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ import numpy as np
 import psutil
 
 from nassim.notices import warn
-from nassim.nouns import UPGRADES, find, is_noun
+from nassim.nouns import find, is_noun, upgraded
 
 FORMAT_VERSION = 3
 """Format 1, of nassim 0.1, had no seal; 1 and 2 named a noun by its module too, as in "nassim.signals:TimeHistory"."""
@@ -344,8 +344,8 @@ class _Reader:
         name = _public_name(_attribute(group, "type"), self.version)
         noun = find(name)
         content = {field: self.child(group, field) for field in group}
-        if self.version < FORMAT_VERSION and name in UPGRADES:
-            content = UPGRADES[name](content)
+        if self.version < FORMAT_VERSION:
+            content = upgraded(name, content)
         return noun(**content)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.linalg
 
 from nassim.checks import Array
-from nassim.inertia import rigid_motions
+from nassim.rigid_motion import rigid_motions
 
 UNSTRAINED = 1e-9
 """Strain below this share of what its terms could add up to is rounding."""

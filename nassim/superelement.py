@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from nassim.arrayfiles import read_arrays, read_bytes
 from nassim.checks import Array, finite_array, freeze, known, unique
-from nassim.inertia import rigid_motions
 from nassim.listing import LARGEST, Listing, nodal_frame, parse_listings, rows_by_node
+from nassim.rigid_motion import rigid_motions
 from nassim.unit_systems import unit_factors
 
 VARIABLES = {

@@ -12,7 +12,7 @@ import numpy as np
 from nassim.body import ReducedBody
 from nassim.checks import Array, known, not_negative, positive
 from nassim.modal import eigenmodes
-from nassim.piezo import PortCoupling
+from nassim.readouts import PassivePoint, Picture, by_name
 from nassim.strain import lets_go, without_rounding
 
 DEPENDENT = 1e-10
@@ -53,8 +53,7 @@ def trim_body(body: ReducedBody, *, points: Collection[str], loads: Array, cutof
     change = np.zeros((n, len(held) + modes.shape[1] + shapes.shape[1]))
     change[held, np.arange(len(held))] = 1.0
     change[inner] = np.hstack([statics[:, : len(held)], modes, shapes])
-    bare = replace(body, surface=None, surface_modes=None)
-    return replace(project(bare, change, points=kept), enriched=body.enriched or body)
+    return replace(project(_without_picture(body), change, points=kept), enriched=body.enriched or body)
 
 
 def keep_modes(body: ReducedBody, n_modes: int) -> ReducedBody:
@@ -71,20 +70,21 @@ def keep_modes(body: ReducedBody, n_modes: int) -> ReducedBody:
     shapes = _shapes_beside(np.linalg.solve(stiffness, loads), np.zeros((n_all - n, 0)), stiffness, mass)
     change = np.eye(n_all, n + shapes.shape[1])
     change[n:, n:] = shapes
-    richer = replace(body, surface=None, surface_modes=None, released_stiffness=None)
+    richer = replace(_without_picture(body), released_stiffness=None)
     return replace(project(body, change, points=body.point_names), enriched=body.enriched or richer)
 
 
 def project(body: ReducedBody, change: Array, *, points: Sequence[str]) -> ReducedBody:
     """The body restricted to its coordinates q = change @ q', shape (n, n').
 
-    points: names of the remote points whose motions the first 6 r' new coordinates are; all others become passive
+    points: names of the remote points whose motions the first 6 r' new coordinates are; all others become passive,
+    and whatever else the body reads out stays
     """
     fields = np.zeros((len(body.gram), 4 + 3 * change.shape[1]))
     fields[:4, :4], fields[4:, 4:] = np.eye(4), np.kron(change, np.eye(3))
-    passive = [name for name in body.all_point_names if name not in points]
-    motions = [np.zeros((0, len(change))), *(body.motion(name) for name in passive)]
-    released, pictures = body.released_stiffness, body.surface_modes
+    left = [PassivePoint(p, body.motion(p.name)) for p in body.remote_points if p.name not in points]
+    readouts = [*left, *(readout for name, readout in body.readouts.items() if name not in points)]
+    released = body.released_stiffness
     stiffness, kept = _congruent(body.stiffness_matrix, change), tuple(body.point(name) for name in points)
     if kept and lets_go(body.stiffness_matrix, body.mass_matrix, body.positions):
         stiffness = without_rounding(stiffness, np.array([point.position for point in kept]))
@@ -94,11 +94,8 @@ def project(body: ReducedBody, change: Array, *, points: Sequence[str]) -> Reduc
         mass_matrix=_congruent(body.mass_matrix, change),
         stiffness_matrix=stiffness,
         gram=_congruent(body.gram, fields),
-        surface_modes=None if pictures is None else pictures @ change,
         released_stiffness=None if released is None else _congruent(released, change),
-        passive_points=tuple(body.point(name) for name in passive),
-        passive_motions=np.vstack(motions) @ change,
-        ports=tuple(PortCoupling(p.name, change.T @ p.forces, p.blocked_capacitance) for p in body.ports),
+        readouts=by_name(readout.projected(change) for readout in readouts),
     )
 
 
@@ -115,6 +112,18 @@ def open_circuit(body: ReducedBody, ports: Mapping[str, float]) -> ReducedBody:
         stiffness += np.outer(port.forces, port.forces) / total
     enriched = None if body.enriched is None else open_circuit(body.enriched, ports)
     return replace(body, stiffness_matrix=stiffness, enriched=enriched)
+
+
+def keep_ports(body: ReducedBody, names: Collection[str]) -> ReducedBody:
+    """The body without its other electrical ports, which stay at zero voltage; no name need be that of a port."""
+    gone = {port.name for port in body.ports if port.name not in names}
+    return replace(body, readouts={name: readout for name, readout in body.readouts.items() if name not in gone})
+
+
+def _without_picture(body: ReducedBody) -> ReducedBody:
+    """Pictures are by far the largest part of a body."""
+    rest = {name: readout for name, readout in body.readouts.items() if not isinstance(readout, Picture)}
+    return replace(body, readouts=rest)
 
 
 def _shapes_beside(shapes: Array, modes: Array, stiffness: Array, mass: Array) -> Array:

@@ -10,7 +10,7 @@ from nassim.checks import Array
 from nassim.part import Force, Leak, Reading, Spring
 from nassim.rows import shares
 from nassim.scene import Scene
-from nassim.trim import trim_body
+from nassim.trim import keep_ports, trim_body
 
 
 def trim_scene(scene: Scene) -> Scene:
@@ -30,7 +30,7 @@ def _trimmed(scene: Scene, body: Body, cutoff_frequency: float) -> Body:
         return body
     assert isinstance(body, FlexibleBody)
     used = {path.partition(".")[2] for part in scene.parts for path in part.claims if scene.split(path)[0] is body}
-    reduced = replace(body.reduced, ports=tuple(port for port in body.reduced.ports if port.name in used))
+    reduced = keep_ports(body.reduced, used)
     points = {scene.frame_point(body), *scene.held_points(body)}
     loads = _loads(scene, body.name, [port.forces for port in reduced.ports])
     trimmed = trim_body(reduced, points=points, loads=loads, cutoff_frequency=cutoff_frequency)

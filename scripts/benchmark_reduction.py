@@ -19,8 +19,9 @@ from _common import not_negative, parser, peak_memory, run, run_in_own_process, 
 
 from models.apa300ml import make_apa300ml
 from nassim import FEModel, Solid, condense, craig_bampton
-from nassim.fem import assemble_mesh, make_coupling
-from nassim.fullmodel import full_eigenfrequencies
+from nassim.fe_assembly import assemble_mesh
+from nassim.fe_model import make_coupling
+from nassim.full_model import full_eigenfrequencies
 from nassim.meshing import generate_mesh
 from nassim.modal import eigenmodes
 from nassim.solver import threads
@@ -156,7 +157,7 @@ def _as_fe_model(fem: Any, forms: tuple[Any, Any], interfaces: list[list[int]], 
         for point, nodes in zip(solid.remote_points, interfaces, strict=True)
     )
     mass, stiffness = (_to_scipy(form.mat) for form in forms)
-    return FEModel(solid.name, stiffness, mass[:n, :n], fields, couplings)
+    return FEModel(solid.name, stiffness=stiffness, scalar_mass_matrix=mass[:n, :n], fields=fields, couplings=couplings)
 
 
 def _to_scipy(matrix: Any) -> sp.csr_matrix:

@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from models.apa300ml import PORTS, STACK, make_apa300ml
 from models.bench import AMPLIFIER_GAIN, make_bench, sensor_span_constant
 from nassim import FEModel, Material, RemotePoint, Solid, build_fe_model, condense, craig_bampton
-from nassim.fem import make_coupling
+from nassim.fe_model import make_coupling
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -56,7 +56,13 @@ def lattice(coupling="rbe3", n=4, stiffness=1e6, node_mass=0.01):
         couplings.append(make_coupling(point, dofs, fields[:, dofs], fields[:, dofs]))
     # Unequal masses: no double eigenvalues, whose shapes would not be unique.
     mass = sp.diags(node_mass * np.random.default_rng(0).uniform(0.7, 1.3, count)).tocsr()
-    return FEModel("lattice", sp.csr_matrix(matrix), sp.csr_matrix(mass), fields, tuple(couplings))
+    return FEModel(
+        "lattice",
+        stiffness=sp.csr_matrix(matrix),
+        scalar_mass_matrix=sp.csr_matrix(mass),
+        fields=fields,
+        couplings=tuple(couplings),
+    )
 
 
 def pair_forces_and_readings():

@@ -7,7 +7,7 @@ import numpy as np
 import scipy.linalg
 
 from nassim.inspection import as_superelement
-from nassim.interface import AXES, rigid_transfer
+from nassim.rigid_motion import AXES, rigid_transfer
 from nassim.superelement import read_superelement
 
 SAMPLE = Path(__file__).parent / "data" / "ansys_listing"

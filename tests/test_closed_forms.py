@@ -23,8 +23,8 @@ from nassim import (
 )
 from nassim.assembly import assemble, motion_size
 from nassim.inertia import RigidInertia
-from nassim.interface import rigid_transfer
 from nassim.linear import damping
+from nassim.rigid_motion import rigid_transfer
 from nassim.simulation import exudyn_eigenfrequencies
 from nassim.statespace import discretize
 
@@ -50,7 +50,7 @@ def dumbbell(origin=(0.0, 0.0, 0.0)):
     stiffness = relative.T @ np.diag([STIFFNESS, 2e5, 3e5, 900.0, 1100.0, 1300.0]) @ relative
     mass_matrix = np.einsum("jckc->jk", gram[4:, 4:].reshape(12, 3, 12, 3))
     points = tuple(RemotePoint(name, name, end) for name, end in zip(("left", "right"), ends, strict=True))
-    return ReducedBody("dumbbell", points, mass_matrix, stiffness, gram)
+    return ReducedBody("dumbbell", remote_points=points, mass_matrix=mass_matrix, stiffness_matrix=stiffness, gram=gram)
 
 
 def pushed(*joints, **options):

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from conftest import STEEL, lattice, make_bar
 
-from nassim import FEModel, RemotePoint, Solid, build_fe_model, condense
+from nassim import RemotePoint, Solid, build_fe_model, condense
 from nassim.condensation import expanded_dofs
-from nassim.interface import rigid_transfer
+from nassim.rigid_motion import rigid_transfer
 
 
 def dense_reference(model, load):
@@ -48,13 +48,7 @@ def test_constraint_modes_and_fixed_solution_equal_dense_algebra(coupling):
 def test_mixed_couplings_equal_dense_algebra():
     """One stiff and one soft interface: the constraint modes must satisfy both and minimise the energy."""
     stiff, soft = lattice("rbe2"), lattice("rbe3")
-    model = FEModel(
-        "mixed",
-        stiff.stiffness_matrix,
-        stiff.scalar_mass_matrix,
-        stiff.fields,
-        (stiff.couplings[0], soft.couplings[1]),
-    )
+    model = replace(stiff, name="mixed", couplings=(stiff.couplings[0], soft.couplings[1]))
     condensed = condense(model, progress=False)
     modes = condensed.constraint_modes
     assert np.allclose(condensed.averages @ modes, np.eye(12), atol=1e-9)
@@ -94,7 +88,7 @@ def test_apa_compliance_equals_the_full_model(apa_condensed, apa):
 
 def test_no_remote_points():
     model = lattice()
-    bare = FEModel("bare", model.stiffness_matrix, model.scalar_mass_matrix, model.fields)
+    bare = replace(model, name="bare", couplings=())
     with pytest.raises(ValueError, match="no remote points"):
         condense(bare, progress=False)
 
@@ -112,7 +106,7 @@ def test_stiff_interfaces_that_share_nodes():
         model.couplings[0],
         type(model.couplings[0])(model.couplings[1].point, *_parts(model.couplings[0])),
     )
-    shared = FEModel("shared", model.stiffness_matrix, model.scalar_mass_matrix, model.fields, twin)
+    shared = replace(model, name="shared", couplings=twin)
     with pytest.raises(ValueError, match="share nodes"):
         condense(shared, progress=False)
 

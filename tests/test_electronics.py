@@ -30,7 +30,7 @@ from nassim import (
     trim_scene,
     truncation_error,
 )
-from nassim.fem import make_coupling
+from nassim.fe_model import make_coupling
 from nassim.piezo import PortCoupling
 
 CAPACITANCE = 1e-6

@@ -28,9 +28,8 @@ from nassim import (
 )
 from nassim.assembly import assemble
 from nassim.export import body_damping, body_state_space
-from nassim.inertia import rigid_motions
-from nassim.interface import rigid_transfer
 from nassim.linear import damping
+from nassim.rigid_motion import rigid_motions, rigid_transfer
 from nassim.strain import strained_modes
 from nassim.trim import trim_body
 from nassim.updating import modal_gains
@@ -142,7 +141,8 @@ def soft_and_stiff(slow, fast, twist=1.0):
     stiffness = np.zeros((13, 13))
     stiffness[:12, :12] = (2 * np.pi * slow) ** 2 * relative.T @ np.diag([0.5, 1e3, 0.5, 1, twist, 1]) @ relative
     stiffness[12, 12] = (2 * np.pi * fast) ** 2
-    return ReducedBody("soft and stiff", points, mass, stiffness, corners.T @ corners)
+    gram = corners.T @ corners
+    return ReducedBody("soft and stiff", remote_points=points, mass_matrix=mass, stiffness_matrix=stiffness, gram=gram)
 
 
 def test_a_soft_body_is_not_free():

@@ -7,7 +7,7 @@ from conftest import lattice
 
 from nassim import condense
 from nassim.condensation import expanded_dofs
-from nassim.fullmodel import full_eigenfrequencies, full_frequency_response
+from nassim.full_model import full_eigenfrequencies, full_frequency_response
 
 
 def dense_system(model, end_mass):

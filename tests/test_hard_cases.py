@@ -32,7 +32,7 @@ from nassim import (
 from nassim.assembly import assemble
 from nassim.exudyn_solver import solve_dynamic
 from nassim.exudyn_system import build_system
-from nassim.fullmodel import full_eigenfrequencies
+from nassim.full_model import full_eigenfrequencies
 from nassim.signals import sine_dwell
 from nassim.simulation import exudyn_eigenfrequencies, integrator_error
 

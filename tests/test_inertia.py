@@ -12,7 +12,8 @@ from nassim.assembly import assemble
 from nassim.exudyn_solver import solve_dynamic
 from nassim.exudyn_system import build_system
 from nassim.floating_frame import floating_frame
-from nassim.inertia import completed_gram, rigid_inertia, rigid_motions
+from nassim.inertia import completed_gram, rigid_inertia
+from nassim.rigid_motion import rigid_motions
 from nassim.trim import trim_body
 
 KNOWN = (

@@ -10,7 +10,7 @@ from conftest import STEEL, make_bar
 
 from models.apa300ml import PRISMS, make_apa300ml
 from nassim import Material, RemotePoint, Solid, build_fe_model, condense, craig_bampton, mesh_checks, meshing
-from nassim.fullmodel import full_eigenfrequencies
+from nassim.full_model import full_eigenfrequencies
 from nassim.meshing import generate_mesh
 
 

@@ -15,7 +15,7 @@ import pytest
 
 import nassim
 from nassim import ElectricalPort, Material, PiezoStack, RemotePoint, Solid, build_fe_model, read_solid
-from nassim.geometry import glue
+from nassim.solid import glue
 
 SIDE, LENGTHS = 0.01, (0.01, 0.02)
 LIGHT, HEAVY = Material("light", 70e9, 0.3, 2000.0), Material("heavy", 49.5e9, 0.31, 8000.0)

@@ -37,9 +37,9 @@ from nassim import (
     simulate,
     static_response,
 )
-from nassim.fullmodel import full_frequency_response
-from nassim.interface import rigid_transfer
+from nassim.full_model import full_frequency_response
 from nassim.piezo import PortCoupling
+from nassim.rigid_motion import rigid_transfer
 from nassim.signals import band_limited_noise
 from nassim.simulation import exudyn_eigenfrequencies
 from nassim.trim import keep_modes, open_circuit, trim_body
@@ -456,8 +456,8 @@ def test_bad_use_in_scenes(apa, apa_with_ports):
         VoltageSensor("v", "apa.sensor", resistance=0.0)
     with pytest.raises(ValueError, match="must not be negative, got -1 F"):
         open_circuit(apa_with_ports, {"sensor": -1.0})
-    with pytest.raises(ValueError, match="acts on 3 coordinates, the body has 36"):
-        replace(apa, ports=(PortCoupling("v", np.zeros(3), 1e-6),))
+    with pytest.raises(ValueError, match="is one of 3 coordinates, the body has 36"):
+        replace(apa, readouts={"v": PortCoupling("v", np.zeros(3), 1e-6)})
     loaded = make_bench(apa=apa_with_ports, fidelity="linear", resistance=1e5, cutoff_frequency=500.0)
     excitation = band_limited_noise(0.01, 10e3, cutoff_frequency=400.0)
     with pytest.raises(ValueError, match="cannot integrate the charge"):

@@ -9,7 +9,7 @@ from conftest import lattice
 
 from nassim import craig_bampton
 from nassim.condensation import expanded_dofs
-from nassim.fullmodel import full_eigenfrequencies
+from nassim.full_model import full_eigenfrequencies
 from nassim.modal import eigenmodes
 
 

@@ -26,6 +26,7 @@ from nassim.describe import describe
 from nassim.trim import trim_body
 
 LENGTH, MASS = 0.1, 2.0
+NOTHING = {"mass_matrix": np.zeros((0, 0)), "stiffness_matrix": np.zeros((0, 0)), "gram": np.zeros((4, 4))}
 TURN = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])  # z axis of the body: world's x
 
 
@@ -38,7 +39,8 @@ def reduced(top=(0.0, 0.0, LENGTH)):
     fields = np.array([[1.0, *points[k].position, *basis[k].T.ravel()] for k in range(2)])
     stiffness = 1e6 * np.kron([[1, -1], [-1, 1]], np.eye(6))
     mass = np.einsum("kci,kcj->ij", basis, basis) * MASS / 2
-    return ReducedBody("spring", points, mass, stiffness, fields.T @ fields * MASS / 2)
+    gram = fields.T @ fields * MASS / 2
+    return ReducedBody("spring", remote_points=points, mass_matrix=mass, stiffness_matrix=stiffness, gram=gram)
 
 
 BASE = RigidBody("base", {"mount": (0, 0, 0.02)}, position=(0, 0, -0.02), fixed=True)
@@ -282,7 +284,7 @@ def test_flexible_body_checks_itself(change, message):
         (lambda: replace(reduced(), remote_points=reduced().remote_points[:1] * 2), "used more than once: bottom"),
         (lambda: replace(reduced(), remote_points=("bottom", "top")), "remote_points must be of RemotePoint"),
         (lambda: FlexibleBody("s", replace(reduced(), remote_points=())), "needs at least one remote point"),
-        (lambda: ReducedBody("s", (), np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((4, 4))), "has no coordinates"),
+        (lambda: ReducedBody("s", remote_points=(), **NOTHING), "has no coordinates"),
         (lambda: replace(reduced(), mass_matrix=-np.eye(12)), "the diagonal of the mass matrix holds -1"),
         (lambda: StackSensor("s", "a.b", "a.c", np.nan), "voltage_per_elongation holds 1 value.* NaN"),
     ],

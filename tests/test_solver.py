@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from nassim.solver import SOLVERS, factor_memory, factorize, solver_name, symmetric_matrix, threads
+from nassim.solver import SOLVERS, factor_memory, factorize, solver_name, threads
+from nassim.sparse import symmetric_matrix
 
 HAS_PARDISO = importlib.util.find_spec("pypardiso") is not None
 

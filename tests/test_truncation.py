@@ -10,11 +10,11 @@ from conftest import lattice, make_bar, pair_forces_and_readings
 from models.apa300ml import PRISMS, make_apa300ml
 from models.bench import BENCH_CONDITIONS
 from nassim import Material, build_fe_model, condense, craig_bampton, frequency_response, linearize, load, save
-from nassim.discretization import released_stiffness
-from nassim.fullmodel import full_eigenfrequencies, full_frequency_response
-from nassim.interface import rigid_transfer
+from nassim.full_model import full_eigenfrequencies, full_frequency_response
 from nassim.linearize import truncation_error
+from nassim.mesh_error import released_stiffness
 from nassim.modes import fixed_interface_modes
+from nassim.rigid_motion import rigid_transfer
 from nassim.trim import keep_modes, trim_body
 
 FACTOR = 3.0

@@ -27,7 +27,7 @@ from nassim import (
     build_fe_model,
     craig_bampton,
 )
-from nassim.geometry import glue, shape_bytes
+from nassim.solid import glue, shape_bytes
 from nassim.solver import solver_name
 from nassim.storage import cached, code_fingerprint, fingerprint
 

@@ -18,7 +18,7 @@ from models.apa300ml import (
 from nassim import ElectricalPort, FEModel, Solid, build_fe_model, craig_bampton, open_circuit
 from nassim.calibration import Parameter
 from nassim.checks import known
-from nassim.fem import with_materials
+from nassim.fe_assembly import with_materials
 from nassim.materials import Material
 
 PARAMETERS = {

@@ -1,6 +1,5 @@
 """The outer surface of a mesh as triangles, for pictures of parts and modes."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import ngsolve as ng
@@ -9,21 +8,8 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from nassim.checks import Array
-from nassim.geometry import Solid
-
-
-@dataclass(frozen=True)
-class Surface:
-    """The outer surface as triangles, for pictures.
-
-    points: (n_points, 3) [m]; triangles: (n_triangles, 3) indices of points; edges: (n_edges, 2) of the mesh's edges
-    labels: name of the body or, on a remote point's interface, of the remote point, per triangle
-    """
-
-    points: Array
-    triangles: NDArray[np.int64]
-    edges: NDArray[np.int64]
-    labels: tuple[str, ...]
+from nassim.readouts import Surface
+from nassim.solid import Solid
 
 
 def outer_surface(mesh: Any, scalar: Any, fields: Array, solid: Solid) -> tuple[Surface, sp.csr_matrix]:

@@ -8,13 +8,14 @@ import numpy as np
 from nassim.body import ReducedBody
 from nassim.checks import Array, positive, unique
 from nassim.condensation import Condensation, condense, strained_part
-from nassim.discretization import released_stiffness
 from nassim.exclusive import exclusive
-from nassim.fem import FEModel
+from nassim.fe_model import FEModel
+from nassim.mesh_error import released_stiffness
 from nassim.modes import check_n_modes, fixed_interface_modes, left_out_vectors, modes_below
 from nassim.notices import collected
 from nassim.piezo import PortCoupling
 from nassim.progress import stage
+from nassim.readouts import Picture, Readout, by_name
 from nassim.solver import threads
 from nassim.trim import keep_modes
 
@@ -200,23 +201,21 @@ def _project(
     stiffness = np.zeros((n, n))
     stiffness[:n_interface, :n_interface] = condensed.stiffness
     stiffness[n_interface:, n_interface:] = np.diag((2 * np.pi * frequency) ** 2)
-    surface_modes = None
-    if model.surface_evaluation is not None:
-        surface_modes = (model.surface_evaluation @ fields[4:].T).reshape(-1, n, 3).transpose(0, 2, 1)
+    readouts: list[Readout] = []
+    if model.surface is not None and model.surface_evaluation is not None:
+        modes = (model.surface_evaluation @ fields[4:].T).reshape(-1, n, 3).transpose(0, 2, 1)
+        readouts.append(Picture(model.surface, modes))
     keep = strained_part([c.point.position for c in condensed.couplings])
-    reduced_ports = []
     for port in ports:
         forces = np.concatenate([port.forces @ part for part in parts])
         forces[:n_interface] = keep.T @ forces[:n_interface]
-        reduced_ports.append(PortCoupling(port.name, forces, port.blocked_capacitance))
+        readouts.append(PortCoupling(port.name, forces, port.blocked_capacitance))
     return ReducedBody(
         model.name,
-        tuple(c.point for c in condensed.couplings),
-        mass,
-        stiffness,
-        gram,
-        model.surface,
-        surface_modes,
-        {"finite element model": model.description},
-        ports=tuple(reduced_ports),
+        remote_points=tuple(c.point for c in condensed.couplings),
+        mass_matrix=mass,
+        stiffness_matrix=stiffness,
+        gram=gram,
+        readouts=by_name(readouts),
+        record={"finite element model": model.description},
     )

@@ -13,45 +13,20 @@ from numpy.typing import ArrayLike
 
 from nassim.checks import Array, finite_array, freeze, frozen_mapping, known, unique
 from nassim.exclusive import exclusive
+from nassim.interface import RemotePoint
 from nassim.materials import Material
 from nassim.notices import warn
 from nassim.piezo import ElectricalPort
+from nassim.readouts import SURFACE
 
 CAD_ENDINGS = {".step": ".step", ".stp": ".step", ".iges": ".iges", ".igs": ".iges", ".brep": ".brep"}
 UNITS = {"m": 1.0, "mm": 1e-3, "inch": 0.0254}
-COUPLINGS = ("rbe2", "rbe3")
 SMALLEST = 1e-6
 """Shortest part [m]; OpenCASCADE takes points within 1e-7 for one."""
 LARGE = 10.0
 """Parts from this length on were more often drawn in millimetres than are so long [m]."""
 OVERLAP = 1e-4
 """Shared volume, over the smaller body's, from which on it is more than the inaccuracy of faces that touch."""
-
-
-@dataclass(frozen=True)
-class RemotePoint:
-    """A point with 6 degrees of freedom, coupled to faces of a part (ANSYS: remote point, Simscape: interface).
-
-    name: what scenes call it
-    faces: names of the CAD faces that form its interface (one name may stand alone)
-    position: where it lies, in the part's frame, shape (3,) [m]
-    coupling: "rbe2", the faces move as a rigid body; "rbe3", the point follows the faces' mean rigid motion
-        (least squares over the area) and the faces stay deformable
-    """
-
-    name: str
-    faces: tuple[str, ...]
-    position: Array
-    coupling: str = "rbe3"
-
-    def __post_init__(self) -> None:
-        faces = (self.faces,) if isinstance(self.faces, str) else tuple(self.faces)
-        freeze(
-            self,
-            faces=unique(f"remote point {self.name!r}: face", faces),
-            position=finite_array(f"remote point {self.name!r}: position", self.position, (3,)),
-        )
-        known("coupling", self.coupling, COUPLINGS)
 
 
 @dataclass(frozen=True)
@@ -65,8 +40,9 @@ class Solid:
     ports: electrical ports of its piezoelectric bodies
 
     Raises ValueError for a body without material, an unknown face or body, a face that two remote points claim, a
-    body that two ports claim, bodies that overlap, and a shape below 1e-6 m; warns of one of 10 m or more. Make a shape
-    of several bodies by `glue`: OpenCASCADE's own gluing gives what two bodies share to the first, without a word.
+    body that two ports claim, a name that points and ports share ("surface" is the picture's), bodies that overlap, and
+    a shape below 1e-6 m; warns of one of 10 m or more. Make a shape of several bodies by `glue`: OpenCASCADE's own
+    gluing gives what two bodies share to the first, without a word.
     """
 
     name: str
@@ -99,6 +75,9 @@ class Solid:
                 owner[face] = point.name
         ports = tuple(self.ports)
         unique("electrical port", (port.name for port in ports))
+        # A reduced body reads all of them out by name, its surface beside them.
+        named = (SURFACE, *(point.name for point in points), *(port.name for port in ports))
+        unique(f"part {self.name!r}: remote point, electrical port and picture ({SURFACE!r})", named)
         for body in unique("body of electrical port", (body for port in ports for body in port.bodies)):
             known("body", body, bodies)
         with exclusive(forkable=True):

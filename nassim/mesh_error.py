@@ -11,7 +11,7 @@ import numpy as np
 
 from nassim.checks import Array
 from nassim.condensation import Condensation, expanded_dofs
-from nassim.fem import refine_order
+from nassim.fe_assembly import refine_order
 from nassim.modes import mass_operator
 from nassim.progress import Advance, silent
 from nassim.solver import factorize, threads

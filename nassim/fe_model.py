@@ -1,0 +1,178 @@
+"""The finite element model: matrices of a meshed part and its remote points tied to them, whoever meshed it."""
+
+from dataclasses import KW_ONLY, dataclass, field
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from nassim.checks import Array, freeze, known
+from nassim.interface import RemotePoint
+from nassim.piezo import PortCoupling
+from nassim.readouts import Surface
+from nassim.sparse import SymmetricMatrix, symmetric_matrix
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """A remote point tied to the finite element unknowns of its interface.
+
+    point: the remote point
+    dofs: scalar unknowns of the interface, shape (m,)
+    averages: rows that turn the interface's displacements into the point's motion (ux uy uz rx ry rz) by a
+        least-squares fit over the area, shape (6, 3 m), unknowns ordered x..., y..., z...
+    motions: the interface's displacements when the point moves by one unit, shape (3 m, 6); averages @ motions = 1
+    """
+
+    point: RemotePoint
+    dofs: NDArray[np.int64]
+    averages: Array
+    motions: Array
+
+
+@dataclass(frozen=True)
+class FEModel:
+    """Stiffness and mass of a meshed part. Unknowns: all x, then all y, then all z displacements.
+
+    name: of the part
+    stiffness: (3 n, 3 n), symmetric [N/m]; a SciPy matrix is taken too
+    scalar_mass_matrix: (n, n) sparse, integral of density times two scalar shape functions [kg]; the mass
+        matrix is three such blocks
+    fields: coefficients of the functions 1, x, y, z in the scalar shape functions, shape (4, n) [-, m, m, m]
+    couplings: the remote points, in the part's order; ports: the electrical ports, likewise
+    surface, surface_evaluation: triangles for pictures, and the (n_points, n) sparse matrix that evaluates
+        a scalar field at their points; None in models made by hand
+    description: element order, sizes and counts as text, for reports
+    order: polynomial order of the elements; 0 where unknown
+    warnings: what was told while the mesh was made
+    """
+
+    name: str
+    _: KW_ONLY
+    stiffness: SymmetricMatrix
+    scalar_mass_matrix: sp.csr_matrix
+    fields: Array
+    couplings: tuple[Coupling, ...] = field(default=())
+    surface: Surface | None = field(default=None)
+    surface_evaluation: sp.csr_matrix | None = field(default=None)
+    description: str = field(default="")
+    order: int = field(default=0)
+    ports: tuple[PortCoupling, ...] = ()
+    warnings: tuple[str, ...] = ()
+    _source: tuple[Any, Any] | None = field(default=None, repr=False)  # NGSolve's mesh, Solid
+
+    def __post_init__(self) -> None:
+        n = self.scalar_mass_matrix.shape[0]
+        if self.stiffness.shape != (3 * n, 3 * n) or self.fields.shape != (4, n):
+            raise ValueError(
+                f"FE model {self.name!r}: stiffness {self.stiffness.shape}, scalar mass "
+                f"{self.scalar_mass_matrix.shape} and fields {self.fields.shape} do not belong together"
+            )
+        if sp.issparse(self.stiffness):
+            freeze(self, stiffness=symmetric_matrix(self.stiffness))
+        for label, values in (
+            ("stiffness matrix holds", self.stiffness.lower.data),
+            ("mass matrix holds", self.scalar_mass_matrix.data),
+            ("fields hold", self.fields),
+        ):
+            if not np.all(np.isfinite(values)):
+                raise ValueError(f"FE model {self.name!r}: the {label} NaN or infinite values")
+        freeze(self, couplings=tuple(self.couplings), ports=tuple(self.ports), warnings=tuple(self.warnings))
+
+    @property
+    def n_dofs(self) -> int:
+        """Number of unknowns, 3 n."""
+        return self.stiffness.shape[0]
+
+    @property
+    def remote_points(self) -> tuple[RemotePoint, ...]:
+        """The remote points, in order."""
+        return tuple(c.point for c in self.couplings)
+
+    @property
+    def stiffness_matrix(self) -> sp.csr_matrix:
+        """The stiffness matrix (3 n, 3 n) [N/m], made anew at every call."""
+        return self.stiffness.to_scipy()
+
+    @property
+    def mass_matrix(self) -> sp.csr_matrix:
+        """The mass matrix (3 n, 3 n) [kg], made anew at every call."""
+        return sp.block_diag([self.scalar_mass_matrix] * 3, format="csr")
+
+    @property
+    def mass(self) -> float:
+        """Total mass [kg]."""
+        one = self.fields[0]
+        return float(one @ (self.scalar_mass_matrix @ one))
+
+    def rigid_motions(self) -> Array:
+        """Unit translations and rotations about the part's origin, shape (3 n, 6)."""
+        return rigid_motions(self.fields, np.zeros(3))
+
+    def port(self, name: str) -> PortCoupling:
+        """An electrical port by name; raises ValueError listing the names when there is none."""
+        names = [port.name for port in self.ports]
+        return self.ports[names.index(known("electrical port", name, names))]
+
+    def coupling(self, name: str) -> Coupling:
+        """The coupling of a remote point; raises ValueError listing the names when there is none."""
+        names = [c.point.name for c in self.couplings]
+        return self.couplings[names.index(known("remote point", name, names))]
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """What elements one order higher on the same mesh add to an FE model of n scalar unknowns; they have m.
+
+    stiffness: of the finer elements, (3 m, 3 m) [N/m]
+    held: unknowns of these that add nothing: those of the vertices and of lower degree on the edges
+    mixed_stiffness: forces on the finer unknowns from displacements of the model, (3 m, 3 n)
+    mixed_mass: the same for density, one scalar block, (m, n)
+    couplings: the remote points on the finer elements
+    """
+
+    stiffness: SymmetricMatrix
+    held: NDArray[np.int64]
+    mixed_stiffness: sp.csr_matrix
+    mixed_mass: sp.csr_matrix
+    couplings: tuple[Coupling, ...]
+
+
+def rigid_motions(fields: Array, centre: Array) -> Array:
+    """Translations along and rotations about axes through `centre`, (3 n, 6), from the fields 1, x, y, z (4, n)."""
+    one = fields[0]
+    arm = fields[1:] - np.outer(centre, one)
+    zero = np.zeros_like(one)
+    x, y, z = arm
+    rows = [
+        [one, zero, zero, zero, z, -y],
+        [zero, one, zero, -z, zero, x],
+        [zero, zero, one, y, -x, zero],
+    ]
+    return np.vstack([np.column_stack(row) for row in rows])
+
+
+def make_coupling(
+    point: RemotePoint, dofs: NDArray[np.int64], area_integrals: Array, interface_fields: Array
+) -> Coupling:
+    """Tie a remote point to interface unknowns.
+
+    dofs: scalar unknowns (m,); area_integrals: integral over the interface of each scalar shape function times
+    1, x, y, z, shape (4, m) [m2, m3]; interface_fields: coefficients of 1, x, y, z in them, shape (4, m)
+
+    With F the area integrals of the six rigid motions and R their coefficients, the mean motion is
+    (F R)^-1 F u. Raises ValueError when the interface cannot carry a rotation (a line or a point).
+    """
+    integrals = rigid_motions(area_integrals, point.position).T
+    motions = rigid_motions(interface_fields, point.position)
+    gram = integrals @ motions
+    area = gram[0, 0]
+    radius = np.sqrt(max(np.trace(gram[3:, 3:]) / area, 0.0)) if area > 0 else 0.0
+    scale = np.repeat([1.0, 1.0 / radius if radius > 0 else 1.0], 3)
+    if area <= 0 or np.linalg.eigvalsh(scale[:, None] * gram * scale).min() < 1e-9 * area:
+        raise ValueError(
+            f"remote point {point.name!r}: its interface {', '.join(point.faces)} is collinear or too small to carry "
+            "a rotation; choose faces with an extent in two directions"
+        )
+    return Coupling(point, dofs, np.linalg.solve(gram, integrals), motions)
