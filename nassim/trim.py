@@ -115,13 +115,13 @@ def open_circuit(body: ReducedBody, ports: Mapping[str, float]) -> ReducedBody:
 
 
 def keep_ports(body: ReducedBody, names: Collection[str]) -> ReducedBody:
-    """The body without its other electrical ports, which stay at zero voltage; no name need be that of a port."""
+    """The body with these electrical ports only (names of none do not matter); its others stay at zero voltage."""
     gone = {port.name for port in body.ports if port.name not in names}
     return replace(body, readouts={name: readout for name, readout in body.readouts.items() if name not in gone})
 
 
 def _without_picture(body: ReducedBody) -> ReducedBody:
-    """Pictures are by far the largest part of a body."""
+    """Nobody draws trimmed or enriched bodies, and the picture is by far the largest part of one."""
     rest = {name: readout for name, readout in body.readouts.items() if not isinstance(readout, Picture)}
     return replace(body, readouts=rest)
 
