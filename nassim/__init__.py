@@ -1,37 +1,37 @@
 """nassim: multibody simulation with reduced-order flexible bodies."""
 
-from nassim.acceptance import Repair, repair, to_body
-from nassim.bodies import FlexibleBody, RigidBody
-from nassim.body import ReducedBody
-from nassim.condensation import Condensation, condense
-from nassim.control import Controller
-from nassim.craig_bampton import craig_bampton
-from nassim.describe import describe
-from nassim.export import export_body
-from nassim.fe_assembly import build_fe_model
-from nassim.fe_model import FEModel
-from nassim.frf import FRF, estimate_frf
-from nassim.identification import ModalFit, identify_modes
-from nassim.inspection import Report, check
-from nassim.interface import RemotePoint
-from nassim.linear import LinearModel, frequency_response
-from nassim.linearize import linearize, truncation_error
-from nassim.loop import Loop
-from nassim.materials import Material
-from nassim.measurements import read_frf, read_record, write_record
-from nassim.mechanics import Encoder, GroundAcceleration, Joint, PointForce, SpringDamper
-from nassim.nouns import register
-from nassim.piezo import ElectricalPort, PiezoStack
-from nassim.scene import Scene
-from nassim.signals import TimeHistory
-from nassim.simulation import simulate, static_response
-from nassim.solid import NearestTo, OnPlane, Solid, read_solid
-from nassim.stacks import StackActuator, StackSensor, VoltageDrive, VoltageSensor
-from nassim.storage import load, save
-from nassim.superelement import Superelement, read_superelement
-from nassim.trim import open_circuit
-from nassim.trimming import trim_scene
-from nassim.updating import apply_identification
+from nassim.exchange.acceptance import Repair, repair, to_body
+from nassim.scene.bodies import FlexibleBody, RigidBody
+from nassim.bodies.reduced_body import ReducedBody
+from nassim.fem.condensation import Condensation, condense
+from nassim.systems.controllers import Controller
+from nassim.fem.reduction import craig_bampton
+from nassim.simulation.description import describe
+from nassim.exchange.export import export_body
+from nassim.fem.assembly import build_fe_model
+from nassim.fem.fe_model import FEModel
+from nassim.signals.frf import FRF, estimate_frf
+from nassim.identification.modal_fit import ModalFit, identify_modes
+from nassim.exchange.inspection import Report, check
+from nassim.bodies.interface import RemotePoint
+from nassim.systems.linear_model import LinearModel, frequency_response
+from nassim.simulation.linearization import linearize, truncation_error
+from nassim.scene.loop import Loop
+from nassim.fem.materials import Material
+from nassim.signals.files import read_frf, read_record, write_record
+from nassim.scene.mechanics import Encoder, GroundAcceleration, Joint, PointForce, SpringDamper
+from nassim.base.nouns import register
+from nassim.bodies.piezo import ElectricalPort, PiezoStack
+from nassim.scene.scene import Scene
+from nassim.signals.time_history import TimeHistory
+from nassim.simulation.time_domain import simulate, static_response
+from nassim.fem.solid import NearestTo, OnPlane, Solid, read_solid
+from nassim.scene.piezo import StackActuator, StackSensor, VoltageDrive, VoltageSensor
+from nassim.base.storage import load, save
+from nassim.exchange.superelement import Superelement, read_superelement
+from nassim.bodies.projection import open_circuit
+from nassim.simulation.trimming import trim_scene
+from nassim.identification.apply import apply_identification
 
 __version__ = "0.2.0.dev0"
 

@@ -17,10 +17,10 @@ import numpy as np
 import psutil
 
 from nassim import FRF, LinearModel
-from nassim.linear import damping
+from nassim.systems.linear_model import damping
 from nassim.plotting import plot_frf, plot_frf_error, plt
-from nassim.statespace import transmission_zeros
-from nassim.storage import written_whole
+from nassim.systems.state_space import transmission_zeros
+from nassim.base.storage import written_whole
 
 
 class Arguments(argparse.ArgumentParser):

@@ -23,11 +23,11 @@ from scipy.optimize import brentq
 from models.apa300ml import PORTS, reduced_apa300ml
 from models.bench import make_bench
 from nassim import Loop, frequency_response, linearize
-from nassim.control import integral_force_feedback
-from nassim.feedback import margins, open_loop
-from nassim.linear import sampled, transmissibility
-from nassim.linearize import linearize_closed
-from nassim.locus import iff_optimum, optimum_gain, root_locus
+from nassim.systems.controllers import integral_force_feedback
+from nassim.systems.feedback import margins, open_loop
+from nassim.systems.linear_model import sampled, transmissibility
+from nassim.simulation.linearization import linearize_closed
+from nassim.systems.root_locus import iff_optimum, optimum_gain, root_locus
 from nassim.plotting import plot_root_locus, save_figure
 
 WIRES = {"measured": "sensor_voltage", "driven": "actuator_voltage"}

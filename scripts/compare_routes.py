@@ -15,7 +15,7 @@ from models.apa300ml.beam_model import axial_stiffness, beam_model, pole_and_zer
 from models.apa300ml.stack_volumes import stack_figures
 from models.bench import AMPLIFIER_GAIN, BENCH_CONDITIONS, make_bench, sensor_span_constant
 from nassim import ReducedBody, Scene, frequency_response, linearize
-from nassim.interface import free_coordinates
+from nassim.bodies.interface import free_coordinates
 
 arguments = parser(__doc__, "compare_routes")
 arguments.add_argument("--payload-mass", type=positive, default=5.0, help="mass on top [kg] (default: 5)")

@@ -14,10 +14,10 @@ from make_blind_record import make_blind_record
 from models.apa300ml import reduced_apa300ml
 from models.bench import make_bench
 from nassim import TimeHistory, frequency_response, linearize, save
-from nassim.identification import ModalFit, identify_modes
-from nassim.measurements import read_measurement
+from nassim.identification.modal_fit import ModalFit, identify_modes
+from nassim.signals.files import read_measurement
 from nassim.plotting import plot_modal_fit, plt, save_figure
-from nassim.updating import UpdateReport, apply_identification
+from nassim.identification.apply import UpdateReport, apply_identification
 
 UNITS = {"sensor_voltage": "V/V", "encoder": "m/V"}
 arguments = parser(__doc__, "identify_damping")

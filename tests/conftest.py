@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from models.apa300ml import PORTS, STACK, make_apa300ml
 from models.bench import AMPLIFIER_GAIN, make_bench, sensor_span_constant
 from nassim import FEModel, Material, RemotePoint, Solid, build_fe_model, condense, craig_bampton
-from nassim.fe_model import make_coupling
+from nassim.fem.fe_model import make_coupling
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -8,7 +8,7 @@ from models.apa300ml.beam_model import axial_stiffness, beam_model, pole_and_zer
 from models.apa300ml.stack_volumes import stack_figures
 from models.bench import make_bench
 from nassim import linearize
-from nassim.statespace import transmission_zeros
+from nassim.systems.state_space import transmission_zeros
 
 
 def zero_of(scene):

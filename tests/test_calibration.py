@@ -18,7 +18,7 @@ from models.apa300ml.beam_model import axial_stiffness, beam_model
 from models.apa300ml.calibration import CIRCUITS, PARAMETERS, data_sheet_figures, make_model, variant
 from models.bench import BENCH_CONDITIONS
 from nassim import build_fe_model
-from nassim.calibration import Parameter, Target, at_bounds, calibrate, sensitivities
+from nassim.identification.calibration import Parameter, Target, at_bounds, calibrate, sensitivities
 
 WIDTH = Parameter("width", 0.010, 0.005, 0.020)
 HEIGHT = Parameter("height", 0.005, 0.002, 0.010)

@@ -21,12 +21,12 @@ from nassim import (
     simulate,
     static_response,
 )
-from nassim.assembly import assemble, motion_size
-from nassim.inertia import RigidInertia
-from nassim.linear import damping
-from nassim.rigid_motion import rigid_transfer
-from nassim.simulation import exudyn_eigenfrequencies
-from nassim.statespace import discretize
+from nassim.simulation.small_motion import assemble, motion_size
+from nassim.bodies.inertia import RigidInertia
+from nassim.systems.linear_model import damping
+from nassim.base.rigid_motion import rigid_transfer
+from nassim.simulation.time_domain import exudyn_eigenfrequencies
+from nassim.systems.state_space import discretize
 
 LENGTH, STIFFNESS, LEFT, RIGHT, LOAD = 0.2, 5e4, 0.7, 0.4, 1.3
 GROUND = RigidBody("ground", {"left": np.zeros(3), "right": np.array([LENGTH, 0, 0])}, fixed=True)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from nassim.control import (
+from nassim.systems.controllers import (
     Controller,
     controller_response,
     integral_force_feedback,
@@ -14,7 +14,7 @@ from nassim.control import (
     proportional,
     series,
 )
-from nassim.statespace import inverse_tustin, tustin
+from nassim.systems.state_space import inverse_tustin, tustin
 
 RATE = 5000.0
 FREQUENCY = np.array([0.3, 7.0, 60.0, 410.0, 1900.0])

@@ -18,8 +18,8 @@ import pytest
 from conftest import make_bar
 
 from nassim import build_fe_model, craig_bampton
-from nassim.exclusive import exclusive
-from nassim.meshing import generate_mesh
+from nassim.base.exclusive import exclusive
+from nassim.fem.meshing import generate_mesh
 
 HERE = Path(__file__).parent
 BARS = ((0.1, 0.01), (0.13, 0.017))

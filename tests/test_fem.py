@@ -6,8 +6,8 @@ import pytest
 from conftest import STEEL, lattice, make_bar
 
 from nassim import FEModel, Material, RemotePoint, Solid, build_fe_model, condense
-from nassim.fe_model import make_coupling
-from nassim.full_model import full_eigenfrequencies
+from nassim.fem.fe_model import make_coupling
+from nassim.fem.full_model import full_eigenfrequencies
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,8 @@ import scipy.linalg
 from conftest import lattice
 
 from nassim import condense
-from nassim.condensation import expanded_dofs
-from nassim.full_model import full_eigenfrequencies, full_frequency_response
+from nassim.fem.condensation import expanded_dofs
+from nassim.fem.full_model import full_eigenfrequencies, full_frequency_response
 
 
 def dense_system(model, end_mass):

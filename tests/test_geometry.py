@@ -8,8 +8,8 @@ import pytest
 from netgen import occ
 
 from nassim import Material, NearestTo, OnPlane, RemotePoint, Solid, build_fe_model, read_solid
-from nassim.meshing import generate_mesh
-from nassim.solid import body_names, face_names, glue, name_faces, shape_bytes
+from nassim.fem.meshing import generate_mesh
+from nassim.fem.solid import body_names, face_names, glue, name_faces, shape_bytes
 
 STEEL = Material("steel", 210e9, 0.3, 7850.0)
 ALU = Material("aluminium", 70e9, 0.33, 2700.0)

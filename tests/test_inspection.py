@@ -8,9 +8,9 @@ from conftest import lattice
 from superelements import SAMPLE, grounded_at, joint_like, rounded, sample, with_matrices
 
 from nassim import craig_bampton
-from nassim.inspection import Finding, as_superelement, check
-from nassim.rowguess import guess_order, order_misfit
-from nassim.superelement import read_superelement, superelement
+from nassim.exchange.inspection import Finding, as_superelement, check
+from nassim.exchange.row_order import guess_order, order_misfit
+from nassim.exchange.superelement import read_superelement, superelement
 
 
 @pytest.fixture(scope="module")

@@ -26,7 +26,7 @@ from nassim import (
     simulate,
     static_response,
 )
-from nassim.control import Controller
+from nassim.systems.controllers import Controller
 
 MASSES, STIFFNESS, DAMPING = np.diag([2.0, 0.7]), (4e4, 9e3), (30.0, 6.0)
 """Two masses in a row, each on a spring and damper: ground to first, first to second."""

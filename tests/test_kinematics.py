@@ -24,9 +24,9 @@ from nassim import (
     craig_bampton,
     simulate,
 )
-from nassim.assembly import assemble
-from nassim.exudyn_system import build_system
-from nassim.kinematics import starting_twists
+from nassim.simulation.small_motion import assemble
+from nassim.simulation.exudyn.system import build_system
+from nassim.simulation.starting_motion import starting_twists
 
 OUTPUT = exu.OutputVariableType
 

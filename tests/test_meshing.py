@@ -10,8 +10,8 @@ from conftest import STEEL, make_bar
 
 from models.apa300ml import PRISMS, make_apa300ml
 from nassim import Material, RemotePoint, Solid, build_fe_model, condense, craig_bampton, mesh_checks, meshing
-from nassim.full_model import full_eigenfrequencies
-from nassim.meshing import generate_mesh
+from nassim.fem.full_model import full_eigenfrequencies
+from nassim.fem.meshing import generate_mesh
 
 
 def make_post():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nassim.modal import eigenmodes, mac, modal_damping_matrix
+from nassim.base.modal import eigenmodes, mac, modal_damping_matrix
 
 N, MASS, STIFFNESS = 8, 0.3, 2e5
 

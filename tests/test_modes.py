@@ -8,8 +8,8 @@ import scipy.linalg
 from conftest import lattice, make_bar
 
 from nassim import Material, build_fe_model, condense, craig_bampton
-from nassim.condensation import expanded_dofs
-from nassim.modes import check_n_modes, fixed_interface_modes, left_out_vectors, mass_operator, modes_below
+from nassim.fem.condensation import expanded_dofs
+from nassim.fem.modes import check_n_modes, fixed_interface_modes, left_out_vectors, mass_operator, modes_below
 
 
 class Case(NamedTuple):

@@ -15,7 +15,7 @@ import pytest
 
 import nassim
 from nassim import ElectricalPort, Material, PiezoStack, RemotePoint, Solid, build_fe_model, read_solid
-from nassim.solid import glue
+from nassim.fem.solid import glue
 
 SIDE, LENGTHS = 0.01, (0.01, 0.02)
 LIGHT, HEAVY = Material("light", 70e9, 0.3, 2000.0), Material("heavy", 49.5e9, 0.31, 8000.0)
@@ -127,7 +127,7 @@ def test_body_without_a_name():
 
 
 def test_no_name_reaches_a_regular_expression():
-    """NGSolve's look-ups by name stay unused; `nassim.regions` does without them."""
+    """NGSolve's look-ups by name stay unused; `nassim.fem.regions` does without them."""
     look_ups = {"Materials", "Boundaries", "BBoundaries", "Region", "MaterialCF", "BoundaryCF", "RegionCF"}
     for path in Path(nassim.__file__).parent.glob("*.py"):
         used = {node.attr for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Attribute)}

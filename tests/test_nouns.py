@@ -29,8 +29,8 @@ from nassim import (
     register,
     save,
 )
-from nassim.part import Part
-from nassim.storage import fingerprint
+from nassim.scene.part import Part
+from nassim.base.storage import fingerprint
 
 DATA = Path(__file__).parent / "data"
 NOT_DATA = {

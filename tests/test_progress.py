@@ -2,7 +2,7 @@
 
 import pytest
 
-from nassim.progress import stage
+from nassim.base.progress import stage
 
 
 def test_a_stage_prints_its_name_and_time(capsys):

@@ -7,9 +7,9 @@ import pytest
 from conftest import lattice, make_bar
 
 from nassim import ElectricalPort, ReducedBody, RemotePoint, craig_bampton, load, save
-from nassim.piezo import PortCoupling
-from nassim.readouts import PassivePoint, Picture, Surface, by_name, of_kind, upgraded_readouts
-from nassim.trim import keep_modes, keep_ports, project, trim_body
+from nassim.bodies.piezo import PortCoupling
+from nassim.bodies.readouts import PassivePoint, Picture, Surface, by_name, of_kind, upgraded_readouts
+from nassim.bodies.projection import keep_modes, keep_ports, project, trim_body
 
 RNG = np.random.default_rng(5)
 N = 16

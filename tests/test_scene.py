@@ -21,9 +21,9 @@ from nassim import (
     VoltageSensor,
     craig_bampton,
 )
-from nassim.assembly import assemble
-from nassim.describe import describe
-from nassim.trim import trim_body
+from nassim.simulation.small_motion import assemble
+from nassim.simulation.description import describe
+from nassim.bodies.projection import trim_body
 
 LENGTH, MASS = 0.1, 2.0
 NOTHING = {"mass_matrix": np.zeros((0, 0)), "stiffness_matrix": np.zeros((0, 0)), "gram": np.zeros((4, 4))}

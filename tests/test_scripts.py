@@ -250,7 +250,7 @@ def test_import_body_puts_a_body_of_two_ends_on_the_bench(tmp_path):
     from conftest import lattice
 
     from nassim import craig_bampton
-    from nassim.export import export_body
+    from nassim.exchange.export import export_body
 
     path = export_body(craig_bampton(lattice(), n_modes=12, progress=False), tmp_path / "box.mat")
     result = run("scripts/import_body.py", path, "--output", tmp_path, "--no-plot")

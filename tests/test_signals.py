@@ -5,7 +5,7 @@ import pytest
 import scipy.signal
 
 from nassim import TimeHistory
-from nassim.signals import (
+from nassim.signals.time_history import (
     band_limited_noise,
     chirp,
     low_pass,

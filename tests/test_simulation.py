@@ -17,9 +17,9 @@ from nassim import (
     simulate,
     static_response,
 )
-from nassim.assembly import assemble, deformation_damping
-from nassim.signals import multisine, sine_dwell, step
-from nassim.simulation import exudyn_eigenfrequencies
+from nassim.simulation.small_motion import assemble, deformation_damping
+from nassim.signals.time_history import multisine, sine_dwell, step
+from nassim.simulation.time_domain import exudyn_eigenfrequencies
 
 
 def quiet(duration, sample_rate=1e4):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from nassim.solver import SOLVERS, factor_memory, factorize, solver_name, threads
-from nassim.sparse import symmetric_matrix
+from nassim.fem.solver import SOLVERS, factor_memory, factorize, solver_name, threads
+from nassim.fem.sparse import symmetric_matrix
 
 HAS_PARDISO = importlib.util.find_spec("pypardiso") is not None
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from nassim import FRF, Material, TimeHistory, load, nouns, save, storage
-from nassim.storage import cache_directory, cached, fingerprint
+from nassim.base.storage import cache_directory, cached, fingerprint
 
 
 def record(amplitude=1.0):
@@ -309,7 +309,7 @@ LIMITED = """
 import resource, sys
 import numpy as np
 from nassim import TimeHistory, save
-from nassim.measurements import write_record
+from nassim.signals.files import write_record
 time = np.arange(100000) / 1e3
 history = TimeHistory(time, [np.sin(time)], ("u",), ("V",))
 resource.setrlimit(resource.RLIMIT_FSIZE, (100000, 100000))
@@ -339,7 +339,7 @@ def test_a_folder_that_cannot_be_is_named(tmp_path):
 
 HANGING = """
 import sys, time
-from nassim.storage import written_whole
+from nassim.base.storage import written_whole
 with written_whole(sys.argv[1]) as temporary:
     temporary.write_bytes(bytes(1000))
     print(temporary.name, flush=True)

@@ -9,11 +9,11 @@ import scipy.sparse
 from superelements import DOFS, SAMPLE, master_text, matrix_text, node_text, sample
 
 from nassim import arrayfiles
-from nassim.arrayfiles import read_arrays
-from nassim.inspection import check
-from nassim.listing import nodal_frame
-from nassim.superelement import read_superelement, significant_digits, superelement
-from nassim.unit_systems import unit_factors
+from nassim.exchange.mat_npz import read_arrays
+from nassim.exchange.inspection import check
+from nassim.exchange.ansys import nodal_frame
+from nassim.exchange.superelement import read_superelement, significant_digits, superelement
+from nassim.exchange.unit_systems import unit_factors
 
 
 @pytest.fixture(scope="module")

@@ -19,9 +19,9 @@ import scipy.sparse
 
 resource = pytest.importorskip("resource")  # not on Windows
 
-from nassim.acceptance import repair, to_body
-from nassim.inspection import check
-from nassim.superelement import read_superelement
+from nassim.exchange.acceptance import repair, to_body
+from nassim.exchange.inspection import check
+from nassim.exchange.superelement import read_superelement
 
 SAMPLE = Path(__file__).parent / "data" / "ansys_listing"
 LISTING = {path.name: path.read_bytes() for path in sorted(SAMPLE.glob("*.txt"))}

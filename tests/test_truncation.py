@@ -10,12 +10,12 @@ from conftest import lattice, make_bar, pair_forces_and_readings
 from models.apa300ml import PRISMS, make_apa300ml
 from models.bench import BENCH_CONDITIONS
 from nassim import Material, build_fe_model, condense, craig_bampton, frequency_response, linearize, load, save
-from nassim.full_model import full_eigenfrequencies, full_frequency_response
-from nassim.linearize import truncation_error
-from nassim.mesh_error import released_stiffness
-from nassim.modes import fixed_interface_modes
-from nassim.rigid_motion import rigid_transfer
-from nassim.trim import keep_modes, trim_body
+from nassim.fem.full_model import full_eigenfrequencies, full_frequency_response
+from nassim.simulation.linearization import truncation_error
+from nassim.fem.mesh_error import released_stiffness
+from nassim.fem.modes import fixed_interface_modes
+from nassim.base.rigid_motion import rigid_transfer
+from nassim.bodies.projection import keep_modes, trim_body
 
 FACTOR = 3.0
 APA_CASES = [

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike, NDArray
 
-from nassim.checks import Array, finite_array
+from nassim.base.checks import Array, finite_array
 
 EXCITED = 1e-9
 """Directions of a decay below this share of the largest are rounding."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from nassim.checks import Array
+from nassim.base.checks import Array
 
 AXES = ("ux", "uy", "uz", "rx", "ry", "rz")
 DIRECTIONS = {"x": "ux", "y": "uy", "z": "uz", "rx": "rx", "ry": "ry", "rz": "rz"}

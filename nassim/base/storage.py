@@ -18,8 +18,8 @@ import h5py
 import numpy as np
 import psutil
 
-from nassim.notices import warn
-from nassim.nouns import find, is_noun, upgraded
+from nassim.base.notices import warn
+from nassim.base.nouns import find, is_noun, upgraded
 
 FORMAT_VERSION = 3
 """Format 1, of nassim 0.1, had no seal; 1 and 2 named a noun by its module too, as in "nassim.signals:TimeHistory"."""
@@ -35,7 +35,7 @@ def save(obj: object, path: str | Path) -> Path:
     """Write a noun (TimeHistory, FRF, ReducedBody, ..., `register`ed ones) to an HDF5 file that begins with a checksum.
 
     The file appears whole or not at all: it is made in memory, written under another name and then moved in place.
-    Raises ValueError for dataclasses that are not in `nassim.nouns` and for other objects that no file holds, OSError
+    Raises ValueError for dataclasses that are not in `nassim.base.nouns` and for other objects that no file holds, OSError
     naming the file when it cannot be written.
     """
     # HDF5 writing to a full disk would end the interpreter.

@@ -24,8 +24,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from nassim.checks import Array
-from nassim.rigid_motion import rigid_motions, skew
+from nassim.base.checks import Array
+from nassim.base.rigid_motion import rigid_motions, skew
 
 FLAT = 1e-6
 """Points within this share of the body's size of a plane or line lie in it."""

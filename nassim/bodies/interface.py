@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nassim.checks import Array, finite_array, freeze, known, not_negative, unique
-from nassim.rigid_motion import AXES, DIRECTIONS
+from nassim.base.checks import Array, finite_array, freeze, known, not_negative, unique
+from nassim.base.rigid_motion import AXES, DIRECTIONS
 
 COUPLINGS = ("rbe2", "rbe3")
 

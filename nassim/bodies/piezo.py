@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nassim.checks import Array, finite, finite_array, freeze, positive, unique
+from nassim.base.checks import Array, finite, finite_array, freeze, positive, unique
 
 LARGEST_STRAIN = 5e-3
 """Free stroke over length that no piezo ceramic reaches; usual ones give 1e-3 to 2e-3."""

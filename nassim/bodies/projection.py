@@ -9,11 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from nassim.body import ReducedBody
-from nassim.checks import Array, known, not_negative, positive
-from nassim.modal import eigenmodes
-from nassim.readouts import PassivePoint, Picture, by_name
-from nassim.strain import lets_go, without_rounding
+from nassim.bodies.reduced_body import ReducedBody
+from nassim.base.checks import Array, known, not_negative, positive
+from nassim.base.modal import eigenmodes
+from nassim.bodies.readouts import PassivePoint, Picture, by_name
+from nassim.bodies.strain import lets_go, without_rounding
 
 DEPENDENT = 1e-10
 """Load shapes with less than this share of the largest one's energy add nothing."""

@@ -10,8 +10,8 @@ from typing import Any, Protocol, TypeVar, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from nassim.checks import Array, finite_array, freeze, unique
-from nassim.interface import RemotePoint
+from nassim.base.checks import Array, finite_array, freeze, unique
+from nassim.bodies.interface import RemotePoint
 
 SURFACE = "surface"
 """Name of the picture among what a body reads out."""

@@ -5,11 +5,11 @@ from dataclasses import KW_ONLY, dataclass, field, replace
 
 import numpy as np
 
-from nassim.checks import Array, finite_array, freeze, frozen_mapping, instances, known, unique
-from nassim.interface import RemotePoint, coordinate_names, free_coordinates, point_masses
-from nassim.piezo import PortCoupling
-from nassim.readouts import PassivePoint, Picture, Readout, Surface, of_kind
-from nassim.strain import Strain, body_strain, strained_modes
+from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, instances, known, unique
+from nassim.bodies.interface import RemotePoint, coordinate_names, free_coordinates, point_masses
+from nassim.bodies.piezo import PortCoupling
+from nassim.bodies.readouts import PassivePoint, Picture, Readout, Surface, of_kind
+from nassim.bodies.strain import Strain, body_strain, strained_modes
 
 SATURATION = 1.7
 """Error left by a mesh over the part of it that elements one order higher remove."""
@@ -31,7 +31,7 @@ class ReducedBody:
     enriched: the same body with more coordinates, in which what was left out is present, so that the difference of
         any answer of the two is the truncation error; None where unknown
     full_integrals: False where `gram` is right for rigid motions and a guess for the rest, as of imported matrices,
-        see `nassim.inertia`
+        see `nassim.bodies.inertia`
     released_stiffness: how much the stiffness matrix would fall with finite elements one order higher, shape (n, n),
         for `discretization_errors`; None where not asked for
 

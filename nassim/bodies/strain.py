@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from nassim.checks import Array
-from nassim.rigid_motion import rigid_motions
+from nassim.base.checks import Array
+from nassim.base.rigid_motion import rigid_motions
 
 UNSTRAINED = 1e-9
 """Strain below this share of what its terms could add up to is rounding."""

@@ -6,13 +6,13 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 import scipy.linalg
 
-from nassim.body import ReducedBody
-from nassim.checks import Array
-from nassim.inertia import completed_gram, free_of_rigid_motions
-from nassim.inspection import Report, as_superelement, check, signed_frequencies
-from nassim.interface import RemotePoint
-from nassim.rowguess import rigid_residual
-from nassim.superelement import Superelement
+from nassim.bodies.reduced_body import ReducedBody
+from nassim.base.checks import Array
+from nassim.bodies.inertia import completed_gram, free_of_rigid_motions
+from nassim.exchange.inspection import Report, as_superelement, check, signed_frequencies
+from nassim.bodies.interface import RemotePoint
+from nassim.exchange.row_order import rigid_residual
+from nassim.exchange.superelement import Superelement
 
 CLEAN = 1e-12
 """Residual of rigid motions below which there is nothing to project out."""
@@ -99,7 +99,7 @@ def to_body(body: Superelement, *, any_size: bool = False) -> ReducedBody:
     any_size: take it although no part of a machine has its mass, size, wave speed or density, which means wrong units
 
     Its mass, centre of mass, inertia and response in small motion are those of the matrices; for what large motion
-    asks beyond that see `nassim.inertia`. It has no surface to draw.
+    asks beyond that see `nassim.bodies.inertia`. It has no surface to draw.
     Raises ValueError naming the source and all faults that `check` finds.
     """
     report = check(body)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nassim.checks import Array
+from nassim.base.checks import Array
 
 LARGEST = 1500
 """Most coordinates of a superelement that is read."""

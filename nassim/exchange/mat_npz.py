@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from nassim.checks import Array
+from nassim.base.checks import Array
 
 LARGEST_FILE = 128 * 2**20
 """Largest file and largest unpacked variable [bytes]."""

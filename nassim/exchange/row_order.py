@@ -11,9 +11,9 @@ from itertools import combinations, permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from nassim.checks import Array
-from nassim.inertia import rigid_inertia
-from nassim.superelement import Superelement
+from nassim.base.checks import Array
+from nassim.bodies.inertia import rigid_inertia
+from nassim.exchange.superelement import Superelement
 
 FITS = 0.02
 """Largest misfit of an order that is right, for matrices of three digits and more."""

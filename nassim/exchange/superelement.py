@@ -9,11 +9,11 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from nassim.arrayfiles import read_arrays, read_bytes
-from nassim.checks import Array, finite_array, freeze, known, unique
-from nassim.listing import LARGEST, Listing, nodal_frame, parse_listings, rows_by_node
-from nassim.rigid_motion import rigid_motions
-from nassim.unit_systems import unit_factors
+from nassim.exchange.mat_npz import read_arrays, read_bytes
+from nassim.base.checks import Array, finite_array, freeze, known, unique
+from nassim.exchange.ansys import LARGEST, Listing, nodal_frame, parse_listings, rows_by_node
+from nassim.base.rigid_motion import rigid_motions
+from nassim.exchange.unit_systems import unit_factors
 
 VARIABLES = {
     "K": ("K", "K_red", "stiffness", "stiffness_matrix", "Kr"),

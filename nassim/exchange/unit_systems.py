@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nassim.checks import known
+from nassim.base.checks import known
 
 INCH, FOOT, POUND = 0.0254, 0.3048, 0.45359237
 POUND_FORCE = 9.80665 * POUND

@@ -9,21 +9,21 @@ import ngsolve as ng
 import numpy as np
 import scipy.sparse as sp
 
-from nassim.checks import Array
-from nassim.exclusive import exclusive
-from nassim.fe_model import Coupling, FEModel, Refinement, make_coupling
-from nassim.interface import RemotePoint
-from nassim.materials import Material
-from nassim.mesh_checks import check_memory, check_volume, warn_of_thin_walls
-from nassim.meshing import generate_mesh
-from nassim.notices import collected
-from nassim.ports import couple_port
-from nassim.progress import stage
-from nassim.regions import by_body, faces
-from nassim.skin import outer_surface
-from nassim.solid import Solid
-from nassim.solver import threads
-from nassim.sparse import SymmetricMatrix, symmetric_matrix
+from nassim.base.checks import Array
+from nassim.base.exclusive import exclusive
+from nassim.fem.fe_model import Coupling, FEModel, Refinement, make_coupling
+from nassim.bodies.interface import RemotePoint
+from nassim.fem.materials import Material
+from nassim.fem.mesh_checks import check_memory, check_volume, warn_of_thin_walls
+from nassim.fem.meshing import generate_mesh
+from nassim.base.notices import collected
+from nassim.fem.ports import couple_port
+from nassim.base.progress import stage
+from nassim.fem.regions import by_body, faces
+from nassim.fem.skin import outer_surface
+from nassim.fem.solid import Solid
+from nassim.fem.solver import threads
+from nassim.fem.sparse import SymmetricMatrix, symmetric_matrix
 
 MAX_ORDER = 6
 ELEMENTS = {ng.ET.TET: "tetrahedra", ng.ET.PRISM: "prisms", ng.ET.PYRAMID: "pyramids", ng.ET.HEX: "hexahedra"}

@@ -22,11 +22,11 @@ import scipy.linalg
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from nassim.checks import Array, unique
-from nassim.fe_model import Coupling, FEModel, rigid_motions
-from nassim.progress import Advance, silent, stage
-from nassim.rigid_motion import rigid_transfer
-from nassim.solver import Factorization, factorize, solver_name, threads
+from nassim.base.checks import Array, unique
+from nassim.fem.fe_model import Coupling, FEModel, rigid_motions
+from nassim.base.progress import Advance, silent, stage
+from nassim.base.rigid_motion import rigid_transfer
+from nassim.fem.solver import Factorization, factorize, solver_name, threads
 
 DEPENDENT = 1e-9
 """Share of a remote point's measured motion, squared, below which it is not its own."""

@@ -7,11 +7,11 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from nassim.checks import Array, freeze, known
-from nassim.interface import RemotePoint
-from nassim.piezo import PortCoupling
-from nassim.readouts import Surface
-from nassim.sparse import SymmetricMatrix, symmetric_matrix
+from nassim.base.checks import Array, freeze, known
+from nassim.bodies.interface import RemotePoint
+from nassim.bodies.piezo import PortCoupling
+from nassim.bodies.readouts import Surface
+from nassim.fem.sparse import SymmetricMatrix, symmetric_matrix
 
 
 @dataclass(frozen=True)

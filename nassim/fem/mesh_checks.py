@@ -6,9 +6,9 @@ import ngsolve as ng
 import numpy as np
 import psutil
 
-from nassim.notices import warn
-from nassim.solid import Solid
-from nassim.solver import factor_memory
+from nassim.base.notices import warn
+from nassim.fem.solid import Solid
+from nassim.fem.solver import factor_memory
 
 SMALL = 50_000
 """Models with fewer unknowns than this fit in any memory."""

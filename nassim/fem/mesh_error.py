@@ -9,12 +9,12 @@ Source: R. E. Bank, R. K. Smith, A posteriori error estimates based on hierarchi
 
 import numpy as np
 
-from nassim.checks import Array
-from nassim.condensation import Condensation, expanded_dofs
-from nassim.fe_assembly import refine_order
-from nassim.modes import mass_operator
-from nassim.progress import Advance, silent
-from nassim.solver import factorize, threads
+from nassim.base.checks import Array
+from nassim.fem.condensation import Condensation, expanded_dofs
+from nassim.fem.assembly import refine_order
+from nassim.fem.modes import mass_operator
+from nassim.base.progress import Advance, silent
+from nassim.fem.solver import factorize, threads
 
 
 def released_stiffness(condensed: Condensation, frequency: Array, modes: Array, *, advance: Advance = silent) -> Array:

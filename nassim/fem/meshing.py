@@ -13,10 +13,10 @@ import netgen.occ as occ
 import numpy as np
 from netgen.libngpy._meshing import NgException, _SetTerminate
 
-from nassim.checks import known, positive
-from nassim.exclusive import exclusive
-from nassim.notices import note, warn
-from nassim.solid import Solid, face_names
+from nassim.base.checks import known, positive
+from nassim.base.exclusive import exclusive
+from nassim.base.notices import note, warn
+from nassim.fem.solid import Solid, face_names
 
 AXES = {"x": occ.X, "y": occ.Y, "z": occ.Z}
 GHOST = "(empty)"

@@ -16,12 +16,12 @@ from numbers import Real
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from nassim.checks import Array
-from nassim.condensation import Condensation
-from nassim.fe_model import FEModel
-from nassim.modal import eigenmodes
-from nassim.progress import Advance, silent
-from nassim.solver import threads
+from nassim.base.checks import Array
+from nassim.fem.condensation import Condensation
+from nassim.fem.fe_model import FEModel
+from nassim.base.modal import eigenmodes
+from nassim.base.progress import Advance, silent
+from nassim.fem.solver import threads
 
 LANCZOS_TOLERANCE = 1e-6
 """Relative residual of a mode; its frequency's error is of the residual's square."""

@@ -12,9 +12,9 @@ from typing import Any
 import ngsolve as ng
 import numpy as np
 
-from nassim.piezo import ElectricalPort, PortCoupling
-from nassim.regions import bodies
-from nassim.solid import Solid
+from nassim.bodies.piezo import ElectricalPort, PortCoupling
+from nassim.fem.regions import bodies
+from nassim.fem.solid import Solid
 
 VOLUME_MISMATCH = 0.02
 """Largest difference between a body's volume and its data sheet's size."""

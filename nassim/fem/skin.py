@@ -7,9 +7,9 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from nassim.checks import Array
-from nassim.readouts import Surface
-from nassim.solid import Solid
+from nassim.base.checks import Array
+from nassim.bodies.readouts import Surface
+from nassim.fem.solid import Solid
 
 
 def outer_surface(mesh: Any, scalar: Any, fields: Array, solid: Solid) -> tuple[Surface, sp.csr_matrix]:

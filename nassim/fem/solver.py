@@ -18,10 +18,10 @@ from ngsolve import la
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
-from nassim.checks import Array, known
-from nassim.exclusive import exclusive
-from nassim.progress import Advance, silent
-from nassim.sparse import SymmetricMatrix
+from nassim.base.checks import Array, known
+from nassim.base.exclusive import exclusive
+from nassim.base.progress import Advance, silent
+from nassim.fem.sparse import SymmetricMatrix
 
 SOLVERS = ("sparsecholesky", "pardiso")
 ELEMENTS_PER_LEAF = 24

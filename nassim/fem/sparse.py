@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sp
 
-from nassim.checks import Array
+from nassim.base.checks import Array
 
 
 @dataclass(frozen=True)

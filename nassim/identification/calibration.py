@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nassim.checks import Array, finite, finite_array, freeze, frozen_mapping, positive, unique
-from nassim.progress import Advance, silent
+from nassim.base.checks import Array, finite, finite_array, freeze, frozen_mapping, positive, unique
+from nassim.base.progress import Advance, silent
 
 Model = Callable[[Mapping[str, float]], Mapping[str, float]]
 """Figures by name, all positive, from parameters by name."""

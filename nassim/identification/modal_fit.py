@@ -8,9 +8,9 @@ import numpy as np
 import scipy.ndimage
 from threadpoolctl import threadpool_limits
 
-from nassim.checks import Array, finite, finite_array, freeze, frozen_mapping, known, positive, unique
-from nassim.frf import FRF
-from nassim.pole_fit import (
+from nassim.base.checks import Array, finite, finite_array, freeze, frozen_mapping, known, positive, unique
+from nassim.signals.frf import FRF
+from nassim.identification.pole_fit import (
     DAMPING_RANGE,
     Lines,
     Solution,
@@ -21,7 +21,7 @@ from nassim.pole_fit import (
     strongest_pole,
     twins,
 )
-from nassim.signals import TimeHistory
+from nassim.signals.time_history import TimeHistory
 
 MOST_MODES = 12
 """Modes up to which the criterion looks for more."""
@@ -44,7 +44,7 @@ class ModalFit:
     frequency: ascending, (modes,) [Hz]; damping_ratio: (modes,) [-]
     gains: each mode's share of the static response, (outputs, modes), output unit over input unit
     covariance: of frequency, damping_ratio and gains (output by output), square; from the noise, and near a resonance
-        whose residual is systematic from this misfit, see `nassim.pole_fit.misfit`
+        whose residual is systematic from this misfit, see `nassim.identification.pole_fit.misfit`
     residual_terms: (outputs, powers), output unit over input unit times s^p; residual_powers: (powers,)
     measured: responses at the lines of the fit, without the transient of a record and the hold of its input
     noise: standard deviation of `measured`, (outputs, lines), estimated from the residual

@@ -19,8 +19,8 @@ import numpy as np
 import scipy.linalg
 import scipy.optimize
 
-from nassim.checks import Array
-from nassim.modal import held_pole, mac
+from nassim.base.checks import Array
+from nassim.base.modal import held_pole, mac
 
 DAMPING_RANGE = (1e-5, 0.5)
 """Damping ratios between which a pole counts as a resonance."""
@@ -47,7 +47,7 @@ class Lines:
     omega: (n,) [rad/s]; excitation: (n,) complex; responses: (outputs, n) complex
     time_step: of the samples [s]; None where an FRF does not say
     transient: whether a record's start and end are part of the model, as they must be but for FRFs
-    hold_order: what the input does between samples, 0 or 1 as in `nassim.modal.held_pole`; None: it has no content
+    hold_order: what the input does between samples, 0 or 1 as in `nassim.base.modal.held_pole`; None: it has no content
         above half the sample rate, or no time step is known
     residual_powers: p of the terms s^p that stand for modes outside the band
     """

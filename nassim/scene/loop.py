@@ -3,8 +3,8 @@
 import math
 from dataclasses import dataclass
 
-from nassim.checks import above_zero, freeze, not_negative, unique
-from nassim.control import Controller
+from nassim.base.checks import above_zero, freeze, not_negative, unique
+from nassim.systems.controllers import Controller
 
 
 @dataclass(frozen=True)

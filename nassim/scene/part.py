@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from nassim.checks import Array
+from nassim.base.checks import Array
 
 if TYPE_CHECKING:
-    from nassim.scene import Scene
+    from nassim.scene.scene import Scene
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nassim.bodies import FlexibleBody
-from nassim.checks import above_zero, finite, freeze, not_negative
-from nassim.part import Actuator, Force, Leak, Reading, Row, Sensor, Spring, Word
-from nassim.piezo import PortCoupling
-from nassim.scene import Scene
+from nassim.scene.bodies import FlexibleBody
+from nassim.base.checks import above_zero, finite, freeze, not_negative
+from nassim.scene.part import Actuator, Force, Leak, Reading, Row, Sensor, Spring, Word
+from nassim.bodies.piezo import PortCoupling
+from nassim.scene.scene import Scene
 
 ONE_PLACE = 1e-9
 """Distance [m] up to which two points lie in one place."""

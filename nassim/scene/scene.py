@@ -8,10 +8,10 @@ from typing import TypeVar, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nassim.bodies import Body, FlexibleBody
-from nassim.checks import Array, finite_array, freeze, instances, known, not_negative, positive, unique
-from nassim.loop import Loop
-from nassim.part import Actuator, Connection, Constraint, Field, Force, ForceElement, Part, Reading, Sensor, Word
+from nassim.scene.bodies import Body, FlexibleBody
+from nassim.base.checks import Array, finite_array, freeze, instances, known, not_negative, positive, unique
+from nassim.scene.loop import Loop
+from nassim.scene.part import Actuator, Connection, Constraint, Field, Force, ForceElement, Part, Reading, Sensor, Word
 
 KINDS: dict[str, tuple[type, ...]] = {
     "bodies": get_args(Body),
@@ -106,7 +106,7 @@ class Scene:
 
     @cached_property
     def words(self) -> tuple[Word, ...]:
-        """What all parts say, see `nassim.part`."""
+        """What all parts say, see `nassim.scene.part`."""
         return tuple(word for part in self.parts for word in part.says(self))
 
     def said(self, kind: type[Said]) -> tuple[Said, ...]:

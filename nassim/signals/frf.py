@@ -9,8 +9,8 @@ import numpy as np
 import scipy.signal
 from numpy.typing import NDArray
 
-from nassim.checks import Array, finite, finite_array, freeze, known, positive, unique
-from nassim.signals import TimeHistory
+from nassim.base.checks import Array, finite, finite_array, freeze, known, positive, unique
+from nassim.signals.time_history import TimeHistory
 
 ComplexArray = NDArray[np.complex128]
 

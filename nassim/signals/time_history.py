@@ -7,7 +7,7 @@ import numpy as np
 import scipy.signal
 from numpy.typing import ArrayLike
 
-from nassim.checks import Array, finite, finite_array, freeze, known, not_negative, positive, unique
+from nassim.base.checks import Array, finite, finite_array, freeze, known, not_negative, positive, unique
 
 
 @dataclass(frozen=True)

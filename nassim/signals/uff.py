@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from nassim.checks import Array
-from nassim.units import to_si
+from nassim.base.checks import Array
+from nassim.base.units import to_si
 
 KINDS = {1: "time", 4: "frf", 6: "coherence", 26: "coherence"}
 """Function types that are read; other data sets are left out."""

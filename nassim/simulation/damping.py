@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nassim.checks import Array
-from nassim.modal import modal_damping_matrix
+from nassim.base.checks import Array
+from nassim.base.modal import modal_damping_matrix
 
 LOST_DAMPING = 0.01
 """Share of a mode's damping whose loss is worth a warning."""

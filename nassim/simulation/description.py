@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from nassim.bodies import FlexibleBody
-from nassim.part import Force, Leak, Reading, Spring
-from nassim.scene import Scene
-from nassim.trimming import trim_scene
+from nassim.scene.bodies import FlexibleBody
+from nassim.scene.part import Force, Leak, Reading, Spring
+from nassim.scene.scene import Scene
+from nassim.simulation.trimming import trim_scene
 
 
 def describe(scene: Scene) -> str:

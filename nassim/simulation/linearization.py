@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from nassim.assembly import Assembly, assemble
-from nassim.bodies import Body, FlexibleBody
-from nassim.checks import Array
-from nassim.feedback import DELAY_ORDER, close_loop
-from nassim.linear import LinearModel, frequency_response, sampled
-from nassim.scene import Scene
-from nassim.statespace import StateSpace
+from nassim.simulation.small_motion import Assembly, assemble
+from nassim.scene.bodies import Body, FlexibleBody
+from nassim.base.checks import Array
+from nassim.systems.feedback import DELAY_ORDER, close_loop
+from nassim.systems.linear_model import LinearModel, frequency_response, sampled
+from nassim.scene.scene import Scene
+from nassim.systems.state_space import StateSpace
 
 
 def linearize(scene: Scene) -> LinearModel:

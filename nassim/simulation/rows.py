@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from nassim.bodies import Body
-from nassim.checks import Array
-from nassim.part import Row
-from nassim.scene import Scene
+from nassim.scene.bodies import Body
+from nassim.base.checks import Array
+from nassim.scene.part import Row
+from nassim.scene.scene import Scene
 
 
 def shares(scene: Scene, row: Row) -> dict[str, Array]:

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from nassim.checks import Array, known, positive
-from nassim.scene import Scene
-from nassim.signals import TimeHistory, occupied_bandwidth
-from nassim.units import to_si
+from nassim.base.checks import Array, known, positive
+from nassim.scene.scene import Scene
+from nassim.signals.time_history import TimeHistory, occupied_bandwidth
+from nassim.base.units import to_si
 
 STEPS_PER_PERIOD = 8
 """Fewest time steps in the shortest period that an excitation holds."""

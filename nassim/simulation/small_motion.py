@@ -6,17 +6,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg
 
-from nassim.bodies import Body, RigidBody
-from nassim.checks import Array
-from nassim.damping import Damping
-from nassim.floating_frame import FloatingFrame, floating_frame
-from nassim.modal import elastic_ratios
-from nassim.part import Constraint, Field, Force, Leak, Reading, Row, Spring, Word, unknown_word
-from nassim.rigid_motion import AXES, DIRECTIONS
-from nassim.rows import shares
-from nassim.scene import Scene
-from nassim.strain import Strain, joined, spring_strain, stiffness_root, strained_modes
-from nassim.trimming import trim_scene
+from nassim.scene.bodies import Body, RigidBody
+from nassim.base.checks import Array
+from nassim.simulation.damping import Damping
+from nassim.bodies.floating_frame import FloatingFrame, floating_frame
+from nassim.base.modal import elastic_ratios
+from nassim.scene.part import Constraint, Field, Force, Leak, Reading, Row, Spring, Word, unknown_word
+from nassim.base.rigid_motion import AXES, DIRECTIONS
+from nassim.simulation.rows import shares
+from nassim.scene.scene import Scene
+from nassim.bodies.strain import Strain, joined, spring_strain, stiffness_root, strained_modes
+from nassim.simulation.trimming import trim_scene
 
 NO_EQUILIBRIUM = (
     "no static equilibrium: can a body move freely? Add joints, leave gravity out, or let the scene go as it is drawn "
@@ -30,7 +30,7 @@ REDUNDANT = 1e-7
 class Circuit:
     """A resistance across an electrical port, whose charge is a state v = charge / capacitance [V] of its own.
 
-    forces: on all coordinates per volt of v, (n_all,); the others: see `nassim.part.Leak`
+    forces: on all coordinates per volt of v, (n_all,); the others: see `nassim.scene.part.Leak`
 
     The voltage V = v - forces @ q / capacitance drives the current that discharges it:
     capacitance v' = -V / resistance.

@@ -9,11 +9,11 @@ import numpy as np
 import scipy.linalg
 from scipy.spatial.transform import Rotation
 
-from nassim.bodies import Body, FlexibleBody
-from nassim.checks import Array
-from nassim.part import Constraint
-from nassim.rigid_motion import DIRECTIONS, rigid_transfer
-from nassim.scene import Scene
+from nassim.scene.bodies import Body, FlexibleBody
+from nassim.base.checks import Array
+from nassim.scene.part import Constraint
+from nassim.base.rigid_motion import DIRECTIONS, rigid_transfer
+from nassim.scene.scene import Scene
 
 FOLLOWED = 1e-9
 """Share of an asked angular velocity that rounding may leave out."""

@@ -6,21 +6,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from nassim.assembly import Assembly, assemble, motion_size
-from nassim.buckling import axial_forces, warn_of_buckling
-from nassim.checks import Array, finite, known
-from nassim.digital import samples_per_period
-from nassim.exact import exact_response
-from nassim.exudyn_solver import axial_tension, eigenfrequencies, solve_dynamic, solve_static
-from nassim.exudyn_state import System
-from nassim.exudyn_system import build_system
-from nassim.kinematics import starting_twists
-from nassim.linearize import linearize
-from nassim.part import Reading
-from nassim.progress import stage
-from nassim.sampling import sampled
-from nassim.scene import Scene
-from nassim.signals import TimeHistory, occupied_bandwidth
+from nassim.simulation.small_motion import Assembly, assemble, motion_size
+from nassim.simulation.buckling import axial_forces, warn_of_buckling
+from nassim.base.checks import Array, finite, known
+from nassim.simulation.running_loops import samples_per_period
+from nassim.simulation.exact_steps import exact_response
+from nassim.simulation.exudyn.solver import axial_tension, eigenfrequencies, solve_dynamic, solve_static
+from nassim.simulation.exudyn.state import System
+from nassim.simulation.exudyn.system import build_system
+from nassim.simulation.starting_motion import starting_twists
+from nassim.simulation.linearization import linearize
+from nassim.scene.part import Reading
+from nassim.base.progress import stage
+from nassim.simulation.sampling import sampled
+from nassim.scene.scene import Scene
+from nassim.signals.time_history import TimeHistory, occupied_bandwidth
 
 METHODS = ("generalized_alpha", "exact", "explicit")
 STABLE_ANGLE = 2.6

@@ -13,9 +13,9 @@ import scipy.linalg
 import scipy.signal
 from numpy.typing import ArrayLike
 
-from nassim.checks import Array, finite, finite_array, freeze, not_negative, positive
-from nassim.frf import FRF
-from nassim.statespace import StateSpace, cascade, transfer_matrix, tustin
+from nassim.base.checks import Array, finite, finite_array, freeze, not_negative, positive
+from nassim.signals.frf import FRF
+from nassim.systems.state_space import StateSpace, cascade, transfer_matrix, tustin
 
 
 @dataclass(frozen=True)

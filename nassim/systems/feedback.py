@@ -1,6 +1,6 @@
 """Controllers in loops around linear models: the closed loop, the open loop's margins, sensitivity.
 
-Sampled or continuous follows the model. Around a sampled one (`nassim.linear.sampled`) the loop is exact: it predicts a
+Sampled or continuous follows the model. Around a sampled one (`nassim.systems.linear_model.sampled`) the loop is exact: it predicts a
 simulation or a computer at that sample rate, saturation aside. Around a continuous one the controller stands by its
 continuous equivalent: for the insight of design, with branches and zeros as books draw them, and for FRFs between
 samples, up to a tenth of the sample rate. A plant that follows its input within a sample (direct feedthrough, modes
@@ -15,11 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.signal
 
-from nassim.checks import Array, finite, known, unique
-from nassim.control import Controller, controller_response
-from nassim.frf import FRF, ComplexArray
-from nassim.linear import LinearModel, frequency_response
-from nassim.statespace import StateSpace, cascade, inverse_tustin
+from nassim.base.checks import Array, finite, known, unique
+from nassim.systems.controllers import Controller, controller_response
+from nassim.signals.frf import FRF, ComplexArray
+from nassim.systems.linear_model import LinearModel, frequency_response
+from nassim.systems.state_space import StateSpace, cascade, inverse_tustin
 
 DELAY_ORDER = 4
 SAME = 1e-9

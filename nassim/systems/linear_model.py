@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nassim.checks import Array, finite_array, freeze, positive
-from nassim.frf import FRF
-from nassim.statespace import StateSpace, discretize, transfer_matrix
+from nassim.base.checks import Array, finite_array, freeze, positive
+from nassim.signals.frf import FRF
+from nassim.systems.state_space import StateSpace, discretize, transfer_matrix
 
 ROUNDING = 1e-8
 """Growth rates below this share of the fastest pole are rounding: rigid motion's double pole has them."""

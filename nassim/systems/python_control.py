@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from nassim.checks import positive
-from nassim.control import Controller
-from nassim.linear import LinearModel
-from nassim.statespace import StateSpace, tustin
+from nassim.base.checks import positive
+from nassim.systems.controllers import Controller
+from nassim.systems.linear_model import LinearModel
+from nassim.systems.state_space import StateSpace, tustin
 
 
 def to_control(model: LinearModel) -> Any:

@@ -8,11 +8,11 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import ArrayLike
 
-from nassim.checks import Array, finite_array, freeze, positive
-from nassim.control import Controller
-from nassim.feedback import DELAY_ORDER, Names, close_loop, controller_model, names
-from nassim.linear import LinearModel, frequency_and_damping, is_growing, s_plane
-from nassim.statespace import cascade, transmission_zeros
+from nassim.base.checks import Array, finite_array, freeze, positive
+from nassim.systems.controllers import Controller
+from nassim.systems.feedback import DELAY_ORDER, Names, close_loop, controller_model, names
+from nassim.systems.linear_model import LinearModel, frequency_and_damping, is_growing, s_plane
+from nassim.systems.state_space import cascade, transmission_zeros
 
 CRITICAL = 1 - 1e-12
 RESOLUTION = 1e-7

@@ -3,7 +3,7 @@
 import numpy as np
 import scipy.linalg
 
-from nassim.checks import Array
+from nassim.base.checks import Array
 
 WELL_CONDITIONED = 1e8
 FAR = 100.0
