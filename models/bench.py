@@ -22,7 +22,7 @@ from nassim import (
     VoltageDrive,
     VoltageSensor,
 )
-from nassim.fem.full_model import full_frequency_response
+from nassim.fem import full_frequency_response
 
 AMPLIFIER_GAIN = 20.0
 """Stack voltage per DAC voltage [V/V]."""

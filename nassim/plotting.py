@@ -13,15 +13,15 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, MultipleLocator, NullFormatter
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-from nassim.bodies.reduced_body import ReducedBody
 from nassim.base.checks import Array, known
-from nassim.signals.frf import FRF
-from nassim.identification.modal_fit import ModalFit
+from nassim.bodies.reduced_body import ReducedBody
 from nassim.exchange.inspection import signed_frequencies
-from nassim.systems.root_locus import Optimum, RootLocus
 from nassim.exchange.row_order import rigid_residual
-from nassim.signals.time_history import TimeHistory
 from nassim.exchange.superelement import Superelement
+from nassim.identification.modal_fit import ModalFit
+from nassim.signals.frf import FRF
+from nassim.signals.time_history import TimeHistory
+from nassim.systems.root_locus import Optimum, RootLocus
 
 COLORS = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf", "#8c564b", "#e377c2")
 

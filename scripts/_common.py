@@ -17,10 +17,9 @@ import numpy as np
 import psutil
 
 from nassim import FRF, LinearModel
-from nassim.systems.linear_model import damping
+from nassim.base import written_whole
 from nassim.plotting import plot_frf, plot_frf_error, plt
-from nassim.systems.state_space import transmission_zeros
-from nassim.base.storage import written_whole
+from nassim.systems import damping, transmission_zeros
 
 
 class Arguments(argparse.ArgumentParser):

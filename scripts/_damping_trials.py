@@ -8,10 +8,10 @@ import numpy as np
 from _common import pole_and_zero_of
 
 from nassim import FRF, LinearModel, Scene, SpringDamper, TimeHistory, estimate_frf, frequency_response, simulate
-from nassim.simulation.linearization import linearize_closed
-from nassim.base.modal import decay_poles
+from nassim.base import decay_poles
 from nassim.plotting import plot_frf, plot_time_history, plt, save_figure
-from nassim.signals.time_history import band_limited_noise
+from nassim.signals import band_limited_noise
+from nassim.simulation import linearize_closed
 
 
 def pole_zero_level(plant: LinearModel) -> tuple[float, float, float]:

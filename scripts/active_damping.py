@@ -23,12 +23,18 @@ from scipy.optimize import brentq
 from models.apa300ml import PORTS, reduced_apa300ml
 from models.bench import make_bench
 from nassim import Loop, frequency_response, linearize
-from nassim.systems.controllers import integral_force_feedback
-from nassim.systems.feedback import margins, open_loop
-from nassim.systems.linear_model import sampled, transmissibility
-from nassim.simulation.linearization import linearize_closed
-from nassim.systems.root_locus import iff_optimum, optimum_gain, root_locus
 from nassim.plotting import plot_root_locus, save_figure
+from nassim.simulation import linearize_closed
+from nassim.systems import (
+    iff_optimum,
+    integral_force_feedback,
+    margins,
+    open_loop,
+    optimum_gain,
+    root_locus,
+    sampled,
+    transmissibility,
+)
 
 WIRES = {"measured": "sensor_voltage", "driven": "actuator_voltage"}
 SHARES = (0.05, 0.1, 0.2, 0.35, 0.5, 0.7)

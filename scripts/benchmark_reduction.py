@@ -19,12 +19,8 @@ from _common import not_negative, parser, peak_memory, run, run_in_own_process, 
 
 from models.apa300ml import make_apa300ml
 from nassim import FEModel, Solid, condense, craig_bampton
-from nassim.fem.assembly import assemble_mesh
-from nassim.fem.fe_model import make_coupling
-from nassim.fem.full_model import full_eigenfrequencies
-from nassim.fem.meshing import generate_mesh
-from nassim.base.modal import eigenmodes
-from nassim.fem.solver import threads
+from nassim.base import eigenmodes
+from nassim.fem import assemble_mesh, full_eigenfrequencies, generate_mesh, make_coupling, threads
 
 SIZES = {"2.5k": (10.0, 0.1), "7.5k": (5.0, 0.5), "22k": (2.2, 0.5)}  # element size [mm], curvature
 ROUTES = {"nassim": "nassim", "exudyn": "Exudyn (SciPy)", "exudyn_ngsolve": "Exudyn (NGSolve)"}

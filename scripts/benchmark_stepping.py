@@ -18,8 +18,8 @@ from exudyn.rigidBodyUtilities import GetRigidBodyNode
 from models.apa300ml import reduced_apa300ml
 from models.bench import make_bench
 from nassim import RigidBody, Scene, TimeHistory, frequency_response, linearize, simulate
-from nassim.simulation.small_motion import assemble, deformation_damping
-from nassim.signals.time_history import band_limited_noise
+from nassim.signals import band_limited_noise
+from nassim.simulation import assemble, deformation_damping
 
 CUTOFF = 1500.0
 USUAL = "usual construction"

@@ -13,9 +13,8 @@ from _common import parser, positive, run, whole, write_summary
 
 from models.apa300ml import CALIBRATION, PAPER_FREQUENCY_FE, PRISMS, STACK, VENDOR_STIFFNESS
 from models.apa300ml.calibration import CIRCUITS, FIGURES, PARAMETERS, PUBLISHED, make_model
-from nassim.identification.calibration import Target, at_bounds, calibrate, check_determined, sensitivities
-from nassim.base.progress import stage
-from nassim.base.storage import written_whole
+from nassim.base import stage, written_whole
+from nassim.identification import Target, at_bounds, calibrate, check_determined, sensitivities
 
 arguments = parser(__doc__, "calibrate_apa")
 arguments.add_argument("--fit", nargs="+", default=["pzt_modulus"], choices=PARAMETERS, help="(default: pzt_modulus)")

@@ -12,7 +12,7 @@ from _common import compare_frf, parser, plot_bode_pair, plot_error_pair, positi
 from models.bench import make_bench
 from nassim import TimeHistory, estimate_frf, frequency_response, linearize, simulate
 from nassim.plotting import save_figure
-from nassim.signals.time_history import band_limited_noise, chirp, multisine
+from nassim.signals import band_limited_noise, chirp, multisine
 
 arguments = parser(__doc__, "excitation_study")
 arguments.add_argument(

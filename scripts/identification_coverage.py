@@ -11,9 +11,8 @@ from make_blind_record import make_blind_record
 
 from models.apa300ml import reduced_apa300ml
 from models.bench import make_bench
-from nassim.identification.modal_fit import identify_modes
-from nassim.signals.files import read_measurement
-from nassim.identification.apply import apply_identification
+from nassim.identification import apply_identification, identify_modes
+from nassim.signals import read_measurement
 
 WITHIN = 1.96
 FEW = 10

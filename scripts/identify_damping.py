@@ -14,10 +14,9 @@ from make_blind_record import make_blind_record
 from models.apa300ml import reduced_apa300ml
 from models.bench import make_bench
 from nassim import TimeHistory, frequency_response, linearize, save
-from nassim.identification.modal_fit import ModalFit, identify_modes
-from nassim.signals.files import read_measurement
+from nassim.identification import ModalFit, UpdateReport, apply_identification, identify_modes
 from nassim.plotting import plot_modal_fit, plt, save_figure
-from nassim.identification.apply import UpdateReport, apply_identification
+from nassim.signals import read_measurement
 
 UNITS = {"sensor_voltage": "V/V", "encoder": "m/V"}
 arguments = parser(__doc__, "identify_damping")

@@ -9,12 +9,9 @@ from _common import parser, positive, run, write_summary
 
 from models.bench import make_passive_bench
 from nassim import static_response
-from nassim.exchange.acceptance import repair, to_body
-from nassim.exchange.export import export_body
-from nassim.exchange.inspection import check
+from nassim.exchange import check, export_body, read_superelement, repair, to_body
 from nassim.plotting import plot_inspection, save_figure
-from nassim.simulation.time_domain import exudyn_eigenfrequencies
-from nassim.exchange.superelement import read_superelement
+from nassim.simulation import exudyn_eigenfrequencies
 
 arguments = parser(__doc__, "import_body")
 arguments.add_argument("files", nargs="+", help="one .mat or .npz file, or the text listings of one body")

@@ -14,10 +14,9 @@ from _common import not_negative, parser, positive, run, whole, write_summary
 from models.apa300ml import reduced_apa300ml
 from models.bench import make_bench
 from nassim import FlexibleBody, Joint, ReducedBody, RigidBody, Scene, TimeHistory, simulate
-from nassim.simulation.small_motion import assemble
-from nassim.signals.files import write_record
-from nassim.signals.time_history import band_limited_noise
-from nassim.identification.apply import modal_gains
+from nassim.identification import modal_gains
+from nassim.signals import band_limited_noise, write_record
+from nassim.simulation import assemble
 
 SAMPLE_RATE, CUTOFF_FREQUENCY = 10e3, 500.0  # Hz
 LIMITS = {  # drawn evenly between these

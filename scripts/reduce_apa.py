@@ -9,7 +9,7 @@ from _common import parser, positive, run, whole, write_summary
 from models.apa300ml import PAPER_FREQUENCY_FE, PRISMS, VENDOR_STIFFNESS, make_apa300ml
 from models.bench import formula_frequency
 from nassim import build_fe_model, condense, craig_bampton
-from nassim.fem.full_model import full_eigenfrequencies
+from nassim.fem import full_eigenfrequencies
 from nassim.plotting import plot_body, plot_mode, plt, save_figure
 
 arguments = parser(__doc__, "reduce_apa")

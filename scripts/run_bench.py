@@ -31,7 +31,7 @@ from models.apa300ml import (
 from models.bench import BENCH_CONDITIONS, SENSOR_RESISTANCE, formula_frequency, full_bench_response, make_bench
 from nassim import build_fe_model, condense, estimate_frf, frequency_response, linearize, open_circuit, save, simulate
 from nassim.plotting import plot_time_history, save_figure
-from nassim.signals.time_history import band_limited_noise
+from nassim.signals import band_limited_noise
 
 arguments = parser(__doc__, "run_bench")
 arguments.add_argument("--payload-mass", type=positive, default=5.0, help="mass on top [kg] (default: 5)")

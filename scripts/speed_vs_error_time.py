@@ -15,10 +15,9 @@ from _common import parser, positive, run, write_summary
 from models.apa300ml import reduced_apa300ml
 from models.bench import make_bench
 from nassim import TimeHistory, simulate
-from nassim.simulation.small_motion import assemble
 from nassim.plotting import plot_pareto, save_figure
-from nassim.signals.time_history import band_limited_noise
-from nassim.simulation.time_domain import integrator_error
+from nassim.signals import band_limited_noise
+from nassim.simulation import assemble, integrator_error
 
 CUTOFFS = {"all": None, "1500 Hz": 1500.0, "500 Hz": 500.0}
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import scipy.linalg
 
-from nassim.exchange.inspection import as_superelement
 from nassim.base.rigid_motion import AXES, rigid_transfer
+from nassim.exchange.inspection import as_superelement
 from nassim.exchange.superelement import read_superelement
 
 SAMPLE = Path(__file__).parent / "data" / "ansys_listing"

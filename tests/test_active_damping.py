@@ -10,10 +10,10 @@ from test_digital import DAMPING, MASS, STIFFNESS, oscillator
 
 from models.bench import make_bench
 from nassim import Loop, TimeHistory, frequency_response, linearize, simulate
+from nassim.base.modal import decay_poles
+from nassim.simulation.linearization import linearize_closed
 from nassim.systems.controllers import integral_force_feedback
 from nassim.systems.linear_model import transmissibility, unstable_poles
-from nassim.simulation.linearization import linearize_closed
-from nassim.base.modal import decay_poles
 
 RATE = 1e4
 

@@ -21,11 +21,11 @@ from nassim import (
     simulate,
     static_response,
 )
-from nassim.simulation.small_motion import assemble, motion_size
-from nassim.bodies.inertia import RigidInertia
-from nassim.systems.linear_model import damping
 from nassim.base.rigid_motion import rigid_transfer
+from nassim.bodies.inertia import RigidInertia
+from nassim.simulation.small_motion import assemble, motion_size
 from nassim.simulation.time_domain import exudyn_eigenfrequencies
+from nassim.systems.linear_model import damping
 from nassim.systems.state_space import discretize
 
 LENGTH, STIFFNESS, LEFT, RIGHT, LOAD = 0.2, 5e4, 0.7, 0.4, 1.3

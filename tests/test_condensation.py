@@ -8,8 +8,8 @@ import pytest
 from conftest import STEEL, lattice, make_bar
 
 from nassim import RemotePoint, Solid, build_fe_model, condense
-from nassim.fem.condensation import expanded_dofs
 from nassim.base.rigid_motion import rigid_transfer
+from nassim.fem.condensation import expanded_dofs
 
 
 def dense_reference(model, load):

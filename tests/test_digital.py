@@ -23,13 +23,13 @@ from nassim import (
     linearize,
     simulate,
 )
-from nassim.systems.controllers import Controller
-from nassim.simulation.description import describe
-from nassim.simulation.running_loops import start_controller
-from nassim.simulation.linearization import linearize_closed
 from nassim.base.modal import decay_poles
-from nassim.signals.time_history import low_pass
+from nassim.signals.excitations import low_pass
+from nassim.simulation.description import describe
+from nassim.simulation.linearization import linearize_closed
+from nassim.simulation.running_loops import start_controller
 from nassim.simulation.time_domain import exudyn_eigenfrequencies
+from nassim.systems.controllers import Controller
 
 STEP = 1e-4
 GAIN = Controller(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[2.0]], 1e4, delay=0)

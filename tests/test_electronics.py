@@ -30,8 +30,8 @@ from nassim import (
     trim_scene,
     truncation_error,
 )
-from nassim.fem.fe_model import make_coupling
 from nassim.bodies.piezo import PortCoupling
+from nassim.fem.fe_model import make_coupling
 
 CAPACITANCE = 1e-6
 TURN = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import scipy.signal
 
+from nassim.signals.frf import FRF
+from nassim.simulation.linearization import linearize
 from nassim.systems.controllers import Controller, integral_force_feedback, notch, proportional, series
 from nassim.systems.feedback import close_loop, controller_model, loop_response, margins, open_loop, sensitivity
-from nassim.signals.frf import FRF
-from nassim.systems.python_control import to_control
 from nassim.systems.linear_model import LinearModel, damping, frequency_response, sampled, unstable_poles
-from nassim.simulation.linearization import linearize
+from nassim.systems.python_control import to_control
 
 RATE = 2000.0
 POLE, ZERO = 100.0, 40.0

@@ -26,14 +26,15 @@ from nassim import (
     simulate,
     truncation_error,
 )
-from nassim.simulation.small_motion import assemble
+from nassim.base.modal import decay_poles
+from nassim.bodies.projection import trim_body
+from nassim.signals.excitations import band_limited_noise, sine_dwell
+from nassim.simulation.accuracy import integrator_error
 from nassim.simulation.description import describe
 from nassim.simulation.exact_steps import exact_response
 from nassim.simulation.exudyn.system import build_system
-from nassim.base.modal import decay_poles
-from nassim.signals.time_history import band_limited_noise, sine_dwell
-from nassim.simulation.time_domain import exudyn_eigenfrequencies, integrator_error
-from nassim.bodies.projection import trim_body
+from nassim.simulation.small_motion import assemble
+from nassim.simulation.time_domain import exudyn_eigenfrequencies
 from nassim.simulation.trimming import trim_scene
 
 STEP = 1e-4

@@ -7,11 +7,11 @@ from conftest import lattice, make_bar
 from exudyn.FEM import ComputeSkewMatrix
 
 from nassim import FlexibleBody, Scene, build_fe_model, condense, craig_bampton
-from nassim.simulation.small_motion import assemble
-from nassim.simulation.exudyn.solver import solve_dynamic
-from nassim.simulation.exudyn.system import build_system
 from nassim.bodies.floating_frame import floating_frame
 from nassim.fem.modes import fixed_interface_modes
+from nassim.simulation.exudyn.solver import solve_dynamic
+from nassim.simulation.exudyn.system import build_system
+from nassim.simulation.small_motion import assemble
 
 
 def test_integrals_equal_exudyns_own_formulas():

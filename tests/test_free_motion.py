@@ -26,13 +26,13 @@ from nassim import (
     linearize,
     simulate,
 )
-from nassim.simulation.small_motion import assemble
-from nassim.exchange.export import body_damping, body_state_space
-from nassim.systems.linear_model import damping
 from nassim.base.rigid_motion import rigid_motions, rigid_transfer
-from nassim.bodies.strain import strained_modes
 from nassim.bodies.projection import trim_body
+from nassim.bodies.strain import strained_modes
+from nassim.exchange.export import body_damping, body_state_space
 from nassim.identification.apply import modal_gains
+from nassim.simulation.small_motion import assemble
+from nassim.systems.linear_model import damping
 
 MASS = 100.0
 CENTRE = np.array([0.3, -0.2, 0.1])

@@ -5,7 +5,7 @@ import pytest
 import scipy.signal
 
 from nassim import FRF, TimeHistory, estimate_frf
-from nassim.signals.time_history import band_limited_noise, multisine
+from nassim.signals.excitations import band_limited_noise, multisine
 
 RATE, N = 1000.0, 100_000
 FILTERS = {  # second-order resonance, low-pass, delay, differentiator

@@ -29,12 +29,13 @@ from nassim import (
     craig_bampton,
     simulate,
 )
-from nassim.simulation.small_motion import assemble
+from nassim.fem.full_model import full_eigenfrequencies
+from nassim.signals.excitations import sine_dwell
+from nassim.simulation.accuracy import integrator_error
 from nassim.simulation.exudyn.solver import solve_dynamic
 from nassim.simulation.exudyn.system import build_system
-from nassim.fem.full_model import full_eigenfrequencies
-from nassim.signals.time_history import sine_dwell
-from nassim.simulation.time_domain import exudyn_eigenfrequencies, integrator_error
+from nassim.simulation.small_motion import assemble
+from nassim.simulation.time_domain import exudyn_eigenfrequencies
 
 STEP = 1e-4
 

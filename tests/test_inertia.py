@@ -8,13 +8,13 @@ import pytest
 from conftest import lattice, make_bar
 
 from nassim import FlexibleBody, Scene, build_fe_model, craig_bampton
-from nassim.simulation.small_motion import assemble
-from nassim.simulation.exudyn.solver import solve_dynamic
-from nassim.simulation.exudyn.system import build_system
+from nassim.base.rigid_motion import rigid_motions
 from nassim.bodies.floating_frame import floating_frame
 from nassim.bodies.inertia import completed_gram, rigid_inertia
-from nassim.base.rigid_motion import rigid_motions
 from nassim.bodies.projection import trim_body
+from nassim.simulation.exudyn.solver import solve_dynamic
+from nassim.simulation.exudyn.system import build_system
+from nassim.simulation.small_motion import assemble
 
 KNOWN = (
     "mass",

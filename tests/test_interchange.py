@@ -7,8 +7,8 @@ import pytest
 import scipy.signal
 
 from nassim.systems.controllers import integral_force_feedback
-from nassim.systems.python_control import controller_from_control, model_from_control, to_control
 from nassim.systems.linear_model import LinearModel, frequency_response, sampled
+from nassim.systems.python_control import controller_from_control, model_from_control, to_control
 
 control = pytest.importorskip("control")
 RATE = 2000.0

@@ -24,8 +24,8 @@ from nassim import (
     craig_bampton,
     simulate,
 )
-from nassim.simulation.small_motion import assemble
 from nassim.simulation.exudyn.system import build_system
+from nassim.simulation.small_motion import assemble
 from nassim.simulation.starting_motion import starting_twists
 
 OUTPUT = exu.OutputVariableType

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from test_feedback import LOOP, POLE, RATE, ZERO, iff, one_mode, two_modes
 
+from nassim.plotting import plot_root_locus, save_figure
+from nassim.simulation.linearization import linearize
 from nassim.systems.controllers import integral_force_feedback, proportional
 from nassim.systems.feedback import close_loop
 from nassim.systems.linear_model import LinearModel, damping, frequency_response, sampled, unstable_poles
-from nassim.simulation.linearization import linearize
 from nassim.systems.root_locus import RootLocus, iff_optimum, optimum_gain, root_locus
-from nassim.plotting import plot_root_locus, save_figure
 from nassim.systems.state_space import transmission_zeros
 
 GAINS = np.concatenate([[0.0], np.geomspace(0.01, 60.0, 140)])

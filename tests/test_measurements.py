@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from nassim import FRF, TimeHistory
-from nassim.signals.files import read_frf, read_measurement, read_record, write_record
 from nassim.base.units import to_si
+from nassim.signals.files import read_frf, read_measurement, read_record, write_record
 
 pyuff = pytest.importorskip("pyuff")
 RECORD = "time [ms], actuator_voltage [mV], encoder [um]\n0, 1, 2\n1, 3, 4\n2, 5, -6e-1\n"

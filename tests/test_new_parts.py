@@ -22,10 +22,10 @@ from nassim import (
     simulate,
     static_response,
 )
-from nassim.simulation.small_motion import assemble
 from nassim.base.checks import finite
-from nassim.simulation.linearization import linearize_closed
 from nassim.scene.part import Actuator, Force, Reading, Row, Sensor
+from nassim.simulation.linearization import linearize_closed
+from nassim.simulation.small_motion import assemble
 
 LINE = np.array([0.48, -0.6, 0.64])
 STEP = 2e-5

@@ -29,8 +29,8 @@ from nassim import (
     register,
     save,
 )
-from nassim.scene.part import Part
 from nassim.base.storage import fingerprint
+from nassim.scene.part import Part
 
 DATA = Path(__file__).parent / "data"
 NOT_DATA = {

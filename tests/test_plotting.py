@@ -7,8 +7,8 @@ import pytest
 from conftest import STEEL, make_bar
 
 from nassim import FRF, RemotePoint, Solid, TimeHistory, build_fe_model, craig_bampton
-from nassim.plotting import plot_frf, plot_frf_error, plot_mode, plot_time_history
 from nassim.base.rigid_motion import rigid_transfer
+from nassim.plotting import plot_frf, plot_frf_error, plot_mode, plot_time_history
 
 
 @pytest.fixture(autouse=True)

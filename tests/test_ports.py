@@ -37,12 +37,12 @@ from nassim import (
     simulate,
     static_response,
 )
-from nassim.fem.full_model import full_frequency_response
-from nassim.bodies.piezo import PortCoupling
 from nassim.base.rigid_motion import rigid_transfer
-from nassim.signals.time_history import band_limited_noise
-from nassim.simulation.time_domain import exudyn_eigenfrequencies
+from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.projection import keep_modes, open_circuit, trim_body
+from nassim.fem.full_model import full_frequency_response
+from nassim.signals.excitations import band_limited_noise
+from nassim.simulation.time_domain import exudyn_eigenfrequencies
 
 SHEET = {
     "free_stroke": 20e-6,

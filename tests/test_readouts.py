@@ -8,8 +8,8 @@ from conftest import lattice, make_bar
 
 from nassim import ElectricalPort, ReducedBody, RemotePoint, craig_bampton, load, save
 from nassim.bodies.piezo import PortCoupling
-from nassim.bodies.readouts import PassivePoint, Picture, Surface, by_name, of_kind, upgraded_readouts
 from nassim.bodies.projection import keep_modes, keep_ports, project, trim_body
+from nassim.bodies.readouts import PassivePoint, Picture, Surface, by_name, of_kind, upgraded_readouts
 
 RNG = np.random.default_rng(5)
 N = 16

@@ -8,9 +8,9 @@ import scipy.linalg
 from conftest import lattice
 
 from nassim import craig_bampton
+from nassim.base.modal import eigenmodes
 from nassim.fem.condensation import expanded_dofs
 from nassim.fem.full_model import full_eigenfrequencies
-from nassim.base.modal import eigenmodes
 
 
 @pytest.fixture(scope="module")

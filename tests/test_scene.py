@@ -21,9 +21,9 @@ from nassim import (
     VoltageSensor,
     craig_bampton,
 )
-from nassim.simulation.small_motion import assemble
-from nassim.simulation.description import describe
 from nassim.bodies.projection import trim_body
+from nassim.simulation.description import describe
+from nassim.simulation.small_motion import assemble
 
 LENGTH, MASS = 0.1, 2.0
 NOTHING = {"mass_matrix": np.zeros((0, 0)), "stiffness_matrix": np.zeros((0, 0)), "gram": np.zeros((4, 4))}

@@ -5,16 +5,8 @@ import pytest
 import scipy.signal
 
 from nassim import TimeHistory
-from nassim.signals.time_history import (
-    band_limited_noise,
-    chirp,
-    low_pass,
-    multisine,
-    occupied_bandwidth,
-    sample_times,
-    sine_dwell,
-    step,
-)
+from nassim.signals.excitations import band_limited_noise, chirp, low_pass, multisine, sine_dwell, step
+from nassim.signals.time_history import occupied_bandwidth, sample_times
 
 RATE = 1000.0
 BAND = {"lowest_frequency": 10.0, "highest_frequency": 100.0, "period": 0.5}

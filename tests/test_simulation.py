@@ -17,8 +17,8 @@ from nassim import (
     simulate,
     static_response,
 )
+from nassim.signals.excitations import multisine, sine_dwell, step
 from nassim.simulation.small_motion import assemble, deformation_damping
-from nassim.signals.time_history import multisine, sine_dwell, step
 from nassim.simulation.time_domain import exudyn_eigenfrequencies
 
 

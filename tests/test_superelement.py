@@ -9,9 +9,9 @@ import scipy.sparse
 from superelements import DOFS, SAMPLE, master_text, matrix_text, node_text, sample
 
 from nassim import arrayfiles
-from nassim.exchange.mat_npz import read_arrays
-from nassim.exchange.inspection import check
 from nassim.exchange.ansys import nodal_frame
+from nassim.exchange.inspection import check
+from nassim.exchange.mat_npz import read_arrays
 from nassim.exchange.superelement import read_superelement, significant_digits, superelement
 from nassim.exchange.unit_systems import unit_factors
 

@@ -10,12 +10,12 @@ from conftest import lattice, make_bar, pair_forces_and_readings
 from models.apa300ml import PRISMS, make_apa300ml
 from models.bench import BENCH_CONDITIONS
 from nassim import Material, build_fe_model, condense, craig_bampton, frequency_response, linearize, load, save
-from nassim.fem.full_model import full_eigenfrequencies, full_frequency_response
-from nassim.simulation.linearization import truncation_error
-from nassim.fem.mesh_error import released_stiffness
-from nassim.fem.modes import fixed_interface_modes
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.bodies.projection import keep_modes, trim_body
+from nassim.fem.full_model import full_eigenfrequencies, full_frequency_response
+from nassim.fem.mesh_error import released_stiffness
+from nassim.fem.modes import fixed_interface_modes
+from nassim.simulation.accuracy import truncation_error
 
 FACTOR = 3.0
 APA_CASES = [

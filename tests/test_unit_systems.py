@@ -5,9 +5,9 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from nassim.base.units import to_si
 from nassim.exchange.superelement import superelement
 from nassim.exchange.unit_systems import FORCES, LENGTHS, MASSES, SYSTEMS, Looks, unit_factors
-from nassim.base.units import to_si
 
 # International yard and pound agreement (1959), CGPM (1901): exact.
 FOOT, POUND, GRAVITY = Fraction(3048, 10000), Fraction(45359237, 10**8), Fraction(980665, 10**5)

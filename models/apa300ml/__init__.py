@@ -27,9 +27,8 @@ from nassim import (
     build_fe_model,
     craig_bampton,
 )
-from nassim.fem.solid import glue, shape_bytes
-from nassim.fem.solver import solver_name
-from nassim.base.storage import cached, code_fingerprint, fingerprint
+from nassim.base import cached, code_fingerprint, fingerprint
+from nassim.fem import glue, shape_bytes, solver_name
 
 # Table 1 of the paper; the ceramic's Poisson ratio and density are printed once for both materials.
 STEEL = Material("stainless steel", young_modulus=190e9, poisson_ratio=0.31, density=7800.0)

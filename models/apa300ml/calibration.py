@@ -16,10 +16,9 @@ from models.apa300ml import (
     make_apa300ml,
 )
 from nassim import ElectricalPort, FEModel, Solid, build_fe_model, craig_bampton, open_circuit
-from nassim.identification.calibration import Parameter
 from nassim.base.checks import known
-from nassim.fem.assembly import with_materials
-from nassim.fem.materials import Material
+from nassim.fem import Material, with_materials
+from nassim.identification import Parameter
 
 PARAMETERS = {
     p.name: p

@@ -25,7 +25,7 @@ FORMAT_VERSION = 3
 """Format 1, of nassim 0.1, had no seal; 1 and 2 named a noun by its module too, as in "nassim.signals:TimeHistory"."""
 SEAL_SIZE = 512
 """Bytes before the HDF5 image, which HDF5 leaves to applications (its user block): they hold the image's SHA-256."""
-PACKAGE = Path(__file__).parent
+PACKAGE = Path(__file__).parents[1]
 LIBRARIES = ("netgen-mesher", "ngsolve", "numpy", "scipy", "pypardiso", "mkl")
 
 Noun = TypeVar("Noun")
@@ -35,8 +35,8 @@ def save(obj: object, path: str | Path) -> Path:
     """Write a noun (TimeHistory, FRF, ReducedBody, ..., `register`ed ones) to an HDF5 file that begins with a checksum.
 
     The file appears whole or not at all: it is made in memory, written under another name and then moved in place.
-    Raises ValueError for dataclasses that are not in `nassim.base.nouns` and for other objects that no file holds, OSError
-    naming the file when it cannot be written.
+    Raises ValueError for dataclasses that are not in `nassim.base.nouns` and for other objects that no file holds,
+    OSError naming the file when it cannot be written.
     """
     # HDF5 writing to a full disk would end the interpreter.
     image = io.BytesIO()

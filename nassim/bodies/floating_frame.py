@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nassim.bodies.reduced_body import ReducedBody
 from nassim.base.checks import Array, known
 from nassim.base.rigid_motion import rigid_transfer, skew
+from nassim.bodies.reduced_body import ReducedBody
 
 
 @dataclass(frozen=True)

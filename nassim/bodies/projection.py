@@ -9,10 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from nassim.bodies.reduced_body import ReducedBody
 from nassim.base.checks import Array, known, not_negative, positive
 from nassim.base.modal import eigenmodes
 from nassim.bodies.readouts import PassivePoint, Picture, by_name
+from nassim.bodies.reduced_body import ReducedBody
 from nassim.bodies.strain import lets_go, without_rounding
 
 DEPENDENT = 1e-10

@@ -6,11 +6,11 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 import scipy.linalg
 
-from nassim.bodies.reduced_body import ReducedBody
 from nassim.base.checks import Array
 from nassim.bodies.inertia import completed_gram, free_of_rigid_motions
-from nassim.exchange.inspection import Report, as_superelement, check, signed_frequencies
 from nassim.bodies.interface import RemotePoint
+from nassim.bodies.reduced_body import ReducedBody
+from nassim.exchange.inspection import Report, as_superelement, check, signed_frequencies
 from nassim.exchange.row_order import rigid_residual
 from nassim.exchange.superelement import Superelement
 

@@ -6,12 +6,12 @@ import numpy as np
 import scipy.io
 from numpy.typing import ArrayLike
 
-from nassim.bodies.reduced_body import ReducedBody
 from nassim.base.checks import Array, known
-from nassim.bodies.interface import coordinate_names
-from nassim.systems.linear_model import LinearModel
 from nassim.base.modal import elastic_ratios, modal_damping_matrix
 from nassim.base.storage import written_whole
+from nassim.bodies.interface import coordinate_names
+from nassim.bodies.reduced_body import ReducedBody
+from nassim.systems.linear_model import LinearModel
 
 
 def export_body(body: ReducedBody, path: str | Path, *, damping_ratio: ArrayLike = 0.0) -> Path:

@@ -7,10 +7,10 @@ from itertools import combinations
 import numpy as np
 import scipy.linalg
 
-from nassim.bodies.reduced_body import ReducedBody
 from nassim.base.checks import Array, freeze, frozen_mapping, known
-from nassim.bodies.inertia import RigidInertia, free_of_rigid_motions, rigid_inertia
 from nassim.base.rigid_motion import rigid_motions
+from nassim.bodies.inertia import RigidInertia, free_of_rigid_motions, rigid_inertia
+from nassim.bodies.reduced_body import ReducedBody
 from nassim.exchange.row_order import FITS, guess_order, order_misfit, rigid_residual
 from nassim.exchange.superelement import Superelement
 from nassim.exchange.unit_systems import Looks, likely_units
@@ -19,7 +19,7 @@ VERDICTS = ("ok", "warning", "fault")
 TRUST = 1.5
 """Fixed-interface modes up to f represent a body up to f / 1.5: the usual rule."""
 SPIN = 1 / 30
-"""Angular velocity over the lowest elastic frequency from which unknown integrals matter, see `nassim.bodies.inertia`."""
+"""Angular velocity over the lowest elastic frequency from which unknown integrals matter: `nassim.bodies.inertia`."""
 NO_INERTIA = 1e-30
 """Diagonal entries of M below this share of its largest mean a motion without inertia."""
 COORDINATE_UNITS = {1e-3: "mm", 1e3: "m, and the matrices' length mm", 0.0254: "inches", 1 / 0.0254: "m, not inches"}

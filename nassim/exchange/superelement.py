@@ -9,10 +9,10 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
-from nassim.exchange.mat_npz import read_arrays, read_bytes
 from nassim.base.checks import Array, finite_array, freeze, known, unique
-from nassim.exchange.ansys import LARGEST, Listing, nodal_frame, parse_listings, rows_by_node
 from nassim.base.rigid_motion import rigid_motions
+from nassim.exchange.ansys import LARGEST, Listing, nodal_frame, parse_listings, rows_by_node
+from nassim.exchange.mat_npz import read_arrays, read_bytes
 from nassim.exchange.unit_systems import unit_factors
 
 VARIABLES = {

@@ -11,14 +11,14 @@ import scipy.sparse as sp
 
 from nassim.base.checks import Array
 from nassim.base.exclusive import exclusive
-from nassim.fem.fe_model import Coupling, FEModel, Refinement, make_coupling
+from nassim.base.notices import collected
+from nassim.base.progress import stage
 from nassim.bodies.interface import RemotePoint
+from nassim.fem.fe_model import Coupling, FEModel, Refinement, make_coupling
 from nassim.fem.materials import Material
 from nassim.fem.mesh_checks import check_memory, check_volume, warn_of_thin_walls
 from nassim.fem.meshing import generate_mesh
-from nassim.base.notices import collected
 from nassim.fem.ports import couple_port
-from nassim.base.progress import stage
 from nassim.fem.regions import by_body, faces
 from nassim.fem.skin import outer_surface
 from nassim.fem.solid import Solid

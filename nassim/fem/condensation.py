@@ -23,9 +23,9 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from nassim.base.checks import Array, unique
-from nassim.fem.fe_model import Coupling, FEModel, rigid_motions
 from nassim.base.progress import Advance, silent, stage
 from nassim.base.rigid_motion import rigid_transfer
+from nassim.fem.fe_model import Coupling, FEModel, rigid_motions
 from nassim.fem.solver import Factorization, factorize, solver_name, threads
 
 DEPENDENT = 1e-9

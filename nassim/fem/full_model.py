@@ -11,11 +11,11 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from nassim.base.checks import Array, finite_array, positive
-from nassim.fem.condensation import Condensation
-from nassim.signals.frf import FRF
-from nassim.bodies.interface import coordinate_vector, free_coordinates, point_masses
-from nassim.fem.modes import mass_operator
 from nassim.base.progress import Advance, stage
+from nassim.bodies.interface import coordinate_vector, free_coordinates, point_masses
+from nassim.fem.condensation import Condensation
+from nassim.fem.modes import mass_operator
+from nassim.signals.frf import FRF
 
 MECHANISM_TOLERANCE = 1e-10
 """Scaled stiffness eigenvalues below this are motions without strain."""

@@ -10,10 +10,10 @@ Source: R. E. Bank, R. K. Smith, A posteriori error estimates based on hierarchi
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.fem.condensation import Condensation, expanded_dofs
-from nassim.fem.assembly import refine_order
-from nassim.fem.modes import mass_operator
 from nassim.base.progress import Advance, silent
+from nassim.fem.assembly import refine_order
+from nassim.fem.condensation import Condensation, expanded_dofs
+from nassim.fem.modes import mass_operator
 from nassim.fem.solver import factorize, threads
 
 

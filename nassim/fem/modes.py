@@ -17,10 +17,10 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from nassim.base.checks import Array
-from nassim.fem.condensation import Condensation
-from nassim.fem.fe_model import FEModel
 from nassim.base.modal import eigenmodes
 from nassim.base.progress import Advance, silent
+from nassim.fem.condensation import Condensation
+from nassim.fem.fe_model import FEModel
 from nassim.fem.solver import threads
 
 LANCZOS_TOLERANCE = 1e-6

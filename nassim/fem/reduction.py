@@ -5,19 +5,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from nassim.bodies.reduced_body import ReducedBody
 from nassim.base.checks import Array, positive, unique
-from nassim.fem.condensation import Condensation, condense, strained_part
 from nassim.base.exclusive import exclusive
+from nassim.base.notices import collected
+from nassim.base.progress import stage
+from nassim.bodies.piezo import PortCoupling
+from nassim.bodies.projection import keep_modes
+from nassim.bodies.readouts import Picture, Readout, by_name
+from nassim.bodies.reduced_body import ReducedBody
+from nassim.fem.condensation import Condensation, condense, strained_part
 from nassim.fem.fe_model import FEModel
 from nassim.fem.mesh_error import released_stiffness
 from nassim.fem.modes import check_n_modes, fixed_interface_modes, left_out_vectors, modes_below
-from nassim.base.notices import collected
-from nassim.bodies.piezo import PortCoupling
-from nassim.base.progress import stage
-from nassim.bodies.readouts import Picture, Readout, by_name
 from nassim.fem.solver import threads
-from nassim.bodies.projection import keep_modes
 
 DEFAULT_MODES = 6
 MOST_MODES = 400

@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, known, unique
 from nassim.base.exclusive import exclusive
-from nassim.bodies.interface import RemotePoint
-from nassim.fem.materials import Material
 from nassim.base.notices import warn
+from nassim.bodies.interface import RemotePoint
 from nassim.bodies.piezo import ElectricalPort
 from nassim.bodies.readouts import SURFACE
+from nassim.fem.materials import Material
 
 CAD_ENDINGS = {".step": ".step", ".stp": ".step", ".iges": ".iges", ".igs": ".iges", ".brep": ".brep"}
 UNITS = {"m": 1.0, "mm": 1e-3, "inch": 0.0254}

@@ -6,11 +6,11 @@ from typing import TypeVar
 
 import numpy as np
 
-from nassim.simulation.small_motion import Assembly, assemble
 from nassim.base.checks import Array, finite, freeze, frozen_mapping, known, not_negative, positive
 from nassim.identification.modal_fit import ModalFit
 from nassim.scene.part import Actuator, Field, Force, Sensor
 from nassim.scene.scene import Scene
+from nassim.simulation.small_motion import Assembly, assemble
 
 Kind = TypeVar("Kind", Actuator, Sensor)
 

@@ -9,7 +9,6 @@ import scipy.ndimage
 from threadpoolctl import threadpool_limits
 
 from nassim.base.checks import Array, finite, finite_array, freeze, frozen_mapping, known, positive, unique
-from nassim.signals.frf import FRF
 from nassim.identification.pole_fit import (
     DAMPING_RANGE,
     Lines,
@@ -21,6 +20,7 @@ from nassim.identification.pole_fit import (
     strongest_pole,
     twins,
 )
+from nassim.signals.frf import FRF
 from nassim.signals.time_history import TimeHistory
 
 MOST_MODES = 12

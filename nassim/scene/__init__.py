@@ -1,1 +1,9 @@
-"""."""
+"""Scenes: bodies and parts connected by name, as pure data; parts say in neutral words what they do.
+
+To add a kind of part (sensor, actuator, spring, joint), write one class with a method `says`: `part` has the words,
+`mechanics` and `piezo` show how. Engines are in `nassim.simulation`; they need no change.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

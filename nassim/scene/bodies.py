@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy.linalg
 
-from nassim.bodies.reduced_body import ReducedBody
 from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, known, positive, unique
 from nassim.base.rigid_motion import rigid_transfer
+from nassim.bodies.reduced_body import ReducedBody
 
 FIDELITIES = ("rigid", "linear", "ffrf")
 ROUNDED = 2e-3

@@ -4,10 +4,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nassim.scene.bodies import FlexibleBody, RigidBody
 from nassim.base.checks import freeze, instances, known, not_negative, unique
-from nassim.scene.part import Actuator, Connection, Constraint, Field, Force, ForceElement, Reading, Row, Sensor, Spring
 from nassim.base.rigid_motion import DIRECTIONS, unit_vector
+from nassim.scene.bodies import FlexibleBody, RigidBody
+from nassim.scene.part import Actuator, Connection, Constraint, Field, Force, ForceElement, Reading, Row, Sensor, Spring
 from nassim.scene.scene import Scene
 
 WORLD_AXES = ("x", "y", "z")

@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nassim.scene.bodies import FlexibleBody
 from nassim.base.checks import above_zero, finite, freeze, not_negative
-from nassim.scene.part import Actuator, Force, Leak, Reading, Row, Sensor, Spring, Word
 from nassim.bodies.piezo import PortCoupling
+from nassim.scene.bodies import FlexibleBody
+from nassim.scene.part import Actuator, Force, Leak, Reading, Row, Sensor, Spring, Word
 from nassim.scene.scene import Scene
 
 ONE_PLACE = 1e-9

@@ -8,8 +8,8 @@ from typing import TypeVar, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nassim.scene.bodies import Body, FlexibleBody
 from nassim.base.checks import Array, finite_array, freeze, instances, known, not_negative, positive, unique
+from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.loop import Loop
 from nassim.scene.part import Actuator, Connection, Constraint, Field, Force, ForceElement, Part, Reading, Sensor, Word
 

@@ -1,1 +1,8 @@
-"""."""
+"""Records in time, frequency responses, excitations, and the files that hold them.
+
+To add an excitation, open `excitations`; an estimator of responses, `frf`; a file format, `files`.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

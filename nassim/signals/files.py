@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from nassim.base.checks import Array
+from nassim.base.storage import written_whole
+from nassim.base.units import to_si
 from nassim.signals.frf import FRF
 from nassim.signals.time_history import TimeHistory
-from nassim.base.storage import written_whole
 from nassim.signals.uff import Curve, read_curves
-from nassim.base.units import to_si
 
 SAME_STEP = 0.01
 """Deviation from equal sampling, in steps, that counts as rounding of the printed times."""

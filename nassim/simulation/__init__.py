@@ -1,1 +1,10 @@
-"""."""
+"""Engines: what a scene does in time, at rest and in frequency. Exudyn is used in `exudyn` and nowhere else.
+
+`small_motion` puts bodies and words together; from there `linearization`, `exact_steps` and `exudyn` go their ways, and
+`time_domain` chooses among them. To add an engine, realise the words of `nassim.scene.part` in a room of its own; to
+add a check before or a warning after a run, open `time_domain`.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -16,9 +16,9 @@ from itertools import combinations
 import numpy as np
 import scipy.linalg
 
-from nassim.simulation.small_motion import Assembly
-from nassim.bodies.reduced_body import ReducedBody
 from nassim.base.checks import Array
+from nassim.bodies.reduced_body import ReducedBody
+from nassim.simulation.small_motion import Assembly
 
 CLAMPED = 12.3
 """L^2 times the integral of w'^2 over that of w^2, of the first mode of a beam clamped at both ends."""

@@ -9,12 +9,12 @@ sample by its matrix exponential.
 import numpy as np
 import scipy.signal
 
-from nassim.simulation.small_motion import NO_EQUILIBRIUM, Assembly
 from nassim.base.checks import Array
-from nassim.simulation.running_loops import check_runaway, start_loops
-from nassim.simulation.linearization import state_space
 from nassim.base.modal import held_pole
 from nassim.base.progress import Advance, silent
+from nassim.simulation.linearization import state_space
+from nassim.simulation.running_loops import check_runaway, start_loops
+from nassim.simulation.small_motion import NO_EQUILIBRIUM, Assembly
 from nassim.systems.state_space import discretize
 
 CHECKS = 200

@@ -1,15 +1,11 @@
 """The linear model of a scene: small motion about its start, in minimal coordinates; loops open or closed."""
 
-from dataclasses import replace
-
 import numpy as np
 
-from nassim.simulation.small_motion import Assembly, assemble
-from nassim.scene.bodies import Body, FlexibleBody
-from nassim.base.checks import Array
-from nassim.systems.feedback import DELAY_ORDER, close_loop
-from nassim.systems.linear_model import LinearModel, frequency_response, sampled
 from nassim.scene.scene import Scene
+from nassim.simulation.small_motion import Assembly, assemble
+from nassim.systems.feedback import DELAY_ORDER, close_loop
+from nassim.systems.linear_model import LinearModel, sampled
 from nassim.systems.state_space import StateSpace
 
 
@@ -81,24 +77,3 @@ def linearize_closed(scene: Scene, *, continuous: bool = False, delay_order: int
     for loop in scene.loops:
         model = close_loop(model, loop.controller, measured=loop.measured, driven=loop.driven, delay_order=delay_order)
     return model
-
-
-def truncation_error(scene: Scene, frequency: Array) -> Array:
-    """Estimated relative error of a scene's FRFs due to the modes that its flexible bodies leave out.
-
-    frequency: (n,) [Hz]. Returns |H / H_enriched - 1|, shape (outputs, inputs, n) [-], where H_enriched is the FRF of
-    the scene with every body in its `enriched` form. Raises ValueError where a body has none.
-    """
-    bodies: list[Body] = []
-    for body in scene.bodies:
-        if isinstance(body, FlexibleBody):
-            if body.reduced.enriched is None:
-                raise ValueError(f"body {body.name!r} carries no enriched form, so its truncation error is unknown")
-            bodies.append(replace(body, reduced=body.reduced.enriched))
-        else:
-            bodies.append(body)
-    better = frequency_response(
-        linearize(replace(scene, bodies=tuple(bodies), cutoff_frequency=None)), frequency
-    ).values
-    result: Array = np.abs(frequency_response(linearize(scene), frequency).values / better - 1)
-    return result

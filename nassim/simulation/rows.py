@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from nassim.scene.bodies import Body
 from nassim.base.checks import Array
+from nassim.scene.bodies import Body
 from nassim.scene.part import Row
 from nassim.scene.scene import Scene
 

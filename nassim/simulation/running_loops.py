@@ -5,10 +5,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from nassim.simulation.small_motion import Assembly, motion_size
 from nassim.base.checks import Array
 from nassim.scene.loop import Loop
 from nassim.scene.scene import Scene
+from nassim.simulation.small_motion import Assembly, motion_size
 
 RUNAWAY = 0.1
 """A deformation of this share of a body's size, or this rotation [rad], means that a loop runs away."""

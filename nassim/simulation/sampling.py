@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from nassim.base.checks import Array, known, positive
+from nassim.base.units import to_si
 from nassim.scene.scene import Scene
 from nassim.signals.time_history import TimeHistory, occupied_bandwidth
-from nassim.base.units import to_si
 
 STEPS_PER_PERIOD = 8
 """Fewest time steps in the shortest period that an excitation holds."""

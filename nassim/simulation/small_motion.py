@@ -6,16 +6,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg
 
-from nassim.scene.bodies import Body, RigidBody
 from nassim.base.checks import Array
-from nassim.simulation.damping import Damping
-from nassim.bodies.floating_frame import FloatingFrame, floating_frame
 from nassim.base.modal import elastic_ratios
-from nassim.scene.part import Constraint, Field, Force, Leak, Reading, Row, Spring, Word, unknown_word
 from nassim.base.rigid_motion import AXES, DIRECTIONS
-from nassim.simulation.rows import shares
-from nassim.scene.scene import Scene
+from nassim.bodies.floating_frame import FloatingFrame, floating_frame
 from nassim.bodies.strain import Strain, joined, spring_strain, stiffness_root, strained_modes
+from nassim.scene.bodies import Body, RigidBody
+from nassim.scene.part import Constraint, Field, Force, Leak, Reading, Row, Spring, Word, unknown_word
+from nassim.scene.scene import Scene
+from nassim.simulation.damping import Damping
+from nassim.simulation.rows import shares
 from nassim.simulation.trimming import trim_scene
 
 NO_EQUILIBRIUM = (

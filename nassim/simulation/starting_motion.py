@@ -9,10 +9,10 @@ import numpy as np
 import scipy.linalg
 from scipy.spatial.transform import Rotation
 
-from nassim.scene.bodies import Body, FlexibleBody
 from nassim.base.checks import Array
-from nassim.scene.part import Constraint
 from nassim.base.rigid_motion import DIRECTIONS, rigid_transfer
+from nassim.scene.bodies import Body, FlexibleBody
+from nassim.scene.part import Constraint
 from nassim.scene.scene import Scene
 
 FOLLOWED = 1e-9

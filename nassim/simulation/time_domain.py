@@ -6,21 +6,22 @@ from dataclasses import replace
 
 import numpy as np
 
-from nassim.simulation.small_motion import Assembly, assemble, motion_size
-from nassim.simulation.buckling import axial_forces, warn_of_buckling
 from nassim.base.checks import Array, finite, known
-from nassim.simulation.running_loops import samples_per_period
+from nassim.base.progress import stage
+from nassim.scene.part import Reading
+from nassim.scene.scene import Scene
+from nassim.signals.time_history import TimeHistory, occupied_bandwidth
+from nassim.simulation.accuracy import integrator_error
+from nassim.simulation.buckling import axial_forces, warn_of_buckling
 from nassim.simulation.exact_steps import exact_response
 from nassim.simulation.exudyn.solver import axial_tension, eigenfrequencies, solve_dynamic, solve_static
 from nassim.simulation.exudyn.state import System
 from nassim.simulation.exudyn.system import build_system
-from nassim.simulation.starting_motion import starting_twists
 from nassim.simulation.linearization import linearize
-from nassim.scene.part import Reading
-from nassim.base.progress import stage
+from nassim.simulation.running_loops import samples_per_period
 from nassim.simulation.sampling import sampled
-from nassim.scene.scene import Scene
-from nassim.signals.time_history import TimeHistory, occupied_bandwidth
+from nassim.simulation.small_motion import Assembly, assemble, motion_size
+from nassim.simulation.starting_motion import starting_twists
 
 METHODS = ("generalized_alpha", "exact", "explicit")
 STABLE_ANGLE = 2.6
@@ -297,22 +298,3 @@ def _check_stability(scene: Scene, time_step: float) -> None:
             f"time_step {time_step:g} s is beyond the explicit rule's limit of {limit:.3g} s, set by the fastest mode "
             f"of {fastest:.4g} Hz: take a shorter one, a cutoff_frequency, or an implicit or the exact method"
         )
-
-
-def integrator_error(frequency: float, time_step: float, *, spectral_radius: float = 1.0) -> tuple[float, float]:
-    """What generalized-alpha does to an undamped mode: relative lengthening of its period, damping ratio [-].
-
-    frequency: of the mode [Hz]; time_step [s]; spectral_radius: as in `simulate`
-
-    Source: J. Chung, G. M. Hulbert, A time integration algorithm for structural dynamics with improved numerical
-    dissipation: the generalized-alpha method, J. Appl. Mech. 60 (1993) 371-375, equations 2 to 4 and 25.
-    """
-    rho, angle = spectral_radius, 2 * np.pi * frequency * time_step
-    alpha_m, alpha_f = (2 * rho - 1) / (rho + 1), rho / (rho + 1)
-    gamma, beta = 0.5 - alpha_m + alpha_f, 0.25 * (1 - alpha_m + alpha_f) ** 2
-    # Displacement, step x velocity, step^2 x acceleration.
-    new = np.array([[1, 0, -beta], [0, 1, -gamma], [(1 - alpha_f) * angle**2, 0, 1 - alpha_m]])
-    old = np.array([[1, 1, 0.5 - beta], [0, 1, 1 - gamma], [-alpha_f * angle**2, 0, -alpha_m]])
-    values = np.linalg.eigvals(np.linalg.solve(new, old))
-    root = np.log(values[np.argmax(values.imag)])
-    return float(angle / abs(root) - 1), max(0.0, round(float(-root.real / abs(root)), 12))

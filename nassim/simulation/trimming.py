@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from nassim.scene.bodies import Body, FlexibleBody
 from nassim.base.checks import Array
-from nassim.scene.part import Force, Leak, Reading, Spring
-from nassim.simulation.rows import shares
-from nassim.scene.scene import Scene
 from nassim.bodies.projection import keep_ports, trim_body
+from nassim.scene.bodies import Body, FlexibleBody
+from nassim.scene.part import Force, Leak, Reading, Spring
+from nassim.scene.scene import Scene
+from nassim.simulation.rows import shares
 
 
 def trim_scene(scene: Scene) -> Scene:

@@ -1,1 +1,9 @@
-"""."""
+"""Linear systems: models in state space, controllers, closed loops and their margins, root loci, python-control.
+
+No scene and no body in here; loading it loads neither NGSolve nor Exudyn. To add a kind of controller, open
+`controllers`; a figure of merit of loops, `feedback`.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,7 +1,7 @@
 """Controllers in loops around linear models: the closed loop, the open loop's margins, sensitivity.
 
-Sampled or continuous follows the model. Around a sampled one (`nassim.systems.linear_model.sampled`) the loop is exact: it predicts a
-simulation or a computer at that sample rate, saturation aside. Around a continuous one the controller stands by its
+Sampled or continuous follows the model. Around a sampled one (`nassim.systems.sampled`) the loop is exact: it predicts
+a simulation or a computer at that sample rate, saturation aside. Around a continuous one the controller stands by its
 continuous equivalent: for the insight of design, with branches and zeros as books draw them, and for FRFs between
 samples, up to a tenth of the sample rate. A plant that follows its input within a sample (direct feedthrough, modes
 above half the sample rate) answers a held input in steps; whether a sample sees the new step or still the old one
@@ -16,8 +16,8 @@ import numpy as np
 import scipy.signal
 
 from nassim.base.checks import Array, finite, known, unique
-from nassim.systems.controllers import Controller, controller_response
 from nassim.signals.frf import FRF, ComplexArray
+from nassim.systems.controllers import Controller, controller_response
 from nassim.systems.linear_model import LinearModel, frequency_response
 from nassim.systems.state_space import StateSpace, cascade, inverse_tustin
 

@@ -8,13 +8,13 @@ import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
 
-from nassim.scene.bodies import FlexibleBody, RigidBody
 from nassim.base.checks import Array
-from nassim.simulation.exudyn.state import COORDINATES, Carrier, Drive, add_forces
-from nassim.scene.part import Constraint, Field, Force, Reading, Row, Spring
 from nassim.base.rigid_motion import DIRECTIONS
-from nassim.simulation.rows import shares
+from nassim.scene.bodies import FlexibleBody, RigidBody
+from nassim.scene.part import Constraint, Field, Force, Reading, Row, Spring
 from nassim.scene.scene import Scene
+from nassim.simulation.exudyn.state import COORDINATES, Carrier, Drive, add_forces
+from nassim.simulation.rows import shares
 
 MOTIONS = (exu.OutputVariableType.Displacement, exu.OutputVariableType.Velocity, exu.OutputVariableType.Acceleration)
 """What a reading of each derivative records of a point."""

@@ -11,13 +11,13 @@ import exudyn as exu
 import exudyn.solver
 import numpy as np
 
-from nassim.simulation.small_motion import NO_EQUILIBRIUM, motion_size
+from nassim.base.checks import Array
+from nassim.base.progress import stage
 from nassim.scene.bodies import FlexibleBody
 from nassim.simulation.buckling import axial_forces
-from nassim.base.checks import Array
-from nassim.simulation.running_loops import RUNAWAY, runaway, start_loops
 from nassim.simulation.exudyn.state import Drive, System, find_accelerations
-from nassim.base.progress import stage
+from nassim.simulation.running_loops import RUNAWAY, runaway, start_loops
+from nassim.simulation.small_motion import NO_EQUILIBRIUM, motion_size
 
 CHECKS = 200
 """How often a run looks at its state."""

@@ -9,8 +9,8 @@ import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
 
-from nassim.simulation.small_motion import Assembly, Circuit
 from nassim.base.checks import Array
+from nassim.simulation.small_motion import Assembly, Circuit
 
 COORDINATES = (
     exu.OutputVariableType.Coordinates,

@@ -12,16 +12,16 @@ import numpy as np
 import scipy.linalg
 from exudyn.rigidBodyUtilities import GetRigidBodyNode
 
-from nassim.simulation.small_motion import Assembly, deformation_damping
-from nassim.scene.bodies import FlexibleBody, RigidBody
 from nassim.base.checks import Array
+from nassim.base.rigid_motion import rigid_transfer
+from nassim.bodies.floating_frame import FloatingFrame
+from nassim.scene.bodies import FlexibleBody, RigidBody
+from nassim.scene.part import Constraint, Field, Force, Leak, Reading, Spring, unknown_word
+from nassim.scene.scene import Scene
 from nassim.simulation.exudyn.items import Items, add_constraint, add_field, add_force, add_reading, add_spring
 from nassim.simulation.exudyn.state import Carrier, Drive, System, add_circuit, modal_node, small_motion_system
-from nassim.bodies.floating_frame import FloatingFrame
+from nassim.simulation.small_motion import Assembly, deformation_damping
 from nassim.simulation.starting_motion import check_implied, starting_twists
-from nassim.scene.part import Constraint, Field, Force, Leak, Reading, Spring, unknown_word
-from nassim.base.rigid_motion import rigid_transfer
-from nassim.scene.scene import Scene
 
 # Corners of a regular tetrahedron: equal weights on four pilots there give a remote point's motion exactly.
 PILOT_DIRECTIONS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
@@ -30,7 +30,7 @@ PILOT_DIRECTIONS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) 
 def build_system(assembly: Assembly) -> System:
     """Build the Exudyn system of an assembled scene, with all inputs at zero.
 
-    Raises ValueError for joints and angular velocities that do not go together, see `nassim.simulation.starting_motion`.
+    Raises ValueError for joints and angular velocities that do not go together: `nassim.simulation.starting_motion`.
     """
     if assembly.scene.in_small_motion and len(assembly.mass):
         return small_motion_system(assembly)

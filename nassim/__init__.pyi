@@ -1,0 +1,174 @@
+from . import plotting as plotting
+from .base.nouns import (
+    register as register,
+)
+from .base.storage import (
+    load as load,
+)
+from .base.storage import (
+    save as save,
+)
+from .bodies.interface import (
+    RemotePoint as RemotePoint,
+)
+from .bodies.piezo import (
+    ElectricalPort as ElectricalPort,
+)
+from .bodies.piezo import (
+    PiezoStack as PiezoStack,
+)
+from .bodies.projection import (
+    open_circuit as open_circuit,
+)
+from .bodies.reduced_body import (
+    ReducedBody as ReducedBody,
+)
+from .exchange.acceptance import (
+    Repair as Repair,
+)
+from .exchange.acceptance import (
+    repair as repair,
+)
+from .exchange.acceptance import (
+    to_body as to_body,
+)
+from .exchange.export import (
+    export_body as export_body,
+)
+from .exchange.inspection import (
+    Report as Report,
+)
+from .exchange.inspection import (
+    check as check,
+)
+from .exchange.superelement import (
+    Superelement as Superelement,
+)
+from .exchange.superelement import (
+    read_superelement as read_superelement,
+)
+from .fem.assembly import (
+    build_fe_model as build_fe_model,
+)
+from .fem.condensation import (
+    Condensation as Condensation,
+)
+from .fem.condensation import (
+    condense as condense,
+)
+from .fem.fe_model import (
+    FEModel as FEModel,
+)
+from .fem.materials import (
+    Material as Material,
+)
+from .fem.reduction import (
+    craig_bampton as craig_bampton,
+)
+from .fem.solid import (
+    NearestTo as NearestTo,
+)
+from .fem.solid import (
+    OnPlane as OnPlane,
+)
+from .fem.solid import (
+    Solid as Solid,
+)
+from .fem.solid import (
+    read_solid as read_solid,
+)
+from .identification.apply import (
+    apply_identification as apply_identification,
+)
+from .identification.modal_fit import (
+    ModalFit as ModalFit,
+)
+from .identification.modal_fit import (
+    identify_modes as identify_modes,
+)
+from .scene.bodies import (
+    FlexibleBody as FlexibleBody,
+)
+from .scene.bodies import (
+    RigidBody as RigidBody,
+)
+from .scene.loop import (
+    Loop as Loop,
+)
+from .scene.mechanics import (
+    Encoder as Encoder,
+)
+from .scene.mechanics import (
+    GroundAcceleration as GroundAcceleration,
+)
+from .scene.mechanics import (
+    Joint as Joint,
+)
+from .scene.mechanics import (
+    PointForce as PointForce,
+)
+from .scene.mechanics import (
+    SpringDamper as SpringDamper,
+)
+from .scene.piezo import (
+    StackActuator as StackActuator,
+)
+from .scene.piezo import (
+    StackSensor as StackSensor,
+)
+from .scene.piezo import (
+    VoltageDrive as VoltageDrive,
+)
+from .scene.piezo import (
+    VoltageSensor as VoltageSensor,
+)
+from .scene.scene import (
+    Scene as Scene,
+)
+from .signals.files import (
+    read_frf as read_frf,
+)
+from .signals.files import (
+    read_record as read_record,
+)
+from .signals.files import (
+    write_record as write_record,
+)
+from .signals.frf import (
+    FRF as FRF,
+)
+from .signals.frf import (
+    estimate_frf as estimate_frf,
+)
+from .signals.time_history import (
+    TimeHistory as TimeHistory,
+)
+from .simulation.accuracy import (
+    truncation_error as truncation_error,
+)
+from .simulation.description import (
+    describe as describe,
+)
+from .simulation.linearization import (
+    linearize as linearize,
+)
+from .simulation.time_domain import (
+    simulate as simulate,
+)
+from .simulation.time_domain import (
+    static_response as static_response,
+)
+from .simulation.trimming import (
+    trim_scene as trim_scene,
+)
+from .systems.controllers import (
+    Controller as Controller,
+)
+from .systems.linear_model import (
+    LinearModel as LinearModel,
+)
+from .systems.linear_model import (
+    frequency_response as frequency_response,
+)
+
+__version__: str

@@ -1,0 +1,78 @@
+from .bodies import (
+    FlexibleBody as FlexibleBody,
+)
+from .bodies import (
+    RigidBody as RigidBody,
+)
+from .loop import (
+    Loop as Loop,
+)
+from .mechanics import (
+    Encoder as Encoder,
+)
+from .mechanics import (
+    GroundAcceleration as GroundAcceleration,
+)
+from .mechanics import (
+    Joint as Joint,
+)
+from .mechanics import (
+    PointForce as PointForce,
+)
+from .mechanics import (
+    SpringDamper as SpringDamper,
+)
+from .part import (
+    Actuator as Actuator,
+)
+from .part import (
+    Connection as Connection,
+)
+from .part import (
+    Constraint as Constraint,
+)
+from .part import (
+    Field as Field,
+)
+from .part import (
+    Force as Force,
+)
+from .part import (
+    ForceElement as ForceElement,
+)
+from .part import (
+    Leak as Leak,
+)
+from .part import (
+    Part as Part,
+)
+from .part import (
+    Reading as Reading,
+)
+from .part import (
+    Row as Row,
+)
+from .part import (
+    Sensor as Sensor,
+)
+from .part import (
+    Spring as Spring,
+)
+from .part import (
+    Word as Word,
+)
+from .piezo import (
+    StackActuator as StackActuator,
+)
+from .piezo import (
+    StackSensor as StackSensor,
+)
+from .piezo import (
+    VoltageDrive as VoltageDrive,
+)
+from .piezo import (
+    VoltageSensor as VoltageSensor,
+)
+from .scene import (
+    Scene as Scene,
+)

@@ -1,0 +1,156 @@
+"""Excitations of a test bench: noise, chirps, multisines, steps, dwells."""
+
+import numpy as np
+import scipy.signal
+from numpy.typing import ArrayLike
+
+from nassim.base.checks import Array, finite, not_negative, positive
+from nassim.signals.time_history import TimeHistory, sample_times
+
+
+def low_pass(values: ArrayLike, *, cutoff_frequency: float, sample_rate: float, order: int = 4) -> Array:
+    """Filter samples along the last axis by a causal Butterworth low-pass of the given order.
+
+    cutoff_frequency: -3 dB frequency [Hz], below half the sample rate (ValueError otherwise)
+    """
+    _below_nyquist("cutoff_frequency", cutoff_frequency, sample_rate)
+    sections = scipy.signal.butter(order, cutoff_frequency, fs=sample_rate, output="sos")
+    result: Array = scipy.signal.sosfilt(sections, np.asarray(values, dtype=float), axis=-1)
+    return result
+
+
+def band_limited_noise(
+    duration: float,
+    sample_rate: float,
+    *,
+    cutoff_frequency: float,
+    rms: float = 1.0,
+    seed: int = 0,
+    name: str = "actuator_voltage",
+    unit: str = "V",
+) -> TimeHistory:
+    """Gaussian noise through a fourth-order low-pass: the excitation of the paper's bench.
+
+    duration [s], sample_rate [Hz], cutoff_frequency: -3 dB frequency of the low-pass [Hz]
+    rms: root mean square of the result, in `unit`; seed: same seed, same signal
+    """
+    time = sample_times(duration, sample_rate)
+    white = np.random.default_rng(seed).standard_normal(len(time))
+    values = low_pass(white, cutoff_frequency=cutoff_frequency, sample_rate=sample_rate)
+    return TimeHistory(time, _scaled_to_rms(values, rms), (name,), (unit,))
+
+
+def chirp(
+    duration: float,
+    sample_rate: float,
+    *,
+    start_frequency: float,
+    end_frequency: float,
+    amplitude: float = 1.0,
+    name: str = "actuator_voltage",
+    unit: str = "V",
+) -> TimeHistory:
+    """Sine whose frequency rises exponentially from start to end [Hz] over the duration [s].
+
+    Every decade gets the same time, so low frequencies get the cycles that they need.
+    """
+    _below_nyquist("end_frequency", end_frequency, sample_rate)
+    _below_nyquist("start_frequency", start_frequency, sample_rate)
+    time = sample_times(duration, sample_rate)
+    values = amplitude * scipy.signal.chirp(
+        time, start_frequency, duration, end_frequency, method="logarithmic", phi=-90
+    )
+    return TimeHistory(time, values, (name,), (unit,))
+
+
+def multisine(
+    duration: float,
+    sample_rate: float,
+    *,
+    lowest_frequency: float,
+    highest_frequency: float,
+    period: float,
+    rms: float = 1.0,
+    seed: int = 0,
+    name: str = "actuator_voltage",
+    unit: str = "V",
+) -> TimeHistory:
+    """Random-phase multisine: equal amplitudes at every multiple of 1 / period in the band.
+
+    duration [s], sample_rate [Hz], lowest_frequency and highest_frequency [Hz], period [s]
+    rms: root mean square in `unit`; seed: of the phases
+
+    Periodic, so an FRF estimated over whole periods, once the transient has died out, has no leakage.
+    Source: R. Pintelon, J. Schoukens, System Identification, 2nd ed. (2012), ch. 5.
+    """
+    _below_nyquist("highest_frequency", highest_frequency, sample_rate)
+    finite("lowest_frequency", lowest_frequency)
+    n_period = round(positive("period", period, "s") * sample_rate)
+    if abs(n_period / sample_rate - period) > 1e-9 * period:
+        raise ValueError(f"period {period:g} s must be a whole number of samples at {sample_rate:g} Hz")
+    first, last = (
+        int(np.ceil(lowest_frequency * period - 1e-9)),
+        int(np.floor(highest_frequency * period + 1e-9)),
+    )
+    if not 1 <= first <= last:
+        raise ValueError(
+            f"no multiple of 1 / period = {1 / period:g} Hz lies in {lowest_frequency:g} ... {highest_frequency:g} Hz; "
+            "lengthen the period or widen the band"
+        )
+    spectrum = np.zeros(n_period // 2 + 1, dtype=complex)
+    phase = np.random.default_rng(seed).uniform(0, 2 * np.pi, last - first + 1)
+    spectrum[first : last + 1] = np.exp(1j * phase)
+    one_period = _scaled_to_rms(np.fft.irfft(spectrum, n_period), rms)
+    time = sample_times(duration, sample_rate)
+    return TimeHistory(time, np.resize(one_period, len(time)), (name,), (unit,))
+
+
+def step(
+    duration: float,
+    sample_rate: float,
+    *,
+    amplitude: float = 1.0,
+    start: float = 0.0,
+    rise_time: float = 0.0,
+    name: str = "actuator_voltage",
+    unit: str = "V",
+) -> TimeHistory:
+    """Step to `amplitude` at `start` [s], smoothed by half a cosine over `rise_time` [s]."""
+    not_negative("rise_time", rise_time, "s")
+    finite("start", start)
+    time = sample_times(duration, sample_rate)
+    if rise_time > 0:
+        values: Array = 0.5 * amplitude * (1 - np.cos(np.pi * np.clip((time - start) / rise_time, 0.0, 1.0)))
+    else:
+        values = amplitude * (time >= start)
+    return TimeHistory(time, values, (name,), (unit,))
+
+
+def sine_dwell(
+    duration: float,
+    sample_rate: float,
+    *,
+    frequency: float,
+    amplitude: float = 1.0,
+    ramp_time: float = 0.0,
+    name: str = "actuator_voltage",
+    unit: str = "V",
+) -> TimeHistory:
+    """Sine of one frequency [Hz], whose amplitude rises linearly over `ramp_time` [s]."""
+    _below_nyquist("frequency", frequency, sample_rate)
+    not_negative("ramp_time", ramp_time, "s")
+    time = sample_times(duration, sample_rate)
+    envelope = np.clip(time / ramp_time, 0.0, 1.0) if ramp_time > 0 else 1.0
+    return TimeHistory(time, amplitude * envelope * np.sin(2 * np.pi * frequency * time), (name,), (unit,))
+
+
+def _scaled_to_rms(values: Array, rms: float) -> Array:
+    return values * (not_negative("rms", rms) / np.sqrt(np.mean(values**2)))
+
+
+def _below_nyquist(label: str, frequency: float, sample_rate: float) -> None:
+    positive("sample_rate", sample_rate, "Hz")
+    if not 0 < finite(label, frequency) < sample_rate / 2:
+        raise ValueError(
+            f"{label} must lie between 0 and half the sample rate ({sample_rate / 2:g} Hz), got {frequency:g} Hz"
+        )

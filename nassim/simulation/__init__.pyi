@@ -1,0 +1,42 @@
+from .accuracy import (
+    integrator_error as integrator_error,
+)
+from .accuracy import (
+    truncation_error as truncation_error,
+)
+from .damping import (
+    Damping as Damping,
+)
+from .description import (
+    describe as describe,
+)
+from .linearization import (
+    linearize as linearize,
+)
+from .linearization import (
+    linearize_closed as linearize_closed,
+)
+from .linearization import (
+    state_space as state_space,
+)
+from .small_motion import (
+    Assembly as Assembly,
+)
+from .small_motion import (
+    assemble as assemble,
+)
+from .small_motion import (
+    deformation_damping as deformation_damping,
+)
+from .time_domain import (
+    exudyn_eigenfrequencies as exudyn_eigenfrequencies,
+)
+from .time_domain import (
+    simulate as simulate,
+)
+from .time_domain import (
+    static_response as static_response,
+)
+from .trimming import (
+    trim_scene as trim_scene,
+)
