@@ -1,4 +1,33 @@
-from . import plotting as plotting
+from . import (
+    base as base,
+)
+from . import (
+    bodies as bodies,
+)
+from . import (
+    exchange as exchange,
+)
+from . import (
+    fem as fem,
+)
+from . import (
+    identification as identification,
+)
+from . import (
+    plotting as plotting,
+)
+from . import (
+    scene as scene,
+)
+from . import (
+    signals as signals,
+)
+from . import (
+    simulation as simulation,
+)
+from . import (
+    systems as systems,
+)
 from .base.nouns import (
     register as register,
 )

@@ -4,6 +4,7 @@ import os
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 
+import exudyn as exu
 import netgen.occ as occ
 import numpy as np
 import pytest
@@ -63,6 +64,27 @@ def lattice(coupling="rbe3", n=4, stiffness=1e6, node_mass=0.01):
         fields=fields,
         couplings=tuple(couplings),
     )
+
+
+def angular_momentum(system, body):
+    """About the world's origin, from the state of Exudyn's nodes and the body's Gram matrix, shape (3,)."""
+
+    def read(node, kind):
+        return np.array(system.mbs.GetNodeOutput(node, getattr(exu.OutputVariableType, kind)))
+
+    rigid, modal = system.nodes["bar"], system.carriers["bar"].nodes[0][0]
+    rotation = read(rigid, "RotationMatrix").reshape(3, 3)
+    n = len(body.mass_matrix)
+    fields = np.zeros((4 + 3 * n, 3))  # position from the frame's origin, in the frame
+    fields[0], fields[1:4] = -body.remote_points[0].position, np.eye(3)
+    fields[4 + 18 :] += np.kron(read(modal, "Coordinates")[:, None], np.eye(3))
+    velocity = np.cross(read(rigid, "AngularVelocityLocal"), fields)
+    velocity[0] += rotation.T @ read(rigid, "Velocity")
+    velocity[4 + 18 :] += np.kron(read(modal, "Coordinates_t")[:, None], np.eye(3))
+    position = fields.copy()
+    position[0] += rotation.T @ read(rigid, "Position")
+    moment = position.T @ body.gram @ velocity
+    return rotation @ np.array([moment[1, 2] - moment[2, 1], moment[2, 0] - moment[0, 2], moment[0, 1] - moment[1, 0]])
 
 
 def pair_forces_and_readings():

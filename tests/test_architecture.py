@@ -1,8 +1,9 @@
-"""The architecture: imports point down, big libraries have one importer, modules are short and documented."""
+"""The house: imports between wings point down, big libraries have one home, rooms are short, public names are lazy."""
 
 import ast
 import subprocess
 import sys
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -10,70 +11,66 @@ import pytest
 import nassim
 
 PACKAGE = Path(nassim.__file__).parent
-MODULES = sorted(path.stem for path in PACKAGE.glob("*.py") if path.stem != "__init__")
-TREES = {name: ast.parse((PACKAGE / f"{name}.py").read_text(encoding="utf-8")) for name in MODULES}
-
-# A module imports only from lower layers, never from its own.
-LAYERS = (
-    ("checks", "exclusive", "notices", "progress", "units"),
-    ("rigid_motion", "sparse", "storage"),
-    ("arrayfiles", "calibration", "interface", "listing", "materials", "modal", "piezo", "statespace", "unit_systems"),
-    ("readouts", "regions", "signals", "solver"),
-    ("solid", "frf", "inertia", "pole_fit"),
-    ("control", "fe_model", "meshing", "ports", "superelement", "skin", "identification", "mesh_checks", "uff"),
-    ("fe_assembly", "measurements", "rowguess", "strain"),
-    ("condensation", "body"),
-    ("inspection", "modes", "trim"),
-    ("acceptance", "mesh_error", "parts"),
-    ("craig_bampton",),
-    ("floating_frame", "full_model", "scene"),
-    ("assembly", "kinematics", "sampling"),
-    ("buckling", "linear", "exudyn_state", "digital", "updating"),
-    ("exact", "export", "exudyn_parts", "feedback", "interchange"),
-    ("exudyn_system", "locus"),
-    ("exudyn_solver",),
-    ("simulation",),
-    ("plotting",),
-)
-LAYER = {name: number for number, names in enumerate(LAYERS) for name in names}
-IMPORTERS = {
-    "control": {"interchange"},
-    "exudyn": {"exudyn_parts", "exudyn_solver", "exudyn_state", "exudyn_system"},
-    "h5py": {"storage"},
-    "matplotlib": {"plotting"},
-    "netgen": {"solid", "meshing"},
-    "ngsolve": {"fe_assembly", "mesh_checks", "ports", "regions", "skin", "solver"},
-    "pyuff": {"uff"},
-    "tqdm": {"progress"},
+ROOT = PACKAGE.parent
+TREES = {
+    ".".join(path.relative_to(ROOT).with_suffix("").parts): ast.parse(path.read_text(encoding="utf-8"))
+    for path in sorted(PACKAGE.rglob("*.py"))
 }
-LIBRARIES = {*IMPORTERS, "numpy", "scipy", "mpl_toolkits", "psutil", "pypardiso", "threadpoolctl"}
-LONGEST = 400
-HEAVY = ("exudyn", "netgen", "ngsolve")
-WITHOUT_HEAVY = (
-    *("acceptance", "assembly", "body", "export", "feedback", "floating_frame", "inertia", "inspection", "interface"),
-    *("fe_model", "linear", "piezo", "readouts", "rigid_motion", "scene", "superelement", "trim"),
+ROOMS = [name for name in TREES if not name.endswith("__init__")]
+FLOORS = (
+    {"base"},
+    {"signals", "bodies"},
+    {"systems", "fem"},
+    {"scene", "exchange"},
+    {"simulation"},
+    {"identification"},
+    {"plotting"},
 )
-"""Modules that work where none of these libraries can be loaded."""
+"""Wings from the ground up; those of one floor do not import each other."""
+FLOOR = {wing: number for number, wings in enumerate(FLOORS) for wing in wings}
+HOMES = {
+    "control": {"nassim.systems.python_control"},
+    "exudyn": {"nassim.simulation.exudyn"},
+    "h5py": {"nassim.base.storage"},
+    "lazy_loader": {name for name in TREES if name.endswith("__init__")} - {"nassim.simulation.exudyn.__init__"},
+    "matplotlib": {"nassim.plotting"},
+    "netgen": {"nassim.fem"},
+    "ngsolve": {"nassim.fem"},
+    "pyuff": {"nassim.signals.uff"},
+    "tqdm": {"nassim.base.progress"},
+}
+"""The rooms, or the wing, that a library may be imported in."""
+LIBRARIES = {*HOMES, "numpy", "scipy", "mpl_toolkits", "psutil", "pypardiso", "threadpoolctl"}
+LONGEST_ROOM, LONGEST_FUNCTION = 400, 75
 
 
-def imports(tree):
+def imports(tree, *, for_types=True):
     """Dotted names of everything that a module imports, also inside its functions."""
+    skipped = set()
     for node in ast.walk(tree):
+        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING" and not for_types:
+            skipped |= {id(inner) for inner in ast.walk(node)}
+    for node in ast.walk(tree):
+        if id(node) in skipped:
+            continue
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, "write imports in full, from nassim.module import name"
+            assert node.level == 0, "write imports in full, from nassim.wing.room import name"
+            yield f"{node.module}"
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
-def used_modules(name):
-    """Modules of nassim that a module imports."""
-    dotted = [target.split(".") for target in imports(TREES[name])]
-    return {parts[1] if len(parts) > 1 else "" for parts in dotted if parts[0] == "nassim"}
+def used_rooms(name):
+    return {target for target in imports(TREES[name], for_types=False) if target in TREES}
 
 
 def used_libraries(name):
     return {target.split(".")[0] for target in imports(TREES[name])}
+
+
+def wing(name):
+    return name.split(".")[1]
 
 
 def public_definitions(body, prefix=""):
@@ -84,56 +81,126 @@ def public_definitions(body, prefix=""):
                 yield from public_definitions(node.body, f"{prefix}{node.name}.")
 
 
-def test_every_module_has_a_layer():
-    assert [name for name in MODULES if name not in LAYER] == [], "give new modules a layer"
-    assert len(LAYER) == sum(map(len, LAYERS)), "a module stands in two layers"
+def test_every_wing_has_a_floor():
+    found = {wing(name) for name in ROOMS}
+    assert found == set(FLOOR), "give a new wing its floor"
+    assert len(FLOOR) == sum(map(len, FLOORS))
 
 
-@pytest.mark.parametrize("name", MODULES)
-def test_imports_point_down(name):
-    used = used_modules(name)
-    assert used <= set(LAYER), f"{name} imports {used - set(LAYER)}, not modules of a layer"
-    upward = sorted(other for other in used if LAYER[other] >= LAYER[name])
-    assert not upward, f"{name} imports {upward}, which lie in its own layer or above"
+@pytest.mark.parametrize("name", ROOMS)
+def test_imports_between_wings_point_down(name):
+    used = [target for target in imports(TREES[name]) if target.split(".")[0] == "nassim" and target != "nassim"]
+    for target in used:
+        other = wing(target)
+        assert other in FLOOR, f"{name} imports {target} from the public face; name the room"
+        assert other == wing(name) or FLOOR[other] < FLOOR[wing(name)], (
+            f"{name} imports {target}, on its floor or above"
+        )
 
 
-@pytest.mark.parametrize(("library", "importers"), IMPORTERS.items())
-def test_each_big_library_has_its_importer(library, importers):
-    assert {name for name in MODULES if library in used_libraries(name)} == importers
+def test_rooms_of_a_wing_make_no_circle():
+    TopologicalSorter({name: used_rooms(name) for name in ROOMS}).prepare()
+
+
+@pytest.mark.parametrize(("library", "homes"), HOMES.items())
+def test_each_big_library_has_its_home(library, homes):
+    users = {name for name in TREES if library in used_libraries(name)}
+    assert users
+    assert {name for name in users if not any(name == home or name.startswith(f"{home}.") for home in homes)} == set()
 
 
 def test_no_other_library_is_imported_unnoticed():
-    foreign = {lib for name in MODULES for lib in used_libraries(name)} - set(sys.stdlib_module_names)
+    foreign = {library for name in TREES for library in used_libraries(name)} - set(sys.stdlib_module_names)
     assert foreign - {"nassim"} <= LIBRARIES
 
 
-@pytest.mark.parametrize("name", MODULES)
-def test_modules_stay_short(name):
-    n_lines = len((PACKAGE / f"{name}.py").read_text(encoding="utf-8").splitlines())
-    assert n_lines <= LONGEST, f"{name} has {n_lines} lines; split it by ideas"
+@pytest.mark.parametrize("name", ROOMS)
+def test_rooms_and_their_functions_stay_short(name):
+    path = ROOT.joinpath(*name.split(".")).with_suffix(".py")
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= LONGEST_ROOM, f"split {name} by ideas"
+    functions = [node for node in ast.walk(TREES[name]) if isinstance(node, ast.FunctionDef)]
+    bodies = {f.name: f.end_lineno - f.body[bool(ast.get_docstring(f)) and len(f.body) > 1].lineno for f in functions}
+    assert {f: n for f, n in bodies.items() if n > LONGEST_FUNCTION} == {}, "split what no longer fits a screen"
 
 
-@pytest.mark.parametrize("name", MODULES)
+@pytest.mark.parametrize("name", TREES)
 def test_everything_public_has_a_docstring(name):
-    assert ast.get_docstring(TREES[name]), f"module {name} has no docstring"
+    assert ast.get_docstring(TREES[name]), f"{name} has no docstring"
     missing = [label for label, node in public_definitions(TREES[name].body) if not ast.get_docstring(node)]
     assert missing == []
 
 
-def test_bodies_and_scenes_load_without_meshes_and_solvers():
-    code = f"""
-import importlib, sys, types
-sys.modules.update(dict.fromkeys({HEAVY}))
-package = types.ModuleType("nassim")
-package.__path__ = [{str(PACKAGE)!r}]
-sys.modules["nassim"] = package
-for name in {WITHOUT_HEAVY}:
-    importlib.import_module("nassim." + name)
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+def kinds_of_parts():
+    for name in ROOMS:
+        for node in TREES[name].body:
+            bases = {base.id for base in getattr(node, "bases", []) if isinstance(base, ast.Name)}
+            if bases & {"Actuator", "Sensor", "ForceElement", "Connection"}:
+                yield node.name, name
 
 
-def test_public_names_exist():
-    assert all(hasattr(nassim, name) for name in nassim.__all__)
-    assert len(set(nassim.__all__)) == len(nassim.__all__)
+def test_engines_know_no_kind_of_part():
+    """Nobody asks what a part is but the room in which its kind is defined."""
+    homes = dict(kinds_of_parts())
+    assert len(homes) >= 9
+    for name in ROOMS:
+        for node in ast.walk(TREES[name]):
+            asks = isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "isinstance"
+            named = {inner.id for inner in ast.walk(node) if isinstance(inner, ast.Name)} if asks else set()
+            if isinstance(node, ast.match_case):
+                named = {inner.id for inner in ast.walk(node.pattern) if isinstance(inner, ast.Name)}
+            assert {kind for kind in named & set(homes) if homes[kind] != name} == set(), f"{name}: {ast.unparse(node)}"
+
+
+@pytest.mark.parametrize("name", ["nassim", *(f"nassim.{w}" for w in ("base", "signals", "bodies", "systems", "fem"))])
+def test_every_name_at_a_door_exists(name):
+    check_door(name)
+
+
+@pytest.mark.parametrize("name", [f"nassim.{w}" for w in ("scene", "exchange", "simulation", "identification")])
+def test_every_name_at_an_upper_door_exists(name):
+    check_door(name)
+
+
+def check_door(name):
+    door = __import__(name, fromlist=["__all__"])
+    assert door.__all__
+    assert all(getattr(door, public) is not None for public in door.__all__)
+
+
+def test_names_that_version_0_1_exported_are_still_there():
+    """Those of 0.1.0, in full."""
+    names = """
+        FRF Condensation Controller ElectricalPort Encoder FEModel FlexibleBody GroundAcceleration Joint
+        LinearModel Loop Material ModalFit NearestTo OnPlane PiezoStack PointForce ReducedBody RemotePoint
+        Repair Report RigidBody Scene Solid SpringDamper StackActuator StackSensor Superelement TimeHistory
+        VoltageDrive VoltageSensor apply_identification build_fe_model check condense craig_bampton
+        estimate_frf export_body frequency_response identify_modes linearize load open_circuit read_frf
+        read_record read_solid read_superelement repair save simulate static_response to_body
+        truncation_error write_record
+    """
+    assert set(names.split()) <= set(nassim.__all__)
+
+
+HEAVY = ("ngsolve", "netgen", "exudyn", "matplotlib", "pyuff", "control")
+
+
+def run_without(libraries, code):
+    block = f"import sys; sys.modules.update(dict.fromkeys({libraries!r})); "
+    return subprocess.run([sys.executable, "-c", block + code], capture_output=True, text=True, check=False)
+
+
+def test_linear_systems_and_files_need_neither_mesher_nor_simulator():
+    code = (
+        "import nassim; "
+        "wings = nassim.systems, nassim.exchange, nassim.scene, nassim.bodies, nassim.signals; "
+        "[getattr(wing, name) for wing in wings for name in wing.__all__ if not name.endswith('_control')]; "
+        "nassim.linearize, nassim.truncation_error, nassim.load, nassim.identify_modes, nassim.apply_identification"
+    )
+    run = run_without(HEAVY, code)
+    assert run.returncode == 0, run.stderr
+    assert run_without(HEAVY, "import nassim; nassim.build_fe_model").returncode != 0
+
+
+def test_importing_nassim_loads_nothing_large():
+    code = "import nassim; print(*{name.split('.')[0] for name in sys.modules})"
+    assert not set(run_without((), code).stdout.split()) & {*HEAVY, "numpy", "scipy", "h5py"}

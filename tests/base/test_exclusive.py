@@ -35,7 +35,7 @@ def run(call, timeout=120):
     return subprocess.run(
         [sys.executable, "-c", f"import test_exclusive; test_exclusive.{call}"],
         cwd=HERE,
-        env={**os.environ, "NASSIM_THREADS": "1"},
+        env={**os.environ, "NASSIM_THREADS": "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
         capture_output=True,
         text=True,
         timeout=timeout,

@@ -5,6 +5,7 @@ A name that reaches them may end the interpreter, so the parts are meshed in a p
 
 import ast
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -91,9 +92,8 @@ def describe(folder):
 def found(tmp_path_factory):
     folder = tmp_path_factory.mktemp("names")
     code = f"import warnings, test_names; warnings.simplefilter('ignore'); test_names.describe({str(folder)!r})"
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=Path(__file__).parent, capture_output=True, text=True, check=False
-    )
+    paths = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    done = subprocess.run([sys.executable, "-c", code], env=paths, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     cases = [(names, *route) for names in NAMES for route in ROUTES]
     return dict(zip(cases, json.loads(done.stdout.splitlines()[-1]), strict=True))
@@ -129,6 +129,6 @@ def test_body_without_a_name():
 def test_no_name_reaches_a_regular_expression():
     """NGSolve's look-ups by name stay unused; `nassim.fem.regions` does without them."""
     look_ups = {"Materials", "Boundaries", "BBoundaries", "Region", "MaterialCF", "BoundaryCF", "RegionCF"}
-    for path in Path(nassim.__file__).parent.glob("*.py"):
+    for path in Path(nassim.__file__).parent.rglob("*.py"):
         used = {node.attr for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Attribute)}
         assert used & look_ups <= ({"Region"} if path.stem == "regions" else set()), path.stem

@@ -32,7 +32,7 @@ from nassim import (
 from nassim.base.storage import fingerprint
 from nassim.scene.part import Part
 
-DATA = Path(__file__).parent / "data"
+DATA = Path(__file__).parents[1] / "data"
 NOT_DATA = {
     # with matrices of SciPy, shapes, meshes, solvers or slices in them, which no file holds
     *("Assembly", "Condensation", "FEModel", "Factorization", "FullModel", "Refinement", "Solid"),

@@ -1,9 +1,8 @@
 """The floating frame: integrals against Exudyn's own node-based formulas, momentum of a spinning free body."""
 
-import exudyn as exu
 import numpy as np
 import pytest
-from conftest import lattice, make_bar
+from conftest import angular_momentum, lattice, make_bar
 from exudyn.FEM import ComputeSkewMatrix
 
 from nassim import FlexibleBody, Scene, build_fe_model, condense, craig_bampton
@@ -66,27 +65,6 @@ def free_bar():
     """A free bar with the frame on its left end and three elastic modes."""
     model = build_fe_model(make_bar(), element_size=0.01, order=2, progress=False)
     return craig_bampton(model, n_modes=3, remote_points=["left"], progress=False)
-
-
-def angular_momentum(system, body):
-    """About the world's origin, from the state of Exudyn's nodes and the body's Gram matrix, shape (3,)."""
-
-    def read(node, kind):
-        return np.array(system.mbs.GetNodeOutput(node, getattr(exu.OutputVariableType, kind)))
-
-    rigid, modal = system.nodes["bar"], system.carriers["bar"].nodes[0][0]
-    rotation = read(rigid, "RotationMatrix").reshape(3, 3)
-    n = len(body.mass_matrix)
-    fields = np.zeros((4 + 3 * n, 3))  # position from the frame's origin, in the frame
-    fields[0], fields[1:4] = -body.remote_points[0].position, np.eye(3)
-    fields[4 + 18 :] += np.kron(read(modal, "Coordinates")[:, None], np.eye(3))
-    velocity = np.cross(read(rigid, "AngularVelocityLocal"), fields)
-    velocity[0] += rotation.T @ read(rigid, "Velocity")
-    velocity[4 + 18 :] += np.kron(read(modal, "Coordinates_t")[:, None], np.eye(3))
-    position = fields.copy()
-    position[0] += rotation.T @ read(rigid, "Position")
-    moment = position.T @ body.gram @ velocity
-    return rotation @ np.array([moment[1, 2] - moment[2, 1], moment[2, 0] - moment[0, 2], moment[0, 1] - moment[1, 0]])
 
 
 def spin(body, time_step, turns):

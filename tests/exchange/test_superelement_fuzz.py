@@ -1,5 +1,7 @@
-"""Damaged files end in a body that passes its inspection or in a ValueError; `python tests/test_superelement_fuzz.py N`
-runs N mutations, with time and memory."""
+"""Damaged files end in a body that passes its inspection or in a ValueError.
+
+`PYTHONPATH=tests python tests/exchange/test_superelement_fuzz.py N` runs N mutations, with time and memory.
+"""
 
 import contextlib
 import io
@@ -23,7 +25,7 @@ from nassim.exchange.acceptance import repair, to_body
 from nassim.exchange.inspection import check
 from nassim.exchange.superelement import read_superelement
 
-SAMPLE = Path(__file__).parent / "data" / "ansys_listing"
+SAMPLE = Path(__file__).parents[1] / "data" / "ansys_listing"
 LISTING = {path.name: path.read_bytes() for path in sorted(SAMPLE.glob("*.txt"))}
 LONGEST = 20.0
 """What one file may take [s], on a busy machine."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.signal
-from test_digital import DAMPING, MASS, STIFFNESS, oscillator
+from test_running_loops import DAMPING, MASS, STIFFNESS, oscillator
 
 from models.bench import make_bench
 from nassim import Loop, TimeHistory, frequency_response, linearize, simulate

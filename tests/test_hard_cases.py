@@ -10,8 +10,7 @@ from pathlib import Path
 import netgen.occ as occ
 import numpy as np
 import pytest
-from conftest import STEEL, make_bar
-from test_floating_frame import angular_momentum
+from conftest import STEEL, angular_momentum, make_bar
 
 from models.apa300ml import APAGeometry, make_apa300ml, reduced_apa300ml
 from models.bench import make_bench
@@ -364,7 +363,7 @@ def main():
         figure, limit = case(body)
         lines.append(f"| {inspect.getdoc(case)} | {figure:.1e} | {limit:.0e} |")
         print(lines[-1], flush=True)
-    target = Path(__file__).parent.parent / "docs" / "hard_cases.md"
+    target = Path(__file__).parents[1] / "docs" / "hard_cases.md"
     target.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
