@@ -12,7 +12,7 @@ def print_report(template: str, summary: Mapping[str, Any]) -> None:
 
     print_report("gain {gain_m_per_V*1e6:.2f} um/V", {"gain_m_per_V": 2.19e-5})
     """
-    print(re.sub(r"\{([^{}]+)\}", lambda match: _figure(summary, match[1]), template))
+    print(re.sub(r"\{([^{}]+)\}", lambda match: _figure(summary, match[1]), template).rstrip())
 
 
 def print_table(title: str, rows: Mapping[str, Mapping[str, Any]], columns: Mapping[str, str]) -> None:

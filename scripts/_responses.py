@@ -4,12 +4,13 @@ from typing import Any
 
 import numpy as np
 
-from nassim import FRF
+from nassim import FRF, LinearModel, frequency_response
 from nassim.plotting import plot_frf, plot_frf_error, plt
 
 
-def compare_frf(measured: FRF, reference: FRF, *, least_coherence: float = 0.99) -> dict[str, float]:
+def compare_frf(measured: FRF, model: LinearModel, *, least_coherence: float = 0.99) -> dict[str, float]:
     """Largest difference in dB and degrees per output, where the measured coherence is high, and in what share."""
+    reference = frequency_response(model, measured.frequency)
     result = {}
     for row, output in enumerate(measured.outputs):
         assert measured.coherence is not None

@@ -11,32 +11,29 @@ from _report import across, print_report, print_table
 from _results import write_summary
 
 from models.apa300ml import CALIBRATION, STACK
-from models.apa300ml.calibration import (
-    CIRCUITS,
-    FIGURES,
-    PARAMETERS,
-    PUBLISHED,
-    figures_with_5kg,
-    fit,
-    make_default,
-)
+from models.apa300ml import calibration as apa
 from nassim.calibration import Target
 
 arguments = parser(__doc__, "calibrate_apa")
-arguments.add_argument("--fit", nargs="+", default=["pzt_modulus"], choices=PARAMETERS, help="(default: pzt_modulus)")
+arguments.add_argument(
+    "--fit", nargs="+", default=["pzt_modulus"], choices=apa.PARAMETERS, help="(default: pzt_modulus)"
+)
 arguments.add_argument(
     "--to",
     nargs="+",
     default=["axial_stiffness=1.79e6"],
     metavar="FIGURE=VALUE",
-    help=f"targets in SI units, of {', '.join(FIGURES)} (default: axial_stiffness=1.79e6)",
+    help=f"targets in SI units, of {', '.join(apa.FIGURES)} (default: axial_stiffness=1.79e6)",
 )
 arguments.add_argument("--tolerance", type=positive, default=0.5, help="of the targets [%%] (default: 0.5)")
 arguments.add_argument("--element-size", type=positive, default=5.0, help="of the fine mesh [mm] (default: 5)")
 arguments.add_argument("--order", type=whole(1), default=3, help="of the fine mesh (default: 3)")
 arguments.add_argument("--coarse-size", type=positive, default=5.0, help="mesh of the sensitivities [mm] (default: 5)")
 arguments.add_argument(
-    "--circuit", default="shorted", choices=CIRCUITS, help="of all stacks, where the targets hold (default: shorted)"
+    "--circuit",
+    default="shorted",
+    choices=apa.CIRCUITS,
+    help="of all stacks, where the targets hold (default: shorted)",
 )
 arguments.add_argument("--write", action="store_true", help="make the fit the model's default")
 
@@ -52,7 +49,7 @@ frequency_5kg follows from stiffness and mass, on which it depends by half, and 
 
 def main() -> None:
     args = arguments.parse_args()
-    record = fit(
+    record = apa.fit(
         args.fit,
         [read_target(text, args.tolerance / 100) for text in args.to],
         circuit=args.circuit,
@@ -62,33 +59,33 @@ def main() -> None:
     )
     figures = record["figures"]
     summary = record | {
-        "started_from": {name: PARAMETERS[name].start for name in args.fit},
-        "published": PUBLISHED,
-        "differences_percent": {name: 100 * (figures[name] / known - 1) for name, known in PUBLISHED.items()},
+        "started_from": {name: apa.PARAMETERS[name].start for name in args.fit},
+        "published": apa.PUBLISHED,
+        "differences_percent": {name: 100 * (figures[name] / known - 1) for name, known in apa.PUBLISHED.items()},
         "stack_coupling_factor": STACK.coupling_factor,
-        **figures_with_5kg(figures),
+        **apa.figures_with_5kg(figures),
     }
 
     title = "relative change of figures per relative change of parameters"
-    print_table(title, summary["sensitivities"], {name: f"{name}:.3f" for name in PARAMETERS})
+    print_table(title, summary["sensitivities"], {name: f"{name}:.3f" for name in apa.PARAMETERS})
     print_table("fit", across(summary, args.fit, ("parameters", "relative_deviations", "started_from")), FITTED)
     moved = {p: row for p, row in summary["relative_changes_with_others_at_their_bounds"].items() if p != "command"}
     ends = {"lowest": 0, "highest": 1}
     columns = {end: f"bounds/{k}:.3g" for end, k in ends.items()}
     columns |= {f"{name} at {end} [%]": f"{name}/{k}*100:+.1f" for name in args.fit for end, k in ends.items()}
     print_table("change of the fit with another parameter at its bounds", moved, columns)
-    print_table("figures", across(summary, FIGURES, ("figures", "published", "differences_percent")), COMPARED)
+    print_table("figures", across(summary, apa.FIGURES, ("figures", "published", "differences_percent")), COMPARED)
     print_report(REPORT, summary)
     write_summary(args.output, summary)
     if args.write:
-        make_default(record)
+        apa.make_default(record)
         print(f"written to {CALIBRATION}: the model's default from now on")
 
 
 def read_target(text: str, tolerance: float) -> Target:
     name, _, value = text.partition("=")
-    if name not in FIGURES:
-        arguments.error(f"unknown figure {name!r}; known: {', '.join(FIGURES)}")
+    if name not in apa.FIGURES:
+        arguments.error(f"unknown figure {name!r}; known: {', '.join(apa.FIGURES)}")
     try:
         return Target(name, float(value), tolerance)
     except ValueError as error:

@@ -30,13 +30,9 @@ arguments.add_argument("--outputs", nargs="+", default=list(UNITS), help=f"(defa
 arguments.add_argument("--band", nargs=2, type=positive, default=[20.0, 500.0], metavar=("LOW", "HIGH"), help="[Hz]")
 arguments.add_argument("--modes", type=whole(1), help="how many resonances the band has (default: chosen by BIC)")
 arguments.add_argument("--input-hold", choices=["dac", "none"], default="dac", help="of a record (default: dac)")
-arguments.add_argument(
-    "--payload-mass", type=positive, default=5.0, help="of the bench written back to [kg] (default: 5)"
-)
+arguments.add_argument("--payload-mass", type=positive, default=5.0, help="of the bench written to [kg] (default: 5)")
 arguments.add_argument("--seed", type=whole(0), default=0, help="of the blind demonstration (default: 0)")
-arguments.add_argument(
-    "--noise", type=not_negative, default=0.05, help="of the blind demonstration, rms (default: 0.05)"
-)
+arguments.add_argument("--noise", type=not_negative, default=0.05, help="rms of the demonstration's (default: 0.05)")
 
 COLUMNS = {
     "fitted": "fitted:.5g",
