@@ -1,6 +1,7 @@
 """The paper's test bench: granite base, amplified piezo actuator, guided mass on top, encoder."""
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -139,7 +140,7 @@ def formula_frequency(payload_mass: float = 5.0) -> float:
     return math.sqrt(VENDOR_STIFFNESS / payload_mass) / (2 * math.pi)
 
 
-BENCH_CONDITIONS = {"fixed": ["bottom"], "guided": {"top": "z"}}
+BENCH_CONDITIONS: dict[str, Any] = {"fixed": ["bottom"], "guided": {"top": "z"}}
 """What the bench's joints do to the actuator's remote points, for `eigenfrequencies` and the full FE model."""
 
 

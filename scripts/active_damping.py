@@ -5,38 +5,22 @@ several gains the damping that a simulation shows is compared with the linear pr
 a passive damper between ground and payload that damps the resonance as much.
 """
 
-from dataclasses import replace
-
 import numpy as np
-from _common import not_negative, parser, positive, run, whole, write_summary
-from _damping_trials import (
-    first_mode,
-    plot_isolation,
-    plot_steps,
-    plot_trials,
-    pole_zero_level,
-    simulated_mode,
-    with_damper,
-)
-from scipy.optimize import brentq
+from _arguments import not_negative, parser, positive, run, whole
+from _damping_pictures import plot_steps, plot_trials
+from _damping_trials import TRIALS, WIRES, equal_damper, first_mode, trial, with_damper, with_loop
+from _isolation import ISOLATION, isolation_figures, plot_isolation, responses
+from _report import print_report, print_table, rows_of, with_prefix
+from _results import write_summary
 
-from models.apa300ml import PORTS, reduced_apa300ml
+from models.apa300ml import COARSE, PORTS, reduced_apa300ml
 from models.bench import make_bench
-from nassim import Loop, frequency_response, linearize
+from models.bench_figures import pole_zero_level
+from nassim import linearize
 from nassim.plotting import plot_root_locus, save_figure
 from nassim.simulation import linearize_closed
-from nassim.systems import (
-    iff_optimum,
-    integral_force_feedback,
-    margins,
-    open_loop,
-    optimum_gain,
-    root_locus,
-    sampled,
-    transmissibility,
-)
+from nassim.systems import iff_optimum, integral_force_feedback, margins, open_loop, optimum_gain, root_locus, sampled
 
-WIRES = {"measured": "sensor_voltage", "driven": "actuator_voltage"}
 SHARES = (0.05, 0.1, 0.2, 0.35, 0.5, 0.7)
 """Gains of the trials over the optimum."""
 
@@ -48,91 +32,59 @@ arguments.add_argument("--corner", type=not_negative, default=2.0, help="of the 
 arguments.add_argument("--duration", type=positive, default=20.0, help="of a record for an FRF [s] (default: 20)")
 arguments.add_argument("--coarse", action="store_true", help="tetrahedra of 8 mm, for a quick look")
 
+REPORT = """
+V_s/V_a: pole {pole_Hz:.2f} Hz, zero {zero_Hz:.2f} Hz, {level_between_modes_V_per_V:.3f} V/V between the modes
+optimum by closed form for one mode: gain {closed_form_gain_per_s:.1f}/s, damping ratio {closed_form_damping_ratio:.3f}
+optimum of the sampled bench: gain {optimum_gain_per_s:.1f}/s, damping ratio {optimum_damping_ratio:.3f}, \
+gain margin {gain_margin:.2f} at {gain_margin_frequency_Hz:.0f} Hz
+first mode damped to {chosen_damping_ratio*100:.1f} % of critical, by IFF or by {passive_damper_N_s_per_m:.0f} N s/m"""
+
 
 def main() -> None:
     args = arguments.parse_args()
-    mesh = {"element_size": 8e-3, "order": 2, "mesh": {}} if args.coarse else {}
-    apa = reduced_apa300ml(ports=PORTS, **mesh)
+    apa = reduced_apa300ml(ports=PORTS, **(COARSE if args.coarse else {}))
     bench = make_bench(args.payload_mass, "linear", ports=True, disturbances=True, apa=apa)
     unit = integral_force_feedback(1.0, sample_rate=args.sample_rate, corner_frequency=args.corner, delay=args.delay)
-
-    def with_gain(gain):
-        return replace(bench, loops=(Loop("iff", replace(unit, C=gain * unit.C, D=gain * unit.D), **WIRES),))
-
-    plant, digital = linearize(bench), sampled(linearize(bench), args.sample_rate)
-    pole, zero, level = pole_zero_level(plant)
+    plant, step = linearize(bench), 1 / args.sample_rate
+    found = pole_zero_level(plant)
+    pole, zero, level = found.values()
+    digital = sampled(plant, args.sample_rate)
     closed_form = iff_optimum(pole, zero)
     gains = np.linspace(0.0, 1.6 * closed_form.gain / level, 240)
     best = optimum_gain(digital, unit, gains, **WIRES, frequency=pole)
     robust = margins(open_loop(digital, unit, np.geomspace(5, 0.49 * args.sample_rate, 40000), **WIRES, gain=best.gain))
-    print(f"V_s/V_a: pole {pole:.2f} Hz, zero {zero:.2f} Hz, {level:.3f} V/V between the modes")
-    print("optimum               gain [1/s]   damping ratio")
-    print(f"  one mode, closed form {closed_form.gain / level:8.1f} {closed_form.damping_ratio:15.3f}")
-    print(f"  bench, sampled        {best.gain:8.1f} {best.damping_ratio:15.3f}")
-    print(f"  margins: gain {robust.gain_margin:.2f} at {robust.gain_margin_frequency:.0f} Hz")
+    tried = {gain: with_loop(bench, unit, gain) for gain in best.gain * np.array(SHARES)}
+    trials = [trial(scene, gain, time_step=step, near=pole) for gain, scene in tried.items()]
+    chosen = with_loop(bench, unit, 0.35 * best.gain)
+    target = first_mode(linearize_closed(chosen), pole)[1]
+    rate = equal_damper(bench, target, near=pole, payload_mass=args.payload_mass)
+    scenes = {"no damping added": bench, "IFF": chosen, "passive damper": with_damper(bench, rate)}
+    frfs, isolation = responses(scenes, np.geomspace(1.0, 900.0, 3000))
     summary = {
-        "pole_Hz": pole,
-        "zero_Hz": zero,
-        "level_between_modes_V_per_V": level,
+        **found,
         "closed_form_gain_per_s": closed_form.gain / level,
         "closed_form_damping_ratio": closed_form.damping_ratio,
         "optimum_gain_per_s": best.gain,
         "optimum_damping_ratio": best.damping_ratio,
         "gain_margin": robust.gain_margin,
         "gain_margin_frequency_Hz": robust.gain_margin_frequency,
+        "trials": trials,
+        "chosen_damping_ratio": target,
+        "passive_damper_N_s_per_m": rate,
     }
-
-    print("\n                damping ratio                           frequency [Hz]")
-    print("gain [1/s]   predicted   simulated   difference     predicted   simulated")
-    summary["trials"] = []
-    for gain in best.gain * np.array(SHARES):
-        scene = with_gain(gain)
-        predicted = first_mode(linearize_closed(scene), pole)
-        found = simulated_mode(scene, 1 / args.sample_rate, pole)
-        error = 100 * (found[1] / predicted[1] - 1)
-        print(
-            f"{gain:10.2f} {predicted[1]:11.5f} {found[1]:11.5f} {error:10.4f} % {predicted[0]:13.2f} {found[0]:11.2f}"
-        )
-        summary["trials"].append(
-            {
-                "gain_per_s": gain,
-                "damping_predicted": predicted[1],
-                "damping_simulated": found[1],
-                "damping_difference_percent": error,
-                "frequency_predicted_Hz": predicted[0],
-                "frequency_simulated_Hz": found[0],
-            }
-        )
-
-    chosen = with_gain(0.35 * best.gain)
-    target = first_mode(linearize_closed(chosen), pole)[1]
-    most = 1.5 * 2 * np.pi * pole * args.payload_mass
-    rate = brentq(lambda c: first_mode(linearize(with_damper(bench, c)), pole)[1] - target, 1.0, most)
-    scenes = {"no damping added": bench, "IFF": chosen, "passive damper": with_damper(bench, rate)}
-    frequency, frfs = np.geomspace(1.0, 900.0, 3000), []
-    for name, scene in scenes.items():
-        model = linearize_closed(scene, continuous=True) if scene.loops else linearize(scene)
-        frfs.append(frequency_response(model, frequency, label=name))
-    isolation = [transmissibility(frf, output="encoder", ground="ground_acceleration") for frf in frfs]
-    print(f"\nfirst mode damped to {100 * target:.1f} % of critical, by IFF or by a damper of {rate:.0f} N s/m")
-    summary |= {"chosen_damping_ratio": target, "passive_damper_N_s_per_m": rate}
-    print("                    ground to payload, 500 Hz   compliance, 1 Hz [um/N]   largest [um/N]")
     for frf, way in zip(frfs, isolation, strict=True):
-        compliance = 1e6 * np.abs(frf.response("encoder", "payload_force"))
-        passed = abs(way.values[0, 0, np.argmin(np.abs(frequency - 500.0))])
-        print(f"{frf.label:<18}{passed:27.5f} {compliance[0]:25.3f} {compliance[frequency < 300].max():16.3f}")
-        key = frf.label.replace(" ", "_")
-        summary |= {f"{key}_transmissibility_500_Hz": passed, f"{key}_compliance_1_Hz_um_per_N": compliance[0]}
-        summary[f"{key}_largest_compliance_um_per_N"] = compliance[frequency < 300].max()
+        summary |= with_prefix(frf.label, isolation_figures(frf, way))
 
+    print_report(REPORT, summary)
+    print_table("first mode, gain", {f"{row['gain_per_s']:.2f}/s": row for row in summary["trials"]}, TRIALS)
+    print_table("isolation", rows_of(summary, scenes), ISOLATION)
     if not args.no_plot:
         locus = root_locus(digital, unit, gains, **WIRES)
         save_figure(plot_root_locus(locus, frequency=1.6 * pole, optimum=best), args.output / "root_locus.png")
         plot_isolation(frfs, isolation, args.output / "isolation.png")
-        plot_steps(scenes, 1 / args.sample_rate, args.output / "step.png")
-        trials = {f"{gain:.0f}/s": with_gain(gain) for gain in best.gain * np.array([0.0, 0.05, 0.2, 0.7])}
-        options = {"duration": args.duration, "time_step": 1 / args.sample_rate}
-        plot_trials(trials, **options, path=args.output / "frf.png")
+        plot_steps(scenes, step, args.output / "step.png")
+        shown = {f"{gain:.0f}/s": with_loop(bench, unit, gain) for gain in best.gain * np.array([0.0, 0.05, 0.2, 0.7])}
+        plot_trials(shown, duration=args.duration, time_step=step, path=args.output / "frf.png")
     write_summary(args.output, summary)
 
 

@@ -6,134 +6,86 @@ at their bounds (fitted anew on the coarse mesh), and compares what was not fitt
 With --write, the fit becomes the model's default.
 """
 
-import json
+from _arguments import parser, positive, run, whole
+from _report import across, print_report, print_table
+from _results import write_summary
 
-import numpy as np
-from _common import parser, positive, run, whole, write_summary
-
-from models.apa300ml import CALIBRATION, PAPER_FREQUENCY_FE, PRISMS, STACK, VENDOR_STIFFNESS
-from models.apa300ml.calibration import CIRCUITS, FIGURES, PARAMETERS, PUBLISHED, make_model
-from nassim.base import stage, written_whole
-from nassim.identification import Target, at_bounds, calibrate, check_determined, sensitivities
+from models.apa300ml import CALIBRATION, STACK
+from models.apa300ml import calibration as apa
+from nassim.identification import Target
 
 arguments = parser(__doc__, "calibrate_apa")
-arguments.add_argument("--fit", nargs="+", default=["pzt_modulus"], choices=PARAMETERS, help="(default: pzt_modulus)")
+arguments.add_argument(
+    "--fit", nargs="+", default=["pzt_modulus"], choices=apa.PARAMETERS, help="(default: pzt_modulus)"
+)
 arguments.add_argument(
     "--to",
     nargs="+",
     default=["axial_stiffness=1.79e6"],
     metavar="FIGURE=VALUE",
-    help=f"targets in SI units, of {', '.join(FIGURES)} (default: axial_stiffness=1.79e6)",
+    help=f"targets in SI units, of {', '.join(apa.FIGURES)} (default: axial_stiffness=1.79e6)",
 )
 arguments.add_argument("--tolerance", type=positive, default=0.5, help="of the targets [%%] (default: 0.5)")
 arguments.add_argument("--element-size", type=positive, default=5.0, help="of the fine mesh [mm] (default: 5)")
 arguments.add_argument("--order", type=whole(1), default=3, help="of the fine mesh (default: 3)")
 arguments.add_argument("--coarse-size", type=positive, default=5.0, help="mesh of the sensitivities [mm] (default: 5)")
 arguments.add_argument(
-    "--circuit", default="shorted", choices=CIRCUITS, help="of all stacks, where the targets hold (default: shorted)"
+    "--circuit",
+    default="shorted",
+    choices=apa.CIRCUITS,
+    help="of all stacks, where the targets hold (default: shorted)",
 )
 arguments.add_argument("--write", action="store_true", help="make the fit the model's default")
+
+FITTED = {"value": "parameters:.5g", "+- [%]": "relative_deviations*100:.2g", "started from": "started_from:g"}
+COMPARED = {"value": "figures:.5g", "published": "published:.5g", "difference [%]": "differences_percent:+.2f"}
+REPORT = """
+frequency_5kg follows from stiffness and mass, on which it depends by half, and confirms nothing more
+{moving_mass_kg:.3f} kg move with 5 kg: the paper's {published/frequency_5kg} Hz mean \
+{stiffness_of_the_papers_frequency_N_per_m*1e-6:.3f} N/um, \
+{stiffness_of_the_papers_frequency_over_vendors_percent:+.1f} % against the vendor's
+"""
 
 
 def main() -> None:
     args = arguments.parse_args()
-    targets = [read_target(text, args.tolerance / 100) for text in args.to]
-    print(f"{STACK.consistency()}\n")
-    with stage("sensitivities", total=2 * len(PARAMETERS), unit="evaluations") as advance:
-        coarse = make_model(circuit=args.circuit, element_size=1e-3 * args.coarse_size, order=2)
-        table = sensitivities(coarse, list(PARAMETERS.values()), FIGURES, advance=advance)
-    print("\nrelative change of figures per relative change of parameters (tetrahedra, order 2)")
-    print(f"{'':18}" + "".join(f"{name:>16}" for name in PARAMETERS))
-    for name, row in zip(FIGURES, table, strict=True):
-        print(f"  {name:<16}" + "".join(f"{value:16.3f}" for value in row))
-
-    rows = [FIGURES.index(target.name) for target in targets]
-    columns = list(PARAMETERS).index
-    chosen = [PARAMETERS[name] for name in args.fit]
-    sensitivity = table[np.ix_(rows, [columns(name) for name in args.fit])]
-    check_determined(chosen, targets, sensitivity, largest_deviation=0.1)
-    fixed = {name: p.start for name, p in PARAMETERS.items() if name not in args.fit}
-    kinds = PRISMS if "arm_thickness" not in args.fit else {}
-    fine = make_model(circuit=args.circuit, element_size=1e-3 * args.element_size, order=args.order, **kinds)
-    print(f"\nfit of {', '.join(args.fit)} on the fine mesh:")
-    result = calibrate(
-        lambda values: fine(fixed | dict(values)),
-        chosen,
-        targets,
-        sensitivity=sensitivity,
-        report=lambda line: print(f"  {line}", flush=True),
+    record = apa.fit(
+        args.fit,
+        [read_target(text, args.tolerance / 100) for text in args.to],
+        circuit=args.circuit,
+        element_size=1e-3 * args.element_size,
+        order=args.order,
+        coarse_size=1e-3 * args.coarse_size,
     )
-    for name, value in result.values.items():
-        print(
-            f"  {name} = {value:.5g} +- {100 * result.deviations[name]:.2g} %, started from {PARAMETERS[name].start:g}"
-        )
-
-    others = [p for name, p in PARAMETERS.items() if name not in args.fit]
-    with stage("fits with others at their bounds", total=2 * len(others), unit="fits") as advance:
-        moved = at_bounds(coarse, chosen, others, targets, sensitivity=sensitivity, advance=advance)
-    print("\nthat is what the tolerance alone leaves open; with another parameter at its bounds the fit would need")
-    for other in others:
-        for name, (low, high) in moved[other.name].items():
-            bounds = f"{other.lowest:.3g} ... {other.highest:.3g}"
-            print(f"  {other.name} at {bounds}: {name} {100 * low:+.1f} ... {100 * high:+.1f} %")
-
-    print("\nfigure                value        published   difference")
-    for name in FIGURES:
-        value, known = result.figures[name], PUBLISHED.get(name)
-        label = "fitted" if name in [t.name for t in targets] else ""
-        print(
-            f"  {name:<16} {value:12.5g} "
-            + (f"{known:12.5g} {100 * (value / known - 1):+9.2f} % {label}" if known else "")
-        )
-    half = table[FIGURES.index("frequency_5kg")] - 0.5 * table[FIGURES.index("axial_stiffness")]
-    print(
-        "frequency_5kg depends on every parameter half as the stiffness does "
-        f"(to within {np.abs(half).max():.3f}): it follows from it and the mass, and confirms nothing more"
-    )
-    moving = result.figures["axial_stiffness"] / (2 * np.pi * result.figures["frequency_5kg"]) ** 2
-    implied = (2 * np.pi * PAPER_FREQUENCY_FE) ** 2 * moving
-    print(
-        f"5 kg: {moving:.3f} kg move, so the paper's {PAPER_FREQUENCY_FE} Hz mean {1e-6 * implied:.3f} N/um, "
-        f"{100 * (implied / VENDOR_STIFFNESS - 1):+.1f} % against the vendor's:\n"
-        "the paper's own model, fitted to resonances too, was stiffer"
-    )
-    record = {
-        "parameters": fixed | dict(result.values),
-        "relative_deviations": dict(result.deviations),
-        "targets": {t.name: t.value for t in targets},
-        "target_tolerance": args.tolerance / 100,
-        "circuit": args.circuit,
-        "relative_changes_with_others_at_their_bounds": {
-            "command": "python scripts/calibrate_apa.py",
-            **{other.name: {"bounds": [other.lowest, other.highest], **moved[other.name]} for other in others},
-        },
-        "figures": dict(result.figures),
-        "mesh": f"{args.element_size:g} mm, order {args.order}, {'prisms' if kinds else 'tetrahedra'}",
-        "sensitivities": {
-            name: dict(zip(PARAMETERS, row, strict=True)) for name, row in zip(FIGURES, table.tolist(), strict=True)
-        },
-    }
-    differences = {name: 100 * (result.figures[name] / known - 1) for name, known in PUBLISHED.items()}
-    further = {
-        "started_from": {parameter.name: parameter.start for parameter in chosen},
-        "published": PUBLISHED,
-        "differences_percent": differences,
-        "moving_mass_kg": moving,
-        "stiffness_of_the_papers_frequency_N_per_m": implied,
-        "stiffness_of_the_papers_frequency_over_vendors_percent": 100 * (implied / VENDOR_STIFFNESS - 1),
+    figures = record["figures"]
+    summary = record | {
+        "started_from": {name: apa.PARAMETERS[name].start for name in args.fit},
+        "published": apa.PUBLISHED,
+        "differences_percent": {name: 100 * (figures[name] / known - 1) for name, known in apa.PUBLISHED.items()},
         "stack_coupling_factor": STACK.coupling_factor,
+        **apa.figures_with_5kg(figures),
     }
-    write_summary(args.output, record | further)
+
+    title = "relative change of figures per relative change of parameters"
+    print_table(title, summary["sensitivities"], {name: f"{name}:.3f" for name in apa.PARAMETERS})
+    print_table("fit", across(summary, args.fit, ("parameters", "relative_deviations", "started_from")), FITTED)
+    moved = {p: row for p, row in summary["relative_changes_with_others_at_their_bounds"].items() if p != "command"}
+    ends = {"lowest": 0, "highest": 1}
+    columns = {end: f"bounds/{k}:.3g" for end, k in ends.items()}
+    columns |= {f"{name} at {end} [%]": f"{name}/{k}*100:+.1f" for name in args.fit for end, k in ends.items()}
+    print_table("change of the fit with another parameter at its bounds", moved, columns)
+    print_table("figures", across(summary, apa.FIGURES, ("figures", "published", "differences_percent")), COMPARED)
+    print_report(REPORT, summary)
+    write_summary(args.output, summary)
     if args.write:
-        with written_whole(CALIBRATION) as temporary:
-            temporary.write_text(json.dumps(record, indent=2) + "\n")
+        apa.make_default(record)
         print(f"written to {CALIBRATION}: the model's default from now on")
 
 
 def read_target(text: str, tolerance: float) -> Target:
     name, _, value = text.partition("=")
-    if name not in FIGURES:
-        arguments.error(f"unknown figure {name!r}; known: {', '.join(FIGURES)}")
+    if name not in apa.FIGURES:
+        arguments.error(f"unknown figure {name!r}; known: {', '.join(apa.FIGURES)}")
     try:
         return Target(name, float(value), tolerance)
     except ValueError as error:

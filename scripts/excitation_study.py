@@ -4,10 +4,12 @@ Repeated chirps and the multisine are periodic: their first period, which holds 
 window is needed.
 """
 
-import time
-
 import numpy as np
-from _common import compare_frf, parser, plot_bode_pair, plot_error_pair, positive, run, write_summary
+from _arguments import parser, positive, run
+from _costs import timed
+from _report import print_table, rows_of, with_prefix
+from _responses import COMPARED, compare_frf, plot_bode_pair, plot_error_pair
+from _results import write_summary
 
 from models.bench import make_bench
 from nassim import TimeHistory, estimate_frf, frequency_response, linearize, simulate
@@ -39,38 +41,21 @@ def main() -> None:
         ),
     }
     frfs, summary = [], {"duration_s": args.duration, "period_s": args.period, "time_step_s": args.time_step}
-    rows = []
+    options = {"inputs": bench.inputs, "outputs": bench.outputs, "segment_duration": args.period}
     for name, excitation in excitations.items():
         print(name)
-        start = time.perf_counter()
-        record = simulate(bench, excitation, time_step=args.time_step)
-        wall = time.perf_counter() - start
-        options = {
-            "inputs": bench.inputs,
-            "outputs": bench.outputs,
-            "segment_duration": args.period,
-            "label": name,
-        }
+        record, wall = timed(simulate, bench, excitation, time_step=args.time_step)
         if name == "noise":
-            measured = estimate_frf(record, **options)
+            measured = estimate_frf(record, label=name, **options)
         else:
-            measured = estimate_frf(record.after(args.period), overlap=0.0, window="boxcar", **options)
-        measured = measured.band(10, 500)
-        errors = compare_frf(measured, frequency_response(linear, measured.frequency))
-        rows.append((name, wall, errors))
-        summary |= {f"{name}_wall_time_s": wall} | {f"{name}_{key}": value for key, value in errors.items()}
-        frfs.append(measured)
+            measured = estimate_frf(record.after(args.period), overlap=0.0, window="boxcar", label=name, **options)
+        frfs.append(measured.band(10, 500))
+        summary |= with_prefix(name, {"wall_time_s": wall, **compare_frf(frfs[-1], linear)})
 
-    print("\nagainst the linear model, 10-500 Hz, where coherence > 0.99")
-    print("              V_s/V_a                      d_e/V_a                  simulated    wall")
-    print("              dB    deg   coherent         dB    deg   coherent       [s]        [s]")
-    for name, wall, e in rows:
-        cells = "   ".join(
-            f"{e[f'{o}_magnitude_error_dB']:6.2f} {e[f'{o}_phase_error_deg']:6.2f} "
-            f"{100 * e[f'{o}_coherent_share']:6.0f} %  "
-            for o in bench.outputs
-        )
-        print(f"{name:<11}{cells}{args.duration:8.1f} {wall:10.1f}")
+    for output in bench.outputs:
+        columns = {heading: f"{output}_{figure}" for heading, figure in COMPARED.items()}
+        title = f"{output} against the linear model, 10-500 Hz, coherence > 0.99"
+        print_table(title, rows_of(summary, excitations), columns | {"wall time [s]": "wall_time_s:.1f"})
     if not args.no_plot:
         references = [frequency_response(linear, frf.frequency) for frf in frfs]
         save_figure(plot_bode_pair([*frfs, references[0]]), args.output / "frf.png")

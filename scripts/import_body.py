@@ -5,7 +5,9 @@ two ends then replaces the actuator on the bench, under a guided payload, in sma
 """
 
 import numpy as np
-from _common import parser, positive, run, write_summary
+from _arguments import parser, positive, run
+from _report import print_table, rows_of, with_prefix
+from _results import write_summary
 
 from models.bench import make_passive_bench
 from nassim import static_response
@@ -20,6 +22,13 @@ arguments.add_argument(
 )
 arguments.add_argument("--repair", action="store_true", help="mend what rounding spoilt")
 arguments.add_argument("--payload", type=positive, default=1.0, help="on the bench [kg] (default: 1)")
+
+COLUMNS = {
+    "1st eigenfrequency [Hz]": "Hz/0:.4f",
+    "2nd": "Hz/1:.4f",
+    "3rd": "Hz/2:.4f",
+    "sag [um]": "sag_m*1e6:.5f",
+}
 
 
 def main() -> None:
@@ -58,20 +67,19 @@ def main() -> None:
         summary["free_Hz"] = accepted.eigenfrequencies()[6:]
         if len(accepted.point_names) == 2:
             summary |= on_bench(accepted, args.payload)
+            print_table(f"bench with {args.payload:g} kg", rows_of(summary, ("bench linear", "bench ffrf")), COLUMNS)
         else:
             print(f"not on the bench: {len(accepted.point_names)} nodes, not two")
     write_summary(args.output, summary)
 
 
 def on_bench(body, payload_mass):
-    print(f"\nbench with {payload_mass:g} kg     1st, 2nd, 3rd eigenfrequency [Hz]     sag [um]")
+    """First eigenfrequencies of the bench and its sag in small and in large motion."""
     summary = {"payload_kg": payload_mass}
     for fidelity in ("linear", "ffrf"):
         scene = make_passive_bench(body, payload_mass=payload_mass, fidelity=fidelity)
-        frequency = exudyn_eigenfrequencies(scene, n_modes=3)
-        sag = static_response(scene)["encoder"]
-        print(f"  {fidelity:12}" + " ".join(f"{f:15.4f}" for f in frequency) + f"{1e6 * sag:15.5f}")
-        summary |= {f"bench_{fidelity}_Hz": frequency, f"bench_{fidelity}_sag_m": sag}
+        figures = {"Hz": exudyn_eigenfrequencies(scene, n_modes=3), "sag_m": static_response(scene)["encoder"]}
+        summary |= with_prefix(f"bench {fidelity}", figures)
     return summary
 
 

@@ -5,29 +5,9 @@ second APA300ML with a mass, a resonance that the usual bench does not have. Wri
 sensor_voltage, encoder, with noise) and, in summary.json, the truth.
 """
 
-from dataclasses import replace
-from pathlib import Path
-
-import numpy as np
-from _common import not_negative, parser, positive, run, whole, write_summary
-
-from models.apa300ml import reduced_apa300ml
-from models.bench import make_bench
-from nassim import FlexibleBody, Joint, ReducedBody, RigidBody, Scene, TimeHistory, simulate
-from nassim.identification import modal_gains
-from nassim.signals import band_limited_noise, write_record
-from nassim.simulation import assemble
-
-SAMPLE_RATE, CUTOFF_FREQUENCY = 10e3, 500.0  # Hz
-LIMITS = {  # drawn evenly between these
-    "payload_mass_kg": (3.9, 4.3),
-    "fixture_mass_kg": (0.5, 0.8),
-    "damping_ratio_1": (0.005, 0.02),
-    "damping_ratio_2": (0.005, 0.02),
-    "actuator_factor": (0.8, 1.2),
-    "sensor_factor": (0.8, 1.2),
-}
-
+from _arguments import not_negative, parser, positive, run, whole
+from _blind_bench import make_blind_record
+from _results import write_summary
 
 arguments = parser(__doc__, "make_blind_record")
 arguments.add_argument("--seed", type=whole(0), default=0, help="of all random numbers (default: 0)")
@@ -40,57 +20,6 @@ def main() -> None:
     path, truth = make_blind_record(args.output, seed=args.seed, noise=args.noise, duration=args.duration)
     print(path)
     write_summary(args.output, truth)
-
-
-def blind_scene(seed: int, apa: ReducedBody) -> tuple[Scene, dict[str, float]]:
-    """The bench with random parameters and a second resonance, and what they are."""
-    random = np.random.default_rng(seed)
-    truth = {name: float(random.uniform(*limits)) for name, limits in LIMITS.items()}
-    bench = make_bench(truth["payload_mass_kg"], "linear", apa=apa)
-    base, lower, payload = bench.bodies
-    top = bench.point_position("apa.top")
-    payload = replace(payload, points={**payload.points, "top": top - payload.position})
-    bottom, above = (apa.point(name).position for name in ("bottom", "top"))
-    end = top + above - bottom
-    mass = truth["fixture_mass_kg"]
-    fixture = FlexibleBody("fixture", apa, position=top - bottom, fidelity="linear", frame="bottom")
-    load = RigidBody("load", {"bottom": np.zeros(3)}, mass, 1e-3 * mass * np.eye(3), position=end)
-    base = replace(base, points={**base.points, "upper_guide": end})
-    joints = (
-        Joint("fixture_mount", "payload.top", "fixture.bottom"),
-        Joint("load_mount", "fixture.top", "load.bottom"),
-        Joint("upper_guide", "base.upper_guide", "load.bottom", free=("z",)),
-    )
-    (actuator,), (sensor, encoder) = bench.actuators, bench.sensors
-    actuator = replace(actuator, gain=actuator.gain * truth["actuator_factor"])
-    sensor = replace(sensor, voltage_per_elongation=sensor.voltage_per_elongation * truth["sensor_factor"])
-    scene = replace(
-        bench,
-        bodies=(base, lower, payload, fixture, load),
-        joints=(*bench.joints, *joints),
-        actuators=(actuator,),
-        sensors=(sensor, encoder),
-        damping_ratio=[truth["damping_ratio_1"], truth["damping_ratio_2"], 0.01],
-    )
-    assembly = assemble(scene)
-    gains = modal_gains(assembly)[:, 0]
-    for k in range(2):
-        truth[f"frequency_{k + 1}_Hz"] = float(assembly.frequency[k])
-        truth[f"sensor_voltage_gain_{k + 1}_V_per_V"] = float(gains[0, k])
-        truth[f"encoder_gain_{k + 1}_m_per_V"] = float(gains[1, k])
-    return scene, truth
-
-
-def make_blind_record(folder: Path, *, seed: int, noise: float, duration: float) -> tuple[Path, dict[str, float]]:
-    """Write record.csv into a folder; returns its path and the truth. noise: rms over the signal's rms."""
-    apa = reduced_apa300ml(element_size=8e-3, order=2, mesh={})
-    scene, truth = blind_scene(seed, apa)
-    excitation = band_limited_noise(duration, SAMPLE_RATE, cutoff_frequency=CUTOFF_FREQUENCY, rms=0.1, seed=seed)
-    record = simulate(scene, excitation, time_step=1 / SAMPLE_RATE, method="exact", hold_order=0, progress=False)
-    values = record.values.copy()
-    random = np.random.default_rng([seed, 1])
-    values[1:] += noise * values[1:].std(axis=1, keepdims=True) * random.standard_normal(values[1:].shape)
-    return write_record(TimeHistory(record.time, values, record.names, record.units), folder / "record.csv"), truth
 
 
 if __name__ == "__main__":

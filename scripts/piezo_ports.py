@@ -8,10 +8,14 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from _common import parser, plot_bode_pair, pole_and_zero_of, positive, run, write_summary
+from _arguments import parser, positive, run
+from _report import print_table, rows_of, with_prefix
+from _responses import plot_bode_pair
+from _results import write_summary
 
-from models.apa300ml import PORTS, STACK, reduced_apa300ml
+from models.apa300ml import COARSE, PORTS, STACK, reduced_apa300ml
 from models.bench import SENSOR_RESISTANCE, make_bench
+from models.bench_figures import pole_and_zero, static_gains
 from nassim import frequency_response, linearize, truncation_error
 from nassim.plotting import save_figure
 
@@ -25,10 +29,18 @@ arguments.add_argument(
 )
 arguments.add_argument("--coarse", action="store_true", help="tetrahedra of 8 mm, for a quick look")
 
+COLUMNS = {
+    "V_s/V_a [V/V]": "static_gain_V_per_V:.4f",
+    "d_e/V_a [um/V]": "static_gain_m_per_V*1e6:.2f",
+    "pole [Hz]": "pole_Hz:.2f",
+    "zero [Hz]": "zero_Hz:.2f",
+    "truncation [%]": "truncation_error*100:.3f",
+}
+
 
 def main() -> None:
     args = arguments.parse_args()
-    mesh = {"element_size": 8e-3, "order": 2, "mesh": {}} if args.coarse else {}
+    mesh = COARSE if args.coarse else {}
     apa = reduced_apa300ml(ports=PORTS, **mesh)
     sheet = tuple(replace(port, stack=replace(STACK, capacitance=SHEET_CAPACITANCE)) for port in PORTS)
     sheet_apa = reduced_apa300ml(ports=sheet, **mesh)
@@ -41,10 +53,8 @@ def main() -> None:
         "ports, 4.4 uF a stack": make_bench(**common, apa=sheet_apa, resistance=math.inf),
         "pair of forces": make_bench(**common, apa=pair),
     }
-    print(f"stack: {STACK.consistency()}\n".replace("\n", "\n  "))
-    print(f"{'':34}static gains           pole       zero       truncation, 10-500 Hz")
-    frequency = np.geomspace(0.5, 900.0, 6000)
-    frfs = []
+    frequency, frfs = np.geomspace(0.5, 900.0, 6000), []
+    compared = frequency[(frequency > 10) & (frequency < 500)]
     summary = {
         "payload_mass_kg": args.payload_mass,
         "resistance_Ohm": args.resistance,
@@ -57,23 +67,14 @@ def main() -> None:
     }
     for name, scene in scenes.items():
         model = linearize(scene)
-        frf = frequency_response(model, frequency, label=name)
-        # The mean of a slow sine is not quite static where a resistance drains the charge.
-        static = np.abs(frequency_response(model, np.array([1e-6])).values[:, 0, 0])
-        pole, zero = pole_and_zero_of(model)
-        error = truncation_error(scene, frequency[(frequency > 10) & (frequency < 500)]).max()
-        shown = "        -" if "shorted" in name else f"{zero:9.2f}"
-        gains = f"{static[0]:8.4f} V/V {1e6 * static[1]:7.2f} um/V"
-        print(f"{name:<30}{gains} {pole:8.2f} Hz {shown} Hz {100 * error:10.3f} %")
-        key = name.replace(",", "").replace(" ", "_")
-        summary |= {
-            f"{key}_static_gain_V_per_V": static[0],
-            f"{key}_static_gain_m_per_V": static[1],
-            f"{key}_pole_Hz": pole,
-            f"{key}_zero_Hz": None if "shorted" in name else zero,
-            f"{key}_truncation_error": error,
-        }
-        frfs.append(frf)
+        frfs.append(frequency_response(model, frequency, label=name))
+        figures = {**static_gains(model), **pole_and_zero(model)}
+        if "shorted" in name:
+            figures["zero_Hz"] = None
+        summary |= with_prefix(name, figures | {"truncation_error": truncation_error(scene, compared).max()})
+
+    print(f"stack: {STACK.consistency()}".replace("\n", "\n  "))
+    print_table("truncation from 10 to 500 Hz", rows_of(summary, scenes), COLUMNS)
     if not args.no_plot:
         save_figure(plot_bode_pair(frfs[:3]), args.output / "frf.png")
     write_summary(args.output, summary)

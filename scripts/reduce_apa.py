@@ -3,10 +3,11 @@
 Prints mass, stiffness and eigenfrequencies; draws the mesh, the remote points and the first modes.
 """
 
-import numpy as np
-from _common import parser, positive, run, whole, write_summary
+from _arguments import parser, positive, run, whole
+from _report import print_report, print_table, rows_of, with_prefix
+from _results import write_summary
 
-from models.apa300ml import PAPER_FREQUENCY_FE, PRISMS, VENDOR_STIFFNESS, make_apa300ml
+from models.apa300ml import PAPER_FREQUENCY_FE, PRISMS, VENDOR_STIFFNESS, axial_stiffness, make_apa300ml
 from models.bench import formula_frequency
 from nassim import build_fe_model, condense, craig_bampton
 from nassim.fem import full_eigenfrequencies
@@ -26,6 +27,15 @@ CASES = {
     "5 kg, guided along z": {"fixed": ["bottom"], "guided": {"top": "z"}, "masses": {"top": 5.0}},
 }
 
+REPORT = """
+{n_dofs_full} degrees of freedom in {n_coordinates} coordinates
+mass            {mass_kg*1e3:.2f} g, integral of the density {mass_by_density_kg*1e3:.2f} g
+axial stiffness {axial_stiffness_N_per_m*1e-6:.3f} N/um, vendor {vendor_axial_stiffness_N_per_m*1e-6:.2f} N/um \
+({axial_stiffness_difference_percent:+.1f} %)
+with 5 kg       {5_kg_guided_along_z_reduced_Hz/0:.2f} Hz, paper {paper_fe_Hz} Hz by FE \
+({difference_to_paper_fe_percent:+.2f} %), {formula_Hz:.1f} Hz by sqrt(k/m)
+"""
+
 
 def main() -> None:
     args = arguments.parse_args()
@@ -37,16 +47,7 @@ def main() -> None:
     )
     condensed = condense(fe_model)
     body = craig_bampton(condensed, n_modes=args.modes, discretization=args.discretization)
-    print(f"\n{body.record['coordinates']}")
-
-    compliance = body.compliance(fixed=["bottom"])
-    top = body.coordinate_names.index("top.uz")
-    stiffness = 1.0 / compliance[top, top]
-    print(f"mass               {1e3 * body.mass:9.2f} g      integral of the density {1e3 * fe_model.mass:.2f} g")
-    print(
-        f"axial stiffness    {1e-6 * stiffness:9.3f} N/um   vendor {1e-6 * VENDOR_STIFFNESS:.2f} N/um"
-        f" ({100 * (stiffness / VENDOR_STIFFNESS - 1):+.1f} %)"
-    )
+    stiffness = axial_stiffness(body)
     summary = {
         "mass_kg": body.mass,
         "mass_by_density_kg": fe_model.mass,
@@ -57,33 +58,25 @@ def main() -> None:
         "n_dofs_full": fe_model.n_dofs,
         "n_coordinates": len(body.mass_matrix),
     }
-
-    tables = {}
     for name, conditions in CASES.items():
-        reduced = body.eigenfrequencies(n=12, **conditions)
-        reduced = reduced[reduced > 1.0][:5]
-        full = full_eigenfrequencies(condensed, n=12, progress=False, **conditions)
-        tables[name] = (reduced, full[full > 1.0][:5])
-    print("\neigenfrequencies [Hz]        1          2          3          4          5")
-    for name, (reduced, full) in tables.items():
-        print(f"{name}")
-        print("  full FE model    " + " ".join(f"{f:10.2f}" for f in full))
-        print("  36 coordinates   ".replace("36", str(len(body.mass_matrix))) + " ".join(f"{f:10.2f}" for f in reduced))
-        print("  error            " + " ".join(f"{100 * e:8.3f} %" for e in reduced / full - 1))
-        key = name.replace(",", "").replace(" ", "_")
-        summary |= {f"{key}_full_Hz": full, f"{key}_reduced_Hz": reduced}
-        summary[f"{key}_error_percent"] = 100 * (reduced / full - 1)
-    first = tables["5 kg, guided along z"][0][0]
-    print(
-        f"\nwith 5 kg: {first:.2f} Hz; paper: {PAPER_FREQUENCY_FE} Hz by FE"
-        f" ({100 * (first / PAPER_FREQUENCY_FE - 1):+.2f} %), {formula_frequency():.1f} Hz by sqrt(k/m)"
-    )
+        both = (
+            body.eigenfrequencies(n=12, **conditions),
+            full_eigenfrequencies(condensed, n=12, progress=False, **conditions),
+        )
+        reduced, full = (frequency[frequency > 1.0][:5] for frequency in both)
+        error = 100 * (reduced / full - 1)
+        summary |= with_prefix(name, {"full_Hz": full, "reduced_Hz": reduced, "error_percent": error})
+    first = summary["5_kg_guided_along_z_reduced_Hz"][0]
     summary |= {"paper_fe_Hz": PAPER_FREQUENCY_FE, "formula_Hz": formula_frequency()}
     summary["difference_to_paper_fe_percent"] = 100 * (first / PAPER_FREQUENCY_FE - 1)
     summary["truncation_error_percent"] = 100 * body.truncation_errors(fixed=["bottom"], n=5)
     if args.discretization:
         summary["discretization_error_percent"] = 100 * body.discretization_errors(fixed=["bottom"], n=5)
 
+    print_report(REPORT, summary)
+    for name, figures in rows_of(summary, CASES).items():
+        rows = {key.replace("_", " "): {"all": values} for key, values in figures.items()}
+        print_table(name, rows, {str(k + 1): f"all/{k}:.3f" for k in range(5)})
     if not args.no_plot:
         save_figure(plot_body(body), args.output / "mesh_and_remote_points.png")
         frequency, shapes = body.eigenmodes(**CASES["bottom clamped"], n=6)
@@ -97,5 +90,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    np.set_printoptions(precision=4)
     run(main)

@@ -4,26 +4,37 @@ The bench follows 1 s of noise. Errors of V_s(t) and d_e(t) are against the exac
 numerical damping and period error of the bench's first mode are those of generalized-alpha by theory.
 """
 
-import csv
 import itertools
-import time
-from typing import Any
 
 import numpy as np
-from _common import parser, positive, run, write_summary
+from _arguments import parser, positive, run
+from _costs import timed
+from _report import print_table
+from _results import write_summary
+from _variants import by_name, save_pareto, write_rows
 
 from models.apa300ml import reduced_apa300ml
 from models.bench import make_bench
-from nassim import TimeHistory, simulate
-from nassim.plotting import plot_pareto, save_figure
+from nassim import TimeHistory, simulate, trim_scene
 from nassim.signals import band_limited_noise
 from nassim.simulation import assemble, integrator_error
 
 CUTOFFS = {"all": None, "1500 Hz": 1500.0, "500 Hz": 500.0}
+VARIED = ("fidelity", "method", "time_step_s", "spectral_radius", "cutoff")
 
 arguments = parser(__doc__, "speed_vs_error_time")
 arguments.add_argument("--duration", type=positive, default=1.0, help="of the record [s] (default: 1)")
 arguments.add_argument("--quick", action="store_true", help="few variants, to see the report's form")
+
+COLUMNS = {
+    "coordinates": "n_coordinates",
+    "steps/s": "steps_per_s:.0f",
+    "real time": "real_time_factor:.2f",
+    "V_s [%]": "sensor_error*100:.3g",
+    "d_e [%]": "encoder_error*100:.3g",
+    "period [%]": "first_mode_period_error*100:.2g",
+    "damping [%]": "first_mode_numerical_damping*100:.2g",
+}
 
 
 def main() -> None:
@@ -41,26 +52,17 @@ def main() -> None:
         if (radius == 1.0 or cutoff == "all") and (fidelity == "linear" or step >= 1e-4)
     ]
     variants += [("linear", "exact", step, 1.0, cutoff) for step in steps for cutoff in CUTOFFS]
-    print("\n                             step                                        error of          first mode:")
-    print(
-        "fidelity method              [us] radius coordinates steps/s real time     V_s       d_e      period  damping"
-    )
-    rows: list[dict[str, Any]] = []
-    for fidelity, method, step, radius, cutoff in variants:
+    rows = []
+    for variant in variants:
+        fidelity, method, step, radius, cutoff = variant
         bench = make_bench(apa=apa, fidelity=fidelity, cutoff_frequency=CUTOFFS[cutoff])
-        start = time.perf_counter()
-        options: dict[str, Any] = {} if method == "exact" else {"spectral_radius": radius}
-        record = simulate(bench, noise, time_step=step, method=method, progress=False, **options)
-        wall = time.perf_counter() - start
-        longer, damping = integrator_error(first, step, spectral_radius=radius) if method != "exact" else (0.0, 0.0)
-        row: dict[str, Any] = {
+        options = {} if method == "exact" else {"spectral_radius": radius}
+        longer, damping = integrator_error(first, step, **options) if options else (0.0, 0.0)
+        record, wall = timed(simulate, bench, noise, time_step=step, method=method, progress=False, **options)
+        row = {
             "name": f"{fidelity}, {method}, {1e6 * step:g} us, radius {radius:g}, {cutoff}",
-            "fidelity": fidelity,
-            "method": method,
-            "time_step_s": step,
-            "spectral_radius": radius,
-            "cutoff": cutoff,
-            "n_coordinates": len(bench.trimmed().flexible_bodies[0].reduced.mass_matrix),
+            **dict(zip(VARIED, variant, strict=True)),
+            "n_coordinates": len(trim_scene(bench).flexible_bodies[0].reduced.mass_matrix),
             "steps_per_s": (len(record.time) - 1) / wall,
             "real_time_factor": args.duration / wall,
             "sensor_error": error(record, exact, "sensor_voltage"),
@@ -68,28 +70,18 @@ def main() -> None:
             "first_mode_period_error": longer,
             "first_mode_numerical_damping": damping,
         }
-        print(
-            f"{fidelity:<8} {method:<18}{1e6 * step:7.0f} {radius:6.1f} {row['n_coordinates']:8d} "
-            f"{row['steps_per_s']:11.0f} {row['real_time_factor']:8.2f} {100 * row['sensor_error']:8.3g} % "
-            f"{100 * row['encoder_error']:7.3g} % {100 * longer:8.2g} % {100 * damping:7.2g} %",
-            flush=True,
-        )
         rows.append(row)
-    args.output.mkdir(parents=True, exist_ok=True)
-    with (args.output / "variants.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
+    print_table("error of signals, of the first mode's period and damping", by_name(rows), COLUMNS)
+    write_rows(args.output / "variants.csv", rows, list(rows[0]))
     if not args.no_plot:
-        lines: dict[str, list[tuple[float, float, str]]] = {}
-        for row in rows:
-            # The exact solution of all coordinates is the reference: it has no error to draw.
-            if row["spectral_radius"] == 1.0 and row["encoder_error"] > 1e-9:
-                label = f"{row['fidelity']}, {row['method'].replace('_', '-')}, {row['n_coordinates']} coordinates"
-                point = (1 / row["real_time_factor"], row["encoder_error"], f"{1e6 * row['time_step_s']:.0f} us")
-                lines.setdefault(label, []).append(point)
-        ax = plot_pareto(lines, "wall time per simulated time [-]", "error of the encoder's signal [-]")
-        save_figure(ax, args.output / "pareto.png")
+        # The exact solution of all coordinates is the reference: it has no error to draw.
+        save_pareto(
+            args.output / "pareto.png",
+            [row for row in rows if row["spectral_radius"] == 1.0 and row["encoder_error"] > 1e-9],
+            ("wall time per simulated time [-]", "error of the encoder's signal [-]"),
+            line=lambda r: f"{r['fidelity']}, {r['method'].replace('_', '-')}, {r['n_coordinates']} coordinates",
+            point=lambda r: (1 / r["real_time_factor"], r["encoder_error"], f"{1e6 * r['time_step_s']:.0f} us"),
+        )
     write_summary(args.output, {"first_mode_Hz": first, "variants": rows})
 
 

@@ -45,7 +45,7 @@ def script(monkeypatch):
 @pytest.mark.parametrize("name", SCRIPTS)
 @pytest.mark.parametrize("value", ["-1", "nan", "inf", "text"])
 def test_wrong_numbers_are_refused_at_the_start(name, value, script, capsys):
-    arguments, common = script(Path(name).stem).arguments, script("_common")
+    arguments, common = script(Path(name).stem).arguments, script("_arguments")
     for action in arguments._actions:
         if action.type in (None, Path, common.writable_folder):
             continue
@@ -67,18 +67,18 @@ def test_wrong_numbers_are_refused_at_the_start(name, value, script, capsys):
     ],
 )
 def test_limits_of_arguments(kind, good, bad, script):
-    read = getattr(script("_common"), kind)
+    read = getattr(script("_arguments"), kind)
     assert {text: read(text) for text in good} == good
     for text in bad:
-        with pytest.raises(script("_common").argparse.ArgumentTypeError, match="must be a number"):
+        with pytest.raises(script("_arguments").argparse.ArgumentTypeError, match="must be a number"):
             read(text)
 
 
 def test_whole_numbers(script):
-    read = script("_common").whole(2)
+    read = script("_arguments").whole(2)
     assert read("2") == 2
     for text in ("1", "2.5", "2.0"):
-        with pytest.raises(script("_common").argparse.ArgumentTypeError, match="whole number of at least 2, got"):
+        with pytest.raises(script("_arguments").argparse.ArgumentTypeError, match="whole number of at least 2, got"):
             read(text)
 
 
@@ -93,7 +93,7 @@ def test_output_that_cannot_be_written_is_refused_before_any_work(tmp_path):
 
 
 def test_output_is_tried_and_left_as_it_was(tmp_path, script, monkeypatch):
-    common = script("_common")
+    common = script("_arguments")
     assert common.writable_folder(str(tmp_path / "a" / "b")) == tmp_path / "a" / "b"
     assert list(tmp_path.iterdir()) == []
 
@@ -121,21 +121,21 @@ def test_what_stops_a_script_is_told_in_one_line(error, status, said, script, ca
         raise error
 
     with pytest.raises(SystemExit) as stop:
-        script("_common").run(main)
+        script("_arguments").run(main)
     assert stop.value.code == status
     assert capsys.readouterr().err.strip() == said
 
 
 def test_errors_of_the_script_itself_keep_their_traceback(script, monkeypatch):
     with pytest.raises(TypeError):
-        script("_common").run(lambda: len(3))
+        script("_arguments").run(lambda: len(3))
     monkeypatch.setattr(sys, "flags", SimpleNamespace(dev_mode=True))
     with pytest.raises(ValueError, match="invalid literal"):
-        script("_common").run(lambda: int("x"))
+        script("_arguments").run(lambda: int("x"))
 
 
 def test_summaries_name_their_command_and_are_plain_json(tmp_path, script, monkeypatch):
-    common = script("_common")
+    common = script("_results")
     options = ["--band", "20", "30", "--output", str(tmp_path), "--no-plot", "--seed=3", "a file"]
     monkeypatch.setattr(sys, "argv", ["/somewhere/scripts/identify_damping.py", *options])
     figures = {
@@ -151,6 +151,40 @@ def test_summaries_name_their_command_and_are_plain_json(tmp_path, script, monke
     assert summary.pop("script_time_s") > 0
     assert summary == {"a_Hz": [1.5, None], "b": None, "c": {"n": 3}, "d": [True, "x", None]}
     assert common.command_line(["s.py", "--output=x", "y"]) == "python scripts/s.py y"
+
+
+def test_a_report_prints_figures_of_a_summary(script, capsys):
+    report = script("_report")
+    summary = {"gain_m_per_V": 2.19e-5, "modes_Hz": [94.9, 876.0], "none": None, "mesh": "5 mm", "n": {"all": 3}}
+    report.print_report("{mesh}, {n/all}: {gain_m_per_V*1e6:.2f} um/V, {modes_Hz/1:.0f} Hz, {none:.1f}", summary)
+    assert capsys.readouterr().out == "5 mm, 3: 21.90 um/V, 876 Hz, -\n"
+    with pytest.raises(KeyError, match="gain_V"):
+        report.print_report("{gain_V:.1f}", summary)
+
+
+def test_a_table_prints_rows_of_a_flat_summary(script, capsys):
+    report = script("_report")
+    names = ("linear", "full model, 5 kg", "left out")
+    summary = report.with_prefix(names[0], {"zero_Hz": 37.4}) | report.with_prefix(names[1], {"zero_Hz": None})
+    assert list(summary) == ["linear_zero_Hz", "full_model_5_kg_zero_Hz"]
+    report.print_table("V_s/V_a", report.rows_of(summary, names), {"zero [Hz]": "zero_Hz:.2f"})
+    assert capsys.readouterr().out.splitlines() == [
+        "",
+        "V_s/V_a           zero [Hz]",
+        "linear                37.40",
+        "full model, 5 kg          -",
+    ]
+
+
+def test_rows_across_mappings(script):
+    summary = {"fitted": {"a": 1.0, "b": 2.0}, "truth": {"a": 1.5}}
+    rows = script("_report").across(summary, ["a", "b"], ["fitted", "truth"])
+    assert rows == {"a": {"fitted": 1.0, "truth": 1.5}, "b": {"fitted": 2.0, "truth": None}}
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "scripts").glob("*.py")), ids=lambda path: path.name)
+def test_scripts_stay_short(path):
+    assert len(path.read_text(encoding="utf-8").splitlines()) < 100
 
 
 @pytest.mark.slow
@@ -250,7 +284,7 @@ def test_import_body_puts_a_body_of_two_ends_on_the_bench(tmp_path):
     from conftest import lattice
 
     from nassim import craig_bampton
-    from nassim.exchange.export import export_body
+    from nassim.exchange import export_body
 
     path = export_body(craig_bampton(lattice(), n_modes=12, progress=False), tmp_path / "box.mat")
     result = run("scripts/import_body.py", path, "--output", tmp_path, "--no-plot")

@@ -64,6 +64,9 @@ PRISMS: dict[str, Any] = {
 """Arguments of `build_fe_model` for prisms, small ones where the arms bend most, tetrahedra in the pads: with 5 mm and
 order 3 the first five clamped frequencies come to 0.07 to 0.21 % of those of order 5 (tetrahedra of 5 mm: 1 %)."""
 
+COARSE: dict[str, Any] = {"element_size": 8e-3, "order": 2, "mesh": {}}
+"""Arguments of `reduced_apa300ml` for a quick look: tetrahedra of 8 mm."""
+
 VENDOR_STIFFNESS = 1.79e6
 """Axial stiffness of the whole actuator [N/m], data sheet."""
 VENDOR_STROKE = 304e-6
@@ -202,6 +205,12 @@ def reduced_apa300ml(
         return craig_bampton(fe_model, n_modes=n_modes, progress=progress)
 
     return cached(solid.name, key, build, progress=progress)
+
+
+def axial_stiffness(body: ReducedBody) -> float:
+    """Force over elongation between the pads of a reduced APA300ML [N/m]."""
+    top = body.coordinate_names.index("top.uz")
+    return float(1 / body.compliance(fixed=["bottom"])[top, top])
 
 
 def _stack_piece(name: str, start: float, end: float) -> occ.Solid:

@@ -1,13 +1,16 @@
-"""What of the APA300ML can be calibrated, and the figures to calibrate it with."""
+"""What of the APA300ML can be calibrated, the figures to calibrate it with, and the fit."""
 
-from collections.abc import Callable, Mapping
+import json
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
 
 from models.apa300ml import (
+    CALIBRATION,
     PAPER_FREQUENCY_FE,
+    PRISMS,
     PZT_TABLE_1,
     STACK,
     VENDOR_STIFFNESS,
@@ -16,9 +19,10 @@ from models.apa300ml import (
     make_apa300ml,
 )
 from nassim import ElectricalPort, FEModel, Solid, build_fe_model, craig_bampton, open_circuit
+from nassim.base import stage, written_whole
 from nassim.base.checks import known
 from nassim.fem import Material, with_materials
-from nassim.identification import Parameter
+from nassim.identification import Parameter, Target, at_bounds, calibrate, check_determined, sensitivities
 
 PARAMETERS = {
     p.name: p
@@ -92,6 +96,74 @@ def make_model(*, circuit: str = "shorted", **mesh: Any) -> Callable[[Mapping[st
         return data_sheet_figures(with_materials(models[geometry], stacks), circuit=circuit)
 
     return figures
+
+
+def fit(
+    names: Sequence[str],
+    targets: Sequence[Target],
+    *,
+    circuit: str = "shorted",
+    element_size: float = 5e-3,
+    order: int = 3,
+    coarse_size: float = 5e-3,
+) -> dict[str, Any]:
+    """Fit parameters to targets, on a fine mesh with sensitivities from a coarse one; returns the record of the fit.
+
+    names: of `PARAMETERS`, the others stay at their start; targets: of `FIGURES`
+    circuit: where the targets hold, see `data_sheet_figures`
+    element_size [m], order: of the fine mesh, prisms where they fit; coarse_size: of the coarse one, of order 2 [m]
+
+    The record says too how far the fit would move were the other parameters at their bounds (fitted anew on the coarse
+    mesh). Raises ValueError where the targets do not determine the parameters.
+    """
+    chosen = [PARAMETERS[name] for name in names]
+    others = [parameter for parameter in PARAMETERS.values() if parameter not in chosen]
+    coarse = make_model(circuit=circuit, element_size=coarse_size, order=2)
+    with stage("sensitivities", total=2 * len(PARAMETERS), unit="evaluations") as advance:
+        table = sensitivities(coarse, list(PARAMETERS.values()), FIGURES, advance=advance)
+    columns = [list(PARAMETERS).index(name) for name in names]
+    sensitivity = table[np.ix_([FIGURES.index(target.name) for target in targets], columns)]
+    check_determined(chosen, targets, sensitivity, largest_deviation=0.1)
+    kinds = PRISMS if "arm_thickness" not in names else {}
+    fine = make_model(circuit=circuit, element_size=element_size, order=order, **kinds)
+    fixed = {parameter.name: parameter.start for parameter in others}
+    with stage("fit on the fine mesh"):
+        result = calibrate(lambda values: fine(fixed | dict(values)), chosen, targets, sensitivity=sensitivity)
+    with stage("fits with others at their bounds", total=2 * len(others), unit="fits") as advance:
+        moved = at_bounds(coarse, chosen, others, targets, sensitivity=sensitivity, advance=advance)
+    return {
+        "parameters": fixed | dict(result.values),
+        "relative_deviations": dict(result.deviations),
+        "targets": {target.name: target.value for target in targets},
+        "target_tolerance": targets[0].tolerance,
+        "circuit": circuit,
+        "relative_changes_with_others_at_their_bounds": {
+            "command": "python scripts/calibrate_apa.py",
+            **{other.name: {"bounds": [other.lowest, other.highest], **moved[other.name]} for other in others},
+        },
+        "figures": dict(result.figures),
+        "mesh": f"{1e3 * element_size:g} mm, order {order}, {'prisms' if kinds else 'tetrahedra'}",
+        "sensitivities": {
+            name: dict(zip(PARAMETERS, row, strict=True)) for name, row in zip(FIGURES, table.tolist(), strict=True)
+        },
+    }
+
+
+def figures_with_5kg(figures: Mapping[str, float]) -> dict[str, float]:
+    """How much moves with 5 kg, by stiffness and frequency, and which stiffness the paper's frequency would mean."""
+    moving = figures["axial_stiffness"] / (2 * np.pi * figures["frequency_5kg"]) ** 2
+    implied = (2 * np.pi * PAPER_FREQUENCY_FE) ** 2 * moving
+    return {
+        "moving_mass_kg": moving,
+        "stiffness_of_the_papers_frequency_N_per_m": implied,
+        "stiffness_of_the_papers_frequency_over_vendors_percent": 100 * (implied / VENDOR_STIFFNESS - 1),
+    }
+
+
+def make_default(record: Mapping[str, Any]) -> None:
+    """Make a fit the model's default from now on: its record, with at least "parameters", becomes `CALIBRATION`."""
+    with written_whole(CALIBRATION) as temporary:
+        temporary.write_text(json.dumps(record, indent=2) + "\n")
 
 
 def _ceramic(young_modulus: float) -> Material:

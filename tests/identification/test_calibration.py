@@ -14,11 +14,20 @@ from models.apa300ml import (
     VENDOR_STIFFNESS,
     reduced_apa300ml,
 )
+from models.apa300ml import calibration as apa_calibration
 from models.apa300ml.beam_model import axial_stiffness, beam_model
-from models.apa300ml.calibration import CIRCUITS, PARAMETERS, data_sheet_figures, make_model, variant
+from models.apa300ml.calibration import (
+    CIRCUITS,
+    PARAMETERS,
+    data_sheet_figures,
+    figures_with_5kg,
+    make_default,
+    make_model,
+    variant,
+)
 from models.bench import BENCH_CONDITIONS
 from nassim import build_fe_model
-from nassim.identification.calibration import Parameter, Target, at_bounds, calibrate, sensitivities
+from nassim.identification import Parameter, Target, at_bounds, calibrate, sensitivities
 
 WIDTH = Parameter("width", 0.010, 0.005, 0.020)
 HEIGHT = Parameter("height", 0.005, 0.002, 0.010)
@@ -219,3 +228,31 @@ def test_open_stacks_are_stiffer_by_what_the_beam_model_says():
     assert figures["open"]["stroke"] == pytest.approx(figures["shorted"]["stroke"], rel=1e-8)
     with pytest.raises(ValueError, match="unknown circuit 'closed'; known: shorted, open"):
         data_sheet_figures(fe_model, circuit="closed")
+
+
+def test_figures_with_5kg_by_hand():
+    """A spring with 5 kg and 30 g of its own."""
+    frequency = np.sqrt(1.8e6 / 5.03) / (2 * np.pi)
+    found = figures_with_5kg({"axial_stiffness": 1.8e6, "frequency_5kg": frequency})
+    assert found["moving_mass_kg"] == pytest.approx(5.03)
+    implied = 5.03 * (2 * np.pi * 95.9) ** 2
+    assert found["stiffness_of_the_papers_frequency_N_per_m"] == pytest.approx(implied)
+    assert found["stiffness_of_the_papers_frequency_over_vendors_percent"] == pytest.approx(
+        100 * (implied / 1.79e6 - 1)
+    )
+
+
+def test_a_fit_becomes_the_default(tmp_path, monkeypatch):
+    monkeypatch.setattr(apa_calibration, "CALIBRATION", tmp_path / "calibration.json")
+    make_default({"parameters": {"pzt_modulus": 48e9}})
+    assert json.loads((tmp_path / "calibration.json").read_text()) == {"parameters": {"pzt_modulus": 48e9}}
+
+
+def test_a_fit_that_targets_cannot_determine_is_refused_before_the_fine_mesh(monkeypatch):
+    def model(**mesh):
+        assert mesh["order"] == 2, "only the coarse mesh is needed to see it"
+        return lambda values: {name: values["pzt_modulus"] ** 0.01 for name in apa_calibration.FIGURES}
+
+    monkeypatch.setattr(apa_calibration, "make_model", model)
+    with pytest.raises(ValueError, match="pzt_modulus"):
+        apa_calibration.fit(["pzt_modulus"], [Target("stroke", 3e-4, 0.01)])

@@ -3,8 +3,16 @@
 import numpy as np
 import pytest
 
-from models.apa300ml import STACK, APAGeometry, make_apa300ml, reduced_apa300ml
+from models.apa300ml import STACK, APAGeometry, axial_stiffness, make_apa300ml, reduced_apa300ml
 from models.bench import SENSOR_RESISTANCE, full_bench_response, make_bench
+from models.bench_figures import (
+    figures_by_circuit,
+    gains_of_a_soft_sensor,
+    peak_and_dip,
+    pole_and_zero,
+    pole_zero_level,
+    static_gains,
+)
 from nassim import frequency_response, linearize
 
 
@@ -102,3 +110,38 @@ def test_loaded_sensor_is_the_default_and_an_open_one_the_option(apa_with_ports)
     assert make_bench(apa=apa_with_ports, resistance=np.inf).sensors[0].resistance == np.inf
     with pytest.raises(ValueError, match="which the pair of forces does without"):
         make_bench(apa=apa_with_ports, ports=False, resistance=1e5)
+
+
+def test_pole_zero_and_gains_by_two_definitions(apa_with_ports):
+    """Natural frequencies against what one reads off the FRF; a slow sine against the static solution."""
+    model = linearize(make_bench(apa=apa_with_ports, fidelity="linear", resistance=np.inf))
+    found = pole_and_zero(model)
+    frf = frequency_response(model, np.linspace(30.0, 110.0, 8001))
+    assert peak_and_dip(frf) == pytest.approx(found, rel=1e-3)
+    static = np.abs(model.C @ np.linalg.solve(model.A, model.B[:, 0]))
+    gains = static_gains(model)
+    assert tuple(gains.values()) == pytest.approx(tuple(static), rel=1e-9)
+    # One mode between zero and pole, which joins the static gain to the level beyond: V_s/V_a = level (w_z / w_p)^2.
+    level = pole_zero_level(model)["level_between_modes_V_per_V"]
+    joined = level * (found["zero_Hz"] / found["pole_Hz"]) ** 2
+    assert joined == pytest.approx(gains["static_gain_V_per_V"], rel=0.05)
+
+
+def test_an_open_sensor_stiffens(apa_with_ports):
+    figures = figures_by_circuit(apa_with_ports)
+    assert figures["axial_stiffness_shorted_N_per_m"] == axial_stiffness(apa_with_ports)
+    stiffer = figures["axial_stiffness_open_N_per_m"] / figures["axial_stiffness_shorted_N_per_m"]
+    assert figures["open_over_shorted_pole_percent"] == pytest.approx(100 * (np.sqrt(stiffer) - 1), rel=0.01)
+    bench = make_bench(apa=apa_with_ports, fidelity="linear", resistance=np.inf)
+    pole = pole_and_zero(linearize(bench))["pole_Hz"]
+    assert figures["first_eigenfrequency_open_Hz"] == pytest.approx(pole, rel=1e-4)
+
+
+def test_a_sensor_as_soft_as_shorted_reads_less(apa_with_ports):
+    """By less than its coupling stiffens it, k33^2 / 2 of an open stack."""
+    bench = make_bench(apa=apa_with_ports, fidelity="linear", resistance=np.inf)
+    opened = static_gains(linearize(bench))["static_gain_V_per_V"]
+    by_charge, by_ends = gains_of_a_soft_sensor(apa_with_ports)
+    assert 1 - STACK.coupling_factor**2 / 2 < by_charge / opened < 1
+    # The ends' faces are soft here and dish, so that their elongation is less than the volume's.
+    assert by_ends == pytest.approx(by_charge, rel=0.1)

@@ -1,0 +1,75 @@
+"""Figures by which benches are compared, with units in their keys: pole, zero, static gains, effect of the circuit."""
+
+import math
+
+import numpy as np
+
+from models.apa300ml import STACK, axial_stiffness
+from models.bench import AMPLIFIER_GAIN, BENCH_CONDITIONS, sensor_span_constant
+from nassim import FRF, LinearModel, ReducedBody, frequency_response, open_circuit
+from nassim.bodies.interface import free_coordinates
+from nassim.systems import damping, transmission_zeros
+
+
+def pole_and_zero(model: LinearModel) -> dict[str, float]:
+    """Natural frequencies of the first pole of V_s/V_a above 10 Hz and of the zero below it [Hz]; nan without one."""
+    frequency, ratio = damping(model)
+    pole = min(f for f, zeta in zip(frequency, ratio, strict=True) if f > 10.0 and zeta < 0.9)
+    row, column = model.outputs.index("sensor_voltage"), model.inputs.index("actuator_voltage")
+    a, b, c, d = model.matrices
+    zeros = transmission_zeros((a, b[:, [column]], c[[row]], d[[row]][:, [column]]))
+    below = np.abs(zeros[zeros.imag > 0]) / (2 * np.pi)
+    below = below[(below > 10.0) & (below < pole)]
+    return {"pole_Hz": float(pole), "zero_Hz": float(below.max()) if below.size else math.nan}
+
+
+def pole_zero_level(model: LinearModel) -> dict[str, float]:
+    """As `pole_and_zero`, with the level that V_s/V_a tends to between this pole and the next [V/V]."""
+    pole, zero = pole_and_zero(model).values()
+    between = 3 * pole
+    response = frequency_response(model, np.array([between])).response("sensor_voltage", "actuator_voltage")
+    level = float(np.abs(response[0]) * abs(pole**2 - between**2) / abs(zero**2 - between**2))
+    return {"pole_Hz": pole, "zero_Hz": zero, "level_between_modes_V_per_V": level}
+
+
+def peak_and_dip(frf: FRF) -> dict[str, float]:
+    """Pole and zero as one reads them off an FRF: where |V_s/V_a| is largest and smallest from 10 to 300 Hz [Hz]."""
+    band = frf.band(10, 300)
+    magnitude = np.abs(band.response("sensor_voltage", "actuator_voltage"))
+    peak, dip = band.frequency[np.argmax(magnitude)], band.frequency[np.argmin(magnitude)]
+    return {"pole_Hz": float(peak), "zero_Hz": float(dip)}
+
+
+def static_gains(model: LinearModel, *, frequency: float = 1e-6) -> dict[str, float]:
+    """|V_s/V_a| [V/V] and |d_e/V_a| [m/V] of so slow a sine that nothing moves by inertia.
+
+    frequency: of the sine [Hz]; not zero, where a loaded sensor reads nothing
+    """
+    sensor, encoder = np.abs(frequency_response(model, np.array([frequency])).values[:2, 0, 0])
+    return {"static_gain_V_per_V": float(sensor), "static_gain_m_per_V": float(encoder)}
+
+
+def figures_by_circuit(apa: ReducedBody, *, payload_mass: float = 5.0) -> dict[str, float]:
+    """Axial stiffness and first eigenfrequency on the bench, undamped, with the sensor shorted and open."""
+    conditions = BENCH_CONDITIONS | {"masses": {"top": payload_mass}}
+    opened = open_circuit(apa, {"sensor": 0.0})
+    first = [float(body.eigenfrequencies(**conditions)[0]) for body in (apa, opened)]
+    return {
+        "axial_stiffness_shorted_N_per_m": axial_stiffness(apa),
+        "axial_stiffness_open_N_per_m": axial_stiffness(opened),
+        "first_eigenfrequency_shorted_Hz": first[0],
+        "first_eigenfrequency_open_Hz": first[1],
+        "open_over_shorted_pole_percent": 100 * (first[1] / first[0] - 1),
+    }
+
+
+def gains_of_a_soft_sensor(apa: ReducedBody) -> tuple[float, float]:
+    """Static V_s/V_a if the sensor stayed as soft as a shorted one: by its charge, and by its ends' elongation."""
+    free = free_coordinates(apa.point_names, **BENCH_CONDITIONS)
+    free = np.concatenate([free, np.arange(6 * len(apa.point_names), len(apa.mass_matrix))])
+    motion = np.zeros(len(apa.mass_matrix))
+    drive = AMPLIFIER_GAIN * apa.port("actuator").forces[free]
+    motion[free] = np.linalg.solve(apa.stiffness_matrix[np.ix_(free, free)], drive)
+    elongation = (apa.motion("junction") - apa.motion("sensor_end"))[0] @ motion
+    charge = apa.port("sensor").forces @ motion
+    return float(-charge / STACK.capacitance), float(-sensor_span_constant() * elongation)

@@ -1,0 +1,56 @@
+"""What work costs: its time, and the memory of a process of its own."""
+
+import importlib
+import json
+import shlex
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import psutil
+
+from nassim.base import stage
+
+Result = TypeVar("Result")
+
+
+def timed(work: Callable[..., Result], *given: Any, **options: Any) -> tuple[Result, float]:
+    """What a function gives for its arguments, and how long it takes [s]."""
+    start = time.perf_counter()
+    result = work(*given, **options)
+    return result, time.perf_counter() - start
+
+
+def cost_since(start: float) -> dict[str, float]:
+    """Time since a reading of `time.perf_counter` and the process's largest memory."""
+    return {"time_s": time.perf_counter() - start, "memory_B": peak_memory()}
+
+
+def peak_memory() -> float:
+    """Largest memory that this process has used so far [bytes]."""
+    info = psutil.Process().memory_info()
+    if hasattr(info, "peak_wset"):  # Windows
+        return float(info.peak_wset)
+    resource = importlib.import_module("resource")
+    unit = 1 if sys.platform == "darwin" else 1024
+    return float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit)
+
+
+def run_in_own_process(script: str, *arguments: object) -> dict[str, Any]:
+    """Run a script with --child and arguments; returns the JSON object in the last line that it prints.
+
+    It writes no results. Raises RuntimeError with the last line of what it said when it fails.
+    """
+    words = [str(argument) for argument in arguments]
+    command = [sys.executable, script, "--child", *words, "--output", tempfile.gettempdir()]
+    with stage(" ".join(words)):
+        child = subprocess.run(command, capture_output=True, text=True, check=False)
+    lines = child.stdout.strip().splitlines()
+    if child.returncode or not lines:
+        said = (child.stderr.strip() or child.stdout.strip() or "nothing").splitlines()[-1]
+        raise RuntimeError(f"{shlex.join(command)} failed ({child.returncode}), saying: {said}")
+    result: dict[str, Any] = json.loads(lines[-1])
+    return result

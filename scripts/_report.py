@@ -1,0 +1,61 @@
+"""What a script prints: texts and tables whose figures are those of its summary."""
+
+import re
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+
+def print_report(template: str, summary: Mapping[str, Any]) -> None:
+    """Print a text whose figures are a summary's, as {key}, {key:format} or {key*factor:format}.
+
+    {key/3} is a figure out of a list, {key/name} out of a mapping; a figure that is None prints as -.
+
+    print_report("gain {gain_m_per_V*1e6:.2f} um/V", {"gain_m_per_V": 2.19e-5})
+    """
+    print(re.sub(r"\{([^{}]+)\}", lambda match: _figure(summary, match[1]), template).rstrip())
+
+
+def print_table(title: str, rows: Mapping[str, Mapping[str, Any]], columns: Mapping[str, str]) -> None:
+    """Print a line per row and a column per heading, its figure written as in `print_report`, without braces."""
+    body = [[name, *(_figure(row, figure) for figure in columns.values())] for name, row in rows.items()]
+    lines = [[title, *columns], *body]
+    first, *widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    print()
+    for name, *cells in lines:
+        print(name.ljust(first) + "".join(f"  {cell:>{width}}" for cell, width in zip(cells, widths, strict=True)))
+
+
+def _figure(summary: Mapping[str, Any], figure: str) -> str:
+    path, _, form = figure.partition(":")
+    key, _, factor = path.partition("*")
+    name, _, place = key.partition("/")
+    value = summary[name]
+    if place:
+        value = value[place] if isinstance(value, Mapping) else value[int(place)]
+    if value is None:
+        return "-"
+    return format(value * float(factor) if factor else value, form)
+
+
+def across(summary: Mapping[str, Any], names: Iterable[str], keys: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Rows out of a summary that holds mappings by the rows' names; None where one knows no figure of a row."""
+    return {name: {key: summary[key].get(name) for key in keys} for name in names}
+
+
+def key_of(name: str) -> str:
+    """A name as the beginning of keys: "5 kg, guided" as 5_kg_guided."""
+    return name.replace(",", "").replace(" ", "_")
+
+
+def with_prefix(name: str, figures: Mapping[str, Any]) -> dict[str, Any]:
+    """Figures of a named row as they stand in a flat summary, under `name_key`."""
+    return {f"{key_of(name)}_{key}": value for key, value in figures.items()}
+
+
+def rows_of(summary: Mapping[str, Any], names: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Figures of named rows out of a flat summary that holds them under `name_key`; rows without any left out."""
+    result = {}
+    for name in names:
+        start = f"{key_of(name)}_"
+        result[name] = {key.removeprefix(start): value for key, value in summary.items() if key.startswith(start)}
+    return {name: row for name, row in result.items() if row}
