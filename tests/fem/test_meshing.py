@@ -9,7 +9,8 @@ import pytest
 from conftest import STEEL, make_bar
 
 from models.apa300ml import PRISMS, make_apa300ml
-from nassim import Material, RemotePoint, Solid, build_fe_model, condense, craig_bampton, mesh_checks, meshing
+from nassim import Material, RemotePoint, Solid, build_fe_model, condense, craig_bampton
+from nassim.fem import mesh_checks, meshing
 from nassim.fem.full_model import full_eigenfrequencies
 from nassim.fem.meshing import generate_mesh
 
