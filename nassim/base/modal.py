@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-import scipy.linalg
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from nassim.base.checks import Array, finite_array

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_motions

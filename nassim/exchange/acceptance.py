@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Generic, TypeVar
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from nassim.base.checks import Array
 from nassim.bodies.inertia import completed_gram, free_of_rigid_motions

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import numpy as np
-import scipy.io
+import scipy
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, known

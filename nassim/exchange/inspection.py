@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from nassim.base.checks import Array, freeze, frozen_mapping, known
 from nassim.base.rigid_motion import rigid_motions

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.ndimage
+import scipy
 from threadpoolctl import threadpool_limits
 
 from nassim.base.checks import Array, finite, finite_array, freeze, frozen_mapping, known, positive, unique

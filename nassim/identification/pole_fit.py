@@ -16,8 +16,7 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
-import scipy.optimize
+import scipy
 
 from nassim.base.checks import Array
 from nassim.base.modal import held_pole, mac

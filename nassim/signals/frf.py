@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import scipy.signal
+import scipy
 from numpy.typing import NDArray
 
 from nassim.base.checks import Array, finite, finite_array, freeze, known, positive, unique

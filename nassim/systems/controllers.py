@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import scipy.linalg
-import scipy.signal
+import scipy
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite, finite_array, freeze, not_negative, positive

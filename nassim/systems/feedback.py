@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.signal
+import scipy
 
 from nassim.base.checks import Array, finite, known, unique
 from nassim.signals.frf import FRF, ComplexArray
