@@ -1,4 +1,4 @@
-"""Piezoelectric stacks, described by their data sheet, and the electrical ports that they give a part."""
+"""Piezoelectric stacks, described by their data sheet, and the electrical ports that they give a body."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -169,7 +169,7 @@ class PiezoStack:
 
 @dataclass(frozen=True)
 class ElectricalPort:
-    """Stacks of one part that share a voltage: two terminals.
+    """Stacks of one solid that share a voltage: two terminals.
 
     name: what scenes call it; bodies: names of the CAD bodies, electrically in parallel
     stack: what each of them is; direction: along which they lengthen under positive voltage, shape (3,)
@@ -187,8 +187,8 @@ class ElectricalPort:
         if not np.any(direction):
             raise ValueError(f"{label}: direction must not be zero")
         if not bodies:
-            raise ValueError(f"{label} names no body")
-        freeze(self, bodies=unique(f"{label}: body", bodies), direction=direction / np.linalg.norm(direction))
+            raise ValueError(f"{label} names no CAD body")
+        freeze(self, bodies=unique(f"{label}: CAD body", bodies), direction=direction / np.linalg.norm(direction))
 
     @property
     def strain_per_volt(self) -> Array:
@@ -201,7 +201,7 @@ class ElectricalPort:
 
 @dataclass(frozen=True)
 class PortCoupling:
-    """An electrical port seen from the unknowns (finite elements) or coordinates (reduced body) u of a part.
+    """An electrical port seen from u, the unknowns of an FE model or the coordinates of a reduced body.
 
     name: of the port
     forces: on the unknowns per volt, shape (n,) [N/V]. By reciprocity, the charge that their motion brings is

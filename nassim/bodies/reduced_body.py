@@ -19,7 +19,7 @@ SATURATION = 1.7
 class ReducedBody:
     """A flexible body in n = 6 r + p coordinates: the motions of r remote points, then p modal coordinates.
 
-    name: of the part
+    name: what files and reports call it
     remote_points: in order; each has the coordinates ux uy uz [m] rx ry rz [rad]
     mass_matrix, stiffness_matrix: shape (n, n), symmetric; modes are normalised to unit modal mass
     gram: integrals over the body of density times the product of every two of the scalar fields

@@ -43,7 +43,7 @@ class Strain:
 
 
 def joined(strains: Sequence[Strain], n: int) -> Strain:
-    """All strains of several parts, in the same n coordinates."""
+    """The strains of several bodies and springs together, all in the same n coordinates."""
     nothing = np.zeros((0, n))
     return Strain(np.vstack([nothing, *(s.rows for s in strains)]), np.vstack([nothing, *(s.root for s in strains)]))
 

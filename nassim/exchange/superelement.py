@@ -31,7 +31,7 @@ HUGE, TINY = 1e40, 1e-100
 class Superelement:
     """Reduced matrices as somebody wrote them: r nodes with six DoFs each, then p modal coordinates.
 
-    name: of the part
+    name: what files and reports call it
     stiffness_matrix, mass_matrix: (n, n) [SI], n = 6 r + p, in the body's axes; not necessarily symmetric, definite
         or right
     positions: of the nodes, (r, 3) [m]; names: of the nodes
@@ -164,7 +164,7 @@ def read_superelement(
     variables: for .mat and .npz: where K, M, positions, names or orientations have other names than `VARIABLES`
         lists, e.g. {"K": "stiff", "positions": "xyz"}
     orientations: (r, 3, 3), see `superelement`; listings give their own as THXY THYZ THZX
-    name: of the part (default: of the first file)
+    name: of the result (default: of the first file)
 
     Raises ValueError naming file, line (of a text) and cause for whatever cannot be read. What can is not thereby
     right: `check` it.

@@ -21,7 +21,7 @@ PLAUSIBLE = {
     "wave speed": (0.1, 2e4),
     "density": (10.0, 3e4),
 }
-"""Of parts of machines [kg, m, m/s, kg/m3]."""
+"""Of bodies in machines [kg, m, m/s, kg/m3]."""
 SOLID = 4000.0
 """Between aluminium and steel [kg/m3]; the likelier units are those that come nearer."""
 
@@ -41,7 +41,7 @@ class Looks:
 
     @property
     def implausible(self) -> list[str]:
-        """Which of mass, size, wave speed and density no part of a machine has."""
+        """Which of mass, size, wave speed and density no body in a machine has."""
         values = zip(PLAUSIBLE.items(), (self.mass, self.size, self.speed, self.density), strict=True)
         return [name for (name, (low, high)), value in values if np.isfinite(value) and not low <= value <= high]
 

@@ -99,7 +99,7 @@ def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, p
     """
     names = [p.name for p in fe_model.remote_points] if remote_points is None else list(remote_points)
     if not unique("remote point", names):
-        raise ValueError(f"part {fe_model.name!r} has no remote points: give its Solid at least one RemotePoint")
+        raise ValueError(f"FE model {fe_model.name!r} has no remote points: give its Solid at least one RemotePoint")
     couplings = tuple(fe_model.coupling(name) for name in names)
     stiff = np.repeat([c.point.coupling == "rbe2" for c in couplings], 6)
     held, prescribed = _prescribed_motions(fe_model, couplings)

@@ -1,4 +1,4 @@
-"""The finite element model: matrices of a meshed part and its remote points tied to them, whoever meshed it."""
+"""The finite element model: matrices of a meshed solid and its remote points tied to them, whoever meshed it."""
 
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
@@ -33,14 +33,14 @@ class Coupling:
 
 @dataclass(frozen=True)
 class FEModel:
-    """Stiffness and mass of a meshed part. Unknowns: all x, then all y, then all z displacements.
+    """Stiffness and mass of a meshed solid. Unknowns: all x, then all y, then all z displacements.
 
-    name: of the part
+    name: of the solid
     stiffness: (3 n, 3 n), symmetric [N/m]; a SciPy matrix is taken too
     scalar_mass_matrix: (n, n) sparse, integral of density times two scalar shape functions [kg]; the mass
         matrix is three such blocks
     fields: coefficients of the functions 1, x, y, z in the scalar shape functions, shape (4, n) [-, m, m, m]
-    couplings: the remote points, in the part's order; ports: the electrical ports, likewise
+    couplings: the remote points, in the solid's order; ports: the electrical ports, likewise
     surface, surface_evaluation: triangles for pictures, and the (n_points, n) sparse matrix that evaluates
         a scalar field at their points; None in models made by hand
     description: element order, sizes and counts as text, for reports
@@ -107,7 +107,7 @@ class FEModel:
         return float(one @ (self.scalar_mass_matrix @ one))
 
     def rigid_motions(self) -> Array:
-        """Unit translations and rotations about the part's origin, shape (3 n, 6)."""
+        """Unit translations and rotations about the CAD's origin, shape (3 n, 6)."""
         return rigid_motions(self.fields, np.zeros(3))
 
     def port(self, name: str) -> PortCoupling:

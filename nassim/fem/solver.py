@@ -28,7 +28,8 @@ ELEMENTS_PER_LEAF = 24
 BLOCK = 16
 """Right-hand sides that PARDISO solves at once."""
 SINGULAR = (
-    "the stiffness matrix is singular or indefinite: is a part loose, or does a material or element have no stiffness?"
+    "the stiffness matrix is singular or indefinite: is something loose, or does a material or element have no "
+    "stiffness?"
 )
 ZERO_PIVOT = -4
 """PARDISO's error code for a matrix that is not positive definite."""
@@ -143,7 +144,7 @@ def factor_memory(centres: Array, unknowns: Sequence[NDArray[np.int64]], compone
 
     The elements are halved again and again at the median of their longest extent; the unknowns between two halves form
     dense fronts, whose entries are counted. The solvers' own orderings need 30 to 70 % of that (measured on compact
-    and on thin parts).
+    and on thin solids).
     """
     depth = max(0, int(np.ceil(np.log2(len(centres) / ELEMENTS_PER_LEAF))))
     leaf = np.zeros(len(centres), dtype=np.int64)

@@ -68,7 +68,7 @@ class FRF:
         return self.values[row, column]
 
     def band(self, lowest: float, highest: float) -> "FRF":
-        """Return the part between two frequencies [Hz], both included."""
+        """Return the stretch between two frequencies [Hz], both included."""
         keep = (self.frequency >= lowest) & (self.frequency <= highest)
         if not keep.any():
             raise ValueError(f"no frequency between {lowest:g} and {highest:g} Hz in this FRF")

@@ -419,9 +419,9 @@ def test_bad_ports():
     bar = make_bar(length=20e-3)
     port = ElectricalPort("v", "bar", PiezoStack.from_datasheet(**SHEET))
     for ports, problem in (
-        ((replace(port, bodies=("rod",)),), "unknown body 'rod'"),
+        ((replace(port, bodies=("rod",)),), "unknown CAD body 'rod'"),
         ((port, port), "electrical port names must differ"),
-        ((port, replace(port, name="w")), "body of electrical port names must differ"),
+        ((port, replace(port, name="w")), "CAD body of electrical port names must differ"),
     ):
         with pytest.raises(ValueError, match=problem):
             replace(bar, ports=ports)
