@@ -5,7 +5,7 @@ at rest, orthogonal to it in the strain energy:
 
     u = Psi q + w,   W w = 0,   Psi^T K w = 0
 
-with W the rows that measure q. So whatever the boundary conditions at the remote points are, the full model's answers
+with W the rows that read q. So whatever the boundary conditions at the remote points are, the full model's answers
 need only this one factorisation and small dense matrices. The couplings differ in how Psi and w are found:
 
 - rbe2 (stiff interface): the interface's unknowns are held; Psi solves for the rest.
@@ -29,7 +29,7 @@ from nassim.fem.fe_model import Coupling, FEModel, rigid_motions
 from nassim.fem.solver import Factorization, factorize, solver_name, threads
 
 DEPENDENT = 1e-9
-"""Share of a remote point's measured motion, squared, below which it is not its own."""
+"""Share of a remote point's motion, squared, that other points leave it; below, it follows from theirs."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Condensation:
     fe_model: the model; couplings: the remote points, in order
     constraint_modes: displacements for unit motions of the remote points, Psi, shape (n_dofs, 6 r)
     stiffness: forces at the remote points for their unit motions, shape (6 r, 6 r)
-    averages: rows W that measure the remote points' motions, sparse, shape (6 r, n_dofs)
+    averages: rows W that read the remote points' motions, sparse, shape (6 r, n_dofs)
     """
 
     fe_model: FEModel
@@ -171,7 +171,7 @@ def _prescribed_motions(fe_model: FEModel, couplings: Sequence[Coupling]) -> tup
 
 
 def _refuse_dependent(couplings: Sequence[Coupling], averages: sp.csr_matrix, held: NDArray[np.int64]) -> None:
-    """Refuse rbe3 points whose measured motions follow from those of other points, as on small faces that touch."""
+    """Refuse rbe3 points whose motions follow from those of other points, as on small faces that touch."""
     soft = [i for i, c in enumerate(couplings) if c.point.coupling == "rbe3"]
     if not soft:
         return
@@ -183,8 +183,8 @@ def _refuse_dependent(couplings: Sequence[Coupling], averages: sp.csr_matrix, he
         # Orthonormal rows on the whole interface: what is left of them on unknowns that move is then at most 1.
         factor = np.linalg.cholesky((own @ own.T).toarray())
         rows.append(np.linalg.solve(factor, own.toarray() * free))
-    measured = np.vstack(rows)
-    independent, directions = np.linalg.eigh(measured @ measured.T)
+    readings = np.vstack(rows)
+    independent, directions = np.linalg.eigh(readings @ readings.T)
     if independent[0] < DEPENDENT:
         share = np.sum(directions[:, 0].reshape(-1, 6) ** 2, axis=1)
         tied = [couplings[i].point.name for i, s in zip(soft, share, strict=True) if s > DEPENDENT]

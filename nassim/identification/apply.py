@@ -144,7 +144,7 @@ def apply_identification(
             ratios[mode], std = fit.damping_ratio[k], fit.damping_ratio_std[k]
             name = f"damping ratio of mode {mode + 1 - n_free}"
             changes.append(Change(name, float(assembly.damping.ratio[mode]), float(ratios[mode]), float(std)))
-    within = (assembly.frequency >= fit.measured.frequency[0]) & (assembly.frequency <= fit.measured.frequency[-1])
+    within = (assembly.frequency >= fit.recorded.frequency[0]) & (assembly.frequency <= fit.recorded.frequency[-1])
     within[matches[matches >= 0]] = True
     static = gains[:, within].sum(axis=1)
     scaled, factors = _scale(scene, fit, static, trusted)

@@ -40,7 +40,7 @@ TAKEN_UP = 2.0
 """Errors that parameters take up over those left in the residual: up to 2 for two modes within a half-width."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Lines:
     """Spectral lines of one input and several outputs.
 

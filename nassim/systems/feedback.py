@@ -120,8 +120,8 @@ def open_loop(
     """FRF of the loop cut at what is measured, L = -gain * G K, with the minus sign of textbooks: critical at L = -1.
 
     frequency: (n,) [Hz]; the others: see `close_loop`. Around a continuous model the delay and the zero-order hold are
-    exact and aliasing is left out. Returns values (measured, measured, n). G may be a measured FRF as well:
-    `loop_response`.
+    exact and aliasing is left out. Returns values (measured, measured, n). From a plant's FRF
+    instead of a model, such as an estimated one: `loop_response`.
     """
     _indices(model, measured, driven)
     _check_time_step(model.time_step, controller)
@@ -140,7 +140,7 @@ def loop_response(
     hold: bool = True,
     label: str = "open loop",
 ) -> FRF:
-    """The loop of `open_loop` from the plant's FRF, computed or measured, at its frequencies.
+    """The loop of `open_loop` from the plant's FRF, computed or estimated from records, at its frequencies.
 
     hold: include the controller's zero-order hold; False where the plant's FRF is from sample to sample
     """

@@ -431,7 +431,7 @@ def test_bad_ports():
         build_fe_model(replace(bar, ports=(replace(port, direction=(0, 1, 0)),)), element_size=5e-3, progress=False)
     with pytest.raises(ValueError, match="direction must not be zero"):
         replace(port, direction=(0.0, 0.0, 0.0))
-    with pytest.raises(ValueError, match="names no body"):
+    with pytest.raises(ValueError, match="names no CAD body"):
         replace(port, bodies=())
 
 
