@@ -5,7 +5,7 @@ measure deformation. The integrals are those of A. Zwölfer, J. Gerstmayr, "The 
 formulation with modal reduction", Acta Mechanica 232 (2021) 835-851, written with continuous fields.
 """
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 
@@ -29,6 +29,7 @@ class FloatingFrame:
     """
 
     point: str
+    _: KW_ONLY
     origin: Array
     flexible: Array
     mass: float

@@ -17,7 +17,7 @@ USUAL_COUPLING = (0.65, 0.78)
 """Coupling factor k33 of common PZT ceramics, small signals (IEEE Std 176-1987; manufacturers' tables)."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PiezoStack:
     """A multilayer piezo stack as its data sheet gives it.
 
@@ -94,15 +94,16 @@ class PiezoStack:
         """
         length, width, depth = finite_array("piezo stack: size", size, (3,))
         ends = np.atleast_1d(np.array(voltage_range, dtype=float))
+        stroke = positive("piezo stack: free_stroke", free_stroke)
         return cls(
-            free_stroke,
-            blocked_force,
-            float(np.ptp(ends)) if ends.size == 2 else float(ends[0]),
-            blocked_force / positive("piezo stack: free_stroke", free_stroke) if stiffness is None else stiffness,
-            capacitance,
-            float(length),
-            float(width * depth),
-            transverse_ratio,
+            free_stroke=stroke,
+            blocked_force=blocked_force,
+            voltage_range=float(np.ptp(ends)) if ends.size == 2 else float(ends[0]),
+            stiffness=blocked_force / stroke if stiffness is None else stiffness,
+            capacitance=capacitance,
+            length=float(length),
+            area=float(width * depth),
+            transverse_ratio=transverse_ratio,
         )
 
     @property

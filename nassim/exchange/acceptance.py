@@ -88,7 +88,14 @@ def repair(body: Body) -> Repair[Body]:
     stiffness = _positive_stiffness(stiffness, mass, given, steps)
     mended: Body = _with_matrices(body, stiffness, mass)
     new = signed_frequencies(stiffness, mass)
-    report = Repair(mended, tuple(steps), before, check(mended), np.sort(old[6:]), np.sort(new[6:]))
+    report = Repair(
+        mended,
+        steps=tuple(steps),
+        before=before,
+        after=check(mended),
+        elastic_before=np.sort(old[6:]),
+        elastic_after=np.sort(new[6:]),
+    )
     print(report, flush=True)
     return report
 

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -42,6 +42,7 @@ class Superelement:
     """
 
     name: str
+    _: KW_ONLY
     stiffness_matrix: Array
     mass_matrix: Array
     positions: Array
@@ -128,12 +129,12 @@ def superelement(
     length, force, mass = unit_factors(units)
     raw = Superelement(
         name,
-        finite_array(f"{source}: stiffness matrix", stiffness_matrix, (None, None)),
-        finite_array(f"{source}: mass matrix", mass_matrix, (None, None)),
-        finite_array(f"{source}: positions", positions, (None, 3)),
-        tuple(names) if names is not None else tuple(f"node_{k + 1}" for k in range(len(np.atleast_2d(positions)))),
-        source,
-        units,
+        stiffness_matrix=finite_array(f"{source}: stiffness matrix", stiffness_matrix, (None, None)),
+        mass_matrix=finite_array(f"{source}: mass matrix", mass_matrix, (None, None)),
+        positions=finite_array(f"{source}: positions", positions, (None, 3)),
+        names=tuple(f"node_{k + 1}" for k in range(len(np.atleast_2d(positions)))) if names is None else tuple(names),
+        source=source,
+        units=units,
     )
     r, energy = len(raw.positions), mass * length**2
     # Per unit of the file's coordinates: metres, radians, and modal amplitudes that keep unit modal masses.

@@ -15,7 +15,7 @@ need only this one factorisation and small dense matrices. The couplings differ 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 
 import numpy as np
 import scipy.linalg
@@ -43,6 +43,7 @@ class Condensation:
     """
 
     fe_model: FEModel
+    _: KW_ONLY
     couplings: tuple[Coupling, ...]
     constraint_modes: Array
     stiffness: Array
@@ -130,14 +131,14 @@ def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, p
     stiffness = keep.T @ stiffness @ keep
     return Condensation(
         fe_model,
-        couplings,
-        constraint_modes,
-        0.5 * (stiffness + stiffness.T),
-        averages,
-        grounded,
-        soft_averages,
-        flexibility,
-        border,
+        couplings=couplings,
+        constraint_modes=constraint_modes,
+        stiffness=0.5 * (stiffness + stiffness.T),
+        averages=averages,
+        _grounded=grounded,
+        _soft_averages=soft_averages,
+        _soft_flexibility=flexibility,
+        _border=border,
     )
 
 

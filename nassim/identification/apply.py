@@ -151,7 +151,12 @@ def apply_identification(
     unmeasured = {f"mode {k + 1 - n_free}": float(r) for k, r in enumerate(ratios) if k not in matches and k >= n_free}
     found = np.where(matches >= 0, assembly.frequency[matches], 0.0)
     report = UpdateReport(
-        (*changes, *factors), matches, fit.frequency, found, unmeasured, fit.gains.sum(axis=1) / static
+        changes=(*changes, *factors),
+        matches=matches,
+        identified=fit.frequency,
+        scene=found,
+        unmeasured=unmeasured,
+        static_ratio=fit.gains.sum(axis=1) / static,
     )
     return replace(scaled, damping_ratio=ratios[n_free:]), report
 

@@ -213,7 +213,14 @@ def margins(loop: FRF) -> Margins:
             phase, phase_at = angle, frequency
     distance = np.abs(1 + values)
     nearest = int(np.argmin(distance))
-    return Margins(gain, gain_at, phase, phase_at, float(distance[nearest]), float(f[nearest]))
+    return Margins(
+        gain_margin=gain,
+        gain_margin_frequency=gain_at,
+        phase_margin=phase,
+        phase_margin_frequency=phase_at,
+        modulus_margin=float(distance[nearest]),
+        modulus_margin_frequency=float(f[nearest]),
+    )
 
 
 def names(kind: str, value: Names) -> tuple[str, ...]:
