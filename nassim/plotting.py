@@ -230,7 +230,7 @@ def plot_time_history(history: TimeHistory, *, names: Sequence[str] | None = Non
 
 
 def plot_body(body: ReducedBody, *, ax: Any = None) -> Any:
-    """The meshed surface, coloured by body, with the remote points and their interfaces; returns the Axes.
+    """The meshed surface, coloured by CAD body, with the remote points and their interfaces; returns the Axes.
 
     Raises ValueError when the body has no surface (made by hand or imported).
     """

@@ -31,7 +31,7 @@ class PiezoStack:
         not give it, common ceramics have -0.4 to -0.5
 
     Sign convention: a positive voltage lengthens the stack, forces are positive in tension. Raises ValueError for
-    figures that no ceramic reaches, the sign of a wrong unit.
+    figures that no ceramic reaches: a wrong unit.
     """
 
     free_stroke: float
@@ -113,12 +113,12 @@ class PiezoStack:
 
     @property
     def young_modulus(self) -> float:
-        """Young's modulus along the stack at constant voltage that its stiffness means [Pa]."""
+        """Young's modulus along the stack at constant voltage, as it follows from the stiffness [Pa]."""
         return self.stiffness * self.length / self.area
 
     @property
     def coupling_factor(self) -> float:
-        """Electromechanical coupling factor k33 [-]: its square is the share of the energy that can change sides.
+        """Electromechanical coupling factor k33 [-]; its square is the share of work that becomes electrical energy.
 
         Held at constant length, the stack has the capacitance (1 - k33^2) C; open circuit, it has the stiffness
         k / (1 - k33^2).

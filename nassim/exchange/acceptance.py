@@ -103,10 +103,10 @@ def repair(body: Body) -> Repair[Body]:
 def to_body(body: Superelement, *, any_size: bool = False) -> ReducedBody:
     """Accept a superelement as a body for scenes.
 
-    any_size: take it although no body in a machine has its mass, size, wave speed or density, which means wrong units
+    any_size: accept a mass, size, wave speed or density that no body in a machine has; it mostly means wrong units
 
-    Its mass, centre of mass, inertia and response in small motion are those of the matrices; for what large motion
-    asks beyond that see `nassim.bodies.inertia`. It has no surface to draw.
+    Mass, centre of mass, inertia and response in small motion are those of the matrices. Large motion asks for more
+    than matrices tell: `nassim.bodies.inertia` says how that is estimated. The body has no surface to draw.
     Raises ValueError naming the source and all faults that `check` finds.
     """
     report = check(body)

@@ -93,7 +93,7 @@ class _Numbers:
 def check(body: ReducedBody | Superelement) -> Report:
     """Inspect a reduced body: an imported one before it is trusted, or any other.
 
-    "fault" is what `to_body` refuses. Raises ValueError for a body without remote points only.
+    What has the verdict "fault" is refused by `to_body`. Raises ValueError only for a body without remote points.
     """
     given = as_superelement(body)
     stiffness, mass = (0.5 * (m + m.T) for m in (given.stiffness_matrix, given.mass_matrix))

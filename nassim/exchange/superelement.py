@@ -167,8 +167,8 @@ def read_superelement(
     orientations: (r, 3, 3), see `superelement`; listings give their own as THXY THYZ THZX
     name: of the result (default: of the first file)
 
-    Raises ValueError naming file, line (of a text) and cause for whatever cannot be read. What can is not thereby
-    right: `check` it.
+    Raises ValueError naming file, line (of a text) and cause for whatever cannot be read. What can be read
+    may be wrong all the same: `check` it.
     """
     files = [Path(path) for path in paths]
     if not files:

@@ -30,7 +30,7 @@ SOLID = 4000.0
 class Looks:
     """Figures of a body that wrong units make absurd; `str` of it tells them.
 
-    mass [kg]; size: its length [m]; speed: first elastic frequency times size, which waves in the material exceed [m/s]
+    mass [kg]; size: its length [m]; speed: first elastic frequency times size [m/s]; waves are faster
     density: over the homogeneous box of the same inertia [kg/m3], NaN where that has no volume
     """
 
@@ -67,7 +67,7 @@ class Looks:
 
 
 def likely_units(looks: Looks, given: str) -> list[tuple[str, Looks]]:
-    """The other `SYSTEMS` in which nothing is implausible, the likeliest first, and what the body is in them."""
+    """Other `SYSTEMS` of units in which the numbers are plausible, likeliest first, and the body's figures in them."""
     readings = {units: looks.reread(given, units) for units in SYSTEMS if units != given}
     likely = [(units, reread) for units, reread in readings.items() if not reread.implausible]
     if np.isfinite(looks.density):

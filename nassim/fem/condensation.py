@@ -10,8 +10,8 @@ need only this one factorisation and small dense matrices. The couplings differ 
 
 - rbe2 (stiff interface): the interface's unknowns are held; Psi solves for the rest.
 - rbe3 (mean motion of a soft interface): forces l at the remote points are multipliers of W u = q. Without any rbe2
-  the stiffness is singular; six unknowns are grounded statically determinately, and loads are balanced by inertia
-  forces before each solve, so the grounding carries nothing and rigid motions Z can be added freely.
+  the stiffness is singular: six unknowns are held, just enough to stop rigid motion. Inertia forces balance the load
+  before each solve, so what is held carries no force, and any rigid motion Z may be added to the solution.
 """
 
 from collections.abc import Sequence
@@ -96,7 +96,7 @@ def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, p
     remote_points: names (default: all of the model, in its order)
 
     Raises ValueError for unknown names, no remote point at all, rbe2 interfaces that share nodes, and rbe3 interfaces
-    that share so many with others that their points cannot move by themselves.
+    with too few nodes of their own for their points to move by themselves.
     """
     names = [p.name for p in fe_model.remote_points] if remote_points is None else list(remote_points)
     if not unique("remote point", names):

@@ -45,7 +45,7 @@ class FEModel:
         a scalar field at their points; None in models made by hand
     description: element order, sizes and counts as text, for reports
     order: polynomial order of the elements; 0 where unknown
-    warnings: what was told while the mesh was made
+    warnings: what was warned of while the mesh was made
     """
 
     name: str
@@ -123,10 +123,10 @@ class FEModel:
 
 @dataclass(frozen=True)
 class Refinement:
-    """What elements one order higher on the same mesh add to an FE model of n scalar unknowns; they have m.
+    """Elements one order higher on the same mesh, with m scalar unknowns, beside an FE model with n.
 
     stiffness: of the finer elements, (3 m, 3 m) [N/m]
-    held: unknowns of these that add nothing: those of the vertices and of lower degree on the edges
+    held: indices of those that add nothing, at vertices and on edges all but the highest degree's
     mixed_stiffness: forces on the finer unknowns from displacements of the model, (3 m, 3 n)
     mixed_mass: the same for density, one scalar block, (m, n)
     couplings: the remote points on the finer elements

@@ -75,9 +75,9 @@ def solver_name() -> str:
 def factorize(matrix: SymmetricMatrix, *, held: NDArray[np.int64] | None = None) -> Factorization:
     """Factorise a symmetric matrix that is positive definite once the unknowns `held` (indices) are held at zero.
 
-    Raises ValueError when a solve with the factor does not return its right-hand side, the sign of a singular
-    matrix, and when a diagonal entry or the energy of that solution is not positive, signs of an indefinite one. The
-    sparse Cholesky is in effect L D L^T, so an indefinite matrix that shows neither sign passes.
+    Raises ValueError for a singular matrix, which shows when a trial solve does not return its right-hand side, and for
+    an indefinite one, which shows in a diagonal entry or an energy of the trial that is not positive. The sparse
+    Cholesky, in effect L D L^T, factorises indefinite matrices too, so one that shows neither passes.
     """
     n = matrix.shape[0]
     free = np.ones(n, dtype=bool)

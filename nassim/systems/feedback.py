@@ -1,8 +1,8 @@
 """Controllers in loops around linear models: the closed loop, the open loop's margins, sensitivity.
 
-Sampled or continuous follows the model. Around a sampled one (`nassim.systems.sampled`) the loop is exact: it predicts
-a simulation or a computer at that sample rate, saturation aside. Around a continuous one the controller stands by its
-continuous equivalent: for the insight of design, with branches and zeros as books draw them, and for FRFs between
+A loop is sampled or continuous as its model is. Around a sampled model (`nassim.systems.sampled`) it is exact: it
+predicts a simulation or a computer at that sample rate, saturation aside. Around a continuous model the controller is
+replaced by a continuous equivalent: for design, with branches and zeros as books draw them, and for FRFs between
 samples, up to a tenth of the sample rate. A plant that follows its input within a sample (direct feedthrough, modes
 above half the sample rate) answers a held input in steps; whether a sample sees the new step or still the old one
 only the sampled model tells, and the continuous one is off by up to half a sample of delay.
@@ -39,8 +39,8 @@ def controller_model(
     inputs, outputs: names of what it measures and drives
     time_step: of the controller [s], for the sampled model with the delay as states; None for the continuous
         equivalent by the inverse of Tustin's rule
-    delay_order: of Pade's approximation to the delay and the half sample of the hold in the continuous one; 0 leaves
-        both out
+    delay_order: order of Pade's approximation to the delay plus the hold's half sample, in the continuous equivalent;
+        0 leaves both out
 
     Raises ValueError for other numbers of names than of signals, for another time step than the controller's, and
     for a pole at z = -1 in the continuous case.
@@ -154,7 +154,7 @@ def loop_response(
 
 
 def sensitivity(loop: FRF) -> tuple[FRF, FRF]:
-    """Sensitivity S = (1 + L)^-1 and complementary sensitivity T = 1 - S of an open loop L, of its shape.
+    """Sensitivity S = (1 + L)^-1 and complementary sensitivity T = 1 - S of an open loop L, FRFs of the shape of L.
 
     S is what the loop leaves of a disturbance at what it measures; |S| > 1 where it amplifies.
     """
