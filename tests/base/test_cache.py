@@ -11,8 +11,10 @@ from conftest import make_bar
 
 from models import apa300ml
 from models.apa300ml import PORTS, PZT, STACK, APAGeometry, reduced_apa300ml
-from nassim import build_fe_model, craig_bampton, load, meshing, save, storage
+from nassim import build_fe_model, craig_bampton, load, save
+from nassim.base import storage
 from nassim.base.storage import cached, code_fingerprint, fingerprint
+from nassim.fem import meshing
 from nassim.fem.assembly import with_materials
 
 MESH = {"extrude": "y", "layer_thickness": 5e-3, "local_sizes": {"arm_roots": 0.3e-3}, "curvature": 0.5}

@@ -25,10 +25,10 @@ from nassim import (
     SpringDamper,
     TimeHistory,
     load,
-    nouns,
     register,
     save,
 )
+from nassim.base import nouns
 from nassim.base.storage import fingerprint
 from nassim.scene.part import Part
 

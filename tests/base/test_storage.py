@@ -14,7 +14,8 @@ import h5py
 import numpy as np
 import pytest
 
-from nassim import FRF, Material, TimeHistory, load, nouns, save, storage
+from nassim import FRF, Material, TimeHistory, load, save
+from nassim.base import nouns, storage
 from nassim.base.storage import cache_directory, cached, fingerprint
 
 

@@ -8,7 +8,7 @@ import scipy.io
 import scipy.sparse
 from superelements import DOFS, SAMPLE, master_text, matrix_text, node_text, sample
 
-from nassim import arrayfiles
+from nassim.exchange import mat_npz
 from nassim.exchange.ansys import nodal_frame
 from nassim.exchange.inspection import check
 from nassim.exchange.mat_npz import read_arrays
@@ -231,7 +231,7 @@ def test_sparse_text_and_integers_in_mat_files(tmp_path):
 
 @pytest.mark.parametrize("ending", ["npz", "mat"])
 def test_small_files_that_unpack_to_much_are_refused(tmp_path, ending, monkeypatch):
-    monkeypatch.setattr(arrayfiles, "LARGEST_TOTAL", 3 * 8 * 10000)
+    monkeypatch.setattr(mat_npz, "LARGEST_TOTAL", 3 * 8 * 10000)
     path, zeros = tmp_path / f"bomb.{ending}", {name: np.zeros((100, 100)) for name in "abcd"}
     if ending == "npz":
         np.savez_compressed(path, **zeros)
