@@ -17,6 +17,7 @@ from nassim import (
     RemotePoint,
     RigidBody,
     Scene,
+    SpringDamper,
     TimeHistory,
     craig_bampton,
     frequency_response,
@@ -190,6 +191,29 @@ def test_frequency_responses_of_derivatives_are_powers_of_i_omega(body):
     for k in (1, 2):
         expected = (2j * np.pi * frequency) ** k * response[0]
         np.testing.assert_allclose(response[k], expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("fidelity", "method"), ENGINES)
+def test_a_leaking_sensor_has_its_gain(body, fidelity, method):
+    own, c = Row(own=(("body", 0.5 * stretch(body)),)), 1e-6
+    runs = []
+    for gain in (1.0, -3.0):
+        words = (Reading("v", "V", own, -gain / c), Spring(own, 1 / c), Leak("v", own, c, 1e3, gain))
+        runs.append(run(held(body, fidelity, sensors=(Meter("v", words),)), method)["v"])
+    assert np.abs(runs[0]).max() > 1e-3
+    np.testing.assert_allclose(runs[1], -3.0 * runs[0], rtol=0, atol=1e-6 * np.abs(runs[0]).max())
+
+
+def test_dampers_act_along_their_axis(body):
+    def scene(fidelity, damping):
+        damper = SpringDamper("damper", "ground.wall", "block.corner", "x", 10.0, damping)
+        return held(body, fidelity, springs=(damper,))
+
+    runs = [run(scene(fidelity, 20.0), method)["gap"] for fidelity, method in ENGINES]
+    size = np.abs(runs[0]).max()
+    assert np.abs(run(scene("linear", 0.0), "exact")["gap"] - runs[0]).max() > 0.05 * size
+    for other in runs[1:]:
+        np.testing.assert_allclose(other, runs[0], rtol=0, atol=0.01 * size)
 
 
 def test_points_of_flexible_bodies_move_along_the_worlds_axes(body):
