@@ -100,7 +100,7 @@ def test_every_source_of_the_package_changes_the_key(tmp_path, monkeypatch):
     assert code_fingerprint() == before
     found = {before}
     sources = list(package.rglob("*.py"))
-    assert {"meshing.py", "interface.py", "progress.py", "trim.py"} <= {path.name for path in sources}
+    assert {"meshing.py", "interface.py", "progress.py", "projection.py"} <= {path.name for path in sources}
     for path in sources:
         text = path.read_text()
         path.write_text(f"{text}\n")

@@ -30,12 +30,15 @@ def reduce_bar(length, side):
     return craig_bampton(model, n_modes=4, progress=False).eigenfrequencies()[6:]
 
 
+ENVIRONMENT = {**os.environ, "NASSIM_THREADS": "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+
+
 def run(call, timeout=120):
     """Run a function of this file in another process; returns what it printed."""
     return subprocess.run(
         [sys.executable, "-c", f"import test_exclusive; test_exclusive.{call}"],
         cwd=HERE,
-        env={**os.environ, "NASSIM_THREADS": "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        env=ENVIRONMENT,
         capture_output=True,
         text=True,
         timeout=timeout,
@@ -132,7 +135,9 @@ def mesh_for_long():
 def test_ctrl_c_stops_netgen_and_leaves_it_in_order():
     """The mesh would take minutes; the one after it is as ever."""
     code = "import test_exclusive; test_exclusive.mesh_for_long()"
-    with subprocess.Popen([sys.executable, "-c", code], cwd=HERE, stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        [sys.executable, "-c", code], cwd=HERE, env=ENVIRONMENT, stdout=subprocess.PIPE, text=True
+    ) as process:
         try:
             assert process.stdout.readline() == "begins\n"
             time.sleep(1.0)
