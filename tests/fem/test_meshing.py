@@ -149,6 +149,19 @@ def test_mesh_too_large_for_the_memory(monkeypatch):
         build_fe_model(make_bar(), element_size=0.005, order=2, progress=False)
 
 
+def test_a_mesh_too_large_for_the_memory_is_told_a_larger_size(monkeypatch):
+    monkeypatch.setattr(mesh_checks, "SMALL", 0)
+    monkeypatch.setattr(mesh_checks.psutil, "virtual_memory", lambda: type("Memory", (), {"available": 1e6}))
+    with pytest.raises(ValueError, match="would fit") as refused:
+        build_fe_model(make_bar(), element_size=0.005, order=2, progress=False)
+    assert float(str(refused.value).partition("an element_size of ")[2].split()[0]) > 0.005
+
+
+def test_order_1_in_a_thick_part_is_not_warned_of(recwarn):
+    build_fe_model(make_bar(length=0.01), element_size=0.0015, order=1, progress=False)
+    assert not [w for w in recwarn if "one element thick" in str(w.message)]
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -462,6 +462,18 @@ def test_damping_and_factors_return_to_the_scene(small_bench, bench_fit):
         assert words in report.summary()
 
 
+def test_only_what_acts_by_the_fits_input_is_scaled(small_bench, bench_fit):
+    (actuator,) = small_bench.actuators
+    twin, other = replace(actuator, name="twin", gain=7.0), replace(actuator, name="other", input="bias")
+    both = replace(small_bench, actuators=(actuator, other))
+    updated, report = apply_identification(both, bench_fit[0], trusted="encoder")
+    assert updated.actuators[1] == other
+    assert updated.actuators[0].gain == pytest.approx(1.1 * actuator.gain, rel=2e-3)
+    assert not any(change.parameter.startswith("other") for change in report.changes)
+    shared, _ = apply_identification(replace(both, actuators=(actuator, twin)), bench_fit[0], trusted="encoder")
+    assert shared.actuators[1].gain / 7.0 == pytest.approx(shared.actuators[0].gain / actuator.gain, rel=1e-12)
+
+
 def test_other_modes_keep_their_ratio_unless_told(small_bench, bench_fit):
     updated, report = apply_identification(
         replace(small_bench, damping_ratio=[0.01, 0.03]), bench_fit[0], trusted="encoder"
