@@ -4,8 +4,38 @@ from .bodies import (
 from .bodies import (
     RigidBody as RigidBody,
 )
+from .joints import (
+    Joint as Joint,
+)
+from .joints import (
+    cylindrical as cylindrical,
+)
+from .joints import (
+    fixed as fixed,
+)
+from .joints import (
+    planar as planar,
+)
+from .joints import (
+    prismatic as prismatic,
+)
+from .joints import (
+    revolute as revolute,
+)
+from .joints import (
+    spherical as spherical,
+)
+from .joints import (
+    universal as universal,
+)
 from .loop import (
     Loop as Loop,
+)
+from .mechanics import (
+    AngleSensor as AngleSensor,
+)
+from .mechanics import (
+    Bushing as Bushing,
 )
 from .mechanics import (
     Encoder as Encoder,
@@ -14,10 +44,16 @@ from .mechanics import (
     GroundAcceleration as GroundAcceleration,
 )
 from .mechanics import (
-    Joint as Joint,
+    LinearActuator as LinearActuator,
 )
 from .mechanics import (
     PointForce as PointForce,
+)
+from .mechanics import (
+    PointTorque as PointTorque,
+)
+from .mechanics import (
+    Pose as Pose,
 )
 from .mechanics import (
     SpringDamper as SpringDamper,
@@ -44,6 +80,9 @@ from .part import (
     Leak as Leak,
 )
 from .part import (
+    Line as Line,
+)
+from .part import (
     Part as Part,
 )
 from .part import (
@@ -54,6 +93,9 @@ from .part import (
 )
 from .part import (
     Sensor as Sensor,
+)
+from .part import (
+    SixSprings as SixSprings,
 )
 from .part import (
     Spring as Spring,

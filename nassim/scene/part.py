@@ -8,8 +8,8 @@ know raises TypeError.
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -19,14 +19,27 @@ if TYPE_CHECKING:
     from nassim.scene.scene import Scene
 
 
+Path = Annotated[str, "path"]
+Direction = Annotated[Any, "direction"]
+Axes = Annotated[Array, "axes"]
+Signal = Annotated[str, "signal"]
+"""What a part's field is, so that a placed copy of the part finds its own: a point or port, a direction of the world's
+frame ("x", "y", "z" or a vector), axes as columns in the world's frame, an input or output."""
+
+
 @dataclass(frozen=True)
 class Row:
     """A scalar motion of a scene, zero at its start.
 
     points: what motions of points count, ((path, weights on ux uy uz rx ry rz, (6,)), ...)
-    frame: along whose axes these weights are. "", the world's, which do not turn, in large motion too; rotations then
-        count in small motion only. Or the name of a flexible body that has all the points: along its own axes, so that
-        in large motion what counts is its deformation
+    frame: along whose axes these weights are.
+        "": the world's, which do not turn.
+        A point, "body.point": along axes that are the world's at the start and turn with the body there. Displacement
+        is then that of the points' places in these axes, so that a common turn of all bodies is none; velocity and
+        acceleration are those against inertial space, along these axes.
+        The name of a flexible body that has all the points: along its own axes, where only its deformation counts.
+        In large motion weights on rotations are those of one point, or opposite ones of two: the turn of the second
+        against the first since the start, as a vector along the world's axes at the start, which turn with the first.
     own: what bodies' own coordinates count, ((name, weights (n,)), ...), on the coordinates of `FlexibleBody.reduced`;
         in large motion on those of the deformation beside the floating frame
     """
@@ -36,21 +49,45 @@ class Row:
     own: tuple[tuple[str, Array], ...] = ()
 
     @property
+    def paths(self) -> tuple[str, ...]:
+        """Its points, and that of its frame."""
+        return (*(path for path, _ in self.points), *((self.frame,) if "." in self.frame else ()))
+
+    @property
     def within(self) -> str | None:
         """Name of the one body whose own shape is all that counts; None where there is no such body."""
         names = {name for name, _ in self.own} | ({self.frame} if self.points else set())
-        return names.pop() or None if len(names) == 1 else None
+        name = names.pop() if len(names) == 1 else ""
+        return name if name and "." not in name else None
 
     @classmethod
-    def between(cls, a: str, b: str, direction: Array, *, frame: str = "") -> "Row":
-        """Displacement of point b against point a along a direction of the frame, (3,)."""
-        weights = np.concatenate([direction, np.zeros(3)])
+    def between(cls, a: str, b: str, direction: Array, *, frame: str = "", turns: bool = False) -> "Row":
+        """Displacement of point b against point a along a direction, (3,), or its turn about it."""
+        weights = np.roll(np.concatenate([direction, np.zeros(3)]), 3 * turns)
         return cls(((a, -weights), (b, weights)), frame)
 
     @classmethod
-    def of_point(cls, path: str, direction: Array) -> "Row":
-        """Displacement of a point along a direction of the world's frame, (3,)."""
-        return cls(((path, np.concatenate([direction, np.zeros(3)])),))
+    def of_point(cls, path: str, direction: Array, *, frame: str = "", turns: bool = False) -> "Row":
+        """Displacement of a point along a direction, (3,), or its turn about it."""
+        return cls(((path, np.roll(np.concatenate([direction, np.zeros(3)]), 3 * turns)),), frame)
+
+
+@dataclass(frozen=True)
+class Line:
+    """A scalar motion of a scene: how much farther apart two points are than at its start, wherever the line points."""
+
+    a: str
+    b: str
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """Its points."""
+        return (self.a, self.b)
+
+    @property
+    def within(self) -> None:
+        """No body's own shape alone."""
+        return
 
 
 @dataclass(frozen=True)
@@ -62,7 +99,7 @@ class Force:
 
     input: str
     unit: str
-    row: Row
+    row: Row | Line
     gain: float = 1.0
     bandwidth: float = math.inf
 
@@ -85,7 +122,7 @@ class Reading:
 
     output: str
     unit: str
-    row: Row
+    row: Row | Line
     gain: float = 1.0
     derivative: int = 0
 
@@ -94,9 +131,24 @@ class Reading:
 class Spring:
     """A row is held by a spring [N/m] and a viscous damper [N s/m] in parallel."""
 
-    row: Row
+    row: Row | Line
     stiffness: float
     damping: float = 0.0
+
+
+@dataclass(frozen=True)
+class SixSprings:
+    """Point b is held against point a by a spring and a damper in all six directions at once.
+
+    axes: along which the six are counted, as columns, the world's frame at the start; they turn with the body of a
+    stiffness, damping: on ux uy uz rx ry rz of b against a, (6, 6), symmetric, at the place of b
+    """
+
+    a: str
+    b: str
+    axes: Array
+    stiffness: Array
+    damping: Array
 
 
 @dataclass(frozen=True)
@@ -117,16 +169,17 @@ class Leak:
 class Constraint:
     """Point b does not move against point a along the directions held, which turn with the body of a.
 
-    held: of "x" "y" "z" "rx" "ry" "rz"
+    held: of "x" "y" "z" "rx" "ry" "rz"; axes: along which these are, as columns, the world's frame at the start
     """
 
     name: str
     a: str
     b: str
     held: tuple[str, ...]
+    axes: Array = field(default_factory=lambda: np.eye(3))
 
 
-Word = Force | Field | Reading | Spring | Leak | Constraint
+Word = Force | Field | Reading | Spring | SixSprings | Leak | Constraint
 
 
 def unknown_word(word: object, engine: str) -> TypeError:

@@ -1,6 +1,7 @@
 """Scenes: parts connected by name, as pure data."""
 
 import warnings
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TypeVar, get_args
@@ -11,7 +12,21 @@ from numpy.typing import ArrayLike
 from nassim.base.checks import Array, finite_array, freeze, instances, known, not_negative, positive, unique
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.loop import Loop
-from nassim.scene.part import Actuator, Connection, Constraint, Field, Force, ForceElement, Part, Reading, Sensor, Word
+from nassim.scene.part import (
+    Actuator,
+    Connection,
+    Constraint,
+    Field,
+    Force,
+    ForceElement,
+    Leak,
+    Part,
+    Reading,
+    Sensor,
+    SixSprings,
+    Spring,
+    Word,
+)
 
 KINDS: dict[str, tuple[type, ...]] = {
     "bodies": get_args(Body),
@@ -168,9 +183,22 @@ class Scene:
         return body.point_position(point)
 
     def held_points(self, body: Body) -> tuple[str, ...]:
-        """Points of a body that constraints hold, in the constraints' order."""
+        """Points of a body that constraints hold, then those that springs do, in their order."""
         paths = [path for word in self.said(Constraint) for path in (word.a, word.b)]
-        return tuple(path.partition(".")[2] for path in paths if self.split(path)[0] is body)
+        paths += [path for word in self.said(SixSprings) for path in (word.a, word.b)]
+        paths += [path for word in self.said(Spring) if not word.row.within for path in word.row.paths]
+        return self._points_of(body, paths)
+
+    def named_points(self, body: Body) -> tuple[str, ...]:
+        """Points of a body that are held, pushed or read by themselves, beyond the body's own shape."""
+        paths = [f"{body.name}.{point}" for point in self.held_points(body)]
+        for word in self.words:
+            if isinstance(word, (Force, Reading, Spring, Leak)) and not word.row.within:
+                paths += word.row.paths
+        return self._points_of(body, paths)
+
+    def _points_of(self, body: Body, paths: Iterable[str]) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(path.partition(".")[2] for path in paths if self.split(path)[0] is body))
 
     def frame_point(self, body: FlexibleBody) -> str:
         """Remote point that carries a flexible body's floating frame."""

@@ -45,8 +45,8 @@ def _flexible(scene: Scene, body: FlexibleBody, fewer: FlexibleBody) -> list[str
 
 def _used_points(scene: Scene, body: FlexibleBody) -> set[str]:
     rows = [word.row for word in scene.words if isinstance(word, (Force, Reading, Spring, Leak))]
-    paths = [path for row in rows for path, _ in row.points]
-    return {*scene.held_points(body), *(path.partition(".")[2] for path in paths if scene.split(path)[0] is body)}
+    paths = [path for row in rows for path in row.paths if scene.split(path)[0] is body]
+    return {*scene.held_points(body), *(path.partition(".")[2] for path in paths)}
 
 
 def _ports(scene: Scene, body: FlexibleBody) -> list[str]:

@@ -12,10 +12,10 @@ from nassim.base.rigid_motion import AXES, DIRECTIONS
 from nassim.bodies.floating_frame import FloatingFrame, floating_frame
 from nassim.bodies.strain import Strain, joined, spring_strain, stiffness_root, strained_modes
 from nassim.scene.bodies import Body, RigidBody
-from nassim.scene.part import Constraint, Field, Force, Leak, Reading, Row, Spring, Word, unknown_word
+from nassim.scene.part import Constraint, Field, Force, Leak, Line, Reading, Row, SixSprings, Spring, Word, unknown_word
 from nassim.scene.scene import Scene
 from nassim.simulation.damping import Damping
-from nassim.simulation.rows import shares
+from nassim.simulation.rows import bushing_rows, shares
 from nassim.simulation.trimming import trim_scene
 
 NO_EQUILIBRIUM = (
@@ -126,10 +126,10 @@ class _Coordinates:
         places = {body.name: slice(ends[k], ends[k + 1]) for k, body in enumerate(bodies)}
         return cls(scene, places, scipy.linalg.block_diag(*blocks))
 
-    def vector(self, row: Row) -> Array:
+    def vector(self, row: Row | Line, *, derivative: int = 0) -> Array:
         """A row on all coordinates, (n_all,)."""
         result = np.zeros(len(self.mass))
-        for name, share in shares(self.scene, row).items():
+        for name, share in shares(self.scene, row, derivative=derivative).items():
             result[self.slices[name]] = share
         return result
 
@@ -162,7 +162,7 @@ def assemble(scene: Scene) -> Assembly:
     ratio = elastic_ratios(frequency, scene.damping_ratio)
     input_matrix, amplifiers = _actions(coordinates, words)
     readings = [word for word in words if isinstance(word, Reading)]
-    vectors = [word.gain * coordinates.vector(word.row) for word in readings]
+    vectors = [word.gain * coordinates.vector(word.row, derivative=word.derivative) for word in readings]
     return Assembly(
         scene=scene,
         words=words,
@@ -254,6 +254,11 @@ def _strains(coordinates: _Coordinates, words: Sequence[Word]) -> tuple[list[Str
             row = coordinates.vector(word.row)
             strains.append(spring_strain(row, word.stiffness, coordinates.mass))
             dampers += word.damping * np.outer(row, row)
+        elif isinstance(word, SixSprings):
+            rows = np.array([coordinates.vector(row) for row in bushing_rows(word)])
+            sizes, directions = np.linalg.eigh(word.stiffness)
+            strains += [spring_strain(d @ rows, k, coordinates.mass) for k, d in zip(sizes, directions.T, strict=True)]
+            dampers += rows.T @ word.damping @ rows
     return strains, dampers
 
 
@@ -275,7 +280,8 @@ def _actions(coordinates: _Coordinates, words: Sequence[Word]) -> tuple[Array, t
         if isinstance(word, Field):
             matrix[:, inputs.index(word.input)] += coordinates.weight(word.direction)
         elif isinstance(word, Force):
-            index, forces = inputs.index(word.input), word.gain * coordinates.vector(word.row)
+            # A force's power is that on velocities: the turn of its axes does none.
+            index, forces = inputs.index(word.input), word.gain * coordinates.vector(word.row, derivative=1)
             if np.isfinite(word.bandwidth):
                 amplifiers.append(Amplifier(index, forces, 2 * np.pi * word.bandwidth))
             else:
@@ -302,7 +308,7 @@ def _independent(
     for word in words:
         if not isinstance(word, Constraint):
             continue
-        relative = coordinates.motion(word.b) - coordinates.motion(word.a)
+        relative = np.kron(np.eye(2), word.axes.T) @ (coordinates.motion(word.b) - coordinates.motion(word.a))
         holds = []
         for direction in word.held:
             row = relative[AXES.index(DIRECTIONS[direction])]

@@ -4,21 +4,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.base.rigid_motion import DIRECTIONS
+from nassim.base.rigid_motion import DIRECTIONS, axes_along
 from nassim.scene.bodies import FlexibleBody, RigidBody
-from nassim.scene.part import Constraint, Field, Force, Reading, Row, Spring
+from nassim.scene.part import Constraint, Field, Force, Line, Row, SixSprings, Spring
 from nassim.scene.scene import Scene
-from nassim.simulation.exudyn.state import COORDINATES, Carrier, Drive, add_forces
+from nassim.simulation.exudyn.state import Carrier, Drive, add_forces
 from nassim.simulation.rows import shares
-
-MOTIONS = (exu.OutputVariableType.Displacement, exu.OutputVariableType.Velocity, exu.OutputVariableType.Acceleration)
-"""What a reading of each derivative records of a point."""
-KEPT = {"storeInternal": True, "writeToFile": False}
 
 
 @dataclass(frozen=True)
@@ -26,6 +21,7 @@ class Items:
     """Exudyn's numbers of a scene's bodies, by name; markers of points by path.
 
     rigid: bodies without deformation, along the world's axes; carriers: of those that deform; nodes: of all that move
+    pilots: object and mesh nodes that make up a point of a floating body, by path
     """
 
     mbs: Any
@@ -35,21 +31,64 @@ class Items:
     rigid: Mapping[str, RigidBody]
     carriers: Mapping[str, Carrier]
     markers: dict[str, int]
+    pilots: Mapping[str, tuple[int, list[int]]]
+
+    def marker(self, path: str, *, at: Array | None = None) -> int:
+        """Rigid marker of a point, whose axes are the world's at the start.
+
+        at: another place on the point's rigid body, world frame at the start, (3,)
+        """
+        name, _, point = path.partition(".")
+        if name in self.rigid:
+            key = path if at is None else f"{path} at {at.tolist()}"
+            if key not in self.markers:
+                offset = self.rigid[name].points[point] if at is None else at - self.rigid[name].position
+                marker = eii.MarkerBodyRigid(bodyNumber=self.objects[name], localPosition=list(offset))
+                self.markers[key] = self.mbs.AddMarker(marker)
+            return self.markers[key]
+        if at is not None and np.linalg.norm(at - self.scene.point_position(path)) > 1e-12:
+            raise ValueError(f"{path!r} belongs to a flexible body, which reaches to no other place")
+        if path not in self.markers:
+            raise ValueError(
+                f"{path!r} is no coordinate of a body in small motion any more; in a floating frame it can be"
+            )
+        return self.markers[path]
+
+    def fidelity(self, path: str) -> str:
+        """Of a point's body: "rigid", "linear" or "ffrf"."""
+        name = path.partition(".")[0]
+        body = self.scene.split(f"{name}.")[0]
+        return body.fidelity if isinstance(body, FlexibleBody) and name not in self.rigid else "rigid"
+
+    def moves(self, path: str) -> bool:
+        """Whether a point's body does."""
+        return path.partition(".")[0] in self.nodes
 
 
 def add_force(items: Items, word: Force) -> list[Drive]:
-    """Add what an input pushes through: forces on coordinates, and loads at points of rigid bodies."""
+    """Add what an input pushes through: a line, coordinates of bodies, and loads at points."""
+    rate, gain = 2 * np.pi * word.bandwidth, word.gain
+    if isinstance(word.row, Line):
+        markers = [items.marker(path) for path in word.row.paths]
+        number = items.mbs.AddObject(eii.ObjectConnectorSpringDamper(markerNumbers=markers, force=0.0))
+        return [Drive(number, word.input, np.array(-gain), "force", rate)]
     drives = []
-    nodes = _on_coordinates(items, word.row)
+    nodes = on_coordinates(items, word.row)
     if nodes:
         # Forces in balance inside a body do no work on its frame, so they act on coordinates of deformation only.
-        forces = word.gain * np.concatenate([row for _, row in nodes])
+        forces = gain * np.concatenate([row for _, row in nodes])
         number = add_forces(items.mbs, [node for node, _ in nodes], len(forces))
-        drives.append(Drive(number, word.input, forces, rate=2 * np.pi * word.bandwidth))
-    for name, position, weights in _on_points(items, word.row):
-        marker = items.mbs.AddMarker(eii.MarkerBodyPosition(bodyNumber=items.objects[name], localPosition=position))
-        number = items.mbs.AddLoad(eii.LoadForceVector(markerNumber=marker, loadVector=[0.0, 0.0, 0.0]))
-        drives.append(Drive(number, word.input, word.gain * weights, load=True, rate=2 * np.pi * word.bandwidth))
+        drives.append(Drive(number, word.input, forces, "forceVector", rate))
+    for path, weights in on_points(items, word.row):
+        if word.row.frame not in ("", path):
+            raise ValueError(
+                f"{path!r}: in large motion a force acts along the world's axes, those of its own point or a line"
+            )
+        for load, vector in ((eii.LoadForceVector, weights[:3]), (eii.LoadTorqueVector, weights[3:])):
+            if np.any(vector):
+                own = bool(word.row.frame)
+                number = items.mbs.AddLoad(load(markerNumber=items.marker(path), loadVector=[0.0] * 3, bodyFixed=own))
+                drives.append(Drive(number, word.input, gain * vector, "loadVector", rate))
     return drives
 
 
@@ -57,21 +96,21 @@ def add_field(items: Items, word: Field) -> list[Drive]:
     """Add a uniform acceleration of every body that moves."""
     drives = []
     for name in items.nodes:
-        body = items.scene.split(f"{name}.")[0]
-        if isinstance(body, FlexibleBody) and body.fidelity == "linear":
+        if items.fidelity(name) == "linear":
             numbers = [number for number, _ in items.carriers[name].nodes]
-            forces = items.carriers[name].coordinates.T @ body.weight(word.direction)
+            weight = items.scene.split(f"{name}.")[0].weight(word.direction)
+            forces = items.carriers[name].coordinates.T @ weight
             drives.append(Drive(add_forces(items.mbs, numbers, len(forces)), word.input, forces))
         else:
             marker = items.mbs.AddMarker(eii.MarkerBodyMass(bodyNumber=items.objects[name]))
             number = items.mbs.AddLoad(eii.LoadMassProportional(markerNumber=marker, loadVector=[0.0, 0.0, 0.0]))
-            drives.append(Drive(number, word.input, word.direction, load=True))
+            drives.append(Drive(number, word.input, word.direction, "loadVector"))
     return drives
 
 
 def add_spring(items: Items, word: Spring) -> None:
-    """Add a spring-damper, relaxed at the start: within bodies, or between points of rigid ones along an axis."""
-    nodes = _on_coordinates(items, word.row)
+    """Add a spring-damper, relaxed at the start: within bodies, along a line, or along a direction."""
+    nodes = on_coordinates(items, word.row) if word.row.within else []
     if nodes:
         row = np.concatenate([piece for _, piece in nodes])
         items.mbs.AddObject(
@@ -83,76 +122,101 @@ def add_spring(items: Items, word: Spring) -> None:
                 forceVector=np.zeros(len(row)),
             )
         )
-        return
-    (a, along_a), (b, along_b) = ((path, weights[:3]) for path, weights in word.row.points)
-    if np.count_nonzero(along_b) != 1 or np.any(along_a + along_b):
-        raise ValueError(f"between {a!r} and {b!r}: in large motion springs act along one of the world's axes")
-    markers = []
-    for path in (a, b):
-        name, _, point = path.partition(".")
-        position = list(items.rigid[name].points[point])
-        markers.append(
-            items.mbs.AddMarker(eii.MarkerBodyPosition(bodyNumber=items.objects[name], localPosition=position))
+    elif isinstance(word.row, Line):
+        a, b = word.row.paths
+        length = float(np.linalg.norm(items.scene.point_position(b) - items.scene.point_position(a)))
+        items.mbs.AddObject(
+            eii.ObjectConnectorSpringDamper(
+                markerNumbers=[items.marker(a), items.marker(b)],
+                referenceLength=length,
+                stiffness=word.stiffness,
+                damping=word.damping,
+            )
         )
+    elif not word.row.within:
+        _add_spring_along(items, word, word.row)
+
+
+def _add_spring_along(items: Items, word: Spring, row: Row) -> None:
+    """A spring between two points along a direction of the world, or of one of the points."""
+    (a, along_a), (b, along_b) = row.points
+    if np.any(along_b[3:]) or np.any(along_a + along_b):
+        raise ValueError(f"between {a!r} and {b!r}: in large motion a spring acts on the distance along a direction")
+    along = along_b[:3]
+    if not row.frame and np.count_nonzero(along) == 1:
+        items.mbs.AddObject(
+            eii.ObjectConnectorCartesianSpringDamper(
+                markerNumbers=[items.marker(a), items.marker(b)],
+                stiffness=list(word.stiffness * along**2),
+                damping=list(word.damping * along**2),
+                offset=list(items.scene.point_position(b) - items.scene.point_position(a)),
+            )
+        )
+        return
+    frame = row.frame or next((path for path in (a, b) if not items.moves(path)), "")
+    if frame not in (a, b):
+        raise ValueError(
+            f"between {a!r} and {b!r}: in large motion a spring acts along one of the world's axes, or along any "
+            "direction of one of its points (frame=...), or of the ground that one of them belongs to"
+        )
+    six = np.zeros((6, 6))
+    six[0, 0] = along @ along
+    axes = np.roll(axes_along(along), 1, axis=1)
+    _connect(items, frame, b if frame == a else a, axes, word.stiffness * six, word.damping * six)
+
+
+def add_six_springs(items: Items, word: SixSprings) -> None:
+    """Add a bushing, whose six directions turn with the body of a."""
+    _connect(items, word.a, word.b, word.axes, word.stiffness, word.damping)
+
+
+def _connect(items: Items, a: str, b: str, axes: Array, stiffness: Array, damping: Array) -> None:
+    """Exudyn's six-dimensional spring, at the place of b: where that is not a's, a's body reaches there rigidly."""
+    place = items.scene.point_position(b)
+    markers = [items.marker(a, at=place), items.marker(b)]
     items.mbs.AddObject(
-        eii.ObjectConnectorCartesianSpringDamper(
+        eii.ObjectConnectorRigidBodySpringDamper(
             markerNumbers=markers,
-            stiffness=list(word.stiffness * along_b**2),
-            damping=list(word.damping * along_b**2),
-            offset=list(items.scene.point_position(b) - items.scene.point_position(a)),
+            stiffness=stiffness,
+            damping=damping,
+            rotationMarker0=axes,
+            rotationMarker1=axes,
         )
     )
-
-
-def add_reading(items: Items, word: Reading) -> list[tuple[int, Array]]:
-    """Add what an output is read from: Exudyn's sensors and the weights of their columns."""
-    kinds = COORDINATES[word.derivative], MOTIONS[word.derivative]
-    result = []
-    for node, row in _on_coordinates(items, word.row):
-        sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kinds[0], **KEPT)
-        result.append((items.mbs.AddSensor(sensor), word.gain * row))
-    for name, position, weights in _on_points(items, word.row):
-        number = items.objects[name]
-        sensor = eii.SensorBody(bodyNumber=number, localPosition=position, outputVariableType=kinds[1], **KEPT)
-        result.append((items.mbs.AddSensor(sensor), word.gain * weights))
-    return result
 
 
 def add_constraint(items: Items, word: Constraint, held: tuple[str, ...]) -> None:
     """Add a joint that holds the given ones of its directions."""
-    for path in (word.a, word.b):
-        name, _, point = path.partition(".")
-        if path not in items.markers:
-            position = list(items.rigid[name].points[point])
-            marker = eii.MarkerBodyRigid(bodyNumber=items.objects[name], localPosition=position)
-            items.markers[path] = items.mbs.AddMarker(marker)
     items.mbs.AddObject(
         eii.ObjectJointGeneric(
-            markerNumbers=[items.markers[word.a], items.markers[word.b]],
+            markerNumbers=[items.marker(word.a), items.marker(word.b)],
             constrainedAxes=[int(direction in held) for direction in DIRECTIONS],
+            rotationMarker0=word.axes,
+            rotationMarker1=word.axes,
         )
     )
 
 
-def _on_coordinates(items: Items, row: Row) -> list[tuple[int, Array]]:
-    """A row's weights on the coordinates of bodies that deform, by node: those of bodies whose shape it counts."""
-    if row.points and not row.frame:
-        row = Row(own=row.own)
+def on_coordinates(items: Items, row: Row) -> list[tuple[int, Array]]:
+    """A row's weights on the coordinates of bodies that deform, by node.
+
+    These are of bodies whose own shape it counts, and points of bodies in small motion.
+    """
+    if not row.within:
+        near = () if row.frame else tuple(p for p in row.points if items.fidelity(p[0]) == "linear")
+        row = Row(points=near, own=row.own)
     found = shares(items.scene, row)
     return [
         part for name, share in found.items() if name in items.carriers for part in items.carriers[name].parts(share)
     ]
 
 
-def _on_points(items: Items, row: Row) -> list[tuple[str, list[float], Array]]:
-    """Body, place in it and weights (3,) of the points of rigid bodies that move and that a row counts."""
-    result = []
-    for path, weights in () if row.frame else row.points:
-        name, _, point = path.partition(".")
-        if name not in items.rigid:
-            raise ValueError(f"{path!r}: in large motion only points of rigid bodies are pushed and read")
-        if np.any(weights[3:]):
-            raise ValueError(f"{path!r}: in large motion rotations are neither pushed nor read")
-        if name in items.nodes:
-            result.append((name, list(items.rigid[name].points[point]), weights[:3]))
-    return result
+def on_points(items: Items, row: Row) -> list[tuple[str, Array]]:
+    """Points, and weights (6,) on their motions, that move by more than `on_coordinates` knows."""
+    if row.within:
+        return []
+    return [
+        (path, weights)
+        for path, weights in row.points
+        if items.moves(path) and (row.frame or items.fidelity(path) != "linear")
+    ]

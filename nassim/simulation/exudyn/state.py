@@ -1,7 +1,7 @@
 """What nassim keeps of an Exudyn system, and the system of a scene in small motion."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,22 +42,39 @@ class Carrier:
 class Drive:
     """How an input acts on an Exudyn system.
 
-    input: name; forces: per unit of it; load: whether number is that of a load, else of an object of `add_forces`
+    number: of a load or an object; parameter: of it, that carries the forces
+    input: name; forces: per unit of it
     rate: of the amplifier between, a low-pass of first order [1/s]
     """
 
     number: int
     input: str
     forces: Array
-    load: bool = False
+    parameter: str = "forceVector"
     rate: float = math.inf
 
     def apply(self, mbs: Any, value: float) -> None:
         """Set the forces for a value behind the amplifier."""
-        if self.load:
-            mbs.SetLoadParameter(self.number, "loadVector", value * self.forces)
+        if self.parameter == "loadVector":
+            mbs.SetLoadParameter(self.number, self.parameter, value * self.forces)
         else:
-            mbs.SetObjectParameter(self.number, "forceVector", value * self.forces)
+            mbs.SetObjectParameter(self.number, self.parameter, value * self.forces)
+
+
+@dataclass(frozen=True)
+class Term:
+    """One summand of an output.
+
+    sensors: Exudyn's numbers; value: makes of their columns, (n_samples, k) each, the summand, (n_samples,)
+    """
+
+    sensors: tuple[int, ...]
+    value: Callable[..., Array]
+
+    @classmethod
+    def linear(cls, sensor: int, weights: Array) -> "Term":
+        """A weighted sum of one sensor's columns."""
+        return cls((sensor,), lambda columns: columns @ weights)
 
 
 @dataclass(frozen=True)
@@ -67,7 +84,7 @@ class System:
     mbs: the Exudyn system, kept alive by container; assembly: what it models
     nodes: rigid-body node per moving body; carriers: per flexible body that deforms
     drives: what the inputs act through
-    readings: per output, Exudyn's sensors and the weights of their columns
+    readings: per output, what it is the sum of
     circuits: objects of `add_circuit`
     """
 
@@ -77,7 +94,7 @@ class System:
     nodes: dict[str, int]
     carriers: dict[str, Carrier]
     drives: tuple[Drive, ...]
-    readings: dict[str, list[tuple[int, Array]]]
+    readings: dict[str, list[Term]]
     circuits: tuple[int, ...]
 
     def apply(self, inputs: Mapping[str, float]) -> None:
@@ -87,11 +104,14 @@ class System:
 
     def measure(self) -> Array:
         """Present outputs, (outputs,)."""
-        terms = [
-            sum(float(np.atleast_1d(self.mbs.GetSensorValues(number)) @ weights) for number, weights in parts)
-            for parts in self.readings.values()
-        ]
-        return np.array(terms, dtype=float)
+        read = self.mbs.GetSensorValues
+        return np.array(
+            [
+                sum(float(term.value(*(np.reshape(read(k), (1, -1)) for k in term.sensors))[0]) for term in terms)
+                for terms in self.readings.values()
+            ],
+            dtype=float,
+        )
 
     def deformation(self, name: str) -> Array:
         """Present coordinates of a flexible body that deforms, as `ReducedBody` orders them, shape (n,)."""
@@ -112,7 +132,8 @@ class System:
 
     def recorded(self, output: str) -> Array:
         """Samples of one output, shape (n_samples,); a single 0 where nothing that moves is measured."""
-        terms = [self.mbs.GetSensorStoredData(number)[:, 1:] @ weights for number, weights in self.readings[output]]
+        read = self.mbs.GetSensorStoredData
+        terms = [term.value(*(read(k)[:, 1:] for k in term.sensors)) for term in self.readings[output]]
         return np.sum(terms, axis=0) if terms else np.zeros(1)
 
 
@@ -142,7 +163,7 @@ def small_motion_system(assembly: Assembly) -> System:
     for k, (name, derivative) in enumerate(zip(scene.outputs, assembly.derivatives, strict=True)):
         kind = COORDINATES[derivative]
         sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kind, storeInternal=True, writeToFile=False)
-        readings[name] = [(mbs.AddSensor(sensor), weights[k])]
+        readings[name] = [Term.linear(mbs.AddSensor(sensor), weights[k])]
     circuits = []
     for circuit in assembly.circuits:
         number, reading = add_circuit(mbs, circuit, [node], assembly.basis.T @ circuit.forces)
@@ -166,7 +187,7 @@ def add_forces(mbs: Any, nodes: Sequence[int], size: int) -> int:
     )
 
 
-def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array) -> tuple[int, tuple[int, Array]]:
+def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array) -> tuple[int, Term]:
     """Add a port's charge as a coordinate w = v / scale; returns its object and the sensor of its output.
 
     forces: on the nodes' coordinates per volt of v. Symmetric rows: c v + R c^2 v' = forces @ q. The scale makes them
@@ -190,7 +211,7 @@ def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array)
     )
     kind = exu.OutputVariableType.Coordinates
     sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kind, storeInternal=True, writeToFile=False)
-    return number, (mbs.AddSensor(sensor), np.array([scale * circuit.gain]))
+    return number, Term.linear(mbs.AddSensor(sensor), np.array([scale * circuit.gain]))
 
 
 def find_accelerations(system: System, settings: Any) -> None:

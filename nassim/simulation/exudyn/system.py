@@ -16,10 +16,11 @@ from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.bodies.floating_frame import FloatingFrame
 from nassim.scene.bodies import FlexibleBody, RigidBody
-from nassim.scene.part import Constraint, Field, Force, Leak, Reading, Spring, unknown_word
+from nassim.scene.part import Constraint, Field, Force, Leak, Reading, SixSprings, Spring, Word, unknown_word
 from nassim.scene.scene import Scene
-from nassim.simulation.exudyn.items import Items, add_constraint, add_field, add_force, add_reading, add_spring
-from nassim.simulation.exudyn.state import Carrier, Drive, System, add_circuit, modal_node, small_motion_system
+from nassim.simulation.exudyn.items import Items, add_constraint, add_field, add_force, add_six_springs, add_spring
+from nassim.simulation.exudyn.readings import add_reading
+from nassim.simulation.exudyn.state import Carrier, Drive, System, Term, add_circuit, modal_node, small_motion_system
 from nassim.simulation.small_motion import Assembly, deformation_damping
 from nassim.simulation.starting_motion import check_implied, starting_twists
 
@@ -39,24 +40,12 @@ def build_system(assembly: Assembly) -> System:
     mbs = container.AddSystem()
     items = _add_bodies(mbs, assembly)
     drives: list[Drive] = []
-    readings: dict[str, list[tuple[int, Array]]] = {}
+    readings: dict[str, list[Term]] = {}
     for word in assembly.words:
-        match word:
-            case Constraint():
-                if assembly.enforced[word.name]:
-                    add_constraint(items, word, assembly.enforced[word.name])
-            case Spring():
-                add_spring(items, word)
-            case Force():
-                drives += add_force(items, word)
-            case Field():
-                drives += add_field(items, word)
-            case Reading():
-                readings[word.output] = add_reading(items, word)
-            case Leak():
-                pass  # one of the assembly's circuits
-            case _:
-                raise unknown_word(word, "Exudyn's system of large motion")
+        if isinstance(word, Reading):
+            readings[word.output] = add_reading(items, word)
+        else:
+            drives += _realise(items, word, assembly)
     circuits = []
     for circuit in assembly.circuits:
         forces = {name: circuit.forces[assembly.slices[name]] for name in items.carriers}
@@ -72,6 +61,27 @@ def build_system(assembly: Assembly) -> System:
     )
 
 
+def _realise(items: Items, word: Word, assembly: Assembly) -> list[Drive]:
+    """Add what a word does; returns what an input then drives."""
+    match word:
+        case Constraint():
+            if assembly.enforced[word.name]:
+                add_constraint(items, word, assembly.enforced[word.name])
+        case Spring():
+            add_spring(items, word)
+        case SixSprings():
+            add_six_springs(items, word)
+        case Force():
+            return add_force(items, word)
+        case Field():
+            return add_field(items, word)
+        case Leak():
+            pass  # one of the assembly's circuits
+        case _:
+            raise unknown_word(word, "Exudyn's system of large motion")
+    return []
+
+
 def _add_bodies(mbs: Any, assembly: Assembly) -> Items:
     """Add the bodies with their weight, and the damping between them."""
     scene = assembly.scene
@@ -82,16 +92,21 @@ def _add_bodies(mbs: Any, assembly: Assembly) -> Items:
     markers: dict[str, int] = {}
     objects: dict[str, int] = {}
     rigid: dict[str, RigidBody] = {}
+    pilots: dict[str, tuple[int, list[int]]] = {}
     for body in scene.bodies:
         if isinstance(body, FlexibleBody) and body.deforms:
             add = _add_floating if body.fidelity == "ffrf" else _add_linear
-            node, carriers[body.name], objects[body.name], pilots = add(
+            node, carriers[body.name], objects[body.name], found = add(
                 mbs, scene, body, assembly.frames[body.name], damping[body.name, body.name], twists[body.name]
             )
             nodes[body.name] = node
-            markers.update({f"{body.name}.{point}": marker for point, marker in pilots.items()})
+            markers.update({f"{body.name}.{point}": marker for point, marker in found.items()})
+            if body.fidelity == "ffrf":
+                # The first marker is the frame's own node; each other one has four pilots.
+                for k, point in enumerate(list(found)[1:]):
+                    pilots[f"{body.name}.{point}"] = objects[body.name], list(range(4 * k, 4 * k + 4))
         else:
-            rigid[body.name] = _as_rigid(body, assembly) if isinstance(body, FlexibleBody) else body
+            rigid[body.name] = _as_rigid(body, assembly) if isinstance(body, FlexibleBody) else body.along_world
             number, objects[body.name] = _add_rigid(mbs, rigid[body.name], twists.get(body.name, np.zeros(6)))
             if number is not None:
                 nodes[body.name] = number
@@ -102,7 +117,7 @@ def _add_bodies(mbs: Any, assembly: Assembly) -> Items:
             marker = mbs.AddMarker(eii.MarkerBodyMass(bodyNumber=objects[name]))
             mbs.AddLoad(eii.LoadMassProportional(markerNumber=marker, loadVector=list(scene.gravity)))
     _couple_dampings(mbs, assembly, carriers, damping)
-    return Items(mbs, scene, nodes, objects, rigid, carriers, markers)
+    return Items(mbs, scene, nodes, objects, rigid, carriers, markers, pilots)
 
 
 def _as_rigid(body: FlexibleBody, assembly: Assembly) -> RigidBody:
@@ -169,8 +184,8 @@ def _add_floating(
         )
     )
     modes = mbs.AddNode(modal_node(n))
-    held = scene.held_points(body)
-    used = [p for p in body.reduced.point_names if p in held and p != frame.point]
+    named = scene.named_points(body)
+    used = [p for p in body.reduced.all_point_names if p in named and p != frame.point]
     positions, rows = _pilots(body, frame, used)
     number = mbs.AddObject(
         eii.ObjectFFRFreducedOrder(
