@@ -232,7 +232,7 @@ def test_unknown_words_are_refused(body):
 @pytest.mark.parametrize(
     ("row", "message"),
     [
-        (Row((("block.corner", np.eye(6)[4]), ("body.right", np.eye(6)[4]))), "a turn is one point's, or one against"),
+        (Row((("block.corner", np.eye(6)[4]), ("body.right", np.eye(6)[4]))), "a turn is that of one point, or of one"),
         (Row.between("ground.wall", "block.corner", LINE, frame="body"), "can count no point of another body"),
     ],
 )
