@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-import scipy.linalg
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from nassim.base.checks import Array, finite_array
@@ -60,7 +60,7 @@ def modal_damping_matrix(mass: Array, frequency: Array, shapes: Array, damping_r
 
 
 def elastic_ratios(frequency: Array, damping_ratio: ArrayLike) -> Array:
-    """Damping ratio of each mode, (n,) [-]: none of free motions, which have 0 Hz; of the others as given.
+    """Damping ratio of each mode, (n,) [-]: 0 for free motions, which have 0 Hz; for the others as given.
 
     damping_ratio: one number or one per elastic mode from the lowest; the last one is that of all that follow
     Raises ValueError for one that is negative or NaN.

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, known, positive, unique
 from nassim.base.rigid_motion import proper_rotation, rigid_transfer

@@ -7,7 +7,7 @@ sample by its matrix exponential.
 """
 
 import numpy as np
-import scipy.signal
+import scipy
 
 from nassim.base.checks import Array
 from nassim.base.modal import held_pole

@@ -6,7 +6,7 @@ A body's twist (6,) is the motion (ux uy uz rx ry rz) of its point at the world'
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import scipy.linalg
+import scipy
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.optimize
+import scipy
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, freeze, positive
@@ -119,7 +119,7 @@ def optimum_gain(
     gains: where to look, (n_gains,), ascending [-]; the best of the root locus is refined between its neighbours
     frequency: of the mode at the first gain [Hz], the nearest counts
     The other arguments are those of `close_loop`. Of a mode that becomes aperiodic (a ratio of 1), the least such gain
-    is returned. Where another motion becomes unstable first, the gain lies at that edge, which `margins` show.
+    is returned. Where another motion becomes unstable first, the gain at that edge is returned; its `margins` show it.
 
     Raises ValueError when no gain is stable, and when the damping still grows at the last one.
     """

@@ -1,7 +1,7 @@
 """Matrices of linear systems: from continuous to sampled and back, and their frequency response."""
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from nassim.base.checks import Array
 

@@ -175,6 +175,13 @@ def test_bodies_of_earlier_formats_load(version):
     assert body.surface_modes.shape == (42, 3, 8)
 
 
+def test_a_fit_of_an_earlier_format_loads():
+    """One mode of 100 Hz, 1 % and the static gain 2, fitted to its FRF; saved in format 2, with `measured`."""
+    fit = load(DATA / "fit_format_2.h5")
+    np.testing.assert_allclose([fit.frequency[0], fit.damping_ratio[0], fit.gains[0, 0]], [100, 0.01, 2], rtol=1e-9)
+    np.testing.assert_allclose(fit.recorded.values, fit.response(fit.recorded.frequency).values, rtol=1e-9)
+
+
 @pytest.mark.parametrize("version", [1, 2])
 def test_bodies_of_earlier_formats_are_saved_in_this_one(version, tmp_path):
     body = load(DATA / f"body_format_{version}.h5")

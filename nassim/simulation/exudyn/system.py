@@ -9,7 +9,7 @@ from typing import Any
 import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
-import scipy.linalg
+import scipy
 from exudyn.rigidBodyUtilities import GetRigidBodyNode
 
 from nassim.base.checks import Array
