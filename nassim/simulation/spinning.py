@@ -1,0 +1,250 @@
+"""A scene that turns as a whole at a constant angular velocity, in the frame that turns with it.
+
+With W the angular velocity, x the position of a particle from a point of the axis and psi_j its displacement per unit
+of coordinate j, the kinetic energy in the turning frame adds to small motion, M q'' + K q = f,
+
+    Coriolis forces       G_jk = 2 int rho psi_j . (W x psi_k), skew: they do no work
+    centrifugal forces    f_j = int rho psi_j . a with a = -W x (W x x), at rest
+    their change          K_jk = -int rho (W x psi_j) . (W x psi_k), negative, from the velocity field
+    and their stiffness   -int rho a . (second derivatives of the displacement), see `finite_motion`
+
+and where joints and springs bear the centrifugal forces, what they bear is stiffness too, as they turn with the bodies:
+a pendulum hinged beside the axis swings as if it hung. All of it is of first order in the forces of the equilibrium,
+hence exact about an equilibrium that is as drawn, and off by some share of its rotations [rad] about one that is not.
+
+The stress inside a reduced body stiffens nothing here, as in floating frames in time: a blade clamped at its root
+bends in the plane of rotation as under the negative stiffness alone. A warning tells from where on that matters.
+
+Source: G. Genta, Dynamics of Rotating Systems, Springer (2005); A. A. Shabana, Dynamics of Multibody Systems, 4th ed.
+(2013), on floating frames.
+"""
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nassim.base.checks import Array, finite_array, freeze
+from nassim.base.rigid_motion import skew
+from nassim.scene.bodies import Body, FlexibleBody
+from nassim.scene.scene import Scene
+from nassim.simulation.buckling import axial_forces, warn_of_buckling
+from nassim.simulation.finite_motion import FiniteMotion, Frame
+from nassim.simulation.small_motion import Assembly, motion_size
+
+STIFFENING = 1e-3
+"""Relative change of a frequency by centrifugal stiffening that may be left out without a word."""
+GUESSED = 1 / 30
+"""Spin over a body's first frequency from which on integrals that are a guess are worth a word."""
+NOT_SMALL = 0.1
+"""Rotation [rad], and deformation over size, up to which the equilibrium is small."""
+WORTH_A_WORD = 0.01
+"""Rotation [rad], and deformation over size, from which on a warning tells."""
+HELD = 1e-9
+"""Stiffness of a free motion, over the square of the spin, that is rounding."""
+ROUNDS, SETTLED = 50, 1e-11
+
+
+@dataclass(frozen=True)
+class Spinning:
+    """What spin adds to an assembly: M q'' + (C + gyroscopic) q' + (K + stiffness) q = f about the equilibrium.
+
+    gyroscopic: 2 W G in minimal coordinates, (n, n), skew
+    stiffness: centrifugal and geometric, in minimal coordinates, (n, n), symmetric
+    equilibrium: minimal coordinates of the equilibrium, from the scene as drawn, (n,); charges that leak are drained
+    """
+
+    gyroscopic: Array
+    stiffness: Array
+    equilibrium: Array
+
+    def __post_init__(self) -> None:
+        n = len(self.equilibrium)
+        freeze(
+            self,
+            gyroscopic=finite_array("gyroscopic matrix", self.gyroscopic, (n, n)),
+            stiffness=finite_array("stiffness of the spin", self.stiffness, (n, n)),
+            equilibrium=finite_array("equilibrium", self.equilibrium, (n,)),
+        )
+
+
+def spinning(assembly: Assembly, angular_velocity: ArrayLike, point: ArrayLike) -> Spinning:
+    """What it adds to an assembled scene that all of it turns at a constant angular velocity, fixed bodies included.
+
+    angular_velocity: (3,) [rad/s], and a point of the axis, (3,) [m], along the axes of the scene, which turn along
+
+    Warns of an equilibrium beyond small motion, of stiffening within bodies and of preload near buckling, which are
+    left out. Raises ValueError where there is no equilibrium within some 0.1 rad of the scene as it is drawn: about
+    that, no linear model holds.
+    """
+    velocity = finite_array("angular_velocity", np.asarray(angular_velocity, dtype=float), (3,))
+    axis_point = finite_array("axis_point", np.asarray(point, dtype=float), (3,))
+    n, size = len(assembly.frequency), len(assembly.basis)
+    if not velocity.any():
+        return Spinning(np.zeros((n, n)), np.zeros((n, n)), np.zeros(n))
+    motion = FiniteMotion.of(assembly)
+    force, gyroscopic, stiffness = np.zeros(size), np.zeros((size, size)), np.zeros((size, size))
+    moment = 0.0
+    for name, place in assembly.slices.items():
+        body = next(body for body in assembly.scene.bodies if body.name == name)
+        terms = _inertia_terms(body, motion.frames[name], place, velocity, axis_point)
+        force[place], gyroscopic[place, place], stiffness[place, place] = terms.force, terms.coriolis, terms.stiffness
+        moment += terms.moment
+    # No modal force can exceed this, by Cauchy and Schwarz.
+    largest = float(velocity @ velocity) * np.sqrt(moment)
+    found, stiffness = _settle(assembly, motion, force, stiffness, HELD * float(velocity @ velocity), HELD * largest)
+    coordinates = assembly.basis @ found
+    _check_small(assembly, coordinates)
+    _warn_of_stress(assembly, coordinates, float(np.linalg.norm(velocity)) / (2 * np.pi))
+    basis = assembly.basis
+    return Spinning(basis.T @ gyroscopic @ basis, basis.T @ stiffness @ basis, found)
+
+
+def stiffening(scene: Scene, body: FlexibleBody, rate: float) -> tuple[float, float]:
+    """First frequency [Hz] of a body held at its frame, and by what share stress from a spin at a rate [Hz] raises it.
+
+    An estimate: as of a blade whose frequency is the root of f^2 + rate^2, R. Southwell's law with the coefficient 1.
+    """
+    first = float(body.reduced.eigenfrequencies(fixed=[scene.frame_point(body)])[0])
+    return first, float(np.hypot(1.0, rate / first)) - 1 if first else np.inf
+
+
+@dataclass(frozen=True)
+class _Terms:
+    """Of one body, on its own coordinates: see the module; moment: of inertia about the axis [kg m2]."""
+
+    force: Array
+    coriolis: Array
+    stiffness: Array
+    moment: float
+
+
+def _inertia_terms(body: Body, frame: Frame, place: slice, velocity: Array, axis_point: Array) -> _Terms:
+    if isinstance(body, FlexibleBody):
+        turn, origin, gram = body.rotation, body.position, body.reduced.gram
+    else:
+        turn, origin, gram = np.eye(3), body.position, _rigid_gram(*body.rigid_inertia)
+    n = (len(gram) - 4) // 3
+    w, axis, arm = turn.T @ velocity, turn.T @ (axis_point - origin), turn.T @ (frame.position - origin)
+    pull = w @ w * np.eye(3) - np.outer(w, w)  # a = pull @ (x - axis)
+    along, around = turn.T @ frame.motion[:3, place], turn.T @ frame.turn[:, place]
+    # Integrals over the body of rho (x - axis) times 1, x and psi_j.
+    beside = np.hstack([-axis[:, None], np.eye(3)])
+    first, second = beside @ gram[:4, 0], beside @ gram[:4, 1:4] - np.outer(beside @ gram[:4, 0], arm)
+    fields = (beside @ gram[:4, 4:]).reshape(3, n, 3)
+    pairs = gram[4:, 4:].reshape(n, 3, n, 3)
+    whole, dyad = pull @ first, pull @ second
+    moments = np.einsum("da,ajb->dbj", pull, fields)  # a_d psi_jb
+    crossed = np.array([moments[(k + 2) % 3, (k + 1) % 3] - moments[(k + 1) % 3, (k + 2) % 3] for k in range(3)])
+    # Work of a on theta x (psi q - u_frame) - theta x (theta x r) / 2.
+    half = around.T @ (crossed + skew(whole) @ along + 0.5 * (np.trace(dyad) * np.eye(3) - dyad) @ around)
+    return _Terms(
+        force=np.einsum("bbj->j", moments),
+        coriolis=2 * np.einsum("jakb,ab->jk", pairs, skew(w)),
+        stiffness=-np.einsum("jakb,ab->jk", pairs, pull) - half - half.T,
+        moment=float(np.einsum("ab,ab", pull, beside @ gram[:4, :4] @ beside.T)) / float(w @ w),
+    )
+
+
+def _rigid_gram(mass: float, centre: Array, inertia: Array) -> Array:
+    """As `ReducedBody.gram`, of a rigid body about its centre of mass, (22, 22)."""
+    moments = np.zeros((4, 4))
+    moments[0, 0], moments[1:, 1:] = mass, 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    fields = np.zeros((4, 22))
+    fields[:, :4] = np.eye(4)
+    for j in range(3):
+        fields[0, 4 + 3 * j + j] = 1.0
+        fields[1:, 13 + 3 * j : 16 + 3 * j] = skew(np.eye(3)[j]).T
+    result: Array = fields.T @ moments @ fields
+    return result
+
+
+def _settle(
+    assembly: Assembly, motion: FiniteMotion, force: Array, stiffness: Array, rounding: float, negligible: float
+) -> tuple[Array, Array]:
+    """Minimal coordinates of the equilibrium, (n,), and all stiffness of the spin in all coordinates, (n_all, n_all).
+
+    What joints and springs bear depends on where they are, hence the rounds.
+    """
+    modes = assembly.basis @ assembly.shapes
+    strains = [(assembly.slices[b.name], b.reduced.strain.root) for b in assembly.scene.deformable_bodies]
+    elastic = ~assembly.free
+    amplitudes = np.zeros(len(assembly.frequency))
+    amplitudes[elastic] = (modes.T @ force)[elastic] / (2 * np.pi * assembly.frequency[elastic]) ** 2
+    added = stiffness
+    for _ in range(ROUNDS):
+        q = modes @ amplitudes
+        borne = force - motion.spring_forces(q) - added @ q
+        for place, root in strains:
+            borne[place] -= root.T @ (root @ q[place])
+        for circuit in assembly.circuits:
+            borne += circuit.forces * (circuit.forces @ q) / circuit.capacitance
+        added = stiffness + motion.of_springs(q) + motion.of_joints(borne)
+        before, amplitudes = amplitudes, _rest(assembly, modes, added, force, rounding, negligible)
+        if np.abs(amplitudes - before).max() <= SETTLED * np.abs(amplitudes).max():
+            break
+    return assembly.shapes @ amplitudes, added
+
+
+def _rest(assembly: Assembly, modes: Array, added: Array, force: Array, rounding: float, negligible: float) -> Array:
+    """Amplitudes of all modes at rest under forces on all coordinates, with a stiffness added, (n,).
+
+    Free motions are held by what is added alone, which the stiffness of the others would drown in rounding.
+    """
+    matrix, load = modes.T @ added @ modes, modes.T @ force
+    for circuit in assembly.circuits:
+        pull = modes.T @ circuit.forces
+        matrix -= np.outer(pull, pull) / circuit.capacitance
+    matrix += np.diag((2 * np.pi * assembly.frequency) ** 2)
+    free = assembly.free
+    inner = np.linalg.solve(matrix[~free][:, ~free], np.column_stack([matrix[~free][:, free], load[~free]]))
+    values, axes = np.linalg.eigh(matrix[free][:, free] - matrix[free][:, ~free] @ inner[:, :-1])
+    pushed = axes.T @ (load[free] - matrix[free][:, ~free] @ inner[:, -1])
+    held = np.abs(values) > rounding
+    if np.any(np.abs(pushed[~held]) > negligible):
+        raise ValueError(
+            f"scene {assembly.scene.name!r} has no spinning equilibrium: a free motion is driven outwards and nothing "
+            "holds it; add a spring or a joint, or put its centre of mass on the axis"
+        )
+    result = np.zeros(len(load))
+    result[free] = axes[:, held] @ (pushed[held] / values[held])
+    result[~free] = inner[:, -1] - inner[:, :-1] @ result[free]
+    return result
+
+
+def _check_small(assembly: Assembly, coordinates: Array) -> None:
+    for name, place in assembly.slices.items():
+        rotation, deformation = motion_size(assembly, name, coordinates[place, None])
+        if max(rotation, deformation) <= WORTH_A_WORD:
+            continue
+        found = (
+            f"under the spin, body {name!r} comes to rest turned by {rotation:.2g} rad and deformed by "
+            f"{100 * deformation:.2g} % of its size from how it is drawn"
+        )
+        if max(rotation, deformation) > NOT_SMALL:
+            raise ValueError(f"{found}, which is no small motion: draw the scene nearer to its spinning equilibrium")
+        warnings.warn(
+            f"{found}; the linear model is about that equilibrium, and off by a share of the same size", stacklevel=4
+        )
+
+
+def _warn_of_stress(assembly: Assembly, coordinates: Array, rate: float) -> None:
+    bodies = assembly.scene.deformable_bodies
+    for body in bodies:
+        first, rise = stiffening(assembly.scene, body, rate)
+        if rise > STIFFENING:
+            warnings.warn(
+                f"body {body.name!r} turns at {rate:.3g} Hz, its first frequency held at its frame is {first:.4g} Hz: "
+                "stress stiffening within the body, which is left out, would change that by some "
+                f"{100 * rise:.2g} % or more",
+                stacklevel=4,
+            )
+        if not body.reduced.full_integrals and rate > GUESSED * first:
+            warnings.warn(
+                f"body {body.name!r} turns at {rate:.3g} Hz, and how its inertia is spread is a guess, as of all "
+                f"imported matrices: its frequencies may be off by up to some {rate:.3g} Hz",
+                stacklevel=4,
+            )
+    tensions = {b.name: axial_forces(b.reduced, coordinates[assembly.slices[b.name], None])[:, 0] for b in bodies}
+    warn_of_buckling(assembly, tensions)
