@@ -25,9 +25,6 @@ from .small_motion import (
 from .small_motion import (
     assemble as assemble,
 )
-from .small_motion import (
-    deformation_damping as deformation_damping,
-)
 from .time_domain import (
     exudyn_eigenfrequencies as exudyn_eigenfrequencies,
 )
