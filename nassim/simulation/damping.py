@@ -2,6 +2,7 @@
 
 import warnings
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -9,6 +10,7 @@ from nassim.base.checks import Array
 from nassim.base.modal import elastic_ratios, modal_damping_matrix
 from nassim.bodies.floating_frame import FloatingFrame
 from nassim.scene.bodies import FlexibleBody
+from nassim.scene.part import Constraint, Spring
 from nassim.scene.scene import Scene
 
 LOST_DAMPING = 0.01
@@ -84,6 +86,15 @@ class Damping:
                 "and such modes a ratio of 0",
                 stacklevel=2,
             )
+
+
+def tied_bodies(scene: Scene) -> tuple[tuple[str, str], ...]:
+    """Every two moving bodies that a joint or a spring ties, whose position to each other shapes the scene's modes."""
+    ties: list[tuple[str, ...]] = [(word.a, word.b) for word in scene.said(Constraint)]
+    ties += [tuple(path for path, _ in word.row.points) for word in scene.said(Spring)]
+    moving = {body.name for body in scene.bodies if body.moves}
+    named = [sorted({path.partition(".")[0] for path in paths} & moving) for paths in ties]
+    return tuple(dict.fromkeys(pair for names in named for pair in combinations(names, 2)))
 
 
 def held_alone(scene: Scene, body: FlexibleBody) -> tuple[str, ...]:
