@@ -275,6 +275,15 @@ def test_what_moves_little_or_alone_or_has_its_own_damping_is_not_told(bar):
     assert swung(hinged, "bar", rate=30.0) == []
 
 
+def test_bodies_that_turn_together_are_not_told(bar):
+    """Two bars welded into an arm that swings about its shoulder: by any angle, its modes are the same."""
+    scene = elbow(bar, None, free=())
+    swinging = tuple(replace(j, free="rz") if j.name == "shoulder" else j for j in scene.joints)
+    upper = replace(scene.bodies[1], angular_velocity=[0, 0, 20.0])
+    bodies = (scene.bodies[0], upper, *scene.bodies[2:])
+    assert quiet(replace(scene, bodies=bodies, joints=swinging)) == []
+
+
 def test_a_scenes_ratio_with_a_carriage_that_slides_far_is_told(bar):
     held = clamped(bar, None, fidelity="ffrf")
     carriage = RigidBody("carriage", {"o": np.zeros(3)}, HAND, INERTIA, held.point_position("bar.right"))
