@@ -124,8 +124,9 @@ class FlexibleBody:
     angular_velocity: at the start, world frame, shape (3,) [rad/s]; bodies jointed to this one move along, and what
         the joints do not allow is refused when a simulation starts; zero asks for nothing
     damping_ratio: of the elastic modes of the body alone [-], one number or one per mode from the lowest (the remaining
-        modes then have the last): with the remote point of its frame clamped where a joint holds that, else free. It
-        belongs to the body's deformation, so it is the same wherever the body goes. None: of its own it has none
+        modes then have the last): with the remote point of its frame clamped where a joint holds that, else free, and
+        its electrical ports as the scene wires them. It makes a viscous damping of the body's deformation, the same
+        wherever the body goes; loads that slow a mode lower its ratio. None: the body has none of its own
     """
 
     name: str

@@ -10,7 +10,7 @@ from nassim.systems.state_space import StateSpace
 
 
 def linearize(scene: Scene) -> LinearModel:
-    """The scene's linear model about its start, with the modal damping that the scene states.
+    """The scene's linear model about its start, with the damping of its modes, bodies and dampers.
 
     The states are the minimal coordinates' modal amplitudes and their rates, then the charges of ports that leak (as
     volts) and the outputs of amplifiers with a bandwidth. The scene's loops are open. Gravity's effect on stiffness and
