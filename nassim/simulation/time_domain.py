@@ -204,7 +204,7 @@ def _warn_of_changed_modes(assembly: Assembly, shifts: Mapping[tuple[str, str], 
         places += [body.point_position(name) for name in names]
     size = float(np.linalg.norm(np.ptp(places, axis=0)))
     for (name, other), (turn, displacement) in shifts.items():
-        if max(turn, displacement / size) > FAR:
+        if turn > FAR or displacement > FAR * size:
             warnings.warn(
                 f"body {name!r} moved by up to {turn:.2g} rad and {displacement:.2g} m as seen from {other!r}, and the "
                 "scene's damping_ratio is that of its modes as it is drawn: elsewhere they have other ratios. Give "

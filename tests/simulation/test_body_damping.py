@@ -18,6 +18,7 @@ from nassim import (
     Scene,
     SpringDamper,
     TimeHistory,
+    VoltageSensor,
     craig_bampton,
     linearize,
     load,
@@ -250,11 +251,11 @@ def swung(scene, name, rate=20.0):
 
 def quiet(scene, force=0.0):
     """What a run of 20 ms under constant forces warns of."""
-    push = np.full((len(scene.inputs), 101), force)
-    push = TimeHistory(2e-4 * np.arange(101), push, scene.inputs, ("N",) * len(push))
+    push = np.full((len(scene.inputs), 51), force)
+    push = TimeHistory(4e-4 * np.arange(51), push, scene.inputs, ("N",) * len(push))
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        simulate(scene, push, time_step=2e-4, progress=False)
+        simulate(scene, push, time_step=4e-4, progress=False)
     return [str(warning.message) for warning in caught if "damping_ratio" in str(warning.message)]
 
 
@@ -330,3 +331,15 @@ def test_ratios_that_no_body_has_are_refused(bar):
             FlexibleBody("bar", bar, damping_ratio=ratio)
     with pytest.warns(UserWarning, match="flexible body 'bar': damping_ratio 2 is critical damping or more"):
         FlexibleBody("bar", bar, damping_ratio=2)
+
+
+def test_an_open_port_stiffens_a_body_and_its_ratio_stays(apa_with_ports):
+    """The ratio is of the modes of the body as it is wired, so of an open circuit's too."""
+    bottom = apa_with_ports.point("bottom").position
+    body = FlexibleBody("apa", apa_with_ports, -OBLIQUE @ bottom, OBLIQUE, damping_ratio=0.02)
+    scene = Scene("clamped", (base(), body), (Joint("clamp", "base.o", "apa.bottom"),))
+    voltage = VoltageSensor("voltage", f"apa.{apa_with_ports.ports[0].name}")
+    closed, opened = (by_frequency(linearize(s).poles()) for s in (scene, replace(scene, sensors=(voltage,))))
+    assert np.abs(opened / closed - 1).max() > 1e-3
+    for poles in (closed, opened):
+        np.testing.assert_allclose(ratios(poles), 0.02, rtol=1e-6)
