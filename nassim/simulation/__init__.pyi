@@ -28,9 +28,6 @@ from .small_motion import (
 from .small_motion import (
     assemble as assemble,
 )
-from .small_motion import (
-    deformation_damping as deformation_damping,
-)
 from .spinning import (
     Spinning as Spinning,
 )

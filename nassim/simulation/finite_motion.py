@@ -13,7 +13,7 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import DIRECTIONS, skew
 from nassim.scene.bodies import RigidBody
-from nassim.scene.part import Constraint, Spring
+from nassim.scene.part import Constraint, Row, Spring
 from nassim.scene.scene import Scene
 from nassim.simulation.rows import shares
 from nassim.simulation.small_motion import Assembly
@@ -132,6 +132,7 @@ class FiniteMotion:
         for spring in self._springs():
             row = vector(self.assembly, spring)
             tension = spring.stiffness * float(row @ coordinates)
+            assert isinstance(spring.row, Row)
             for path, weights in spring.row.points:
                 result += _point(self.assembly, self.frames, path).bends(tension * weights[:3])
         return result
@@ -147,7 +148,11 @@ class FiniteMotion:
 
     def _springs(self) -> tuple[Spring, ...]:
         words = [word for word in self.assembly.words if isinstance(word, Spring)]
-        return tuple(word for word in words if word.stiffness and word.row.points and not word.row.frame)
+        return tuple(
+            word
+            for word in words
+            if word.stiffness and isinstance(word.row, Row) and word.row.points and not word.row.frame
+        )
 
 
 def vector(assembly: Assembly, spring: Spring) -> Array:

@@ -16,7 +16,7 @@ STANDING = (0.0, 0.0, 0.0)
 
 
 def linearize(scene: Scene, *, angular_velocity: ArrayLike = STANDING, axis_point: ArrayLike = STANDING) -> LinearModel:
-    """The scene's linear model about its start, with the modal damping that the scene states.
+    """The scene's linear model about its start, with the damping of its modes, bodies and dampers.
 
     angular_velocity: constant, of a scene that turns as a whole, fixed bodies too, (3,) [rad/s]; axis_point: a point of
         its axis, (3,) [m]. The scene is then as seen from the table that turns: its axes turn, signals read motion

@@ -1,25 +1,19 @@
 """Scenes that turn as a whole: closed forms, published figures, node masses, and integration in the inertial frame."""
 
-import warnings
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
 import scipy.linalg
-from conftest import lattice
-from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from nassim import (
     Encoder,
-    FlexibleBody,
     Joint,
     PointForce,
     RigidBody,
     Scene,
     SpringDamper,
-    craig_bampton,
     linearize,
 )
 from nassim.scene.part import ForceElement, Reading, Row, Sensor, Spring

@@ -123,18 +123,33 @@ class System:
 
     def turn(self, name: str) -> float:
         """Angle by which a body's frame is turned against the scene as drawn [rad]."""
-        kind, drawn = exu.OutputVariableType.RotationMatrix, exu.ConfigurationType.Reference
-        now, before = (
-            np.reshape(self.mbs.GetNodeOutput(self.nodes[name], kind, configuration=configuration), (3, 3))
-            for configuration in (exu.ConfigurationType.Current, drawn)
-        )
-        return float(np.arccos(np.clip(0.5 * (np.trace(now @ before.T) - 1), -1.0, 1.0)))
+        return _angle(self._pose(name, drawn=False)[0] @ self._pose(name, drawn=True)[0].T)
+
+    def shift(self, name: str, other: str) -> Array:
+        """Turn [rad] and displacement [m] of a body as seen from another's frame, against the scene as drawn, (2,)."""
+        rotations, positions = [], []
+        for drawn in (False, True):
+            (turned, place), (own, origin) = self._pose(name, drawn=drawn), self._pose(other, drawn=drawn)
+            rotations.append(own.T @ turned)
+            positions.append(own.T @ (place - origin))
+        return np.array([_angle(rotations[0] @ rotations[1].T), np.linalg.norm(positions[0] - positions[1])])
+
+    def _pose(self, name: str, *, drawn: bool) -> tuple[Array, Array]:
+        """Rotation (3, 3) and position (3,) of a body's frame in the world, now or as drawn."""
+        when = exu.ConfigurationType.Reference if drawn else exu.ConfigurationType.Current
+        kinds = exu.OutputVariableType.RotationMatrix, exu.OutputVariableType.Position
+        rotation, position = (self.mbs.GetNodeOutput(self.nodes[name], kind, configuration=when) for kind in kinds)
+        return np.reshape(rotation, (3, 3)), np.asarray(position)
 
     def recorded(self, output: str) -> Array:
         """Samples of one output, shape (n_samples,); a single 0 where nothing that moves is measured."""
         read = self.mbs.GetSensorStoredData
         terms = [term.value(*(read(k)[:, 1:] for k in term.sensors)) for term in self.readings[output]]
         return np.sum(terms, axis=0) if terms else np.zeros(1)
+
+
+def _angle(rotation: Array) -> float:
+    return float(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1), -1.0, 1.0)))
 
 
 def small_motion_system(assembly: Assembly) -> System:

@@ -21,7 +21,7 @@ from nassim.scene.scene import Scene
 from nassim.simulation.exudyn.items import Items, add_constraint, add_field, add_force, add_six_springs, add_spring
 from nassim.simulation.exudyn.readings import add_reading
 from nassim.simulation.exudyn.state import Carrier, Drive, System, Term, add_circuit, modal_node, small_motion_system
-from nassim.simulation.small_motion import Assembly, deformation_damping
+from nassim.simulation.small_motion import Assembly
 from nassim.simulation.starting_motion import check_implied, starting_twists
 
 # Corners of a regular tetrahedron: equal weights on four pilots there give a remote point's motion exactly.
@@ -262,7 +262,7 @@ def _add_rigid(mbs: Any, body: RigidBody, twist: Array) -> tuple[int | None, int
 def _damping_blocks(assembly: Assembly) -> dict[tuple[str, str], Array]:
     """Damping between the deformations of every two bodies, by their names."""
     bodies = assembly.scene.deformable_bodies
-    full = deformation_damping(assembly)
+    full = assembly.damping.on_deformation()
     ends = np.cumsum([0, *(len(assembly.frames[body.name].flexible) for body in bodies)])
     places = {body.name: slice(ends[k], ends[k + 1]) for k, body in enumerate(bodies)}
     return {(a, b): full[places[a], places[b]] for a in places for b in places}
@@ -273,7 +273,7 @@ def _couple_dampings(
 ) -> None:
     """Damping between the deformations of several flexible bodies, which modal damping of their assembly needs."""
     bodies = assembly.scene.deformable_bodies
-    if len(bodies) < 2:
+    if not any(np.any(block) for (a, b), block in blocks.items() if a != b):
         return
     rows = [assembly.frames[b.name].deformation(b.reduced) @ carriers[b.name].coordinates for b in bodies]
     damping = np.block(
