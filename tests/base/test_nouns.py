@@ -49,11 +49,13 @@ NOT_DATA = {
         "Curve",
         "Damping",
         "Drive",
+        "FiniteMotion",
         "Lines",
         "Listing",
         "Looks",
         "Notices",
         "Solution",
+        "Spinning",
         "Term",
     ),
 }
@@ -131,6 +133,7 @@ def scene():
         (Encoder("height", "base.foot", "load.seat"),),
         (SpringDamper("spring", "base.foot", "slide.low", "z", 1e4, 3.0),),
         (Loop("hold", controller, "height", "force", output_step=1e-3),),
+        damping_ratio=0.01,
         gravity=[0.0, 0.0, -9.81],
     )
 
