@@ -18,6 +18,7 @@ NOUNS: dict[str, str] = {
     "Calibration": "nassim.identification.calibration",
     "Change": "nassim.identification.apply",
     "Controller": "nassim.systems.controllers",
+    "Drive": "nassim.scene.drives",
     "ElectricalPort": "nassim.bodies.piezo",
     "Encoder": "nassim.scene.mechanics",
     "FRF": "nassim.signals.frf",

@@ -180,7 +180,21 @@ class Constraint:
     axes: Array = field(default_factory=lambda: np.eye(3))
 
 
-Word = Force | Field | Reading | Spring | SixSprings | Leak | Constraint
+@dataclass(frozen=True)
+class Follow:
+    """A direction that a constraint leaves free is held as well, at what an input says or a constant speed makes.
+
+    constraint: its name; direction: of its axes; input: name, "" for a constant speed; unit: of the input
+    """
+
+    constraint: str
+    direction: str
+    input: str
+    unit: str
+    speed: float = 0.0
+
+
+Word = Force | Field | Reading | Spring | SixSprings | Leak | Constraint | Follow
 
 
 def unknown_word(word: object, engine: str) -> TypeError:

@@ -17,6 +17,7 @@ from nassim.scene.part import (
     Connection,
     Constraint,
     Field,
+    Follow,
     Force,
     ForceElement,
     Leak,
@@ -38,6 +39,8 @@ KINDS: dict[str, tuple[type, ...]] = {
 }
 USUAL_RATIO = 0.01
 """Damping ratio of the modes of a scene in which none is stated."""
+ACTS = (Force, Field, Follow)
+"""Words that an input stands in."""
 Said = TypeVar("Said", bound=Word)
 
 
@@ -94,8 +97,12 @@ class Scene:
 
     def _check_signals(self) -> None:
         for word in self.words:
-            if isinstance(word, (Force, Field)) and word.unit != self.input_unit(word.input):
+            if isinstance(word, ACTS) and word.input and word.unit != self.input_unit(word.input):
                 raise ValueError(f"input {word.input!r} cannot be both {word.unit} and {self.input_unit(word.input)}")
+        driven = [(word.constraint, word.direction) for word in self.said(Follow)]
+        for joint, direction in driven:
+            if driven.count((joint, direction)) > 1:
+                raise ValueError(f"{direction} of joint {joint!r} is driven more than once")
         unique("signal (input, output, loop)", (*self.inputs, *self.outputs, *self.commands))
         for loop in self.loops:
             for name in loop.measured:
@@ -134,7 +141,7 @@ class Scene:
     @property
     def inputs(self) -> tuple[str, ...]:
         """Names of the inputs."""
-        return tuple(dict.fromkeys(word.input for word in self.words if isinstance(word, (Force, Field))))
+        return tuple(dict.fromkeys(word.input for word in self.words if isinstance(word, ACTS) and word.input))
 
     @property
     def commands(self) -> tuple[str, ...]:
@@ -143,7 +150,7 @@ class Scene:
 
     def input_unit(self, name: str) -> str:
         """Unit of an input."""
-        return next(w.unit for w in self.words if isinstance(w, (Force, Field)) and w.input == name)
+        return next(w.unit for w in self.words if isinstance(w, ACTS) and w.input == name)
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -156,11 +163,16 @@ class Scene:
         return tuple(word.unit for word in self.said(Reading))
 
     @property
+    def speeds(self) -> tuple[Follow, ...]:
+        """Joints' motions that run at constant speed."""
+        return tuple(word for word in self.said(Follow) if word.speed)
+
+    @property
     def in_small_motion(self) -> bool:
-        """Whether joints and bodies are taken in small motion: some body is "linear", none "ffrf", and none spins."""
+        """Whether joints and bodies are in small motion: some body is "linear", none is "ffrf", and nothing spins."""
         kinds = {body.fidelity for body in self.flexible_bodies}
         spins = any(np.any(body.angular_velocity) for body in self.bodies)
-        return "linear" in kinds and "ffrf" not in kinds and not spins
+        return "linear" in kinds and "ffrf" not in kinds and not (spins or self.speeds)
 
     @property
     def flexible_bodies(self) -> tuple[FlexibleBody, ...]:

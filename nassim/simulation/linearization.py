@@ -18,6 +18,8 @@ STANDING = (0.0, 0.0, 0.0)
 def linearize(scene: Scene, *, angular_velocity: ArrayLike = STANDING, axis_point: ArrayLike = STANDING) -> LinearModel:
     """The scene's linear model about its start, with the damping of its modes, bodies and dampers.
 
+    A scene with a drive of constant speed in a joint to a fixed body is that of the turning table, at this speed.
+
     angular_velocity: constant, of a scene that turns as a whole, fixed bodies too, (3,) [rad/s]; axis_point: a point of
         its axis, (3,) [m]. The scene is then as seen from the table that turns: its axes turn, signals read motion
         against the table, the model is about the equilibrium under centrifugal forces, and damping is of the parts
@@ -29,6 +31,10 @@ def linearize(scene: Scene, *, angular_velocity: ArrayLike = STANDING, axis_poin
     equilibrium near the start.
     """
     assembly = assemble(scene)
+    if scene.speeds:
+        if np.any(angular_velocity):
+            raise ValueError(f"scene {scene.name!r} has a drive that sets the spin; give no angular_velocity")
+        angular_velocity, axis_point = spin_of_drive(scene)
     a, b, c, d = state_space(assembly, spinning(assembly, angular_velocity, axis_point))
     return LinearModel(a, b[:, :-1], c, d[:, :-1], scene.inputs, scene.outputs, scene.output_units)
 

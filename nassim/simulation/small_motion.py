@@ -12,7 +12,20 @@ from nassim.base.rigid_motion import AXES, DIRECTIONS
 from nassim.bodies.floating_frame import FloatingFrame, floating_frame
 from nassim.bodies.strain import Strain, joined, spring_strain, stiffness_root, strained_modes
 from nassim.scene.bodies import Body, RigidBody
-from nassim.scene.part import Constraint, Field, Force, Leak, Line, Reading, Row, SixSprings, Spring, Word, unknown_word
+from nassim.scene.part import (
+    Constraint,
+    Field,
+    Follow,
+    Force,
+    Leak,
+    Line,
+    Reading,
+    Row,
+    SixSprings,
+    Spring,
+    Word,
+    unknown_word,
+)
 from nassim.scene.scene import Scene
 from nassim.simulation.damping import Damping, own_damping
 from nassim.simulation.rows import bushing_rows, shares
@@ -309,7 +322,11 @@ def _circuits(coordinates: _Coordinates, words: Sequence[Word]) -> tuple[Circuit
 def _independent(
     coordinates: _Coordinates, words: Sequence[Word], rows: Array
 ) -> tuple[Array, dict[str, tuple[str, ...]]]:
-    """All constraints after the given rows, less those that earlier ones imply, and what each constraint holds."""
+    """All constraints after the given rows, less those that earlier ones imply, and what each constraint holds.
+
+    Small motion is about the state of the drives, whose joints' motions are held.
+    """
+    driven = [(word.constraint, word.direction) for word in words if isinstance(word, Follow)]
     scale = 1.0 / np.sqrt(np.diag(coordinates.mass))
     basis = scipy.linalg.orth((rows * scale).T).T if len(rows) else rows  # SciPy before 1.14 takes no empty matrix
     kept = [rows]
@@ -319,7 +336,7 @@ def _independent(
             continue
         relative = np.kron(np.eye(2), word.axes.T) @ (coordinates.motion(word.b) - coordinates.motion(word.a))
         holds = []
-        for direction in word.held:
+        for direction in (*word.held, *(d for name, d in driven if name == word.name)):
             row = relative[AXES.index(DIRECTIONS[direction])]
             rest = row * scale
             size = np.linalg.norm(rest)
@@ -329,6 +346,8 @@ def _independent(
                 basis = np.vstack([basis, rest / np.linalg.norm(rest)])
                 kept.append(row[None])
                 holds.append(direction)
+            elif (word.name, direction) in driven:
+                raise ValueError(f"{direction} of joint {word.name!r} cannot be driven: other joints hold it already")
         enforced[word.name] = tuple(holds)
     return np.vstack(kept), enforced
 

@@ -9,7 +9,7 @@ import numpy as np
 from nassim.base.checks import Array, finite, known
 from nassim.base.progress import stage
 from nassim.scene.bodies import RigidBody
-from nassim.scene.part import Reading
+from nassim.scene.part import Follow, Reading
 from nassim.scene.scene import Scene
 from nassim.signals.time_history import TimeHistory, occupied_bandwidth
 from nassim.simulation.accuracy import integrator_error
@@ -98,6 +98,7 @@ def simulate(
     signals = {name: np.zeros(n_steps + 1) for name in looped}
     signals |= dict(zip(excitation.names, excitation.values, strict=True))
     _check_loops(scene, time_step)
+    _check_drives(scene, signals)
     released = start == "released"
     if method == "exact":
         order = 1 if hold_order is None else hold_order
@@ -127,7 +128,8 @@ def _integrate(
     progress: bool,
     explicit: bool,
 ) -> Array:
-    system = build_system(assemble(scene))
+    rates = {word.input: (signals[word.input][1]) / time_step for word in scene.said(Follow) if word.input}
+    system = build_system(assemble(scene), rates)
     if np.any(scene.gravity) and not released:
         solve_static(system)
         _warn_of_far_equilibrium(system)
@@ -299,6 +301,20 @@ def _check_loops(scene: Scene, time_step: float) -> None:
                     f"loop {loop.name!r} measures {model.outputs[row]!r}, which follows what the loop drives at once, "
                     "so whether a sample sees its command is open: give the actuator or the sensor a bandwidth"
                 )
+
+
+def _check_drives(scene: Scene, signals: Mapping[str, Array]) -> None:
+    for word in scene.said(Follow):
+        if word.input and scene.in_small_motion:
+            raise ValueError(
+                f"input {word.input!r} drives joint {word.constraint!r}, which scenes in small motion hold still: give "
+                'a flexible body fidelity "ffrf" or "rigid"'
+            )
+        if word.input and signals[word.input][0]:
+            raise ValueError(
+                f"input {word.input!r} drives joint {word.constraint!r} from where it is drawn: it must start at 0, "
+                f"not at {signals[word.input][0]:g} {word.unit}"
+            )
 
 
 def _check_small_motion(scene: Scene, method: str) -> None:

@@ -38,7 +38,7 @@ NOT_DATA = {
     *("Assembly", "Condensation", "FEModel", "Factorization", "FullModel", "Refinement", "Solid"),
     *("SymmetricMatrix", "System", "Items"),
     # what parts say, and the bases of parts
-    *("Row", "Force", "Field", "Reading", "Spring", "Leak", "Constraint", "Line", "SixSprings"),
+    *("Row", "Force", "Field", "Reading", "Spring", "Leak", "Constraint", "Line", "SixSprings", "Follow"),
     *("Part", "Actuator", "Sensor", "ForceElement", "Connection"),
     # what one computation keeps for itself, and no user is given
     *(
@@ -48,7 +48,7 @@ NOT_DATA = {
         "Coupling",
         "Curve",
         "Damping",
-        "Drive",
+        "Push",
         "FiniteMotion",
         "Lines",
         "Listing",

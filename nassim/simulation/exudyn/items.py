@@ -1,6 +1,6 @@
 """What the parts of a scene say, as Exudyn's items, in floating frames and large motion."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,11 +12,10 @@ from exudyn.rigidBodyUtilities import GetRigidBodyNode
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import DIRECTIONS
 from nassim.scene.bodies import FlexibleBody, RigidBody
-from nassim.scene.part import Constraint, Field, Force, Line, Row, SixSprings, Spring
+from nassim.scene.part import Constraint, Field, Follow, Force, Line, Row, SixSprings, Spring
 from nassim.scene.scene import Scene
-from nassim.simulation.exudyn.state import Carrier, Drive, add_forces
+from nassim.simulation.exudyn.state import Carrier, Push, add_forces
 from nassim.simulation.rows import shares
-
 
 Grip = Callable[[Array], int]
 
@@ -93,20 +92,20 @@ def add_weightless(mbs: Any, position: Array) -> int:
     return int(mbs.AddObject(eii.ObjectRigidBody(nodeNumber=node, mass=0.0, inertia=[0.0] * 6)))
 
 
-def add_force(items: Items, word: Force) -> list[Drive]:
+def add_force(items: Items, word: Force) -> list[Push]:
     """Add what an input pushes through: a line, coordinates of bodies, and loads at points."""
     rate, gain = 2 * np.pi * word.bandwidth, word.gain
     if isinstance(word.row, Line):
         markers = [items.marker(path) for path in word.row.paths]
         number = items.mbs.AddObject(eii.ObjectConnectorSpringDamper(markerNumbers=markers, force=0.0))
-        return [Drive(number, word.input, np.array(-gain), "force", rate)]
+        return [Push(number, word.input, np.array(-gain), "force", rate)]
     drives = []
     nodes = on_coordinates(items, word.row)
     if nodes:
         # Forces in balance inside a body do no work on its frame, so they act on coordinates of deformation only.
         forces = gain * np.concatenate([row for _, row in nodes])
         number = add_forces(items.mbs, [node for node, _ in nodes], len(forces))
-        drives.append(Drive(number, word.input, forces, "forceVector", rate))
+        drives.append(Push(number, word.input, forces, "forceVector", rate))
     for path, weights in on_points(items, word.row):
         if word.row.frame not in ("", path):
             raise ValueError(
@@ -116,11 +115,11 @@ def add_force(items: Items, word: Force) -> list[Drive]:
             if np.any(vector):
                 own = bool(word.row.frame)
                 number = items.mbs.AddLoad(load(markerNumber=items.marker(path), loadVector=[0.0] * 3, bodyFixed=own))
-                drives.append(Drive(number, word.input, gain * vector, "loadVector", rate))
+                drives.append(Push(number, word.input, gain * vector, "loadVector", rate))
     return drives
 
 
-def add_field(items: Items, word: Field) -> list[Drive]:
+def add_field(items: Items, word: Field) -> list[Push]:
     """Add a uniform acceleration of every body that moves."""
     drives = []
     for name in items.nodes:
@@ -128,11 +127,11 @@ def add_field(items: Items, word: Field) -> list[Drive]:
             numbers = [number for number, _ in items.carriers[name].nodes]
             weight = items.scene.split(f"{name}.")[0].weight(word.direction)
             forces = items.carriers[name].coordinates.T @ weight
-            drives.append(Drive(add_forces(items.mbs, numbers, len(forces)), word.input, forces))
+            drives.append(Push(add_forces(items.mbs, numbers, len(forces)), word.input, forces))
         else:
             marker = items.mbs.AddMarker(eii.MarkerBodyMass(bodyNumber=items.objects[name]))
             number = items.mbs.AddLoad(eii.LoadMassProportional(markerNumber=marker, loadVector=[0.0, 0.0, 0.0]))
-            drives.append(Drive(number, word.input, word.direction, "loadVector"))
+            drives.append(Push(number, word.input, word.direction, "loadVector"))
     return drives
 
 
@@ -231,14 +230,27 @@ def _connect(items: Items, markers: tuple[int, int], stiffness: Array, damping: 
     )
 
 
-def add_constraint(items: Items, word: Constraint, held: tuple[str, ...]) -> None:
-    """Add a joint that holds the given ones of its directions."""
+def add_constraint(items: Items, word: Constraint, held: tuple[str, ...], driven: Sequence[Follow]) -> list[Push]:
+    """Add a joint that holds the given ones of its directions, where those that are driven follow their drives."""
+    motion: dict[str, Any] = {}
+    speeds, offsets, drives = np.zeros(6), [np.zeros(6)], []
+    for follow in driven:
+        unit = np.eye(6)[list(DIRECTIONS).index(follow.direction)]
+        speeds += follow.speed * unit
+        if follow.input:
+            offsets.append(np.zeros(6))
+            drives.append(Push(-1, follow.input, unit, offset=offsets[-1]))
+    if driven:
+        motion["offsetUserFunction"] = lambda _mbs, t, _item, _parameters: list(sum(offsets) + speeds * t)
+        motion["offsetUserFunction_t"] = lambda _mbs, _t, _item, _parameters: list(speeds)
     items.mbs.AddObject(
         eii.ObjectJointGeneric(
             markerNumbers=[items.marker(path, axes=word.axes) for path in (word.a, word.b)],
             constrainedAxes=[int(direction in held) for direction in DIRECTIONS],
+            **motion,
         )
     )
+    return drives
 
 
 def on_coordinates(items: Items, row: Row) -> list[tuple[int, Array]]:

@@ -16,7 +16,7 @@ from nassim.base.progress import stage
 from nassim.scene.bodies import FlexibleBody
 from nassim.simulation.buckling import axial_forces
 from nassim.simulation.damping import tied_bodies
-from nassim.simulation.exudyn.state import Drive, System, find_accelerations
+from nassim.simulation.exudyn.state import Push, System, find_accelerations
 from nassim.simulation.running_loops import RUNAWAY, runaway, start_loops
 from nassim.simulation.small_motion import NO_EQUILIBRIUM, motion_size
 
@@ -239,7 +239,7 @@ def axial_tension(system: System, body: FlexibleBody) -> Array:
     return result
 
 
-def _follow(drive: Drive, time_step: float) -> Callable[[float, float], float]:
+def _follow(drive: Push, time_step: float) -> Callable[[float, float], float]:
     """What an amplifier at rest puts out at the end of each time step, whose input runs straight between two values."""
     if not np.isfinite(drive.rate):
         return lambda _before, after: after

@@ -39,12 +39,13 @@ class Carrier:
 
 
 @dataclass(frozen=True)
-class Drive:
+class Push:
     """How an input acts on an Exudyn system.
 
     number: of a load or an object; parameter: of it, that carries the forces
     input: name; forces: per unit of it
     rate: of the amplifier between, a low-pass of first order [1/s]
+    offset: of a joint whose motion the input is, which reads it at every iteration; None for forces
     """
 
     number: int
@@ -52,10 +53,13 @@ class Drive:
     forces: Array
     parameter: str = "forceVector"
     rate: float = math.inf
+    offset: Array | None = None
 
     def apply(self, mbs: Any, value: float) -> None:
-        """Set the forces for a value behind the amplifier."""
-        if self.parameter == "loadVector":
+        """Set the forces, or the joint's motion, for a value behind the amplifier."""
+        if self.offset is not None:
+            self.offset[:] = value * self.forces
+        elif self.parameter == "loadVector":
             mbs.SetLoadParameter(self.number, self.parameter, value * self.forces)
         else:
             mbs.SetObjectParameter(self.number, self.parameter, value * self.forces)
@@ -93,7 +97,7 @@ class System:
     assembly: Assembly
     nodes: dict[str, int]
     carriers: dict[str, Carrier]
-    drives: tuple[Drive, ...]
+    drives: tuple[Push, ...]
     readings: dict[str, list[Term]]
     circuits: tuple[int, ...]
 
@@ -169,10 +173,10 @@ def small_motion_system(assembly: Assembly) -> System:
             forceVector=assembly.basis.T @ assembly.weight,
         )
     )
-    drives = [Drive(add_forces(mbs, [node], n), name, forces[:, k]) for k, name in enumerate(scene.inputs)]
+    drives = [Push(add_forces(mbs, [node], n), name, forces[:, k]) for k, name in enumerate(scene.inputs)]
     for a in assembly.amplifiers:
         pushes = assembly.basis.T @ a.forces
-        drives.append(Drive(add_forces(mbs, [node], n), scene.inputs[a.input], pushes, rate=a.rate))
+        drives.append(Push(add_forces(mbs, [node], n), scene.inputs[a.input], pushes, rate=a.rate))
     weights = assembly.output_matrix @ assembly.basis
     readings = {}
     for k, (name, derivative) in enumerate(zip(scene.outputs, assembly.derivatives, strict=True)):

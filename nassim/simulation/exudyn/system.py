@@ -3,7 +3,7 @@
 The one stateful thing of nassim; it is born and gone within one call of `simulate` or `static_response`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import exudyn as exu
@@ -16,7 +16,7 @@ from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.bodies.floating_frame import FloatingFrame
 from nassim.scene.bodies import FlexibleBody, RigidBody
-from nassim.scene.part import Constraint, Field, Force, Leak, Reading, SixSprings, Spring, Word, unknown_word
+from nassim.scene.part import Constraint, Field, Follow, Force, Leak, Reading, SixSprings, Spring, Word, unknown_word
 from nassim.scene.scene import Scene
 from nassim.simulation.exudyn.items import (
     Grip,
@@ -28,7 +28,7 @@ from nassim.simulation.exudyn.items import (
     add_spring,
 )
 from nassim.simulation.exudyn.readings import add_reading
-from nassim.simulation.exudyn.state import Carrier, Drive, System, Term, add_circuit, modal_node, small_motion_system
+from nassim.simulation.exudyn.state import Carrier, Push, System, Term, add_circuit, modal_node, small_motion_system
 from nassim.simulation.small_motion import Assembly
 from nassim.simulation.starting_motion import check_implied, starting_twists
 
@@ -36,8 +36,10 @@ from nassim.simulation.starting_motion import check_implied, starting_twists
 PILOT_DIRECTIONS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
 
 
-def build_system(assembly: Assembly) -> System:
+def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None) -> System:
     """Build the Exudyn system of an assembled scene, with all inputs at zero.
+
+    rates: at the start, of inputs that drives follow, see `starting_twists`
 
     Raises ValueError for joints and angular velocities that do not go together: `nassim.simulation.starting_motion`.
     """
@@ -46,8 +48,8 @@ def build_system(assembly: Assembly) -> System:
     check_implied(assembly.scene, assembly.enforced)
     container = exu.SystemContainer()
     mbs = container.AddSystem()
-    items = _add_bodies(mbs, assembly)
-    drives: list[Drive] = []
+    items = _add_bodies(mbs, assembly, rates)
+    drives: list[Push] = []
     readings: dict[str, list[Term]] = {}
     for word in assembly.words:
         if isinstance(word, Reading):
@@ -69,12 +71,13 @@ def build_system(assembly: Assembly) -> System:
     )
 
 
-def _realise(items: Items, word: Word, assembly: Assembly) -> list[Drive]:
+def _realise(items: Items, word: Word, assembly: Assembly) -> list[Push]:
     """Add what a word does; returns what an input then drives."""
     match word:
         case Constraint():
             if assembly.enforced[word.name]:
-                add_constraint(items, word, assembly.enforced[word.name])
+                driven = [w for w in assembly.words if isinstance(w, Follow) and w.constraint == word.name]
+                return add_constraint(items, word, assembly.enforced[word.name], driven)
         case Spring():
             add_spring(items, word)
         case SixSprings():
@@ -83,17 +86,17 @@ def _realise(items: Items, word: Word, assembly: Assembly) -> list[Drive]:
             return add_force(items, word)
         case Field():
             return add_field(items, word)
-        case Leak():
-            pass  # one of the assembly's circuits
+        case Leak() | Follow():
+            pass  # circuits of the assembly, and what constraints follow
         case _:
             raise unknown_word(word, "Exudyn's system of large motion")
     return []
 
 
-def _add_bodies(mbs: Any, assembly: Assembly) -> Items:
+def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None) -> Items:
     """Add the bodies with their weight, and the damping between them."""
     scene = assembly.scene
-    twists = starting_twists(scene)
+    twists = starting_twists(scene, rates)
     damping = _damping_blocks(assembly)
     nodes: dict[str, int] = {}
     carriers: dict[str, Carrier] = {}
