@@ -151,7 +151,7 @@ def _gaps(
         moved.append(turns[-1] @ at + twist[:3] - at)
     axes = turns[0] @ joint.axes
     turned = axes.T @ turns[1] @ joint.axes
-    opened = np.concatenate([axes.T @ (moved[1] - moved[0]), [turned[2, 1], turned[0, 2], turned[1, 0]]])
+    opened = np.concatenate([axes.T @ (moved[1] - moved[0]), [-turned[1, 2], turned[0, 2], -turned[0, 1]]])
     result: Array = opened[[list(DIRECTIONS).index(d) for d in directions]]
     return result
 
