@@ -170,6 +170,8 @@ class Leak:
 class Constraint:
     """Point b does not move against point a along the directions held, which turn with the body of a.
 
+    Where one turn is held and two are free, in large motion, "rz" keeps the x axis that turns with a perpendicular to
+    the y axis that turns with b, "rx" a's y to b's z, and "ry" a's x to b's z.
     held: of "x" "y" "z" "rx" "ry" "rz"; axes: along which these are, as columns, the world's frame at the start
     """
 

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array
+from nassim.scene.part import Constraint, Force, Reading, SixSprings, Spring
 from nassim.scene.scene import Scene
 from nassim.simulation.small_motion import Assembly, assemble
 from nassim.simulation.spinning import Spinning, spinning
@@ -37,6 +38,37 @@ def linearize(scene: Scene, *, angular_velocity: ArrayLike = STANDING, axis_poin
         angular_velocity, axis_point = spin_of_drive(scene)
     a, b, c, d = state_space(assembly, spinning(assembly, angular_velocity, axis_point))
     return LinearModel(a, b[:, :-1], c, d[:, :-1], scene.inputs, scene.outputs, scene.output_units)
+
+
+def spin_of_drive(scene: Scene) -> tuple[Array, Array]:
+    """Angular velocity of a scene's drive of constant speed, (3,) [rad/s], and a point of its axis, (3,) [m].
+
+    Raises ValueError for several such drives, for one that shifts, and where not everything that moves turns with it:
+    the model would change while it turns.
+    """
+    (word, *others) = scene.speeds
+    joint = next(joint for joint in scene.said(Constraint) if joint.name == word.constraint)
+    if others or not word.direction.startswith("r"):
+        raise ValueError(f"scene {scene.name!r}: a linear model is about one drive that turns at constant speed")
+    still = [body.name for body in scene.bodies if not body.moves]
+    ends = [path.partition(".")[0] in still for path in (joint.a, joint.b)]
+    if sum(ends) != 1:
+        raise ValueError(f"joint {joint.name!r}: a drive of constant speed needs a fixed body on one side")
+    for other in scene.words:
+        if isinstance(other, (Constraint, SixSprings)):
+            paths: tuple[str, ...] = (other.a, other.b)
+        elif isinstance(other, (Spring, Reading, Force)):
+            paths = other.row.paths
+        else:
+            continue
+        if other is not joint and any(path.partition(".")[0] in still for path in paths):
+            raise ValueError(
+                f"{' and '.join(paths)}: a part between the ground and what turns at constant speed makes the model "
+                "change as it turns; let it be on the turning table, or simulate in time"
+            )
+    axis = joint.axes[:, "xyz".index(word.direction[1])]
+    sign = 1.0 if ends[0] else -1.0
+    return sign * word.speed * axis, scene.point_position(joint.a)
 
 
 def spinning_equilibrium(

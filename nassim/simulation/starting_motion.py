@@ -28,10 +28,10 @@ def starting_twists(scene: Scene, rates: Mapping[str, float] | None = None) -> d
 
     rates: at the start, of inputs that drives follow [m/s], [rad/s] (default: 0)
 
-    Drives run at their speeds, bodies turn at the angular velocity that they are given; all others, and what that leaves
-    open, move as little as the joints let them: at the least distance, in kinetic energy, to the motion without joints,
-    in which each body turns about its centre of mass. So joints take up forces, but a free scene keeps its momentum.
-    Nothing deforms.
+    Drives run at their speeds, bodies turn at the angular velocity that they are given; all others, and what that
+    leaves open, move as little as the joints let them: at the least distance, in kinetic energy, to the motion without
+    joints, in which each body turns about its centre of mass. So joints take up forces, but a free scene keeps its
+    momentum. Nothing deforms.
 
     Raises ValueError for an angular velocity or a drive's speed that the joints do not allow.
     """
@@ -178,7 +178,7 @@ def _gaps(
         moved.append(turns[-1] @ at + twist[:3] - at)
     axes = turns[0] @ joint.axes
     turned = axes.T @ turns[1] @ joint.axes
-    opened = np.concatenate([axes.T @ (moved[1] - moved[0]), [turned[2, 1], turned[0, 2], turned[1, 0]]])
+    opened = np.concatenate([axes.T @ (moved[1] - moved[0]), [-turned[1, 2], turned[0, 2], -turned[0, 1]]])
     result: Array = opened[[list(DIRECTIONS).index(d) for d in directions]]
     return result
 

@@ -7,7 +7,6 @@ from typing import Any
 import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
-from exudyn.rigidBodyUtilities import GetRigidBodyNode
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import DIRECTIONS
@@ -17,7 +16,10 @@ from nassim.scene.scene import Scene
 from nassim.simulation.exudyn.state import Carrier, Push, add_forces
 from nassim.simulation.rows import shares
 
-Grip = Callable[[Array], int]
+Grip = Callable[[Array, Array], int]
+"""Adds a rigid marker at an offset (3,) from a point, with axes (3, 3) as columns; world frame at the start."""
+FAR = 1e3
+"""Distance [m] of the places that the two wires of a spring along a direction come from."""
 
 
 @dataclass(frozen=True)
@@ -25,8 +27,7 @@ class Items:
     """Exudyn's numbers of a scene's bodies, by name.
 
     rigid: bodies without deformation, along the world's axes; carriers: of those that deform; nodes: of all that move
-    grips: by the path of a point of a body that deforms, what adds a rigid marker there with axes, as columns, world
-        frame at the start, (3, 3)
+    grips: by the path of a point of a body that deforms, what adds a rigid marker there
     pilots: object and mesh nodes that make up a point of a floating body, by path
     """
 
@@ -56,17 +57,18 @@ class Items:
     def _new_marker(self, path: str, axes: Array, offset: Array) -> int:
         name, _, point = path.partition(".")
         if name in self.rigid:
-            return add_rigid_marker(self.mbs, self.objects[name], axes, self.rigid[name].points[point] + offset)
+            place = frame_at(self.rigid[name].points[point] + offset, axes)
+            return int(self.mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=self.objects[name], localHT=place)))
         if path not in self.grips:
             raise ValueError(
                 f"{path!r} is no coordinate of a body in small motion any more; in a floating frame it can be"
             )
-        if not np.any(offset):
-            return self.grips[path](axes)
-        number = add_weightless(self.mbs, self.scene.point_position(path))
-        held = [self.grips[path](np.eye(3)), add_rigid_marker(self.mbs, number, np.eye(3), np.zeros(3))]
-        self.mbs.AddObject(eii.ObjectJointGeneric(markerNumbers=held, constrainedAxes=[1] * 6))
-        return add_rigid_marker(self.mbs, number, axes, offset)
+        if np.any(offset) and self.fidelity(path) == "linear":
+            raise ValueError(
+                f'{path!r} belongs to a body of fidelity "linear", which beside floating frames reaches to no other '
+                "place: let the points coincide"
+            )
+        return self.grips[path](offset, axes)
 
     def fidelity(self, path: str) -> str:
         """Of a point's body: "rigid", "linear" or "ffrf"."""
@@ -79,17 +81,11 @@ class Items:
         return path.partition(".")[0] in self.nodes
 
 
-def add_rigid_marker(mbs: Any, number: int, axes: Array, position: Array) -> int:
-    """Add a marker with axes at a position of a body along the world's axes."""
-    place = np.eye(4)
-    place[:3, :3], place[:3, 3] = axes, position
-    return int(mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=number, localHT=place)))
-
-
-def add_weightless(mbs: Any, position: Array) -> int:
-    """Add a body without mass, for joints to hold; returns its number."""
-    node = mbs.AddNode(GetRigidBodyNode(exu.NodeType.RotationEulerParameters, position=list(position)))
-    return int(mbs.AddObject(eii.ObjectRigidBody(nodeNumber=node, mass=0.0, inertia=[0.0] * 6)))
+def frame_at(position: Array, axes: Array) -> Array:
+    """The homogeneous transformation, (4, 4), of a place with axes."""
+    result = np.eye(4)
+    result[:3, :3], result[:3, 3] = axes, position
+    return result
 
 
 def add_force(items: Items, word: Force) -> list[Push]:
@@ -187,44 +183,32 @@ def _add_spring_along(items: Items, word: Spring, row: Row) -> None:
             "direction of one of its points (frame=...), or of the ground that one of them belongs to"
         )
     other = b if frame == a else a
-    six = np.zeros((6, 6))
-    six[:3, :3] = np.outer(along, along)
-    held, place = items.marker(frame, at=items.scene.point_position(other)), items.marker(other)
-    if items.moves(frame):
-        place = _companion(items, held, place, items.scene.point_position(other))
-    _connect(items, (held, place), word.stiffness * six, word.damping * six)
-
-
-def _companion(items: Items, a: int, b: int, position: Array) -> int:
-    """Marker of a weightless body that goes with the place of marker b and turns with marker a.
-
-    Between a and this body a spring may pull anywhere between them, while the two do not turn against each other: its
-    moment on a's body is then the one of a force at the place of b.
-    """
-    marker = add_rigid_marker(items.mbs, add_weightless(items.mbs, position), np.eye(3), np.zeros(3))
-    for other, held in ((a, [0, 0, 0, 1, 1, 1]), (b, [1, 1, 1, 0, 0, 0])):
-        items.mbs.AddObject(eii.ObjectJointGeneric(markerNumbers=[other, marker], constrainedAxes=held))
-    return marker
+    # Two wires from far away, along the direction and against it, are as much longer and shorter as the other point
+    # moves along, and pull at the frame's body as a force in the place of the other point does.
+    place = items.scene.point_position(other)
+    for sign in (1.0, -1.0):
+        anchor = place - sign * FAR * along / np.linalg.norm(along)
+        items.mbs.AddObject(
+            eii.ObjectConnectorSpringDamper(
+                markerNumbers=[items.marker(frame, at=anchor), items.marker(other)],
+                referenceLength=FAR,
+                stiffness=word.stiffness * (along @ along) / 2,
+                damping=word.damping * (along @ along) / 2,
+            )
+        )
 
 
 def add_six_springs(items: Items, word: SixSprings) -> None:
     """Add a bushing: where its points lie apart, a's body reaches rigidly to the place of b."""
     place = items.scene.point_position(word.b)
     markers = items.marker(word.a, axes=word.axes, at=place), items.marker(word.b, axes=word.axes)
-    _connect(items, markers, word.stiffness, word.damping)
-
-
-def _connect(items: Items, markers: tuple[int, int], stiffness: Array, damping: Array) -> None:
-    """Exudyn's six-dimensional spring between two markers in one place, whose axes turn along halfway between both.
-
-    Its other formulation, along the axes of the first marker, forgets the moment that a displacement gives the force,
-    and damps common turns.
-    """
+    # Exudyn's other formulation, along the axes of the first marker, forgets the moment that a displacement gives the
+    # force, and damps common turns.
     items.mbs.AddObject(
         eii.ObjectConnectorRigidBodySpringDamper(
             markerNumbers=list(markers),
-            stiffness=stiffness,
-            damping=damping,
+            stiffness=word.stiffness,
+            damping=word.damping,
             useIntrinsicFormulation=True,
         )
     )
@@ -232,25 +216,43 @@ def _connect(items: Items, markers: tuple[int, int], stiffness: Array, damping: 
 
 def add_constraint(items: Items, word: Constraint, held: tuple[str, ...], driven: Sequence[Follow]) -> list[Push]:
     """Add a joint that holds the given ones of its directions, where those that are driven follow their drives."""
-    motion: dict[str, Any] = {}
-    speeds, offsets, drives = np.zeros(6), [np.zeros(6)], []
+    markers = [items.marker(path, axes=word.axes) for path in (word.a, word.b)]
+    motion, pushes = _motion(markers[0], driven) if driven else ({}, [])
+    items.mbs.AddObject(
+        eii.ObjectJointGeneric(
+            markerNumbers=markers,
+            constrainedAxes=[int(direction in held) for direction in DIRECTIONS],
+            **motion,
+        )
+    )
+    return pushes
+
+
+def _motion(marker: int, driven: Sequence[Follow]) -> tuple[dict[str, Any], list[Push]]:
+    """How a joint moves by its drives, as Exudyn's functions of time, and what their inputs set."""
+    speeds, offsets, pushes = np.zeros(6), [np.zeros(6)], []
     for follow in driven:
         unit = np.eye(6)[list(DIRECTIONS).index(follow.direction)]
         speeds += follow.speed * unit
         if follow.input:
             offsets.append(np.zeros(6))
-            drives.append(Push(-1, follow.input, unit, offset=offsets[-1]))
-    if driven:
-        motion["offsetUserFunction"] = lambda _mbs, t, _item, _parameters: list(sum(offsets) + speeds * t)
-        motion["offsetUserFunction_t"] = lambda _mbs, _t, _item, _parameters: list(speeds)
-    items.mbs.AddObject(
-        eii.ObjectJointGeneric(
-            markerNumbers=[items.marker(path, axes=word.axes) for path in (word.a, word.b)],
-            constrainedAxes=[int(direction in held) for direction in DIRECTIONS],
-            **motion,
-        )
-    )
-    return drives
+            pushes.append(Push(-1, follow.input, unit, offset=offsets[-1]))
+    shifts = any(not follow.direction.startswith("r") for follow in driven)
+
+    def along_world(mbs: Any, motion: Array) -> list[float]:
+        # Exudyn takes turns along the marker's axes, but shifts along the world's, which do not turn with the joint.
+        if shifts:
+            axes = np.reshape(mbs.GetMarkerOutput(marker, exu.OutputVariableType.RotationMatrix), (3, 3))
+            motion = np.concatenate([axes @ motion[:3], motion[3:]])
+        return motion.tolist()
+
+    def offset(mbs: Any, time: float, _item: int, _parameters: Any) -> list[float]:
+        return along_world(mbs, sum(offsets) + speeds * time)
+
+    def rate(mbs: Any, _time: float, _item: int, _parameters: Any) -> list[float]:
+        return along_world(mbs, speeds)
+
+    return {"offsetUserFunction": offset, "offsetUserFunction_t": rate}, pushes
 
 
 def on_coordinates(items: Items, row: Row) -> list[tuple[int, Array]]:

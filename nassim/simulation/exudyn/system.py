@@ -26,6 +26,7 @@ from nassim.simulation.exudyn.items import (
     add_force,
     add_six_springs,
     add_spring,
+    frame_at,
 )
 from nassim.simulation.exudyn.readings import add_reading
 from nassim.simulation.exudyn.state import Carrier, Push, System, Term, add_circuit, modal_node, small_motion_system
@@ -113,8 +114,7 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None)
             nodes[body.name] = node
             grips.update({f"{body.name}.{point}": grip for point, grip in found.items()})
             if body.fidelity == "ffrf":
-                # The first grip is the frame's own node; each other one has four pilots.
-                for k, point in enumerate(list(found)[1:]):
+                for k, point in enumerate(found):
                     pilots[f"{body.name}.{point}"] = objects[body.name], list(range(4 * k, 4 * k + 4))
         else:
             rigid[body.name] = _as_rigid(body, assembly) if isinstance(body, FlexibleBody) else body.along_world
@@ -197,7 +197,7 @@ def _add_floating(
     modes = mbs.AddNode(modal_node(n))
     named = scene.named_points(body)
     used = [p for p in body.reduced.all_point_names if p in named and p != frame.point]
-    positions, rows = _pilots(body, frame, used)
+    positions, rows = _pilots(body, frame, [*used, frame.point])
     number = mbs.AddObject(
         eii.ObjectFFRFreducedOrder(
             nodeNumbers=[node, modes],
@@ -217,36 +217,30 @@ def _add_floating(
             referencePositions=positions,
         )
     )
-    grips = {frame.point: _grip(mbs, body.rotation, eii.MarkerNodeRigid, nodeNumber=node)}
-    for i, point in enumerate(used):
+    grips = {}
+    for i, point in enumerate([*used, frame.point]):
         pilots = {"meshNodeNumbers": list(range(4 * i, 4 * i + 4)), "weightingFactors": [0.25] * 4}
         grips[point] = _grip(mbs, body.rotation, eii.MarkerSuperElementRigid, bodyNumber=number, **pilots)
+    beside, at_frame = grips[frame.point], _grip(mbs, body.rotation, eii.MarkerNodeRigid, nodeNumber=node)
+    grips[frame.point] = lambda offset, axes: (beside if np.any(offset) else at_frame)(offset, axes)
     carrier = Carrier(((modes, n),), np.eye(len(body.reduced.mass_matrix))[:, frame.flexible])
     return node, carrier, number, grips
 
 
 def _grip(mbs: Any, rotation: Array, marker: Callable[..., Any], **of_point: Any) -> Grip:
-    """Adds markers with axes in the world's frame at the start, whatever way the body is turned."""
-
-    def grip(axes: Array) -> int:
-        place = np.eye(4)
-        place[:3, :3] = rotation.T @ axes
-        return int(mbs.AddMarker(marker(localHT=place, **of_point)))
-
-    return grip
+    """Of what is turned against the world's axes at the start, of which the marker's places are given."""
+    return lambda offset, axes: int(
+        mbs.AddMarker(marker(localHT=frame_at(rotation.T @ offset, rotation.T @ axes), **of_point))
+    )
 
 
 def _pilots(body: FlexibleBody, frame: FloatingFrame, points: Sequence[str]) -> tuple[Array, Array]:
     """Virtual mesh nodes: four around each point, whose displacements are the point's rigid motion.
 
-    Returns their positions (3 n_pilots,) and mode rows (3 n_pilots, n). At least one node must exist, so a body
-    without jointed points gets pilots that do not move.
+    Returns their positions (3 n_pilots,) and mode rows (3 n_pilots, n).
     """
     everyone = np.array([p.position for p in body.reduced.remote_points])
     radius = 0.05 * max(float(np.ptp(everyone, axis=0).max()), 1e-6)
-    n = len(frame.flexible)
-    if not points:
-        return (radius * PILOT_DIRECTIONS).ravel(), np.zeros((12, n))
     positions, rows = [], []
     for point in points:
         motion = body.reduced.motion(point)
