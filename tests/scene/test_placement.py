@@ -250,11 +250,8 @@ class Shared(Sensor):
 def test_a_users_kind_without_annotations_is_refused(soft):
     """What would be a silent error in the copy: a direction that stays, a point of the original, a shared signal."""
     scene = strut(soft)
-    for sensor in (
-        Careless("c", "tip.n", (1.0, 2.0, 3.0)),
-        Nameless("c", "tip.n", (1.0, 2.0, 3.0)),
-        Shared("c", "tip.n"),
-    ):
+    axis = (1.0, 2.0, 3.0)
+    for sensor in (Careless("c", "tip.n", axis), Nameless("c", "tip.n", axis), Shared("c", "tip.n")):
         bad = replace(scene, sensors=(sensor,))
         with pytest.raises(ValueError, match=r"cannot be placed.*Path, Signal, Direction, Axes"):
             placed(bad, "a", rotation=ODD)
