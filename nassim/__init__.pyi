@@ -163,6 +163,12 @@ from .scene.piezo import (
 from .scene.piezo import (
     VoltageSensor as VoltageSensor,
 )
+from .scene.placement import (
+    joined as joined,
+)
+from .scene.placement import (
+    placed as placed,
+)
 from .scene.scene import (
     Scene as Scene,
 )

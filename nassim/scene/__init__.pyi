@@ -65,10 +65,16 @@ from .part import (
     Actuator as Actuator,
 )
 from .part import (
+    Axes as Axes,
+)
+from .part import (
     Connection as Connection,
 )
 from .part import (
     Constraint as Constraint,
+)
+from .part import (
+    Direction as Direction,
 )
 from .part import (
     Field as Field,
@@ -89,6 +95,12 @@ from .part import (
     Part as Part,
 )
 from .part import (
+    Path as Path,
+)
+from .part import (
+    Position as Position,
+)
+from .part import (
     Reading as Reading,
 )
 from .part import (
@@ -96,6 +108,9 @@ from .part import (
 )
 from .part import (
     Sensor as Sensor,
+)
+from .part import (
+    Signal as Signal,
 )
 from .part import (
     SixSprings as SixSprings,
@@ -117,6 +132,12 @@ from .piezo import (
 )
 from .piezo import (
     VoltageSensor as VoltageSensor,
+)
+from .placement import (
+    joined as joined,
+)
+from .placement import (
+    placed as placed,
 )
 from .scene import (
     Scene as Scene,

@@ -11,6 +11,7 @@ from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, know
 from nassim.base.modal import damping_ratios
 from nassim.base.rigid_motion import proper_rotation, rigid_transfer
 from nassim.bodies.reduced_body import ReducedBody
+from nassim.scene.part import Axes, Direction, Position
 
 FIDELITIES = ("rigid", "linear", "ffrf")
 ROUNDED = 2e-3
@@ -35,10 +36,10 @@ class RigidBody:
     points: Mapping[str, Array]
     mass: float | None = None
     inertia: Array | None = None
-    position: Array = field(default_factory=lambda: np.zeros(3))
+    position: Position = field(default_factory=lambda: np.zeros(3))
     fixed: bool = False
-    rotation: Array = field(default_factory=lambda: np.eye(3))
-    angular_velocity: Array = field(default_factory=lambda: np.zeros(3))
+    rotation: Axes = field(default_factory=lambda: np.eye(3))
+    angular_velocity: Direction = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
         label = f"rigid body {self.name!r}"
@@ -155,11 +156,11 @@ class FlexibleBody:
 
     name: str
     reduced: ReducedBody
-    position: Array = field(default_factory=lambda: np.zeros(3))
-    rotation: Array = field(default_factory=lambda: np.eye(3))
+    position: Position = field(default_factory=lambda: np.zeros(3))
+    rotation: Axes = field(default_factory=lambda: np.eye(3))
     fidelity: str = "ffrf"
     frame: str | None = None
-    angular_velocity: Array = field(default_factory=lambda: np.zeros(3))
+    angular_velocity: Direction = field(default_factory=lambda: np.zeros(3))
     damping_ratio: ArrayLike | None = None
 
     def __post_init__(self) -> None:

@@ -22,9 +22,11 @@ if TYPE_CHECKING:
 Path = Annotated[str, "path"]
 Direction = Annotated[Any, "direction"]
 Axes = Annotated[Array, "axes"]
+Position = Annotated[Array, "position"]
 Signal = Annotated[str, "signal"]
-"""What a part's field is, so that a placed copy of the part finds its own: a point or port, a direction of the world's
-frame ("x", "y", "z" or a vector), axes as columns in the world's frame, an input or output."""
+"""What a field of a part, a body or a word is, so that `placed` finds what to rename and to turn: a point, port or body
+by name; a direction of the world's frame ("x", "y", "z" or a vector); axes as columns in the world's frame; a place in
+the world; an input or output. Fields may be these, None, or tuples of them."""
 
 
 @dataclass(frozen=True)
@@ -77,8 +79,8 @@ class Row:
 class Line:
     """A scalar motion of a scene: how much farther apart two points are than at its start, wherever the line points."""
 
-    a: str
-    b: str
+    a: Path
+    b: Path
 
     @property
     def paths(self) -> tuple[str, ...]:
@@ -98,7 +100,7 @@ class Force:
     bandwidth: of an amplifier between, a low-pass of first order, -3 dB [Hz]
     """
 
-    input: str
+    input: Signal
     unit: str
     row: Row | Line
     gain: float = 1.0
@@ -109,9 +111,9 @@ class Force:
 class Field:
     """An input accelerates everything that moves along a direction of the world's frame, (3,) per unit."""
 
-    input: str
+    input: Signal
     unit: str
-    direction: Array
+    direction: Direction
 
 
 @dataclass(frozen=True)
@@ -121,7 +123,7 @@ class Reading:
     derivative: 0, 1 or 2
     """
 
-    output: str
+    output: Signal
     unit: str
     row: Row | Line
     gain: float = 1.0
@@ -145,9 +147,9 @@ class SixSprings:
     stiffness, damping: on ux uy uz rx ry rz of b against a, (6, 6), symmetric, at the place of b
     """
 
-    a: str
-    b: str
-    axes: Array
+    a: Path
+    b: Path
+    axes: Axes
     stiffness: Array
     damping: Array
 
@@ -159,7 +161,7 @@ class Leak:
     row: charge that the motion brings [C]; capacitance: of port and load [F]; resistance [Ohm]; gain: output per volt
     """
 
-    output: str
+    output: Signal
     row: Row
     capacitance: float
     resistance: float
@@ -176,10 +178,10 @@ class Constraint:
     """
 
     name: str
-    a: str
-    b: str
+    a: Path
+    b: Path
     held: tuple[str, ...]
-    axes: Array = field(default_factory=lambda: np.eye(3))
+    axes: Axes = field(default_factory=lambda: np.eye(3))
 
 
 @dataclass(frozen=True)
