@@ -1,7 +1,7 @@
 """Root loci: where the closed loop's poles go with the gain, the gain that damps modes best, the largest stable one."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,16 +69,17 @@ class RootLocus:
         """
         return int(self.branches([frequency])[0])
 
-    def branches(self, frequencies: Sequence[float]) -> Array:
+    def branches(self, frequencies: ArrayLike) -> Array:
         """Columns of as many different oscillations as frequencies [Hz], the nearest at the first gain, int, (n,).
 
         Of a double mode, name the frequency twice. Raises ValueError when fewer oscillate.
         """
+        wanted = finite_array("frequencies", frequencies, (None,))
         oscillating = np.flatnonzero(self.poles[0].imag > 0)
-        if len(oscillating) < len(frequencies):
+        if len(oscillating) < len(wanted):
             text = f"only {len(oscillating)} poles oscillate" if len(oscillating) else "no pole oscillates"
-            raise ValueError(f"{text} at the first gain, asked for {len(frequencies)}")
-        distance = np.abs(np.subtract.outer(frequencies, self.frequency[0, oscillating]))
+            raise ValueError(f"{text} at the first gain, asked for {len(wanted)}")
+        distance = np.abs(wanted[:, None] - self.frequency[0, oscillating])
         result: Array = oscillating[scipy.optimize.linear_sum_assignment(distance)[1]]
         return result
 
@@ -124,7 +125,7 @@ def optimum_gain(
     *,
     measured: Names,
     driven: Names,
-    frequency: float | Sequence[float],
+    frequency: ArrayLike,
     delay_order: int = DELAY_ORDER,
 ) -> Optimum:
     """The factor on a controller that gives a mode its largest damping ratio while the whole loop is stable.
@@ -144,7 +145,7 @@ def optimum_gain(
     locus = RootLocus(gains, s_plane(rows, model.time_step), np.zeros(0))
     if not locus.stable.any():
         raise ValueError("the loop is unstable at every gain; check the controller's sign and delay")
-    columns = locus.branches([frequency] if isinstance(frequency, (int, float)) else frequency)
+    columns = locus.branches(np.atleast_1d(frequency))
     best = _best(locus, columns)
     if best == len(gains) - 1 and locus.damping_ratio[best, columns].min() < CRITICAL:
         raise ValueError(f"the damping still grows at the largest gain, {gains[-1]:g}; look further")
@@ -176,10 +177,9 @@ def largest_stable_gain(
 ) -> float:
     """The factor on a controller up to which the closed loop is stable [-]; inf where it is at all given gains.
 
-    gains: where to look, (n_gains,), ascending [-], the first one stable; the edge is refined before the first unstable
-        one. Instability between two stable ones is not seen.
-    The other arguments are those of `close_loop`; several loops as in `root_locus`. Also right where a pole at rest
-    grows at once, as with a pure integrator on a platform that turns: the gain is that of rest.
+    gains: where to look, (n_gains,), ascending [-]; the edge is refined between the first unstable one and that before
+        it. What is unstable only between two of them is not seen.
+    The other arguments are those of `root_locus`. A pole that rests without the loop and grows with any gain gives 0.
 
     Raises ValueError when the first gain is unstable.
     """
@@ -189,8 +189,7 @@ def largest_stable_gain(
     def poles(gain: float) -> Array:
         return s_plane(at(gain), model.time_step)
 
-    growing = (k for k, gain in enumerate(gains) if is_growing(poles(gain)).any())
-    first = next(growing, None)
+    first = next((k for k, gain in enumerate(gains) if is_growing(poles(gain)).any()), None)
     if first is None:
         return math.inf
     if first == 0:
@@ -200,15 +199,15 @@ def largest_stable_gain(
         middle = (low + high) / 2
         low, high = (low, middle) if is_growing(poles(middle)).any() else (middle, high)
     # What just counts as growing grew already before, by less than rounding explains: go back to where it was at rest.
-    growing_pole = max(poles(high), key=lambda pole: pole.real)
+    growing = max(poles(high), key=lambda pole: pole.real)
 
     def growth(gain: float) -> float:
         found = poles(gain)
-        return float(found[np.argmin(np.abs(found - growing_pole))].real)
+        return float(found[np.argmin(np.abs(found - growing))].real)
 
     step = RESOLVED * (end - start)
-    edge, found = scipy.optimize.newton(growth, high, x1=high + step, full_output=True, disp=False)
-    return float(np.clip(edge, start, high)) if found.converged and abs(edge - high) < end - start else low
+    edge, search = scipy.optimize.newton(growth, high, x1=high + step, full_output=True, disp=False)
+    return float(np.clip(edge, start, high)) if search.converged and abs(edge - high) < end - start else low
 
 
 def iff_optimum(pole_frequency: float, zero_frequency: float) -> Optimum:
