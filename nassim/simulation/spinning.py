@@ -11,6 +11,7 @@ of coordinate j, the kinetic energy in the turning frame adds to small motion, M
 and where joints and springs bear the centrifugal forces, what they bear is stiffness too, as they turn with the bodies:
 a pendulum hinged beside the axis swings as if it hung. All of it is of first order in the forces of the equilibrium,
 hence exact about an equilibrium that is as drawn, and off by some share of its rotations [rad] about one that is not.
+Arms and rails are as long as drawn, however far a slide moves.
 
 The stress inside a reduced body stiffens nothing here, as in floating frames in time: a blade clamped at its root
 bends in the plane of rotation as under the negative stiffness alone. A warning tells from where on that matters.
@@ -88,7 +89,7 @@ def spinning(assembly: Assembly, angular_velocity: ArrayLike, point: ArrayLike) 
     moment = 0.0
     for name, place in assembly.slices.items():
         body = next(body for body in assembly.scene.bodies if body.name == name)
-        terms = _inertia_terms(body, motion.frames[name], place, velocity, axis_point)
+        terms = inertia_terms(body, motion.frames[name], place, velocity, axis_point)
         force[place], gyroscopic[place, place], stiffness[place, place] = terms.force, terms.coriolis, terms.stiffness
         moment += terms.moment
     # No modal force can exceed this, by Cauchy and Schwarz.
@@ -111,7 +112,7 @@ def stiffening(scene: Scene, body: FlexibleBody, rate: float) -> tuple[float, fl
 
 
 @dataclass(frozen=True)
-class _Terms:
+class InertiaTerms:
     """Of one body, on its own coordinates: see the module; moment: of inertia about the axis [kg m2]."""
 
     force: Array
@@ -120,7 +121,8 @@ class _Terms:
     moment: float
 
 
-def _inertia_terms(body: Body, frame: Frame, place: slice, velocity: Array, axis_point: Array) -> _Terms:
+def inertia_terms(body: Body, frame: Frame, place: slice, velocity: Array, axis_point: Array) -> InertiaTerms:
+    """Of a body whose coordinates stand at a place among all, under an angular velocity about a point's axis."""
     if isinstance(body, FlexibleBody):
         turn, origin, gram = body.rotation, body.position, body.reduced.gram
     else:
@@ -139,7 +141,7 @@ def _inertia_terms(body: Body, frame: Frame, place: slice, velocity: Array, axis
     crossed = np.array([moments[(k + 2) % 3, (k + 1) % 3] - moments[(k + 1) % 3, (k + 2) % 3] for k in range(3)])
     # Work of a on theta x (psi q - u_frame) - theta x (theta x r) / 2.
     half = around.T @ (crossed + skew(whole) @ along + 0.5 * (np.trace(dyad) * np.eye(3) - dyad) @ around)
-    return _Terms(
+    return InertiaTerms(
         force=np.einsum("bbj->j", moments),
         coriolis=2 * np.einsum("jakb,ab->jk", pairs, skew(w)),
         stiffness=-np.einsum("jakb,ab->jk", pairs, pull) - half - half.T,
@@ -214,16 +216,16 @@ def _rest(assembly: Assembly, modes: Array, added: Array, force: Array, rounding
 
 
 def _check_small(assembly: Assembly, coordinates: Array) -> None:
-    for name, place in assembly.slices.items():
-        rotation, deformation = motion_size(assembly, name, coordinates[place, None])
-        if max(rotation, deformation) <= WORTH_A_WORD:
-            continue
-        found = (
-            f"under the spin, body {name!r} comes to rest turned by {rotation:.2g} rad and deformed by "
-            f"{100 * deformation:.2g} % of its size from how it is drawn"
-        )
-        if max(rotation, deformation) > NOT_SMALL:
-            raise ValueError(f"{found}, which is no small motion: draw the scene nearer to its spinning equilibrium")
+    sizes = {name: motion_size(assembly, name, coordinates[place, None]) for name, place in assembly.slices.items()}
+    name = max(sizes, key=lambda name: float(sizes[name].max()))
+    rotation, deformation = sizes[name]
+    found = (
+        f"under the spin, body {name!r} comes to rest turned by {rotation:.2g} rad and deformed by "
+        f"{100 * deformation:.2g} % of its size from how it is drawn"
+    )
+    if max(rotation, deformation) > NOT_SMALL:
+        raise ValueError(f"{found}, which is no small motion: draw the scene nearer to its spinning equilibrium")
+    if max(rotation, deformation) > WORTH_A_WORD:
         warnings.warn(
             f"{found}; the linear model is about that equilibrium, and off by a share of the same size", stacklevel=4
         )
