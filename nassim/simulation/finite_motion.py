@@ -136,18 +136,19 @@ class FiniteMotion:
                 result += _point(self.assembly, self.frames, path).bends(tension * weights[:3])
         return result
 
-    def spring_forces(self, coordinates: Array) -> Array:
-        """What springs resist with, (n_all,), at given coordinates."""
-        result = np.zeros(len(coordinates))
-        for word in self.assembly.words:
-            if isinstance(word, Spring):
-                row = vector(self.assembly, word)
-                result += word.stiffness * float(row @ coordinates) * row
-        return result
-
     def _springs(self) -> tuple[Spring, ...]:
         words = [word for word in self.assembly.words if isinstance(word, Spring)]
         return tuple(word for word in words if word.stiffness and word.row.points and not word.row.frame)
+
+
+def spring_forces(assembly: Assembly, coordinates: Array) -> Array:
+    """What springs resist with, (n_all,), at given coordinates, (n_all,)."""
+    result = np.zeros(len(coordinates))
+    for word in assembly.words:
+        if isinstance(word, Spring):
+            row = vector(assembly, word)
+            result += word.stiffness * float(row @ coordinates) * row
+    return result
 
 
 def vector(assembly: Assembly, spring: Spring) -> Array:
