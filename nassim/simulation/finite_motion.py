@@ -137,15 +137,6 @@ class FiniteMotion:
                 result += _point(self.assembly, self.frames, path).bends(tension * weights[:3])
         return result
 
-    def spring_forces(self, coordinates: Array) -> Array:
-        """What springs resist with, (n_all,), at given coordinates."""
-        result = np.zeros(len(coordinates))
-        for word in self.assembly.words:
-            if isinstance(word, Spring):
-                row = vector(self.assembly, word)
-                result += word.stiffness * float(row @ coordinates) * row
-        return result
-
     def _springs(self) -> tuple[Spring, ...]:
         words = [word for word in self.assembly.words if isinstance(word, Spring)]
         return tuple(
@@ -153,6 +144,16 @@ class FiniteMotion:
             for word in words
             if word.stiffness and isinstance(word.row, Row) and word.row.points and not word.row.frame
         )
+
+
+def spring_forces(assembly: Assembly, coordinates: Array) -> Array:
+    """What springs resist with, (n_all,), at given coordinates, (n_all,)."""
+    result = np.zeros(len(coordinates))
+    for word in assembly.words:
+        if isinstance(word, Spring):
+            row = vector(assembly, word)
+            result += word.stiffness * float(row @ coordinates) * row
+    return result
 
 
 def vector(assembly: Assembly, spring: Spring) -> Array:

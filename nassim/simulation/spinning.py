@@ -9,8 +9,9 @@ of coordinate j, the kinetic energy in the turning frame adds to small motion, M
     and their stiffness   -int rho a . (second derivatives of the displacement), see `finite_motion`
 
 and where joints and springs bear the centrifugal forces, what they bear is stiffness too, as they turn with the bodies:
-a pendulum hinged beside the axis swings as if it hung. All of it is of first order in the forces of the equilibrium,
-hence exact about an equilibrium that is as drawn, and off by some share of its rotations [rad] about one that is not.
+a pendulum hinged beside the axis swings as if it hung. All of it is of first order in the forces on the scene as it is
+drawn: exact where its equilibrium is as drawn, and else off by a share like that of its rotations [rad] and of its
+displacements over the arms and the distance from the axis, which stay as drawn.
 
 The stress inside a reduced body stiffens nothing here, as in floating frames in time: a blade clamped at its root
 bends in the plane of rotation as under the negative stiffness alone. A warning tells from where on that matters.
@@ -30,7 +31,7 @@ from nassim.base.rigid_motion import skew
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.scene import Scene
 from nassim.simulation.buckling import axial_forces, warn_of_buckling
-from nassim.simulation.finite_motion import FiniteMotion, Frame
+from nassim.simulation.finite_motion import FiniteMotion, Frame, spring_forces
 from nassim.simulation.small_motion import Assembly, motion_size
 
 STIFFENING = 1e-3
@@ -43,7 +44,6 @@ WORTH_A_WORD = 0.01
 """Rotation [rad], and deformation over size, from which on a warning tells."""
 HELD = 1e-9
 """Stiffness of a free motion, over the square of the spin, that is rounding."""
-ROUNDS, SETTLED = 50, 1e-11
 
 
 @dataclass(frozen=True)
@@ -88,12 +88,14 @@ def spinning(assembly: Assembly, angular_velocity: ArrayLike, point: ArrayLike) 
     moment = 0.0
     for name, place in assembly.slices.items():
         body = next(body for body in assembly.scene.bodies if body.name == name)
-        terms = _inertia_terms(body, motion.frames[name], place, velocity, axis_point)
+        terms = inertia_terms(body, motion.frames[name], place, velocity, axis_point)
         force[place], gyroscopic[place, place], stiffness[place, place] = terms.force, terms.coriolis, terms.stiffness
         moment += terms.moment
     # No modal force can exceed this, by Cauchy and Schwarz.
     largest = float(velocity @ velocity) * np.sqrt(moment)
-    found, stiffness = _settle(assembly, motion, force, stiffness, HELD * float(velocity @ velocity), HELD * largest)
+    elastic, borne = _borne(assembly, force)
+    stiffness += motion.of_springs(elastic) + motion.of_joints(borne)
+    found = _rest(assembly, stiffness, force, HELD * float(velocity @ velocity), HELD * largest)
     coordinates = assembly.basis @ found
     _check_small(assembly, coordinates)
     _warn_of_stress(assembly, coordinates, float(np.linalg.norm(velocity)) / (2 * np.pi))
@@ -111,7 +113,7 @@ def stiffening(scene: Scene, body: FlexibleBody, rate: float) -> tuple[float, fl
 
 
 @dataclass(frozen=True)
-class _Terms:
+class InertiaTerms:
     """Of one body, on its own coordinates: see the module; moment: of inertia about the axis [kg m2]."""
 
     force: Array
@@ -120,7 +122,8 @@ class _Terms:
     moment: float
 
 
-def _inertia_terms(body: Body, frame: Frame, place: slice, velocity: Array, axis_point: Array) -> _Terms:
+def inertia_terms(body: Body, frame: Frame, place: slice, velocity: Array, axis_point: Array) -> InertiaTerms:
+    """Of a body whose coordinates stand at a place among all, under an angular velocity about a point's axis."""
     if isinstance(body, FlexibleBody):
         turn, origin, gram = body.rotation, body.position, body.reduced.gram
     else:
@@ -139,7 +142,7 @@ def _inertia_terms(body: Body, frame: Frame, place: slice, velocity: Array, axis
     crossed = np.array([moments[(k + 2) % 3, (k + 1) % 3] - moments[(k + 1) % 3, (k + 2) % 3] for k in range(3)])
     # Work of a on theta x (psi q - u_frame) - theta x (theta x r) / 2.
     half = around.T @ (crossed + skew(whole) @ along + 0.5 * (np.trace(dyad) * np.eye(3) - dyad) @ around)
-    return _Terms(
+    return InertiaTerms(
         force=np.einsum("bbj->j", moments),
         coriolis=2 * np.einsum("jakb,ab->jk", pairs, skew(w)),
         stiffness=-np.einsum("jakb,ab->jk", pairs, pull) - half - half.T,
@@ -160,38 +163,36 @@ def _rigid_gram(mass: float, centre: Array, inertia: Array) -> Array:
     return result
 
 
-def _settle(
-    assembly: Assembly, motion: FiniteMotion, force: Array, stiffness: Array, rounding: float, negligible: float
-) -> tuple[Array, Array]:
-    """Minimal coordinates of the equilibrium, (n,), and all stiffness of the spin in all coordinates, (n_all, n_all).
+def _borne(assembly: Assembly, force: Array) -> tuple[Array, Array]:
+    """Where elastic parts come to rest under forces, and what is left for constraints to bear, both (n_all,).
 
-    What joints and springs bear depends on where they are, hence the rounds.
+    Of first order in the forces only: then what follows is the same whichever way a scene is written, and a motion that
+    costs nothing, as a turn about the axis, stays one that costs nothing. Free motions are let go: they take inertia.
     """
-    modes = assembly.basis @ assembly.shapes
-    strains = [(assembly.slices[b.name], b.reduced.strain.root) for b in assembly.scene.deformable_bodies]
-    elastic = ~assembly.free
-    amplitudes = np.zeros(len(assembly.frequency))
-    amplitudes[elastic] = (modes.T @ force)[elastic] / (2 * np.pi * assembly.frequency[elastic]) ** 2
-    added = stiffness
-    for _ in range(ROUNDS):
-        q = modes @ amplitudes
-        borne = force - motion.spring_forces(q) - added @ q
-        for place, root in strains:
-            borne[place] -= root.T @ (root @ q[place])
-        for circuit in assembly.circuits:
-            borne += circuit.forces * (circuit.forces @ q) / circuit.capacitance
-        added = stiffness + motion.of_springs(q) + motion.of_joints(borne)
-        before, amplitudes = amplitudes, _rest(assembly, modes, added, force, rounding, negligible)
-        if np.abs(amplitudes - before).max() <= SETTLED * np.abs(amplitudes).max():
-            break
-    return assembly.shapes @ amplitudes, added
+    modes, elastic = assembly.basis @ assembly.shapes, ~assembly.free
+    bent, loose = modes[:, elastic], modes[:, ~elastic]
+    stiffness = np.diag((2 * np.pi * assembly.frequency[elastic]) ** 2)
+    for circuit in assembly.circuits:
+        stiffness -= np.outer(bent.T @ circuit.forces, bent.T @ circuit.forces) / circuit.capacitance
+    q = bent @ np.linalg.solve(stiffness, bent.T @ force)
+    left, accelerations = force - spring_forces(assembly, q), loose @ (loose.T @ force)
+    for name, place in assembly.slices.items():
+        body = next(body for body in assembly.scene.bodies if body.name == name)
+        left[place] -= body.mass_matrix @ accelerations[place]
+        if isinstance(body, FlexibleBody) and body.deforms:
+            root = body.reduced.strain.root
+            left[place] -= root.T @ (root @ q[place])
+    for circuit in assembly.circuits:
+        left += circuit.forces * (circuit.forces @ q) / circuit.capacitance
+    return q, left
 
 
-def _rest(assembly: Assembly, modes: Array, added: Array, force: Array, rounding: float, negligible: float) -> Array:
-    """Amplitudes of all modes at rest under forces on all coordinates, with a stiffness added, (n,).
+def _rest(assembly: Assembly, added: Array, force: Array, rounding: float, negligible: float) -> Array:
+    """Minimal coordinates at rest under forces on all coordinates, with a stiffness added, (n,).
 
     Free motions are held by what is added alone, which the stiffness of the others would drown in rounding.
     """
+    modes = assembly.basis @ assembly.shapes
     matrix, load = modes.T @ added @ modes, modes.T @ force
     for circuit in assembly.circuits:
         pull = modes.T @ circuit.forces
@@ -210,20 +211,20 @@ def _rest(assembly: Assembly, modes: Array, added: Array, force: Array, rounding
     result = np.zeros(len(load))
     result[free] = axes[:, held] @ (pushed[held] / values[held])
     result[~free] = inner[:, -1] - inner[:, :-1] @ result[free]
-    return result
+    return assembly.shapes @ result
 
 
 def _check_small(assembly: Assembly, coordinates: Array) -> None:
-    for name, place in assembly.slices.items():
-        rotation, deformation = motion_size(assembly, name, coordinates[place, None])
-        if max(rotation, deformation) <= WORTH_A_WORD:
-            continue
-        found = (
-            f"under the spin, body {name!r} comes to rest turned by {rotation:.2g} rad and deformed by "
-            f"{100 * deformation:.2g} % of its size from how it is drawn"
-        )
-        if max(rotation, deformation) > NOT_SMALL:
-            raise ValueError(f"{found}, which is no small motion: draw the scene nearer to its spinning equilibrium")
+    sizes = {name: motion_size(assembly, name, coordinates[place, None]) for name, place in assembly.slices.items()}
+    name = max(sizes, key=lambda name: float(sizes[name].max()))
+    rotation, deformation = sizes[name]
+    found = (
+        f"under the spin, body {name!r} comes to rest turned by {rotation:.2g} rad and deformed by "
+        f"{100 * deformation:.2g} % of its size from how it is drawn"
+    )
+    if max(rotation, deformation) > NOT_SMALL:
+        raise ValueError(f"{found}, which is no small motion: draw the scene nearer to its spinning equilibrium")
+    if max(rotation, deformation) > WORTH_A_WORD:
         warnings.warn(
             f"{found}; the linear model is about that equilibrium, and off by a share of the same size", stacklevel=4
         )
