@@ -86,13 +86,13 @@ def joined(
     """
     if not instances(f"joined scene {name!r}: scenes", scenes, (Scene,)):
         raise ValueError(f"joined scene {name!r} needs at least one scene; make a Scene of bodies and parts")
-    added = dict(zip(KINDS, (bodies, joints, actuators, sensors, springs, loops), strict=True))
+    added: dict[str, Any] = dict(zip(KINDS, (bodies, joints, actuators, sensors, springs, loops), strict=True))
     added = {kind: instances(f"joined scene {name!r}: {kind}", more, KINDS[kind]) for kind, more in added.items()}
     for kind in KINDS:
         owned = [(scene.name, [part.name for part in getattr(scene, kind)]) for scene in scenes]
         _check_apart(kind, [*owned, (name, [part.name for part in added[kind]])])
     _check_apart("inputs", [(scene.name, scene.inputs) for scene in scenes])
-    if damping_ratio is None and any(np.size(scene.damping_ratio) > 1 for scene in scenes):
+    if damping_ratio is None and any(np.size(scene.mode_ratios) > 1 for scene in scenes):
         raise ValueError(f"joined scene {name!r}: ratios by mode are those of a part's modes; give damping_ratio")
     whole: dict[str, Any] = {k: sum((getattr(scene, k) for scene in scenes), start=()) + added[k] for k in KINDS}
     return Scene(
