@@ -120,7 +120,7 @@ def frf():
 
 
 def scene():
-    """A slide on a spring with a load, pushed in a loop."""
+    """A slide on a spring with a load, pushed in a loop; 1 % was the default then."""
     base = RigidBody("base", {"foot": [0.0, 0.0, 0.0]}, fixed=True)
     slide = RigidBody("slide", {"low": [0, 0, -0.1], "top": [0, 0, 0.1]}, 2.0, np.diag([1.0, 2.0, 2.5]), [0, 0, 0.1])
     block = RigidBody("load", {"seat": [0, 0, -0.05]}, 0.5, np.diag([1.0, 1.0, 1.0]), [0, 0, 0.25])
