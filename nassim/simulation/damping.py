@@ -10,7 +10,7 @@ from nassim.base.checks import Array
 from nassim.base.modal import elastic_ratios, modal_damping_matrix
 from nassim.bodies.floating_frame import FloatingFrame
 from nassim.scene.bodies import FlexibleBody
-from nassim.scene.part import Constraint, Spring
+from nassim.scene.part import Constraint, SixSprings, Spring
 from nassim.scene.scene import Scene
 
 LOST_DAMPING = 0.01
@@ -91,6 +91,7 @@ class Damping:
 def tied_bodies(scene: Scene) -> tuple[tuple[str, str], ...]:
     """Every two moving bodies that a joint or a spring ties, whose position to each other shapes the scene's modes."""
     ties: list[tuple[str, ...]] = [(word.a, word.b) for word in scene.said(Constraint)]
+    ties += [(word.a, word.b) for word in scene.said(SixSprings)]
     ties += [word.row.paths for word in scene.said(Spring)]
     moving = {body.name for body in scene.bodies if body.moves}
     named = [sorted({path.partition(".")[0] for path in paths} & moving) for paths in ties]

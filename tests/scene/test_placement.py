@@ -260,7 +260,7 @@ def test_a_users_kind_without_annotations_is_refused(soft):
 
 
 KINDS = [noun for noun in map(find, NOUNS) if issubclass(noun, (Part, Loop, RigidBody, FlexibleBody))]
-PLAIN_TEXT = {"name", "unit", "fidelity", "frame", "free", "held"}
+PLAIN_TEXT = {"name", "unit", "fidelity", "frame", "free", "held", "direction"}
 """Texts that are no points and no signals, "frame" of a flexible body being a remote point's bare name."""
 
 
