@@ -203,7 +203,7 @@ Word = Force | Field | Reading | Spring | SixSprings | Leak | Constraint | Follo
 
 def unknown_word(word: object, engine: str) -> TypeError:
     """What an engine raises that meets a word it does not know."""
-    return TypeError(f"{engine} does not know what {type(word).__name__} means; known words: nassim.part.Word")
+    return TypeError(f"{engine} does not know what {type(word).__name__} means; known words: nassim.scene.part.Word")
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,8 @@ STABLE_ANGLE = 2.6
 STARTS = ("equilibrium", "released")
 SMALL_MOTION = 0.01
 """Rotation [rad], and deformation over size, up to which small motion holds: the error is about half of its square."""
+RINGING = 0.8
+"""Spectral radius above which accelerations in large motion may ring."""
 FAR = 0.1
 """Rotation [rad], or displacement over size, from the scene as drawn that is worth a word: ratios of modes that are
 realised as it is drawn are then wrong by some 3 % in an elbow of two bars."""
@@ -99,6 +101,8 @@ def simulate(
     signals |= dict(zip(excitation.names, excitation.values, strict=True))
     _check_loops(scene, time_step)
     _check_drives(scene, signals)
+    if method == "generalized_alpha" and not scene.in_small_motion:
+        _warn_of_ringing(scene, radius)
     released = start == "released"
     if method == "exact":
         order = 1 if hold_order is None else hold_order
@@ -301,6 +305,16 @@ def _check_loops(scene: Scene, time_step: float) -> None:
                     f"loop {loop.name!r} measures {model.outputs[row]!r}, which follows what the loop drives at once, "
                     "so whether a sample sees its command is open: give the actuator or the sensor a bandwidth"
                 )
+
+
+def _warn_of_ringing(scene: Scene, spectral_radius: float) -> None:
+    read = [reading.output for reading in scene.said(Reading) if reading.derivative == 2]
+    if read and spectral_radius > RINGING:
+        warnings.warn(
+            f"output {read[0]!r} reads an acceleration in large motion, which rings from step to step at "
+            f"spectral_radius {spectral_radius:g} by what Newton's iterations leave; take {RINGING:g} or less",
+            stacklevel=3,
+        )
 
 
 def _check_drives(scene: Scene, signals: Mapping[str, Array]) -> None:

@@ -16,7 +16,7 @@ from nassim.scene.part import Line, Reading, Row, Sensor
 
 @dataclass(frozen=True)
 class Motions(Sensor):
-    """Three outputs "name.x" ...: displacement, velocity or acceleration of a point, or its turn or angular velocity."""
+    """Outputs "name.x" ...: displacement, velocity or acceleration of a point, or its turn or angular velocity."""
 
     name: str
     point: str
@@ -307,7 +307,7 @@ def test_a_bushing_on_a_spinning_base_does_not_notice_the_turns():
     """Steady spin about an odd axis: deflection K q = centrifugal wrench, which stays; damping takes no spin away."""
     rate, mass = 30.0, 0.4
     centre = np.array([0.08, 0.01, -0.04])
-    place = centre + [0.01, -0.02, 0.015]
+    place = centre + np.array([0.01, -0.02, 0.015])
     joint = np.array([0.03, 0.04, -0.01])
     base = RigidBody("base", {"c": (0, 0, 0), "joint": joint}, 5.0, 20 * INERTIA, angular_velocity=rate * NORMAL)
     inertia = SKEWED @ (0.2 * INERTIA) @ SKEWED.T
