@@ -191,9 +191,9 @@ class Follow:
     constraint: its name; direction: of its axes; input: name, "" for a constant speed; unit: of the input
     """
 
-    constraint: str
+    constraint: Signal
     direction: str
-    input: str
+    input: Signal
     unit: str
     speed: float = 0.0
 
