@@ -10,7 +10,7 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import DIRECTIONS
 from nassim.scene.bodies import FlexibleBody, RigidBody
-from nassim.scene.part import Constraint, Field, Force, Line, Row, SixSprings, Spring
+from nassim.scene.part import Constraint, Field, Force, Line, Row
 from nassim.scene.scene import Scene
 from nassim.simulation.exudyn.state import Carrier, Drive, add_forces
 from nassim.simulation.rows import shares
@@ -18,8 +18,6 @@ from nassim.simulation.rows import shares
 
 Grip = Callable[[Array, Array], int]
 """Adds a rigid marker at an offset (3,) from a point, with axes (3, 3) as columns; world frame at the start."""
-FAR = 1e3
-"""Distance [m] of the places that the two wires of a spring along a direction come from."""
 
 
 @dataclass(frozen=True)
@@ -129,89 +127,6 @@ def add_field(items: Items, word: Field) -> list[Drive]:
             number = items.mbs.AddLoad(eii.LoadMassProportional(markerNumber=marker, loadVector=[0.0, 0.0, 0.0]))
             drives.append(Drive(number, word.input, word.direction, "loadVector"))
     return drives
-
-
-def add_spring(items: Items, word: Spring) -> None:
-    """Add a spring-damper, relaxed at the start: within bodies, along a line, or along a direction."""
-    nodes = on_coordinates(items, word.row) if word.row.within else []
-    if nodes:
-        row = np.concatenate([piece for _, piece in nodes])
-        items.mbs.AddObject(
-            eii.ObjectGenericODE2(
-                nodeNumbers=[node for node, _ in nodes],
-                massMatrix=np.zeros((0, 0)),
-                stiffnessMatrix=word.stiffness * np.outer(row, row),
-                dampingMatrix=word.damping * np.outer(row, row),
-                forceVector=np.zeros(len(row)),
-            )
-        )
-    elif isinstance(word.row, Line):
-        a, b = word.row.paths
-        length = float(np.linalg.norm(items.scene.point_position(b) - items.scene.point_position(a)))
-        items.mbs.AddObject(
-            eii.ObjectConnectorSpringDamper(
-                markerNumbers=[items.marker(a), items.marker(b)],
-                referenceLength=length,
-                stiffness=word.stiffness,
-                damping=word.damping,
-            )
-        )
-    elif not word.row.within:
-        _add_spring_along(items, word, word.row)
-
-
-def _add_spring_along(items: Items, word: Spring, row: Row) -> None:
-    """A spring between two points along a direction of the world, or of one of the points."""
-    (a, along_a), (b, along_b) = row.points
-    if np.any(along_b[3:]) or np.any(along_a + along_b):
-        raise ValueError(f"between {a!r} and {b!r}: in large motion a spring acts on the distance along a direction")
-    along = along_b[:3]
-    if not row.frame and np.count_nonzero(along) == 1:
-        items.mbs.AddObject(
-            eii.ObjectConnectorCartesianSpringDamper(
-                markerNumbers=[items.marker(a), items.marker(b)],
-                stiffness=list(word.stiffness * along**2),
-                damping=list(word.damping * along**2),
-                offset=list(items.scene.point_position(b) - items.scene.point_position(a)),
-            )
-        )
-        return
-    frame = row.frame or next((path for path in (a, b) if not items.moves(path)), "")
-    if frame not in (a, b):
-        raise ValueError(
-            f"between {a!r} and {b!r}: in large motion a spring acts along one of the world's axes, or along any "
-            "direction of one of its points (frame=...), or of the ground that one of them belongs to"
-        )
-    other = b if frame == a else a
-    # Two wires from far away, along the direction and against it, are as much longer and shorter as the other point
-    # moves along, and pull at the frame's body as a force in the place of the other point does.
-    place = items.scene.point_position(other)
-    for sign in (1.0, -1.0):
-        anchor = place - sign * FAR * along / np.linalg.norm(along)
-        items.mbs.AddObject(
-            eii.ObjectConnectorSpringDamper(
-                markerNumbers=[items.marker(frame, at=anchor), items.marker(other)],
-                referenceLength=FAR,
-                stiffness=word.stiffness * (along @ along) / 2,
-                damping=word.damping * (along @ along) / 2,
-            )
-        )
-
-
-def add_six_springs(items: Items, word: SixSprings) -> None:
-    """Add a bushing: where its points lie apart, a's body reaches rigidly to the place of b."""
-    place = items.scene.point_position(word.b)
-    markers = items.marker(word.a, axes=word.axes, at=place), items.marker(word.b, axes=word.axes)
-    # Exudyn's other formulation, along the axes of the first marker, forgets the moment that a displacement gives the
-    # force, and damps common turns.
-    items.mbs.AddObject(
-        eii.ObjectConnectorRigidBodySpringDamper(
-            markerNumbers=list(markers),
-            stiffness=word.stiffness,
-            damping=word.damping,
-            useIntrinsicFormulation=True,
-        )
-    )
 
 
 def add_constraint(items: Items, word: Constraint, held: tuple[str, ...]) -> None:

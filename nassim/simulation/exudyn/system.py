@@ -25,10 +25,9 @@ from nassim.simulation.exudyn.items import (
     add_constraint,
     add_field,
     add_force,
-    add_six_springs,
-    add_spring,
 )
 from nassim.simulation.exudyn.readings import add_reading
+from nassim.simulation.exudyn.springs import add_six_springs, add_spring
 from nassim.simulation.exudyn.state import Carrier, Drive, System, Term, add_circuit, modal_node, small_motion_system
 from nassim.simulation.small_motion import Assembly, deformation_damping
 from nassim.simulation.starting_motion import check_implied, starting_twists
