@@ -16,8 +16,12 @@ from nassim.simulation.exudyn.state import Carrier, Drive, add_forces
 from nassim.simulation.rows import shares
 
 
-Grip = Callable[[Array, Array], int]
-"""Adds a rigid marker at an offset (3,) from a point, with axes (3, 3) as columns; world frame at the start."""
+TOUCHING = 1e-12
+"""Distance [m] up to which two points lie in one place."""
+Place = tuple[str, tuple[float, float, float]]
+"""A point, and the offset [m] from it of a place that goes with it rigidly; world frame at the start."""
+Grip = Callable[[Array], int]
+"""Adds a rigid marker with axes, (3, 3), as columns; world frame at the start."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +29,7 @@ class Items:
     """Exudyn's numbers of a scene's bodies, by name.
 
     rigid: bodies without deformation, along the world's axes; carriers: of those that deform; nodes: of all that move
-    grips: by the path of a point of a body that deforms, what adds a rigid marker there
+    grips: by the path of a point of a body that deforms, and an offset, what adds a rigid marker there
     pilots: object and mesh nodes that make up a point of a floating body, by path
     """
 
@@ -35,7 +39,7 @@ class Items:
     objects: Mapping[str, int]
     rigid: Mapping[str, RigidBody]
     carriers: Mapping[str, Carrier]
-    grips: Mapping[str, Grip]
+    grips: Mapping[Place, Grip]
     pilots: Mapping[str, tuple[int, list[int]]]
     markers: dict[str, int] = field(default_factory=dict)
 
@@ -46,27 +50,25 @@ class Items:
         at: another place that the point reaches rigidly, world frame at the start, (3,)
         """
         axes = np.eye(3) if axes is None else axes
-        offset = np.zeros(3) if at is None else at - self.scene.point_position(path)
-        key = f"{path} {offset.tolist()} {axes.tolist()}"
+        offset = (0.0, 0.0, 0.0) if at is None else offset_of(self.scene, path, at)
+        key = f"{path} {offset} {axes.tolist()}"
         if key not in self.markers:
             self.markers[key] = self._new_marker(path, axes, offset)
         return self.markers[key]
 
-    def _new_marker(self, path: str, axes: Array, offset: Array) -> int:
+    def _new_marker(self, path: str, axes: Array, offset: tuple[float, float, float]) -> int:
         name, _, point = path.partition(".")
         if name in self.rigid:
             place = frame_at(self.rigid[name].points[point] + offset, axes)
             return int(self.mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=self.objects[name], localHT=place)))
-        if path not in self.grips:
-            raise ValueError(
-                f"{path!r} is no coordinate of a body in small motion any more; in a floating frame it can be"
-            )
-        if np.any(offset) and self.fidelity(path) == "linear":
+        if (path, offset) in self.grips:
+            return self.grips[path, offset](axes)
+        if any(offset):
             raise ValueError(
                 f'{path!r} belongs to a body of fidelity "linear", which beside floating frames reaches to no other '
                 "place: let the points coincide"
             )
-        return self.grips[path](offset, axes)
+        raise ValueError(f"{path!r} is no coordinate of a body in small motion any more; in a floating frame it can be")
 
     def fidelity(self, path: str) -> str:
         """Of a point's body: "rigid", "linear" or "ffrf"."""
@@ -74,9 +76,21 @@ class Items:
         body = self.scene.split(f"{name}.")[0]
         return body.fidelity if isinstance(body, FlexibleBody) and name not in self.rigid else "rigid"
 
+    def node_of(self, path: str) -> int:
+        """Node of a point of a body in small motion."""
+        body, point = self.scene.split(path)
+        assert isinstance(body, FlexibleBody)
+        return self.carriers[body.name].nodes[body.reduced.point_names.index(point)][0]
+
     def moves(self, path: str) -> bool:
         """Whether a point's body does."""
         return path.partition(".")[0] in self.nodes
+
+
+def offset_of(scene: Scene, path: str, place: Array) -> tuple[float, float, float]:
+    """From a point to a place, as in `Place`; nothing where rounding parts them."""
+    x, y, z = (place - scene.point_position(path)).tolist()
+    return (x, y, z) if max(abs(x), abs(y), abs(z)) > TOUCHING else (0.0, 0.0, 0.0)
 
 
 def frame_at(position: Array, axes: Array) -> Array:

@@ -16,10 +16,20 @@ from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
 from nassim.scene.part import Line, Row, SixSprings, Spring
+from nassim.scene.scene import Scene
 from nassim.simulation.exudyn.items import Items, on_coordinates
 
 Wrench = Callable[..., Array]
 LOCAL = exu.OutputVariableType.AngularVelocityLocal
+
+
+def reaches(scene: Scene) -> list[tuple[str, Array]]:
+    """Points that carry springs in the place of other points, and these places, world frame at the start."""
+    found = [(word.a, scene.point_position(word.b)) for word in scene.said(SixSprings)]
+    for word in scene.said(Spring):
+        if isinstance(word.row, Row) and "." in word.row.frame:
+            found += [(word.row.frame, scene.point_position(path)) for path, _ in word.row.points]
+    return found
 
 
 def add_spring(items: Items, word: Spring) -> None:
