@@ -11,15 +11,17 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import DIRECTIONS
 from nassim.scene.bodies import FlexibleBody, RigidBody
-from nassim.scene.part import Constraint, Field, Follow, Force, Line, Row, SixSprings, Spring
+from nassim.scene.part import Constraint, Field, Follow, Force, Line, Row
 from nassim.scene.scene import Scene
 from nassim.simulation.exudyn.state import Carrier, Push, add_forces
 from nassim.simulation.rows import shares
 
-Grip = Callable[[Array, Array], int]
-"""Adds a rigid marker at an offset (3,) from a point, with axes (3, 3) as columns; world frame at the start."""
-FAR = 1e3
-"""Distance [m] of the places that the two wires of a spring along a direction come from."""
+TOUCHING = 1e-12
+"""Distance [m] up to which two points lie in one place."""
+Place = tuple[str, tuple[float, float, float]]
+"""A point, and the offset [m] from it of a place that goes with it rigidly; world frame at the start."""
+Grip = Callable[[Array], int]
+"""Adds a rigid marker with axes, (3, 3), as columns; world frame at the start."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,7 @@ class Items:
     """Exudyn's numbers of a scene's bodies, by name.
 
     rigid: bodies without deformation, along the world's axes; carriers: of those that deform; nodes: of all that move
-    grips: by the path of a point of a body that deforms, what adds a rigid marker there
+    grips: by the path of a point of a body that deforms, and an offset, what adds a rigid marker there
     pilots: object and mesh nodes that make up a point of a floating body, by path
     """
 
@@ -37,7 +39,7 @@ class Items:
     objects: Mapping[str, int]
     rigid: Mapping[str, RigidBody]
     carriers: Mapping[str, Carrier]
-    grips: Mapping[str, Grip]
+    grips: Mapping[Place, Grip]
     pilots: Mapping[str, tuple[int, list[int]]]
     markers: dict[str, int] = field(default_factory=dict)
 
@@ -48,27 +50,25 @@ class Items:
         at: another place that the point reaches rigidly, world frame at the start, (3,)
         """
         axes = np.eye(3) if axes is None else axes
-        offset = np.zeros(3) if at is None else at - self.scene.point_position(path)
-        key = f"{path} {offset.tolist()} {axes.tolist()}"
+        offset = (0.0, 0.0, 0.0) if at is None else offset_of(self.scene, path, at)
+        key = f"{path} {offset} {axes.tolist()}"
         if key not in self.markers:
             self.markers[key] = self._new_marker(path, axes, offset)
         return self.markers[key]
 
-    def _new_marker(self, path: str, axes: Array, offset: Array) -> int:
+    def _new_marker(self, path: str, axes: Array, offset: tuple[float, float, float]) -> int:
         name, _, point = path.partition(".")
         if name in self.rigid:
             place = frame_at(self.rigid[name].points[point] + offset, axes)
             return int(self.mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=self.objects[name], localHT=place)))
-        if path not in self.grips:
-            raise ValueError(
-                f"{path!r} is no coordinate of a body in small motion any more; in a floating frame it can be"
-            )
-        if np.any(offset) and self.fidelity(path) == "linear":
+        if (path, offset) in self.grips:
+            return self.grips[path, offset](axes)
+        if any(offset):
             raise ValueError(
                 f'{path!r} belongs to a body of fidelity "linear", which beside floating frames reaches to no other '
                 "place: let the points coincide"
             )
-        return self.grips[path](offset, axes)
+        raise ValueError(f"{path!r} is no coordinate of a body in small motion any more; in a floating frame it can be")
 
     def fidelity(self, path: str) -> str:
         """Of a point's body: "rigid", "linear" or "ffrf"."""
@@ -76,9 +76,21 @@ class Items:
         body = self.scene.split(f"{name}.")[0]
         return body.fidelity if isinstance(body, FlexibleBody) and name not in self.rigid else "rigid"
 
+    def node_of(self, path: str) -> int:
+        """Node of a point of a body in small motion."""
+        body, point = self.scene.split(path)
+        assert isinstance(body, FlexibleBody)
+        return self.carriers[body.name].nodes[body.reduced.point_names.index(point)][0]
+
     def moves(self, path: str) -> bool:
         """Whether a point's body does."""
         return path.partition(".")[0] in self.nodes
+
+
+def offset_of(scene: Scene, path: str, place: Array) -> tuple[float, float, float]:
+    """From a point to a place, as in `Place`; nothing where rounding parts them."""
+    x, y, z = (place - scene.point_position(path)).tolist()
+    return (x, y, z) if max(abs(x), abs(y), abs(z)) > TOUCHING else (0.0, 0.0, 0.0)
 
 
 def frame_at(position: Array, axes: Array) -> Array:
@@ -129,89 +141,6 @@ def add_field(items: Items, word: Field) -> list[Push]:
             number = items.mbs.AddLoad(eii.LoadMassProportional(markerNumber=marker, loadVector=[0.0, 0.0, 0.0]))
             drives.append(Push(number, word.input, word.direction, "loadVector"))
     return drives
-
-
-def add_spring(items: Items, word: Spring) -> None:
-    """Add a spring-damper, relaxed at the start: within bodies, along a line, or along a direction."""
-    nodes = on_coordinates(items, word.row) if word.row.within else []
-    if nodes:
-        row = np.concatenate([piece for _, piece in nodes])
-        items.mbs.AddObject(
-            eii.ObjectGenericODE2(
-                nodeNumbers=[node for node, _ in nodes],
-                massMatrix=np.zeros((0, 0)),
-                stiffnessMatrix=word.stiffness * np.outer(row, row),
-                dampingMatrix=word.damping * np.outer(row, row),
-                forceVector=np.zeros(len(row)),
-            )
-        )
-    elif isinstance(word.row, Line):
-        a, b = word.row.paths
-        length = float(np.linalg.norm(items.scene.point_position(b) - items.scene.point_position(a)))
-        items.mbs.AddObject(
-            eii.ObjectConnectorSpringDamper(
-                markerNumbers=[items.marker(a), items.marker(b)],
-                referenceLength=length,
-                stiffness=word.stiffness,
-                damping=word.damping,
-            )
-        )
-    elif not word.row.within:
-        _add_spring_along(items, word, word.row)
-
-
-def _add_spring_along(items: Items, word: Spring, row: Row) -> None:
-    """A spring between two points along a direction of the world, or of one of the points."""
-    (a, along_a), (b, along_b) = row.points
-    if np.any(along_b[3:]) or np.any(along_a + along_b):
-        raise ValueError(f"between {a!r} and {b!r}: in large motion a spring acts on the distance along a direction")
-    along = along_b[:3]
-    if not row.frame and np.count_nonzero(along) == 1:
-        items.mbs.AddObject(
-            eii.ObjectConnectorCartesianSpringDamper(
-                markerNumbers=[items.marker(a), items.marker(b)],
-                stiffness=list(word.stiffness * along**2),
-                damping=list(word.damping * along**2),
-                offset=list(items.scene.point_position(b) - items.scene.point_position(a)),
-            )
-        )
-        return
-    frame = row.frame or next((path for path in (a, b) if not items.moves(path)), "")
-    if frame not in (a, b):
-        raise ValueError(
-            f"between {a!r} and {b!r}: in large motion a spring acts along one of the world's axes, or along any "
-            "direction of one of its points (frame=...), or of the ground that one of them belongs to"
-        )
-    other = b if frame == a else a
-    # Two wires from far away, along the direction and against it, are as much longer and shorter as the other point
-    # moves along, and pull at the frame's body as a force in the place of the other point does.
-    place = items.scene.point_position(other)
-    for sign in (1.0, -1.0):
-        anchor = place - sign * FAR * along / np.linalg.norm(along)
-        items.mbs.AddObject(
-            eii.ObjectConnectorSpringDamper(
-                markerNumbers=[items.marker(frame, at=anchor), items.marker(other)],
-                referenceLength=FAR,
-                stiffness=word.stiffness * (along @ along) / 2,
-                damping=word.damping * (along @ along) / 2,
-            )
-        )
-
-
-def add_six_springs(items: Items, word: SixSprings) -> None:
-    """Add a bushing: where its points lie apart, a's body reaches rigidly to the place of b."""
-    place = items.scene.point_position(word.b)
-    markers = items.marker(word.a, axes=word.axes, at=place), items.marker(word.b, axes=word.axes)
-    # Exudyn's other formulation, along the axes of the first marker, forgets the moment that a displacement gives the
-    # force, and damps common turns.
-    items.mbs.AddObject(
-        eii.ObjectConnectorRigidBodySpringDamper(
-            markerNumbers=list(markers),
-            stiffness=word.stiffness,
-            damping=word.damping,
-            useIntrinsicFormulation=True,
-        )
-    )
 
 
 def add_constraint(items: Items, word: Constraint, held: tuple[str, ...], driven: Sequence[Follow]) -> list[Push]:

@@ -8,7 +8,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
-from nassim.scene.bodies import FlexibleBody
 from nassim.scene.part import Line, Reading, Row
 from nassim.simulation.exudyn.items import Items, on_coordinates, on_points
 from nassim.simulation.exudyn.state import COORDINATES, Term
@@ -47,11 +46,8 @@ def _sensors(items: Items, path: str, kind: Kind) -> list[int]:
         sensor = eii.SensorMarker(markerNumber=items.marker(path), outputVariableType=kind, **KEPT)
         return [items.mbs.AddSensor(sensor)]
     if path not in items.pilots:
-        # A body in small motion has a node for each of its points.
-        body = items.scene.split(path)[0]
-        assert isinstance(body, FlexibleBody)
-        numbers = dict(zip(body.reduced.point_names, items.carriers[name].nodes, strict=False))
-        sensor = eii.SensorNode(nodeNumber=numbers[point][0], outputVariableType=kind, **KEPT)
+        node = items.nodes[name] if items.fidelity(path) == "ffrf" else items.node_of(path)
+        sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kind, **KEPT)
         return [items.mbs.AddSensor(sensor)]
     number, nodes = items.pilots[path]
     return [

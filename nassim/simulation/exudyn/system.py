@@ -21,20 +21,25 @@ from nassim.scene.scene import Scene
 from nassim.simulation.exudyn.items import (
     Grip,
     Items,
+    Place,
     add_constraint,
     add_field,
     add_force,
-    add_six_springs,
-    add_spring,
     frame_at,
+    offset_of,
 )
 from nassim.simulation.exudyn.readings import add_reading
+from nassim.simulation.exudyn.springs import add_six_springs, add_spring, reaches
 from nassim.simulation.exudyn.state import Carrier, Push, System, Term, add_circuit, modal_node, small_motion_system
 from nassim.simulation.small_motion import Assembly
 from nassim.simulation.starting_motion import check_implied, starting_twists
 
 # Corners of a regular tetrahedron: equal weights on four pilots there give a remote point's motion exactly.
 PILOT_DIRECTIONS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
+
+
+Added = tuple[int, Carrier, int, dict[Place, Grip], dict[Place, tuple[int, list[int]]]]
+"""Rigid node of a body, its carrier, its object, grips and pilots."""
 
 
 def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None) -> System:
@@ -101,21 +106,21 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None)
     damping = _damping_blocks(assembly)
     nodes: dict[str, int] = {}
     carriers: dict[str, Carrier] = {}
-    grips: dict[str, Grip] = {}
+    grips: dict[Place, Grip] = {}
     objects: dict[str, int] = {}
     rigid: dict[str, RigidBody] = {}
     pilots: dict[str, tuple[int, list[int]]] = {}
     for body in scene.bodies:
         if isinstance(body, FlexibleBody) and body.deforms:
             add = _add_floating if body.fidelity == "ffrf" else _add_linear
-            node, carriers[body.name], objects[body.name], found = add(
+            node, carriers[body.name], objects[body.name], found, of_body = add(
                 mbs, scene, body, assembly.frames[body.name], damping[body.name, body.name], twists[body.name]
             )
             nodes[body.name] = node
-            grips.update({f"{body.name}.{point}": grip for point, grip in found.items()})
-            if body.fidelity == "ffrf":
-                for k, point in enumerate(found):
-                    pilots[f"{body.name}.{point}"] = objects[body.name], list(range(4 * k, 4 * k + 4))
+            grips.update({(f"{body.name}.{point}", offset): grip for (point, offset), grip in found.items()})
+            pilots.update(
+                {f"{body.name}.{point}": four for (point, offset), four in of_body.items() if not any(offset)}
+            )
         else:
             rigid[body.name] = _as_rigid(body, assembly) if isinstance(body, FlexibleBody) else body.along_world
             number, objects[body.name] = _add_rigid(mbs, rigid[body.name], twists.get(body.name, np.zeros(6)))
@@ -143,7 +148,7 @@ def _as_rigid(body: FlexibleBody, assembly: Assembly) -> RigidBody:
 
 def _add_linear(
     mbs: Any, scene: Scene, body: FlexibleBody, frame: FloatingFrame, damping: Array, twist: Array
-) -> tuple[int, Carrier, int, dict[str, Grip]]:
+) -> Added:
     """Add a body in small motion: a node per remote point along the world's axes, and one for the modes."""
     reduced = body.reduced
     counts = [6] * len(reduced.remote_points) + ([reduced.n_modes] if reduced.n_modes else [])
@@ -157,7 +162,7 @@ def _add_linear(
         for point in reduced.point_names
     ]
     grips = {
-        point: _grip(mbs, np.eye(3), eii.MarkerNodeRigid, nodeNumber=number)
+        (point, (0.0, 0.0, 0.0)): _grip(mbs, np.eye(3), eii.MarkerNodeRigid, nodeNumber=number)
         for point, number in zip(reduced.point_names, numbers, strict=True)
     }
     if reduced.n_modes:
@@ -177,13 +182,13 @@ def _add_linear(
         )
     )
     carrier = Carrier(tuple(zip(numbers, counts, strict=True)), to_body)
-    return numbers[reduced.point_names.index(frame.point)], carrier, number, grips
+    return numbers[reduced.point_names.index(frame.point)], carrier, number, grips, {}
 
 
 def _add_floating(
     mbs: Any, scene: Scene, body: FlexibleBody, frame: FloatingFrame, damping: Array, twist: Array
-) -> tuple[int, Carrier, int, dict[str, Grip]]:
-    """Add a floating-frame body; returns its rigid node, carrier, object, and a grip per named point."""
+) -> Added:
+    """Add a floating-frame body."""
     n = len(frame.flexible)
     node = mbs.AddNode(
         GetRigidBodyNode(
@@ -195,9 +200,8 @@ def _add_floating(
         )
     )
     modes = mbs.AddNode(modal_node(n))
-    named = scene.named_points(body)
-    used = [p for p in body.reduced.all_point_names if p in named and p != frame.point]
-    positions, rows = _pilots(body, frame, [*used, frame.point])
+    places = _places(scene, body, frame.point)
+    positions, rows = _pilots(body, frame, places)
     number = mbs.AddObject(
         eii.ObjectFFRFreducedOrder(
             nodeNumbers=[node, modes],
@@ -217,34 +221,49 @@ def _add_floating(
             referencePositions=positions,
         )
     )
-    grips = {}
-    for i, point in enumerate([*used, frame.point]):
-        pilots = {"meshNodeNumbers": list(range(4 * i, 4 * i + 4)), "weightingFactors": [0.25] * 4}
-        grips[point] = _grip(mbs, body.rotation, eii.MarkerSuperElementRigid, bodyNumber=number, **pilots)
-    beside, at_frame = grips[frame.point], _grip(mbs, body.rotation, eii.MarkerNodeRigid, nodeNumber=node)
-    grips[frame.point] = lambda offset, axes: (beside if np.any(offset) else at_frame)(offset, axes)
+    grips = {(frame.point, (0.0, 0.0, 0.0)): _grip(mbs, body.rotation, eii.MarkerNodeRigid, nodeNumber=node)}
+    pilots = {}
+    for i, place in enumerate(places):
+        four = list(range(4 * i, 4 * i + 4))
+        grips[place] = _grip(
+            mbs,
+            body.rotation,
+            eii.MarkerSuperElementRigid,
+            bodyNumber=number,
+            meshNodeNumbers=four,
+            weightingFactors=[0.25] * 4,
+        )
+        pilots[place] = number, four
     carrier = Carrier(((modes, n),), np.eye(len(body.reduced.mass_matrix))[:, frame.flexible])
-    return node, carrier, number, grips
+    return node, carrier, number, grips, pilots
 
 
-def _grip(mbs: Any, rotation: Array, marker: Callable[..., Any], **of_point: Any) -> Grip:
-    """Of what is turned against the world's axes at the start, of which the marker's places are given."""
-    return lambda offset, axes: int(
-        mbs.AddMarker(marker(localHT=frame_at(rotation.T @ offset, rotation.T @ axes), **of_point))
-    )
+def _grip(mbs: Any, rotation: Array, marker: Callable[..., Any], **of_place: Any) -> Grip:
+    """Adds markers to what is turned against the world's axes at the start, in which their own axes are given."""
+    return lambda axes: int(mbs.AddMarker(marker(localHT=frame_at(np.zeros(3), rotation.T @ axes), **of_place)))
 
 
-def _pilots(body: FlexibleBody, frame: FloatingFrame, points: Sequence[str]) -> tuple[Array, Array]:
-    """Virtual mesh nodes: four around each point, whose displacements are the point's rigid motion.
+def _places(scene: Scene, body: FlexibleBody, frame_point: str) -> list[Place]:
+    """What takes part of a body, but for the point on which its frame rides: points, and places that they reach."""
+    named = scene.named_points(body)
+    places = {(point, (0.0, 0.0, 0.0)) for point in body.reduced.all_point_names if point in named}
+    for path, place in reaches(scene):
+        if scene.split(path)[0] is body:
+            places.add((path.partition(".")[2], offset_of(scene, path, place)))
+    return sorted(places - {(frame_point, (0.0, 0.0, 0.0))}) or [(frame_point, (0.0, 0.0, 0.0))]
 
-    Returns their positions (3 n_pilots,) and mode rows (3 n_pilots, n).
+
+def _pilots(body: FlexibleBody, frame: FloatingFrame, places: Sequence[Place]) -> tuple[Array, Array]:
+    """Virtual mesh nodes: four around each place, whose displacements are the rigid motion of the point it goes with.
+
+    Returns their positions (3 n_pilots,) and mode rows (3 n_pilots, n). At least one node must exist.
     """
     everyone = np.array([p.position for p in body.reduced.remote_points])
     radius = 0.05 * max(float(np.ptp(everyone, axis=0).max()), 1e-6)
     positions, rows = [], []
-    for point in points:
+    for point, away in places:
         motion = body.reduced.motion(point)
-        for offset in radius * PILOT_DIRECTIONS:
+        for offset in body.rotation.T @ away + radius * PILOT_DIRECTIONS:
             positions.append(body.reduced.point(point).position - frame.origin + offset)
             rows.append((rigid_transfer(offset) @ motion[:, frame.flexible])[:3])
     return np.hstack(positions), np.vstack(rows)
