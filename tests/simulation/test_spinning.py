@@ -11,9 +11,11 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from nassim import (
+    Controller,
     Encoder,
     FlexibleBody,
     Joint,
+    Loop,
     PointForce,
     ReducedBody,
     RemotePoint,
@@ -31,7 +33,7 @@ from nassim.base.rigid_motion import rigid_transfer, skew
 from nassim.bodies.piezo import PortCoupling
 from nassim.scene.part import Actuator, Force, ForceElement, Reading, Row, Sensor, Spring
 from nassim.simulation.finite_motion import frames
-from nassim.simulation.linearization import spinning_equilibrium
+from nassim.simulation.linearization import linearize_closed, spinning_equilibrium
 from nassim.simulation.small_motion import assemble
 from nassim.simulation.spinning import inertia_terms, spinning
 from nassim.systems.linear_model import damping
@@ -163,6 +165,14 @@ def test_static_gain_and_coupling_of_the_platform():
     assert (c @ np.linalg.solve(-a, b))[0, 0] == pytest.approx(1 / 0.99, rel=1e-6)
 
 
+def test_loops_close_on_the_spinning_model():
+    """A loop without gain leaves the platform's published poles where they are."""
+    idle = Controller([[0.0]], [[0.0]], [[0.0]], [[0.0]], 100.0)
+    looped = platform(loops=(Loop("idle", idle, ("u",), ("Fu",)),))
+    poles = linearize_closed(looped, continuous=True, angular_velocity=(0, 0, 0.1)).poles()
+    assert np.abs(poles - (-0.027501 + 1.099691j)).min() < 2e-6
+
+
 def test_equilibrium_of_the_platform():
     """A spring beside the axis is stretched by m W^2 r / (k - m W^2); beyond the critical speed nothing holds."""
     found = spinning_equilibrium(platform(offset=0.02), angular_velocity=(0, 0, 0.5))
@@ -172,6 +182,17 @@ def test_equilibrium_of_the_platform():
     assert moved["v"] == pytest.approx(-0.03 * 0.25 / 0.75, rel=1e-6)
     with pytest.raises(ValueError, match=r"unstable: an oscillation at 0\.01591 Hz that grows"):
         spinning_equilibrium(platform(offset=0.02), angular_velocity=(0, 0, 1.1))
+
+
+def test_at_the_critical_speed():
+    """The mass moves freely, if it is in the middle; beside it, nothing is at rest."""
+    block = RigidBody("block", {"p": np.zeros(3)}, 1.0, np.eye(3))
+    table = RigidBody("table", {"p": np.zeros(3)}, fixed=True)
+    spring = SpringDamper("spring", "table.p", "block.p", "x", 1.0)
+    scene = Scene("critical", (table, block), (Joint("x", "table.p", "block.p", ("x",)),), springs=(spring,))
+    assert np.abs(spun(replace(scene, damping_ratio=0.0), (0, 0, 1.0)).poles()).max() < 1e-7
+    with pytest.raises(ValueError, match="that nothing holds, or that is at its critical speed"):
+        spun(scene, (0, 0, 1.0), (0.01, 0.0, 0.0))
 
 
 def hexapod():
@@ -331,9 +352,7 @@ def test_no_equilibrium_at_all():
     rail = RigidBody("table", {"hub": np.zeros(3)}, fixed=True)
     plate = RigidBody("plate", {"hub": np.zeros(3)}, 1.0, turn @ np.diag([1.0, 1.5, 1.2]) @ turn.T)
     tilted = Scene("tilted", (rail, plate), (Joint("hinge", "table.hub", "plate.hub", ("ry",)),))
-    with pytest.raises(
-        ValueError, match="scene 'tilted' has no spinning equilibrium: a free motion is driven outwards"
-    ):
+    with pytest.raises(ValueError, match="scene 'tilted' has no spinning equilibrium: centrifugal forces drive"):
         spun(tilted, (0, 0, 1.0))
 
 
@@ -597,6 +616,15 @@ def test_inertia_of_a_floating_frame_by_its_nodes(carrier):
     turned = np.cross(ASKEW.T @ w, fields.transpose(0, 2, 1))
     expected = 2 * np.einsum("k,kaj,kia->ji", masses, fields, turned)
     np.testing.assert_allclose(terms.coriolis, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
+def test_a_guessed_inertia_is_worth_a_word():
+    reduced = replace(craig_bampton(lattice(), n_modes=2, progress=False), full_integrals=False)
+    body = FlexibleBody("box", reduced)
+    table = RigidBody("table", {"foot": body.point_position("left")}, fixed=True)
+    scene = Scene("blade", (table, body), (Joint("foot", "table.foot", "box.left"),))
+    with pytest.warns(UserWarning, match=r"how its inertia is spread is a guess.* off by up to some 14\.3 Hz"):
+        spun(scene, (0, 0, 90.0), body.centre)
 
 
 @pytest.mark.filterwarnings("ignore:under the spin, body 'box' comes to rest turned by 0.0")
