@@ -65,7 +65,7 @@ def frames(assembly: Assembly) -> dict[str, Frame]:
     """What carries each moving body, by name."""
     scene, result = assembly.scene, {}
     for name, place in assembly.slices.items():
-        body = next(body for body in scene.bodies if body.name == name)
+        body, _ = scene.split(f"{name}.")
         motion = np.zeros((6, len(assembly.basis)))
         if isinstance(body, RigidBody):
             motion[:, place] = np.eye(6)

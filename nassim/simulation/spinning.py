@@ -11,7 +11,8 @@ of coordinate j, the kinetic energy in the turning frame adds to small motion, M
 and where joints and springs bear the centrifugal forces, what they bear is stiffness too, as they turn with the bodies:
 a pendulum hinged beside the axis swings as if it hung. All of it is of first order in the forces on the scene as it is
 drawn: exact where its equilibrium is as drawn, and else off by a share like that of its rotations [rad] and of its
-displacements over the arms and the distance from the axis, which stay as drawn.
+displacements over the arms and the distance from the axis, which stay as drawn. (A bar with a ball on either end, 0.3 %
+longer under its spin: four frequencies within 0.25 % of those of a run in floating frames.)
 
 The stress inside a reduced body stiffens nothing here, as in floating frames in time: a blade clamped at its root
 bends in the plane of rotation as under the negative stiffness alone. A warning tells from where on that matters.
@@ -43,7 +44,7 @@ NOT_SMALL = 0.1
 WORTH_A_WORD = 0.01
 """Rotation [rad], and deformation over size, from which on a warning tells."""
 HELD = 1e-9
-"""Stiffness of a free motion, over the square of the spin, that is rounding."""
+"""Stiffness over a mode's own, and force over the largest, that are rounding."""
 
 
 @dataclass(frozen=True)
@@ -87,18 +88,18 @@ def spinning(assembly: Assembly, angular_velocity: ArrayLike, point: ArrayLike) 
     force, gyroscopic, stiffness = np.zeros(size), np.zeros((size, size)), np.zeros((size, size))
     moment = 0.0
     for name, place in assembly.slices.items():
-        body = next(body for body in assembly.scene.bodies if body.name == name)
+        body, _ = assembly.scene.split(f"{name}.")
         terms = inertia_terms(body, motion.frames[name], place, velocity, axis_point)
         force[place], gyroscopic[place, place], stiffness[place, place] = terms.force, terms.coriolis, terms.stiffness
         moment += terms.moment
-    # No modal force can exceed this, by Cauchy and Schwarz.
-    largest = float(velocity @ velocity) * np.sqrt(moment)
+    rate = float(np.linalg.norm(velocity))
     elastic, borne = _borne(assembly, force)
     stiffness += motion.of_springs(elastic) + motion.of_joints(borne)
-    found = _rest(assembly, stiffness, force, HELD * float(velocity @ velocity), HELD * largest)
+    # By Cauchy and Schwarz, no mode of unit mass is pushed by more than W^2 times the root of the moment of inertia.
+    found = _rest(assembly, stiffness, force, rate, rate**2 * np.sqrt(moment))
     coordinates = assembly.basis @ found
     _check_small(assembly, coordinates)
-    _warn_of_stress(assembly, coordinates, float(np.linalg.norm(velocity)) / (2 * np.pi))
+    _warn_of_stress(assembly, coordinates, rate / (2 * np.pi))
     basis = assembly.basis
     return Spinning(basis.T @ gyroscopic @ basis, basis.T @ stiffness @ basis, found)
 
@@ -177,7 +178,7 @@ def _borne(assembly: Assembly, force: Array) -> tuple[Array, Array]:
     q = bent @ np.linalg.solve(stiffness, bent.T @ force)
     left, accelerations = force - spring_forces(assembly, q), loose @ (loose.T @ force)
     for name, place in assembly.slices.items():
-        body = next(body for body in assembly.scene.bodies if body.name == name)
+        body, _ = assembly.scene.split(f"{name}.")
         left[place] -= body.mass_matrix @ accelerations[place]
         if isinstance(body, FlexibleBody) and body.deforms:
             root = body.reduced.strain.root
@@ -187,31 +188,29 @@ def _borne(assembly: Assembly, force: Array) -> tuple[Array, Array]:
     return q, left
 
 
-def _rest(assembly: Assembly, added: Array, force: Array, rounding: float, negligible: float) -> Array:
-    """Minimal coordinates at rest under forces on all coordinates, with a stiffness added, (n,).
+def _rest(assembly: Assembly, added: Array, force: Array, rate: float, largest: float) -> Array:
+    """Minimal coordinates at rest under forces on all coordinates, with the stiffness of a spin added, (n,).
 
-    Free motions are held by what is added alone, which the stiffness of the others would drown in rounding.
+    rate: of the spin [rad/s]; largest: that a force on a mode of unit mass can be. Each mode is scaled to its own
+    stiffness, free ones to that of the spin, which a stiff one would else drown in rounding.
     """
-    modes = assembly.basis @ assembly.shapes
-    matrix, load = modes.T @ added @ modes, modes.T @ force
+    modes, free = assembly.basis @ assembly.shapes, assembly.free
+    matrix = modes.T @ added @ modes
     for circuit in assembly.circuits:
         pull = modes.T @ circuit.forces
         matrix -= np.outer(pull, pull) / circuit.capacitance
-    matrix += np.diag((2 * np.pi * assembly.frequency) ** 2)
-    free = assembly.free
-    inner = np.linalg.solve(matrix[~free][:, ~free], np.column_stack([matrix[~free][:, free], load[~free]]))
-    values, axes = np.linalg.eigh(matrix[free][:, free] - matrix[free][:, ~free] @ inner[:, :-1])
-    pushed = axes.T @ (load[free] - matrix[free][:, ~free] @ inner[:, -1])
-    held = np.abs(values) > rounding
-    if np.any(np.abs(pushed[~held]) > negligible):
+    scale = 1 / np.where(free, rate, 2 * np.pi * assembly.frequency)
+    values, axes = np.linalg.eigh(np.diag(np.where(free, 0.0, 1.0)) + scale[:, None] * matrix * scale)
+    pushed = axes.T @ (scale * (modes.T @ force))
+    held = np.abs(values) > HELD
+    if np.any(np.abs(pushed[~held]) > HELD * largest / rate):
         raise ValueError(
-            f"scene {assembly.scene.name!r} has no spinning equilibrium: a free motion is driven outwards and nothing "
-            "holds it; add a spring or a joint, or put its centre of mass on the axis"
+            f"scene {assembly.scene.name!r} has no spinning equilibrium: centrifugal forces drive a motion that "
+            "nothing holds, or that is at its critical speed; add a spring or a joint, put the centre of mass on the "
+            "axis, or change the speed"
         )
-    result = np.zeros(len(load))
-    result[free] = axes[:, held] @ (pushed[held] / values[held])
-    result[~free] = inner[:, -1] - inner[:, :-1] @ result[free]
-    return assembly.shapes @ result
+    result: Array = assembly.shapes @ (scale * (axes[:, held] @ (pushed[held] / values[held])))
+    return result
 
 
 def _check_small(assembly: Assembly, coordinates: Array) -> None:

@@ -22,6 +22,7 @@ from nassim.simulation.linearization import linearize
 from nassim.simulation.running_loops import samples_per_period
 from nassim.simulation.sampling import sampled
 from nassim.simulation.small_motion import Assembly, assemble, motion_size
+from nassim.simulation.spinning import STIFFENING, stiffening
 from nassim.simulation.starting_motion import starting_twists
 
 METHODS = ("generalized_alpha", "exact", "explicit")
@@ -35,8 +36,6 @@ RINGING = 0.8
 FAR = 0.1
 """Rotation [rad], or displacement over size, from the scene as drawn that is worth a word: ratios of modes that are
 realised as it is drawn are then wrong by some 3 % in an elbow of two bars."""
-STIFFENING = 1e-3
-"""Relative rise of a frequency by centrifugal stiffening that may be left out without a word."""
 
 
 def simulate(
@@ -236,8 +235,7 @@ def _warn_of_spin(scene: Scene) -> None:
         rate = float(np.linalg.norm(twists[body.name][3:])) / (2 * np.pi)
         if body.fidelity != "ffrf" or rate == 0.0:
             continue
-        first = body.reduced.eigenfrequencies(fixed=[scene.frame_point(body)])[0]
-        rise = float(np.hypot(1.0, rate / first)) - 1
+        first, rise = stiffening(scene, body, rate)
         if rise > STIFFENING:
             warnings.warn(
                 f"body {body.name!r} turns at {rate:.3g} Hz, its first frequency is {first:.4g} Hz: centrifugal "
