@@ -2,25 +2,26 @@
 
 Exudyn's spring along directions that turn has two traps. Along the axes of its first marker it acts on either body at
 its own marker, so that a displacement upsets the balance of moments; its intrinsic formulation acts on both in the
-middle, along axes halfway. And in both the dampers take the difference of two velocities for the rate at which a
-displacement grows, so that they brake common turns. Functions of Python put that right where both bodies move.
+middle, along axes halfway, which is right for small turns of one against the other. And in both the dampers take the
+difference of two velocities for the rate at which a displacement grows, so that they brake common turns. Functions of
+Python put that right where both bodies move.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
 from nassim.scene.part import Line, Row, SixSprings, Spring
 from nassim.scene.scene import Scene
 from nassim.simulation.exudyn.items import Items, on_coordinates
 
-Wrench = Callable[..., Array]
-LOCAL = exu.OutputVariableType.AngularVelocityLocal
+Vector = Sequence[float] | Array
+Wrench = Callable[..., Vector]
+Kind = exu.OutputVariableType
 
 
 def reaches(scene: Scene) -> list[tuple[str, Array]]:
@@ -86,8 +87,10 @@ def _add_along(items: Items, word: Spring, row: Row) -> None:
     other = b if frame == a else a
     markers = items.marker(frame, at=items.scene.point_position(other)), items.marker(other)
     if items.moves(frame):
-        pull = _pull_along(markers[0], along, word.stiffness, word.damping)
-        _connect(items, markers, useIntrinsicFormulation=True, springForceTorqueUserFunction=pull)
+        pull, moment = _pulls_along(markers, along, word.stiffness, word.damping)
+        world = items.mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=items.mbs.AddObject(eii.ObjectGround())))
+        _connect(items, markers, springForceTorqueUserFunction=pull)
+        _connect(items, (markers[0], world), springForceTorqueUserFunction=moment)
     else:
         six = np.zeros((6, 6))
         six[:3, :3] = np.outer(along, along)
@@ -111,41 +114,51 @@ def _connect(items: Items, markers: tuple[int, int], **options: Any) -> None:
 
 
 def _pull_of_six(first: int, stiffness: Array, damping: Array) -> Wrench:
-    """What pulls at the first marker, in the middle and along axes halfway, (6,), as Exudyn asks for it.
+    """What pulls at the first marker, (6,), as Exudyn asks for it, for a small motion of the second against the first.
 
-    It is given the logarithm of the motion (displacement, turned) of the second marker against the first, and
-    differences of velocities and of angular velocities, all along the axes halfway.
+    It is given displacement, turn, and the differences of velocities and of angular velocities.
     """
 
-    def pull(mbs: Any, _t: float, _n: int, logarithm: Array, turned: Array, *more: Array) -> Array:
-        speed, turning = np.asarray(more[0]), np.asarray(more[1])
-        displacement, to_half = _halfway(logarithm, turned)
-        spin = to_half @ mbs.GetMarkerOutput(first, LOCAL) + turning / 2
-        grows = np.concatenate([speed - np.cross(spin, displacement), turning])
-        result: Array = stiffness @ np.concatenate([logarithm, turned]) + damping @ grows
+    def pull(mbs: Any, _t: float, _n: int, displacement: Vector, turned: Vector, *more: Vector) -> Array:
+        speed, turning = more[:2]
+        spin = [w + t / 2 for w, t in zip(mbs.GetMarkerOutput(first, Kind.AngularVelocityLocal), turning, strict=True)]
+        grows = [v - c for v, c in zip(speed, _cross(spin, displacement), strict=True)]
+        result: Array = stiffness @ [*displacement, *turned] + damping @ [*grows, *turning]
         return result
 
     return pull
 
 
-def _pull_along(first: int, along: Array, stiffness: float, damping: float) -> Wrench:
-    """As `_pull_of_six`, along a direction of the first marker's axes, in the place of the second marker."""
+def _pulls_along(markers: tuple[int, int], along: Array, stiffness: float, damping: float) -> tuple[Wrench, Wrench]:
+    """Along a direction of the first marker's axes: the force, and what moment it has there from the second's place."""
+    first, second = markers
+    direction = along.tolist()
 
-    def pull(mbs: Any, _t: float, _n: int, logarithm: Array, turned: Array, *more: Array) -> Array:
-        displacement, to_half = _halfway(logarithm, turned)
-        direction, spin = to_half @ along, to_half @ mbs.GetMarkerOutput(first, LOCAL)
-        grows = direction @ (np.asarray(more[0]) - np.cross(spin, displacement))
-        force = (stiffness * (direction @ displacement) + damping * grows) * direction
-        return np.concatenate([force, np.cross(displacement, force) / 2])
+    def force(mbs: Any, displacement: Vector, speed: Vector) -> Vector:
+        common = _cross(mbs.GetMarkerOutput(first, Kind.AngularVelocityLocal), displacement)
+        size = stiffness * _dot(direction, displacement) + damping * (_dot(direction, speed) - _dot(direction, common))
+        return [size * d for d in direction]
 
-    return pull
+    def pull(mbs: Any, _t: float, _n: int, displacement: Vector, _turned: Vector, speed: Vector, *_: Any) -> Vector:
+        return [*force(mbs, displacement, speed), 0.0, 0.0, 0.0]
+
+    def moment(mbs: Any, *_: Any) -> Vector:
+        axes = np.reshape(mbs.GetMarkerOutput(first, Kind.RotationMatrix), (3, 3))
+        displacement, speed = (
+            (mbs.GetMarkerOutput(second, kind) - mbs.GetMarkerOutput(first, kind)) @ axes
+            for kind in (Kind.Position, Kind.Velocity)
+        )
+        return [0.0, 0.0, 0.0, *_cross(displacement, force(mbs, displacement, speed))]
+
+    return pull, moment
 
 
-def _halfway(logarithm: Array, turned: Array) -> tuple[Array, Array]:
-    """Displacement along axes halfway, (3,), and the turn from the first marker's axes into these, (3, 3)."""
-    turned, logarithm = np.asarray(turned), np.asarray(logarithm)
-    half = float(np.linalg.norm(turned)) / 2
-    across = np.sinc(half / np.pi)
-    axis = turned / (2 * half) if half else turned
-    displacement = across * logarithm + (1 - across) * (axis @ logarithm) * axis
-    return displacement, Rotation.from_rotvec(-turned / 2).as_matrix()
+# Plain numbers: for three of them NumPy's functions take ten times as long, and these run at every step.
+
+
+def _cross(a: Vector, b: Vector) -> Vector:
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
+def _dot(a: Vector, b: Vector) -> float:
+    return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
