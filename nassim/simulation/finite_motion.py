@@ -13,9 +13,9 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import DIRECTIONS, skew
 from nassim.scene.bodies import RigidBody
-from nassim.scene.part import Constraint, Row, Spring
+from nassim.scene.part import Constraint, Line, Row, SixSprings, Spring
 from nassim.scene.scene import Scene
-from nassim.simulation.rows import shares
+from nassim.simulation.rows import bushing_rows, shares
 from nassim.simulation.small_motion import Assembly
 
 
@@ -97,7 +97,7 @@ class FiniteMotion:
         rows = [np.zeros((0, size))]
         for joint in _joints(assembly):
             a, b = (_point(assembly, carried, path) for path in (joint.a, joint.b))
-            relative = b.motion - a.motion
+            relative = np.kron(np.eye(2), joint.axes.T) @ (b.motion - a.motion)
             rows.append(relative[[list(DIRECTIONS).index(d) for d in assembly.enforced[joint.name]]])
         for body in assembly.scene.flexible_bodies:
             if not body.deforms:
@@ -120,30 +120,46 @@ class FiniteMotion:
             wrench[[list(DIRECTIONS).index(d) for d in directions]] = multipliers[first : first + len(directions)]
             first += len(directions)
             a, b = (_point(self.assembly, self.frames, path) for path in (joint.a, joint.b))
-            result += _joint_bends(a, b, wrench[:3], wrench[3:])
+            result += _joint_bends(a, b, wrench, joint.axes)
         return result
 
     def of_springs(self, coordinates: Array) -> Array:
-        """Stiffness of what springs along the world's axes bear at given coordinates, (n_all,), as their arms turn.
+        """Stiffness of what springs bear at given coordinates, (n_all,), as their arms and directions turn.
 
-        Rotations that a row counts are counted in small motion, as everywhere.
+        Rotations that the row of a single spring counts are counted in small motion, as everywhere.
         """
         result = np.zeros((len(coordinates), len(coordinates)))
-        for spring in self._springs():
-            row = vector(self.assembly, spring)
-            tension = spring.stiffness * float(row @ coordinates)
-            assert isinstance(spring.row, Row)
-            for path, weights in spring.row.points:
-                result += _point(self.assembly, self.frames, path).bends(tension * weights[:3])
+        for word in self.assembly.words:
+            if isinstance(word, Spring) and word.stiffness and not word.row.within:
+                tension = word.stiffness * float(vector(self.assembly, word.row) @ coordinates)
+                result += self._row_bends(word.row, tension)
+            elif isinstance(word, SixSprings):
+                rows = np.array([vector(self.assembly, row) for row in bushing_rows(word)])
+                a, b = (_point(self.assembly, self.frames, path) for path in (word.a, word.b))
+                wrench = np.kron(np.eye(2), word.axes) @ word.stiffness @ rows @ coordinates
+                apart = _place(self.assembly, word.b) - _place(self.assembly, word.a)
+                result += _gap_bends(a, b, a, wrench[:3], apart) + _turn_bends(a, b, wrench[3:])
         return result
 
-    def _springs(self) -> tuple[Spring, ...]:
-        words = [word for word in self.assembly.words if isinstance(word, Spring)]
-        return tuple(
-            word
-            for word in words
-            if word.stiffness and isinstance(word.row, Row) and word.row.points and not word.row.frame
-        )
+    def _row_bends(self, row: Row | Line, tension: float) -> Array:
+        points = {path: _point(self.assembly, self.frames, path) for path in row.paths}
+        if isinstance(row, Line):
+            apart = _place(self.assembly, row.b) - _place(self.assembly, row.a)
+            length = float(np.linalg.norm(apart))
+            along, gap = apart / length, points[row.b].motion[:3] - points[row.a].motion[:3]
+            across = gap - np.outer(along, along @ gap)
+            bends = points[row.b].bends(tension * along) - points[row.a].bends(tension * along)
+            return bends + tension / length * across.T @ across
+        result = np.zeros((len(self.assembly.basis),) * 2)
+        for path, weights in row.points:
+            point, force = points[path], tension * weights[:3]
+            if row.frame:
+                origin = np.zeros_like(point.motion)
+                still = Point(origin, Frame(np.zeros(3), origin), np.zeros(3))
+                result += _gap_bends(still, point, points[row.frame], force, _place(self.assembly, path))
+            else:
+                result += point.bends(force)
+        return result
 
 
 def spring_forces(assembly: Assembly, coordinates: Array) -> Array:
@@ -151,15 +167,18 @@ def spring_forces(assembly: Assembly, coordinates: Array) -> Array:
     result = np.zeros(len(coordinates))
     for word in assembly.words:
         if isinstance(word, Spring):
-            row = vector(assembly, word)
+            row = vector(assembly, word.row)
             result += word.stiffness * float(row @ coordinates) * row
+        elif isinstance(word, SixSprings):
+            rows = np.array([vector(assembly, row) for row in bushing_rows(word)])
+            result += rows.T @ word.stiffness @ rows @ coordinates
     return result
 
 
-def vector(assembly: Assembly, spring: Spring) -> Array:
-    """A spring's row on all coordinates, (n_all,)."""
+def vector(assembly: Assembly, row: Row | Line) -> Array:
+    """A row on all coordinates, (n_all,)."""
     result = np.zeros(len(assembly.basis))
-    for name, share in shares(assembly.scene, spring.row).items():
+    for name, share in shares(assembly.scene, row).items():
         result[assembly.slices[name]] = share
     return result
 
@@ -179,17 +198,33 @@ def _point(assembly: Assembly, carried: Mapping[str, Frame], path: str) -> Point
     return Point(motion, frame, position - frame.position)
 
 
-def _joint_bends(a: Point, b: Point, force: Array, moment: Array) -> Array:
-    """Second derivatives of force . gap + moment . twist of b against a, both along axes that turn with a.
+def _place(assembly: Assembly, path: str) -> Array:
+    return assembly.scene.point_position(path)
+
+
+def _gap_bends(a: Point, b: Point, frame: Point, force: Array, apart: Array) -> Array:
+    """Second derivatives of force . (b less a), which lie apart (3,), along axes that turn with a frame's point."""
+    theta = frame.motion[3:]
+    result = b.bends(force) - a.bends(force) - turned(force, theta, b.motion[:3] - a.motion[:3])
+    bent = np.outer(force, apart) + np.outer(apart, force) - 2 * (force @ apart) * np.eye(3)
+    return result + 0.5 * theta.T @ bent @ theta - frame.twists(np.cross(apart, force))
+
+
+def _turn_bends(a: Point, b: Point, moment: Array) -> Array:
+    """Second derivatives of moment . rotation vector of b against a, along axes that turn with a."""
+    return b.twists(moment) - a.twists(moment) - 0.5 * turned(moment, a.motion[3:], b.motion[3:])
+
+
+def _joint_bends(a: Point, b: Point, wrench: Array, axes: Array) -> Array:
+    """Second derivatives of a wrench (6) along a joint's axes, which turn with a, times gap and twist of b against a.
 
     The twist is what the joint lets vanish: entries (y, z), (x, z), (x, y) of the relative rotation matrix, with the
     sign of its small form, as Exudyn's generic joint has them: a joint with one held rotation is a universal joint.
     """
-    gap = b.motion - a.motion
-    result = b.bends(force) - a.bends(force) - turned(force, a.motion[3:], gap[:3])
-    result = result + b.twists(moment) - a.twists(moment) - 0.5 * turned(moment, a.motion[3:], b.motion[3:])
-    x, y, z = gap[3:]
-    for share, (first, second) in zip(moment * (-0.5, 0.5, -0.5), ((y, z), (x, z), (x, y)), strict=True):
+    force, moment = axes @ wrench[:3], axes @ wrench[3:]
+    result = _gap_bends(a, b, a, force, np.zeros(3)) + _turn_bends(a, b, moment)
+    x, y, z = axes.T @ (b.motion - a.motion)[3:]
+    for share, (first, second) in zip(wrench[3:] * (-0.5, 0.5, -0.5), ((y, z), (x, z), (x, y)), strict=True):
         result += share * (np.outer(first, second) + np.outer(second, first))
     return result
 

@@ -1,17 +1,23 @@
 """Any point of any body is pushed, held and read alike in every fidelity and by every engine."""
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 import pytest
 from conftest import lattice
+from test_large_motion import INERTIA, STIFF, Motions, ground, turn
 
-from nassim import Encoder, FlexibleBody, Joint, PointForce, RigidBody, Scene, SpringDamper, TimeHistory, simulate
-from nassim import craig_bampton
-from nassim.bodies.projection import trim_body
+from nassim import (
+    Encoder,
+    FlexibleBody,
+    Joint,
+    PointForce,
+    RigidBody,
+    Scene,
+    SpringDamper,
+    TimeHistory,
+    craig_bampton,
+    simulate,
+)
 from nassim.scene.mechanics import AngleSensor, Bushing, LinearActuator, PointTorque, Pose
-from nassim.scene.part import Reading, Row, Sensor
-from test_large_motion import INERTIA, STIFF, Motions, ground, three, turn
 
 OBLIQUE = turn(0.8, -0.5, 1.3)
 ODD = (0.3, -0.8, 0.6)
