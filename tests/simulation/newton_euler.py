@@ -47,12 +47,6 @@ def point_rows(n, k, motion, arm, sign=1.0):
     return rows
 
 
-def turn_rows(n, k, sign=1.0):
-    rows = np.zeros((3, 6 * n))
-    rows[:, 6 * k + 3 : 6 * k + 6] = sign * np.eye(3)
-    return rows
-
-
 def integrate(masses, inertias, positions, spins, time, forces, rows=None, velocities=None):
     """Motions of bodies, for each time a list of `Motion`.
 
@@ -88,9 +82,7 @@ def integrate(masses, inertias, positions, spins, time, forces, rows=None, veloc
         return np.concatenate(derivative)
 
     velocities = np.zeros((n, 3)) if velocities is None else velocities
-    start = [
-        np.concatenate([p, np.eye(3).ravel(), v, w]) for p, v, w in zip(positions, velocities, spins, strict=True)
-    ]
+    start = [np.concatenate([p, np.eye(3).ravel(), v, w]) for p, v, w in zip(positions, velocities, spins, strict=True)]
     found = scipy.integrate.solve_ivp(
         rate, (0, time[-1]), np.concatenate(start), t_eval=time, method="DOP853", rtol=1e-10, atol=1e-12
     )

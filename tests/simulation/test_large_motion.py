@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 import scipy.integrate
-from newton_euler import integrate, point_rows, turn_rows, wrench
+from newton_euler import integrate, point_rows, wrench
 from scipy.spatial.transform import Rotation
 
 from nassim import Encoder, Joint, PointForce, RigidBody, Scene, SpringDamper, TimeHistory, simulate
@@ -16,7 +16,7 @@ from nassim.scene.part import Line, Reading, Row, Sensor
 
 @dataclass(frozen=True)
 class Motions(Sensor):
-    """Three outputs "name.x" ...: displacement, velocity or acceleration of a point, or its turn or angular velocity."""
+    """Three outputs "name.x" ...: displacement, velocity or acceleration of a point, or of its turn."""
 
     name: str
     point: str
@@ -67,7 +67,9 @@ def test_spherical_double_pendulum():
     """Unequal inertias, turned bodies: paths, energy, and angular momentum about the direction of weight."""
     top, elbow, end = np.array([0.01, 0.02, 0.1]), np.array([-0.02, 0.01, -0.12]), np.array([0.03, 0.0, -0.08])
     other = turn(-0.5, 0.9, 0.3)
-    first = RigidBody("first", {"top": top, "elbow": elbow, "c": (0, 0, 0)}, 0.8, INERTIA, -SKEWED @ top, rotation=SKEWED)
+    first = RigidBody(
+        "first", {"top": top, "elbow": elbow, "c": (0, 0, 0)}, 0.8, INERTIA, -SKEWED @ top, rotation=SKEWED
+    )
     hinge = SKEWED @ (elbow - top)
     points = {"top": -end, "end": end, "c": (0, 0, 0)}
     second = RigidBody("second", points, 0.5, 0.6 * INERTIA, hinge + other @ end, rotation=other)
@@ -305,7 +307,7 @@ def test_a_bushing_on_a_spinning_base_does_not_notice_the_turns():
     """Steady spin about an odd axis: deflection K q = centrifugal wrench, which stays; damping takes no spin away."""
     rate, mass = 30.0, 0.4
     centre = np.array([0.08, 0.01, -0.04])
-    place = centre + [0.01, -0.02, 0.015]
+    place = centre + np.array([0.01, -0.02, 0.015])
     joint = np.array([0.03, 0.04, -0.01])
     base = RigidBody("base", {"c": (0, 0, 0), "joint": joint}, 5.0, 20 * INERTIA, angular_velocity=rate * NORMAL)
     inertia = SKEWED @ (0.2 * INERTIA) @ SKEWED.T
@@ -337,8 +339,8 @@ def test_a_bushing_on_a_spinning_base_does_not_notice_the_turns():
     moment = np.cross(at - held, force) - np.cross(omega, spread @ omega)
     wrench_ = np.concatenate([BUSHING_AXES.T @ force, BUSHING_AXES.T @ moment])
     expected = np.linalg.solve(10 * STIFF, wrench_)
-    assert np.abs(expected[:3]).max() > 3e-5
-    assert np.abs(steady - expected).max() < 0.01 * np.abs(expected).max()
+    for part in (slice(3), slice(3, 6)):
+        assert np.abs(steady - expected)[part].max() < 2e-3 * np.abs(expected[part]).max()
 
 
 def test_a_spring_along_a_direction_of_a_turning_body():
@@ -349,7 +351,9 @@ def test_a_spring_along_a_direction_of_a_turning_body():
     starts = np.zeros(3), np.array([0.1, 0.05, 0.0])
     hook, eye = np.array([0.03, 0.02, -0.04]), np.array([0.02, -0.06, 0.03])
     spins = [np.array([4.0, 5.0, -6.0]), np.array([-3.0, 2.0, 8.0])]
-    a = RigidBody("a", {"c": (0, 0, 0), "hook": SKEWED.T @ hook}, 0.9, INERTIA, rotation=SKEWED, angular_velocity=spins[0])
+    a = RigidBody(
+        "a", {"c": (0, 0, 0), "hook": SKEWED.T @ hook}, 0.9, INERTIA, rotation=SKEWED, angular_velocity=spins[0]
+    )
     b = RigidBody("b", {"c": (0, 0, 0), "eye": eye}, 0.6, 0.7 * INERTIA, starts[1], angular_velocity=spins[1])
     springs = (SpringDamper("rail", "b.eye", "a.hook", axis, stiffness, damping, frame="a.hook"),)
     sensors = Motions("a", "a.c"), Motions("b", "b.c"), Encoder("drawn", "a.hook", "b.eye", axis, "a.hook")
@@ -404,7 +408,12 @@ def test_a_platform_on_legs():
     """Springs and pushing legs along lines that turn: a body on three springs and one actuator, paths and lengths."""
     feet = {"f1": (0.2, 0.0, 0.3), "f2": (-0.1, 0.15, 0.3), "f3": (-0.1, -0.2, 0.25), "f4": (0.25, 0.3, 0.0)}
     feet = {name: np.array(at) for name, at in feet.items()}
-    corners = {"p1": (0.05, 0.0, 0.02), "p2": (-0.03, 0.05, 0.01), "p3": (-0.02, -0.04, 0.03), "p4": (0.04, 0.02, -0.03)}
+    corners = {
+        "p1": (0.05, 0.0, 0.02),
+        "p2": (-0.03, 0.05, 0.01),
+        "p3": (-0.02, -0.04, 0.03),
+        "p4": (0.04, 0.02, -0.03),
+    }
     corners = {name: np.array(at) for name, at in corners.items()}
     points = {"c": np.zeros(3), **{name: SKEWED.T @ at for name, at in corners.items()}}
     body = RigidBody("body", points, 0.7, INERTIA, rotation=SKEWED)

@@ -15,7 +15,6 @@ from nassim.scene.scene import Scene
 from nassim.simulation.exudyn.state import Carrier, Drive, add_forces
 from nassim.simulation.rows import shares
 
-
 TOUCHING = 1e-12
 """Distance [m] up to which two points lie in one place."""
 Place = tuple[str, tuple[float, float, float]]

@@ -22,11 +22,11 @@ from nassim.simulation.exudyn.items import (
     Grip,
     Items,
     Place,
-    frame_at,
-    offset_of,
     add_constraint,
     add_field,
     add_force,
+    frame_at,
+    offset_of,
 )
 from nassim.simulation.exudyn.readings import add_reading
 from nassim.simulation.exudyn.springs import add_six_springs, add_spring, reaches
@@ -115,7 +115,9 @@ def _add_bodies(mbs: Any, assembly: Assembly) -> Items:
             )
             nodes[body.name] = node
             grips.update({(f"{body.name}.{point}", offset): grip for (point, offset), grip in found.items()})
-            pilots.update({f"{body.name}.{point}": four for (point, offset), four in of_body.items() if not any(offset)})
+            pilots.update(
+                {f"{body.name}.{point}": four for (point, offset), four in of_body.items() if not any(offset)}
+            )
         else:
             rigid[body.name] = _as_rigid(body, assembly) if isinstance(body, FlexibleBody) else body.along_world
             number, objects[body.name] = _add_rigid(mbs, rigid[body.name], twists.get(body.name, np.zeros(6)))
