@@ -47,12 +47,6 @@ def point_rows(n, k, motion, arm, sign=1.0):
     return rows
 
 
-def turn_rows(n, k, sign=1.0):
-    rows = np.zeros((3, 6 * n))
-    rows[:, 6 * k + 3 : 6 * k + 6] = sign * np.eye(3)
-    return rows
-
-
 def integrate(masses, inertias, positions, spins, time, forces, rows=None, velocities=None):
     """Motions of bodies, for each time a list of `Motion`.
 

@@ -16,7 +16,7 @@ from nassim.scene.part import Line, Reading, Row, Sensor
 
 @dataclass(frozen=True)
 class Motions(Sensor):
-    """Outputs "name.x" ...: displacement, velocity or acceleration of a point, or its turn or angular velocity."""
+    """Three outputs "name.x" ...: displacement, velocity or acceleration of a point, or of its turn."""
 
     name: str
     point: str
@@ -339,8 +339,8 @@ def test_a_bushing_on_a_spinning_base_does_not_notice_the_turns():
     moment = np.cross(at - held, force) - np.cross(omega, spread @ omega)
     wrench_ = np.concatenate([BUSHING_AXES.T @ force, BUSHING_AXES.T @ moment])
     expected = np.linalg.solve(10 * STIFF, wrench_)
-    assert np.abs(expected[:3]).max() > 3e-5
-    assert np.abs(steady - expected).max() < 0.01 * np.abs(expected).max()
+    for part in (slice(3), slice(3, 6)):
+        assert np.abs(steady - expected)[part].max() < 2e-3 * np.abs(expected[part]).max()
 
 
 def test_a_spring_along_a_direction_of_a_turning_body():
