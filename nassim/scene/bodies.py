@@ -27,6 +27,7 @@ class RigidBody:
     points: named points, relative to the centre of mass, along the body's axes [m]
     fixed: True for a body that does not move, such as a granite base
     rotation: from the body's to the world's frame at the start, shape (3, 3)
+    angular_velocity: at the start, world frame, shape (3,) [rad/s], as of a `FlexibleBody`
     """
 
     name: str
@@ -36,6 +37,7 @@ class RigidBody:
     position: Position = field(default_factory=lambda: np.zeros(3))
     fixed: bool = False
     rotation: Axes = field(default_factory=lambda: np.eye(3))
+    angular_velocity: Direction = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
         label = f"rigid body {self.name!r}"
@@ -50,8 +52,11 @@ class RigidBody:
             points=frozen_mapping(points),
             position=finite_array(f"{label}: position", self.position, (3,)),
             rotation=proper_rotation(f"{label}: rotation", self.rotation),
+            angular_velocity=finite_array(f"{label}: angular_velocity", self.angular_velocity, (3,)),
         )
         if self.fixed:
+            if np.any(self.angular_velocity):
+                raise ValueError(f"{label} is fixed, so it cannot spin; leave out its angular_velocity")
             return
         if self.mass is None or self.inertia is None:
             raise ValueError(f"{label} can move, so it needs a mass and an inertia (or fixed=True)")

@@ -80,7 +80,7 @@ class Bushing(ForceElement):
     a, b: "body.point"; where they lie apart, a's body reaches rigidly to the place of b
     stiffness, damping: forces [N] and moments [N m] on b per displacement [m] and turn [rad] of b against a,
         ux uy uz rx ry rz, shape (6, 6), symmetric, or six figures of a diagonal; turns are small, common ones any
-    axes: of these six at the start, as columns, world frame, (3, 3); they turn with the body of a
+    axes: of these six at the start, as columns, world frame, (3, 3); they turn along, halfway between a and b
     """
 
     name: str

@@ -40,8 +40,9 @@ class Row:
         is then that of the points' places in these axes, so that a common turn of all bodies is none; velocity and
         acceleration are those against inertial space, along these axes.
         The name of a flexible body that has all the points: along its own axes, where only its deformation counts.
-        In large motion weights on rotations are those of one point, or opposite ones of two: the turn of the second
-        against the first since the start, as a vector along the world's axes at the start, which turn with the first.
+        In large motion weights on rotations are those of one point, or opposite ones of two: the twist of the second
+        against the first since the start, about an axis that turns with the first. A twist is what is left of a turn
+        when the least one that brings the axis where it went is taken off: the whole turn about an axis that stays.
     own: what bodies' own coordinates count, ((name, weights (n,)), ...), on the coordinates of `FlexibleBody.reduced`;
         in large motion on those of the deformation beside the floating frame
     """
@@ -142,7 +143,7 @@ class Spring:
 class SixSprings:
     """Point b is held against point a by a spring and a damper in all six directions at once.
 
-    axes: along which the six are counted, as columns, the world's frame at the start; they turn with the body of a
+    axes: along which the six are counted, as columns, the world's frame at the start; they turn halfway between a, b
     stiffness, damping: on ux uy uz rx ry rz of b against a, (6, 6), symmetric, at the place of b
     """
 

@@ -156,7 +156,7 @@ class Scene:
     def in_small_motion(self) -> bool:
         """Whether joints and bodies are taken in small motion: some body is "linear", none "ffrf", and none spins."""
         kinds = {body.fidelity for body in self.flexible_bodies}
-        spins = any(np.any(body.angular_velocity) for body in self.flexible_bodies)
+        spins = any(np.any(body.angular_velocity) for body in self.bodies)
         return "linear" in kinds and "ffrf" not in kinds and not spins
 
     @property

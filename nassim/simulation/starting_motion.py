@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import DIRECTIONS, rigid_transfer
-from nassim.scene.bodies import Body, FlexibleBody
+from nassim.scene.bodies import Body
 from nassim.scene.part import Constraint
 from nassim.scene.scene import Scene
 
@@ -33,7 +33,7 @@ def starting_twists(scene: Scene) -> dict[str, Array]:
     Raises ValueError for an angular velocity that the joints do not allow.
     """
     bodies = _moving(scene)
-    spins = [body for body in scene.flexible_bodies if np.any(body.angular_velocity)]
+    spins = [body for body in bodies.values() if np.any(body.angular_velocity)]
     if not spins:
         return {name: np.zeros(6) for name in bodies}
     places = {name: slice(6 * k, 6 * k + 6) for k, name in enumerate(bodies)}
@@ -118,9 +118,9 @@ def _mass(body: Body) -> Array:
     return result
 
 
-def _spinning(body: FlexibleBody) -> Array:
+def _spinning(body: Body) -> Array:
     """Twist of a body that turns about its centre of mass."""
-    return np.concatenate([np.cross(body.centre, body.angular_velocity), body.angular_velocity])
+    return np.concatenate([np.cross(body.rigid_inertia[1], body.angular_velocity), body.angular_velocity])
 
 
 def _all_rows(scene: Scene, places: Mapping[str, slice], held: Mapping[str, Sequence[str]] | None = None) -> Array:
@@ -133,7 +133,8 @@ def _all_rows(scene: Scene, places: Mapping[str, slice], held: Mapping[str, Sequ
             if place is not None:
                 rows[:, place] += sign * rigid_transfer(scene.point_position(path))
         directions = joint.held if held is None else held[joint.name]
-        result.append(rows[[list(DIRECTIONS).index(d) for d in directions]])
+        along = np.kron(np.eye(2), joint.axes.T) @ rows
+        result.append(along[[list(DIRECTIONS).index(d) for d in directions]])
     return np.vstack(result)
 
 
@@ -148,8 +149,9 @@ def _gaps(
         turns.append(Rotation.from_rotvec(twist[3:]).as_matrix())
         at = scene.point_position(path)
         moved.append(turns[-1] @ at + twist[:3] - at)
-    turned = turns[0].T @ turns[1]
-    opened = np.concatenate([turns[0].T @ (moved[1] - moved[0]), [turned[2, 1], turned[0, 2], turned[1, 0]]])
+    axes = turns[0] @ joint.axes
+    turned = axes.T @ turns[1] @ joint.axes
+    opened = np.concatenate([axes.T @ (moved[1] - moved[0]), [turned[2, 1], turned[0, 2], turned[1, 0]]])
     result: Array = opened[[list(DIRECTIONS).index(d) for d in directions]]
     return result
 

@@ -1,14 +1,16 @@
 """What the parts of a scene say, as Exudyn's items, in floating frames and large motion."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
+import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
+from exudyn.rigidBodyUtilities import GetRigidBodyNode
 
 from nassim.base.checks import Array
-from nassim.base.rigid_motion import DIRECTIONS, axes_along
+from nassim.base.rigid_motion import DIRECTIONS
 from nassim.scene.bodies import FlexibleBody, RigidBody
 from nassim.scene.part import Constraint, Field, Force, Line, Row, SixSprings, Spring
 from nassim.scene.scene import Scene
@@ -16,11 +18,16 @@ from nassim.simulation.exudyn.state import Carrier, Drive, add_forces
 from nassim.simulation.rows import shares
 
 
+Grip = Callable[[Array], int]
+
+
 @dataclass(frozen=True)
 class Items:
-    """Exudyn's numbers of a scene's bodies, by name; markers of points by path.
+    """Exudyn's numbers of a scene's bodies, by name.
 
     rigid: bodies without deformation, along the world's axes; carriers: of those that deform; nodes: of all that move
+    grips: by the path of a point of a body that deforms, what adds a rigid marker there with axes, as columns, world
+        frame at the start, (3, 3)
     pilots: object and mesh nodes that make up a point of a floating body, by path
     """
 
@@ -30,29 +37,37 @@ class Items:
     objects: Mapping[str, int]
     rigid: Mapping[str, RigidBody]
     carriers: Mapping[str, Carrier]
-    markers: dict[str, int]
+    grips: Mapping[str, Grip]
     pilots: Mapping[str, tuple[int, list[int]]]
+    markers: dict[str, int] = field(default_factory=dict)
 
-    def marker(self, path: str, *, at: Array | None = None) -> int:
-        """Rigid marker of a point, whose axes are the world's at the start.
+    def marker(self, path: str, *, axes: Array | None = None, at: Array | None = None) -> int:
+        """Rigid marker of a point.
 
-        at: another place on the point's rigid body, world frame at the start, (3,)
+        axes: its own at the start, as columns, world frame; default: the world's
+        at: another place that the point reaches rigidly, world frame at the start, (3,)
         """
+        axes = np.eye(3) if axes is None else axes
+        offset = np.zeros(3) if at is None else at - self.scene.point_position(path)
+        key = f"{path} {offset.tolist()} {axes.tolist()}"
+        if key not in self.markers:
+            self.markers[key] = self._new_marker(path, axes, offset)
+        return self.markers[key]
+
+    def _new_marker(self, path: str, axes: Array, offset: Array) -> int:
         name, _, point = path.partition(".")
         if name in self.rigid:
-            key = path if at is None else f"{path} at {at.tolist()}"
-            if key not in self.markers:
-                offset = self.rigid[name].points[point] if at is None else at - self.rigid[name].position
-                marker = eii.MarkerBodyRigid(bodyNumber=self.objects[name], localPosition=list(offset))
-                self.markers[key] = self.mbs.AddMarker(marker)
-            return self.markers[key]
-        if at is not None and np.linalg.norm(at - self.scene.point_position(path)) > 1e-12:
-            raise ValueError(f"{path!r} belongs to a flexible body, which reaches to no other place")
-        if path not in self.markers:
+            return add_rigid_marker(self.mbs, self.objects[name], axes, self.rigid[name].points[point] + offset)
+        if path not in self.grips:
             raise ValueError(
                 f"{path!r} is no coordinate of a body in small motion any more; in a floating frame it can be"
             )
-        return self.markers[path]
+        if not np.any(offset):
+            return self.grips[path](axes)
+        number = add_weightless(self.mbs, self.scene.point_position(path))
+        held = [self.grips[path](np.eye(3)), add_rigid_marker(self.mbs, number, np.eye(3), np.zeros(3))]
+        self.mbs.AddObject(eii.ObjectJointGeneric(markerNumbers=held, constrainedAxes=[1] * 6))
+        return add_rigid_marker(self.mbs, number, axes, offset)
 
     def fidelity(self, path: str) -> str:
         """Of a point's body: "rigid", "linear" or "ffrf"."""
@@ -63,6 +78,19 @@ class Items:
     def moves(self, path: str) -> bool:
         """Whether a point's body does."""
         return path.partition(".")[0] in self.nodes
+
+
+def add_rigid_marker(mbs: Any, number: int, axes: Array, position: Array) -> int:
+    """Add a marker with axes at a position of a body along the world's axes."""
+    place = np.eye(4)
+    place[:3, :3], place[:3, 3] = axes, position
+    return int(mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=number, localHT=place)))
+
+
+def add_weightless(mbs: Any, position: Array) -> int:
+    """Add a body without mass, for joints to hold; returns its number."""
+    node = mbs.AddNode(GetRigidBodyNode(exu.NodeType.RotationEulerParameters, position=list(position)))
+    return int(mbs.AddObject(eii.ObjectRigidBody(nodeNumber=node, mass=0.0, inertia=[0.0] * 6)))
 
 
 def add_force(items: Items, word: Force) -> list[Drive]:
@@ -159,28 +187,46 @@ def _add_spring_along(items: Items, word: Spring, row: Row) -> None:
             f"between {a!r} and {b!r}: in large motion a spring acts along one of the world's axes, or along any "
             "direction of one of its points (frame=...), or of the ground that one of them belongs to"
         )
+    other = b if frame == a else a
     six = np.zeros((6, 6))
-    six[0, 0] = along @ along
-    axes = np.roll(axes_along(along), 1, axis=1)
-    _connect(items, frame, b if frame == a else a, axes, word.stiffness * six, word.damping * six)
+    six[:3, :3] = np.outer(along, along)
+    held, place = items.marker(frame, at=items.scene.point_position(other)), items.marker(other)
+    if items.moves(frame):
+        place = _companion(items, held, place, items.scene.point_position(other))
+    _connect(items, (held, place), word.stiffness * six, word.damping * six)
+
+
+def _companion(items: Items, a: int, b: int, position: Array) -> int:
+    """Marker of a weightless body that goes with the place of marker b and turns with marker a.
+
+    Between a and this body a spring may pull anywhere between them, while the two do not turn against each other: its
+    moment on a's body is then the one of a force at the place of b.
+    """
+    marker = add_rigid_marker(items.mbs, add_weightless(items.mbs, position), np.eye(3), np.zeros(3))
+    for other, held in ((a, [0, 0, 0, 1, 1, 1]), (b, [1, 1, 1, 0, 0, 0])):
+        items.mbs.AddObject(eii.ObjectJointGeneric(markerNumbers=[other, marker], constrainedAxes=held))
+    return marker
 
 
 def add_six_springs(items: Items, word: SixSprings) -> None:
-    """Add a bushing, whose six directions turn with the body of a."""
-    _connect(items, word.a, word.b, word.axes, word.stiffness, word.damping)
+    """Add a bushing: where its points lie apart, a's body reaches rigidly to the place of b."""
+    place = items.scene.point_position(word.b)
+    markers = items.marker(word.a, axes=word.axes, at=place), items.marker(word.b, axes=word.axes)
+    _connect(items, markers, word.stiffness, word.damping)
 
 
-def _connect(items: Items, a: str, b: str, axes: Array, stiffness: Array, damping: Array) -> None:
-    """Exudyn's six-dimensional spring, at the place of b: where that is not a's, a's body reaches there rigidly."""
-    place = items.scene.point_position(b)
-    markers = [items.marker(a, at=place), items.marker(b)]
+def _connect(items: Items, markers: tuple[int, int], stiffness: Array, damping: Array) -> None:
+    """Exudyn's six-dimensional spring between two markers in one place, whose axes turn along halfway between both.
+
+    Its other formulation, along the axes of the first marker, forgets the moment that a displacement gives the force,
+    and damps common turns.
+    """
     items.mbs.AddObject(
         eii.ObjectConnectorRigidBodySpringDamper(
-            markerNumbers=markers,
+            markerNumbers=list(markers),
             stiffness=stiffness,
             damping=damping,
-            rotationMarker0=axes,
-            rotationMarker1=axes,
+            useIntrinsicFormulation=True,
         )
     )
 
@@ -189,10 +235,8 @@ def add_constraint(items: Items, word: Constraint, held: tuple[str, ...]) -> Non
     """Add a joint that holds the given ones of its directions."""
     items.mbs.AddObject(
         eii.ObjectJointGeneric(
-            markerNumbers=[items.marker(word.a), items.marker(word.b)],
+            markerNumbers=[items.marker(path, axes=word.axes) for path in (word.a, word.b)],
             constrainedAxes=[int(direction in held) for direction in DIRECTIONS],
-            rotationMarker0=word.axes,
-            rotationMarker1=word.axes,
         )
     )
 

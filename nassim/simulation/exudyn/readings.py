@@ -141,13 +141,13 @@ def _turning(items: Items, word: Reading, row: Row) -> Term:
 
 
 def _angle(columns: Sequence[Array], places: Sequence[slice | None], weights: Sequence[Array]) -> Array:
-    """Turn of the last point against the first (or the world) since the start, counted on beyond half a turn, (n,)."""
+    """Twist of the last point against the first (or the world) since the start, counted on beyond half a turn, (n,)."""
     if not places:
         return np.zeros(len(columns[0]))
     now = _turn(columns, places[-1])
     if len(places) == 2:
         now = np.einsum("nji,njk->nik", _turn(columns, places[0]), now)
-    turned = Rotation.from_matrix(now).as_rotvec() @ weights[-1]
     size = float(np.linalg.norm(weights[-1]))
-    result: Array = np.unwrap(turned, period=2 * np.pi * size)
+    quaternion = Rotation.from_matrix(now).as_quat()
+    result: Array = size * np.unwrap(2 * np.arctan2(quaternion[:, :3] @ weights[-1] / size, quaternion[:, 3]))
     return result

@@ -3,7 +3,7 @@
 The one stateful thing of nassim; it is born and gone within one call of `simulate` or `static_response`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import exudyn as exu
@@ -18,7 +18,15 @@ from nassim.bodies.floating_frame import FloatingFrame
 from nassim.scene.bodies import FlexibleBody, RigidBody
 from nassim.scene.part import Constraint, Field, Force, Leak, Reading, SixSprings, Spring, Word, unknown_word
 from nassim.scene.scene import Scene
-from nassim.simulation.exudyn.items import Items, add_constraint, add_field, add_force, add_six_springs, add_spring
+from nassim.simulation.exudyn.items import (
+    Grip,
+    Items,
+    add_constraint,
+    add_field,
+    add_force,
+    add_six_springs,
+    add_spring,
+)
 from nassim.simulation.exudyn.readings import add_reading
 from nassim.simulation.exudyn.state import Carrier, Drive, System, Term, add_circuit, modal_node, small_motion_system
 from nassim.simulation.small_motion import Assembly, deformation_damping
@@ -89,7 +97,7 @@ def _add_bodies(mbs: Any, assembly: Assembly) -> Items:
     damping = _damping_blocks(assembly)
     nodes: dict[str, int] = {}
     carriers: dict[str, Carrier] = {}
-    markers: dict[str, int] = {}
+    grips: dict[str, Grip] = {}
     objects: dict[str, int] = {}
     rigid: dict[str, RigidBody] = {}
     pilots: dict[str, tuple[int, list[int]]] = {}
@@ -100,9 +108,9 @@ def _add_bodies(mbs: Any, assembly: Assembly) -> Items:
                 mbs, scene, body, assembly.frames[body.name], damping[body.name, body.name], twists[body.name]
             )
             nodes[body.name] = node
-            markers.update({f"{body.name}.{point}": marker for point, marker in found.items()})
+            grips.update({f"{body.name}.{point}": grip for point, grip in found.items()})
             if body.fidelity == "ffrf":
-                # The first marker is the frame's own node; each other one has four pilots.
+                # The first grip is the frame's own node; each other one has four pilots.
                 for k, point in enumerate(list(found)[1:]):
                     pilots[f"{body.name}.{point}"] = objects[body.name], list(range(4 * k, 4 * k + 4))
         else:
@@ -117,7 +125,7 @@ def _add_bodies(mbs: Any, assembly: Assembly) -> Items:
             marker = mbs.AddMarker(eii.MarkerBodyMass(bodyNumber=objects[name]))
             mbs.AddLoad(eii.LoadMassProportional(markerNumber=marker, loadVector=list(scene.gravity)))
     _couple_dampings(mbs, assembly, carriers, damping)
-    return Items(mbs, scene, nodes, objects, rigid, carriers, markers, pilots)
+    return Items(mbs, scene, nodes, objects, rigid, carriers, grips, pilots)
 
 
 def _as_rigid(body: FlexibleBody, assembly: Assembly) -> RigidBody:
@@ -132,7 +140,7 @@ def _as_rigid(body: FlexibleBody, assembly: Assembly) -> RigidBody:
 
 def _add_linear(
     mbs: Any, scene: Scene, body: FlexibleBody, frame: FloatingFrame, damping: Array, twist: Array
-) -> tuple[int, Carrier, int, dict[str, int]]:
+) -> tuple[int, Carrier, int, dict[str, Grip]]:
     """Add a body in small motion: a node per remote point along the world's axes, and one for the modes."""
     reduced = body.reduced
     counts = [6] * len(reduced.remote_points) + ([reduced.n_modes] if reduced.n_modes else [])
@@ -145,8 +153,8 @@ def _add_linear(
         )
         for point in reduced.point_names
     ]
-    markers = {
-        point: mbs.AddMarker(eii.MarkerNodeRigid(nodeNumber=number))
+    grips = {
+        point: _grip(mbs, np.eye(3), eii.MarkerNodeRigid, nodeNumber=number)
         for point, number in zip(reduced.point_names, numbers, strict=True)
     }
     if reduced.n_modes:
@@ -166,13 +174,13 @@ def _add_linear(
         )
     )
     carrier = Carrier(tuple(zip(numbers, counts, strict=True)), to_body)
-    return numbers[reduced.point_names.index(frame.point)], carrier, number, markers
+    return numbers[reduced.point_names.index(frame.point)], carrier, number, grips
 
 
 def _add_floating(
     mbs: Any, scene: Scene, body: FlexibleBody, frame: FloatingFrame, damping: Array, twist: Array
-) -> tuple[int, Carrier, int, dict[str, int]]:
-    """Add a floating-frame body; returns its rigid node, carrier, object, and a marker per jointed remote point."""
+) -> tuple[int, Carrier, int, dict[str, Grip]]:
+    """Add a floating-frame body; returns its rigid node, carrier, object, and a grip per named point."""
     n = len(frame.flexible)
     node = mbs.AddNode(
         GetRigidBodyNode(
@@ -206,21 +214,23 @@ def _add_floating(
             referencePositions=positions,
         )
     )
-    # Joint axes are the world's at the start, whatever way the body is turned.
-    axes = np.eye(4)
-    axes[:3, :3] = body.rotation.T
-    markers = {frame.point: mbs.AddMarker(eii.MarkerNodeRigid(nodeNumber=node, localHT=axes))}
+    grips = {frame.point: _grip(mbs, body.rotation, eii.MarkerNodeRigid, nodeNumber=node)}
     for i, point in enumerate(used):
-        markers[point] = mbs.AddMarker(
-            eii.MarkerSuperElementRigid(
-                bodyNumber=number,
-                meshNodeNumbers=list(range(4 * i, 4 * i + 4)),
-                weightingFactors=[0.25] * 4,
-                localHT=axes,
-            )
-        )
+        pilots = {"meshNodeNumbers": list(range(4 * i, 4 * i + 4)), "weightingFactors": [0.25] * 4}
+        grips[point] = _grip(mbs, body.rotation, eii.MarkerSuperElementRigid, bodyNumber=number, **pilots)
     carrier = Carrier(((modes, n),), np.eye(len(body.reduced.mass_matrix))[:, frame.flexible])
-    return node, carrier, number, markers
+    return node, carrier, number, grips
+
+
+def _grip(mbs: Any, rotation: Array, marker: Callable[..., Any], **of_point: Any) -> Grip:
+    """Adds markers with axes in the world's frame at the start, whatever way the body is turned."""
+
+    def grip(axes: Array) -> int:
+        place = np.eye(4)
+        place[:3, :3] = rotation.T @ axes
+        return int(mbs.AddMarker(marker(localHT=place, **of_point)))
+
+    return grip
 
 
 def _pilots(body: FlexibleBody, frame: FloatingFrame, points: Sequence[str]) -> tuple[Array, Array]:
