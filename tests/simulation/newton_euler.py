@@ -88,9 +88,7 @@ def integrate(masses, inertias, positions, spins, time, forces, rows=None, veloc
         return np.concatenate(derivative)
 
     velocities = np.zeros((n, 3)) if velocities is None else velocities
-    start = [
-        np.concatenate([p, np.eye(3).ravel(), v, w]) for p, v, w in zip(positions, velocities, spins, strict=True)
-    ]
+    start = [np.concatenate([p, np.eye(3).ravel(), v, w]) for p, v, w in zip(positions, velocities, spins, strict=True)]
     found = scipy.integrate.solve_ivp(
         rate, (0, time[-1]), np.concatenate(start), t_eval=time, method="DOP853", rtol=1e-10, atol=1e-12
     )

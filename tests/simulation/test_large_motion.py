@@ -67,7 +67,9 @@ def test_spherical_double_pendulum():
     """Unequal inertias, turned bodies: paths, energy, and angular momentum about the direction of weight."""
     top, elbow, end = np.array([0.01, 0.02, 0.1]), np.array([-0.02, 0.01, -0.12]), np.array([0.03, 0.0, -0.08])
     other = turn(-0.5, 0.9, 0.3)
-    first = RigidBody("first", {"top": top, "elbow": elbow, "c": (0, 0, 0)}, 0.8, INERTIA, -SKEWED @ top, rotation=SKEWED)
+    first = RigidBody(
+        "first", {"top": top, "elbow": elbow, "c": (0, 0, 0)}, 0.8, INERTIA, -SKEWED @ top, rotation=SKEWED
+    )
     hinge = SKEWED @ (elbow - top)
     points = {"top": -end, "end": end, "c": (0, 0, 0)}
     second = RigidBody("second", points, 0.5, 0.6 * INERTIA, hinge + other @ end, rotation=other)
