@@ -86,7 +86,7 @@ def joined(
     """
     if not instances(f"joined scene {name!r}: scenes", scenes, (Scene,)):
         raise ValueError(f"joined scene {name!r} needs at least one scene; make a Scene of bodies and parts")
-    added = dict(zip(KINDS, (bodies, joints, actuators, sensors, springs, loops), strict=True))
+    added: dict[str, Any] = dict(zip(KINDS, (bodies, joints, actuators, sensors, springs, loops), strict=True))
     added = {kind: instances(f"joined scene {name!r}: {kind}", more, KINDS[kind]) for kind, more in added.items()}
     for kind in KINDS:
         owned = [(scene.name, [part.name for part in getattr(scene, kind)]) for scene in scenes]
