@@ -1,1 +1,1 @@
-"""Concrete parts and scenes: all numbers of real devices live here."""
+"""Concrete solids and scenes: all numbers of real devices live here."""

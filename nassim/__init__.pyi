@@ -121,6 +121,9 @@ from .scene.bodies import (
 from .scene.bodies import (
     RigidBody as RigidBody,
 )
+from .scene.drives import (
+    Drive as Drive,
+)
 from .scene.joints import (
     Joint as Joint,
 )

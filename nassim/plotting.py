@@ -52,7 +52,7 @@ def plot_frf(
     for color, frf in zip(_colors(len(frfs)), frfs, strict=True):
         response = frf.response(output, input)
         style: dict[str, Any] = {"color": color, "label": frf.label, "lw": 1.2}
-        if frf.coherence is not None:  # measured: broad, so that the model's line stays visible on top
+        if frf.coherence is not None:  # estimated: broad, so that the model's line stays visible on top
             style.update(lw=3.5, alpha=0.5)
         if frf.label in markers:
             style.update(ls="", marker="o", ms=4, mfc="none")
@@ -77,7 +77,7 @@ def plot_frf(
 def plot_frf_error(
     frfs: Sequence[FRF], references: Sequence[FRF], *, output: str, input: str, figure: Any = None
 ) -> Sequence[Any]:
-    """Relative difference |H / H_ref - 1| of measured FRFs from references at the same frequencies, with coherence.
+    """Relative difference |H / H_ref - 1| of estimated FRFs from references at the same frequencies, with coherence.
 
     Returns the Axes: error, incoherence 1 - gamma^2.
     """
@@ -102,7 +102,7 @@ def plot_frf_error(
 def plot_modal_fit(
     fit: ModalFit, models: Sequence[FRF], *, output: str, unit: str, figure: Any = None
 ) -> Sequence[Any]:
-    """Measured responses of one output line by line, the fit and models over them, and what the fit leaves over.
+    """Recorded responses of one output line by line, the fit and models over them, and what the fit leaves over.
 
     models: FRFs to compare with, such as a scene's before and after; unit: of the response
 
@@ -111,11 +111,11 @@ def plot_modal_fit(
     figure = figure or plt.figure(figsize=(7, 8), layout="constrained")
     axes = list(figure.subplots(3, 1, sharex=True, gridspec_kw={"height_ratios": [3, 2, 2]}))
     dots: dict[str, Any] = {"ls": "", "marker": ".", "ms": 2, "color": "0.65", "rasterized": True}
-    measured = fit.measured.response(output, fit.input)
+    recorded = fit.recorded.response(output, fit.input)
     # Lines that are mostly noise say nothing of the phase.
-    clear = np.abs(measured) > 3 * fit.noise[fit.outputs.index(output)]
-    frequency = fit.measured.frequency
-    axes[0].loglog(frequency, np.abs(measured), label="measured, line by line", **dots)
+    clear = np.abs(recorded) > 3 * fit.noise[fit.outputs.index(output)]
+    frequency = fit.recorded.frequency
+    axes[0].loglog(frequency, np.abs(recorded), label="recorded, line by line", **dots)
     fine = np.geomspace(frequency[0], frequency[-1], 4000)
     identified = fit.response(fine, label="identified")
     response = identified.response(output, fit.input)
@@ -128,7 +128,7 @@ def plot_modal_fit(
         result: Array = np.angle(own, deg=True) + 360 * turns + np.angle(values / own, deg=True)
         return result
 
-    axes[1].semilogx(frequency[clear], near_phase(frequency[clear], measured[clear]), **dots)
+    axes[1].semilogx(frequency[clear], near_phase(frequency[clear], recorded[clear]), **dots)
     for k, frf in enumerate((identified, *models)):
         style: dict[str, Any] = {"color": COLORS[k % len(COLORS)], "ls": ("-", "--", "-.", ":")[k % 4], "lw": 1.4}
         values = frf.response(output, fit.input)
@@ -230,7 +230,7 @@ def plot_time_history(history: TimeHistory, *, names: Sequence[str] | None = Non
 
 
 def plot_body(body: ReducedBody, *, ax: Any = None) -> Any:
-    """The meshed surface, coloured by body, with the remote points and their interfaces; returns the Axes.
+    """The meshed surface, coloured by CAD body, with the remote points and their interfaces; returns the Axes.
 
     Raises ValueError when the body has no surface (made by hand or imported).
     """

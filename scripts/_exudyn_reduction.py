@@ -53,7 +53,7 @@ def full_model(reduction: ExudynReduction, solid: Solid) -> FEModel:
         for point, nodes in zip(solid.remote_points, reduction.interfaces, strict=True)
     )
     mass, stiffness = (_to_scipy(form.mat) for form in reduction.forms)
-    return FEModel(solid.name, stiffness, mass[:n, :n], fields, couplings)
+    return FEModel(solid.name, stiffness=stiffness, scalar_mass_matrix=mass[:n, :n], fields=fields, couplings=couplings)
 
 
 def clamped_eigenfrequencies(reduction: ExudynReduction, model: FEModel) -> np.ndarray:

@@ -8,14 +8,14 @@ from nassim import FRF, LinearModel, frequency_response
 from nassim.plotting import plot_frf, plot_frf_error, plt
 
 
-def compare_frf(measured: FRF, model: LinearModel, *, least_coherence: float = 0.99) -> dict[str, float]:
-    """Largest difference in dB and degrees per output, where the measured coherence is high, and in what share."""
-    reference = frequency_response(model, measured.frequency)
+def compare_frf(estimated: FRF, model: LinearModel, *, least_coherence: float = 0.99) -> dict[str, float]:
+    """Largest difference in dB and degrees per output, where the coherence is high, and in what share."""
+    reference = frequency_response(model, estimated.frequency)
     result = {}
-    for row, output in enumerate(measured.outputs):
-        assert measured.coherence is not None
-        good = measured.coherence[row] > least_coherence
-        ratio = measured.values[row, 0, good] / reference.values[row, 0, good]
+    for row, output in enumerate(estimated.outputs):
+        assert estimated.coherence is not None
+        good = estimated.coherence[row] > least_coherence
+        ratio = estimated.values[row, 0, good] / reference.values[row, 0, good]
         result[f"{output}_magnitude_error_dB"] = float(np.max(np.abs(20 * np.log10(np.abs(ratio))), initial=0.0))
         result[f"{output}_phase_error_deg"] = float(np.max(np.abs(np.angle(ratio, deg=True)), initial=0.0))
         result[f"{output}_coherent_share"] = float(np.mean(good))

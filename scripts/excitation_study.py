@@ -46,10 +46,10 @@ def main() -> None:
         print(name)
         record, wall = timed(simulate, bench, excitation, time_step=args.time_step)
         if name == "noise":
-            measured = estimate_frf(record, label=name, **options)
+            estimated = estimate_frf(record, label=name, **options)
         else:
-            measured = estimate_frf(record.after(args.period), overlap=0.0, window="boxcar", label=name, **options)
-        frfs.append(measured.band(10, 500))
+            estimated = estimate_frf(record.after(args.period), overlap=0.0, window="boxcar", label=name, **options)
+        frfs.append(estimated.band(10, 500))
         summary |= with_prefix(name, {"wall_time_s": wall, **compare_frf(frfs[-1], linear)})
 
     for output in bench.outputs:

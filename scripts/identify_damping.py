@@ -1,4 +1,4 @@
-"""Identify damping ratios and gains from a measured record or FRF, and write them into the bench.
+"""Identify damping ratios and gains from a record or an FRF, and write them into the bench.
 
 RECORD is a CSV file with named columns and units, such as `time [s], actuator_voltage [V], sensor_voltage [V], encoder
 [um]` (or an FRF with a `frequency [Hz]` column), or a UFF file. Without it the script identifies a blind record, see
@@ -48,10 +48,10 @@ def main() -> None:
     path, truth = args.record, None
     if path is None:
         path, truth = make_blind_record(args.output, seed=args.seed, noise=args.noise, duration=16.0)
-    measured = read_measurement(path)
-    hold = 0 if isinstance(measured, TimeHistory) and args.input_hold == "dac" else None
+    recorded = read_measurement(path)
+    hold = 0 if isinstance(recorded, TimeHistory) and args.input_hold == "dac" else None
     options = {"band": args.band, "n_modes": args.modes, "hold_order": hold}
-    fit = identify_modes(measured, input=args.input, outputs=args.outputs, **options)
+    fit = identify_modes(recorded, input=args.input, outputs=args.outputs, **options)
     bench = make_bench(args.payload_mass, "linear", apa=reduced_apa300ml(**COARSE))
     updated, report = apply_identification(bench, fit, trusted="encoder")
     summary = {

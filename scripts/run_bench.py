@@ -53,10 +53,10 @@ def main() -> None:
     record, wall = timed(simulate, bench, excitation, time_step=args.time_step)
 
     segment, signals = min(4.0, args.duration / 4), {"inputs": bench.inputs, "outputs": bench.outputs}
-    measured = estimate_frf(record, **signals, segment_duration=segment, label="time simulation, H1").band(10, 900)
+    estimated = estimate_frf(record, **signals, segment_duration=segment, label="time simulation, H1").band(10, 900)
     fine, few = np.geomspace(10, 900, 8000), np.geomspace(10, 900, 48)
     linear = linearize(bench)
-    frfs = {"time simulation": measured, "linear model": frequency_response(linear, fine)}
+    frfs = {"time simulation": estimated, "linear model": frequency_response(linear, fine)}
     shown = [*frfs.values()]
     if not args.no_full_model:
         condensed = condense(build_fe_model(make_apa300ml(ports=PORTS), element_size=5e-3, **PRISMS))
@@ -79,7 +79,7 @@ def main() -> None:
         **static_gains(opened, frequency=1e-3),
         "open_sensor_zero_Hz": pole_and_zero(opened)["zero_Hz"],
         **figures_by_circuit(apa, payload_mass=args.payload_mass),
-        **compare_frf(measured.band(10, 500), linear),
+        **compare_frf(estimated.band(10, 500), linear),
     }
     for name, frf in frfs.items():
         summary |= with_prefix(name, peak_and_dip(frf))
@@ -87,7 +87,7 @@ def main() -> None:
     print_table("10-500 Hz, coherence > 0.99", rows_of(summary, bench.outputs), COMPARED)
     print_report(REPORT, summary)
     save(record, args.output / "record.h5")
-    save(measured, args.output / "frf.h5")
+    save(estimated, args.output / "frf.h5")
     if not args.no_plot:
         save_figure(plot_bode_pair(shown, markers=["full FE model"]), args.output / "frf.png")
         save_figure(plot_time_history(record), args.output / "record.png")

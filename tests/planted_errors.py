@@ -12,11 +12,11 @@ exist or fails without any error. The exit status is 1 then, else 0.
 To add an error, append a table to planted_errors.toml:
 
     [name-of-the-error]
-    file = "nassim/module.py"
+    file = "nassim/wing/module.py"
     old = 'a short snippet, once in the file'
     new = 'what takes its place'
     means = "what that does to the physics, in one line"
-    tests = ["test_module.py::test_that_must_catch_it"]
+    tests = ["wing/test_module.py::test_that_must_catch_it"]
 
 Mutation tools (mutmut, cosmic-ray, mutatest) change every operator and number there is and run the whole suite for
 each. They know no frames, units or half samples, and of what they leave alive most is harmless. Here an engineer chose

@@ -346,7 +346,7 @@ CASES = [
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:part")
+@pytest.mark.filterwarnings("ignore:solid")
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.__name__)
 def test_hard_case(case, apa):
     figure, limit = case(apa)

@@ -259,6 +259,7 @@ def test_scripts_stay_short(path):
             ["ffrf_us_per_step", "exact_speed_over_ffrf", "trimmed_frf_error"],
             [],
         ),
+        ("benchmark_import.py", ["--repetitions", "1"], ["import nassim", "every public name"], []),
         ("make_blind_record.py", ["--duration", "1"], ["payload_mass_kg", "encoder_gain_2_m_per_V"], []),
         (
             "identification_coverage.py",

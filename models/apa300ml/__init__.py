@@ -113,7 +113,7 @@ def make_apa300ml(
     stack_coupling: str = "rbe3",
     ports: Sequence[ElectricalPort] = (),
 ) -> Solid:
-    """The APA300ML as a part with its five remote points (A to E of the paper).
+    """The APA300ML as a solid with its five remote points (A to E of the paper).
 
     coupling: of the remote points on the pads, "rbe2" or "rbe3"
     stack_coupling: of the three on the stack line. "rbe3" adds no stiffness; "rbe2" keeps their faces plane, which a

@@ -82,7 +82,7 @@ def unique(kind: str, names: Iterable[str]) -> tuple[str, ...]:
 
 
 def instances(label: str, value: Any, kinds: tuple[type, ...]) -> tuple[Any, ...]:
-    """Return parts as a tuple; raises ValueError where it is no sequence or holds something of another kind."""
+    """Return a sequence as a tuple; raises ValueError for what is none, and for one that holds another kind."""
     allowed = ", ".join(kind.__name__ for kind in kinds)
     if isinstance(value, (str, Mapping)) or not isinstance(value, Iterable):
         raise ValueError(f"{label} must be a tuple of {allowed}, got {type(value).__name__}; write (part,) for one")

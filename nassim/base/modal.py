@@ -1,12 +1,13 @@
 """Eigenmodes of dense mass and stiffness matrices, modal damping, poles in discrete time and of decays."""
 
 import math
+import warnings
 
 import numpy as np
-import scipy.linalg
+import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from nassim.base.checks import Array, finite_array
+from nassim.base.checks import Array, finite_array, not_negative
 
 EXCITED = 1e-9
 """Directions of a decay below this share of the largest are rounding."""
@@ -59,8 +60,27 @@ def modal_damping_matrix(mass: Array, frequency: Array, shapes: Array, damping_r
     return result
 
 
+def damping_ratios(label: str, value: ArrayLike, *, stacklevel: int = 2) -> Array:
+    """Return damping ratios, one number or several, as a read-only array (k,) [-]; label: what messages call them.
+
+    Raises ValueError for none at all and for negative ones; warns of critical damping, as of 2 written for 2 %.
+    """
+    ratio = finite_array(label, np.atleast_1d(value), (None,))
+    if ratio.size == 0:
+        raise ValueError(f"{label} needs at least one value; 0 for no damping")
+    for one in ratio:
+        not_negative(label, one)
+    if ratio.max() >= 1:
+        warnings.warn(
+            f"{label} {ratio.max():g} is critical damping or more, in which nothing swings: one percent is the ratio "
+            "0.01",
+            stacklevel=stacklevel + 1,
+        )
+    return ratio
+
+
 def elastic_ratios(frequency: Array, damping_ratio: ArrayLike) -> Array:
-    """Damping ratio of each mode, (n,) [-]: none of free motions, which have 0 Hz; of the others as given.
+    """Damping ratio of each mode, (n,) [-]: 0 for free motions, which have 0 Hz; for the others as given.
 
     damping_ratio: one number or one per elastic mode from the lowest; the last one is that of all that follow
     Raises ValueError for one that is negative or NaN.

@@ -18,6 +18,7 @@ NOUNS: dict[str, str] = {
     "Calibration": "nassim.identification.calibration",
     "Change": "nassim.identification.apply",
     "Controller": "nassim.systems.controllers",
+    "Drive": "nassim.scene.drives",
     "ElectricalPort": "nassim.bodies.piezo",
     "Encoder": "nassim.scene.mechanics",
     "FRF": "nassim.signals.frf",
@@ -65,7 +66,10 @@ NOUNS: dict[str, str] = {
 }
 """Public name of each noun of nassim -> the module in which its class lives."""
 
-UPGRADES: dict[str, str] = {"ReducedBody": "nassim.bodies.readouts:upgraded_readouts"}
+UPGRADES: dict[str, str] = {
+    "ModalFit": "nassim.identification.modal_fit:upgraded_fit",
+    "ReducedBody": "nassim.bodies.readouts:upgraded_readouts",
+}
 """Public name -> function, as "module:name", from a noun's fields in a file of an older format to those of today.
 
 It is given the fields by name; those that are nouns are made already.

@@ -1,4 +1,4 @@
-"""Units of measured data, and their factors to SI."""
+"""Units of recorded data, and their factors to SI."""
 
 PREFIXES = {"": 1.0, "k": 1e3, "m": 1e-3, "u": 1e-6, "n": 1e-9, "p": 1e-12}
 UNITS = {

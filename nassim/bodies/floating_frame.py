@@ -1,11 +1,11 @@
 """Floating frame of reference: a reduced body in large motion, its inertia from one Gram matrix.
 
-The frame rides on one remote point, so that point's six coordinates become the frame's own motion and the others
-measure deformation. The integrals are those of A. Zwölfer, J. Gerstmayr, "The nodal-based floating frame of reference
+The frame moves with one remote point, whose six coordinates become the frame's own motion; all others then tell the
+deformation. The integrals are those of A. Zwölfer, J. Gerstmayr, "The nodal-based floating frame of reference
 formulation with modal reduction", Acta Mechanica 232 (2021) 835-851, written with continuous fields.
 """
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 
@@ -22,13 +22,14 @@ class FloatingFrame:
     flexible: indices of the body's coordinates that are flexible coordinates, shape (n,)
     mass [kg]; center_of_mass: (3,) [m]; inertia: (3, 3) about the origin [kg m2]
     mass_matrix, stiffness_matrix: (n, n)
-    The six coupling integrals, with rho dV, psi_j the displacement field of coordinate j, ~ the cross-product matrix:
+    Six integrals over the mass, psi_j the displacement field of flexible coordinate j, ~ the cross-product matrix:
     translation_flexible: psi_j, (3, n); translation_rotated: psi_j~, (3, 3 n)
     position_flexible: -x cross psi_j, (3, n); position_rotated: (x . psi_j) I - psi_j x^T, (3, 3 n)
     rotated_flexible: -psi_j cross psi_k, (3 n, n); rotated_rotated: (psi_j . psi_k) I - psi_k psi_j^T, (3 n, 3 n)
     """
 
     point: str
+    _: KW_ONLY
     origin: Array
     flexible: Array
     mass: float
@@ -44,9 +45,9 @@ class FloatingFrame:
     rotated_rotated: Array
 
     def deformation(self, body: ReducedBody) -> Array:
-        """Flexible coordinates from the body's coordinates for small motion, shape (n, n_coordinates).
+        """Matrix that makes flexible coordinates of the body's coordinates in small motion, shape (n, n_coordinates).
 
-        Remote points: their motion less the one that the frame's remote point would give them as a rigid body.
+        Of a remote point's motion, what it would have on a rigid body that moves with the frame is taken off.
         """
         n = len(body.mass_matrix)
         index = body.point_names.index(self.point)

@@ -22,7 +22,7 @@ about a body at rest, free flight of a stiff body, and the fidelities "linear" a
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_motions, skew

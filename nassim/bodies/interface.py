@@ -14,11 +14,11 @@ COUPLINGS = ("rbe2", "rbe3")
 
 @dataclass(frozen=True)
 class RemotePoint:
-    """A point with 6 degrees of freedom, coupled to faces of a part (ANSYS: remote point, Simscape: interface).
+    """A point with 6 degrees of freedom, coupled to faces of a solid (ANSYS: remote point, Simscape: interface).
 
     name: what scenes call it
     faces: names of the CAD faces that form its interface (one name may stand alone)
-    position: where it lies, in the part's frame, shape (3,) [m]
+    position: where it lies, in the CAD's frame, shape (3,) [m]
     coupling: "rbe2", the faces move as a rigid body; "rbe3", the point follows the faces' mean rigid motion
         (least squares over the area) and the faces stay deformable
     """

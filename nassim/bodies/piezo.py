@@ -1,4 +1,4 @@
-"""Piezoelectric stacks, described by their data sheet, and the electrical ports that they give a part."""
+"""Piezoelectric stacks, described by their data sheet, and the electrical ports that they give a body."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -17,7 +17,7 @@ USUAL_COUPLING = (0.65, 0.78)
 """Coupling factor k33 of common PZT ceramics, small signals (IEEE Std 176-1987; manufacturers' tables)."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PiezoStack:
     """A multilayer piezo stack as its data sheet gives it.
 
@@ -31,7 +31,7 @@ class PiezoStack:
         not give it, common ceramics have -0.4 to -0.5
 
     Sign convention: a positive voltage lengthens the stack, forces are positive in tension. Raises ValueError for
-    figures that no ceramic reaches, the sign of a wrong unit.
+    figures that no ceramic reaches: a wrong unit.
     """
 
     free_stroke: float
@@ -94,15 +94,16 @@ class PiezoStack:
         """
         length, width, depth = finite_array("piezo stack: size", size, (3,))
         ends = np.atleast_1d(np.array(voltage_range, dtype=float))
+        stroke = positive("piezo stack: free_stroke", free_stroke)
         return cls(
-            free_stroke,
-            blocked_force,
-            float(np.ptp(ends)) if ends.size == 2 else float(ends[0]),
-            blocked_force / positive("piezo stack: free_stroke", free_stroke) if stiffness is None else stiffness,
-            capacitance,
-            float(length),
-            float(width * depth),
-            transverse_ratio,
+            free_stroke=stroke,
+            blocked_force=blocked_force,
+            voltage_range=float(np.ptp(ends)) if ends.size == 2 else float(ends[0]),
+            stiffness=blocked_force / stroke if stiffness is None else stiffness,
+            capacitance=capacitance,
+            length=float(length),
+            area=float(width * depth),
+            transverse_ratio=transverse_ratio,
         )
 
     @property
@@ -112,12 +113,12 @@ class PiezoStack:
 
     @property
     def young_modulus(self) -> float:
-        """Young's modulus along the stack at constant voltage that its stiffness means [Pa]."""
+        """Young's modulus along the stack at constant voltage, as it follows from the stiffness [Pa]."""
         return self.stiffness * self.length / self.area
 
     @property
     def coupling_factor(self) -> float:
-        """Electromechanical coupling factor k33 [-]: its square is the share of the energy that can change sides.
+        """Electromechanical coupling factor k33 [-]; its square is the share of work that becomes electrical energy.
 
         Held at constant length, the stack has the capacitance (1 - k33^2) C; open circuit, it has the stiffness
         k / (1 - k33^2).
@@ -169,7 +170,7 @@ class PiezoStack:
 
 @dataclass(frozen=True)
 class ElectricalPort:
-    """Stacks of one part that share a voltage: two terminals.
+    """Stacks of one solid that share a voltage: two terminals.
 
     name: what scenes call it; bodies: names of the CAD bodies, electrically in parallel
     stack: what each of them is; direction: along which they lengthen under positive voltage, shape (3,)
@@ -187,8 +188,8 @@ class ElectricalPort:
         if not np.any(direction):
             raise ValueError(f"{label}: direction must not be zero")
         if not bodies:
-            raise ValueError(f"{label} names no body")
-        freeze(self, bodies=unique(f"{label}: body", bodies), direction=direction / np.linalg.norm(direction))
+            raise ValueError(f"{label} names no CAD body")
+        freeze(self, bodies=unique(f"{label}: CAD body", bodies), direction=direction / np.linalg.norm(direction))
 
     @property
     def strain_per_volt(self) -> Array:
@@ -201,7 +202,7 @@ class ElectricalPort:
 
 @dataclass(frozen=True)
 class PortCoupling:
-    """An electrical port seen from the unknowns (finite elements) or coordinates (reduced body) u of a part.
+    """An electrical port seen from u, the unknowns of an FE model or the coordinates of a reduced body.
 
     name: of the port
     forces: on the unknowns per volt, shape (n,) [N/V]. By reciprocity, the charge that their motion brings is

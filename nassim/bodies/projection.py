@@ -1,4 +1,4 @@
-"""Reduced bodies in other coordinates: fewer points and modes, exact in statics; electrical ports without a short.
+"""Reduced bodies in other coordinates: fewer points and modes, exact in statics; electrical ports in open circuit.
 
 Trimming is a second Craig-Bampton reduction, of the reduced matrices: the points that stay are its interface, static
 shapes of the loads that act elsewhere replace the coordinates of the other points.
@@ -23,11 +23,11 @@ def trim_body(body: ReducedBody, *, points: Collection[str], loads: Array, cutof
     """The body with the given remote points as coordinates, and all others as points that only move along.
 
     points: names of those that joints may hold; at least one
-    loads: forces on the body's coordinates, shape (n, k): their static answers stay exact, at any of its points, and
-        so do those to its electrical ports
+    loads: forces on the body's coordinates, shape (n, k). The static answers to them, and to voltages at the electrical
+        ports, stay exact at every point
     cutoff_frequency: fixed-interface modes (all given points held) above it are left out [Hz]
 
-    The result remembers the body's richer form, so its truncation errors say what the trimming costs. Raises
+    The result keeps the richer body as its `enriched`, so its truncation errors say what the trimming costs. Raises
     ValueError for unknown names and no points at all.
     """
     if not points:
@@ -57,10 +57,10 @@ def trim_body(body: ReducedBody, *, points: Collection[str], loads: Array, cutof
 
 
 def keep_modes(body: ReducedBody, n_modes: int) -> ReducedBody:
-    """The same body with its first n_modes modal coordinates only; it remembers the richest form as its enriched one.
+    """The same body with its first n_modes modal coordinates only; its `enriched` is the richest form known.
 
-    Where it has electrical ports, their static answers stay: what the other coordinates had of them becomes a few modal
-    coordinates more, as many as there are ports. Raises ValueError when there are not so many modes.
+    The static answers to voltages at electrical ports stay exact: what the coordinates that go contributed to them is
+    kept by further modal coordinates, one per port at most. Raises ValueError when there are not so many modes.
     """
     if not 0 <= n_modes <= body.n_modes:
         raise ValueError(f"body {body.name!r} has {body.n_modes} modes, so it cannot keep {n_modes}")
@@ -77,8 +77,8 @@ def keep_modes(body: ReducedBody, n_modes: int) -> ReducedBody:
 def project(body: ReducedBody, change: Array, *, points: Sequence[str]) -> ReducedBody:
     """The body restricted to its coordinates q = change @ q', shape (n, n').
 
-    points: names of the remote points whose motions the first 6 r' new coordinates are; all others become passive,
-    and whatever else the body reads out stays
+    points: names of the r' points whose motions are the first 6 r' new coordinates; all other remote points become
+        passive. Everything that the body reads out is carried along
     """
     fields = np.zeros((len(body.gram), 4 + 3 * change.shape[1]))
     fields[:4, :4], fields[4:, 4:] = np.eye(4), np.kron(change, np.eye(3))
@@ -100,10 +100,10 @@ def project(body: ReducedBody, change: Array, *, points: Sequence[str]) -> Reduc
 
 
 def open_circuit(body: ReducedBody, ports: Mapping[str, float]) -> ReducedBody:
-    """The body with ports that carry no charge: stiffer, because their voltage opposes the motion.
+    """The body with electrical ports whose charge stays zero (open circuit): their voltage opposes motion and stiffens.
 
-    ports: name -> capacitance of what is connected, such as a cable [F]; 0 for a port that is open. All other ports
-    stay at zero voltage. Without charge, V = -b q / c, so the stiffness grows by b b^T / c.
+    ports: name -> capacitance connected to it, such as a cable's [F]; 0 for none. All other ports stay at zero voltage.
+    With c the port's own capacitance and the connected one, V = -b q / c, so the stiffness grows by b b^T / c.
     """
     stiffness = body.stiffness_matrix.copy()
     for name, capacitance in ports.items():
@@ -115,7 +115,7 @@ def open_circuit(body: ReducedBody, ports: Mapping[str, float]) -> ReducedBody:
 
 
 def keep_ports(body: ReducedBody, names: Collection[str]) -> ReducedBody:
-    """The body with these electrical ports only (names of none do not matter); its others stay at zero voltage."""
+    """The body with these electrical ports only (other names are ignored); its other ports stay at zero voltage."""
     gone = {port.name for port in body.ports if port.name not in names}
     return replace(body, readouts={name: readout for name, readout in body.readouts.items() if name not in gone})
 

@@ -52,7 +52,7 @@ class Surface:
     """The outer surface as triangles, for pictures.
 
     points: (n_points, 3) [m]; triangles: (n_triangles, 3) indices of points; edges: (n_edges, 2) of the mesh's edges
-    labels: name of the body or, on a remote point's interface, of the remote point, per triangle
+    labels: name of the CAD body or, on a remote point's interface, of the remote point, per triangle
     """
 
     points: Array

@@ -12,24 +12,24 @@ from nassim.bodies.readouts import PassivePoint, Picture, Readout, Surface, of_k
 from nassim.bodies.strain import Strain, body_strain, strained_modes
 
 SATURATION = 1.7
-"""Error left by a mesh over the part of it that elements one order higher remove."""
+"""Whole error of a mesh over the share of it that elements one order higher remove."""
 
 
 @dataclass(frozen=True)
 class ReducedBody:
     """A flexible body in n = 6 r + p coordinates: the motions of r remote points, then p modal coordinates.
 
-    name: of the part
+    name: what files and reports call it
     remote_points: in order; each has the coordinates ux uy uz [m] rx ry rz [rad]
     mass_matrix, stiffness_matrix: shape (n, n), symmetric; modes are normalised to unit modal mass
     gram: integrals over the body of density times the product of every two of the scalar fields
         1, x, y, z, psi_1x, psi_1y, psi_1z, psi_2x, ..., shape (4 + 3 n, 4 + 3 n), where psi_j is the displacement
-        field of coordinate j: all that large motion needs to know of the inertia
+        field of coordinate j; all that large motion needs to know of the inertia
     readouts: what else follows from the coordinates, by name: the picture ("surface"), electrical ports, whose static
         answers the coordinates hold exactly, and passive points, which move along
-    record: how the reduction was made, as text; under "warnings" what was warned of meanwhile, a line each
-    enriched: the same body with more coordinates, in which what was left out is present, so that the difference of
-        any answer of the two is the truncation error; None where unknown
+    record: how the reduction was made, as text; "warnings" holds what was warned of meanwhile, a line each
+    enriched: the same body with what was left out as further coordinates: its answers differ from this one's by the
+        truncation error; None where unknown
     full_integrals: False where `gram` is right for rigid motions and a guess for the rest, as of imported matrices,
         see `nassim.bodies.inertia`
     released_stiffness: how much the stiffness matrix would fall with finite elements one order higher, shape (n, n),
@@ -171,7 +171,7 @@ class ReducedBody:
 
     @property
     def strain(self) -> Strain:
-        """What strains in the body's motions."""
+        """The strains that resist the body's motions."""
         return body_strain(self.stiffness_matrix, self.mass_matrix, self.positions)
 
     @property

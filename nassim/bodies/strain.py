@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_motions
@@ -43,23 +43,23 @@ class Strain:
 
 
 def joined(strains: Sequence[Strain], n: int) -> Strain:
-    """All strains of several parts, in the same n coordinates."""
+    """The strains of several bodies and springs together, all in the same n coordinates."""
     nothing = np.zeros((0, n))
     return Strain(np.vstack([nothing, *(s.rows for s in strains)]), np.vstack([nothing, *(s.root for s in strains)]))
 
 
 def spring_strain(row: Array, stiffness: float, mass: Array) -> Strain:
-    """Of a spring [N/m] whose elongation is row @ q, (n,); mass: (n, n)."""
+    """The strain of a spring [N/m] whose elongation is row @ q; row: (n,); mass: (n, n)."""
     size = np.linalg.norm(row * _unit_mass(mass))
     rows = row[None] if stiffness > 0 and size > 0 else np.zeros((0, len(row)))
     return Strain(rows / (size or 1.0), np.sqrt(stiffness) * rows)
 
 
 def body_strain(stiffness: Array, mass: Array, positions: Array) -> Strain:
-    """Of a body in the motions of points at the given positions, (r, 3) [m], then modes; stiffness, mass: (n, n).
+    """The strains of a body in the motions of points at these positions, (r, 3) [m], then modes; matrices (n, n).
 
-    Where the stiffness matrix lets go of the six rigid motions, to rounding, what strains is the motion of the other
-    points and modes beside the first point's; where it does not, as of a body tied to the ground or damaged, all does.
+    Where the six rigid motions cause no forces, to rounding, only motion relative to the first point strains. Where
+    they do, as of a body that is tied to the ground or whose matrix is damaged, all motion strains.
     Directions in which the stiffness is nothing but rounding (or negative) strain nothing.
     """
     n = len(mass)
@@ -128,7 +128,7 @@ def stiffness_root(stiffness: Array, *, n_points: int) -> tuple[Array, Array]:
 def lets_go(stiffness: Array, mass: Array, positions: Array) -> bool:
     """Whether rigid motions cause no forces beyond rounding of the largest that any motion causes.
 
-    Their own terms would be no measure: of a body with one point, all of them are rounding.
+    The forces are not compared with their own terms: of a body with one point, these are rounding too.
     """
     if not len(positions):
         return False

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Generic, TypeVar
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from nassim.base.checks import Array
 from nassim.bodies.inertia import completed_gram, free_of_rigid_motions
@@ -88,7 +88,14 @@ def repair(body: Body) -> Repair[Body]:
     stiffness = _positive_stiffness(stiffness, mass, given, steps)
     mended: Body = _with_matrices(body, stiffness, mass)
     new = signed_frequencies(stiffness, mass)
-    report = Repair(mended, tuple(steps), before, check(mended), np.sort(old[6:]), np.sort(new[6:]))
+    report = Repair(
+        mended,
+        steps=tuple(steps),
+        before=before,
+        after=check(mended),
+        elastic_before=np.sort(old[6:]),
+        elastic_after=np.sort(new[6:]),
+    )
     print(report, flush=True)
     return report
 
@@ -96,10 +103,10 @@ def repair(body: Body) -> Repair[Body]:
 def to_body(body: Superelement, *, any_size: bool = False) -> ReducedBody:
     """Accept a superelement as a body for scenes.
 
-    any_size: take it although no part of a machine has its mass, size, wave speed or density, which means wrong units
+    any_size: accept a mass, size, wave speed or density that no body in a machine has; it mostly means wrong units
 
-    Its mass, centre of mass, inertia and response in small motion are those of the matrices; for what large motion
-    asks beyond that see `nassim.bodies.inertia`. It has no surface to draw.
+    Mass, centre of mass, inertia and response in small motion are those of the matrices. Large motion asks for more
+    than matrices tell: `nassim.bodies.inertia` says how that is estimated. The body has no surface to draw.
     Raises ValueError naming the source and all faults that `check` finds.
     """
     report = check(body)

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import numpy as np
-import scipy.io
+import scipy
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, known
@@ -68,7 +68,7 @@ def body_state_space(body: ReducedBody, *, damping_ratio: ArrayLike = 0.0) -> Li
     motions = np.hstack([shapes[:b], np.zeros((b, n))])
     names = coordinate_names(body.point_names)
     units = tuple("rad" if name.rsplit(".", 1)[1].startswith("r") else "m" for name in names)
-    return LinearModel(system, forces, motions, np.zeros((b, b)), names, names, units)
+    return LinearModel(system, forces, motions, np.zeros((b, b)), names, names, units=units)
 
 
 def body_damping(body: ReducedBody, damping_ratio: ArrayLike) -> Array:

@@ -1,11 +1,11 @@
 """Inspection of reduced bodies: what their matrices say in physical terms, with a verdict per line."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from itertools import combinations
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from nassim.base.checks import Array, freeze, frozen_mapping, known
 from nassim.base.rigid_motion import rigid_motions
@@ -76,6 +76,7 @@ class _Numbers:
     """What several findings need: symmetrised matrices, rigid motions, frequencies with the sign of their square."""
 
     body: Superelement
+    _: KW_ONLY
     stiffness: Array
     mass: Array
     motions: Array
@@ -92,7 +93,7 @@ class _Numbers:
 def check(body: ReducedBody | Superelement) -> Report:
     """Inspect a reduced body: an imported one before it is trusted, or any other.
 
-    "fault" is what `to_body` refuses. Raises ValueError for a body without remote points only.
+    What has the verdict "fault" is refused by `to_body`. Raises ValueError only for a body without remote points.
     """
     given = as_superelement(body)
     stiffness, mass = (0.5 * (m + m.T) for m in (given.stiffness_matrix, given.mass_matrix))
@@ -115,7 +116,12 @@ def as_superelement(body: ReducedBody | Superelement) -> Superelement:
         return body
     positions = np.array([point.position for point in body.remote_points]).reshape(-1, 3)
     return Superelement(
-        body.name, body.stiffness_matrix, body.mass_matrix, positions, body.point_names, f"body {body.name!r}"
+        body.name,
+        stiffness_matrix=body.stiffness_matrix,
+        mass_matrix=body.mass_matrix,
+        positions=positions,
+        names=body.point_names,
+        source=f"body {body.name!r}",
     )
 
 
@@ -135,7 +141,15 @@ def _numbers(body: Superelement, stiffness: Array, mass: Array) -> _Numbers:
     if basis.shape[1]:
         elastic = signed_frequencies(basis.T @ stiffness @ basis, basis.T @ mass @ basis)
     rigid = rigid_inertia(mass, motions)
-    return _Numbers(body, stiffness, mass, motions, rigid, signed_frequencies(stiffness, mass), elastic)
+    return _Numbers(
+        body,
+        stiffness=stiffness,
+        mass=mass,
+        motions=motions,
+        rigid=rigid,
+        frequency=signed_frequencies(stiffness, mass),
+        elastic=elastic,
+    )
 
 
 def _symmetry(body: Superelement) -> Finding:

@@ -27,7 +27,7 @@ class OrderGuess:
     """An order of rows that fits better than the given one.
 
     rows: for `Superelement.reordered`; text: in words; misfit, given_misfit: of this order and of the given one [-]
-    alternatives: how many more orders fit as well
+    alternatives: how many other orders fit equally well
     """
 
     rows: tuple[int, ...]
@@ -38,7 +38,7 @@ class OrderGuess:
 
 
 def rigid_residual(stiffness: Array, motions: Array) -> Array:
-    """Forces K R that rigid motions cause, over those that its terms would without cancelling, (..., 6) [-].
+    """Forces K R that rigid motions cause, over the sum of their terms' sizes, (..., 6) [-]; 0 of a free body.
 
     stiffness: (n, n); motions: (..., n, 6)
     """
@@ -59,7 +59,7 @@ def order_misfit(body: Superelement) -> float:
 
 
 def guess_order(body: Superelement) -> OrderGuess | None:
-    """The order of rows that fits, when the given one does not and another does; else None.
+    """An order of rows that passes the rigid-motion test; None where the given one passes, or none does.
 
     Tried: rotations first, alternating, all translations first, direction by direction; axes permuted; modal rows
     first; the nodes in any order (above four: two swapped, or reversed).

@@ -2,11 +2,11 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-import scipy.linalg
+import scipy
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, freeze, known, unique
@@ -31,7 +31,7 @@ HUGE, TINY = 1e40, 1e-100
 class Superelement:
     """Reduced matrices as somebody wrote them: r nodes with six DoFs each, then p modal coordinates.
 
-    name: of the part
+    name: what files and reports call it
     stiffness_matrix, mass_matrix: (n, n) [SI], n = 6 r + p, in the body's axes; not necessarily symmetric, definite
         or right
     positions: of the nodes, (r, 3) [m]; names: of the nodes
@@ -42,6 +42,7 @@ class Superelement:
     """
 
     name: str
+    _: KW_ONLY
     stiffness_matrix: Array
     mass_matrix: Array
     positions: Array
@@ -128,12 +129,12 @@ def superelement(
     length, force, mass = unit_factors(units)
     raw = Superelement(
         name,
-        finite_array(f"{source}: stiffness matrix", stiffness_matrix, (None, None)),
-        finite_array(f"{source}: mass matrix", mass_matrix, (None, None)),
-        finite_array(f"{source}: positions", positions, (None, 3)),
-        tuple(names) if names is not None else tuple(f"node_{k + 1}" for k in range(len(np.atleast_2d(positions)))),
-        source,
-        units,
+        stiffness_matrix=finite_array(f"{source}: stiffness matrix", stiffness_matrix, (None, None)),
+        mass_matrix=finite_array(f"{source}: mass matrix", mass_matrix, (None, None)),
+        positions=finite_array(f"{source}: positions", positions, (None, 3)),
+        names=tuple(f"node_{k + 1}" for k in range(len(np.atleast_2d(positions)))) if names is None else tuple(names),
+        source=source,
+        units=units,
     )
     r, energy = len(raw.positions), mass * length**2
     # Per unit of the file's coordinates: metres, radians, and modal amplitudes that keep unit modal masses.
@@ -164,10 +165,10 @@ def read_superelement(
     variables: for .mat and .npz: where K, M, positions, names or orientations have other names than `VARIABLES`
         lists, e.g. {"K": "stiff", "positions": "xyz"}
     orientations: (r, 3, 3), see `superelement`; listings give their own as THXY THYZ THZX
-    name: of the part (default: of the first file)
+    name: of the result (default: of the first file)
 
-    Raises ValueError naming file, line (of a text) and cause for whatever cannot be read. What can is not thereby
-    right: `check` it.
+    Raises ValueError naming file, line (of a text) and cause for whatever cannot be read. What can be read
+    may be wrong all the same: `check` it.
     """
     files = [Path(path) for path in paths]
     if not files:

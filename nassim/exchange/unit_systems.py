@@ -21,7 +21,7 @@ PLAUSIBLE = {
     "wave speed": (0.1, 2e4),
     "density": (10.0, 3e4),
 }
-"""Of parts of machines [kg, m, m/s, kg/m3]."""
+"""Of bodies in machines [kg, m, m/s, kg/m3]."""
 SOLID = 4000.0
 """Between aluminium and steel [kg/m3]; the likelier units are those that come nearer."""
 
@@ -30,7 +30,7 @@ SOLID = 4000.0
 class Looks:
     """Figures of a body that wrong units make absurd; `str` of it tells them.
 
-    mass [kg]; size: its length [m]; speed: first elastic frequency times size, which waves in the material exceed [m/s]
+    mass [kg]; size: its length [m]; speed: first elastic frequency times size [m/s]; waves are faster
     density: over the homogeneous box of the same inertia [kg/m3], NaN where that has no volume
     """
 
@@ -41,7 +41,7 @@ class Looks:
 
     @property
     def implausible(self) -> list[str]:
-        """Which of mass, size, wave speed and density no part of a machine has."""
+        """Which of mass, size, wave speed and density no body in a machine has."""
         values = zip(PLAUSIBLE.items(), (self.mass, self.size, self.speed, self.density), strict=True)
         return [name for (name, (low, high)), value in values if np.isfinite(value) and not low <= value <= high]
 
@@ -67,7 +67,7 @@ class Looks:
 
 
 def likely_units(looks: Looks, given: str) -> list[tuple[str, Looks]]:
-    """The other `SYSTEMS` in which nothing is implausible, the likeliest first, and what the body is in them."""
+    """Other `SYSTEMS` of units in which the numbers are plausible, likeliest first, and the body's figures in them."""
     readings = {units: looks.reread(given, units) for units in SYSTEMS if units != given}
     likely = [(units, reread) for units, reread in readings.items() if not reread.implausible]
     if np.isfinite(looks.density):

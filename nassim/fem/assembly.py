@@ -40,13 +40,13 @@ def build_fe_model(
     layer_thickness: float | None = None,
     progress: bool = True,
 ) -> FEModel:
-    """Mesh a part and assemble its stiffness and mass.
+    """Mesh a solid and assemble its stiffness and mass.
 
     element_size, curvature, local_sizes, extrude, layer_thickness: as in `meshing.generate_mesh`
-    order: polynomial order of the displacements, 1 to 6; order 1 is far too stiff in thin parts
+    order: polynomial order of the displacements, 1 to 6; order 1 is far too stiff in thin walls
     progress: show the stages and their times
 
-    Raises ValueError for bad arguments, for a part that falls into pieces and for a mesh that the memory cannot hold.
+    Raises ValueError for bad arguments, for a solid that falls into pieces and for a mesh that the memory cannot hold.
     Warns of thin walls in elements of order 1.
     """
     if not 1 <= order <= MAX_ORDER or int(order) != order:
@@ -79,18 +79,16 @@ def build_fe_model(
 
 
 def assemble_mesh(mesh: Any, solid: Solid, order: int) -> FEModel:
-    """The FE model of a part on an NGSolve mesh that is curved with the elements' order at most.
+    """The FE model of a solid on an NGSolve mesh that is curved with the elements' order at most.
 
-    Raises ValueError when the part falls into pieces.
+    Raises ValueError when the solid falls into pieces.
     """
     with threads():
         scalar = ng.H1(mesh, order=order)
         mass = _scalar_mass(mesh, solid, scalar)
         pieces, _ = sp.csgraph.connected_components(mass, directed=False)
         if pieces > 1:
-            raise ValueError(
-                f"part {solid.name!r} falls into {pieces} pieces that do not touch; join the bodies in the CAD"
-            )
+            raise ValueError(f"solid {solid.name!r} falls into {pieces} pieces that do not touch; join its CAD bodies")
         fields = _position_fields(scalar)
         stiffness = _stiffness(mesh, solid, order)
         couplings = tuple(_couple(mesh, scalar, fields, point) for point in solid.remote_points)
@@ -115,7 +113,7 @@ def assemble_mesh(mesh: Any, solid: Solid, order: int) -> FEModel:
 
 
 def with_materials(fe_model: FEModel, materials: Mapping[str, Material]) -> FEModel:
-    """The same part on the same mesh with other materials by body name; ValueError for models made by hand."""
+    """The same solid on the same mesh with other materials, by CAD body; ValueError for models made by hand."""
     mesh, solid = _source(fe_model)
     changed = replace(solid, materials={**solid.materials, **materials})
     model = assemble_mesh(mesh, changed, fe_model.order)
@@ -129,7 +127,7 @@ def _source(fe_model: FEModel) -> tuple[Any, Solid]:
 
 
 def refine_order(fe_model: FEModel) -> Refinement:
-    """The same part on the same mesh with elements one order higher; ValueError for models made by hand."""
+    """The same solid on the same mesh with elements one order higher; ValueError for models made by hand."""
     mesh, solid = _source(fe_model)
     order = fe_model.order
     with threads():

@@ -5,20 +5,20 @@ at rest, orthogonal to it in the strain energy:
 
     u = Psi q + w,   W w = 0,   Psi^T K w = 0
 
-with W the rows that measure q. So whatever the boundary conditions at the remote points are, the full model's answers
+with W the rows that read q. So whatever the boundary conditions at the remote points are, the full model's answers
 need only this one factorisation and small dense matrices. The couplings differ in how Psi and w are found:
 
 - rbe2 (stiff interface): the interface's unknowns are held; Psi solves for the rest.
 - rbe3 (mean motion of a soft interface): forces l at the remote points are multipliers of W u = q. Without any rbe2
-  the stiffness is singular; six unknowns are grounded statically determinately, and loads are balanced by inertia
-  forces before each solve, so the grounding carries nothing and rigid motions Z can be added freely.
+  the stiffness is singular: six unknowns are held, just enough to stop rigid motion. Inertia forces balance the load
+  before each solve, so what is held carries no force, and any rigid motion Z may be added to the solution.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 
 import numpy as np
-import scipy.linalg
+import scipy
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
@@ -29,7 +29,7 @@ from nassim.fem.fe_model import Coupling, FEModel, rigid_motions
 from nassim.fem.solver import Factorization, factorize, solver_name, threads
 
 DEPENDENT = 1e-9
-"""Share of a remote point's measured motion, squared, below which it is not its own."""
+"""Share of a remote point's motion, squared, that other points leave it; below, it follows from theirs."""
 
 
 @dataclass(frozen=True)
@@ -39,10 +39,11 @@ class Condensation:
     fe_model: the model; couplings: the remote points, in order
     constraint_modes: displacements for unit motions of the remote points, Psi, shape (n_dofs, 6 r)
     stiffness: forces at the remote points for their unit motions, shape (6 r, 6 r)
-    averages: rows W that measure the remote points' motions, sparse, shape (6 r, n_dofs)
+    averages: rows W that read the remote points' motions, sparse, shape (6 r, n_dofs)
     """
 
     fe_model: FEModel
+    _: KW_ONLY
     couplings: tuple[Coupling, ...]
     constraint_modes: Array
     stiffness: Array
@@ -95,11 +96,11 @@ def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, p
     remote_points: names (default: all of the model, in its order)
 
     Raises ValueError for unknown names, no remote point at all, rbe2 interfaces that share nodes, and rbe3 interfaces
-    that share so many with others that their points cannot move by themselves.
+    with too few nodes of their own for their points to move by themselves.
     """
     names = [p.name for p in fe_model.remote_points] if remote_points is None else list(remote_points)
     if not unique("remote point", names):
-        raise ValueError(f"part {fe_model.name!r} has no remote points: give its Solid at least one RemotePoint")
+        raise ValueError(f"FE model {fe_model.name!r} has no remote points: give its Solid at least one RemotePoint")
     couplings = tuple(fe_model.coupling(name) for name in names)
     stiff = np.repeat([c.point.coupling == "rbe2" for c in couplings], 6)
     held, prescribed = _prescribed_motions(fe_model, couplings)
@@ -130,14 +131,14 @@ def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, p
     stiffness = keep.T @ stiffness @ keep
     return Condensation(
         fe_model,
-        couplings,
-        constraint_modes,
-        0.5 * (stiffness + stiffness.T),
-        averages,
-        grounded,
-        soft_averages,
-        flexibility,
-        border,
+        couplings=couplings,
+        constraint_modes=constraint_modes,
+        stiffness=0.5 * (stiffness + stiffness.T),
+        averages=averages,
+        _grounded=grounded,
+        _soft_averages=soft_averages,
+        _soft_flexibility=flexibility,
+        _border=border,
     )
 
 
@@ -171,7 +172,7 @@ def _prescribed_motions(fe_model: FEModel, couplings: Sequence[Coupling]) -> tup
 
 
 def _refuse_dependent(couplings: Sequence[Coupling], averages: sp.csr_matrix, held: NDArray[np.int64]) -> None:
-    """Refuse rbe3 points whose measured motions follow from those of other points, as on small faces that touch."""
+    """Refuse rbe3 points whose motions follow from those of other points, as on small faces that touch."""
     soft = [i for i, c in enumerate(couplings) if c.point.coupling == "rbe3"]
     if not soft:
         return
@@ -183,8 +184,8 @@ def _refuse_dependent(couplings: Sequence[Coupling], averages: sp.csr_matrix, he
         # Orthonormal rows on the whole interface: what is left of them on unknowns that move is then at most 1.
         factor = np.linalg.cholesky((own @ own.T).toarray())
         rows.append(np.linalg.solve(factor, own.toarray() * free))
-    measured = np.vstack(rows)
-    independent, directions = np.linalg.eigh(measured @ measured.T)
+    readings = np.vstack(rows)
+    independent, directions = np.linalg.eigh(readings @ readings.T)
     if independent[0] < DEPENDENT:
         share = np.sum(directions[:, 0].reshape(-1, 6) ** 2, axis=1)
         tied = [couplings[i].point.name for i, s in zip(soft, share, strict=True) if s > DEPENDENT]

@@ -1,4 +1,4 @@
-"""The finite element model: matrices of a meshed part and its remote points tied to them, whoever meshed it."""
+"""The finite element model: matrices of a meshed solid and its remote points tied to them, whoever meshed it."""
 
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
@@ -33,19 +33,19 @@ class Coupling:
 
 @dataclass(frozen=True)
 class FEModel:
-    """Stiffness and mass of a meshed part. Unknowns: all x, then all y, then all z displacements.
+    """Stiffness and mass of a meshed solid. Unknowns: all x, then all y, then all z displacements.
 
-    name: of the part
+    name: of the solid
     stiffness: (3 n, 3 n), symmetric [N/m]; a SciPy matrix is taken too
     scalar_mass_matrix: (n, n) sparse, integral of density times two scalar shape functions [kg]; the mass
         matrix is three such blocks
     fields: coefficients of the functions 1, x, y, z in the scalar shape functions, shape (4, n) [-, m, m, m]
-    couplings: the remote points, in the part's order; ports: the electrical ports, likewise
+    couplings: the remote points, in the solid's order; ports: the electrical ports, likewise
     surface, surface_evaluation: triangles for pictures, and the (n_points, n) sparse matrix that evaluates
         a scalar field at their points; None in models made by hand
     description: element order, sizes and counts as text, for reports
     order: polynomial order of the elements; 0 where unknown
-    warnings: what was told while the mesh was made
+    warnings: what was warned of while the mesh was made
     """
 
     name: str
@@ -107,7 +107,7 @@ class FEModel:
         return float(one @ (self.scalar_mass_matrix @ one))
 
     def rigid_motions(self) -> Array:
-        """Unit translations and rotations about the part's origin, shape (3 n, 6)."""
+        """Unit translations and rotations about the CAD's origin, shape (3 n, 6)."""
         return rigid_motions(self.fields, np.zeros(3))
 
     def port(self, name: str) -> PortCoupling:
@@ -123,10 +123,10 @@ class FEModel:
 
 @dataclass(frozen=True)
 class Refinement:
-    """What elements one order higher on the same mesh add to an FE model of n scalar unknowns; they have m.
+    """Elements one order higher on the same mesh, with m scalar unknowns, beside an FE model with n.
 
     stiffness: of the finer elements, (3 m, 3 m) [N/m]
-    held: unknowns of these that add nothing: those of the vertices and of lower degree on the edges
+    held: indices of those that add nothing, at vertices and on edges all but the highest degree's
     mixed_stiffness: forces on the finer unknowns from displacements of the model, (3 m, 3 n)
     mixed_mass: the same for density, one scalar block, (m, n)
     couplings: the remote points on the finer elements

@@ -1,4 +1,4 @@
-"""The full FE model's own answers, without any reduction: the reference that reductions are measured against.
+"""The full FE model's own answers, without any reduction: the reference that reductions are compared with.
 
 All boundary conditions at remote points are served by the one factorisation of a `Condensation`: what the points'
 free motions contribute is the constraint modes times a small dense inverse, the rest is solved with the points held.
@@ -159,8 +159,8 @@ def full_frequency_response(
             basis, amplitudes, change = _krylov(model, load, frequency, damping_ratio, tolerance, max_solves, advance)
             values[:, column] = readings @ basis @ amplitudes
             for port in condensed.fe_model.ports:
-                for row, measured in enumerate(outputs.values()):
-                    common = measured.get(port.name, 0.0) * weights.get(port.name, 0.0)
+                for row, read in enumerate(outputs.values()):
+                    common = read.get(port.name, 0.0) * weights.get(port.name, 0.0)
                     values[row, column] += common * port.blocked_capacitance
             worst, n_solves = max(worst, change), n_solves + basis.shape[1] + 1
     frf = FRF(frequency, values, tuple(outputs), tuple(inputs), None, "full FE model")

@@ -1,4 +1,4 @@
-"""Whether a mesh serves: its factorisation fits in memory, it fills the part, its walls are thick enough."""
+"""Whether a mesh serves: its factorisation fits in memory, it fills the solid, its walls are thick enough."""
 
 from typing import Any
 
@@ -33,7 +33,7 @@ def check_memory(mesh: Any, solid: Solid, order: int, element_size: float) -> No
         # The factor grows about as the number of unknowns to the power 4/3.
         fitting = element_size * (need / free) ** 0.25
         raise ValueError(
-            f"part {solid.name!r}: {3 * scalar.ndof} degrees of freedom need about {need / 1e9:.1f} GB to factorise, "
+            f"solid {solid.name!r}: {3 * scalar.ndof} degrees of freedom need about {need / 1e9:.1f} GB to factorise, "
             f"{free / 1e9:.1f} GB are free; an element_size of {fitting:.2g} m or more would fit"
         )
 
@@ -44,8 +44,8 @@ def check_volume(mesh: Any, solid: Solid) -> None:
     excess = ng.Integrate(1, mesh) / cad - 1
     if abs(excess) > LARGEST_VOLUME_ERROR:
         warn(
-            f"part {solid.name!r}: the mesh has {100 * excess:+.1f} % more volume than the CAD; give its curved faces "
-            "smaller elements (local_sizes, curvature) or a higher order",
+            f"solid {solid.name!r}: the mesh has {100 * excess:+.1f} % more volume than the CAD; give its curved "
+            "faces smaller elements (local_sizes, curvature) or a higher order",
             stacklevel=3,
         )
 
@@ -58,8 +58,8 @@ def warn_of_thin_walls(mesh: Any, solid: Solid) -> None:
     thin = np.mean([all(outside[v.nr] for v in element.vertices) for element in mesh.Elements(ng.VOL)])
     if thin > THIN_SHARE:
         warn(
-            f"part {solid.name!r}: {100 * thin:.0f} % of the elements reach from surface to surface, so walls are one "
-            "element thick; with order 1 they are far too stiff (the first clamped frequency of an APA300ML comes out "
-            "2.6 times too high on 5 mm elements): use order 2 or more",
+            f"solid {solid.name!r}: {100 * thin:.0f} % of the elements reach from surface to surface, so walls "
+            "are one element thick; with order 1 they are far too stiff (the first clamped frequency of an APA300ML "
+            "comes out 2.6 times too high on 5 mm elements): use order 2 or more",
             stacklevel=3,
         )

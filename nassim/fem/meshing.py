@@ -1,4 +1,4 @@
-"""Meshes of parts by Netgen: tetrahedra anywhere, prisms where bodies are extruded along an axis."""
+"""Meshes of solids by Netgen: tetrahedra anywhere, prisms where CAD bodies are extruded along an axis."""
 
 import itertools
 import os
@@ -20,13 +20,13 @@ from nassim.fem.solid import Solid, face_names
 
 AXES = {"x": occ.X, "y": occ.Y, "z": occ.Z}
 GHOST = "(empty)"
-"""Name of cells that hold no material; those of bodies are numbers while a mesh is made."""
+"""Name of cells that hold no material; those of CAD bodies are numbers while a mesh is made."""
 SAME = 1e-9
 """Relative difference of volumes and areas that counts as none."""
 TRIALS = ((0.7, 1.0), (0.5, 1.0), (0.3, 1.0), (0.7, 0.8), (0.5, 0.8))
 """Growth of the elements away from small features (Netgen's grading) and share of the size, in the order of trial."""
 ROUNDS = 3
-"""Netgen's attempts to fill a body; further ones take minutes and mostly fail too."""
+"""Netgen's attempts to fill a CAD body; further ones take minutes and mostly fail too."""
 NEAR = 1e-6
 """Distances below this are nil [m]."""
 UNLIMITED = 1e99
@@ -43,30 +43,30 @@ def generate_mesh(
     extrude: str | None = None,
     layer_thickness: float | None = None,
 ) -> Any:
-    """Mesh a part by Netgen; returns the Netgen mesh, coordinates in metres.
+    """Mesh a solid by Netgen; returns the Netgen mesh, coordinates in metres.
 
     element_size: largest edge length [m]; small features get smaller elements
     curvature: elements per radius of curvature of curved edges and faces
     local_sizes: largest edge length [m] on faces, by the faces' names
-    extrude: "x", "y" or "z" meshes those bodies that are extruded along this axis with prisms, and the others with
-        tetrahedra; None, all with tetrahedra. Prisms on curved faces hold rigid rotations only nearly, unless
+    extrude: "x", "y" or "z" meshes the CAD bodies that are extruded along this axis with prisms, and the others
+        with tetrahedra; None, all with tetrahedra. Prisms on curved faces hold rigid rotations only nearly, unless
         their remote points are of kind rbe3
     layer_thickness: largest height of the prisms [m] (default: element_size)
 
-    Raises ValueError for impossible sizes, when no body is extruded along the axis, and when Netgen fails. Where it
-    fails with prisms only, which happens between them and tetrahedra, warns and meshes with tetrahedra.
+    Raises ValueError for impossible sizes, when no CAD body is extruded along the axis, and when Netgen fails. Where
+    it fails with prisms only, which happens where they meet tetrahedra, warns and meshes with tetrahedra alone.
     """
     size = positive("element_size", element_size, "m")
     extent = np.array([tuple(corner) for corner in solid.shape.bounding_box])
     length = np.ptp(extent, axis=0).max()
     if size > length * (1 + SAME):
         raise ValueError(
-            f"element_size {size:g} m is longer than the part {solid.name!r}, which has {length:g} m; take that at "
+            f"element_size {size:g} m is longer than the solid {solid.name!r}, which has {length:g} m; take that at "
             "most, and give lengths in metres: 5e-3 for 5 mm"
         )
     if size < 1e-3 * length:
         raise ValueError(
-            f"element_size {size:g} m is below a thousandth of the part {solid.name!r}; that mesh would not fit in "
+            f"element_size {size:g} m is below a thousandth of the solid {solid.name!r}; that mesh would not fit in "
             "memory: take a larger size and a higher order"
         )
     positive("curvature", curvature)
@@ -92,7 +92,7 @@ def _mesh(
             return _run_netgen(cut_in_layers(solid, axis=extrude, thickness=thickness), size, curvature, sizes)
         except NgException:
             warn(
-                f"Netgen fails to mesh part {solid.name!r} with prisms: tetrahedra take their place, at a larger "
+                f"Netgen fails to mesh solid {solid.name!r} with prisms: tetrahedra take their place, at a larger "
                 "error; other sizes may help",
                 stacklevel=4,
             )
@@ -100,14 +100,14 @@ def _mesh(
         return _run_netgen(solid.shape, size, curvature, sizes)
     except NgException as error:
         raise ValueError(
-            f"Netgen cannot mesh part {solid.name!r} with element_size {size:g} m ({error}); try another size or "
+            f"Netgen cannot mesh solid {solid.name!r} with element_size {size:g} m ({error}); try another size or "
             "fewer elements per radius of curvature"
         ) from error
 
 
 @contextmanager
 def _numbered(shape: Any) -> Iterator[list[str]]:
-    """Bodies and faces are called by their names' places in the yielded list, so that any name will do in a mesh."""
+    """Calls CAD bodies and faces by the places of their names in the yielded list: any name will do in a mesh."""
     named = [(item, item.name) for item in [*shape.solids, *shape.faces] if item.name]
     names = list(dict.fromkeys(name for _, name in named))
     try:
@@ -129,7 +129,7 @@ def _name_again(mesh: Any, names: Sequence[str]) -> None:
 
 
 def _run_netgen(shape: Any, size: float, curvature: float, sizes: Mapping[str, float]) -> Any:
-    """Netgen at times fails to fill a body between the pyramids on prisms; another grading or size may then help."""
+    """Netgen at times fails to fill what lies between prisms with tetrahedra; another grading or size may then help."""
     _set_face_sizes(shape, sizes)
     try:
         for grading, share in TRIALS:
@@ -204,18 +204,18 @@ def _set_face_sizes(shape: Any, sizes: Mapping[str, float]) -> None:
 
 
 def cut_in_layers(solid: Solid, *, axis: str, thickness: float) -> Any:
-    """The part's shape with its extruded bodies cut in layers whose two faces Netgen meshes alike, with prisms between.
+    """A solid's shape, its extruded CAD bodies cut in layers; Netgen meshes both faces of one alike, prisms between.
 
-    axis: "x", "y" or "z"; thickness: of a layer at most [m]. Raises ValueError when no body is extruded along the axis.
+    axis: "x", "y" or "z"; thickness: of a layer at most [m]. Raises ValueError when no CAD body is extruded along it.
 
-    Every layer carries the outlines of all extruded bodies, so that one mesh of the section fits them all.
+    Every layer carries the outlines of all extruded CAD bodies, so that one mesh of the section fits them all.
     """
     k = "xyz".index(axis)
     names = [face.name for face in solid.shape.faces]
     bodies = list(solid.shape.solids)
     prisms = [body for body in bodies if _is_prism(body, k)]
     if not prisms:
-        raise ValueError(f"no body of part {solid.name!r} is extruded along {axis}: mesh it with tetrahedra")
+        raise ValueError(f"no CAD body of solid {solid.name!r} is extruded along {axis}: mesh it with tetrahedra")
     others = [body for body in bodies if not _is_prism(body, k)]
     cells = [cell for low, high in _levels(prisms, k, thickness) for cell in _layer(prisms, others, k, low, high)]
     whole = occ.Glue([*cells, *others])
@@ -247,7 +247,7 @@ def _restore_names(shape: Any, original: Any, names: Sequence[str | None], k: in
 
 
 def _ends(body: Any, k: int) -> tuple[list[Any], list[Any]]:
-    """Faces in the two planes that bound a body along axis k."""
+    """Faces in the two planes that bound a CAD body along axis k."""
     centres = [face.center[k] for face in body.faces]
     low, high = min(centres), max(centres)
     near = 1e-6 * (high - low)
@@ -276,7 +276,7 @@ def _levels(prisms: Sequence[Any], k: int, thickness: float) -> list[tuple[float
 
 
 def _layer(prisms: Sequence[Any], others: Sequence[Any], k: int, low: float, high: float) -> list[Any]:
-    """The prisms' parts in one layer, cut by the outlines of those prisms that lie in other layers."""
+    """The prisms' pieces in one layer, cut by the outlines of those prisms that lie in other layers."""
     middle = 0.5 * (low + high)
     present: list[Any] = []
     absent: list[Any] = []
@@ -294,15 +294,15 @@ def _layer(prisms: Sequence[Any], others: Sequence[Any], k: int, low: float, hig
         for face in _ends(body, k)[0]:
             step = np.eye(3)[k]
             outline = face.Move(occ.Vec(*(step * (low - face.center[k])))).Extrude(occ.Vec(*(step * (high - low))))
-            cells.extend(part for cell in real for part in _named(outline * cell, cell.name))
-            for solid in [*real, *others]:
-                outline = outline - solid
+            cells.extend(piece for cell in real for piece in _named(outline * cell, cell.name))
+            for other in [*real, *others]:
+                outline = outline - other
             cells.extend(_named(outline, GHOST))
     return cells
 
 
 def _named(shape: Any, name: str) -> list[Any]:
-    """The bodies of a shape, all with one name."""
+    """The CAD bodies of a shape, all with one name."""
     bodies = list(shape.solids)
     for body in bodies:
         body.name = name

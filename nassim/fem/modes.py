@@ -24,7 +24,7 @@ from nassim.fem.fe_model import FEModel
 from nassim.fem.solver import threads
 
 LANCZOS_TOLERANCE = 1e-6
-"""Relative residual of a mode; its frequency's error is of the residual's square."""
+"""Relative residual at which a mode counts as found: its frequency is then off by about the square of that."""
 DEPENDENT = 1e-10
 """Directions of left-out vectors with less than this share of their mass are rounding."""
 
@@ -76,7 +76,7 @@ def modes_below(condensed: Condensation, cutoff_frequency: float, *, advance: Ad
 def left_out_vectors(
     condensed: Condensation, frequency: Array, modes: Array, *, loads: Array | None = None, advance: Advance = silent
 ) -> tuple[Array, Array]:
-    """Ritz vectors that stand for the modes not among the given ones: frequencies (k,) [Hz], shapes (n_dofs, k).
+    """Ritz vectors that stand for all modes beyond the given ones: frequencies (k,) [Hz], shapes (n_dofs, k).
 
     frequency (p,) [Hz], modes (n_dofs, p): the lowest fixed-interface modes. The k vectors are at rest at the remote
     points, of unit modal mass and orthogonal to the modes. advance: called once per solve.

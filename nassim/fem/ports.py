@@ -17,14 +17,14 @@ from nassim.fem.regions import bodies
 from nassim.fem.solid import Solid
 
 VOLUME_MISMATCH = 0.02
-"""Largest difference between a body's volume and its data sheet's size."""
+"""Largest relative difference between a CAD body's volume and that of its stack's data sheet."""
 
 
 def couple_port(mesh: Any, solid: Solid, order: int, port: ElectricalPort) -> PortCoupling:
     """A port's forces on the unknowns x..., y..., z... of elements of the given order, and its blocked capacitance.
 
-    Raises ValueError when a body's volume or length is not that of the stack, or when the stack's figures do not go
-    with the body's material.
+    Raises ValueError when a CAD body's volume or length is not that of the stack, or when the stack's figures do not
+    go with its material.
     """
     stack, strain = port.stack, port.strain_per_volt
     test = ng.VectorH1(mesh, order=order).TestFunction()
@@ -35,15 +35,15 @@ def couple_port(mesh: Any, solid: Solid, order: int, port: ElectricalPort) -> Po
         volume = ng.Integrate(1.0, mesh, definedon=region)
         if abs(volume / (stack.length * stack.area) - 1) > VOLUME_MISMATCH:
             raise ValueError(
-                f"electrical port {port.name!r}: body {body!r} has {1e9 * volume:.4g} mm3, its stack "
-                f"{1e9 * stack.length * stack.area:.4g} mm3; give each stack a body of its own, of that size"
+                f"electrical port {port.name!r}: CAD body {body!r} has {1e9 * volume:.4g} mm3, its stack "
+                f"{1e9 * stack.length * stack.area:.4g} mm3; give each stack a CAD body of its own, of that size"
             )
         along = sum(c * x for c, x in zip(np.asarray(port.direction).tolist(), (ng.x, ng.y, ng.z), strict=True))
         mean = ng.Integrate(along, mesh, definedon=region) / volume
         extent = np.sqrt(12 * ng.Integrate((along - mean) ** 2, mesh, definedon=region) / volume)
         if abs(extent / stack.length - 1) > VOLUME_MISMATCH:
             raise ValueError(
-                f"electrical port {port.name!r}: body {body!r} is {1e3 * extent:.4g} mm long along the port's "
+                f"electrical port {port.name!r}: CAD body {body!r} is {1e3 * extent:.4g} mm long along the port's "
                 f"direction, its stack {1e3 * stack.length:.4g} mm; does the direction follow the stack?"
             )
         lambda_, mu = solid.materials[body].lame_parameters

@@ -21,7 +21,7 @@ from nassim.fem.solver import threads
 
 DEFAULT_MODES = 6
 MOST_MODES = 400
-"""Beyond these, the body is no longer small; each doubling on the way costs more than all before it."""
+"""Most modes that a tolerance may need: their number is doubled until it suffices; beyond, no body is small."""
 COLUMNS = 64
 """Fields whose products with the mass matrix are held at once."""
 
@@ -42,9 +42,9 @@ def craig_bampton(
     fe_model: the model, or its `condense`d form where that is at hand
     n_modes: number p of fixed-interface modes (default: 6, where neither of the next two is given)
     cutoff_frequency: keep the modes below it [Hz]; twice the highest frequency of interest is customary
-    tolerance: keep as few modes as make the estimated errors of the eigenfrequencies small enough, relative [-]: of
-        the first five elastic ones, or of those below cutoff_frequency where that is given too, of the free body and
-        of the body clamped at each one of its remote points
+    tolerance: largest estimated relative error of eigenfrequencies [-] that is allowed; as few modes as it allows are
+        kept. It holds for the first five elastic eigenfrequencies, or for those below cutoff_frequency where that is
+        given too, of the free body and of the body clamped at any one of its remote points
     remote_points: names (default: all)
     ports: names of the electrical ports to keep (default: all); each adds one modal coordinate, which makes the
         static answer to its voltage exact
@@ -52,8 +52,8 @@ def craig_bampton(
         long again
     progress: show the stages and the report
 
-    Raises ValueError for no remote points, unknown names, more modes than unknowns, n_modes beside the others, and a
-    tolerance out of reach (the message says what is within).
+    Raises ValueError for no remote points, unknown names, more modes than unknowns, n_modes together with
+    cutoff_frequency or tolerance, and a tolerance out of reach (the message says what is within).
     """
     if n_modes is not None and not (cutoff_frequency is None and tolerance is None):
         raise ValueError("give either n_modes, or cutoff_frequency and/or tolerance, not both")

@@ -1,4 +1,4 @@
-"""Bodies and faces of an NGSolve mesh by name. NGSolve's own look-ups take names as regular expressions: never here.
+"""CAD bodies and faces of a mesh by exact name: NGSolve's own look-ups, which are not used, take regular expressions.
 
 A name such as "part.1" would match "part-1" too, "pad (2)" would match nothing, and "c++" ends the interpreter.
 """
@@ -10,7 +10,7 @@ import ngsolve as ng
 
 
 def bodies(mesh: Any, names: Collection[str]) -> Any:
-    """The bodies with exactly these names, as a region."""
+    """The CAD bodies with exactly these names, as a region."""
     return ng.Region(mesh, ng.VOL, ng.BitArray([name in names for name in mesh.GetMaterials()]))
 
 
@@ -20,5 +20,5 @@ def faces(mesh: Any, names: Collection[str]) -> Any:
 
 
 def by_body(mesh: Any, values: Mapping[str, float]) -> Any:
-    """The function that has in every body its value, by the body's name; KeyError for a body without one."""
+    """The function that is constant in each CAD body; values: by its name, KeyError where one is missing."""
     return ng.CoefficientFunction([values[name] for name in mesh.GetMaterials()])

@@ -1,4 +1,4 @@
-"""The outer surface of a mesh as triangles, for pictures of parts and modes."""
+"""The outer surface of a mesh as triangles, for pictures of bodies and modes."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ from nassim.fem.solid import Solid
 def outer_surface(mesh: Any, scalar: Any, fields: Array, solid: Solid) -> tuple[Surface, sp.csr_matrix]:
     """Outer faces of a mesh, each split in triangles by its edges' midpoints, which show the curvature.
 
-    mesh: NGSolve mesh of the part `solid`; scalar: its H1 space; fields: coefficients of 1, x, y, z in it, (4, n)
+    mesh: NGSolve mesh of `solid`; scalar: its H1 space; fields: coefficients of 1, x, y, z in it, (4, n)
 
     Returns the surface and the sparse matrix (n_points, n) that evaluates a scalar field at its points.
     """

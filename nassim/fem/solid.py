@@ -1,4 +1,4 @@
-"""Parts: CAD shapes with named bodies and faces, their materials and remote points."""
+"""Solids: CAD objects made of named CAD bodies, with named faces, materials and remote points."""
 
 import itertools
 import tempfile
@@ -22,27 +22,27 @@ from nassim.fem.materials import Material
 CAD_ENDINGS = {".step": ".step", ".stp": ".step", ".iges": ".iges", ".igs": ".iges", ".brep": ".brep"}
 UNITS = {"m": 1.0, "mm": 1e-3, "inch": 0.0254}
 SMALLEST = 1e-6
-"""Shortest part [m]; OpenCASCADE takes points within 1e-7 for one."""
+"""Shortest solid [m]; OpenCASCADE takes points within 1e-7 for one."""
 LARGE = 10.0
-"""Parts from this length on were more often drawn in millimetres than are so long [m]."""
+"""Solids from this length on were more often drawn in millimetres than are so long [m]."""
 OVERLAP = 1e-4
-"""Shared volume, over the smaller body's, from which on it is more than the inaccuracy of faces that touch."""
+"""Volume that two CAD bodies share over the smaller one's, above which faces that touch do not explain it."""
 
 
 @dataclass(frozen=True)
 class Solid:
-    """A part: an OpenCASCADE shape in metres with named bodies and faces.
+    """A CAD object: an OpenCASCADE shape in metres, made of one or several CAD bodies with names, faces with names.
 
     name: what files and reports call it
-    shape: OCC shape of one or several touching bodies [m]
-    materials: material per body name
+    shape: OCC shape of one or several CAD bodies that touch [m]
+    materials: by name of the CAD body
     remote_points: its interfaces; may be empty for a look at the eigenmodes only
-    ports: electrical ports of its piezoelectric bodies
+    ports: electrical ports of its piezoelectric CAD bodies
 
-    Raises ValueError for a body without material, an unknown face or body, a face that two remote points claim, a
-    body that two ports claim, a name that points and ports share ("surface" is the picture's), bodies that overlap, and
-    a shape below 1e-6 m; warns of one of 10 m or more. Make a shape of several bodies by `glue`: OpenCASCADE's own
-    gluing gives what two bodies share to the first, without a word.
+    Raises ValueError for a CAD body without material, an unknown face or CAD body, a face that two remote points claim,
+    a CAD body that two ports claim, a name that a point and a port share ("surface" is the picture's), CAD bodies that
+    overlap, and a shape below 1e-6 m; warns of one of 10 m or more. Make a shape of several CAD bodies by `glue`:
+    OpenCASCADE's own gluing gives what two of them share to the first, without a word.
     """
 
     name: str
@@ -58,7 +58,8 @@ class Solid:
         for body in bodies:
             if body not in self.materials:
                 raise ValueError(
-                    f"part {self.name!r}: body {body!r} has no material; given: {', '.join(self.materials) or 'none'}"
+                    f"solid {self.name!r}: CAD body {body!r} has no material; "
+                    f"given: {', '.join(self.materials) or 'none'}"
                 )
         faces = face_names(self.shape)
         owner: dict[str, str] = {}
@@ -77,9 +78,9 @@ class Solid:
         unique("electrical port", (port.name for port in ports))
         # A reduced body reads all of them out by name, its surface beside them.
         named = (SURFACE, *(point.name for point in points), *(port.name for port in ports))
-        unique(f"part {self.name!r}: remote point, electrical port and picture ({SURFACE!r})", named)
-        for body in unique("body of electrical port", (body for port in ports for body in port.bodies)):
-            known("body", body, bodies)
+        unique(f"solid {self.name!r}: remote point, electrical port and picture ({SURFACE!r})", named)
+        for body in unique("CAD body of electrical port", (body for port in ports for body in port.bodies)):
+            known("CAD body", body, bodies)
         with exclusive(forkable=True):
             _refuse_overlaps(self.name, list(self.shape.solids))
         _check_size(self.name, self.shape)
@@ -126,9 +127,9 @@ def read_solid(
     unit: str = "mm",
     name: str | None = None,
 ) -> Solid:
-    """Read a part from a STEP, IGES or BREP file (endings in any letter case).
+    """Read a solid from a STEP, IGES or BREP file (endings in any letter case).
 
-    materials: one for all bodies, or one per body name (bodies without a name are "body 1", "body 2", ...)
+    materials: one for all CAD bodies, or by their names (those without a name become "body 1", "body 2", ...)
     faces: new face name -> `OnPlane`, `NearestTo` or the name that the face has in the file
     remote_points: as in `Solid`; they use the names given in `faces`
     unit: length of one coordinate unit once read. OpenCASCADE converts STEP and IGES to "mm" whatever unit
@@ -141,7 +142,7 @@ def read_solid(
     with exclusive(forkable=True):
         shape = _read_shape(source).Scale(occ.Pnt(0, 0, 0), UNITS[known("unit", unit, UNITS)])
         if len(shape.solids) == 0:
-            raise ValueError(f"{source} holds no solid body, only surfaces or curves; export solids")
+            raise ValueError(f"{source} holds no CAD body, only surfaces or curves; export solids")
         for index, body in enumerate(shape.solids, start=1):
             body.name = body.name or f"body {index}"
         if len(shape.solids) > 1:
@@ -154,15 +155,16 @@ def read_solid(
 
 
 def glue(bodies: Sequence[Any], *, name: str = "") -> Any:
-    """One shape of bodies that touch, in which they share their common faces.
+    """One shape of CAD bodies that touch, in which they share their common faces.
 
-    name: of the part, for messages. Raises ValueError for bodies that overlap: what they share belongs to neither.
+    name: of the solid, for messages. Raises ValueError for CAD bodies that overlap: which material fills what they
+    share is unknown.
     """
     _refuse_overlaps(name, bodies)
     return occ.Glue(list(bodies))
 
 
-def _refuse_overlaps(part: str, bodies: Sequence[Any]) -> None:
+def _refuse_overlaps(name: str, bodies: Sequence[Any]) -> None:
     boxes = [np.array([tuple(corner) for corner in body.bounding_box]) for body in bodies]
     for (i, a), (j, b) in itertools.combinations(enumerate(bodies), 2):
         apart = np.any((boxes[i][0] >= boxes[j][1]) | (boxes[j][0] >= boxes[i][1]))
@@ -170,21 +172,22 @@ def _refuse_overlaps(part: str, bodies: Sequence[Any]) -> None:
         smaller = min(a.mass, b.mass)
         if shared > OVERLAP * smaller:
             raise ValueError(
-                f"part {part!r}: bodies {a.name or ''!r} and {b.name or ''!r} share {100 * shared / smaller:.2g} % of "
-                "the smaller one's volume, so its material there is unknown: cut one by the other in the CAD"
+                f"solid {name!r}: CAD bodies {a.name or ''!r} and {b.name or ''!r} share "
+                f"{100 * shared / smaller:.2g} % of the smaller one's volume, so its material there is "
+                "unknown: cut one by the other in the CAD"
             )
 
 
-def _check_size(part: str, shape: Any) -> None:
+def _check_size(name: str, shape: Any) -> None:
     size = np.ptp(np.array([tuple(corner) for corner in shape.bounding_box]), axis=0).max()
     if not SMALLEST < size < np.inf:
         raise ValueError(
-            f"part {part!r} is {size:g} m long; at least {SMALLEST:g} m is needed, and shapes are in metres: check the "
-            "CAD file's unit"
+            f"solid {name!r} is {size:g} m long; at least {SMALLEST:g} m is needed, and shapes are in metres: check "
+            "the CAD file's unit"
         )
     if size >= LARGE:
         warn(
-            f"part {part!r} is {size:g} m long; shapes are in metres: check the CAD file's unit if that is too long",
+            f"solid {name!r} is {size:g} m long; shapes are in metres: check the CAD file's unit if that is too long",
             stacklevel=4,
         )
 
@@ -193,13 +196,13 @@ def name_faces(shape: Any, name: str, pick: FacePick) -> None:
     """Give the picked face of a shape [m] a name; raises ValueError listing the faces when the pick fails."""
     chosen = _pick(shape, name, pick)
     for face in shape.faces:
-        # A face between two bodies is listed once for either side; both must carry the name.
+        # A face between two CAD bodies is listed once for either side; both must carry the name.
         if any(_same_place(face, other) for other in chosen):
             face.name = name
 
 
 def body_names(shape: Any) -> tuple[str, ...]:
-    """Names of a shape's bodies, in its order; a body without a name counts as ''."""
+    """Names of a shape's CAD bodies, in its order; one without a name counts as ''."""
     return tuple(dict.fromkeys(body.name or "" for body in shape.solids))
 
 
@@ -209,7 +212,7 @@ def face_names(shape: Any) -> tuple[str, ...]:
 
 
 def shape_bytes(shape: Any) -> bytes:
-    """The shape as BREP text with the names of its bodies and faces: what a cache key needs to know."""
+    """The shape as BREP text with the names of its CAD bodies and faces: what a cache key needs to know."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "shape.brep"
         shape.WriteBrep(str(file))
@@ -251,7 +254,7 @@ def _pick(shape: Any, name: str, pick: FacePick) -> list[Any]:
         return found
     problem = "finds no face" if not found else f"finds {len(found)} faces, one is wanted"
     listing = "\n".join(f"  {_describe(face)}" for face in (found or faces))
-    raise ValueError(f"face {name!r}: {pick} {problem}. {'Found' if found else 'The part has'}:\n{listing}")
+    raise ValueError(f"face {name!r}: {pick} {problem}. {'Found' if found else 'The solid has'}:\n{listing}")
 
 
 def _lies_on(face: Any, plane: OnPlane) -> bool:

@@ -28,7 +28,8 @@ ELEMENTS_PER_LEAF = 24
 BLOCK = 16
 """Right-hand sides that PARDISO solves at once."""
 SINGULAR = (
-    "the stiffness matrix is singular or indefinite: is a part loose, or does a material or element have no stiffness?"
+    "the stiffness matrix is singular or indefinite: is something loose, or does a material or element have no "
+    "stiffness?"
 )
 ZERO_PIVOT = -4
 """PARDISO's error code for a matrix that is not positive definite."""
@@ -74,9 +75,9 @@ def solver_name() -> str:
 def factorize(matrix: SymmetricMatrix, *, held: NDArray[np.int64] | None = None) -> Factorization:
     """Factorise a symmetric matrix that is positive definite once the unknowns `held` (indices) are held at zero.
 
-    Raises ValueError when a solve with the factor does not return its right-hand side, the sign of a singular
-    matrix, and when a diagonal entry or the energy of that solution is not positive, signs of an indefinite one. The
-    sparse Cholesky is in effect L D L^T, so an indefinite matrix that shows neither sign passes.
+    Raises ValueError for a singular matrix, which shows when a trial solve does not return its right-hand side, and for
+    an indefinite one, which shows in a diagonal entry or an energy of the trial that is not positive. The sparse
+    Cholesky, in effect L D L^T, factorises indefinite matrices too, so one that shows neither passes.
     """
     n = matrix.shape[0]
     free = np.ones(n, dtype=bool)
@@ -143,7 +144,7 @@ def factor_memory(centres: Array, unknowns: Sequence[NDArray[np.int64]], compone
 
     The elements are halved again and again at the median of their longest extent; the unknowns between two halves form
     dense fronts, whose entries are counted. The solvers' own orderings need 30 to 70 % of that (measured on compact
-    and on thin parts).
+    and on thin solids).
     """
     depth = max(0, int(np.ceil(np.log2(len(centres) / ELEMENTS_PER_LEAF))))
     leaf = np.zeros(len(centres), dtype=np.int64)

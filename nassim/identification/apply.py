@@ -34,9 +34,9 @@ class UpdateReport:
 
     changes: damping ratios of modes, then factors of parts
     matches: per identified mode the index of the scene's mode, (modes,), or -1 where the scene has none
-    identified, scene: frequencies [Hz], (modes,) and of the matched ones (modes,), 0 where there is none
+    identified: frequencies of the identified modes, (modes,) [Hz]; scene: of those matched to them, 0 where none is
     unmeasured: damping ratio of all other modes of the scene [-]
-    static_ratio: identified over the scene's old static response by the modes in the band, (outputs,)
+    static_ratio: identified static response over the scene's before, each by the modes in the band, (outputs,)
     """
 
     changes: tuple[Change, ...]
@@ -97,20 +97,21 @@ def apply_identification(
 ) -> tuple[Scene, UpdateReport]:
     """Write identified damping ratios and gains into a scene; returns the new scene and what was changed.
 
-    trusted: output whose sensor is right, such as an encoder: its identified static response over the scene's is the
-        factor of the actuators at the fit's input, and what remains of another output's is its sensor's factor
+    trusted: output whose sensor is taken as right, such as an encoder. Its identified static response over the scene's
+        is the factor of the actuators at the fit's input; that ratio of another output, over this factor, is the
+        factor of its sensor
     distance: relative difference in frequency up to which an identified mode is one of the scene's
-    factor: up to which, either way, their gains may differ besides: at the trusted output, or where that does not see
-        the mode, at the one that sees it best. A resonance of cables or of the table near a mode is not the mode
+    factor: largest ratio, either way, of their gains: at the trusted output or, where the mode does not show there, at
+        the output where it shows most. So a resonance of cables or of the table close by is not taken for the mode
     unmeasured_damping_ratio: of the scene's other modes (default: as they are)
 
-    Static response here is the sum of all modal gains in the band, unmodelled resonances included: masses, also such
-    that nobody modelled, move frequencies and share it out among the modes, but do not change it. Masses and
-    stiffnesses of the scene stay as they are.
+    Static response is the sum of all modal gains in the band, unmodelled resonances included: masses, even unknown
+    ones, shift frequencies and divide that sum among the modes, but do not change it. Masses and stiffnesses of the
+    scene stay as they are.
 
     Raises ValueError for unknown names, for outputs of the scene that do not respond to the input, for scenes with
-    damping that is not modal (dampers, resistances, bandwidths, loops), when no mode matches, and when a match is not
-    unique: two modes of the scene that the outputs see near one identified, or two identified near one.
+    damping that is not modal (bodies' own, dampers, resistances, bandwidths, loops), when no mode matches, and when a
+    match is not unique: two modes of the scene that the outputs see near one identified, or two identified near one.
     """
     positive("distance", distance)
     if not finite("factor", factor) > 1:
@@ -122,8 +123,8 @@ def apply_identification(
     assembly = assemble(scene)
     if not assembly.falls_into_modes or scene.loops:
         raise ValueError(
-            "damping ratios are written into a scene whose damping is all modal: take out dampers, resistances at "
-            "ports, amplifiers' bandwidths and loops, which damp beside them"
+            "damping ratios are written into a scene whose damping is all modal: take out bodies' own damping_ratio, "
+            "dampers, resistances at ports, amplifiers' bandwidths and loops, which damp beside them"
         )
     rows = [scene.outputs.index(output) for output in fit.outputs]
     gains = modal_gains(assembly)[rows, scene.inputs.index(fit.input)]
@@ -144,14 +145,19 @@ def apply_identification(
             ratios[mode], std = fit.damping_ratio[k], fit.damping_ratio_std[k]
             name = f"damping ratio of mode {mode + 1 - n_free}"
             changes.append(Change(name, float(assembly.damping.ratio[mode]), float(ratios[mode]), float(std)))
-    within = (assembly.frequency >= fit.measured.frequency[0]) & (assembly.frequency <= fit.measured.frequency[-1])
+    within = (assembly.frequency >= fit.recorded.frequency[0]) & (assembly.frequency <= fit.recorded.frequency[-1])
     within[matches[matches >= 0]] = True
     static = gains[:, within].sum(axis=1)
     scaled, factors = _scale(scene, fit, static, trusted)
     unmeasured = {f"mode {k + 1 - n_free}": float(r) for k, r in enumerate(ratios) if k not in matches and k >= n_free}
     found = np.where(matches >= 0, assembly.frequency[matches], 0.0)
     report = UpdateReport(
-        (*changes, *factors), matches, fit.frequency, found, unmeasured, fit.gains.sum(axis=1) / static
+        changes=(*changes, *factors),
+        matches=matches,
+        identified=fit.frequency,
+        scene=found,
+        unmeasured=unmeasured,
+        static_ratio=fit.gains.sum(axis=1) / static,
     )
     return replace(scaled, damping_ratio=ratios[n_free:]), report
 

@@ -55,8 +55,8 @@ class Target:
 class Calibration:
     """Fitted parameters, and what the model shows with them.
 
-    values, deviations: by parameter; the deviation is the relative standard deviation [-] that the targets' tolerances
-        alone mean, as if all other parameters were known: for what these add see `at_bounds`
+    values, deviations: by parameter; the deviation is the relative standard deviation [-] that follows from the
+        targets' tolerances, with parameters that were not fitted taken as exact (what these add: `at_bounds`)
     figures: all that the model shows at the end, by name
     errors: relative differences of the targets' figures [-], by name
     n_evaluations: of the model
@@ -158,10 +158,11 @@ def at_bounds(
     sensitivity: Array,
     advance: Advance = silent,
 ) -> dict[str, dict[str, tuple[float, float]]]:
-    """How far fitted parameters would move were another one, which was not fitted, at its bounds: by other, by fitted.
+    """How far the fitted parameters move when one that was not fitted is put at its bounds.
 
-    Relative changes [-] at the other's lowest and at its highest value, each from a fit of its own on the same model,
-    against the fit with all others at their start; a cheap model serves, as it only has to tell differences.
+    Returns, by name of the other and then of the fitted one, relative changes [-] at the other's lowest and highest
+    value. Each comes from a fit of its own, compared with the fit with all others at their start; only differences
+    count, so a cheap model serves.
     sensitivity: shape (targets, fitted); advance: called once per bound, of which there are two per other
     Raises RuntimeError when a fit does not settle, ValueError when one would move a parameter more than fivefold.
     """

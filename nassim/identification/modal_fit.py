@@ -3,9 +3,9 @@
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-import scipy.ndimage
 from threadpoolctl import threadpool_limits
 
 from nassim.base.checks import Array, finite, finite_array, freeze, frozen_mapping, known, positive, unique
@@ -20,6 +20,7 @@ from nassim.identification.pole_fit import (
     strongest_pole,
     twins,
 )
+from nassim.identification.spectra import lines_of_frf, lines_of_record
 from nassim.signals.frf import FRF
 from nassim.signals.time_history import TimeHistory
 
@@ -29,12 +30,10 @@ EXACT = 1e-10
 """Residual over response that counts as rounding: below it there is nothing left to fit."""
 POOR = 0.01
 """Relative deviation of a damping ratio from which a systematic residual is warned of."""
-UNEXCITED = 1e-6
-"""Lines whose input is this much below the largest carry no information."""
-COHERENCE_LINES, NOISE_DEGREE = 5, 3
+NOISE_DEGREE = 3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ModalFit:
     """Real modes common to the responses of several outputs to one input, and how well they are known.
 
@@ -46,8 +45,8 @@ class ModalFit:
     covariance: of frequency, damping_ratio and gains (output by output), square; from the noise, and near a resonance
         whose residual is systematic from this misfit, see `nassim.identification.pole_fit.misfit`
     residual_terms: (outputs, powers), output unit over input unit times s^p; residual_powers: (powers,)
-    measured: responses at the lines of the fit, without the transient of a record and the hold of its input
-    noise: standard deviation of `measured`, (outputs, lines), estimated from the residual
+    recorded: responses at the lines of the fit, without the transient of a record and the hold of its input
+    noise: standard deviation of `recorded`, (outputs, lines), estimated from the residual
     criterion: BIC with 0, 1, 2 ... modes, as far as it was followed
     how: what was fitted and how, in words; "doubts": what speaks against it, empty when nothing does
     """
@@ -60,7 +59,7 @@ class ModalFit:
     covariance: Array
     residual_terms: Array
     residual_powers: Array
-    measured: FRF
+    recorded: FRF
     noise: Array
     criterion: Array
     how: Mapping[str, str]
@@ -77,7 +76,7 @@ class ModalFit:
             covariance=finite_array("covariance", self.covariance, (size, size)),
             residual_terms=finite_array("residual_terms", self.residual_terms, (len(outputs), None)),
             residual_powers=finite_array("residual_powers", self.residual_powers, (None,)),
-            noise=finite_array("noise", self.noise, (len(outputs), len(self.measured.frequency))),
+            noise=finite_array("noise", self.noise, (len(outputs), len(self.recorded.frequency))),
             criterion=finite_array("criterion", self.criterion, (None,)),
             how=frozen_mapping(self.how),
         )
@@ -103,9 +102,9 @@ class ModalFit:
 
     @property
     def residual(self) -> FRF:
-        """Measured less model at the lines of the fit."""
-        model = self.response(self.measured.frequency)
-        return FRF(model.frequency, self.measured.values - model.values, self.outputs, (self.input,), None, "residual")
+        """`recorded` less the model at the lines of the fit."""
+        model = self.response(self.recorded.frequency)
+        return FRF(model.frequency, self.recorded.values - model.values, self.outputs, (self.input,), None, "residual")
 
     def response(self, frequency: Array, *, label: str = "fit") -> FRF:
         """The identified FRF at any frequencies, (n,) [Hz]; trustworthy within the band of the fit."""
@@ -127,8 +126,13 @@ class ModalFit:
         return "\n".join(lines) + (f"\ndoubtful: {self.how['doubts']}" if self.how.get("doubts") else "")
 
 
+def upgraded_fit(content: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of a `ModalFit` as older files hold them, with `measured` called `recorded`; others as they are."""
+    return {{"measured": "recorded"}.get(name, name): value for name, value in content.items()}
+
+
 def identify_modes(
-    measured: TimeHistory | FRF,
+    recorded: TimeHistory | FRF,
     *,
     input: str,
     outputs: Sequence[str],
@@ -141,7 +145,7 @@ def identify_modes(
 ) -> ModalFit:
     """Identify the modes that show in one input's responses, with their standard deviations.
 
-    measured: a record of input and outputs sampled together, or an FRF, of displacements, forces or voltages, not of
+    recorded: a record of input and outputs sampled together, or an FRF, of displacements, forces or voltages, not of
         velocities or accelerations, whose modes have other numerators. A record is better: its transient is part of the
         model, so nothing leaks, whereas a windowed estimate of an FRF broadens its resonances, which makes damping
         ratios too large by some two per cent where the half-power width 2 zeta f spans two to four lines
@@ -174,19 +178,19 @@ def identify_modes(
     powers = tuple(residual_powers)
     if len(set(powers)) < len(powers) or not set(powers) <= set(range(-4, 9)):
         raise ValueError(f"residual_powers must be different whole numbers from -4 to 8, got {residual_powers!r}")
-    if isinstance(measured, FRF):
+    if isinstance(recorded, FRF):
         if (hold_order is None) != (sample_rate is None):
             raise ValueError("an FRF needs hold_order and sample_rate together, or neither")
         step = None if sample_rate is None else 1 / positive("sample_rate", sample_rate, "Hz")
-        lines, shape = _lines_of_frf(measured, input, names, band, step, hold_order, powers)
+        lines, shape = lines_of_frf(recorded, input, names, band, step, hold_order, powers)
     else:
         if sample_rate is not None:
             raise ValueError("a record states its own sample rate: sample_rate is for FRFs")
         for name in names:
-            unit = measured.units[measured.names.index(known("signal", name, measured.names))]
+            unit = recorded.units[recorded.names.index(known("signal", name, recorded.names))]
             if unit.endswith(("/s", "/s2")):
                 raise ValueError(f"output {name!r} is a rate [{unit}]; modes are fitted to motions: integrate it first")
-        lines, shape = _lines_of_record(measured, input, names, band, hold_order, powers), None
+        lines, shape = lines_of_record(recorded, input, names, band, hold_order, powers), None
     lines = replace(lines, excitation=lines.excitation * np.exp(-1j * finite("delay", delay) * lines.omega))
     _enough(lines, n_modes or 1)
     # The matrices are tall and narrow: more threads only wait for each other.
@@ -194,7 +198,7 @@ def identify_modes(
         solution, criterion, doubt = _search(lines, shape, n_modes, band)
     missed = misfit(lines, solution)
     how = {
-        "data": "frequency response" if isinstance(measured, FRF) else "time record with its transient",
+        "data": "frequency response" if isinstance(recorded, FRF) else "time record with its transient",
         "band": f"{band[0]:g} ... {band[1]:g} Hz, {len(lines.omega)} lines",
         "hold_order": str(hold_order),
         "delay": f"{delay:g} s",
@@ -209,70 +213,13 @@ def identify_modes(
     return fit
 
 
-def _band(band: tuple[float, float], lowest: float, highest: float) -> tuple[float, float]:
-    low, high = finite_array("band", band, (2,))
-    if not (0 < low < high and low >= lowest * (1 - 1e-9) and high <= highest * (1 + 1e-9)):
-        raise ValueError(f"band {low:g} ... {high:g} Hz must ascend within the data's {lowest:g} ... {highest:g} Hz")
-    return float(low), float(high)
-
-
-def _lines_of_record(
-    record: TimeHistory,
-    input: str,
-    outputs: tuple[str, ...],
-    band: tuple[float, float],
-    hold_order: int | None,
-    powers: tuple[int, ...],
-) -> Lines:
-    u, y = record[input], np.stack([record[name] for name in outputs])
-    for name, signal in ((input, u), *zip(outputs, y, strict=True)):
-        if np.ptp(signal) == 0:
-            raise ValueError(f"signal {name!r} is constant: no response can be identified from it")
-    n, step = len(u), 1 / record.sample_rate
-    low, high = _band(band, 1 / (n * step), 0.5 / step)
-    frequency = np.fft.rfftfreq(n, step)
-    keep = (frequency >= low) & (frequency <= high) & (frequency < 0.5 / step)
-    excitation = np.fft.rfft(u - u.mean())[keep]
-    responses = np.fft.rfft(y - y.mean(axis=1, keepdims=True))[:, keep]
-    excited = np.abs(excitation) > UNEXCITED * np.abs(excitation).max(initial=0.0)
-    omega = 2 * np.pi * frequency[keep][excited]
-    return Lines(omega, excitation[excited], responses[:, excited], step, True, hold_order, powers)
-
-
-def _lines_of_frf(
-    frf: FRF,
-    input: str,
-    outputs: tuple[str, ...],
-    band: tuple[float, float],
-    step: float | None,
-    hold_order: int | None,
-    powers: tuple[int, ...],
-) -> tuple[Lines, Array | None]:
-    responses = np.stack([frf.response(name, input) for name in outputs])
-    low, high = _band(band, float(frf.frequency[0]), float(frf.frequency[-1]))
-    keep = (frf.frequency >= low) & (frf.frequency <= high)
-    responses, omega = responses[:, keep], 2 * np.pi * frf.frequency[keep]
-    for name, response in zip(outputs, responses, strict=True):
-        if not np.any(response):
-            raise ValueError(f"the response of {name!r} is zero throughout the band")
-    lines = Lines(omega, np.ones(len(omega), dtype=complex), responses, step, False, hold_order, powers)
-    if frf.coherence is None:
-        return lines, None
-    rows = [frf.outputs.index(name) for name in outputs]
-    coherence = np.clip(frf.coherence[rows][:, keep], 1e-6, 1 - 1e-9)
-    # The variance of an estimated H is |H|^2 (1 - gamma^2) / gamma^2 over twice the number of averages (Bendat and
-    # Piersol, ch. 9): its shape is known, its size is found from the residual.
-    shape = np.abs(responses) * np.sqrt((1 - coherence) / coherence)
-    return lines, np.sqrt(scipy.ndimage.uniform_filter1d(shape**2, COHERENCE_LINES, axis=1))
-
-
 def _enough(lines: Lines, n_modes: int) -> None:
     per_output = n_modes * (3 if lines.transient else 1) + len(lines.residual_powers) + (5 if lines.transient else 0)
     needed = per_output + 2 * n_modes
     if len(lines.omega) < needed:
         raise ValueError(
             f"{len(lines.omega)} lines in the band carry no {n_modes} mode(s), which need at least {needed}: widen the "
-            "band or measure longer"
+            "band or record longer"
         )
 
 
@@ -302,7 +249,7 @@ def _search(
         if problem:
             raise ValueError(
                 f"no {n_modes} resonance(s) in {band[0]:g} ... {band[1]:g} Hz: {problem}; ask for fewer modes or "
-                "another band, or measure longer"
+                "another band, or record longer"
             )
         best = candidate
         criterion.append(_bic(lines, best))
@@ -385,16 +332,16 @@ def _modal_fit(
     input_spectrum = lines.excitation * lines.held
     responses = (lines.responses - transient) / input_spectrum
     return ModalFit(
-        input,
-        outputs,
-        frequency,
-        ratio,
-        solution.values[:, order],
-        covariance,
-        solution.values[:, n:n_response],
-        np.array(lines.residual_powers, dtype=float),
-        FRF(lines.omega / (2 * np.pi), responses[:, None], outputs, (input,), None, "measured"),
-        np.sqrt(2) / solution.weights / np.abs(input_spectrum),
-        np.array(criterion),
-        how,
+        input=input,
+        outputs=outputs,
+        frequency=frequency,
+        damping_ratio=ratio,
+        gains=solution.values[:, order],
+        covariance=covariance,
+        residual_terms=solution.values[:, n:n_response],
+        residual_powers=np.array(lines.residual_powers, dtype=float),
+        recorded=FRF(lines.omega / (2 * np.pi), responses[:, None], outputs, (input,), None, "recorded"),
+        noise=np.sqrt(2) / solution.weights / np.abs(input_spectrum),
+        criterion=np.array(criterion),
+        how=how,
     )

@@ -16,8 +16,7 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
-import scipy.optimize
+import scipy
 
 from nassim.base.checks import Array
 from nassim.base.modal import held_pole, mac
@@ -35,18 +34,18 @@ NEAR = 5.0
 FEWEST_NEAR = 8
 MISFIT_POWERS = 4
 SYSTEMATIC = 6.0
-"""Energy that shapes of a misfit explain, in standard deviations above what they explain of noise, that is no noise."""
+"""Standard deviations by which shapes of a misfit must explain more energy than they do of noise to be told from it."""
 TAKEN_UP = 2.0
 """Errors that parameters take up over those left in the residual: up to 2 for two modes within a half-width."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Lines:
     """Spectral lines of one input and several outputs.
 
     omega: (n,) [rad/s]; excitation: (n,) complex; responses: (outputs, n) complex
     time_step: of the samples [s]; None where an FRF does not say
-    transient: whether a record's start and end are part of the model, as they must be but for FRFs
+    transient: whether motion before and after a record is part of the model: True for records, False for FRFs
     hold_order: what the input does between samples, 0 or 1 as in `nassim.base.modal.held_pole`; None: it has no content
         above half the sample rate, or no time step is known
     residual_powers: p of the terms s^p that stand for modes outside the band

@@ -4,6 +4,9 @@ from .bodies import (
 from .bodies import (
     RigidBody as RigidBody,
 )
+from .drives import (
+    Drive as Drive,
+)
 from .joints import (
     Joint as Joint,
 )

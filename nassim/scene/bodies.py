@@ -4,9 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import scipy.linalg
+import scipy
+from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, known, positive, unique
+from nassim.base.modal import damping_ratios
 from nassim.base.rigid_motion import proper_rotation, rigid_transfer
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.scene.part import Axes, Direction, Position
@@ -146,6 +148,10 @@ class FlexibleBody:
     frame: remote point that the floating frame rides on (default: the first that a joint holds, else the first)
     angular_velocity: at the start, world frame, shape (3,) [rad/s]; bodies jointed to this one move along, and what
         the joints do not allow is refused when a simulation starts; zero asks for nothing
+    damping_ratio: of the elastic modes of the body alone [-], one number or one per mode from the lowest (the remaining
+        modes then have the last): with the remote point of its frame clamped where a joint holds that, else free, and
+        its electrical ports as the scene wires them. It makes a viscous damping of the body's deformation, the same
+        wherever the body goes; loads that slow a mode lower its ratio. None: the body has none of its own
     """
 
     name: str
@@ -155,6 +161,7 @@ class FlexibleBody:
     fidelity: str = "ffrf"
     frame: str | None = None
     angular_velocity: Direction = field(default_factory=lambda: np.zeros(3))
+    damping_ratio: ArrayLike | None = None
 
     def __post_init__(self) -> None:
         label = f"flexible body {self.name!r}"
@@ -168,6 +175,8 @@ class FlexibleBody:
             known("remote point", self.frame, self.reduced.point_names)
         if self.fidelity == "linear" and np.any(self.angular_velocity):
             raise ValueError(f'{label} spins, so it needs fidelity "ffrf" or "rigid": "linear" is for small rotation')
+        if self.damping_ratio is not None:
+            freeze(self, damping_ratio=damping_ratios(f"{label}: damping_ratio", self.damping_ratio, stacklevel=3))
         freeze(
             self,
             position=finite_array(f"{label}: position", self.position, (3,)),

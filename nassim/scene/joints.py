@@ -106,8 +106,7 @@ def universal(name: str, a: str, b: str, axis_a: str | ArrayLike, axis_b: str | 
     first, second = unit_vector(axis_a), unit_vector(axis_b)
     if abs(first @ second) > PERPENDICULAR:
         raise ValueError(f"joint {name!r}: a universal joint's axes must be perpendicular, got {axis_a!r}, {axis_b!r}")
-    # The generic joint keeps the second axis of a perpendicular to the first one of b.
-    return Joint(name, a, b, ("rx", "ry"), np.column_stack([second, first, np.cross(second, first)]))
+    return Joint(name, a, b, ("rx", "ry"), np.column_stack([first, second, np.cross(first, second)]))
 
 
 def spherical(name: str, a: str, b: str) -> Joint:

@@ -172,6 +172,8 @@ class Leak:
 class Constraint:
     """Point b does not move against point a along the directions held, which turn with the body of a.
 
+    Where one turn is held and two are free, in large motion, "rz" keeps the x axis that turns with a perpendicular to
+    the y axis that turns with b, "rx" a's y to b's z, and "ry" a's x to b's z.
     held: of "x" "y" "z" "rx" "ry" "rz"; axes: along which these are, as columns, the world's frame at the start
     """
 
@@ -182,12 +184,26 @@ class Constraint:
     axes: Axes = field(default_factory=lambda: np.eye(3))
 
 
-Word = Force | Field | Reading | Spring | SixSprings | Leak | Constraint
+@dataclass(frozen=True)
+class Follow:
+    """A direction that a constraint leaves free is held as well, at what an input says or a constant speed makes.
+
+    constraint: its name; direction: of its axes; input: name, "" for a constant speed; unit: of the input
+    """
+
+    constraint: Signal
+    direction: str
+    input: Signal
+    unit: str
+    speed: float = 0.0
+
+
+Word = Force | Field | Reading | Spring | SixSprings | Leak | Constraint | Follow
 
 
 def unknown_word(word: object, engine: str) -> TypeError:
     """What an engine raises that meets a word it does not know."""
-    return TypeError(f"{engine} does not know what {type(word).__name__} means; known words: nassim.part.Word")
+    return TypeError(f"{engine} does not know what {type(word).__name__} means; known words: nassim.scene.part.Word")
 
 
 @dataclass(frozen=True)

@@ -92,7 +92,7 @@ def joined(
         owned = [(scene.name, [part.name for part in getattr(scene, kind)]) for scene in scenes]
         _check_apart(kind, [*owned, (name, [part.name for part in added[kind]])])
     _check_apart("inputs", [(scene.name, scene.inputs) for scene in scenes])
-    if damping_ratio is None and any(np.size(scene.damping_ratio) > 1 for scene in scenes):
+    if damping_ratio is None and any(np.size(scene.mode_ratios) > 1 for scene in scenes):
         raise ValueError(f"joined scene {name!r}: ratios by mode are those of a part's modes; give damping_ratio")
     whole: dict[str, Any] = {k: (*(part for scene in scenes for part in getattr(scene, k)), *added[k]) for k in KINDS}
     return Scene(

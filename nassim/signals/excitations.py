@@ -1,7 +1,7 @@
 """Excitations of a test bench: noise, chirps, multisines, steps, dwells."""
 
 import numpy as np
-import scipy.signal
+import scipy
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite, not_negative, positive

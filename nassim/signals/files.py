@@ -1,4 +1,4 @@
-"""Measured records and FRFs, read from CSV and UFF files in SI."""
+"""Records and FRFs of measurements, read from CSV and UFF files in SI."""
 
 import itertools
 import re
@@ -72,7 +72,7 @@ def write_record(history: TimeHistory, path: str | Path) -> Path:
     return Path(path)
 
 
-def read_frf(path: str | Path, *, label: str = "measured") -> FRF:
+def read_frf(path: str | Path, *, label: str = "recorded") -> FRF:
     """Read frequency response functions, in SI.
 
     path: a CSV file whose first line names its columns and their units, real and imaginary part of every output over

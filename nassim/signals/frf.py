@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import scipy.signal
+import scipy
 from numpy.typing import NDArray
 
 from nassim.base.checks import Array, finite, finite_array, freeze, known, positive, unique
@@ -68,7 +68,7 @@ class FRF:
         return self.values[row, column]
 
     def band(self, lowest: float, highest: float) -> "FRF":
-        """Return the part between two frequencies [Hz], both included."""
+        """Return the stretch between two frequencies [Hz], both included."""
         keep = (self.frequency >= lowest) & (self.frequency <= highest)
         if not keep.any():
             raise ValueError(f"no frequency between {lowest:g} and {highest:g} Hz in this FRF")
@@ -95,8 +95,8 @@ def estimate_frf(
     overlap: share by which segments overlap [-]; window: any of scipy.signal, "boxcar" for periodic signals
     method: "H1" = Syu Suu^-1 (noise at the outputs) or "H2" = Syy Suy^-1 (noise at the input; one input only)
 
-    At lines where an input has no power its response is zero, and where none has any the coherence too. So are both,
-    with a warning, at lines where inputs cannot be told apart.
+    At a line where an input has no power, the response to it is zero. Where no input has power, and (with a warning)
+    where inputs cannot be told apart, responses and coherence are zero.
 
     Source: J. S. Bendat, A. G. Piersol, Random Data, 4th ed. (2010), ch. 6 and 7. Raises ValueError for unknown names,
     for a record with no more segments than inputs (two for one input), which leaves the coherence without meaning, and

@@ -62,7 +62,7 @@ class TimeHistory:
         return TimeHistory(self.time, self.values[rows], tuple(names), tuple(self.units[i] for i in rows))
 
     def after(self, start: float) -> "TimeHistory":
-        """Return the part from `start` [s] on, for instance without the first transient."""
+        """Return the stretch from `start` [s] on, for instance without the first transient."""
         keep = self.time >= start - 1e-9 * self.duration
         return TimeHistory(self.time[keep], self.values[:, keep], self.names, self.units)
 

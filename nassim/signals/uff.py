@@ -13,7 +13,7 @@ KINDS = {1: "time", 4: "frf", 6: "coherence", 26: "coherence"}
 """Function types that are read; other data sets are left out."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Curve:
     """One data set 58 in SI.
 
@@ -80,8 +80,15 @@ def _curve(content: dict[str, Any], number: int) -> Curve:
     if kind == "frf":
         below, unit_below = to_si(_unit(content, "orddenom"))
         factor, unit = factor / below, f"{unit}/{unit_below}"
-    output = _name(content, "ordinate", "rsp")
-    return Curve(kind, number, x_factor * x, factor * values, output, _name(content, "orddenom", "ref"), unit)
+    return Curve(
+        kind=kind,
+        number=number,
+        x=x_factor * x,
+        values=factor * values,
+        output=_name(content, "ordinate", "rsp"),
+        input=_name(content, "orddenom", "ref"),
+        unit=unit,
+    )
 
 
 def _unit(content: dict[str, Any], axis: str) -> str:

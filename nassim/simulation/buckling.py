@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from itertools import combinations
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from nassim.base.checks import Array
 from nassim.bodies.reduced_body import ReducedBody

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import scipy.linalg
-import scipy.signal
+import scipy
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite, finite_array, freeze, not_negative, positive
@@ -100,7 +99,9 @@ def proportional(gain: ArrayLike, *, sample_rate: float, delay: int = 1, limit: 
     """Proportional feedback u = excitation + gain * y; gain: a number, or a matrix (outputs, inputs)."""
     direct = finite_array("gain", np.atleast_2d(np.asarray(gain)), (None, None))
     n_out, n_in = direct.shape
-    return Controller(np.zeros((0, 0)), np.zeros((0, n_in)), np.zeros((n_out, 0)), direct, sample_rate, delay, limit)
+    return Controller(
+        np.zeros((0, 0)), np.zeros((0, n_in)), np.zeros((n_out, 0)), direct, sample_rate, delay=delay, limit=limit
+    )
 
 
 def lead(
@@ -167,7 +168,7 @@ def series(*controllers: Controller) -> Controller:
     system = controllers[0].matrices
     for controller in controllers[1:]:
         system = cascade(system, controller.matrices)
-    return Controller(*system, rate, delay, controllers[-1].limit)
+    return Controller(*system, rate, delay=delay, limit=controllers[-1].limit)
 
 
 def parallel(*controllers: Controller) -> Controller:
@@ -187,8 +188,24 @@ def parallel(*controllers: Controller) -> Controller:
         np.hstack([c.C for c in controllers]),
         np.sum([c.D for c in controllers], axis=0),
         rate,
-        delay,
+        delay=delay,
     )
+
+
+def decentralised(*controllers: Controller) -> Controller:
+    """Controllers side by side, each with inputs and outputs of its own, one after the other: several loops as one.
+
+    Six equal ones, as on the struts of a hexapod: `decentralised(*6 * [controller])`, whose measured and driven names
+    then stand in the same order. Closed around a model, all loops share one gain. Sample rates, delays and limits must
+    agree, else ValueError.
+    """
+    rate, delay = _agreed(controllers)
+    limits = sorted({c.limit for c in controllers})
+    if len(limits) > 1:
+        text = ", ".join(f"{limit:g}" for limit in limits)
+        raise ValueError(f"decentralised: limits must agree, got {text}; close such loops one after the other")
+    a, b, c, d = (scipy.linalg.block_diag(*part) for part in zip(*(k.matrices for k in controllers), strict=True))
+    return Controller(a, b, c, d, rate, delay, limits[0])
 
 
 def controller_response(
@@ -229,7 +246,7 @@ def _by_tustin(
 ) -> Controller:
     """Controller from a transfer function by powers of s, the highest first."""
     system = scipy.signal.tf2ss(numerator, denominator)
-    return Controller(*tustin(system, 1 / sample_rate, prewarp=prewarp), sample_rate, delay, limit)
+    return Controller(*tustin(system, 1 / sample_rate, prewarp=prewarp), sample_rate, delay=delay, limit=limit)
 
 
 def _centre(frequency: float, sample_rate: float) -> float:

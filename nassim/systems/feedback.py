@@ -1,29 +1,27 @@
 """Controllers in loops around linear models: the closed loop, the open loop's margins, sensitivity.
 
-Sampled or continuous follows the model. Around a sampled one (`nassim.systems.sampled`) the loop is exact: it predicts
-a simulation or a computer at that sample rate, saturation aside. Around a continuous one the controller stands by its
-continuous equivalent: for the insight of design, with branches and zeros as books draw them, and for FRFs between
+A loop is sampled or continuous as its model is. Around a sampled model (`nassim.systems.sampled`) it is exact: it
+predicts a simulation or a computer at that sample rate, saturation aside. Around a continuous model the controller is
+replaced by a continuous equivalent: for design, with branches and zeros as books draw them, and for FRFs between
 samples, up to a tenth of the sample rate. A plant that follows its input within a sample (direct feedthrough, modes
 above half the sample rate) answers a held input in steps; whether a sample sees the new step or still the old one
 only the sampled model tells, and the continuous one is off by up to half a sample of delay.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.signal
+import scipy
 
-from nassim.base.checks import Array, finite, known, unique
+from nassim.base.checks import Array, finite, known
 from nassim.signals.frf import FRF, ComplexArray
 from nassim.systems.controllers import Controller, controller_response
-from nassim.systems.linear_model import LinearModel, frequency_response
+from nassim.systems.linear_model import LinearModel, Names, frequency_response, names
 from nassim.systems.state_space import StateSpace, cascade, inverse_tustin
 
 DELAY_ORDER = 4
 SAME = 1e-9
-Names = str | Sequence[str]
 
 
 def controller_model(
@@ -39,8 +37,8 @@ def controller_model(
     inputs, outputs: names of what it measures and drives
     time_step: of the controller [s], for the sampled model with the delay as states; None for the continuous
         equivalent by the inverse of Tustin's rule
-    delay_order: of Pade's approximation to the delay and the half sample of the hold in the continuous one; 0 leaves
-        both out
+    delay_order: order of Pade's approximation to the delay plus the hold's half sample, in the continuous equivalent;
+        0 leaves both out
 
     Raises ValueError for other numbers of names than of signals, for another time step than the controller's, and
     for a pole at z = -1 in the continuous case.
@@ -81,8 +79,9 @@ def close_loop(
     gain: factor on the whole controller [-]
     delay_order: see `controller_model`; of no effect around a sampled model, whose delay is exact
 
-    Several loops: close one after the other. Raises ValueError for unknown names, for a sampled model whose time step
-    is not the controller's, and where an undelayed controller and the model's direct feedthrough contradict each other.
+    Several loops: close one after the other, or all at once (`nassim.systems.decentralised`). Raises ValueError for
+    unknown names, for a sampled model whose time step is not the controller's, and where an undelayed controller and
+    the model's direct feedthrough contradict each other.
     """
     rows, columns = _indices(model, measured, driven)
     k = controller_model(
@@ -120,8 +119,8 @@ def open_loop(
     """FRF of the loop cut at what is measured, L = -gain * G K, with the minus sign of textbooks: critical at L = -1.
 
     frequency: (n,) [Hz]; the others: see `close_loop`. Around a continuous model the delay and the zero-order hold are
-    exact and aliasing is left out. Returns values (measured, measured, n). G may be a measured FRF as well:
-    `loop_response`.
+    exact and aliasing is left out. Returns values (measured, measured, n). From a plant's FRF
+    instead of a model, such as an estimated one: `loop_response`.
     """
     _indices(model, measured, driven)
     _check_time_step(model.time_step, controller)
@@ -140,7 +139,7 @@ def loop_response(
     hold: bool = True,
     label: str = "open loop",
 ) -> FRF:
-    """The loop of `open_loop` from the plant's FRF, computed or measured, at its frequencies.
+    """The loop of `open_loop` from the plant's FRF, computed or estimated from records, at its frequencies.
 
     hold: include the controller's zero-order hold; False where the plant's FRF is from sample to sample
     """
@@ -154,7 +153,7 @@ def loop_response(
 
 
 def sensitivity(loop: FRF) -> tuple[FRF, FRF]:
-    """Sensitivity S = (1 + L)^-1 and complementary sensitivity T = 1 - S of an open loop L, of its shape.
+    """Sensitivity S = (1 + L)^-1 and complementary sensitivity T = 1 - S of an open loop L, FRFs of the shape of L.
 
     S is what the loop leaves of a disturbance at what it measures; |S| > 1 where it amplifies.
     """
@@ -213,12 +212,14 @@ def margins(loop: FRF) -> Margins:
             phase, phase_at = angle, frequency
     distance = np.abs(1 + values)
     nearest = int(np.argmin(distance))
-    return Margins(gain, gain_at, phase, phase_at, float(distance[nearest]), float(f[nearest]))
-
-
-def names(kind: str, value: Names) -> tuple[str, ...]:
-    """One name or several as a tuple; raises ValueError if one is empty or occurs twice."""
-    return unique(kind, (value,) if isinstance(value, str) else value)
+    return Margins(
+        gain_margin=gain,
+        gain_margin_frequency=gain_at,
+        phase_margin=phase,
+        phase_margin_frequency=phase_at,
+        modulus_margin=float(distance[nearest]),
+        modulus_margin_frequency=float(f[nearest]),
+    )
 
 
 def _crossings(frequency: Array, values: Array, level: Array) -> list[tuple[float, complex]]:

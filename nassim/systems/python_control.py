@@ -49,7 +49,7 @@ def controller_from_control(system: Any, *, sample_rate: float, delay: int = 1, 
         matrices = tustin(matrices, period)
     elif dt not in (None, True) and abs(dt / period - 1) > 1e-9:
         raise ValueError(f"the system's time step, {dt:g} s, is not the sample rate's, {period:g} s; sample it anew")
-    return Controller(*matrices, sample_rate, delay, limit)
+    return Controller(*matrices, sample_rate, delay=delay, limit=limit)
 
 
 def _state_space(system: Any) -> tuple[StateSpace, Any, tuple[str, ...], tuple[str, ...]]:

@@ -124,7 +124,7 @@ def reduced_thin_bar():
     return craig_bampton(thin_bar(), n_modes=2, progress=False)
 
 
-THIN = "part 'bar': 100 % of the elements reach from surface to surface"
+THIN = "solid 'bar': 100 % of the elements reach from surface to surface"
 
 
 @pytest.mark.usefixtures("cache")
@@ -193,7 +193,7 @@ def test_tetrahedra_in_place_of_prisms_stand_in_the_record(monkeypatch):
 
     refuse_first_gradings(monkeypatch, len(meshing.TRIALS))
     for _ in range(2):
-        with pytest.warns(UserWarning, match="part 'bar' with prisms: tetrahedra take their place"):
+        with pytest.warns(UserWarning, match="solid 'bar' with prisms: tetrahedra take their place"):
             body = cached("bar", "key", build)
         assert "tetrahedra take their place" in body.record["warnings"]
 

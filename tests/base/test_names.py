@@ -1,6 +1,6 @@
 """Any name does for bodies and faces: NGSolve looks names up as regular expressions, which no name must reach.
 
-A name that reaches them may end the interpreter, so the parts are meshed in a process of their own.
+A name that reaches them may end the interpreter, so the solids are meshed in a process of their own.
 """
 
 import ast
@@ -64,7 +64,7 @@ def make_part(names, source, folder):
 
 
 def describe(folder):
-    """What is known of every part, as JSON; runs in a process of its own."""
+    """What is known of every solid, as JSON; runs in a process of its own."""
     found = []
     for names in NAMES:
         for source, extrude in ROUTES:
@@ -102,19 +102,19 @@ def found(tmp_path_factory):
 @pytest.mark.parametrize("names", NAMES)
 @pytest.mark.parametrize(("source", "extrude"), ROUTES)
 def test_every_name_means_itself(found, names, source, extrude):
-    part = found[names, source, extrude]
+    solid = found[names, source, extrude]
     masses = SIDE**2 * np.array(LENGTHS) * (2000.0, 8000.0)
-    assert part["mass"] == pytest.approx(masses.sum(), rel=1e-9)
-    assert part["centre"] == pytest.approx(masses @ (0.005, 0.02) / masses.sum(), rel=1e-9)
-    np.testing.assert_allclose(part["point"], (0.015, 0.005, 0.005), atol=1e-12)
-    assert part["labels"] == sorted({*names, "both ends", "floor"})
+    assert solid["mass"] == pytest.approx(masses.sum(), rel=1e-9)
+    assert solid["centre"] == pytest.approx(masses @ (0.005, 0.02) / masses.sum(), rel=1e-9)
+    np.testing.assert_allclose(solid["point"], (0.015, 0.005, 0.005), atol=1e-12)
+    assert solid["labels"] == sorted({*names, "both ends", "floor"})
     # Forces times positions: the stress of one volt, over the volume of the one body that is the port's.
     lam, mu = HEAVY.lame_parameters
     port = ElectricalPort("port", ("any",), STACK)
     stress = lam * np.trace(port.strain_per_volt) + 2 * mu * port.strain_per_volt[0, 0]
-    assert part["port"] == pytest.approx(stress * SIDE**2 * LENGTHS[1], rel=1e-9)
-    assert part["n_dofs"] > 75, "without local sizes 69 with tetrahedra, 48 with prisms"
-    assert part["kept"]
+    assert solid["port"] == pytest.approx(stress * SIDE**2 * LENGTHS[1], rel=1e-9)
+    assert solid["n_dofs"] > 75, "without local sizes 69 with tetrahedra, 48 with prisms"
+    assert solid["kept"]
 
 
 def test_body_without_a_name():

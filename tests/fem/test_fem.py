@@ -108,7 +108,7 @@ def test_element_size_out_of_range(size):
         build_fe_model(make_bar(), element_size=size, progress=False)
 
 
-def test_part_in_two_pieces():
+def test_solid_in_two_pieces():
     a, b = occ.Box((0, 0, 0), (0.01, 0.01, 0.01)), occ.Box((0.02, 0, 0), (0.03, 0.01, 0.01))
     a.name = b.name = "body"
     solid = Solid("pieces", occ.Glue([a, b]), {"body": STEEL})

@@ -149,6 +149,19 @@ def test_mesh_too_large_for_the_memory(monkeypatch):
         build_fe_model(make_bar(), element_size=0.005, order=2, progress=False)
 
 
+def test_a_mesh_too_large_for_the_memory_is_told_a_larger_size(monkeypatch):
+    monkeypatch.setattr(mesh_checks, "SMALL", 0)
+    monkeypatch.setattr(mesh_checks.psutil, "virtual_memory", lambda: type("Memory", (), {"available": 1e6}))
+    with pytest.raises(ValueError, match="would fit") as refused:
+        build_fe_model(make_bar(), element_size=0.005, order=2, progress=False)
+    assert float(str(refused.value).partition("an element_size of ")[2].split()[0]) > 0.005
+
+
+def test_order_1_in_a_thick_part_is_not_warned_of(recwarn):
+    build_fe_model(make_bar(length=0.01), element_size=0.0015, order=1, progress=False)
+    assert not [w for w in recwarn if "one element thick" in str(w.message)]
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -168,7 +181,7 @@ def test_impossible_arguments(arguments, message):
 def test_body_that_is_not_extruded_along_the_axis():
     ball = occ.Sphere(occ.Pnt(0, 0, 0), 0.01)
     ball.name = "ball"
-    with pytest.raises(ValueError, match="no body of part 'ball' is extruded along x"):
+    with pytest.raises(ValueError, match="no CAD body of solid 'ball' is extruded along x"):
         generate_mesh(Solid("ball", ball, {"ball": STEEL}), element_size=0.01, extrude="x")
 
 
@@ -185,7 +198,7 @@ def test_body_not_extruded_along_the_axis_gets_tetrahedra_beside_prisms():
     assert ng.ET.PRISM not in {kind for body, kind in kinds if body == "pin"}
     pin = occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, 0.004, 0.01)
     pin.name = "pin"
-    with pytest.raises(ValueError, match="no body of part 'pin' is extruded along x"):
+    with pytest.raises(ValueError, match="no CAD body of solid 'pin' is extruded along x"):
         generate_mesh(Solid("pin", pin, {"pin": STEEL}), element_size=4e-3, extrude="x")
 
 
@@ -197,7 +210,7 @@ def test_prisms_that_netgen_cannot_make_become_tetrahedra(monkeypatch):
 
     run = meshing._run_netgen
     monkeypatch.setattr(meshing, "_run_netgen", fail_on_layers)
-    with pytest.warns(UserWarning, match="part 'bar' with prisms: tetrahedra take their place"):
+    with pytest.warns(UserWarning, match="solid 'bar' with prisms: tetrahedra take their place"):
         mesh = generate_mesh(make_bar(), element_size=0.02, extrude="x")
     assert kinds(mesh) == {ng.ET.TET}
 

@@ -1,4 +1,4 @@
-"""CAD parts: files written here with OpenCASCADE, read back, and the checks on what is read."""
+"""Solids: CAD files written here with OpenCASCADE, read back, and the checks on what is read."""
 
 import warnings
 from pathlib import Path
@@ -119,11 +119,11 @@ def test_plane_may_pick_several_faces(tmp_path):
 @pytest.mark.parametrize(
     ("pick", "message"),
     [
-        (OnPlane((0, 0, 0.02), (0, 0, 1)), r"'end': OnPlane.* finds no face. The part has:(\n.*){6}'lid'"),
+        (OnPlane((0, 0, 0.02), (0, 0, 1)), r"'end': OnPlane.* finds no face. The solid has:(\n.*){6}'lid'"),
         (OnPlane((0, 0, 0.02), (0, 0, 1), several=True), "finds no face"),
         (OnPlane((0, 0, 0), (1, 1, 0)), "finds no face"),
         (NearestTo((0, 0, 0)), r"finds 3 faces, one is wanted. Found:\n  600 mm2 around \(0, 10, 15\) mm"),
-        ("roof", "roof finds no face. The part has:"),
+        ("roof", "roof finds no face. The solid has:"),
     ],
 )
 def test_picks_that_fail_list_the_faces(tmp_path, pick, message):
@@ -155,7 +155,7 @@ def test_truncated_step_file(tmp_path):
 
 def test_file_without_a_body(tmp_path):
     block().faces[0].WriteBrep(str(tmp_path / "sheet.brep"))
-    with pytest.raises(ValueError, match=r"sheet\.brep holds no solid body, only surfaces"):
+    with pytest.raises(ValueError, match=r"sheet\.brep holds no CAD body, only surfaces"):
         read_solid(tmp_path / "sheet.brep", STEEL)
 
 
@@ -171,9 +171,9 @@ def test_wrong_endings_missing_files_and_units(tmp_path):
 
 def test_body_without_material(tmp_path):
     path = written(tower(), tmp_path / "tower.step")
-    with pytest.raises(ValueError, match="part 'tower': body 'high' has no material; given: low"):
+    with pytest.raises(ValueError, match="solid 'tower': CAD body 'high' has no material; given: low"):
         read_solid(path, {"low": STEEL})
-    with pytest.raises(ValueError, match="body 'low' has no material; given: none"):
+    with pytest.raises(ValueError, match="CAD body 'low' has no material; given: none"):
         read_solid(path, {})
 
 
@@ -181,17 +181,17 @@ def cube(length):
     return Solid("cube", occ.Box((0, 0, 0), (length,) * 3), {"": STEEL})
 
 
-def test_part_below_a_thousandth_of_a_millimetre_is_refused():
-    with pytest.raises(ValueError, match=r"part 'cube' is 7e-07 m long; at least 1e-06 m .* check the CAD file's unit"):
+def test_solid_below_a_thousandth_of_a_millimetre_is_refused():
+    with pytest.raises(ValueError, match=r"solid 'cube' is 7e-07 m long; at least 1e-06 m .* the CAD file's unit"):
         cube(5e-7)
     cube(2e-6)
 
 
-def test_long_part_is_warned_of_and_meshed():
+def test_long_solid_is_warned_of_and_meshed():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         cube(9.9)
-    with pytest.warns(UserWarning, match="part 'cube' is 200 m long; shapes are in metres") as told:
+    with pytest.warns(UserWarning, match="solid 'cube' is 200 m long; shapes are in metres") as told:
         solid = cube(200.0)
     assert told[0].filename == __file__
     for extrude in (None, "x"):
@@ -207,7 +207,7 @@ def overlapping():
 
 
 def test_overlapping_bodies_are_refused_by_name(tmp_path):
-    message = r"part 'tower': bodies 'foot \(1\)' and 'post' share 50 % of the smaller one's volume"
+    message = r"solid 'tower': CAD bodies 'foot \(1\)' and 'post' share 50 % of the smaller one's volume"
     path = written(occ.Compound(overlapping()), tmp_path / "tower.step")
     with pytest.raises(ValueError, match=message):
         read_solid(path, STEEL)
@@ -302,8 +302,8 @@ def test_mesh_fills_the_volume():
     [
         (0.0, "element_size must be positive, got 0 m"),
         (np.nan, "element_size holds 1 value.* NaN"),
-        (2e-5, "element_size 2e-05 m is below a thousandth of the part 'part'"),
-        (5.0, r"element_size 5 m is longer than the part 'part', which has 0\.03\d* m; .* 5e-3 for 5 mm"),
+        (2e-5, "element_size 2e-05 m is below a thousandth of the solid 'part'"),
+        (5.0, r"element_size 5 m is longer than the solid 'part', which has 0\.03\d* m; .* 5e-3 for 5 mm"),
     ],
 )
 def test_element_size_is_checked(size, message):

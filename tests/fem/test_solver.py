@@ -91,6 +91,12 @@ def test_threads_may_be_nested(capfd):
     assert "can't change" not in capfd.readouterr().err
 
 
+def test_memory_estimate_of_a_dense_triangle():
+    """One element joins all its unknowns: half of n^2 numbers of eight bytes."""
+    assert factor_memory(np.zeros((1, 3)), [np.arange(50)], components=1) == 8 * 50**2 / 2
+    assert factor_memory(np.zeros((1, 3)), [np.arange(50)]) == 8 * 150**2 / 2
+
+
 def test_memory_estimate_of_a_line_and_of_a_cube():
     """A line of n linear elements factorises without fill; a cube of n^3 takes about n^4 entries."""
     n = 4096

@@ -1,6 +1,6 @@
 """Modes identified from signals of oscillators that are known exactly, and written into the bench."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -10,6 +10,7 @@ import scipy.signal
 from models.bench import make_bench
 from nassim import FRF, RigidBody, TimeHistory, estimate_frf, frequency_response, linearize, load, save, simulate
 from nassim.base.modal import held_pole
+from nassim.base.nouns import upgraded
 from nassim.identification.apply import apply_identification, modal_gains
 from nassim.identification.modal_fit import ModalFit, identify_modes
 from nassim.signals.excitations import band_limited_noise, multisine
@@ -40,9 +41,9 @@ def make_record(seed, *, duration=2.0, rate=2000.0, noise=0.05, hold_order=0, n_
     return TimeHistory(excitation.time, np.vstack([u, y]), ("u", *OUTPUTS), ("V", "V", "m"))
 
 
-def identify(measured, **options):
+def identify(recorded, **options):
     return identify_modes(
-        measured, **{"input": "u", "outputs": OUTPUTS, "band": (20.0, 450.0), "hold_order": 0, **options}
+        recorded, **{"input": "u", "outputs": OUTPUTS, "band": (20.0, 450.0), "hold_order": 0, **options}
     )
 
 
@@ -96,8 +97,8 @@ def test_frf_without_noise_gives_the_parameters_to_rounding():
     fit = identify(FRF(frequency, model_frf(frequency)[:, None], OUTPUTS, ("u",)), hold_order=None, band=(20.0, 449.5))
     np.testing.assert_allclose(found(fit), truth(), rtol=1e-9)
     np.testing.assert_allclose(fit.response(frequency).values[:, 0], model_frf(frequency), rtol=1e-9)
-    # `measured` of a FRF is itself, the residual rounding.
-    assert np.abs(fit.residual.values).max() < 1e-9 * np.abs(fit.measured.values).max()
+    # `recorded` of an FRF is itself, the residual rounding.
+    assert np.abs(fit.residual.values).max() < 1e-9 * np.abs(fit.recorded.values).max()
 
 
 @pytest.mark.filterwarnings("ignore:the fit is poor")
@@ -150,13 +151,13 @@ def held_record(hold_order, late):
 
 @pytest.mark.parametrize("late", [0, 3, 13])
 @pytest.mark.parametrize("hold_order", [0, 1])
-def test_measured_is_the_continuous_response(hold_order, late):
+def test_recorded_is_the_continuous_response(hold_order, late):
     """Without the hold and the delay, whatever they are; half a sample more would be 15 % at the first resonance."""
     fit = identify(held_record(hold_order, late), hold_order=hold_order, delay=0.1 * late / 2000.0, n_modes=2)
     np.testing.assert_allclose(found(fit), truth(), rtol=2e-5)
-    exact = model_frf(fit.measured.frequency)
-    for measured, expected in zip(fit.measured.values[:, 0], exact, strict=True):
-        np.testing.assert_allclose(measured, expected, atol=3e-5 * np.abs(expected).max())
+    exact = model_frf(fit.recorded.frequency)
+    for recorded, expected in zip(fit.recorded.values[:, 0], exact, strict=True):
+        np.testing.assert_allclose(recorded, expected, atol=3e-5 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize(("hold_order", "method"), [(0, "zoh"), (1, "foh")])
@@ -171,8 +172,8 @@ def test_frfs_of_samples_become_continuous_ones(hold_order, method):
     options = {"hold_order": hold_order, "sample_rate": rate, "band": (20.0, 449.5), "n_modes": 2}
     fit = identify(FRF(frequency, seen, OUTPUTS, ("u",)), **options)
     np.testing.assert_allclose(found(fit), truth(), rtol=1e-8)
-    for measured, expected in zip(fit.measured.values[:, 0], model_frf(frequency), strict=True):
-        np.testing.assert_allclose(measured, expected, atol=3e-5 * np.abs(expected).max())
+    for recorded, expected in zip(fit.recorded.values[:, 0], model_frf(frequency), strict=True):
+        np.testing.assert_allclose(recorded, expected, atol=3e-5 * np.abs(expected).max())
 
 
 # With noise
@@ -385,9 +386,11 @@ def test_fit_is_saved_whole_and_checks_itself(tmp_path):
     again = load(save(fit, tmp_path / "fit.h5"))
     assert isinstance(again, ModalFit)
     np.testing.assert_array_equal(again.covariance, fit.covariance)
-    np.testing.assert_array_equal(again.measured.values, fit.measured.values)
+    np.testing.assert_array_equal(again.recorded.values, fit.recorded.values)
     assert dict(again.how) == dict(fit.how)
     assert "98.0" in fit.summary()
+    older = {{"recorded": "measured"}.get(item.name, item.name): getattr(fit, item.name) for item in fields(fit)}
+    assert ModalFit(**upgraded("ModalFit", older)).recorded is fit.recorded
     with pytest.raises(ValueError, match="gains must have shape 2 x 2"):
         replace(fit, gains=np.ones((2, 3)))
 
@@ -457,6 +460,18 @@ def test_damping_and_factors_return_to_the_scene(small_bench, bench_fit):
     assert len(report.unmodelled) == 0
     for words in ("98.", "other modes, not measured: 2 %", "actuator_stacks.gain: 20 ->"):
         assert words in report.summary()
+
+
+def test_only_what_acts_by_the_fits_input_is_scaled(small_bench, bench_fit):
+    (actuator,) = small_bench.actuators
+    twin, other = replace(actuator, name="twin", gain=7.0), replace(actuator, name="other", input="bias")
+    both = replace(small_bench, actuators=(actuator, other))
+    updated, report = apply_identification(both, bench_fit[0], trusted="encoder")
+    assert updated.actuators[1] == other
+    assert updated.actuators[0].gain == pytest.approx(1.1 * actuator.gain, rel=2e-3)
+    assert not any(change.parameter.startswith("other") for change in report.changes)
+    shared, _ = apply_identification(replace(both, actuators=(actuator, twin)), bench_fit[0], trusted="encoder")
+    assert shared.actuators[1].gain / 7.0 == pytest.approx(shared.actuators[0].gain / actuator.gain, rel=1e-12)
 
 
 def test_other_modes_keep_their_ratio_unless_told(small_bench, bench_fit):

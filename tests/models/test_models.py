@@ -1,4 +1,4 @@
-"""The concrete parts: the APA's dimensions, its cache, the bench."""
+"""The concrete devices: the APA's dimensions, its cache, the bench."""
 
 import numpy as np
 import pytest

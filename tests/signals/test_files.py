@@ -1,4 +1,4 @@
-"""Measured files: what is read, and what every fault is called."""
+"""Files of measurements: what is read, and what every fault is called."""
 
 import builtins
 import time

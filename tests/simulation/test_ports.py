@@ -419,9 +419,9 @@ def test_bad_ports():
     bar = make_bar(length=20e-3)
     port = ElectricalPort("v", "bar", PiezoStack.from_datasheet(**SHEET))
     for ports, problem in (
-        ((replace(port, bodies=("rod",)),), "unknown body 'rod'"),
+        ((replace(port, bodies=("rod",)),), "unknown CAD body 'rod'"),
         ((port, port), "electrical port names must differ"),
-        ((port, replace(port, name="w")), "body of electrical port names must differ"),
+        ((port, replace(port, name="w")), "CAD body of electrical port names must differ"),
     ):
         with pytest.raises(ValueError, match=problem):
             replace(bar, ports=ports)
@@ -431,7 +431,7 @@ def test_bad_ports():
         build_fe_model(replace(bar, ports=(replace(port, direction=(0, 1, 0)),)), element_size=5e-3, progress=False)
     with pytest.raises(ValueError, match="direction must not be zero"):
         replace(port, direction=(0.0, 0.0, 0.0))
-    with pytest.raises(ValueError, match="names no body"):
+    with pytest.raises(ValueError, match="names no CAD body"):
         replace(port, bodies=())
 
 

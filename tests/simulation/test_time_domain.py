@@ -18,7 +18,7 @@ from nassim import (
     static_response,
 )
 from nassim.signals.excitations import multisine, sine_dwell, step
-from nassim.simulation.small_motion import assemble, deformation_damping
+from nassim.simulation.small_motion import assemble
 from nassim.simulation.time_domain import exudyn_eigenfrequencies
 
 
@@ -100,15 +100,15 @@ def test_frf_from_the_simulation_equals_the_linear_model(bench):
     """1 dB and 5 degrees where the coherence exceeds 0.99, 10 to 500 Hz."""
     excitation = multisine(3.0, 1e4, lowest_frequency=10, highest_frequency=500, period=1.0, rms=0.1)
     record = simulate(bench, excitation, time_step=1e-4, progress=False).after(1.0)
-    measured = estimate_frf(
+    estimated = estimate_frf(
         record, inputs=bench.inputs, outputs=bench.outputs, segment_duration=1.0, overlap=0.0, window="boxcar"
     ).band(10, 500)
-    expected = frequency_response(linearize(bench), measured.frequency)
-    assert measured.coherence is not None
+    expected = frequency_response(linearize(bench), estimated.frequency)
+    assert estimated.coherence is not None
     for row in range(2):
-        good = measured.coherence[row] > 0.99
+        good = estimated.coherence[row] > 0.99
         assert good.mean() > 0.9
-        ratio = measured.values[row, 0, good] / expected.values[row, 0, good]
+        ratio = estimated.values[row, 0, good] / expected.values[row, 0, good]
         assert np.abs(20 * np.log10(np.abs(ratio))).max() < 1.0
         assert np.abs(np.angle(ratio, deg=True)).max() < 5.0
 
@@ -121,7 +121,7 @@ def test_modal_damping_is_what_the_scene_states(apa):
     frame = assembly.frames["apa"]
     body = scene.flexible_bodies[0].reduced
     shapes = frame.deformation(body) @ assembly.basis[assembly.slices["apa"]] @ assembly.shapes
-    modal = shapes.T @ deformation_damping(assembly) @ shapes
+    modal = shapes.T @ assembly.damping.on_deformation() @ shapes
     expected = np.diag(2 * 0.03 * 2 * np.pi * assembly.frequency)
     assert np.allclose(modal, expected, atol=1e-9 * expected.max())
 

@@ -203,8 +203,8 @@ def test_open_loop_of_a_continuous_model_has_delay_and_hold():
     late = np.exp(-s * period) * (1 - np.exp(-s * period)) / (s * period)
     loop = open_loop(plant, controller, frequency, **LOOP, gain=2.0)
     assert loop.values[0, 0] == pytest.approx(-2.0 * g * k * late, rel=1e-9)
-    measured = frequency_response(plant, frequency)
-    assert np.array_equal(loop_response(measured, controller, **LOOP, gain=2.0).values, loop.values)
+    response = frequency_response(plant, frequency)
+    assert np.array_equal(loop_response(response, controller, **LOOP, gain=2.0).values, loop.values)
     pair = {"measured": "v1", "driven": "f1"}
     controller = proportional(-9.0, sample_rate=RATE)
     exact = open_loop(sampled(two_modes(), RATE), controller, frequency, **pair).values[0, 0]

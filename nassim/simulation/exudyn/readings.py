@@ -46,7 +46,8 @@ def _sensors(items: Items, path: str, kind: Kind) -> list[int]:
         sensor = eii.SensorMarker(markerNumber=items.marker(path), outputVariableType=kind, **KEPT)
         return [items.mbs.AddSensor(sensor)]
     if path not in items.pilots:
-        sensor = eii.SensorNode(nodeNumber=items.nodes[name], outputVariableType=kind, **KEPT)
+        node = items.nodes[name] if items.fidelity(path) == "ffrf" else items.node_of(path)
+        sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kind, **KEPT)
         return [items.mbs.AddSensor(sensor)]
     number, nodes = items.pilots[path]
     return [

@@ -39,12 +39,13 @@ class Carrier:
 
 
 @dataclass(frozen=True)
-class Drive:
+class Push:
     """How an input acts on an Exudyn system.
 
     number: of a load or an object; parameter: of it, that carries the forces
     input: name; forces: per unit of it
     rate: of the amplifier between, a low-pass of first order [1/s]
+    offset: of a joint whose motion the input is, which reads it at every iteration; None for forces
     """
 
     number: int
@@ -52,10 +53,13 @@ class Drive:
     forces: Array
     parameter: str = "forceVector"
     rate: float = math.inf
+    offset: Array | None = None
 
     def apply(self, mbs: Any, value: float) -> None:
-        """Set the forces for a value behind the amplifier."""
-        if self.parameter == "loadVector":
+        """Set the forces, or the joint's motion, for a value behind the amplifier."""
+        if self.offset is not None:
+            self.offset[:] = value * self.forces
+        elif self.parameter == "loadVector":
             mbs.SetLoadParameter(self.number, self.parameter, value * self.forces)
         else:
             mbs.SetObjectParameter(self.number, self.parameter, value * self.forces)
@@ -93,7 +97,7 @@ class System:
     assembly: Assembly
     nodes: dict[str, int]
     carriers: dict[str, Carrier]
-    drives: tuple[Drive, ...]
+    drives: tuple[Push, ...]
     readings: dict[str, list[Term]]
     circuits: tuple[int, ...]
 
@@ -123,18 +127,33 @@ class System:
 
     def turn(self, name: str) -> float:
         """Angle by which a body's frame is turned against the scene as drawn [rad]."""
-        kind, drawn = exu.OutputVariableType.RotationMatrix, exu.ConfigurationType.Reference
-        now, before = (
-            np.reshape(self.mbs.GetNodeOutput(self.nodes[name], kind, configuration=configuration), (3, 3))
-            for configuration in (exu.ConfigurationType.Current, drawn)
-        )
-        return float(np.arccos(np.clip(0.5 * (np.trace(now @ before.T) - 1), -1.0, 1.0)))
+        return _angle(self._pose(name, drawn=False)[0] @ self._pose(name, drawn=True)[0].T)
+
+    def shift(self, name: str, other: str) -> Array:
+        """Turn [rad] and displacement [m] of a body as seen from another's frame, against the scene as drawn, (2,)."""
+        rotations, positions = [], []
+        for drawn in (False, True):
+            (turned, place), (own, origin) = self._pose(name, drawn=drawn), self._pose(other, drawn=drawn)
+            rotations.append(own.T @ turned)
+            positions.append(own.T @ (place - origin))
+        return np.array([_angle(rotations[0] @ rotations[1].T), np.linalg.norm(positions[0] - positions[1])])
+
+    def _pose(self, name: str, *, drawn: bool) -> tuple[Array, Array]:
+        """Rotation (3, 3) and position (3,) of a body's frame in the world, now or as drawn."""
+        when = exu.ConfigurationType.Reference if drawn else exu.ConfigurationType.Current
+        kinds = exu.OutputVariableType.RotationMatrix, exu.OutputVariableType.Position
+        rotation, position = (self.mbs.GetNodeOutput(self.nodes[name], kind, configuration=when) for kind in kinds)
+        return np.reshape(rotation, (3, 3)), np.asarray(position)
 
     def recorded(self, output: str) -> Array:
         """Samples of one output, shape (n_samples,); a single 0 where nothing that moves is measured."""
         read = self.mbs.GetSensorStoredData
         terms = [term.value(*(read(k)[:, 1:] for k in term.sensors)) for term in self.readings[output]]
         return np.sum(terms, axis=0) if terms else np.zeros(1)
+
+
+def _angle(rotation: Array) -> float:
+    return float(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1), -1.0, 1.0)))
 
 
 def small_motion_system(assembly: Assembly) -> System:
@@ -154,10 +173,10 @@ def small_motion_system(assembly: Assembly) -> System:
             forceVector=assembly.basis.T @ assembly.weight,
         )
     )
-    drives = [Drive(add_forces(mbs, [node], n), name, forces[:, k]) for k, name in enumerate(scene.inputs)]
+    drives = [Push(add_forces(mbs, [node], n), name, forces[:, k]) for k, name in enumerate(scene.inputs)]
     for a in assembly.amplifiers:
         pushes = assembly.basis.T @ a.forces
-        drives.append(Drive(add_forces(mbs, [node], n), scene.inputs[a.input], pushes, rate=a.rate))
+        drives.append(Push(add_forces(mbs, [node], n), scene.inputs[a.input], pushes, rate=a.rate))
     weights = assembly.output_matrix @ assembly.basis
     readings = {}
     for k, (name, derivative) in enumerate(zip(scene.outputs, assembly.derivatives, strict=True)):

@@ -1,0 +1,97 @@
+"""What a fit of poles is given: the spectral lines of a record, or of an FRF, within a band."""
+
+import numpy as np
+import scipy
+
+from nassim.base.checks import Array, finite_array
+from nassim.identification.pole_fit import Lines
+from nassim.signals.frf import FRF
+from nassim.signals.time_history import TimeHistory
+
+UNEXCITED = 1e-6
+"""Lines whose input is this much below the largest carry no information."""
+COHERENCE_LINES = 5
+"""Neighbouring lines over which the noise that a coherence tells is averaged."""
+
+
+def lines_of_record(
+    record: TimeHistory,
+    input: str,
+    outputs: tuple[str, ...],
+    band: tuple[float, float],
+    hold_order: int | None,
+    powers: tuple[int, ...],
+) -> Lines:
+    """The DFT of a record's input and outputs within a band, mean values left out; the other arguments: see `Lines`.
+
+    band: lowest and highest frequency [Hz]. Raises ValueError for unknown names, constant signals and a band outside.
+    """
+    u, y = record[input], np.stack([record[name] for name in outputs])
+    for name, signal in ((input, u), *zip(outputs, y, strict=True)):
+        if np.ptp(signal) == 0:
+            raise ValueError(f"signal {name!r} is constant: no response can be identified from it")
+    n, step = len(u), 1 / record.sample_rate
+    low, high = _band(band, 1 / (n * step), 0.5 / step)
+    frequency = np.fft.rfftfreq(n, step)
+    keep = (frequency >= low) & (frequency <= high) & (frequency < 0.5 / step)
+    excitation = np.fft.rfft(u - u.mean())[keep]
+    responses = np.fft.rfft(y - y.mean(axis=1, keepdims=True))[:, keep]
+    excited = np.abs(excitation) > UNEXCITED * np.abs(excitation).max(initial=0.0)
+    omega = 2 * np.pi * frequency[keep][excited]
+    return Lines(
+        omega=omega,
+        excitation=excitation[excited],
+        responses=responses[:, excited],
+        time_step=step,
+        transient=True,
+        hold_order=hold_order,
+        residual_powers=powers,
+    )
+
+
+def lines_of_frf(
+    frf: FRF,
+    input: str,
+    outputs: tuple[str, ...],
+    band: tuple[float, float],
+    step: float | None,
+    hold_order: int | None,
+    powers: tuple[int, ...],
+) -> tuple[Lines, Array | None]:
+    """An FRF within a band as the response to an input of 1, and the shape of its noise over frequency, (outputs, n).
+
+    band: lowest and highest frequency [Hz]; step: time step of the signals that it was estimated from [s], where known;
+    the other arguments: see `Lines`. The shape follows from the coherence, None where the FRF has none. Raises
+    ValueError for unknown names, a band outside and responses that are zero.
+    """
+    responses = np.stack([frf.response(name, input) for name in outputs])
+    low, high = _band(band, float(frf.frequency[0]), float(frf.frequency[-1]))
+    keep = (frf.frequency >= low) & (frf.frequency <= high)
+    responses, omega = responses[:, keep], 2 * np.pi * frf.frequency[keep]
+    for name, response in zip(outputs, responses, strict=True):
+        if not np.any(response):
+            raise ValueError(f"the response of {name!r} is zero throughout the band")
+    lines = Lines(
+        omega=omega,
+        excitation=np.ones(len(omega), dtype=complex),
+        responses=responses,
+        time_step=step,
+        transient=False,
+        hold_order=hold_order,
+        residual_powers=powers,
+    )
+    if frf.coherence is None:
+        return lines, None
+    rows = [frf.outputs.index(name) for name in outputs]
+    coherence = np.clip(frf.coherence[rows][:, keep], 1e-6, 1 - 1e-9)
+    # The variance of an estimated H is |H|^2 (1 - gamma^2) / gamma^2 over twice the number of averages (Bendat and
+    # Piersol, ch. 9): its shape is known, its size is found from the residual.
+    shape = np.abs(responses) * np.sqrt((1 - coherence) / coherence)
+    return lines, np.sqrt(scipy.ndimage.uniform_filter1d(shape**2, COHERENCE_LINES, axis=1))
+
+
+def _band(band: tuple[float, float], lowest: float, highest: float) -> tuple[float, float]:
+    low, high = finite_array("band", band, (2,))
+    if not (0 < low < high and low >= lowest * (1 - 1e-9) and high <= highest * (1 + 1e-9)):
+        raise ValueError(f"band {low:g} ... {high:g} Hz must ascend within the data's {lowest:g} ... {highest:g} Hz")
+    return float(low), float(high)

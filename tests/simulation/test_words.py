@@ -1,0 +1,322 @@
+"""What parts say, word by word: against dense algebra, closed forms and derivatives of records, in every engine."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+import scipy.linalg
+from conftest import lattice
+
+from nassim import (
+    Controller,
+    Encoder,
+    FlexibleBody,
+    GroundAcceleration,
+    Joint,
+    Loop,
+    RemotePoint,
+    RigidBody,
+    Scene,
+    SpringDamper,
+    TimeHistory,
+    craig_bampton,
+    frequency_response,
+    linearize,
+    simulate,
+    static_response,
+)
+from nassim.fem.fe_model import make_coupling
+from nassim.scene.part import Actuator, Force, ForceElement, Leak, Reading, Row, Sensor, Spring
+
+STEP = 2e-5
+LINE = np.array([0.48, -0.6, 0.64])
+TURN = scipy.linalg.expm(0.7 / 3 * np.array([[0.0, -2, -1], [2, 0, -2], [1, 2, 0]]))
+GROUND = RigidBody("ground", {"foot": np.zeros(3), "wall": np.array([0.05, 0.1, -0.04])}, fixed=True)
+ENGINES = [("linear", "exact"), ("linear", "generalized_alpha"), ("ffrf", "generalized_alpha")]
+
+
+@dataclass(frozen=True)
+class Meter(Sensor):
+    """A sensor that says given words."""
+
+    words: tuple = ()
+
+    def says(self, scene):
+        """Them."""
+        return self.words
+
+
+@dataclass(frozen=True)
+class Strut(ForceElement):
+    """A spring that says given words."""
+
+    words: tuple = ()
+
+    def says(self, scene):
+        """Them."""
+        return self.words
+
+
+@dataclass(frozen=True)
+class Pusher(Actuator):
+    """An actuator that says given words."""
+
+    words: tuple = ()
+
+    def says(self, scene):
+        """Them."""
+        return self.words
+
+
+def meter(name, row, gain=1.0, derivative=0):
+    return Meter(name, (Reading(name, "", row, gain, derivative),))
+
+
+@pytest.fixture(scope="module")
+def body():
+    return craig_bampton(lattice(stiffness=1e5), n_modes=4, progress=False)
+
+
+STRETCH = Row.between("body.left", "body.right", np.array([1.0, 0, 0]), frame="body")
+GAP = Row.between("ground.wall", "block.corner", LINE)
+
+
+def held(body, fidelity, **parts):
+    """A flexible body that stands askew on the ground and carries a block."""
+    flexible = FlexibleBody("body", body, -TURN @ body.point("left").position, TURN, fidelity)
+    at = flexible.point_position("right")
+    inertia = 1e-4 * TURN @ np.diag([1.0, 2.0, 2.5]) @ TURN.T
+    block = RigidBody("block", {"mount": np.zeros(3), "corner": [0.02, 0.01, -0.015]}, 0.2, inertia, at)
+    joints = (Joint("foot", "ground.foot", "body.left"), Joint("head", "body.right", "block.mount"))
+    push = Pusher("push", (Force("u", "N", GAP),))
+    options = {"joints": joints, "actuators": (push,), "sensors": (meter("gap", GAP),), "damping_ratio": 0.02}
+    return Scene("words", (GROUND, flexible, block), **{**options, **parts})
+
+
+def pulse(scene, n_steps=400):
+    time = STEP * np.arange(n_steps + 1)
+    shape = np.sin(np.pi * np.minimum(time / (100 * STEP), 1.0)) ** 2
+    return TimeHistory(time, np.tile(shape, (len(scene.inputs), 1)), scene.inputs, ("",) * len(scene.inputs))
+
+
+def run(scene, method, excitation=None, **options):
+    """Outputs and commands by name."""
+    given = pulse(scene) if excitation is None else excitation
+    record = simulate(scene, given, time_step=STEP, method=method, progress=False, **options)
+    return dict(zip(record.names, record.values, strict=True))
+
+
+def stretch(body):
+    """The row of a body's elongation on its own coordinates."""
+    return body.motion("right")[0] - body.motion("left")[0]
+
+
+def test_a_spring_across_two_bodies_is_one_of_their_common_stiffness(body):
+    """And a damper likewise: poles by dense algebra on all coordinates but those that are held."""
+    rows = (2.0 * stretch(body), -0.5 * stretch(body))
+    two = tuple(FlexibleBody(name, body, -body.point("left").position, fidelity="linear") for name in ("one", "two"))
+    joints = tuple(Joint(name, "ground.foot", f"{name}.left") for name in ("one", "two"))
+    row = Row(own=tuple(zip(("one", "two"), rows, strict=True)))
+    r = np.concatenate([row[6:] for row in rows])  # the left point's six come first
+    mass, stiffness = (scipy.linalg.block_diag(m, m) for m in (body.mass_matrix[6:, 6:], body.stiffness_matrix[6:, 6:]))
+    for k, c in ((4e5, 0.0), (3e5, 200.0)):
+        strut = Strut("strut", (Spring(row, k, c),))
+        scene = Scene("two", (GROUND, *two), joints, springs=(strut,), sensors=(meter("x", row),), damping_ratio=0.0)
+        right = np.linalg.solve(mass, np.hstack([stiffness + k * np.outer(r, r), c * np.outer(r, r)]))
+        n = len(mass)
+        expected = np.linalg.eigvals(np.block([[np.zeros((n, n)), np.eye(n)], [-right]]))
+        found = linearize(scene).poles()
+        np.testing.assert_allclose(np.sort(found.imag), np.sort(expected.imag), rtol=1e-6, atol=1e-3)
+        np.testing.assert_allclose(np.sort(found.real), np.sort(expected.real), rtol=1e-6, atol=1e-3)
+
+
+def test_engines_agree_on_words_about_the_inside_of_a_body(body):
+    """Forces, dampers and readings of a body's deformation, beside amplifiers at points of rigid ones."""
+
+    def scene(fidelity, damping=150.0):
+        row = Row(own=(("body", stretch(body)),))
+        return held(
+            body,
+            fidelity,
+            springs=(Strut("strut", (Spring(STRETCH, 2e5, damping),)),),
+            actuators=(
+                Pusher("inside", (Force("inside", "V", row, 2.5, 300.0),)),
+                Pusher("outside", (Force("outside", "A", GAP, -3.0, 200.0),)),
+            ),
+            sensors=(meter("inner", STRETCH, -1.5), meter("gap", GAP, 4.0)),
+        )
+
+    runs = [run(scene(fidelity), method) for fidelity, method in ENGINES]
+    undamped = run(scene("linear", damping=1e-3), "exact")
+    assert np.abs(undamped["inner"] - runs[0]["inner"]).max() > 0.05 * np.abs(undamped["inner"]).max()
+    for name in ("inner", "gap"):
+        expected = runs[0][name]
+        size = np.abs(expected).max()
+        for other in runs[1:]:
+            np.testing.assert_allclose(other[name], expected, rtol=0, atol=0.01 * size)
+
+
+@pytest.mark.parametrize(("fidelity", "method"), ENGINES)
+@pytest.mark.parametrize("row", [STRETCH, GAP], ids=["inside", "outside"])
+def test_readings_have_their_gain_and_derivative(body, row, fidelity, method):
+    sensors = (meter("x", row), *(meter(f"d{k}", row, -2.5, k) for k in range(3)))
+    found = run(held(body, fidelity, sensors=sensors), method)
+    np.testing.assert_allclose(found["d0"], -2.5 * found["x"], rtol=1e-9, atol=1e-12 * np.abs(found["x"]).max())
+    for of, rate in (("d0", "d1"), ("d1", "d2")):
+        middle = (found[of][2:] - found[of][:-2]) / (2 * STEP)
+        np.testing.assert_allclose(found[rate][1:-1], middle, rtol=0, atol=0.02 * np.abs(middle).max())
+
+
+@pytest.mark.parametrize(("fidelity", "method"), ENGINES)
+def test_a_row_between_two_points_of_a_body_counts_both(body, fidelity, method):
+    """Whichever of them is held: b against a along a line is a against b along the opposite one."""
+    back = Row.between("body.right", "body.left", np.array([-1.0, 0, 0]), frame="body")
+    found = run(held(body, fidelity, sensors=(meter("there", STRETCH), meter("back", back))), method)
+    size = np.abs(found["there"]).max()
+    assert size > 1e-8
+    np.testing.assert_allclose(found["back"], found["there"], rtol=0, atol=1e-9 * size)
+
+
+def test_frequency_responses_of_derivatives_are_powers_of_i_omega(body):
+    """With dampers, an amplifier and the charge of a port that leaks, all of which accelerate."""
+    c, own = 1e-6, Row(own=(("body", 0.5 * stretch(body)),))
+    leaking = Meter("v", (Reading("v", "V", own, -1 / c), Spring(own, 1 / c), Leak("v", own, c, 2e3, 1.0)))
+    meters = tuple(meter(f"d{k}", GAP, 2.0, k) for k in range(3))
+    amplifier = Pusher("slow", (Force("slow", "N", GAP, 2.0, 80.0),))
+    direct = Pusher("push", (Force("u", "N", GAP),))
+    damper = Strut("damper", (Spring(GAP, 1e3, 5.0),))
+    scene = held(body, "linear", sensors=(leaking, *meters), actuators=(direct, amplifier), springs=(damper,))
+    frequency = np.geomspace(1.0, 3e3, 40)
+    response = frequency_response(linearize(scene), frequency).values[1:]
+    for k in (1, 2):
+        expected = (2j * np.pi * frequency) ** k * response[0]
+        np.testing.assert_allclose(response[k], expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("fidelity", "method"), ENGINES)
+def test_a_leaking_sensor_has_its_gain(body, fidelity, method):
+    own, c = Row(own=(("body", 0.5 * stretch(body)),)), 1e-6
+    runs = []
+    for gain in (1.0, -3.0):
+        words = (Reading("v", "V", own, -gain / c), Spring(own, 1 / c), Leak("v", own, c, 1e3, gain))
+        runs.append(run(held(body, fidelity, sensors=(Meter("v", words),)), method)["v"])
+    assert np.abs(runs[0]).max() > 1e-3
+    np.testing.assert_allclose(runs[1], -3.0 * runs[0], rtol=0, atol=1e-6 * np.abs(runs[0]).max())
+
+
+def test_dampers_act_along_their_axis(body):
+    def scene(fidelity, damping):
+        damper = SpringDamper("damper", "ground.wall", "block.corner", "x", 10.0, damping)
+        return held(body, fidelity, springs=(damper,))
+
+    runs = [run(scene(fidelity, 20.0), method)["gap"] for fidelity, method in ENGINES]
+    size = np.abs(runs[0]).max()
+    assert np.abs(run(scene("linear", 0.0), "exact")["gap"] - runs[0]).max() > 0.05 * size
+    for other in runs[1:]:
+        np.testing.assert_allclose(other, runs[0], rtol=0, atol=0.01 * size)
+
+
+def test_points_of_flexible_bodies_move_along_the_worlds_axes(body):
+    """In small motion a flexible body's end is read as the block that is fixed to it."""
+    sensors = (meter("end", Row.between("ground.foot", "body.right", LINE)),)
+    sensors += tuple(Encoder(axis, "ground.foot", "block.mount", axis) for axis in "xyz")
+    found = run(held(body, "linear", sensors=sensors), "exact")
+    expected = LINE @ [found[axis] for axis in "xyz"]
+    np.testing.assert_allclose(found["end"], expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("method", ["exact", "generalized_alpha"])
+def test_nothing_accelerates_in_equilibrium_under_gravity(body, method):
+    scene = held(body, "linear", sensors=(meter("a", GAP, 1.0, 2), meter("b", STRETCH, 1.0, 2)), gravity=(1, -2, -9.81))
+    still = TimeHistory(STEP * np.arange(9), np.zeros((1, 9)), ("u",), ("N",))
+    found = run(scene, method, still)
+    assert np.abs(found["a"]).max() < 1e-4
+    assert np.abs(found["b"]).max() < 1e-4
+
+
+def test_a_released_body_accelerates_with_gravity_at_once(body):
+    """A block that nothing holds, beside a body in small motion."""
+    held_body = held(body, "linear", sensors=(meter("a", GAP, 1.0, 2),), gravity=(1, -2, -9.81))
+    still = TimeHistory(STEP * np.arange(9), np.zeros((1, 9)), ("u",), ("N",))
+    found = run(replace(held_body, joints=held_body.joints[:1]), "exact", still, start="released")
+    np.testing.assert_allclose(found["a"], LINE @ [1, -2, -9.81], rtol=1e-9)
+
+
+def test_a_record_of_acceleration_holds_what_the_loop_drives(body):
+    """A free block is pushed by the excitation and by the loop's command of the sample before."""
+    centre = Row.between("ground.wall", "block.mount", LINE)
+    gain = Controller([[0.0]], [[0.0]], [[0.0]], [[-1e5]], 1 / STEP)
+    free = held(
+        body,
+        "linear",
+        actuators=(Pusher("push", (Force("u", "N", centre),)),),
+        sensors=(meter("x", centre), meter("a", centre, 1.0, 2)),
+        loops=(Loop("hold", gain, ("x",), ("u",)),),
+    )
+    free = replace(free, joints=free.joints[:1])
+    found = run(free, "exact", hold_order=0)
+    command = np.concatenate([[0.0], found["hold"][:-1]])
+    assert np.abs(command).max() > 0.1
+    np.testing.assert_allclose(found["a"], (found["u"] + command) / 0.2, rtol=0, atol=1e-9)
+
+
+def test_trimming_keeps_what_a_spring_between_inner_points_needs():
+    """Its point is no coordinate any more and no other part uses it, but the static answer stays."""
+    plain = lattice(n=5, stiffness=1e5)
+    layer = np.flatnonzero(np.abs(plain.fields[1] - 0.02) < 1e-9)
+    point = RemotePoint("middle", "middle", [0.02, 0.01, 0.01])
+    middle = make_coupling(point, layer, plain.fields[:, layer], plain.fields[:, layer])
+    body = craig_bampton(replace(plain, couplings=(*plain.couplings, middle)), n_modes=3, progress=False)
+    inside = Row.between("body.left", "body.middle", np.array([1.0, 0, 0]), frame="body")
+    strut = Strut("strut", (Spring(inside, 3e5),))
+    full, soft = held(body, "linear", springs=(strut,)), held(body, "linear")
+    found = [static_response(s, {"u": 1.0})["gap"] for s in (full, replace(full, cutoff_frequency=5.0), soft)]
+    assert found[1] == pytest.approx(found[0], rel=1e-9)
+    assert abs(found[2] / found[0] - 1) > 1e-4
+
+
+def test_inclined_springs_in_every_engine(body):
+    strut = Strut("strut", (Spring(GAP, 1e3, 2.0),))
+    found, expected, without = (
+        run(held(body, fidelity, springs=springs), method)
+        for fidelity, method, springs in (
+            ("ffrf", "generalized_alpha", (strut,)),
+            ("linear", "exact", (strut,)),
+            ("linear", "exact", ()),
+        )
+    )
+    for name in found:
+        size = np.abs(expected[name]).max()
+        assert np.abs(found[name] - expected[name]).max() < 1e-3 * size
+    assert any(np.abs(without[name] - expected[name]).max() > 0.01 * np.abs(expected[name]).max() for name in found)
+
+
+def test_the_ground_shakes_linear_bodies_beside_floating_ones(body):
+    """Both stretch as where all is linear."""
+
+    def two(fidelity):
+        place = -body.point("left").position
+        bodies = (
+            FlexibleBody("one", body, place, np.eye(3), "linear"),
+            FlexibleBody("two", body, place, TURN, fidelity),
+        )
+        bodies = (bodies[0], replace(bodies[1], position=TURN @ place))
+        joints = tuple(Joint(name, "ground.foot", f"{name}.left") for name in ("one", "two"))
+        rows = [Row.between(f"{n}.left", f"{n}.right", np.array([1.0, 0, 0]), frame=n) for n in ("one", "two")]
+        sensors = tuple(meter(n, row) for n, row in zip(("one", "two"), rows, strict=True))
+        return Scene("two", (GROUND, *bodies), joints, (GroundAcceleration("shaker", "x", "a"),), sensors)
+
+    found, expected = run(two("ffrf"), "generalized_alpha"), run(two("linear"), "exact")
+    for name in ("one", "two"):
+        size = np.abs(expected[name]).max()
+        assert size > 1e-8
+        np.testing.assert_allclose(found[name], expected[name], rtol=0, atol=0.01 * size)
+
+
+def test_commands_are_named_by_what_they_drive(body):
+    both = Controller(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((2, 0)), [[-1e3], [500.0]], 1 / STEP)
+    actuators = (Pusher("push", (Force("u", "N", GAP),)), Pusher("pull", (Force("v", "N", GAP),)))
+    scene = held(body, "linear", actuators=actuators, loops=(Loop("hold", both, ("gap",), ("u", "v")),))
+    found = run(scene, "exact")
+    np.testing.assert_allclose(found["hold.v"], -0.5 * found["hold.u"], rtol=1e-12)
+    assert scene.commands == ("hold.u", "hold.v")
