@@ -38,8 +38,15 @@ LITTLE = 0.05 * np.array([1.0, -2.0, -9.0])
 def joint():
     half = scipy.linalg.block_diag(HALF * np.eye(3), HALF_INERTIA)
     k = np.diag(STIFFNESS)
-    matrices = np.block([[k, -k], [-k, k]]), scipy.linalg.block_diag(half, half)
-    return to_body(Superelement("joint", *matrices, np.zeros((2, 3)), ("a", "b")))
+    return to_body(
+        Superelement(
+            "joint",
+            stiffness_matrix=np.block([[k, -k], [-k, k]]),
+            mass_matrix=scipy.linalg.block_diag(half, half),
+            positions=np.zeros((2, 3)),
+            names=("a", "b"),
+        )
+    )
 
 
 def half(name, place):
