@@ -94,7 +94,7 @@ def joined(
     _check_apart("inputs", [(scene.name, scene.inputs) for scene in scenes])
     if damping_ratio is None and any(np.size(scene.mode_ratios) > 1 for scene in scenes):
         raise ValueError(f"joined scene {name!r}: ratios by mode are those of a part's modes; give damping_ratio")
-    whole: dict[str, Any] = {k: sum((getattr(scene, k) for scene in scenes), start=()) + added[k] for k in KINDS}
+    whole: dict[str, Any] = {k: (*(part for scene in scenes for part in getattr(scene, k)), *added[k]) for k in KINDS}
     return Scene(
         name,
         **whole,
@@ -179,30 +179,48 @@ class _Place:
 @functools.cache
 def _kinds(noun: type[Any]) -> dict[str, Any]:
     """Types of a noun's fields, with their annotations; its name is renamed as a path is."""
-    hints = get_type_hints(noun, include_extras=True)
+    try:
+        hints = get_type_hints(noun, include_extras=True)
+    except NameError as error:
+        raise ValueError(
+            f"{noun.__name__} cannot be placed: the types of its fields cannot be read ({error}); import them for "
+            "running, not for type checkers only"
+        ) from error
     return {f.name: Path if f.name == "name" else hints[f.name] for f in fields(noun) if f.init}
 
 
 def _alike(a: Any, b: Any) -> bool:
     """Whether words, or what they hold, say the same but for rounding."""
-    if isinstance(a, np.ndarray):
-        return np.shape(a) == np.shape(b) and np.allclose(b, a, rtol=0, atol=SAME * np.abs(a).max(initial=0.0))
+    if isinstance(a, (float, np.ndarray)):
+        return np.shape(a) == np.shape(b) and np.allclose(b, a, rtol=SAME, atol=SAME * _size(a))
     if type(a) is not type(b):
         return False
     if isinstance(a, tuple):
         return len(a) == len(b) and all(map(_alike, a, b))
     if is_dataclass(a):
-        return all(_alike(getattr(_plain(a), f.name), getattr(_plain(b), f.name)) for f in fields(a))
+        return _alike(_figures(a), _figures(b))
     return bool(a == b)
 
 
-def _plain(word: Any) -> Any:
-    """The same word along the world's axes: its own may be chosen in many ways."""
+def _size(a: float | Array) -> float:
+    """The largest finite figure."""
+    return float(np.max(np.abs(a), where=np.isfinite(a), initial=0.0))
+
+
+def _figures(word: Any) -> tuple[Any, ...]:
+    """What a word says, along the world's axes: its own may be chosen in many ways."""
     if isinstance(word, SixSprings):
         turn = np.kron(np.eye(2), word.axes)
-        stiffness, damping = (turn @ matrix @ turn.T for matrix in (word.stiffness, word.damping))
-        return replace(word, axes=np.eye(3), stiffness=stiffness, damping=damping)
-    if isinstance(word, Constraint):
-        held = np.kron(np.eye(2), word.axes)[:, [AXES.index(DIRECTIONS[direction]) for direction in word.held]]
-        return replace(word, held=(), axes=held @ held.T)
-    return word
+        matrices = [turn @ matrix @ turn.T for matrix in (word.stiffness, word.damping)]
+        return (word.a, word.b, *(block for matrix in matrices for block in _blocks(matrix)))
+    chosen = ("held", "axes") if isinstance(word, Constraint) else ()
+    rest = tuple(getattr(word, f.name) for f in fields(word) if f.name not in chosen)
+    if not chosen:
+        return rest
+    held = np.kron(np.eye(2), word.axes)[:, [AXES.index(DIRECTIONS[direction]) for direction in word.held]]
+    return (*rest, held @ held.T)
+
+
+def _blocks(matrix: Array) -> tuple[Array, ...]:
+    """Forces and moments by displacements and turns, (3, 3) each, which differ by many powers of ten."""
+    return tuple(matrix[a : a + 3, b : b + 3] for a in (0, 3) for b in (0, 3))

@@ -259,6 +259,28 @@ def test_a_users_kind_without_annotations_is_refused(soft):
     assert straight.sensors[0].point == "a/tip.n"
 
 
+@dataclass(frozen=True)
+class Rope(ForceElement):
+    """As stiff as it is short, which rounding makes another in every place; its type is there for checkers only."""
+
+    name: str
+    a: Path
+    b: Path
+    tie: "Missing | None" = None  # noqa: F821
+
+    def says(self, scene):
+        length = np.linalg.norm(scene.point_position(self.b) - scene.point_position(self.a))
+        return (nassim.scene.Spring(nassim.scene.Line(self.a, self.b), 1e5 / length),)
+
+
+def test_types_must_be_there_when_a_kind_is_placed(soft, monkeypatch):
+    scene = replace(strut(soft), springs=(Rope("r", "ground.p", "tip.n"),))
+    with pytest.raises(ValueError, match=r"Rope cannot be placed: .*Missing.*; import them for running"):
+        placed(scene, "a", rotation=ODD)
+    monkeypatch.setitem(globals(), "Missing", str)
+    assert placed(scene, "a", rotation=ODD).springs[0].b == "a/tip.n"
+
+
 KINDS = [noun for noun in map(find, NOUNS) if issubclass(noun, (Part, Loop, RigidBody, FlexibleBody))]
 PLAIN_TEXT = {"name", "unit", "fidelity", "frame", "free", "held", "direction", "constraint"}
 """Texts that are no points and no signals, "frame" of a flexible body being a remote point's bare name."""

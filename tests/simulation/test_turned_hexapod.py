@@ -68,8 +68,8 @@ def iterated_to_the_end(monkeypatch):
     """Newton's iteration otherwise stops at a few millionths of an answer, elsewhere in each position."""
     usual = solver._settings
 
-    def settings():
-        result = usual()
+    def settings(system):
+        result = usual(system)
         for newton in (result.staticSolver.newton, result.timeIntegration.newton):
             newton.relativeTolerance = newton.absoluteTolerance = 1e-12
         return result

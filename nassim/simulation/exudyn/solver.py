@@ -14,6 +14,8 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.base.progress import stage
 from nassim.scene.bodies import FlexibleBody
+from nassim.scene.part import SixSprings, Spring
+from nassim.scene.scene import Scene
 from nassim.simulation.buckling import axial_forces
 from nassim.simulation.damping import tied_bodies
 from nassim.simulation.exudyn.state import Push, System, find_accelerations
@@ -26,16 +28,25 @@ LOST = 1.0
 """A deformation of this share of the body's size, or this rotation [rad] by deformation, means that a run diverges."""
 
 
-def _settings() -> Any:
+def _settings(system: System) -> Any:
     settings = exu.SimulationSettings()
     settings.solution.file.write = False
-    settings.timeIntegration.verboseMode = 0
-    settings.staticSolver.verboseMode = 0
+    for solver in (settings.timeIntegration, settings.staticSolver):
+        solver.verboseMode = 0
+        solver.newton.absoluteTolerance = max(solver.newton.absoluteTolerance, _rounding(system.assembly.scene))
     return settings
 
 
-def _fixed_steps(n_steps: int, time_step: float, spectral_radius: float) -> Any:
-    settings = _settings()
+def _rounding(scene: Scene) -> float:
+    """Force [N] that rounded places leave in a scene's stiffest spring: no equilibrium can be found nearer."""
+    springs = [(word.stiffness, word.row.paths) for word in scene.said(Spring)]
+    springs += [(np.abs(word.stiffness[:3, :3]).max(), (word.a, word.b)) for word in scene.said(SixSprings)]
+    forces = [k * np.abs(scene.point_position(path)).max() for k, paths in springs for path in paths]
+    return 4 * float(np.finfo(float).eps * max(forces, default=0.0))
+
+
+def _fixed_steps(system: System, n_steps: int, time_step: float, spectral_radius: float) -> Any:
+    settings = _settings(system)
     settings.timeIntegration.numberOfSteps = n_steps
     settings.timeIntegration.endTime = n_steps * time_step
     settings.timeIntegration.adaptiveStep = False
@@ -56,7 +67,7 @@ def solve_static(system: System) -> None:
 
     Where the equilibrium is neutral, such as of a block free to slide, it is the one with the block where it is.
     """
-    settings = _settings()
+    settings = _settings(system)
     # The static solver counts its load steps as time; inputs are to keep their value at t = 0.
     settings.staticSolver.loadStepDuration = 1e-12
     if _solved(system, settings):
@@ -102,7 +113,7 @@ def solve_dynamic(
     Ctrl-C ends the run after the step at hand with KeyboardInterrupt; RuntimeError, with time, body and likely cause,
     when the integration fails or diverges.
     """
-    settings = _fixed_steps(n_steps, time_step, spectral_radius)
+    settings = _fixed_steps(system, n_steps, time_step, spectral_radius)
     watch = _Watch(system)
     steps = _Steps(system, inputs, n_steps, time_step, explicit=explicit)
     find_accelerations(system, settings)
