@@ -19,6 +19,7 @@ from nassim import (
     SpringDamper,
     TimeHistory,
     craig_bampton,
+    cylindrical,
     describe,
     linearize,
     prismatic,
@@ -131,6 +132,26 @@ def test_a_driven_slide_on_a_driven_arm():
     np.testing.assert_allclose(run.values[2:], expected, atol=1e-8)
 
 
+@pytest.mark.parametrize("steady", [False, True])
+def test_two_drives_of_one_joint(steady):
+    """A screw: what turns about an odd axis is shifted along it."""
+    plain = arm(speed=1.0)
+    drives = (
+        Drive("way", "axle", "z", **({"speed": 0.4} if steady else {"input": "way"})),
+        Drive("turn", "axle", "rz", **({"speed": -7.0} if steady else {"input": "turn"})),
+    )
+    joints = (cylindrical("axle", "base.axle", "arm.axle", AXIS),)
+    scene = replace(plain, joints=joints, actuators=drives, sensors=plain.sensors[1:])
+    time = np.linspace(0, 1, 1001)
+    way, turn = (0.4 * time, -7.0 * time) if steady else (0.2 * np.sin(3 * time) ** 2, -7.0 * np.sin(time) ** 2)
+    signals = {} if steady else {"way": way, "turn": turn}
+    assert [scene.input_unit(name) for name in signals] == ["m", "rad"][: len(signals)]
+    run = simulate(scene, history(time, **signals), time_step=1e-3, progress=False)
+    tip = np.array([0.5, 0.1, -0.05])
+    expected = np.array([turned(tip, angle) - tip + shift * AXIS for angle, shift in zip(turn, way, strict=True)]).T
+    np.testing.assert_allclose(run.values[len(signals) :], expected, atol=1e-8)
+
+
 def platform(speed, *, body=None, fidelity="ffrf", **changes):
     """A mass of 1 kg on two slides with springs of 1 N/m and dampers of 0.05 N s/m, on a turntable."""
     ground = RigidBody("ground", {"axle": np.zeros(3)}, fixed=True)
@@ -174,6 +195,19 @@ def test_poles_of_the_rotating_platform(speed):
         assert np.abs(poles - pole).min() < 1e-5
     with pytest.raises(ValueError, match="has a drive that sets the spin; give no angular_velocity"):
         linearize(platform(speed), angular_velocity=(0, 0, 1.0))
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_the_way_round_of_the_rotating_platform(swapped):
+    """Turned about +z, a push along +u moves the mass to -v; a drive whose a is the table turns it the other way."""
+    speed, at = 0.1, 0.5j
+    scene = platform(-speed if swapped else speed)
+    if swapped:
+        scene = replace(scene, joints=(revolute("spindle", "table.axle", "ground.axle", "z"), *scene.joints[1:]))
+    a, b, c, d = linearize(scene).matrices
+    found = d + c @ np.linalg.solve(at * np.eye(len(a)) - a, b)
+    own, cross = 1 - speed**2 + at**2 + 0.05 * at, 2 * speed * at
+    np.testing.assert_allclose(found[:, 0], np.linalg.inv([[own, -cross], [cross, own]])[:, 0], rtol=1e-5)
 
 
 def test_the_rotating_platform_is_unstable_above_its_resonance():
