@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array
-from nassim.scene.part import Constraint, Force, Reading, SixSprings, Spring
+from nassim.scene.part import Constraint, Follow, Force, Reading, SixSprings, Spring
 from nassim.scene.scene import Scene
 from nassim.simulation.small_motion import Assembly, assemble
 from nassim.simulation.spinning import Spinning, spinning
@@ -31,6 +31,7 @@ def linearize(scene: Scene, *, angular_velocity: ArrayLike = STANDING, axis_poin
     effect on stiffness and a body's own angular_velocity are not part of it. Raises ValueError for a spin without an
     equilibrium near the start.
     """
+    refuse_driven(scene)
     assembly = assemble(scene)
     if scene.speeds:
         if np.any(angular_velocity):
@@ -38,6 +39,16 @@ def linearize(scene: Scene, *, angular_velocity: ArrayLike = STANDING, axis_poin
         angular_velocity, axis_point = spin_of_drive(scene)
     a, b, c, d = state_space(assembly, spinning(assembly, angular_velocity, axis_point))
     return LinearModel(a, b[:, :-1], c, d[:, :-1], scene.inputs, scene.outputs, scene.output_units)
+
+
+def refuse_driven(scene: Scene) -> None:
+    """Raise ValueError for a drive that follows an input, which models of small motion do not know."""
+    for word in scene.said(Follow):
+        if word.input:
+            raise ValueError(
+                f"input {word.input!r} drives joint {word.constraint!r}, which models of small motion hold still: "
+                "simulate in large motion, or let a force act there"
+            )
 
 
 def spin_of_drive(scene: Scene) -> tuple[Array, Array]:

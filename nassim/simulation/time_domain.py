@@ -18,7 +18,7 @@ from nassim.simulation.exact_steps import exact_response
 from nassim.simulation.exudyn.solver import axial_tension, eigenfrequencies, solve_dynamic, solve_static
 from nassim.simulation.exudyn.state import System
 from nassim.simulation.exudyn.system import build_system
-from nassim.simulation.linearization import linearize
+from nassim.simulation.linearization import linearize, refuse_driven
 from nassim.simulation.running_loops import samples_per_period
 from nassim.simulation.sampling import sampled
 from nassim.simulation.small_motion import Assembly, assemble, motion_size
@@ -253,6 +253,8 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
     values = {name: 0.0 for name in scene.inputs}
     for name, value in (inputs or {}).items():
         values[known("input", name, scene.inputs)] = finite(f"input {name!r}", value)
+    if scene.in_small_motion:
+        refuse_driven(scene)
     system = build_system(assemble(scene))
     system.apply(values)
     solve_static(system)
@@ -316,12 +318,9 @@ def _warn_of_ringing(scene: Scene, spectral_radius: float) -> None:
 
 
 def _check_drives(scene: Scene, signals: Mapping[str, Array]) -> None:
+    if scene.in_small_motion:
+        refuse_driven(scene)
     for word in scene.said(Follow):
-        if word.input and scene.in_small_motion:
-            raise ValueError(
-                f"input {word.input!r} drives joint {word.constraint!r}, which scenes in small motion hold still: give "
-                'a flexible body fidelity "ffrf" or "rigid"'
-            )
         if word.input and signals[word.input][0]:
             raise ValueError(
                 f"input {word.input!r} drives joint {word.constraint!r} from where it is drawn: it must start at 0, "
