@@ -38,7 +38,7 @@ NOT_DATA = {
     *("Assembly", "Condensation", "FEModel", "Factorization", "FullModel", "Refinement", "Solid"),
     *("SymmetricMatrix", "System", "Items"),
     # what parts say, and the bases of parts
-    *("Row", "Force", "Field", "Reading", "Spring", "Leak", "Constraint"),
+    *("Row", "Line", "Force", "Field", "Reading", "Spring", "SixSprings", "Leak", "Constraint"),
     *("Part", "Actuator", "Sensor", "ForceElement", "Connection"),
     # what one computation keeps for itself, and no user is given
     *(
@@ -54,6 +54,7 @@ NOT_DATA = {
         "Looks",
         "Notices",
         "Solution",
+        "Term",
     ),
 }
 
