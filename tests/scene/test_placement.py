@@ -11,6 +11,7 @@ import nassim
 from nassim import (
     AngleSensor,
     Bushing,
+    Drive,
     Encoder,
     FlexibleBody,
     GroundAcceleration,
@@ -25,6 +26,7 @@ from nassim import (
     SpringDamper,
     StackActuator,
     StackSensor,
+    TimeHistory,
     craig_bampton,
     describe,
     frequency_response,
@@ -164,12 +166,31 @@ def test_loops_are_placed(soft):
         names = tuple(name for name in s.inputs if name.endswith("voltage"))
         time = np.arange(100) * 1e-4
         values = np.array([np.sin(300 * time) * (name == f"{prefix}voltage") for name in names])
-        push = nassim.TimeHistory(time, values, names, ("V",) * len(names))
+        push = TimeHistory(time, values, names, ("V",) * len(names))
         records[prefix] = simulate(s, push, time_step=1e-4, method="exact", progress=False)
     for prefix in ("a/", "b/"):
         for name in ("scale", "damper"):
             expected = records[""][name]
             np.testing.assert_allclose(records[prefix][prefix + name], expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_drives_are_placed(soft):
+    """A motor in the copy's own joint, beside the original, which stands still meanwhile."""
+    scene = replace(strut(soft, "ffrf"), actuators=(Drive("motor", "hinge", "rz", "way"),), damping_ratio=0.0)
+    both = joined("both", scene, placed(scene, "a", position=PLACE, rotation=ODD))
+    time = np.arange(41) * 1e-3
+    way, still = 0.02 * np.sin(np.pi * time / 0.08) ** 2, 0 * time
+
+    def run(of, *ways):
+        push = TimeHistory(time, np.array(ways), of.inputs, ("rad",) * len(ways))
+        return simulate(of, push, time_step=1e-3, outputs=of.outputs, progress=False)
+
+    alone, found = run(scene, way), run(both, still, way)
+    for name in ("scale", "gap", "seen"):
+        size = np.abs(alone[name]).max()
+        assert size > 1e-5
+        np.testing.assert_allclose(found[f"a/{name}"], alone[name], rtol=0, atol=1e-4 * size)
+        assert np.abs(found[name]).max() < 1e-6 * size
 
 
 def test_placed_scenes_are_saved(soft, tmp_path):
