@@ -38,11 +38,7 @@ NOT_DATA = {
     *("Assembly", "Condensation", "FEModel", "Factorization", "FullModel", "Refinement", "Solid"),
     *("SymmetricMatrix", "System", "Items"),
     # what parts say, and the bases of parts
-<<<<<<< HEAD
     *("Row", "Force", "Field", "Reading", "Spring", "Leak", "Constraint", "Line", "SixSprings", "Follow"),
-=======
-    *("Row", "Line", "Force", "Field", "Reading", "Spring", "SixSprings", "Leak", "Constraint"),
->>>>>>> motion14
     *("Part", "Actuator", "Sensor", "ForceElement", "Connection"),
     # what one computation keeps for itself, and no user is given
     *(
@@ -62,10 +58,7 @@ NOT_DATA = {
         "Looks",
         "Notices",
         "Solution",
-<<<<<<< HEAD
         "Spinning",
-=======
->>>>>>> motion14
         "Term",
     ),
 }
