@@ -402,6 +402,33 @@ def test_a_body_in_two_halves():
     assert abs(rest[0]["x"]) > 1e-5
 
 
+@pytest.mark.filterwarnings("ignore:under the spin, body")
+def test_a_double_pendulum_of_three_bodies():
+    """Drawn a little beside its equilibrium: what accelerates it there, the joints of its halved arm do not bear."""
+    hinge, elbow = (HUB + np.array([reach, 0, 0]) for reach in (REACH, REACH + 0.1))
+    glue = HUB + np.array([REACH + 0.05, 0.0, 0.02])
+    masses, inertias = (0.7, 0.4), (random_inertia(3), random_inertia(4))
+    centres = [hinge + np.array([0.03, 0.02, -0.03]), hinge + np.array([0.07, -0.03, 0.05])]
+    centre = np.average(centres, axis=0, weights=masses)
+    arms = [c - centre for c in centres]
+    spread = [m * (arm @ arm * np.eye(3) - np.outer(arm, arm)) for m, arm in zip(masses, arms, strict=True)]
+    ends = {"hinge": hinge, "glue": glue, "elbow": elbow}
+
+    def body(name, mass, inertia, at):
+        return RigidBody(name, {end: place - at for end, place in ends.items()}, mass, inertia, at)
+
+    halves_of_arm = [body(*each) for each in zip("ab", masses, inertias, centres, strict=True)]
+    whole = body("a", sum(masses), sum(inertias) + sum(spread), centre)
+    bob = body("bob", 0.3, random_inertia(5), elbow + np.array([0.08, 0.004, 0.02]))
+    table = RigidBody("table", {"hinge": hinge}, fixed=True)
+    first, glued = Joint("hinge", "table.hinge", "a.hinge", ("rz",)), Joint("glue", "a.glue", "b.glue")
+    one = Scene("one", (table, whole, bob), (first, Joint("elbow", "a.elbow", "bob.elbow", ("rz",))))
+    two = Scene("two", (table, *halves_of_arm, bob), (first, glued, Joint("elbow", "b.elbow", "bob.elbow", ("rz",))))
+    poles = [upper(spun(scene, (0, 0, 11.0), HUB + np.array([0, 0.003, 0])).poles()) for scene in (one, two)]
+    assert len(poles[0]) == 2
+    np.testing.assert_allclose(poles[1], poles[0], rtol=1e-9)
+
+
 def test_coriolis_forces_do_no_work():
     """G is skew, K symmetric, so without damping the Jacobi integral q'^2 + q (K q) of a run is constant."""
     scene = replace(halves(joined=True), damping_ratio=0.0)

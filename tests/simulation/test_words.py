@@ -315,6 +315,19 @@ def test_the_ground_shakes_linear_bodies_beside_floating_ones(body):
         np.testing.assert_allclose(found[name], expected[name], rtol=0, atol=0.01 * size)
 
 
+@pytest.mark.parametrize("point", ["body.left", "body.right"])
+def test_points_of_a_spinning_flexible_body_accelerate_as_they_move(body, point):
+    """One of them carries its frame; against differences of displacement and velocity."""
+    spinning = FlexibleBody("body", body, (0.1, 0.0, -0.2), TURN, "ffrf", angular_velocity=(15.0, -10.0, 20.0))
+    sensors = tuple(meter(f"d{k}", Row.of_point(point, LINE), 1.0, k) for k in range(3))
+    scene = Scene("free", (spinning,), (), (PointForce("push", "body.right", "x", "u"),), sensors, damping_ratio=0.02)
+    found = run(scene, "generalized_alpha", spectral_radius=0.8)
+    for of, rate in (("d0", "d1"), ("d1", "d2")):
+        middle = (found[of][2:] - found[of][:-2]) / (2 * STEP)
+        np.testing.assert_allclose(found[rate][1:-1], middle, rtol=0, atol=2e-3 * np.abs(middle).max())
+    assert np.ptp(found["d2"]) > 5.0
+
+
 def test_a_bushing_between_free_bodies_by_dense_algebra():
     """In small motion: at points apart, whose axes turn with bodies; a force and readings along turning axes beside."""
     random = np.random.default_rng(6)
