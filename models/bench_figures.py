@@ -8,17 +8,15 @@ from models.apa300ml import STACK, axial_stiffness
 from models.bench import AMPLIFIER_GAIN, BENCH_CONDITIONS, sensor_span_constant
 from nassim import FRF, LinearModel, ReducedBody, frequency_response, open_circuit
 from nassim.bodies.interface import free_coordinates
-from nassim.systems import damping, transmission_zeros
+from nassim.systems import damping, zeros
 
 
 def pole_and_zero(model: LinearModel) -> dict[str, float]:
     """Natural frequencies of the first pole of V_s/V_a above 10 Hz and of the zero below it [Hz]; nan without one."""
     frequency, ratio = damping(model)
     pole = min(f for f, zeta in zip(frequency, ratio, strict=True) if f > 10.0 and zeta < 0.9)
-    row, column = model.outputs.index("sensor_voltage"), model.inputs.index("actuator_voltage")
-    a, b, c, d = model.matrices
-    zeros = transmission_zeros((a, b[:, [column]], c[[row]], d[[row]][:, [column]]))
-    below = np.abs(zeros[zeros.imag > 0]) / (2 * np.pi)
+    dips = zeros(model, inputs="actuator_voltage", outputs="sensor_voltage")
+    below = np.abs(dips[dips.imag > 0]) / (2 * np.pi)
     below = below[(below > 10.0) & (below < pole)]
     return {"pole_Hz": float(pole), "zero_Hz": float(below.max()) if below.size else math.nan}
 

@@ -121,23 +121,35 @@ from .scene.bodies import (
 from .scene.bodies import (
     RigidBody as RigidBody,
 )
-from .scene.loop import (
-    Loop as Loop,
+from .scene.drives import (
+    Drive as Drive,
 )
-from .scene.mechanics import (
-    Encoder as Encoder,
-)
-from .scene.mechanics import (
-    GroundAcceleration as GroundAcceleration,
-)
-from .scene.mechanics import (
+from .scene.joints import (
     Joint as Joint,
 )
-from .scene.mechanics import (
-    PointForce as PointForce,
+from .scene.joints import (
+    cylindrical as cylindrical,
 )
-from .scene.mechanics import (
-    SpringDamper as SpringDamper,
+from .scene.joints import (
+    fixed as fixed,
+)
+from .scene.joints import (
+    planar as planar,
+)
+from .scene.joints import (
+    prismatic as prismatic,
+)
+from .scene.joints import (
+    revolute as revolute,
+)
+from .scene.joints import (
+    spherical as spherical,
+)
+from .scene.joints import (
+    universal as universal,
+)
+from .scene.loop import (
+    Loop as Loop,
 )
 from .scene.piezo import (
     StackActuator as StackActuator,
@@ -150,6 +162,12 @@ from .scene.piezo import (
 )
 from .scene.piezo import (
     VoltageSensor as VoltageSensor,
+)
+from .scene.placement import (
+    joined as joined,
+)
+from .scene.placement import (
+    placed as placed,
 )
 from .scene.scene import (
     Scene as Scene,
@@ -201,3 +219,30 @@ from .systems.linear_model import (
 )
 
 __version__: str
+from .scene.mechanics import (
+    AngleSensor as AngleSensor,
+)
+from .scene.mechanics import (
+    Bushing as Bushing,
+)
+from .scene.mechanics import (
+    Encoder as Encoder,
+)
+from .scene.mechanics import (
+    GroundAcceleration as GroundAcceleration,
+)
+from .scene.mechanics import (
+    LinearActuator as LinearActuator,
+)
+from .scene.mechanics import (
+    PointForce as PointForce,
+)
+from .scene.mechanics import (
+    PointTorque as PointTorque,
+)
+from .scene.mechanics import (
+    Pose as Pose,
+)
+from .scene.mechanics import (
+    SpringDamper as SpringDamper,
+)

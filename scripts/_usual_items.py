@@ -9,7 +9,7 @@ import numpy as np
 from exudyn.rigidBodyUtilities import GetRigidBodyNode
 
 from nassim import RigidBody, Scene
-from nassim.simulation import assemble, deformation_damping
+from nassim.simulation import assemble
 
 Faces = Mapping[str, np.ndarray]
 """Nodes of the skin by remote point."""
@@ -41,7 +41,7 @@ def add_flexible_body(mbs: Any, scene: Scene, faces: Faces) -> dict[str, int]:
             centerOfMass=frame.center_of_mass,
             massMatrixReduced=container_of(frame.mass_matrix),
             stiffnessMatrixReduced=container_of(frame.stiffness_matrix),
-            dampingMatrixReduced=container_of(deformation_damping(assembly)),
+            dampingMatrixReduced=container_of(assembly.damping.on_deformation()),
             mPhitTPsi=frame.translation_flexible,
             mPhitTPsiTilde=frame.translation_rotated,
             mXRefTildePsi=frame.position_flexible,

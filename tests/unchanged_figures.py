@@ -150,7 +150,7 @@ def deviation(before, after):
 
 
 def signed(figures):
-    """Linear models with the sign of each mode, which is free, such that its largest push or else reading is positive."""
+    """Linear models with the sign of each mode, which is free, such that its largest push or reading is positive."""
     result = dict(figures)
     for label in {key[:-3] for key in figures if key.endswith(": B")}:
         a, b, c = (np.asarray(figures[f"{label}: {name}"], dtype=float) for name in "ABC")

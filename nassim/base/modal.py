@@ -1,12 +1,13 @@
 """Eigenmodes of dense mass and stiffness matrices, modal damping, poles in discrete time and of decays."""
 
 import math
+import warnings
 
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from nassim.base.checks import Array, finite_array
+from nassim.base.checks import Array, finite_array, not_negative
 
 EXCITED = 1e-9
 """Directions of a decay below this share of the largest are rounding."""
@@ -57,6 +58,25 @@ def modal_damping_matrix(mass: Array, frequency: Array, shapes: Array, damping_r
     weighted = mass @ shapes
     result: Array = (weighted * (2 * ratio * 2 * np.pi * frequency)) @ weighted.T
     return result
+
+
+def damping_ratios(label: str, value: ArrayLike, *, stacklevel: int = 2) -> Array:
+    """Return damping ratios, one number or several, as a read-only array (k,) [-]; label: what messages call them.
+
+    Raises ValueError for none at all and for negative ones; warns of critical damping, as of 2 written for 2 %.
+    """
+    ratio = finite_array(label, np.atleast_1d(value), (None,))
+    if ratio.size == 0:
+        raise ValueError(f"{label} needs at least one value; 0 for no damping")
+    for one in ratio:
+        not_negative(label, one)
+    if ratio.max() >= 1:
+        warnings.warn(
+            f"{label} {ratio.max():g} is critical damping or more, in which nothing swings: one percent is the ratio "
+            "0.01",
+            stacklevel=stacklevel + 1,
+        )
+    return ratio
 
 
 def elastic_ratios(frequency: Array, damping_ratio: ArrayLike) -> Array:

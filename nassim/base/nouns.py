@@ -10,9 +10,15 @@ from typing import Any, TypeGuard, TypeVar
 Noun = TypeVar("Noun")
 
 NOUNS: dict[str, str] = {
+    "AngleSensor": "nassim.scene.mechanics",
+    "Bushing": "nassim.scene.mechanics",
+    "LinearActuator": "nassim.scene.mechanics",
+    "PointTorque": "nassim.scene.mechanics",
+    "Pose": "nassim.scene.mechanics",
     "Calibration": "nassim.identification.calibration",
     "Change": "nassim.identification.apply",
     "Controller": "nassim.systems.controllers",
+    "Drive": "nassim.scene.drives",
     "ElectricalPort": "nassim.bodies.piezo",
     "Encoder": "nassim.scene.mechanics",
     "FRF": "nassim.signals.frf",
@@ -21,7 +27,7 @@ NOUNS: dict[str, str] = {
     "FloatingFrame": "nassim.bodies.floating_frame",
     "GroundAcceleration": "nassim.scene.mechanics",
     "HarmonicSolution": "nassim.fem.full_model",
-    "Joint": "nassim.scene.mechanics",
+    "Joint": "nassim.scene.joints",
     "LinearModel": "nassim.systems.linear_model",
     "Loop": "nassim.scene.loop",
     "Margins": "nassim.systems.feedback",

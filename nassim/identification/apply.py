@@ -110,8 +110,8 @@ def apply_identification(
     scene stay as they are.
 
     Raises ValueError for unknown names, for outputs of the scene that do not respond to the input, for scenes with
-    damping that is not modal (dampers, resistances, bandwidths, loops), when no mode matches, and when a match is not
-    unique: two modes of the scene that the outputs see near one identified, or two identified near one.
+    damping that is not modal (bodies' own, dampers, resistances, bandwidths, loops), when no mode matches, and when a
+    match is not unique: two modes of the scene that the outputs see near one identified, or two identified near one.
     """
     positive("distance", distance)
     if not finite("factor", factor) > 1:
@@ -123,8 +123,8 @@ def apply_identification(
     assembly = assemble(scene)
     if not assembly.falls_into_modes or scene.loops:
         raise ValueError(
-            "damping ratios are written into a scene whose damping is all modal: take out dampers, resistances at "
-            "ports, amplifiers' bandwidths and loops, which damp beside them"
+            "damping ratios are written into a scene whose damping is all modal: take out bodies' own damping_ratio, "
+            "dampers, resistances at ports, amplifiers' bandwidths and loops, which damp beside them"
         )
     rows = [scene.outputs.index(output) for output in fit.outputs]
     gains = modal_gains(assembly)[rows, scene.inputs.index(fit.input)]

@@ -4,8 +4,41 @@ from .bodies import (
 from .bodies import (
     RigidBody as RigidBody,
 )
+from .drives import (
+    Drive as Drive,
+)
+from .joints import (
+    Joint as Joint,
+)
+from .joints import (
+    cylindrical as cylindrical,
+)
+from .joints import (
+    fixed as fixed,
+)
+from .joints import (
+    planar as planar,
+)
+from .joints import (
+    prismatic as prismatic,
+)
+from .joints import (
+    revolute as revolute,
+)
+from .joints import (
+    spherical as spherical,
+)
+from .joints import (
+    universal as universal,
+)
 from .loop import (
     Loop as Loop,
+)
+from .mechanics import (
+    AngleSensor as AngleSensor,
+)
+from .mechanics import (
+    Bushing as Bushing,
 )
 from .mechanics import (
     Encoder as Encoder,
@@ -14,10 +47,16 @@ from .mechanics import (
     GroundAcceleration as GroundAcceleration,
 )
 from .mechanics import (
-    Joint as Joint,
+    LinearActuator as LinearActuator,
 )
 from .mechanics import (
     PointForce as PointForce,
+)
+from .mechanics import (
+    PointTorque as PointTorque,
+)
+from .mechanics import (
+    Pose as Pose,
 )
 from .mechanics import (
     SpringDamper as SpringDamper,
@@ -26,10 +65,16 @@ from .part import (
     Actuator as Actuator,
 )
 from .part import (
+    Axes as Axes,
+)
+from .part import (
     Connection as Connection,
 )
 from .part import (
     Constraint as Constraint,
+)
+from .part import (
+    Direction as Direction,
 )
 from .part import (
     Field as Field,
@@ -44,7 +89,16 @@ from .part import (
     Leak as Leak,
 )
 from .part import (
+    Line as Line,
+)
+from .part import (
     Part as Part,
+)
+from .part import (
+    Path as Path,
+)
+from .part import (
+    Position as Position,
 )
 from .part import (
     Reading as Reading,
@@ -54,6 +108,12 @@ from .part import (
 )
 from .part import (
     Sensor as Sensor,
+)
+from .part import (
+    Signal as Signal,
+)
+from .part import (
+    SixSprings as SixSprings,
 )
 from .part import (
     Spring as Spring,
@@ -72,6 +132,12 @@ from .piezo import (
 )
 from .piezo import (
     VoltageSensor as VoltageSensor,
+)
+from .placement import (
+    joined as joined,
+)
+from .placement import (
+    placed as placed,
 )
 from .scene import (
     Scene as Scene,

@@ -1,14 +1,17 @@
 """Bodies of a scene: rigid ones, and reduced ones with the fidelity that they are modelled in."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy
+from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, known, positive, unique
-from nassim.base.rigid_motion import rigid_transfer
+from nassim.base.modal import damping_ratios
+from nassim.base.rigid_motion import proper_rotation, rigid_transfer
 from nassim.bodies.reduced_body import ReducedBody
+from nassim.scene.part import Axes, Direction, Position
 
 FIDELITIES = ("rigid", "linear", "ffrf")
 ROUNDED = 2e-3
@@ -20,18 +23,23 @@ class RigidBody:
     """A rigid body.
 
     name: what the scene calls it
-    mass: [kg]; inertia: about the centre of mass, shape (3, 3) [kg m2]; both may be None for a fixed body
+    mass: [kg]; inertia: about the centre of mass, along the body's axes, shape (3, 3) [kg m2]; both may be None for a
+        fixed body
     position: of the centre of mass at the start, in the world's frame [m]
-    points: named points, relative to the centre of mass [m]
+    points: named points, relative to the centre of mass, along the body's axes [m]
     fixed: True for a body that does not move, such as a granite base
+    rotation: from the body's to the world's frame at the start, shape (3, 3)
+    angular_velocity: at the start, world frame, shape (3,) [rad/s], as of a `FlexibleBody`
     """
 
     name: str
     points: Mapping[str, Array]
     mass: float | None = None
     inertia: Array | None = None
-    position: Array = field(default_factory=lambda: np.zeros(3))
+    position: Position = field(default_factory=lambda: np.zeros(3))
     fixed: bool = False
+    rotation: Axes = field(default_factory=lambda: np.eye(3))
+    angular_velocity: Direction = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
         label = f"rigid body {self.name!r}"
@@ -45,8 +53,12 @@ class RigidBody:
             self,
             points=frozen_mapping(points),
             position=finite_array(f"{label}: position", self.position, (3,)),
+            rotation=proper_rotation(f"{label}: rotation", self.rotation),
+            angular_velocity=finite_array(f"{label}: angular_velocity", self.angular_velocity, (3,)),
         )
         if self.fixed:
+            if np.any(self.angular_velocity):
+                raise ValueError(f"{label} is fixed, so it cannot spin; leave out its angular_velocity")
             return
         if self.mass is None or self.inertia is None:
             raise ValueError(f"{label} can move, so it needs a mass and an inertia (or fixed=True)")
@@ -77,7 +89,7 @@ class RigidBody:
         """Of its coordinates, shape (6, 6)."""
         assert self.mass is not None
         assert self.inertia is not None
-        result: Array = scipy.linalg.block_diag(self.mass * np.eye(3), self.inertia)
+        result: Array = scipy.linalg.block_diag(self.mass * np.eye(3), self.rotation @ self.inertia @ self.rotation.T)
         return result
 
     def weight(self, gravity: Array) -> Array:
@@ -90,23 +102,38 @@ class RigidBody:
 
         Raises ValueError for an unknown point, listing the known ones.
         """
-        return rigid_transfer(self.points[known(f"point of {self.name!r}", point, self.points)])
+        return rigid_transfer(self._arm(point))
 
     def own_motion(self, point: str) -> Array:
         """As `motion`, along the body's own axes."""
-        return self.motion(point)
+        result: Array = np.kron(np.eye(2), self.rotation.T) @ self.motion(point)
+        return result
 
     def point_position(self, point: str) -> Array:
         """Position of a named point at the start, world frame, shape (3,) [m]."""
-        result: Array = self.position + self.points[known(f"point of {self.name!r}", point, self.points)]
+        result: Array = self.position + self._arm(point)
         return result
+
+    def _arm(self, point: str) -> Array:
+        """From the centre of mass to a point at the start, along the world's axes."""
+        result: Array = self.rotation @ self.points[known(f"point of {self.name!r}", point, self.points)]
+        return result
+
+    @property
+    def along_world(self) -> "RigidBody":
+        """The same body described along the world's axes at the start."""
+        points = {name: self._arm(name) for name in self.points}
+        inertia = None if self.inertia is None else self.rotation @ self.inertia @ self.rotation.T
+        if inertia is not None:
+            inertia = 0.5 * (inertia + inertia.T)
+        return replace(self, points=points, inertia=inertia, rotation=np.eye(3))
 
     @property
     def rigid_inertia(self) -> tuple[float, Array, Array]:
         """Mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg m2] at the start, world frame."""
         assert self.mass is not None
         assert self.inertia is not None
-        return self.mass, self.position, self.inertia
+        return self.mass, self.position, self.rotation @ self.inertia @ self.rotation.T
 
 
 @dataclass(frozen=True)
@@ -121,15 +148,20 @@ class FlexibleBody:
     frame: remote point that the floating frame rides on (default: the first that a joint holds, else the first)
     angular_velocity: at the start, world frame, shape (3,) [rad/s]; bodies jointed to this one move along, and what
         the joints do not allow is refused when a simulation starts; zero asks for nothing
+    damping_ratio: of the elastic modes of the body alone [-], one number or one per mode from the lowest (the remaining
+        modes then have the last): with the remote point of its frame clamped where a joint holds that, else free, and
+        its electrical ports as the scene wires them. It makes a viscous damping of the body's deformation, the same
+        wherever the body goes; loads that slow a mode lower its ratio. None: the body has none of its own
     """
 
     name: str
     reduced: ReducedBody
-    position: Array = field(default_factory=lambda: np.zeros(3))
-    rotation: Array = field(default_factory=lambda: np.eye(3))
+    position: Position = field(default_factory=lambda: np.zeros(3))
+    rotation: Axes = field(default_factory=lambda: np.eye(3))
     fidelity: str = "ffrf"
     frame: str | None = None
-    angular_velocity: Array = field(default_factory=lambda: np.zeros(3))
+    angular_velocity: Direction = field(default_factory=lambda: np.zeros(3))
+    damping_ratio: ArrayLike | None = None
 
     def __post_init__(self) -> None:
         label = f"flexible body {self.name!r}"
@@ -137,14 +169,14 @@ class FlexibleBody:
             raise ValueError(f"{label}: reduced must be a ReducedBody, got a {type(self.reduced).__name__}")
         if not self.reduced.remote_points:
             raise ValueError(f"{label} needs at least one remote point, on which its frame rides")
-        rotation = finite_array(f"{label}: rotation", self.rotation, (3, 3))
-        if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-9 or np.linalg.det(rotation) < 0:
-            raise ValueError(f"{label}: rotation must be a proper orthogonal matrix")
+        rotation = proper_rotation(f"{label}: rotation", self.rotation)
         known("fidelity", self.fidelity, FIDELITIES)
         if self.frame is not None:
             known("remote point", self.frame, self.reduced.point_names)
         if self.fidelity == "linear" and np.any(self.angular_velocity):
             raise ValueError(f'{label} spins, so it needs fidelity "ffrf" or "rigid": "linear" is for small rotation')
+        if self.damping_ratio is not None:
+            freeze(self, damping_ratio=damping_ratios(f"{label}: damping_ratio", self.damping_ratio, stacklevel=3))
         freeze(
             self,
             position=finite_array(f"{label}: position", self.position, (3,)),

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 from nassim.base.checks import above_zero, freeze, not_negative, unique
+from nassim.scene.part import Signal
 from nassim.systems.controllers import Controller
 
 
@@ -18,8 +19,8 @@ class Loop:
 
     name: str
     controller: Controller
-    measured: tuple[str, ...]
-    driven: tuple[str, ...]
+    measured: tuple[Signal, ...]
+    driven: tuple[Signal, ...]
     input_step: float = 0.0
     input_limit: float = math.inf
     output_step: float = 0.0

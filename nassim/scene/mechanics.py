@@ -1,93 +1,61 @@
-"""Mechanical parts of scenes: joints, spring-dampers, point forces, the ground's acceleration, encoders."""
+"""Mechanical parts of scenes: springs and bushings, forces and torques, sensors of motion.
+
+A direction is "x", "y", "z" or a vector, along the world's axes, which do not turn; with `frame` "body.point" along
+axes that are the world's at the start and turn with the body there. Where two points are named, "line" is the line
+through them, wherever it points.
+"""
 
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from nassim.base.checks import freeze, instances, known, not_negative, unique
-from nassim.base.rigid_motion import DIRECTIONS, unit_vector
-from nassim.scene.bodies import FlexibleBody, RigidBody
-from nassim.scene.part import Actuator, Connection, Constraint, Field, Force, ForceElement, Reading, Row, Sensor, Spring
+from nassim.base.checks import Array, finite_array, freeze, known, not_negative
+from nassim.base.rigid_motion import proper_rotation, unit_vector
+from nassim.scene.part import (
+    Actuator,
+    Axes,
+    Direction,
+    Field,
+    Force,
+    ForceElement,
+    Line,
+    Path,
+    Reading,
+    Row,
+    Sensor,
+    Signal,
+    SixSprings,
+    Spring,
+)
 from nassim.scene.scene import Scene
 
-WORLD_AXES = ("x", "y", "z")
-TOUCH_TOLERANCE = 1e-9
-"""Largest gap [m] between the two points of a joint."""
-
-
-@dataclass(frozen=True)
-class Joint(Connection):
-    """Connects two points that coincide at the start.
-
-    a, b: the points, "body.point"
-    free: directions in which b may move against a: "x" "y" "z" "rx" "ry" "rz"; none, the default, is a rigid
-        connection. They are the world's at the start and turn with the body of a from there on: a slide on a rail
-        has the rail's point as a.
-    """
-
-    name: str
-    a: str
-    b: str
-    free: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        free = instances("free", (self.free,) if isinstance(self.free, str) else self.free, (str,))
-        for direction in free:
-            known("direction", direction, DIRECTIONS)
-        freeze(self, free=unique(f"joint {self.name!r}: free direction", free))
-
-    def says(self, scene: Scene) -> tuple[Constraint]:
-        """It holds all directions that are not free."""
-        if self.a == self.b:
-            raise ValueError(f"joint {self.name!r} connects {self.a!r} with itself")
-        for path in (self.a, self.b):
-            self._check_held(scene, path)
-        gap = float(np.linalg.norm(scene.point_position(self.b) - scene.point_position(self.a)))
-        if gap > TOUCH_TOLERANCE:
-            raise ValueError(
-                f"joint {self.name!r}: {self.a!r} and {self.b!r} are {gap:.3g} m apart; they must coincide to "
-                f"{TOUCH_TOLERANCE:g} m: move one of the bodies"
-            )
-        return (Constraint(self.name, self.a, self.b, tuple(d for d in DIRECTIONS if d not in self.free)),)
-
-    def describe(self) -> str:
-        """Its points and what it leaves free."""
-        return f"joint {self.name}: {self.a} to {self.b}, " + (
-            f"free in {', '.join(self.free)}" if self.free else "rigid"
-        )
-
-    def _check_held(self, scene: Scene, path: str) -> None:
-        """A point that only moves along, as trimming leaves some, is no coordinate that a joint could hold."""
-        body, point = scene.split(path)
-        if not isinstance(body, FlexibleBody) or not body.deforms:
-            return
-        if point in [passive.name for passive in body.reduced.passive_points]:
-            raise ValueError(
-                f"joint {self.name!r}: {path!r} is a passive point, which moves along with the body but cannot be "
-                "held: use the body before it was trimmed, or name the point in trim_body(points=...)"
-            )
+LINE = "line"
+SYMMETRIC = 1e-9
 
 
 @dataclass(frozen=True)
 class SpringDamper(ForceElement):
-    """A spring and a viscous damper in parallel between two points of rigid bodies, along an axis of the world's frame.
+    """A spring and a viscous damper in parallel between two points, relaxed at the start.
 
-    a, b: "body.point"; axis: "x", "y" or "z"; stiffness [N/m]; damping [N s/m]
+    a, b: "body.point"; axis: a direction or "line"; frame: "" or a point whose axes count, which must be a or b
+    stiffness [N/m]; damping [N s/m]
     """
 
     name: str
-    a: str
-    b: str
-    axis: str = "z"
+    a: Path
+    b: Path
+    axis: Direction = "z"
     stiffness: float = 0.0
     damping: float = 0.0
+    frame: Path = ""
 
     def __post_init__(self) -> None:
         label = f"spring-damper {self.name!r}"
-        known("axis", self.axis, WORLD_AXES)
         _two_points(label, self.a, self.b)
         freeze(
             self,
+            axis=checked_axis(label, self.axis, line=True),
             stiffness=not_negative(f"{label}: stiffness", self.stiffness, "N/m"),
             damping=not_negative(f"{label}: damping", self.damping, "N s/m"),
         )
@@ -95,55 +63,143 @@ class SpringDamper(ForceElement):
             raise ValueError(f"{label} has neither stiffness nor damping")
 
     def says(self, scene: Scene) -> tuple[Spring]:
-        """The motion of b against a along the axis is stiff and damped."""
-        if rigid_body(scene, self.name, self.a) is rigid_body(scene, self.name, self.b):
-            raise ValueError(f"spring {self.name!r}: {self.a!r} and {self.b!r} belong to one rigid body")
-        return (Spring(Row.between(self.a, self.b, unit_vector(self.axis)), self.stiffness, self.damping),)
+        """The motion of b against a is stiff and damped."""
+        _check_apart(scene, f"spring {self.name!r}", self.a, self.b)
+        return (Spring(_between(scene, self.a, self.b, self.axis, self.frame), self.stiffness, self.damping),)
 
     def describe(self) -> str:
         """Its points, its axis and its figures."""
         figures = f"{self.stiffness:g} N/m, {self.damping:g} N s/m"
-        return f"spring {self.name}: {self.a} to {self.b} along {self.axis}, {figures}"
+        return f"spring {self.name}: {self.a} to {self.b} along {_axis_text(self.axis, self.frame)}, {figures}"
+
+
+@dataclass(frozen=True)
+class Bushing(ForceElement):
+    """A spring and a viscous damper in all six directions at once between two points, relaxed at the start.
+
+    a, b: "body.point"; where they lie apart, a's body reaches rigidly to the place of b
+    stiffness, damping: forces [N] and moments [N m] on b per displacement [m] and turn [rad] of b against a,
+        ux uy uz rx ry rz, shape (6, 6), symmetric, or six figures of a diagonal; turns are small, common ones any
+    axes: of these six at the start, as columns, world frame, (3, 3); they turn along, halfway between a and b
+    """
+
+    name: str
+    a: Path
+    b: Path
+    stiffness: Array
+    damping: Array = field(default_factory=lambda: np.zeros(6))
+    axes: Axes = field(default_factory=lambda: np.eye(3))
+
+    def __post_init__(self) -> None:
+        label = f"bushing {self.name!r}"
+        _two_points(label, self.a, self.b)
+        freeze(
+            self,
+            stiffness=_six(f"{label}: stiffness", self.stiffness),
+            damping=_six(f"{label}: damping", self.damping),
+            axes=proper_rotation(f"{label}: axes", self.axes),
+        )
+
+    def says(self, scene: Scene) -> tuple[SixSprings]:
+        """All six motions of b against a are stiff and damped."""
+        _check_apart(scene, f"bushing {self.name!r}", self.a, self.b)
+        return (SixSprings(self.a, self.b, self.axes, self.stiffness, self.damping),)
+
+    def describe(self) -> str:
+        """Its points and the figures of its diagonal."""
+        figures = " ".join(f"{k:g}" for k in np.diag(self.stiffness))
+        return f"bushing {self.name}: {self.a} to {self.b}, diagonal {figures} N/m and N m/rad"
 
 
 @dataclass(frozen=True)
 class PointForce(Actuator):
-    """A force on a point of a rigid body, along an axis of the world's frame.
+    """A force on a point, along a direction.
 
-    point: "body.point"; axis: "x", "y" or "z"; input: name of the scene's input [N]
+    point: "body.point"; axis: a direction; input: name of the scene's input [N]
+    frame: "" or the point itself, for a force that turns with its body
     """
 
     name: str
-    point: str
-    axis: str
-    input: str
+    point: Path
+    axis: Direction
+    input: Signal
+    frame: Path = ""
     unit: str = field(default="N", init=False)
 
     def __post_init__(self) -> None:
-        known("axis", self.axis, WORLD_AXES)
+        freeze(self, axis=checked_axis(f"force {self.name!r}", self.axis))
 
     def says(self, scene: Scene) -> tuple[Force]:
         """The input pushes the point."""
-        if rigid_body(scene, self.name, self.point).fixed:
-            raise ValueError(f"{self.name!r}: {self.point!r} belongs to a fixed body, which no force moves")
-        return (Force(self.input, self.unit, Row.of_point(self.point, unit_vector(self.axis))),)
+        check_moves(scene, self.name, self.point)
+        row = Row.of_point(self.point, unit_vector(self.axis), frame=_checked_frame(scene, self.frame))
+        return (Force(self.input, self.unit, row),)
+
+
+@dataclass(frozen=True)
+class PointTorque(Actuator):
+    """A torque on a body at a point, about a direction.
+
+    point: "body.point"; axis: a direction; input: name of the scene's input [N m]
+    frame: "" or the point itself, for a torque whose axis turns with its body
+    """
+
+    name: str
+    point: Path
+    axis: Direction
+    input: Signal
+    frame: Path = ""
+    unit: str = field(default="N m", init=False)
+
+    def __post_init__(self) -> None:
+        freeze(self, axis=checked_axis(f"torque {self.name!r}", self.axis))
+
+    def says(self, scene: Scene) -> tuple[Force]:
+        """The input turns the point."""
+        check_moves(scene, self.name, self.point)
+        frame = _checked_frame(scene, self.frame)
+        return (
+            Force(self.input, self.unit, Row.of_point(self.point, unit_vector(self.axis), frame=frame, turns=True)),
+        )
+
+
+@dataclass(frozen=True)
+class LinearActuator(Actuator):
+    """A force that pushes two points apart along the line between them, such as a leg's.
+
+    a, b: "body.point"; input: name of the scene's input [N]
+    """
+
+    name: str
+    a: Path
+    b: Path
+    input: Signal
+    unit: str = field(default="N", init=False)
+
+    def __post_init__(self) -> None:
+        _two_points(f"actuator {self.name!r}", self.a, self.b)
+
+    def says(self, scene: Scene) -> tuple[Force]:
+        """The input lengthens the line."""
+        _check_apart(scene, f"actuator {self.name!r}", self.a, self.b)
+        return (Force(self.input, self.unit, Line(self.a, self.b)),)
 
 
 @dataclass(frozen=True)
 class GroundAcceleration(Actuator):
-    """Acceleration of the ground with all fixed bodies, along an axis; motions are then relative to the ground.
+    """Acceleration of the ground with all fixed bodies, along a direction; motions are then relative to the ground.
 
-    In the ground's frame it acts as an opposite, uniform gravity. axis: "x", "y" or "z"
+    In the ground's frame it acts as an opposite, uniform gravity. axis: "x", "y", "z" or a vector, world frame
     input: name of the scene's input [m/s2]
     """
 
     name: str
-    axis: str
-    input: str
+    axis: Direction
+    input: Signal
     unit: str = field(default="m/s2", init=False)
 
     def __post_init__(self) -> None:
-        known("axis", self.axis, WORLD_AXES)
+        freeze(self, axis=checked_axis(f"ground acceleration {self.name!r}", self.axis))
 
     def says(self, scene: Scene) -> tuple[Field]:
         """Everything falls the other way."""
@@ -152,35 +208,146 @@ class GroundAcceleration(Actuator):
 
 @dataclass(frozen=True)
 class Encoder(Sensor):
-    """Displacement of point b against point a along one axis of the world's frame, zero at the unloaded start.
+    """Displacement of point b against point a along a direction or their line, zero at the unloaded start.
 
-    name: of the scene's output [m]; a, b: "body.point" of rigid bodies; axis: "x", "y" or "z"
+    name: of the scene's output [m]; a, b: "body.point"; axis: a direction or "line"; frame: "" or a point's
     """
 
     name: str
-    a: str
-    b: str
-    axis: str = "z"
+    a: Path
+    b: Path
+    axis: Direction = "z"
+    frame: Path = ""
     unit: str = field(default="m", init=False)
 
     def __post_init__(self) -> None:
         _two_points(f"encoder {self.name!r}", self.a, self.b)
-        known("axis", self.axis, WORLD_AXES)
+        freeze(self, axis=checked_axis(f"encoder {self.name!r}", self.axis, line=True))
 
     def says(self, scene: Scene) -> tuple[Reading]:
         """It reads the motion of b against a."""
-        for path in (self.a, self.b):
-            rigid_body(scene, self.name, path)
-        return (Reading(self.name, self.unit, Row.between(self.a, self.b, unit_vector(self.axis))),)
+        _check_seen(scene, self.name, self.a, self.b)
+        return (Reading(self.name, self.unit, _between(scene, self.a, self.b, self.axis, self.frame)),)
 
 
-def rigid_body(scene: Scene, part: str, path: str) -> RigidBody:
-    """The rigid body of a point that a part names; raises ValueError for another body and for an unknown point."""
-    body, _ = scene.split(path)
-    if not isinstance(body, RigidBody):
-        raise ValueError(f"{part!r}: {path!r} must be a point of a rigid body")
+@dataclass(frozen=True)
+class AngleSensor(Sensor):
+    """Turn of point b against point a about a direction, zero at the unloaded start, counted on beyond whole turns.
+
+    name: of the scene's output [rad]; a, b: "body.point"; axis: a direction at the start, which turns with a
+    """
+
+    name: str
+    a: Path
+    b: Path
+    axis: Direction = "z"
+    unit: str = field(default="rad", init=False)
+
+    def __post_init__(self) -> None:
+        _two_points(f"angle sensor {self.name!r}", self.a, self.b)
+        freeze(self, axis=checked_axis(f"angle sensor {self.name!r}", self.axis))
+
+    def says(self, scene: Scene) -> tuple[Reading]:
+        """It reads the turn of b against a."""
+        _check_seen(scene, self.name, self.a, self.b)
+        row = Row.between(self.a, self.b, unit_vector(self.axis), frame=self.a, turns=True)
+        return (Reading(self.name, self.unit, row),)
+
+
+@dataclass(frozen=True)
+class Pose(Sensor):
+    """Six outputs: displacement and turn of point b against point a along axes that turn with a, small turns.
+
+    name: outputs are "name.ux" ... [m] and "name.rx" ... [rad]; a, b: "body.point"
+    axes: of the six at the start, as columns, world frame, (3, 3)
+    """
+
+    name: str
+    a: Path
+    b: Path
+    axes: Axes = field(default_factory=lambda: np.eye(3))
+
+    def __post_init__(self) -> None:
+        _two_points(f"pose {self.name!r}", self.a, self.b)
+        freeze(self, axes=proper_rotation(f"pose {self.name!r}: axes", self.axes))
+
+    def says(self, scene: Scene) -> tuple[Reading, ...]:
+        """It reads all six motions of b against a."""
+        _check_seen(scene, self.name, self.a, self.b)
+        return tuple(
+            Reading(
+                f"{self.name}.{'ru'[not turns]}{letter}",
+                "rad" if turns else "m",
+                Row.between(self.a, self.b, axis, frame=self.a, turns=turns),
+            )
+            for turns in (False, True)
+            for letter, axis in zip("xyz", self.axes.T, strict=True)
+        )
+
+
+def checked_axis(label: str, axis: str | ArrayLike, *, line: bool = False) -> str | tuple[float, ...]:
+    """An axis as a part keeps it: its name, or a vector as a tuple; raises ValueError for what is none."""
+    if isinstance(axis, str):
+        return known("axis", axis, ("x", "y", "z", LINE) if line else ("x", "y", "z"))
+    vector = finite_array(f"{label}: axis", axis, (3,))
+    if not np.any(vector):
+        raise ValueError(f"{label}: an axis must have a length, got (0, 0, 0)")
+    return tuple(vector.tolist())
+
+
+def check_moves(scene: Scene, part: str, path: str) -> None:
+    """Raise ValueError for an unknown point, and for one of a fixed body, which nothing moves."""
     scene.point_position(path)
-    return body
+    if not scene.split(path)[0].moves:
+        raise ValueError(f"{part!r}: {path!r} belongs to a fixed body, which no force moves")
+
+
+def _between(scene: Scene, a: str, b: str, axis: str | ArrayLike, frame: str) -> Row | Line:
+    if isinstance(axis, str) and axis == LINE:
+        if np.allclose(scene.point_position(a), scene.point_position(b), rtol=0, atol=1e-12):
+            raise ValueError(f"{a!r} and {b!r} lie in one place: no line joins them; give a direction")
+        return Line(a, b)
+    return Row.between(a, b, unit_vector(axis), frame=_checked_frame(scene, frame))
+
+
+def _checked_frame(scene: Scene, frame: str) -> str:
+    if frame:
+        scene.point_position(frame)
+    return frame
+
+
+def _check_apart(scene: Scene, label: str, a: str, b: str) -> None:
+    for path in (a, b):
+        scene.point_position(path)
+    first, second = scene.split(a)[0], scene.split(b)[0]
+    if first is second and not first.deforms:
+        raise ValueError(f"{label}: {a!r} and {b!r} belong to one rigid body")
+    if not (first.moves or second.moves):
+        raise ValueError(f"{label}: {a!r} and {b!r} belong to fixed bodies")
+
+
+def _check_seen(scene: Scene, part: str, *paths: str) -> None:
+    for path in paths:
+        scene.point_position(path)
+    if not any(scene.split(path)[0].moves for path in paths):
+        raise ValueError(f"{part!r}: {' and '.join(map(repr, paths))} belong to fixed bodies, so it would read nothing")
+
+
+def _six(label: str, value: ArrayLike) -> Array:
+    matrix = finite_array(label, np.diag(value) if np.ndim(value) == 1 else value, (6, 6))
+    scale = 1 / np.sqrt(np.where(np.diag(matrix) > 0, np.diag(matrix), 1.0))
+    scaled = scale[:, None] * matrix * scale
+    if np.abs(scaled - scaled.T).max() > SYMMETRIC or np.linalg.eigvalsh(scaled)[0] < -SYMMETRIC:
+        raise ValueError(f"{label} must be symmetric and not negative in any direction")
+    return matrix
+
+
+def _axis_text(axis: str | ArrayLike, frame: str) -> str:
+    if isinstance(axis, str):
+        text = "their line" if axis == LINE else axis
+    else:
+        text = "(" + ", ".join(f"{x:g}" for x in np.asarray(axis)) + ")"
+    return f"{text} of {frame}" if frame else text
 
 
 def _two_points(label: str, a: str, b: str) -> None:

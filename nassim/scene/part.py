@@ -8,8 +8,8 @@ know raises TypeError.
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -19,14 +19,30 @@ if TYPE_CHECKING:
     from nassim.scene.scene import Scene
 
 
+Path = Annotated[str, "path"]
+Direction = Annotated[Any, "direction"]
+Axes = Annotated[Array, "axes"]
+Position = Annotated[Array, "position"]
+Signal = Annotated[str, "signal"]
+"""What a field of a part, a body or a word is, so that `placed` finds what to rename and to turn: a point, port or body
+by name; a direction of the world's frame ("x", "y", "z" or a vector); axes as columns in the world's frame; a place in
+the world; an input or output. Fields may be these, None, or tuples of them."""
+
+
 @dataclass(frozen=True)
 class Row:
     """A scalar motion of a scene, zero at its start.
 
     points: what motions of points count, ((path, weights on ux uy uz rx ry rz, (6,)), ...)
-    frame: along whose axes these weights are. "", the world's, which do not turn, in large motion too; rotations then
-        count in small motion only. Or the name of a flexible body that has all the points: along its own axes, so that
-        in large motion what counts is its deformation
+    frame: along whose axes these weights are.
+        "": the world's, which do not turn.
+        A point, "body.point": along axes that are the world's at the start and turn with the body there. Displacement
+        is then that of the points' places in these axes, so that a common turn of all bodies is none; velocity and
+        acceleration are those against inertial space, along these axes.
+        The name of a flexible body that has all the points: along its own axes, where only its deformation counts.
+        In large motion weights on rotations are those of one point, or opposite ones of two: the twist of the second
+        against the first since the start, about an axis that turns with the first. A twist is what is left of a turn
+        when the least one that brings the axis where it went is taken off: the whole turn about an axis that stays.
     own: what bodies' own coordinates count, ((name, weights (n,)), ...), on the coordinates of `FlexibleBody.reduced`;
         in large motion on those of the deformation beside the floating frame
     """
@@ -36,21 +52,45 @@ class Row:
     own: tuple[tuple[str, Array], ...] = ()
 
     @property
+    def paths(self) -> tuple[str, ...]:
+        """Its points, and that of its frame."""
+        return (*(path for path, _ in self.points), *((self.frame,) if "." in self.frame else ()))
+
+    @property
     def within(self) -> str | None:
         """Name of the one body whose own shape is all that counts; None where there is no such body."""
         names = {name for name, _ in self.own} | ({self.frame} if self.points else set())
-        return names.pop() or None if len(names) == 1 else None
+        name = names.pop() if len(names) == 1 else ""
+        return name if name and "." not in name else None
 
     @classmethod
-    def between(cls, a: str, b: str, direction: Array, *, frame: str = "") -> "Row":
-        """Displacement of point b against point a along a direction of the frame, (3,)."""
-        weights = np.concatenate([direction, np.zeros(3)])
+    def between(cls, a: str, b: str, direction: Array, *, frame: str = "", turns: bool = False) -> "Row":
+        """Displacement of point b against point a along a direction, (3,), or its turn about it."""
+        weights = np.roll(np.concatenate([direction, np.zeros(3)]), 3 * turns)
         return cls(((a, -weights), (b, weights)), frame)
 
     @classmethod
-    def of_point(cls, path: str, direction: Array) -> "Row":
-        """Displacement of a point along a direction of the world's frame, (3,)."""
-        return cls(((path, np.concatenate([direction, np.zeros(3)])),))
+    def of_point(cls, path: str, direction: Array, *, frame: str = "", turns: bool = False) -> "Row":
+        """Displacement of a point along a direction, (3,), or its turn about it."""
+        return cls(((path, np.roll(np.concatenate([direction, np.zeros(3)]), 3 * turns)),), frame)
+
+
+@dataclass(frozen=True)
+class Line:
+    """A scalar motion of a scene: how much farther apart two points are than at its start, wherever the line points."""
+
+    a: Path
+    b: Path
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """Its points."""
+        return (self.a, self.b)
+
+    @property
+    def within(self) -> None:
+        """No body's own shape alone."""
+        return
 
 
 @dataclass(frozen=True)
@@ -60,9 +100,9 @@ class Force:
     bandwidth: of an amplifier between, a low-pass of first order, -3 dB [Hz]
     """
 
-    input: str
+    input: Signal
     unit: str
-    row: Row
+    row: Row | Line
     gain: float = 1.0
     bandwidth: float = math.inf
 
@@ -71,9 +111,9 @@ class Force:
 class Field:
     """An input accelerates everything that moves along a direction of the world's frame, (3,) per unit."""
 
-    input: str
+    input: Signal
     unit: str
-    direction: Array
+    direction: Direction
 
 
 @dataclass(frozen=True)
@@ -83,9 +123,9 @@ class Reading:
     derivative: 0, 1 or 2
     """
 
-    output: str
+    output: Signal
     unit: str
-    row: Row
+    row: Row | Line
     gain: float = 1.0
     derivative: int = 0
 
@@ -94,9 +134,24 @@ class Reading:
 class Spring:
     """A row is held by a spring [N/m] and a viscous damper [N s/m] in parallel."""
 
-    row: Row
+    row: Row | Line
     stiffness: float
     damping: float = 0.0
+
+
+@dataclass(frozen=True)
+class SixSprings:
+    """Point b is held against point a by a spring and a damper in all six directions at once.
+
+    axes: along which the six are counted, as columns, the world's frame at the start; they turn halfway between a, b
+    stiffness, damping: on ux uy uz rx ry rz of b against a, (6, 6), symmetric, at the place of b
+    """
+
+    a: Path
+    b: Path
+    axes: Axes
+    stiffness: Array
+    damping: Array
 
 
 @dataclass(frozen=True)
@@ -106,7 +161,7 @@ class Leak:
     row: charge that the motion brings [C]; capacitance: of port and load [F]; resistance [Ohm]; gain: output per volt
     """
 
-    output: str
+    output: Signal
     row: Row
     capacitance: float
     resistance: float
@@ -117,21 +172,38 @@ class Leak:
 class Constraint:
     """Point b does not move against point a along the directions held, which turn with the body of a.
 
-    held: of "x" "y" "z" "rx" "ry" "rz"
+    Where one turn is held and two are free, in large motion, "rz" keeps the x axis that turns with a perpendicular to
+    the y axis that turns with b, "rx" a's y to b's z, and "ry" a's x to b's z.
+    held: of "x" "y" "z" "rx" "ry" "rz"; axes: along which these are, as columns, the world's frame at the start
     """
 
     name: str
-    a: str
-    b: str
+    a: Path
+    b: Path
     held: tuple[str, ...]
+    axes: Axes = field(default_factory=lambda: np.eye(3))
 
 
-Word = Force | Field | Reading | Spring | Leak | Constraint
+@dataclass(frozen=True)
+class Follow:
+    """A direction that a constraint leaves free is held as well, at what an input says or a constant speed makes.
+
+    constraint: its name; direction: of its axes; input: name, "" for a constant speed; unit: of the input
+    """
+
+    constraint: Signal
+    direction: str
+    input: Signal
+    unit: str
+    speed: float = 0.0
+
+
+Word = Force | Field | Reading | Spring | SixSprings | Leak | Constraint | Follow
 
 
 def unknown_word(word: object, engine: str) -> TypeError:
     """What an engine raises that meets a word it does not know."""
-    return TypeError(f"{engine} does not know what {type(word).__name__} means; known words: nassim.part.Word")
+    return TypeError(f"{engine} does not know what {type(word).__name__} means; known words: nassim.scene.part.Word")
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 from nassim.base.checks import above_zero, finite, freeze, not_negative
 from nassim.bodies.piezo import PortCoupling
 from nassim.scene.bodies import FlexibleBody
-from nassim.scene.part import Actuator, Force, Leak, Reading, Row, Sensor, Spring, Word
+from nassim.scene.part import Actuator, Force, Leak, Path, Reading, Row, Sensor, Signal, Spring, Word
 from nassim.scene.scene import Scene
 
 ONE_PLACE = 1e-9
@@ -26,10 +26,10 @@ class StackActuator(Actuator):
     """
 
     name: str
-    start: str
-    end: str
+    start: Path
+    end: Path
     force_per_volt: float
-    input: str
+    input: Signal
     gain: float = 1.0
     bandwidth: float = math.inf
     unit: str = field(default="V", init=False)
@@ -54,8 +54,8 @@ class StackSensor(Sensor):
     """
 
     name: str
-    start: str
-    end: str
+    start: Path
+    end: Path
     voltage_per_elongation: float
     unit: str = field(default="V", init=False)
     factor = "voltage_per_elongation"
@@ -78,8 +78,8 @@ class VoltageDrive(Actuator):
     """
 
     name: str
-    port: str
-    input: str
+    port: Path
+    input: Signal
     gain: float = 1.0
     bandwidth: float = math.inf
     unit: str = field(default="V", init=False)
@@ -115,7 +115,7 @@ class VoltageSensor(Sensor):
     """
 
     name: str
-    port: str
+    port: Path
     resistance: float = math.inf
     capacitance: float = 0.0
     gain: float = 1.0

@@ -1,6 +1,6 @@
 """Scenes: parts connected by name, as pure data."""
 
-import warnings
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TypeVar, get_args
@@ -8,10 +8,26 @@ from typing import TypeVar, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nassim.base.checks import Array, finite_array, freeze, instances, known, not_negative, positive, unique
+from nassim.base.checks import Array, finite_array, freeze, instances, known, positive, unique
+from nassim.base.modal import damping_ratios
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.loop import Loop
-from nassim.scene.part import Actuator, Connection, Constraint, Field, Force, ForceElement, Part, Reading, Sensor, Word
+from nassim.scene.part import (
+    Actuator,
+    Connection,
+    Constraint,
+    Field,
+    Follow,
+    Force,
+    ForceElement,
+    Leak,
+    Part,
+    Reading,
+    Sensor,
+    SixSprings,
+    Spring,
+    Word,
+)
 
 KINDS: dict[str, tuple[type, ...]] = {
     "bodies": get_args(Body),
@@ -21,6 +37,10 @@ KINDS: dict[str, tuple[type, ...]] = {
     "springs": (ForceElement,),
     "loops": (Loop,),
 }
+USUAL_RATIO = 0.01
+"""Damping ratio of the modes of a scene in which none is stated."""
+ACTS = (Force, Field, Follow)
+"""Words that an input stands in."""
 Said = TypeVar("Said", bound=Word)
 
 
@@ -31,10 +51,11 @@ class Scene:
     bodies, joints, actuators, sensors: the parts; names must differ within each kind. An electrical port that is
         neither driven nor measured is short-circuited.
     springs: spring-dampers; loops: digital controllers, which run in `simulate`
-    damping_ratio: of every elastic eigenmode of the assembled scene [-], one number or one per mode from the lowest
-        (the remaining modes then have the last); free motions, which strain nothing, have none. It is realised as a
-        damping of the flexible bodies' deformation, so in floating frames motion that only springs hold keeps their
-        own damping, of which a warning tells.
+    damping_ratio: of every elastic eigenmode of the assembled scene as it is drawn [-], one number or one per mode from
+        the lowest (the remaining modes then have the last); free motions, which strain nothing, have none. It adds to
+        what bodies have of their own; None is 0.01, or 0 where a body has a `FlexibleBody.damping_ratio`, which is what
+        scenes that move far need. It is realised as a damping of the flexible bodies' deformation, so in floating
+        frames motion that only springs hold keeps their own damping, of which a warning tells.
     gravity: acceleration, world frame, shape (3,) [m/s2]; with any, simulations start in equilibrium,
         all inputs at zero; controllers start at rest, on the offsets that their signals then have
     cutoff_frequency: what flexible bodies need below it is modelled only, see `trim_scene`; take three times the
@@ -50,24 +71,16 @@ class Scene:
     sensors: tuple[Sensor, ...] = ()
     springs: tuple[ForceElement, ...] = ()
     loops: tuple[Loop, ...] = ()
-    damping_ratio: ArrayLike = 0.01
+    damping_ratio: ArrayLike | None = None
     gravity: Array = field(default_factory=lambda: np.zeros(3))
     cutoff_frequency: float | None = None
 
     def __post_init__(self) -> None:
         unique("scene", (self.name,))
         positive("cutoff_frequency", 1.0 if self.cutoff_frequency is None else self.cutoff_frequency, "Hz")
-        ratio = finite_array("damping_ratio", np.atleast_1d(self.damping_ratio), (None,))
-        if ratio.size == 0:
-            raise ValueError("damping_ratio needs at least one value; 0 for no damping")
-        for value in ratio:
-            not_negative("damping_ratio", value)
-        if ratio.max() >= 1:
-            warnings.warn(
-                f"damping_ratio {ratio.max():g} is critical damping or more, in which nothing swings: one percent is "
-                "the ratio 0.01",
-                stacklevel=3,
-            )
+        ratio = self.damping_ratio
+        if ratio is not None:
+            ratio = damping_ratios("damping_ratio", ratio, stacklevel=3)
         kinds = {
             label: instances(f"scene {self.name!r}: {label}", getattr(self, label), KINDS[label]) for label in KINDS
         }
@@ -84,8 +97,12 @@ class Scene:
 
     def _check_signals(self) -> None:
         for word in self.words:
-            if isinstance(word, (Force, Field)) and word.unit != self.input_unit(word.input):
+            if isinstance(word, ACTS) and word.input and word.unit != self.input_unit(word.input):
                 raise ValueError(f"input {word.input!r} cannot be both {word.unit} and {self.input_unit(word.input)}")
+        driven = [(word.constraint, word.direction) for word in self.said(Follow)]
+        for joint, direction in driven:
+            if driven.count((joint, direction)) > 1:
+                raise ValueError(f"{direction} of joint {joint!r} is driven more than once")
         unique("signal (input, output, loop)", (*self.inputs, *self.outputs, *self.commands))
         for loop in self.loops:
             for name in loop.measured:
@@ -114,9 +131,17 @@ class Scene:
         return tuple(word for word in self.words if isinstance(word, kind))
 
     @property
+    def mode_ratios(self) -> Array:
+        """Damping ratios of the scene's elastic modes beside what bodies have of their own, see `damping_ratio`."""
+        if self.damping_ratio is None:
+            own = any(body.damping_ratio is not None for body in self.flexible_bodies)
+            return np.array([0.0 if own else USUAL_RATIO])
+        return np.atleast_1d(self.damping_ratio)
+
+    @property
     def inputs(self) -> tuple[str, ...]:
         """Names of the inputs."""
-        return tuple(dict.fromkeys(word.input for word in self.words if isinstance(word, (Force, Field))))
+        return tuple(dict.fromkeys(word.input for word in self.words if isinstance(word, ACTS) and word.input))
 
     @property
     def commands(self) -> tuple[str, ...]:
@@ -125,7 +150,7 @@ class Scene:
 
     def input_unit(self, name: str) -> str:
         """Unit of an input."""
-        return next(w.unit for w in self.words if isinstance(w, (Force, Field)) and w.input == name)
+        return next(w.unit for w in self.words if isinstance(w, ACTS) and w.input == name)
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -138,11 +163,16 @@ class Scene:
         return tuple(word.unit for word in self.said(Reading))
 
     @property
+    def speeds(self) -> tuple[Follow, ...]:
+        """Joints' motions that run at constant speed."""
+        return tuple(word for word in self.said(Follow) if word.speed)
+
+    @property
     def in_small_motion(self) -> bool:
-        """Whether joints and bodies are taken in small motion: some body is "linear", none "ffrf", and none spins."""
+        """Whether joints and bodies are in small motion: some body is "linear", none is "ffrf", and nothing spins."""
         kinds = {body.fidelity for body in self.flexible_bodies}
-        spins = any(np.any(body.angular_velocity) for body in self.flexible_bodies)
-        return "linear" in kinds and "ffrf" not in kinds and not spins
+        spins = any(np.any(body.angular_velocity) for body in self.bodies)
+        return "linear" in kinds and "ffrf" not in kinds and not (spins or self.speeds)
 
     @property
     def flexible_bodies(self) -> tuple[FlexibleBody, ...]:
@@ -168,9 +198,22 @@ class Scene:
         return body.point_position(point)
 
     def held_points(self, body: Body) -> tuple[str, ...]:
-        """Points of a body that constraints hold, in the constraints' order."""
+        """Points of a body that constraints hold, then those that springs do, in their order."""
         paths = [path for word in self.said(Constraint) for path in (word.a, word.b)]
-        return tuple(path.partition(".")[2] for path in paths if self.split(path)[0] is body)
+        paths += [path for word in self.said(SixSprings) for path in (word.a, word.b)]
+        paths += [path for word in self.said(Spring) if not word.row.within for path in word.row.paths]
+        return self._points_of(body, paths)
+
+    def named_points(self, body: Body) -> tuple[str, ...]:
+        """Points of a body that are held, pushed or read by themselves, beyond the body's own shape."""
+        paths = [f"{body.name}.{point}" for point in self.held_points(body)]
+        for word in self.words:
+            if isinstance(word, (Force, Reading, Spring, Leak)) and not word.row.within:
+                paths += word.row.paths
+        return self._points_of(body, paths)
+
+    def _points_of(self, body: Body, paths: Iterable[str]) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(path.partition(".")[2] for path in paths if self.split(path)[0] is body))
 
     def frame_point(self, body: FlexibleBody) -> str:
         """Remote point that carries a flexible body's floating frame."""

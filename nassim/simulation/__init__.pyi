@@ -17,6 +17,9 @@ from .linearization import (
     linearize_closed as linearize_closed,
 )
 from .linearization import (
+    spinning_equilibrium as spinning_equilibrium,
+)
+from .linearization import (
     state_space as state_space,
 )
 from .small_motion import (
@@ -25,8 +28,11 @@ from .small_motion import (
 from .small_motion import (
     assemble as assemble,
 )
-from .small_motion import (
-    deformation_damping as deformation_damping,
+from .spinning import (
+    Spinning as Spinning,
+)
+from .spinning import (
+    spinning as spinning,
 )
 from .time_domain import (
     exudyn_eigenfrequencies as exudyn_eigenfrequencies,

@@ -1,12 +1,17 @@
-"""Damping of an assembled scene: one noun that every engine reads."""
+"""Damping of an assembled scene, of its modes, its bodies and its dampers: one noun that every engine reads."""
 
 import warnings
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.base.modal import modal_damping_matrix
+from nassim.base.modal import elastic_ratios, modal_damping_matrix
+from nassim.bodies.floating_frame import FloatingFrame
+from nassim.scene.bodies import FlexibleBody
+from nassim.scene.part import Constraint, SixSprings, Spring
+from nassim.scene.scene import Scene
 
 LOST_DAMPING = 0.01
 """Share of a mode's damping whose loss is worth a warning."""
@@ -17,15 +22,27 @@ class Damping:
     """What damps a scene in its minimal coordinates, (n,).
 
     mass: (n, n); frequency: of the undamped modes, (n,) [Hz]; shapes: (n, n), unit modal mass
-    ratio: damping ratio of each mode, 0 for free motions, (n,) [-]
-    dampers: of spring-dampers and the like, beside modal damping, (n, n)
+    ratio: damping ratio that the scene gives each mode, 0 for free motions, (n,) [-]
+    deformation: D, of all bodies that deform, in order, per unit of the minimal coordinates, (m, n)
+    root: scales these to comparable energy, (m, m)
+    own: what the bodies have of their own, on their deformation, the same in every position, (m, m)
+    dampers: of spring-dampers and the like, (n, n)
     """
 
     mass: Array
     frequency: Array
     shapes: Array
     ratio: Array
+    deformation: Array
+    root: Array
+    own: Array
     dampers: Array
+
+    @property
+    def beside(self) -> Array:
+        """What damps beside the scene's ratios: the bodies' own and dampers, (n, n)."""
+        result: Array = self.deformation.T @ self.own @ self.deformation + self.dampers
+        return result
 
     @property
     def modal(self) -> Array:
@@ -35,28 +52,26 @@ class Damping:
     @property
     def matrix(self) -> Array:
         """The damping matrix, (n, n)."""
-        return self.modal + self.dampers
+        return self.modal + self.beside
 
     @property
     def of_modes(self) -> Array:
         """The damping matrix in the modes' amplitudes, (n, n) [1/s]."""
-        result: Array = np.diag(4 * np.pi * self.ratio * self.frequency) + self.shapes.T @ self.dampers @ self.shapes
+        result: Array = np.diag(4 * np.pi * self.ratio * self.frequency) + self.shapes.T @ self.beside @ self.shapes
         return result
 
-    def through(self, deformation: Array, root: Array) -> Array:
-        """The modal part as a damping matrix C_f on m coordinates of deformation, (m, m).
+    def on_deformation(self) -> Array:
+        """All but dampers, as a damping matrix on the deformation of the bodies, (m, m).
 
-        deformation: D, these per unit of the minimal coordinates, (m, n)
-        root: scales them to comparable energy, (m, m)
-
-        D^T C_f D is the modal damping for C_f = D^+T C D^+: exact where motion without deformation has no damped mode.
-        Modes of bodies that only springs hold lose damping, of which a warning tells.
+        Of the modal part C that is C_f = D^+T C D^+, for which D^T C_f D = C: exact where motion without deformation
+        has no damped mode, and as the scene is drawn. Modes of bodies that only springs hold lose damping, of which a
+        warning tells.
         """
         # Coordinates in metres, radians and modal units, hence the scale before the pseudo-inverse.
-        inverse = np.linalg.pinv(root @ deformation, rcond=1e-9) @ root
-        result: Array = inverse.T @ self.modal @ inverse
-        self._warn_of_loss(deformation.T @ result @ deformation)
-        return result
+        inverse = np.linalg.pinv(self.root @ self.deformation, rcond=1e-9) @ self.root
+        modal = inverse.T @ self.modal @ inverse
+        self._warn_of_loss(self.deformation.T @ modal @ self.deformation)
+        return self.own + modal
 
     def _warn_of_loss(self, realised: Array) -> None:
         """Warn of modes that a damping matrix in minimal coordinates, (n, n), damps less than they should be."""
@@ -71,3 +86,34 @@ class Damping:
                 "and such modes a ratio of 0",
                 stacklevel=2,
             )
+
+
+def tied_bodies(scene: Scene) -> tuple[tuple[str, str], ...]:
+    """Every two moving bodies that a joint or a spring ties, whose position to each other shapes the scene's modes."""
+    ties: list[tuple[str, ...]] = [(word.a, word.b) for word in scene.said(Constraint)]
+    ties += [(word.a, word.b) for word in scene.said(SixSprings)]
+    ties += [word.row.paths for word in scene.said(Spring)]
+    moving = {body.name for body in scene.bodies if body.moves}
+    named = [sorted({path.partition(".")[0] for path in paths} & moving) for paths in ties]
+    return tuple(dict.fromkeys(pair for names in named for pair in combinations(names, 2)))
+
+
+def held_alone(scene: Scene, body: FlexibleBody) -> tuple[str, ...]:
+    """Remote points that are clamped in the modes that a body's own damping ratio is of.
+
+    That of its frame where a joint holds it: of a clamped bar, damping stated for free modes would give the lowest a
+    sixth. A body that no joint holds there is free, so that it does not matter where its frame rides.
+    """
+    point = scene.frame_point(body)
+    return (point,) if point in scene.held_points(body) else ()
+
+
+def own_damping(scene: Scene, body: FlexibleBody, frame: FloatingFrame) -> Array:
+    """A body's own damping on its m coordinates of deformation, (m, m), positive semidefinite."""
+    m = len(frame.flexible)
+    if body.damping_ratio is None:
+        return np.zeros((m, m))
+    frequency, shapes = body.reduced.eigenmodes(fixed=held_alone(scene, body))
+    ratio = elastic_ratios(frequency, body.damping_ratio)
+    damping = modal_damping_matrix(body.reduced.mass_matrix, frequency, shapes, ratio)
+    return damping[np.ix_(frame.flexible, frame.flexible)]

@@ -2,9 +2,11 @@
 
 import numpy as np
 
+from nassim.base.checks import Array
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.part import Force, Leak, Reading, Spring
 from nassim.scene.scene import Scene
+from nassim.simulation.damping import held_alone
 from nassim.simulation.trimming import trim_scene
 
 
@@ -40,13 +42,16 @@ def _flexible(scene: Scene, body: FlexibleBody, fewer: FlexibleBody) -> list[str
     idle_points = [name for name in points if name not in used]
     if idle_points and scene.cutoff_frequency is None:
         lines.append(f"nothing uses {', '.join(idle_points)}: a cutoff_frequency would condense them")
+    if body.damping_ratio is not None:
+        held = " and ".join(f"{point} clamped" for point in held_alone(scene, body)) or "free"
+        lines.append(f"own damping: {_ratios(np.atleast_1d(body.damping_ratio))}, {held}")
     return lines
 
 
 def _used_points(scene: Scene, body: FlexibleBody) -> set[str]:
     rows = [word.row for word in scene.words if isinstance(word, (Force, Reading, Spring, Leak))]
-    paths = [path for row in rows for path, _ in row.points]
-    return {*scene.held_points(body), *(path.partition(".")[2] for path in paths if scene.split(path)[0] is body)}
+    paths = [path for row in rows for path in row.paths if scene.split(path)[0] is body]
+    return {*scene.held_points(body), *(path.partition(".")[2] for path in paths)}
 
 
 def _ports(scene: Scene, body: FlexibleBody) -> list[str]:
@@ -57,11 +62,8 @@ def _ports(scene: Scene, body: FlexibleBody) -> list[str]:
 
 def _rest(scene: Scene) -> list[str]:
     """Damping, gravity and loops."""
-    percent = [f"{100 * ratio:g} %" for ratio in np.atleast_1d(scene.damping_ratio)]
-    if len(percent) > 1:
-        modes = f"{', '.join(percent)} of critical in the first elastic modes, {percent[-1]} in all others"
-    else:
-        modes = f"{percent[0]} of critical in every elastic mode" if np.any(scene.damping_ratio) else "none in modes"
+    bodies = any(body.damping_ratio is not None for body in scene.deformable_bodies)
+    modes = _ratios(scene.mode_ratios) + ("; the bodies' own beside it" if bodies else "")
     dampers = any(spring.damping for spring in scene.said(Spring)) or scene.said(Leak) or scene.loops
     pull = " ".join(f"{g:g}" for g in scene.gravity)
     return [
@@ -73,3 +75,10 @@ def _rest(scene: Scene) -> list[str]:
             for loop in scene.loops
         ),
     ]
+
+
+def _ratios(ratios: Array) -> str:
+    percent = [f"{100 * ratio:g} %" for ratio in ratios]
+    if len(percent) > 1:
+        return f"{', '.join(percent)} of critical in the first elastic modes, {percent[-1]} in all others"
+    return f"{percent[0]} of critical in every elastic mode" if np.any(ratios) else "none in modes"

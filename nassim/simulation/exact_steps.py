@@ -2,8 +2,8 @@
 
 With the inputs held or running straight between samples, each mode's equation q'' + 2 zeta w q' + w^2 q = p is solved
 in closed form: q = Im(z) / w_d with z' = lambda z + p, a recursion of order one with complex coefficients. Where
-circuits or dampers couple the modes, amplifiers add states or loops run, the whole state space goes from sample to
-sample by its matrix exponential.
+circuits, bodies' own damping or dampers couple the modes, amplifiers add states or loops run, the whole state space
+goes from sample to sample by its matrix exponential.
 """
 
 import numpy as np

@@ -1,28 +1,116 @@
-"""The linear model of a scene: small motion about its start, in minimal coordinates; loops open or closed."""
+"""The linear model of a scene: small motion about its start, at rest or spinning, with loops open or closed."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from nassim.base.checks import Array
+from nassim.scene.part import Constraint, Follow, Force, Reading, SixSprings, Spring
 from nassim.scene.scene import Scene
 from nassim.simulation.small_motion import Assembly, assemble
+from nassim.simulation.spinning import Spinning, spinning
 from nassim.systems.feedback import DELAY_ORDER, close_loop
-from nassim.systems.linear_model import LinearModel, sampled
+from nassim.systems.linear_model import LinearModel, sampled, unstable_poles
 from nassim.systems.state_space import StateSpace
 
+STANDING = (0.0, 0.0, 0.0)
+"""No angular velocity, and the origin."""
 
-def linearize(scene: Scene) -> LinearModel:
-    """The scene's linear model about its start, with the modal damping that the scene states.
 
-    The states are the minimal coordinates' modal amplitudes and their rates, then the charges of ports that leak (as
-    volts) and the outputs of amplifiers with a bandwidth. The scene's loops are open. Gravity's effect on stiffness and
-    gyroscopic terms of a spinning body are not part of it.
+def linearize(scene: Scene, *, angular_velocity: ArrayLike = STANDING, axis_point: ArrayLike = STANDING) -> LinearModel:
+    """The scene's linear model about its start, with the damping of its modes, bodies and dampers.
+
+    A scene with a drive of constant speed in a joint to a fixed body is that of the turning table, at this speed.
+
+    angular_velocity: constant, of a scene that turns as a whole, fixed bodies too, (3,) [rad/s]; axis_point: a point of
+        its axis, (3,) [m]. The scene is then as seen from the table that turns: its axes turn, signals read motion
+        against the table, the model is about the equilibrium under centrifugal forces, and damping is of the parts
+        that turn. See `nassim.simulation.spinning` for what it holds and leaves out.
+
+    The states are the minimal coordinates' modal amplitudes, of the scene at rest, and their rates, then the charges of
+    ports that leak (as volts) and the outputs of amplifiers with a bandwidth. The scene's loops are open. Gravity's
+    effect on stiffness and a body's own angular_velocity are not part of it. Raises ValueError for a spin without an
+    equilibrium near the start.
     """
-    a, b, c, d = state_space(assemble(scene))
+    refuse_driven(scene)
+    assembly = assemble(scene)
+    if scene.speeds:
+        if np.any(angular_velocity):
+            raise ValueError(f"scene {scene.name!r} has a drive that sets the spin; give no angular_velocity")
+        angular_velocity, axis_point = spin_of_drive(scene)
+    a, b, c, d = state_space(assembly, spinning(assembly, angular_velocity, axis_point))
     return LinearModel(a, b[:, :-1], c, d[:, :-1], scene.inputs, scene.outputs, scene.output_units)
 
 
-def state_space(assembly: Assembly) -> StateSpace:
+def refuse_driven(scene: Scene) -> None:
+    """Raise ValueError for a drive that follows an input, which models of small motion do not know."""
+    for word in scene.said(Follow):
+        if word.input:
+            raise ValueError(
+                f"input {word.input!r} drives joint {word.constraint!r}, which models of small motion hold still: "
+                "simulate in large motion, or let a force act there"
+            )
+
+
+def spin_of_drive(scene: Scene) -> tuple[Array, Array]:
+    """Angular velocity of a scene's drive of constant speed, (3,) [rad/s], and a point of its axis, (3,) [m].
+
+    Raises ValueError for several such drives, for one that shifts, and where not everything that moves turns with it:
+    the model would change while it turns.
+    """
+    (word, *others) = scene.speeds
+    joint = next(joint for joint in scene.said(Constraint) if joint.name == word.constraint)
+    if others or not word.direction.startswith("r"):
+        raise ValueError(f"scene {scene.name!r}: a linear model is about one drive that turns at constant speed")
+    still = [body.name for body in scene.bodies if not body.moves]
+    ends = [path.partition(".")[0] in still for path in (joint.a, joint.b)]
+    if sum(ends) != 1:
+        raise ValueError(f"joint {joint.name!r}: a drive of constant speed needs a fixed body on one side")
+    for other in scene.words:
+        if isinstance(other, (Constraint, SixSprings)):
+            paths: tuple[str, ...] = (other.a, other.b)
+        elif isinstance(other, (Spring, Reading, Force)):
+            paths = other.row.paths
+        else:
+            continue
+        if other is not joint and any(path.partition(".")[0] in still for path in paths):
+            raise ValueError(
+                f"{' and '.join(paths)}: a part between the ground and what turns at constant speed makes the model "
+                "change as it turns; let it be on the turning table, or simulate in time"
+            )
+    axis = joint.axes[:, "xyz".index(word.direction[1])]
+    sign = 1.0 if ends[0] else -1.0
+    return sign * word.speed * axis, scene.point_position(joint.a)
+
+
+def spinning_equilibrium(
+    scene: Scene, *, angular_velocity: ArrayLike, axis_point: ArrayLike = STANDING
+) -> dict[str, float]:
+    """Outputs of a scene at rest on a table that turns: what centrifugal forces do, without gravity and inputs.
+
+    Arguments as of `linearize`; loops are open. Raises ValueError where there is no equilibrium within small motion,
+    and where it is unstable.
+    """
+    assembly = assemble(scene)
+    spin = spinning(assembly, angular_velocity, axis_point)
+    state, _, readings, _ = state_space(assembly, spin)
+    growing = unstable_poles(
+        LinearModel(state, np.zeros((len(state), 0)), np.zeros((0, len(state))), np.zeros((0, 0)), (), ())
+    )
+    if growing:
+        raise ValueError(f"the spinning equilibrium of scene {scene.name!r} is unstable: {growing[0]}; spin slower")
+    at_rest = np.zeros(len(state))
+    at_rest[: len(spin.equilibrium)] = np.linalg.solve(assembly.shapes, spin.equilibrium)
+    for j, circuit in enumerate(assembly.circuits, start=2 * len(spin.equilibrium)):
+        at_rest[j] = circuit.forces @ assembly.basis @ spin.equilibrium / circuit.capacitance
+    # Accelerations of what rests vanish but for rounding.
+    values: Array = readings @ at_rest * (np.array(assembly.derivatives) == 0)
+    return dict(zip(scene.outputs, map(float, values), strict=True))
+
+
+def state_space(assembly: Assembly, spin: Spinning | None = None) -> StateSpace:
     """A, B, C and D of an assembled scene; the last column of B and D is gravity, a constant input of one.
 
+    spin: of a scene that turns, in whose frame gravity is constant along the axis only
     States: modal amplitudes and their rates, then the charges of circuits (as volts) and the amplifiers' outputs.
     """
     a = assembly
@@ -36,6 +124,9 @@ def state_space(assembly: Assembly) -> StateSpace:
     state[:n, velocity] = np.eye(n)
     state[velocity, :n] = -np.diag(omega**2)
     state[velocity, velocity] = -a.damping.of_modes
+    if spin is not None:
+        state[velocity, :n] -= a.shapes.T @ spin.stiffness @ a.shapes
+        state[velocity, velocity] -= a.shapes.T @ spin.gyroscopic @ a.shapes
     drives[velocity, :n_in], drives[velocity, n_in] = modes.T @ a.input_matrix, modes.T @ a.weight
     for j, circuit in enumerate(a.circuits, start=2 * n):
         pull = modes.T @ circuit.forces
@@ -57,8 +148,17 @@ def state_space(assembly: Assembly) -> StateSpace:
     return state, drives, readings, feedthrough
 
 
-def linearize_closed(scene: Scene, *, continuous: bool = False, delay_order: int = DELAY_ORDER) -> LinearModel:
+def linearize_closed(
+    scene: Scene,
+    *,
+    continuous: bool = False,
+    delay_order: int = DELAY_ORDER,
+    angular_velocity: ArrayLike = STANDING,
+    axis_point: ArrayLike = STANDING,
+) -> LinearModel:
     """The linear model of a scene with all its loops closed, their converters and limits left out.
+
+    angular_velocity, axis_point: of a scene that turns as a whole, see `linearize`
 
     The model is sampled at the loops' rate: what a simulation without saturation does at its samples, exactly, with the
     excitation held between them. continuous: the continuous equivalent instead, with delay and hold by Pade's
@@ -71,7 +171,7 @@ def linearize_closed(scene: Scene, *, continuous: bool = False, delay_order: int
         raise ValueError(
             f"the loops of scene {scene.name!r} have several sample rates; only the continuous model has all"
         )
-    model = linearize(scene)
+    model = linearize(scene, angular_velocity=angular_velocity, axis_point=axis_point)
     if not continuous:
         model = sampled(model, rates.pop())
     for loop in scene.loops:

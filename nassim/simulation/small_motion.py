@@ -12,10 +12,23 @@ from nassim.base.rigid_motion import AXES, DIRECTIONS
 from nassim.bodies.floating_frame import FloatingFrame, floating_frame
 from nassim.bodies.strain import Strain, joined, spring_strain, stiffness_root, strained_modes
 from nassim.scene.bodies import Body, RigidBody
-from nassim.scene.part import Constraint, Field, Force, Leak, Reading, Row, Spring, Word, unknown_word
+from nassim.scene.part import (
+    Constraint,
+    Field,
+    Follow,
+    Force,
+    Leak,
+    Line,
+    Reading,
+    Row,
+    SixSprings,
+    Spring,
+    Word,
+    unknown_word,
+)
 from nassim.scene.scene import Scene
-from nassim.simulation.damping import Damping
-from nassim.simulation.rows import shares
+from nassim.simulation.damping import Damping, own_damping
+from nassim.simulation.rows import bushing_rows, shares
 from nassim.simulation.trimming import trim_scene
 
 NO_EQUILIBRIUM = (
@@ -69,7 +82,7 @@ class Assembly:
     mass, stiffness: in minimal coordinates, (n, n)
     frequency: eigenfrequencies of the undamped scene, ascending, exactly 0 for free motions only, (n,) [Hz]
     shapes: (n, n), unit modal mass
-    damping: of the modes and beside them, in minimal coordinates
+    damping: of the modes, of bodies and of dampers
     input_matrix: forces on all coordinates per unit input, (n_all, inputs), but for those through amplifiers
     output_matrix: outputs per unit of all coordinates or of the derivative that they read, (outputs, n_all)
     derivatives: what the outputs read: 0 displacement, 1 velocity, 2 acceleration, (outputs,)
@@ -106,7 +119,7 @@ class Assembly:
     @property
     def falls_into_modes(self) -> bool:
         """Whether nothing couples the undamped modes, and outputs read displacements only."""
-        coupled = self.circuits or self.amplifiers or np.any(self.damping.dampers)
+        coupled = self.circuits or self.amplifiers or np.any(self.damping.beside)
         return not (coupled or any(self.derivatives))
 
 
@@ -126,10 +139,10 @@ class _Coordinates:
         places = {body.name: slice(ends[k], ends[k + 1]) for k, body in enumerate(bodies)}
         return cls(scene, places, scipy.linalg.block_diag(*blocks))
 
-    def vector(self, row: Row) -> Array:
+    def vector(self, row: Row | Line, *, derivative: int = 0) -> Array:
         """A row on all coordinates, (n_all,)."""
         result = np.zeros(len(self.mass))
-        for name, share in shares(self.scene, row).items():
+        for name, share in shares(self.scene, row, derivative=derivative).items():
             result[self.slices[name]] = share
         return result
 
@@ -159,10 +172,17 @@ def assemble(scene: Scene) -> Assembly:
     basis = _null_space(held, coordinates.mass)
     mass, strain = basis.T @ coordinates.mass @ basis, joined(strains, len(coordinates.mass)).within(basis)
     frequency, shapes = strained_modes(strain, mass)
-    ratio = elastic_ratios(frequency, scene.damping_ratio)
+    damping = Damping(
+        mass,
+        frequency,
+        shapes,
+        elastic_ratios(frequency, scene.mode_ratios),
+        *_deformation(coordinates, frames, basis),
+        basis.T @ dampers @ basis,
+    )
     input_matrix, amplifiers = _actions(coordinates, words)
     readings = [word for word in words if isinstance(word, Reading)]
-    vectors = [word.gain * coordinates.vector(word.row) for word in readings]
+    vectors = [word.gain * coordinates.vector(word.row, derivative=word.derivative) for word in readings]
     return Assembly(
         scene=scene,
         words=words,
@@ -173,7 +193,7 @@ def assemble(scene: Scene) -> Assembly:
         stiffness=strain.stiffness,
         frequency=frequency,
         shapes=shapes,
-        damping=Damping(mass, frequency, shapes, ratio, basis.T @ dampers @ basis),
+        damping=damping,
         input_matrix=input_matrix,
         output_matrix=np.reshape(vectors, (len(readings), len(coordinates.mass))),
         derivatives=tuple(word.derivative for word in readings),
@@ -200,17 +220,6 @@ def motion_size(assembly: Assembly, name: str, coordinates: Array) -> Array:
     moved = np.abs(other_points[:, :3]).max(initial=0.0)
     middle = body.reduced.gram[1:4, 1:4] / body.reduced.mass - np.outer(*[body.reduced.center_of_mass] * 2)
     return np.array([rotation, moved / np.sqrt(np.trace(middle))])
-
-
-def deformation_damping(assembly: Assembly) -> Array:
-    """Damping matrix on the deformation of all bodies, in order, that realises the modal ratios: `Damping.through`."""
-    bodies = assembly.scene.deformable_bodies
-    deformation, roots = [np.zeros((0, len(assembly.mass)))], [np.zeros((0, 0))]
-    for body in bodies:
-        frame = assembly.frames[body.name]
-        deformation.append(frame.deformation(body.reduced) @ assembly.basis[assembly.slices[body.name]])
-        roots.append(stiffness_root(frame.stiffness_matrix, n_points=6 * len(body.reduced.remote_points) - 6)[1])
-    return assembly.damping.through(np.vstack(deformation), scipy.linalg.block_diag(*roots))
 
 
 def _as_modelled(scene: Scene) -> tuple[Scene, tuple[Word, ...]]:
@@ -254,7 +263,25 @@ def _strains(coordinates: _Coordinates, words: Sequence[Word]) -> tuple[list[Str
             row = coordinates.vector(word.row)
             strains.append(spring_strain(row, word.stiffness, coordinates.mass))
             dampers += word.damping * np.outer(row, row)
+        elif isinstance(word, SixSprings):
+            rows = np.array([coordinates.vector(row) for row in bushing_rows(word)])
+            sizes, directions = np.linalg.eigh(word.stiffness)
+            strains += [spring_strain(d @ rows, k, coordinates.mass) for k, d in zip(sizes, directions.T, strict=True)]
+            dampers += rows.T @ word.damping @ rows
     return strains, dampers
+
+
+def _deformation(
+    coordinates: _Coordinates, frames: Mapping[str, FloatingFrame], basis: Array
+) -> tuple[Array, Array, Array]:
+    """Of all bodies that deform, in order: their deformation, its scale and their own damping, as `Damping` says."""
+    deformation, roots, own = [np.zeros((0, basis.shape[1]))], [np.zeros((0, 0))], [np.zeros((0, 0))]
+    for body in coordinates.scene.deformable_bodies:
+        frame = frames[body.name]
+        deformation.append(frame.deformation(body.reduced) @ basis[coordinates.slices[body.name]])
+        roots.append(stiffness_root(frame.stiffness_matrix, n_points=6 * len(body.reduced.remote_points) - 6)[1])
+        own.append(own_damping(coordinates.scene, body, frame))
+    return np.vstack(deformation), scipy.linalg.block_diag(*roots), scipy.linalg.block_diag(*own)
 
 
 def _undeformed(coordinates: _Coordinates, frames: Mapping[str, FloatingFrame]) -> Array:
@@ -275,7 +302,8 @@ def _actions(coordinates: _Coordinates, words: Sequence[Word]) -> tuple[Array, t
         if isinstance(word, Field):
             matrix[:, inputs.index(word.input)] += coordinates.weight(word.direction)
         elif isinstance(word, Force):
-            index, forces = inputs.index(word.input), word.gain * coordinates.vector(word.row)
+            # A force's power is that on velocities: the turn of its axes does none.
+            index, forces = inputs.index(word.input), word.gain * coordinates.vector(word.row, derivative=1)
             if np.isfinite(word.bandwidth):
                 amplifiers.append(Amplifier(index, forces, 2 * np.pi * word.bandwidth))
             else:
@@ -294,7 +322,11 @@ def _circuits(coordinates: _Coordinates, words: Sequence[Word]) -> tuple[Circuit
 def _independent(
     coordinates: _Coordinates, words: Sequence[Word], rows: Array
 ) -> tuple[Array, dict[str, tuple[str, ...]]]:
-    """All constraints after the given rows, less those that earlier ones imply, and what each constraint holds."""
+    """All constraints after the given rows, less those that earlier ones imply, and what each constraint holds.
+
+    Small motion is about the state of the drives, whose joints' motions are held.
+    """
+    driven = [(word.constraint, word.direction) for word in words if isinstance(word, Follow)]
     scale = 1.0 / np.sqrt(np.diag(coordinates.mass))
     basis = scipy.linalg.orth((rows * scale).T).T if len(rows) else rows  # SciPy before 1.14 takes no empty matrix
     kept = [rows]
@@ -302,9 +334,9 @@ def _independent(
     for word in words:
         if not isinstance(word, Constraint):
             continue
-        relative = coordinates.motion(word.b) - coordinates.motion(word.a)
+        relative = np.kron(np.eye(2), word.axes.T) @ (coordinates.motion(word.b) - coordinates.motion(word.a))
         holds = []
-        for direction in word.held:
+        for direction in (*word.held, *(d for name, d in driven if name == word.name)):
             row = relative[AXES.index(DIRECTIONS[direction])]
             rest = row * scale
             size = np.linalg.norm(rest)
@@ -314,6 +346,8 @@ def _independent(
                 basis = np.vstack([basis, rest / np.linalg.norm(rest)])
                 kept.append(row[None])
                 holds.append(direction)
+            elif (word.name, direction) in driven:
+                raise ValueError(f"{direction} of joint {word.name!r} cannot be driven: other joints hold it already")
         enforced[word.name] = tuple(holds)
     return np.vstack(kept), enforced
 

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import DIRECTIONS, rigid_transfer
-from nassim.scene.bodies import Body, FlexibleBody
-from nassim.scene.part import Constraint
+from nassim.scene.bodies import Body
+from nassim.scene.part import Constraint, Follow
 from nassim.scene.scene import Scene
 
 FOLLOWED = 1e-9
@@ -23,20 +23,24 @@ IMPLIED = 1e-4
 """Violation, over the perturbation squared, up to which a constraint is implied by others in motion too."""
 
 
-def starting_twists(scene: Scene) -> dict[str, Array]:
+def starting_twists(scene: Scene, rates: Mapping[str, float] | None = None) -> dict[str, Array]:
     """Twists of all moving bodies at the start, in accord with the joints, by body name.
 
-    Bodies turn at the angular velocity that they are given; all others, and what that leaves open, move as little as
-    the joints let them: at the least distance, in kinetic energy, to the motion without joints, in which each body
-    turns about its centre of mass. So joints take up forces, but a free scene keeps its momentum. Nothing deforms.
+    rates: at the start, of inputs that drives follow [m/s], [rad/s] (default: 0)
 
-    Raises ValueError for an angular velocity that the joints do not allow.
+    Drives run at their speeds, bodies turn at the angular velocity that they are given; all others, and what that
+    leaves open, move as little as the joints let them: at the least distance, in kinetic energy, to the motion without
+    joints, in which each body turns about its centre of mass. So joints take up forces, but a free scene keeps its
+    momentum. Nothing deforms.
+
+    Raises ValueError for an angular velocity or a drive's speed that the joints do not allow.
     """
     bodies = _moving(scene)
-    spins = [body for body in scene.flexible_bodies if np.any(body.angular_velocity)]
-    if not spins:
-        return {name: np.zeros(6) for name in bodies}
+    spins = [body for body in bodies.values() if np.any(body.angular_velocity)]
     places = {name: slice(6 * k, 6 * k + 6) for k, name in enumerate(bodies)}
+    drives, speeds = _driven(scene, places, rates or {})
+    if not spins and not np.any(speeds):
+        return {name: np.zeros(6) for name in bodies}
     # Square roots of energy: u = L^T twist, with M = L L^T.
     to_twist = np.linalg.inv(np.linalg.cholesky(scipy.linalg.block_diag(*map(_mass, bodies.values())))).T
     alone = np.zeros(6 * len(bodies))
@@ -44,11 +48,12 @@ def starting_twists(scene: Scene) -> dict[str, Array]:
     for k, body in enumerate(spins):
         alone[places[body.name]] = _spinning(body)
         turning[3 * k : 3 * k + 3, places[body.name]] = np.eye(3, 6, 3)
-    asked = turning @ alone
+    asked = np.concatenate([turning @ alone, speeds])
+    turning = np.vstack([turning, drives])
     allowed = to_twist @ _null_space(_all_rows(scene, places) @ to_twist)
     free = allowed.T @ scipy.linalg.block_diag(*map(_mass, bodies.values())) @ alone
-    rates = turning @ allowed
-    found = allowed @ (free + np.linalg.pinv(rates, rcond=1e-9) @ (asked - rates @ free))
+    possible = turning @ allowed
+    found = allowed @ (free + np.linalg.pinv(possible, rcond=1e-9) @ (asked - possible @ free))
     for k, body in enumerate(spins):
         missing = (asked - turning @ found)[3 * k : 3 * k + 3]
         if np.linalg.norm(missing) > FOLLOWED * np.linalg.norm(asked):
@@ -57,6 +62,13 @@ def starting_twists(scene: Scene) -> dict[str, Array]:
                 f"what else turns, leave {_listed(asked[3 * k : 3 * k + 3] - missing)} rad/s, with all bodies rigid; "
                 "give an angular_velocity that they allow, or free more directions of a joint"
             )
+    missed = np.abs(drives @ found - speeds)
+    if missed.size and missed.max() > FOLLOWED * np.abs(asked).max():
+        word = scene.said(Follow)[int(np.argmax(missed))]
+        raise ValueError(
+            f"{word.direction} of joint {word.constraint!r} cannot start at the speed of its drive: other joints, and "
+            "what else turns, do not allow it"
+        )
     return {name: found[place] for name, place in places.items()}
 
 
@@ -118,22 +130,38 @@ def _mass(body: Body) -> Array:
     return result
 
 
-def _spinning(body: FlexibleBody) -> Array:
+def _spinning(body: Body) -> Array:
     """Twist of a body that turns about its centre of mass."""
-    return np.concatenate([np.cross(body.centre, body.angular_velocity), body.angular_velocity])
+    return np.concatenate([np.cross(body.rigid_inertia[1], body.angular_velocity), body.angular_velocity])
+
+
+def _driven(scene: Scene, places: Mapping[str, slice], rates: Mapping[str, float]) -> tuple[Array, Array]:
+    """Relative velocities of all drives per unit of all twists, (drives, 6 n_bodies), and what they shall be."""
+    joints = {joint.name: joint for joint in scene.said(Constraint)}
+    words = scene.said(Follow)
+    rows = [np.zeros((0, 6 * len(places)))]
+    for word in words:
+        rows.append(_relative(scene, places, joints[word.constraint])[[list(DIRECTIONS).index(word.direction)]])
+    return np.vstack(rows), np.array([word.speed + rates.get(word.input, 0.0) for word in words])
+
+
+def _relative(scene: Scene, places: Mapping[str, slice], joint: Constraint) -> Array:
+    """Relative velocities (6) at a joint along its axes per unit of all twists."""
+    rows = np.zeros((6, 6 * len(places)))
+    for path, sign in ((joint.a, -1.0), (joint.b, 1.0)):
+        place = places.get(path.partition(".")[0])
+        if place is not None:
+            rows[:, place] += sign * rigid_transfer(scene.point_position(path))
+    result: Array = np.kron(np.eye(2), joint.axes.T) @ rows
+    return result
 
 
 def _all_rows(scene: Scene, places: Mapping[str, slice], held: Mapping[str, Sequence[str]] | None = None) -> Array:
     """Relative velocities at the joints along all that they hold, or what is given by name, per unit of all twists."""
     result = [np.zeros((0, 6 * len(places)))]
     for joint in scene.said(Constraint):
-        rows = np.zeros((6, 6 * len(places)))
-        for path, sign in ((joint.a, -1.0), (joint.b, 1.0)):
-            place = places.get(path.partition(".")[0])
-            if place is not None:
-                rows[:, place] += sign * rigid_transfer(scene.point_position(path))
         directions = joint.held if held is None else held[joint.name]
-        result.append(rows[[list(DIRECTIONS).index(d) for d in directions]])
+        result.append(_relative(scene, places, joint)[[list(DIRECTIONS).index(d) for d in directions]])
     return np.vstack(result)
 
 
@@ -148,8 +176,9 @@ def _gaps(
         turns.append(Rotation.from_rotvec(twist[3:]).as_matrix())
         at = scene.point_position(path)
         moved.append(turns[-1] @ at + twist[:3] - at)
-    turned = turns[0].T @ turns[1]
-    opened = np.concatenate([turns[0].T @ (moved[1] - moved[0]), [turned[2, 1], turned[0, 2], turned[1, 0]]])
+    axes = turns[0] @ joint.axes
+    turned = axes.T @ turns[1] @ joint.axes
+    opened = np.concatenate([axes.T @ (moved[1] - moved[0]), [-turned[1, 2], turned[0, 2], -turned[0, 1]]])
     result: Array = opened[[list(DIRECTIONS).index(d) for d in directions]]
     return result
 

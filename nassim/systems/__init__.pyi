@@ -5,6 +5,9 @@ from .controllers import (
     controller_response as controller_response,
 )
 from .controllers import (
+    decentralised as decentralised,
+)
+from .controllers import (
     integral_force_feedback as integral_force_feedback,
 )
 from .controllers import (
@@ -64,6 +67,9 @@ from .linear_model import (
 from .linear_model import (
     unstable_poles as unstable_poles,
 )
+from .linear_model import (
+    zeros as zeros,
+)
 from .python_control import (
     controller_from_control as controller_from_control,
 )
@@ -81,6 +87,9 @@ from .root_locus import (
 )
 from .root_locus import (
     iff_optimum as iff_optimum,
+)
+from .root_locus import (
+    largest_stable_gain as largest_stable_gain,
 )
 from .root_locus import (
     optimum_gain as optimum_gain,

@@ -192,6 +192,22 @@ def parallel(*controllers: Controller) -> Controller:
     )
 
 
+def decentralised(*controllers: Controller) -> Controller:
+    """Controllers side by side, each with inputs and outputs of its own, one after the other: several loops as one.
+
+    Six equal ones, as on the struts of a hexapod: `decentralised(*6 * [controller])`, whose measured and driven names
+    then stand in the same order. Closed around a model, all loops share one gain. Sample rates, delays and limits must
+    agree, else ValueError.
+    """
+    rate, delay = _agreed(controllers)
+    limits = sorted({c.limit for c in controllers})
+    if len(limits) > 1:
+        text = ", ".join(f"{limit:g}" for limit in limits)
+        raise ValueError(f"decentralised: limits must agree, got {text}; close such loops one after the other")
+    a, b, c, d = (scipy.linalg.block_diag(*part) for part in zip(*(k.matrices for k in controllers), strict=True))
+    return Controller(a, b, c, d, rate, delay, limits[0])
+
+
 def controller_response(
     controller: Controller,
     frequency: Array,

@@ -9,21 +9,19 @@ only the sampled model tells, and the continuous one is off by up to half a samp
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 
-from nassim.base.checks import Array, finite, known, unique
+from nassim.base.checks import Array, finite, known
 from nassim.signals.frf import FRF, ComplexArray
 from nassim.systems.controllers import Controller, controller_response
-from nassim.systems.linear_model import LinearModel, frequency_response
+from nassim.systems.linear_model import LinearModel, Names, frequency_response, names
 from nassim.systems.state_space import StateSpace, cascade, inverse_tustin
 
 DELAY_ORDER = 4
 SAME = 1e-9
-Names = str | Sequence[str]
 
 
 def controller_model(
@@ -81,8 +79,9 @@ def close_loop(
     gain: factor on the whole controller [-]
     delay_order: see `controller_model`; of no effect around a sampled model, whose delay is exact
 
-    Several loops: close one after the other. Raises ValueError for unknown names, for a sampled model whose time step
-    is not the controller's, and where an undelayed controller and the model's direct feedthrough contradict each other.
+    Several loops: close one after the other, or all at once (`nassim.systems.decentralised`). Raises ValueError for
+    unknown names, for a sampled model whose time step is not the controller's, and where an undelayed controller and
+    the model's direct feedthrough contradict each other.
     """
     rows, columns = _indices(model, measured, driven)
     k = controller_model(
@@ -221,11 +220,6 @@ def margins(loop: FRF) -> Margins:
         modulus_margin=float(distance[nearest]),
         modulus_margin_frequency=float(f[nearest]),
     )
-
-
-def names(kind: str, value: Names) -> tuple[str, ...]:
-    """One name or several as a tuple; raises ValueError if one is empty or occurs twice."""
-    return unique(kind, (value,) if isinstance(value, str) else value)
 
 
 def _crossings(frequency: Array, values: Array, level: Array) -> list[tuple[float, complex]]:

@@ -1,15 +1,17 @@
 """Linear models with named inputs and outputs, continuous or sampled: poles, damping, frequency response."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nassim.base.checks import Array, finite_array, freeze, positive
+from nassim.base.checks import Array, finite_array, freeze, known, positive, unique
 from nassim.signals.frf import FRF
-from nassim.systems.state_space import StateSpace, discretize, transfer_matrix
+from nassim.systems.state_space import StateSpace, discretize, transfer_matrix, transmission_zeros
 
 ROUNDING = 1e-8
 """Growth rates below this share of the fastest pole are rounding: rigid motion's double pole has them."""
+Names = str | Sequence[str]
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,22 @@ class LinearModel:
     def poles(self) -> Array:
         """Poles in the plane of s, complex, shape (n,) [rad/s]: eigenvalues of A, or ln(z)/T of a sampled model's z."""
         return s_plane(np.linalg.eigvals(self.A), self.time_step)
+
+
+def zeros(model: LinearModel, *, inputs: Names | None = None, outputs: Names | None = None) -> Array:
+    """Invariant zeros between some inputs and as many outputs, complex, shape (n,) [rad/s], in the plane of s.
+
+    inputs, outputs: one name or several; None for all. One of each: the zeros of that response. Several: where some
+        motion goes on that none of the outputs shows, which is where the poles go when strong loops keep them still
+
+    Poles that no such input moves, or no such output shows, are among them. Zeros of a sampled model are ln(z)/T, those
+    that come of the sampling included. Sources and accuracy: `transmission_zeros`. Raises ValueError for unknown names,
+    for other numbers of outputs than of inputs, and where every s would be a zero.
+    """
+    rows = [model.outputs.index(n) for n in _chosen("output", outputs, model.outputs)]
+    columns = [model.inputs.index(n) for n in _chosen("input", inputs, model.inputs)]
+    system = model.A, model.B[:, columns], model.C[rows], model.D[np.ix_(rows, columns)]
+    return s_plane(transmission_zeros(system), model.time_step)
 
 
 @dataclass(frozen=True)
@@ -141,3 +159,12 @@ def transmissibility(frf: FRF, *, output: str, ground: str) -> FRF:
     """
     values = 1 - (2 * np.pi * frf.frequency) ** 2 * frf.response(output, ground)
     return FRF(frf.frequency, values[None, None], ("absolute motion",), ("ground",), None, frf.label)
+
+
+def names(kind: str, value: Names) -> tuple[str, ...]:
+    """One name or several as a tuple; raises ValueError if one is empty or occurs twice."""
+    return unique(kind, (value,) if isinstance(value, str) else value)
+
+
+def _chosen(kind: str, value: Names | None, allowed: tuple[str, ...]) -> tuple[str, ...]:
+    return allowed if value is None else tuple(known(kind, name, allowed) for name in names(kind, value))

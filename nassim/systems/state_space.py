@@ -6,8 +6,9 @@ import scipy
 from nassim.base.checks import Array
 
 WELL_CONDITIONED = 1e8
-FAR = 100.0
-"""Zeros at so many times the fastest pole's distance from the origin count as infinite."""
+ROUNDING = float(np.finfo(float).eps) ** 0.75
+"""Of a system whose numbers are near 1, what counts as zero in a rank."""
+SWEEPS = 3
 StateSpace = tuple[Array, Array, Array, Array]
 """A (n, n), B (n, inputs), C (outputs, n), D (outputs, inputs)."""
 
@@ -91,24 +92,68 @@ def transfer_matrix(system: StateSpace, points: Array) -> Array:
 
 
 def transmission_zeros(system: StateSpace) -> Array:
-    """Finite transmission zeros of a square system, complex, shape (n,): where its output vanishes for some input.
+    """Finite invariant zeros of a system with as many outputs as inputs, complex, shape (n,).
 
-    They are generalised eigenvalues of the system matrix [[A, B], [C, D]]. Those far beyond all poles are zeros at
-    infinity up to rounding, and left out.
+    Where the system matrix [[A - s, B], [C, D]] loses rank: some motion goes on, driven or not, that no output shows.
+    Poles that the inputs do not move or the outputs do not show are among them. Zeros at infinity are split off before
+    the eigenvalues are taken, by ranks: couplings below 2e-12 of the largest count as rounding.
+
+    Source: A. Emami-Naeini, P. Van Dooren, Computation of zeros of linear multivariable systems, Automatica 18 (1982)
+    415-430. Raises ValueError for other numbers of outputs than of inputs, and where every s would be a zero.
+    """
+    if system[3].shape[0] != system[3].shape[1]:
+        n_out, n_in = system[3].shape
+        raise ValueError(f"zeros need as many outputs as inputs, got {n_out} and {n_in}; choose some of them")
+    (a, b, c, d), size = _scaled(system)
+    while True:
+        left, values, _ = np.linalg.svd(d)
+        rank = int(np.sum(values > ROUNDING))
+        if rank == len(d):
+            break
+        # Outputs without feedthrough stay zero if the states move only where these see nothing, and so do their rates.
+        blind = left[:, rank:].T @ c
+        if len(blind) > len(a) or np.linalg.svd(blind, compute_uv=False)[-1] < ROUNDING:
+            raise ValueError(
+                "every s is a zero: some input moves no output, or outputs depend on each other; leave it out"
+            )
+        basis = scipy.linalg.qr(blind.T)[0]
+        seen, unseen = basis[:, : len(blind)].T, basis[:, len(blind) :]
+        shown = left[:, :rank].T
+        c, d = np.vstack([shown @ c, seen @ a]) @ unseen, np.vstack([shown @ d, seen @ b])
+        a, b = unseen.T @ a @ unseen, unseen.T @ b
+    # Motions with inputs such that no output shows them, and their rates.
+    motions = scipy.linalg.qr(np.hstack([c, d]).T)[0][:, len(d) :]
+    states, rates = motions[: len(a)], np.hstack([a, b]) @ motions
+    result: Array = size * scipy.linalg.eigvals(rates, states).astype(complex)
+    return result
+
+
+def _scaled(system: StateSpace) -> tuple[StateSpace, float]:
+    """A system with the same zeros but for a factor, whose numbers are near 1 whatever the units; and that factor.
+
+    A is balanced; parts of it that do not touch each other, as modes, are as strongly driven as seen.
     """
     a, b, c, d = system
-    n, m = b.shape
-    if not n:
-        return np.zeros(0, complex)
-    a, scale = scipy.linalg.matrix_balance(a, permute=False, separate=True)
-    b, c = b / scale[0][:, None], c * scale[0]
-    size, forces, readings = (max(float(np.abs(x).max(initial=0.0)), 1e-300) for x in (a, b, c))
-    pencil = np.block([[a, b * size / forces], [c / readings, d * size / (forces * readings)]])
-    unit = np.diag([1.0] * n + [0.0] * m)
-    over, under = scipy.linalg.eigvals(pencil, unit, homogeneous_eigvals=True)
-    finite = np.abs(over) < FAR * np.abs(np.linalg.eigvals(a)).max() * np.abs(under)
-    result: Array = over[finite] / under[finite]
-    return result
+    a, (scale, _) = scipy.linalg.matrix_balance(a, permute=False, separate=True)
+    b, c = b / scale[:, None], c * scale
+    _, part = scipy.sparse.csgraph.connected_components(a != 0, directed=False)
+    driven, seen = (np.sqrt(np.bincount(part, x, minlength=1)) for x in ((b**2).sum(axis=1), (c**2).sum(axis=0)))
+    both = (driven > 0) & (seen > 0)
+    ratio = np.sqrt(np.divide(driven, seen, out=np.ones_like(driven), where=both))[part]
+    b, c = b / ratio[:, None], c * ratio
+    size = float(np.linalg.norm(a)) or 1.0
+    a, b = a / size, b / size
+    for _ in range(SWEEPS):
+        each = _norms(np.vstack([b, d]), axis=0)
+        b, d = b / each, d / each
+        each = _norms(np.hstack([c, d]), axis=1)[:, None]
+        c, d = c / each, d / each
+    return (a, b, c, d), size
+
+
+def _norms(matrix: Array, axis: int) -> Array:
+    norms = np.linalg.norm(matrix, axis=axis)
+    return np.where(norms > 0, norms, 1.0)
 
 
 def _inverse(matrix: Array, message: str) -> Array:

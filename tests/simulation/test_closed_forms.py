@@ -23,6 +23,7 @@ from nassim import (
 )
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.bodies.inertia import RigidInertia
+from nassim.scene.joints import cylindrical, fixed, planar, prismatic, revolute, spherical, universal
 from nassim.simulation.small_motion import assemble, motion_size
 from nassim.simulation.time_domain import exudyn_eigenfrequencies
 from nassim.systems.linear_model import damping
@@ -219,3 +220,32 @@ def test_a_spring_between_two_masses_that_move():
     assert [found["other"], found["between"]] == pytest.approx(answer, rel=1e-6)
     slow = frequency_response(linearize(scene), np.array([1e-3])).values[:, 0, 0]
     assert np.allclose(slow, answer, rtol=1e-6, atol=0)
+
+
+ALONG = np.array([2.0, -1.0, 2.0]) / 3
+ACROSS = np.array([[1.0, 2.0, 0.0], [-4.0, 2.0, 5.0]]) / np.sqrt([[5.0], [45.0]])
+STILL = np.zeros(3)
+
+
+@pytest.mark.parametrize(
+    ("joint", "shifts", "turns"),
+    [
+        (fixed("j", "base.o", "body.o"), [], []),
+        (revolute("j", "base.o", "body.o", ALONG), [], [ALONG]),
+        (prismatic("j", "base.o", "body.o", ALONG), [ALONG], []),
+        (cylindrical("j", "base.o", "body.o", ALONG), [ALONG], [ALONG]),
+        (universal("j", "base.o", "body.o", *ACROSS), [], [*ACROSS]),
+        (spherical("j", "base.o", "body.o"), [], [*np.eye(3)]),
+        (planar("j", "base.o", "body.o", ALONG), [*ACROSS], [ALONG]),
+    ],
+    ids=["fixed", "revolute", "prismatic", "cylindrical", "universal", "spherical", "planar"],
+)
+def test_what_joints_leave_free(joint, shifts, turns):
+    """Motions of a rigid body whose centre of mass is in its joint to the ground."""
+    base = RigidBody("base", {"o": np.array([0.1, 0.2, 0.3])}, fixed=True)
+    body = RigidBody("body", {"o": STILL}, 2.0, np.diag([1e-2, 2e-2, 2.5e-2]), [0.1, 0.2, 0.3])
+    basis = assemble(Scene("joint", (base, body), (joint,))).basis
+    expected = [np.concatenate([shift, STILL]) for shift in shifts] + [np.concatenate([STILL, turn]) for turn in turns]
+    assert basis.shape == (6, len(expected))
+    for motion in expected:
+        np.testing.assert_allclose(basis @ np.linalg.pinv(basis) @ motion, motion, atol=1e-12)

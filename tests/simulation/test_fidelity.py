@@ -366,9 +366,9 @@ def exudyns_own_frf(scene, frequency):
     place = mbs.GetNodeODE2Index(node)
     forces, readings = np.zeros(n), np.zeros((2, n))
     forces[place : place + count] = system.drives[0].forces
-    readings[0, place : place + count] = system.readings["sensor_voltage"][0][1]
+    readings[0, place : place + count] = system.readings["sensor_voltage"][0].value(np.eye(count))
     if scene.in_small_motion:
-        readings[1, place : place + count] = system.readings["encoder"][0][1]
+        readings[1, place : place + count] = system.readings["encoder"][0].value(np.eye(count))
     else:
         readings[1, mbs.GetNodeODE2Index(system.nodes["payload"]) + 2] = 1.0
     mass, stiffness, damping = (basis.T @ matrix @ basis for matrix in (mass, *found))

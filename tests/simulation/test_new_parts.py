@@ -232,8 +232,7 @@ def test_unknown_words_are_refused(body):
 @pytest.mark.parametrize(
     ("row", "message"),
     [
-        (Row((("body.left", np.eye(6)[0]),)), "only points of rigid bodies are pushed and read"),
-        (Row((("block.corner", np.eye(6)[4]),)), "rotations are neither pushed nor read"),
+        (Row((("block.corner", np.eye(6)[4]), ("body.right", np.eye(6)[4]))), "a turn is that of one point, or of one"),
         (Row.between("ground.wall", "block.corner", LINE, frame="body"), "can count no point of another body"),
     ],
 )

@@ -358,8 +358,8 @@ def test_signals_need_names_of_their_own(apa):
 
 def test_bad_parts(apa):
     bench = make_bench(apa=apa, fidelity="linear")
-    with pytest.raises(ValueError, match=r"'apa\.top' must be a point of a rigid body"):
-        replace(bench, actuators=(PointForce("push", "apa.top", "z", "force"),))
+    with pytest.raises(ValueError, match="unknown remote point 'roof'"):
+        replace(bench, actuators=(PointForce("push", "apa.roof", "z", "force"),))
     with pytest.raises(ValueError, match="cannot be both"):
         replace(bench, actuators=(*bench.actuators, PointForce("push", "payload.bottom", "z", "actuator_voltage")))
     with pytest.raises(ValueError, match="unknown axis 'w'"):

@@ -18,7 +18,7 @@ from nassim import (
     static_response,
 )
 from nassim.signals.excitations import multisine, sine_dwell, step
-from nassim.simulation.small_motion import assemble, deformation_damping
+from nassim.simulation.small_motion import assemble
 from nassim.simulation.time_domain import exudyn_eigenfrequencies
 
 
@@ -121,7 +121,7 @@ def test_modal_damping_is_what_the_scene_states(apa):
     frame = assembly.frames["apa"]
     body = scene.flexible_bodies[0].reduced
     shapes = frame.deformation(body) @ assembly.basis[assembly.slices["apa"]] @ assembly.shapes
-    modal = shapes.T @ deformation_damping(assembly) @ shapes
+    modal = shapes.T @ assembly.damping.on_deformation() @ shapes
     expected = np.diag(2 * 0.03 * 2 * np.pi * assembly.frequency)
     assert np.allclose(modal, expected, atol=1e-9 * expected.max())
 

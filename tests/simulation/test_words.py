@@ -8,12 +8,14 @@ import scipy.linalg
 from conftest import lattice
 
 from nassim import (
+    Bushing,
     Controller,
     Encoder,
     FlexibleBody,
     GroundAcceleration,
     Joint,
     Loop,
+    PointForce,
     RemotePoint,
     RigidBody,
     Scene,
@@ -275,10 +277,20 @@ def test_trimming_keeps_what_a_spring_between_inner_points_needs():
     assert abs(found[2] / found[0] - 1) > 1e-4
 
 
-def test_inclined_springs_are_refused_in_large_motion(body):
-    inclined = held(body, "ffrf", springs=(Strut("strut", (Spring(GAP, 1e3),)),))
-    with pytest.raises(ValueError, match=r"in large motion springs act along one of the world's axes"):
-        run(inclined, "generalized_alpha")
+def test_inclined_springs_in_every_engine(body):
+    strut = Strut("strut", (Spring(GAP, 1e3, 2.0),))
+    found, expected, without = (
+        run(held(body, fidelity, springs=springs), method)
+        for fidelity, method, springs in (
+            ("ffrf", "generalized_alpha", (strut,)),
+            ("linear", "exact", (strut,)),
+            ("linear", "exact", ()),
+        )
+    )
+    for name in found:
+        size = np.abs(expected[name]).max()
+        assert np.abs(found[name] - expected[name]).max() < 1e-3 * size
+    assert any(np.abs(without[name] - expected[name]).max() > 0.01 * np.abs(expected[name]).max() for name in found)
 
 
 def test_the_ground_shakes_linear_bodies_beside_floating_ones(body):
@@ -301,6 +313,61 @@ def test_the_ground_shakes_linear_bodies_beside_floating_ones(body):
         size = np.abs(expected[name]).max()
         assert size > 1e-8
         np.testing.assert_allclose(found[name], expected[name], rtol=0, atol=0.01 * size)
+
+
+@pytest.mark.parametrize("point", ["body.left", "body.right"])
+def test_points_of_a_spinning_flexible_body_accelerate_as_they_move(body, point):
+    """One of them carries its frame; against differences of displacement and velocity."""
+    spinning = FlexibleBody("body", body, (0.1, 0.0, -0.2), TURN, "ffrf", angular_velocity=(15.0, -10.0, 20.0))
+    sensors = tuple(meter(f"d{k}", Row.of_point(point, LINE), 1.0, k) for k in range(3))
+    scene = Scene("free", (spinning,), (), (PointForce("push", "body.right", "x", "u"),), sensors, damping_ratio=0.02)
+    found = run(scene, "generalized_alpha", spectral_radius=0.8)
+    for of, rate in (("d0", "d1"), ("d1", "d2")):
+        middle = (found[of][2:] - found[of][:-2]) / (2 * STEP)
+        np.testing.assert_allclose(found[rate][1:-1], middle, rtol=0, atol=2e-3 * np.abs(middle).max())
+    assert np.ptp(found["d2"]) > 5.0
+
+
+def test_a_bushing_between_free_bodies_by_dense_algebra():
+    """In small motion: at points apart, whose axes turn with bodies; a force and readings along turning axes beside."""
+    random = np.random.default_rng(6)
+    names, masses, centres = "ab", (0.7, 1.3), np.array([[0.1, 0.02, -0.03], [-0.05, 0.2, 0.1]])
+    places, tips = random.uniform(-0.3, 0.3, (2, 3)), random.uniform(-0.3, 0.3, (2, 3))
+    inertias = [TURN @ np.diag(moments) @ TURN.T for moments in ([2e-3, 3e-3, 4e-3], [9e-3, 5e-3, 7e-3])]
+    root = random.standard_normal((6, 6)) * ([100.0] * 3 + [10.0] * 3)
+    stiffness, other = root.T @ root, random.standard_normal((6, 6))
+    damping = 0.02 * other.T @ other
+    bodies = tuple(
+        RigidBody(name, {"o": place - centre, "tip": tip - centre}, mass, inertia, centre)
+        for name, place, tip, mass, inertia, centre in zip(names, places, tips, masses, inertias, centres, strict=True)
+    )
+    seen = Row.between("a.tip", "b.tip", LINE, frame="a.tip")
+    scene = Scene(
+        "free",
+        bodies,
+        actuators=(PointForce("push", "b.tip", LINE, "push", frame="b.tip"),),
+        sensors=(meter("seen", seen), meter("rate", seen, 1.0, 1)),
+        springs=(Bushing("bushing", "a.o", "b.o", stiffness, damping, TURN),),
+        damping_ratio=0.0,
+    )
+
+    def motions(at):
+        """Of both bodies at a place, by their centres' motions, each (6, 6)."""
+        arms = [at - centre for centre in centres]
+        return [np.block([[np.eye(3), -np.cross(np.eye(3), a)], [np.zeros((3, 3)), np.eye(3)]]) for a in arms]
+
+    first, second = motions(places[1])
+    gap = np.kron(np.eye(2), TURN.T) @ np.hstack([-first, second])
+    mass = scipy.linalg.block_diag(masses[0] * np.eye(3), inertias[0], masses[1] * np.eye(3), inertias[1])
+    push = np.concatenate([np.zeros(6), LINE @ motions(tips[1])[1][:3]])
+    against_a = np.concatenate([-LINE @ motions(tips[1])[0][:3], push[6:]])
+    against_space = np.concatenate([-LINE @ motions(tips[0])[0][:3], push[6:]])
+    frequency = np.geomspace(1.0, 300.0, 15)
+    found = frequency_response(linearize(scene), frequency)
+    for k, s in enumerate(2j * np.pi * frequency):
+        answer = np.linalg.solve(s**2 * mass + gap.T @ (stiffness + s * damping) @ gap, push)
+        assert found.response("seen", "push")[k] == pytest.approx(against_a @ answer, rel=1e-6)
+        assert found.response("rate", "push")[k] == pytest.approx(s * against_space @ answer, rel=1e-6)
 
 
 def test_commands_are_named_by_what_they_drive(body):

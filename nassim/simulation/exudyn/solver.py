@@ -14,8 +14,11 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.base.progress import stage
 from nassim.scene.bodies import FlexibleBody
+from nassim.scene.part import SixSprings, Spring
+from nassim.scene.scene import Scene
 from nassim.simulation.buckling import axial_forces
-from nassim.simulation.exudyn.state import Drive, System, find_accelerations
+from nassim.simulation.damping import tied_bodies
+from nassim.simulation.exudyn.state import Push, System, find_accelerations
 from nassim.simulation.running_loops import RUNAWAY, runaway, start_loops
 from nassim.simulation.small_motion import NO_EQUILIBRIUM, motion_size
 
@@ -25,16 +28,25 @@ LOST = 1.0
 """A deformation of this share of the body's size, or this rotation [rad] by deformation, means that a run diverges."""
 
 
-def _settings() -> Any:
+def _settings(system: System) -> Any:
     settings = exu.SimulationSettings()
     settings.solution.file.write = False
-    settings.timeIntegration.verboseMode = 0
-    settings.staticSolver.verboseMode = 0
+    for solver in (settings.timeIntegration, settings.staticSolver):
+        solver.verboseMode = 0
+        solver.newton.absoluteTolerance = max(solver.newton.absoluteTolerance, _rounding(system.assembly.scene))
     return settings
 
 
-def _fixed_steps(n_steps: int, time_step: float, spectral_radius: float) -> Any:
-    settings = _settings()
+def _rounding(scene: Scene) -> float:
+    """Force [N] that rounded places leave in a scene's stiffest spring: no equilibrium can be found nearer."""
+    springs = [(word.stiffness, word.row.paths) for word in scene.said(Spring)]
+    springs += [(np.abs(word.stiffness[:3, :3]).max(), (word.a, word.b)) for word in scene.said(SixSprings)]
+    forces = [k * np.abs(scene.point_position(path)).max() for k, paths in springs for path in paths]
+    return 4 * float(np.finfo(float).eps * max(forces, default=0.0))
+
+
+def _fixed_steps(system: System, n_steps: int, time_step: float, spectral_radius: float) -> Any:
+    settings = _settings(system)
     settings.timeIntegration.numberOfSteps = n_steps
     settings.timeIntegration.endTime = n_steps * time_step
     settings.timeIntegration.adaptiveStep = False
@@ -55,7 +67,7 @@ def solve_static(system: System) -> None:
 
     Where the equilibrium is neutral, such as of a block free to slide, it is the one with the block where it is.
     """
-    settings = _settings()
+    settings = _settings(system)
     # The static solver counts its load steps as time; inputs are to keep their value at t = 0.
     settings.staticSolver.loadStepDuration = 1e-12
     if _solved(system, settings):
@@ -88,19 +100,20 @@ def solve_dynamic(
     spectral_radius: float,
     progress: bool,
     explicit: bool = False,
-) -> tuple[dict[str, Array], dict[str, Array], Array]:
+) -> tuple[dict[str, Array], dict[str, Array], dict[tuple[str, str], Array], Array]:
     """Integrate with a fixed step by generalized-alpha, or explicitly by Runge and Kutta's rule of order 4.
 
     The explicit rule holds each input from its time step to the next, and needs a system without constraints.
 
     inputs: values at the time steps, shape (n_steps + 1,) each, by name
 
-    Returns the largest `motion_size` of the bodies, the least `axial_forces` of those that deform, both by body as some
-    200 looks at them found, and what the scene's loops put out, shape (commands, n_steps + 1).
+    Returns, as some 200 looks found them, the largest `motion_size` of the bodies, the least `axial_forces` of those
+    that deform and the largest `System.shift` of bodies tied together, by body or two; then what the scene's loops put
+    out, shape (commands, n_steps + 1).
     Ctrl-C ends the run after the step at hand with KeyboardInterrupt; RuntimeError, with time, body and likely cause,
     when the integration fails or diverges.
     """
-    settings = _fixed_steps(n_steps, time_step, spectral_radius)
+    settings = _fixed_steps(system, n_steps, time_step, spectral_radius)
     watch = _Watch(system)
     steps = _Steps(system, inputs, n_steps, time_step, explicit=explicit)
     find_accelerations(system, settings)
@@ -123,14 +136,14 @@ def solve_dynamic(
         _check_run(system, watch.lost, failure, steps.begun, time_step)
         steps.end()
         advance(n_steps % chunk)
-    return watch.largest, watch.slackest, steps.commands.T
+    return watch.largest, watch.slackest, watch.shifts, steps.commands.T
 
 
 class _Watch:
     """What is seen of a run whenever it is looked at.
 
-    largest: `motion_size` of each body, (2,); slackest: `axial_forces` of those that deform; lost: bodies that are
-        deformed beyond what a run may do
+    largest: `motion_size` of each body, (2,); slackest: `axial_forces` of those that deform; shifts: `System.shift` of
+        every two bodies tied together; lost: bodies that are deformed beyond what a run may do
     """
 
     def __init__(self, system: System) -> None:
@@ -140,6 +153,7 @@ class _Watch:
         self.threshold = RUNAWAY if scene.loops else LOST
         self.largest = {name: np.zeros(2) for name in system.carriers}
         self.slackest = {body.name: axial_tension(system, body) for body in self.bodies}
+        self.shifts = {pair: np.zeros(2) for pair in tied_bodies(scene) if system.nodes}
         self.lost: list[str] = []
 
     def look(self) -> None:
@@ -152,6 +166,8 @@ class _Watch:
             self.largest[name] = np.maximum(self.largest[name], now)
         for body in self.bodies:
             self.slackest[body.name] = np.minimum(self.slackest[body.name], axial_tension(system, body))
+        for pair in self.shifts:
+            self.shifts[pair] = np.maximum(self.shifts[pair], system.shift(*pair))
 
 
 class _Steps:
@@ -234,7 +250,7 @@ def axial_tension(system: System, body: FlexibleBody) -> Array:
     return result
 
 
-def _follow(drive: Drive, time_step: float) -> Callable[[float, float], float]:
+def _follow(drive: Push, time_step: float) -> Callable[[float, float], float]:
     """What an amplifier at rest puts out at the end of each time step, whose input runs straight between two values."""
     if not np.isfinite(drive.rate):
         return lambda _before, after: after

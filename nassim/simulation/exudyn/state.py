@@ -1,7 +1,7 @@
 """What nassim keeps of an Exudyn system, and the system of a scene in small motion."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,25 +39,46 @@ class Carrier:
 
 
 @dataclass(frozen=True)
-class Drive:
+class Push:
     """How an input acts on an Exudyn system.
 
-    input: name; forces: per unit of it; load: whether number is that of a load, else of an object of `add_forces`
+    number: of a load or an object; parameter: of it, that carries the forces
+    input: name; forces: per unit of it
     rate: of the amplifier between, a low-pass of first order [1/s]
+    offset: of a joint whose motion the input is, which reads it at every iteration; None for forces
     """
 
     number: int
     input: str
     forces: Array
-    load: bool = False
+    parameter: str = "forceVector"
     rate: float = math.inf
+    offset: Array | None = None
 
     def apply(self, mbs: Any, value: float) -> None:
-        """Set the forces for a value behind the amplifier."""
-        if self.load:
-            mbs.SetLoadParameter(self.number, "loadVector", value * self.forces)
+        """Set the forces, or the joint's motion, for a value behind the amplifier."""
+        if self.offset is not None:
+            self.offset[:] = value * self.forces
+        elif self.parameter == "loadVector":
+            mbs.SetLoadParameter(self.number, self.parameter, value * self.forces)
         else:
-            mbs.SetObjectParameter(self.number, "forceVector", value * self.forces)
+            mbs.SetObjectParameter(self.number, self.parameter, value * self.forces)
+
+
+@dataclass(frozen=True)
+class Term:
+    """One summand of an output.
+
+    sensors: Exudyn's numbers; value: makes of their columns, (n_samples, k) each, the summand, (n_samples,)
+    """
+
+    sensors: tuple[int, ...]
+    value: Callable[..., Array]
+
+    @classmethod
+    def linear(cls, sensor: int, weights: Array) -> "Term":
+        """A weighted sum of one sensor's columns."""
+        return cls((sensor,), lambda columns: columns @ weights)
 
 
 @dataclass(frozen=True)
@@ -67,7 +88,7 @@ class System:
     mbs: the Exudyn system, kept alive by container; assembly: what it models
     nodes: rigid-body node per moving body; carriers: per flexible body that deforms
     drives: what the inputs act through
-    readings: per output, Exudyn's sensors and the weights of their columns
+    readings: per output, what it is the sum of
     circuits: objects of `add_circuit`
     """
 
@@ -76,8 +97,8 @@ class System:
     assembly: Assembly
     nodes: dict[str, int]
     carriers: dict[str, Carrier]
-    drives: tuple[Drive, ...]
-    readings: dict[str, list[tuple[int, Array]]]
+    drives: tuple[Push, ...]
+    readings: dict[str, list[Term]]
     circuits: tuple[int, ...]
 
     def apply(self, inputs: Mapping[str, float]) -> None:
@@ -87,11 +108,14 @@ class System:
 
     def measure(self) -> Array:
         """Present outputs, (outputs,)."""
-        terms = [
-            sum(float(np.atleast_1d(self.mbs.GetSensorValues(number)) @ weights) for number, weights in parts)
-            for parts in self.readings.values()
-        ]
-        return np.array(terms, dtype=float)
+        read = self.mbs.GetSensorValues
+        return np.array(
+            [
+                sum(float(term.value(*(np.reshape(read(k), (1, -1)) for k in term.sensors))[0]) for term in terms)
+                for terms in self.readings.values()
+            ],
+            dtype=float,
+        )
 
     def deformation(self, name: str) -> Array:
         """Present coordinates of a flexible body that deforms, as `ReducedBody` orders them, shape (n,)."""
@@ -103,17 +127,33 @@ class System:
 
     def turn(self, name: str) -> float:
         """Angle by which a body's frame is turned against the scene as drawn [rad]."""
-        kind, drawn = exu.OutputVariableType.RotationMatrix, exu.ConfigurationType.Reference
-        now, before = (
-            np.reshape(self.mbs.GetNodeOutput(self.nodes[name], kind, configuration=configuration), (3, 3))
-            for configuration in (exu.ConfigurationType.Current, drawn)
-        )
-        return float(np.arccos(np.clip(0.5 * (np.trace(now @ before.T) - 1), -1.0, 1.0)))
+        return _angle(self._pose(name, drawn=False)[0] @ self._pose(name, drawn=True)[0].T)
+
+    def shift(self, name: str, other: str) -> Array:
+        """Turn [rad] and displacement [m] of a body as seen from another's frame, against the scene as drawn, (2,)."""
+        rotations, positions = [], []
+        for drawn in (False, True):
+            (turned, place), (own, origin) = self._pose(name, drawn=drawn), self._pose(other, drawn=drawn)
+            rotations.append(own.T @ turned)
+            positions.append(own.T @ (place - origin))
+        return np.array([_angle(rotations[0] @ rotations[1].T), np.linalg.norm(positions[0] - positions[1])])
+
+    def _pose(self, name: str, *, drawn: bool) -> tuple[Array, Array]:
+        """Rotation (3, 3) and position (3,) of a body's frame in the world, now or as drawn."""
+        when = exu.ConfigurationType.Reference if drawn else exu.ConfigurationType.Current
+        kinds = exu.OutputVariableType.RotationMatrix, exu.OutputVariableType.Position
+        rotation, position = (self.mbs.GetNodeOutput(self.nodes[name], kind, configuration=when) for kind in kinds)
+        return np.reshape(rotation, (3, 3)), np.asarray(position)
 
     def recorded(self, output: str) -> Array:
         """Samples of one output, shape (n_samples,); a single 0 where nothing that moves is measured."""
-        terms = [self.mbs.GetSensorStoredData(number)[:, 1:] @ weights for number, weights in self.readings[output]]
+        read = self.mbs.GetSensorStoredData
+        terms = [term.value(*(read(k)[:, 1:] for k in term.sensors)) for term in self.readings[output]]
         return np.sum(terms, axis=0) if terms else np.zeros(1)
+
+
+def _angle(rotation: Array) -> float:
+    return float(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1), -1.0, 1.0)))
 
 
 def small_motion_system(assembly: Assembly) -> System:
@@ -133,16 +173,16 @@ def small_motion_system(assembly: Assembly) -> System:
             forceVector=assembly.basis.T @ assembly.weight,
         )
     )
-    drives = [Drive(add_forces(mbs, [node], n), name, forces[:, k]) for k, name in enumerate(scene.inputs)]
+    drives = [Push(add_forces(mbs, [node], n), name, forces[:, k]) for k, name in enumerate(scene.inputs)]
     for a in assembly.amplifiers:
         pushes = assembly.basis.T @ a.forces
-        drives.append(Drive(add_forces(mbs, [node], n), scene.inputs[a.input], pushes, rate=a.rate))
+        drives.append(Push(add_forces(mbs, [node], n), scene.inputs[a.input], pushes, rate=a.rate))
     weights = assembly.output_matrix @ assembly.basis
     readings = {}
     for k, (name, derivative) in enumerate(zip(scene.outputs, assembly.derivatives, strict=True)):
         kind = COORDINATES[derivative]
         sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kind, storeInternal=True, writeToFile=False)
-        readings[name] = [(mbs.AddSensor(sensor), weights[k])]
+        readings[name] = [Term.linear(mbs.AddSensor(sensor), weights[k])]
     circuits = []
     for circuit in assembly.circuits:
         number, reading = add_circuit(mbs, circuit, [node], assembly.basis.T @ circuit.forces)
@@ -166,7 +206,7 @@ def add_forces(mbs: Any, nodes: Sequence[int], size: int) -> int:
     )
 
 
-def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array) -> tuple[int, tuple[int, Array]]:
+def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array) -> tuple[int, Term]:
     """Add a port's charge as a coordinate w = v / scale; returns its object and the sensor of its output.
 
     forces: on the nodes' coordinates per volt of v. Symmetric rows: c v + R c^2 v' = forces @ q. The scale makes them
@@ -190,7 +230,7 @@ def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array)
     )
     kind = exu.OutputVariableType.Coordinates
     sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kind, storeInternal=True, writeToFile=False)
-    return number, (mbs.AddSensor(sensor), np.array([scale * circuit.gain]))
+    return number, Term.linear(mbs.AddSensor(sensor), np.array([scale * circuit.gain]))
 
 
 def find_accelerations(system: System, settings: Any) -> None:

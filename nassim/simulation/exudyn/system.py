@@ -3,7 +3,7 @@
 The one stateful thing of nassim; it is born and gone within one call of `simulate` or `static_response`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import exudyn as exu
@@ -16,19 +16,36 @@ from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.bodies.floating_frame import FloatingFrame
 from nassim.scene.bodies import FlexibleBody, RigidBody
-from nassim.scene.part import Constraint, Field, Force, Leak, Reading, Spring, unknown_word
+from nassim.scene.part import Constraint, Field, Follow, Force, Leak, Reading, SixSprings, Spring, Word, unknown_word
 from nassim.scene.scene import Scene
-from nassim.simulation.exudyn.items import Items, add_constraint, add_field, add_force, add_reading, add_spring
-from nassim.simulation.exudyn.state import Carrier, Drive, System, add_circuit, modal_node, small_motion_system
-from nassim.simulation.small_motion import Assembly, deformation_damping
+from nassim.simulation.exudyn.items import (
+    Grip,
+    Items,
+    Place,
+    add_constraint,
+    add_field,
+    add_force,
+    frame_at,
+    offset_of,
+)
+from nassim.simulation.exudyn.readings import add_reading
+from nassim.simulation.exudyn.springs import add_six_springs, add_spring, reaches
+from nassim.simulation.exudyn.state import Carrier, Push, System, Term, add_circuit, modal_node, small_motion_system
+from nassim.simulation.small_motion import Assembly
 from nassim.simulation.starting_motion import check_implied, starting_twists
 
 # Corners of a regular tetrahedron: equal weights on four pilots there give a remote point's motion exactly.
 PILOT_DIRECTIONS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
 
 
-def build_system(assembly: Assembly) -> System:
+Added = tuple[int, Carrier, int, dict[Place, Grip], dict[Place, tuple[int, list[int]]]]
+"""Rigid node of a body, its carrier, its object, grips and pilots."""
+
+
+def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None) -> System:
     """Build the Exudyn system of an assembled scene, with all inputs at zero.
+
+    rates: at the start, of inputs that drives follow, see `starting_twists`
 
     Raises ValueError for joints and angular velocities that do not go together: `nassim.simulation.starting_motion`.
     """
@@ -37,26 +54,14 @@ def build_system(assembly: Assembly) -> System:
     check_implied(assembly.scene, assembly.enforced)
     container = exu.SystemContainer()
     mbs = container.AddSystem()
-    items = _add_bodies(mbs, assembly)
-    drives: list[Drive] = []
-    readings: dict[str, list[tuple[int, Array]]] = {}
+    items = _add_bodies(mbs, assembly, rates)
+    drives: list[Push] = []
+    readings: dict[str, list[Term]] = {}
     for word in assembly.words:
-        match word:
-            case Constraint():
-                if assembly.enforced[word.name]:
-                    add_constraint(items, word, assembly.enforced[word.name])
-            case Spring():
-                add_spring(items, word)
-            case Force():
-                drives += add_force(items, word)
-            case Field():
-                drives += add_field(items, word)
-            case Reading():
-                readings[word.output] = add_reading(items, word)
-            case Leak():
-                pass  # one of the assembly's circuits
-            case _:
-                raise unknown_word(word, "Exudyn's system of large motion")
+        if isinstance(word, Reading):
+            readings[word.output] = add_reading(items, word)
+        else:
+            drives += _realise(items, word, assembly)
     circuits = []
     for circuit in assembly.circuits:
         forces = {name: circuit.forces[assembly.slices[name]] for name in items.carriers}
@@ -72,26 +77,52 @@ def build_system(assembly: Assembly) -> System:
     )
 
 
-def _add_bodies(mbs: Any, assembly: Assembly) -> Items:
+def _realise(items: Items, word: Word, assembly: Assembly) -> list[Push]:
+    """Add what a word does; returns what an input then drives."""
+    match word:
+        case Constraint():
+            if assembly.enforced[word.name]:
+                driven = [w for w in assembly.words if isinstance(w, Follow) and w.constraint == word.name]
+                return add_constraint(items, word, assembly.enforced[word.name], driven)
+        case Spring():
+            add_spring(items, word)
+        case SixSprings():
+            add_six_springs(items, word)
+        case Force():
+            return add_force(items, word)
+        case Field():
+            return add_field(items, word)
+        case Leak() | Follow():
+            pass  # circuits of the assembly, and what constraints follow
+        case _:
+            raise unknown_word(word, "Exudyn's system of large motion")
+    return []
+
+
+def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None) -> Items:
     """Add the bodies with their weight, and the damping between them."""
     scene = assembly.scene
-    twists = starting_twists(scene)
+    twists = starting_twists(scene, rates)
     damping = _damping_blocks(assembly)
     nodes: dict[str, int] = {}
     carriers: dict[str, Carrier] = {}
-    markers: dict[str, int] = {}
+    grips: dict[Place, Grip] = {}
     objects: dict[str, int] = {}
     rigid: dict[str, RigidBody] = {}
+    pilots: dict[str, tuple[int, list[int]]] = {}
     for body in scene.bodies:
         if isinstance(body, FlexibleBody) and body.deforms:
             add = _add_floating if body.fidelity == "ffrf" else _add_linear
-            node, carriers[body.name], objects[body.name], pilots = add(
+            node, carriers[body.name], objects[body.name], found, of_body = add(
                 mbs, scene, body, assembly.frames[body.name], damping[body.name, body.name], twists[body.name]
             )
             nodes[body.name] = node
-            markers.update({f"{body.name}.{point}": marker for point, marker in pilots.items()})
+            grips.update({(f"{body.name}.{point}", offset): grip for (point, offset), grip in found.items()})
+            pilots.update(
+                {f"{body.name}.{point}": four for (point, offset), four in of_body.items() if not any(offset)}
+            )
         else:
-            rigid[body.name] = _as_rigid(body, assembly) if isinstance(body, FlexibleBody) else body
+            rigid[body.name] = _as_rigid(body, assembly) if isinstance(body, FlexibleBody) else body.along_world
             number, objects[body.name] = _add_rigid(mbs, rigid[body.name], twists.get(body.name, np.zeros(6)))
             if number is not None:
                 nodes[body.name] = number
@@ -102,7 +133,7 @@ def _add_bodies(mbs: Any, assembly: Assembly) -> Items:
             marker = mbs.AddMarker(eii.MarkerBodyMass(bodyNumber=objects[name]))
             mbs.AddLoad(eii.LoadMassProportional(markerNumber=marker, loadVector=list(scene.gravity)))
     _couple_dampings(mbs, assembly, carriers, damping)
-    return Items(mbs, scene, nodes, objects, rigid, carriers, markers)
+    return Items(mbs, scene, nodes, objects, rigid, carriers, grips, pilots)
 
 
 def _as_rigid(body: FlexibleBody, assembly: Assembly) -> RigidBody:
@@ -117,7 +148,7 @@ def _as_rigid(body: FlexibleBody, assembly: Assembly) -> RigidBody:
 
 def _add_linear(
     mbs: Any, scene: Scene, body: FlexibleBody, frame: FloatingFrame, damping: Array, twist: Array
-) -> tuple[int, Carrier, int, dict[str, int]]:
+) -> Added:
     """Add a body in small motion: a node per remote point along the world's axes, and one for the modes."""
     reduced = body.reduced
     counts = [6] * len(reduced.remote_points) + ([reduced.n_modes] if reduced.n_modes else [])
@@ -130,8 +161,8 @@ def _add_linear(
         )
         for point in reduced.point_names
     ]
-    markers = {
-        point: mbs.AddMarker(eii.MarkerNodeRigid(nodeNumber=number))
+    grips = {
+        (point, (0.0, 0.0, 0.0)): _grip(mbs, np.eye(3), eii.MarkerNodeRigid, nodeNumber=number)
         for point, number in zip(reduced.point_names, numbers, strict=True)
     }
     if reduced.n_modes:
@@ -151,13 +182,13 @@ def _add_linear(
         )
     )
     carrier = Carrier(tuple(zip(numbers, counts, strict=True)), to_body)
-    return numbers[reduced.point_names.index(frame.point)], carrier, number, markers
+    return numbers[reduced.point_names.index(frame.point)], carrier, number, grips, {}
 
 
 def _add_floating(
     mbs: Any, scene: Scene, body: FlexibleBody, frame: FloatingFrame, damping: Array, twist: Array
-) -> tuple[int, Carrier, int, dict[str, int]]:
-    """Add a floating-frame body; returns its rigid node, carrier, object, and a marker per jointed remote point."""
+) -> Added:
+    """Add a floating-frame body."""
     n = len(frame.flexible)
     node = mbs.AddNode(
         GetRigidBodyNode(
@@ -169,9 +200,8 @@ def _add_floating(
         )
     )
     modes = mbs.AddNode(modal_node(n))
-    held = scene.held_points(body)
-    used = [p for p in body.reduced.point_names if p in held and p != frame.point]
-    positions, rows = _pilots(body, frame, used)
+    places = _places(scene, body, frame.point)
+    positions, rows = _pilots(body, frame, places)
     number = mbs.AddObject(
         eii.ObjectFFRFreducedOrder(
             nodeNumbers=[node, modes],
@@ -191,38 +221,49 @@ def _add_floating(
             referencePositions=positions,
         )
     )
-    # Joint axes are the world's at the start, whatever way the body is turned.
-    axes = np.eye(4)
-    axes[:3, :3] = body.rotation.T
-    markers = {frame.point: mbs.AddMarker(eii.MarkerNodeRigid(nodeNumber=node, localHT=axes))}
-    for i, point in enumerate(used):
-        markers[point] = mbs.AddMarker(
-            eii.MarkerSuperElementRigid(
-                bodyNumber=number,
-                meshNodeNumbers=list(range(4 * i, 4 * i + 4)),
-                weightingFactors=[0.25] * 4,
-                localHT=axes,
-            )
+    grips = {(frame.point, (0.0, 0.0, 0.0)): _grip(mbs, body.rotation, eii.MarkerNodeRigid, nodeNumber=node)}
+    pilots = {}
+    for i, place in enumerate(places):
+        four = list(range(4 * i, 4 * i + 4))
+        grips[place] = _grip(
+            mbs,
+            body.rotation,
+            eii.MarkerSuperElementRigid,
+            bodyNumber=number,
+            meshNodeNumbers=four,
+            weightingFactors=[0.25] * 4,
         )
+        pilots[place] = number, four
     carrier = Carrier(((modes, n),), np.eye(len(body.reduced.mass_matrix))[:, frame.flexible])
-    return node, carrier, number, markers
+    return node, carrier, number, grips, pilots
 
 
-def _pilots(body: FlexibleBody, frame: FloatingFrame, points: Sequence[str]) -> tuple[Array, Array]:
-    """Virtual mesh nodes: four around each point, whose displacements are the point's rigid motion.
+def _grip(mbs: Any, rotation: Array, marker: Callable[..., Any], **of_place: Any) -> Grip:
+    """Adds markers to what is turned against the world's axes at the start, in which their own axes are given."""
+    return lambda axes: int(mbs.AddMarker(marker(localHT=frame_at(np.zeros(3), rotation.T @ axes), **of_place)))
 
-    Returns their positions (3 n_pilots,) and mode rows (3 n_pilots, n). At least one node must exist, so a body
-    without jointed points gets pilots that do not move.
+
+def _places(scene: Scene, body: FlexibleBody, frame_point: str) -> list[Place]:
+    """What takes part of a body, but for the point on which its frame rides: points, and places that they reach."""
+    named = scene.named_points(body)
+    places = {(point, (0.0, 0.0, 0.0)) for point in body.reduced.all_point_names if point in named}
+    for path, place in reaches(scene):
+        if scene.split(path)[0] is body:
+            places.add((path.partition(".")[2], offset_of(scene, path, place)))
+    return sorted(places - {(frame_point, (0.0, 0.0, 0.0))}) or [(frame_point, (0.0, 0.0, 0.0))]
+
+
+def _pilots(body: FlexibleBody, frame: FloatingFrame, places: Sequence[Place]) -> tuple[Array, Array]:
+    """Virtual mesh nodes: four around each place, whose displacements are the rigid motion of the point it goes with.
+
+    Returns their positions (3 n_pilots,) and mode rows (3 n_pilots, n). At least one node must exist.
     """
     everyone = np.array([p.position for p in body.reduced.remote_points])
     radius = 0.05 * max(float(np.ptp(everyone, axis=0).max()), 1e-6)
-    n = len(frame.flexible)
-    if not points:
-        return (radius * PILOT_DIRECTIONS).ravel(), np.zeros((12, n))
     positions, rows = [], []
-    for point in points:
+    for point, away in places:
         motion = body.reduced.motion(point)
-        for offset in radius * PILOT_DIRECTIONS:
+        for offset in body.rotation.T @ away + radius * PILOT_DIRECTIONS:
             positions.append(body.reduced.point(point).position - frame.origin + offset)
             rows.append((rigid_transfer(offset) @ motion[:, frame.flexible])[:3])
     return np.hstack(positions), np.vstack(rows)
@@ -247,7 +288,7 @@ def _add_rigid(mbs: Any, body: RigidBody, twist: Array) -> tuple[int | None, int
 def _damping_blocks(assembly: Assembly) -> dict[tuple[str, str], Array]:
     """Damping between the deformations of every two bodies, by their names."""
     bodies = assembly.scene.deformable_bodies
-    full = deformation_damping(assembly)
+    full = assembly.damping.on_deformation()
     ends = np.cumsum([0, *(len(assembly.frames[body.name].flexible) for body in bodies)])
     places = {body.name: slice(ends[k], ends[k + 1]) for k, body in enumerate(bodies)}
     return {(a, b): full[places[a], places[b]] for a in places for b in places}
@@ -258,7 +299,7 @@ def _couple_dampings(
 ) -> None:
     """Damping between the deformations of several flexible bodies, which modal damping of their assembly needs."""
     bodies = assembly.scene.deformable_bodies
-    if len(bodies) < 2:
+    if not any(np.any(block) for (a, b), block in blocks.items() if a != b):
         return
     rows = [assembly.frames[b.name].deformation(b.reduced) @ carriers[b.name].coordinates for b in bodies]
     damping = np.block(

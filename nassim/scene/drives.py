@@ -1,0 +1,51 @@
+"""Drives of scenes: motors that make a joint's free motion follow an input, or run at constant speed."""
+
+from dataclasses import dataclass
+
+from nassim.base.checks import finite, freeze, known
+from nassim.base.rigid_motion import DIRECTIONS
+from nassim.scene.part import Actuator, Constraint, Follow, Signal
+from nassim.scene.scene import Scene
+
+
+@dataclass(frozen=True)
+class Drive(Actuator):
+    """A stiff motor in a joint: one of its free motions, of b against a, follows an input or runs at constant speed.
+
+    joint: name; direction: one that the joint leaves free, "x" ... "rz" of its axes ("rz" of a `revolute`)
+    input: name of the scene's input, displacement [m] or angle [rad], 0 at the start; "" for a constant speed
+    speed: constant, from the start on [m/s] or [rad/s]
+    """
+
+    name: str
+    joint: Signal
+    direction: str
+    input: Signal = ""
+    speed: float = 0.0
+
+    def __post_init__(self) -> None:
+        known("direction", self.direction, DIRECTIONS)
+        freeze(self, speed=finite(f"drive {self.name!r}: speed", self.speed))
+        if bool(self.input) == bool(self.speed):
+            raise ValueError(f"drive {self.name!r} follows either an input or a constant speed; give one of them")
+
+    @property
+    def unit(self) -> str:
+        """Of the input."""
+        return "rad" if self.direction.startswith("r") else "m"
+
+    def says(self, scene: Scene) -> tuple[Follow]:
+        """The joint's motion is no longer free."""
+        joints = {word.name: word for part in scene.joints for word in part.says(scene) if isinstance(word, Constraint)}
+        joint = joints[known(f"joint of drive {self.name!r}", self.joint, joints)]
+        if self.direction in joint.held:
+            free = ", ".join(d for d in DIRECTIONS if d not in joint.held) or "none"
+            raise ValueError(
+                f"drive {self.name!r}: joint {self.joint!r} holds {self.direction!r}; it leaves free: {free}"
+            )
+        return (Follow(self.joint, self.direction, self.input, self.unit, self.speed),)
+
+    def describe(self) -> str:
+        """What it does to which joint."""
+        does = f"follows {self.input}" if self.input else f"runs at {self.speed:g} {self.unit}/s"
+        return f"drive {self.name}: {self.direction} of joint {self.joint} {does}"

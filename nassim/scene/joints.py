@@ -1,0 +1,119 @@
+"""Joints of scenes: which directions of one point's motion against another are free."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nassim.base.checks import freeze, instances, known, unique
+from nassim.base.rigid_motion import DIRECTIONS, axes_along, proper_rotation, unit_vector
+from nassim.scene.bodies import FlexibleBody
+from nassim.scene.part import Axes, Connection, Constraint, Path
+from nassim.scene.scene import Scene
+
+TOUCH_TOLERANCE = 1e-9
+"""Largest gap [m] between the two points of a joint."""
+PERPENDICULAR = 1e-9
+
+
+@dataclass(frozen=True)
+class Joint(Connection):
+    """Connects two points that coincide at the start.
+
+    a, b: the points, "body.point"
+    free: directions in which b may move against a: "x" "y" "z" "rx" "ry" "rz"; none, the default, is a rigid
+        connection
+    axes: these directions at the start, as columns, world frame, (3, 3); they turn with the body of a from there on: a
+        slide on a rail has the rail's point as a
+
+    `fixed`, `revolute`, `prismatic`, `cylindrical`, `universal`, `spherical` and `planar` make the usual ones.
+    """
+
+    name: str
+    a: Path
+    b: Path
+    free: tuple[str, ...] = ()
+    axes: Axes = field(default_factory=lambda: np.eye(3))
+
+    def __post_init__(self) -> None:
+        free = instances("free", (self.free,) if isinstance(self.free, str) else self.free, (str,))
+        for direction in free:
+            known("direction", direction, DIRECTIONS)
+        freeze(
+            self,
+            free=unique(f"joint {self.name!r}: free direction", free),
+            axes=proper_rotation(f"joint {self.name!r}: axes", self.axes),
+        )
+
+    def says(self, scene: Scene) -> tuple[Constraint]:
+        """It holds all directions that are not free."""
+        if self.a == self.b:
+            raise ValueError(f"joint {self.name!r} connects {self.a!r} with itself")
+        for path in (self.a, self.b):
+            self._check_held(scene, path)
+        gap = float(np.linalg.norm(scene.point_position(self.b) - scene.point_position(self.a)))
+        if gap > TOUCH_TOLERANCE:
+            raise ValueError(
+                f"joint {self.name!r}: {self.a!r} and {self.b!r} are {gap:.3g} m apart; they must coincide to "
+                f"{TOUCH_TOLERANCE:g} m: move one of the bodies"
+            )
+        held = tuple(d for d in DIRECTIONS if d not in self.free)
+        return (Constraint(self.name, self.a, self.b, held, self.axes),)
+
+    def describe(self) -> str:
+        """Its points and what it leaves free."""
+        free = f"free in {', '.join(self.free)}" if self.free else "rigid"
+        turned = "" if np.array_equal(self.axes, np.eye(3)) or not self.free else " of its own axes"
+        return f"joint {self.name}: {self.a} to {self.b}, {free}{turned}"
+
+    def _check_held(self, scene: Scene, path: str) -> None:
+        """A point that only moves along, as trimming leaves some, is no coordinate that a joint could hold."""
+        body, point = scene.split(path)
+        if not isinstance(body, FlexibleBody) or not body.deforms:
+            return
+        if point in [passive.name for passive in body.reduced.passive_points]:
+            raise ValueError(
+                f"joint {self.name!r}: {path!r} is a passive point, which moves along with the body but cannot be "
+                "held: use the body before it was trimmed, or name the point in trim_body(points=...)"
+            )
+
+
+def fixed(name: str, a: str, b: str) -> Joint:
+    """A rigid connection."""
+    return Joint(name, a, b)
+
+
+def revolute(name: str, a: str, b: str, axis: str | ArrayLike = "z") -> Joint:
+    """B turns about an axis of a; axis: "x", "y", "z" or a vector, world frame at the start, as of all joints here."""
+    return Joint(name, a, b, ("rz",), axes_along(axis))
+
+
+def prismatic(name: str, a: str, b: str, axis: str | ArrayLike = "z") -> Joint:
+    """B slides along an axis of a and does not turn."""
+    return Joint(name, a, b, ("z",), axes_along(axis))
+
+
+def cylindrical(name: str, a: str, b: str, axis: str | ArrayLike = "z") -> Joint:
+    """B slides along an axis of a and turns about it."""
+    return Joint(name, a, b, ("z", "rz"), axes_along(axis))
+
+
+def universal(name: str, a: str, b: str, axis_a: str | ArrayLike, axis_b: str | ArrayLike) -> Joint:
+    """A cross whose one arm turns in a, about axis_a, and whose other turns in b, about axis_b (Hooke, Cardan).
+
+    Raises ValueError for axes that are not perpendicular at the start.
+    """
+    first, second = unit_vector(axis_a), unit_vector(axis_b)
+    if abs(first @ second) > PERPENDICULAR:
+        raise ValueError(f"joint {name!r}: a universal joint's axes must be perpendicular, got {axis_a!r}, {axis_b!r}")
+    return Joint(name, a, b, ("rx", "ry"), np.column_stack([first, second, np.cross(first, second)]))
+
+
+def spherical(name: str, a: str, b: str) -> Joint:
+    """B turns freely about a point of a."""
+    return Joint(name, a, b, ("rx", "ry", "rz"))
+
+
+def planar(name: str, a: str, b: str, normal: str | ArrayLike = "z") -> Joint:
+    """B slides in a plane of a, given by its normal, and turns about it."""
+    return Joint(name, a, b, ("x", "y", "rz"), axes_along(normal))

@@ -1,0 +1,226 @@
+"""Scenes within scenes: a copy under a name of its own, moved and turned, and several scenes as one.
+
+What is renamed and what is turned follows from the annotated types of fields (`nassim.scene.part`), so that a new kind
+of part is placed without further code.
+"""
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from types import UnionType
+from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nassim.base.checks import Array, finite_array, instances, unique
+from nassim.base.rigid_motion import AXES, DIRECTIONS, proper_rotation, unit_vector
+from nassim.scene.bodies import Body
+from nassim.scene.loop import Loop
+from nassim.scene.part import Actuator, Connection, Constraint, ForceElement, Line, Path, Row, Sensor, SixSprings
+from nassim.scene.scene import KINDS, Scene
+
+SAME = 1e-9
+"""Share of a part's largest figure by which two ways to turn it may differ."""
+
+
+def placed(scene: Scene, name: str, *, position: ArrayLike = (0, 0, 0), rotation: ArrayLike | None = None) -> Scene:
+    """A copy of a scene, moved and turned as a whole, in which all is called "name/...", as "strut_1/apa.top".
+
+    name: of the scene; what its bodies, parts, loops, inputs and outputs were called stands after it and a "/"
+    position: where the origin of the scene comes to lie [m]; rotation: by which it is turned about its origin, (3, 3)
+
+    Directions and axes of parts turn along, reduced bodies are shared with the original. Gravity is the world's: it
+    stays as it is, however the scene is turned.
+    Raises ValueError for names that are empty or hold a dot, for what is no rotation, and for a part that does not do
+    in its new place what it did: then a field of its class lacks its annotation (`Path`, `Signal`, `Direction`,
+    `Axes` or `Position` of `nassim.scene.part`).
+    """
+    unique("placed scene", (name,))
+    if "." in name:
+        raise ValueError(f"scene {name!r}: no dot in its name, because points are written 'body.point'")
+    turn = np.eye(3) if rotation is None else proper_rotation(f"scene {name!r}: rotation", rotation)
+    place = _Place(name, finite_array(f"scene {name!r}: position", position, (3,)), turn)
+    there: dict[str, Any] = {kind: tuple(map(place.moved, getattr(scene, kind))) for kind in KINDS}
+    try:
+        result = replace(scene, name=name, **there)
+    except ValueError as error:
+        raise ValueError(f"scene {scene.name!r} cannot be placed: {error}; {_ANNOTATE}") from error
+    for part, copy in zip(scene.parts, result.parts, strict=True):
+        if not _alike(tuple(map(place.moved, part.says(scene))), copy.says(result)):
+            raise ValueError(
+                f"{type(part).__name__} {part.name!r} cannot be placed: what it does in its new place is not what it "
+                f"did, renamed and turned; {_ANNOTATE}"
+            )
+    return result
+
+
+_ANNOTATE = (
+    "fields that name points, inputs and outputs, or that hold directions, axes and places of the world need their "
+    "annotation: Path, Signal, Direction, Axes, Position of nassim.scene.part"
+)
+
+
+def joined(
+    name: str,
+    *scenes: Scene,
+    bodies: Sequence[Body] = (),
+    joints: Sequence[Connection] = (),
+    actuators: Sequence[Actuator] = (),
+    sensors: Sequence[Sensor] = (),
+    springs: Sequence[ForceElement] = (),
+    loops: Sequence[Loop] = (),
+    damping_ratio: ArrayLike | None = None,
+    gravity: ArrayLike | None = None,
+    cutoff_frequency: float | None = None,
+) -> Scene:
+    """One scene of all bodies and parts of several, and what connects them.
+
+    bodies, joints, actuators, sensors, springs, loops: beside those of the scenes; they may name the scenes' points
+        and signals
+    damping_ratio, gravity, cutoff_frequency: of the whole, see `Scene`; where None, all scenes must have the same
+
+    A ground acceleration in any of the scenes accelerates the ground of all.
+    Raises ValueError for names, of inputs too, that two of the scenes share or that are added again, for ratios by
+    mode, which are those of a part's own modes, and for figures in which the scenes differ.
+    """
+    if not instances(f"joined scene {name!r}: scenes", scenes, (Scene,)):
+        raise ValueError(f"joined scene {name!r} needs at least one scene; make a Scene of bodies and parts")
+    added: dict[str, Any] = dict(zip(KINDS, (bodies, joints, actuators, sensors, springs, loops), strict=True))
+    added = {kind: instances(f"joined scene {name!r}: {kind}", more, KINDS[kind]) for kind, more in added.items()}
+    for kind in KINDS:
+        owned = [(scene.name, [part.name for part in getattr(scene, kind)]) for scene in scenes]
+        _check_apart(kind, [*owned, (name, [part.name for part in added[kind]])])
+    _check_apart("inputs", [(scene.name, scene.inputs) for scene in scenes])
+    if damping_ratio is None and any(np.size(scene.mode_ratios) > 1 for scene in scenes):
+        raise ValueError(f"joined scene {name!r}: ratios by mode are those of a part's modes; give damping_ratio")
+    whole: dict[str, Any] = {k: (*(part for scene in scenes for part in getattr(scene, k)), *added[k]) for k in KINDS}
+    return Scene(
+        name,
+        **whole,
+        damping_ratio=_agreed(scenes, "damping_ratio", damping_ratio),
+        gravity=_agreed(scenes, "gravity", gravity),
+        cutoff_frequency=_agreed(scenes, "cutoff_frequency", cutoff_frequency),
+    )
+
+
+def _check_apart(kind: str, owned: Sequence[tuple[str, Sequence[str]]]) -> None:
+    owners: dict[str, str] = {}
+    for owner, names in owned:
+        for name in names:
+            if name in owners:
+                raise ValueError(
+                    f"{owners[name]!r} and {owner!r} both have {name!r} among their {kind}: give each a name of its "
+                    "own, scenes by placed(scene, name)"
+                )
+        owners |= dict.fromkeys(names, owner)
+
+
+def _agreed(scenes: Sequence[Scene], figure: str, given: Any) -> Any:
+    if given is not None:
+        return given
+    values = [getattr(scene, figure) for scene in scenes]
+    for scene, value in zip(scenes, values, strict=True):
+        if not np.array_equal(value, values[0]):
+            raise ValueError(
+                f"{figure} is {values[0]} in {scenes[0].name!r} and {value} in {scene.name!r}; say which the whole has "
+                f"by joined(..., {figure}=...)"
+            )
+    return values[0]
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where a copy of a scene lies, and how it is called."""
+
+    name: str
+    position: Array
+    rotation: Array
+
+    def moved(self, item: Any) -> Any:
+        """A body, part, loop or word, renamed and turned."""
+        if isinstance(item, Row):
+            return self._row(item)
+        return replace(item, **{k: self._value(getattr(item, k), kind) for k, kind in _kinds(item.__class__).items()})
+
+    def _value(self, value: Any, kind: Any) -> Any:
+        if isinstance(value, (Row, Line)):
+            return self.moved(value)
+        if value is None:
+            return None
+        choices = get_args(kind)
+        if get_origin(kind) is Annotated:
+            return self._turned(value, kind.__metadata__[0])
+        if get_origin(kind) is tuple and isinstance(value, tuple):
+            each = choices[:1] * len(value) if choices[-1:] == (...,) else choices
+            return tuple(map(self._value, value, each))
+        if get_origin(kind) in (Union, UnionType):
+            fitting = (c for c in choices if get_origin(c) is Annotated or get_origin(c) is type(value))
+            return self._value(value, next(fitting, None))
+        return value
+
+    def _turned(self, value: Any, kind: str) -> Any:
+        if kind in ("path", "signal"):
+            return f"{self.name}/{value}" if value else value
+        if kind == "position":
+            return self.position + self.rotation @ value
+        if np.array_equal(self.rotation, np.eye(3)) or (isinstance(value, str) and value not in ("x", "y", "z")):
+            return value
+        turned = self.rotation @ (unit_vector(value) if isinstance(value, str) else np.asarray(value))
+        return turned if isinstance(value, np.ndarray) else tuple(turned.tolist())
+
+    def _row(self, row: Row) -> Row:
+        turn = np.eye(6) if row.within else np.kron(np.eye(2), self.rotation)
+        points = tuple((f"{self.name}/{path}", turn @ weights) for path, weights in row.points)
+        own = tuple((f"{self.name}/{body}", weights) for body, weights in row.own)
+        return Row(points, self._turned(row.frame, "path"), own)
+
+
+@functools.cache
+def _kinds(noun: type[Any]) -> dict[str, Any]:
+    """Types of a noun's fields, with their annotations; its name is renamed as a path is."""
+    try:
+        hints = get_type_hints(noun, include_extras=True)
+    except NameError as error:
+        raise ValueError(
+            f"{noun.__name__} cannot be placed: the types of its fields cannot be read ({error}); import them for "
+            "running, not for type checkers only"
+        ) from error
+    return {f.name: Path if f.name == "name" else hints[f.name] for f in fields(noun) if f.init}
+
+
+def _alike(a: Any, b: Any) -> bool:
+    """Whether words, or what they hold, say the same but for rounding."""
+    if isinstance(a, (float, np.ndarray)):
+        return np.shape(a) == np.shape(b) and np.allclose(b, a, rtol=SAME, atol=SAME * _size(a))
+    if type(a) is not type(b):
+        return False
+    if isinstance(a, tuple):
+        return len(a) == len(b) and all(map(_alike, a, b))
+    if is_dataclass(a):
+        return _alike(_figures(a), _figures(b))
+    return bool(a == b)
+
+
+def _size(a: float | Array) -> float:
+    """The largest finite figure."""
+    return float(np.max(np.abs(a), where=np.isfinite(a), initial=0.0))
+
+
+def _figures(word: Any) -> tuple[Any, ...]:
+    """What a word says, along the world's axes: its own may be chosen in many ways."""
+    if isinstance(word, SixSprings):
+        turn = np.kron(np.eye(2), word.axes)
+        matrices = [turn @ matrix @ turn.T for matrix in (word.stiffness, word.damping)]
+        return (word.a, word.b, *(block for matrix in matrices for block in _blocks(matrix)))
+    chosen = ("held", "axes") if isinstance(word, Constraint) else ()
+    rest = tuple(getattr(word, f.name) for f in fields(word) if f.name not in chosen)
+    if not chosen:
+        return rest
+    held = np.kron(np.eye(2), word.axes)[:, [AXES.index(DIRECTIONS[direction]) for direction in word.held]]
+    return (*rest, held @ held.T)
+
+
+def _blocks(matrix: Array) -> tuple[Array, ...]:
+    """Forces and moments by displacements and turns, (3, 3) each, which differ by many powers of ten."""
+    return tuple(matrix[a : a + 3, b : b + 3] for a in (0, 3) for b in (0, 3))

@@ -1,0 +1,131 @@
+"""Mechanical parts and joints refuse what has no meaning, before any long work."""
+
+import numpy as np
+import pytest
+
+from nassim import Encoder, Joint, PointForce, RigidBody, Scene, SpringDamper, linearize
+from nassim.base.rigid_motion import axes_along
+from nassim.scene.joints import (
+    cylindrical,
+    fixed,
+    planar,
+    prismatic,
+    revolute,
+    spherical,
+    universal,
+)
+from nassim.scene.mechanics import AngleSensor, Bushing, GroundAcceleration, LinearActuator, PointTorque, Pose
+from nassim.simulation.small_motion import assemble
+
+MIRROR = np.diag([1.0, 1.0, -1.0])
+SHEARED = np.eye(3) + 0.1 * np.eye(3, k=1)
+
+
+def bodies():
+    points = {"o": (0, 0, 0), "away": (0.1, 0, 0)}
+    return RigidBody("base", points, fixed=True), RigidBody("body", points, 1.0, 0.01 * np.eye(3))
+
+
+def scene(**parts):
+    return Scene("s", bodies(), **{kind: (part,) for kind, part in parts.items()})
+
+
+@pytest.mark.parametrize("axis", [(0, 0, 0), "w", (1, 0), (np.nan, 0, 0)], ids=str)
+def test_axes_that_are_none(axis):
+    makers = (
+        lambda: SpringDamper("p", "base.o", "body.o", axis, 1.0),
+        lambda: PointForce("p", "body.o", axis, "i"),
+        lambda: PointTorque("p", "body.o", axis, "i"),
+        lambda: Encoder("p", "base.o", "body.o", axis),
+        lambda: AngleSensor("p", "base.o", "body.o", axis),
+        lambda: GroundAcceleration("p", axis, "i"),
+        lambda: revolute("p", "base.o", "body.o", axis),
+        lambda: prismatic("p", "base.o", "body.o", axis),
+        lambda: cylindrical("p", "base.o", "body.o", axis),
+        lambda: planar("p", "base.o", "body.o", axis),
+        lambda: universal("p", "base.o", "body.o", axis, "x"),
+    )
+    for make in makers:
+        with pytest.raises(ValueError, match="axis"):
+            make()
+
+
+@pytest.mark.parametrize("axes", [MIRROR, SHEARED, 2 * np.eye(3)], ids=["mirrored", "sheared", "long"])
+def test_axes_that_are_no_rotation(axes):
+    for make in (
+        lambda: Bushing("p", "base.o", "body.o", np.ones(6), axes=axes),
+        lambda: Pose("p", "base.o", "body.o", axes),
+        lambda: Joint("p", "base.o", "body.o", "rz", axes),
+        lambda: RigidBody("p", {}, 1.0, np.eye(3), rotation=axes),
+    ):
+        with pytest.raises(ValueError, match="proper orthogonal"):
+            make()
+
+
+def test_axes_of_a_universal_joint_are_perpendicular():
+    with pytest.raises(ValueError, match="must be perpendicular"):
+        universal("p", "base.o", "body.o", "x", (1, 1, 0))
+    with pytest.raises(ValueError, match="span no plane"):
+        axes_along("z", (0, 0, -2))
+
+
+@pytest.mark.parametrize(
+    ("parts", "message"),
+    [
+        ({"sensors": Encoder("p", "base.o", "base.away", "x")}, "belong to fixed bodies"),
+        ({"sensors": AngleSensor("p", "base.o", "base.away")}, "belong to fixed bodies"),
+        ({"sensors": Pose("p", "base.o", "base.away")}, "belong to fixed bodies"),
+        ({"actuators": PointForce("p", "base.o", "x", "i")}, "which no force moves"),
+        ({"actuators": PointTorque("p", "base.o", "x", "i")}, "which no force moves"),
+        ({"actuators": LinearActuator("p", "base.o", "base.away", "i")}, "belong to one rigid body"),
+        ({"springs": SpringDamper("p", "body.o", "body.away", "x", 1.0)}, "belong to one rigid body"),
+        ({"springs": Bushing("p", "body.o", "body.away", np.ones(6))}, "belong to one rigid body"),
+        ({"springs": SpringDamper("p", "base.o", "body.o", "line", 1.0)}, "lie in one place"),
+        ({"actuators": LinearActuator("p", "base.o", "body.o", "i")}, "lie in one place"),
+        ({"sensors": Encoder("p", "base.o", "body.o", "line")}, "lie in one place"),
+        ({"sensors": Encoder("p", "base.o", "body.o", "x", frame="body.nowhere")}, "unknown point"),
+        ({"joints": revolute("p", "base.o", "body.away", "x")}, "m apart"),
+    ],
+    ids=str,
+)
+def test_parts_that_do_nothing(parts, message):
+    with pytest.raises(ValueError, match=message):
+        linearize(scene(**parts))
+
+
+@pytest.mark.parametrize(
+    "stiffness", [np.triu(np.ones((6, 6))), -np.ones(6), np.ones(5), np.diag([1.0] * 5 + [-1.0])], ids=str
+)
+def test_a_bushing_that_is_none(stiffness):
+    with pytest.raises(ValueError, match="bushing 'p': stiffness"):
+        Bushing("p", "base.o", "body.o", stiffness)
+
+
+def test_a_fixed_body_does_not_spin():
+    with pytest.raises(ValueError, match="cannot spin"):
+        RigidBody("p", {}, fixed=True, angular_velocity=(0, 0, 1))
+
+
+ODD = np.array([2.0, -1.0, 2.0]) / 3
+
+
+@pytest.mark.parametrize(
+    ("make", "shifts", "turns"),
+    [
+        (fixed, [], []),
+        (lambda *a: revolute(*a, 3 * ODD), [], [ODD]),
+        (lambda *a: prismatic(*a, -ODD), [ODD], []),
+        (lambda *a: cylindrical(*a, ODD), [ODD], [ODD]),
+        (spherical, [], list(np.eye(3))),
+        (lambda *a: planar(*a, ODD), [np.cross(ODD, [1.0, 0, 0]), np.cross(ODD, [0, 1.0, 0])], [ODD]),
+        (lambda *a: universal(*a, ODD, (1, 2, 0)), [], [ODD, [1.0, 2, 0]]),
+    ],
+    ids=["fixed", "revolute", "prismatic", "cylindrical", "spherical", "planar", "universal"],
+)
+def test_what_a_joint_leaves_free(make, shifts, turns):
+    """The free motions of one body on the ground span what the joint's name says."""
+    basis = assemble(scene(joints=make("j", "base.o", "body.o"))).basis if shifts or turns else np.zeros((6, 0))
+    wanted = np.array([[*s, 0, 0, 0] for s in shifts] + [[0, 0, 0, *t] for t in turns]).reshape(-1, 6).T
+    assert basis.shape[1] == wanted.shape[1]
+    both = np.linalg.matrix_rank(np.hstack([basis / 1.0, wanted]), tol=1e-9)
+    assert both == wanted.shape[1]

@@ -1,0 +1,282 @@
+"""Drives: joints that follow an input or run at constant speed; the rotating platform of the literature."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.integrate
+from conftest import lattice
+
+from nassim import (
+    AngleSensor,
+    Drive,
+    Encoder,
+    FlexibleBody,
+    Joint,
+    PointForce,
+    RigidBody,
+    Scene,
+    SpringDamper,
+    TimeHistory,
+    craig_bampton,
+    cylindrical,
+    describe,
+    linearize,
+    prismatic,
+    revolute,
+    simulate,
+)
+from nassim.base import decay_poles
+from nassim.simulation.accuracy import integrator_error
+from nassim.simulation.starting_motion import starting_twists
+
+AXIS = np.array([2.0, -1.0, 2.0]) / 3
+
+
+def turned(vector, angle, axis=AXIS):
+    k = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    return vector + np.sin(angle) * k @ vector + (1 - np.cos(angle)) * k @ (k @ vector)
+
+
+def arm(**drive):
+    """A rigid arm on a motor about an odd axis, whose tip and angle are read."""
+    base = RigidBody("base", {"axle": [0.1, 0.2, 0.3], "mark": [0.0, 0.0, 0.0]}, fixed=True)
+    points = {"axle": [-0.2, 0.0, 0.05], "tip": [0.3, 0.1, 0.0]}
+    body = RigidBody("arm", points, 2.0, np.diag([0.02, 0.05, 0.06]), [0.3, 0.2, 0.25])
+    return Scene(
+        "arm",
+        (base, body),
+        (revolute("axle", "base.axle", "arm.axle", AXIS),),
+        (Drive("motor", "axle", "rz", **drive),),
+        (AngleSensor("angle", "base.axle", "arm.tip", AXIS), *(Encoder(a, "base.mark", "arm.tip", a) for a in "xyz")),
+        damping_ratio=0.0,
+    )
+
+
+def history(time, **signals):
+    values = np.array(list(signals.values()), dtype=float).reshape(len(signals), len(time))
+    return TimeHistory(time, values, tuple(signals), ("",) * len(signals))
+
+
+def test_a_joint_follows_an_angle_through_several_turns():
+    time = np.linspace(5.0, 7.0, 2001)
+    s = (time - 5.0) / 2.0
+    angle = 20.0 * (s - np.sin(2 * np.pi * s) / (2 * np.pi))
+    run = simulate(arm(input="turn"), history(time, turn=angle), time_step=1e-3, progress=False)
+    assert run.names == ("turn", "angle", "x", "y", "z")
+    np.testing.assert_allclose(run.values[1], angle, atol=1e-8)
+    tip = np.array([0.5, 0.1, -0.05])
+    expected = np.array([turned(tip, a) - tip for a in angle]).T
+    np.testing.assert_allclose(run.values[2:], expected, atol=1e-8)
+
+
+def test_constant_speed_starts_without_a_jolt():
+    scene = arm(speed=30.0)
+    time = np.linspace(0.0, 1.0, 3001)
+    run = simulate(scene, TimeHistory(time, np.zeros((0, 3001)), (), ()), time_step=1 / 3000, progress=False)
+    np.testing.assert_allclose(run.values[0], 30.0 * time, atol=1e-7)
+    twist = starting_twists(scene)["arm"]
+    np.testing.assert_allclose(twist[3:], 30.0 * AXIS, atol=1e-12)
+    np.testing.assert_allclose(twist[:3], -np.cross(30.0 * AXIS, [0.1, 0.2, 0.3]), atol=1e-12)
+    assert "drive motor: rz of joint axle runs at 30 rad/s" in describe(scene)
+
+
+def test_a_payload_on_a_spring_is_shaken_by_a_driven_slide():
+    """Against its own equation: m x'' = k (u - x) + c (u' - x') along an odd axis."""
+    mass, stiffness, damper = 0.7, 900.0, 2.5
+    base = RigidBody("base", {"rail": np.zeros(3)}, fixed=True)
+    inertia = np.diag([1e-3, 2e-3, 2.5e-3])
+    sledge = RigidBody("sledge", {"rail": np.zeros(3), "seat": np.zeros(3)}, 3.0, inertia)
+    load = RigidBody("load", {"seat": np.zeros(3)}, mass, inertia)
+    scene = Scene(
+        "shaker",
+        (base, sledge, load),
+        (prismatic("rail", "base.rail", "sledge.rail", AXIS), prismatic("seat", "sledge.seat", "load.seat", AXIS)),
+        (Drive("shaker", "rail", "z", "way"),),
+        (Encoder("load", "base.rail", "load.seat", AXIS),),
+        (SpringDamper("spring", "sledge.seat", "load.seat", AXIS, stiffness, damper, frame="sledge.seat"),),
+        damping_ratio=0.0,
+    )
+    time = np.linspace(0, 1.5, 3001)
+    way = 0.01 * np.sin(18.0 * time) ** 2
+    run = simulate(scene, history(time, way=way), time_step=5e-4, progress=False)
+
+    def rate(t, y):
+        u, v = 0.01 * np.sin(18.0 * t) ** 2, 0.18 * np.sin(36.0 * t)
+        return [y[1], (stiffness * (u - y[0]) + damper * (v - y[1])) / mass]
+
+    expected = scipy.integrate.solve_ivp(rate, (0, 1.5), [0, 0], t_eval=time, rtol=1e-10, atol=1e-13).y[0]
+    np.testing.assert_allclose(run.values[1], expected, atol=2e-3 * np.abs(expected).max())
+
+
+def test_a_driven_slide_on_a_driven_arm():
+    """Shifts turn with the arm that the slide is on."""
+    across = np.cross(AXIS, [0.0, 0.6, 0.8])
+    across /= np.linalg.norm(across)
+    base = RigidBody("base", {"axle": np.zeros(3)}, fixed=True)
+    inertia = np.diag([1e-2, 2e-2, 2.5e-2])
+    body = RigidBody("arm", {"axle": np.zeros(3), "rail": np.zeros(3)}, 3.0, inertia)
+    load = RigidBody("load", {"seat": np.zeros(3)}, 1.0, inertia)
+    scene = Scene(
+        "crane",
+        (base, body, load),
+        (revolute("axle", "base.axle", "arm.axle", AXIS), prismatic("rail", "arm.rail", "load.seat", across)),
+        (Drive("turn", "axle", "rz", "turn"), Drive("way", "rail", "z", "way")),
+        tuple(Encoder(a, "base.axle", "load.seat", a) for a in "xyz"),
+        damping_ratio=0.0,
+    )
+    time = np.linspace(0, 1, 1001)
+    turn, way = 4 * np.sin(2 * time) ** 2, 0.3 * np.sin(3 * time) ** 2
+    run = simulate(scene, history(time, turn=turn, way=way), time_step=1e-3, progress=False)
+    expected = np.array([turned(way[k] * across, turn[k]) for k in range(len(time))]).T
+    np.testing.assert_allclose(run.values[2:], expected, atol=1e-8)
+
+
+@pytest.mark.parametrize("steady", [False, True])
+def test_two_drives_of_one_joint(steady):
+    """A screw: what turns about an odd axis is shifted along it."""
+    plain = arm(speed=1.0)
+    drives = (
+        Drive("way", "axle", "z", **({"speed": 0.4} if steady else {"input": "way"})),
+        Drive("turn", "axle", "rz", **({"speed": -7.0} if steady else {"input": "turn"})),
+    )
+    joints = (cylindrical("axle", "base.axle", "arm.axle", AXIS),)
+    scene = replace(plain, joints=joints, actuators=drives, sensors=plain.sensors[1:])
+    time = np.linspace(0, 1, 1001)
+    way, turn = (0.4 * time, -7.0 * time) if steady else (0.2 * np.sin(3 * time) ** 2, -7.0 * np.sin(time) ** 2)
+    signals = {} if steady else {"way": way, "turn": turn}
+    assert [scene.input_unit(name) for name in signals] == ["m", "rad"][: len(signals)]
+    run = simulate(scene, history(time, **signals), time_step=1e-3, progress=False)
+    tip = np.array([0.5, 0.1, -0.05])
+    expected = np.array([turned(tip, angle) - tip + shift * AXIS for angle, shift in zip(turn, way, strict=True)]).T
+    np.testing.assert_allclose(run.values[len(signals) :], expected, atol=1e-8)
+
+
+def platform(speed, *, body=None, fidelity="ffrf", **changes):
+    """A mass of 1 kg on two slides with springs of 1 N/m and dampers of 0.05 N s/m, on a turntable."""
+    ground = RigidBody("ground", {"axle": np.zeros(3)}, fixed=True)
+    light = 1e-6 * np.diag([1.0, 1.0, 1.5])
+    table = RigidBody("table", {"axle": np.zeros(3), "rail": np.zeros(3)}, 1.0, np.diag([1.0, 1.0, 1.5]))
+    slide = RigidBody("slide", {"rail": np.zeros(3), "seat": np.zeros(3)}, 1e-9, 1e-3 * light)
+    mass = RigidBody("mass", {"seat": np.zeros(3)}, 1.0, light) if body is None else body
+    seat = "mass.seat" if body is None else "mass.left"
+    return Scene(
+        "platform",
+        (ground, table, slide, mass),
+        (
+            revolute("spindle", "ground.axle", "table.axle", "z"),
+            Joint("u", "table.rail", "slide.rail", ("x",)),
+            Joint("v", "slide.seat", seat, ("y",)),
+        ),
+        (Drive("spindle", "spindle", "rz", speed=speed), PointForce("push", seat, "x", "force", frame=seat)),
+        (
+            Encoder("d_u", "table.rail", seat, "x", frame="table.rail"),
+            Encoder("d_v", "table.rail", seat, "y", frame="table.rail"),
+        ),
+        (
+            SpringDamper("k_u", "table.rail", seat, "x", 1.0, 0.05, frame="table.rail"),
+            SpringDamper("k_v", "table.rail", seat, "y", 1.0, 0.05, frame="table.rail"),
+        ),
+        **{"damping_ratio": 0.0, **changes},
+    )
+
+
+POLES = {
+    0.1: (-0.027501 + 1.099691j, -0.022499 + 0.899691j),
+    0.7: (-0.042503 + 1.699841j, -0.007497 + 0.299841j),
+}
+"""T. Dehaeze, C. Collette, Eng. Res. Express 3 (2021) 015036: m = k = 1, c = 0.05."""
+
+
+@pytest.mark.parametrize("speed", POLES)
+def test_poles_of_the_rotating_platform(speed):
+    poles = linearize(platform(speed)).poles()
+    assert len(poles) == 4  # the drive holds the table
+    for pole in POLES[speed]:
+        assert np.abs(poles - pole).min() < 1e-5
+    with pytest.raises(ValueError, match="has a drive that sets the spin; give no angular_velocity"):
+        linearize(platform(speed), angular_velocity=(0, 0, 1.0))
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_the_way_round_of_the_rotating_platform(swapped):
+    """Turned about +z, a push along +u moves the mass to -v; a drive whose a is the table turns it the other way."""
+    speed, at = 0.1, 0.5j
+    scene = platform(-speed if swapped else speed)
+    if swapped:
+        scene = replace(scene, joints=(revolute("spindle", "table.axle", "ground.axle", "z"), *scene.joints[1:]))
+    a, b, c, d = linearize(scene).matrices
+    found = d + c @ np.linalg.solve(at * np.eye(len(a)) - a, b)
+    own, cross = 1 - speed**2 + at**2 + 0.05 * at, 2 * speed * at
+    np.testing.assert_allclose(found[:, 0], np.linalg.inv([[own, -cross], [cross, own]])[:, 0], rtol=1e-5)
+
+
+def test_the_rotating_platform_is_unstable_above_its_resonance():
+    assert np.abs(linearize(platform(1.1)).poles() - (0.002498 + 0.099934j)).min() < 1e-5
+
+
+def test_static_stiffness_of_the_rotating_platform():
+    """u = F (k - m W^2) / ((k - m W^2)^2) along the push, without Coriolis at rest."""
+    a, b, c, d = linearize(platform(0.5)).matrices
+    static = d - c @ np.linalg.solve(a, b)
+    np.testing.assert_allclose(static[:, 0], [1 / (1 - 0.25), 0.0], atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["rigid", "ffrf"])
+def test_the_rotating_platform_in_time(kind):
+    """Poles fitted to a simulated decay in the turning frame: 1 %."""
+    body = None
+    if kind == "ffrf":
+        reduced = craig_bampton(lattice(stiffness=1e6), n_modes=2, progress=False)
+        left = reduced.point("left").position
+        body = FlexibleBody("mass", reduced, position=-left, fidelity="ffrf")
+    scene = platform(0.7, body=body)
+    mass = 1.0 if body is None else body.reduced.mass
+    if body is not None:  # of the same frequencies, by springs and dampers as heavy
+        scene = replace(scene, springs=tuple(replace(s, stiffness=mass, damping=0.05 * mass) for s in scene.springs))
+    step = 0.01
+    time = np.arange(4001) * step
+    force = np.where(time < 2.0, mass * np.sin(np.pi * time / 2.0) ** 2, 0.0) * 1e-3
+    run = simulate(scene, history(time, force=force), time_step=step, spectral_radius=0.9, progress=False)
+    decay = run.values[1:, 300:]
+    decay = decay - 0.0
+    poles = decay_poles(decay, step, n_poles=6)
+    assert integrator_error(1.7 / (2 * np.pi), step)[0] < 1e-3
+    for pole in POLES[0.7]:
+        nearest = poles[np.argmin(np.abs(poles - pole))]
+        assert abs(nearest - pole) < 0.01 * abs(pole)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"actuators": (Drive("m", "shaft", "rz", "u"),)}, "unknown joint of drive 'm' 'shaft'; known: axle"),
+        ({"actuators": (Drive("m", "axle", "rx", "u"),)}, "joint 'axle' holds 'rx'; it leaves free: rz"),
+        ({"actuators": (Drive("m", "axle", "rz", "u"), Drive("n", "axle", "rz", "v"))}, "is driven more than once"),
+    ],
+)
+def test_drives_that_do_not_fit_are_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        replace(arm(speed=1.0), **change)
+
+
+def test_drives_check_themselves():
+    for options in ({}, {"input": "u", "speed": 1.0}):
+        with pytest.raises(ValueError, match="follows either an input or a constant speed"):
+            Drive("m", "axle", "rz", **options)
+    with pytest.raises(ValueError, match="unknown direction 'z axis'"):
+        Drive("m", "axle", "z axis", "u")
+
+
+def test_what_drives_cannot_do_is_told_before_long_work():
+    time = np.linspace(0, 1, 101)
+    with pytest.raises(ValueError, match="must start at 0, not at 1 rad"):
+        simulate(arm(input="turn"), history(time, turn=np.cos(time)), time_step=0.01, progress=False)
+    fast = arm(speed=1.0)
+    twice = (*fast.joints, Joint("lock", "base.axle", "arm.axle"))
+    with pytest.raises(ValueError, match=r"cannot be driven: other joints hold it already|cannot start at the speed"):
+        simulate(replace(fast, joints=twice[::-1]), history(time), time_step=0.01, progress=False)
+    with pytest.raises(ValueError, match="a part between the ground and what turns at constant speed"):
+        linearize(arm(speed=1.0))
+    with pytest.raises(ValueError, match="input 'turn' drives joint 'axle', which models of small motion hold still"):
+        linearize(arm(input="turn"))
