@@ -104,7 +104,8 @@ def transmission_zeros(system: StateSpace) -> Array:
     if system[3].shape[0] != system[3].shape[1]:
         n_out, n_in = system[3].shape
         raise ValueError(f"zeros need as many outputs as inputs, got {n_out} and {n_in}; choose some of them")
-    (a, b, c, d), size = _scaled(system)
+    # SciPy before 1.14 takes no empty matrices.
+    (a, b, c, d), size = _scaled(system) if len(system[0]) else (system, 1.0)
     while True:
         left, values, _ = np.linalg.svd(d)
         rank = int(np.sum(values > ROUNDING))
@@ -124,6 +125,8 @@ def transmission_zeros(system: StateSpace) -> Array:
     # Motions with inputs such that no output shows them, and their rates.
     motions = scipy.linalg.qr(np.hstack([c, d]).T)[0][:, len(d) :]
     states, rates = motions[: len(a)], np.hstack([a, b]) @ motions
+    if not rates.size:
+        return np.zeros(0, complex)
     result: Array = size * scipy.linalg.eigvals(rates, states).astype(complex)
     return result
 
