@@ -35,5 +35,7 @@ def test_wheel_holds_nassim_only(wheel_names):
 
 @pytest.mark.slow
 def test_wheel_holds_every_module(wheel_names):
-    modules = {f"nassim/{path.name}" for path in (ROOT / "nassim").glob("*.py")}
+    sources = (path for ending in ("py", "pyi") for path in (ROOT / "nassim").rglob(f"*.{ending}"))
+    modules = {path.relative_to(ROOT).as_posix() for path in sources}
+    assert "nassim/signals/__init__.pyi" in modules
     assert {name for name in wheel_names if name.startswith("nassim/")} - {"nassim/py.typed"} == modules
