@@ -23,7 +23,7 @@ from nassim import (
     static_response,
 )
 from nassim.base.checks import finite
-from nassim.scene.part import Actuator, Force, Reading, Row, Sensor
+from nassim.scene.part import Actuator, Force, ForceElement, Reading, Row, Sensor, Spring
 from nassim.simulation.linearization import linearize_closed
 from nassim.simulation.small_motion import assemble
 
@@ -246,3 +246,18 @@ def test_rows_that_an_engine_cannot_realise_are_refused(body, row, message):
 
     with pytest.raises(ValueError, match=message):
         static_response(scene(body, "ffrf", sensors=(Odd(),)))
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_springs_that_large_motion_does_not_know_are_refused(body, own):
+    @dataclass(frozen=True)
+    class Odd(ForceElement):
+        name: str = "odd"
+
+        def says(self, scene):
+            row = Row.between("ground.wall", "block.corner", LINE)
+            stretch = (("body", np.eye(len(body.mass_matrix))[7]),)
+            return (Spring(Row(row.points, own=stretch) if own else Row(row.points[1:]), 1e3),)
+
+    with pytest.raises(ValueError, match="a spring acts between two points, or within one body"):
+        static_response(scene(body, "ffrf", springs=(Odd(),)))

@@ -64,6 +64,8 @@ def add_spring(items: Items, word: Spring) -> None:
 
 def _add_along(items: Items, word: Spring, row: Row) -> None:
     """A spring between two points along a direction of the world, or of one of the points."""
+    if row.own or len(row.points) != 2:
+        raise ValueError("in large motion a spring acts between two points, or within one body")
     (a, along_a), (b, along_b) = row.points
     if np.any(along_b[3:]) or np.any(along_a + along_b):
         raise ValueError(f"between {a!r} and {b!r}: in large motion a spring acts on the distance along a direction")
