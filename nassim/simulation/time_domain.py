@@ -132,7 +132,8 @@ def _integrate(
     explicit: bool,
 ) -> Array:
     rates = {word.input: (signals[word.input][1]) / time_step for word in scene.said(Follow) if word.input}
-    system = build_system(assemble(scene), rates)
+    trapezoidal = spectral_radius == 1.0 and not explicit
+    system = build_system(assemble(scene), rates, compensate=time_step if trapezoidal else 0.0)
     if np.any(scene.gravity) and not released:
         solve_static(system)
         _warn_of_far_equilibrium(system)

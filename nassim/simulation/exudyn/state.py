@@ -10,6 +10,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 
 from nassim.base.checks import Array
+from nassim.simulation.compensation import prewarped
 from nassim.simulation.small_motion import Assembly, Circuit
 
 COORDINATES = (
@@ -156,28 +157,31 @@ def _angle(rotation: Array) -> float:
     return float(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1), -1.0, 1.0)))
 
 
-def small_motion_system(assembly: Assembly) -> System:
-    """The system of a scene in small motion: one object in minimal coordinates, so joints need no multipliers."""
+def small_motion_system(assembly: Assembly, compensate: float = 0.0) -> System:
+    """The system of a scene in small motion: one object in modal coordinates, so joints need no multipliers.
+
+    What the modes do not share is zero, so a step takes time in proportion to their number.
+    """
     scene = assembly.scene
     container = exu.SystemContainer()
     mbs = container.AddSystem()
-    n = len(assembly.mass)
-    forces = assembly.basis.T @ assembly.input_matrix
+    n, modes = len(assembly.frequency), assembly.basis @ assembly.shapes
+    mass, growth = prewarped(assembly.frequency, compensate)
+    forces = modes.T @ assembly.input_matrix
     node = mbs.AddNode(modal_node(n))
     mbs.AddObject(
         eii.ObjectGenericODE2(
             nodeNumbers=[node],
-            massMatrix=assembly.mass,
-            stiffnessMatrix=assembly.stiffness,
-            dampingMatrix=assembly.damping.matrix,
-            forceVector=assembly.basis.T @ assembly.weight,
+            massMatrix=_sparse(np.diag(mass)),
+            stiffnessMatrix=_sparse(np.diag((2 * np.pi * assembly.frequency) ** 2)),
+            dampingMatrix=_sparse(np.sqrt(growth)[:, None] * assembly.damping.of_modes * np.sqrt(growth)),
+            forceVector=modes.T @ assembly.weight,
         )
     )
     drives = [Push(add_forces(mbs, [node], n), name, forces[:, k]) for k, name in enumerate(scene.inputs)]
     for a in assembly.amplifiers:
-        pushes = assembly.basis.T @ a.forces
-        drives.append(Push(add_forces(mbs, [node], n), scene.inputs[a.input], pushes, rate=a.rate))
-    weights = assembly.output_matrix @ assembly.basis
+        drives.append(Push(add_forces(mbs, [node], n), scene.inputs[a.input], modes.T @ a.forces, rate=a.rate))
+    weights = assembly.output_matrix @ modes
     readings = {}
     for k, (name, derivative) in enumerate(zip(scene.outputs, assembly.derivatives, strict=True)):
         kind = COORDINATES[derivative]
@@ -185,11 +189,11 @@ def small_motion_system(assembly: Assembly) -> System:
         readings[name] = [Term.linear(mbs.AddSensor(sensor), weights[k])]
     circuits = []
     for circuit in assembly.circuits:
-        number, reading = add_circuit(mbs, circuit, [node], assembly.basis.T @ circuit.forces)
+        number, reading = add_circuit(mbs, circuit, [node], modes.T @ circuit.forces)
         circuits.append(number)
         readings[circuit.output].append(reading)
     bodies = [body for body in scene.bodies if body.name in assembly.slices]
-    carriers = {body.name: Carrier(((node, n),), assembly.basis[assembly.slices[body.name]]) for body in bodies}
+    carriers = {body.name: Carrier(((node, n),), modes[assembly.slices[body.name]]) for body in bodies}
     mbs.Assemble()
     return System(container, mbs, assembly, {}, carriers, tuple(drives), readings, tuple(circuits))
 
@@ -248,6 +252,15 @@ def find_accelerations(system: System, settings: Any) -> None:
     for number in system.circuits:
         mbs.SetObjectParameter(number, "massMatrix", np.zeros((0, 0)))
     settings.timeIntegration.generalizedAlpha.computeInitialAccelerations = False
+
+
+def _sparse(matrix: Array) -> Any:
+    result = exu.MatrixContainer()
+    rows, columns = np.nonzero(matrix)
+    result.SetWithSparseMatrix(
+        np.column_stack([rows, columns, matrix[rows, columns]]), *matrix.shape, useDenseMatrix=False
+    )
+    return result
 
 
 def modal_node(n: int) -> Any:
