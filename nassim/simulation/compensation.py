@@ -16,22 +16,22 @@ Source: as for frequency prewarping of Tustin's rule, K. J. Astrom, B. Wittenmar
 from dataclasses import replace
 
 import numpy as np
-import scipy
 
 from nassim.base.checks import Array
 from nassim.base.modal import eigenmodes
 from nassim.simulation.small_motion import Assembly
 
 FASTEST = 0.9
-"""Half a step's angle [rad] up to which a mode is compensated: 3.5 steps a period."""
-DEFORMING = 0.1
-"""Share of a mode's strain that bodies' deformation has, from which on their mass can make up for it."""
+"""Half a step's angle [rad] up to which a mode is compensated, 3.5 steps a period; faster ones get the same factor."""
+ROUNDS = 5
+"""In which modes that springs share in get from bodies what these must take over."""
+MOST = 0.6
+"""Share of a modal mass that is taken away at most: masses stay positive."""
 
 
 def prewarped(frequency: Array, time_step: float) -> tuple[Array, Array]:
-    """Factors of modal masses and of modal damping at frequencies, (n,) [Hz]; 1 for modes too fast for the step."""
-    x = np.pi * frequency * time_step
-    x = np.where(x < FASTEST, np.maximum(x, 1e-9), 1e-9)
+    """Factors of modal masses and of modal damping, (n,) each, at frequencies, (n,) [Hz]; 1 for free motions."""
+    x = np.clip(np.pi * frequency * time_step, 1e-9, FASTEST)
     mass = (x / np.tan(x)) ** 2
     return mass, mass * (1 + np.tan(x) ** 2)
 
@@ -39,21 +39,22 @@ def prewarped(frequency: Array, time_step: float) -> tuple[Array, Array]:
 def compensated(assembly: Assembly, time_step: float) -> tuple[Assembly, Array]:
     """The scene with damping ratios for a time step [s], and the mass to add on the deformation of its bodies, (m, m).
 
-    With D the deformation per unit of coordinates, K_f its stiffness and phi_j a mode of which its strain has the share
-    r_j, v_j = K_f D phi_j / (omega_j^2 r_j) finds the mode in the deformation: the mass is the sum of v_j v_j^T times
-    what each mode's lacks. Exact where only bodies deform; modes that springs share in get theirs to first order, and
-    those in which hardly a body deforms stay as the rule makes them: see `period_errors`.
+    With d_j the deformation in mode j and a_j what its mass lacks, the mass is the inverse of the sum of d_j d_j^T / a_j:
+    exact where only bodies deform, the largest that takes from no mode more than the largest a_j where springs do too.
+    What these lack is asked of the bodies again, as far as they have it: see `period_errors`. (For slow modes, a_j is
+    -h^2 omega_j^2 / 6 and the mass -h^2 / 6 times the bodies' stiffness: the rule of Fox and Goodwin.)
     """
-    damping, omega = assembly.damping, 2 * np.pi * assembly.frequency
+    damping, elastic = assembly.damping, ~assembly.free
     mass, ratio = prewarped(assembly.frequency, time_step)
-    bent = damping.deformation @ assembly.shapes
-    frames = [assembly.frames[body.name].stiffness_matrix for body in assembly.scene.deformable_bodies]
-    forces = scipy.linalg.block_diag(np.zeros((0, 0)), *frames) @ bent
-    strain = np.einsum("ij,ij->j", bent, forces) / np.where(omega, omega, 1.0) ** 2
-    found = (strain > DEFORMING) & (omega > 0)
-    forces = forces[:, found] / (omega**2 * strain)[found]
-    added: Array = (forces * (mass - 1)[found]) @ forces.T
-    return replace(assembly, damping=replace(damping, ratio=damping.ratio * np.where(found, ratio, 1.0))), added
+    wanted, shapes = 1 - mass[elastic], assembly.shapes[:, elastic]
+    bent = damping.root @ damping.deformation @ shapes
+    asked = wanted
+    for _ in range(ROUNDS):
+        taken = np.linalg.pinv((bent / asked) @ bent.T, rcond=1e-12, hermitian=True)
+        given = np.einsum("ij,ik,kj->j", bent, taken, bent)
+        asked = np.clip(asked * wanted / np.maximum(given, wanted / 10), wanted, MOST)
+    taken = np.linalg.pinv((bent / asked) @ bent.T, rcond=1e-12, hermitian=True)
+    return replace(assembly, damping=replace(damping, ratio=damping.ratio * ratio)), -damping.root.T @ taken @ damping.root
 
 
 def period_errors(assembly: Assembly, time_step: float) -> Array:
