@@ -54,7 +54,9 @@ def compensated(assembly: Assembly, time_step: float) -> tuple[Assembly, Array]:
         given = np.einsum("ij,ik,kj->j", bent, taken, bent)
         asked = np.clip(asked * wanted / np.maximum(given, wanted / 10), wanted, MOST)
     taken = np.linalg.pinv((bent / asked) @ bent.T, rcond=1e-12, hermitian=True)
-    return replace(assembly, damping=replace(damping, ratio=damping.ratio * ratio)), -damping.root.T @ taken @ damping.root
+    return replace(
+        assembly, damping=replace(damping, ratio=damping.ratio * ratio)
+    ), -damping.root.T @ taken @ damping.root
 
 
 def period_errors(assembly: Assembly, time_step: float) -> Array:

@@ -43,9 +43,7 @@ Added = tuple[int, Carrier, int, dict[Place, Grip], dict[Place, tuple[int, list[
 """Rigid node of a body, its carrier, its object, grips and pilots."""
 
 
-def build_system(
-    assembly: Assembly, rates: Mapping[str, float] | None = None, *, compensate: float = 0.0
-) -> System:
+def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, *, compensate: float = 0.0) -> System:
     """Build the Exudyn system of an assembled scene, with all inputs at zero.
 
     compensate: time step of the trapezoidal rule [s] whose error in periods is made up for; 0: of none
