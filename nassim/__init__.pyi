@@ -14,6 +14,9 @@ from . import (
     identification as identification,
 )
 from . import (
+    kinematics as kinematics,
+)
+from . import (
     plotting as plotting,
 )
 from . import (

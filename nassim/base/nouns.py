@@ -54,6 +54,7 @@ NOUNS: dict[str, str] = {
     "SpringDamper": "nassim.scene.mechanics",
     "StackActuator": "nassim.scene.piezo",
     "StackSensor": "nassim.scene.piezo",
+    "StewartPlatform": "nassim.kinematics.stewart",
     "Strain": "nassim.bodies.strain",
     "Superelement": "nassim.exchange.superelement",
     "Surface": "nassim.bodies.readouts",
