@@ -202,6 +202,9 @@ from .simulation.description import (
 from .simulation.linearization import (
     linearize as linearize,
 )
+from .simulation.scene_body import (
+    reduce_scene as reduce_scene,
+)
 from .simulation.time_domain import (
     simulate as simulate,
 )
