@@ -34,6 +34,7 @@ NOUNS: dict[str, str] = {
     "Material": "nassim.fem.materials",
     "ModalFit": "nassim.identification.modal_fit",
     "NearestTo": "nassim.fem.solid",
+    "NoiseBudget": "nassim.systems.noise_budget",
     "OnPlane": "nassim.fem.solid",
     "Optimum": "nassim.systems.root_locus",
     "OrderGuess": "nassim.exchange.row_order",
