@@ -58,6 +58,7 @@ NOUNS: dict[str, str] = {
     "Strain": "nassim.bodies.strain",
     "Superelement": "nassim.exchange.superelement",
     "Surface": "nassim.bodies.readouts",
+    "TabulatedSpectrum": "nassim.signals.spectra",
     "Target": "nassim.identification.calibration",
     "TimeHistory": "nassim.signals.time_history",
     "UnstablePole": "nassim.systems.linear_model",

@@ -35,6 +35,9 @@ from .frf import (
     estimate_frf as estimate_frf,
 )
 from .spectra import (
+    TabulatedSpectrum as TabulatedSpectrum,
+)
+from .spectra import (
     amplifier_noise as amplifier_noise,
 )
 from .spectra import (
@@ -42,9 +45,6 @@ from .spectra import (
 )
 from .spectra import (
     quantisation_noise as quantisation_noise,
-)
-from .spectra import (
-    tabulated_spectrum as tabulated_spectrum,
 )
 from .time_history import (
     TimeHistory as TimeHistory,

@@ -1,11 +1,12 @@
 """Spectra of noise: one-sided power spectral densities, as functions of frequency."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nassim.base.checks import Array, finite, finite_array, not_negative, positive
+from nassim.base.checks import Array, finite, finite_array, freeze, not_negative, positive
 
 Spectrum = Callable[[Array], Array]
 """One-sided power spectral density [unit^2/Hz] over frequency, (n,) [Hz]; its integral is the mean square."""
@@ -44,21 +45,30 @@ def quantisation_noise(step: float, *, sample_rate: float) -> Spectrum:
     return spectrum
 
 
-def tabulated_spectrum(frequency: ArrayLike, density: ArrayLike) -> Spectrum:
+@dataclass(frozen=True)
+class TabulatedSpectrum:
     """A measured spectrum, such as of a floor; straight lines on logarithmic axes between its points.
 
     frequency: (n,), ascending [Hz]; density: (n,) [unit^2/Hz]
 
-    Asked for frequencies outside the table, the spectrum raises ValueError: nobody knows what is there.
+    A function as the others. Asked for frequencies outside the table it raises ValueError: nobody knows what is there.
     """
-    x = finite_array("frequency", frequency, (None,))
-    y = finite_array("density", density, (len(x),))
-    if len(x) < 2 or np.any(np.diff(x) <= 0) or x[0] < 0:
-        raise ValueError("frequency must be ascending and not negative, at least two")
-    if y.min() < 0:
-        raise ValueError(f"density must not be negative, got {y.min():g} at {x[y.argmin()]:g} Hz")
 
-    def spectrum(frequency: Array) -> Array:
+    frequency: Array
+    density: Array
+
+    def __post_init__(self) -> None:
+        x = finite_array("frequency", self.frequency, (None,))
+        y = finite_array("density", self.density, (len(x),))
+        if len(x) < 2 or np.any(np.diff(x) <= 0) or x[0] < 0:
+            raise ValueError("frequency must be ascending and not negative, at least two")
+        if y.min() < 0:
+            raise ValueError(f"density must not be negative, got {y.min():g} at {x[y.argmin()]:g} Hz")
+        freeze(self, frequency=x, density=y)
+
+    def __call__(self, frequency: Array) -> Array:
+        """Density at frequencies, (n,) [unit^2/Hz]."""
+        x, y = self.frequency, self.density
         low, high = float(np.min(frequency)), float(np.max(frequency))
         if low < x[0] * (1 - 1e-9) or high > x[-1] * (1 + 1e-9):
             raise ValueError(
@@ -72,8 +82,6 @@ def tabulated_spectrum(frequency: ArrayLike, density: ArrayLike) -> Spectrum:
             power = y0 * (frequency / x0) ** (np.log(y1 / y0) / np.log(x1 / x0))
         result: Array = np.where(usable, power, y0 + (y1 - y0) * (frequency - x0) / (x1 - x0))
         return result
-
-    return spectrum
 
 
 def differentiated(spectrum: Spectrum, times: int = 1) -> Spectrum:
@@ -107,11 +115,11 @@ def spectrum_values(name: str, spectrum: Spectrum | ArrayLike, given: Array, fre
     elif np.shape(spectrum) == given.shape:
         checked = finite_array(label, spectrum, given.shape)
         _refuse_negative(label, given, checked)
-        values = tabulated_spectrum(given, checked)(frequency)
+        values = TabulatedSpectrum(given, checked)(frequency)
     else:
         raise ValueError(
             f"{label} has shape {np.shape(spectrum)}, but there are {len(given)} frequencies; one value for each, or "
-            "tabulated_spectrum for a table with frequencies of its own"
+            "TabulatedSpectrum for a table with frequencies of its own"
         )
     if np.shape(values) != frequency.shape:
         raise ValueError(f"{label} gives shape {np.shape(values)} at {len(frequency)} frequencies; one value for each")

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite, finite_array, freeze, known, unique
-from nassim.signals.spectra import Spectrum, spectrum_values
+from nassim.signals.spectra import Spectrum, TabulatedSpectrum, spectrum_values
 from nassim.systems.linear_model import LinearModel, Names, frequency_response, names, unstable_poles
 
 UNDAMPED = 1e-9
@@ -88,11 +88,12 @@ class NoiseBudget:
 
         A third of what leaving out every second frequency changes, as of a rule of second order.
         """
-        keep = np.union1d(np.arange(0, len(self.frequency), 2), len(self.frequency) - 1)
-        fine = self.rms()
-        coarse = np.sqrt(_strips(self.frequency[keep], self.psd[..., keep]).sum(axis=-1))
+        fine, last = self.rms(), len(self.frequency) - 1
+        # Both halves: a line in the spectrum lies in one of them only.
+        halves = (np.union1d(np.arange(start, last, 2), [0, last]) for start in (0, 1))
+        coarse = [np.sqrt(_strips(self.frequency[k], self.psd[..., k]).sum(axis=-1)) for k in halves]
         total = np.sqrt((fine**2).sum(axis=1, keepdims=True))
-        result: Array = np.abs(coarse - fine) / 3 / np.where(total > 0, total, 1.0)
+        result: Array = np.abs(np.array(coarse) - fine).max(axis=0) / 3 / np.where(total > 0, total, 1.0)
         return result
 
     def table(self, low: float | None = None, high: float | None = None) -> str:
@@ -122,7 +123,7 @@ def noise_budget(
         `nassim.signals.spectra`), a value at each frequency, (n,), or a number for white noise. Inputs without one are
         quiet. Of a sampled model they are spectra of the samples, up to half the sample rate.
     frequency: (n,), ascending [Hz]; its ends are the band, and points are added where it is too coarse for the
-        model's resonances: the budget's own `frequency` has them all
+        model's resonances, and those of tables: the budget's own `frequency` has them all
     outputs: one name or several; None for all
 
     Disturbances that are correlated: make them one input (`nassim.systems.with_inputs`). Warns where the frequencies
@@ -138,7 +139,7 @@ def noise_budget(
     chosen = model.outputs if outputs is None else names("output", outputs)
     rows = [model.outputs.index(known("output", name, model.outputs)) for name in chosen]
     columns = [model.inputs.index(name) for name in inputs]
-    points = _with_resonances(model, given)
+    points = _with_resonances(model, _with_tables(spectra, given))
     densities = np.array([spectrum_values(name, spectra[name], given, points) for name in inputs])
     units = tuple(model.units[k] for k in rows) if model.units else ()
     part = LinearModel(
@@ -176,6 +177,13 @@ def _band(frequency: ArrayLike, time_step: float | None) -> Array:
             f"{band[-1]:g} Hz"
         )
     return band
+
+
+def _with_tables(spectra: Mapping[str, Spectrum | ArrayLike], frequency: Array) -> Array:
+    """Frequencies (n,) and those of tables, between which a table may have a line [Hz]."""
+    tables = [spectrum.frequency for spectrum in spectra.values() if isinstance(spectrum, TabulatedSpectrum)]
+    every = np.unique(np.concatenate([frequency, *tables]))
+    return every[(every >= frequency[0]) & (every <= frequency[-1])]
 
 
 def _with_resonances(model: LinearModel, frequency: Array) -> Array:
