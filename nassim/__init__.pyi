@@ -223,6 +223,12 @@ from .systems.linear_model import (
 from .systems.linear_model import (
     frequency_response as frequency_response,
 )
+from .systems.noise_budget import (
+    NoiseBudget as NoiseBudget,
+)
+from .systems.noise_budget import (
+    noise_budget as noise_budget,
+)
 
 __version__: str
 from .scene.mechanics import (

@@ -1,9 +1,11 @@
 """The linear model of a scene: small motion about its start, at rest or spinning, with loops open or closed."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nassim.base.checks import Array
+from nassim.base.checks import Array, known, unique
 from nassim.scene.part import Constraint, Follow, Force, Reading, SixSprings, Spring
 from nassim.scene.scene import Scene
 from nassim.simulation.small_motion import Assembly, assemble
@@ -151,22 +153,31 @@ def state_space(assembly: Assembly, spin: Spinning | None = None) -> StateSpace:
 def linearize_closed(
     scene: Scene,
     *,
+    loops: Sequence[str] | None = None,
+    noise: bool = False,
     continuous: bool = False,
     delay_order: int = DELAY_ORDER,
     angular_velocity: ArrayLike = STANDING,
     axis_point: ArrayLike = STANDING,
 ) -> LinearModel:
-    """The linear model of a scene with all its loops closed, their converters and limits left out.
+    """The linear model of a scene with its loops closed, their converters and limits left out.
 
+    loops: names of those to close (None: all), the others stay open, to be designed or cut: with one loop left out,
+        `nassim.systems.open_loop` of its controller is that loop while the others run
+    noise: give it inputs for the noise of what loops measure, see `nassim.systems.close_loop`
     angular_velocity, axis_point: of a scene that turns as a whole, see `linearize`
 
     The model is sampled at the loops' rate: what a simulation without saturation does at its samples, exactly, with the
     excitation held between them. continuous: the continuous equivalent instead, with delay and hold by Pade's
-    approximation of delay_order. Raises ValueError for a scene without loops, and for several rates unless continuous.
+    approximation of delay_order. Raises ValueError for a scene without loops, for an unknown one, and for several rates
+    unless continuous.
     """
-    rates = {loop.controller.sample_rate for loop in scene.loops}
-    if not rates:
+    if not scene.loops:
         raise ValueError(f"scene {scene.name!r} has no loops; linearize serves")
+    known_loops = [loop.name for loop in scene.loops]
+    wanted = known_loops if loops is None else [known("loop", n, known_loops) for n in unique("loop", loops)]
+    closed = [loop for loop in scene.loops if loop.name in wanted]
+    rates = {loop.controller.sample_rate for loop in closed or scene.loops}
     if len(rates) > 1 and not continuous:
         raise ValueError(
             f"the loops of scene {scene.name!r} have several sample rates; only the continuous model has all"
@@ -174,6 +185,13 @@ def linearize_closed(
     model = linearize(scene, angular_velocity=angular_velocity, axis_point=axis_point)
     if not continuous:
         model = sampled(model, rates.pop())
-    for loop in scene.loops:
-        model = close_loop(model, loop.controller, measured=loop.measured, driven=loop.driven, delay_order=delay_order)
+    for loop in closed:
+        model = close_loop(
+            model,
+            loop.controller,
+            measured=loop.measured,
+            driven=loop.driven,
+            delay_order=delay_order,
+            noise=noise,
+        )
     return model
