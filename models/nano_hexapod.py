@@ -43,6 +43,8 @@ BASE_MASS, TOP_MASS = 3.87, 5.19
 """Of the plates [kg], if of steel: from the volumes of public CAD."""
 PLATE_RADIUS = 0.15
 """Of both [m], assumed; the joints lie on 110 and 114 mm."""
+PLATE_HEIGHT = 9.4e-3
+"""Of the top one [m], which with this radius has its mass."""
 PAYLOAD_RADIUS = 0.1
 """Of the usual payload, a steel cylinder [m], assumed."""
 PAD_RADIUS, CENTRE_RADIUS = 12e-3, 30e-3
@@ -104,7 +106,7 @@ def rigid_plate(
     *,
     mass: float = TOP_MASS,
     radius: float = PLATE_RADIUS,
-    height: float = 10e-3,
+    height: float = PLATE_HEIGHT,
 ) -> RigidBody:
     """A top plate that is a rigid disc below M [kg], [m]. The published model's: 1 kg, 100 mm, 10 mm."""
     centre = np.array([0, 0, platform.height - height / 2])
@@ -117,7 +119,7 @@ def flexible_plate(
     platform: StewartPlatform = NANO_HEXAPOD,
     *,
     fidelity: str = "linear",
-    height: float = 9.4e-3,
+    height: float = PLATE_HEIGHT,
     radius: float = PLATE_RADIUS,
     element_size: float = 20e-3,
     order: int = 2,
