@@ -127,6 +127,18 @@ from .scene.bodies import (
 from .scene.drives import (
     Drive as Drive,
 )
+from .scene.instruments import (
+    Accelerometer as Accelerometer,
+)
+from .scene.instruments import (
+    ForceSensor as ForceSensor,
+)
+from .scene.instruments import (
+    Geophone as Geophone,
+)
+from .scene.instruments import (
+    Vibrometer as Vibrometer,
+)
 from .scene.joints import (
     Joint as Joint,
 )

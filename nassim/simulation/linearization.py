@@ -29,9 +29,9 @@ def linearize(scene: Scene, *, angular_velocity: ArrayLike = STANDING, axis_poin
         that turn. See `nassim.simulation.spinning` for what it holds and leaves out.
 
     The states are the minimal coordinates' modal amplitudes, of the scene at rest, and their rates, then the charges of
-    ports that leak (as volts) and the outputs of amplifiers with a bandwidth. The scene's loops are open. Gravity's
-    effect on stiffness and a body's own angular_velocity are not part of it. Raises ValueError for a spin without an
-    equilibrium near the start.
+    ports that leak (as volts), the outputs of amplifiers with a bandwidth and the states of sensors' filters. The
+    scene's loops are open. Gravity's effect on stiffness and a body's own angular_velocity are not part of it. Raises
+    ValueError for a spin without an equilibrium near the start, and for inertial sensors in it.
     """
     refuse_driven(scene)
     assembly = assemble(scene)
@@ -105,7 +105,8 @@ def spinning_equilibrium(
     for j, circuit in enumerate(assembly.circuits, start=2 * len(spin.equilibrium)):
         at_rest[j] = circuit.forces @ assembly.basis @ spin.equilibrium / circuit.capacitance
     # Accelerations of what rests vanish but for rounding.
-    values: Array = readings @ at_rest * (np.array(assembly.derivatives) == 0)
+    modes, n = assembly.basis @ assembly.shapes, len(spin.equilibrium)
+    values: Array = (readings - assembly.acceleration_matrix @ modes @ state[n : 2 * n]) @ at_rest
     return dict(zip(scene.outputs, map(float, values), strict=True))
 
 
@@ -113,13 +114,14 @@ def state_space(assembly: Assembly, spin: Spinning | None = None) -> StateSpace:
     """A, B, C and D of an assembled scene; the last column of B and D is gravity, a constant input of one.
 
     spin: of a scene that turns, in whose frame gravity is constant along the axis only
-    States: modal amplitudes and their rates, then the charges of circuits (as volts) and the amplifiers' outputs.
+    States: modal amplitudes and their rates, then the charges of circuits (as volts), the amplifiers' outputs and what
+    filters of outputs keep.
     """
     a = assembly
     omega = 2 * np.pi * a.frequency
     n, n_in, n_out = len(omega), a.input_matrix.shape[1], len(a.output_matrix)
     modes = a.basis @ a.shapes
-    size = 2 * n + len(a.circuits) + len(a.amplifiers)
+    size = 2 * n + len(a.circuits) + len(a.amplifiers) + sum(len(system[0]) for system in a.filters.values())
     state, drives = np.zeros((size, size)), np.zeros((size, n_in + 1))
     readings, feedthrough = np.zeros((n_out, size)), np.zeros((n_out, n_in + 1))
     velocity = slice(n, 2 * n)
@@ -127,6 +129,7 @@ def state_space(assembly: Assembly, spin: Spinning | None = None) -> StateSpace:
     state[velocity, :n] = -np.diag(omega**2)
     state[velocity, velocity] = -a.damping.of_modes
     if spin is not None:
+        _refuse_inertial(a, spin)
         state[velocity, :n] -= a.shapes.T @ spin.stiffness @ a.shapes
         state[velocity, velocity] -= a.shapes.T @ spin.gyroscopic @ a.shapes
     drives[velocity, :n_in], drives[velocity, n_in] = modes.T @ a.input_matrix, modes.T @ a.weight
@@ -141,13 +144,37 @@ def state_space(assembly: Assembly, spin: Spinning | None = None) -> StateSpace:
         state[velocity, j] = modes.T @ amplifier.forces
         state[j, j] = -amplifier.rate
         drives[j, amplifier.input] = amplifier.rate
-    for k, (row, derivative) in enumerate(zip(a.output_matrix @ modes, a.derivatives, strict=True)):
-        if derivative == 2:
-            readings[k] += row @ state[velocity]
-            feedthrough[k] = row @ drives[velocity]
-        else:
-            readings[k, derivative * n : (derivative + 1) * n] += row
+    readings[:, :n] += a.output_matrix @ modes
+    readings[:, velocity] += a.velocity_matrix @ modes
+    readings += a.acceleration_matrix @ modes @ state[velocity]
+    feedthrough += a.acceleration_matrix @ modes @ drives[velocity]
+    _filter(a, state, drives, readings, feedthrough)
     return state, drives, readings, feedthrough
+
+
+def _refuse_inertial(a: Assembly, spin: Spinning) -> None:
+    """ValueError for filtered outputs and inertial ones in a frame that turns, where the table's turn counts too."""
+    read = [*a.filters, *(word.output for word in a.words if isinstance(word, Reading) and word.inertial)]
+    if read and np.any(spin.gyroscopic):
+        raise ValueError(
+            f"output {read[0]!r} reads motion against inertial space, or through a filter, which a linear model of a "
+            "scene that spins does not know: simulate in time, or read velocity against the table (Vibrometer)"
+        )
+
+
+def _filter(a: Assembly, state: Array, drives: Array, readings: Array, feedthrough: Array) -> None:
+    """Let outputs pass their filters, whose states are the last ones."""
+    end = len(state) - sum(len(system[0]) for system in a.filters.values())
+    for output, (fa, fb, fc, fd) in a.filters.items():
+        k, place = a.scene.outputs.index(output), slice(end, end + len(fa))
+        ground = np.append(a.ground_matrix[k], 0.0)
+        state[place] = np.outer(fb[:, 0], readings[k])
+        state[place, place] = fa
+        drives[place] = fb @ np.vstack([feedthrough[k], ground])
+        readings[k] *= fd[0, 0]
+        readings[k, place] = fc[0]
+        feedthrough[k] = (fd @ np.vstack([feedthrough[k], ground]))[0]
+        end = place.stop
 
 
 def linearize_closed(
