@@ -1,15 +1,17 @@
 """The linear model of a scene: small motion about its start, at rest or spinning, with loops open or closed."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, known, unique
-from nassim.scene.part import Constraint, Follow, Force, Reading, SixSprings, Spring
+from nassim.scene.part import Constraint, Follow, Reading
 from nassim.scene.scene import Scene
 from nassim.simulation.small_motion import Assembly, assemble
 from nassim.simulation.spinning import Spinning, spinning
+from nassim.simulation.standing import FRAMES, Parted, View, check_constant, damps_both, standing_bodies
 from nassim.systems.feedback import DELAY_ORDER, close_loop
 from nassim.systems.linear_model import LinearModel, sampled, unstable_poles
 from nassim.systems.state_space import StateSpace
@@ -18,28 +20,37 @@ STANDING = (0.0, 0.0, 0.0)
 """No angular velocity, and the origin."""
 
 
-def linearize(scene: Scene, *, angular_velocity: ArrayLike = STANDING, axis_point: ArrayLike = STANDING) -> LinearModel:
+def linearize(
+    scene: Scene,
+    *,
+    angular_velocity: ArrayLike = STANDING,
+    axis_point: ArrayLike = STANDING,
+    standing: Sequence[str] | None = None,
+    frame: str = "turning",
+) -> LinearModel:
     """The scene's linear model about its start, with the damping of its modes, bodies and dampers.
 
-    A scene with a drive of constant speed in a joint to a fixed body is that of the turning table, at this speed.
+    A drive of constant speed sets what turns, and how fast; all else stands, as the ground does.
 
     angular_velocity: constant, of a scene that turns as a whole, fixed bodies too, (3,) [rad/s]; axis_point: a point of
         its axis, (3,) [m]. The scene is then as seen from the table that turns: its axes turn, signals read motion
         against the table, the model is about the equilibrium under centrifugal forces, and damping is of the parts
         that turn. See `nassim.simulation.spinning` for what it holds and leaves out.
+    standing: names of all bodies that stand, fixed ones too, while the others turn; None: with a drive those that are
+        tied to the ground rather than to what it turns, without one no body
+    frame: whose motion the states are where a part stands, "turning" or "standing". The world's axes stand, those of a
+        point turn with its body; readings of a turn are what it deviates from the steady one. The other side must be
+        rigid and the same in all directions across the axis, see `nassim.simulation.standing`; the scene's
+        damping_ratio is then, as in floating frames, one of the bodies' deformation
 
     The states are the minimal coordinates' modal amplitudes, of the scene at rest, and their rates, then the charges of
     ports that leak (as volts), the outputs of amplifiers with a bandwidth and the states of sensors' filters. The
-    scene's loops are open. Gravity's effect on stiffness and a body's own angular_velocity are not part of it. Raises
-    ValueError for a spin without an equilibrium near the start, and for inertial sensors in it.
+    scene's loops are open. Gravity's effect on stiffness and a body's own angular_velocity are not part of it. A model
+    may be unstable: `unstable_poles` tells. Raises ValueError for a spin without an equilibrium near the start, for
+    inertial sensors in it, and for a part, by name, that changes the model as the scene turns.
     """
     refuse_driven(scene)
-    assembly = assemble(scene)
-    if scene.speeds:
-        if np.any(angular_velocity):
-            raise ValueError(f"scene {scene.name!r} has a drive that sets the spin; give no angular_velocity")
-        angular_velocity, axis_point = spin_of_drive(scene)
-    a, b, c, d = state_space(assembly, spinning(assembly, angular_velocity, axis_point))
+    a, b, c, d = state_space(*spun(scene, angular_velocity, axis_point, standing, frame))
     return LinearModel(a, b[:, :-1], c, d[:, :-1], scene.inputs, scene.outputs, scene.output_units)
 
 
@@ -53,47 +64,54 @@ def refuse_driven(scene: Scene) -> None:
             )
 
 
-def spin_of_drive(scene: Scene) -> tuple[Array, Array]:
-    """Angular velocity of a scene's drive of constant speed, (3,) [rad/s], and a point of its axis, (3,) [m].
+def spun(
+    scene: Scene, angular_velocity: ArrayLike, axis_point: ArrayLike, standing: Sequence[str] | None, frame: str
+) -> tuple[Assembly, Spinning]:
+    """An assembled scene, with the damping that it has at speed, and what its spin adds; arguments as of `linearize`.
 
-    Raises ValueError for several such drives, for one that shifts, and where not everything that moves turns with it:
-    the model would change while it turns.
+    Raises ValueError for several drives of constant speed, and for one that shifts.
     """
-    (word, *others) = scene.speeds
-    joint = next(joint for joint in scene.said(Constraint) if joint.name == word.constraint)
-    if others or not word.direction.startswith("r"):
-        raise ValueError(f"scene {scene.name!r}: a linear model is about one drive that turns at constant speed")
-    still = [body.name for body in scene.bodies if not body.moves]
-    ends = [path.partition(".")[0] in still for path in (joint.a, joint.b)]
-    if sum(ends) != 1:
-        raise ValueError(f"joint {joint.name!r}: a drive of constant speed needs a fixed body on one side")
-    for other in scene.words:
-        if isinstance(other, (Constraint, SixSprings)):
-            paths: tuple[str, ...] = (other.a, other.b)
-        elif isinstance(other, (Spring, Reading, Force)):
-            paths = other.row.paths
-        else:
-            continue
-        if other is not joint and any(path.partition(".")[0] in still for path in paths):
-            raise ValueError(
-                f"{' and '.join(paths)}: a part between the ground and what turns at constant speed makes the model "
-                "change as it turns; let it be on the turning table, or simulate in time"
-            )
-    axis = joint.axes[:, "xyz".index(word.direction[1])]
-    sign = 1.0 if ends[0] else -1.0
-    return sign * word.speed * axis, scene.point_position(joint.a)
+    assembly = assemble(scene)
+    known("frame", frame, FRAMES)
+    stand = frozenset(known("body", name, [body.name for body in scene.bodies]) for name in standing or ())
+    if scene.speeds:
+        if np.any(angular_velocity):
+            raise ValueError(f"scene {scene.name!r} has a drive that sets the spin; give no angular_velocity")
+        (word, *others) = scene.speeds
+        joint = next(joint for joint in scene.said(Constraint) if joint.name == word.constraint)
+        if others or not word.direction.startswith("r"):
+            raise ValueError(f"scene {scene.name!r}: a linear model is about one drive that turns at constant speed")
+        axis = joint.axes[:, "xyz".index(word.direction[1])]
+        stand = stand if standing is not None else standing_bodies(assembly, joint, axis)
+        ends = [path.partition(".")[0] in stand for path in (joint.a, joint.b)]
+        if sum(ends) != 1:
+            raise ValueError(f"joint {joint.name!r}: a drive of constant speed turns one side, and the other stands")
+        angular_velocity = (1.0 if ends[0] else -1.0) * word.speed * axis
+        axis_point = scene.point_position(joint.a)
+    elif not np.any(angular_velocity) or not stand:
+        return assembly, spinning(assembly, angular_velocity, axis_point)
+    parted = Parted(*(np.asarray(value, dtype=float) for value in (angular_velocity, axis_point)), stand, frame)
+    view = View(assembly, parted)
+    check_constant(view)
+    if damps_both(view):
+        assembly = replace(assembly, damping=assembly.damping.of_deformation)
+    return assembly, spinning(assembly, parted.velocity, parted.point, parted)
 
 
 def spinning_equilibrium(
-    scene: Scene, *, angular_velocity: ArrayLike, axis_point: ArrayLike = STANDING
+    scene: Scene,
+    *,
+    angular_velocity: ArrayLike = STANDING,
+    axis_point: ArrayLike = STANDING,
+    standing: Sequence[str] | None = None,
+    frame: str = "turning",
 ) -> dict[str, float]:
     """Outputs of a scene at rest on a table that turns: what centrifugal forces do, without gravity and inputs.
 
     Arguments as of `linearize`; loops are open. Raises ValueError where there is no equilibrium within small motion,
     and where it is unstable.
     """
-    assembly = assemble(scene)
-    spin = spinning(assembly, angular_velocity, axis_point)
+    assembly, spin = spun(scene, angular_velocity, axis_point, standing, frame)
     state, _, readings, _ = state_space(assembly, spin)
     growing = unstable_poles(
         LinearModel(state, np.zeros((len(state), 0)), np.zeros((0, len(state))), np.zeros((0, 0)), (), ())
@@ -186,13 +204,15 @@ def linearize_closed(
     delay_order: int = DELAY_ORDER,
     angular_velocity: ArrayLike = STANDING,
     axis_point: ArrayLike = STANDING,
+    standing: Sequence[str] | None = None,
+    frame: str = "turning",
 ) -> LinearModel:
     """The linear model of a scene with its loops closed, their converters and limits left out.
 
     loops: names of those to close (None: all), the others stay open, to be designed or cut: with one loop left out,
         `nassim.systems.open_loop` of its controller is that loop while the others run
     noise: give it inputs for the noise of what loops measure, see `nassim.systems.close_loop`
-    angular_velocity, axis_point: of a scene that turns as a whole, see `linearize`
+    angular_velocity, axis_point, standing, frame: of a scene that turns, see `linearize`
 
     The model is sampled at the loops' rate: what a simulation without saturation does at its samples, exactly, with the
     excitation held between them. continuous: the continuous equivalent instead, with delay and hold by Pade's
@@ -209,7 +229,7 @@ def linearize_closed(
         raise ValueError(
             f"the loops of scene {scene.name!r} have several sample rates; only the continuous model has all"
         )
-    model = linearize(scene, angular_velocity=angular_velocity, axis_point=axis_point)
+    model = linearize(scene, angular_velocity=angular_velocity, axis_point=axis_point, standing=standing, frame=frame)
     if not continuous:
         model = sampled(model, rates.pop())
     for loop in closed:

@@ -188,7 +188,9 @@ def sampled(scene, offset=0.0, n_steps=600):
     model = linearize(scene)
     time = STEP * np.arange(n_steps + 1)
     shape = np.sin(np.pi * np.minimum(time / (150 * STEP), 1.0)) ** 2 + offset
-    _, found, _ = scipy.signal.lsim((model.A, model.B, model.C, model.D), np.tile(shape, (len(model.inputs), 1)).T, time)
+    _, found, _ = scipy.signal.lsim(
+        (model.A, model.B, model.C, model.D), np.tile(shape, (len(model.inputs), 1)).T, time
+    )
     return dict(zip(model.outputs, found.T, strict=True))
 
 
