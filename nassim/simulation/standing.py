@@ -11,7 +11,7 @@ bearings that stand do in the frame of a rotor, and can drive them.
 
 The model does not change in time where the frame sees the same whatever the angle: guests have equal moments of inertia
 across the axis, and what ties them to each other, to the ground and to the others is the same in all directions across
-it, as three equal bushings around the axis are. That is checked at odd angles; signals must read and push the same, too.
+it, as three equal bushings around the axis are. Odd angles are tried; signals must read and push the same, too.
 What the forces of an unbalance stiffen is taken as it is at the start.
 
 Source: G. Genta, Dynamics of Rotating Systems, Springer (2005), ch. 6, on rotors and stators without symmetry.
