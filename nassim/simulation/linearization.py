@@ -90,7 +90,7 @@ def spun(
         axis_point = scene.point_position(joint.a)
     elif not np.any(angular_velocity) or not stand:
         return assembly, spinning(assembly, angular_velocity, axis_point)
-    parted = Parted(*(np.asarray(value, dtype=float) for value in (angular_velocity, axis_point)), stand, frame)
+    parted = Parted(np.asarray(angular_velocity, dtype=float), np.asarray(axis_point, dtype=float), stand, frame)
     view = View(assembly, parted)
     check_constant(view)
     if damps_both(view):

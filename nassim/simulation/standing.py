@@ -28,7 +28,20 @@ from scipy.spatial.transform import Rotation
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import DIRECTIONS, rigid_motions, skew
 from nassim.scene.bodies import Body, FlexibleBody
-from nassim.scene.part import Constraint, Field, Follow, Force, Leak, Reading, Row, SixSprings, Spring, Word
+from nassim.scene.part import (
+    Constraint,
+    Field,
+    Filter,
+    Follow,
+    Force,
+    Leak,
+    Reading,
+    Row,
+    SixSprings,
+    Spring,
+    Tension,
+    Word,
+)
 from nassim.scene.scene import Scene
 from nassim.simulation.rows import bushing_rows, shares
 from nassim.simulation.small_motion import Assembly
@@ -98,7 +111,10 @@ class Parted:
         if isinstance(word, SixSprings):
             guests = [self.is_guest(_body(path)) for path in (word.a, word.b)]
             return replace(word, axes=self.turn(angle * sum(guests) / 2) @ word.axes)
-        if isinstance(word, Follow) or not isinstance(word.row, Row) or word.row.within:
+        if isinstance(word, Tension):
+            spring = self.said(word.spring, angle)
+            return replace(word, spring=spring) if isinstance(spring, (Spring, SixSprings)) else word
+        if isinstance(word, (Follow, Filter)) or not isinstance(word.row, Row) or word.row.within:
             return word
         both = np.kron(np.eye(2), self.turn(angle * self.is_guest(_body(word.row.frame))))
         points = tuple((path, both @ weights) for path, weights in word.row.points)
@@ -148,8 +164,10 @@ class View:
 
 def word_rows(assembly: Assembly, scene: Scene, word: Word) -> Array:
     """What a word counts on all coordinates of an assembly whose bodies stand as in a scene, (m, n_all)."""
-    if isinstance(word, Follow):
+    if isinstance(word, (Follow, Filter)):
         return np.zeros((0, len(assembly.basis)))
+    if isinstance(word, Tension):
+        return word_rows(assembly, scene, word.spring)
     if isinstance(word, Field):
         weights = {name: scene.split(f"{name}.")[0].weight(word.direction) for name in assembly.slices}
         return _gathered(assembly, weights)[None]
@@ -248,15 +266,15 @@ def standing_bodies(assembly: Assembly, joint: Constraint, axis: Array) -> froze
                 groups = {name: first if group in others else group for name, group in groups.items()}
             else:
                 loose.append(set(ends))
-    ground = next((groups[body.name] for body in scene.bodies if not body.moves), None)
-    ends = [groups[_body(path)] for path in (joint.a, joint.b)]
-    if ends.count(ground) != 1:
+    ground = next((groups[body.name] for body in scene.bodies if not body.moves), "")
+    sides_of_joint = [groups[_body(path)] for path in (joint.a, joint.b)]
+    if sides_of_joint.count(ground) != 1:
         raise ValueError(
             f"joint {joint.name!r}: a drive of constant speed needs a fixed body on one side, or one that is tied to "
             "such a body by what resists the turn; and no such tie on the other side. Or say which bodies stand: "
             "linearize(..., standing=[...])"
         )
-    turning = ends[1 - ends.index(ground)]
+    turning = sides_of_joint[1 - sides_of_joint.index(ground)]
     sides = {group: group for group in groups.values()}
     while True:
         found = dict(sides)

@@ -1,26 +1,20 @@
 """Sensors of force, velocity and acceleration: closed forms, every engine against the linear model, large motion."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import scipy.integrate
 import scipy.signal
 from conftest import lattice
-from newton_euler import integrate, wrench
 from scipy.spatial.transform import Rotation
 
 from nassim import (
     Accelerometer,
     Bushing,
-    Controller,
-    Drive,
     FlexibleBody,
     ForceSensor,
     Geophone,
     GroundAcceleration,
     Joint,
-    Loop,
     PointForce,
     RigidBody,
     Scene,
@@ -32,9 +26,8 @@ from nassim import (
     frequency_response,
     linearize,
     simulate,
-    static_response,
 )
-from nassim.scene.joints import prismatic, revolute
+from nassim.scene.joints import prismatic
 
 STEP = 2e-5
 ALONG = np.array([0.48, -0.6, 0.64])

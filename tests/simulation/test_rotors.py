@@ -25,11 +25,9 @@ from nassim import (
     linearize,
     revolute,
     simulate,
-    spherical,
 )
 from nassim.base.modal import decay_poles
 from nassim.base.rigid_motion import axes_along, rigid_transfer, skew
-from nassim.simulation.linearization import spinning_equilibrium
 from nassim.systems.linear_model import unstable_poles
 
 AXIS = np.array([2.0, -1.0, 2.0]) / 3
@@ -215,14 +213,18 @@ def rigid_machine(speed, *, k=(4e5, 4e5), arms=3, wobble=0.0, transverse=0.03, t
     foundation = RigidBody("foundation", held, 8.0, inertia, POINT + axes @ middle)
     spread = axes @ np.diag([transverse, transverse * (1 + turned), 0.045]) @ axes.T
     spots = {name: axes @ (at - centre) for name, at in bearings.items()}
-    rotor = RigidBody("rotor", {**spots, "top": 0.18 * AXIS, "rim": 0.1 * axes[:, 0]}, 3.0, spread, POINT + axes @ centre)
+    rotor = RigidBody(
+        "rotor", {**spots, "top": 0.18 * AXIS, "rim": 0.1 * axes[:, 0]}, 3.0, spread, POINT + axes @ centre
+    )
     feet = []
     for j, t in enumerate(around):
         turn = np.array([[np.cos(t), -np.sin(t), 0], [np.sin(t), np.cos(t), 0], [0, 0, 1.0]])
         figures = np.array([2e5, 3e5, 6e5, 200.0, 300.0, 150.0])
         feet.append(Bushing(f"leg {j}", f"ground.leg {j}", f"foundation.leg {j}", figures, 1e-4 * figures, axes @ turn))
     springs = [
-        Bushing(name, f"foundation.{name}", f"rotor.{name}", [*k, 5e5, 0, 0, 0], 2e-4 * np.array([*k, 5e5, 0, 0, 0]), axes)
+        Bushing(
+            name, f"foundation.{name}", f"rotor.{name}", [*k, 5e5, 0, 0, 0], 2e-4 * np.array([*k, 5e5, 0, 0, 0]), axes
+        )
         for name in bearings
     ]
     scene = Scene("machine", (ground, foundation, rotor), springs=(*feet, *springs), sensors=signals, damping_ratio=0.0)
@@ -289,7 +291,9 @@ def test_whirl_in_time(shaft, kind):
     """Free motion after a push, as the ground sees it: all whirl frequencies of the linear model to 0.5 %."""
     speed, step, drag = 300.0, 2e-4, 2e-5 * SEAT
     scene = overhung(shaft, speed, (SEAT, drag))
-    bodies = [replace(body, angular_velocity=(speed, 0, 0)) for body in scene.bodies[2:]]  # not the housing, by reaction
+    bodies = [
+        replace(body, angular_velocity=(speed, 0, 0)) for body in scene.bodies[2:]
+    ]  # not the housing, by reaction
     if kind == "rigid":
         bodies[1] = replace(bodies[1], fidelity="rigid")
     scene = replace(scene, bodies=(*scene.bodies[:2], *bodies))
@@ -310,7 +314,9 @@ def test_whirl_in_time(shaft, kind):
     if kind == "ffrf":
         whirls = [expected[np.argmin(np.abs(expected - pole))] for pole in whirl(housed(speed, drag=drag))]
     else:
-        whirls = [pole for pole in whirl(rigidly_housed(speed, drag)) if np.abs(expected - pole).min() < 1e-3 * abs(pole)]
+        whirls = [
+            pole for pole in whirl(rigidly_housed(speed, drag)) if np.abs(expected - pole).min() < 1e-3 * abs(pole)
+        ]
         assert len(whirls) == 4
     found = decay_poles(run.values[1:, 20:], step, n_poles=2 * len(whirls))
     swings = 2 / step * np.tan(np.abs(found.imag) * step / 2)  # the run's own steps lengthen periods
