@@ -46,9 +46,11 @@ def reduce_scene(
 
     Electrical ports keep their names, or are "body/port" where two bodies have the same; none is wired yet: what the
     scene's actuators, sensors and gravity do is left out, and so is all damping: give the `FlexibleBody` a
-    damping_ratio. A warning tells of dampers among the springs. With all modes, everything else is the scene's
-    for small motion, and for small deformation in a floating frame; the integrals that large motion needs are complete
-    where those of all bodies are.
+    damping_ratio. A warning tells of dampers among the springs.
+
+    With all modes, small motion is exactly the scene's. In a floating frame, deformation is small beside it: what its
+    square does is left out, as where a preload between two parts stiffens them. Large motion has all integrals that it
+    needs where those of all bodies are complete.
 
     Raises ValueError for what one body cannot be: a scene with fixed bodies, drives, loops or spinning bodies, springs
     along axes of the world (they would not turn with it), bodies that move freely against each other, and points
@@ -114,12 +116,7 @@ def _whole(assembly: Assembly, name: str, points: dict[str, str], passive: dict[
     if not lets_go(stiffness, condensed.T @ condensed, places):
         raise ValueError(f"scene {assembly.scene.name!r} cannot be one body: something ties it to the world")
     change = shapes @ condensed
-    along = [
-        PassivePoint(_point(assembly.scene, *item), motions)
-        for item, motions in zip(
-            passive.items(), np.split(_motions(assembly, passive) @ change, len(passive) or 1), strict=False
-        )
-    ]
+    along = [PassivePoint(_point(assembly.scene, *p), _motions(assembly, dict([p])) @ change) for p in passive.items()]
     return ReducedBody(
         name,
         remote_points=remote,

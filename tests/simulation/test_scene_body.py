@@ -1,6 +1,6 @@
 """A scene as one body: alone, in larger scenes, in small and in large motion the same as the scene itself."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -33,6 +33,7 @@ from nassim import (
 from nassim.base.rigid_motion import axes_along
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.readouts import Picture, Surface, by_name
+from nassim.scene.part import ForceElement, Row, Spring
 from nassim.simulation.small_motion import assemble
 from nassim.systems import damping
 
@@ -49,7 +50,7 @@ def bar():
     body = craig_bampton(lattice(), n_modes=4, progress=False)
     wishes = np.random.default_rng(5).standard_normal((2, len(body.mass_matrix)))
     forces = wishes @ body.stiffness_matrix * 1e-9
-    return replace(body, readouts=by_name(PortCoupling(n, f, 1e-7) for n, f in zip("ab", forces, strict=True)))
+    return replace(body, readouts=by_name(PortCoupling(n, f, 1e-10) for n, f in zip("ab", forces, strict=True)))
 
 
 def strut(bar, fidelity="linear", stiffer=1.0, **options):
@@ -131,10 +132,22 @@ def test_modes_and_responses_are_the_scene_s(bar):
     assert (np.abs(found - expected).max(axis=0) / size).max() < 1e-8
 
 
+def test_sensors_and_drives_are_left_out(bar):
+    """An open port stiffens the scene that measures it, not the body, whose ports are wired anew."""
+    wired = (VoltageSensor("v", "bar.b"), Encoder("e", "foot.low", "bar.right", "line"))
+    scene = replace(strut(bar), sensors=wired, actuators=(VoltageDrive("d", "bar.a", "u"),), gravity=(0, 0, -9))
+    found, expected = (reduce_scene(s, "strut", points=POINTS) for s in (scene, strut(bar)))
+    np.testing.assert_array_equal(found.stiffness_matrix, expected.stiffness_matrix)
+    stiffened, bare = (assemble(s).frequency[6:] for s in (scene, strut(bar)))
+    assert np.abs(stiffened / bare - 1).max() > 0.01
+
+
 def test_statics_under_gravity(bar):
     """In small motion, of every output at rest."""
     parts = both(bar)
-    whole, one = (static_response(machine(p, names, (1, 2, -9))) for p, names in zip(parts, (WHOLE, ONE), strict=True))
+    whole, one = (
+        static_response(machine(p, names, (0.01, 0.02, -0.09))) for p, names in zip(parts, (WHOLE, ONE), strict=True)
+    )
     assert min(map(abs, whole.values())) > 0
     assert one == {name: pytest.approx(value, rel=1e-8) for name, value in whole.items()}
 
@@ -237,7 +250,7 @@ def swinging(part, names):
 
 
 def test_large_motion_is_the_scene_s(bar):
-    """Of parts a thousand times as stiff, so that deformation is small: its square is all that the two may differ by."""
+    """Parts are a thousand times as stiff, so that the square of deformation, by which the two differ, is small."""
     stiffer = 1e3
     stiff = replace(bar, stiffness_matrix=stiffer * bar.stiffness_matrix, enriched=None, released_stiffness=None)
     time = np.arange(401) * 5e-4
@@ -290,6 +303,16 @@ def test_a_reduced_scene_is_saved(bar, tmp_path):
     np.testing.assert_array_equal(nassim.load(tmp_path / "body.h5").gram, body.gram)
 
 
+@dataclass(frozen=True)
+class Tie(ForceElement):
+    """A spring between a point and its place at the start, along an axis that turns with the point."""
+
+    point: str
+
+    def says(self, scene):
+        return (Spring(Row.of_point(self.point, np.array([0.0, 0.6, 0.8]), frame=self.point), 1e3),)
+
+
 GROUND = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
 
 
@@ -297,7 +320,8 @@ GROUND = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
     ("change", "text"),
     [
         (lambda s: replace(s, bodies=(*s.bodies, GROUND)), r"fixed bodies \(ground\)"),
-        (lambda s: replace(s, joints=()), "12 free motions|free motions and a body has 6; join"),
+        (lambda s: replace(s, springs=(*s.springs, Tie("tie", "foot.up"))), "ties it to the world"),
+        (lambda s: replace(s, springs=(*s.springs[:2], s.springs[3], Tie("tie", "foot.up"))), "ties it to the world"),
         (lambda s: replace(s, springs=s.springs[:-1]), "9 free motions"),
         (
             lambda s: replace(s, springs=(*s.springs, SpringDamper("w", "foot.up", "bar.right", "z", 5.0))),
