@@ -117,6 +117,8 @@ class Scene:
     def _check_outputs(self) -> None:
         units = dict(zip(self.outputs, self.output_units, strict=True))
         for word in _read(self.words):
+            if isinstance(word, Reading) and word.inertial and word.derivative != 2:
+                raise ValueError(f"output {word.output!r}: against inertial space, accelerations are read only")
             if word.unit != units[word.output]:
                 raise ValueError(f"output {word.output!r} cannot be both {units[word.output]} and {word.unit}")
         for name in {word.output for word in self.said(Filter)}:

@@ -351,8 +351,8 @@ def test_sensors_of_a_load_on_a_turning_table():
     for name, force in forces_read.items():
         assert np.abs(record[name][seen] - force).max() < 2e-3 * np.abs(force).max(), name
 
-    def high(w, ratio):
-        return [1, 0, 0], [1, 2 * ratio * w, w**2]
+    def coil(w, ratio):
+        return [1, 0], [1, 2 * ratio * w, w**2]
 
     velocity = np.array([m.v for m in found])
     acceleration = scipy.interpolate.CubicSpline(time, velocity).derivative()(time)
@@ -362,10 +362,28 @@ def test_sensors_of_a_load_on_a_turning_table():
     centripetal = np.cross(spins[0], circle)
     low = [(400 * np.pi) ** 2], [1, 0.6 * 400 * np.pi, (400 * np.pi) ** 2]
     for name, values in {
-        "world": 2.0 * lag(*high(8 * np.pi, 0.6), velocity @ ALONG, time),
-        "turning": lag(*high(8 * np.pi, 0.6), np.einsum("ni,ni->n", turning, velocity), time),
+        "world": 2.0 * lag(*coil(8 * np.pi, 0.6), acceleration @ ALONG, time),
+        "turning": lag(*coil(8 * np.pi, 0.6), np.einsum("ni,ni->n", turning, acceleration), time),
         "soft": lag(*low, np.einsum("ni,ni->n", turning, acceleration), time),
-        "circle": lag(*high(12 * np.pi, 0.4), circle @ ALONG, time),
+        "circle": lag(*coil(12 * np.pi, 0.4), centripetal @ ALONG, time),
         "at rest": np.einsum("nij,j,ni->n", turns, ALONG, centripetal),
     }.items():
         assert np.abs(record[name] - values).max() < 1e-3 * np.abs(values).max(), name
+
+
+def test_a_turning_sensor_on_shaking_ground():
+    """A body that spins freely on a ground that shakes is at rest but for its turns, so a sensor in its middle is."""
+    rate, shake = 40.0, np.array([0.6, 0.0, -0.8])
+    top = RigidBody("top", {"c": (0, 0, 0)}, 0.4, 3e-3 * np.eye(3), rotation=SKEWED, angular_velocity=rate * ODD)
+    sensors = (
+        Geophone("geophone", "top.c", "x", "top.c", 2.0),
+        Accelerometer("accelerometer", "top.c", "x", "top.c", resonance=200.0, damping_ratio=0.3),
+        Accelerometer("world", "top.c", tuple(ALONG)),
+        Vibrometer("velocity", "top.c", tuple(shake)),
+    )
+    scene = Scene("top", (top,), actuators=(GroundAcceleration("shake", tuple(shake), "shake"),), sensors=sensors)
+    found = run(scene, n_steps=4000, offset=0.2, spectral_radius=0.8)
+    assert np.abs(found["velocity"]).max() > 0.01
+    assert np.abs(found["world"]).max() < 1e-9
+    assert np.abs(found["accelerometer"]).max() < 1e-4
+    assert np.abs(found["geophone"]).max() < 1e-6
