@@ -121,6 +121,8 @@ class Scene:
                 raise ValueError(f"output {word.output!r}: against inertial space, accelerations are read only")
             if word.unit != units[word.output]:
                 raise ValueError(f"output {word.output!r} cannot be both {units[word.output]} and {word.unit}")
+        for word in self.said(Filter):
+            _check_filter(word)
         for name in {word.output for word in self.said(Filter)}:
             known("filtered output", name, self.outputs)
             added = [word for word in self.words if isinstance(word, (Reading, Tension, Leak)) and word.output == name]
@@ -251,3 +253,13 @@ class Scene:
 def _read(words: Iterable[Word]) -> tuple[Reading | Tension, ...]:
     """What outputs there are: leaks add to those of others."""
     return tuple(word for word in words if isinstance(word, (Reading, Tension)))
+
+
+def _check_filter(word: Filter) -> None:
+    label = f"filter of output {word.output!r}"
+    known(label, word.passes, ("low", "high", "band"))
+    positive(f"{label}: frequency", word.frequency, "Hz")
+    if word.damping_ratio is not None:
+        positive(f"{label}: damping_ratio", word.damping_ratio)
+    elif word.passes == "band":
+        raise ValueError(f"{label}: a band-pass is of second order; give it a damping_ratio")

@@ -13,10 +13,10 @@ from nassim.systems.state_space import StateSpace, cascade, discretize
 def output_filters(scene: Scene) -> dict[str, StateSpace]:
     """By output that passes filters, or to which the acceleration of the ground adds."""
     result = {}
-    shaken = np.any(ground_accelerations(scene), axis=1)
-    for output, adds in zip(scene.outputs, shaken, strict=True):
+    shaken = {word.output for word in scene.said(Reading) if word.inertial and scene.said(Field)}
+    for output in scene.outputs:
         filters = [word for word in scene.said(Filter) if word.output == output]
-        if not (filters or adds):
+        if not filters and output not in shaken:
             continue
         whole: StateSpace = (np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1)))
         for word in filters:

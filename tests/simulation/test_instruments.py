@@ -1,6 +1,7 @@
 """Sensors of force, velocity and acceleration: closed forms, every engine against the linear model, large motion."""
 
-from dataclasses import replace
+import warnings
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -31,10 +32,14 @@ from nassim import (
     describe,
     frequency_response,
     linearize,
+    load,
+    placed,
+    save,
     simulate,
     static_response,
 )
 from nassim.scene.joints import prismatic, revolute
+from nassim.scene.part import Reading, Row, Sensor
 
 STEP = 2e-5
 ALONG = np.array([0.48, -0.6, 0.64])
@@ -369,6 +374,90 @@ def test_sensors_of_a_load_on_a_turning_table():
         "at rest": np.einsum("nij,j,ni->n", turns, ALONG, centripetal),
     }.items():
         assert np.abs(record[name] - values).max() < 1e-3 * np.abs(values).max(), name
+
+
+@dataclass(frozen=True)
+class Meter(Sensor):
+    """A sensor that says given words."""
+
+    words: tuple = ()
+
+    def says(self, scene):
+        return self.words
+
+
+def mixed(*gains, name="mixed"):
+    """An output of displacement, velocity and acceleration, along different directions."""
+    axes = (ALONG, [1.0, 0.0, 0.0], ODD)
+    readings = zip(gains, axes, strict=True)
+    return Meter(
+        name,
+        tuple(Reading(name, "V", Row.of_point("load.c", np.array(w)), g, k) for k, (g, w) in enumerate(readings)),
+    )
+
+
+@pytest.mark.parametrize(("fidelity", "method", "tolerance"), ENGINES)
+def test_readings_of_one_output_add_up(body, fidelity, method, tolerance):
+    """Also what a loop measures."""
+    gains = 2e3, -3.0, 0.02
+    single = tuple(mixed(*(g * (j == k) for j, g in enumerate(gains)), name=f"one {k}") for k in range(3))
+    scene = machine(body, fidelity, sensors=(*single, mixed(*gains)))
+    model = linearize(scene)
+    np.testing.assert_allclose(model.C[3], model.C[:3].sum(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(model.D[3], model.D[:3].sum(axis=0), rtol=1e-12)
+    found = run(scene, n_steps=200, method=method)
+    sizes = [np.abs(found[f"one {k}"]).max() for k in range(3)]
+    assert min(sizes) > 0.02 * max(sizes)
+    np.testing.assert_allclose(found["mixed"], sum(found[f"one {k}"] for k in range(3)), atol=1e-9 * max(sizes))
+
+
+def test_a_runaway_loop_on_a_filtered_sensor_is_told(body):
+    gains = Controller(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[1e4]], 1 / STEP, delay=1)
+    loop = Loop("loop", gains, ("geophone",), ("push",))
+    with pytest.raises(RuntimeError, match=r"runs away: at t = .* 'geophone' has grown"):
+        run(machine(body, "ffrf", loops=(loop,)))
+
+
+def test_only_an_acceleration_that_follows_at_once_rings(body):
+    """A low resonance calms it; and what follows at once cannot be measured by a loop that drives it."""
+    calm = (Accelerometer("calm", "load.c", resonance=2e3), Geophone("geophone", "load.c"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run(machine(body, "ffrf", sensors=calm), n_steps=160)
+    for sensor in (Accelerometer("high", "load.c", resonance=2e4), Accelerometer("bare", "load.c", corner_frequency=1)):
+        with pytest.warns(UserWarning, match=f"'{sensor.name}' reads an acceleration"):
+            run(machine(body, "ffrf", sensors=(sensor,)), n_steps=160)
+    gains = Controller(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[1.0]], 1 / STEP)
+    for sensor in (*calm, Accelerometer("bare", "load.c", corner_frequency=1)):
+        loop = Loop("loop", gains, (sensor.name,), ("push",))
+        scene = machine(body, "linear", sensors=(sensor,), loops=(loop,))
+        if sensor.name == "bare":
+            with pytest.raises(ValueError, match="follows what the loop drives at once"):
+                run(scene, n_steps=160)
+        else:
+            run(scene, n_steps=160)
+
+
+def test_no_linear_model_of_inertial_sensors_that_spin(body):
+    scene = machine(body, "linear", actuators=(), sensors=(INSTRUMENTS[0], INSTRUMENTS[7]))
+    linearize(scene, angular_velocity=(0, 0, 0.1))
+    for sensor in (Geophone("s", "load.c"), Accelerometer("s", "load.c")):
+        with pytest.raises(ValueError, match="'s' reads motion against inertial space"):
+            linearize(replace(scene, sensors=(sensor,)), angular_velocity=(0, 0, 0.1))
+
+
+def test_placed_and_kept_in_files(body, tmp_path):
+    """A copy, turned with its sensors, reads the same; a file brings them back."""
+    scene = machine(body, "ffrf")
+    copy = placed(scene, "m", position=(1.0, 2.0, 3.0), rotation=SKEWED)
+    assert copy.outputs == tuple(f"m/{name}" for name in scene.outputs)
+    frequency = np.geomspace(3.0, 3e3, 20)
+    keeps = [k for k, name in enumerate(scene.outputs) if name not in ("inside", "velocity")]
+    found, expected = (frequency_response(linearize(s), frequency).values for s in (copy, scene))
+    np.testing.assert_allclose(found[keeps], expected[keeps], rtol=1e-5)
+    save(scene, tmp_path / "scene.h5")
+    again = load(tmp_path / "scene.h5")
+    assert again.sensors == scene.sensors
 
 
 def test_a_turning_sensor_on_shaking_ground():
