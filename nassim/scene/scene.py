@@ -121,10 +121,9 @@ class Scene:
                 raise ValueError(f"output {word.output!r}: against inertial space, accelerations are read only")
             if word.unit != units[word.output]:
                 raise ValueError(f"output {word.output!r} cannot be both {units[word.output]} and {word.unit}")
-        for word in self.said(Filter):
-            _check_filter(word)
-        for name in {word.output for word in self.said(Filter)}:
-            known("filtered output", name, self.outputs)
+        for passing in self.said(Filter):
+            name = known("filtered output", passing.output, self.outputs)
+            _check_filter(passing)
             added = [word for word in self.words if isinstance(word, (Reading, Tension, Leak)) and word.output == name]
             if len({(w.derivative, w.inertial) if isinstance(w, Reading) else (0, False) for w in added}) > 1:
                 raise ValueError(

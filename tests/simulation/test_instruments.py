@@ -411,6 +411,18 @@ def test_readings_of_one_output_add_up(body, fidelity, method, tolerance):
     np.testing.assert_allclose(found["mixed"], sum(found[f"one {k}"] for k in range(3)), atol=1e-9 * max(sizes))
 
 
+def test_readings_of_one_derivative_add_up(body):
+    """Two directions are one between them."""
+    rows = [Row.of_point("load.c", axis) for axis in (*np.eye(3)[:2], np.array([0.6, 0.8, 0.0]))]
+    two, one = (
+        Meter(n, tuple(Reading(n, "m", rows[k], g) for k, g in gs))
+        for n, gs in (("two", ((0, 3.0), (1, 4.0))), ("one", ((2, 5.0),)))
+    )
+    for fidelity in ("linear", "ffrf"):
+        found = run(machine(body, fidelity, sensors=(two, one)), n_steps=160)
+        np.testing.assert_allclose(found["two"], found["one"], atol=1e-9 * np.abs(found["one"]).max())
+
+
 def test_a_runaway_loop_on_a_filtered_sensor_is_told(body):
     gains = Controller(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[1e4]], 1 / STEP, delay=1)
     loop = Loop("loop", gains, ("geophone",), ("push",))
@@ -427,7 +439,7 @@ def test_only_an_acceleration_that_follows_at_once_rings(body):
     for sensor in (Accelerometer("high", "load.c", resonance=2e4), Accelerometer("bare", "load.c", corner_frequency=1)):
         with pytest.warns(UserWarning, match=f"'{sensor.name}' reads an acceleration"):
             run(machine(body, "ffrf", sensors=(sensor,)), n_steps=160)
-    gains = Controller(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[1.0]], 1 / STEP)
+    gains = Controller(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[1e-6]], 1 / STEP)
     for sensor in (*calm, Accelerometer("bare", "load.c", corner_frequency=1)):
         loop = Loop("loop", gains, (sensor.name,), ("push",))
         scene = machine(body, "linear", sensors=(sensor,), loops=(loop,))
