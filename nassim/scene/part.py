@@ -122,8 +122,8 @@ class Reading:
 
     What a part says of one output adds up: several readings, tensions and leaks.
     derivative: 0, 1 or 2
-    inertial: where a field accelerates everything, velocity and acceleration are those against inertial space, and not
-        those against the ground, as of a sensor that hangs a mass in its housing
+    inertial: of an acceleration: where a field accelerates everything, it is that against inertial space, and not that
+        against the ground, as of a sensor in which a mass hangs
     """
 
     output: Signal
@@ -138,8 +138,9 @@ class Reading:
 class Filter:
     """What is read of an output passes a filter, as if it had always been at its first value; several in their order.
 
-    passes: "low" or "high" frequencies; frequency: of its corner or resonance [Hz]
-    damping_ratio: of a filter of second order, w^2 or s^2 over s^2 + 2 damping_ratio w s + w^2; None for first order
+    passes: "low", "high" or, of second order, a "band" of frequencies; frequency: of its corner or resonance [Hz]
+    damping_ratio: of a filter of second order, w^2, s^2 or w s over s^2 + 2 damping_ratio w s + w^2; None for the first
+        order, w or s over s + w
     """
 
     output: Signal

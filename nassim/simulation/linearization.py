@@ -166,6 +166,7 @@ def state_space(assembly: Assembly, spin: Spinning | None = None) -> StateSpace:
     readings[:, velocity] += a.velocity_matrix @ modes
     readings += a.acceleration_matrix @ modes @ state[velocity]
     feedthrough += a.acceleration_matrix @ modes @ drives[velocity]
+    feedthrough[:, :n_in] += a.ground_matrix
     _filter(a, state, drives, readings, feedthrough)
     return state, drives, readings, feedthrough
 
@@ -185,13 +186,11 @@ def _filter(a: Assembly, state: Array, drives: Array, readings: Array, feedthrou
     end = len(state) - sum(len(system[0]) for system in a.filters.values())
     for output, (fa, fb, fc, fd) in a.filters.items():
         k, place = a.scene.outputs.index(output), slice(end, end + len(fa))
-        ground = np.append(a.ground_matrix[k], 0.0)
-        state[place] = np.outer(fb[:, 0], readings[k])
+        state[place], drives[place] = np.outer(fb[:, 0], readings[k]), np.outer(fb[:, 0], feedthrough[k])
         state[place, place] = fa
-        drives[place] = fb @ np.vstack([feedthrough[k], ground])
         readings[k] *= fd[0, 0]
         readings[k, place] = fc[0]
-        feedthrough[k] = (fd @ np.vstack([feedthrough[k], ground]))[0]
+        feedthrough[k] *= fd[0, 0]
         end = place.stop
 
 

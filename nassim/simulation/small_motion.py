@@ -90,7 +90,7 @@ class Assembly:
     output_matrix, velocity_matrix, acceleration_matrix: outputs per unit of all coordinates and of their derivatives,
         before the filters, (outputs, n_all) each
     ground_matrix: acceleration along what inertial outputs read, of the ground, per unit input, (outputs, inputs)
-    filters: by output that passes one or is inertial, see `nassim.simulation.filters`
+    filters: by output that passes one, or to which that adds, see `nassim.simulation.filters`
     weight: forces of gravity on all coordinates, (n_all,)
     frames: floating frame of each flexible body, by name
     circuits: electrical ports whose charge leaks through a resistance

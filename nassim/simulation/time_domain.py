@@ -310,7 +310,7 @@ def _check_loops(scene: Scene, time_step: float) -> None:
 
 
 def _warn_of_ringing(scene: Scene, spectral_radius: float, time_step: float) -> None:
-    calmed = {word.output for word in scene.said(Filter) if word.passes == "low" and word.frequency * time_step < CALM}
+    calmed = {word.output for word in scene.said(Filter) if word.passes != "high" and word.frequency * time_step < CALM}
     read = [word.output for word in scene.said(Reading) if word.derivative == 2 and word.output not in calmed]
     if read and spectral_radius > RINGING:
         warnings.warn(

@@ -234,7 +234,8 @@ def _check_run(system: System, lost: list[str], failure: Exception | None, begun
     """Raise RuntimeError when a run has lost bodies or failed in its step number `begun`."""
     scene = system.assembly.scene
     if lost and scene.loops:
-        outputs = np.column_stack(np.broadcast_arrays(*(system.recorded(name) for name in scene.outputs)))
+        records = [system.recorded(name) for name in scene.outputs]
+        outputs = np.column_stack(np.broadcast_arrays(*(r[: begun if len(r) > 1 else 1] for r in records)))
         raise RuntimeError(runaway(scene, lost[0], outputs, time_step))
     if lost:
         raise RuntimeError(

@@ -92,6 +92,7 @@ class System:
     readings: per output, what it is the sum of, before its filter
     circuits: objects of `add_circuit`
     filtered: what a run lets pass, by output of `Assembly.filters`, (n_samples,) each
+    turning: by inertial output, sensors of axes with which its directions turn, and these directions times gains, (3,)
     """
 
     container: Any
@@ -103,6 +104,7 @@ class System:
     readings: dict[str, list[Term]]
     circuits: tuple[int, ...]
     filtered: dict[str, Array] = field(default_factory=dict)
+    turning: dict[str, list[tuple[int, Array]]] = field(default_factory=dict)
 
     def apply(self, inputs: Mapping[str, float]) -> None:
         """Set the inputs, as if they had always been so."""

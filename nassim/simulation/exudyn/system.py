@@ -41,7 +41,7 @@ from nassim.simulation.exudyn.items import (
     frame_at,
     offset_of,
 )
-from nassim.simulation.exudyn.readings import add_reading
+from nassim.simulation.exudyn.readings import add_axes, add_reading
 from nassim.simulation.exudyn.springs import add_six_springs, add_spring, reaches
 from nassim.simulation.exudyn.state import Carrier, Push, System, Term, add_circuit, modal_node, small_motion_system
 from nassim.simulation.exudyn.tensions import add_tension
@@ -71,9 +71,11 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None) -
     items = _add_bodies(mbs, assembly, rates)
     drives: list[Push] = []
     readings: dict[str, list[Term]] = {output: [] for output in assembly.scene.outputs}
+    turning: dict[str, list[tuple[int, Array]]] = {output: [] for output in assembly.scene.outputs}
     for word in assembly.words:
         if isinstance(word, Reading):
             readings[word.output] += add_reading(items, word)
+            turning[word.output] += add_axes(items, word)
         elif isinstance(word, Tension):
             readings[word.output] += add_tension(items, word)
         else:
@@ -89,7 +91,15 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None) -
             readings[circuit.output].append(reading)
     mbs.Assemble()
     return System(
-        container, mbs, assembly, dict(items.nodes), dict(items.carriers), tuple(drives), readings, tuple(circuits)
+        container,
+        mbs,
+        assembly,
+        dict(items.nodes),
+        dict(items.carriers),
+        tuple(drives),
+        readings,
+        tuple(circuits),
+        turning=turning,
     )
 
 
