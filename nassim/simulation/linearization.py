@@ -193,9 +193,7 @@ def linearize_closed(
         raise ValueError(
             f"the loops of scene {scene.name!r} have several sample rates; only the continuous model has all"
         )
-    model = linearize(
-        scene, angular_velocity=angular_velocity, axis_point=axis_point, standing=standing, frame=frame
-    )
+    model = linearize(scene, angular_velocity=angular_velocity, axis_point=axis_point, standing=standing, frame=frame)
     if not continuous:
         model = sampled(model, rates.pop())
     for loop in scene.loops:

@@ -43,11 +43,17 @@ SAME = 1e-7
 BORNE = 1e-9
 """Share of a row's size that a turn about the axis may count in it."""
 OTHERWISE = {
-    "turning": 'make what stands alike in all directions across the axis, or, if what turns is rigid and alike all '
+    "turning": "make what stands alike in all directions across the axis, or, if what turns is rigid and alike all "
     'around, take frame="standing"; or simulate in time',
     "standing": "make what turns alike in all directions across the axis, or, if what stands is rigid and alike all "
     'around, take frame="turning"; or simulate in time',
 }
+"""What may be done about parts that change, by frame."""
+ALONG = {
+    "turning": 'take the axis, or a direction whose frame is a point that turns: frame="body.point"; the world\'s stand',
+    "standing": "take the axis, or a direction whose frame is the world or a point that stands",
+}
+"""What may be done about signals that change, by frame."""
 
 
 @dataclass(frozen=True)
@@ -134,9 +140,16 @@ class View:
     def laws(self, word: Spring | SixSprings, angle: float) -> tuple[Array, Array, Array]:
         """Stiffness, damping, and what damping drives as its rows turn, on all coordinates, (n_all, n_all) each."""
         stiffness, damping = np.atleast_2d(word.stiffness), np.atleast_2d(word.damping)
-        rows, rate = self.rows(word, angle), float(np.linalg.norm(self.parted.drift))
-        turned = rate * rows.T @ damping @ self.slopes(word, angle) if damping.any() else np.zeros((len(rows.T),) * 2)
+        rows = self.rows(word, angle)
+        turned = (
+            self.rate * rows.T @ damping @ self.slopes(word, angle) if damping.any() else np.zeros((len(rows.T),) * 2)
+        )
         return rows.T @ stiffness @ rows, rows.T @ damping @ rows, turned
+
+    @property
+    def rate(self) -> float:
+        """At which the guests turn [rad/s]."""
+        return float(np.linalg.norm(self.parted.drift))
 
     @cached_property
     def scale(self) -> Array:
@@ -191,16 +204,18 @@ def check_constant(view: View) -> None:
                     f"{_named(word)} resists the turn about the axis, of what turns against what stands or against "
                     "the world's axes: free that motion, put its points on the axis, or let its axes turn along"
                 )
+            sides = {name in parted.standing for name in map(_body, _paths(word))}
+            if isinstance(word, SixSprings) and len(sides) > 1 and word.damping.any():
+                raise ValueError(
+                    f"{_named(word)}: axes of a bushing turn halfway between its bodies, so its damping would be "
+                    "neither one that stands nor one that turns; damp by a SpringDamper with the frame of either body"
+                )
             moving = {name for name in map(_body, _paths(word)) if name in assembly.slices}
             ties.setdefault(("joint",) * isinstance(word, Constraint) + tuple(sorted(moving)), []).append(word)
         else:
-            start = view.rows(word, 0.0) / view.scale
-            _check_change(
-                parted,
-                _named(word),
-                max(float(np.linalg.norm(view.rows(word, a) / view.scale - start)) for a in ANGLES),
-                float(np.linalg.norm(start)),
-            )
+            start = view.rows(word, 0.0) * view.scale
+            change = max(float(np.linalg.norm(view.rows(word, a) * view.scale - start)) for a in ANGLES)
+            _check_change(parted, _named(word), change, float(np.linalg.norm(start)), ALONG)
     for words in ties.values():
         for start, *others in zip(*(_figures(view, words, angle) for angle in (0.0, *ANGLES)), strict=True):
             change = max(float(np.linalg.norm(other - start)) for other in others)
@@ -298,11 +313,11 @@ def _check_guest(view: View, name: str) -> None:
             )
 
 
-def _check_change(parted: Parted, what: str, change: float, size: float) -> None:
+def _check_change(parted: Parted, what: str, change: float, size: float, cures: Mapping[str, str] = OTHERWISE) -> None:
     if change > SAME * size:
         raise ValueError(
-            f"{what}: the model changes as it turns, by {100 * change / size:.2g} % of what this part does as the "
-            f"{parted.frame} frame sees it; {OTHERWISE[parted.frame]}"
+            f"{what}: as the {parted.frame} frame sees it, this changes by {100 * change / size:.2g} % while the scene "
+            f"turns, so that no linear model holds; {cures[parted.frame]}"
         )
 
 
@@ -314,7 +329,8 @@ def _figures(view: View, words: Iterable[Tie], angle: float) -> list[Array]:
         held = scipy.linalg.orth(np.vstack(joints).T, rcond=1e-9)
         return [held @ held.T]
     laws = [view.laws(word, angle) for word in words if not isinstance(word, Constraint)]
-    return [scale[:, None] * sum(parts) * scale for parts in zip(*laws, strict=True)]
+    stiffness, damping, turned = (scale[:, None] * sum(parts) * scale for parts in zip(*laws, strict=True))
+    return [stiffness, np.hstack([view.rate * damping, turned])]
 
 
 def _bears(assembly: Assembly, word: Tie, turn: Array) -> bool:
@@ -335,7 +351,7 @@ def _named(word: Word) -> str:
         return f"input {word.input!r}"
     if isinstance(word, (Reading, Leak)):
         return f"output {word.output!r}"
-    return f"what ties {' and '.join(_paths(word))}"
+    return f"what ties {' and '.join(dict.fromkeys(_paths(word)))}"
 
 
 def _paths(word: Word) -> tuple[str, ...]:
