@@ -11,8 +11,8 @@ bearings that stand do in the frame of a rotor, and can drive them.
 
 The model does not change in time where the frame sees the same whatever the angle: guests have equal moments of inertia
 across the axis, and what ties them to each other, to the ground and to the others is the same in all directions across
-it, as three equal bushings around the axis are. That is checked at odd angles; signals must read and push the same, too.
-What the forces of an unbalance stiffen is taken as it is at the start.
+it, as three equal bushings around the axis are. That is checked at odd angles, as is what signals read and push. What
+the forces of an unbalance stiffen is taken as it is at the start.
 
 Source: G. Genta, Dynamics of Rotating Systems, Springer (2005), ch. 6, on rotors and stators without symmetry.
 """
@@ -50,7 +50,7 @@ OTHERWISE = {
 }
 """What may be done about parts that change, by frame."""
 ALONG = {
-    "turning": 'take the axis, or a direction whose frame is a point that turns: frame="body.point"; the world\'s stand',
+    "turning": 'take the axis, or a direction whose frame is a point that turns: frame="body.point"',
     "standing": "take the axis, or a direction whose frame is the world or a point that stands",
 }
 """What may be done about signals that change, by frame."""
@@ -141,10 +141,8 @@ class View:
         """Stiffness, damping, and what damping drives as its rows turn, on all coordinates, (n_all, n_all) each."""
         stiffness, damping = np.atleast_2d(word.stiffness), np.atleast_2d(word.damping)
         rows = self.rows(word, angle)
-        turned = (
-            self.rate * rows.T @ damping @ self.slopes(word, angle) if damping.any() else np.zeros((len(rows.T),) * 2)
-        )
-        return rows.T @ stiffness @ rows, rows.T @ damping @ rows, turned
+        slopes = self.slopes(word, angle) if damping.any() else np.zeros_like(rows)
+        return rows.T @ stiffness @ rows, rows.T @ damping @ rows, self.rate * rows.T @ damping @ slopes
 
     @property
     def rate(self) -> float:
@@ -263,15 +261,15 @@ def standing_bodies(assembly: Assembly, joint: Constraint, axis: Array) -> froze
                 groups = {name: first if group in others else group for name, group in groups.items()}
             else:
                 loose.append(set(ends))
-    ground = next((groups[body.name] for body in scene.bodies if not body.moves), None)
-    ends = [groups[_body(path)] for path in (joint.a, joint.b)]
-    if ends.count(ground) != 1:
+    ground = next((groups[body.name] for body in scene.bodies if not body.moves), "")
+    driven = [groups[_body(path)] for path in (joint.a, joint.b)]
+    if driven.count(ground) != 1:
         raise ValueError(
             f"joint {joint.name!r}: a drive of constant speed needs a fixed body on one side, or one that is tied to "
             "such a body by what resists the turn; and no such tie on the other side. Or say which bodies stand: "
             "linearize(..., standing=[...])"
         )
-    turning = ends[1 - ends.index(ground)]
+    turning = driven[1 - driven.index(ground)]
     sides = {group: group for group in groups.values()}
     while True:
         found = dict(sides)
