@@ -131,11 +131,9 @@ class View:
         return word_rows(self.assembly, self.scene(angle), self.parted.said(word, angle))
 
     def slopes(self, word: Word, angle: float) -> Array:
-        """Their change per radian: exact, as they are polynomials of second degree in sine and cosine."""
-        whole, half = (
-            0.5 * (self.rows(word, angle + step) - self.rows(word, angle - step)) for step in (np.pi / 2, np.pi / 4)
-        )
-        return whole + 2 * (half - np.sqrt(0.5) * whole)
+        """Their change per radian, exact: their vectors stand or turn as a whole, in sine and cosine of the angle."""
+        result: Array = 0.5 * (self.rows(word, angle + np.pi / 2) - self.rows(word, angle - np.pi / 2))
+        return result
 
     def laws(self, word: Spring | SixSprings, angle: float) -> tuple[Array, Array, Array]:
         """Stiffness, damping, and what damping drives as its rows turn, on all coordinates, (n_all, n_all) each."""
