@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nassim.base.checks import Array, known, unique
+from nassim.base.checks import Array, finite_array, known, unique
 from nassim.scene.part import Constraint, Follow, Reading
 from nassim.scene.scene import Scene
 from nassim.simulation.small_motion import Assembly, assemble
@@ -90,7 +90,8 @@ def spun(
         axis_point = scene.point_position(joint.a)
     elif not np.any(angular_velocity) or not stand:
         return assembly, spinning(assembly, angular_velocity, axis_point)
-    parted = Parted(np.asarray(angular_velocity, dtype=float), np.asarray(axis_point, dtype=float), stand, frame)
+    velocity = finite_array("angular_velocity", np.asarray(angular_velocity, dtype=float), (3,))
+    parted = Parted(velocity, finite_array("axis_point", np.asarray(axis_point, dtype=float), (3,)), stand, frame)
     view = View(assembly, parted)
     check_constant(view)
     if damps_both(view):

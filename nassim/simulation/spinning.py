@@ -237,7 +237,7 @@ def _check_small(assembly: Assembly, coordinates: Array) -> None:
         raise ValueError(f"{found}, which is no small motion: draw the scene nearer to its spinning equilibrium")
     if max(rotation, deformation) > WORTH_A_WORD:
         warnings.warn(
-            f"{found}; the linear model is about that equilibrium, and off by a share of the same size", stacklevel=4
+            f"{found}; the linear model is about that equilibrium, and off by a share of the same size", stacklevel=5
         )
 
 
@@ -251,13 +251,13 @@ def _warn_of_stress(assembly: Assembly, coordinates: Array, rate: float, parted:
                 f"body {body.name!r} turns at {rate:.3g} Hz, its first frequency held at its frame is {first:.4g} Hz: "
                 "stress stiffening within the body, which is left out, would change that by some "
                 f"{100 * rise:.2g} % or more",
-                stacklevel=4,
+                stacklevel=5,
             )
         if not body.reduced.full_integrals and rate > GUESSED * first:
             warnings.warn(
                 f"body {body.name!r} turns at {rate:.3g} Hz, and how its inertia is spread is a guess, as of all "
                 f"imported matrices: its frequencies may be off by up to some {rate:.3g} Hz",
-                stacklevel=4,
+                stacklevel=5,
             )
     tensions = {b.name: axial_forces(b.reduced, coordinates[assembly.slices[b.name], None])[:, 0] for b in bodies}
     warn_of_buckling(assembly, tensions)

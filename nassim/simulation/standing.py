@@ -11,8 +11,8 @@ bearings that stand do in the frame of a rotor, and can drive them.
 
 The model does not change in time where the frame sees the same whatever the angle: guests have equal moments of inertia
 across the axis, and what ties them to each other, to the ground and to the others is the same in all directions across
-it, as three equal bushings around the axis are. Odd angles are tried; signals must read and push the same, too.
-What the forces of an unbalance stiffen is taken as it is at the start.
+it, as three equal bushings around the axis are. That is checked at odd angles, as is what signals read and push. What
+the forces of an unbalance stiffen is taken as it is at the start.
 
 Source: G. Genta, Dynamics of Rotating Systems, Springer (2005), ch. 6, on rotors and stators without symmetry.
 """
@@ -61,6 +61,12 @@ OTHERWISE = {
     "standing": "make what turns alike in all directions across the axis, or, if what stands is rigid and alike all "
     'around, take frame="turning"; or simulate in time',
 }
+"""What may be done about parts that change, by frame."""
+ALONG = {
+    "turning": 'take the axis, or a direction whose frame is a point that turns: frame="body.point"',
+    "standing": "take the axis, or a direction whose frame is the world or a point that stands",
+}
+"""What may be done about signals that change, by frame."""
 
 
 @dataclass(frozen=True)
@@ -141,18 +147,21 @@ class View:
         return word_rows(self.assembly, self.scene(angle), self.parted.said(word, angle))
 
     def slopes(self, word: Word, angle: float) -> Array:
-        """Their change per radian: exact, as they are polynomials of second degree in sine and cosine."""
-        whole, half = (
-            0.5 * (self.rows(word, angle + step) - self.rows(word, angle - step)) for step in (np.pi / 2, np.pi / 4)
-        )
-        return whole + 2 * (half - np.sqrt(0.5) * whole)
+        """Their change per radian, exact: their vectors stand or turn as a whole, in sine and cosine of the angle."""
+        result: Array = 0.5 * (self.rows(word, angle + np.pi / 2) - self.rows(word, angle - np.pi / 2))
+        return result
 
     def laws(self, word: Spring | SixSprings, angle: float) -> tuple[Array, Array, Array]:
         """Stiffness, damping, and what damping drives as its rows turn, on all coordinates, (n_all, n_all) each."""
         stiffness, damping = np.atleast_2d(word.stiffness), np.atleast_2d(word.damping)
-        rows, rate = self.rows(word, angle), float(np.linalg.norm(self.parted.drift))
-        turned = rate * rows.T @ damping @ self.slopes(word, angle) if damping.any() else np.zeros((len(rows.T),) * 2)
-        return rows.T @ stiffness @ rows, rows.T @ damping @ rows, turned
+        rows = self.rows(word, angle)
+        slopes = self.slopes(word, angle) if damping.any() else np.zeros_like(rows)
+        return rows.T @ stiffness @ rows, rows.T @ damping @ rows, self.rate * rows.T @ damping @ slopes
+
+    @property
+    def rate(self) -> float:
+        """At which the guests turn [rad/s]."""
+        return float(np.linalg.norm(self.parted.drift))
 
     @cached_property
     def scale(self) -> Array:
@@ -209,16 +218,18 @@ def check_constant(view: View) -> None:
                     f"{_named(word)} resists the turn about the axis, of what turns against what stands or against "
                     "the world's axes: free that motion, put its points on the axis, or let its axes turn along"
                 )
+            sides = {name in parted.standing for name in map(_body, _paths(word))}
+            if isinstance(word, SixSprings) and len(sides) > 1 and word.damping.any():
+                raise ValueError(
+                    f"{_named(word)}: axes of a bushing turn halfway between its bodies, so its damping would be "
+                    "neither one that stands nor one that turns; damp by a SpringDamper with the frame of either body"
+                )
             moving = {name for name in map(_body, _paths(word)) if name in assembly.slices}
             ties.setdefault(("joint",) * isinstance(word, Constraint) + tuple(sorted(moving)), []).append(word)
         else:
-            start = view.rows(word, 0.0) / view.scale
-            _check_change(
-                parted,
-                _named(word),
-                max(float(np.linalg.norm(view.rows(word, a) / view.scale - start)) for a in ANGLES),
-                float(np.linalg.norm(start)),
-            )
+            start = view.rows(word, 0.0) * view.scale
+            change = max(float(np.linalg.norm(view.rows(word, a) * view.scale - start)) for a in ANGLES)
+            _check_change(parted, _named(word), change, float(np.linalg.norm(start)), ALONG)
     for words in ties.values():
         for start, *others in zip(*(_figures(view, words, angle) for angle in (0.0, *ANGLES)), strict=True):
             change = max(float(np.linalg.norm(other - start)) for other in others)
@@ -267,14 +278,14 @@ def standing_bodies(assembly: Assembly, joint: Constraint, axis: Array) -> froze
             else:
                 loose.append(set(ends))
     ground = next((groups[body.name] for body in scene.bodies if not body.moves), "")
-    sides_of_joint = [groups[_body(path)] for path in (joint.a, joint.b)]
-    if sides_of_joint.count(ground) != 1:
+    driven = [groups[_body(path)] for path in (joint.a, joint.b)]
+    if driven.count(ground) != 1:
         raise ValueError(
             f"joint {joint.name!r}: a drive of constant speed needs a fixed body on one side, or one that is tied to "
             "such a body by what resists the turn; and no such tie on the other side. Or say which bodies stand: "
             "linearize(..., standing=[...])"
         )
-    turning = sides_of_joint[1 - sides_of_joint.index(ground)]
+    turning = driven[1 - driven.index(ground)]
     sides = {group: group for group in groups.values()}
     while True:
         found = dict(sides)
@@ -316,11 +327,11 @@ def _check_guest(view: View, name: str) -> None:
             )
 
 
-def _check_change(parted: Parted, what: str, change: float, size: float) -> None:
+def _check_change(parted: Parted, what: str, change: float, size: float, cures: Mapping[str, str] = OTHERWISE) -> None:
     if change > SAME * size:
         raise ValueError(
-            f"{what}: the model changes as it turns, by {100 * change / size:.2g} % of what this part does as the "
-            f"{parted.frame} frame sees it; {OTHERWISE[parted.frame]}"
+            f"{what}: as the {parted.frame} frame sees it, this changes by {100 * change / size:.2g} % while the scene "
+            f"turns, so that no linear model holds; {cures[parted.frame]}"
         )
 
 
@@ -332,7 +343,8 @@ def _figures(view: View, words: Iterable[Tie], angle: float) -> list[Array]:
         held = scipy.linalg.orth(np.vstack(joints).T, rcond=1e-9)
         return [held @ held.T]
     laws = [view.laws(word, angle) for word in words if not isinstance(word, Constraint)]
-    return [scale[:, None] * sum(parts) * scale for parts in zip(*laws, strict=True)]
+    stiffness, damping, turned = (scale[:, None] * sum(parts) * scale for parts in zip(*laws, strict=True))
+    return [stiffness, np.hstack([view.rate * damping, turned])]
 
 
 def _bears(assembly: Assembly, word: Tie, turn: Array) -> bool:
@@ -353,7 +365,7 @@ def _named(word: Word) -> str:
         return f"input {word.input!r}"
     if isinstance(word, (Reading, Leak)):
         return f"output {word.output!r}"
-    return f"what ties {' and '.join(_paths(word))}"
+    return f"what ties {' and '.join(dict.fromkeys(_paths(word)))}"
 
 
 def _paths(word: Word) -> tuple[str, ...]:
