@@ -30,6 +30,7 @@ from nassim.signals import low_pass
 from nassim.simulation import linearize_closed
 from nassim.systems import (
     close_loop,
+    crossover_controller,
     damping,
     decentralised,
     decoupled,
@@ -38,11 +39,14 @@ from nassim.systems import (
     lead,
     loop_at_a_time,
     margins,
+    noise_budget,
     open_loop,
     optimum_gain,
     sensitivity,
     singular_values,
     unstable_poles,
+    with_inputs,
+    with_outputs,
 )
 
 STRUTS = tuple(f"f{k}" for k in range(6))
@@ -258,3 +262,49 @@ def test_cartesian_loops_in_time(push, method, steps):
     rows = [model.outputs.index(name) for name in LENGTHS]
     error = np.abs(lengths - predicted.T[rows]).max() / np.abs(predicted[:, rows]).max()
     assert error < (1e-8 if method == "exact" else 0.01)
+
+
+AXES, WRENCHES = tuple(f"motion {k}" for k in range(6)), tuple(f"wrench {k}" for k in range(6))
+
+
+def soft_machine():
+    """The platform on soft springs with dampers' loops: a plant like a mass, for a crossover above its modes."""
+    scene = machine()
+    springs = [replace(spring, stiffness=2e4) for spring in scene.springs]
+    inner = Loop("damper", decentralised(*6 * [lead(60.0, phase=60.0, gain=-4e3, sample_rate=RATE)]), LENGTHS, PUSHES)
+    return replace(scene, springs=tuple(springs), loops=(inner,))
+
+
+def test_a_high_authority_loop_is_designed_axis_by_axis():
+    """Plant with its dampers, Cartesian signals, six crossovers, one controller: from public verbs alone."""
+    plant = linearize_closed(soft_machine())
+    model = with_outputs(plant, AXES, MEASURE, of=LENGTHS, units=(*3 * ("m",), *3 * ("rad",)))
+    model = with_inputs(model, WRENCHES, DRIVE, of=PUSHES)
+    asked = {"frequency": 150.0, "phase_margin": 50.0, "integral_frequency": 12.0, "sample_rate": RATE}
+    six = [crossover_controller(model, measured=y, driven=u, **asked) for y, u in zip(AXES, WRENCHES, strict=True)]
+    outer = decoupled(*six, measure=MEASURE, drive=DRIVE)
+    frequency = np.geomspace(50.0, 1e3, 600)
+    loop = open_loop(model, decentralised(*six), frequency, measured=AXES, driven=WRENCHES)
+    for name in AXES:
+        alone = margins(replace(loop, values=loop.response(name, name)[None, None], outputs=(name,), inputs=(name,)))
+        assert alone.phase_margin == pytest.approx(50.0, abs=0.1)
+        assert alone.phase_margin_frequency == pytest.approx(150.0, rel=1e-3)
+        assert margins(loop_at_a_time(loop, name)).modulus_margin > 0.3
+    scene = soft_machine()
+    scene = replace(scene, loops=(*scene.loops, Loop("hold", outer, LENGTHS, PUSHES)))
+    closed = linearize_closed(scene, noise=True)
+    assert not unstable_poles(closed)
+    # What the loops leave of slow forces: the integrators hold the plate.
+    before, after = (frequency_response(m, np.array([1.0])).response("pose.ux", "fx") for m in (plant, closed))
+    assert abs(after[0]) < 0.03 * abs(before[0])
+
+    power = {"fx": 1e-4, "ty": 1e-7, "e2 noise": 1e-18}
+    budget = noise_budget(closed, power, np.linspace(0.0, RATE / 2, 1500), outputs=("pose.ux", "pose.rz"))
+    rows = [closed.outputs.index(output) for output in budget.outputs]
+    for k, (name, density) in enumerate(power.items()):
+        x, column = closed.B[:, closed.inputs.index(name)], closed.inputs.index(name)
+        squares = closed.D[rows, column] ** 2
+        for _ in range(4000):  # of the impulse response, sample by sample
+            squares, x = squares + (closed.C[rows] @ x) ** 2, closed.A @ x
+        exact = np.sqrt(squares * density * RATE / 2)
+        np.testing.assert_allclose(budget.rms()[:, k], exact, rtol=1e-3, atol=1e-14)
