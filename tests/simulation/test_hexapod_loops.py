@@ -28,6 +28,7 @@ from nassim import (
 )
 from nassim.signals import low_pass
 from nassim.simulation import linearize_closed
+from nassim.simulation.running_loops import start_controller
 from nassim.systems import (
     close_loop,
     crossover_controller,
@@ -42,6 +43,7 @@ from nassim.systems import (
     noise_budget,
     open_loop,
     optimum_gain,
+    proportional,
     sensitivity,
     singular_values,
     unstable_poles,
@@ -262,6 +264,18 @@ def test_cartesian_loops_in_time(push, method, steps):
     rows = [model.outputs.index(name) for name in LENGTHS]
     error = np.abs(lengths - predicted.T[rows]).max() / np.abs(predicted[:, rows]).max()
     assert error < (1e-8 if method == "exact" else 0.01)
+
+
+def test_converters_and_limits_act_on_sensors_and_actuators():
+    """Readings are rounded before they become coordinates, commands limited and rounded after."""
+    gains = (proportional(gain, sample_rate=RATE, delay=0) for gain in (2.0, -1.0))
+    controller = decoupled(*gains, measure=[[1.0, 1.0], [1.0, -1.0]], drive=[[1.0, 0.0], [1.0, 1.0]], limit=3.1)
+    loop = Loop("l", controller, ("a", "b"), ("u", "v"), input_step=0.5, input_limit=4.0, output_step=0.2)
+    step = start_controller(loop)
+    # Read as 0.5 and 0, coordinates 0.5 and 0.5, their controllers 1.0 and -0.5, commands 1.0 and 0.5.
+    np.testing.assert_allclose(step(np.array([0.7, 0.2]))[0], [1.0, 0.4])
+    # Read as 4 and -1.5: 2.5 and 5.5, 5.0 and -5.5, commands 5.0 and -0.5.
+    np.testing.assert_allclose(step(np.array([5.0, -1.6]))[0], [3.0, -0.4])
 
 
 AXES, WRENCHES = tuple(f"motion {k}" for k in range(6)), tuple(f"wrench {k}" for k in range(6))
