@@ -55,7 +55,7 @@ JOINT_MASS = 29.2e-3
 """Of one flexible joint [kg], half of it on either side, assumed in its centre."""
 JOINT_SIDE = 12e-3
 """Of a steel cube of half that mass [m], assumed for the inertia of the halves."""
-WEIGHTLESS = 1e-8
+WEIGHTLESS = 1e-9
 """Mass of ends that have none [kg], because a body needs one."""
 APA_HEIGHT = 30e-3
 APA_SIZE = np.array([78.79e-3, 20e-3, APA_HEIGHT])
