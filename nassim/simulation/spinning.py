@@ -34,6 +34,7 @@ from nassim.scene.scene import Scene
 from nassim.simulation.buckling import axial_forces, warn_of_buckling
 from nassim.simulation.finite_motion import FiniteMotion, Frame, spring_forces
 from nassim.simulation.small_motion import Assembly, motion_size
+from nassim.simulation.standing import Parted, View, guest_terms, turned_damping
 
 STIFFENING = 1e-3
 """Relative change of a frequency by centrifugal stiffening that may be left out without a word."""
@@ -52,7 +53,8 @@ class Spinning:
     """What spin adds to an assembly: M q'' + (C + gyroscopic) q' + (K + stiffness) q = f about the equilibrium.
 
     gyroscopic: 2 W G in minimal coordinates, (n, n), skew
-    stiffness: centrifugal and geometric, in minimal coordinates, (n, n), symmetric
+    stiffness: centrifugal and geometric, in minimal coordinates, (n, n), symmetric; where a part of the scene stands,
+        also what dampers drive, which is not
     equilibrium: minimal coordinates of the equilibrium, from the scene as drawn, (n,); charges that leak are drained
     """
 
@@ -70,10 +72,13 @@ class Spinning:
         )
 
 
-def spinning(assembly: Assembly, angular_velocity: ArrayLike, point: ArrayLike) -> Spinning:
+def spinning(
+    assembly: Assembly, angular_velocity: ArrayLike, point: ArrayLike, parted: Parted | None = None
+) -> Spinning:
     """What it adds to an assembled scene that all of it turns at a constant angular velocity, fixed bodies included.
 
     angular_velocity: (3,) [rad/s], and a point of the axis, (3,) [m], along the axes of the scene, which turn along
+    parted: what stands while all else turns, at the same velocity about the same axis; None for nothing
 
     Warns of an equilibrium beyond small motion, of stiffening within bodies and of preload near buckling, which are
     left out. Raises ValueError where there is no equilibrium within some 0.1 rad of the scene as it is drawn: about
@@ -89,9 +94,16 @@ def spinning(assembly: Assembly, angular_velocity: ArrayLike, point: ArrayLike) 
     moment = 0.0
     for name, place in assembly.slices.items():
         body, _ = assembly.scene.split(f"{name}.")
-        terms = inertia_terms(body, motion.frames[name], place, velocity, axis_point)
-        force[place], gyroscopic[place, place], stiffness[place, place] = terms.force, terms.coriolis, terms.stiffness
-        moment += terms.moment
+        if parted is None or name not in parted.standing:
+            terms = inertia_terms(body, motion.frames[name], place, velocity, axis_point)
+            gyroscopic[place, place], stiffness[place, place] = terms.coriolis, terms.stiffness
+            force[place], moment = terms.force, moment + terms.moment
+    if parted is not None:
+        view = View(assembly, parted)
+        for name in filter(parted.is_guest, assembly.slices):
+            own = (assembly.slices[name],) * 2
+            gyroscopic[own], stiffness[own] = guest_terms(view, name, gyroscopic[own], stiffness[own])
+        stiffness += turned_damping(view)
     rate = float(np.linalg.norm(velocity))
     elastic, borne = _borne(assembly, force)
     stiffness += motion.of_springs(elastic) + motion.of_joints(borne)
@@ -99,7 +111,7 @@ def spinning(assembly: Assembly, angular_velocity: ArrayLike, point: ArrayLike) 
     found = _rest(assembly, stiffness, force, rate, rate**2 * np.sqrt(moment))
     coordinates = assembly.basis @ found
     _check_small(assembly, coordinates)
-    _warn_of_stress(assembly, coordinates, rate / (2 * np.pi))
+    _warn_of_stress(assembly, coordinates, rate / (2 * np.pi), parted)
     basis = assembly.basis
     return Spinning(basis.T @ gyroscopic @ basis, basis.T @ stiffness @ basis, found)
 
@@ -200,16 +212,16 @@ def _rest(assembly: Assembly, added: Array, force: Array, rate: float, largest: 
         pull = modes.T @ circuit.forces
         matrix -= np.outer(pull, pull) / circuit.capacitance
     scale = 1 / np.where(free, rate, 2 * np.pi * assembly.frequency)
-    values, axes = np.linalg.eigh(np.diag(np.where(free, 0.0, 1.0)) + scale[:, None] * matrix * scale)
+    axes, values, answers = np.linalg.svd(np.diag(np.where(free, 0.0, 1.0)) + scale[:, None] * matrix * scale)
     pushed = axes.T @ (scale * (modes.T @ force))
-    held = np.abs(values) > HELD
+    held = values > HELD
     if np.any(np.abs(pushed[~held]) > HELD * largest / rate):
         raise ValueError(
             f"scene {assembly.scene.name!r} has no spinning equilibrium: centrifugal forces drive a motion that "
             "nothing holds, or that is at its critical speed; add a spring or a joint, put the centre of mass on the "
             "axis, or change the speed"
         )
-    result: Array = assembly.shapes @ (scale * (axes[:, held] @ (pushed[held] / values[held])))
+    result: Array = assembly.shapes @ (scale * (answers[held].T @ (pushed[held] / values[held])))
     return result
 
 
@@ -229,8 +241,9 @@ def _check_small(assembly: Assembly, coordinates: Array) -> None:
         )
 
 
-def _warn_of_stress(assembly: Assembly, coordinates: Array, rate: float) -> None:
-    bodies = assembly.scene.deformable_bodies
+def _warn_of_stress(assembly: Assembly, coordinates: Array, rate: float, parted: Parted | None) -> None:
+    standing = parted.standing if parted else ()
+    bodies = [body for body in assembly.scene.deformable_bodies if body.name not in standing]
     for body in bodies:
         first, rise = stiffening(assembly.scene, body, rate)
         if rise > STIFFENING:
