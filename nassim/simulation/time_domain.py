@@ -18,12 +18,13 @@ from nassim.simulation.exact_steps import exact_response
 from nassim.simulation.exudyn.solver import axial_tension, eigenfrequencies, solve_dynamic, solve_static
 from nassim.simulation.exudyn.state import System
 from nassim.simulation.exudyn.system import build_system
+from nassim.simulation.exudyn.turning import solve_turning
 from nassim.simulation.linearization import linearize, refuse_driven
 from nassim.simulation.running_loops import samples_per_period
 from nassim.simulation.sampling import sampled
 from nassim.simulation.small_motion import Assembly, assemble, motion_size
 from nassim.simulation.spinning import STIFFENING, stiffening
-from nassim.simulation.starting_motion import starting_twists
+from nassim.simulation.starting_motion import looks_the_same, starting_twists, steady_twists
 
 METHODS = ("generalized_alpha", "exact", "explicit")
 STABLE_ANGLE = 2.6
@@ -33,6 +34,8 @@ SMALL_MOTION = 0.01
 """Rotation [rad], and deformation over size, up to which small motion holds: the error is about half of its square."""
 RINGING = 0.8
 """Spectral radius above which accelerations in large motion may ring."""
+STEADY = 1e-3
+"""Change of a drive's speed from step to step, over the speed, up to which the speed is one to start at."""
 FAR = 0.1
 """Rotation [rad], or displacement over size, from the scene as drawn that is worth a word: ratios of modes that are
 realised as it is drawn are then wrong by some 3 % in an elbow of two bars."""
@@ -64,17 +67,19 @@ def simulate(
         rule, the default) ... 0; a step h lengthens a period T by about (2 pi h / T)^2 / 12
     hold_order: of the exact method, 1 for inputs that run straight between time steps, the default, 0 for inputs that
         keep their value
-    start: what gravity has done before: "equilibrium", the scene hangs at rest in static equilibrium; "released", it
-        is as drawn, unloaded, and falls from the first step on: a pendulum let go at an angle. Bodies with an
-        angular_velocity turn from the start in both.
+    start: what gravity and spin have done before: "equilibrium", the scene hangs at rest in static equilibrium, and
+        what a drive turns at constant speed from the start is at rest on its turntable, under centrifugal forces too;
+        "released", it is as drawn, unloaded, and falls from the first step on: a pendulum let go at an angle. Bodies
+        with an angular_velocity turn from the start in both.
     progress: show a bar; Ctrl-C stops the run at the end of a step
 
     Returns the signals of `excitation` at the time steps, counted from its first sample, then the outputs. Warns of
     rotations and deformations beyond the range of small motion, of bodies that move far against each other while the
     scene has a damping_ratio, of spin whose centrifugal stiffening is not modelled, and of preload above a tenth of a
     body's buckling load. Raises ValueError for unknown names, for a scene or an option that the method does not fit,
-    and for steps between which something of the excitation is lost (fewer than 8 in its shortest period, pulses shorter
-    than one); RuntimeError when there is no equilibrium to start from and when the integration fails or diverges.
+    for steps between which something of the excitation is lost (fewer than 8 in its shortest period, pulses shorter
+    than one), and for a spinning equilibrium that is unstable where no loop may hold it; RuntimeError when there is no
+    equilibrium to start from and when the integration fails or diverges.
     """
     known("method", method, METHODS)
     known("start", start, STARTS)
@@ -131,10 +136,9 @@ def _integrate(
     progress: bool,
     explicit: bool,
 ) -> Array:
-    rates = {word.input: (signals[word.input][1]) / time_step for word in scene.said(Follow) if word.input}
+    rates, steady = _starting_rates(scene, signals, time_step)
     system = build_system(assemble(scene), rates)
-    if np.any(scene.gravity) and not released:
-        solve_static(system)
+    if not released and _settle(system, steady):
         _warn_of_far_equilibrium(system)
     largest, slackest, shifts, commands = solve_dynamic(
         system,
@@ -150,6 +154,32 @@ def _integrate(
     _warn_of_changed_modes(system.assembly, shifts)
     readings = [np.broadcast_to(system.recorded(name), (n_steps + 1,)) for name in scene.outputs]
     return np.vstack([np.reshape(readings, (len(scene.outputs), n_steps + 1)), commands])
+
+
+def _starting_rates(
+    scene: Scene, signals: Mapping[str, Array], time_step: float
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Rates at the start of inputs that drives follow, and those with which they go on through two steps."""
+    steps = {word.input: np.diff(signals[word.input][:3]) / time_step for word in scene.said(Follow) if word.input}
+    rates = {name: float(step[0]) for name, step in steps.items()}
+    return rates, {name: rate * (abs(steps[name][-1] - rate) <= STEADY * abs(rate)) for name, rate in rates.items()}
+
+
+def _settle(system: System, rates: Mapping[str, float]) -> bool:
+    """Bring a system into equilibrium, at rest or turning steadily; whether there is anything that moves it there."""
+    scene = system.assembly.scene
+    twists = steady_twists(scene, rates)
+    if twists is None:
+        if np.any(scene.gravity):
+            solve_static(system)
+        return bool(np.any(scene.gravity))
+    growing = solve_turning(system, twists)
+    if growing and not scene.loops and looks_the_same(scene, twists):
+        raise ValueError(
+            f"the spinning equilibrium of scene {scene.name!r} to start from is unstable: {growing[0]}; change the "
+            'speed, or let the scene go as it is drawn by simulate(..., start="released")'
+        )
+    return True
 
 
 def _solve_exactly(
@@ -245,10 +275,11 @@ def _warn_of_spin(scene: Scene) -> None:
 
 
 def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> dict[str, float]:
-    """Outputs of a scene in static equilibrium under constant inputs and its gravity, by Exudyn's static solver.
+    """Outputs of a scene in static equilibrium under constant inputs and its gravity, by Exudyn's equations.
 
-    Loops are open. Warns of motion and preload as `simulate` does. Raises ValueError for unknown inputs, RuntimeError
-    when there is no equilibrium (a body that can move freely).
+    Of a scene with a drive of constant speed, as it turns: see `simulate`. Loops are open. Warns of motion and preload
+    as `simulate` does. Raises ValueError for unknown inputs and an unstable equilibrium, RuntimeError when there is
+    none (a body that can move freely).
     """
     values = {name: 0.0 for name in scene.inputs}
     for name, value in (inputs or {}).items():
@@ -257,13 +288,14 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
         refuse_driven(scene)
     system = build_system(assemble(scene))
     system.apply(values)
-    solve_static(system)
+    if not _settle(system, {}):
+        solve_static(system)
     assembly = system.assembly
     _warn_of_motion(
         assembly, {name: motion_size(assembly, name, system.deformation(name)[:, None]) for name in system.carriers}
     )
     warn_of_buckling(assembly, {body.name: axial_tension(system, body) for body in assembly.scene.deformable_bodies})
-    return {name: float(system.recorded(name)[-1]) for name in scene.outputs}
+    return dict(zip(scene.outputs, map(float, system.measure()), strict=True))
 
 
 def exudyn_eigenfrequencies(scene: Scene, *, n_modes: int | None = None) -> Array:
