@@ -266,7 +266,7 @@ def _warn_of_far_equilibrium(system: System) -> None:
 
 
 def _warn_of_spin(scene: Scene, speeds: Mapping[str, float], told: Collection[str] = ()) -> list[str]:
-    """Warn of bodies whose speed [rad/s] takes a stiffening that is left out; their names, without those told before."""
+    """Warn of bodies whose speed [rad/s] takes a stiffening that is left out; returns those not told before."""
     found = []
     for body in scene.flexible_bodies:
         rate = speeds.get(body.name, 0.0) / (2 * np.pi)

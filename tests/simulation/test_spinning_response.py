@@ -1,8 +1,8 @@
 """The linear model of a scene at speed against its own runs: two forces that turn along, two readings on the table.
 
 Steps h answer as if each frequency were 2 / h tan(omega h / 2). Up to a third of the rate of the samples that are
-looked at, ten steps from one to the next keep within 0.07 dB beside resonances; among them it takes thirty, and a single one
-would be wrong by a third.
+looked at, ten steps from one to the next keep within 0.07 dB beside resonances; among them it takes thirty, and a
+single one would be wrong by a third.
 """
 
 import numpy as np
