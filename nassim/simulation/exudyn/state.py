@@ -129,6 +129,11 @@ class System:
         """Angle by which a body's frame is turned against the scene as drawn [rad]."""
         return _angle(self._pose(name, drawn=False)[0] @ self._pose(name, drawn=True)[0].T)
 
+    def speed(self, name: str) -> float:
+        """How fast a body's frame turns [rad/s]."""
+        rate = self.mbs.GetNodeOutput(self.nodes[name], exu.OutputVariableType.AngularVelocity)
+        return float(np.linalg.norm(rate))
+
     def shift(self, name: str, other: str) -> Array:
         """Turn [rad] and displacement [m] of a body as seen from another's frame, against the scene as drawn, (2,)."""
         rotations, positions = [], []
