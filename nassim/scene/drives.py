@@ -1,8 +1,9 @@
 """Drives of scenes: motors that make a joint's free motion follow an input, or run at constant speed."""
 
+import math
 from dataclasses import dataclass
 
-from nassim.base.checks import finite, freeze, known
+from nassim.base.checks import above_zero, finite, freeze, known
 from nassim.base.rigid_motion import DIRECTIONS
 from nassim.scene.part import Actuator, Constraint, Follow, Signal
 from nassim.scene.scene import Scene
@@ -15,6 +16,8 @@ class Drive(Actuator):
     joint: name; direction: one that the joint leaves free, "x" ... "rz" of its axes ("rz" of a `revolute`)
     input: name of the scene's input, displacement [m] or angle [rad], 0 at the start; "" for a constant speed
     speed: constant, from the start on [m/s] or [rad/s]
+    bandwidth: of a servo between the input and the motion, a low-pass of first order, -3 dB [Hz]. Without one, a
+        velocity that follows the input at once is that input's derivative, which linear models refuse.
     """
 
     name: str
@@ -22,10 +25,15 @@ class Drive(Actuator):
     direction: str
     input: Signal = ""
     speed: float = 0.0
+    bandwidth: float = math.inf
 
     def __post_init__(self) -> None:
         known("direction", self.direction, DIRECTIONS)
-        freeze(self, speed=finite(f"drive {self.name!r}: speed", self.speed))
+        freeze(
+            self,
+            speed=finite(f"drive {self.name!r}: speed", self.speed),
+            bandwidth=above_zero(f"drive {self.name!r}: bandwidth", self.bandwidth, "Hz"),
+        )
         if bool(self.input) == bool(self.speed):
             raise ValueError(f"drive {self.name!r} follows either an input or a constant speed; give one of them")
 
@@ -43,9 +51,10 @@ class Drive(Actuator):
             raise ValueError(
                 f"drive {self.name!r}: joint {self.joint!r} holds {self.direction!r}; it leaves free: {free}"
             )
-        return (Follow(self.joint, self.direction, self.input, self.unit, self.speed),)
+        return (Follow(self.joint, self.direction, self.input, self.unit, self.speed, self.bandwidth),)
 
     def describe(self) -> str:
         """What it does to which joint."""
-        does = f"follows {self.input}" if self.input else f"runs at {self.speed:g} {self.unit}/s"
+        lag = f" with {self.bandwidth:g} Hz" if math.isfinite(self.bandwidth) else ""
+        does = f"follows {self.input}{lag}" if self.input else f"runs at {self.speed:g} {self.unit}/s"
         return f"drive {self.name}: {self.direction} of joint {self.joint} {does}"

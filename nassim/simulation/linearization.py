@@ -4,8 +4,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array
-from nassim.scene.part import Constraint, Follow, Force, Reading, SixSprings, Spring
+from nassim.scene.part import Constraint, Force, Reading, SixSprings, Spring
 from nassim.scene.scene import Scene
+from nassim.simulation.following import product
 from nassim.simulation.small_motion import Assembly, assemble
 from nassim.simulation.spinning import Spinning, spinning
 from nassim.systems.feedback import DELAY_ORDER, close_loop
@@ -27,11 +28,11 @@ def linearize(scene: Scene, *, angular_velocity: ArrayLike = STANDING, axis_poin
         that turn. See `nassim.simulation.spinning` for what it holds and leaves out.
 
     The states are the minimal coordinates' modal amplitudes, of the scene at rest, and their rates, then the charges of
-    ports that leak (as volts) and the outputs of amplifiers with a bandwidth. The scene's loops are open. Gravity's
+    ports that leak (as volts) and the outputs of amplifiers and drives with a bandwidth; with drives that follow
+    inputs, amplitudes are those of `nassim.simulation.following`. The scene's loops are open. Gravity's
     effect on stiffness and a body's own angular_velocity are not part of it. Raises ValueError for a spin without an
-    equilibrium near the start.
+    equilibrium near the start, and for outputs that would need an input's derivative.
     """
-    refuse_driven(scene)
     assembly = assemble(scene)
     if scene.speeds:
         if np.any(angular_velocity):
@@ -39,16 +40,6 @@ def linearize(scene: Scene, *, angular_velocity: ArrayLike = STANDING, axis_poin
         angular_velocity, axis_point = spin_of_drive(scene)
     a, b, c, d = state_space(assembly, spinning(assembly, angular_velocity, axis_point))
     return LinearModel(a, b[:, :-1], c, d[:, :-1], scene.inputs, scene.outputs, scene.output_units)
-
-
-def refuse_driven(scene: Scene) -> None:
-    """Raise ValueError for a drive that follows an input, which models of small motion do not know."""
-    for word in scene.said(Follow):
-        if word.input:
-            raise ValueError(
-                f"input {word.input!r} drives joint {word.constraint!r}, which models of small motion hold still: "
-                "simulate in large motion, or let a force act there"
-            )
 
 
 def spin_of_drive(scene: Scene) -> tuple[Array, Array]:
@@ -111,13 +102,15 @@ def state_space(assembly: Assembly, spin: Spinning | None = None) -> StateSpace:
     """A, B, C and D of an assembled scene; the last column of B and D is gravity, a constant input of one.
 
     spin: of a scene that turns, in whose frame gravity is constant along the axis only
-    States: modal amplitudes and their rates, then the charges of circuits (as volts) and the amplifiers' outputs.
+    States: modal amplitudes and their rates, then the charges of circuits (as volts), the amplifiers' outputs and those
+    of the drives' servos. With drives that follow inputs, amplitudes and rates are a and b of
+    `nassim.simulation.following`. Raises ValueError for outputs that would need a derivative of such an input.
     """
     a = assembly
     omega = 2 * np.pi * a.frequency
     n, n_in, n_out = len(omega), a.input_matrix.shape[1], len(a.output_matrix)
     modes = a.basis @ a.shapes
-    size = 2 * n + len(a.circuits) + len(a.amplifiers)
+    size = 2 * n + len(a.circuits) + len(a.amplifiers) + len(a.following.lags)
     state, drives = np.zeros((size, size)), np.zeros((size, n_in + 1))
     readings, feedthrough = np.zeros((n_out, size)), np.zeros((n_out, n_in + 1))
     velocity = slice(n, 2 * n)
@@ -139,13 +132,50 @@ def state_space(assembly: Assembly, spin: Spinning | None = None) -> StateSpace:
         state[velocity, j] = modes.T @ amplifier.forces
         state[j, j] = -amplifier.rate
         drives[j, amplifier.input] = amplifier.rate
+    lagging, taken = a.following.lagging(size), a.following.taken(n_in + 1)
+    for j, k in enumerate(a.following.lags, start=size - len(a.following.lags)):
+        state[j, j], drives[j, a.following.inputs[k]] = -a.following.rates[k], a.following.rates[k]
+    moved = _moved_by_drives(a, spin, state)
+    state += moved @ lagging
+    drives += moved @ taken
+    at_once = product(a.output_matrix, a.following.beyond)
     for k, (row, derivative) in enumerate(zip(a.output_matrix @ modes, a.derivatives, strict=True)):
-        if derivative == 2:
-            readings[k] += row @ state[velocity]
-            feedthrough[k] = row @ drives[velocity]
-        else:
-            readings[k, derivative * n : (derivative + 1) * n] += row
+        seen, direct = at_once[k] @ lagging, at_once[k] @ taken
+        seen[:n] += row
+        for order in range(derivative):
+            _refuse_derivatives(a, k, direct, order)
+            seen, direct = seen @ state, product(seen, drives)
+        readings[k] += seen
+        feedthrough[k] = direct
     return state, drives, readings, feedthrough
+
+
+def _moved_by_drives(a: Assembly, spin: Spinning | None, state: Array) -> Array:
+    """Rates of all states per unit of the drives' motions, (size, d), with the system matrix as it is without them."""
+    n, following = len(a.frequency), a.following
+    position, velocity = slice(n), slice(n, 2 * n)
+    drag, pull = following.drag, np.zeros_like(following.drag)
+    if spin is not None:
+        drag, pull = drag + a.shapes.T @ spin.drag, a.shapes.T @ spin.pull
+    result = np.zeros((len(state), drag.shape[1]))
+    result[position] = slip = product(
+        np.hstack([-state[velocity, velocity], -np.eye(n)]), np.vstack([following.momentum, drag])
+    )
+    result[velocity] = state[velocity, velocity] @ slip - state[velocity, position] @ following.momentum - pull
+    for j, circuit in enumerate(a.circuits, start=2 * n):
+        result[j] = circuit.forces @ following.beyond / (circuit.resistance * circuit.capacitance**2)
+    return result
+
+
+def _refuse_derivatives(a: Assembly, output: int, direct: Array, order: int) -> None:
+    """Raise ValueError where an output reads a derivative of what inputs, (inputs + 1,), make at once."""
+    if np.any(direct):
+        name = a.scene.inputs[int(np.argmax(np.abs(direct)))]
+        kind, given = ("a velocity", "derivative") if order == 0 else ("an acceleration", "derivatives")
+        raise ValueError(
+            f"output {a.scene.outputs[output]!r} reads {kind} that follows the {given} of input {name!r} at once, "
+            "which no linear model of these inputs holds: give the drive a bandwidth, or read a displacement"
+        )
 
 
 def linearize_closed(

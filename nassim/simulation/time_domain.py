@@ -9,7 +9,7 @@ import numpy as np
 from nassim.base.checks import Array, finite, known
 from nassim.base.progress import stage
 from nassim.scene.bodies import RigidBody
-from nassim.scene.part import Follow, Reading
+from nassim.scene.part import Reading
 from nassim.scene.scene import Scene
 from nassim.signals.time_history import TimeHistory, occupied_bandwidth
 from nassim.simulation.accuracy import integrator_error
@@ -18,10 +18,11 @@ from nassim.simulation.exact_steps import exact_response
 from nassim.simulation.exudyn.solver import axial_tension, eigenfrequencies, solve_dynamic, solve_static
 from nassim.simulation.exudyn.state import System
 from nassim.simulation.exudyn.system import build_system
-from nassim.simulation.linearization import linearize, refuse_driven
+from nassim.simulation.following import Following
+from nassim.simulation.linearization import linearize, state_space
 from nassim.simulation.running_loops import samples_per_period
 from nassim.simulation.sampling import sampled
-from nassim.simulation.small_motion import Assembly, assemble, motion_size
+from nassim.simulation.small_motion import Assembly, assemble, driven, motion_size
 from nassim.simulation.spinning import STIFFENING, stiffening
 from nassim.simulation.starting_motion import starting_twists
 
@@ -131,8 +132,11 @@ def _integrate(
     progress: bool,
     explicit: bool,
 ) -> Array:
-    rates = {word.input: (signals[word.input][1]) / time_step for word in scene.said(Follow) if word.input}
-    system = build_system(assemble(scene), rates)
+    rates = {word.input: signals[word.input][1] / time_step for word in driven(scene.words)}
+    assembly = assemble(scene)
+    if scene.in_small_motion:
+        state_space(assembly)  # refuses outputs that need a derivative of what a drive follows
+    system = build_system(assembly, rates)
     if np.any(scene.gravity) and not released:
         solve_static(system)
         _warn_of_far_equilibrium(system)
@@ -253,8 +257,6 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
     values = {name: 0.0 for name in scene.inputs}
     for name, value in (inputs or {}).items():
         values[known("input", name, scene.inputs)] = finite(f"input {name!r}", value)
-    if scene.in_small_motion:
-        refuse_driven(scene)
     system = build_system(assemble(scene))
     system.apply(values)
     solve_static(system)
@@ -271,7 +273,9 @@ def exudyn_eigenfrequencies(scene: Scene, *, n_modes: int | None = None) -> Arra
 
     Measured electrical ports keep their charge, whatever their resistance.
     """
-    return eigenfrequencies(build_system(replace(assemble(scene), circuits=())))[:n_modes]
+    assembly = assemble(scene)
+    still = Following.none(*assembly.basis.shape)
+    return eigenfrequencies(build_system(replace(assembly, circuits=(), following=still)))[:n_modes]
 
 
 def _check_options(method: str, spectral_radius: float | None, hold_order: int | None) -> None:
@@ -294,16 +298,19 @@ def _check_options(method: str, spectral_radius: float | None, hold_order: int |
 def _check_loops(scene: Scene, time_step: float) -> None:
     for loop in scene.loops:
         samples_per_period(loop, time_step)
-    if not scene.loops or not any(reading.derivative == 2 for reading in scene.said(Reading)):
+    at_once = driven(scene.words) or any(reading.derivative == 2 for reading in scene.said(Reading))
+    if not scene.loops or not at_once:
         return
-    model = linearize(scene)
+    measured = {name for loop in scene.loops for name in loop.measured}
+    sensors = [s for s in scene.sensors if any(isinstance(w, Reading) and w.output in measured for w in s.says(scene))]
+    model = linearize(replace(scene, sensors=tuple(sensors), loops=()))
     for loop in scene.loops:
         rows, columns = map(model.outputs.index, loop.measured), list(map(model.inputs.index, loop.driven))
         for row in rows:
             if np.any(model.D[row, columns]):
                 raise ValueError(
                     f"loop {loop.name!r} measures {model.outputs[row]!r}, which follows what the loop drives at once, "
-                    "so whether a sample sees its command is open: give the actuator or the sensor a bandwidth"
+                    "so whether a sample sees its command is open: give the actuator, drive or sensor a bandwidth"
                 )
 
 
@@ -318,10 +325,8 @@ def _warn_of_ringing(scene: Scene, spectral_radius: float) -> None:
 
 
 def _check_drives(scene: Scene, signals: Mapping[str, Array]) -> None:
-    if scene.in_small_motion:
-        refuse_driven(scene)
-    for word in scene.said(Follow):
-        if word.input and signals[word.input][0]:
+    for word in driven(scene.words):
+        if signals[word.input][0]:
             raise ValueError(
                 f"input {word.input!r} drives joint {word.constraint!r} from where it is drawn: it must start at 0, "
                 f"not at {signals[word.input][0]:g} {word.unit}"
@@ -342,6 +347,8 @@ def _check_stability(scene: Scene, time_step: float) -> None:
     assembly = assemble(scene)
     if assembly.circuits:
         raise ValueError('method "explicit" cannot integrate the charge of a sensor with a resistance; take another')
+    if assembly.following.inputs:
+        raise ValueError('method "explicit" cannot let joints follow inputs; take another, or let a force act there')
     fastest = float(assembly.frequency[-1])
     limit = STABLE_ANGLE / (2 * np.pi * fastest)
     if time_step > limit:
