@@ -11,10 +11,12 @@ from scipy.spatial.transform import Rotation
 from nassim import (
     AngleSensor,
     Bushing,
+    Controller,
     Drive,
     Encoder,
     FlexibleBody,
     Joint,
+    Loop,
     RigidBody,
     Scene,
     SpringDamper,
@@ -28,6 +30,7 @@ from nassim import (
     static_response,
 )
 from nassim.scene.part import Reading, Row, Sensor
+from nassim.simulation import exudyn_eigenfrequencies, linearize_closed
 
 AXIS = np.array([2.0, -1.0, 2.0]) / 3
 TURN = Rotation.from_rotvec([0.5, -0.8, 0.3]).as_matrix()
@@ -338,3 +341,50 @@ def test_velocities_of_what_follows_at_once_are_refused():
     np.testing.assert_allclose(transfer(seen("sledge.seat", 1, bandwidth=8.0), 5.0), s * lag, rtol=1e-9)
     found = transfer(seen("load.seat", 2, bandwidth=8.0), 5.0)
     np.testing.assert_allclose(found, s**2 * payload * lag, rtol=1e-9)
+
+
+def test_a_loop_that_commands_a_drive(reduced):
+    """Active isolation of a shaken tip: the sampled closed model, exact steps, and the stepped engines."""
+    omega, *_ = own_assembly(reduced, False)
+    rate = 20 * omega[0] / (2 * np.pi)
+    gain = Controller([[0.9]], [[0.1]], [[-0.8]], [[-0.1]], rate, delay=1)
+    time = np.arange(81) / rate
+    excitation = history(time, input=1e-6 * np.sin(omega[0] / 2.3 * time) ** 2)
+
+    def scene(fidelity, **drive):
+        plain = cantilever(reduced, False, fidelity, **drive)
+        return replace(plain, loops=(Loop("iso", gain, "x", "input"),))
+
+    lag = {"bandwidth": 2 * omega[0] / (2 * np.pi)}
+    a, b, c, d = linearize_closed(scene("linear", **lag)).matrices
+    state, expected = np.zeros(len(a)), []
+    for u in excitation.values[0]:
+        expected.append(c @ state + d[:, 0] * u)
+        state = a @ state + b[:, 0] * u
+    options = {"method": "exact", "hold_order": 0}
+    exact = simulate(scene("linear", **lag), excitation, time_step=1 / rate, progress=False, **options)
+    np.testing.assert_allclose(exact.values[1:4].T, np.array(expected)[:, :3], atol=1e-9 * np.abs(expected).max())
+    fine = simulate(scene("linear", **lag), excitation, time_step=0.2 / rate, method="exact", progress=False)
+    alone = simulate(cantilever(reduced, False, **lag), excitation, time_step=0.2 / rate, progress=False)
+    assert np.abs(alone["x"] - fine["x"]).max() > 0.05 * np.abs(fine["x"]).max()
+    for fidelity in ("linear", "ffrf"):
+        found = simulate(scene(fidelity, **lag), excitation, time_step=0.2 / rate, progress=False)
+        np.testing.assert_allclose(found.values[1:], fine.values[1:], atol=5e-3 * np.abs(fine.values[1:]).max())
+    for method in ("exact", "generalized_alpha"):
+        with pytest.raises(ValueError, match="give the actuator, drive or sensor a bandwidth"):
+            simulate(scene("linear"), excitation, time_step=1 / rate, method=method, progress=False)
+
+
+def test_what_small_motion_cannot_do_with_drives(reduced):
+    time = np.arange(101) * 1e-6
+    scene = cantilever(reduced, False)
+    with pytest.raises(ValueError, match='method "explicit" cannot let joints follow inputs; take another'):
+        simulate(scene, history(time, input=0 * time), time_step=1e-6, method="explicit", progress=False)
+    for method in ("exact", "generalized_alpha"):
+        with pytest.raises(ValueError, match=r"it must start at 0, not at 1 m"):
+            simulate(scene, history(time, input=0 * time + 1), time_step=1e-6, method=method, progress=False)
+    run = history(np.arange(101) * 1e-2, input=np.linspace(0, 0.05, 101))
+    with pytest.warns(UserWarning, match="turned by up to 0.046 rad, where small motion is wrong"):
+        simulate(cantilever(reduced, True), run, time_step=1e-2, method="exact", progress=False)
+    still = exudyn_eigenfrequencies(scene)
+    np.testing.assert_allclose(still, own_assembly(reduced, False)[0] / (2 * np.pi), rtol=1e-6)
