@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array
-from nassim.scene.part import Constraint, Force, Reading, SixSprings, Spring
+from nassim.scene.part import Constraint, Force, Line, Reading, Row, SixSprings, Spring
 from nassim.scene.scene import Scene
 from nassim.simulation.following import product
 from nassim.simulation.small_motion import Assembly, assemble
@@ -56,7 +56,10 @@ def spin_of_drive(scene: Scene) -> tuple[Array, Array]:
     ends = [path.partition(".")[0] in still for path in (joint.a, joint.b)]
     if sum(ends) != 1:
         raise ValueError(f"joint {joint.name!r}: a drive of constant speed needs a fixed body on one side")
+    axis = joint.axes[:, "xyz".index(word.direction[1])]
     for other in scene.words:
+        if isinstance(other, Spring) and _about(axis, joint, other.row):
+            continue
         if isinstance(other, (Constraint, SixSprings)):
             paths: tuple[str, ...] = (other.a, other.b)
         elif isinstance(other, (Spring, Reading, Force)):
@@ -68,9 +71,15 @@ def spin_of_drive(scene: Scene) -> tuple[Array, Array]:
                 f"{' and '.join(paths)}: a part between the ground and what turns at constant speed makes the model "
                 "change as it turns; let it be on the turning table, or simulate in time"
             )
-    axis = joint.axes[:, "xyz".index(word.direction[1])]
     sign = 1.0 if ends[0] else -1.0
     return sign * word.speed * axis, scene.point_position(joint.a)
+
+
+def _about(axis: Array, joint: Constraint, row: Row | Line) -> bool:
+    """Whether a row is the motion of a joint's points along or about an axis, wherever it has turned, as its damper."""
+    if isinstance(row, Line) or set(row.paths) != {joint.a, joint.b}:
+        return False
+    return all(np.allclose(np.cross(weights.reshape(2, 3), axis), 0.0, atol=1e-9) for _, weights in row.points)
 
 
 def spinning_equilibrium(
