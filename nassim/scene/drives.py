@@ -36,6 +36,8 @@ class Drive(Actuator):
         )
         if bool(self.input) == bool(self.speed):
             raise ValueError(f"drive {self.name!r} follows either an input or a constant speed; give one of them")
+        if self.speed and math.isfinite(self.bandwidth):
+            raise ValueError(f"drive {self.name!r} runs at constant speed, which needs no bandwidth; leave it out")
 
     @property
     def unit(self) -> str:
@@ -51,6 +53,8 @@ class Drive(Actuator):
             raise ValueError(
                 f"drive {self.name!r}: joint {self.joint!r} holds {self.direction!r}; it leaves free: {free}"
             )
+        if not any(scene.split(path)[0].moves for path in (joint.a, joint.b)):
+            raise ValueError(f"drive {self.name!r}: joint {self.joint!r} connects fixed bodies, which nothing moves")
         return (Follow(self.joint, self.direction, self.input, self.unit, self.speed, self.bandwidth),)
 
     def describe(self) -> str:

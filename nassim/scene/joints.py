@@ -6,9 +6,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nassim.base.checks import freeze, instances, known, not_negative, unique
+from nassim.base.checks import Array, freeze, instances, known, not_negative, unique
 from nassim.base.rigid_motion import DIRECTIONS, axes_along, proper_rotation, unit_vector
-from nassim.scene.bodies import FlexibleBody
+from nassim.scene.bodies import FlexibleBody, RigidBody
+from nassim.scene.mechanics import checked_axis
 from nassim.scene.part import Axes, Connection, Constraint, Path, Row, Spring
 from nassim.scene.scene import Scene
 
@@ -57,6 +58,9 @@ class Joint(Connection):
             raise ValueError(f"joint {self.name!r} connects {self.a!r} with itself")
         for path in (self.a, self.b):
             self._check_held(scene, path)
+        body = scene.split(self.a)[0]
+        if isinstance(body, RigidBody) and scene.split(self.b)[0] is body:
+            raise ValueError(f"joint {self.name!r}: {self.a!r} and {self.b!r} belong to one rigid body")
         gap = float(np.linalg.norm(scene.point_position(self.b) - scene.point_position(self.a)))
         if gap > TOUCH_TOLERANCE:
             raise ValueError(
@@ -122,6 +126,10 @@ def _figures(label: str, damping: Damping, free: tuple[str, ...]) -> tuple[float
     )
 
 
+def _along(name: str, axis: str | ArrayLike) -> Array:
+    return axes_along(checked_axis(f"joint {name!r}", axis))
+
+
 def fixed(name: str, a: str, b: str) -> Joint:
     """A rigid connection."""
     return Joint(name, a, b)
@@ -129,17 +137,17 @@ def fixed(name: str, a: str, b: str) -> Joint:
 
 def revolute(name: str, a: str, b: str, axis: str | ArrayLike = "z", *, damping: Damping = 0.0) -> Joint:
     """B turns about an axis of a; axis: "x", "y", "z" or a vector, world frame at the start, as of all joints here."""
-    return Joint(name, a, b, ("rz",), axes_along(axis), damping)
+    return Joint(name, a, b, ("rz",), _along(name, axis), damping)
 
 
 def prismatic(name: str, a: str, b: str, axis: str | ArrayLike = "z", *, damping: Damping = 0.0) -> Joint:
     """B slides along an axis of a and does not turn."""
-    return Joint(name, a, b, ("z",), axes_along(axis), damping)
+    return Joint(name, a, b, ("z",), _along(name, axis), damping)
 
 
 def cylindrical(name: str, a: str, b: str, axis: str | ArrayLike = "z", *, damping: Damping = 0.0) -> Joint:
     """B slides along an axis of a and turns about it."""
-    return Joint(name, a, b, ("z", "rz"), axes_along(axis), damping)
+    return Joint(name, a, b, ("z", "rz"), _along(name, axis), damping)
 
 
 def universal(
@@ -149,7 +157,7 @@ def universal(
 
     Raises ValueError for axes that are not perpendicular at the start.
     """
-    first, second = unit_vector(axis_a), unit_vector(axis_b)
+    first, second = (unit_vector(checked_axis(f"joint {name!r}", axis)) for axis in (axis_a, axis_b))
     if abs(first @ second) > PERPENDICULAR:
         raise ValueError(f"joint {name!r}: a universal joint's axes must be perpendicular, got {axis_a!r}, {axis_b!r}")
     return Joint(name, a, b, ("rx", "ry"), np.column_stack([first, second, np.cross(first, second)]), damping)
@@ -162,4 +170,4 @@ def spherical(name: str, a: str, b: str, *, damping: Damping = 0.0) -> Joint:
 
 def planar(name: str, a: str, b: str, normal: str | ArrayLike = "z", *, damping: Damping = 0.0) -> Joint:
     """B slides in a plane of a, given by its normal, and turns about it."""
-    return Joint(name, a, b, ("x", "y", "rz"), axes_along(normal), damping)
+    return Joint(name, a, b, ("x", "y", "rz"), _along(name, normal), damping)
