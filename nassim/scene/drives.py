@@ -14,7 +14,9 @@ class Drive(Actuator):
     """A stiff motor in a joint: one of its free motions, of b against a, follows an input or runs at constant speed.
 
     joint: name; direction: one that the joint leaves free, "x" ... "rz" of its axes ("rz" of a `revolute`)
-    input: name of the scene's input, displacement [m] or angle [rad], 0 at the start; "" for a constant speed
+    input: name of the scene's input, displacement [m] or angle [rad], 0 at the start; "" for a constant speed. One that
+        starts with a rate jolts what is at rest: all that is in small motion; bodies in large motion start to move
+        along as rigid ones.
     speed: constant, from the start on [m/s] or [rad/s]
     bandwidth: of a servo between the input and the motion, a low-pass of first order, -3 dB [Hz]. Without one, a
         velocity that follows the input at once is that input's derivative, which linear models refuse.

@@ -12,9 +12,7 @@ from nassim.bodies.floating_frame import FloatingFrame, floating_frame
 from nassim.bodies.strain import Strain, joined, spring_strain, stiffness_root, strained_modes
 from nassim.scene.bodies import Body, RigidBody
 from nassim.scene.part import (
-    Constraint,
     Field,
-    Follow,
     Force,
     Leak,
     Line,
@@ -26,6 +24,7 @@ from nassim.scene.part import (
     unknown_word,
 )
 from nassim.scene.scene import Scene
+from nassim.simulation.constraints import constraint_rows, null_space
 from nassim.simulation.damping import Damping, own_damping
 from nassim.simulation.following import Following, follow, followed_motion
 from nassim.simulation.rows import bushing_rows, shares
@@ -35,8 +34,6 @@ NO_EQUILIBRIUM = (
     "no static equilibrium: can a body move freely? Add joints, leave gravity out, or let the scene go as it is drawn "
     'by simulate(..., start="released")'
 )
-REDUNDANT = 1e-7
-"""Constraints with less than this share of their own are implied by others."""
 
 
 @dataclass(frozen=True)
@@ -170,8 +167,10 @@ def assemble(scene: Scene) -> Assembly:
     frames = {body.name: floating_frame(body.reduced, scene.frame_point(body)) for body in scene.flexible_bodies}
     coordinates = _Coordinates.of(scene)
     strains, dampers = _strains(coordinates, words)
-    held, moved, enforced = _independent(coordinates, words, _undeformed(coordinates, frames))
-    basis = _null_space(held, coordinates.mass)
+    held, moved, enforced = constraint_rows(
+        scene, coordinates.motion, coordinates.mass, _undeformed(coordinates, frames)
+    )
+    basis = null_space(held, coordinates.mass)
     strain = joined(strains, len(coordinates.mass))
     mass, stiffness = basis.T @ coordinates.mass @ basis, strain.within(basis).stiffness
     frequency, shapes = strained_modes(strain.within(basis), mass)
@@ -190,7 +189,7 @@ def assemble(scene: Scene) -> Assembly:
     )
     dragged = deformation.T @ (own @ (deformation @ followed)) + dampers @ followed
     input_matrix, amplifiers = _actions(coordinates, words)
-    drives = driven(words)
+    drives = scene.follows
     readings = [word for word in words if isinstance(word, Reading)]
     vectors = [word.gain * coordinates.vector(word.row, derivative=word.derivative) for word in readings]
     return Assembly(
@@ -220,11 +219,6 @@ def assemble(scene: Scene) -> Assembly:
             dragged,
         ),
     )
-
-
-def driven(words: Sequence[Word]) -> list[Follow]:
-    """Drives that follow inputs."""
-    return [word for word in words if isinstance(word, Follow) and word.input]
 
 
 def motion_size(assembly: Assembly, name: str, coordinates: Array) -> Array:
@@ -339,51 +333,3 @@ def _circuits(coordinates: _Coordinates, words: Sequence[Word]) -> tuple[Circuit
         for word in words
         if isinstance(word, Leak)
     )
-
-
-def _independent(
-    coordinates: _Coordinates, words: Sequence[Word], rows: Array
-) -> tuple[Array, Array, dict[str, tuple[str, ...]]]:
-    """All constraints after the given rows, less those that earlier ones imply, and what each constraint holds.
-
-    In the middle what these rows are per unit of the drives that follow inputs, (m, d). Small motion is about the state
-    of the drives, whose joints' motions are held.
-    """
-    drives = driven(words)
-    joints = {word.name: word for word in words if isinstance(word, Constraint)}
-    wanted: list[tuple[Constraint, str, Follow | None]] = [(j, d, None) for j in joints.values() for d in j.held]
-    wanted += [(joints[word.constraint], word.direction, word) for word in words if isinstance(word, Follow)]
-    scale = 1.0 / np.sqrt(np.diag(coordinates.mass))
-    basis = scipy.linalg.orth((rows * scale).T).T if len(rows) else rows  # SciPy before 1.14 takes no empty matrix
-    kept, moved = [rows], [np.zeros((len(rows), len(drives)))]
-    enforced: dict[str, tuple[str, ...]] = {name: () for name in joints}
-    for joint, direction, drive in wanted:
-        weights = joint.axes[:, "xyz".index(direction[-1])]
-        motion = coordinates.motion(joint.b) - coordinates.motion(joint.a)
-        row = weights @ (motion[3:] if direction.startswith("r") else motion[:3])
-        rest = row * scale
-        size = np.linalg.norm(rest)
-        for _ in range(2):  # twice is enough for orthogonality to the last digit
-            rest = rest - basis.T @ (basis @ rest)
-        if np.linalg.norm(rest) > REDUNDANT * size:
-            basis = np.vstack([basis, rest / np.linalg.norm(rest)])
-            kept.append(row[None])
-            moved.append(np.array([[word is drive for word in drives]], dtype=float).reshape(1, -1))
-            enforced[joint.name] += (direction,)
-        elif drive is not None:
-            raise ValueError(
-                f"{direction} of joint {joint.name!r} cannot be driven: other joints or drives hold it already"
-            )
-    return np.vstack(kept), np.vstack(moved), enforced
-
-
-def _null_space(constraints: Array, mass: Array) -> Array:
-    """Orthonormal basis of the motions that satisfy the constraints; redundant constraints do no harm."""
-    n = len(mass)
-    if len(constraints) == 0:
-        return np.eye(n)
-    # The scale turns metres, radians and modal amplitudes into comparable square roots of energy.
-    scale = 1.0 / np.sqrt(np.diag(mass))
-    scaled = constraints * scale
-    scaled = scaled / np.linalg.norm(scaled, axis=1, keepdims=True)
-    return scale[:, None] * scipy.linalg.null_space(scaled, rcond=1e-9)

@@ -22,7 +22,7 @@ from nassim.simulation.following import Following
 from nassim.simulation.linearization import linearize, state_space
 from nassim.simulation.running_loops import samples_per_period
 from nassim.simulation.sampling import sampled
-from nassim.simulation.small_motion import Assembly, assemble, driven, motion_size
+from nassim.simulation.small_motion import Assembly, assemble, motion_size
 from nassim.simulation.spinning import STIFFENING, stiffening
 from nassim.simulation.starting_motion import starting_twists
 
@@ -132,7 +132,7 @@ def _integrate(
     progress: bool,
     explicit: bool,
 ) -> Array:
-    rates = {word.input: signals[word.input][1] / time_step for word in driven(scene.words)}
+    rates = {word.input: signals[word.input][1] / time_step for word in scene.follows}
     assembly = assemble(scene)
     if scene.in_small_motion:
         state_space(assembly)  # refuses outputs that need a derivative of what a drive follows
@@ -298,7 +298,7 @@ def _check_options(method: str, spectral_radius: float | None, hold_order: int |
 def _check_loops(scene: Scene, time_step: float) -> None:
     for loop in scene.loops:
         samples_per_period(loop, time_step)
-    at_once = driven(scene.words) or any(reading.derivative == 2 for reading in scene.said(Reading))
+    at_once = scene.follows or any(reading.derivative == 2 for reading in scene.said(Reading))
     if not scene.loops or not at_once:
         return
     measured = {name for loop in scene.loops for name in loop.measured}
@@ -325,7 +325,7 @@ def _warn_of_ringing(scene: Scene, spectral_radius: float) -> None:
 
 
 def _check_drives(scene: Scene, signals: Mapping[str, Array]) -> None:
-    for word in driven(scene.words):
+    for word in scene.follows:
         if signals[word.input][0]:
             raise ValueError(
                 f"input {word.input!r} drives joint {word.constraint!r} from where it is drawn: it must start at 0, "
