@@ -147,15 +147,16 @@ def state_space(assembly: Assembly, spin: Spinning | None = None) -> StateSpace:
     moved = _moved_by_drives(a, spin, state)
     state += moved @ lagging
     drives += moved @ taken
-    at_once = product(a.output_matrix, a.following.beyond)
-    for k, (row, derivative) in enumerate(zip(a.output_matrix @ modes, a.derivatives, strict=True)):
-        seen, direct = at_once[k] @ lagging, at_once[k] @ taken
-        seen[:n] += row
-        for order in range(derivative):
-            _refuse_derivatives(a, k, direct, order)
+    for order in range(3):
+        rows = a.output_matrix * (np.array(a.derivatives) == order)[:, None]
+        at_once = product(rows, a.following.beyond)
+        seen, direct = at_once @ lagging, at_once @ taken
+        seen[:, :n] += rows @ modes
+        for step in range(order):
+            _refuse_derivatives(a, direct, step)
             seen, direct = seen @ state, product(seen, drives)
-        readings[k] += seen
-        feedthrough[k] = direct
+        readings += seen
+        feedthrough += direct
     return state, drives, readings, feedthrough
 
 
@@ -176,15 +177,16 @@ def _moved_by_drives(a: Assembly, spin: Spinning | None, state: Array) -> Array:
     return result
 
 
-def _refuse_derivatives(a: Assembly, output: int, direct: Array, order: int) -> None:
-    """Raise ValueError where an output reads a derivative of what inputs, (inputs + 1,), make at once."""
-    if np.any(direct):
-        name = a.scene.inputs[int(np.argmax(np.abs(direct)))]
-        kind, given = ("a velocity", "derivative") if order == 0 else ("an acceleration", "derivatives")
-        raise ValueError(
-            f"output {a.scene.outputs[output]!r} reads {kind} that follows the {given} of input {name!r} at once, "
-            "which no linear model of these inputs holds: give the drive a bandwidth, or read a displacement"
-        )
+def _refuse_derivatives(a: Assembly, direct: Array, step: int) -> None:
+    """ValueError where outputs read a derivative of what inputs make at once, direct, (outputs, inputs + 1)."""
+    for output, row in zip(a.scene.outputs, direct, strict=True):
+        if np.any(row):
+            name = a.scene.inputs[int(np.argmax(np.abs(row)))]
+            kind, given = (("a velocity", "derivative"), ("an acceleration", "derivatives"))[step]
+            raise ValueError(
+                f"output {output!r} reads {kind} that follows the {given} of input {name!r} at once, which no linear "
+                "model of these inputs holds: give the drive a bandwidth, or read a displacement"
+            )
 
 
 def linearize_closed(
