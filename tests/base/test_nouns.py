@@ -50,6 +50,7 @@ NOT_DATA = {
         "Damping",
         "Push",
         "FiniteMotion",
+        "Following",
         "Frame",
         "InertiaTerms",
         "Point",
