@@ -221,6 +221,7 @@ class Follow:
     """A direction that a constraint leaves free is held as well, at what an input says or a constant speed makes.
 
     constraint: its name; direction: of its axes; input: name, "" for a constant speed; unit: of the input
+    bandwidth: of a servo between input and motion, a low-pass of first order, -3 dB [Hz]
     """
 
     constraint: Signal
@@ -228,6 +229,7 @@ class Follow:
     input: Signal
     unit: str
     speed: float = 0.0
+    bandwidth: float = math.inf
 
 
 Word = Force | Field | Reading | Filter | Tension | Spring | SixSprings | Leak | Constraint | Follow

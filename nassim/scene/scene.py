@@ -194,6 +194,11 @@ class Scene:
         return tuple(word for word in self.said(Follow) if word.speed)
 
     @property
+    def follows(self) -> tuple[Follow, ...]:
+        """Joints' motions that follow inputs."""
+        return tuple(word for word in self.said(Follow) if word.input)
+
+    @property
     def in_small_motion(self) -> bool:
         """Whether joints and bodies are in small motion: some body is "linear", none is "ffrf", and nothing spins."""
         kinds = {body.fidelity for body in self.flexible_bodies}

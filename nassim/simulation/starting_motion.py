@@ -62,7 +62,8 @@ def starting_twists(scene: Scene, rates: Mapping[str, float] | None = None) -> d
                 f"what else turns, leave {_listed(asked[3 * k : 3 * k + 3] - missing)} rad/s, with all bodies rigid; "
                 "give an angular_velocity that they allow, or free more directions of a joint"
             )
-    missed = np.abs(drives @ found - speeds)
+    # What follows an input may also begin by straining bodies; a constant speed would strain them without end.
+    missed = np.abs(drives @ found - speeds) * [bool(word.speed) for word in scene.said(Follow)]
     if missed.size and missed.max() > FOLLOWED * np.abs(asked).max():
         word = scene.said(Follow)[int(np.argmax(missed))]
         raise ValueError(
@@ -215,7 +216,7 @@ def _driven(scene: Scene, places: Mapping[str, slice], rates: Mapping[str, float
     rows = [np.zeros((0, 6 * len(places)))]
     for word in words:
         rows.append(_relative(scene, places, joints[word.constraint])[[list(DIRECTIONS).index(word.direction)]])
-    return np.vstack(rows), np.array([word.speed + rates.get(word.input, 0.0) for word in words])
+    return np.vstack(rows), np.array([w.speed + rates.get(w.input, 0.0) * np.isinf(w.bandwidth) for w in words])
 
 
 def _relative(scene: Scene, places: Mapping[str, slice], joint: Constraint) -> Array:

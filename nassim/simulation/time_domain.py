@@ -19,7 +19,8 @@ from nassim.simulation.exudyn.solver import axial_tension, eigenfrequencies, sol
 from nassim.simulation.exudyn.state import System
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.exudyn.turning import solve_turning
-from nassim.simulation.linearization import linearize, refuse_driven
+from nassim.simulation.following import Following
+from nassim.simulation.linearization import linearize, state_space
 from nassim.simulation.running_loops import samples_per_period
 from nassim.simulation.sampling import sampled
 from nassim.simulation.small_motion import Assembly, assemble, motion_size
@@ -144,7 +145,10 @@ def _integrate(
     rates, steady = _starting_rates(scene, signals, time_step)
     twists = starting_twists(scene, rates)
     told = _warn_of_spin(scene, {name: float(np.linalg.norm(twist[3:])) for name, twist in twists.items()})
-    system = build_system(assemble(scene), rates)
+    assembly = assemble(scene)
+    if scene.in_small_motion:
+        state_space(assembly)  # refuses outputs that need a derivative of what a drive follows
+    system = build_system(assembly, rates)
     if not released and _settle(system, steady):
         _warn_of_far_equilibrium(system)
     largest, slackest, shifts, speeds, commands = solve_dynamic(
@@ -295,8 +299,6 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
     values = {name: 0.0 for name in scene.inputs}
     for name, value in (inputs or {}).items():
         values[known("input", name, scene.inputs)] = finite(f"input {name!r}", value)
-    if scene.in_small_motion:
-        refuse_driven(scene)
     system = build_system(assemble(scene))
     system.apply(values)
     if not _settle(system, {}):
@@ -306,7 +308,7 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
         assembly, {name: motion_size(assembly, name, system.deformation(name)[:, None]) for name in system.carriers}
     )
     warn_of_buckling(assembly, {body.name: axial_tension(system, body) for body in assembly.scene.deformable_bodies})
-    return dict(zip(scene.outputs, map(float, system.measure()), strict=True))
+    return {name: system.at_rest(name) for name in scene.outputs}
 
 
 def exudyn_eigenfrequencies(scene: Scene, *, n_modes: int | None = None) -> Array:
@@ -314,7 +316,9 @@ def exudyn_eigenfrequencies(scene: Scene, *, n_modes: int | None = None) -> Arra
 
     Measured electrical ports keep their charge, whatever their resistance.
     """
-    return eigenfrequencies(build_system(replace(assemble(scene), circuits=())))[:n_modes]
+    assembly = assemble(scene)
+    still = Following.none(*assembly.basis.shape)
+    return eigenfrequencies(build_system(replace(assembly, circuits=(), following=still)))[:n_modes]
 
 
 def _check_options(method: str, spectral_radius: float | None, hold_order: int | None) -> None:
@@ -337,16 +341,19 @@ def _check_options(method: str, spectral_radius: float | None, hold_order: int |
 def _check_loops(scene: Scene, time_step: float) -> None:
     for loop in scene.loops:
         samples_per_period(loop, time_step)
-    if not scene.loops or not any(reading.derivative == 2 for reading in scene.said(Reading)):
+    at_once = scene.follows or any(reading.derivative == 2 for reading in scene.said(Reading))
+    if not scene.loops or not at_once:
         return
-    model = linearize(scene)
+    measured = {name for loop in scene.loops for name in loop.measured}
+    sensors = [s for s in scene.sensors if any(isinstance(w, Reading) and w.output in measured for w in s.says(scene))]
+    model = linearize(replace(scene, sensors=tuple(sensors), loops=()))
     for loop in scene.loops:
         rows, columns = map(model.outputs.index, loop.measured), list(map(model.inputs.index, loop.driven))
         for row in rows:
             if np.any(model.D[row, columns]):
                 raise ValueError(
                     f"loop {loop.name!r} measures {model.outputs[row]!r}, which follows what the loop drives at once, "
-                    "so whether a sample sees its command is open: give the actuator or the sensor a bandwidth"
+                    "so whether a sample sees its command is open: give the actuator, drive or sensor a bandwidth"
                 )
 
 
@@ -362,10 +369,8 @@ def _warn_of_ringing(scene: Scene, spectral_radius: float, time_step: float) -> 
 
 
 def _check_drives(scene: Scene, signals: Mapping[str, Array]) -> None:
-    if scene.in_small_motion:
-        refuse_driven(scene)
-    for word in scene.said(Follow):
-        if word.input and signals[word.input][0]:
+    for word in scene.follows:
+        if signals[word.input][0]:
             raise ValueError(
                 f"input {word.input!r} drives joint {word.constraint!r} from where it is drawn: it must start at 0, "
                 f"not at {signals[word.input][0]:g} {word.unit}"
@@ -386,6 +391,8 @@ def _check_stability(scene: Scene, time_step: float) -> None:
     assembly = assemble(scene)
     if assembly.circuits:
         raise ValueError('method "explicit" cannot integrate the charge of a sensor with a resistance; take another')
+    if assembly.following.inputs:
+        raise ValueError('method "explicit" cannot let joints follow inputs; take another, or let a force act there')
     fastest = float(assembly.frequency[-1])
     limit = STABLE_ANGLE / (2 * np.pi * fastest)
     if time_step > limit:

@@ -51,6 +51,7 @@ NOT_DATA = {
         "Damping",
         "Push",
         "FiniteMotion",
+        "Following",
         "Frame",
         "InertiaTerms",
         "Point",

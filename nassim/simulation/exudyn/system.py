@@ -64,7 +64,7 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None) -
     Raises ValueError for joints and angular velocities that do not go together: `nassim.simulation.starting_motion`.
     """
     if assembly.scene.in_small_motion and len(assembly.mass):
-        return small_motion_system(assembly)
+        return small_motion_system(assembly, rates or {})
     check_implied(assembly.scene, assembly.enforced)
     container = exu.SystemContainer()
     mbs = container.AddSystem()
@@ -80,14 +80,14 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None) -
             readings[word.output] += add_tension(items, word)
         else:
             drives += _realise(items, word, assembly)
-    circuits = []
+    massless = []
     for circuit in assembly.circuits:
         forces = {name: circuit.forces[assembly.slices[name]] for name in items.carriers}
         parts = [part for name, carrier in items.carriers.items() for part in carrier.parts(forces[name])]
         if parts:
             row = np.concatenate([piece for _, piece in parts])
             number, reading = add_circuit(mbs, circuit, [node for node, _ in parts], row)
-            circuits.append(number)
+            massless.append(number)
             readings[circuit.output].append(reading)
     mbs.Assemble()
     return System(
@@ -98,7 +98,7 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None) -
         dict(items.carriers),
         tuple(drives),
         readings,
-        tuple(circuits),
+        tuple(massless),
         turning=turning,
     )
 
