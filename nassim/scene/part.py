@@ -120,7 +120,10 @@ class Field:
 class Reading:
     """An output reads a row: gain units per unit of the row's displacement, velocity or acceleration.
 
+    What a part says of one output adds up: several readings, tensions and leaks.
     derivative: 0, 1 or 2
+    inertial: where a field accelerates everything, velocity and acceleration are those against inertial space, and not
+        those against the ground, as of a sensor that hangs a mass in its housing
     """
 
     output: Signal
@@ -128,6 +131,21 @@ class Reading:
     row: Row | Line
     gain: float = 1.0
     derivative: int = 0
+    inertial: bool = False
+
+
+@dataclass(frozen=True)
+class Filter:
+    """What is read of an output passes a filter, as if it had always been at its first value; several in their order.
+
+    passes: "low" or "high" frequencies; frequency: of its corner or resonance [Hz]
+    damping_ratio: of a filter of second order, w^2 or s^2 over s^2 + 2 damping_ratio w s + w^2; None for first order
+    """
+
+    output: Signal
+    passes: str
+    frequency: float
+    damping_ratio: float | None = None
 
 
 @dataclass(frozen=True)
@@ -152,6 +170,19 @@ class SixSprings:
     axes: Axes
     stiffness: Array
     damping: Array
+
+
+@dataclass(frozen=True)
+class Tension:
+    """An output reads what a spring and its damper, which another part says, pull with: positive where they pull.
+
+    direction: of six springs "x" ... "rz" of their axes, what they pull b with [N], [N m]; "" for one spring
+    """
+
+    output: Signal
+    unit: str
+    spring: Spring | SixSprings
+    direction: str = ""
 
 
 @dataclass(frozen=True)
@@ -198,7 +229,7 @@ class Follow:
     speed: float = 0.0
 
 
-Word = Force | Field | Reading | Spring | SixSprings | Leak | Constraint | Follow
+Word = Force | Field | Reading | Filter | Tension | Spring | SixSprings | Leak | Constraint | Follow
 
 
 def unknown_word(word: object, engine: str) -> TypeError:

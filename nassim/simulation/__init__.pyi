@@ -22,6 +22,9 @@ from .linearization import (
 from .linearization import (
     state_space as state_space,
 )
+from .scene_body import (
+    reduce_scene as reduce_scene,
+)
 from .small_motion import (
     Assembly as Assembly,
 )

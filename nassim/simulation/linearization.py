@@ -6,12 +6,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nassim.base.checks import Array, finite_array, known
-from nassim.scene.part import Constraint, Follow
+from nassim.base.checks import Array, finite_array, known, unique
+from nassim.scene.part import Constraint, Follow, Reading
 from nassim.scene.scene import Scene
+from nassim.simulation.sides import standing_bodies
 from nassim.simulation.small_motion import Assembly, assemble
 from nassim.simulation.spinning import Spinning, spinning
-from nassim.simulation.standing import FRAMES, Parted, View, check_constant, damps_both, standing_bodies
+from nassim.simulation.standing import FRAMES, Parted, View, check_constant, damps_both
 from nassim.systems.feedback import DELAY_ORDER, close_loop
 from nassim.systems.linear_model import LinearModel, sampled, unstable_poles
 from nassim.systems.state_space import StateSpace
@@ -44,10 +45,10 @@ def linearize(
         damping_ratio is then, as in floating frames, one of the bodies' deformation
 
     The states are the minimal coordinates' modal amplitudes, of the scene at rest, and their rates, then the charges of
-    ports that leak (as volts) and the outputs of amplifiers with a bandwidth. The scene's loops are open. Gravity's
-    effect on stiffness and a body's own angular_velocity are not part of it. A model may be unstable: `unstable_poles`
-    tells. Raises ValueError for a spin without an equilibrium near the start, and for a part, by name, that changes the
-    model as the scene turns.
+    ports that leak (as volts), the outputs of amplifiers with a bandwidth and the states of sensors' filters. The
+    scene's loops are open. Gravity's effect on stiffness and a body's own angular_velocity are not part of it. A model
+    may be unstable: `unstable_poles` tells. Raises ValueError for a spin without an equilibrium near the start, for
+    inertial sensors in it, and for a part, by name, that changes the model as the scene turns.
     """
     refuse_driven(scene)
     a, b, c, d = state_space(*spun(scene, angular_velocity, axis_point, standing, frame))
@@ -124,7 +125,8 @@ def spinning_equilibrium(
     for j, circuit in enumerate(assembly.circuits, start=2 * len(spin.equilibrium)):
         at_rest[j] = circuit.forces @ assembly.basis @ spin.equilibrium / circuit.capacitance
     # Accelerations of what rests vanish but for rounding.
-    values: Array = readings @ at_rest * (np.array(assembly.derivatives) == 0)
+    modes, n = assembly.basis @ assembly.shapes, len(spin.equilibrium)
+    values: Array = (readings - assembly.acceleration_matrix @ modes @ state[n : 2 * n]) @ at_rest
     return dict(zip(scene.outputs, map(float, values), strict=True))
 
 
@@ -132,13 +134,14 @@ def state_space(assembly: Assembly, spin: Spinning | None = None) -> StateSpace:
     """A, B, C and D of an assembled scene; the last column of B and D is gravity, a constant input of one.
 
     spin: of a scene that turns, in whose frame gravity is constant along the axis only
-    States: modal amplitudes and their rates, then the charges of circuits (as volts) and the amplifiers' outputs.
+    States: modal amplitudes and their rates, then the charges of circuits (as volts), the amplifiers' outputs and what
+    filters of outputs keep.
     """
     a = assembly
     omega = 2 * np.pi * a.frequency
     n, n_in, n_out = len(omega), a.input_matrix.shape[1], len(a.output_matrix)
     modes = a.basis @ a.shapes
-    size = 2 * n + len(a.circuits) + len(a.amplifiers)
+    size = 2 * n + len(a.circuits) + len(a.amplifiers) + sum(len(system[0]) for system in a.filters.values())
     state, drives = np.zeros((size, size)), np.zeros((size, n_in + 1))
     readings, feedthrough = np.zeros((n_out, size)), np.zeros((n_out, n_in + 1))
     velocity = slice(n, 2 * n)
@@ -146,6 +149,7 @@ def state_space(assembly: Assembly, spin: Spinning | None = None) -> StateSpace:
     state[velocity, :n] = -np.diag(omega**2)
     state[velocity, velocity] = -a.damping.of_modes
     if spin is not None:
+        _refuse_inertial(a, spin)
         state[velocity, :n] -= a.shapes.T @ spin.stiffness @ a.shapes
         state[velocity, velocity] -= a.shapes.T @ spin.gyroscopic @ a.shapes
     drives[velocity, :n_in], drives[velocity, n_in] = modes.T @ a.input_matrix, modes.T @ a.weight
@@ -160,18 +164,44 @@ def state_space(assembly: Assembly, spin: Spinning | None = None) -> StateSpace:
         state[velocity, j] = modes.T @ amplifier.forces
         state[j, j] = -amplifier.rate
         drives[j, amplifier.input] = amplifier.rate
-    for k, (row, derivative) in enumerate(zip(a.output_matrix @ modes, a.derivatives, strict=True)):
-        if derivative == 2:
-            readings[k] += row @ state[velocity]
-            feedthrough[k] = row @ drives[velocity]
-        else:
-            readings[k, derivative * n : (derivative + 1) * n] += row
+    readings[:, :n] += a.output_matrix @ modes
+    readings[:, velocity] += a.velocity_matrix @ modes
+    readings += a.acceleration_matrix @ modes @ state[velocity]
+    feedthrough += a.acceleration_matrix @ modes @ drives[velocity]
+    _filter(a, state, drives, readings, feedthrough)
     return state, drives, readings, feedthrough
+
+
+def _refuse_inertial(a: Assembly, spin: Spinning) -> None:
+    """ValueError for filtered outputs and inertial ones in a frame that turns, where the table's turn counts too."""
+    read = [*a.filters, *(word.output for word in a.words if isinstance(word, Reading) and word.inertial)]
+    if read and np.any(spin.gyroscopic):
+        raise ValueError(
+            f"output {read[0]!r} reads motion against inertial space, or through a filter, which a linear model of a "
+            "scene that spins does not know: simulate in time, or read velocity against the table (Vibrometer)"
+        )
+
+
+def _filter(a: Assembly, state: Array, drives: Array, readings: Array, feedthrough: Array) -> None:
+    """Let outputs pass their filters, whose states are the last ones."""
+    end = len(state) - sum(len(system[0]) for system in a.filters.values())
+    for output, (fa, fb, fc, fd) in a.filters.items():
+        k, place = a.scene.outputs.index(output), slice(end, end + len(fa))
+        ground = np.append(a.ground_matrix[k], 0.0)
+        state[place] = np.outer(fb[:, 0], readings[k])
+        state[place, place] = fa
+        drives[place] = fb @ np.vstack([feedthrough[k], ground])
+        readings[k] *= fd[0, 0]
+        readings[k, place] = fc[0]
+        feedthrough[k] = (fd @ np.vstack([feedthrough[k], ground]))[0]
+        end = place.stop
 
 
 def linearize_closed(
     scene: Scene,
     *,
+    loops: Sequence[str] | None = None,
+    noise: bool = False,
     continuous: bool = False,
     delay_order: int = DELAY_ORDER,
     angular_velocity: ArrayLike = STANDING,
@@ -179,17 +209,24 @@ def linearize_closed(
     standing: Sequence[str] | None = None,
     frame: str = "turning",
 ) -> LinearModel:
-    """The linear model of a scene with all its loops closed, their converters and limits left out.
+    """The linear model of a scene with its loops closed, their converters and limits left out.
 
+    loops: names of those to close (None: all), the others stay open, to be designed or cut: with one loop left out,
+        `nassim.systems.open_loop` of its controller is that loop while the others run
+    noise: give it inputs for the noise of what loops measure, see `nassim.systems.close_loop`
     angular_velocity, axis_point, standing, frame: of a scene that turns, see `linearize`
 
     The model is sampled at the loops' rate: what a simulation without saturation does at its samples, exactly, with the
     excitation held between them. continuous: the continuous equivalent instead, with delay and hold by Pade's
-    approximation of delay_order. Raises ValueError for a scene without loops, and for several rates unless continuous.
+    approximation of delay_order. Raises ValueError for a scene without loops, for an unknown one, and for several rates
+    unless continuous.
     """
-    rates = {loop.controller.sample_rate for loop in scene.loops}
-    if not rates:
+    if not scene.loops:
         raise ValueError(f"scene {scene.name!r} has no loops; linearize serves")
+    known_loops = [loop.name for loop in scene.loops]
+    wanted = known_loops if loops is None else [known("loop", n, known_loops) for n in unique("loop", loops)]
+    closed = [loop for loop in scene.loops if loop.name in wanted]
+    rates = {loop.controller.sample_rate for loop in closed or scene.loops}
     if len(rates) > 1 and not continuous:
         raise ValueError(
             f"the loops of scene {scene.name!r} have several sample rates; only the continuous model has all"
@@ -197,6 +234,13 @@ def linearize_closed(
     model = linearize(scene, angular_velocity=angular_velocity, axis_point=axis_point, standing=standing, frame=frame)
     if not continuous:
         model = sampled(model, rates.pop())
-    for loop in scene.loops:
-        model = close_loop(model, loop.controller, measured=loop.measured, driven=loop.driven, delay_order=delay_order)
+    for loop in closed:
+        model = close_loop(
+            model,
+            loop.controller,
+            measured=loop.measured,
+            driven=loop.driven,
+            delay_order=delay_order,
+            noise=noise,
+        )
     return model

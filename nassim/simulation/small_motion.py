@@ -23,13 +23,16 @@ from nassim.scene.part import (
     Row,
     SixSprings,
     Spring,
+    Tension,
     Word,
     unknown_word,
 )
 from nassim.scene.scene import Scene
 from nassim.simulation.damping import Damping, own_damping
+from nassim.simulation.filters import ground_accelerations, output_filters
 from nassim.simulation.rows import bushing_rows, shares
 from nassim.simulation.trimming import trim_scene
+from nassim.systems.state_space import StateSpace
 
 NO_EQUILIBRIUM = (
     "no static equilibrium: can a body move freely? Add joints, leave gravity out, or let the scene go as it is drawn "
@@ -84,8 +87,10 @@ class Assembly:
     shapes: (n, n), unit modal mass
     damping: of the modes, of bodies and of dampers
     input_matrix: forces on all coordinates per unit input, (n_all, inputs), but for those through amplifiers
-    output_matrix: outputs per unit of all coordinates or of the derivative that they read, (outputs, n_all)
-    derivatives: what the outputs read: 0 displacement, 1 velocity, 2 acceleration, (outputs,)
+    output_matrix, velocity_matrix, acceleration_matrix: outputs per unit of all coordinates and of their derivatives,
+        before the filters, (outputs, n_all) each
+    ground_matrix: acceleration along what inertial outputs read, of the ground, per unit input, (outputs, inputs)
+    filters: by output that passes one or is inertial, see `nassim.simulation.filters`
     weight: forces of gravity on all coordinates, (n_all,)
     frames: floating frame of each flexible body, by name
     circuits: electrical ports whose charge leaks through a resistance
@@ -104,7 +109,10 @@ class Assembly:
     damping: Damping
     input_matrix: Array
     output_matrix: Array
-    derivatives: tuple[int, ...]
+    velocity_matrix: Array
+    acceleration_matrix: Array
+    ground_matrix: Array
+    filters: dict[str, StateSpace]
     weight: Array
     frames: dict[str, FloatingFrame]
     circuits: tuple[Circuit, ...]
@@ -120,7 +128,7 @@ class Assembly:
     def falls_into_modes(self) -> bool:
         """Whether nothing couples the undamped modes, and outputs read displacements only."""
         coupled = self.circuits or self.amplifiers or np.any(self.damping.beside)
-        return not (coupled or any(self.derivatives))
+        return not (coupled or self.filters or np.any(self.velocity_matrix) or np.any(self.acceleration_matrix))
 
 
 @dataclass(frozen=True)
@@ -181,8 +189,7 @@ def assemble(scene: Scene) -> Assembly:
         basis.T @ dampers @ basis,
     )
     input_matrix, amplifiers = _actions(coordinates, words)
-    readings = [word for word in words if isinstance(word, Reading)]
-    vectors = [word.gain * coordinates.vector(word.row, derivative=word.derivative) for word in readings]
+    readings = _readings(coordinates, words)
     return Assembly(
         scene=scene,
         words=words,
@@ -195,8 +202,11 @@ def assemble(scene: Scene) -> Assembly:
         shapes=shapes,
         damping=damping,
         input_matrix=input_matrix,
-        output_matrix=np.reshape(vectors, (len(readings), len(coordinates.mass))),
-        derivatives=tuple(word.derivative for word in readings),
+        output_matrix=readings[0],
+        velocity_matrix=readings[1],
+        acceleration_matrix=readings[2],
+        ground_matrix=ground_accelerations(scene),
+        filters=output_filters(scene),
         weight=coordinates.weight(scene.gravity),
         frames=frames,
         circuits=_circuits(coordinates, words),
@@ -309,6 +319,26 @@ def _actions(coordinates: _Coordinates, words: Sequence[Word]) -> tuple[Array, t
             else:
                 matrix[:, index] += forces
     return matrix, tuple(amplifiers)
+
+
+def _readings(coordinates: _Coordinates, words: Sequence[Word]) -> Array:
+    """Outputs per unit of all coordinates and of their first and second derivatives, (3, outputs, n_all)."""
+    outputs = coordinates.scene.outputs
+    result = np.zeros((3, len(outputs), len(coordinates.mass)))
+    for word in words:
+        if isinstance(word, Reading):
+            row = coordinates.vector(word.row, derivative=word.derivative)
+            result[word.derivative, outputs.index(word.output)] += word.gain * row
+        elif isinstance(word, Tension):
+            k, spring = outputs.index(word.output), word.spring
+            if isinstance(spring, Spring):
+                row = coordinates.vector(spring.row)
+                result[:2, k] += np.outer((spring.stiffness, spring.damping), row)
+            else:
+                rows = np.array([coordinates.vector(row) for row in bushing_rows(spring)])
+                pulls = np.stack([spring.stiffness, spring.damping])[:, list(DIRECTIONS).index(word.direction)]
+                result[:2, k] += pulls @ rows
+    return result
 
 
 def _circuits(coordinates: _Coordinates, words: Sequence[Word]) -> tuple[Circuit, ...]:

@@ -303,7 +303,7 @@ def test_types_must_be_there_when_a_kind_is_placed(soft, monkeypatch):
 
 
 KINDS = [noun for noun in map(find, NOUNS) if issubclass(noun, (Part, Loop, RigidBody, FlexibleBody))]
-PLAIN_TEXT = {"name", "unit", "fidelity", "frame", "free", "held", "direction", "constraint"}
+PLAIN_TEXT = {"name", "unit", "fidelity", "frame", "free", "held", "direction", "constraint", "passes"}
 """Texts that are no points and no signals, "frame" of a flexible body being a remote point's bare name."""
 
 

@@ -18,6 +18,7 @@ from nassim.scene.part import SixSprings, Spring
 from nassim.scene.scene import Scene
 from nassim.simulation.buckling import axial_forces
 from nassim.simulation.damping import tied_bodies
+from nassim.simulation.exudyn.filtering import Filtering
 from nassim.simulation.exudyn.state import Push, System, find_accelerations
 from nassim.simulation.running_loops import RUNAWAY, runaway, start_loops
 from nassim.simulation.small_motion import NO_EQUILIBRIUM, motion_size
@@ -171,7 +172,7 @@ class _Watch:
 
 
 class _Steps:
-    """Sets, step by step, the inputs and what loops add to them.
+    """Sets, step by step, the inputs and what loops add to them, after outputs passed their filters.
 
     begun: number of steps; commands: what the loops put out, (n_steps + 1, commands)
     """
@@ -185,7 +186,8 @@ class _Steps:
         self.begun = 0
         self.commands = np.zeros((n_steps + 1, len(scene.commands)))
         self.step_loops = start_loops(scene, time_step)
-        self.nothing = np.zeros(len(scene.inputs))
+        self.filtering = Filtering(system, samples, n_steps, time_step)
+        self.nothing = self.held = np.zeros(len(scene.inputs))
         self.drives = []
         for drive in system.drives:
             direct = not np.isfinite(drive.rate)
@@ -200,8 +202,10 @@ class _Steps:
         """Set what acts during the next step."""
         count, mbs, explicit = self.begun, self.system.mbs, self.explicit
         held = end = self.nothing
+        self.filtering.step(count, self.held)
         if self.commands.size:
-            held, end, self.commands[count] = self.step_loops(count, self.system.measure)
+            held, end, self.commands[count] = self.step_loops(count, self.filtering.measure)
+            self.held = held
         count += 1
         for follow, row, drive, place, straight in self.drives:
             added = end[place] if straight else held[place]
@@ -209,9 +213,10 @@ class _Steps:
         self.begun = count
 
     def end(self) -> None:
-        """Take what the loops put out at the end of the last step."""
+        """Take what passes filters and what loops put out at the end of the last step."""
+        self.filtering.step(self.begun, self.held)
         if self.commands.size:
-            self.commands[self.begun] = self.step_loops(self.begun, self.system.measure)[2]
+            self.commands[self.begun] = self.step_loops(self.begun, self.filtering.measure)[2]
 
 
 def _integrate(system: System, settings: Any, *, explicit: bool) -> Exception | None:

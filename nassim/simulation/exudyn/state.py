@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import exudyn as exu
@@ -10,6 +10,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 
 from nassim.base.checks import Array
+from nassim.simulation.filters import static_gain
 from nassim.simulation.small_motion import Assembly, Circuit
 
 COORDINATES = (
@@ -88,8 +89,9 @@ class System:
     mbs: the Exudyn system, kept alive by container; assembly: what it models
     nodes: rigid-body node per moving body; carriers: per flexible body that deforms
     drives: what the inputs act through
-    readings: per output, what it is the sum of
+    readings: per output, what it is the sum of, before its filter
     circuits: objects of `add_circuit`
+    filtered: what a run lets pass, by output of `Assembly.filters`, (n_samples,) each
     """
 
     container: Any
@@ -100,22 +102,18 @@ class System:
     drives: tuple[Push, ...]
     readings: dict[str, list[Term]]
     circuits: tuple[int, ...]
+    filtered: dict[str, Array] = field(default_factory=dict)
 
     def apply(self, inputs: Mapping[str, float]) -> None:
         """Set the inputs, as if they had always been so."""
         for drive in self.drives:
             drive.apply(self.mbs, inputs[drive.input])
 
-    def measure(self) -> Array:
-        """Present outputs, (outputs,)."""
+    def measured(self, output: str) -> float:
+        """Present value of one output, before its filter."""
         read = self.mbs.GetSensorValues
-        return np.array(
-            [
-                sum(float(term.value(*(np.reshape(read(k), (1, -1)) for k in term.sensors))[0]) for term in terms)
-                for terms in self.readings.values()
-            ],
-            dtype=float,
-        )
+        terms = self.readings[output]
+        return sum(float(term.value(*(np.reshape(read(k), (1, -1)) for k in term.sensors))[0]) for term in terms)
 
     def deformation(self, name: str) -> Array:
         """Present coordinates of a flexible body that deforms, as `ReducedBody` orders them, shape (n,)."""
@@ -146,10 +144,16 @@ class System:
         return np.reshape(rotation, (3, 3)), np.asarray(position)
 
     def recorded(self, output: str) -> Array:
-        """Samples of one output, shape (n_samples,); a single 0 where nothing that moves is measured."""
+        """Samples of one output, shape (n_samples,); a single 0 where nothing that moves is measured.
+
+        Of statics, where no run has passed its filter, what passes of a constant.
+        """
+        if output in self.filtered:
+            return self.filtered[output]
         read = self.mbs.GetSensorStoredData
         terms = [term.value(*(read(k)[:, 1:] for k in term.sensors)) for term in self.readings[output]]
-        return np.sum(terms, axis=0) if terms else np.zeros(1)
+        values: Array = np.sum(terms, axis=0) if terms else np.zeros(1)
+        return values * static_gain(self.assembly.filters[output]) if output in self.assembly.filters else values
 
 
 def _angle(rotation: Array) -> float:
@@ -177,12 +181,13 @@ def small_motion_system(assembly: Assembly) -> System:
     for a in assembly.amplifiers:
         pushes = assembly.basis.T @ a.forces
         drives.append(Push(add_forces(mbs, [node], n), scene.inputs[a.input], pushes, rate=a.rate))
-    weights = assembly.output_matrix @ assembly.basis
-    readings = {}
-    for k, (name, derivative) in enumerate(zip(scene.outputs, assembly.derivatives, strict=True)):
-        kind = COORDINATES[derivative]
-        sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kind, storeInternal=True, writeToFile=False)
-        readings[name] = [Term.linear(mbs.AddSensor(sensor), weights[k])]
+    readings: dict[str, list[Term]] = {name: [] for name in scene.outputs}
+    rows = (assembly.output_matrix, assembly.velocity_matrix, assembly.acceleration_matrix)
+    for kind, weights in zip(COORDINATES, rows, strict=True):
+        for name, row in zip(scene.outputs, weights @ assembly.basis, strict=True):
+            if np.any(row):
+                sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kind, storeInternal=True, writeToFile=False)
+                readings[name].append(Term.linear(mbs.AddSensor(sensor), row))
     circuits = []
     for circuit in assembly.circuits:
         number, reading = add_circuit(mbs, circuit, [node], assembly.basis.T @ circuit.forces)

@@ -16,7 +16,20 @@ from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.bodies.floating_frame import FloatingFrame
 from nassim.scene.bodies import FlexibleBody, RigidBody
-from nassim.scene.part import Constraint, Field, Follow, Force, Leak, Reading, SixSprings, Spring, Word, unknown_word
+from nassim.scene.part import (
+    Constraint,
+    Field,
+    Filter,
+    Follow,
+    Force,
+    Leak,
+    Reading,
+    SixSprings,
+    Spring,
+    Tension,
+    Word,
+    unknown_word,
+)
 from nassim.scene.scene import Scene
 from nassim.simulation.exudyn.items import (
     Grip,
@@ -31,6 +44,7 @@ from nassim.simulation.exudyn.items import (
 from nassim.simulation.exudyn.readings import add_reading
 from nassim.simulation.exudyn.springs import add_six_springs, add_spring, reaches
 from nassim.simulation.exudyn.state import Carrier, Push, System, Term, add_circuit, modal_node, small_motion_system
+from nassim.simulation.exudyn.tensions import add_tension
 from nassim.simulation.small_motion import Assembly
 from nassim.simulation.starting_motion import check_implied, starting_twists
 
@@ -56,10 +70,12 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None) -
     mbs = container.AddSystem()
     items = _add_bodies(mbs, assembly, rates)
     drives: list[Push] = []
-    readings: dict[str, list[Term]] = {}
+    readings: dict[str, list[Term]] = {output: [] for output in assembly.scene.outputs}
     for word in assembly.words:
         if isinstance(word, Reading):
-            readings[word.output] = add_reading(items, word)
+            readings[word.output] += add_reading(items, word)
+        elif isinstance(word, Tension):
+            readings[word.output] += add_tension(items, word)
         else:
             drives += _realise(items, word, assembly)
     circuits = []
@@ -92,8 +108,8 @@ def _realise(items: Items, word: Word, assembly: Assembly) -> list[Push]:
             return add_force(items, word)
         case Field():
             return add_field(items, word)
-        case Leak() | Follow():
-            pass  # circuits of the assembly, and what constraints follow
+        case Leak() | Follow() | Filter():
+            pass  # circuits of the assembly, what constraints follow, and filters of the assembly
         case _:
             raise unknown_word(word, "Exudyn's system of large motion")
     return []
