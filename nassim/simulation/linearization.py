@@ -10,9 +10,10 @@ from nassim.base.checks import Array, finite_array, known, unique
 from nassim.scene.part import Constraint, Reading
 from nassim.scene.scene import Scene
 from nassim.simulation.following import product
+from nassim.simulation.sides import standing_bodies
 from nassim.simulation.small_motion import Assembly, assemble
 from nassim.simulation.spinning import Spinning, spinning
-from nassim.simulation.standing import FRAMES, Parted, View, check_constant, damps_both, standing_bodies
+from nassim.simulation.standing import FRAMES, Parted, View, check_constant, damps_both
 from nassim.systems.feedback import DELAY_ORDER, close_loop
 from nassim.systems.linear_model import LinearModel, sampled, unstable_poles
 from nassim.systems.state_space import StateSpace

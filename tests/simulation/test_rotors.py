@@ -1,6 +1,6 @@
 """Machines of which a part spins and a part stands: whirl against closed forms, own matrices and runs in time."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -34,6 +34,7 @@ from nassim import (
 )
 from nassim.base.modal import decay_poles
 from nassim.base.rigid_motion import axes_along, rigid_transfer, skew
+from nassim.scene.part import ForceElement, Row, Spring
 from nassim.simulation.linearization import spinning_equilibrium
 from nassim.systems.linear_model import unstable_poles
 
@@ -529,3 +530,25 @@ def test_damping_of_modes_is_one_of_deformation():
     with pytest.warns(UserWarning, match="damping_ratio acts through deformation only"):
         damped = linearize(replace(scene, damping_ratio=0.05), **spin).poles()
     assert_same_poles(damped, linearize(scene, **spin).poles(), 1e-9)
+
+
+@dataclass(frozen=True)
+class Friction(ForceElement):
+    """Viscous friction about x between two points."""
+
+    name: str
+    a: str
+    b: str
+
+    def says(self, scene):
+        """It brakes the turn of b against a."""
+        return (Spring(Row.between(self.a, self.b, np.eye(3)[0], frame=self.a, turns=True), 0.0, 0.3),)
+
+
+def test_a_drive_bears_the_friction_of_its_joint(shaft):
+    scene = overhung(shaft, 100.0)
+    rubbing = replace(scene, springs=(Friction("grease", "housing.p", "hub.p"),))
+    np.testing.assert_allclose(linearize(rubbing).A, linearize(scene).A, rtol=1e-12, atol=1e-9)
+    seal = replace(scene, springs=(Friction("seal", "ground.disc", "disc.p"),))
+    with pytest.raises(ValueError, match=r"what ties ground\.disc and disc\.p resists the turn"):
+        linearize(seal, standing=["ground", "housing"])
