@@ -194,9 +194,7 @@ def plot_noise_budget(
         axes[1].loglog(part.frequency[shown], amplitude[shown], label=label, **style)
     total = budget.total.rms()[row, 0]
     if limit is not None:
-        axes[1].axhline(
-            limit, color="#d62728", ls="--", lw=1.0, label=f"limit: {limit:.3g} {budget.units[row]}".rstrip()
-        )
+        axes[1].axhline(limit, color="0.4", ls="--", lw=1.2, label=f"limit: {limit:.3g} {budget.units[row]}".rstrip())
     if total > 0:
         top, peak = 2 * max(total, limit or 0.0), 2 * np.sqrt(budget.total.psd[row, 0].max())
         axes[1].set_ylim(1e-4 * top, top)

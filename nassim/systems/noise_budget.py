@@ -212,13 +212,16 @@ def _with_resonances(model: LinearModel, frequency: Array) -> Array:
             f"an undamped motion at {centres[endless][0]:g} Hz has no bound under noise; give the model damping, or "
             "take a band without it"
         )
+    centres, widths = centres[~resting], np.abs(widths[~resting])
     points = [frequency]
-    for centre, width in zip(centres[~resting], widths[~resting], strict=True):
+    for pole, (centre, width) in enumerate(zip(centres, widths, strict=True)):
         k = int(np.clip(np.searchsorted(frequency, centre), 1, len(frequency) - 1))
         coarse = (frequency[k] - frequency[k - 1]) / (FINENESS * width) if width > 0 else 1.0
         if coarse > 1:
             offsets = width * np.sinh(FINENESS * np.arange(np.arccosh(coarse) / FINENESS + 1))
-            points += [centre - offsets, centre + offsets]
+            near = np.concatenate([centre - offsets, centre + offsets])
+            # Where another pole needs closer ones, it brings its own.
+            points.append(near[np.hypot(widths, near[:, None] - centres).argmin(axis=1) == pole])
     every = np.unique(np.concatenate(points))
     return every[(every >= frequency[0]) & (every <= frequency[-1])]
 
