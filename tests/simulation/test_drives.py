@@ -326,7 +326,6 @@ def test_what_drives_cannot_do_is_told_before_long_work():
             simulate(
                 replace(arm(input="turn"), joints=joints), history(time, turn=time), time_step=0.01, progress=False
             )
-    fast = arm(speed=1.0)
     with pytest.raises(ValueError, match="output 'x': as the turning frame sees it, this changes by"):
         linearize(arm(speed=1.0))
 
