@@ -55,7 +55,7 @@ JOINT_MASS = 29.2e-3
 """Of one flexible joint [kg], half of it on either side, assumed in its centre."""
 JOINT_SIDE = 12e-3
 """Of a steel cube of half that mass [m], assumed for the inertia of the halves."""
-WEIGHTLESS = 1e-8
+WEIGHTLESS = 1e-9
 """Mass of ends that have none [kg], because a body needs one."""
 APA_HEIGHT = 30e-3
 APA_SIZE = np.array([78.79e-3, 20e-3, APA_HEIGHT])
@@ -159,19 +159,8 @@ def imported_strut(
     turn = _upright(high - low, body.name)
     whole = float(np.linalg.norm(high - low)) if length is None else length
     place = np.array([0, 0, whole / 2]) - turn @ (low + high) / 2
-    wired: tuple[tuple[Actuator, ...], tuple[Sensor, ...]] = ((), ())
-    if {"actuator", "sensor"} <= {port.name for port in body.ports}:
-        drive, measure = electrical_ports()
-        wired = (drive,), (measure,)
-    drives, sensors = wired
-    if stacks is not None:
-        a, b = (f"apa.{name}" for name in stacks)
-        drives = (StackActuator("actuator_stacks", a, b, STACK.force_per_volt, "actuator_voltage", AMPLIFIER_GAIN),)
-    if sensor is not None:
-        a, b = (f"apa.{name}" for name in sensor)
-        sensors = (StackSensor("sensor_voltage", a, b, sensor_span_constant()),)
     strut = FlexibleBody("apa", body, place, turn, fidelity, first)
-    core = Scene("strut", (strut,), (), drives, sensors, damping_ratio=damping_ratio)
+    core = Scene("strut", (strut,), (), *_wiring(body, stacks, sensor), damping_ratio=damping_ratio)
     return _with_ends(core, f"apa.{first}", f"apa.{last}", whole, joint_stiffness)
 
 
@@ -186,38 +175,30 @@ def two_mass_strut(
 
     Arguments as of `fe_strut`. The sensor is open, where on the bench a resistance lets its charge leak below 1 Hz.
     """
-    z = length / 2 + APA_HEIGHT * np.array([-0.5, 0.0, 0.5])
+    low, high = length / 2 - APA_HEIGHT / 2, length / 2 + APA_HEIGHT / 2
     # Each half a block of the actuator's outline, half as high; of the middle, which only slides, only its mass counts.
-    blocks = {
-        "lower": (actuator.lower_mass, z[0] + APA_HEIGHT / 4),
-        "upper": (actuator.upper_mass, z[2] - APA_HEIGHT / 4),
-    }
     size = APA_SIZE * [1, 1, 0.5]
     bodies = [
         RigidBody(
             name,
-            {"end": (0, 0, (z[0] if name == "lower" else z[2]) - at), "slide": (0, 0, z[1] - at)},
+            {"end": (0, 0, end - at), "slide": (0, 0, length / 2 - at)},
             mass,
             mass / 12 * np.diag(size @ size - size**2),
             (0, 0, at),
         )
-        for name, (mass, at) in blocks.items()
+        for name, mass, end, at in (
+            ("lower", actuator.lower_mass, low, low + APA_HEIGHT / 4),
+            ("upper", actuator.upper_mass, high, high - APA_HEIGHT / 4),
+        )
     ]
     little = actuator.middle_mass * JOINT_SIDE**2 / 6 * np.eye(3)
-    bodies.append(RigidBody("middle", {"slide": np.zeros(3)}, actuator.middle_mass, little, (0, 0, z[1])))
+    bodies.append(RigidBody("middle", {"slide": np.zeros(3)}, actuator.middle_mass, little, (0, 0, length / 2)))
+    force_per_volt = AMPLIFIER_GAIN * actuator.force_per_volt
     core = Scene(
         "strut",
         tuple(bodies),
         (prismatic("guide", "lower.slide", "upper.slide"), prismatic("rail", "lower.slide", "middle.slide")),
-        (
-            LineDrive(
-                "actuator_stacks",
-                "middle.slide",
-                "upper.end",
-                "actuator_voltage",
-                AMPLIFIER_GAIN * actuator.force_per_volt,
-            ),
-        ),
+        (LineDrive("actuator_stacks", "middle.slide", "upper.end", "actuator_voltage", force_per_volt),),
         (LineSensor("sensor_voltage", "lower.end", "middle.slide", actuator.voltage_per_elongation),),
         (
             SpringDamper("shell", "lower.end", "upper.end", "line", actuator.shell),
@@ -272,6 +253,24 @@ def sensors_in_line(model: LinearModel) -> LinearModel:
         if output.endswith("sensor_force"):
             direct[row, model.inputs.index(output.removesuffix("sensor_force") + "actuator_force")] += 1.0
     return replace(model, D=direct)
+
+
+def _wiring(
+    body: ReducedBody, stacks: tuple[str, str] | None, sensor: tuple[str, str] | None
+) -> tuple[tuple[Actuator, ...], tuple[Sensor, ...]]:
+    """Actuators and sensors of an imported body "apa"."""
+    drives: tuple[Actuator, ...] = ()
+    sensors: tuple[Sensor, ...] = ()
+    if {"actuator", "sensor"} <= {port.name for port in body.ports}:
+        drive, measure = electrical_ports()
+        drives, sensors = (drive,), (measure,)
+    if stacks is not None:
+        a, b = (f"apa.{name}" for name in stacks)
+        drives = (StackActuator("actuator_stacks", a, b, STACK.force_per_volt, "actuator_voltage", AMPLIFIER_GAIN),)
+    if sensor is not None:
+        a, b = (f"apa.{name}" for name in sensor)
+        sensors = (StackSensor("sensor_voltage", a, b, sensor_span_constant()),)
+    return drives, sensors
 
 
 def _with_ends(core: Scene, bottom: str, top: str, length: float, joint_stiffness: ArrayLike | None) -> Scene:

@@ -1,18 +1,20 @@
-"""An amplified piezo actuator as three springs, a payload's worth of mass at either end and a little one between.
+"""An amplified piezo actuator as three springs: with its bottom held, two masses move along its axis.
 
     lower ---- k1 (shell) ------------------------ upper
       |                                              |
       +---- ke (sensor) ---- middle ---- ka (drive) -+
 
-Along its axis the actuator has two degrees of freedom, the elongation and the middle's motion. All figures follow in
-closed form from those of a reduced actuator, `two_mass_actuator`; `python -m models.two_mass` prints them.
-Source: the two-degree-of-freedom model that T. Dehaeze and others use for it; here the sensor is open.
+All figures follow in closed form from those of a reduced actuator, `two_mass_actuator`; `python -m models.two_mass`
+prints them. Source: the two-degree-of-freedom model of T. Dehaeze and others; here the sensor is open, and damping is
+that of the scene.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import numpy as np
+import scipy.optimize
 
 from models.apa300ml import STACK, axial_stiffness
 from nassim import ReducedBody, open_circuit
@@ -65,7 +67,10 @@ class ActuatorFigures:
 
 
 def actuator_figures(body: ReducedBody) -> ActuatorFigures:
-    """Of a reduced actuator with points "bottom" and "top" and ports "actuator" and "sensor"."""
+    """Of a reduced actuator with points "bottom" and "top" and ports "actuator" and "sensor".
+
+    Raises ValueError for a body without these, and for one without a zero below its pole.
+    """
     opened = open_circuit(body, {"sensor": 0.0})
     drive, sensor = body.port("actuator").forces, body.port("sensor").forces
     reading = -sensor / body.port("sensor").blocked_capacitance
@@ -83,7 +88,7 @@ def actuator_figures(body: ReducedBody) -> ActuatorFigures:
         axial_stiffness(opened),
         axial_stiffness(body),
         float(frequency[0]),
-        _first_zero(frequency, strengths),
+        _zero_below(frequency[0], lambda f: float(np.sum(strengths / (frequency**2 - f**2))), body),
         float(reading @ statics),
         float(statics[top]),
         body.mass,
@@ -122,14 +127,15 @@ def _omega2(frequency: float) -> float:
     return (2 * math.pi * frequency) ** 2
 
 
-def _first_zero(frequency: np.ndarray, strengths: np.ndarray) -> float:
-    """Below the first pole: where sum of strengths / (w_k^2 - w^2) vanishes [Hz]."""
-    low, high = 0.0, float(frequency[0])
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        value = np.sum(strengths / (frequency**2 - middle**2))
-        low, high = (low, middle) if value * strengths[0] > 0 else (middle, high)
-    return 0.5 * (low + high)
+def _zero_below(pole: float, response: Callable[[float], float], body: ReducedBody) -> float:
+    """Frequency at which a response changes its sign [Hz]."""
+    end = pole * (1 - 1e-9)
+    if response(0.0) * response(end) >= 0:
+        raise ValueError(
+            f"body {body.name!r}: no frequency below its pole at {pole:g} Hz quiets the sensor, so no shell carries "
+            "beside the stacks; are drive and sensor in one line of an amplified actuator?"
+        )
+    return float(scipy.optimize.brentq(response, 0.0, end, xtol=1e-12))
 
 
 APA300ML = TwoMassActuator(

@@ -56,11 +56,14 @@ class Spinning:
     stiffness: centrifugal and geometric, in minimal coordinates, (n, n), symmetric; where a part of the scene stands,
         also what dampers drive, which is not
     equilibrium: minimal coordinates of the equilibrium, from the scene as drawn, (n,); charges that leak are drained
+    drag, pull: the gyroscopic and the stiffness forces against the motion of d drives that follow inputs, (n, d)
     """
 
     gyroscopic: Array
     stiffness: Array
     equilibrium: Array
+    drag: Array
+    pull: Array
 
     def __post_init__(self) -> None:
         n = len(self.equilibrium)
@@ -88,7 +91,8 @@ def spinning(
     axis_point = finite_array("axis_point", np.asarray(point, dtype=float), (3,))
     n, size = len(assembly.frequency), len(assembly.basis)
     if not velocity.any():
-        return Spinning(np.zeros((n, n)), np.zeros((n, n)), np.zeros(n))
+        still = np.zeros((n, len(assembly.following.inputs)))
+        return Spinning(np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), still, still)
     motion = FiniteMotion.of(assembly)
     force, gyroscopic, stiffness = np.zeros(size), np.zeros((size, size)), np.zeros((size, size))
     moment = 0.0
@@ -112,8 +116,9 @@ def spinning(
     coordinates = assembly.basis @ found
     _check_small(assembly, coordinates)
     _warn_of_stress(assembly, coordinates, rate / (2 * np.pi), parted)
-    basis = assembly.basis
-    return Spinning(basis.T @ gyroscopic @ basis, basis.T @ stiffness @ basis, found)
+    basis, followed = assembly.basis, assembly.following.motion
+    gyroscopic, stiffness = basis.T @ gyroscopic, basis.T @ stiffness
+    return Spinning(gyroscopic @ basis, stiffness @ basis, found, gyroscopic @ followed, stiffness @ followed)
 
 
 def stiffening(scene: Scene, body: FlexibleBody, rate: float) -> tuple[float, float]:
