@@ -1,15 +1,13 @@
 """Time-domain simulation and static equilibrium of scenes."""
 
-import warnings
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from nassim.base.checks import Array, finite, known
 from nassim.base.progress import stage
-from nassim.scene.bodies import RigidBody
-from nassim.scene.part import Filter, Follow, Reading
+from nassim.scene.part import Follow, Reading
 from nassim.scene.scene import Scene
 from nassim.signals.time_history import TimeHistory, occupied_bandwidth
 from nassim.simulation.accuracy import integrator_error
@@ -20,30 +18,27 @@ from nassim.simulation.exudyn.state import System
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.exudyn.turning import solve_turning
 from nassim.simulation.following import Following
+from nassim.simulation.guards import (
+    warn_of_changed_modes,
+    warn_of_far_equilibrium,
+    warn_of_motion,
+    warn_of_ringing,
+    warn_of_spin,
+)
 from nassim.simulation.linearization import linearize, state_space
 from nassim.simulation.running_loops import samples_per_period
 from nassim.simulation.sampling import sampled
-from nassim.simulation.small_motion import Assembly, assemble, motion_size
-from nassim.simulation.spinning import STIFFENING, stiffening
+from nassim.simulation.small_motion import assemble, motion_size
 from nassim.simulation.starting_motion import looks_the_same, starting_twists, steady_twists
 
 METHODS = ("generalized_alpha", "exact", "explicit")
 STABLE_ANGLE = 2.6
 """Angle [rad] per step up to which Runge and Kutta's rule of order 4 is stable for every damping."""
 STARTS = ("equilibrium", "released")
-SMALL_MOTION = 0.01
-"""Rotation [rad], and deformation over size, up to which small motion holds: the error is about half of its square."""
-RINGING = 0.8
-"""Spectral radius above which accelerations in large motion may ring."""
-CALM = 0.1
-"""Corner of a low-pass over the rate of steps, below which 4 % or less of such ringing pass."""
 TURNING_RADIUS = 0.9
 """Spectral radius where drives turn joints: at 1, what rounding leaves open in joints that turn grows step by step."""
 STEADY = 1e-3
 """Change of a drive's speed from step to step, over the speed, up to which the speed is one to start at."""
-FAR = 0.1
-"""Rotation [rad], or displacement over size, from the scene as drawn that is worth a word: ratios of modes that are
-realised as it is drawn are then wrong by some 3 % in an elbow of two bars."""
 
 
 def simulate(
@@ -112,7 +107,7 @@ def simulate(
     _check_loops(scene, time_step)
     _check_drives(scene, signals)
     if method == "generalized_alpha" and not scene.in_small_motion:
-        _warn_of_ringing(scene, radius, time_step)
+        warn_of_ringing(scene, radius, time_step)
     released = start == "released"
     if method == "exact":
         order = 1 if hold_order is None else hold_order
@@ -144,13 +139,13 @@ def _integrate(
 ) -> Array:
     rates, steady = _starting_rates(scene, signals, time_step)
     twists = starting_twists(scene, rates)
-    told = _warn_of_spin(scene, {name: float(np.linalg.norm(twist[3:])) for name, twist in twists.items()})
+    told = warn_of_spin(scene, {name: float(np.linalg.norm(twist[3:])) for name, twist in twists.items()})
     assembly = assemble(scene)
     if scene.in_small_motion:
         state_space(assembly)  # refuses outputs that need a derivative of what a drive follows
     system = build_system(assembly, rates)
     if not released and _settle(system, steady):
-        _warn_of_far_equilibrium(system)
+        warn_of_far_equilibrium(system)
     largest, slackest, shifts, speeds, commands = solve_dynamic(
         system,
         signals,
@@ -160,10 +155,10 @@ def _integrate(
         progress=progress,
         explicit=explicit,
     )
-    _warn_of_spin(scene, speeds, told)
-    _warn_of_motion(system.assembly, largest)
+    warn_of_spin(scene, speeds, told)
+    warn_of_motion(system.assembly, largest)
     warn_of_buckling(system.assembly, slackest)
-    _warn_of_changed_modes(system.assembly, shifts)
+    warn_of_changed_modes(system.assembly, shifts)
     readings = [np.broadcast_to(system.recorded(name), (n_steps + 1,)) for name in scene.outputs]
     return np.vstack([np.reshape(readings, (len(scene.outputs), n_steps + 1)), commands])
 
@@ -210,7 +205,7 @@ def _solve_exactly(
         readings, commands, coordinates = exact_response(
             assembly, driven, time_step, hold_order=hold_order, released=released, advance=advance
         )
-    _warn_of_motion(
+    warn_of_motion(
         assembly, {name: motion_size(assembly, name, coordinates[place]) for name, place in assembly.slices.items()}
     )
     warn_of_buckling(
@@ -221,72 +216,6 @@ def _solve_exactly(
         },
     )
     return np.vstack([readings, commands])
-
-
-def _warn_of_motion(assembly: Assembly, largest: Mapping[str, Array]) -> None:
-    for name, (rotation, deformation) in largest.items():
-        floating = any(b.name == name and b.fidelity == "ffrf" for b in assembly.scene.flexible_bodies)
-        if rotation > SMALL_MOTION and not floating:
-            warnings.warn(
-                f"body {name!r} turned by up to {rotation:.2g} rad, where small motion is wrong by some "
-                f'{50 * rotation**2:.2g} %: give flexible bodies fidelity "ffrf"',
-                stacklevel=4,
-            )
-        if max(deformation, rotation * floating) > SMALL_MOTION:
-            warnings.warn(
-                f"body {name!r} is deformed by up to {100 * deformation:.2g} % of its size and {rotation:.2g} rad; "
-                "reduced bodies hold for small deformation only, whatever their fidelity",
-                stacklevel=4,
-            )
-
-
-def _warn_of_changed_modes(assembly: Assembly, shifts: Mapping[tuple[str, str], Array]) -> None:
-    """Warn of a scene that leaves the position in which its modes have their ratios."""
-    if not (assembly.scene.deformable_bodies and np.any(assembly.damping.ratio)):
-        return
-    bodies = [body for body in assembly.scene.bodies if body.moves]
-    places = [body.rigid_inertia[1] for body in bodies]
-    for body in bodies:
-        names = body.points if isinstance(body, RigidBody) else body.reduced.all_point_names
-        places += [body.point_position(name) for name in names]
-    size = float(np.linalg.norm(np.ptp(places, axis=0)))
-    for (name, other), (turn, displacement) in shifts.items():
-        if turn > FAR or displacement > FAR * size:
-            warnings.warn(
-                f"body {name!r} moved by up to {turn:.2g} rad and {displacement:.2g} m as seen from {other!r}, and the "
-                "scene's damping_ratio is that of its modes as it is drawn: elsewhere they have other ratios. Give "
-                "flexible bodies a damping_ratio of their own, which holds in every position, and the scene 0",
-                stacklevel=4,
-            )
-            return
-
-
-def _warn_of_far_equilibrium(system: System) -> None:
-    name, angle = max(((name, system.turn(name)) for name in system.nodes), key=lambda item: item[1], default=("", 0.0))
-    if angle > FAR:
-        warnings.warn(
-            f"the run starts in static equilibrium, with body {name!r} turned by {angle:.2g} rad from where it is "
-            'drawn; to let it go as it is drawn, give start="released"',
-            stacklevel=4,
-        )
-
-
-def _warn_of_spin(scene: Scene, speeds: Mapping[str, float], told: Collection[str] = ()) -> list[str]:
-    """Warn of bodies whose speed [rad/s] takes a stiffening that is left out; returns those not told before."""
-    found = []
-    for body in scene.flexible_bodies:
-        rate = speeds.get(body.name, 0.0) / (2 * np.pi)
-        if body.fidelity != "ffrf" or rate == 0.0 or body.name in told:
-            continue
-        first, rise = stiffening(scene, body, rate)
-        if rise > STIFFENING:
-            found.append(body.name)
-            warnings.warn(
-                f"body {body.name!r} turns at {rate:.3g} Hz, its first frequency is {first:.4g} Hz: centrifugal "
-                f"stiffening, which the floating frame leaves out, would raise that by some {100 * rise:.2g} % or more",
-                stacklevel=4,
-            )
-    return found
 
 
 def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> dict[str, float]:
@@ -304,7 +233,7 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
     if not _settle(system, {}):
         solve_static(system)
     assembly = system.assembly
-    _warn_of_motion(
+    warn_of_motion(
         assembly, {name: motion_size(assembly, name, system.deformation(name)[:, None]) for name in system.carriers}
     )
     warn_of_buckling(assembly, {body.name: axial_tension(system, body) for body in assembly.scene.deformable_bodies})
@@ -355,17 +284,6 @@ def _check_loops(scene: Scene, time_step: float) -> None:
                     f"loop {loop.name!r} measures {model.outputs[row]!r}, which follows what the loop drives at once, "
                     "so whether a sample sees its command is open: give the actuator, drive or sensor a bandwidth"
                 )
-
-
-def _warn_of_ringing(scene: Scene, spectral_radius: float, time_step: float) -> None:
-    calmed = {word.output for word in scene.said(Filter) if word.passes != "high" and word.frequency * time_step < CALM}
-    read = [word.output for word in scene.said(Reading) if word.derivative == 2 and word.output not in calmed]
-    if read and spectral_radius > RINGING:
-        warnings.warn(
-            f"output {read[0]!r} reads an acceleration in large motion, which rings from step to step at "
-            f"spectral_radius {spectral_radius:g} by what Newton's iterations leave; take {RINGING:g} or less",
-            stacklevel=3,
-        )
 
 
 def _check_drives(scene: Scene, signals: Mapping[str, Array]) -> None:
