@@ -63,7 +63,7 @@ def make_nano_hexapod(
     payload_centre: ArrayLike | None = None,
     payload_inertia: ArrayLike | None = None,
     spindle_rpm: float = 0.0,
-    damping_ratio: float = 0.01,
+    damping_ratio: float | None = None,
     cutoff_frequency: float | None = None,
     gravity: bool = False,
 ) -> Scene:
@@ -75,7 +75,7 @@ def make_nano_hexapod(
     payload_mass: [kg], 1 to 50 for the real machine, 0 for none; payload_centre: of it, from M [m]; payload_inertia:
         about that, (3, 3) [kg m2] (default: a steel cylinder of `PAYLOAD_RADIUS` that stands on M)
     spindle_rpm: speed of the base about z [1/min]; 0 for a fixed base, without a spindle
-    damping_ratio, cutoff_frequency: see `Scene`; gravity: let weights act
+    damping_ratio: see `Scene` (default: the struts'); cutoff_frequency: see `Scene`; gravity: let weights act
 
     Inputs: those of the struts, as "strut_1/actuator_voltage", and forces and torques on the payload at B,
     "payload_force_x" [N] ... "payload_torque_z" [N m], along axes that turn with it. Outputs: "strut_1/sensor_voltage",
