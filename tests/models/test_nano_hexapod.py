@@ -61,6 +61,7 @@ from nassim.kinematics import (
     strut_lengths,
     strut_vectors,
 )
+from nassim.simulation import reduce_scene
 from nassim.systems import close_loop, damping, decentralised, integral_force_feedback, zeros
 
 FEET = DEFAULT_PLATFORM.base_joints
@@ -466,6 +467,19 @@ def test_an_imported_actuator_is_the_finite_element_strut(apa_with_ports):
     assert frfs[0].inputs == frfs[1].inputs
     # Its own weight lies a little nearer to one end.
     np.testing.assert_allclose(frfs[1].values, frfs[0].values, rtol=1e-3)
+
+
+def test_a_strut_reduced_to_one_body_makes_the_same_hexapod(apa):
+    """A complete strut with its ports, as a superelement of nassim's own; modes above 5 kHz left out."""
+    strut = fe_strut(apa=apa, damping_ratio=0.0)
+    ends = {"bottom": "bottom.end", "top": "top.end"}
+    whole = imported_strut(reduce_scene(strut, "strut", points=ends, cutoff_frequency=5e3), damping_ratio=0.0)
+    expected, found = (linearize(make_nano_hexapod(s, payload_mass=10.0)) for s in (strut, whole))
+    assert (found.inputs, found.outputs) == (expected.inputs, expected.outputs)
+    np.testing.assert_allclose(damping(found)[0][6:18], damping(expected)[0][6:18], rtol=2e-6)
+    statics = [(m.D - m.C @ np.linalg.solve(m.A, m.B))[rows(m)[6:]] for m in (expected, found)]
+    scale = np.abs(statics[0]).max(axis=1, keepdims=True)
+    np.testing.assert_allclose(statics[1] / scale, statics[0] / scale, rtol=0, atol=1e-8)
 
 
 def test_ends_that_are_not_found(foreign, apa_with_ports):
