@@ -251,7 +251,8 @@ def with_own_damping(strut: Scene, ratio: float = 0.01, *, frequency: float = 10
 
     A machine's mode at the frequency [Hz] has the ratio [-] then, others in proportion to theirs. It holds in every
     fidelity and position; the damping of a scene's modes acts in floating frames through the deformation of bodies
-    alone, which is not what moves most where they stand on flexible joints.
+    alone, which is not what moves most where they stand on flexible joints. Bodies must be as they will be used: trim
+    them before, not by a cutoff_frequency of the machine.
     """
     time = positive("damping ratio", ratio) / (math.pi * positive("frequency", frequency, "Hz"))
     bodies = [

@@ -403,6 +403,13 @@ def test_two_masses_answer_as_the_finite_elements_they_were_fitted_to(apa):
     np.testing.assert_allclose(*(np.sort(dips[dips > 5.0])[:6] for dips in (found, expected)), rtol=3e-3)
 
 
+def test_an_actuator_without_a_shell_beside_its_sensor(apa):
+    """Read at the port that is driven, no zero lies below the pole."""
+    same = replace(apa.port("actuator"), name="sensor")
+    with pytest.raises(ValueError, match="no frequency below its pole at .* Hz quiets the sensor"):
+        two_mass_actuator(replace(apa, readouts={**apa.readouts, "sensor": same}))
+
+
 @pytest.mark.slow
 def test_figures_of_the_two_masses_are_those_of_the_usual_actuator():
     found = two_mass_actuator(reduced_apa300ml(ports=PORTS, progress=False))
@@ -532,6 +539,11 @@ def test_damping_of_the_parts_is_in_proportion_to_frequency(strut, apa):
     suspension = (frequency > 1.0) & (frequency < 300.0)
     assert np.count_nonzero(suspension) >= 6
     np.testing.assert_allclose(ratio[suspension], 0.01 * frequency[suspension] / 80.0, rtol=share)
+
+
+def test_damping_by_modes_of_bodies_that_would_lose_modes(apa):
+    with pytest.raises(ValueError, match=r"'strut_1/apa' has damping ratios of each of its modes.*trim_body"):
+        make_nano_hexapod(with_own_damping(fe_strut(apa=apa)), cutoff_frequency=600.0)
 
 
 @pytest.mark.filterwarnings("error")
