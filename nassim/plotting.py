@@ -194,12 +194,11 @@ def plot_noise_budget(
         axes[1].loglog(part.frequency[shown], amplitude[shown], label=label, **style)
     total = budget.total.rms()[row, 0]
     if limit is not None:
-        axes[1].axhline(
-            limit, color="#d62728", ls="--", lw=1.0, label=f"limit: {limit:.3g} {budget.units[row]}".rstrip()
-        )
+        axes[1].axhline(limit, color="0.4", ls="--", lw=1.2, label=f"limit: {limit:.3g} {budget.units[row]}".rstrip())
     if total > 0:
-        top = 2 * max(total, limit or 0.0)
+        top, peak = 2 * max(total, limit or 0.0), 2 * np.sqrt(budget.total.psd[row, 0].max())
         axes[1].set_ylim(1e-4 * top, top)
+        axes[0].set_ylim(1e-8 * peak, peak)
     unit = budget.units[row] or "-"
     axes[0].set_title(output.replace("_", " "), fontsize=11)
     axes[0].set_ylabel(f"amplitude density [{unit}/√Hz]")

@@ -7,6 +7,8 @@ way the axes turn along which they are read.
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from nassim.base.checks import finite, freeze, known, not_negative, positive
 from nassim.base.rigid_motion import DIRECTIONS, unit_vector
 from nassim.scene.mechanics import check_seen, checked_axis, checked_frame
@@ -68,9 +70,10 @@ class Vibrometer(Sensor):
 
 @dataclass(frozen=True)
 class Geophone(Sensor):
-    """A coil and a magnet, one on a spring: velocity of a point against inertial space, through a high-pass.
+    """A coil and a magnet, one of which hangs on a spring: velocity of a point against inertial space, high-passed.
 
     The output is sensitivity s^2 / (s^2 + 2 damping_ratio w s + w^2) times the velocity, w = 2 pi corner_frequency.
+    What moves it is acceleration: along an axis that turns, a steady velocity gives nothing.
     name: of the scene's output [V]; point: "body.point"; axis: a direction; frame: "" or a point's
     corner_frequency [Hz]; damping_ratio: of the coil's motion, its shunt included [-]
     sensitivity [V s/m]; default: the output is in m/s
@@ -100,11 +103,11 @@ class Geophone(Sensor):
         return "m/s" if self.sensitivity is None else "V"
 
     def says(self, scene: Scene) -> tuple[Word, ...]:
-        """It reads the point's velocity above its corner."""
-        gain = 1.0 if self.sensitivity is None else self.sensitivity
+        """Acceleration through a band-pass is velocity above its corner."""
+        gain = (1.0 if self.sensitivity is None else self.sensitivity) / (2 * np.pi * self.corner_frequency)
         return (
-            Reading(self.name, self.unit, _of_point(scene, self), gain, derivative=1, inertial=True),
-            Filter(self.name, "high", self.corner_frequency, self.damping_ratio),
+            Reading(self.name, self.unit, _of_point(scene, self), gain, derivative=2, inertial=True),
+            Filter(self.name, "band", self.corner_frequency, self.damping_ratio),
         )
 
     def describe(self) -> str:

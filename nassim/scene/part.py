@@ -122,8 +122,8 @@ class Reading:
 
     What a part says of one output adds up: several readings, tensions and leaks.
     derivative: 0, 1 or 2
-    inertial: where a field accelerates everything, velocity and acceleration are those against inertial space, and not
-        those against the ground, as of a sensor that hangs a mass in its housing
+    inertial: of an acceleration: where a field accelerates everything, it is that against inertial space, and not that
+        against the ground, as of a sensor in which a mass hangs
     """
 
     output: Signal
@@ -138,8 +138,9 @@ class Reading:
 class Filter:
     """What is read of an output passes a filter, as if it had always been at its first value; several in their order.
 
-    passes: "low" or "high" frequencies; frequency: of its corner or resonance [Hz]
-    damping_ratio: of a filter of second order, w^2 or s^2 over s^2 + 2 damping_ratio w s + w^2; None for first order
+    passes: "low", "high" or, of second order, a "band" of frequencies; frequency: of its corner or resonance [Hz]
+    damping_ratio: of a filter of second order, w^2, s^2 or w s over s^2 + 2 damping_ratio w s + w^2; None for the first
+        order, w or s over s + w
     """
 
     output: Signal
@@ -220,6 +221,7 @@ class Follow:
     """A direction that a constraint leaves free is held as well, at what an input says or a constant speed makes.
 
     constraint: its name; direction: of its axes; input: name, "" for a constant speed; unit: of the input
+    bandwidth: of a servo between input and motion, a low-pass of first order, -3 dB [Hz]
     """
 
     constraint: Signal
@@ -227,6 +229,7 @@ class Follow:
     input: Signal
     unit: str
     speed: float = 0.0
+    bandwidth: float = math.inf
 
 
 Word = Force | Field | Reading | Filter | Tension | Spring | SixSprings | Leak | Constraint | Follow

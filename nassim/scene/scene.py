@@ -117,10 +117,13 @@ class Scene:
     def _check_outputs(self) -> None:
         units = dict(zip(self.outputs, self.output_units, strict=True))
         for word in _read(self.words):
+            if isinstance(word, Reading) and word.inertial and word.derivative != 2:
+                raise ValueError(f"output {word.output!r}: against inertial space, accelerations are read only")
             if word.unit != units[word.output]:
                 raise ValueError(f"output {word.output!r} cannot be both {units[word.output]} and {word.unit}")
-        for name in {word.output for word in self.said(Filter)}:
-            known("filtered output", name, self.outputs)
+        for passing in self.said(Filter):
+            name = known("filtered output", passing.output, self.outputs)
+            _check_filter(passing)
             added = [word for word in self.words if isinstance(word, (Reading, Tension, Leak)) and word.output == name]
             if len({(w.derivative, w.inertial) if isinstance(w, Reading) else (0, False) for w in added}) > 1:
                 raise ValueError(
@@ -191,6 +194,11 @@ class Scene:
         return tuple(word for word in self.said(Follow) if word.speed)
 
     @property
+    def follows(self) -> tuple[Follow, ...]:
+        """Joints' motions that follow inputs."""
+        return tuple(word for word in self.said(Follow) if word.input)
+
+    @property
     def in_small_motion(self) -> bool:
         """Whether joints and bodies are in small motion: some body is "linear", none is "ffrf", and nothing spins."""
         kinds = {body.fidelity for body in self.flexible_bodies}
@@ -249,3 +257,13 @@ class Scene:
 def _read(words: Iterable[Word]) -> tuple[Reading | Tension, ...]:
     """What outputs there are: leaks add to those of others."""
     return tuple(word for word in words if isinstance(word, (Reading, Tension)))
+
+
+def _check_filter(word: Filter) -> None:
+    label = f"filter of output {word.output!r}"
+    known(label, word.passes, ("low", "high", "band"))
+    positive(f"{label}: frequency", word.frequency, "Hz")
+    if word.damping_ratio is not None:
+        positive(f"{label}: damping_ratio", word.damping_ratio)
+    elif word.passes == "band":
+        raise ValueError(f"{label}: a band-pass is of second order; give it a damping_ratio")

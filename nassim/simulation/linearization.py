@@ -6,12 +6,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nassim.base.checks import Array, known, unique
-from nassim.scene.part import Constraint, Follow, Reading
+from nassim.base.checks import Array, finite_array, known, unique
+from nassim.scene.part import Constraint, Reading
 from nassim.scene.scene import Scene
+from nassim.simulation.following import product
+from nassim.simulation.sides import standing_bodies
 from nassim.simulation.small_motion import Assembly, assemble
 from nassim.simulation.spinning import Spinning, spinning
-from nassim.simulation.standing import FRAMES, Parted, View, check_constant, damps_both, standing_bodies
+from nassim.simulation.standing import FRAMES, Parted, View, check_constant, damps_both
 from nassim.systems.feedback import DELAY_ORDER, close_loop
 from nassim.systems.linear_model import LinearModel, sampled, unstable_poles
 from nassim.systems.state_space import StateSpace
@@ -44,24 +46,15 @@ def linearize(
         damping_ratio is then, as in floating frames, one of the bodies' deformation
 
     The states are the minimal coordinates' modal amplitudes, of the scene at rest, and their rates, then the charges of
-    ports that leak (as volts), the outputs of amplifiers with a bandwidth and the states of sensors' filters. The
-    scene's loops are open. Gravity's effect on stiffness and a body's own angular_velocity are not part of it. A model
-    may be unstable: `unstable_poles` tells. Raises ValueError for a spin without an equilibrium near the start, for
-    inertial sensors in it, and for a part, by name, that changes the model as the scene turns.
+    ports that leak (as volts), the outputs of amplifiers and drives with a bandwidth and the states of sensors'
+    filters; with drives that follow inputs, amplitudes are those of `nassim.simulation.following`. The scene's loops
+    are open. Gravity's effect on stiffness and a body's own angular_velocity are not part of it. A model may be
+    unstable: `unstable_poles` tells. Raises ValueError for a spin without an equilibrium near the start, for inertial
+    sensors in it, for a part, by name, that changes the model as the scene turns, and for outputs that would need an
+    input's derivative.
     """
-    refuse_driven(scene)
     a, b, c, d = state_space(*spun(scene, angular_velocity, axis_point, standing, frame))
     return LinearModel(a, b[:, :-1], c, d[:, :-1], scene.inputs, scene.outputs, scene.output_units)
-
-
-def refuse_driven(scene: Scene) -> None:
-    """Raise ValueError for a drive that follows an input, which models of small motion do not know."""
-    for word in scene.said(Follow):
-        if word.input:
-            raise ValueError(
-                f"input {word.input!r} drives joint {word.constraint!r}, which models of small motion hold still: "
-                "simulate in large motion, or let a force act there"
-            )
 
 
 def spun(
@@ -90,7 +83,8 @@ def spun(
         axis_point = scene.point_position(joint.a)
     elif not np.any(angular_velocity) or not stand:
         return assembly, spinning(assembly, angular_velocity, axis_point)
-    parted = Parted(np.asarray(angular_velocity, dtype=float), np.asarray(axis_point, dtype=float), stand, frame)
+    velocity = finite_array("angular_velocity", np.asarray(angular_velocity, dtype=float), (3,))
+    parted = Parted(velocity, finite_array("axis_point", np.asarray(axis_point, dtype=float), (3,)), stand, frame)
     view = View(assembly, parted)
     check_constant(view)
     if damps_both(view):
@@ -132,14 +126,16 @@ def state_space(assembly: Assembly, spin: Spinning | None = None) -> StateSpace:
     """A, B, C and D of an assembled scene; the last column of B and D is gravity, a constant input of one.
 
     spin: of a scene that turns, in whose frame gravity is constant along the axis only
-    States: modal amplitudes and their rates, then the charges of circuits (as volts), the amplifiers' outputs and what
-    filters of outputs keep.
+    States: modal amplitudes and their rates, then the charges of circuits (as volts), the amplifiers' outputs, those of
+    the drives' servos and what filters of outputs keep. With drives that follow inputs, amplitudes and rates are a and
+    b of `nassim.simulation.following`. Raises ValueError for outputs that would need a derivative of such an input.
     """
     a = assembly
     omega = 2 * np.pi * a.frequency
     n, n_in, n_out = len(omega), a.input_matrix.shape[1], len(a.output_matrix)
     modes = a.basis @ a.shapes
-    size = 2 * n + len(a.circuits) + len(a.amplifiers) + sum(len(system[0]) for system in a.filters.values())
+    plain = 2 * n + len(a.circuits) + len(a.amplifiers) + len(a.following.lags)
+    size = plain + sum(len(system[0]) for system in a.filters.values())
     state, drives = np.zeros((size, size)), np.zeros((size, n_in + 1))
     readings, feedthrough = np.zeros((n_out, size)), np.zeros((n_out, n_in + 1))
     velocity = slice(n, 2 * n)
@@ -162,12 +158,33 @@ def state_space(assembly: Assembly, spin: Spinning | None = None) -> StateSpace:
         state[velocity, j] = modes.T @ amplifier.forces
         state[j, j] = -amplifier.rate
         drives[j, amplifier.input] = amplifier.rate
-    readings[:, :n] += a.output_matrix @ modes
-    readings[:, velocity] += a.velocity_matrix @ modes
-    readings += a.acceleration_matrix @ modes @ state[velocity]
-    feedthrough += a.acceleration_matrix @ modes @ drives[velocity]
+    for j, k in enumerate(a.following.lags, start=plain - len(a.following.lags)):
+        state[j, j], drives[j, a.following.inputs[k]] = -a.following.rates[k], a.following.rates[k]
+    _follow_drives(a, spin, state, drives, readings, feedthrough, plain)
+    feedthrough[:, :n_in] += a.ground_matrix
     _filter(a, state, drives, readings, feedthrough)
     return state, drives, readings, feedthrough
+
+
+def _follow_drives(
+    a: Assembly, spin: Spinning | None, state: Array, drives: Array, readings: Array, feedthrough: Array, plain: int
+) -> None:
+    """Let all move by what drives follow, and read it; plain: number of states before those of filters."""
+    n = len(a.frequency)
+    lagging, taken = np.zeros((len(a.following.inputs), len(state))), a.following.taken(drives.shape[1])
+    lagging[:, :plain] = a.following.lagging(plain)
+    moved = _moved_by_drives(a, spin, state)
+    state += moved @ lagging
+    drives += moved @ taken
+    for order, rows in enumerate((a.output_matrix, a.velocity_matrix, a.acceleration_matrix)):
+        at_once = product(rows, a.following.beyond)
+        seen, direct = at_once @ lagging, at_once @ taken
+        seen[:, :n] += rows @ a.basis @ a.shapes
+        for step in range(order):
+            _refuse_derivatives(a, direct, step)
+            seen, direct = seen @ state, product(seen, drives)
+        readings += seen
+        feedthrough += direct
 
 
 def _refuse_inertial(a: Assembly, spin: Spinning) -> None:
@@ -185,14 +202,41 @@ def _filter(a: Assembly, state: Array, drives: Array, readings: Array, feedthrou
     end = len(state) - sum(len(system[0]) for system in a.filters.values())
     for output, (fa, fb, fc, fd) in a.filters.items():
         k, place = a.scene.outputs.index(output), slice(end, end + len(fa))
-        ground = np.append(a.ground_matrix[k], 0.0)
-        state[place] = np.outer(fb[:, 0], readings[k])
+        state[place], drives[place] = np.outer(fb[:, 0], readings[k]), np.outer(fb[:, 0], feedthrough[k])
         state[place, place] = fa
-        drives[place] = fb @ np.vstack([feedthrough[k], ground])
         readings[k] *= fd[0, 0]
         readings[k, place] = fc[0]
-        feedthrough[k] = (fd @ np.vstack([feedthrough[k], ground]))[0]
+        feedthrough[k] *= fd[0, 0]
         end = place.stop
+
+
+def _moved_by_drives(a: Assembly, spin: Spinning | None, state: Array) -> Array:
+    """Rates of all states per unit of the drives' motions, (size, d), with the system matrix as it is without them."""
+    n, following = len(a.frequency), a.following
+    position, velocity = slice(n), slice(n, 2 * n)
+    drag, pull = following.drag, np.zeros_like(following.drag)
+    if spin is not None:
+        drag, pull = drag + a.shapes.T @ spin.drag, a.shapes.T @ spin.pull
+    result = np.zeros((len(state), drag.shape[1]))
+    result[position] = slip = product(
+        np.hstack([-state[velocity, velocity], -np.eye(n)]), np.vstack([following.momentum, drag])
+    )
+    result[velocity] = state[velocity, velocity] @ slip - state[velocity, position] @ following.momentum - pull
+    for j, circuit in enumerate(a.circuits, start=2 * n):
+        result[j] = circuit.forces @ following.beyond / (circuit.resistance * circuit.capacitance**2)
+    return result
+
+
+def _refuse_derivatives(a: Assembly, direct: Array, step: int) -> None:
+    """ValueError where outputs read a derivative of what inputs make at once, direct, (outputs, inputs + 1)."""
+    for output, row in zip(a.scene.outputs, direct, strict=True):
+        if np.any(row):
+            name = a.scene.inputs[int(np.argmax(np.abs(row)))]
+            kind, given = (("a velocity", "derivative"), ("an acceleration", "derivatives"))[step]
+            raise ValueError(
+                f"output {output!r} reads {kind} that follows the {given} of input {name!r} at once, which no linear "
+                "model of these inputs holds: give the drive a bandwidth, or read a displacement"
+            )
 
 
 def linearize_closed(

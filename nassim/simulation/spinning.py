@@ -56,11 +56,14 @@ class Spinning:
     stiffness: centrifugal and geometric, in minimal coordinates, (n, n), symmetric; where a part of the scene stands,
         also what dampers drive, which is not
     equilibrium: minimal coordinates of the equilibrium, from the scene as drawn, (n,); charges that leak are drained
+    drag, pull: the gyroscopic and the stiffness forces against the motion of d drives that follow inputs, (n, d)
     """
 
     gyroscopic: Array
     stiffness: Array
     equilibrium: Array
+    drag: Array
+    pull: Array
 
     def __post_init__(self) -> None:
         n = len(self.equilibrium)
@@ -88,7 +91,8 @@ def spinning(
     axis_point = finite_array("axis_point", np.asarray(point, dtype=float), (3,))
     n, size = len(assembly.frequency), len(assembly.basis)
     if not velocity.any():
-        return Spinning(np.zeros((n, n)), np.zeros((n, n)), np.zeros(n))
+        still = np.zeros((n, len(assembly.following.inputs)))
+        return Spinning(np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), still, still)
     motion = FiniteMotion.of(assembly)
     force, gyroscopic, stiffness = np.zeros(size), np.zeros((size, size)), np.zeros((size, size))
     moment = 0.0
@@ -112,8 +116,9 @@ def spinning(
     coordinates = assembly.basis @ found
     _check_small(assembly, coordinates)
     _warn_of_stress(assembly, coordinates, rate / (2 * np.pi), parted)
-    basis = assembly.basis
-    return Spinning(basis.T @ gyroscopic @ basis, basis.T @ stiffness @ basis, found)
+    basis, followed = assembly.basis, assembly.following.motion
+    gyroscopic, stiffness = basis.T @ gyroscopic, basis.T @ stiffness
+    return Spinning(gyroscopic @ basis, stiffness @ basis, found, gyroscopic @ followed, stiffness @ followed)
 
 
 def stiffening(scene: Scene, body: FlexibleBody, rate: float) -> tuple[float, float]:
@@ -237,7 +242,7 @@ def _check_small(assembly: Assembly, coordinates: Array) -> None:
         raise ValueError(f"{found}, which is no small motion: draw the scene nearer to its spinning equilibrium")
     if max(rotation, deformation) > WORTH_A_WORD:
         warnings.warn(
-            f"{found}; the linear model is about that equilibrium, and off by a share of the same size", stacklevel=4
+            f"{found}; the linear model is about that equilibrium, and off by a share of the same size", stacklevel=5
         )
 
 
@@ -251,13 +256,13 @@ def _warn_of_stress(assembly: Assembly, coordinates: Array, rate: float, parted:
                 f"body {body.name!r} turns at {rate:.3g} Hz, its first frequency held at its frame is {first:.4g} Hz: "
                 "stress stiffening within the body, which is left out, would change that by some "
                 f"{100 * rise:.2g} % or more",
-                stacklevel=4,
+                stacklevel=5,
             )
         if not body.reduced.full_integrals and rate > GUESSED * first:
             warnings.warn(
                 f"body {body.name!r} turns at {rate:.3g} Hz, and how its inertia is spread is a guess, as of all "
                 f"imported matrices: its frequencies may be off by up to some {rate:.3g} Hz",
-                stacklevel=4,
+                stacklevel=5,
             )
     tensions = {b.name: axial_forces(b.reduced, coordinates[assembly.slices[b.name], None])[:, 0] for b in bodies}
     warn_of_buckling(assembly, tensions)

@@ -1,7 +1,7 @@
 """Time-domain simulation and static equilibrium of scenes."""
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,12 +18,14 @@ from nassim.simulation.exact_steps import exact_response
 from nassim.simulation.exudyn.solver import axial_tension, eigenfrequencies, solve_dynamic, solve_static
 from nassim.simulation.exudyn.state import System
 from nassim.simulation.exudyn.system import build_system
-from nassim.simulation.linearization import linearize, refuse_driven
+from nassim.simulation.exudyn.turning import solve_turning
+from nassim.simulation.following import Following
+from nassim.simulation.linearization import linearize, state_space
 from nassim.simulation.running_loops import samples_per_period
 from nassim.simulation.sampling import sampled
 from nassim.simulation.small_motion import Assembly, assemble, motion_size
 from nassim.simulation.spinning import STIFFENING, stiffening
-from nassim.simulation.starting_motion import starting_twists
+from nassim.simulation.starting_motion import looks_the_same, starting_twists, steady_twists
 
 METHODS = ("generalized_alpha", "exact", "explicit")
 STABLE_ANGLE = 2.6
@@ -35,6 +37,10 @@ RINGING = 0.8
 """Spectral radius above which accelerations in large motion may ring."""
 CALM = 0.1
 """Corner of a low-pass over the rate of steps, below which 4 % or less of such ringing pass."""
+TURNING_RADIUS = 0.9
+"""Spectral radius where drives turn joints: at 1, what rounding leaves open in joints that turn grows step by step."""
+STEADY = 1e-3
+"""Change of a drive's speed from step to step, over the speed, up to which the speed is one to start at."""
 FAR = 0.1
 """Rotation [rad], or displacement over size, from the scene as drawn that is worth a word: ratios of modes that are
 realised as it is drawn are then wrong by some 3 % in an elbow of two bars."""
@@ -63,20 +69,23 @@ def simulate(
         solution of scenes in small motion (see `Scene.in_small_motion`), a hundred times as fast; "explicit", the
         Runge-Kutta rule of order 4, for the same scenes, which holds inputs like hold_order 0
     spectral_radius: of generalized-alpha only, numerical damping at infinite frequency, 1 (none, the trapezoidal
-        rule, the default) ... 0; a step h lengthens a period T by about (2 pi h / T)^2 / 12
+        rule, the default but for 0.9 where drives turn joints) ... 0; a step h lengthens a period T by about
+        (2 pi h / T)^2 / 12
     hold_order: of the exact method, 1 for inputs that run straight between time steps, the default, 0 for inputs that
         keep their value
-    start: what gravity has done before: "equilibrium", the scene hangs at rest in static equilibrium; "released", it
-        is as drawn, unloaded, and falls from the first step on: a pendulum let go at an angle. Bodies with an
-        angular_velocity turn from the start in both.
+    start: what gravity and spin have done before: "equilibrium", the scene hangs at rest in static equilibrium, and
+        what a drive turns at constant speed from the start is at rest on its turntable, under centrifugal forces too;
+        "released", it is as drawn, unloaded, and falls from the first step on: a pendulum let go at an angle. Bodies
+        with an angular_velocity turn from the start in both.
     progress: show a bar; Ctrl-C stops the run at the end of a step
 
     Returns the signals of `excitation` at the time steps, counted from its first sample, then the outputs. Warns of
     rotations and deformations beyond the range of small motion, of bodies that move far against each other while the
     scene has a damping_ratio, of spin whose centrifugal stiffening is not modelled, and of preload above a tenth of a
     body's buckling load. Raises ValueError for unknown names, for a scene or an option that the method does not fit,
-    and for steps between which something of the excitation is lost (fewer than 8 in its shortest period, pulses shorter
-    than one); RuntimeError when there is no equilibrium to start from and when the integration fails or diverges.
+    for steps between which something of the excitation is lost (fewer than 8 in its shortest period, pulses shorter
+    than one), and for a spinning equilibrium that is unstable where no loop may hold it; RuntimeError when there is no
+    equilibrium to start from and when the integration fails or diverges.
     """
     known("method", method, METHODS)
     known("start", start, STARTS)
@@ -85,7 +94,8 @@ def simulate(
     for name in names:
         known("output", name, available)
     _check_options(method, spectral_radius, hold_order)
-    radius = 1.0 if spectral_radius is None else spectral_radius
+    turns = any(word.direction.startswith("r") for word in scene.said(Follow))
+    radius = (TURNING_RADIUS if turns else 1.0) if spectral_radius is None else spectral_radius
     excitation = sampled(scene, excitation, time_step=time_step, duration=duration)
     n_steps = len(excitation.time) - 1
     highest = occupied_bandwidth(excitation)
@@ -95,7 +105,6 @@ def simulate(
             f"  at {highest:.4g} Hz, the highest of the excitation, the steps lengthen periods by {100 * longer:.2g} % "
             f"and damp {100 * damping:.2g} % of critical"
         )
-    _warn_of_spin(scene)
 
     looped = {name for loop in scene.loops for name in loop.driven}
     signals = {name: np.zeros(n_steps + 1) for name in looped}
@@ -133,12 +142,16 @@ def _integrate(
     progress: bool,
     explicit: bool,
 ) -> Array:
-    rates = {word.input: (signals[word.input][1]) / time_step for word in scene.said(Follow) if word.input}
-    system = build_system(assemble(scene), rates)
-    if np.any(scene.gravity) and not released:
-        solve_static(system)
+    rates, steady = _starting_rates(scene, signals, time_step)
+    twists = starting_twists(scene, rates)
+    told = _warn_of_spin(scene, {name: float(np.linalg.norm(twist[3:])) for name, twist in twists.items()})
+    assembly = assemble(scene)
+    if scene.in_small_motion:
+        state_space(assembly)  # refuses outputs that need a derivative of what a drive follows
+    system = build_system(assembly, rates)
+    if not released and _settle(system, steady):
         _warn_of_far_equilibrium(system)
-    largest, slackest, shifts, commands = solve_dynamic(
+    largest, slackest, shifts, speeds, commands = solve_dynamic(
         system,
         signals,
         n_steps=n_steps,
@@ -147,11 +160,38 @@ def _integrate(
         progress=progress,
         explicit=explicit,
     )
+    _warn_of_spin(scene, speeds, told)
     _warn_of_motion(system.assembly, largest)
     warn_of_buckling(system.assembly, slackest)
     _warn_of_changed_modes(system.assembly, shifts)
     readings = [np.broadcast_to(system.recorded(name), (n_steps + 1,)) for name in scene.outputs]
     return np.vstack([np.reshape(readings, (len(scene.outputs), n_steps + 1)), commands])
+
+
+def _starting_rates(
+    scene: Scene, signals: Mapping[str, Array], time_step: float
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Rates at the start of inputs that drives follow, and those with which they go on through two steps."""
+    steps = {word.input: np.diff(signals[word.input][:3]) / time_step for word in scene.said(Follow) if word.input}
+    rates = {name: float(step[0]) for name, step in steps.items()}
+    return rates, {name: rate * (abs(steps[name][-1] - rate) <= STEADY * abs(rate)) for name, rate in rates.items()}
+
+
+def _settle(system: System, rates: Mapping[str, float]) -> bool:
+    """Bring a system into equilibrium, at rest or turning steadily; whether there is anything that moves it there."""
+    scene = system.assembly.scene
+    twists = steady_twists(scene, rates)
+    if twists is None:
+        if np.any(scene.gravity):
+            solve_static(system)
+        return bool(np.any(scene.gravity))
+    growing = solve_turning(system, twists)
+    if growing and not scene.loops and looks_the_same(scene, twists):
+        raise ValueError(
+            f"the spinning equilibrium of scene {scene.name!r} to start from is unstable: {growing[0]}; change the "
+            'speed, or let the scene go as it is drawn by simulate(..., start="released")'
+        )
+    return True
 
 
 def _solve_exactly(
@@ -231,41 +271,44 @@ def _warn_of_far_equilibrium(system: System) -> None:
         )
 
 
-def _warn_of_spin(scene: Scene) -> None:
-    twists = starting_twists(scene)
+def _warn_of_spin(scene: Scene, speeds: Mapping[str, float], told: Collection[str] = ()) -> list[str]:
+    """Warn of bodies whose speed [rad/s] takes a stiffening that is left out; returns those not told before."""
+    found = []
     for body in scene.flexible_bodies:
-        rate = float(np.linalg.norm(twists[body.name][3:])) / (2 * np.pi)
-        if body.fidelity != "ffrf" or rate == 0.0:
+        rate = speeds.get(body.name, 0.0) / (2 * np.pi)
+        if body.fidelity != "ffrf" or rate == 0.0 or body.name in told:
             continue
         first, rise = stiffening(scene, body, rate)
         if rise > STIFFENING:
+            found.append(body.name)
             warnings.warn(
                 f"body {body.name!r} turns at {rate:.3g} Hz, its first frequency is {first:.4g} Hz: centrifugal "
                 f"stiffening, which the floating frame leaves out, would raise that by some {100 * rise:.2g} % or more",
-                stacklevel=3,
+                stacklevel=4,
             )
+    return found
 
 
 def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> dict[str, float]:
-    """Outputs of a scene in static equilibrium under constant inputs and its gravity, by Exudyn's static solver.
+    """Outputs of a scene in static equilibrium under constant inputs and its gravity, by Exudyn's equations.
 
-    Loops are open. Warns of motion and preload as `simulate` does. Raises ValueError for unknown inputs, RuntimeError
-    when there is no equilibrium (a body that can move freely).
+    Of a scene with a drive of constant speed, as it turns: see `simulate`. Loops are open. Warns of motion and preload
+    as `simulate` does. Raises ValueError for unknown inputs and an unstable equilibrium, RuntimeError when there is
+    none (a body that can move freely).
     """
     values = {name: 0.0 for name in scene.inputs}
     for name, value in (inputs or {}).items():
         values[known("input", name, scene.inputs)] = finite(f"input {name!r}", value)
-    if scene.in_small_motion:
-        refuse_driven(scene)
     system = build_system(assemble(scene))
     system.apply(values)
-    solve_static(system)
+    if not _settle(system, {}):
+        solve_static(system)
     assembly = system.assembly
     _warn_of_motion(
         assembly, {name: motion_size(assembly, name, system.deformation(name)[:, None]) for name in system.carriers}
     )
     warn_of_buckling(assembly, {body.name: axial_tension(system, body) for body in assembly.scene.deformable_bodies})
-    return {name: float(system.recorded(name)[-1]) for name in scene.outputs}
+    return {name: system.at_rest(name) for name in scene.outputs}
 
 
 def exudyn_eigenfrequencies(scene: Scene, *, n_modes: int | None = None) -> Array:
@@ -273,7 +316,9 @@ def exudyn_eigenfrequencies(scene: Scene, *, n_modes: int | None = None) -> Arra
 
     Measured electrical ports keep their charge, whatever their resistance.
     """
-    return eigenfrequencies(build_system(replace(assemble(scene), circuits=())))[:n_modes]
+    assembly = assemble(scene)
+    still = Following.none(*assembly.basis.shape)
+    return eigenfrequencies(build_system(replace(assembly, circuits=(), following=still)))[:n_modes]
 
 
 def _check_options(method: str, spectral_radius: float | None, hold_order: int | None) -> None:
@@ -296,21 +341,24 @@ def _check_options(method: str, spectral_radius: float | None, hold_order: int |
 def _check_loops(scene: Scene, time_step: float) -> None:
     for loop in scene.loops:
         samples_per_period(loop, time_step)
-    if not scene.loops or not any(reading.derivative == 2 for reading in scene.said(Reading)):
+    at_once = scene.follows or any(reading.derivative == 2 for reading in scene.said(Reading))
+    if not scene.loops or not at_once:
         return
-    model = linearize(scene)
+    measured = {name for loop in scene.loops for name in loop.measured}
+    sensors = [s for s in scene.sensors if any(isinstance(w, Reading) and w.output in measured for w in s.says(scene))]
+    model = linearize(replace(scene, sensors=tuple(sensors), loops=()))
     for loop in scene.loops:
         rows, columns = map(model.outputs.index, loop.measured), list(map(model.inputs.index, loop.driven))
         for row in rows:
             if np.any(model.D[row, columns]):
                 raise ValueError(
                     f"loop {loop.name!r} measures {model.outputs[row]!r}, which follows what the loop drives at once, "
-                    "so whether a sample sees its command is open: give the actuator or the sensor a bandwidth"
+                    "so whether a sample sees its command is open: give the actuator, drive or sensor a bandwidth"
                 )
 
 
 def _warn_of_ringing(scene: Scene, spectral_radius: float, time_step: float) -> None:
-    calmed = {word.output for word in scene.said(Filter) if word.passes == "low" and word.frequency * time_step < CALM}
+    calmed = {word.output for word in scene.said(Filter) if word.passes != "high" and word.frequency * time_step < CALM}
     read = [word.output for word in scene.said(Reading) if word.derivative == 2 and word.output not in calmed]
     if read and spectral_radius > RINGING:
         warnings.warn(
@@ -321,10 +369,8 @@ def _warn_of_ringing(scene: Scene, spectral_radius: float, time_step: float) -> 
 
 
 def _check_drives(scene: Scene, signals: Mapping[str, Array]) -> None:
-    if scene.in_small_motion:
-        refuse_driven(scene)
-    for word in scene.said(Follow):
-        if word.input and signals[word.input][0]:
+    for word in scene.follows:
+        if signals[word.input][0]:
             raise ValueError(
                 f"input {word.input!r} drives joint {word.constraint!r} from where it is drawn: it must start at 0, "
                 f"not at {signals[word.input][0]:g} {word.unit}"
@@ -345,6 +391,8 @@ def _check_stability(scene: Scene, time_step: float) -> None:
     assembly = assemble(scene)
     if assembly.circuits:
         raise ValueError('method "explicit" cannot integrate the charge of a sensor with a resistance; take another')
+    if assembly.following.inputs:
+        raise ValueError('method "explicit" cannot let joints follow inputs; take another, or let a force act there')
     fastest = float(assembly.frequency[-1])
     limit = STABLE_ANGLE / (2 * np.pi * fastest)
     if time_step > limit:

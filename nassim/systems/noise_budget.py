@@ -37,9 +37,7 @@ class NoiseBudget:
     units: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        frequency = finite_array("frequency", self.frequency, (None,))
-        if len(frequency) < 2 or np.any(np.diff(frequency) <= 0) or frequency[0] < 0:
-            raise ValueError("frequency must be ascending and not negative, at least two")
+        frequency = _ascending(self.frequency)
         outputs, inputs = unique("output", self.outputs), unique("input", self.inputs)
         psd = finite_array("psd", self.psd, (len(outputs), len(inputs), len(frequency)))
         if psd.size and psd.min() < 0:
@@ -167,10 +165,15 @@ def _titled(name: str, unit: str) -> str:
     return f"{name} [{unit}]" if unit else name
 
 
-def _band(frequency: ArrayLike, time_step: float | None) -> Array:
-    band = finite_array("frequency", frequency, (None,))
-    if len(band) < 2 or np.any(np.diff(band) <= 0) or band[0] < 0:
+def _ascending(frequency: ArrayLike) -> Array:
+    result = finite_array("frequency", frequency, (None,))
+    if len(result) < 2 or np.any(np.diff(result) <= 0) or result[0] < 0:
         raise ValueError("frequency must be ascending and not negative, at least two")
+    return result
+
+
+def _band(frequency: ArrayLike, time_step: float | None) -> Array:
+    band = _ascending(frequency)
     if time_step is not None and band[-1] > 0.5 / time_step * (1 + 1e-9):
         raise ValueError(
             f"the model is sampled at {1 / time_step:g} Hz, so its spectra end at {0.5 / time_step:g} Hz, got "
@@ -209,13 +212,16 @@ def _with_resonances(model: LinearModel, frequency: Array) -> Array:
             f"an undamped motion at {centres[endless][0]:g} Hz has no bound under noise; give the model damping, or "
             "take a band without it"
         )
+    centres, widths = centres[~resting], np.abs(widths[~resting])
     points = [frequency]
-    for centre, width in zip(centres[~resting], widths[~resting], strict=True):
+    for pole, (centre, width) in enumerate(zip(centres, widths, strict=True)):
         k = int(np.clip(np.searchsorted(frequency, centre), 1, len(frequency) - 1))
         coarse = (frequency[k] - frequency[k - 1]) / (FINENESS * width) if width > 0 else 1.0
         if coarse > 1:
             offsets = width * np.sinh(FINENESS * np.arange(np.arccosh(coarse) / FINENESS + 1))
-            points += [centre - offsets, centre + offsets]
+            near = np.concatenate([centre - offsets, centre + offsets])
+            # Where another pole needs closer ones, it brings its own.
+            points.append(near[np.hypot(widths, near[:, None] - centres).argmin(axis=1) == pole])
     every = np.unique(np.concatenate(points))
     return every[(every >= frequency[0]) & (every <= frequency[-1])]
 

@@ -17,7 +17,7 @@ FREQUENCY = np.array([0.5, 3.0, 40.0, 900.0])
 
 def test_amplifier_noise_rises_below_its_corner():
     spectrum = amplifier_noise(2e-9, corner_frequency=40.0)
-    assert spectrum(FREQUENCY) == pytest.approx(4e-18 * np.array([81.0, 43 / 3, 2.0, 940 / 900]), rel=1e-12)
+    assert spectrum(FREQUENCY) == pytest.approx(4e-18 * np.array([81.0, 43 / 3, 2.0, 940 / 900]), rel=1e-12, abs=0)
     assert amplifier_noise(3.0)(np.array([0.0, 7.0])) == pytest.approx([9.0, 9.0])
 
 
@@ -39,7 +39,7 @@ def test_quantisation_noise_is_what_rounding_does(step):
 def test_tables_follow_power_laws_and_pass_through_zeros():
     table = TabulatedSpectrum([1.0, 10.0, 100.0, 200.0, 300.0], [1e-6, 1e-10, 1e-10, 0.0, 2e-10])
     found = table(np.array([1.0, 2.0, 10.0, 50.0, 150.0, 200.0, 250.0, 300.0]))
-    assert found == pytest.approx([1e-6, 1e-6 / 16, 1e-10, 1e-10, 5e-11, 0.0, 1e-10, 2e-10], rel=1e-9)
+    assert found == pytest.approx([1e-6, 1e-6 / 16, 1e-10, 1e-10, 5e-11, 0.0, 1e-10, 2e-10], rel=1e-9, abs=0)
     from_zero = TabulatedSpectrum([0.0, 2.0], [3.0, 5.0])
     assert from_zero(np.array([0.0, 1.0, 2.0])) == pytest.approx([3.0, 4.0, 5.0])
     with pytest.raises(ValueError, match=r"from 1 to 300 Hz, but is asked for 0\.5 to 900 Hz; extend"):

@@ -68,6 +68,17 @@ def test_a_decoupled_controller_closes_as_single_loops_in_its_coordinates():
         assert values[2:, 2:] == pytest.approx(np.einsum("cy,yuf,ud->cdf", measure, values[:2, :2], drive), rel=1e-9)
 
 
+def test_new_signals_are_sums_of_old_ones_feedthrough_included():
+    plant = platform(0.3, share=0.2)
+    outputs, inputs = np.array([[1.0, 2.0], [0.5, -3.0], [0.0, 1.0]]), np.array([[0.2, -1.0, 4.0], [3.0, 0.5, 0.0]])
+    model = with_outputs(plant, ("a", "b", "c"), outputs, of=("fv", "fu"))
+    model = with_inputs(model, ("p", "q", "r"), inputs, of=("Fv", "Fu"))
+    old = frequency_response(plant, FREQUENCY).values
+    found = frequency_response(model, FREQUENCY).values
+    assert found[:2, :2] == pytest.approx(old)
+    assert found[2:, 2:] == pytest.approx(np.einsum("ab,bcf,cd->adf", outputs, old[::-1, ::-1], inputs), rel=1e-9)
+
+
 def test_coordinates_of_turned_axes_change_no_pole():
     """Two equal loops along axes turned by any angle are the same loops, on a plant that turns too."""
     one = integral_force_feedback(1.0, sample_rate=1e3, corner_frequency=0.02)

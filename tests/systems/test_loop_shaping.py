@@ -71,7 +71,7 @@ def test_integral_and_low_pass_are_where_asked():
     s = 2j * np.pi * frequency
     by_hand = (s + 2 * np.pi * 9.0) / s / (1 + s / (2 * np.pi * 1e3))
     rest = np.abs(controller_response(shaped, frequency).values[0, 0] / by_hand)
-    assert rest[0] == pytest.approx(rest[1], rel=0.03), "a lead is flat below its corner"
+    assert rest[0] == pytest.approx(rest[1], rel=0.05), "a lead is flat below its corner"
     assert rest[2] * rest[4] == pytest.approx(rest[3] ** 2, rel=0.02), "and symmetric about its centre"
 
 

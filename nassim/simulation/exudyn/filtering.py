@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from nassim.base.checks import Array
+from nassim.scene.part import Field
 from nassim.simulation.exudyn.state import System
 from nassim.simulation.filters import start_filter
 
@@ -18,8 +19,11 @@ class Filtering:
     def __init__(self, system: System, samples: Mapping[str, Sequence[float]], n_steps: int, time_step: float) -> None:
         scene = system.assembly.scene
         self.system, self.samples, self.time_step = system, [samples[name] for name in scene.inputs], time_step
-        self.steps: dict[str, Callable[[float, float], float]] = {}
+        self.steps: dict[str, Callable[[float], float]] = {}
         self.at_rest = not scene.speeds and not any(np.any(body.angular_velocity) for body in scene.bodies)
+        self.falls = np.zeros((3, len(scene.inputs)))
+        for field in scene.said(Field):
+            self.falls[:, scene.inputs.index(field.input)] += field.direction
         self.now = 0
         for output in system.assembly.filters:
             system.filtered[output] = np.zeros(n_steps + 1)
@@ -29,13 +33,16 @@ class Filtering:
         system, self.now = self.system, n
         for output, passed in system.filtered.items():
             k, value = system.assembly.scene.outputs.index(output), system.measured(output)
+            share = system.assembly.ground_matrix[k]
+            for sensor, weights in system.turning.get(output, ()):
+                axes = np.reshape(system.mbs.GetSensorValues(sensor), (3, 3))
+                share = share - (axes @ weights - weights) @ self.falls
+            value += float(sum(share[j] * (self.samples[j][n] + added[j]) for j in np.flatnonzero(share)))
             if not n:
                 calm = self.at_rest and np.any(system.assembly.acceleration_matrix[k])
                 filtering = system.assembly.filters[output]
                 self.steps[output] = start_filter(filtering, self.time_step, 0.0 if calm else value)
-            share = system.assembly.ground_matrix[k]
-            ground = sum(share[j] * (self.samples[j][n] + added[j]) for j in np.flatnonzero(share))
-            passed[n] = self.steps[output](value, float(ground))
+            passed[n] = self.steps[output](value)
 
     def measure(self) -> Array:
         """Present outputs, (outputs,)."""

@@ -175,7 +175,7 @@ def _motion(marker: int, driven: Sequence[Follow]) -> tuple[dict[str, Any], list
         speeds += follow.speed * unit
         if follow.input:
             offsets.append(np.zeros(6))
-            pushes.append(Push(-1, follow.input, unit, offset=offsets[-1]))
+            pushes.append(Push(-1, follow.input, unit, rate=2 * np.pi * follow.bandwidth, offset=offsets[-1]))
     shifts = any(not follow.direction.startswith("r") for follow in driven)
 
     def along_world(mbs: Any, motion: Array) -> list[float]:

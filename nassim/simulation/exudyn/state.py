@@ -11,6 +11,7 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.simulation.filters import static_gain
+from nassim.simulation.following import product
 from nassim.simulation.small_motion import Assembly, Circuit
 
 COORDINATES = (
@@ -90,8 +91,9 @@ class System:
     nodes: rigid-body node per moving body; carriers: per flexible body that deforms
     drives: what the inputs act through
     readings: per output, what it is the sum of, before its filter
-    circuits: objects of `add_circuit`
+    massless: objects whose mass `find_accelerations` takes away
     filtered: what a run lets pass, by output of `Assembly.filters`, (n_samples,) each
+    turning: by inertial output, sensors of axes with which its directions turn, and these directions times gains, (3,)
     """
 
     container: Any
@@ -101,8 +103,9 @@ class System:
     carriers: dict[str, Carrier]
     drives: tuple[Push, ...]
     readings: dict[str, list[Term]]
-    circuits: tuple[int, ...]
+    massless: tuple[int, ...]
     filtered: dict[str, Array] = field(default_factory=dict)
+    turning: dict[str, list[tuple[int, Array]]] = field(default_factory=dict)
 
     def apply(self, inputs: Mapping[str, float]) -> None:
         """Set the inputs, as if they had always been so."""
@@ -115,6 +118,11 @@ class System:
         terms = self.readings[output]
         return sum(float(term.value(*(np.reshape(read(k), (1, -1)) for k in term.sensors))[0]) for term in terms)
 
+    def at_rest(self, output: str) -> float:
+        """Present value of one output, behind its filter, of a system that rests."""
+        filters = self.assembly.filters
+        return self.measured(output) * (static_gain(filters[output]) if output in filters else 1.0)
+
     def deformation(self, name: str) -> Array:
         """Present coordinates of a flexible body that deforms, as `ReducedBody` orders them, shape (n,)."""
         carrier = self.carriers[name]
@@ -126,6 +134,11 @@ class System:
     def turn(self, name: str) -> float:
         """Angle by which a body's frame is turned against the scene as drawn [rad]."""
         return _angle(self._pose(name, drawn=False)[0] @ self._pose(name, drawn=True)[0].T)
+
+    def speed(self, name: str) -> float:
+        """How fast a body's frame turns [rad/s]."""
+        rate = self.mbs.GetNodeOutput(self.nodes[name], exu.OutputVariableType.AngularVelocity)
+        return float(np.linalg.norm(rate))
 
     def shift(self, name: str, other: str) -> Array:
         """Turn [rad] and displacement [m] of a body as seen from another's frame, against the scene as drawn, (2,)."""
@@ -160,8 +173,12 @@ def _angle(rotation: Array) -> float:
     return float(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1), -1.0, 1.0)))
 
 
-def small_motion_system(assembly: Assembly) -> System:
-    """The system of a scene in small motion: one object in minimal coordinates, so joints need no multipliers."""
+def small_motion_system(assembly: Assembly, rates: Mapping[str, float]) -> System:
+    """The system of a scene in small motion: one object in minimal coordinates, so joints need no multipliers.
+
+    With drives that follow inputs these are a of `nassim.simulation.following`, and the motions of the drives are
+    coordinates too. rates: of these inputs at the start
+    """
     scene = assembly.scene
     container = exu.SystemContainer()
     mbs = container.AddSystem()
@@ -177,26 +194,66 @@ def small_motion_system(assembly: Assembly) -> System:
             forceVector=assembly.basis.T @ assembly.weight,
         )
     )
-    drives = [Push(add_forces(mbs, [node], n), name, forces[:, k]) for k, name in enumerate(scene.inputs)]
+    followed, drives, massless = _add_drives(mbs, assembly, node, rates)
+    nodes = (node, *followed)
+    motion = np.hstack([assembly.basis, assembly.following.beyond])
+    drives += [Push(add_forces(mbs, [node], n), name, forces[:, k]) for k, name in enumerate(scene.inputs)]
     for a in assembly.amplifiers:
         pushes = assembly.basis.T @ a.forces
         drives.append(Push(add_forces(mbs, [node], n), scene.inputs[a.input], pushes, rate=a.rate))
     readings: dict[str, list[Term]] = {name: [] for name in scene.outputs}
     rows = (assembly.output_matrix, assembly.velocity_matrix, assembly.acceleration_matrix)
     for kind, weights in zip(COORDINATES, rows, strict=True):
-        for name, row in zip(scene.outputs, weights @ assembly.basis, strict=True):
-            if np.any(row):
-                sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kind, storeInternal=True, writeToFile=False)
-                readings[name].append(Term.linear(mbs.AddSensor(sensor), row))
-    circuits = []
+        for name, row in zip(scene.outputs, product(weights, motion), strict=True):
+            for number, share in zip(nodes, np.split(row, [n]), strict=False):
+                if np.any(share):
+                    sensor = eii.SensorNode(
+                        nodeNumber=number, outputVariableType=kind, storeInternal=True, writeToFile=False
+                    )
+                    readings[name].append(Term.linear(mbs.AddSensor(sensor), share))
     for circuit in assembly.circuits:
-        number, reading = add_circuit(mbs, circuit, [node], assembly.basis.T @ circuit.forces)
-        circuits.append(number)
+        number, reading = add_circuit(mbs, circuit, nodes, motion.T @ circuit.forces, driven=len(motion.T) - n)
+        massless.append(number)
         readings[circuit.output].append(reading)
     bodies = [body for body in scene.bodies if body.name in assembly.slices]
-    carriers = {body.name: Carrier(((node, n),), assembly.basis[assembly.slices[body.name]]) for body in bodies}
+    counts = tuple(zip(nodes, (n, len(motion.T) - n), strict=False))
+    carriers = {body.name: Carrier(counts, motion[assembly.slices[body.name]]) for body in bodies}
     mbs.Assemble()
-    return System(container, mbs, assembly, {}, carriers, tuple(drives), readings, tuple(circuits))
+    return System(container, mbs, assembly, {}, carriers, tuple(drives), readings, tuple(massless))
+
+
+def _add_drives(
+    mbs: Any, assembly: Assembly, node: int, rates: Mapping[str, float]
+) -> tuple[list[int], list[Push], list[int]]:
+    """Add the motions of drives that follow inputs, d of them; the node, what sets them, the object; nothing without.
+
+    Massless rows k u = k input, beside what u and u' push in the minimal coordinates.
+    """
+    following, (n, d) = assembly.following, assembly.following.momentum.shape
+    if not d:
+        return [], [], []
+    to_forces = assembly.mass @ assembly.shapes
+    push = to_forces @ ((2 * np.pi * assembly.frequency[:, None]) ** 2 * following.momentum)
+    slip = to_forces @ (assembly.damping.of_modes @ following.momentum - following.drag)
+    # As large as the forces that they stand beside, else the tolerance of Newton's iterations passes over them.
+    sizes = np.maximum(np.linalg.norm(push, axis=0), 1.0)
+    mass, stiffness, damping = np.zeros((3, n + d, n + d))
+    mass[n:, n:] = np.diag(sizes)
+    stiffness[:n, n:], stiffness[n:, n:], damping[:n, n:] = -push, np.diag(sizes), -slip
+    names = [assembly.scene.inputs[index] for index in following.inputs]
+    direct = np.isinf(following.rates)
+    speeds = [rates.get(name, 0.0) * at_once for name, at_once in zip(names, direct, strict=True)]
+    motions = mbs.AddNode(modal_node(d, speeds))
+    number = mbs.AddObject(
+        eii.ObjectGenericODE2(
+            nodeNumbers=[node, motions], massMatrix=mass, stiffnessMatrix=stiffness, dampingMatrix=damping
+        )
+    )
+    pushes = [
+        Push(add_forces(mbs, [motions], d), name, sizes[k] * np.eye(d)[k], rate=following.rates[k])
+        for k, name in enumerate(names)
+    ]
+    return [motions], pushes, [number]
 
 
 def add_forces(mbs: Any, nodes: Sequence[int], size: int) -> int:
@@ -211,12 +268,17 @@ def add_forces(mbs: Any, nodes: Sequence[int], size: int) -> int:
     )
 
 
-def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array) -> tuple[int, Term]:
+def add_circuit(
+    mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array, *, driven: int = 0
+) -> tuple[int, Term]:
     """Add a port's charge as a coordinate w = v / scale; returns its object and the sensor of its output.
 
-    forces: on the nodes' coordinates per volt of v. Symmetric rows: c v + R c^2 v' = forces @ q. The scale makes them
-    as large as those of the body's forces, else the tolerance of Newton's iterations passes over them. The mass is for
-    the accelerations at the start, where w'' = 0; `find_accelerations` takes it away.
+    forces: on the nodes' coordinates per volt of v; driven: how many of these, the last, are motions of drives, which
+    no force moves
+
+    Symmetric rows: c v + R c^2 v' = forces @ q. The scale makes them as large as those of the body's forces, else the
+    tolerance of Newton's iterations passes over them. The mass is for the accelerations at the start, where w'' = 0;
+    `find_accelerations` takes it away.
     """
     n, c = len(forces), circuit.capacitance
     scale = float(np.linalg.norm(forces)) / c or 1.0
@@ -224,6 +286,7 @@ def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array)
     mass, stiffness, damping = np.zeros((3, n + 1, n + 1))
     mass[n, n] = 1.0
     stiffness[:n, n] = stiffness[n, :n] = -scale * forces
+    stiffness[n - driven : n, n] = 0.0
     stiffness[n, n], damping[n, n] = scale**2 * c, scale**2 * circuit.resistance * c**2
     number = mbs.AddObject(
         eii.ObjectGenericODE2(
@@ -239,25 +302,28 @@ def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array)
 
 
 def find_accelerations(system: System, settings: Any) -> None:
-    """Set the accelerations at the start, while charges have the mass that Exudyn needs for that, and take it away.
+    """Set the accelerations at the start, while charges and drives have the mass that Exudyn needs for that; remove it.
 
     Without them an input that does not start at zero would lose half a step.
     """
-    if not system.circuits:
+    if not system.massless:
         return
     mbs = system.mbs
     solver: Any = exu.MainSolverImplicitSecondOrder()
     solver.InitializeSolver(mbs, settings)
     accelerations = mbs.systemData.GetODE2Coordinates_tt(exu.ConfigurationType.Current)
     mbs.systemData.SetODE2Coordinates_tt(accelerations, exu.ConfigurationType.Initial)
-    for number in system.circuits:
+    for number in system.massless:
         mbs.SetObjectParameter(number, "massMatrix", np.zeros((0, 0)))
     settings.timeIntegration.generalizedAlpha.computeInitialAccelerations = False
 
 
-def modal_node(n: int) -> Any:
-    """A node of n coordinates at rest."""
+def modal_node(n: int, speeds: Sequence[float] | None = None) -> Any:
+    """A node of n coordinates, at rest or with speeds at the start."""
     zero = [0.0] * n
     return eii.NodeGenericODE2(
-        numberOfODE2Coordinates=n, referenceCoordinates=zero, initialCoordinates=zero, initialCoordinates_t=zero
+        numberOfODE2Coordinates=n,
+        referenceCoordinates=zero,
+        initialCoordinates=zero,
+        initialCoordinates_t=zero if speeds is None else list(speeds),
     )

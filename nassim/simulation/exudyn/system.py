@@ -41,7 +41,7 @@ from nassim.simulation.exudyn.items import (
     frame_at,
     offset_of,
 )
-from nassim.simulation.exudyn.readings import add_reading
+from nassim.simulation.exudyn.readings import add_axes, add_reading
 from nassim.simulation.exudyn.springs import add_six_springs, add_spring, reaches
 from nassim.simulation.exudyn.state import Carrier, Push, System, Term, add_circuit, modal_node, small_motion_system
 from nassim.simulation.exudyn.tensions import add_tension
@@ -64,32 +64,42 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None) -
     Raises ValueError for joints and angular velocities that do not go together: `nassim.simulation.starting_motion`.
     """
     if assembly.scene.in_small_motion and len(assembly.mass):
-        return small_motion_system(assembly)
+        return small_motion_system(assembly, rates or {})
     check_implied(assembly.scene, assembly.enforced)
     container = exu.SystemContainer()
     mbs = container.AddSystem()
     items = _add_bodies(mbs, assembly, rates)
     drives: list[Push] = []
     readings: dict[str, list[Term]] = {output: [] for output in assembly.scene.outputs}
+    turning: dict[str, list[tuple[int, Array]]] = {output: [] for output in assembly.scene.outputs}
     for word in assembly.words:
         if isinstance(word, Reading):
             readings[word.output] += add_reading(items, word)
+            turning[word.output] += add_axes(items, word)
         elif isinstance(word, Tension):
             readings[word.output] += add_tension(items, word)
         else:
             drives += _realise(items, word, assembly)
-    circuits = []
+    massless = []
     for circuit in assembly.circuits:
         forces = {name: circuit.forces[assembly.slices[name]] for name in items.carriers}
         parts = [part for name, carrier in items.carriers.items() for part in carrier.parts(forces[name])]
         if parts:
             row = np.concatenate([piece for _, piece in parts])
             number, reading = add_circuit(mbs, circuit, [node for node, _ in parts], row)
-            circuits.append(number)
+            massless.append(number)
             readings[circuit.output].append(reading)
     mbs.Assemble()
     return System(
-        container, mbs, assembly, dict(items.nodes), dict(items.carriers), tuple(drives), readings, tuple(circuits)
+        container,
+        mbs,
+        assembly,
+        dict(items.nodes),
+        dict(items.carriers),
+        tuple(drives),
+        readings,
+        tuple(massless),
+        turning=turning,
     )
 
 
