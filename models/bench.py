@@ -68,7 +68,8 @@ def make_bench(
     if apa is None:
         apa = reduced_apa300ml(ports=PORTS) if ports else reduced_apa300ml(stack_coupling="rbe2")
     body = apa
-    drive, measure = _ports(SENSOR_RESISTANCE if resistance is None else resistance) if ports else _force_pair()
+    loaded = SENSOR_RESISTANCE if resistance is None else resistance
+    drive, measure = electrical_ports(loaded) if ports else force_pair()
     bottom, top = (body.point(name).position for name in ("bottom", "top"))
     # A steel cube would do: the guide leaves only the mass to matter.
     side = np.cbrt(payload_mass / 7800.0) if payload_mass > 0 else 1.0
@@ -106,7 +107,8 @@ DISTURBANCES = (
 )
 
 
-def _force_pair() -> tuple[StackActuator, StackSensor]:
+def force_pair() -> tuple[StackActuator, StackSensor]:
+    """Drive and sensor of the stacks of a body "apa" between its remote points, see `make_bench`."""
     # Two equal stacks in line at one voltage push their outer ends with the force of one.
     drive = StackActuator(
         "actuator_stacks",
@@ -130,7 +132,8 @@ def sensor_span_constant() -> float:
     return STACK.stroke_per_volt * stiffness / STACK.capacitance
 
 
-def _ports(resistance: float) -> tuple[VoltageDrive, VoltageSensor]:
+def electrical_ports(resistance: float = SENSOR_RESISTANCE) -> tuple[VoltageDrive, VoltageSensor]:
+    """Drive and sensor of a body "apa" by its ports; resistance: across the sensor [Ohm]."""
     drive = VoltageDrive("actuator_stacks", "apa.actuator", "actuator_voltage", gain=AMPLIFIER_GAIN)
     return drive, VoltageSensor("sensor_voltage", "apa.sensor", resistance=resistance)
 

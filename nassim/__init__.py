@@ -1,8 +1,8 @@
 """nassim: multibody simulation with reduced-order flexible bodies.
 
 The names of the chain, from CAD to frequency responses, loaded when they are first used; each wing has more:
-`nassim.signals`, `nassim.bodies`, `nassim.systems`, `nassim.fem`, `nassim.scene`, `nassim.exchange`,
-`nassim.simulation`, `nassim.identification`, `nassim.plotting`.
+`nassim.signals`, `nassim.bodies`, `nassim.kinematics`, `nassim.systems`, `nassim.fem`, `nassim.scene`,
+`nassim.exchange`, `nassim.simulation`, `nassim.identification`, `nassim.plotting`.
 """
 
 import lazy_loader

@@ -14,6 +14,9 @@ from . import (
     identification as identification,
 )
 from . import (
+    kinematics as kinematics,
+)
+from . import (
     plotting as plotting,
 )
 from . import (
@@ -124,6 +127,18 @@ from .scene.bodies import (
 from .scene.drives import (
     Drive as Drive,
 )
+from .scene.instruments import (
+    Accelerometer as Accelerometer,
+)
+from .scene.instruments import (
+    ForceSensor as ForceSensor,
+)
+from .scene.instruments import (
+    Geophone as Geophone,
+)
+from .scene.instruments import (
+    Vibrometer as Vibrometer,
+)
 from .scene.joints import (
     Joint as Joint,
 )
@@ -199,6 +214,9 @@ from .simulation.description import (
 from .simulation.linearization import (
     linearize as linearize,
 )
+from .simulation.scene_body import (
+    reduce_scene as reduce_scene,
+)
 from .simulation.time_domain import (
     simulate as simulate,
 )
@@ -216,6 +234,12 @@ from .systems.linear_model import (
 )
 from .systems.linear_model import (
     frequency_response as frequency_response,
+)
+from .systems.noise_budget import (
+    NoiseBudget as NoiseBudget,
+)
+from .systems.noise_budget import (
+    noise_budget as noise_budget,
 )
 
 __version__: str

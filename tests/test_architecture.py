@@ -19,7 +19,7 @@ TREES = {
 ROOMS = [name for name in TREES if not name.endswith("__init__")]
 FLOORS = (
     {"base"},
-    {"signals", "bodies"},
+    {"signals", "bodies", "kinematics"},
     {"systems", "fem"},
     {"scene", "exchange"},
     {"simulation"},
@@ -151,12 +151,14 @@ def test_engines_know_no_kind_of_part():
             assert {kind for kind in named & set(homes) if homes[kind] != name} == set(), f"{name}: {ast.unparse(node)}"
 
 
-@pytest.mark.parametrize("name", ["nassim", *(f"nassim.{w}" for w in ("base", "signals", "bodies", "systems", "fem"))])
+@pytest.mark.parametrize(
+    "name", ["nassim", *(f"nassim.{w}" for w in ("base", "signals", "bodies", "kinematics", "systems"))]
+)
 def test_every_name_at_a_door_exists(name):
     check_door(name)
 
 
-@pytest.mark.parametrize("name", [f"nassim.{w}" for w in ("scene", "exchange", "simulation", "identification")])
+@pytest.mark.parametrize("name", [f"nassim.{w}" for w in ("fem", "scene", "exchange", "simulation", "identification")])
 def test_every_name_at_an_upper_door_exists(name):
     check_door(name)
 
@@ -192,7 +194,7 @@ def run_without(libraries, code):
 def test_linear_systems_and_files_need_neither_mesher_nor_simulator():
     code = (
         "import nassim; "
-        "wings = nassim.systems, nassim.exchange, nassim.scene, nassim.bodies, nassim.signals; "
+        "wings = nassim.systems, nassim.exchange, nassim.scene, nassim.bodies, nassim.signals, nassim.kinematics; "
         "[getattr(wing, name) for wing in wings for name in wing.__all__ if not name.endswith('_control')]; "
         "nassim.linearize, nassim.truncation_error, nassim.load, nassim.identify_modes, nassim.apply_identification"
     )

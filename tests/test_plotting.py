@@ -8,7 +8,8 @@ from conftest import STEEL, make_bar
 
 from nassim import FRF, RemotePoint, Solid, TimeHistory, build_fe_model, craig_bampton
 from nassim.base.rigid_motion import rigid_transfer
-from nassim.plotting import plot_frf, plot_frf_error, plot_mode, plot_time_history
+from nassim.plotting import plot_frf, plot_frf_error, plot_mode, plot_noise_budget, plot_time_history
+from nassim.systems.noise_budget import NoiseBudget
 
 
 @pytest.fixture(autouse=True)
@@ -51,6 +52,23 @@ def test_signals_stand_over_their_time():
     (axis,) = plot_time_history(history, names=["b"])
     assert axis.get_lines()[0].get_xydata() == pytest.approx(np.column_stack([time, np.arange(5.0, 10.0)]))
     assert axis.get_ylabel() == "b\n[m]"
+
+
+def test_a_budgets_largest_part_comes_first_and_the_total_last():
+    frequency = np.linspace(1.0, 5.0, 5)
+    psd = np.array([[[9e-18] * 5, [16e-18] * 5, [0.0] * 5]])
+    budget = NoiseBudget(frequency, psd, ("top_x",), ("floor", "dac_noise", "quiet"), ("m",))
+    density, cumulative = plot_noise_budget(budget, output="top_x", limit=3e-8)
+    assert [line.get_label() for line in cumulative.get_lines()] == [
+        "dac noise: 8e-09 m", "floor: 6e-09 m", "quiet: 0 m", "total: 1e-08 m", "limit: 3e-08 m"
+    ]  # fmt: skip
+    assert density.get_lines()[0].get_ydata() == pytest.approx(4e-9)
+    assert density.get_lines()[-1].get_ydata() == pytest.approx(5e-9)
+    total = cumulative.get_lines()[3].get_xydata()
+    assert total == pytest.approx(np.column_stack([frequency, 5e-9 * np.sqrt(5 - frequency)])[:-1])
+    assert density.get_ylabel() == "amplitude density [m/√Hz]"
+    with pytest.raises(ValueError, match="unknown output 'y'; known: top_x"):
+        plot_noise_budget(budget, output="y")
 
 
 def test_a_motion_is_drawn_at_eight_per_cent_of_the_size(bar):

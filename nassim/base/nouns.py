@@ -10,6 +10,7 @@ from typing import Any, TypeGuard, TypeVar
 Noun = TypeVar("Noun")
 
 NOUNS: dict[str, str] = {
+    "Accelerometer": "nassim.scene.instruments",
     "AngleSensor": "nassim.scene.mechanics",
     "Bushing": "nassim.scene.mechanics",
     "LinearActuator": "nassim.scene.mechanics",
@@ -24,7 +25,9 @@ NOUNS: dict[str, str] = {
     "FRF": "nassim.signals.frf",
     "Finding": "nassim.exchange.inspection",
     "FlexibleBody": "nassim.scene.bodies",
+    "ForceSensor": "nassim.scene.instruments",
     "FloatingFrame": "nassim.bodies.floating_frame",
+    "Geophone": "nassim.scene.instruments",
     "GroundAcceleration": "nassim.scene.mechanics",
     "HarmonicSolution": "nassim.fem.full_model",
     "Joint": "nassim.scene.joints",
@@ -34,6 +37,7 @@ NOUNS: dict[str, str] = {
     "Material": "nassim.fem.materials",
     "ModalFit": "nassim.identification.modal_fit",
     "NearestTo": "nassim.fem.solid",
+    "NoiseBudget": "nassim.systems.noise_budget",
     "OnPlane": "nassim.fem.solid",
     "Optimum": "nassim.systems.root_locus",
     "OrderGuess": "nassim.exchange.row_order",
@@ -54,13 +58,16 @@ NOUNS: dict[str, str] = {
     "SpringDamper": "nassim.scene.mechanics",
     "StackActuator": "nassim.scene.piezo",
     "StackSensor": "nassim.scene.piezo",
+    "StewartPlatform": "nassim.kinematics.stewart",
     "Strain": "nassim.bodies.strain",
     "Superelement": "nassim.exchange.superelement",
     "Surface": "nassim.bodies.readouts",
+    "TabulatedSpectrum": "nassim.signals.spectra",
     "Target": "nassim.identification.calibration",
     "TimeHistory": "nassim.signals.time_history",
     "UnstablePole": "nassim.systems.linear_model",
     "UpdateReport": "nassim.identification.apply",
+    "Vibrometer": "nassim.scene.instruments",
     "VoltageDrive": "nassim.scene.piezo",
     "VoltageSensor": "nassim.scene.piezo",
 }

@@ -124,7 +124,7 @@ def apply_identification(
     if not assembly.falls_into_modes or scene.loops:
         raise ValueError(
             "damping ratios are written into a scene whose damping is all modal: take out bodies' own damping_ratio, "
-            "dampers, resistances at ports, amplifiers' bandwidths and loops, which damp beside them"
+            "dampers, resistances at ports, amplifiers' bandwidths, loops and drives that follow inputs"
         )
     rows = [scene.outputs.index(output) for output in fit.outputs]
     gains = modal_gains(assembly)[rows, scene.inputs.index(fit.input)]

@@ -7,6 +7,18 @@ from .bodies import (
 from .drives import (
     Drive as Drive,
 )
+from .instruments import (
+    Accelerometer as Accelerometer,
+)
+from .instruments import (
+    ForceSensor as ForceSensor,
+)
+from .instruments import (
+    Geophone as Geophone,
+)
+from .instruments import (
+    Vibrometer as Vibrometer,
+)
 from .joints import (
     Joint as Joint,
 )
@@ -80,6 +92,9 @@ from .part import (
     Field as Field,
 )
 from .part import (
+    Filter as Filter,
+)
+from .part import (
     Force as Force,
 )
 from .part import (
@@ -117,6 +132,9 @@ from .part import (
 )
 from .part import (
     Spring as Spring,
+)
+from .part import (
+    Tension as Tension,
 )
 from .part import (
     Word as Word,

@@ -1,8 +1,9 @@
 """Drives of scenes: motors that make a joint's free motion follow an input, or run at constant speed."""
 
+import math
 from dataclasses import dataclass
 
-from nassim.base.checks import finite, freeze, known
+from nassim.base.checks import above_zero, finite, freeze, known
 from nassim.base.rigid_motion import DIRECTIONS
 from nassim.scene.part import Actuator, Constraint, Follow, Signal
 from nassim.scene.scene import Scene
@@ -13,8 +14,12 @@ class Drive(Actuator):
     """A stiff motor in a joint: one of its free motions, of b against a, follows an input or runs at constant speed.
 
     joint: name; direction: one that the joint leaves free, "x" ... "rz" of its axes ("rz" of a `revolute`)
-    input: name of the scene's input, displacement [m] or angle [rad], 0 at the start; "" for a constant speed
+    input: name of the scene's input, displacement [m] or angle [rad], 0 at the start; "" for a constant speed. One that
+        starts with a rate jolts what is at rest: all that is in small motion; bodies in large motion start to move
+        along as rigid ones.
     speed: constant, from the start on [m/s] or [rad/s]
+    bandwidth: of a servo between the input and the motion, a low-pass of first order, -3 dB [Hz]. Without one, a
+        velocity that follows the input at once is that input's derivative, which linear models refuse.
     """
 
     name: str
@@ -22,12 +27,19 @@ class Drive(Actuator):
     direction: str
     input: Signal = ""
     speed: float = 0.0
+    bandwidth: float = math.inf
 
     def __post_init__(self) -> None:
         known("direction", self.direction, DIRECTIONS)
-        freeze(self, speed=finite(f"drive {self.name!r}: speed", self.speed))
+        freeze(
+            self,
+            speed=finite(f"drive {self.name!r}: speed", self.speed),
+            bandwidth=above_zero(f"drive {self.name!r}: bandwidth", self.bandwidth, "Hz"),
+        )
         if bool(self.input) == bool(self.speed):
             raise ValueError(f"drive {self.name!r} follows either an input or a constant speed; give one of them")
+        if self.speed and math.isfinite(self.bandwidth):
+            raise ValueError(f"drive {self.name!r} runs at constant speed, which needs no bandwidth; leave it out")
 
     @property
     def unit(self) -> str:
@@ -43,9 +55,12 @@ class Drive(Actuator):
             raise ValueError(
                 f"drive {self.name!r}: joint {self.joint!r} holds {self.direction!r}; it leaves free: {free}"
             )
-        return (Follow(self.joint, self.direction, self.input, self.unit, self.speed),)
+        if not any(scene.split(path)[0].moves for path in (joint.a, joint.b)):
+            raise ValueError(f"drive {self.name!r}: joint {self.joint!r} connects fixed bodies, which nothing moves")
+        return (Follow(self.joint, self.direction, self.input, self.unit, self.speed, self.bandwidth),)
 
     def describe(self) -> str:
         """What it does to which joint."""
-        does = f"follows {self.input}" if self.input else f"runs at {self.speed:g} {self.unit}/s"
+        lag = f" with {self.bandwidth:g} Hz" if math.isfinite(self.bandwidth) else ""
+        does = f"follows {self.input}{lag}" if self.input else f"runs at {self.speed:g} {self.unit}/s"
         return f"drive {self.name}: {self.direction} of joint {self.joint} {does}"

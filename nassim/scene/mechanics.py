@@ -132,7 +132,7 @@ class PointForce(Actuator):
     def says(self, scene: Scene) -> tuple[Force]:
         """The input pushes the point."""
         check_moves(scene, self.name, self.point)
-        row = Row.of_point(self.point, unit_vector(self.axis), frame=_checked_frame(scene, self.frame))
+        row = Row.of_point(self.point, unit_vector(self.axis), frame=checked_frame(scene, self.frame))
         return (Force(self.input, self.unit, row),)
 
 
@@ -157,7 +157,7 @@ class PointTorque(Actuator):
     def says(self, scene: Scene) -> tuple[Force]:
         """The input turns the point."""
         check_moves(scene, self.name, self.point)
-        frame = _checked_frame(scene, self.frame)
+        frame = checked_frame(scene, self.frame)
         return (
             Force(self.input, self.unit, Row.of_point(self.point, unit_vector(self.axis), frame=frame, turns=True)),
         )
@@ -226,7 +226,7 @@ class Encoder(Sensor):
 
     def says(self, scene: Scene) -> tuple[Reading]:
         """It reads the motion of b against a."""
-        _check_seen(scene, self.name, self.a, self.b)
+        check_seen(scene, self.name, self.a, self.b)
         return (Reading(self.name, self.unit, _between(scene, self.a, self.b, self.axis, self.frame)),)
 
 
@@ -249,7 +249,7 @@ class AngleSensor(Sensor):
 
     def says(self, scene: Scene) -> tuple[Reading]:
         """It reads the turn of b against a."""
-        _check_seen(scene, self.name, self.a, self.b)
+        check_seen(scene, self.name, self.a, self.b)
         row = Row.between(self.a, self.b, unit_vector(self.axis), frame=self.a, turns=True)
         return (Reading(self.name, self.unit, row),)
 
@@ -273,7 +273,7 @@ class Pose(Sensor):
 
     def says(self, scene: Scene) -> tuple[Reading, ...]:
         """It reads all six motions of b against a."""
-        _check_seen(scene, self.name, self.a, self.b)
+        check_seen(scene, self.name, self.a, self.b)
         return tuple(
             Reading(
                 f"{self.name}.{'ru'[not turns]}{letter}",
@@ -302,18 +302,27 @@ def check_moves(scene: Scene, part: str, path: str) -> None:
         raise ValueError(f"{part!r}: {path!r} belongs to a fixed body, which no force moves")
 
 
+def check_seen(scene: Scene, part: str, *paths: str) -> None:
+    """Raise ValueError for unknown points, and where all belong to fixed bodies."""
+    for path in paths:
+        scene.point_position(path)
+    if not any(scene.split(path)[0].moves for path in paths):
+        raise ValueError(f"{part!r}: {' and '.join(map(repr, paths))} belong to fixed bodies, so it would read nothing")
+
+
+def checked_frame(scene: Scene, frame: str) -> str:
+    """A frame as a row keeps it; raises ValueError for an unknown point."""
+    if frame:
+        scene.point_position(frame)
+    return frame
+
+
 def _between(scene: Scene, a: str, b: str, axis: str | ArrayLike, frame: str) -> Row | Line:
     if isinstance(axis, str) and axis == LINE:
         if np.allclose(scene.point_position(a), scene.point_position(b), rtol=0, atol=1e-12):
             raise ValueError(f"{a!r} and {b!r} lie in one place: no line joins them; give a direction")
         return Line(a, b)
-    return Row.between(a, b, unit_vector(axis), frame=_checked_frame(scene, frame))
-
-
-def _checked_frame(scene: Scene, frame: str) -> str:
-    if frame:
-        scene.point_position(frame)
-    return frame
+    return Row.between(a, b, unit_vector(axis), frame=checked_frame(scene, frame))
 
 
 def _check_apart(scene: Scene, label: str, a: str, b: str) -> None:
@@ -324,13 +333,6 @@ def _check_apart(scene: Scene, label: str, a: str, b: str) -> None:
         raise ValueError(f"{label}: {a!r} and {b!r} belong to one rigid body")
     if not (first.moves or second.moves):
         raise ValueError(f"{label}: {a!r} and {b!r} belong to fixed bodies")
-
-
-def _check_seen(scene: Scene, part: str, *paths: str) -> None:
-    for path in paths:
-        scene.point_position(path)
-    if not any(scene.split(path)[0].moves for path in paths):
-        raise ValueError(f"{part!r}: {' and '.join(map(repr, paths))} belong to fixed bodies, so it would read nothing")
 
 
 def _six(label: str, value: ArrayLike) -> Array:

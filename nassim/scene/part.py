@@ -120,7 +120,10 @@ class Field:
 class Reading:
     """An output reads a row: gain units per unit of the row's displacement, velocity or acceleration.
 
+    What a part says of one output adds up: several readings, tensions and leaks.
     derivative: 0, 1 or 2
+    inertial: of an acceleration: where a field accelerates everything, it is that against inertial space, and not that
+        against the ground, as of a sensor in which a mass hangs
     """
 
     output: Signal
@@ -128,6 +131,22 @@ class Reading:
     row: Row | Line
     gain: float = 1.0
     derivative: int = 0
+    inertial: bool = False
+
+
+@dataclass(frozen=True)
+class Filter:
+    """What is read of an output passes a filter, as if it had always been at its first value; several in their order.
+
+    passes: "low", "high" or, of second order, a "band" of frequencies; frequency: of its corner or resonance [Hz]
+    damping_ratio: of a filter of second order, w^2, s^2 or w s over s^2 + 2 damping_ratio w s + w^2; None for the first
+        order, w or s over s + w
+    """
+
+    output: Signal
+    passes: str
+    frequency: float
+    damping_ratio: float | None = None
 
 
 @dataclass(frozen=True)
@@ -152,6 +171,19 @@ class SixSprings:
     axes: Axes
     stiffness: Array
     damping: Array
+
+
+@dataclass(frozen=True)
+class Tension:
+    """An output reads what a spring and its damper, which another part says, pull with: positive where they pull.
+
+    direction: of six springs "x" ... "rz" of their axes, what they pull b with [N], [N m]; "" for one spring
+    """
+
+    output: Signal
+    unit: str
+    spring: Spring | SixSprings
+    direction: str = ""
 
 
 @dataclass(frozen=True)
@@ -189,6 +221,7 @@ class Follow:
     """A direction that a constraint leaves free is held as well, at what an input says or a constant speed makes.
 
     constraint: its name; direction: of its axes; input: name, "" for a constant speed; unit: of the input
+    bandwidth: of a servo between input and motion, a low-pass of first order, -3 dB [Hz]
     """
 
     constraint: Signal
@@ -196,9 +229,10 @@ class Follow:
     input: Signal
     unit: str
     speed: float = 0.0
+    bandwidth: float = math.inf
 
 
-Word = Force | Field | Reading | Spring | SixSprings | Leak | Constraint | Follow
+Word = Force | Field | Reading | Filter | Tension | Spring | SixSprings | Leak | Constraint | Follow
 
 
 def unknown_word(word: object, engine: str) -> TypeError:

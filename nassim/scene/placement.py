@@ -17,7 +17,18 @@ from nassim.base.checks import Array, finite_array, instances, unique
 from nassim.base.rigid_motion import AXES, DIRECTIONS, proper_rotation, unit_vector
 from nassim.scene.bodies import Body
 from nassim.scene.loop import Loop
-from nassim.scene.part import Actuator, Connection, Constraint, ForceElement, Line, Path, Row, Sensor, SixSprings
+from nassim.scene.part import (
+    Actuator,
+    Connection,
+    Constraint,
+    ForceElement,
+    Line,
+    Path,
+    Row,
+    Sensor,
+    SixSprings,
+    Spring,
+)
 from nassim.scene.scene import KINDS, Scene
 
 SAME = 1e-9
@@ -144,7 +155,7 @@ class _Place:
         return replace(item, **{k: self._value(getattr(item, k), kind) for k, kind in _kinds(item.__class__).items()})
 
     def _value(self, value: Any, kind: Any) -> Any:
-        if isinstance(value, (Row, Line)):
+        if isinstance(value, (Row, Line, Spring, SixSprings)):
             return self.moved(value)
         if value is None:
             return None

@@ -17,6 +17,7 @@ from nassim.scene.part import (
     Connection,
     Constraint,
     Field,
+    Filter,
     Follow,
     Force,
     ForceElement,
@@ -26,6 +27,7 @@ from nassim.scene.part import (
     Sensor,
     SixSprings,
     Spring,
+    Tension,
     Word,
 )
 
@@ -103,12 +105,31 @@ class Scene:
         for joint, direction in driven:
             if driven.count((joint, direction)) > 1:
                 raise ValueError(f"{direction} of joint {joint!r} is driven more than once")
-        unique("signal (input, output, loop)", (*self.inputs, *self.outputs, *self.commands))
+        outputs = (name for words in self._said for name in dict.fromkeys(word.output for word in _read(words)))
+        unique("signal (input, output, loop)", (*self.inputs, *outputs, *self.commands))
+        self._check_outputs()
         for loop in self.loops:
             for name in loop.measured:
                 known("output", name, self.outputs)
             for name in loop.driven:
                 known("input", name, self.inputs)
+
+    def _check_outputs(self) -> None:
+        units = dict(zip(self.outputs, self.output_units, strict=True))
+        for word in _read(self.words):
+            if isinstance(word, Reading) and word.inertial and word.derivative != 2:
+                raise ValueError(f"output {word.output!r}: against inertial space, accelerations are read only")
+            if word.unit != units[word.output]:
+                raise ValueError(f"output {word.output!r} cannot be both {units[word.output]} and {word.unit}")
+        for passing in self.said(Filter):
+            name = known("filtered output", passing.output, self.outputs)
+            _check_filter(passing)
+            added = [word for word in self.words if isinstance(word, (Reading, Tension, Leak)) and word.output == name]
+            if len({(w.derivative, w.inertial) if isinstance(w, Reading) else (0, False) for w in added}) > 1:
+                raise ValueError(
+                    f"output {name!r} adds readings of several derivatives and passes a filter, which starts on the "
+                    "value of one: let it read displacement, velocity or acceleration"
+                )
 
     def _check_ports(self) -> None:
         claims = [path for part in self.parts for path in part.claims]
@@ -124,7 +145,12 @@ class Scene:
     @cached_property
     def words(self) -> tuple[Word, ...]:
         """What all parts say, see `nassim.scene.part`."""
-        return tuple(word for part in self.parts for word in part.says(self))
+        return tuple(word for words in self._said for word in words)
+
+    @cached_property
+    def _said(self) -> tuple[tuple[Word, ...], ...]:
+        """By part."""
+        return tuple(part.says(self) for part in self.parts)
 
     def said(self, kind: type[Said]) -> tuple[Said, ...]:
         """What all parts say with one kind of word."""
@@ -155,17 +181,22 @@ class Scene:
     @property
     def outputs(self) -> tuple[str, ...]:
         """Names of the outputs."""
-        return tuple(word.output for word in self.said(Reading))
+        return tuple(dict.fromkeys(word.output for word in _read(self.words)))
 
     @property
     def output_units(self) -> tuple[str, ...]:
         """Units of the outputs."""
-        return tuple(word.unit for word in self.said(Reading))
+        return tuple({word.output: word.unit for word in _read(self.words)}.values())
 
     @property
     def speeds(self) -> tuple[Follow, ...]:
         """Joints' motions that run at constant speed."""
         return tuple(word for word in self.said(Follow) if word.speed)
+
+    @property
+    def follows(self) -> tuple[Follow, ...]:
+        """Joints' motions that follow inputs."""
+        return tuple(word for word in self.said(Follow) if word.input)
 
     @property
     def in_small_motion(self) -> bool:
@@ -221,3 +252,18 @@ class Scene:
             return body.frame
         names = body.reduced.point_names
         return next((name for name in self.held_points(body) if name in names), names[0])
+
+
+def _read(words: Iterable[Word]) -> tuple[Reading | Tension, ...]:
+    """What outputs there are: leaks add to those of others."""
+    return tuple(word for word in words if isinstance(word, (Reading, Tension)))
+
+
+def _check_filter(word: Filter) -> None:
+    label = f"filter of output {word.output!r}"
+    known(label, word.passes, ("low", "high", "band"))
+    positive(f"{label}: frequency", word.frequency, "Hz")
+    if word.damping_ratio is not None:
+        positive(f"{label}: damping_ratio", word.damping_ratio)
+    elif word.passes == "band":
+        raise ValueError(f"{label}: a band-pass is of second order; give it a damping_ratio")

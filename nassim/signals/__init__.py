@@ -1,6 +1,7 @@
-"""Records in time, frequency responses, excitations, and the files that hold them.
+"""Records in time, frequency responses, excitations, spectra of noise, and the files that hold them.
 
-To add an excitation, open `excitations`; an estimator of responses, `frf`; a file format, `files`.
+To add an excitation, open `excitations`; a kind of noise, `spectra`; an estimator of responses, `frf`; a file format,
+`files`.
 """
 
 import lazy_loader

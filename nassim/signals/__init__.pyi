@@ -34,6 +34,18 @@ from .frf import (
 from .frf import (
     estimate_frf as estimate_frf,
 )
+from .spectra import (
+    TabulatedSpectrum as TabulatedSpectrum,
+)
+from .spectra import (
+    amplifier_noise as amplifier_noise,
+)
+from .spectra import (
+    differentiated as differentiated,
+)
+from .spectra import (
+    quantisation_noise as quantisation_noise,
+)
 from .time_history import (
     TimeHistory as TimeHistory,
 )

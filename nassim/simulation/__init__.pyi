@@ -2,6 +2,9 @@ from .accuracy import (
     integrator_error as integrator_error,
 )
 from .accuracy import (
+    period_errors as period_errors,
+)
+from .accuracy import (
     truncation_error as truncation_error,
 )
 from .damping import (
@@ -21,6 +24,9 @@ from .linearization import (
 )
 from .linearization import (
     state_space as state_space,
+)
+from .scene_body import (
+    reduce_scene as reduce_scene,
 )
 from .small_motion import (
     Assembly as Assembly,

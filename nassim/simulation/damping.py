@@ -1,7 +1,7 @@
 """Damping of an assembled scene, of its modes, its bodies and its dampers: one noun that every engine reads."""
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -72,6 +72,11 @@ class Damping:
         modal = inverse.T @ self.modal @ inverse
         self._warn_of_loss(self.deformation.T @ modal @ self.deformation)
         return self.own + modal
+
+    @property
+    def of_deformation(self) -> "Damping":
+        """The same with the modes' ratios made a damping of the deformation, see `on_deformation`."""
+        return replace(self, ratio=np.zeros_like(self.ratio), own=self.on_deformation())
 
     def _warn_of_loss(self, realised: Array) -> None:
         """Warn of modes that a damping matrix in minimal coordinates, (n, n), damps less than they should be."""

@@ -1,9 +1,12 @@
 """What a scene models, with how many coordinates, and what it leaves out, as text."""
 
+import re
+from collections.abc import Mapping
+
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.scene.bodies import FlexibleBody
+from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.part import Force, Leak, Reading, Spring
 from nassim.scene.scene import Scene
 from nassim.simulation.damping import held_alone
@@ -11,21 +14,56 @@ from nassim.simulation.trimming import trim_scene
 
 
 def describe(scene: Scene) -> str:
-    """What is modelled of each body, with how many coordinates, what is left out and why; the wiring; as text."""
-    lines = [f"scene {scene.name!r}: inputs {', '.join(scene.inputs) or 'none'}; outputs {', '.join(scene.outputs)}"]
+    """What is modelled of each body, with how many coordinates, what is left out and why; the wiring; as text.
+
+    Scenes that were placed in this one and read the same, such as six struts, are told once.
+    """
     fewer = {body.name: body for body in trim_scene(scene).flexible_bodies}
-    for body in scene.bodies:
-        if body.deforms:
-            assert isinstance(body, FlexibleBody)
-            first, *more = _flexible(scene, body, fewer[body.name])
-            lines += [f"  {body.name}: {first}", *(f"    {line}" for line in (*more, *_ports(scene, body)))]
-        elif not body.moves:
-            lines.append(f"  {body.name}: fixed")
-        else:
-            reason = "; the others left out by its fidelity" if isinstance(body, FlexibleBody) else ""
-            lines.append(f"  {body.name}: rigid, 6 coordinates{reason}")
-    wired = [part.describe() for part in scene.parts if not part.claims]
-    return "\n".join([*lines, *(f"  {line}" for line in (*filter(None, wired), *_rest(scene)))])
+    entries = [(_placed_in(body.name), _body(scene, body, fewer)) for body in scene.bodies]
+    entries += [(_placed_in(part.name), [*filter(None, [part.describe()])]) for part in scene.parts if not part.claims]
+    alike = _alike(scene, entries)
+    told = {name for others in alike.values() for name in others}
+    often = {first: f" (x {1 + len(others)})" for first, others in alike.items()}
+    inputs, outputs = (
+        ", ".join(f"{name}{often.get(_placed_in(name), '')}" for name in names if _placed_in(name) not in told)
+        for names in (scene.inputs, scene.outputs)
+    )
+    lines = [f"scene {scene.name!r}: inputs {inputs or 'none'}; outputs {outputs}"]
+    for first, others in alike.items():
+        lines.append(f"  {first}/, and the same again {', '.join(f'{other}/' for other in others)}:")
+        lines += [f"    {_within(line, first)}" for name, text in entries if name == first for line in text]
+    rest = [line for name, text in entries if name not in told and name not in alike for line in text]
+    return "\n".join([*lines, *(f"  {line}" for line in (*rest, *_rest(scene)))])
+
+
+def _placed_in(name: str) -> str:
+    """Name of the placed scene that a body, part or signal belongs to; empty for the scene's own."""
+    return name.rpartition("/")[0]
+
+
+def _within(line: str, placed: str) -> str:
+    """A line as the placed scene itself would write it."""
+    return re.sub(rf"(?<!\S){re.escape(placed)}/", "", line)
+
+
+def _alike(scene: Scene, entries: list[tuple[str, list[str]]]) -> dict[str, list[str]]:
+    """Placed scene -> those that read as it does, for those that some do."""
+    found: dict[tuple[str, ...], list[str]] = {}
+    for placed in dict.fromkeys(name for name, _ in entries if name):
+        lines = [line for name, text in entries if name == placed for line in text]
+        lines += [name for name in (*scene.inputs, *scene.outputs) if _placed_in(name) == placed]
+        found.setdefault(tuple(_within(line, placed) for line in lines), []).append(placed)
+    return {first: others for first, *others in found.values() if others}
+
+
+def _body(scene: Scene, body: Body, fewer: Mapping[str, FlexibleBody]) -> list[str]:
+    if isinstance(body, FlexibleBody) and body.deforms:
+        first, *more = _flexible(scene, body, fewer[body.name])
+        return [f"{body.name}: {first}", *(f"  {line}" for line in (*more, *_ports(scene, body)))]
+    if not body.moves:
+        return [f"{body.name}: fixed"]
+    reason = "; the others left out by its fidelity" if isinstance(body, FlexibleBody) else ""
+    return [f"{body.name}: rigid, 6 coordinates{reason}"]
 
 
 def _flexible(scene: Scene, body: FlexibleBody, fewer: FlexibleBody) -> list[str]:

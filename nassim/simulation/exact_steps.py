@@ -102,6 +102,9 @@ def _coupled_response(
     added = np.zeros(n_in)
     loops = start_loops(assembly.scene, h)
     modes = assembly.basis @ assembly.shapes
+    by_inputs = assembly.following.beyond @ assembly.following.taken(n_in)
+    by_states = assembly.following.beyond @ assembly.following.lagging(len(x))
+    by_states[:, : modes.shape[1]] += modes
     outputs = np.empty((n_samples, len(readings)))
     commands = np.empty((n_samples, len(assembly.scene.commands)))
     seen = np.unique(np.linspace(0, n_samples - 1, CHECKS).astype(int))
@@ -111,7 +114,7 @@ def _coupled_response(
         outputs[n] = readings @ x + through[:, n] + feedthrough[:, :-1] @ added
         added, _, commands[n] = loops(n, outputs[n].copy)
         if n == seen[k]:
-            coordinates[:, k] = modes @ x[: modes.shape[1]]
+            coordinates[:, k] = by_states @ x + by_inputs @ (inputs[:, n] + added)
             if assembly.scene.loops:
                 check_runaway(assembly, coordinates[:, k], outputs[: n + 1], h)
             advance(int(n - (seen[k - 1] if k else 0)))

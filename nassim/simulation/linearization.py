@@ -1,13 +1,19 @@
 """The linear model of a scene: small motion about its start, at rest or spinning, with loops open or closed."""
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nassim.base.checks import Array
-from nassim.scene.part import Constraint, Follow, Force, Reading, SixSprings, Spring
+from nassim.base.checks import Array, finite_array, known, unique
+from nassim.scene.part import Constraint, Reading
 from nassim.scene.scene import Scene
+from nassim.simulation.following import product
+from nassim.simulation.sides import standing_bodies
 from nassim.simulation.small_motion import Assembly, assemble
 from nassim.simulation.spinning import Spinning, spinning
+from nassim.simulation.standing import FRAMES, Parted, View, check_constant, damps_both
 from nassim.systems.feedback import DELAY_ORDER, close_loop
 from nassim.systems.linear_model import LinearModel, sampled, unstable_poles
 from nassim.systems.state_space import StateSpace
@@ -16,82 +22,90 @@ STANDING = (0.0, 0.0, 0.0)
 """No angular velocity, and the origin."""
 
 
-def linearize(scene: Scene, *, angular_velocity: ArrayLike = STANDING, axis_point: ArrayLike = STANDING) -> LinearModel:
+def linearize(
+    scene: Scene,
+    *,
+    angular_velocity: ArrayLike = STANDING,
+    axis_point: ArrayLike = STANDING,
+    standing: Sequence[str] | None = None,
+    frame: str = "turning",
+) -> LinearModel:
     """The scene's linear model about its start, with the damping of its modes, bodies and dampers.
 
-    A scene with a drive of constant speed in a joint to a fixed body is that of the turning table, at this speed.
+    A drive of constant speed sets what turns, and how fast; all else stands, as the ground does.
 
     angular_velocity: constant, of a scene that turns as a whole, fixed bodies too, (3,) [rad/s]; axis_point: a point of
         its axis, (3,) [m]. The scene is then as seen from the table that turns: its axes turn, signals read motion
         against the table, the model is about the equilibrium under centrifugal forces, and damping is of the parts
         that turn. See `nassim.simulation.spinning` for what it holds and leaves out.
+    standing: names of all bodies that stand, fixed ones too, while the others turn; None: with a drive those that are
+        tied to the ground rather than to what it turns, without one no body
+    frame: whose motion the states are where a part stands, "turning" or "standing". The world's axes stand, those of a
+        point turn with its body; readings of a turn are what it deviates from the steady one. The other side must be
+        rigid and the same in all directions across the axis, see `nassim.simulation.standing`; the scene's
+        damping_ratio is then, as in floating frames, one of the bodies' deformation
 
     The states are the minimal coordinates' modal amplitudes, of the scene at rest, and their rates, then the charges of
-    ports that leak (as volts) and the outputs of amplifiers with a bandwidth. The scene's loops are open. Gravity's
-    effect on stiffness and a body's own angular_velocity are not part of it. Raises ValueError for a spin without an
-    equilibrium near the start.
+    ports that leak (as volts), the outputs of amplifiers and drives with a bandwidth and the states of sensors'
+    filters; with drives that follow inputs, amplitudes are those of `nassim.simulation.following`. The scene's loops
+    are open. Gravity's effect on stiffness and a body's own angular_velocity are not part of it. A model may be
+    unstable: `unstable_poles` tells. Raises ValueError for a spin without an equilibrium near the start, for inertial
+    sensors in it, for a part, by name, that changes the model as the scene turns, and for outputs that would need an
+    input's derivative.
     """
-    refuse_driven(scene)
-    assembly = assemble(scene)
-    if scene.speeds:
-        if np.any(angular_velocity):
-            raise ValueError(f"scene {scene.name!r} has a drive that sets the spin; give no angular_velocity")
-        angular_velocity, axis_point = spin_of_drive(scene)
-    a, b, c, d = state_space(assembly, spinning(assembly, angular_velocity, axis_point))
+    a, b, c, d = state_space(*spun(scene, angular_velocity, axis_point, standing, frame))
     return LinearModel(a, b[:, :-1], c, d[:, :-1], scene.inputs, scene.outputs, scene.output_units)
 
 
-def refuse_driven(scene: Scene) -> None:
-    """Raise ValueError for a drive that follows an input, which models of small motion do not know."""
-    for word in scene.said(Follow):
-        if word.input:
-            raise ValueError(
-                f"input {word.input!r} drives joint {word.constraint!r}, which models of small motion hold still: "
-                "simulate in large motion, or let a force act there"
-            )
+def spun(
+    scene: Scene, angular_velocity: ArrayLike, axis_point: ArrayLike, standing: Sequence[str] | None, frame: str
+) -> tuple[Assembly, Spinning]:
+    """An assembled scene, with the damping that it has at speed, and what its spin adds; arguments as of `linearize`.
 
-
-def spin_of_drive(scene: Scene) -> tuple[Array, Array]:
-    """Angular velocity of a scene's drive of constant speed, (3,) [rad/s], and a point of its axis, (3,) [m].
-
-    Raises ValueError for several such drives, for one that shifts, and where not everything that moves turns with it:
-    the model would change while it turns.
+    Raises ValueError for several drives of constant speed, and for one that shifts.
     """
-    (word, *others) = scene.speeds
-    joint = next(joint for joint in scene.said(Constraint) if joint.name == word.constraint)
-    if others or not word.direction.startswith("r"):
-        raise ValueError(f"scene {scene.name!r}: a linear model is about one drive that turns at constant speed")
-    still = [body.name for body in scene.bodies if not body.moves]
-    ends = [path.partition(".")[0] in still for path in (joint.a, joint.b)]
-    if sum(ends) != 1:
-        raise ValueError(f"joint {joint.name!r}: a drive of constant speed needs a fixed body on one side")
-    for other in scene.words:
-        if isinstance(other, (Constraint, SixSprings)):
-            paths: tuple[str, ...] = (other.a, other.b)
-        elif isinstance(other, (Spring, Reading, Force)):
-            paths = other.row.paths
-        else:
-            continue
-        if other is not joint and any(path.partition(".")[0] in still for path in paths):
-            raise ValueError(
-                f"{' and '.join(paths)}: a part between the ground and what turns at constant speed makes the model "
-                "change as it turns; let it be on the turning table, or simulate in time"
-            )
-    axis = joint.axes[:, "xyz".index(word.direction[1])]
-    sign = 1.0 if ends[0] else -1.0
-    return sign * word.speed * axis, scene.point_position(joint.a)
+    assembly = assemble(scene)
+    known("frame", frame, FRAMES)
+    stand = frozenset(known("body", name, [body.name for body in scene.bodies]) for name in standing or ())
+    if scene.speeds:
+        if np.any(angular_velocity):
+            raise ValueError(f"scene {scene.name!r} has a drive that sets the spin; give no angular_velocity")
+        (word, *others) = scene.speeds
+        joint = next(joint for joint in scene.said(Constraint) if joint.name == word.constraint)
+        if others or not word.direction.startswith("r"):
+            raise ValueError(f"scene {scene.name!r}: a linear model is about one drive that turns at constant speed")
+        axis = joint.axes[:, "xyz".index(word.direction[1])]
+        stand = stand if standing is not None else standing_bodies(assembly, joint, axis)
+        ends = [path.partition(".")[0] in stand for path in (joint.a, joint.b)]
+        if sum(ends) != 1:
+            raise ValueError(f"joint {joint.name!r}: a drive of constant speed turns one side, and the other stands")
+        angular_velocity = (1.0 if ends[0] else -1.0) * word.speed * axis
+        axis_point = scene.point_position(joint.a)
+    elif not np.any(angular_velocity) or not stand:
+        return assembly, spinning(assembly, angular_velocity, axis_point)
+    velocity = finite_array("angular_velocity", np.asarray(angular_velocity, dtype=float), (3,))
+    parted = Parted(velocity, finite_array("axis_point", np.asarray(axis_point, dtype=float), (3,)), stand, frame)
+    view = View(assembly, parted)
+    check_constant(view)
+    if damps_both(view):
+        assembly = replace(assembly, damping=assembly.damping.of_deformation)
+    return assembly, spinning(assembly, parted.velocity, parted.point, parted)
 
 
 def spinning_equilibrium(
-    scene: Scene, *, angular_velocity: ArrayLike, axis_point: ArrayLike = STANDING
+    scene: Scene,
+    *,
+    angular_velocity: ArrayLike = STANDING,
+    axis_point: ArrayLike = STANDING,
+    standing: Sequence[str] | None = None,
+    frame: str = "turning",
 ) -> dict[str, float]:
     """Outputs of a scene at rest on a table that turns: what centrifugal forces do, without gravity and inputs.
 
     Arguments as of `linearize`; loops are open. Raises ValueError where there is no equilibrium within small motion,
     and where it is unstable.
     """
-    assembly = assemble(scene)
-    spin = spinning(assembly, angular_velocity, axis_point)
+    assembly, spin = spun(scene, angular_velocity, axis_point, standing, frame)
     state, _, readings, _ = state_space(assembly, spin)
     growing = unstable_poles(
         LinearModel(state, np.zeros((len(state), 0)), np.zeros((0, len(state))), np.zeros((0, 0)), (), ())
@@ -103,7 +117,8 @@ def spinning_equilibrium(
     for j, circuit in enumerate(assembly.circuits, start=2 * len(spin.equilibrium)):
         at_rest[j] = circuit.forces @ assembly.basis @ spin.equilibrium / circuit.capacitance
     # Accelerations of what rests vanish but for rounding.
-    values: Array = readings @ at_rest * (np.array(assembly.derivatives) == 0)
+    modes, n = assembly.basis @ assembly.shapes, len(spin.equilibrium)
+    values: Array = (readings - assembly.acceleration_matrix @ modes @ state[n : 2 * n]) @ at_rest
     return dict(zip(scene.outputs, map(float, values), strict=True))
 
 
@@ -111,13 +126,16 @@ def state_space(assembly: Assembly, spin: Spinning | None = None) -> StateSpace:
     """A, B, C and D of an assembled scene; the last column of B and D is gravity, a constant input of one.
 
     spin: of a scene that turns, in whose frame gravity is constant along the axis only
-    States: modal amplitudes and their rates, then the charges of circuits (as volts) and the amplifiers' outputs.
+    States: modal amplitudes and their rates, then the charges of circuits (as volts), the amplifiers' outputs, those of
+    the drives' servos and what filters of outputs keep. With drives that follow inputs, amplitudes and rates are a and
+    b of `nassim.simulation.following`. Raises ValueError for outputs that would need a derivative of such an input.
     """
     a = assembly
     omega = 2 * np.pi * a.frequency
     n, n_in, n_out = len(omega), a.input_matrix.shape[1], len(a.output_matrix)
     modes = a.basis @ a.shapes
-    size = 2 * n + len(a.circuits) + len(a.amplifiers)
+    plain = 2 * n + len(a.circuits) + len(a.amplifiers) + len(a.following.lags)
+    size = plain + sum(len(system[0]) for system in a.filters.values())
     state, drives = np.zeros((size, size)), np.zeros((size, n_in + 1))
     readings, feedthrough = np.zeros((n_out, size)), np.zeros((n_out, n_in + 1))
     velocity = slice(n, 2 * n)
@@ -125,6 +143,7 @@ def state_space(assembly: Assembly, spin: Spinning | None = None) -> StateSpace:
     state[velocity, :n] = -np.diag(omega**2)
     state[velocity, velocity] = -a.damping.of_modes
     if spin is not None:
+        _refuse_inertial(a, spin)
         state[velocity, :n] -= a.shapes.T @ spin.stiffness @ a.shapes
         state[velocity, velocity] -= a.shapes.T @ spin.gyroscopic @ a.shapes
     drives[velocity, :n_in], drives[velocity, n_in] = modes.T @ a.input_matrix, modes.T @ a.weight
@@ -139,41 +158,131 @@ def state_space(assembly: Assembly, spin: Spinning | None = None) -> StateSpace:
         state[velocity, j] = modes.T @ amplifier.forces
         state[j, j] = -amplifier.rate
         drives[j, amplifier.input] = amplifier.rate
-    for k, (row, derivative) in enumerate(zip(a.output_matrix @ modes, a.derivatives, strict=True)):
-        if derivative == 2:
-            readings[k] += row @ state[velocity]
-            feedthrough[k] = row @ drives[velocity]
-        else:
-            readings[k, derivative * n : (derivative + 1) * n] += row
+    for j, k in enumerate(a.following.lags, start=plain - len(a.following.lags)):
+        state[j, j], drives[j, a.following.inputs[k]] = -a.following.rates[k], a.following.rates[k]
+    _follow_drives(a, spin, state, drives, readings, feedthrough, plain)
+    feedthrough[:, :n_in] += a.ground_matrix
+    _filter(a, state, drives, readings, feedthrough)
     return state, drives, readings, feedthrough
+
+
+def _follow_drives(
+    a: Assembly, spin: Spinning | None, state: Array, drives: Array, readings: Array, feedthrough: Array, plain: int
+) -> None:
+    """Let all move by what drives follow, and read it; plain: number of states before those of filters."""
+    n = len(a.frequency)
+    lagging, taken = np.zeros((len(a.following.inputs), len(state))), a.following.taken(drives.shape[1])
+    lagging[:, :plain] = a.following.lagging(plain)
+    moved = _moved_by_drives(a, spin, state)
+    state += moved @ lagging
+    drives += moved @ taken
+    for order, rows in enumerate((a.output_matrix, a.velocity_matrix, a.acceleration_matrix)):
+        at_once = product(rows, a.following.beyond)
+        seen, direct = at_once @ lagging, at_once @ taken
+        seen[:, :n] += rows @ a.basis @ a.shapes
+        for step in range(order):
+            _refuse_derivatives(a, direct, step)
+            seen, direct = seen @ state, product(seen, drives)
+        readings += seen
+        feedthrough += direct
+
+
+def _refuse_inertial(a: Assembly, spin: Spinning) -> None:
+    """ValueError for filtered outputs and inertial ones in a frame that turns, where the table's turn counts too."""
+    read = [*a.filters, *(word.output for word in a.words if isinstance(word, Reading) and word.inertial)]
+    if read and np.any(spin.gyroscopic):
+        raise ValueError(
+            f"output {read[0]!r} reads motion against inertial space, or through a filter, which a linear model of a "
+            "scene that spins does not know: simulate in time, or read velocity against the table (Vibrometer)"
+        )
+
+
+def _filter(a: Assembly, state: Array, drives: Array, readings: Array, feedthrough: Array) -> None:
+    """Let outputs pass their filters, whose states are the last ones."""
+    end = len(state) - sum(len(system[0]) for system in a.filters.values())
+    for output, (fa, fb, fc, fd) in a.filters.items():
+        k, place = a.scene.outputs.index(output), slice(end, end + len(fa))
+        state[place], drives[place] = np.outer(fb[:, 0], readings[k]), np.outer(fb[:, 0], feedthrough[k])
+        state[place, place] = fa
+        readings[k] *= fd[0, 0]
+        readings[k, place] = fc[0]
+        feedthrough[k] *= fd[0, 0]
+        end = place.stop
+
+
+def _moved_by_drives(a: Assembly, spin: Spinning | None, state: Array) -> Array:
+    """Rates of all states per unit of the drives' motions, (size, d), with the system matrix as it is without them."""
+    n, following = len(a.frequency), a.following
+    position, velocity = slice(n), slice(n, 2 * n)
+    drag, pull = following.drag, np.zeros_like(following.drag)
+    if spin is not None:
+        drag, pull = drag + a.shapes.T @ spin.drag, a.shapes.T @ spin.pull
+    result = np.zeros((len(state), drag.shape[1]))
+    result[position] = slip = product(
+        np.hstack([-state[velocity, velocity], -np.eye(n)]), np.vstack([following.momentum, drag])
+    )
+    result[velocity] = state[velocity, velocity] @ slip - state[velocity, position] @ following.momentum - pull
+    for j, circuit in enumerate(a.circuits, start=2 * n):
+        result[j] = circuit.forces @ following.beyond / (circuit.resistance * circuit.capacitance**2)
+    return result
+
+
+def _refuse_derivatives(a: Assembly, direct: Array, step: int) -> None:
+    """ValueError where outputs read a derivative of what inputs make at once, direct, (outputs, inputs + 1)."""
+    for output, row in zip(a.scene.outputs, direct, strict=True):
+        if np.any(row):
+            name = a.scene.inputs[int(np.argmax(np.abs(row)))]
+            kind, given = (("a velocity", "derivative"), ("an acceleration", "derivatives"))[step]
+            raise ValueError(
+                f"output {output!r} reads {kind} that follows the {given} of input {name!r} at once, which no linear "
+                "model of these inputs holds: give the drive a bandwidth, or read a displacement"
+            )
 
 
 def linearize_closed(
     scene: Scene,
     *,
+    loops: Sequence[str] | None = None,
+    noise: bool = False,
     continuous: bool = False,
     delay_order: int = DELAY_ORDER,
     angular_velocity: ArrayLike = STANDING,
     axis_point: ArrayLike = STANDING,
+    standing: Sequence[str] | None = None,
+    frame: str = "turning",
 ) -> LinearModel:
-    """The linear model of a scene with all its loops closed, their converters and limits left out.
+    """The linear model of a scene with its loops closed, their converters and limits left out.
 
-    angular_velocity, axis_point: of a scene that turns as a whole, see `linearize`
+    loops: names of those to close (None: all), the others stay open, to be designed or cut: with one loop left out,
+        `nassim.systems.open_loop` of its controller is that loop while the others run
+    noise: give it inputs for the noise of what loops measure, see `nassim.systems.close_loop`
+    angular_velocity, axis_point, standing, frame: of a scene that turns, see `linearize`
 
     The model is sampled at the loops' rate: what a simulation without saturation does at its samples, exactly, with the
     excitation held between them. continuous: the continuous equivalent instead, with delay and hold by Pade's
-    approximation of delay_order. Raises ValueError for a scene without loops, and for several rates unless continuous.
+    approximation of delay_order. Raises ValueError for a scene without loops, for an unknown one, and for several rates
+    unless continuous.
     """
-    rates = {loop.controller.sample_rate for loop in scene.loops}
-    if not rates:
+    if not scene.loops:
         raise ValueError(f"scene {scene.name!r} has no loops; linearize serves")
+    known_loops = [loop.name for loop in scene.loops]
+    wanted = known_loops if loops is None else [known("loop", n, known_loops) for n in unique("loop", loops)]
+    closed = [loop for loop in scene.loops if loop.name in wanted]
+    rates = {loop.controller.sample_rate for loop in closed or scene.loops}
     if len(rates) > 1 and not continuous:
         raise ValueError(
             f"the loops of scene {scene.name!r} have several sample rates; only the continuous model has all"
         )
-    model = linearize(scene, angular_velocity=angular_velocity, axis_point=axis_point)
+    model = linearize(scene, angular_velocity=angular_velocity, axis_point=axis_point, standing=standing, frame=frame)
     if not continuous:
         model = sampled(model, rates.pop())
-    for loop in scene.loops:
-        model = close_loop(model, loop.controller, measured=loop.measured, driven=loop.driven, delay_order=delay_order)
+    for loop in closed:
+        model = close_loop(
+            model,
+            loop.controller,
+            measured=loop.measured,
+            driven=loop.driven,
+            delay_order=delay_order,
+            noise=noise,
+        )
     return model

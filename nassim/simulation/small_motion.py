@@ -8,14 +8,12 @@ import scipy
 
 from nassim.base.checks import Array
 from nassim.base.modal import elastic_ratios
-from nassim.base.rigid_motion import AXES, DIRECTIONS
+from nassim.base.rigid_motion import DIRECTIONS
 from nassim.bodies.floating_frame import FloatingFrame, floating_frame
 from nassim.bodies.strain import Strain, joined, spring_strain, stiffness_root, strained_modes
 from nassim.scene.bodies import Body, RigidBody
 from nassim.scene.part import (
-    Constraint,
     Field,
-    Follow,
     Force,
     Leak,
     Line,
@@ -23,20 +21,23 @@ from nassim.scene.part import (
     Row,
     SixSprings,
     Spring,
+    Tension,
     Word,
     unknown_word,
 )
 from nassim.scene.scene import Scene
+from nassim.simulation.constraints import constraint_rows, null_space
 from nassim.simulation.damping import Damping, own_damping
+from nassim.simulation.filters import ground_accelerations, output_filters
+from nassim.simulation.following import Following, follow, followed_motion
 from nassim.simulation.rows import bushing_rows, shares
 from nassim.simulation.trimming import trim_scene
+from nassim.systems.state_space import StateSpace
 
 NO_EQUILIBRIUM = (
     "no static equilibrium: can a body move freely? Add joints, leave gravity out, or let the scene go as it is drawn "
     'by simulate(..., start="released")'
 )
-REDUNDANT = 1e-7
-"""Constraints with less than this share of their own are implied by others."""
 
 
 @dataclass(frozen=True)
@@ -84,12 +85,15 @@ class Assembly:
     shapes: (n, n), unit modal mass
     damping: of the modes, of bodies and of dampers
     input_matrix: forces on all coordinates per unit input, (n_all, inputs), but for those through amplifiers
-    output_matrix: outputs per unit of all coordinates or of the derivative that they read, (outputs, n_all)
-    derivatives: what the outputs read: 0 displacement, 1 velocity, 2 acceleration, (outputs,)
+    output_matrix, velocity_matrix, acceleration_matrix: outputs per unit of all coordinates and of their derivatives,
+        before the filters, (outputs, n_all) each
+    ground_matrix: acceleration along what inertial outputs read, of the ground, per unit input, (outputs, inputs)
+    filters: by output that passes one, or to which that adds, see `nassim.simulation.filters`
     weight: forces of gravity on all coordinates, (n_all,)
     frames: floating frame of each flexible body, by name
     circuits: electrical ports whose charge leaks through a resistance
     amplifiers: actuators with a bandwidth
+    following: what drives that follow inputs do; the minimal coordinates are those of motion with these at rest
     """
 
     scene: Scene
@@ -104,11 +108,15 @@ class Assembly:
     damping: Damping
     input_matrix: Array
     output_matrix: Array
-    derivatives: tuple[int, ...]
+    velocity_matrix: Array
+    acceleration_matrix: Array
+    ground_matrix: Array
+    filters: dict[str, StateSpace]
     weight: Array
     frames: dict[str, FloatingFrame]
     circuits: tuple[Circuit, ...]
     amplifiers: tuple[Amplifier, ...]
+    following: Following
 
     @property
     def free(self) -> Array:
@@ -118,9 +126,9 @@ class Assembly:
 
     @property
     def falls_into_modes(self) -> bool:
-        """Whether nothing couples the undamped modes, and outputs read displacements only."""
-        coupled = self.circuits or self.amplifiers or np.any(self.damping.beside)
-        return not (coupled or any(self.derivatives))
+        """Whether nothing couples the undamped modes, outputs read displacements only, and inputs push only."""
+        coupled = self.circuits or self.amplifiers or self.following.inputs or np.any(self.damping.beside)
+        return not (coupled or self.filters or np.any(self.velocity_matrix) or np.any(self.acceleration_matrix))
 
 
 @dataclass(frozen=True)
@@ -168,21 +176,29 @@ def assemble(scene: Scene) -> Assembly:
     frames = {body.name: floating_frame(body.reduced, scene.frame_point(body)) for body in scene.flexible_bodies}
     coordinates = _Coordinates.of(scene)
     strains, dampers = _strains(coordinates, words)
-    held, enforced = _independent(coordinates, words, _undeformed(coordinates, frames))
-    basis = _null_space(held, coordinates.mass)
-    mass, strain = basis.T @ coordinates.mass @ basis, joined(strains, len(coordinates.mass)).within(basis)
-    frequency, shapes = strained_modes(strain, mass)
+    held, moved, enforced = constraint_rows(
+        scene, coordinates.motion, coordinates.mass, _undeformed(coordinates, frames)
+    )
+    basis = null_space(held, coordinates.mass)
+    strain = joined(strains, len(coordinates.mass))
+    mass, stiffness = basis.T @ coordinates.mass @ basis, strain.within(basis).stiffness
+    frequency, shapes = strained_modes(strain.within(basis), mass)
+    modes = basis @ shapes
+    followed = followed_motion(held, moved, modes, 2 * np.pi * frequency, strain, coordinates.mass)
+    deformation, root, own = _deformation(coordinates, frames)
     damping = Damping(
         mass,
         frequency,
         shapes,
         elastic_ratios(frequency, scene.mode_ratios),
-        *_deformation(coordinates, frames, basis),
+        deformation @ basis,
+        root,
+        own,
         basis.T @ dampers @ basis,
     )
+    dragged = deformation.T @ (own @ (deformation @ followed)) + dampers @ followed
     input_matrix, amplifiers = _actions(coordinates, words)
-    readings = [word for word in words if isinstance(word, Reading)]
-    vectors = [word.gain * coordinates.vector(word.row, derivative=word.derivative) for word in readings]
+    readings, drives = _readings(coordinates, words), scene.follows
     return Assembly(
         scene=scene,
         words=words,
@@ -190,17 +206,28 @@ def assemble(scene: Scene) -> Assembly:
         enforced=enforced,
         basis=basis,
         mass=mass,
-        stiffness=strain.stiffness,
+        stiffness=stiffness,
         frequency=frequency,
         shapes=shapes,
         damping=damping,
         input_matrix=input_matrix,
-        output_matrix=np.reshape(vectors, (len(readings), len(coordinates.mass))),
-        derivatives=tuple(word.derivative for word in readings),
+        output_matrix=readings[0],
+        velocity_matrix=readings[1],
+        acceleration_matrix=readings[2],
+        ground_matrix=ground_accelerations(scene),
+        filters=output_filters(scene),
         weight=coordinates.weight(scene.gravity),
         frames=frames,
         circuits=_circuits(coordinates, words),
         amplifiers=amplifiers,
+        following=follow(
+            [scene.inputs.index(word.input) for word in drives],
+            [2 * np.pi * word.bandwidth for word in drives],
+            followed,
+            modes,
+            coordinates.mass,
+            dragged,
+        ),
     )
 
 
@@ -271,14 +298,13 @@ def _strains(coordinates: _Coordinates, words: Sequence[Word]) -> tuple[list[Str
     return strains, dampers
 
 
-def _deformation(
-    coordinates: _Coordinates, frames: Mapping[str, FloatingFrame], basis: Array
-) -> tuple[Array, Array, Array]:
-    """Of all bodies that deform, in order: their deformation, its scale and their own damping, as `Damping` says."""
-    deformation, roots, own = [np.zeros((0, basis.shape[1]))], [np.zeros((0, 0))], [np.zeros((0, 0))]
+def _deformation(coordinates: _Coordinates, frames: Mapping[str, FloatingFrame]) -> tuple[Array, Array, Array]:
+    """Of all bodies that deform, in order: deformation by coordinates, its scale and own damping, as `Damping` says."""
+    n_all = len(coordinates.mass)
+    deformation, roots, own = [np.zeros((0, n_all))], [np.zeros((0, 0))], [np.zeros((0, 0))]
     for body in coordinates.scene.deformable_bodies:
         frame = frames[body.name]
-        deformation.append(frame.deformation(body.reduced) @ basis[coordinates.slices[body.name]])
+        deformation.append(frame.deformation(body.reduced) @ np.eye(n_all)[coordinates.slices[body.name]])
         roots.append(stiffness_root(frame.stiffness_matrix, n_points=6 * len(body.reduced.remote_points) - 6)[1])
         own.append(own_damping(coordinates.scene, body, frame))
     return np.vstack(deformation), scipy.linalg.block_diag(*roots), scipy.linalg.block_diag(*own)
@@ -311,54 +337,29 @@ def _actions(coordinates: _Coordinates, words: Sequence[Word]) -> tuple[Array, t
     return matrix, tuple(amplifiers)
 
 
+def _readings(coordinates: _Coordinates, words: Sequence[Word]) -> Array:
+    """Outputs per unit of all coordinates and of their first and second derivatives, (3, outputs, n_all)."""
+    outputs = coordinates.scene.outputs
+    result = np.zeros((3, len(outputs), len(coordinates.mass)))
+    for word in words:
+        if isinstance(word, Reading):
+            row = coordinates.vector(word.row, derivative=word.derivative)
+            result[word.derivative, outputs.index(word.output)] += word.gain * row
+        elif isinstance(word, Tension):
+            k, spring = outputs.index(word.output), word.spring
+            if isinstance(spring, Spring):
+                row = coordinates.vector(spring.row)
+                result[:2, k] += np.outer((spring.stiffness, spring.damping), row)
+            else:
+                rows = np.array([coordinates.vector(row) for row in bushing_rows(spring)])
+                pulls = np.stack([spring.stiffness, spring.damping])[:, list(DIRECTIONS).index(word.direction)]
+                result[:2, k] += pulls @ rows
+    return result
+
+
 def _circuits(coordinates: _Coordinates, words: Sequence[Word]) -> tuple[Circuit, ...]:
     return tuple(
         Circuit(word.output, coordinates.vector(word.row), word.capacitance, word.resistance, word.gain)
         for word in words
         if isinstance(word, Leak)
     )
-
-
-def _independent(
-    coordinates: _Coordinates, words: Sequence[Word], rows: Array
-) -> tuple[Array, dict[str, tuple[str, ...]]]:
-    """All constraints after the given rows, less those that earlier ones imply, and what each constraint holds.
-
-    Small motion is about the state of the drives, whose joints' motions are held.
-    """
-    driven = [(word.constraint, word.direction) for word in words if isinstance(word, Follow)]
-    scale = 1.0 / np.sqrt(np.diag(coordinates.mass))
-    basis = scipy.linalg.orth((rows * scale).T).T if len(rows) else rows  # SciPy before 1.14 takes no empty matrix
-    kept = [rows]
-    enforced: dict[str, tuple[str, ...]] = {}
-    for word in words:
-        if not isinstance(word, Constraint):
-            continue
-        relative = np.kron(np.eye(2), word.axes.T) @ (coordinates.motion(word.b) - coordinates.motion(word.a))
-        holds = []
-        for direction in (*word.held, *(d for name, d in driven if name == word.name)):
-            row = relative[AXES.index(DIRECTIONS[direction])]
-            rest = row * scale
-            size = np.linalg.norm(rest)
-            for _ in range(2):  # twice is enough for orthogonality to the last digit
-                rest = rest - basis.T @ (basis @ rest)
-            if np.linalg.norm(rest) > REDUNDANT * size:
-                basis = np.vstack([basis, rest / np.linalg.norm(rest)])
-                kept.append(row[None])
-                holds.append(direction)
-            elif (word.name, direction) in driven:
-                raise ValueError(f"{direction} of joint {word.name!r} cannot be driven: other joints hold it already")
-        enforced[word.name] = tuple(holds)
-    return np.vstack(kept), enforced
-
-
-def _null_space(constraints: Array, mass: Array) -> Array:
-    """Orthonormal basis of the motions that satisfy the constraints; redundant constraints do no harm."""
-    n = len(mass)
-    if len(constraints) == 0:
-        return np.eye(n)
-    # The scale turns metres, radians and modal amplitudes into comparable square roots of energy.
-    scale = 1.0 / np.sqrt(np.diag(mass))
-    scaled = constraints * scale
-    scaled = scaled / np.linalg.norm(scaled, axis=1, keepdims=True)
-    return scale[:, None] * scipy.linalg.null_space(scaled, rcond=1e-9)

@@ -34,6 +34,7 @@ from nassim.scene.scene import Scene
 from nassim.simulation.buckling import axial_forces, warn_of_buckling
 from nassim.simulation.finite_motion import FiniteMotion, Frame, spring_forces
 from nassim.simulation.small_motion import Assembly, motion_size
+from nassim.simulation.standing import Parted, View, guest_terms, turned_damping
 
 STIFFENING = 1e-3
 """Relative change of a frequency by centrifugal stiffening that may be left out without a word."""
@@ -52,13 +53,17 @@ class Spinning:
     """What spin adds to an assembly: M q'' + (C + gyroscopic) q' + (K + stiffness) q = f about the equilibrium.
 
     gyroscopic: 2 W G in minimal coordinates, (n, n), skew
-    stiffness: centrifugal and geometric, in minimal coordinates, (n, n), symmetric
+    stiffness: centrifugal and geometric, in minimal coordinates, (n, n), symmetric; where a part of the scene stands,
+        also what dampers drive, which is not
     equilibrium: minimal coordinates of the equilibrium, from the scene as drawn, (n,); charges that leak are drained
+    drag, pull: the gyroscopic and the stiffness forces against the motion of d drives that follow inputs, (n, d)
     """
 
     gyroscopic: Array
     stiffness: Array
     equilibrium: Array
+    drag: Array
+    pull: Array
 
     def __post_init__(self) -> None:
         n = len(self.equilibrium)
@@ -70,10 +75,13 @@ class Spinning:
         )
 
 
-def spinning(assembly: Assembly, angular_velocity: ArrayLike, point: ArrayLike) -> Spinning:
+def spinning(
+    assembly: Assembly, angular_velocity: ArrayLike, point: ArrayLike, parted: Parted | None = None
+) -> Spinning:
     """What it adds to an assembled scene that all of it turns at a constant angular velocity, fixed bodies included.
 
     angular_velocity: (3,) [rad/s], and a point of the axis, (3,) [m], along the axes of the scene, which turn along
+    parted: what stands while all else turns, at the same velocity about the same axis; None for nothing
 
     Warns of an equilibrium beyond small motion, of stiffening within bodies and of preload near buckling, which are
     left out. Raises ValueError where there is no equilibrium within some 0.1 rad of the scene as it is drawn: about
@@ -83,15 +91,23 @@ def spinning(assembly: Assembly, angular_velocity: ArrayLike, point: ArrayLike) 
     axis_point = finite_array("axis_point", np.asarray(point, dtype=float), (3,))
     n, size = len(assembly.frequency), len(assembly.basis)
     if not velocity.any():
-        return Spinning(np.zeros((n, n)), np.zeros((n, n)), np.zeros(n))
+        still = np.zeros((n, len(assembly.following.inputs)))
+        return Spinning(np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), still, still)
     motion = FiniteMotion.of(assembly)
     force, gyroscopic, stiffness = np.zeros(size), np.zeros((size, size)), np.zeros((size, size))
     moment = 0.0
     for name, place in assembly.slices.items():
         body, _ = assembly.scene.split(f"{name}.")
-        terms = inertia_terms(body, motion.frames[name], place, velocity, axis_point)
-        force[place], gyroscopic[place, place], stiffness[place, place] = terms.force, terms.coriolis, terms.stiffness
-        moment += terms.moment
+        if parted is None or name not in parted.standing:
+            terms = inertia_terms(body, motion.frames[name], place, velocity, axis_point)
+            gyroscopic[place, place], stiffness[place, place] = terms.coriolis, terms.stiffness
+            force[place], moment = terms.force, moment + terms.moment
+    if parted is not None:
+        view = View(assembly, parted)
+        for name in filter(parted.is_guest, assembly.slices):
+            own = (assembly.slices[name],) * 2
+            gyroscopic[own], stiffness[own] = guest_terms(view, name, gyroscopic[own], stiffness[own])
+        stiffness += turned_damping(view)
     rate = float(np.linalg.norm(velocity))
     elastic, borne = _borne(assembly, force)
     stiffness += motion.of_springs(elastic) + motion.of_joints(borne)
@@ -99,9 +115,10 @@ def spinning(assembly: Assembly, angular_velocity: ArrayLike, point: ArrayLike) 
     found = _rest(assembly, stiffness, force, rate, rate**2 * np.sqrt(moment))
     coordinates = assembly.basis @ found
     _check_small(assembly, coordinates)
-    _warn_of_stress(assembly, coordinates, rate / (2 * np.pi))
-    basis = assembly.basis
-    return Spinning(basis.T @ gyroscopic @ basis, basis.T @ stiffness @ basis, found)
+    _warn_of_stress(assembly, coordinates, rate / (2 * np.pi), parted)
+    basis, followed = assembly.basis, assembly.following.motion
+    gyroscopic, stiffness = basis.T @ gyroscopic, basis.T @ stiffness
+    return Spinning(gyroscopic @ basis, stiffness @ basis, found, gyroscopic @ followed, stiffness @ followed)
 
 
 def stiffening(scene: Scene, body: FlexibleBody, rate: float) -> tuple[float, float]:
@@ -200,16 +217,16 @@ def _rest(assembly: Assembly, added: Array, force: Array, rate: float, largest: 
         pull = modes.T @ circuit.forces
         matrix -= np.outer(pull, pull) / circuit.capacitance
     scale = 1 / np.where(free, rate, 2 * np.pi * assembly.frequency)
-    values, axes = np.linalg.eigh(np.diag(np.where(free, 0.0, 1.0)) + scale[:, None] * matrix * scale)
+    axes, values, answers = np.linalg.svd(np.diag(np.where(free, 0.0, 1.0)) + scale[:, None] * matrix * scale)
     pushed = axes.T @ (scale * (modes.T @ force))
-    held = np.abs(values) > HELD
+    held = values > HELD
     if np.any(np.abs(pushed[~held]) > HELD * largest / rate):
         raise ValueError(
             f"scene {assembly.scene.name!r} has no spinning equilibrium: centrifugal forces drive a motion that "
             "nothing holds, or that is at its critical speed; add a spring or a joint, put the centre of mass on the "
             "axis, or change the speed"
         )
-    result: Array = assembly.shapes @ (scale * (axes[:, held] @ (pushed[held] / values[held])))
+    result: Array = assembly.shapes @ (scale * (answers[held].T @ (pushed[held] / values[held])))
     return result
 
 
@@ -225,12 +242,13 @@ def _check_small(assembly: Assembly, coordinates: Array) -> None:
         raise ValueError(f"{found}, which is no small motion: draw the scene nearer to its spinning equilibrium")
     if max(rotation, deformation) > WORTH_A_WORD:
         warnings.warn(
-            f"{found}; the linear model is about that equilibrium, and off by a share of the same size", stacklevel=4
+            f"{found}; the linear model is about that equilibrium, and off by a share of the same size", stacklevel=5
         )
 
 
-def _warn_of_stress(assembly: Assembly, coordinates: Array, rate: float) -> None:
-    bodies = assembly.scene.deformable_bodies
+def _warn_of_stress(assembly: Assembly, coordinates: Array, rate: float, parted: Parted | None) -> None:
+    standing = parted.standing if parted else ()
+    bodies = [body for body in assembly.scene.deformable_bodies if body.name not in standing]
     for body in bodies:
         first, rise = stiffening(assembly.scene, body, rate)
         if rise > STIFFENING:
@@ -238,13 +256,13 @@ def _warn_of_stress(assembly: Assembly, coordinates: Array, rate: float) -> None
                 f"body {body.name!r} turns at {rate:.3g} Hz, its first frequency held at its frame is {first:.4g} Hz: "
                 "stress stiffening within the body, which is left out, would change that by some "
                 f"{100 * rise:.2g} % or more",
-                stacklevel=4,
+                stacklevel=5,
             )
         if not body.reduced.full_integrals and rate > GUESSED * first:
             warnings.warn(
                 f"body {body.name!r} turns at {rate:.3g} Hz, and how its inertia is spread is a guess, as of all "
                 f"imported matrices: its frequencies may be off by up to some {rate:.3g} Hz",
-                stacklevel=4,
+                stacklevel=5,
             )
     tensions = {b.name: axial_forces(b.reduced, coordinates[assembly.slices[b.name], None])[:, 0] for b in bodies}
     warn_of_buckling(assembly, tensions)

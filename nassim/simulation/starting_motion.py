@@ -3,7 +3,7 @@
 A body's twist (6,) is the motion (ux uy uz rx ry rz) of its point at the world's origin, along the world's axes.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 import scipy
@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import DIRECTIONS, rigid_transfer
-from nassim.scene.bodies import Body
-from nassim.scene.part import Constraint, Follow
+from nassim.scene.bodies import Body, FlexibleBody
+from nassim.scene.part import Constraint, Follow, SixSprings, Spring
 from nassim.scene.scene import Scene
 
 FOLLOWED = 1e-9
@@ -62,7 +62,8 @@ def starting_twists(scene: Scene, rates: Mapping[str, float] | None = None) -> d
                 f"what else turns, leave {_listed(asked[3 * k : 3 * k + 3] - missing)} rad/s, with all bodies rigid; "
                 "give an angular_velocity that they allow, or free more directions of a joint"
             )
-    missed = np.abs(drives @ found - speeds)
+    # What follows an input may also begin by straining bodies; a constant speed would strain them without end.
+    missed = np.abs(drives @ found - speeds) * [bool(word.speed) for word in scene.said(Follow)]
     if missed.size and missed.max() > FOLLOWED * np.abs(asked).max():
         word = scene.said(Follow)[int(np.argmax(missed))]
         raise ValueError(
@@ -70,6 +71,79 @@ def starting_twists(scene: Scene, rates: Mapping[str, float] | None = None) -> d
             "what else turns, do not allow it"
         )
     return {name: found[place] for name, place in places.items()}
+
+
+def steady_twists(scene: Scene, rates: Mapping[str, float] | None = None) -> dict[str, Array] | None:
+    """Twists of all moving bodies that turn on as they start, each standing still on its turntable, by body name.
+
+    rates: as of `starting_twists`
+
+    What joints and springs tie together stands on one turntable, which a drive turns against the ground; all else
+    stands. None where nothing is driven, and where that is no steady motion: a crank and its slider, a screw, a rotor
+    on a body that moves, bodies in small motion that turn.
+    """
+    bodies, rates = _moving(scene), rates or {}
+    joints = {joint.name: joint for joint in scene.said(Constraint)}
+    speeds = [(joints[word.constraint], word, word.speed + rates.get(word.input, 0.0)) for word in scene.said(Follow)]
+    spindles = [(joint, word.direction, speed) for joint, word, speed in speeds if speed]
+    groups = _tied(scene, {joint.name for joint, _, _ in spindles})
+    found = {name: np.zeros(6) for name in bodies}
+    for joint, direction, speed in spindles:
+        a, b = (path.partition(".")[0] for path in (joint.a, joint.b))
+        if not direction.startswith("r") or (a in bodies) == (b in bodies):
+            return None
+        velocity = (speed if b in bodies else -speed) * joint.axes[:, "xyz".index(direction[1])]
+        twist = np.concatenate([np.cross(scene.point_position(joint.a), velocity), velocity])
+        table = groups[b if b in bodies else a]
+        found |= {name: twist for name in bodies if groups[name] == table}
+    return found if spindles and _goes_on(scene, found, rates) else None
+
+
+def looks_the_same(scene: Scene, twists: Mapping[str, Array]) -> bool:
+    """Whether a scene that turns at `steady_twists` does so as one, and is the same whichever way it has turned."""
+    (twist, *others) = twists.values()
+    if any(not np.array_equal(other, twist) for other in others) or np.any(np.cross(twist[3:], scene.gravity)):
+        return False
+    driven = {word.constraint for word in scene.said(Follow)}
+    return all(tied <= set(twists) for tied in _ties(scene, driven))
+
+
+def _ties(scene: Scene, spindles: Collection[str]) -> list[set[str]]:
+    """Bodies that joints, but for some, and springs tie together."""
+    found: list[tuple[str, ...]] = [(j.a, j.b) for j in scene.said(Constraint) if j.name not in spindles]
+    found += [(word.a, word.b) for word in scene.said(SixSprings)]
+    found += [word.row.paths for word in scene.said(Spring) if not word.row.within]
+    return [{path.partition(".")[0] for path in paths} for paths in found]
+
+
+def _tied(scene: Scene, spindles: Collection[str]) -> dict[str, int]:
+    """Numbers of the groups of moving bodies that are tied together, by body."""
+    names = list(_moving(scene))
+    matrix = np.eye(len(names))
+    for tied in _ties(scene, spindles):
+        among = [names.index(name) for name in tied if name in names]
+        matrix[np.ix_(among, among)] = 1.0
+    _, labels = scipy.sparse.csgraph.connected_components(scipy.sparse.csr_matrix(matrix), directed=False)
+    return dict(zip(names, labels.tolist(), strict=True))
+
+
+def _goes_on(scene: Scene, twists: Mapping[str, Array], rates: Mapping[str, float]) -> bool:
+    """Whether bodies can keep their twists: with joints and drives, and what is asked of bodies themselves."""
+    bodies = _moving(scene)
+    places = {name: slice(6 * k, 6 * k + 6) for k, name in enumerate(bodies)}
+    every = np.concatenate([twists[name] for name in bodies])
+    drives, speeds = _driven(scene, places, rates)
+    slips = [_all_rows(scene, places) @ every, drives @ every - speeds]
+    for joint in scene.said(Constraint):
+        a, b = (twists.get(path.partition(".")[0], np.zeros(6)) for path in (joint.a, joint.b))
+        if np.any(a != b):  # a bearing stays where it is, so no point on a circle may pass by
+            slips.append((_relative(scene, places, joint) @ every)[:3])
+    slips += [b.angular_velocity - twists[b.name][3:] for b in bodies.values() if np.any(b.angular_velocity)]
+    small = any(
+        isinstance(body, FlexibleBody) and body.fidelity == "linear" and np.any(twists[body.name])
+        for body in bodies.values()
+    )
+    return not small and bool(np.abs(np.concatenate(slips)).max(initial=0.0) <= FOLLOWED * np.abs(every).max())
 
 
 def check_implied(scene: Scene, enforced: Mapping[str, Sequence[str]]) -> None:
@@ -142,7 +216,7 @@ def _driven(scene: Scene, places: Mapping[str, slice], rates: Mapping[str, float
     rows = [np.zeros((0, 6 * len(places)))]
     for word in words:
         rows.append(_relative(scene, places, joints[word.constraint])[[list(DIRECTIONS).index(word.direction)]])
-    return np.vstack(rows), np.array([word.speed + rates.get(word.input, 0.0) for word in words])
+    return np.vstack(rows), np.array([w.speed + rates.get(w.input, 0.0) * np.isinf(w.bandwidth) for w in words])
 
 
 def _relative(scene: Scene, places: Mapping[str, slice], joint: Constraint) -> Array:

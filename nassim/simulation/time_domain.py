@@ -1,6 +1,5 @@
 """Time-domain simulation and static equilibrium of scenes."""
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -8,34 +7,39 @@ import numpy as np
 
 from nassim.base.checks import Array, finite, known
 from nassim.base.progress import stage
-from nassim.scene.bodies import RigidBody
 from nassim.scene.part import Follow, Reading
 from nassim.scene.scene import Scene
 from nassim.signals.time_history import TimeHistory, occupied_bandwidth
-from nassim.simulation.accuracy import integrator_error
+from nassim.simulation.accuracy import describe_steps
 from nassim.simulation.buckling import axial_forces, warn_of_buckling
+from nassim.simulation.compensation import Steps
 from nassim.simulation.exact_steps import exact_response
 from nassim.simulation.exudyn.solver import axial_tension, eigenfrequencies, solve_dynamic, solve_static
 from nassim.simulation.exudyn.state import System
 from nassim.simulation.exudyn.system import build_system
-from nassim.simulation.linearization import linearize, refuse_driven
+from nassim.simulation.exudyn.turning import solve_turning
+from nassim.simulation.following import Following
+from nassim.simulation.guards import (
+    warn_of_changed_modes,
+    warn_of_far_equilibrium,
+    warn_of_motion,
+    warn_of_ringing,
+    warn_of_spin,
+)
+from nassim.simulation.linearization import linearize, state_space
 from nassim.simulation.running_loops import samples_per_period
 from nassim.simulation.sampling import sampled
-from nassim.simulation.small_motion import Assembly, assemble, motion_size
-from nassim.simulation.spinning import STIFFENING, stiffening
-from nassim.simulation.starting_motion import starting_twists
+from nassim.simulation.small_motion import assemble, motion_size
+from nassim.simulation.starting_motion import looks_the_same, starting_twists, steady_twists
 
 METHODS = ("generalized_alpha", "exact", "explicit")
 STABLE_ANGLE = 2.6
 """Angle [rad] per step up to which Runge and Kutta's rule of order 4 is stable for every damping."""
 STARTS = ("equilibrium", "released")
-SMALL_MOTION = 0.01
-"""Rotation [rad], and deformation over size, up to which small motion holds: the error is about half of its square."""
-RINGING = 0.8
-"""Spectral radius above which accelerations in large motion may ring."""
-FAR = 0.1
-"""Rotation [rad], or displacement over size, from the scene as drawn that is worth a word: ratios of modes that are
-realised as it is drawn are then wrong by some 3 % in an elbow of two bars."""
+TURNING_RADIUS = 0.9
+"""Spectral radius where drives turn joints: at 1, what rounding leaves open in joints that turn grows step by step."""
+STEADY = 1e-3
+"""Change of a drive's speed from step to step, over the speed, up to which the speed is one to start at."""
 
 
 def simulate(
@@ -61,20 +65,23 @@ def simulate(
         solution of scenes in small motion (see `Scene.in_small_motion`), a hundred times as fast; "explicit", the
         Runge-Kutta rule of order 4, for the same scenes, which holds inputs like hold_order 0
     spectral_radius: of generalized-alpha only, numerical damping at infinite frequency, 1 (none, the trapezoidal
-        rule, the default) ... 0; a step h lengthens a period T by about (2 pi h / T)^2 / 12
+        rule, the default but for 0.9 where drives turn joints) ... 0; what the rule does to periods is made up for mode
+        by mode, see `nassim.simulation.period_errors`
     hold_order: of the exact method, 1 for inputs that run straight between time steps, the default, 0 for inputs that
         keep their value
-    start: what gravity has done before: "equilibrium", the scene hangs at rest in static equilibrium; "released", it
-        is as drawn, unloaded, and falls from the first step on: a pendulum let go at an angle. Bodies with an
-        angular_velocity turn from the start in both.
+    start: what gravity and spin have done before: "equilibrium", the scene hangs at rest in static equilibrium, and
+        what a drive turns at constant speed from the start is at rest on its turntable, under centrifugal forces too;
+        "released", it is as drawn, unloaded, and falls from the first step on: a pendulum let go at an angle. Bodies
+        with an angular_velocity turn from the start in both.
     progress: show a bar; Ctrl-C stops the run at the end of a step
 
     Returns the signals of `excitation` at the time steps, counted from its first sample, then the outputs. Warns of
     rotations and deformations beyond the range of small motion, of bodies that move far against each other while the
     scene has a damping_ratio, of spin whose centrifugal stiffening is not modelled, and of preload above a tenth of a
     body's buckling load. Raises ValueError for unknown names, for a scene or an option that the method does not fit,
-    and for steps between which something of the excitation is lost (fewer than 8 in its shortest period, pulses shorter
-    than one); RuntimeError when there is no equilibrium to start from and when the integration fails or diverges.
+    for steps between which something of the excitation is lost (fewer than 8 in its shortest period, pulses shorter
+    than one), and for a spinning equilibrium that is unstable where no loop may hold it; RuntimeError when there is no
+    equilibrium to start from and when the integration fails or diverges.
     """
     known("method", method, METHODS)
     known("start", start, STARTS)
@@ -83,25 +90,17 @@ def simulate(
     for name in names:
         known("output", name, available)
     _check_options(method, spectral_radius, hold_order)
-    radius = 1.0 if spectral_radius is None else spectral_radius
+    turns = any(word.direction.startswith("r") for word in scene.said(Follow))
+    radius = (TURNING_RADIUS if turns else 1.0) if spectral_radius is None else spectral_radius
     excitation = sampled(scene, excitation, time_step=time_step, duration=duration)
     n_steps = len(excitation.time) - 1
-    highest = occupied_bandwidth(excitation)
-    if progress and method == "generalized_alpha" and highest > 0:
-        longer, damping = integrator_error(highest, time_step, spectral_radius=radius)
-        print(
-            f"  at {highest:.4g} Hz, the highest of the excitation, the steps lengthen periods by {100 * longer:.2g} % "
-            f"and damp {100 * damping:.2g} % of critical"
-        )
-    _warn_of_spin(scene)
-
     looped = {name for loop in scene.loops for name in loop.driven}
     signals = {name: np.zeros(n_steps + 1) for name in looped}
     signals |= dict(zip(excitation.names, excitation.values, strict=True))
     _check_loops(scene, time_step)
     _check_drives(scene, signals)
     if method == "generalized_alpha" and not scene.in_small_motion:
-        _warn_of_ringing(scene, radius)
+        warn_of_ringing(scene, radius, time_step)
     released = start == "released"
     if method == "exact":
         order = 1 if hold_order is None else hold_order
@@ -109,7 +108,9 @@ def simulate(
     else:
         if method == "explicit":
             _check_stability(scene, time_step)
-        readings = _integrate(scene, signals, n_steps, time_step, radius, released, progress, method == "explicit")
+        steps = Steps(time_step, radius) if method == "generalized_alpha" else None
+        told = occupied_bandwidth(excitation) if progress else 0.0
+        readings = _integrate(scene, signals, n_steps, time_step, steps, released, progress, told)
     units = [*scene.output_units]
     units += [scene.input_unit(name) for loop in scene.loops for name in loop.driven]
     chosen = [(*scene.outputs, *scene.commands).index(name) for name in names]
@@ -126,31 +127,64 @@ def _integrate(
     signals: Mapping[str, Array],
     n_steps: int,
     time_step: float,
-    spectral_radius: float,
+    steps: Steps | None,
     released: bool,
     progress: bool,
-    explicit: bool,
+    told_frequency: float,
 ) -> Array:
-    rates = {word.input: (signals[word.input][1]) / time_step for word in scene.said(Follow) if word.input}
-    trapezoidal = spectral_radius == 1.0 and not explicit
-    system = build_system(assemble(scene), rates, compensate=time_step if trapezoidal else 0.0)
-    if np.any(scene.gravity) and not released:
-        solve_static(system)
-        _warn_of_far_equilibrium(system)
-    largest, slackest, shifts, commands = solve_dynamic(
+    """Run Exudyn with steps of generalized-alpha, None: with the explicit rule; told_frequency: of what is printed."""
+    rates, steady = _starting_rates(scene, signals, time_step)
+    twists = starting_twists(scene, rates)
+    told = warn_of_spin(scene, {name: float(np.linalg.norm(twist[3:])) for name, twist in twists.items()})
+    assembly = assemble(scene)
+    if scene.in_small_motion:
+        state_space(assembly)  # refuses outputs that need a derivative of what a drive follows
+    if steps and (line := describe_steps(assembly, steps, told_frequency)):
+        print(f"  {line}")
+    system = build_system(assembly, rates, steps)
+    if not released and _settle(system, steady):
+        warn_of_far_equilibrium(system)
+    largest, slackest, shifts, speeds, commands = solve_dynamic(
         system,
         signals,
         n_steps=n_steps,
         time_step=time_step,
-        spectral_radius=spectral_radius,
+        spectral_radius=steps.spectral_radius if steps else 1.0,
         progress=progress,
-        explicit=explicit,
+        explicit=steps is None,
     )
-    _warn_of_motion(system.assembly, largest)
+    warn_of_spin(scene, speeds, told)
+    warn_of_motion(system.assembly, largest)
     warn_of_buckling(system.assembly, slackest)
-    _warn_of_changed_modes(system.assembly, shifts)
+    warn_of_changed_modes(system.assembly, shifts)
     readings = [np.broadcast_to(system.recorded(name), (n_steps + 1,)) for name in scene.outputs]
     return np.vstack([np.reshape(readings, (len(scene.outputs), n_steps + 1)), commands])
+
+
+def _starting_rates(
+    scene: Scene, signals: Mapping[str, Array], time_step: float
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Rates at the start of inputs that drives follow, and those with which they go on through two steps."""
+    steps = {word.input: np.diff(signals[word.input][:3]) / time_step for word in scene.said(Follow) if word.input}
+    rates = {name: float(step[0]) for name, step in steps.items()}
+    return rates, {name: rate * (abs(steps[name][-1] - rate) <= STEADY * abs(rate)) for name, rate in rates.items()}
+
+
+def _settle(system: System, rates: Mapping[str, float]) -> bool:
+    """Bring a system into equilibrium, at rest or turning steadily; whether there is anything that moves it there."""
+    scene = system.assembly.scene
+    twists = steady_twists(scene, rates)
+    if twists is None:
+        if np.any(scene.gravity):
+            solve_static(system)
+        return bool(np.any(scene.gravity))
+    growing = solve_turning(system, twists)
+    if growing and not scene.loops and looks_the_same(scene, twists):
+        raise ValueError(
+            f"the spinning equilibrium of scene {scene.name!r} to start from is unstable: {growing[0]}; change the "
+            'speed, or let the scene go as it is drawn by simulate(..., start="released")'
+        )
+    return True
 
 
 def _solve_exactly(
@@ -169,7 +203,7 @@ def _solve_exactly(
         readings, commands, coordinates = exact_response(
             assembly, driven, time_step, hold_order=hold_order, released=released, advance=advance
         )
-    _warn_of_motion(
+    warn_of_motion(
         assembly, {name: motion_size(assembly, name, coordinates[place]) for name, place in assembly.slices.items()}
     )
     warn_of_buckling(
@@ -182,89 +216,26 @@ def _solve_exactly(
     return np.vstack([readings, commands])
 
 
-def _warn_of_motion(assembly: Assembly, largest: Mapping[str, Array]) -> None:
-    for name, (rotation, deformation) in largest.items():
-        floating = any(b.name == name and b.fidelity == "ffrf" for b in assembly.scene.flexible_bodies)
-        if rotation > SMALL_MOTION and not floating:
-            warnings.warn(
-                f"body {name!r} turned by up to {rotation:.2g} rad, where small motion is wrong by some "
-                f'{50 * rotation**2:.2g} %: give flexible bodies fidelity "ffrf"',
-                stacklevel=4,
-            )
-        if max(deformation, rotation * floating) > SMALL_MOTION:
-            warnings.warn(
-                f"body {name!r} is deformed by up to {100 * deformation:.2g} % of its size and {rotation:.2g} rad; "
-                "reduced bodies hold for small deformation only, whatever their fidelity",
-                stacklevel=4,
-            )
-
-
-def _warn_of_changed_modes(assembly: Assembly, shifts: Mapping[tuple[str, str], Array]) -> None:
-    """Warn of a scene that leaves the position in which its modes have their ratios."""
-    if not (assembly.scene.deformable_bodies and np.any(assembly.damping.ratio)):
-        return
-    bodies = [body for body in assembly.scene.bodies if body.moves]
-    places = [body.rigid_inertia[1] for body in bodies]
-    for body in bodies:
-        names = body.points if isinstance(body, RigidBody) else body.reduced.all_point_names
-        places += [body.point_position(name) for name in names]
-    size = float(np.linalg.norm(np.ptp(places, axis=0)))
-    for (name, other), (turn, displacement) in shifts.items():
-        if turn > FAR or displacement > FAR * size:
-            warnings.warn(
-                f"body {name!r} moved by up to {turn:.2g} rad and {displacement:.2g} m as seen from {other!r}, and the "
-                "scene's damping_ratio is that of its modes as it is drawn: elsewhere they have other ratios. Give "
-                "flexible bodies a damping_ratio of their own, which holds in every position, and the scene 0",
-                stacklevel=4,
-            )
-            return
-
-
-def _warn_of_far_equilibrium(system: System) -> None:
-    name, angle = max(((name, system.turn(name)) for name in system.nodes), key=lambda item: item[1], default=("", 0.0))
-    if angle > FAR:
-        warnings.warn(
-            f"the run starts in static equilibrium, with body {name!r} turned by {angle:.2g} rad from where it is "
-            'drawn; to let it go as it is drawn, give start="released"',
-            stacklevel=4,
-        )
-
-
-def _warn_of_spin(scene: Scene) -> None:
-    twists = starting_twists(scene)
-    for body in scene.flexible_bodies:
-        rate = float(np.linalg.norm(twists[body.name][3:])) / (2 * np.pi)
-        if body.fidelity != "ffrf" or rate == 0.0:
-            continue
-        first, rise = stiffening(scene, body, rate)
-        if rise > STIFFENING:
-            warnings.warn(
-                f"body {body.name!r} turns at {rate:.3g} Hz, its first frequency is {first:.4g} Hz: centrifugal "
-                f"stiffening, which the floating frame leaves out, would raise that by some {100 * rise:.2g} % or more",
-                stacklevel=3,
-            )
-
-
 def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> dict[str, float]:
-    """Outputs of a scene in static equilibrium under constant inputs and its gravity, by Exudyn's static solver.
+    """Outputs of a scene in static equilibrium under constant inputs and its gravity, by Exudyn's equations.
 
-    Loops are open. Warns of motion and preload as `simulate` does. Raises ValueError for unknown inputs, RuntimeError
-    when there is no equilibrium (a body that can move freely).
+    Of a scene with a drive of constant speed, as it turns: see `simulate`. Loops are open. Warns of motion and preload
+    as `simulate` does. Raises ValueError for unknown inputs and an unstable equilibrium, RuntimeError when there is
+    none (a body that can move freely).
     """
     values = {name: 0.0 for name in scene.inputs}
     for name, value in (inputs or {}).items():
         values[known("input", name, scene.inputs)] = finite(f"input {name!r}", value)
-    if scene.in_small_motion:
-        refuse_driven(scene)
     system = build_system(assemble(scene))
     system.apply(values)
-    solve_static(system)
+    if not _settle(system, {}):
+        solve_static(system)
     assembly = system.assembly
-    _warn_of_motion(
+    warn_of_motion(
         assembly, {name: motion_size(assembly, name, system.deformation(name)[:, None]) for name in system.carriers}
     )
     warn_of_buckling(assembly, {body.name: axial_tension(system, body) for body in assembly.scene.deformable_bodies})
-    return {name: float(system.recorded(name)[-1]) for name in scene.outputs}
+    return {name: system.at_rest(name) for name in scene.outputs}
 
 
 def exudyn_eigenfrequencies(scene: Scene, *, n_modes: int | None = None) -> Array:
@@ -272,7 +243,9 @@ def exudyn_eigenfrequencies(scene: Scene, *, n_modes: int | None = None) -> Arra
 
     Measured electrical ports keep their charge, whatever their resistance.
     """
-    return eigenfrequencies(build_system(replace(assemble(scene), circuits=())))[:n_modes]
+    assembly = assemble(scene)
+    still = Following.none(*assembly.basis.shape)
+    return eigenfrequencies(build_system(replace(assembly, circuits=(), following=still)))[:n_modes]
 
 
 def _check_options(method: str, spectral_radius: float | None, hold_order: int | None) -> None:
@@ -295,34 +268,25 @@ def _check_options(method: str, spectral_radius: float | None, hold_order: int |
 def _check_loops(scene: Scene, time_step: float) -> None:
     for loop in scene.loops:
         samples_per_period(loop, time_step)
-    if not scene.loops or not any(reading.derivative == 2 for reading in scene.said(Reading)):
+    at_once = scene.follows or any(reading.derivative == 2 for reading in scene.said(Reading))
+    if not scene.loops or not at_once:
         return
-    model = linearize(scene)
+    measured = {name for loop in scene.loops for name in loop.measured}
+    sensors = [s for s in scene.sensors if any(isinstance(w, Reading) and w.output in measured for w in s.says(scene))]
+    model = linearize(replace(scene, sensors=tuple(sensors), loops=()))
     for loop in scene.loops:
         rows, columns = map(model.outputs.index, loop.measured), list(map(model.inputs.index, loop.driven))
         for row in rows:
             if np.any(model.D[row, columns]):
                 raise ValueError(
                     f"loop {loop.name!r} measures {model.outputs[row]!r}, which follows what the loop drives at once, "
-                    "so whether a sample sees its command is open: give the actuator or the sensor a bandwidth"
+                    "so whether a sample sees its command is open: give the actuator, drive or sensor a bandwidth"
                 )
 
 
-def _warn_of_ringing(scene: Scene, spectral_radius: float) -> None:
-    read = [reading.output for reading in scene.said(Reading) if reading.derivative == 2]
-    if read and spectral_radius > RINGING:
-        warnings.warn(
-            f"output {read[0]!r} reads an acceleration in large motion, which rings from step to step at "
-            f"spectral_radius {spectral_radius:g} by what Newton's iterations leave; take {RINGING:g} or less",
-            stacklevel=3,
-        )
-
-
 def _check_drives(scene: Scene, signals: Mapping[str, Array]) -> None:
-    if scene.in_small_motion:
-        refuse_driven(scene)
-    for word in scene.said(Follow):
-        if word.input and signals[word.input][0]:
+    for word in scene.follows:
+        if signals[word.input][0]:
             raise ValueError(
                 f"input {word.input!r} drives joint {word.constraint!r} from where it is drawn: it must start at 0, "
                 f"not at {signals[word.input][0]:g} {word.unit}"
@@ -343,6 +307,8 @@ def _check_stability(scene: Scene, time_step: float) -> None:
     assembly = assemble(scene)
     if assembly.circuits:
         raise ValueError('method "explicit" cannot integrate the charge of a sensor with a resistance; take another')
+    if assembly.following.inputs:
+        raise ValueError('method "explicit" cannot let joints follow inputs; take another, or let a force act there')
     fastest = float(assembly.frequency[-1])
     limit = STABLE_ANGLE / (2 * np.pi * fastest)
     if time_step > limit:

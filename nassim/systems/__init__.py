@@ -1,7 +1,7 @@
-"""Linear systems: models in state space, controllers, closed loops and their margins, root loci, python-control.
+"""Linear systems: models in state space, controllers, closed loops and their margins, root loci, noise budgets.
 
 No scene and no body in here; loading it loads neither NGSolve nor Exudyn. To add a kind of controller, open
-`controllers`; a figure of merit of loops, `feedback`.
+`controllers`; a rule that designs one, `loop_shaping`; a figure of merit of loops, `feedback`.
 """
 
 import lazy_loader

@@ -8,6 +8,9 @@ from .controllers import (
     decentralised as decentralised,
 )
 from .controllers import (
+    decoupled as decoupled,
+)
+from .controllers import (
     integral_force_feedback as integral_force_feedback,
 )
 from .controllers import (
@@ -25,6 +28,12 @@ from .controllers import (
 from .controllers import (
     series as series,
 )
+from .coordinates import (
+    with_inputs as with_inputs,
+)
+from .coordinates import (
+    with_outputs as with_outputs,
+)
 from .feedback import (
     Margins as Margins,
 )
@@ -33,6 +42,9 @@ from .feedback import (
 )
 from .feedback import (
     controller_model as controller_model,
+)
+from .feedback import (
+    loop_at_a_time as loop_at_a_time,
 )
 from .feedback import (
     loop_response as loop_response,
@@ -45,6 +57,9 @@ from .feedback import (
 )
 from .feedback import (
     sensitivity as sensitivity,
+)
+from .feedback import (
+    singular_values as singular_values,
 )
 from .linear_model import (
     LinearModel as LinearModel,
@@ -69,6 +84,15 @@ from .linear_model import (
 )
 from .linear_model import (
     zeros as zeros,
+)
+from .loop_shaping import (
+    crossover_controller as crossover_controller,
+)
+from .noise_budget import (
+    NoiseBudget as NoiseBudget,
+)
+from .noise_budget import (
+    noise_budget as noise_budget,
 )
 from .python_control import (
     controller_from_control as controller_from_control,

@@ -92,7 +92,7 @@ def integral_force_feedback(
         numerator, denominator = [-gain, 0.0], [1.0, leak + high, leak * high]
     else:  # the high-pass cancels the pure integrator's pole, and must leave no hidden one
         numerator, denominator = [-gain], [1.0, leak + high]
-    return _by_tustin(numerator, denominator, sample_rate, delay, limit)
+    return by_tustin(numerator, denominator, sample_rate, delay, limit)
 
 
 def proportional(gain: ArrayLike, *, sample_rate: float, delay: int = 1, limit: float = math.inf) -> Controller:
@@ -129,7 +129,7 @@ def lead(
     root = math.sqrt((1 + sine) / (1 - sine))
     omega = _centre(frequency, sample_rate)
     numerator = [finite("gain", gain) / omega, gain / root]
-    return _by_tustin(numerator, [1 / (omega * root), 1.0], sample_rate, delay, limit, prewarp=omega)
+    return by_tustin(numerator, [1 / (omega * root), 1.0], sample_rate, delay, limit, prewarp=omega)
 
 
 def notch(
@@ -151,7 +151,7 @@ def notch(
     omega = _centre(frequency, sample_rate)
     top = 2 * not_negative("zero_damping", zero_damping) * omega
     bottom = 2 * positive("pole_damping", pole_damping) * omega
-    return _by_tustin([1.0, top, omega**2], [1.0, bottom, omega**2], sample_rate, delay, limit, prewarp=omega)
+    return by_tustin([1.0, top, omega**2], [1.0, bottom, omega**2], sample_rate, delay, limit, prewarp=omega)
 
 
 def series(*controllers: Controller) -> Controller:
@@ -208,6 +208,34 @@ def decentralised(*controllers: Controller) -> Controller:
     return Controller(a, b, c, d, rate, delay, limits[0])
 
 
+def decoupled(*controllers: Controller, measure: ArrayLike, drive: ArrayLike, limit: float = math.inf) -> Controller:
+    """Controllers in coordinates of their own between sensors and actuators: u = drive K (measure y).
+
+    controllers: as in `decentralised`, one after the other, one per coordinate
+    measure: coordinates from what is measured, (coordinates, measured); drive: what is driven from the controllers'
+        outputs, (driven, coordinates)
+    limit: of what is driven, see `Controller`
+
+    A hexapod with Jacobian J (strut lengths from motions) in Cartesian coordinates: measure = J^-1, which makes motions
+    of encoders' readings, and drive = J^-T, which makes strut forces of forces. In strut coordinates of sensors that
+    read Cartesian motions: measure = J. One computer evaluates all within a sample period, and the delay counts once.
+    Raises ValueError for matrices of other shapes, and for controllers with limits, which would act on coordinates.
+    """
+    _unlimited("decoupled", controllers)
+    inside = decentralised(*controllers)
+    n_out, n_in = inside.D.shape
+    left, right = finite_array("drive", drive, (None, n_out)), finite_array("measure", measure, (n_in, None))
+    return Controller(
+        inside.A,
+        inside.B @ right,
+        left @ inside.C,
+        left @ inside.D @ right,
+        inside.sample_rate,
+        delay=inside.delay,
+        limit=limit,
+    )
+
+
 def controller_response(
     controller: Controller,
     frequency: Array,
@@ -235,7 +263,7 @@ def controller_response(
     return FRF(frequency, values, outputs, inputs, None, label)
 
 
-def _by_tustin(
+def by_tustin(
     numerator: Sequence[float],
     denominator: Sequence[float],
     sample_rate: float,
@@ -244,7 +272,10 @@ def _by_tustin(
     *,
     prewarp: float = 0.0,
 ) -> Controller:
-    """Controller from a transfer function by powers of s, the highest first."""
+    """Controller from a transfer function of first order or higher by powers of s, the highest first.
+
+    prewarp: where both frequency responses agree exactly [rad/s], see `tustin`
+    """
     system = scipy.signal.tf2ss(numerator, denominator)
     return Controller(*tustin(system, 1 / sample_rate, prewarp=prewarp), sample_rate, delay=delay, limit=limit)
 

@@ -72,17 +72,22 @@ def close_loop(
     driven: Names,
     gain: float = 1.0,
     delay_order: int = DELAY_ORDER,
+    noise: bool = False,
 ) -> LinearModel:
     """The linear model with u = excitation + gain * K y around it: the same inputs and outputs, the states of both.
 
     measured: output, or outputs, that the controller reads; driven: input, or inputs, to which it adds
     gain: factor on the whole controller [-]
     delay_order: see `controller_model`; of no effect around a sampled model, whose delay is exact
+    noise: give the model an input "y noise" for each measured output y, which adds to what the controller reads of it
+        and not to the output itself: noise of sensors and converters. Loops that measure the same output share it.
 
     Several loops: close one after the other, or all at once (`nassim.systems.decentralised`). Raises ValueError for
     unknown names, for a sampled model whose time step is not the controller's, and where an undelayed controller and
     the model's direct feedthrough contradict each other.
     """
+    if noise:
+        return _closed_with_noise(model, controller, names("measured signal", measured), driven, gain, delay_order)
     rows, columns = _indices(model, measured, driven)
     k = controller_model(
         controller, inputs=measured, outputs=driven, time_step=model.time_step, delay_order=delay_order
@@ -104,6 +109,30 @@ def close_loop(
         C=np.hstack([c + d @ u_x, d @ u_k]),
         D=d @ u_u,
     )
+
+
+def _closed_with_noise(
+    model: LinearModel, controller: Controller, measured: tuple[str, ...], driven: Names, gain: float, delay_order: int
+) -> LinearModel:
+    """The loop closed over readings, outputs plus noise, of which only the outputs remain."""
+    rows, _ = _indices(model, measured, driven)
+    noises = tuple(f"{name} noise" for name in measured)
+    new = tuple(name for name in noises if name not in model.inputs)
+    quiet = np.zeros((len(model.outputs), len(new)))
+    inputs, d = model.inputs + new, np.hstack([model.D, quiet])
+    heard = np.array([[float(name == noise) for name in inputs] for noise in noises])
+    readings = tuple(f"{name} with noise" for name in measured)
+    n = len(model.outputs)
+    both = replace(
+        model,
+        B=np.hstack([model.B, np.zeros((len(model.A), len(new)))]),
+        C=np.vstack([model.C, model.C[rows]]),
+        D=np.vstack([d, d[rows] + heard]),
+        inputs=inputs,
+        outputs=model.outputs + readings,
+    )
+    closed = close_loop(both, controller, measured=readings, driven=driven, gain=gain, delay_order=delay_order)
+    return replace(closed, C=closed.C[:n], D=closed.D[:n], outputs=model.outputs)
 
 
 def open_loop(
@@ -173,6 +202,32 @@ def sensitivity(loop: FRF) -> tuple[FRF, FRF]:
     )
 
 
+def loop_at_a_time(loop: FRF, signal: str) -> FRF:
+    """The open loop cut at one of its signals while all others are closed, 1 / S_ii - 1 of the sensitivity S.
+
+    loop: open loop with several signals, see `open_loop`; signal: one of them
+
+    Returns values (1, 1, n), for `margins`: by how much this loop alone may change. Changes in several loops at once
+    are told by the largest of `singular_values` of the sensitivity.
+    """
+    row = loop.outputs.index(known("signal", signal, loop.outputs))
+    own = sensitivity(loop)[0].values[row, row]
+    return FRF(loop.frequency, (1 / own - 1)[None, None], (signal,), (signal,), None, f"{signal}, others closed")
+
+
+def singular_values(frf: FRF) -> Array:
+    """Singular values of an FRF matrix at its frequencies, the largest first, (min(outputs, inputs), n).
+
+    The largest one of a sensitivity is by how much the loops amplify the worst combination of disturbances, and its
+    inverse how far all loops together are from instability. They depend on the signals' units: compare signals of one
+    kind, or scale them first (`nassim.systems.with_outputs`).
+
+    Source: S. Skogestad, I. Postlethwaite, Multivariable Feedback Control, 2nd ed. (2005), sec. 3.3.
+    """
+    values: Array = np.linalg.svd(frf.values.transpose(2, 0, 1), compute_uv=False).T
+    return values
+
+
 @dataclass(frozen=True)
 class Margins:
     """How far an open loop stays from instability; meaningful where the closed loop is stable.
@@ -199,7 +254,10 @@ def margins(loop: FRF) -> Margins:
     several signals; close the others first.
     """
     if loop.values.shape[:2] != (1, 1):
-        raise ValueError(f"margins are defined for one signal, got {len(loop.outputs)}; close the other loops first")
+        raise ValueError(
+            f"margins are defined for one signal, got {len(loop.outputs)}; close the other loops first, as "
+            "loop_at_a_time does"
+        )
     f, values = loop.frequency, loop.values[0, 0]
     gain, gain_at = math.inf, math.nan
     for frequency, value in _crossings(f, values, values.imag):

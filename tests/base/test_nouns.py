@@ -39,6 +39,7 @@ NOT_DATA = {
     *("SymmetricMatrix", "System", "Items"),
     # what parts say, and the bases of parts
     *("Row", "Force", "Field", "Reading", "Spring", "Leak", "Constraint", "Line", "SixSprings", "Follow"),
+    *("Filter", "Tension"),
     *("Part", "Actuator", "Sensor", "ForceElement", "Connection"),
     # what one computation keeps for itself, and no user is given
     *(
@@ -50,6 +51,7 @@ NOT_DATA = {
         "Damping",
         "Push",
         "FiniteMotion",
+        "Following",
         "Frame",
         "InertiaTerms",
         "Point",

@@ -128,6 +128,25 @@ def test_a_placed_scene_answers_as_the_original(soft):
     assert "left/leg/apa" in describe(copy)
 
 
+def test_a_summary_tells_scenes_that_read_the_same_once(soft):
+    """Not one that lacks a signal, and not one whose direction in the world is another."""
+    scene = replace(strut(soft), springs=strut(soft).springs[1::2])
+    lacking = placed(replace(scene, sensors=scene.sensors[1:]), "a", position=-PLACE)
+    side = placed(replace(scene, springs=strut(soft).springs[:1]), "c", rotation=ODD)
+    pair = placed(joined("pair", placed(scene, "a"), placed(scene, "b", position=PLACE, rotation=ODD)), "arm")
+    first, *lines = describe(joined("four", pair, lacking, side)).splitlines()
+    assert "arm/a/voltage (x 2), arm/a/force (x 2), " in first
+    assert "arm/a/pose.rz (x 2), a/scale, " in first
+    assert "arm/b" not in first
+    assert lines[0] == "  arm/a/, and the same again arm/b/:"
+    alone = describe(scene).splitlines()[1:-2]
+    assert lines[1 : 1 + len(alone)] == [f"  {line}" for line in alone]
+    assert [line for line in lines[1 + len(alone) :] if "weld" in line] == [
+        "  joint a/weld: a/apa.right to a/tip.m, rigid",
+        "  joint c/weld: c/apa.right to c/tip.m, rigid",
+    ]
+
+
 def test_turned_directions_are_those_of_the_world_turned(soft):
     """A placed strut against the same one with all its directions turned by hand, so that no error cancels."""
     copy = placed(strut(soft), "a", rotation=ODD)
@@ -303,7 +322,7 @@ def test_types_must_be_there_when_a_kind_is_placed(soft, monkeypatch):
 
 
 KINDS = [noun for noun in map(find, NOUNS) if issubclass(noun, (Part, Loop, RigidBody, FlexibleBody))]
-PLAIN_TEXT = {"name", "unit", "fidelity", "frame", "free", "held", "direction", "constraint"}
+PLAIN_TEXT = {"name", "unit", "fidelity", "frame", "free", "held", "direction", "constraint", "passes"}
 """Texts that are no points and no signals, "frame" of a flexible body being a remote point's bare name."""
 
 

@@ -22,9 +22,11 @@ from nassim import (
     cylindrical,
     describe,
     linearize,
+    planar,
     prismatic,
     revolute,
     simulate,
+    universal,
 )
 from nassim.base import decay_poles
 from nassim.simulation.accuracy import integrator_error
@@ -266,17 +268,69 @@ def test_drives_check_themselves():
             Drive("m", "axle", "rz", **options)
     with pytest.raises(ValueError, match="unknown direction 'z axis'"):
         Drive("m", "axle", "z axis", "u")
+    with pytest.raises(ValueError, match="drive 'm': bandwidth must be positive, got -1"):
+        Drive("m", "axle", "rz", "u", bandwidth=-1.0)
+    with pytest.raises(ValueError, match="drive 'm' runs at constant speed, which needs no bandwidth"):
+        Drive("m", "axle", "rz", speed=1.0, bandwidth=1.0)
+    with pytest.raises(ValueError, match="drive 'm': speed holds 1 value"):
+        Drive("m", "axle", "rz", speed=np.nan)
+
+
+def test_joints_that_cannot_be_are_refused():
+    for make, message in (
+        (lambda: revolute("j", "base.axle", "arm.axle", (0, 0, 0)), "joint 'j': an axis must have a length"),
+        (lambda: planar("j", "base.axle", "arm.axle", np.zeros(3)), "joint 'j': an axis must have a length"),
+        (lambda: universal("j", "base.axle", "arm.axle", "x", (0, 0, 0)), "joint 'j': an axis must have a length"),
+        (
+            lambda: universal("j", "base.axle", "arm.axle", "x", (1, 0, 1)),
+            "joint 'j': a universal joint's axes must",
+        ),
+        (lambda: prismatic("j", "base.axle", "arm.axle", "w"), "unknown axis 'w'; known: x, y, z"),
+        (lambda: prismatic("j", "base.axle", "arm.axle", (0, np.inf, 0)), "joint 'j': axis holds 1 value"),
+        (lambda: Joint("j", "base.axle", "arm.axle", axes=-np.eye(3)), "joint 'j': axes must be a proper orthogonal"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            make()
+    plain = arm(speed=1.0)
+    for joint, message in (
+        (revolute("axle", "base.axle", "arm.tip", AXIS), r"joint 'axle': 'base.axle' and 'arm.tip' are 0\.\d+ m apart"),
+        (revolute("axle", "arm.tip", "arm.axle", AXIS), "joint 'axle': 'arm.tip' and 'arm.axle' belong to one rigid"),
+        (revolute("axle", "base.axle", "base.hub", AXIS), "joint 'axle': 'base.axle' and 'base.hub' belong to one rig"),
+        (revolute("axle", "base.axle", "stand.hub", AXIS), "joint 'axle' connects fixed bodies, which nothing moves"),
+        (revolute("axle", "base.shaft", "arm.axle", AXIS), "unknown point of 'base' 'shaft'"),
+    ):
+        hub = plain.bodies[0].points["axle"]
+        base = replace(plain.bodies[0], points={**plain.bodies[0].points, "hub": hub})
+        stand = RigidBody("stand", {"hub": hub}, fixed=True)
+        with pytest.raises(ValueError, match=message):
+            replace(plain, bodies=(base, plain.bodies[1], stand), joints=(joint,))
+
+
+def test_two_drives_of_one_motion_through_two_joints():
+    plain = arm(input="u")
+    twin = replace(plain.joints[0], name="twin")
+    both = replace(plain, joints=(*plain.joints, twin), actuators=(*plain.actuators, Drive("n", "twin", "rz", "v")))
+    with pytest.raises(ValueError, match="rz of joint 'twin' cannot be driven: other joints or drives hold it already"):
+        linearize(both)
 
 
 def test_what_drives_cannot_do_is_told_before_long_work():
     time = np.linspace(0, 1, 101)
     with pytest.raises(ValueError, match="must start at 0, not at 1 rad"):
         simulate(arm(input="turn"), history(time, turn=np.cos(time)), time_step=0.01, progress=False)
-    fast = arm(speed=1.0)
-    twice = (*fast.joints, Joint("lock", "base.axle", "arm.axle"))
-    with pytest.raises(ValueError, match=r"cannot be driven: other joints hold it already|cannot start at the speed"):
-        simulate(replace(fast, joints=twice[::-1]), history(time), time_step=0.01, progress=False)
-    with pytest.raises(ValueError, match="a part between the ground and what turns at constant speed"):
+    locked = (*arm(speed=1.0).joints, Joint("lock", "base.axle", "arm.axle"))
+    for joints in (locked, locked[::-1]):
+        with pytest.raises(ValueError, match="rz of joint 'axle' cannot start at the speed of its drive: other joints"):
+            simulate(replace(arm(speed=1.0), joints=joints), history(time), time_step=0.01, progress=False)
+        with pytest.raises(ValueError, match="rz of joint 'axle' cannot be driven: other joints or drives hold it"):
+            simulate(
+                replace(arm(input="turn"), joints=joints), history(time, turn=time), time_step=0.01, progress=False
+            )
+    with pytest.raises(ValueError, match="output 'x': as the turning frame sees it, this changes by"):
         linearize(arm(speed=1.0))
-    with pytest.raises(ValueError, match="input 'turn' drives joint 'axle', which models of small motion hold still"):
-        linearize(arm(input="turn"))
+
+
+def test_a_linear_model_of_nothing_but_what_is_driven():
+    model = linearize(arm(input="turn"))
+    assert model.A.shape == (0, 0)
+    np.testing.assert_allclose(model.D[:, 0], [1.0, *np.cross(AXIS, [0.5, 0.1, -0.05])], atol=1e-12)

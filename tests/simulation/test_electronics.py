@@ -9,6 +9,7 @@ import scipy.linalg
 from conftest import lattice
 
 from nassim import (
+    Drive,
     Encoder,
     FlexibleBody,
     Joint,
@@ -25,6 +26,7 @@ from nassim import (
     frequency_response,
     linearize,
     open_circuit,
+    prismatic,
     simulate,
     static_response,
     trim_scene,
@@ -172,3 +174,25 @@ def test_trimmed_scenes_keep_their_statics(body, fidelity):
         found = np.array(list(static_response(trimmed, {name: 1e-3}).values()))
         assert np.all(expected != 0)
         np.testing.assert_allclose(found, expected, rtol=1e-7)
+
+
+@pytest.mark.parametrize("resistance", [3e5, 3.0])
+def test_charge_of_what_a_drive_strains(body, resistance):
+    """A drive that pulls the body, as a force that moves a mass of a thousand tons: F = M s^2 u."""
+    plain = held(body, VoltageSensor("voltage", "body.sense", resistance))
+    heavy = replace(plain.bodies[2], points={"foot": np.zeros(3), "rail": np.zeros(3)}, mass=1e6)
+    base = replace(plain.bodies[0], points={"o": np.zeros(3), "rail": heavy.position - plain.bodies[0].position})
+    joints = (*plain.joints, prismatic("rail", "base.rail", "payload.rail", "z"))
+    pushed = replace(plain, bodies=(base, plain.bodies[1], heavy), joints=joints)
+    followed = replace(pushed, actuators=(Drive("drive", "rail", "z", "way"),))
+    s = 2j * np.pi * np.array([300.0, 1000.0, 3000.0])
+    force, way = (frequency_response(linearize(of), s.imag / (2 * np.pi)).values[0, 0] for of in (pushed, followed))
+    np.testing.assert_allclose(way, force * 1e6 * s**2, rtol=1e-5)
+
+    step = 1e-5
+    time = np.arange(401) * step
+    record = TimeHistory(time, 1e-6 * np.sin(np.pi * time / 2e-3)[None] ** 4, ("way",), ("m",))
+    exact = simulate(followed, record, time_step=step, method="exact", progress=False)["voltage"]
+    for of in (followed, replace(followed, bodies=(base, replace(plain.bodies[1], fidelity="ffrf"), heavy))):
+        found = simulate(of, record, time_step=step, progress=False)["voltage"]
+        np.testing.assert_allclose(found, exact, atol=3e-3 * np.abs(exact).max())

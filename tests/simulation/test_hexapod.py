@@ -1,15 +1,15 @@
-"""Hexapods made of words: published figures of a Stewart platform, and six different bodies however they are turned.
+"""Hexapods made of words: published figures of a Stewart platform, and its struts part by part.
 
 Geometry and figures: the Stewart platform model of T. Dehaeze and others (MIT licence), default set.
 """
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
+from models.hexapods import DEFAULT_PLATFORM
+from models.nano_hexapod import make_nano_hexapod, rigid_plate
+from models.strut import spring_strut
 from nassim import (
-    Bushing,
     Encoder,
     LinearActuator,
     PointForce,
@@ -19,15 +19,13 @@ from nassim import (
     Scene,
     SpringDamper,
     frequency_response,
-    joined,
     linearize,
-    placed,
     prismatic,
     spherical,
     universal,
 )
 from nassim.base.rigid_motion import axes_along
-from nassim.systems import damping
+from nassim.kinematics import strut_lengths
 
 HEIGHT, DROP = 0.09, 0.015
 BASE_ANGLES, TOP_ANGLES = (-10, 10, 110, 130, 230, 250), (-50, 50, 70, 170, 190, -70)
@@ -120,29 +118,6 @@ def test_stiffness_of_the_cubic_platform(point, turning, coupling):
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
 
 
-def half_struts(stiffness, rate=0.0):
-    """A strut along z: two halves of 0.1 kg that slide in each other, a spring and a force between their ends."""
-    across, about = 0.1 * (0.005**2 / 4 + 0.05**2 / 12), 0.1 * 0.005**2 / 2
-    inertia = np.diag([across, across, about])
-    length = np.linalg.norm(HEADS[0] - FEET[0])
-    lower = {"foot": (0, 0, -0.025), "slide": (0, 0, length / 2 - 0.025)}
-    upper = {"head": (0, 0, 0.025), "slide": (0, 0, 0.025 - length / 2)}
-    bodies = (
-        RigidBody("lower", lower, 0.1, inertia, (0, 0, 0.025)),
-        RigidBody("upper", upper, 0.1, inertia, (0, 0, length - 0.025)),
-    )
-    ends = ("lower.foot", "upper.head")
-    return Scene(
-        "strut",
-        bodies,
-        (prismatic("slide", "lower.slide", "upper.slide", "z"),),
-        (LinearActuator("stack", *ends, "force"),),
-        (Encoder("length", *ends, "line"),),
-        (SpringDamper("spring", *ends, "line", stiffness, rate),),
-        damping_ratio=0.0,
-    )
-
-
 def strut_axes():
     """Of each strut: z from foot to head, x across the world's y and z."""
     for line in HEADS - FEET:
@@ -150,17 +125,6 @@ def strut_axes():
         x = np.cross([0, 1, 0], z)
         x /= np.linalg.norm(x)
         yield np.column_stack([x, np.cross(z, x), z])
-
-
-def with_masses(stiffness=STIFFNESS, rate=0.0):
-    """The same strut, placed six times."""
-    strut = half_struts(stiffness, rate)
-    struts = [placed(strut, f"strut_{k}", position=FEET[k], rotation=axes) for k, axes in enumerate(strut_axes())]
-    joints = []
-    for k, axes in enumerate(strut_axes()):
-        joints.append(universal(f"u{k}", f"base.f{k}", f"strut_{k}/lower.foot", axes[:, 0], axes[:, 1]))
-        joints.append(spherical(f"s{k}", f"strut_{k}/upper.head", f"plate.h{k}"))
-    return joined("hexapod", *struts, bodies=plates(FEET, HEADS), joints=joints)
 
 
 def by_hand():
@@ -186,90 +150,17 @@ def by_hand():
 
 
 def test_a_strut_placed_six_times_is_six_struts():
+    """The public model's, of two halves with masses; its other cases stand beside it in tests/models."""
+    disc = rigid_plate(DEFAULT_PLATFORM, mass=1.0, radius=0.1, height=0.01)
+    strut = spring_strut(STIFFNESS, damping=20.0, mass=0.2, length=float(strut_lengths(DEFAULT_PLATFORM)[0]))
+    model = make_nano_hexapod(strut, platform=DEFAULT_PLATFORM, plate=disc, payload_mass=0.0, damping_ratio=0.0)
     frequency = np.geomspace(10, 3e3, 60)
-    found, expected = (frequency_response(linearize(s), frequency) for s in (with_masses(rate=20.0), by_hand()))
-    assert (found.inputs[3], found.outputs[3]) == ("strut_3/force", "strut_3/length")
-    scale = np.abs(expected.values).max(axis=2, keepdims=True)
-    np.testing.assert_allclose(found.values / scale, expected.values / scale, rtol=0, atol=1e-9)
-
-
-MODES = np.array([780.60, 780.60, 903.89, 1061.43, 1061.43, 1269.66])
-
-
-def test_modes_and_dampings_with_the_struts_masses():
-    frequency, ratio = damping(linearize(with_masses(rate=20.0)))
-    np.testing.assert_allclose(np.sort(frequency)[-6:], MODES, atol=0.006)
-    order = np.argsort(frequency)[-6:]
-    np.testing.assert_allclose(100 * ratio[order], [0.245, 0.245, 0.284, 0.333, 0.333, 0.399], atol=6e-4)
-
-
-def force_feedback(model, in_series, gain):
-    """Poles with a force F in each strut, driven by the integral of what it measures: F' = -g (F - k_a length)."""
-    n = len(model.A)
-    state = np.zeros((n + 6, n + 6))
-    state[:n, :n], state[:n, n:] = model.A, model.B
-    state[n:, :n], state[n:, n:] = gain * in_series * model.C, -gain * np.eye(6)
-    poles = np.linalg.eigvals(state)
-    return poles[poles.imag >= 0]
-
-
-def test_integral_force_feedback_damps_every_mode_critically():
-    """The sensors in all of the struts: mode by mode s^2 + g s + w^2 = 0, critical at g = 2 w."""
-    model = linearize(with_masses())
-    modes = np.sort(damping(model)[0])
-    for gain, omega in zip([9809, 11359, 13338, 15955], 2 * np.pi * modes[[0, 2, 3, 5]], strict=True):
-        assert 2 * omega == pytest.approx(gain, rel=5e-5)
-        poles = force_feedback(model, STIFFNESS, 2 * omega)
-        met = np.abs(poles + omega) < 1e-3 * omega
-        assert np.count_nonzero(met) >= 1
-        slower = force_feedback(model, STIFFNESS, 1.9 * omega)
-        near = slower[np.argmin(np.abs(np.abs(slower) - omega) + 1e6 * (slower.imag < 1e-6 * omega))]
-        assert -near.real / abs(near) == pytest.approx(0.95, rel=1e-6)
-
-
-def test_integral_force_feedback_beside_a_parallel_spring():
-    """A quarter of the stiffness beside the sensors: 0.5 at most, at g = w sqrt(2), as (w - z) / (2 z) says."""
-    scene = with_masses(15e6)
-    beside = [SpringDamper(f"p{k}", f"strut_{k}/lower.foot", f"strut_{k}/upper.head", "line", 5e6) for k in range(6)]
-    model = linearize(replace(scene, springs=(*scene.springs, *beside)))
-    modes = np.sort(damping(model)[0])
-    np.testing.assert_allclose(modes, MODES, atol=0.006)
-    for gain, omega in zip([6936, 8032, 9432, 11282], 2 * np.pi * modes[[0, 2, 3, 5]], strict=True):
-        assert np.sqrt(2) * omega == pytest.approx(gain, rel=1e-4)
-        largest = []
-        for factor in (0.97, 1.0, 1.03):
-            poles = force_feedback(model, 15e6, factor * np.sqrt(2) * omega)
-            expected = np.roots([1, factor * np.sqrt(2) * omega, omega**2, factor * np.sqrt(2) * omega**3 / 4])
-            pole = expected[np.argmax(expected.imag)]
-            found = poles[np.argmin(np.abs(poles - pole))]
-            assert found == pytest.approx(pole, rel=1e-6)
-            largest.append(-found.real / abs(found))
-        assert largest[1] == pytest.approx(0.5, rel=1e-6)
-        assert largest[1] > max(largest[0], largest[2])
-
-
-def test_struts_push_as_a_wrench_from_outside_on_a_fixed_base_only():
-    """Forces J^-T w of the struts and the wrench w move the plate alike, unless the base gives way to the former."""
-    along = np.linalg.inv(jacobian(FEET, HEADS, HEIGHT + 0.045)).T
-    scene = on_springs(FEET, HEADS, STIFFNESS, point=0.045)
-    pushes = tuple(LinearActuator(f"a{k}", f"base.f{k}", f"plate.h{k}", f"a{k}") for k in range(6))
-    scene = replace(scene, actuators=(*scene.actuators, *pushes))
-    loose = plates(FEET, HEADS, point=0.045, fixed=False)
-    ground = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
-    feet = Bushing("feet", "ground.o", "base.o", [3e7, 3e7, 3e7, 3e5, 3e5, 3e5])
-    flexible = replace(
-        scene,
-        bodies=(ground, *loose),
-        springs=(*scene.springs, feet),
-        sensors=(Pose("pose", "ground.o", "plate.b"),),
+    found, expected = (frequency_response(linearize(s), frequency) for s in (model, by_hand()))
+    picked = np.ix_(
+        *(
+            [names.index(f"strut_{k}/{signal}") for k in range(1, 7)]
+            for names, signal in ((found.outputs, "encoder"), (found.inputs, "actuator_force"))
+        )
     )
-    frequency = np.geomspace(10, 2e3, 40)
-    differences = []
-    for machine in (scene, flexible):
-        values = frequency_response(linearize(machine), frequency).values
-        outside, inside = values[:, :6], np.einsum("yaf,aw->ywf", values[:, 6:], along)
-        scale = np.abs(outside).max(axis=2, keepdims=True)
-        scale = np.sqrt(np.einsum("iif->if", scale)[:, None] * np.einsum("iif->if", scale)[None])
-        differences.append(np.abs((inside - outside) / scale).max())
-    assert differences[0] < 1e-10
-    assert differences[1] > 0.1
+    scale = np.abs(expected.values).max(axis=2, keepdims=True)
+    np.testing.assert_allclose(found.values[picked] / scale, expected.values / scale, rtol=0, atol=1e-6)

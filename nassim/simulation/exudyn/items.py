@@ -42,6 +42,7 @@ class Items:
     grips: Mapping[Place, Grip]
     pilots: Mapping[str, tuple[int, list[int]]]
     markers: dict[str, int] = field(default_factory=dict)
+    sensors: dict[tuple[int, exu.OutputVariableType], int] = field(default_factory=dict)
 
     def marker(self, path: str, *, axes: Array | None = None, at: Array | None = None) -> int:
         """Rigid marker of a point.
@@ -69,6 +70,15 @@ class Items:
                 "place: let the points coincide"
             )
         raise ValueError(f"{path!r} is no coordinate of a body in small motion any more; in a floating frame it can be")
+
+    def sensor(self, marker: int, kind: exu.OutputVariableType) -> int:
+        """Sensor of a marker's motion."""
+        if (marker, kind) not in self.sensors:
+            sensor = eii.SensorMarker(
+                markerNumber=marker, outputVariableType=kind, storeInternal=True, writeToFile=False
+            )
+            self.sensors[marker, kind] = int(self.mbs.AddSensor(sensor))
+        return self.sensors[marker, kind]
 
     def fidelity(self, path: str) -> str:
         """Of a point's body: "rigid", "linear" or "ffrf"."""
@@ -165,7 +175,7 @@ def _motion(marker: int, driven: Sequence[Follow]) -> tuple[dict[str, Any], list
         speeds += follow.speed * unit
         if follow.input:
             offsets.append(np.zeros(6))
-            pushes.append(Push(-1, follow.input, unit, offset=offsets[-1]))
+            pushes.append(Push(-1, follow.input, unit, rate=2 * np.pi * follow.bandwidth, offset=offsets[-1]))
     shifts = any(not follow.direction.startswith("r") for follow in driven)
 
     def along_world(mbs: Any, motion: Array) -> list[float]:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
-from nassim.scene.part import Line, Reading, Row
+from nassim.scene.part import Field, Line, Reading, Row
 from nassim.simulation.exudyn.items import Items, on_coordinates, on_points
 from nassim.simulation.exudyn.state import COORDINATES, Term
 
@@ -33,6 +33,20 @@ def add_reading(items: Items, word: Reading) -> list[Term]:
         sensors = _sensors(items, path, MOTIONS[word.derivative])
         result += [Term.linear(number, word.gain * weights[:3] / len(sensors)) for number in sensors]
     return result
+
+
+def add_axes(items: Items, word: Reading) -> list[tuple[int, Array]]:
+    """Add a sensor of the axes that an inertial reading turns with, where fields accelerate the ground.
+
+    Returns its number and the reading's direction times its gain, (3,); nothing where neither matters.
+    """
+    row = word.row
+    if not (word.inertial and isinstance(row, Row) and "." in row.frame and items.moves(row.frame)):
+        return []
+    if not items.scene.said(Field):
+        return []
+    weights = word.gain * np.sum([weights[:3] for _, weights in row.points], axis=0)
+    return [(items.sensor(items.marker(row.frame), Kind.RotationMatrix), weights)]
 
 
 def _sensors(items: Items, path: str, kind: Kind) -> list[int]:

@@ -18,6 +18,7 @@ from nassim.scene.part import SixSprings, Spring
 from nassim.scene.scene import Scene
 from nassim.simulation.buckling import axial_forces
 from nassim.simulation.damping import tied_bodies
+from nassim.simulation.exudyn.filtering import Filtering
 from nassim.simulation.exudyn.state import Push, System, find_accelerations
 from nassim.simulation.running_loops import RUNAWAY, runaway, start_loops
 from nassim.simulation.small_motion import NO_EQUILIBRIUM, motion_size
@@ -100,7 +101,7 @@ def solve_dynamic(
     spectral_radius: float,
     progress: bool,
     explicit: bool = False,
-) -> tuple[dict[str, Array], dict[str, Array], dict[tuple[str, str], Array], Array]:
+) -> tuple[dict[str, Array], dict[str, Array], dict[tuple[str, str], Array], dict[str, float], Array]:
     """Integrate with a fixed step by generalized-alpha, or explicitly by Runge and Kutta's rule of order 4.
 
     The explicit rule holds each input from its time step to the next, and needs a system without constraints.
@@ -108,8 +109,8 @@ def solve_dynamic(
     inputs: values at the time steps, shape (n_steps + 1,) each, by name
 
     Returns, as some 200 looks found them, the largest `motion_size` of the bodies, the least `axial_forces` of those
-    that deform and the largest `System.shift` of bodies tied together, by body or two; then what the scene's loops put
-    out, shape (commands, n_steps + 1).
+    that deform, the largest `System.shift` of bodies tied together, by body or two, and how fast floating ones turned;
+    then what the scene's loops put out, shape (commands, n_steps + 1).
     Ctrl-C ends the run after the step at hand with KeyboardInterrupt; RuntimeError, with time, body and likely cause,
     when the integration fails or diverges.
     """
@@ -136,14 +137,15 @@ def solve_dynamic(
         _check_run(system, watch.lost, failure, steps.begun, time_step)
         steps.end()
         advance(n_steps % chunk)
-    return watch.largest, watch.slackest, watch.shifts, steps.commands.T
+    return watch.largest, watch.slackest, watch.shifts, watch.speeds, steps.commands.T
 
 
 class _Watch:
     """What is seen of a run whenever it is looked at.
 
     largest: `motion_size` of each body, (2,); slackest: `axial_forces` of those that deform; shifts: `System.shift` of
-        every two bodies tied together; lost: bodies that are deformed beyond what a run may do
+        every two bodies tied together; speeds: of floating bodies [rad/s]; lost: bodies that are deformed beyond what a
+        run may do
     """
 
     def __init__(self, system: System) -> None:
@@ -154,6 +156,7 @@ class _Watch:
         self.largest = {name: np.zeros(2) for name in system.carriers}
         self.slackest = {body.name: axial_tension(system, body) for body in self.bodies}
         self.shifts = {pair: np.zeros(2) for pair in tied_bodies(scene) if system.nodes}
+        self.speeds = {body.name: 0.0 for body in scene.flexible_bodies if body.fidelity == "ffrf" and system.nodes}
         self.lost: list[str] = []
 
     def look(self) -> None:
@@ -168,10 +171,12 @@ class _Watch:
             self.slackest[body.name] = np.minimum(self.slackest[body.name], axial_tension(system, body))
         for pair in self.shifts:
             self.shifts[pair] = np.maximum(self.shifts[pair], system.shift(*pair))
+        for name in self.speeds:
+            self.speeds[name] = max(self.speeds[name], system.speed(name))
 
 
 class _Steps:
-    """Sets, step by step, the inputs and what loops add to them.
+    """Sets, step by step, the inputs and what loops add to them, after outputs passed their filters.
 
     begun: number of steps; commands: what the loops put out, (n_steps + 1, commands)
     """
@@ -185,7 +190,8 @@ class _Steps:
         self.begun = 0
         self.commands = np.zeros((n_steps + 1, len(scene.commands)))
         self.step_loops = start_loops(scene, time_step)
-        self.nothing = np.zeros(len(scene.inputs))
+        self.filtering = Filtering(system, samples, n_steps, time_step)
+        self.nothing = self.held = np.zeros(len(scene.inputs))
         self.drives = []
         for drive in system.drives:
             direct = not np.isfinite(drive.rate)
@@ -200,8 +206,10 @@ class _Steps:
         """Set what acts during the next step."""
         count, mbs, explicit = self.begun, self.system.mbs, self.explicit
         held = end = self.nothing
+        self.filtering.step(count, self.held)
         if self.commands.size:
-            held, end, self.commands[count] = self.step_loops(count, self.system.measure)
+            held, end, self.commands[count] = self.step_loops(count, self.filtering.measure)
+            self.held = held
         count += 1
         for follow, row, drive, place, straight in self.drives:
             added = end[place] if straight else held[place]
@@ -209,9 +217,10 @@ class _Steps:
         self.begun = count
 
     def end(self) -> None:
-        """Take what the loops put out at the end of the last step."""
+        """Take what passes filters and what loops put out at the end of the last step."""
+        self.filtering.step(self.begun, self.held)
         if self.commands.size:
-            self.commands[self.begun] = self.step_loops(self.begun, self.system.measure)[2]
+            self.commands[self.begun] = self.step_loops(self.begun, self.filtering.measure)[2]
 
 
 def _integrate(system: System, settings: Any, *, explicit: bool) -> Exception | None:
@@ -229,7 +238,8 @@ def _check_run(system: System, lost: list[str], failure: Exception | None, begun
     """Raise RuntimeError when a run has lost bodies or failed in its step number `begun`."""
     scene = system.assembly.scene
     if lost and scene.loops:
-        outputs = np.column_stack(np.broadcast_arrays(*(system.recorded(name) for name in scene.outputs)))
+        records = [system.recorded(name) for name in scene.outputs]
+        outputs = np.column_stack(np.broadcast_arrays(*(r[: begun if len(r) > 1 else 1] for r in records)))
         raise RuntimeError(runaway(scene, lost[0], outputs, time_step))
     if lost:
         raise RuntimeError(

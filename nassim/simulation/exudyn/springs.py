@@ -15,6 +15,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 
 from nassim.base.checks import Array
+from nassim.base.rigid_motion import axes_along
 from nassim.scene.part import Line, Row, SixSprings, Spring
 from nassim.scene.scene import Scene
 from nassim.simulation.exudyn.items import Items, on_coordinates
@@ -67,6 +68,9 @@ def _add_along(items: Items, word: Spring, row: Row) -> None:
     if row.own or len(row.points) != 2:
         raise ValueError("in large motion a spring acts between two points, or within one body")
     (a, along_a), (b, along_b) = row.points
+    if not (word.stiffness or np.any(along_b[:3]) or np.any(along_a + along_b)) and row.frame in (a, b):
+        _add_turning(items, word, row.frame, b if row.frame == a else a, along_b[3:])
+        return
     if np.any(along_b[3:]) or np.any(along_a + along_b):
         raise ValueError(f"between {a!r} and {b!r}: in large motion a spring acts on the distance along a direction")
     along = along_b[:3]
@@ -97,6 +101,17 @@ def _add_along(items: Items, word: Spring, row: Row) -> None:
         six = np.zeros((6, 6))
         six[:3, :3] = np.outer(along, along)
         _connect(items, markers, stiffness=word.stiffness * six, damping=word.damping * six)
+
+
+def _add_turning(items: Items, word: Spring, frame: str, other: str, about: Array) -> None:
+    """A damper of turns about an axis that turns with a frame's point, (3,)."""
+    axes = axes_along(about)
+    items.mbs.AddObject(
+        eii.ObjectConnectorTorsionalSpringDamper(
+            markerNumbers=[items.marker(frame, axes=axes), items.marker(other, axes=axes)],
+            damping=word.damping * float(about @ about),
+        )
+    )
 
 
 def add_six_springs(items: Items, word: SixSprings) -> None:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import exudyn as exu
@@ -10,7 +10,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.simulation.compensation import prewarped
+from nassim.simulation.filters import static_gain
 from nassim.simulation.small_motion import Assembly, Circuit
 
 COORDINATES = (
@@ -89,8 +89,10 @@ class System:
     mbs: the Exudyn system, kept alive by container; assembly: what it models
     nodes: rigid-body node per moving body; carriers: per flexible body that deforms
     drives: what the inputs act through
-    readings: per output, what it is the sum of
-    circuits: objects of `add_circuit`
+    readings: per output, what it is the sum of, before its filter
+    massless: objects whose mass `find_accelerations` takes away
+    filtered: what a run lets pass, by output of `Assembly.filters`, (n_samples,) each
+    turning: by inertial output, sensors of axes with which its directions turn, and these directions times gains, (3,)
     """
 
     container: Any
@@ -100,23 +102,25 @@ class System:
     carriers: dict[str, Carrier]
     drives: tuple[Push, ...]
     readings: dict[str, list[Term]]
-    circuits: tuple[int, ...]
+    massless: tuple[int, ...]
+    filtered: dict[str, Array] = field(default_factory=dict)
+    turning: dict[str, list[tuple[int, Array]]] = field(default_factory=dict)
 
     def apply(self, inputs: Mapping[str, float]) -> None:
         """Set the inputs, as if they had always been so."""
         for drive in self.drives:
             drive.apply(self.mbs, inputs[drive.input])
 
-    def measure(self) -> Array:
-        """Present outputs, (outputs,)."""
+    def measured(self, output: str) -> float:
+        """Present value of one output, before its filter."""
         read = self.mbs.GetSensorValues
-        return np.array(
-            [
-                sum(float(term.value(*(np.reshape(read(k), (1, -1)) for k in term.sensors))[0]) for term in terms)
-                for terms in self.readings.values()
-            ],
-            dtype=float,
-        )
+        terms = self.readings[output]
+        return sum(float(term.value(*(np.reshape(read(k), (1, -1)) for k in term.sensors))[0]) for term in terms)
+
+    def at_rest(self, output: str) -> float:
+        """Present value of one output, behind its filter, of a system that rests."""
+        filters = self.assembly.filters
+        return self.measured(output) * (static_gain(filters[output]) if output in filters else 1.0)
 
     def deformation(self, name: str) -> Array:
         """Present coordinates of a flexible body that deforms, as `ReducedBody` orders them, shape (n,)."""
@@ -129,6 +133,11 @@ class System:
     def turn(self, name: str) -> float:
         """Angle by which a body's frame is turned against the scene as drawn [rad]."""
         return _angle(self._pose(name, drawn=False)[0] @ self._pose(name, drawn=True)[0].T)
+
+    def speed(self, name: str) -> float:
+        """How fast a body's frame turns [rad/s]."""
+        rate = self.mbs.GetNodeOutput(self.nodes[name], exu.OutputVariableType.AngularVelocity)
+        return float(np.linalg.norm(rate))
 
     def shift(self, name: str, other: str) -> Array:
         """Turn [rad] and displacement [m] of a body as seen from another's frame, against the scene as drawn, (2,)."""
@@ -147,55 +156,20 @@ class System:
         return np.reshape(rotation, (3, 3)), np.asarray(position)
 
     def recorded(self, output: str) -> Array:
-        """Samples of one output, shape (n_samples,); a single 0 where nothing that moves is measured."""
+        """Samples of one output, shape (n_samples,); a single 0 where nothing that moves is measured.
+
+        Of statics, where no run has passed its filter, what passes of a constant.
+        """
+        if output in self.filtered:
+            return self.filtered[output]
         read = self.mbs.GetSensorStoredData
         terms = [term.value(*(read(k)[:, 1:] for k in term.sensors)) for term in self.readings[output]]
-        return np.sum(terms, axis=0) if terms else np.zeros(1)
+        values: Array = np.sum(terms, axis=0) if terms else np.zeros(1)
+        return values * static_gain(self.assembly.filters[output]) if output in self.assembly.filters else values
 
 
 def _angle(rotation: Array) -> float:
     return float(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1), -1.0, 1.0)))
-
-
-def small_motion_system(assembly: Assembly, compensate: float = 0.0) -> System:
-    """The system of a scene in small motion: one object in modal coordinates, so joints need no multipliers.
-
-    What the modes do not share is zero, so a step takes time in proportion to their number.
-    """
-    scene = assembly.scene
-    container = exu.SystemContainer()
-    mbs = container.AddSystem()
-    n, modes = len(assembly.frequency), assembly.basis @ assembly.shapes
-    mass, growth = prewarped(assembly.frequency, compensate)
-    forces = modes.T @ assembly.input_matrix
-    node = mbs.AddNode(modal_node(n))
-    mbs.AddObject(
-        eii.ObjectGenericODE2(
-            nodeNumbers=[node],
-            massMatrix=_sparse(np.diag(mass)),
-            stiffnessMatrix=_sparse(np.diag((2 * np.pi * assembly.frequency) ** 2)),
-            dampingMatrix=_sparse(np.sqrt(growth)[:, None] * assembly.damping.of_modes * np.sqrt(growth)),
-            forceVector=modes.T @ assembly.weight,
-        )
-    )
-    drives = [Push(add_forces(mbs, [node], n), name, forces[:, k]) for k, name in enumerate(scene.inputs)]
-    for a in assembly.amplifiers:
-        drives.append(Push(add_forces(mbs, [node], n), scene.inputs[a.input], modes.T @ a.forces, rate=a.rate))
-    weights = assembly.output_matrix @ modes
-    readings = {}
-    for k, (name, derivative) in enumerate(zip(scene.outputs, assembly.derivatives, strict=True)):
-        kind = COORDINATES[derivative]
-        sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kind, storeInternal=True, writeToFile=False)
-        readings[name] = [Term.linear(mbs.AddSensor(sensor), weights[k])]
-    circuits = []
-    for circuit in assembly.circuits:
-        number, reading = add_circuit(mbs, circuit, [node], modes.T @ circuit.forces)
-        circuits.append(number)
-        readings[circuit.output].append(reading)
-    bodies = [body for body in scene.bodies if body.name in assembly.slices]
-    carriers = {body.name: Carrier(((node, n),), modes[assembly.slices[body.name]]) for body in bodies}
-    mbs.Assemble()
-    return System(container, mbs, assembly, {}, carriers, tuple(drives), readings, tuple(circuits))
 
 
 def add_forces(mbs: Any, nodes: Sequence[int], size: int) -> int:
@@ -210,12 +184,17 @@ def add_forces(mbs: Any, nodes: Sequence[int], size: int) -> int:
     )
 
 
-def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array) -> tuple[int, Term]:
+def add_circuit(
+    mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array, *, driven: int = 0
+) -> tuple[int, Term]:
     """Add a port's charge as a coordinate w = v / scale; returns its object and the sensor of its output.
 
-    forces: on the nodes' coordinates per volt of v. Symmetric rows: c v + R c^2 v' = forces @ q. The scale makes them
-    as large as those of the body's forces, else the tolerance of Newton's iterations passes over them. The mass is for
-    the accelerations at the start, where w'' = 0; `find_accelerations` takes it away.
+    forces: on the nodes' coordinates per volt of v; driven: how many of these, the last, are motions of drives, which
+    no force moves
+
+    Symmetric rows: c v + R c^2 v' = forces @ q. The scale makes them as large as those of the body's forces, else the
+    tolerance of Newton's iterations passes over them. The mass is for the accelerations at the start, where w'' = 0;
+    `find_accelerations` takes it away.
     """
     n, c = len(forces), circuit.capacitance
     scale = float(np.linalg.norm(forces)) / c or 1.0
@@ -223,6 +202,7 @@ def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array)
     mass, stiffness, damping = np.zeros((3, n + 1, n + 1))
     mass[n, n] = 1.0
     stiffness[:n, n] = stiffness[n, :n] = -scale * forces
+    stiffness[n - driven : n, n] = 0.0
     stiffness[n, n], damping[n, n] = scale**2 * c, scale**2 * circuit.resistance * c**2
     number = mbs.AddObject(
         eii.ObjectGenericODE2(
@@ -238,34 +218,28 @@ def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array)
 
 
 def find_accelerations(system: System, settings: Any) -> None:
-    """Set the accelerations at the start, while charges have the mass that Exudyn needs for that, and take it away.
+    """Set the accelerations at the start, while charges and drives have the mass that Exudyn needs for that; remove it.
 
     Without them an input that does not start at zero would lose half a step.
     """
-    if not system.circuits:
+    if not system.massless:
         return
     mbs = system.mbs
     solver: Any = exu.MainSolverImplicitSecondOrder()
     solver.InitializeSolver(mbs, settings)
     accelerations = mbs.systemData.GetODE2Coordinates_tt(exu.ConfigurationType.Current)
     mbs.systemData.SetODE2Coordinates_tt(accelerations, exu.ConfigurationType.Initial)
-    for number in system.circuits:
+    for number in system.massless:
         mbs.SetObjectParameter(number, "massMatrix", np.zeros((0, 0)))
     settings.timeIntegration.generalizedAlpha.computeInitialAccelerations = False
 
 
-def _sparse(matrix: Array) -> Any:
-    result = exu.MatrixContainer()
-    rows, columns = np.nonzero(matrix)
-    result.SetWithSparseMatrix(
-        np.column_stack([rows, columns, matrix[rows, columns]]), *matrix.shape, useDenseMatrix=False
-    )
-    return result
-
-
-def modal_node(n: int) -> Any:
-    """A node of n coordinates at rest."""
+def modal_node(n: int, speeds: Sequence[float] | None = None) -> Any:
+    """A node of n coordinates, at rest or with speeds at the start."""
     zero = [0.0] * n
     return eii.NodeGenericODE2(
-        numberOfODE2Coordinates=n, referenceCoordinates=zero, initialCoordinates=zero, initialCoordinates_t=zero
+        numberOfODE2Coordinates=n,
+        referenceCoordinates=zero,
+        initialCoordinates=zero,
+        initialCoordinates_t=zero if speeds is None else list(speeds),
     )

@@ -16,9 +16,22 @@ from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.bodies.floating_frame import FloatingFrame
 from nassim.scene.bodies import FlexibleBody, RigidBody
-from nassim.scene.part import Constraint, Field, Follow, Force, Leak, Reading, SixSprings, Spring, Word, unknown_word
+from nassim.scene.part import (
+    Constraint,
+    Field,
+    Filter,
+    Follow,
+    Force,
+    Leak,
+    Reading,
+    SixSprings,
+    Spring,
+    Tension,
+    Word,
+    unknown_word,
+)
 from nassim.scene.scene import Scene
-from nassim.simulation.compensation import compensated
+from nassim.simulation.compensation import Steps, compensated
 from nassim.simulation.exudyn.items import (
     Grip,
     Items,
@@ -29,9 +42,11 @@ from nassim.simulation.exudyn.items import (
     frame_at,
     offset_of,
 )
-from nassim.simulation.exudyn.readings import add_reading
+from nassim.simulation.exudyn.modal import small_motion_system
+from nassim.simulation.exudyn.readings import add_axes, add_reading
 from nassim.simulation.exudyn.springs import add_six_springs, add_spring, reaches
-from nassim.simulation.exudyn.state import Carrier, Push, System, Term, add_circuit, modal_node, small_motion_system
+from nassim.simulation.exudyn.state import Carrier, Push, System, Term, add_circuit, modal_node
+from nassim.simulation.exudyn.tensions import add_tension
 from nassim.simulation.small_motion import Assembly
 from nassim.simulation.starting_motion import check_implied, starting_twists
 
@@ -43,41 +58,53 @@ Added = tuple[int, Carrier, int, dict[Place, Grip], dict[Place, tuple[int, list[
 """Rigid node of a body, its carrier, its object, grips and pilots."""
 
 
-def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, *, compensate: float = 0.0) -> System:
+def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, steps: Steps | None = None) -> System:
     """Build the Exudyn system of an assembled scene, with all inputs at zero.
 
-    compensate: time step of the trapezoidal rule [s] whose error in periods is made up for; 0: of none
     rates: at the start, of inputs that drives follow, see `starting_twists`
+    steps: whose error in periods is made up for; None: of none
 
     Raises ValueError for joints and angular velocities that do not go together: `nassim.simulation.starting_motion`.
     """
     if assembly.scene.in_small_motion and len(assembly.mass):
-        return small_motion_system(assembly, compensate)
+        return small_motion_system(assembly, rates or {}, steps)
     size = len(assembly.damping.root)
-    assembly, added = compensated(assembly, compensate) if compensate else (assembly, np.zeros((size, size)))
+    assembly, added = compensated(assembly, steps) if steps else (assembly, np.zeros((size, size)))
     check_implied(assembly.scene, assembly.enforced)
     container = exu.SystemContainer()
     mbs = container.AddSystem()
     items = _add_bodies(mbs, assembly, rates, added)
     drives: list[Push] = []
-    readings: dict[str, list[Term]] = {}
+    readings: dict[str, list[Term]] = {output: [] for output in assembly.scene.outputs}
+    turning: dict[str, list[tuple[int, Array]]] = {output: [] for output in assembly.scene.outputs}
     for word in assembly.words:
         if isinstance(word, Reading):
-            readings[word.output] = add_reading(items, word)
+            readings[word.output] += add_reading(items, word)
+            turning[word.output] += add_axes(items, word)
+        elif isinstance(word, Tension):
+            readings[word.output] += add_tension(items, word)
         else:
             drives += _realise(items, word, assembly)
-    circuits = []
+    massless = []
     for circuit in assembly.circuits:
         forces = {name: circuit.forces[assembly.slices[name]] for name in items.carriers}
         parts = [part for name, carrier in items.carriers.items() for part in carrier.parts(forces[name])]
         if parts:
             row = np.concatenate([piece for _, piece in parts])
             number, reading = add_circuit(mbs, circuit, [node for node, _ in parts], row)
-            circuits.append(number)
+            massless.append(number)
             readings[circuit.output].append(reading)
     mbs.Assemble()
     return System(
-        container, mbs, assembly, dict(items.nodes), dict(items.carriers), tuple(drives), readings, tuple(circuits)
+        container,
+        mbs,
+        assembly,
+        dict(items.nodes),
+        dict(items.carriers),
+        tuple(drives),
+        readings,
+        tuple(massless),
+        turning=turning,
     )
 
 
@@ -96,8 +123,8 @@ def _realise(items: Items, word: Word, assembly: Assembly) -> list[Push]:
             return add_force(items, word)
         case Field():
             return add_field(items, word)
-        case Leak() | Follow():
-            pass  # circuits of the assembly, and what constraints follow
+        case Leak() | Follow() | Filter():
+            pass  # circuits of the assembly, what constraints follow, and filters of the assembly
         case _:
             raise unknown_word(word, "Exudyn's system of large motion")
     return []

@@ -1,0 +1,241 @@
+"""The nano-hexapod: six struts between two plates, a payload on top, a fixed base or a spindle below.
+
+`make_nano_hexapod` puts any six struts of `models.strut` on the geometry of a `StewartPlatform`. Frames: F, the
+world's, on the base's outer face; M on the top plate's upper face, where the payload stands; B, the point of
+interest, `platform.point` above M.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import netgen.occ as occ
+import numpy as np
+from numpy.typing import ArrayLike
+
+from models.apa300ml import STEEL
+from models.hexapods import NANO_HEXAPOD
+from models.strut import WEIGHTLESS, fe_strut
+from nassim import (
+    Drive,
+    FlexibleBody,
+    PointForce,
+    PointTorque,
+    Pose,
+    ReducedBody,
+    RemotePoint,
+    RigidBody,
+    Scene,
+    Solid,
+    build_fe_model,
+    craig_bampton,
+    fixed,
+    joined,
+    placed,
+    revolute,
+)
+from nassim.base import cached, code_fingerprint, fingerprint
+from nassim.base.checks import finite, not_negative
+from nassim.fem import glue, shape_bytes, solver_name
+from nassim.kinematics import StewartPlatform, strut_frames, strut_lengths
+
+BASE_MASS, TOP_MASS = 3.87, 5.19
+"""Of the plates [kg], if of steel: from the volumes of public CAD."""
+PLATE_RADIUS = 0.15
+"""Of both [m], assumed; the joints lie on 110 and 114 mm."""
+PLATE_HEIGHT = 9.4e-3
+"""Of the top one [m], which with this radius has its mass."""
+PAYLOAD_RADIUS = 0.1
+"""Of the usual payload, a steel cylinder [m], assumed."""
+PAD_RADIUS, CENTRE_RADIUS = 12e-3, 30e-3
+"""Of the patches where struts and payload hold a meshed plate [m], assumed."""
+SAME = 1e-9
+"""Difference of two lengths [m] that are one."""
+GRAVITY = (0.0, 0.0, -9.81)
+
+
+def make_nano_hexapod(
+    struts: Scene | Sequence[Scene] | None = None,
+    *,
+    platform: StewartPlatform = NANO_HEXAPOD,
+    plate: RigidBody | FlexibleBody | None = None,
+    payload_mass: float = 1.0,
+    payload_centre: ArrayLike | None = None,
+    payload_inertia: ArrayLike | None = None,
+    spindle_rpm: float = 0.0,
+    damping_ratio: float | None = None,
+    cutoff_frequency: float | None = None,
+    gravity: bool = False,
+) -> Scene:
+    """The hexapod as a scene: struts "strut_1" to "strut_6", the bodies "base", "plate" and "payload".
+
+    struts: one for all six, or six (default: `fe_strut`), as long as the platform's
+    platform: geometry and point of interest
+    plate: the top one, from `rigid_plate` or `flexible_plate` (default: rigid, of steel)
+    payload_mass: [kg], 1 to 50 for the real machine, 0 for none; payload_centre: of it, from M [m]; payload_inertia:
+        about that, (3, 3) [kg m2] (default: a steel cylinder of `PAYLOAD_RADIUS` that stands on M)
+    spindle_rpm: speed of the base about z [1/min]; 0 for a fixed base, without a spindle
+    damping_ratio: see `Scene` (default: the struts'); cutoff_frequency: see `Scene`; gravity: let weights act
+
+    Inputs: those of the struts, as "strut_1/actuator_voltage", and forces and torques on the payload at B,
+    "payload_force_x" [N] ... "payload_torque_z" [N m], along axes that turn with it. Outputs: "strut_1/sensor_voltage",
+    "strut_1/encoder" ..., and the pose of B against the base, "pose.ux" ... "pose.rz".
+    Raises ValueError for struts that are not six or not as long as the platform wants them, and for a cutoff_frequency
+    beside bodies with damping ratios by mode, as `with_own_damping` makes them: trimmed, they have other modes.
+    """
+    top = rigid_plate(platform) if plate is None else plate
+    legs = _placed_struts(fe_strut() if struts is None else struts, platform)
+    if cutoff_frequency is not None:
+        _refuse_ratios_by_mode(body for leg in legs for body in leg.flexible_bodies)
+    ground, spindle, drive = _spindle(finite("spindle_rpm", spindle_rpm))
+    feet = [fixed(f"foot_{k}", f"base.joint_{k}", f"strut_{k}/bottom.end") for k in range(1, 7)]
+    heads = [fixed(f"head_{k}", f"strut_{k}/top.end", f"{top.name}.joint_{k}") for k in range(1, 7)]
+    payload = _payload(platform, payload_mass, payload_centre, payload_inertia)
+    return joined(
+        "nano-hexapod",
+        *legs,
+        bodies=(*ground, _base(platform, turns=bool(ground)), top, payload),
+        joints=(*spindle, *feet, *heads, fixed("payload", f"{top.name}.centre", "payload.foot")),
+        actuators=(*drive, *_wrench("payload.target")),
+        sensors=(Pose("pose", "base.centre", "payload.target"),),
+        damping_ratio=damping_ratio,
+        gravity=GRAVITY if gravity else np.zeros(3),
+        cutoff_frequency=cutoff_frequency,
+    )
+
+
+def rigid_plate(
+    platform: StewartPlatform = NANO_HEXAPOD,
+    *,
+    mass: float = TOP_MASS,
+    radius: float = PLATE_RADIUS,
+    height: float = PLATE_HEIGHT,
+) -> RigidBody:
+    """A top plate that is a rigid disc below M [kg], [m]. The published model's: 1 kg, 100 mm, 10 mm."""
+    centre = np.array([0, 0, platform.height - height / 2])
+    points = _joints(platform.platform_joints + np.array([0, 0, platform.height]) - centre)
+    points["centre"] = np.array([0, 0, height / 2])
+    return RigidBody("plate", points, mass, _disc(mass, radius, height), centre)
+
+
+def flexible_plate(
+    platform: StewartPlatform = NANO_HEXAPOD,
+    *,
+    fidelity: str = "linear",
+    height: float = PLATE_HEIGHT,
+    radius: float = PLATE_RADIUS,
+    element_size: float = 20e-3,
+    order: int = 2,
+    n_modes: int = 6,
+    progress: bool = True,
+) -> FlexibleBody:
+    """A steel disc below M, meshed and reduced to the six joints' centres and M; cached.
+
+    fidelity: see `FlexibleBody`; height, radius: of the disc [m], by default as heavy as the real plate
+    element_size [m], order: of the finite elements; n_modes: fixed-interface modes
+    """
+    body = _reduced_plate(make_plate(platform, height=height, radius=radius), element_size, order, n_modes, progress)
+    return FlexibleBody("plate", body, np.array([0, 0, platform.height]), np.eye(3), fidelity, "centre")
+
+
+def make_plate(platform: StewartPlatform, *, height: float, radius: float) -> Solid:
+    """The disc as a solid, in M's axes, with remote points "joint_1" to "joint_6" and "centre".
+
+    Each joint's centre is held by a round patch of the lower face over it, M by one of the upper face.
+    """
+    joints = platform.platform_joints
+    down = occ.Vec(0, 0, -1)
+    pads = [occ.Cylinder(occ.Pnt(x, y, 0), down, PAD_RADIUS, height) for x, y, _ in joints]
+    centre = occ.Cylinder(occ.Pnt(0, 0, 0), down, CENTRE_RADIUS, height)
+    rest = occ.Cylinder(occ.Pnt(0, 0, 0), down, radius, height)
+    for k, pad in enumerate(pads, start=1):
+        rest = rest - pad
+        pad.faces.Min(occ.Z).name = f"joint_{k}"
+    centre.faces.Max(occ.Z).name = "centre"
+    pieces = [rest - centre, centre, *pads]
+    for piece in pieces:
+        piece.solids.name = "plate"
+    places = {f"joint_{k}": place for k, place in enumerate(joints, start=1)} | {"centre": np.zeros(3)}
+    points = tuple(RemotePoint(name, name, place) for name, place in places.items())
+    return Solid("plate", glue([solid for piece in pieces for solid in piece.solids]), {"plate": STEEL}, points)
+
+
+def _reduced_plate(solid: Solid, element_size: float, order: int, n_modes: int, progress: bool) -> ReducedBody:
+    figures = (element_size, order, n_modes)
+    key = fingerprint(
+        shape_bytes(solid.shape), solid.materials, solid.remote_points, figures, solver_name(), code_fingerprint()
+    )
+
+    def build() -> ReducedBody:
+        fe_model = build_fe_model(solid, element_size=element_size, order=order, progress=progress)
+        return craig_bampton(fe_model, n_modes=n_modes, progress=progress)
+
+    return cached("plate", key, build, progress=progress)
+
+
+def _placed_struts(struts: Scene | Sequence[Scene], platform: StewartPlatform) -> list[Scene]:
+    six = [struts] * 6 if isinstance(struts, Scene) else list(struts)
+    if len(six) != 6:
+        raise ValueError(f"a hexapod has six struts, got {len(six)}; give one scene for all, or six")
+    legs = []
+    places = zip(six, platform.base_joints, strut_frames(platform), strut_lengths(platform), strict=True)
+    for k, (strut, foot, axes, length) in enumerate(places, start=1):
+        ends = [strut.point_position(path) for path in ("bottom.end", "top.end")]
+        if np.abs(ends - np.array([[0, 0, 0], [0, 0, length]])).max() > SAME:
+            raise ValueError(
+                f"strut {k}: the platform wants its ends at (0, 0, 0) and (0, 0, {length:.9g}) m, got {ends[0]} and "
+                f"{ends[1]}; make it by a function of models.strut with length=strut_lengths(platform)[{k - 1}]"
+            )
+        legs.append(placed(strut, f"strut_{k}", position=foot, rotation=axes))
+    return legs
+
+
+def _refuse_ratios_by_mode(bodies: Iterable[FlexibleBody]) -> None:
+    for body in bodies:
+        if np.size(body.damping_ratio) > 1:
+            raise ValueError(
+                f"body {body.name!r} has damping ratios of each of its modes, and cutoff_frequency would leave it with "
+                "others: trim it before, by trim_body of nassim.bodies, and then give it its damping"
+            )
+
+
+def _joints(places: ArrayLike) -> dict[str, Any]:
+    return {f"joint_{k}": place for k, place in enumerate(np.asarray(places), start=1)}
+
+
+def _disc(mass: float, radius: float, height: float) -> np.ndarray:
+    across = mass * (radius**2 / 4 + height**2 / 12)
+    return np.diag([across, across, mass * radius**2 / 2])
+
+
+def _base(platform: StewartPlatform, *, turns: bool) -> RigidBody:
+    points = _joints(platform.base_joints) | {"centre": np.zeros(3)}
+    if not turns:
+        return RigidBody("base", points, fixed=True)
+    # Its centre of mass on the axis: where, no motion about that axis tells.
+    height = BASE_MASS / (STEEL.density * math.pi * PLATE_RADIUS**2)
+    return RigidBody("base", points, BASE_MASS, _disc(BASE_MASS, PLATE_RADIUS, height))
+
+
+def _spindle(rpm: float) -> tuple[tuple[RigidBody, ...], tuple[Any, ...], tuple[Drive, ...]]:
+    if not rpm:
+        return (), (), ()
+    ground = RigidBody("ground", {"spindle": np.zeros(3)}, fixed=True)
+    turning = Drive("spindle", "spindle", "rz", speed=2 * math.pi * rpm / 60)
+    return (ground,), (revolute("spindle", "ground.spindle", "base.centre"),), (turning,)
+
+
+def _payload(platform: StewartPlatform, mass: float, centre: ArrayLike | None, inertia: ArrayLike | None) -> RigidBody:
+    mass = not_negative("payload_mass", mass, "kg") or WEIGHTLESS
+    height = mass / (STEEL.density * math.pi * PAYLOAD_RADIUS**2)
+    at = np.array([0, 0, height / 2]) if centre is None else np.asarray(centre, dtype=float)
+    moments = _disc(mass, PAYLOAD_RADIUS, height) if inertia is None else np.asarray(inertia, dtype=float)
+    points = {"foot": -at, "target": platform.point - at}
+    return RigidBody("payload", points, mass, moments, at + np.array([0, 0, platform.height]))
+
+
+def _wrench(point: str) -> tuple[PointForce | PointTorque, ...]:
+    kinds = ((PointForce, "payload_force"), (PointTorque, "payload_torque"))
+    return tuple(
+        kind(f"{name}_{axis}", point, axis, f"{name}_{axis}", frame=point) for kind, name in kinds for axis in "xyz"
+    )

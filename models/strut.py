@@ -1,0 +1,389 @@
+"""Struts of a hexapod, each a scene of its own that `placed` puts anywhere: flexible joint, actuator, flexible joint.
+
+A strut stands on the origin, its own z axis up, with the actuator's bottom towards the base. Every strut has the
+bodies "bottom" and "top" with a point "end" each, the centres of its joints, which plates hold rigidly, and the
+output "encoder": how much farther apart these two are [m].
+
+    fe_strut        our finite element APA300ML, linear or in a floating frame
+    two_mass_strut  the same as three springs: a quick model, stiff but along the strut
+    imported_strut  anybody's reduced body of a whole strut, or of an actuator
+    spring_strut    a spring between ideal joints, for closed forms and published cases
+
+Actuators are driven by "actuator_voltage" (DAC) [V] and read by "sensor_voltage" [V], positive in compression; beside
+a spring stands "actuator_force" [N], and "sensor_force" [N] is positive in tension. Figures of the joints: a reduced
+flexible joint of T. Dehaeze's group (MIT licence), or "assumed".
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from models.apa300ml import PORTS, STACK, reduced_apa300ml
+from models.bench import AMPLIFIER_GAIN, electrical_ports, force_pair, sensor_span_constant
+from models.hexapods import NANO_HEXAPOD
+from models.two_mass import APA300ML, TwoMassActuator
+from nassim import (
+    Bushing,
+    Encoder,
+    FlexibleBody,
+    ForceSensor,
+    Joint,
+    LinearActuator,
+    LinearModel,
+    ReducedBody,
+    RigidBody,
+    Scene,
+    SpringDamper,
+    StackActuator,
+    StackSensor,
+    fixed,
+    prismatic,
+    register,
+    spherical,
+    universal,
+)
+from nassim.base.checks import Array, known, positive
+from nassim.base.rigid_motion import axes_along
+from nassim.kinematics import strut_lengths
+from nassim.scene import Actuator, Force, Line, Path, Reading, Sensor, Signal
+
+LENGTH = float(strut_lengths(NANO_HEXAPOD)[0])
+"""Between the joints' centres in the nano-hexapod [m]: 82.485 mm, of which the actuator takes 30 mm."""
+JOINT_STIFFNESS = (12.71e6, 12.71e6, 93.96e6, 4.83, 4.83, 260.2)
+"""Of one flexible joint, its z along the strut: shear, shear, axial [N/m], bending, bending, torsion [N m/rad]."""
+JOINT_MASS = 29.2e-3
+"""Of one flexible joint [kg], half of it on either side, assumed in its centre."""
+JOINT_SIDE = 12e-3
+"""Of a steel cube of half that mass [m], assumed for the inertia of the halves."""
+WEIGHTLESS = 1e-9
+"""Mass of ends that have none [kg], because a body needs one."""
+APA_HEIGHT = 30e-3
+APA_SIZE = np.array([78.79e-3, 20e-3, APA_HEIGHT])
+HALF_LENGTH, HALF_RADIUS = 50e-3, 5e-3
+"""Of the two cylinders that the published spring strut with masses consists of [m]."""
+SWINGING = 0.9
+"""Largest damping ratio of a body's own modes: beyond, none swings."""
+REACH = 1e-6
+"""How far from a remote point a position may be that names it [m]."""
+
+
+@register
+@dataclass(frozen=True)
+class LineDrive(Actuator):
+    """A voltage that pushes two points apart along the line between them: gain newtons a volt.
+
+    a, b: "body.point"; input: name of the scene's input [V]; gain: [N/V]
+    """
+
+    name: str
+    a: Path
+    b: Path
+    input: Signal
+    gain: float
+    factor = "gain"
+
+    def says(self, scene: Scene) -> tuple[Force]:
+        """The input lengthens the line."""
+        return (Force(self.input, "V", Line(self.a, self.b), self.gain),)
+
+
+@register
+@dataclass(frozen=True)
+class LineSensor(Sensor):
+    """A voltage that tells how much farther apart two points are than at the start: gain volts a metre.
+
+    name: of the scene's output [V]; a, b: "body.point"; gain: [V/m]
+    """
+
+    name: str
+    a: Path
+    b: Path
+    gain: float
+    factor = "gain"
+
+    def says(self, scene: Scene) -> tuple[Reading]:
+        """It reads the line's length."""
+        return (Reading(self.name, "V", Line(self.a, self.b), self.gain),)
+
+
+def fe_strut(
+    fidelity: str = "linear",
+    *,
+    apa: ReducedBody | None = None,
+    length: float = LENGTH,
+    joint_stiffness: ArrayLike = JOINT_STIFFNESS,
+    damping_ratio: float = 0.01,
+) -> Scene:
+    """Flexible joints and the finite element actuator, its stacks wired as on the paper's bench.
+
+    fidelity: of the actuator, see `FlexibleBody`
+    apa: a reduced APA300ML (default: `reduced_apa300ml` with `PORTS`, cached); one without ports is driven by a pair of
+        forces, see `make_bench`
+    length: between the joints' centres [m]; joint_stiffness: six figures, as `JOINT_STIFFNESS`
+    damping_ratio: of the strut's modes where it is a scene alone, see `Scene`
+    """
+    body = reduced_apa300ml(ports=PORTS) if apa is None else apa
+    middle = (body.point("bottom").position + body.point("top").position) / 2
+    actuator = FlexibleBody("apa", body, np.array([0, 0, length / 2]) - middle, np.eye(3), fidelity, "bottom")
+    drive, sensor = electrical_ports() if body.ports else force_pair()
+    core = Scene("strut", (actuator,), (), (drive,), (sensor,), damping_ratio=damping_ratio)
+    return _with_ends(core, "apa.bottom", "apa.top", length, joint_stiffness)
+
+
+def imported_strut(
+    body: ReducedBody,
+    *,
+    bottom: str | ArrayLike | None = None,
+    top: str | ArrayLike | None = None,
+    fidelity: str = "linear",
+    length: float | None = None,
+    joint_stiffness: ArrayLike | None = None,
+    stacks: tuple[str, str] | None = None,
+    sensor: tuple[str, str] | None = None,
+    damping_ratio: float = 0.01,
+) -> Scene:
+    """A strut that is a reduced body of any origin: of a whole strut or, with joint_stiffness, of an actuator.
+
+    bottom, top: its ends, remote points by their names or by their positions in the body's frame [m]; may be left out
+        for a body of two points, which then come in their order. The line between them becomes the strut's, the body
+        turned there the shortest way
+    length: between the joints' centres [m] (default: the body's own); the ends reach there rigidly, equally far
+    joint_stiffness: of flexible joints to be added, such as `JOINT_STIFFNESS` (default: the body has its own)
+    stacks: two remote points that the two actuator stacks of an APA300ML push apart; sensor: two between which its
+        third one measures (default: electrical ports "actuator" and "sensor" where the body has them, or else none)
+    fidelity, damping_ratio: see `fe_strut`
+
+    Raises ValueError for ends that are not found, are not told or lie in one place.
+    """
+    first, last = _ends_of(body, bottom, top)
+    low, high = body.point(first).position, body.point(last).position
+    turn = _upright(high - low, body.name)
+    whole = float(np.linalg.norm(high - low)) if length is None else length
+    place = np.array([0, 0, whole / 2]) - turn @ (low + high) / 2
+    strut = FlexibleBody("apa", body, place, turn, fidelity, first)
+    core = Scene("strut", (strut,), (), *_wiring(body, stacks, sensor), damping_ratio=damping_ratio)
+    return _with_ends(core, f"apa.{first}", f"apa.{last}", whole, joint_stiffness)
+
+
+def two_mass_strut(
+    actuator: TwoMassActuator = APA300ML,
+    *,
+    length: float = LENGTH,
+    joint_stiffness: ArrayLike = JOINT_STIFFNESS,
+    damping_ratio: float = 0.01,
+) -> Scene:
+    """Flexible joints and an actuator whose halves slide in each other, with the springs of `TwoMassActuator`.
+
+    Arguments as of `fe_strut`. The sensor is open, where on the bench a resistance lets its charge leak below 1 Hz.
+    """
+    low, high = length / 2 - APA_HEIGHT / 2, length / 2 + APA_HEIGHT / 2
+    # Each half a block of the actuator's outline, half as high; of the middle, which only slides, only its mass counts.
+    size = APA_SIZE * [1, 1, 0.5]
+    bodies = [
+        RigidBody(
+            name,
+            {"end": (0, 0, end - at), "slide": (0, 0, length / 2 - at)},
+            mass,
+            mass / 12 * np.diag(size @ size - size**2),
+            (0, 0, at),
+        )
+        for name, mass, end, at in (
+            ("lower", actuator.lower_mass, low, low + APA_HEIGHT / 4),
+            ("upper", actuator.upper_mass, high, high - APA_HEIGHT / 4),
+        )
+    ]
+    little = actuator.middle_mass * JOINT_SIDE**2 / 6 * np.eye(3)
+    bodies.append(RigidBody("middle", {"slide": np.zeros(3)}, actuator.middle_mass, little, (0, 0, length / 2)))
+    force_per_volt = AMPLIFIER_GAIN * actuator.force_per_volt
+    core = Scene(
+        "strut",
+        tuple(bodies),
+        (prismatic("guide", "lower.slide", "upper.slide"), prismatic("rail", "lower.slide", "middle.slide")),
+        (LineDrive("actuator_stacks", "middle.slide", "upper.end", "actuator_voltage", force_per_volt),),
+        (LineSensor("sensor_voltage", "lower.end", "middle.slide", actuator.voltage_per_elongation),),
+        (
+            SpringDamper("shell", "lower.end", "upper.end", "line", actuator.shell),
+            SpringDamper("sensor", "lower.end", "middle.slide", "line", actuator.sensor),
+            SpringDamper("drive", "middle.slide", "upper.end", "line", actuator.drive),
+        ),
+        damping_ratio=damping_ratio,
+    )
+    return _with_ends(core, "lower.end", "upper.end", length, joint_stiffness)
+
+
+def spring_strut(
+    stiffness: float,
+    *,
+    damping: float = 0.0,
+    parallel_stiffness: float = 0.0,
+    mass: float = 0.0,
+    length: float = LENGTH,
+) -> Scene:
+    """A spring, a damper and a force between ideal joints: universal at the bottom, spherical at the top.
+
+    stiffness [N/m], damping [N s/m]: of the spring and its damper, whose force the sensor reads
+    parallel_stiffness: of another spring beside [N/m]
+    mass: of two cylinders that slide in each other, half of it each [kg]; 0 for none
+    length: between the joints' centres [m]
+
+    "sensor_force" is what spring and damper pull with; see `sensors_in_line` for a sensor that feels the actuator too.
+    """
+    bodies, joints = (_end("bottom", 0.0), _end("top", length)), ()
+    if mass:
+        bodies, joints = (*bodies, *_halves(mass, length)), _ideal_joints()
+    ends = ("bottom.end", "top.end")
+    beside = (SpringDamper("beside", *ends, "line", parallel_stiffness),) if parallel_stiffness else ()
+    return Scene(
+        "strut",
+        bodies,
+        joints,
+        (LinearActuator("actuator", *ends, "actuator_force"),),
+        (ForceSensor("sensor_force", "spring"), Encoder("encoder", *ends, "line")),
+        (SpringDamper("spring", *ends, "line", stiffness, damping), *beside),
+        damping_ratio=0.0,
+    )
+
+
+def with_own_damping(strut: Scene, ratio: float = 0.01, *, frequency: float = 100.0) -> Scene:
+    """The strut with damping of its parts instead of its modes: Kelvin and Voigt's, in proportion to each stiffness.
+
+    A machine's mode at the frequency [Hz] has the ratio [-] then, others in proportion to theirs. It holds in every
+    fidelity and position; the damping of a scene's modes acts in floating frames through the deformation of bodies
+    alone, which is not what moves most where they stand on flexible joints. Bodies must be as they will be used: trim
+    them before, not by a cutoff_frequency of the machine.
+    """
+    time = positive("damping ratio", ratio) / (math.pi * positive("frequency", frequency, "Hz"))
+    bodies = [
+        replace(
+            body,
+            damping_ratio=np.minimum(
+                math.pi * time * body.reduced.eigenfrequencies(fixed=[strut.frame_point(body)]), SWINGING
+            ),
+        )
+        if isinstance(body, FlexibleBody)
+        else body
+        for body in strut.bodies
+    ]
+    springs = [replace(spring, damping=time * spring.stiffness) for spring in strut.springs]
+    return replace(strut, bodies=tuple(bodies), springs=tuple(springs), damping_ratio=0.0)
+
+
+def sensors_in_line(model: LinearModel) -> LinearModel:
+    """The linear model of spring struts whose sensors are in line with spring, damper and actuator.
+
+    Each "sensor_force" is then what spring and damper pull with, less the strut's "actuator_force".
+    """
+    direct = model.D.copy()
+    for row, output in enumerate(model.outputs):
+        if output.endswith("sensor_force"):
+            direct[row, model.inputs.index(output.removesuffix("sensor_force") + "actuator_force")] -= 1.0
+    return replace(model, D=direct)
+
+
+def _wiring(
+    body: ReducedBody, stacks: tuple[str, str] | None, sensor: tuple[str, str] | None
+) -> tuple[tuple[Actuator, ...], tuple[Sensor, ...]]:
+    """Actuators and sensors of an imported body "apa"."""
+    drives: tuple[Actuator, ...] = ()
+    sensors: tuple[Sensor, ...] = ()
+    if {"actuator", "sensor"} <= {port.name for port in body.ports}:
+        drive, measure = electrical_ports()
+        drives, sensors = (drive,), (measure,)
+    if stacks is not None:
+        a, b = (f"apa.{name}" for name in stacks)
+        drives = (StackActuator("actuator_stacks", a, b, STACK.force_per_volt, "actuator_voltage", AMPLIFIER_GAIN),)
+    if sensor is not None:
+        a, b = (f"apa.{name}" for name in sensor)
+        sensors = (StackSensor("sensor_voltage", a, b, sensor_span_constant()),)
+    return drives, sensors
+
+
+def _with_ends(core: Scene, bottom: str, top: str, length: float, joint_stiffness: ArrayLike | None) -> Scene:
+    """A strut of what lies between two points on its axis, flexible joints or rigid ends beyond them."""
+    bodies: list[RigidBody] = []
+    joints: list[Joint] = []
+    springs: list[Bushing] = []
+    for name, path, height in (("bottom", bottom, 0.0), ("top", top, length)):
+        reach = core.point_position(path) - [0, 0, height]
+        if joint_stiffness is None:
+            bodies.append(_end(name, height, {"actuator": reach}))
+            joints.append(fixed(f"{name}_mount", path, f"{name}.actuator"))
+            continue
+        inertia = JOINT_MASS / 2 * JOINT_SIDE**2 / 6 * np.eye(3)
+        for half, points in ((name, {"end": np.zeros(3)}), (f"{name}_flange", {"end": np.zeros(3), "actuator": reach})):
+            bodies.append(RigidBody(half, points, JOINT_MASS / 2, inertia, (0, 0, height)))
+        joints.append(fixed(f"{name}_mount", path, f"{name}_flange.actuator"))
+        ends = (f"{name}.end", f"{name}_flange.end")
+        springs.append(Bushing(f"{name}_joint", *(ends if name == "bottom" else ends[::-1]), joint_stiffness))
+    return replace(
+        core,
+        bodies=(*core.bodies, *bodies),
+        joints=(*core.joints, *joints),
+        springs=(*core.springs, *springs),
+        sensors=(*core.sensors, Encoder("encoder", "bottom.end", "top.end", "line")),
+    )
+
+
+def _end(name: str, height: float, points: dict[str, Array] | None = None) -> RigidBody:
+    inertia = WEIGHTLESS * JOINT_SIDE**2 / 6 * np.eye(3)
+    return RigidBody(name, {"end": np.zeros(3)} | (points or {}), WEIGHTLESS, inertia, (0, 0, height))
+
+
+def _halves(mass: float, length: float) -> tuple[RigidBody, RigidBody]:
+    half, to_middle = mass / 2, length / 2 - HALF_LENGTH / 2
+    across, about = half * (HALF_RADIUS**2 / 4 + HALF_LENGTH**2 / 12), half * HALF_RADIUS**2 / 2
+    inertia = np.diag([across, across, about])
+    lower = {"end": (0, 0, -HALF_LENGTH / 2), "slide": (0, 0, to_middle)}
+    upper = {"end": (0, 0, HALF_LENGTH / 2), "slide": (0, 0, -to_middle)}
+    return (
+        RigidBody("lower", lower, half, inertia, (0, 0, HALF_LENGTH / 2)),
+        RigidBody("upper", upper, half, inertia, (0, 0, length - HALF_LENGTH / 2)),
+    )
+
+
+def _ideal_joints() -> tuple[Joint, ...]:
+    return (
+        universal("bottom_joint", "bottom.end", "lower.end", "x", "y"),
+        prismatic("slide", "lower.slide", "upper.slide"),
+        spherical("top_joint", "upper.end", "top.end"),
+    )
+
+
+def _ends_of(body: ReducedBody, bottom: str | ArrayLike | None, top: str | ArrayLike | None) -> tuple[str, str]:
+    if bottom is None and top is None:
+        if len(body.point_names) != 2:
+            raise ValueError(
+                f"body {body.name!r} has {len(body.point_names)} remote points ({', '.join(body.point_names)}); say "
+                "which are its ends: bottom=..., top=..."
+            )
+        return body.point_names[0], body.point_names[1]
+    if bottom is None or top is None:
+        raise ValueError(f"body {body.name!r}: give both ends, bottom and top, or neither")
+    return _point_at(body, bottom), _point_at(body, top)
+
+
+def _point_at(body: ReducedBody, end: str | ArrayLike) -> str:
+    if isinstance(end, str):
+        return known(f"remote point of {body.name!r}", end, body.point_names)
+    apart = np.linalg.norm(body.positions - np.asarray(end, dtype=float), axis=1)
+    near = int(np.argmin(apart))
+    if apart[near] > REACH:
+        places = "; ".join(f"{p.name} {np.array2string(p.position, separator=', ')}" for p in body.remote_points)
+        raise ValueError(
+            f"body {body.name!r} has no remote point within {REACH:g} m of {end}; it has {places}; is that in metres?"
+        )
+    return body.point_names[near]
+
+
+def _upright(line: Array, name: str) -> Array:
+    """The least rotation that brings a line upright; about x if it points down."""
+    if np.linalg.norm(line) < REACH:
+        raise ValueError(f"body {name!r}: its ends lie in one place, so it is no strut but a joint")
+    z = line / np.linalg.norm(line)
+    if np.hypot(z[0], z[1]) < 1e-12:
+        return np.diag([1.0, np.sign(z[2]), np.sign(z[2])])
+    across = np.cross(z, [0, 0, 1.0])
+    before, after = axes_along(across, z), axes_along(across, (0, 0, 1))
+    return after @ before.T

@@ -1,0 +1,74 @@
+"""Strokes that a Stewart platform's struts need for a box of motions, and the box that strokes and joints allow.
+
+A box is six half widths: translations of B along F's axes [m], then rotations about them [rad], as rotation vector.
+"""
+
+import itertools
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+
+from nassim.base.checks import Array, above_zero, finite_array
+from nassim.kinematics.poses import inverse_kinematics, joint_angles
+from nassim.kinematics.stewart import StewartPlatform, strut_lengths
+
+_CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=6)))
+
+
+def strut_strokes(platform: StewartPlatform, box: ArrayLike) -> Array:
+    """Least and greatest change of each strut's length over the corners of a box of motions, shape (6, 2) [m].
+
+    box: half widths, shape (6,) [m, rad]; zeros are motions that are not made. The corners are where the changes are
+        extreme as long as these are nearly linear in the motions.
+    """
+    change = inverse_kinematics(platform, *_corners(_half_widths(box))) - strut_lengths(platform)
+    return np.column_stack([change.min(axis=0), change.max(axis=0)])
+
+
+def workspace(platform: StewartPlatform, box: ArrayLike, *, stroke: float, bending: float = math.inf) -> Array:
+    """The largest box of motions, of the proportions of `box`, that struts and joints allow; half widths (6,) [m, rad].
+
+    box: proportions: (1, 0, 0, 0, 0, 0) asks for the largest motion along x alone, several values for combined ones
+    stroke: change of length, either way, that a strut can make [m]; inf for any
+    bending: angle that a joint at either end of a strut can be bent by [rad]; default: any
+
+    Every smaller box of these proportions is allowed too. Raises ValueError when nothing limits the motions up to three
+    struts' lengths and 3 rad.
+    """
+    stroke, bending = above_zero("stroke", stroke, "m"), above_zero("bending", bending, "rad")
+    proportions = _half_widths(box)
+    rest = strut_lengths(platform)
+
+    def used(factor: float) -> float:
+        pose = _corners(factor * proportions)
+        bent = max(angle.max() for angle in joint_angles(platform, *pose))
+        return float(max(np.abs(inverse_kinematics(platform, *pose) - rest).max() / stroke, bent / bending))
+
+    whole = 1 / max(np.linalg.norm(proportions[:3]) / rest.mean(), np.linalg.norm(proportions[3:]))
+    # Steps of a twentieth of what nearly linear motions allow, not to step over the first crossing of a limit.
+    step = 0.05 * whole / max(1.0, 1e6 * used(1e-6 * whole))
+    inner = 0.0
+    while used(inner + step) <= 1:
+        inner += step
+        if inner > 3 * whole:
+            raise ValueError("nothing limits motions in these proportions; give a stroke or an angle of bending")
+    outer = inner + step
+    while outer - inner > 1e-13 * outer:
+        middle = (inner + outer) / 2
+        inner, outer = (middle, outer) if used(middle) <= 1 else (inner, middle)
+    return np.asarray(inner * proportions)
+
+
+def _half_widths(box: ArrayLike) -> Array:
+    half = finite_array("box", box, (6,))
+    if half.min() < 0 or not half.any():
+        raise ValueError(f"box must be six half widths of at least zero, not all zero, got {half}")
+    return half
+
+
+def _corners(half: Array) -> tuple[Array, Array]:
+    """The poses at the corners of a box, (64, 3) and (64, 3, 3)."""
+    motions = _CORNERS * half
+    return motions[:, :3], Rotation.from_rotvec(motions[:, 3:]).as_matrix()

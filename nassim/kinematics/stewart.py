@@ -1,0 +1,148 @@
+"""Stewart platforms: where their joints are.
+
+Frames: F at the base, z up; M at the top plate, above F by the height and, at rest, parallel to it; B, the point of
+interest, fixed to M. All arrays of struts have one row a strut. Source of the parametrisation and of the cubic
+configuration: the Stewart platform model of T. Dehaeze and others (MIT licence).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nassim.base.checks import Array, finite, finite_array, freeze, positive
+from nassim.base.rigid_motion import axes_along
+
+
+@dataclass(frozen=True, kw_only=True)
+class StewartPlatform:
+    """Six struts between a base and a platform.
+
+    base_joints: a, where the struts begin, from F, shape (6, 3) [m]
+    platform_joints: b, where they end, from M, shape (6, 3) [m]
+    height: of M above F at rest [m]
+    point: B from M, shape (3,) [m]; motions, forces and stiffness are those at B, so
+        `dataclasses.replace(platform, point=...)` asks for them at another point
+
+    Raises ValueError for a strut without length.
+    """
+
+    base_joints: Array
+    platform_joints: Array
+    height: float
+    point: Array = (0.0, 0.0, 0.0)  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        freeze(
+            self,
+            base_joints=finite_array("base_joints", self.base_joints, (6, 3)),
+            platform_joints=finite_array("platform_joints", self.platform_joints, (6, 3)),
+            height=positive("height", self.height, "m"),
+            point=finite_array("point", self.point, (3,)),
+        )
+        short = np.flatnonzero(strut_lengths(self) < 1e-9 * self.height)
+        if short.size:
+            raise ValueError(f"struts {', '.join(map(str, short))} (from 0) begin where they end; move their joints")
+
+    @classmethod
+    def from_angles(
+        cls,
+        *,
+        height: float,
+        base_radius: float,
+        base_angles: Sequence[float],
+        base_height: float,
+        platform_radius: float,
+        platform_angles: Sequence[float],
+        platform_depth: float,
+        point: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> "StewartPlatform":
+        """Joints on two circles about z.
+
+        base_radius, base_height: of the lower circle, the latter above F [m]
+        platform_radius, platform_depth: of the upper circle, the latter below M [m]
+        base_angles, platform_angles: six each, from x, in the struts' order [degrees]
+
+        Raises ValueError for radii that are not positive.
+        """
+        base = _circle("base", base_radius, base_angles, base_height)
+        top = _circle("platform", platform_radius, platform_angles, -platform_depth)
+        return cls(base_joints=base, platform_joints=top, height=height, point=np.asarray(point))
+
+    @classmethod
+    def cubic(
+        cls,
+        *,
+        height: float,
+        edge_height: float,
+        centre_height: float,
+        base_height: float,
+        platform_depth: float,
+        point: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> "StewartPlatform":
+        """Struts along the six middle edges of a cube that stands on its corner.
+
+        edge_height: height that these edges span [m] (the published model's Hc); the cube's edge is sqrt(3) as long
+        centre_height: of the cube's centre above F [m]
+        base_height, platform_depth: of the planes in which the joints lie, above F and below M [m]
+
+        Struts 0 and 1 begin near the x axis, 2 and 3 at 120, 4 and 5 at 240 degrees.
+
+        Raises ValueError for planes that do not cut the edges one above the other.
+        """
+        half = positive("edge_height", edge_height, "m") / 2
+        low, high = base_height - centre_height, height - platform_depth - centre_height
+        if not -half * (1 + 1e-9) <= low < high <= half * (1 + 1e-9):
+            raise ValueError(
+                f"the joints' planes lie {low:g} and {high:g} m above the cube's centre; its middle edges go from "
+                f"{-half:g} to {half:g} m, and the base's plane must be the lower one"
+            )
+        turn = np.deg2rad(np.repeat([0.0, 120.0, 240.0], 2))
+        bend = turn + np.deg2rad(np.tile([-60.0, 60.0], 3))
+        radius = edge_height * np.sqrt(2)
+        starts, ends = (np.column_stack([np.cos(a), np.sin(a)]) * radius for a in (turn, bend))
+
+        def cut(level: float) -> Array:
+            return starts + (ends - starts) * (level + half) / edge_height
+
+        return cls(
+            base_joints=np.column_stack([cut(low), np.full(6, base_height)]),
+            platform_joints=np.column_stack([cut(high), np.full(6, -platform_depth)]),
+            height=height,
+            point=np.asarray(point),
+        )
+
+
+def _circle(name: str, radius: float, angles: Sequence[float], level: float) -> Array:
+    turn = np.deg2rad(finite_array(f"{name}_angles", angles, (6,)))
+    ring = positive(f"{name}_radius", radius, "m") * np.column_stack([np.cos(turn), np.sin(turn)])
+    return np.column_stack([ring, np.full(6, finite(f"{name}'s level", level))])
+
+
+def strut_vectors(platform: StewartPlatform) -> Array:
+    """From a to b at rest, in F's axes, shape (6, 3) [m]."""
+    return platform.platform_joints + np.array([0, 0, platform.height]) - platform.base_joints
+
+
+def strut_lengths(platform: StewartPlatform) -> Array:
+    """Distance of the joints at rest, shape (6,) [m]."""
+    return np.asarray(np.linalg.norm(strut_vectors(platform), axis=1))
+
+
+def strut_directions(platform: StewartPlatform) -> Array:
+    """Unit vectors from a to b at rest, in F's axes, shape (6, 3)."""
+    return strut_vectors(platform) / strut_lengths(platform)[:, None]
+
+
+def strut_frames(platform: StewartPlatform) -> Array:
+    """Axes in which the struts lie at rest, as columns in F, shape (6, 3, 3): z along the strut, x = F's y cross z.
+
+    Place a strut that was made along z with these rotations at `platform.base_joints`. Raises ValueError for a strut
+    along F's y.
+    """
+    along = strut_directions(platform)
+    across = np.cross([0.0, 1.0, 0.0], along)
+    if np.linalg.norm(across, axis=1).min() < 1e-9:
+        raise ValueError("a strut lies along F's y axis, across which its own x axis is not defined; turn the platform")
+    return np.array([axes_along(z, x) for z, x in zip(along, across, strict=True)])

@@ -1,0 +1,51 @@
+"""Outputs of a running Exudyn system that pass filters, from step to step."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from nassim.base.checks import Array
+from nassim.scene.part import Field
+from nassim.simulation.exudyn.state import System
+from nassim.simulation.filters import start_filter
+
+
+class Filtering:
+    """Lets outputs pass their filters, at every time step once, and tells what passes, here and to the system.
+
+    Filters start as if they had always read what they read first; but a scene at rest did not accelerate before.
+    """
+
+    def __init__(self, system: System, samples: Mapping[str, Sequence[float]], n_steps: int, time_step: float) -> None:
+        scene = system.assembly.scene
+        self.system, self.samples, self.time_step = system, [samples[name] for name in scene.inputs], time_step
+        self.steps: dict[str, Callable[[float], float]] = {}
+        self.at_rest = not scene.speeds and not any(np.any(body.angular_velocity) for body in scene.bodies)
+        self.falls = np.zeros((3, len(scene.inputs)))
+        for field in scene.said(Field):
+            self.falls[:, scene.inputs.index(field.input)] += field.direction
+        self.now = 0
+        for output in system.assembly.filters:
+            system.filtered[output] = np.zeros(n_steps + 1)
+
+    def step(self, n: int, added: Array) -> None:
+        """At time step n; added: by loops to the inputs, (inputs,)."""
+        system, self.now = self.system, n
+        for output, passed in system.filtered.items():
+            k, value = system.assembly.scene.outputs.index(output), system.measured(output)
+            share = system.assembly.ground_matrix[k]
+            for sensor, weights in system.turning.get(output, ()):
+                axes = np.reshape(system.mbs.GetSensorValues(sensor), (3, 3))
+                share = share - (axes @ weights - weights) @ self.falls
+            value += float(sum(share[j] * (self.samples[j][n] + added[j]) for j in np.flatnonzero(share)))
+            if not n:
+                calm = self.at_rest and np.any(system.assembly.acceleration_matrix[k])
+                filtering = system.assembly.filters[output]
+                self.steps[output] = start_filter(filtering, self.time_step, 0.0 if calm else value)
+            passed[n] = self.steps[output](value)
+
+    def measure(self) -> Array:
+        """Present outputs, (outputs,)."""
+        passed = self.system.filtered
+        names = self.system.readings
+        return np.array([passed[name][self.now] if name in passed else self.system.measured(name) for name in names])

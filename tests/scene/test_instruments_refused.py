@@ -1,0 +1,118 @@
+"""Sensors that have no meaning are refused when they are made, or when their scene is."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from nassim import (
+    Accelerometer,
+    Bushing,
+    Encoder,
+    ForceSensor,
+    Geophone,
+    RigidBody,
+    Scene,
+    SpringDamper,
+    Vibrometer,
+)
+from nassim.scene.part import Filter, ForceElement, Reading, Row, Sensor, Spring
+
+UP = Row.of_point("body.o", np.array([0, 0, 1.0]))
+
+
+@dataclass(frozen=True)
+class Says(Sensor, ForceElement):
+    """A part that says given words."""
+
+    words: tuple = ()
+
+    def says(self, scene):
+        return self.words
+
+
+def scene(*sensors, springs=()):
+    points = {"o": (0, 0, 0), "away": (0.1, 0, 0)}
+    bodies = RigidBody("base", points, fixed=True), RigidBody("body", points, 1.0, 0.01 * np.eye(3))
+    return Scene("s", bodies, sensors=sensors, springs=springs)
+
+
+SPRING = SpringDamper("spring", "base.o", "body.o", "z", 1e3)
+
+
+@pytest.mark.parametrize(
+    ("kind", "options", "message"),
+    [
+        (Geophone, {"corner_frequency": 0.0}, "geophone 'p': corner_frequency"),
+        (Geophone, {"corner_frequency": -4.5}, "geophone 'p': corner_frequency"),
+        (Geophone, {"corner_frequency": np.inf}, "geophone 'p': corner_frequency"),
+        (Geophone, {"damping_ratio": 0.0}, "geophone 'p': damping_ratio"),
+        (Geophone, {"sensitivity": 0.0}, "a sensitivity of 0 shows nothing"),
+        (Geophone, {"sensitivity": np.nan}, "sensitivity"),
+        (Accelerometer, {"resonance": 0.0}, "accelerometer 'p': resonance"),
+        (Accelerometer, {"resonance": 9.0, "damping_ratio": -0.1}, "accelerometer 'p': damping_ratio"),
+        (Accelerometer, {"corner_frequency": -1.0}, "accelerometer 'p': corner_frequency"),
+        (Accelerometer, {"sensitivity": 0.0}, "a sensitivity of 0"),
+        *((kind, {"axis": (0, 0, 0)}, "must have a length") for kind in (Geophone, Accelerometer, Vibrometer)),
+        *((kind, {"axis": "line"}, "unknown axis") for kind in (Geophone, Accelerometer, Vibrometer)),
+    ],
+)
+def test_figures_of_sensors(kind, options, message):
+    with pytest.raises(ValueError, match=message):
+        kind("p", "body.o", **options)
+
+
+@pytest.mark.parametrize("kind", [Geophone, Accelerometer, Vibrometer])
+def test_points_of_sensors(kind):
+    for point, frame, message in (
+        ("base.o", "", "belong to fixed bodies"),
+        ("body.nowhere", "", "unknown point"),
+        ("body.o", "body.nowhere", "unknown point"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            scene(kind("p", point, frame=frame))
+
+
+def test_springs_of_force_sensors():
+    with pytest.raises(ValueError, match=r"unknown spring of force sensor 'p' 'sprnig'.*spring"):
+        scene(ForceSensor("p", "sprnig"), springs=(SPRING,))
+    for words in ((), (Spring(UP, 1.0), Spring(UP, 2.0)), (Reading("r", "m", UP),)):
+        with pytest.raises(ValueError, match="has no one force to read"):
+            scene(ForceSensor("p", "odd"), springs=(SPRING, Says("odd", words)))
+
+
+def test_names_that_collide():
+    bushing = Bushing("bushing", "base.o", "body.o", np.ones(6))
+    assert scene(ForceSensor("p", "bushing"), springs=(bushing,)).outputs[3] == "p.mx"
+    for other in (Encoder("p.mx", "base.o", "body.o"), Says("p", (Reading("p.mx", "N m", UP),))):
+        with pytest.raises(ValueError, match="must differ"):
+            scene(ForceSensor("p", "bushing"), other, springs=(bushing,))
+    with pytest.raises(ValueError, match=r"must differ; used more than once: same"):
+        scene(Says("a", (Reading("same", "m", UP),)), Says("b", (Reading("same", "m", UP),)))
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ((Reading("r", "m", UP), Reading("r", "m/s", UP, derivative=1)), "output 'r' cannot be both m/?s? and m"),
+        ((Reading("r", "m", UP, inertial=True),), "accelerations are read only"),
+        ((Reading("r", "m", UP), Filter("t", "low", 1.0)), "unknown filtered output 't'"),
+        ((Reading("r", "m", UP), Filter("r", "lwo", 1.0)), "unknown filter of output 'r' 'lwo'"),
+        ((Reading("r", "m", UP), Filter("r", "band", 1.0)), "a band-pass is of second order"),
+        ((Reading("r", "m", UP), Filter("r", "low", 0.0)), "filter of output 'r': frequency"),
+        ((Reading("r", "m", UP), Filter("r", "low", 1.0, 0.0)), "filter of output 'r': damping_ratio"),
+        (
+            (Reading("r", "m", UP), Reading("r", "m", UP, derivative=1), Filter("r", "low", 1.0)),
+            "readings of several derivatives and passes a filter",
+        ),
+    ],
+)
+def test_words_that_do_not_go_together(words, message):
+    with pytest.raises(ValueError, match=message):
+        scene(Says("p", words))
+
+
+def test_two_readings_of_one_part_are_one_output():
+    both = Reading("r", "m", UP), Reading("r", "m", replace(UP, frame="body.o"), 2.0)
+    assert scene(Says("p", both)).outputs == ("r",)
+    assert scene(Says("p", both)).output_units == ("m",)

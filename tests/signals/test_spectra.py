@@ -1,0 +1,93 @@
+"""Spectra of noise against their definitions and recorded noise, and bad input."""
+
+import numpy as np
+import pytest
+import scipy.signal
+
+from nassim.signals.spectra import (
+    TabulatedSpectrum,
+    amplifier_noise,
+    differentiated,
+    quantisation_noise,
+    spectrum_values,
+)
+
+FREQUENCY = np.array([0.5, 3.0, 40.0, 900.0])
+
+
+def test_amplifier_noise_rises_below_its_corner():
+    spectrum = amplifier_noise(2e-9, corner_frequency=40.0)
+    assert spectrum(FREQUENCY) == pytest.approx(4e-18 * np.array([81.0, 43 / 3, 2.0, 940 / 900]), rel=1e-12, abs=0)
+    assert amplifier_noise(3.0)(np.array([0.0, 7.0])) == pytest.approx([9.0, 9.0])
+
+
+@pytest.mark.parametrize("step", [0.01, 0.3])
+def test_quantisation_noise_is_what_rounding_does(step):
+    rate = 800.0
+    signal = 40 * step * np.random.default_rng(5).normal(size=200_000)
+    error = step * np.round(signal / step) - signal
+    frequency, density = scipy.signal.welch(error, fs=rate, nperseg=512)
+    inside = slice(5, -5)
+    spectrum = quantisation_noise(step, sample_rate=rate)
+    assert spectrum(frequency)[inside].mean() == pytest.approx(density[inside].mean(), rel=0.02)
+    assert np.var(error) == pytest.approx(spectrum(np.array([1.0]))[0] * rate / 2, rel=0.02)
+    assert spectrum(np.array([399.0, 400.0, 400.1, 1e5])) == pytest.approx(
+        step**2 / 12 / 400.0 * np.array([1, 1, 0, 0])
+    )
+
+
+def test_tables_follow_power_laws_and_pass_through_zeros():
+    table = TabulatedSpectrum([1.0, 10.0, 100.0, 200.0, 300.0], [1e-6, 1e-10, 1e-10, 0.0, 2e-10])
+    found = table(np.array([1.0, 2.0, 10.0, 50.0, 150.0, 200.0, 250.0, 300.0]))
+    assert found == pytest.approx([1e-6, 1e-6 / 16, 1e-10, 1e-10, 5e-11, 0.0, 1e-10, 2e-10], rel=1e-9, abs=0)
+    from_zero = TabulatedSpectrum([0.0, 2.0], [3.0, 5.0])
+    assert from_zero(np.array([0.0, 1.0, 2.0])) == pytest.approx([3.0, 4.0, 5.0])
+    with pytest.raises(ValueError, match=r"from 1 to 300 Hz, but is asked for 0\.5 to 900 Hz; extend"):
+        table(FREQUENCY)
+
+
+def test_rates_of_signals():
+    omega = 2 * np.pi * FREQUENCY
+    assert differentiated(lambda f: f**-4.0, 2)(FREQUENCY) == pytest.approx(np.full(4, (2 * np.pi) ** 4))
+    assert differentiated(amplifier_noise(3.0))(FREQUENCY) == pytest.approx(9 * omega**2)
+    back = differentiated(differentiated(amplifier_noise(3.0), -1), 1)
+    assert back(FREQUENCY) == pytest.approx([9.0] * 4)
+
+
+def test_values_of_every_kind():
+    between = np.array([0.5, 1.0, 30.0])
+    assert spectrum_values("u", 4.0, FREQUENCY, between) == pytest.approx([4.0] * 3)
+    assert spectrum_values("u", FREQUENCY**-2, FREQUENCY, between) == pytest.approx(between**-2)
+    assert spectrum_values("u", np.sqrt, FREQUENCY, between) == pytest.approx(np.sqrt(between))
+
+
+BAD = {
+    "negative number": (lambda: spectrum_values("u", -1.0, FREQUENCY, FREQUENCY), "'u' is -1 at 0.5 Hz; .*unit.2/Hz"),
+    "negative array": (lambda: spectrum_values("u", [1, 1, -2, 1], FREQUENCY, FREQUENCY), "'u' is -2 at 40 Hz"),
+    "negative function": (lambda: spectrum_values("u", np.negative, FREQUENCY, FREQUENCY), "'u' is -900 at 900 Hz"),
+    "complex": (lambda: spectrum_values("u", [1j] * 4, FREQUENCY, FREQUENCY), "real numbers, got complex"),
+    "not finite": (lambda: spectrum_values("u", np.nan, FREQUENCY, FREQUENCY), "NaN"),
+    "length": (lambda: spectrum_values("u", [1.0, 2.0], FREQUENCY, FREQUENCY), r"shape \(2,\), but there are 4 freq"),
+    "function of another shape": (
+        lambda: spectrum_values("u", lambda f: 1.0, FREQUENCY, FREQUENCY),
+        r"gives shape \(\) at 4 frequencies",
+    ),
+    "1/f at rest": (
+        lambda: spectrum_values("u", amplifier_noise(1.0, corner_frequency=1.0), FREQUENCY, np.array([0.0, 1.0])),
+        "infinite or undefined at 0 Hz; begin above",
+    ),
+    "table": (lambda: TabulatedSpectrum([1.0, 2.0], [1.0, -2.0]), "density must not be negative, got -2 at 2 Hz"),
+    "table's order": (lambda: TabulatedSpectrum([2.0, 1.0], [1.0, 2.0]), "ascending"),
+    "short table": (lambda: TabulatedSpectrum([2.0], [1.0]), "at least two"),
+    "step": (lambda: quantisation_noise(-1.0, sample_rate=1.0), "step must not be negative"),
+    "rate": (lambda: quantisation_noise(1.0, sample_rate=0.0), "sample_rate must be positive"),
+    "density": (lambda: amplifier_noise(-1.0), "density must not be negative"),
+    "times": (lambda: differentiated(np.sqrt, 0.5), "times must be a whole number"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_is_named(case):
+    make, message = BAD[case]
+    with pytest.raises(ValueError, match=message):
+        make()

@@ -1,0 +1,490 @@
+"""Sensors of force, velocity and acceleration: closed forms, every engine against the linear model, large motion."""
+
+import warnings
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+import scipy.integrate
+import scipy.signal
+from conftest import lattice
+from newton_euler import integrate, wrench
+from scipy.spatial.transform import Rotation
+
+from nassim import (
+    Accelerometer,
+    Bushing,
+    Controller,
+    Drive,
+    FlexibleBody,
+    ForceSensor,
+    Geophone,
+    GroundAcceleration,
+    Joint,
+    Loop,
+    PointForce,
+    RigidBody,
+    Scene,
+    SpringDamper,
+    TimeHistory,
+    Vibrometer,
+    craig_bampton,
+    describe,
+    frequency_response,
+    linearize,
+    load,
+    placed,
+    save,
+    simulate,
+    static_response,
+)
+from nassim.scene.joints import prismatic, revolute
+from nassim.scene.part import Reading, Row, Sensor
+
+STEP = 2e-5
+ALONG = np.array([0.48, -0.6, 0.64])
+ODD = np.array([2.0, -1.0, 2.0]) / 3
+
+
+def turn(*vector):
+    return Rotation.from_rotvec(vector).as_matrix()
+
+
+SKEWED = turn(0.7, -0.4, 1.2)
+INERTIA = turn(0.3, 0.5, -0.2) @ np.diag([2e-3, 3e-3, 4e-3]) @ turn(0.3, 0.5, -0.2).T
+MASS, STIFFNESS, DAMPING = 2.0, 8e3, 12.0
+
+
+def slider(*sensors, axis=ALONG, **parts):
+    """A turned block on a spring and a guide along an odd axis, pushed along it."""
+    ground = RigidBody("ground", {"o": (0, 0, 0), "away": 0.2 * ALONG}, fixed=True)
+    block = RigidBody("block", {"o": (0, 0, 0), "tip": (0.1, 0.2, 0.3)}, MASS, INERTIA, rotation=SKEWED)
+    given = {
+        "joints": (prismatic("guide", "ground.o", "block.o", axis),),
+        "springs": (SpringDamper("spring", "ground.o", "block.o", tuple(axis), STIFFNESS, DAMPING),),
+        "actuators": (PointForce("push", "block.tip", tuple(axis), "push"),),
+        "damping_ratio": 0.0,
+    }
+    return Scene("slider", (ground, block), sensors=sensors, **{**given, **parts})
+
+
+FREQUENCY = np.geomspace(0.3, 3e3, 40)
+S = 2j * np.pi * FREQUENCY
+
+
+def section(frequency, ratio, power):
+    """Second order: power 0 for a low-pass, 2 for a high-pass."""
+    w = 2 * np.pi * frequency
+    return (S if power else w) ** 2 / (S**2 + 2 * ratio * w * S + w**2)
+
+
+def test_closed_forms_of_one_mass():
+    """Force to velocity, acceleration and the force in the spring, through the sensors' own dynamics."""
+    other = np.array([0.6, 0.8, 0.0])
+    scene = slider(
+        Geophone("geophone", "block.tip", tuple(other), "", 4.5, 0.56, 28.8),
+        Accelerometer("accelerometer", "block.tip", tuple(-ALONG), "block.o", 900.0, 0.03, 0.8, 0.1),
+        Accelerometer("acceleration", "block.tip", tuple(ALONG)),
+        Vibrometer("velocity", "block.tip", tuple(ALONG)),
+        ForceSensor("force", "spring"),
+    )
+    assert scene.output_units == ("V", "V", "m/s2", "m/s", "N")
+    model = linearize(scene)
+    assert len(model.poles()) == 2 + 2 + 3
+    assert np.all(model.poles().real < 0)
+    assert [bool(row[0]) for row in model.D] == [False, False, True, False, False]
+    found = frequency_response(model, FREQUENCY)
+    moved = 1 / (MASS * S**2 + DAMPING * S + STIFFNESS)
+    expected = {
+        "geophone": 28.8 * (other @ ALONG) * section(4.5, 0.56, 2) * S * moved,
+        "accelerometer": -0.1 * section(900.0, 0.03, 0) * S / (S + 2 * np.pi * 0.8) * S**2 * moved,
+        "acceleration": S**2 * moved,
+        "velocity": S * moved,
+        "force": (STIFFNESS + DAMPING * S) * moved,
+    }
+    for name, answer in expected.items():
+        np.testing.assert_allclose(found.response(name, "push"), answer, rtol=1e-8, err_msg=name)
+    text = describe(scene)
+    assert "geophone geophone: block.tip above 4.5 Hz" in text
+    assert "accelerometer accelerometer: block.tip above 0.8 Hz, resonance 900 Hz" in text
+
+
+def test_inertial_sensors_feel_the_ground():
+    """An isolator on a shaking ground: what they read is absolute, what a vibrometer reads is against the ground."""
+    shake = np.array([0.0, 0.6, 0.8])
+    scene = slider(
+        Geophone("geophone", "block.tip", tuple(ALONG), "", 2.0, 0.6),
+        Geophone("across", "block.tip", tuple(np.cross(ALONG, shake)), "", 2.0, 0.6),
+        Accelerometer("soft", "block.tip", tuple(ALONG), resonance=300.0, damping_ratio=0.1),
+        Accelerometer("stiff", "block.tip", tuple(ALONG)),
+        Accelerometer("high", "block.tip", tuple(ALONG), corner_frequency=3.0),
+        Vibrometer("velocity", "block.tip", tuple(ALONG)),
+        actuators=(GroundAcceleration("shake", tuple(shake), "shake"),),
+    )
+    found = frequency_response(linearize(scene), FREQUENCY)
+    share = ALONG @ shake
+    relative = -share * MASS / (MASS * S**2 + DAMPING * S + STIFFNESS)
+    absolute = share * (DAMPING * S + STIFFNESS) / (MASS * S**2 + DAMPING * S + STIFFNESS)
+    for name, answer in {
+        "geophone": section(2.0, 0.6, 2) * absolute / S,
+        "soft": section(300.0, 0.1, 0) * absolute,
+        "stiff": absolute,
+        "high": S / (S + 6 * np.pi) * absolute,
+        "velocity": S * relative,
+    }.items():
+        np.testing.assert_allclose(found.response(name, "shake"), answer, rtol=1e-7, err_msg=name)
+    # The guide takes the ground along: the block follows it across.
+    assert np.abs(found.response("across", "shake")).max() < 1e-9
+
+
+@pytest.fixture(scope="module")
+def body():
+    return craig_bampton(lattice(stiffness=1e5), n_modes=4, progress=False)
+
+
+TURN = turn(*(0.7 / 3 * np.array([1.0, -2.0, 2.0])))
+STIFF = np.diag([2e5, 3e5, 4e5, 60.0, 90.0, 75.0])
+STIFF[0, 1] = STIFF[1, 0] = 5e4
+STIFF[0, 4] = STIFF[4, 0] = 300.0
+INSTRUMENTS = (
+    ForceSensor("along", "along"),
+    ForceSensor("line", "line"),
+    ForceSensor("six", "bushing"),
+    Geophone("geophone", "load.c", tuple(ALONG), "", 40.0, 0.6, 30.0),
+    Geophone("turning", "load.c", tuple(ODD), "load.c", 40.0, 0.6),
+    Accelerometer("soft", "load.c", tuple(ALONG), "load.c", 900.0, 0.2, 20.0, 0.1),
+    Accelerometer("inside", "body.right", "y", resonance=1200.0, damping_ratio=0.3),
+    Vibrometer("velocity", "load.c", "x"),
+)
+
+
+def machine(body, fidelity, **parts):
+    """A flexible body askew on the ground, whose tip carries a load on a bushing, and springs beside."""
+    flexible = FlexibleBody("body", body, -TURN @ body.point("left").position, TURN, fidelity)
+    tip = flexible.point_position("right")
+    ground = RigidBody("ground", {"o": (0, 0, 0), "wall": tip + np.array([0.05, 0.1, -0.04])}, fixed=True)
+    centre = tip + np.array([0.02, -0.01, 0.03])
+    points = {"c": (0, 0, 0), "mount": SKEWED.T @ (tip - centre)}
+    load = RigidBody("load", points, 0.3, 0.1 * INERTIA, centre, rotation=SKEWED)
+    given = {
+        "joints": (revolute("foot", "ground.o", "body.left", ODD),),
+        "springs": (
+            Bushing("bushing", "body.right", "load.mount", STIFF, 2e-5 * STIFF, turn(0.5, 0.2, -1.0)),
+            SpringDamper("along", "load.c", "ground.wall", tuple(ODD), 3e4, 4.0, "load.c"),
+            SpringDamper("line", "ground.wall", "load.mount", "line", 2e4, 5.0),
+        ),
+        "actuators": (PointForce("push", "load.c", tuple(ODD), "push"),),
+        "sensors": INSTRUMENTS,
+        "damping_ratio": 0.0,
+    }
+    return Scene("machine", (ground, flexible, load), **{**given, **parts})
+
+
+def run(scene, n_steps=600, method="generalized_alpha", offset=0.0, size=1.0, **options):
+    time = STEP * np.arange(n_steps + 1)
+    shape = size * np.sin(np.pi * np.minimum(time / (150 * STEP), 1.0)) ** 2 + offset
+    excitation = TimeHistory(time, np.tile(shape, (len(scene.inputs), 1)), scene.inputs, ())
+    record = simulate(scene, excitation, time_step=STEP, method=method, progress=False, **options)
+    return dict(zip(record.names, record.values, strict=True))
+
+
+def sampled(scene, offset=0.0, n_steps=600):
+    """Outputs of the linear model between straight lines, by SciPy's own exact steps."""
+    model = linearize(scene)
+    time = STEP * np.arange(n_steps + 1)
+    shape = np.sin(np.pi * np.minimum(time / (150 * STEP), 1.0)) ** 2 + offset
+    _, found, _ = scipy.signal.lsim(
+        (model.A, model.B, model.C, model.D), np.tile(shape, (len(model.inputs), 1)).T, time
+    )
+    return dict(zip(model.outputs, found.T, strict=True))
+
+
+ENGINES = [
+    ("linear", "exact", 1e-7),
+    ("linear", "generalized_alpha", 1e-2),
+    ("ffrf", "generalized_alpha", 1e-2),
+    ("rigid", "generalized_alpha", 1e-2),
+]
+
+
+@pytest.mark.parametrize(("fidelity", "method", "tolerance"), ENGINES)
+def test_engines_agree(body, fidelity, method, tolerance):
+    """A force that jumps at the start and then changes; gravity bends the machine before, and is not felt."""
+    scene = machine(body, fidelity)
+    expected = sampled(scene, 0.3)
+    found = run(scene, method=method, offset=0.3, **({} if method == "exact" else {"spectral_radius": 0.8}))
+    for name in scene.outputs:
+        size = np.abs(expected[name]).max()
+        assert size > 0
+        assert np.abs(found[name] - expected[name]).max() < tolerance * size, name
+
+
+@pytest.mark.parametrize(("fidelity", "tolerance"), [("linear", 5e-3), ("ffrf", 5e-3)])
+def test_loops_measure_what_passes_the_filters(body, fidelity, tolerance):
+    """Two filtered sensors in one loop of a slower sampler, beside one that nothing filters; against exact steps."""
+    gains = np.array([[-60.0, -0.8, -2e3]])
+    controller = Controller(np.zeros((0, 0)), np.zeros((0, 3)), np.zeros((1, 0)), gains, 1 / (4 * STEP), delay=1)
+    loop = Loop("loop", controller, ("turning", "inside", "velocity"), ("push",))
+    scenes = [machine(body, kind, loops=(loop,)) for kind in ("linear", fidelity)]
+    expected = run(scenes[0], method="exact", offset=0.3)
+    found = run(scenes[1], offset=0.3)
+    calm = run(machine(body, "linear"), method="exact", offset=0.3)
+    assert np.abs(calm["velocity"] - expected["velocity"]).max() > 0.05 * np.abs(expected["velocity"]).max()
+    for name in ("turning", "inside", "soft", "six.fy", "loop"):
+        size = np.abs(expected[name]).max()
+        assert np.abs(found[name] - expected[name]).max() < tolerance * size, name
+
+
+@pytest.mark.parametrize("fidelity", ["linear", "ffrf"])
+def test_ground_that_shakes_in_time(body, fidelity):
+    """From its first sample on, and with a cutoff that condenses the body."""
+    shake = (GroundAcceleration("shake", tuple(ODD), "shake"),)
+    sensors = tuple(s for s in INSTRUMENTS if s.name in ("geophone", "inside", "six"))
+    sensors += (Geophone("first", "load.c", "x", corner_frequency=80.0), Accelerometer("bare", "load.c", "z"))
+    scene = machine(body, fidelity, actuators=shake, sensors=sensors)
+    expected = sampled(machine(body, "linear", actuators=shake, sensors=sensors), 0.4)
+    for found, tolerance in (
+        (run(scene, offset=0.4), 2e-3),
+        (run(replace(scene, cutoff_frequency=3e4), offset=0.4), 2e-3),
+        (run(scene, offset=0.4, method="exact") if fidelity == "linear" else expected, 1e-7),
+    ):
+        for name in expected:
+            size = np.abs(expected[name]).max()
+            assert np.abs(found[name] - expected[name]).max() < tolerance * size, name
+
+
+@pytest.mark.parametrize("fidelity", ["linear", "ffrf"])
+def test_sensors_in_equilibrium(body, fidelity):
+    """A force sensor bears the weight, others read nothing, at rest and when the run starts from there."""
+    gravity = np.array([0.3, -0.5, -2.0])
+    sensors = (ForceSensor("six", "bushing"), *INSTRUMENTS[3:])
+    scene = machine(body, fidelity, sensors=sensors, gravity=gravity)
+    scene = replace(scene, springs=scene.springs[:1], joints=(Joint("foot", "ground.o", "body.left"),), actuators=())
+    still = static_response(scene)
+    weight = [still[f"six.f{letter}"] for letter in "xyz"]
+    # In large motion the axes turn by some mrad.
+    off = np.linalg.norm(turn(0.5, 0.2, -1.0) @ weight - 0.3 * gravity)
+    assert off < (1e-6 if fidelity == "linear" else 2e-3) * 0.3 * np.linalg.norm(gravity)
+    time = STEP * np.arange(11)
+    record = simulate(scene, TimeHistory(time, np.zeros((0, 11)), (), ()), time_step=STEP, progress=False)
+    for name, unit in zip(scene.outputs, scene.output_units, strict=True):
+        if unit in ("N", "N m"):
+            np.testing.assert_allclose(record[name], still[name], rtol=1e-6, atol=1e-9)
+        else:
+            assert still[name] == 0
+            assert np.abs(record[name]).max() < 1e-7
+
+
+def lag(numerator, denominator, values, time):
+    """What a filter lets pass that has stood on its first value for long, by SciPy."""
+    _, moved, _ = scipy.signal.lsim((numerator, denominator), values - values[0], time)
+    return moved + values[0] * numerator[-1] / denominator[-1]
+
+
+def test_sensors_of_a_load_on_a_turning_table():
+    """Whole turns about an odd axis at constant speed; bushing and springs with dampers; Newton, Euler and SciPy."""
+    rate, mass, step = 50.0, 0.7, 5e-5
+    axes = turn(0.5, 0.2, -1.0)
+    stiffness = STIFF / 10
+    damping = 4e-4 * stiffness
+    place, centre = 0.1 * ODD + [0.03, -0.02, 0.01], 0.1 * ODD + [0.0, 0.006, 0.004]
+    far, near = np.array([-0.05, 0.12, 0.1]), np.array([0.12, 0.05, -0.03])
+    spins = rate * ODD, rate * ODD + [0.0, 0.8, 0.5]
+    table = RigidBody("table", {"axis": (0, 0, 0), "o": place, "far": far}, 5.0, INERTIA)
+    points = {"c": (0, 0, 0), "o": SKEWED.T @ (place - centre), "near": SKEWED.T @ (near - centre)}
+    load = RigidBody("load", points, mass, INERTIA, centre, rotation=SKEWED, angular_velocity=spins[1])
+    along, k, c = tuple(ALONG), 500.0, 2.0
+    springs = (
+        Bushing("bushing", "table.o", "load.o", stiffness, damping, axes),
+        SpringDamper("of table", "table.far", "load.near", along, k, c, "table.far"),
+        SpringDamper("of load", "table.far", "load.near", along, k, c, "load.near"),
+        SpringDamper("line", "table.far", "load.near", "line", k, c),
+    )
+    sensors = (
+        ForceSensor("six", "bushing"),
+        *(ForceSensor(f"force {name}", name) for name in ("of table", "of load", "line")),
+        Geophone("world", "load.c", along, "", 4.0, 0.6, 2.0),
+        Geophone("turning", "load.c", along, "load.c", 4.0, 0.6),
+        Accelerometer("soft", "load.c", along, "load.c", 200.0, 0.3),
+        Geophone("circle", "table.far", along, "", 6.0, 0.4),
+        Accelerometer("at rest", "table.far", along, "table.axis", 300.0, 0.1),
+    )
+    joints = (revolute("bearing", "ground.o", "table.axis", ODD),)
+    ground = RigidBody("ground", {"o": (0, 0, 0)}, fixed=True)
+    drives = (Drive("spindle", "bearing", "rz", speed=rate),)
+    scene = Scene("table", (ground, table, load), joints, drives, sensors, springs, damping_ratio=0.0)
+    time = step * np.arange(1201)
+    record = simulate(
+        scene, TimeHistory(time, np.zeros((0, 1201)), (), ()), time_step=step, progress=False, spectral_radius=0.8
+    )
+
+    def pulls(t, body):
+        """The bushing's six, its axes, and the tensions of springs with their directions on the load and places."""
+        base = Rotation.from_rotvec(rate * t * ODD).as_matrix()
+        here, there = base @ place, body.at(place - centre)
+        turned = Rotation.from_matrix(axes.T @ base.T @ body.R @ axes).as_rotvec()
+        now, middle = base @ axes @ turn(*turned / 2), (here + there) / 2
+        slip = body.v + np.cross(body.w, middle - body.p) - np.cross(spins[0], middle)
+        moved = np.concatenate([now.T @ (there - here), turned])
+        rates = np.concatenate([now.T @ slip, now.T @ (body.w - spins[0])])
+        six = stiffness @ moved + damping @ rates
+        a, b = base @ far, body.at(near - centre)
+        gap, speed = b - a, body.speed(near - centre) - np.cross(spins[0], a)
+        tensions = []
+        for R, w, at in ((base, spins[0], b), (body.R, body.w, a)):
+            stretch = R @ ALONG @ gap - ALONG @ (near - far)
+            tensions.append((k * stretch + c * (R @ ALONG) @ (speed - np.cross(w, gap)), R @ ALONG, at))
+        length = np.linalg.norm(gap)
+        stretch = length - np.linalg.norm(near - far)
+        tensions.append((k * stretch + c * gap @ speed / length, gap / length, b))
+        return six, now, middle, tensions
+
+    def forces(t, bodies):
+        (body,) = bodies
+        six, now, middle, tensions = pulls(t, body)
+        total = -wrench(now @ six[:3], middle, body) - np.concatenate([np.zeros(3), now @ six[3:]])
+        return [total - sum(wrench(tension * direction, at, body) for tension, direction, at in tensions)]
+
+    start = (centre,), (spins[1],)
+    found = [m for (m,) in integrate((mass,), (SKEWED @ INERTIA @ SKEWED.T,), *start, time, forces)]
+    seen = slice(None, None, 20)
+    expected = [pulls(t, m) for t, m in zip(time[seen], found[seen], strict=True)]
+    names = [f"six.{name}" for name in ("fx", "fy", "fz", "mx", "my", "mz")]
+    forces_read = {name: np.array([six[j] for six, *_ in expected]) for j, name in enumerate(names)}
+    for j, name in enumerate(("of table", "of load", "line")):
+        forces_read[f"force {name}"] = np.array([tensions[j][0] for *_, tensions in expected])
+    for name, force in forces_read.items():
+        assert np.abs(record[name][seen] - force).max() < 2e-3 * np.abs(force).max(), name
+
+    def coil(w, ratio):
+        return [1, 0], [1, 2 * ratio * w, w**2]
+
+    velocity = np.array([m.v for m in found])
+    acceleration = scipy.interpolate.CubicSpline(time, velocity).derivative()(time)
+    turning = np.array([m.R @ ALONG for m in found])
+    turns = Rotation.from_rotvec(rate * np.outer(time, ODD)).as_matrix()
+    circle = np.cross(spins[0], turns @ far)
+    centripetal = np.cross(spins[0], circle)
+    low = [(400 * np.pi) ** 2], [1, 0.6 * 400 * np.pi, (400 * np.pi) ** 2]
+    for name, values in {
+        "world": 2.0 * lag(*coil(8 * np.pi, 0.6), acceleration @ ALONG, time),
+        "turning": lag(*coil(8 * np.pi, 0.6), np.einsum("ni,ni->n", turning, acceleration), time),
+        "soft": lag(*low, np.einsum("ni,ni->n", turning, acceleration), time),
+        "circle": lag(*coil(12 * np.pi, 0.4), centripetal @ ALONG, time),
+        "at rest": np.einsum("nij,j,ni->n", turns, ALONG, centripetal),
+    }.items():
+        assert np.abs(record[name] - values).max() < 1e-3 * np.abs(values).max(), name
+
+
+@dataclass(frozen=True)
+class Meter(Sensor):
+    """A sensor that says given words."""
+
+    words: tuple = ()
+
+    def says(self, scene):
+        return self.words
+
+
+def mixed(*gains, name="mixed"):
+    """An output of displacement, velocity and acceleration, along different directions."""
+    axes = (ALONG, [1.0, 0.0, 0.0], ODD)
+    readings = zip(gains, axes, strict=True)
+    return Meter(
+        name,
+        tuple(Reading(name, "V", Row.of_point("load.c", np.array(w)), g, k) for k, (g, w) in enumerate(readings)),
+    )
+
+
+@pytest.mark.parametrize(("fidelity", "method", "tolerance"), ENGINES)
+def test_readings_of_one_output_add_up(body, fidelity, method, tolerance):
+    """Also what a loop measures."""
+    gains = 2e3, -3.0, 0.02
+    single = tuple(mixed(*(g * (j == k) for j, g in enumerate(gains)), name=f"one {k}") for k in range(3))
+    scene = machine(body, fidelity, sensors=(*single, mixed(*gains)))
+    model = linearize(scene)
+    np.testing.assert_allclose(model.C[3], model.C[:3].sum(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(model.D[3], model.D[:3].sum(axis=0), rtol=1e-12)
+    found = run(scene, n_steps=200, method=method)
+    sizes = [np.abs(found[f"one {k}"]).max() for k in range(3)]
+    assert min(sizes) > 0.02 * max(sizes)
+    np.testing.assert_allclose(found["mixed"], sum(found[f"one {k}"] for k in range(3)), atol=1e-9 * max(sizes))
+
+
+def test_readings_of_one_derivative_add_up(body):
+    """Two directions are one between them."""
+    rows = [Row.of_point("load.c", axis) for axis in (*np.eye(3)[:2], np.array([0.6, 0.8, 0.0]))]
+    two, one = (
+        Meter(n, tuple(Reading(n, "m", rows[k], g) for k, g in gs))
+        for n, gs in (("two", ((0, 3.0), (1, 4.0))), ("one", ((2, 5.0),)))
+    )
+    for fidelity in ("linear", "ffrf"):
+        found = run(machine(body, fidelity, sensors=(two, one)), n_steps=160)
+        np.testing.assert_allclose(found["two"], found["one"], atol=1e-9 * np.abs(found["one"]).max())
+
+
+def test_a_runaway_loop_on_a_filtered_sensor_is_told(body):
+    gains = Controller(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[1e4]], 1 / STEP, delay=1)
+    loop = Loop("loop", gains, ("geophone",), ("push",))
+    with pytest.raises(RuntimeError, match=r"runs away: at t = .* 'geophone' has grown"):
+        run(machine(body, "ffrf", loops=(loop,)))
+
+
+def test_only_an_acceleration_that_follows_at_once_rings(body):
+    """A low resonance calms it; and what follows at once cannot be measured by a loop that drives it."""
+    calm = (Accelerometer("calm", "load.c", resonance=2e3), Geophone("geophone", "load.c"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run(machine(body, "ffrf", sensors=calm), n_steps=160)
+    for sensor in (Accelerometer("high", "load.c", resonance=2e4), Accelerometer("bare", "load.c", corner_frequency=1)):
+        with pytest.warns(UserWarning, match=f"'{sensor.name}' reads an acceleration"):
+            run(machine(body, "ffrf", sensors=(sensor,)), n_steps=160)
+    gains = Controller(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[1e-6]], 1 / STEP)
+    for sensor in (*calm, Accelerometer("bare", "load.c", corner_frequency=1)):
+        loop = Loop("loop", gains, (sensor.name,), ("push",))
+        scene = machine(body, "linear", sensors=(sensor,), loops=(loop,))
+        if sensor.name == "bare":
+            with pytest.raises(ValueError, match="follows what the loop drives at once"):
+                run(scene, n_steps=160)
+        else:
+            run(scene, n_steps=160)
+
+
+def test_no_linear_model_of_inertial_sensors_that_spin(body):
+    scene = machine(body, "linear", actuators=(), sensors=(INSTRUMENTS[0], INSTRUMENTS[7]))
+    linearize(scene, angular_velocity=(0, 0, 0.1))
+    for sensor in (Geophone("s", "load.c"), Accelerometer("s", "load.c")):
+        with pytest.raises(ValueError, match="'s' reads motion against inertial space"):
+            linearize(replace(scene, sensors=(sensor,)), angular_velocity=(0, 0, 0.1))
+
+
+def test_placed_and_kept_in_files(body, tmp_path):
+    """A copy, turned with its sensors, reads the same; a file brings them back."""
+    scene = machine(body, "ffrf")
+    copy = placed(scene, "m", position=(1.0, 2.0, 3.0), rotation=SKEWED)
+    assert copy.outputs == tuple(f"m/{name}" for name in scene.outputs)
+    frequency = np.geomspace(3.0, 3e3, 20)
+    keeps = [k for k, name in enumerate(scene.outputs) if name not in ("inside", "velocity")]
+    found, expected = (frequency_response(linearize(s), frequency).values for s in (copy, scene))
+    np.testing.assert_allclose(found[keeps], expected[keeps], rtol=1e-5)
+    save(scene, tmp_path / "scene.h5")
+    again = load(tmp_path / "scene.h5")
+    assert again.sensors == scene.sensors
+
+
+def test_a_turning_sensor_on_shaking_ground():
+    """A body that spins freely on a ground that shakes is at rest but for its turns, so a sensor in its middle is."""
+    rate, shake = 40.0, np.array([0.6, 0.0, -0.8])
+    top = RigidBody("top", {"c": (0, 0, 0)}, 0.4, 3e-3 * np.eye(3), rotation=SKEWED, angular_velocity=rate * ODD)
+    sensors = (
+        Geophone("geophone", "top.c", "x", "top.c", 2.0),
+        Accelerometer("accelerometer", "top.c", "x", "top.c", resonance=200.0, damping_ratio=0.3),
+        Accelerometer("world", "top.c", tuple(ALONG)),
+        Vibrometer("velocity", "top.c", tuple(shake)),
+    )
+    scene = Scene("top", (top,), actuators=(GroundAcceleration("shake", tuple(shake), "shake"),), sensors=sensors)
+    found = run(scene, n_steps=4000, offset=0.2, spectral_radius=0.8)
+    assert np.abs(found["velocity"]).max() > 0.01
+    assert np.abs(found["world"]).max() < 1e-9
+    assert np.abs(found["accelerometer"]).max() < 1e-4
+    assert np.abs(found["geophone"]).max() < 1e-6
