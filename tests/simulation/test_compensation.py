@@ -21,7 +21,7 @@ from nassim import (
 from nassim.base.modal import decay_poles
 from nassim.scene import Bushing, Drive, Loop, fixed, revolute
 from nassim.simulation import assemble, compensation, period_errors
-from nassim.simulation.compensation import compensated, period_errors
+from nassim.simulation.compensation import Steps, compensated
 from nassim.systems import proportional
 
 STEP = 2e-4
