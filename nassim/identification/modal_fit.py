@@ -9,9 +9,10 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from nassim.base.checks import Array, finite, finite_array, freeze, frozen_mapping, known, positive, unique
+from nassim.identification.compressed_lines import compressed
+from nassim.identification.lines import Lines
 from nassim.identification.pole_fit import (
     DAMPING_RANGE,
-    Lines,
     Solution,
     correlation,
     fit_poles,
@@ -327,9 +328,9 @@ def _modal_fit(
     enlarged = np.sqrt(correlation(solution) + missed[order])
     scale = np.concatenate([frequency, ratio, np.ones(n * len(outputs))]) * np.tile(enlarged, 2 + len(outputs))
     covariance = scale[:, None] * solution.covariance[np.ix_(index, index)] * scale
-    columns = lines.columns(solution.poles)
-    transient = solution.values[:, n_response:] @ columns[:, n_response:].T
+    without_input = solution.values * (np.arange(n_columns) >= n_response)
     input_spectrum = lines.excitation * lines.held
+    transient = compressed(lines, solution.poles).modelled(solution.poles, without_input)
     responses = (lines.responses - transient) / input_spectrum
     return ModalFit(
         input=input,

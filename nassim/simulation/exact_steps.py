@@ -54,7 +54,7 @@ def exact_response(
     """
     plant, start, risen = _plant(assembly, time_step, hold_order, released)
     closed = closed_steps(plant, assembly.scene, time_step)
-    n_samples, n_out = inputs.shape[1], len(assembly.scene.outputs)
+    n_samples, n_out = inputs.shape[1], len(plant.shown)
     block = _block(closed, n_samples)
     stride = -(-n_samples // (block * CHECKS))
     modes = assembly.basis @ assembly.shapes
