@@ -280,7 +280,8 @@ def _noise(lines: Lines, solution: Solution, shape: Array | None) -> Array:
         x = np.interp(lines.omega, lines.omega[[0, -1]], [-1, 1])
         basis = np.polynomial.chebyshev.chebvander(x, NOISE_DEGREE)
         level = np.log(np.abs(residual) ** 2 + floor**2) + np.euler_gamma
-        noise = np.exp(0.5 * basis @ np.linalg.lstsq(basis, level.T, rcond=None)[0]).T
+        # Chebyshev's polynomials are so well conditioned that normal equations do.
+        noise = np.exp(0.5 * basis @ np.linalg.solve(basis.T @ basis, basis.T @ level.T)).T
     noise = np.maximum(noise, floor)
     freedom = max(lines.omega.size - solution.n_unknowns / len(responses) / 2, 1.0)
     misfit = np.sqrt(np.sum(np.abs(residual / noise) ** 2, axis=1, keepdims=True) / freedom)

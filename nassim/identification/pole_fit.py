@@ -20,12 +20,14 @@ import scipy
 
 from nassim.base.checks import Array
 from nassim.base.modal import mac
-from nassim.identification.compressed_lines import compressed
+from nassim.identification.compressed_lines import MANY, compressed
 from nassim.identification.lines import Lines
 
 DAMPING_RANGE = (1e-5, 0.5)
 """Damping ratios between which a pole counts as a resonance."""
 
+TRIED, ALIKE = (0.003, 0.01, 0.03), 10
+"""Damping ratios of the resonances that are searched for, and parts of a half-width that count as one line."""
 LOOKS_ALIKE = 0.99
 """Modal assurance criterion of two modes' gains, each output by its largest, above which they look alike."""
 NEAR = 5.0
@@ -98,20 +100,25 @@ def fit_poles(lines: Lines, start: Array, weights: Array) -> Solution:
 def strongest_pole(lines: Lines, residual: Array, weights: Array) -> Array:
     """The pole (Hz, damping ratio) whose mode alone explains the most of what a fit has left over.
 
-    Every candidate is judged by the lines within twenty half-widths of it.
+    Every candidate is judged by the lines within twenty half-widths of it; lines much closer together than its
+    half-width are taken as one.
     """
     frequency = lines.omega / (2 * np.pi)
-    best, best_score = np.array([frequency[0], 0.01]), -1.0
     spacing = float(np.median(np.diff(frequency)))
-    target, size = weights * residual, weights**2
-    for ratio in (0.003, 0.01, 0.03):
+    alike = np.floor(np.log(frequency) / (min(TRIED) / ALIKE)) if len(frequency) > MANY else np.arange(len(frequency))
+    first = np.flatnonzero(np.diff(alike, prepend=-np.inf))
+    size = np.abs(weights * lines.excitation) ** 2
+    target = weights**2 * residual * lines.excitation.conj()
+    frequency = np.add.reduceat(frequency, first) / np.diff(first, append=len(frequency))
+    target, size = (np.add.reduceat(values, first, axis=1) for values in (target, size))
+    best, best_score = np.array([frequency[0], 0.01]), -1.0
+    for ratio in TRIED:
         candidate = frequency[0]
         while candidate < frequency[-1]:
             low, high = np.searchsorted(frequency, candidate * np.array([1 - 20 * ratio, 1 + 20 * ratio]))
             near = slice(max(low - 2, 0), high + 2)
-            x = 1 - (frequency[near] / candidate) ** 2 + 2j * ratio * frequency[near] / candidate
-            mode = lines.excitation[near] / x
-            explained = np.real(target[:, near] * weights[:, near] @ mode.conj()) ** 2
+            mode = 1 / (1 - (frequency[near] / candidate) ** 2 + 2j * ratio * frequency[near] / candidate)
+            explained = np.real(target[:, near] @ mode.conj()) ** 2
             score = float(np.sum(explained / (size[:, near] @ np.abs(mode) ** 2)))
             if score > best_score:
                 best, best_score = np.array([candidate, ratio]), score
