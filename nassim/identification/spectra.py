@@ -6,7 +6,7 @@ import scipy
 from nassim.base.checks import Array, finite_array
 from nassim.identification.lines import Lines
 from nassim.signals.frf import FRF
-from nassim.signals.time_history import TimeHistory
+from nassim.signals.time_history import TimeHistory, fast_length
 
 UNEXCITED = 1e-6
 """Lines whose input is this much below the largest carry no information."""
@@ -29,11 +29,11 @@ def lines_of_record(
     for name in (input, *outputs):
         if np.ptp(record[name]) == 0:
             raise ValueError(f"signal {name!r} is constant: no response can be identified from it")
-    n, step = len(record.time), 1 / record.sample_rate
+    n, step = fast_length(len(record.time)), 1 / record.sample_rate
     low, high = _band(band, 1 / (n * step), 0.5 / step)
     frequency = np.fft.rfftfreq(n, step)
     keep = (frequency >= low) & (frequency <= high) & (frequency < 0.5 / step)
-    excitation, *responses = (np.fft.rfft(y - y.mean())[keep] for y in map(record.__getitem__, (input, *outputs)))
+    excitation, *responses = (np.fft.rfft(y - y.mean())[keep] for y in (record[name][:n] for name in (input, *outputs)))
     excited = np.abs(excitation) > UNEXCITED * np.abs(excitation).max(initial=0.0)
     omega = 2 * np.pi * frequency[keep][excited]
     return Lines(
