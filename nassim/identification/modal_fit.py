@@ -272,19 +272,19 @@ def _refined(lines: Lines, start: Array, noise: Array, shape: Array | None) -> S
 
 def _noise(lines: Lines, solution: Solution, shape: Array | None) -> Array:
     """Standard deviation of the complex responses, (outputs, n), smooth over frequency and true to the residual."""
-    residual, responses = solution.residual, lines.responses
+    responses, power = lines.responses, solution.residual.real**2 + solution.residual.imag**2
     floor = EXACT * np.sqrt(np.mean(np.abs(responses) ** 2, axis=1, keepdims=True))
     noise = shape
     if noise is None:
         # A complex Gaussian's log |r|^2 scatters about log(variance) - Euler's constant.
-        x = np.interp(lines.omega, lines.omega[[0, -1]], [-1, 1])
-        basis = np.polynomial.chebyshev.chebvander(x, NOISE_DEGREE)
-        level = np.log(np.abs(residual) ** 2 + floor**2) + np.euler_gamma
+        first, last = lines.omega[[0, -1]]
+        basis = np.polynomial.chebyshev.chebvander((2 * lines.omega - first - last) / (last - first), NOISE_DEGREE)
+        level = np.log(power + floor**2) + np.euler_gamma
         # Chebyshev's polynomials are so well conditioned that normal equations do.
         noise = np.exp(0.5 * basis @ np.linalg.solve(basis.T @ basis, basis.T @ level.T)).T
     noise = np.maximum(noise, floor)
     freedom = max(lines.omega.size - solution.n_unknowns / len(responses) / 2, 1.0)
-    misfit = np.sqrt(np.sum(np.abs(residual / noise) ** 2, axis=1, keepdims=True) / freedom)
+    misfit = np.sqrt(np.sum(power / noise**2, axis=1, keepdims=True) / freedom)
     return np.maximum(noise * misfit, floor)
 
 

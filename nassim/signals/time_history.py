@@ -96,7 +96,7 @@ def occupied_bandwidth(history: TimeHistory, *, power_fraction: float = 0.99) ->
 
 
 def fast_length(n: int) -> int:
-    """Most samples, of n, whose DFT has no large prime factor: less than n only from a million on, by 0.1 %.
+    """Most samples, of n, whose DFT has no large prime factor: less than n only from a million on, by half a per cent at most.
 
     With one, as of 10^7 + 1 samples, the transform takes ten times as long and twice the memory.
     """

@@ -1,5 +1,6 @@
 """Blocks of samples of a plant with its loops against the same sample by sample, loop by loop."""
 
+import tracemalloc
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -157,3 +158,14 @@ def test_loops_that_overflow_do_so_in_time():
         expected = sample_by_sample(here, (loop,), np.eye(2, 64), np.zeros(5))
     np.testing.assert_allclose(rows[:5], expected[:5], rtol=1e-9)
     assert np.isfinite(rows[:5]).all()
+
+
+def test_memory_does_not_grow_with_the_run():
+    """Beside its inputs and outputs a run holds a piece of itself."""
+    closed, inputs = closed_steps(plant(size=0.9), scene(*TWO), 1 / RATE), np.ones((2, 400_000))
+    tracemalloc.start()
+    last = sum(len(rows) for *_, rows in pieces(closed, np.zeros(5), inputs, BLOCK))
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert last >= 400_000
+    assert peak < inputs.nbytes
