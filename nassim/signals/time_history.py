@@ -96,9 +96,10 @@ def occupied_bandwidth(history: TimeHistory, *, power_fraction: float = 0.99) ->
 
 
 def fast_length(n: int) -> int:
-    """Most samples, of n, whose DFT has no large prime factor: less than n only from a million on, by half a per cent at most.
+    """Most samples, of n, whose number has no large prime factor; all n of less than a million.
 
-    With one, as of 10^7 + 1 samples, the transform takes ten times as long and twice the memory.
+    With one, as 10^7 + 1 has, a transform takes ten times as long and twice the memory; half a per cent of the samples
+    are lost at most.
     """
     while n > LONG and scipy.fft.next_fast_len(n, real=True) > n:
         n -= 1
