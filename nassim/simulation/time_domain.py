@@ -93,8 +93,7 @@ def simulate(
     radius = (TURNING_RADIUS if turns else 1.0) if spectral_radius is None else spectral_radius
     excitation = sampled(scene, excitation, time_step=time_step, duration=duration)
     n_steps = len(excitation.time) - 1
-    highest = occupied_bandwidth(excitation)
-    if progress and method == "generalized_alpha" and highest > 0:
+    if progress and method == "generalized_alpha" and (highest := occupied_bandwidth(excitation)) > 0:
         longer, damping = integrator_error(highest, time_step, spectral_radius=radius)
         print(
             f"  at {highest:.4g} Hz, the highest of the excitation, the steps lengthen periods by {100 * longer:.2g} % "
