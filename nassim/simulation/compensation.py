@@ -25,6 +25,8 @@ FASTEST = 0.9
 """Half a step's angle [rad] up to which a mode is compensated, 3.5 steps a period; faster ones get the same factor."""
 ROUNDS = 5
 """In which modes that springs share in get from bodies what these must take over."""
+SAME = 1e-6
+"""Relative difference of two frequencies that are one."""
 MOST = 0.6
 """Share of a modal mass that is taken away at most: masses stay positive."""
 
@@ -70,8 +72,12 @@ def compensated(assembly: Assembly, steps: Steps) -> tuple[Assembly, Array]:
     mass, growth = steps.factors(assembly.frequency)
     wanted, bent = 1 - mass[elastic], damping.root @ damping.deformation @ assembly.shapes[:, elastic]
     asked, taken = wanted, _inverse(bent, wanted)
+    # Modes of one frequency have no axes of their own: what they get is shared, or it would be a matter of rounding.
+    frequency = assembly.frequency[elastic]
+    groups = np.cumsum(np.diff(frequency, prepend=0.0) > SAME * frequency) - 1
     for _ in range(ROUNDS):
-        given = np.einsum("ij,ik,kj->j", bent, taken, bent)
+        each = np.einsum("ij,ik,kj->j", bent, taken, bent)
+        given = (np.bincount(groups, each) / np.bincount(groups))[groups]
         asked = np.clip(asked * wanted / np.maximum(given, wanted / 10), wanted, MOST)
         taken = _inverse(bent, asked)
     stepped = replace(damping, ratio=damping.ratio * growth)

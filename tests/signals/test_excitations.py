@@ -6,7 +6,7 @@ import scipy.signal
 
 from nassim import TimeHistory
 from nassim.signals.excitations import band_limited_noise, chirp, low_pass, multisine, sine_dwell, step
-from nassim.signals.time_history import occupied_bandwidth, sample_times
+from nassim.signals.time_history import fast_length, occupied_bandwidth, sample_times
 
 RATE = 1000.0
 BAND = {"lowest_frequency": 10.0, "highest_frequency": 100.0, "period": 0.5}
@@ -226,3 +226,15 @@ def test_low_pass_checks():
         low_pass([1.0], cutoff_frequency=1.0, sample_rate=-RATE)
     with pytest.raises(ValueError, match="cutoff_frequency must lie between 0 and half"):
         low_pass([1.0], cutoff_frequency=500.0, sample_rate=RATE)
+
+
+def test_long_records_lose_their_last_samples_to_a_fast_transform():
+    """Below a million none, above so few that the number left has small factors only."""
+    assert [fast_length(n) for n in (997, 1_000_000, 1_000_001, 10_000_001)] == [997, 1_000_000, 1_000_000, 10_000_000]
+    for n in (1_234_567, 3_000_017):
+        left = shorter = fast_length(n)
+        assert 0.995 * n < left <= n
+        for factor in (2, 3, 5, 7, 11):
+            while shorter % factor == 0:
+                shorter //= factor
+        assert shorter == 1
