@@ -50,7 +50,8 @@ def outer_surface(mesh: Any, scalar: Any, fields: Array, solid: Solid) -> tuple[
         triangles += pieces
         triangle_labels += [label] * len(pieces)
         halves += [pair for a, e, b in ring for pair in ((a, e), (e, b))]
-    evaluation = sp.vstack([_at_vertices(scalar, vertex), _at_midpoints(scalar, edge, around[first][:, [0, 2]])], format="csr")
+    at_midpoints = _at_midpoints(scalar, edge, around[first][:, [0, 2]])
+    evaluation = sp.vstack([_at_vertices(scalar, vertex), at_midpoints], format="csr")
     surface = Surface(
         points=(evaluation @ fields[1:].T),
         triangles=np.array(triangles),

@@ -29,6 +29,8 @@ SOLVERS = {"cholmod": "cvxopt", "pardiso": "pypardiso", "sparsecholesky": "ngsol
 ELEMENTS_PER_LEAF = 24
 BLOCK = 16
 """Right-hand sides that CHOLMOD and PARDISO solve at once."""
+ROWS = 4096
+"""Rows of a matrix that are handed to CHOLMOD at once."""
 SINGULAR = (
     "the stiffness matrix is singular or indefinite: is something loose, or does a material or element have no "
     "stiffness?"
@@ -120,11 +122,13 @@ def _cholmod(matrix: SymmetricMatrix, free: NDArray[np.bool_]) -> Callable[[Arra
     # Imported here because it is optional.
     cvxopt = importlib.import_module("cvxopt")
     cholmod = importlib.import_module("cvxopt.cholmod")
-    lower = matrix.lower[free][:, free].tocoo()
-    sparse = cvxopt.spmatrix(lower.data, lower.row.astype(np.int64), lower.col.astype(np.int64), lower.shape)
-    factor = cholmod.symbolic(sparse)
+    lower = matrix.lower[free][:, free]
+    # A few rows at a time, which are columns of the upper triangle: all at once would take three times the memory.
+    parts = (lower[start : start + ROWS].tocoo() for start in range(0, lower.shape[0], ROWS))
+    upper = cvxopt.sparse([[cvxopt.spmatrix(part.data, part.col, part.row, part.shape[::-1])] for part in parts])
+    factor = cholmod.symbolic(upper, uplo="U")
     try:
-        cholmod.numeric(sparse, factor)
+        cholmod.numeric(upper, factor)
     except ArithmeticError as error:
         raise ValueError(SINGULAR) from error
 
