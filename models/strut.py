@@ -9,11 +9,12 @@ output "encoder": how much farther apart these two are [m].
     imported_strut  anybody's reduced body of a whole strut, or of an actuator
     spring_strut    a spring between ideal joints, for closed forms and published cases
 
-Actuators are driven by "actuator_voltage" (DAC) [V] and read by "sensor_voltage" [V]; a spring is pushed by
-"actuator_force" [N] and read by "sensor_force" [N]. Both sensors are positive in compression. Figures of the joints: a
-reduced flexible joint of T. Dehaeze's group (MIT licence), or "assumed".
+Actuators are driven by "actuator_voltage" (DAC) [V] and read by "sensor_voltage" [V], positive in compression; beside
+a spring stands "actuator_force" [N], and "sensor_force" [N] is positive in tension. Figures of the joints: a reduced
+flexible joint of T. Dehaeze's group (MIT licence), or "assumed".
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +28,7 @@ from nassim import (
     Bushing,
     Encoder,
     FlexibleBody,
+    ForceSensor,
     Joint,
     LinearActuator,
     LinearModel,
@@ -42,7 +44,7 @@ from nassim import (
     spherical,
     universal,
 )
-from nassim.base.checks import Array, known
+from nassim.base.checks import Array, known, positive
 from nassim.base.rigid_motion import axes_along
 from nassim.kinematics import strut_lengths
 from nassim.scene import Actuator, Force, Line, Path, Reading, Sensor, Signal
@@ -61,6 +63,8 @@ APA_HEIGHT = 30e-3
 APA_SIZE = np.array([78.79e-3, 20e-3, APA_HEIGHT])
 HALF_LENGTH, HALF_RADIUS = 50e-3, 5e-3
 """Of the two cylinders that the published spring strut with masses consists of [m]."""
+SWINGING = 0.9
+"""Largest damping ratio of a body's own modes: beyond, none swings."""
 REACH = 1e-6
 """How far from a remote point a position may be that names it [m]."""
 
@@ -88,21 +92,20 @@ class LineDrive(Actuator):
 @register
 @dataclass(frozen=True)
 class LineSensor(Sensor):
-    """What reads how much farther apart two points are: gain units a metre.
+    """A voltage that tells how much farther apart two points are than at the start: gain volts a metre.
 
-    name: of the scene's output; a, b: "body.point"; gain: [unit/m]
+    name: of the scene's output [V]; a, b: "body.point"; gain: [V/m]
     """
 
     name: str
     a: Path
     b: Path
     gain: float
-    unit: str = "V"
     factor = "gain"
 
     def says(self, scene: Scene) -> tuple[Reading]:
         """It reads the line's length."""
-        return (Reading(self.name, self.unit, Line(self.a, self.b), self.gain),)
+        return (Reading(self.name, "V", Line(self.a, self.b), self.gain),)
 
 
 def fe_strut(
@@ -220,12 +223,12 @@ def spring_strut(
 ) -> Scene:
     """A spring, a damper and a force between ideal joints: universal at the bottom, spherical at the top.
 
-    stiffness: of the spring whose force the sensor reads [N/m]; parallel_stiffness: of another one beside [N/m]
-    damping: beside both [N s/m]
+    stiffness [N/m], damping [N s/m]: of the spring and its damper, whose force the sensor reads
+    parallel_stiffness: of another spring beside [N/m]
     mass: of two cylinders that slide in each other, half of it each [kg]; 0 for none
     length: between the joints' centres [m]
 
-    "sensor_force" reads what the spring bears; see `sensors_in_line` for a sensor that bears the actuator's force too.
+    "sensor_force" is what spring and damper pull with; see `sensors_in_line` for a sensor that feels the actuator too.
     """
     bodies, joints = (_end("bottom", 0.0), _end("top", length)), ()
     if mass:
@@ -237,21 +240,45 @@ def spring_strut(
         bodies,
         joints,
         (LinearActuator("actuator", *ends, "actuator_force"),),
-        (LineSensor("sensor_force", *ends, -stiffness, "N"), Encoder("encoder", *ends, "line")),
+        (ForceSensor("sensor_force", "spring"), Encoder("encoder", *ends, "line")),
         (SpringDamper("spring", *ends, "line", stiffness, damping), *beside),
         damping_ratio=0.0,
     )
 
 
-def sensors_in_line(model: LinearModel) -> LinearModel:
-    """The linear model of spring struts in which each "sensor_force" also bears its strut's "actuator_force".
+def with_own_damping(strut: Scene, ratio: float = 0.01, *, frequency: float = 100.0) -> Scene:
+    """The strut with damping of its parts instead of its modes: Kelvin and Voigt's, in proportion to each stiffness.
 
-    As of a sensor in line with spring and actuator: it reads force less stiffness times elongation.
+    A machine's mode at the frequency [Hz] has the ratio [-] then, others in proportion to theirs. It holds in every
+    fidelity and position; the damping of a scene's modes acts in floating frames through the deformation of bodies
+    alone, which is not what moves most where they stand on flexible joints. Bodies must be as they will be used: trim
+    them before, not by a cutoff_frequency of the machine.
+    """
+    time = positive("damping ratio", ratio) / (math.pi * positive("frequency", frequency, "Hz"))
+    bodies = [
+        replace(
+            body,
+            damping_ratio=np.minimum(
+                math.pi * time * body.reduced.eigenfrequencies(fixed=[strut.frame_point(body)]), SWINGING
+            ),
+        )
+        if isinstance(body, FlexibleBody)
+        else body
+        for body in strut.bodies
+    ]
+    springs = [replace(spring, damping=time * spring.stiffness) for spring in strut.springs]
+    return replace(strut, bodies=tuple(bodies), springs=tuple(springs), damping_ratio=0.0)
+
+
+def sensors_in_line(model: LinearModel) -> LinearModel:
+    """The linear model of spring struts whose sensors are in line with spring, damper and actuator.
+
+    Each "sensor_force" is then what spring and damper pull with, less the strut's "actuator_force".
     """
     direct = model.D.copy()
     for row, output in enumerate(model.outputs):
         if output.endswith("sensor_force"):
-            direct[row, model.inputs.index(output.removesuffix("sensor_force") + "actuator_force")] += 1.0
+            direct[row, model.inputs.index(output.removesuffix("sensor_force") + "actuator_force")] -= 1.0
     return replace(model, D=direct)
 
 
