@@ -3,6 +3,7 @@
 from argparse import ArgumentParser, Namespace
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from _arguments import fraction, positive
@@ -10,7 +11,7 @@ from _arguments import fraction, positive
 from models.apa300ml import COARSE, PORTS, reduced_apa300ml
 from models.nano_hexapod import make_nano_hexapod
 from models.strut import fe_strut, with_own_damping
-from nassim import LinearModel, Scene, TimeHistory
+from nassim import LinearModel, ReducedBody, Scene, TimeHistory
 from nassim.simulation import trim_scene
 
 VOLTAGES, SENSORS, ENCODERS = (
@@ -43,10 +44,14 @@ def add_machine(arguments: ArgumentParser) -> None:
 def hexapod(args: Namespace, *, method: str | None = None, spindle_rpm: float = 0.0) -> Scene:
     """The hexapod of the arguments, its six struts trimmed and damped part by part."""
     fidelity, _ = METHODS[method or args.method]
-    apa = reduced_apa300ml(ports=PORTS, **(COARSE if args.coarse else {}))
-    strut = trim_scene(replace(fe_strut(fidelity, apa=apa), cutoff_frequency=3 * HIGHEST))
+    strut = trim_scene(replace(fe_strut(fidelity, apa=_actuator(args.coarse)), cutoff_frequency=3 * HIGHEST))
     strut = with_own_damping(strut, args.damping_ratio) if args.damping_ratio else replace(strut, damping_ratio=0.0)
     return make_nano_hexapod(strut, payload_mass=args.payload_mass, spindle_rpm=spindle_rpm)
+
+
+@cache
+def _actuator(coarse: bool) -> ReducedBody:
+    return reduced_apa300ml(ports=PORTS, **(COARSE if coarse else {}))
 
 
 def excite(scene: Scene, time: np.ndarray, signals: Mapping[str, np.ndarray]) -> TimeHistory:
