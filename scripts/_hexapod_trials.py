@@ -1,31 +1,15 @@
-"""Six loops of integral force feedback on the hexapod: their damping predicted, and found in time simulations."""
+"""Decays of the hexapod in time simulations, and the damping of its modes that they show."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from _hexapod import METHODS, SAMPLE_RATE, SENSORS, VOLTAGES, excite
+from _hexapod import METHODS, SAMPLE_RATE, excite
 from scipy.optimize import linear_sum_assignment
 
-from nassim import (
-    FRF,
-    Controller,
-    LinearModel,
-    Loop,
-    Scene,
-    TimeHistory,
-    frequency_response,
-    linearize,
-    simulate,
-)
+from nassim import Scene, TimeHistory, simulate
 from nassim.base import decay_poles
-from nassim.simulation import linearize_closed
-from nassim.systems import RootLocus, decentralised
 
-WIRES = {"measured": SENSORS, "driven": VOLTAGES}
 POSE = tuple(f"pose.{axis}" for axis in ("ux", "uy", "uz", "rx", "ry", "rz"))
-WRENCH = tuple(f"payload_{kind}_{axis}" for kind in ("force", "torque") for axis in "xyz")
 PULSES = ({"payload_force_x": 1.0, "payload_torque_z": 0.1}, {"payload_force_y": 1.0, "payload_force_z": 1.0})
 """Pushes on the payload [N], [N m] that together excite all modes, and those that come in pairs not alike."""
 PULSE_TIME, PULSE_WIDTH, PULSE_END = 0.01, 0.002, 0.02
@@ -41,45 +25,6 @@ TRIALS = {
     "us a step": "us_per_step:.0f",
 }
 """Columns that print what `trial` gives: of the least and the most damped of six modes, and the largest difference."""
-
-
-@dataclass(frozen=True)
-class Design:
-    """What six equal loops are designed on.
-
-    plant: linear model sampled at the loops' rate; unit: controller of gain one
-    """
-
-    plant: LinearModel
-    unit: Controller
-
-    @property
-    def frequency(self) -> np.ndarray:
-        """Frequencies of the six suspension modes without loops, (6,) [Hz]."""
-        poles = self.plant.poles()
-        return np.sort(np.abs(poles[poles.imag > 0]))[:6] / (2 * np.pi)
-
-    @property
-    def six(self) -> Controller:
-        """One controller of all six."""
-        return decentralised(*[self.unit] * 6)
-
-    def modes(self, locus: RootLocus, gain: float) -> np.ndarray:
-        """Poles of the suspension modes at one of a locus's gains, which begin at zero, (6,) [rad/s]."""
-        return locus.poles[np.searchsorted(locus.gains, gain), locus.branches(self.frequency)]
-
-
-def with_loops(scene: Scene, six: Controller, gain: float) -> Scene:
-    """The scene with a controller of all struts times a gain."""
-    return replace(scene, loops=(Loop("iff", replace(six, C=gain * six.C, D=gain * six.D), **WIRES),))
-
-
-def damped_plants(scene: Scene, six: Controller, gains: Sequence[float], frequency: np.ndarray) -> list[FRF]:
-    """FRFs of a scene in linear motion without loops and with them at some gains [1/s]."""
-    models = {"no loops": linearize(scene)}
-    for gain in gains:
-        models[f"gain {gain:.0f}/s"] = linearize_closed(with_loops(scene, six, gain), continuous=True)
-    return [frequency_response(model, frequency, label=name) for name, model in models.items()]
 
 
 def decay(scene: Scene, pulse: dict[str, float], *, method: str, duration: float) -> TimeHistory:

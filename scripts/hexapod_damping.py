@@ -9,8 +9,9 @@ import numpy as np
 from _arguments import not_negative, parser, positive, run, whole
 from _costs import timed
 from _hexapod import SAMPLE_RATE, add_machine, hexapod
-from _hexapod_pictures import plot_compliances, plot_decays, plot_plants
-from _hexapod_trials import PULSES, TRIALS, WIRES, Design, damped_plants, decay, trial, with_loops
+from _hexapod_damping_pictures import plot_compliances, plot_decays, plot_plants
+from _hexapod_loops import WIRES, Design, damped_plants, with_loops
+from _hexapod_trials import PULSES, TRIALS, decay, trial
 from _report import print_report, print_table
 from _results import write_summary
 
