@@ -273,6 +273,12 @@ def test_scripts_stay_short(path):
             ["ffrf_us_per_step", "exact_speed_over_ffrf", "trimmed_frf_error"],
             [],
         ),
+        (
+            "benchmark_signals.py",
+            ["--samples", "20000", "--states", "40", "--turns", "1"],
+            ["exact_loop_speed_over_peer", "estimate_frf_difference", "identify_modes_limit_s", "memory_B"],
+            [],
+        ),
         ("benchmark_import.py", ["--repetitions", "1"], ["import nassim", "every public name"], []),
         ("make_blind_record.py", ["--duration", "1"], ["payload_mass_kg", "encoder_gain_2_m_per_V"], []),
         (

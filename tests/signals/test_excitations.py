@@ -15,7 +15,7 @@ from nassim.signals.excitations import (
     sine_dwell,
     step,
 )
-from nassim.signals.time_history import occupied_bandwidth, sample_times
+from nassim.signals.time_history import fast_length, occupied_bandwidth, sample_times
 
 RATE = 1000.0
 BAND = {"lowest_frequency": 10.0, "highest_frequency": 100.0, "period": 0.5}
@@ -308,3 +308,15 @@ def test_orthogonal_multisines_check_their_arguments(change, message):
     arguments = {"names": THREE, "sample_rate": RATE, **BAND} | change
     with pytest.raises(ValueError, match=message):
         orthogonal_multisines(**arguments)
+
+
+def test_long_records_lose_their_last_samples_to_a_fast_transform():
+    """Below a million none, above so few that the number left has small factors only."""
+    assert [fast_length(n) for n in (997, 1_000_000, 1_000_001, 10_000_001)] == [997, 1_000_000, 1_000_000, 10_000_000]
+    for n in (1_234_567, 3_000_017):
+        left = shorter = fast_length(n)
+        assert 0.995 * n < left <= n
+        for factor in (2, 3, 5, 7, 11):
+            while shorter % factor == 0:
+                shorter //= factor
+        assert shorter == 1

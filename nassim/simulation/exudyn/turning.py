@@ -192,9 +192,9 @@ def solve_turning(system: System, twists: Mapping[str, Array]) -> tuple[Unstable
     for _ in range(ITERATIONS):
         rates = equations.rates(x)
         turning = float(np.sqrt(rates @ equations.mass(x) @ rates))
-        motion = _Motion.about(equations, x)
-        if not np.all(np.isfinite(motion.stiffness)):
+        if not np.all(np.isfinite(equations.left(x))):
             break
+        motion = _Motion.about(equations, x)
         step, size = motion.step(speed, turning)
         x = x + step
         if size < CLOSE * turning and motion.opened < SHUT:
