@@ -246,6 +246,12 @@ def test_scripts_stay_short(path):
             ["optimum_gain_per_s", "trials", "IFF_transmissibility_500_Hz"],
             ["root_locus.png", "frf.png", "isolation.png", "step.png"],
         ),
+        (
+            "spin_hexapod.py",
+            ["--points", "4", "--duration", "1"],
+            ["speeds_rpm", "published", "own struts"],
+            ["poles.png", "maps.png", "trials_published.png"],
+        ),
         ("piezo_ports.py", ["--coarse"], ["pair_of_forces_pole_Hz", "ports_sensor_open_zero_Hz"], ["frf.png"]),
         ("compare_routes.py", ["--coarse"], ["volume_stress_zero_Hz", "beam_model_stroke_m"], []),
         (
