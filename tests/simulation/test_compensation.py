@@ -132,6 +132,19 @@ def test_masses_stay_positive(link):
             assert -0.61 < change.min() <= change.max() < 1e-9
 
 
+def test_double_modes_have_no_axes_of_their_own(link):
+    """Whichever two shapes stand for a pair of modes, the mass is the same."""
+    assembly = assemble(elbow(link, ("ffrf", "ffrf"), seat=1e6))
+    frequency, turned = assembly.frequency.copy(), assembly.shapes.copy()
+    frequency[3] = frequency[2]
+    turned[:, 2:4] = turned[:, 2:4] @ np.array([[0.8, -0.6], [0.6, 0.8]])
+    one, other = (
+        compensated(replace(assembly, frequency=frequency, shapes=shapes), Steps(STEP))[1]
+        for shapes in (assembly.shapes, turned)
+    )
+    np.testing.assert_allclose(one, other, rtol=0, atol=1e-9 * np.abs(one).max())
+
+
 def test_a_free_body_keeps_its_momentum(link):
     """What is made up for pushes no rigid motion: a body that tumbles in space under a force, against fine steps."""
     free = FlexibleBody("a", link, rotation=FIRST, angular_velocity=(1.0, -2.0, 3.0))
