@@ -29,24 +29,35 @@ SAMPLE_RATE = 10e3
 """Of the real machine's control system and of all records [Hz]."""
 
 
-def add_machine(arguments: ArgumentParser) -> None:
-    """Arguments that say which hexapod, and how it is simulated."""
+def add_machine(arguments: ArgumentParser, *, method: bool = True) -> None:
+    """Arguments that say which hexapod, and how it is simulated unless a script does it in all ways."""
     arguments.add_argument("--payload-mass", type=positive, default=10.0, help="on the top plate [kg] (default: 10)")
     arguments.add_argument(
         "--damping-ratio", type=fraction, default=0.01, help="of a mode at 100 Hz, others in proportion (default: 0.01)"
     )
     arguments.add_argument("--coarse", action="store_true", help="actuators of tetrahedra of 8 mm, for a quick look")
-    arguments.add_argument(
-        "--method", choices=METHODS, default="exact", help="exact or integrated linear bodies, or floating frames"
-    )
+    if method:
+        arguments.add_argument(
+            "--method", choices=METHODS, default="exact", help="exact or integrated linear bodies, or floating frames"
+        )
 
 
-def hexapod(args: Namespace, *, method: str | None = None, spindle_rpm: float = 0.0) -> Scene:
-    """The hexapod of the arguments, its six struts trimmed and damped part by part."""
+def hexapod(
+    args: Namespace,
+    *,
+    method: str | None = None,
+    spindle_rpm: float = 0.0,
+    cutoff_frequency: float | None = 3 * HIGHEST,
+) -> Scene:
+    """The hexapod of the arguments, its six struts trimmed, None: not, and damped part by part."""
     fidelity, _ = METHODS[method or args.method]
-    strut = trim_scene(replace(fe_strut(fidelity, apa=_actuator(args.coarse)), cutoff_frequency=3 * HIGHEST))
-    strut = with_own_damping(strut, args.damping_ratio) if args.damping_ratio else replace(strut, damping_ratio=0.0)
-    return make_nano_hexapod(strut, payload_mass=args.payload_mass, spindle_rpm=spindle_rpm)
+    strut = trim_scene(replace(fe_strut(fidelity, apa=_actuator(args.coarse)), cutoff_frequency=cutoff_frequency))
+    return make_nano_hexapod(add_damping(args, strut), payload_mass=args.payload_mass, spindle_rpm=spindle_rpm)
+
+
+def add_damping(args: Namespace, strut: Scene) -> Scene:
+    """A strut with the damping of the arguments."""
+    return with_own_damping(strut, args.damping_ratio) if args.damping_ratio else replace(strut, damping_ratio=0.0)
 
 
 @cache

@@ -235,6 +235,12 @@ def test_scripts_stay_short(path):
             ["sensor_voltage.png", "encoder.png"],
         ),
         (
+            "hexapod_fidelity.py",
+            ["--coarse", "--duration", "0.02"],
+            ["exact_frf_error", "ffrf_600_Hz_length_error", "two_masses_exact_us_per_step"],
+            [],
+        ),
+        (
             "hexapod_damping.py",
             ["--coarse", "--payload-mass", "40"],
             ["optimum_gain_per_s", "optimum_damping_ratio", "trials"],
