@@ -27,15 +27,14 @@ TRIALS = {
 """Columns that print what `trial` gives: of the least and the most damped of six modes, and the largest difference."""
 
 
-def decay(scene: Scene, pulse: dict[str, float], *, method: str, duration: float) -> TimeHistory:
-    """The payload's pose after a push."""
+def decay(scene: Scene, pulse: dict[str, float], *, method: str, duration: float, n_steps: int) -> TimeHistory:
+    """The payload's pose after a push, at the loops' sample rate; n_steps: of the integrator per sample."""
     time = np.arange(round(duration * SAMPLE_RATE) + 1) / SAMPLE_RATE
     shape = np.exp(-(((time - PULSE_TIME) / PULSE_WIDTH) ** 2))
     excitation = excite(scene, time, {name: size * shape for name, size in pulse.items()})
-    record = simulate(
-        scene, excitation, time_step=1 / SAMPLE_RATE, outputs=POSE, method=METHODS[method][1], progress=False
-    )
-    return record.select(POSE)
+    options = {"time_step": 1 / SAMPLE_RATE / n_steps, "method": METHODS[method][1]}
+    record = simulate(scene, excitation, outputs=POSE, progress=False, **options).select(POSE)
+    return TimeHistory(time, record.values[:, ::n_steps], record.names, record.units)
 
 
 def trial(records: list[TimeHistory], predicted: np.ndarray) -> dict[str, Any]:

@@ -29,6 +29,7 @@ arguments.add_argument("--corner", type=not_negative, default=2.0, help="of the 
 arguments.add_argument("--delay", type=whole(0), default=1, help="of the controllers in samples (default: 1)")
 arguments.add_argument("--spindle-rpm", type=not_negative, default=0.0, help="speed of the base [rpm] (default: 0)")
 arguments.add_argument("--duration", type=positive, default=0.3, help="of a simulated decay [s] (default: 0.3)")
+arguments.add_argument("--steps", type=whole(1), default=1, help="of the integrator in a loop's sample (default: 1)")
 arguments.add_argument("--largest-gain", type=positive, default=500.0, help="of the search [1/s] (default: 500)")
 
 REPORT = """
@@ -54,13 +55,12 @@ def main() -> None:
         locus = root_locus(design.plant, design.six, shown, **WIRES)
 
     trials, records, spent = {}, {}, 0.0
+    how = {"method": args.method, "duration": args.duration, "n_steps": args.steps}
     for gain in tried:
         looped = with_loops(scene, design.six, gain)
         with stage(f"simulate with {gain:.0f}/s"):
-            records[gain], wall = timed(
-                lambda s: [decay(s, push, method=args.method, duration=args.duration) for push in PULSES], looped
-            )
-        steps = sum(len(record.time) for record in records[gain])
+            records[gain], wall = timed(lambda s: [decay(s, push, **how) for push in PULSES], looped)
+        steps = args.steps * sum(len(record.time) for record in records[gain])
         figures = {"gain_per_s": gain, "us_per_step": 1e6 * wall / steps}
         trials[f"{gain:.0f}/s"] = figures | trial(records[gain], design.modes(locus, gain))
         spent += wall

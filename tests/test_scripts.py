@@ -387,6 +387,11 @@ def test_one_record_of_six_inputs_gives_all_72_responses(options, tmp_path):
     ids=["exact", "exact, leaky", "linear", "ffrf", "spinning"],
 )
 def test_six_loops_damp_six_modes_as_predicted(options, percent, tmp_path):
+    """Three gains up to 0.6 of the optimum, in exact steps as good as equal.
+
+    Integrated steps pass through an output's jump halfway, and the sensors feel half of it at once where the structure
+    follows at once: sample time times gain times the sensors' response far above the modes, over two, is 2.4 % here.
+    """
     result = run("scripts/hexapod_damping.py", "--coarse", "--no-plot", "--output", tmp_path, *options)
     assert result.returncode == 0, result.stderr
     summary = json.loads((tmp_path / "summary.json").read_text())
