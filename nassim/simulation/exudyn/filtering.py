@@ -25,6 +25,8 @@ class Filtering:
         for field in scene.said(Field):
             self.falls[:, scene.inputs.index(field.input)] += field.direction
         self.now = 0
+        self.looped = sorted({scene.outputs.index(name) for loop in scene.loops for name in loop.measured})
+        self.read = system.measuring(scene.outputs[k] for k in self.looped)
         for output in system.assembly.filters:
             system.filtered[output] = np.zeros(n_steps + 1)
 
@@ -45,7 +47,10 @@ class Filtering:
             passed[n] = self.steps[output](value)
 
     def measure(self) -> Array:
-        """Present outputs, (outputs,)."""
-        passed = self.system.filtered
-        names = self.system.readings
-        return np.array([passed[name][self.now] if name in passed else self.system.measured(name) for name in names])
+        """Present outputs that loops measure; the others stay 0, (outputs,)."""
+        outputs = self.system.assembly.scene.outputs
+        result = np.zeros(len(outputs))
+        result[self.looped] = self.read()
+        for output, passed in self.system.filtered.items():
+            result[outputs.index(output)] = passed[self.now]
+        return result

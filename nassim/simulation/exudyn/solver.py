@@ -53,6 +53,8 @@ def _fixed_steps(system: System, n_steps: int, time_step: float, spectral_radius
     settings.timeIntegration.adaptiveStep = False
     settings.timeIntegration.generalizedAlpha.spectralRadius = spectral_radius
     settings.solution.sensors.writePeriod = time_step
+    if system.sparse:
+        settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
     return settings
 
 
@@ -192,28 +194,31 @@ class _Steps:
         self.step_loops = start_loops(scene, time_step)
         self.filtering = Filtering(system, samples, n_steps, time_step)
         self.nothing = self.held = np.zeros(len(scene.inputs))
-        self.drives = []
+        self.drives, starting = [], []
         for drive in system.drives:
             direct = not np.isfinite(drive.rate)
             row, place = samples[drive.input], scene.inputs.index(drive.input)
             # The implicit rule takes forces at both ends of a step. A command that jumps there enters with its
             # mean, else the loop would have half a step of delay more.
             straight = direct and not explicit
-            self.drives.append((_follow(drive, time_step), row, drive, place, straight))
-            drive.apply(system.mbs, row[0] if direct else 0.0)
+            self.drives.append((_follow(drive, time_step), row, place, straight))
+            starting.append(row[0] if direct else 0.0)
+        system.act(starting)
 
     def begin(self) -> None:
         """Set what acts during the next step."""
-        count, mbs, explicit = self.begun, self.system.mbs, self.explicit
+        count, explicit = self.begun, self.explicit
         held = end = self.nothing
         self.filtering.step(count, self.held)
         if self.commands.size:
             held, end, self.commands[count] = self.step_loops(count, self.filtering.measure)
             self.held = held
         count += 1
-        for follow, row, drive, place, straight in self.drives:
+        values = []
+        for follow, row, place, straight in self.drives:
             added = end[place] if straight else held[place]
-            drive.apply(mbs, follow(row[count - 1] + added, row[count - explicit] + added))
+            values.append(follow(row[count - 1] + added, row[count - explicit] + added))
+        self.system.act(values)
         self.begun = count
 
     def end(self) -> None:
