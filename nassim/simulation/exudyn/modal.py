@@ -102,7 +102,7 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
         _pushes(assembly, number, modes, np.diag(equations.massless)),
         readings,
         massless,
-        at_rest={number: weight},
+        beside={number: weight},
         sparse=True,
     )
 

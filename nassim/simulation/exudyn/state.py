@@ -62,13 +62,13 @@ class Push:
 class _Carried:
     """What a load or an object carries.
 
-    places: of the drives that add to it; forces: per unit of each, (places, m); at_rest: what it carries without them
+    places: of the drives that add to it; forces: per unit of each, (places, m); beside: what else it carries
     last: values of the drives that it has been told; setting: tells it the forces
     """
 
     places: list[int]
     forces: Array
-    at_rest: Array | float
+    beside: Array | float
     setting: Callable[[Any], None]
     last: list[float] | None = None
 
@@ -76,7 +76,7 @@ class _Carried:
         """Carry what these values of all drives make; every call into Exudyn takes microseconds."""
         now = [values[place] for place in self.places]
         if now != self.last:
-            self.setting(np.dot(now, self.forces) + self.at_rest)
+            self.setting(np.dot(now, self.forces) + self.beside)
             self.last = now
 
 
@@ -107,7 +107,7 @@ class System:
     drives: what the inputs act through
     readings: per output, what it is the sum of, before its filter
     massless: objects of whose coordinates some have no mass, and the mass matrix that `find_accelerations` leaves them
-    at_rest: what objects that inputs push carry besides, by number
+    beside: what objects carry beside the forces of inputs, by number
     sparse: whether Exudyn's sparse solver is the faster one
     filtered: what a run lets pass, by output of `Assembly.filters`, (n_samples,) each
     turning: by inertial output, sensors of axes with which its directions turn, and these directions times gains, (3,)
@@ -121,7 +121,7 @@ class System:
     drives: tuple[Push, ...]
     readings: dict[str, list[Term]]
     massless: Mapping[int, Any]
-    at_rest: Mapping[int, Array] = field(default_factory=dict)
+    beside: Mapping[int, Array] = field(default_factory=dict)
     sparse: bool = False
     filtered: dict[str, Array] = field(default_factory=dict)
     turning: dict[str, list[tuple[int, Array]]] = field(default_factory=dict)
@@ -153,8 +153,8 @@ class System:
         for (number, parameter), places in found.items():
             is_load = parameter == "loadVector"
             setting = partial(self.mbs.SetLoadParameter if is_load else self.mbs.SetObjectParameter, number, parameter)
-            at_rest = 0.0 if is_load else self.at_rest.get(number, 0.0)
-            result.append(_Carried(places, np.array([self.drives[k].forces for k in places]), at_rest, setting))
+            beside = 0.0 if is_load else self.beside.get(number, 0.0)
+            result.append(_Carried(places, np.array([self.drives[k].forces for k in places]), beside, setting))
         return result
 
     def measuring(self, outputs: Iterable[str]) -> Callable[[], Array]:
