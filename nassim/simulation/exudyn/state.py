@@ -195,11 +195,14 @@ class System:
 
     def deformation(self, name: str) -> Array:
         """Present coordinates of a flexible body that deforms, as `ReducedBody` orders them, shape (n,)."""
-        carrier = self.carriers[name]
-        kind = exu.OutputVariableType.Coordinates
-        found = [np.atleast_1d(self.mbs.GetNodeOutput(node, kind))[:count] for node, count in carrier.nodes]
-        result: Array = carrier.coordinates @ np.concatenate(found)
+        result: Array = self.carriers[name].coordinates @ self.carried(name)
         return result
+
+    def carried(self, name: str) -> Array:
+        """Present coordinates that carry the deformation of a flexible body, shape (m,)."""
+        kind = exu.OutputVariableType.Coordinates
+        nodes = self.carriers[name].nodes
+        return np.concatenate([np.atleast_1d(self.mbs.GetNodeOutput(node, kind))[:count] for node, count in nodes])
 
     def turn(self, name: str) -> float:
         """Angle by which a body's frame is turned against the scene as drawn [rad]."""
@@ -210,14 +213,29 @@ class System:
         rate = self.mbs.GetNodeOutput(self.nodes[name], exu.OutputVariableType.AngularVelocity)
         return float(np.linalg.norm(rate))
 
-    def shift(self, name: str, other: str) -> Array:
-        """Turn [rad] and displacement [m] of a body as seen from another's frame, against the scene as drawn, (2,)."""
-        rotations, positions = [], []
-        for drawn in (False, True):
-            (turned, place), (own, origin) = self._pose(name, drawn=drawn), self._pose(other, drawn=drawn)
-            rotations.append(own.T @ turned)
-            positions.append(own.T @ (place - origin))
-        return np.array([_angle(rotations[0] @ rotations[1].T), np.linalg.norm(positions[0] - positions[1])])
+    def shifting(self, pairs: Sequence[tuple[str, str]]) -> Callable[[], Array]:
+        """A function that tells how far each pair's first body has moved as seen from the other's frame, (pairs, 2).
+
+        Turn [rad] and displacement [m] against the scene as drawn.
+        """
+        names = sorted({name for pair in pairs for name in pair})
+        bodies, others = np.array([[names.index(name) for name in pair] for pair in pairs], dtype=int).reshape(-1, 2).T
+
+        def seen(*, drawn: bool) -> tuple[Array, Array]:
+            poses = [self._pose(name, drawn=drawn) for name in names]
+            rotations, places = np.array([pose[0] for pose in poses]), np.array([pose[1] for pose in poses])
+            back = rotations[others].transpose(0, 2, 1)
+            return back @ rotations[bodies], (back @ (places[bodies] - places[others])[:, :, None])[:, :, 0]
+
+        turned_before, placed_before = seen(drawn=True) if pairs else (np.zeros((0, 3, 3)), np.zeros((0, 3)))
+
+        def shifts() -> Array:
+            turned, placed = seen(drawn=False)
+            cosines = 0.5 * (np.einsum("nij,nij->n", turned, turned_before) - 1)
+            away = np.linalg.norm(placed - placed_before, axis=1)
+            return np.column_stack([np.arccos(np.clip(cosines, -1.0, 1.0)), away])
+
+        return shifts
 
     def _pose(self, name: str, *, drawn: bool) -> tuple[Array, Array]:
         """Rotation (3, 3) and position (3,) of a body's frame in the world, now or as drawn."""
