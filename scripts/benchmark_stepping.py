@@ -1,25 +1,24 @@
-"""Steps per second of the bench in every fidelity, side by side with the usual Exudyn construction.
+"""Steps per second of the bench and of hexapods with loops in every fidelity, beside real time and the exact solution.
 
-The usual construction carries the same reduced body, but ties it by all nodes of the faces (mean of their motions) and
-pushes it by a connector with a force function; it is so slow that it only takes the first 5 % of the steps. All
-routes take the same record of noise, in one run, in turns.
+With the bench goes the usual Exudyn construction. It carries the same reduced body, but ties it by all nodes of the
+faces (mean of their motions) and pushes it by a connector with a force function; it is so slow that it only takes the
+first 5 % of the steps. All routes take the same record of noise, in one run, in turns.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 from _arguments import parser, run, whole
-from _costs import timed
 from _report import print_report, print_table, rows_of, with_prefix
 from _results import write_summary
+from _stepping_rows import Route, compensated, hexapods, race, simulated
 from _usual_construction import STEP, usual_construction
 
 from models.apa300ml import reduced_apa300ml
 from models.bench import make_bench
-from nassim import Loop, TimeHistory, describe, frequency_response, linearize, simulate
+from nassim import Loop, TimeHistory, describe, frequency_response, linearize
 from nassim.signals import band_limited_noise
 from nassim.systems import integral_force_feedback
 
@@ -43,11 +42,10 @@ arguments.add_argument("--turns", type=whole(1), default=3, help="the fastest of
 COLUMNS = {
     "us/step": "us_per_step:.1f",
     "steps/s": "steps_per_s:.0f",
-    "times ffrf": "speed_over_ffrf:.2f",
-    "times usual": "speed_over_usual:.1f",
     "real time": "speed_over_real_time:.2f",
     "error of d_e against exact [%]": "encoder_error*100:.3g",
 }
+OVERS = {"times ffrf": "speed_over_ffrf:.2f", "times usual": "speed_over_usual:.1f"}
 REPORT = """(steps make up for what their rule does to periods; what is left is told by nassim.simulation.period_errors)
 FRFs of the trimmed bench up to 500 Hz: within {trimmed_frf_error*100:.2g} %
 {trimmed_scene}"""
@@ -60,29 +58,21 @@ def main() -> None:
     noise = band_limited_noise(args.steps * STEP, 1 / STEP, cutoff_frequency=300.0, rms=1e-5)
     few = args.steps // 20 + 1
     start_only = TimeHistory(noise.time[:few], noise.values[:, :few], noise.names, noise.units)
-    runs: dict[str, Callable[[], Any]] = {USUAL: partial(usual_construction, make_bench(apa=apa), start_only)}
+    routes = {USUAL: Route(partial(usual_construction, make_bench(apa=apa), start_only), STEP, "exact")}
     for label, (options, method) in ROUTES.items():
         scene = replace(make_bench(apa=apa, **options), loops=(LOOPS[label],) if label in LOOPS else ())
-        runs[label] = partial(simulate, scene, noise, time_step=STEP, method=method, progress=False)
-    per_step, encoder = dict.fromkeys(runs, np.inf), {}
-    for _ in range(args.turns):
-        for label, route in runs.items():
-            record, wall = timed(route)
-            encoder[label] = record["encoder"] if isinstance(record, TimeHistory) else record
-            per_step[label] = min(per_step[label], wall / (len(encoder[label]) - 1))
-
+        true = "exact, loop" if label in LOOPS else "exact"
+        routes[label] = Route(simulated(scene, noise, "encoder", STEP, method), STEP, true)
+    figures = race(routes, args.turns)
     summary: dict[str, Any] = {"steps": args.steps, "time_step_s": STEP}
-    for label, wall in per_step.items():
-        exact = encoder["exact, loop" if label in LOOPS else "exact"][: len(encoder[label])]
-        figures = {
-            "us_per_step": 1e6 * wall,
-            "steps_per_s": 1 / wall,
-            "speed_over_real_time": STEP / wall,
-            "speed_over_ffrf": per_step["ffrf"] / wall,
-            "speed_over_usual": per_step[USUAL] / wall,
-            "encoder_error": float(np.abs(encoder[label] - exact).max() / np.abs(exact).max()),
-        }
-        summary |= with_prefix(label, figures)
+    for label, row in figures.items():
+        for other, name in (("ffrf", "ffrf"), (USUAL, "usual")):
+            row[f"speed_over_{name}"] = row["steps_per_s"] / figures[other]["steps_per_s"]
+        summary |= with_prefix(label, row)
+    others = {"steps": compensated(apa, args.steps), "trimmed, six loops": hexapods(apa, args.steps // 5)}
+    for more in others.values():
+        for label, row in race(more, args.turns).items():
+            summary |= with_prefix(label, row)
     frequency = np.geomspace(1, 500, 500)
     trimmed = make_bench(apa=apa, cutoff_frequency=CUTOFF)
     full, cut = (frequency_response(linearize(b), frequency).values for b in (make_bench(apa=apa), trimmed))
@@ -90,7 +80,9 @@ def main() -> None:
     summary["trimmed_frf_error"] = float(np.max(np.abs(cut - full) / scale))
     summary["trimmed_scene"] = describe(trimmed)
 
-    print_table("", rows_of(summary, runs), COLUMNS)
+    print_table("", {name: rows_of(summary, [name])[name] for name in routes}, COLUMNS | OVERS)
+    for title, more in others.items():
+        print_table(title, {name: rows_of(summary, [name])[name] for name in more}, COLUMNS)
     print_report(REPORT, summary)
     write_summary(args.output, summary)
 

@@ -30,14 +30,19 @@ WORTH_A_WORD = 0.1
 
 def axial_forces(body: ReducedBody, coordinates: Array) -> Array:
     """Tension along the lines between every two remote points [N], (lines, n_times), of coordinates (n, n_times)."""
-    forces = (body.stiffness_matrix @ coordinates)[: 6 * len(body.remote_points)]
-    forces = forces.reshape(len(body.remote_points), 6, -1)[:, :3].reshape(3 * len(body.remote_points), -1)
+    result: Array = axial_rows(body) @ coordinates
+    return result
+
+
+def axial_rows(body: ReducedBody) -> Array:
+    """`axial_forces` per unit of a body's coordinates, (lines, n)."""
+    places = 6 * np.arange(len(body.remote_points))[:, None] + [0, 1, 2]
     lines = _lines(body)
     balance = np.zeros((3 * len(body.remote_points), len(lines)))
     for k, (i, j) in enumerate(lines):
         _, along = _length_and_axis(body, i, j)
         balance[3 * i : 3 * i + 3, k], balance[3 * j : 3 * j + 3, k] = -along, along
-    result: Array = np.linalg.pinv(balance, rcond=1e-9) @ forces
+    result: Array = np.linalg.pinv(balance, rcond=1e-9) @ body.stiffness_matrix[places.ravel()]
     return result
 
 

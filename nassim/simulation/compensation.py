@@ -76,7 +76,7 @@ def compensated(assembly: Assembly, steps: Steps) -> tuple[Assembly, Array]:
     frequency = assembly.frequency[elastic]
     groups = np.cumsum(np.diff(frequency, prepend=0.0) > SAME * frequency) - 1
     for _ in range(ROUNDS):
-        each = np.einsum("ij,ik,kj->j", bent, taken, bent)
+        each = np.sum(bent * (taken @ bent), axis=0)
         given = (np.bincount(groups, each) / np.bincount(groups))[groups]
         asked = np.clip(asked * wanted / np.maximum(given, wanted / 10), wanted, MOST)
         taken = _inverse(bent, asked)

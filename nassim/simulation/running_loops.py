@@ -5,6 +5,7 @@ from collections import deque
 from collections.abc import Callable
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from nassim.base.checks import Array
 from nassim.scene.loop import Loop
@@ -29,23 +30,24 @@ def samples_per_period(loop: Loop, time_step: float) -> int:
     return whole
 
 
-def start_controller(loop: Loop) -> Callable[[Array], tuple[Array, Array]]:
-    """A controller at rest: a function that takes the measured outputs at a sample, (measured,).
+def start_controller(*loops: Loop) -> Callable[[Array], tuple[Array, Array]]:
+    """Controllers at rest of loops with one delay: a function that takes what they measure at a sample, (measured,).
 
-    It returns what the loop then adds to its inputs until the next sample, (driven,), and what from then on as far as
+    It returns what the loops then add to their inputs until the next sample, (driven,), and what from then on as far as
     that is known already: with a delay of at least one sample it is, without one it is taken as the same.
     """
-    c = loop.controller
-    see, put_out = converter(loop.input_step, loop.input_limit), converter(loop.output_step, c.limit)
-    state = np.zeros(len(c.A))
-    waiting = deque(np.zeros((c.delay, len(loop.driven))))
+    a, b, c, d = (block_diag(*(getattr(loop.controller, name) for loop in loops)) for name in "ABCD")
+    state = np.zeros(len(a))
+    sees = [converter(loop.input_step, loop.input_limit) for loop in loops for _ in loop.measured]
+    puts = [converter(loop.output_step, loop.controller.limit) for loop in loops for _ in loop.driven]
+    waiting = deque(np.zeros((loops[0].controller.delay, len(puts))))
 
     def step(measured: Array) -> tuple[Array, Array]:
         nonlocal state
-        seen = np.array([see(value) for value in measured.tolist()])
-        computed = np.array([put_out(value) for value in (c.C @ state + c.D @ seen).tolist()])
-        state = c.A @ state + c.B @ seen
-        waiting.append(computed)
+        seen = np.array([see(value) for see, value in zip(sees, measured.tolist(), strict=True)])
+        computed = (c.dot(state) + d.dot(seen)).tolist()
+        state = a.dot(state) + b.dot(seen)
+        waiting.append(np.array([put_out(value) for put_out, value in zip(puts, computed, strict=True)]))
         now = waiting.popleft()
         return now, waiting[0] if waiting else now
 
@@ -76,33 +78,39 @@ def start_loops(scene: Scene, time_step: float) -> Step:
     `Scene.commands`. Where a command jumps, the rule has the mean of both its values there: known before by a delay,
     or else, as the rule has taken the old value there already, with the missing half of the jump a step later.
     """
-    loops = [
+    inputs, outputs, driven = scene.inputs, scene.outputs, [name for loop in scene.loops for name in loop.driven]
+    taken = np.zeros((len(inputs), len(driven)))
+    taken[[inputs.index(name) for name in driven], np.arange(len(driven))] = 1.0
+    periods = [samples_per_period(loop, time_step) for loop in scene.loops]
+    ends = np.cumsum([0, *(len(loop.driven) for loop in scene.loops)])
+    alike: dict[tuple[int, int], list[int]] = {}
+    for k, (loop, period) in enumerate(zip(scene.loops, periods, strict=True)):
+        alike.setdefault((period, loop.controller.delay), []).append(k)
+    groups = [
         (
-            samples_per_period(loop, time_step),
-            start_controller(loop),
-            [scene.outputs.index(name) for name in loop.measured],
-            [scene.inputs.index(name) for name in loop.driven],
-            np.zeros((2, len(loop.driven))),
+            period,
+            delay,
+            start_controller(*(scene.loops[k] for k in chosen)),
+            [outputs.index(name) for k in chosen for name in scene.loops[k].measured],
+            [place for k in chosen for place in range(ends[k], ends[k + 1])],
         )
-        for loop in scene.loops
+        for (period, delay), chosen in alike.items()
     ]
-
-    delays = [loop.controller.delay for loop in scene.loops]
+    held, next_one, nothing = np.zeros(len(driven)), np.zeros(len(driven)), np.zeros(len(outputs))
 
     def step(n: int, measure: Callable[[], Array]) -> tuple[Array, Array, Array]:
-        due = [n % period == 0 for period, *_ in loops]
-        outputs = measure() if any(due) else None
-        held, end = np.zeros(len(scene.inputs)), np.zeros(len(scene.inputs))
-        for now, delay, (period, control, measured, driven, command) in zip(due, delays, loops, strict=True):
-            late = np.zeros(len(driven))
+        due = [n % period == 0 for period, *_ in groups]
+        found = measure() if any(due) else nothing
+        end = held.copy()
+        for now, (period, delay, control, measured, places) in zip(due, groups, strict=True):
+            late = 0.0
             if now:
-                assert outputs is not None
-                before = command[0].copy()
-                command[:] = control(outputs[measured])
-                late = (command[0] - before) / 2 * (delay == 0)
-            held[driven] += command[0]
-            end[driven] += late + (command.mean(axis=0) if (n + 1) % period == 0 else command[0])
-        return held, end, np.concatenate([np.zeros(0), *(command[0] for *_, command in loops)])
+                before = held[places]
+                held[places], next_one[places] = control(found[measured])
+                late = (held[places] - before) / 2 * (delay == 0)
+            until = (held[places] + next_one[places]) / 2 if (n + 1) % period == 0 else held[places]
+            end[places] = late + until
+        return taken.dot(held), taken.dot(end), held.copy()
 
     return step
 

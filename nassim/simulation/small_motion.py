@@ -237,16 +237,22 @@ def motion_size(assembly: Assembly, name: str, coordinates: Array) -> Array:
     coordinates: of the body, at one or more times, shape (n, n_times); in a floating frame, those of deformation, so
     that the rotation is that by deformation only
     """
+    return np.array([np.abs(rows @ coordinates).max(initial=0.0) for rows in motion_rows(assembly, name)])
+
+
+def motion_rows(assembly: Assembly, name: str) -> tuple[Array, Array]:
+    """Rotations of a body's points [rad] and their displacements by deformation over its size [-], of its coordinates.
+
+    Shape (k, n) each.
+    """
     body = next(body for body in assembly.scene.bodies if body.name == name)
     if isinstance(body, RigidBody):
-        return np.array([np.abs(coordinates[3:]).max(), 0.0])
+        return np.eye(6)[3:], np.zeros((0, 6))
     n_points = len(body.reduced.remote_points)
-    rotation = np.abs(coordinates[: 6 * n_points].reshape(n_points, 6, -1)[:, 3:]).max()
-    deformation = assembly.frames[name].deformation(body.reduced) @ coordinates
-    other_points = deformation[: 6 * n_points - 6].reshape(n_points - 1, 6, coordinates.shape[1])
-    moved = np.abs(other_points[:, :3]).max(initial=0.0)
+    turns, shifts = 6 * np.arange(n_points)[:, None] + [3, 4, 5], 6 * np.arange(n_points - 1)[:, None] + [0, 1, 2]
     middle = body.reduced.gram[1:4, 1:4] / body.reduced.mass - np.outer(*[body.reduced.center_of_mass] * 2)
-    return np.array([rotation, moved / np.sqrt(np.trace(middle))])
+    deformation = assembly.frames[name].deformation(body.reduced)[shifts.ravel()]
+    return np.eye(len(body.reduced.mass_matrix))[turns.ravel()], deformation / np.sqrt(np.trace(middle))
 
 
 def _as_modelled(scene: Scene) -> tuple[Scene, tuple[Word, ...]]:

@@ -25,6 +25,9 @@ class Filtering:
         for field in scene.said(Field):
             self.falls[:, scene.inputs.index(field.input)] += field.direction
         self.now = 0
+        self.outputs = scene.outputs
+        self.looped = sorted({self.outputs.index(name) for loop in scene.loops for name in loop.measured})
+        self.read = system.measuring(self.outputs[k] for k in self.looped)
         for output in system.assembly.filters:
             system.filtered[output] = np.zeros(n_steps + 1)
 
@@ -32,7 +35,7 @@ class Filtering:
         """At time step n; added: by loops to the inputs, (inputs,)."""
         system, self.now = self.system, n
         for output, passed in system.filtered.items():
-            k, value = system.assembly.scene.outputs.index(output), system.measured(output)
+            k, value = self.outputs.index(output), system.measured(output)
             share = system.assembly.ground_matrix[k]
             for sensor, weights in system.turning.get(output, ()):
                 axes = np.reshape(system.mbs.GetSensorValues(sensor), (3, 3))
@@ -45,7 +48,9 @@ class Filtering:
             passed[n] = self.steps[output](value)
 
     def measure(self) -> Array:
-        """Present outputs, (outputs,)."""
-        passed = self.system.filtered
-        names = self.system.readings
-        return np.array([passed[name][self.now] if name in passed else self.system.measured(name) for name in names])
+        """Present outputs that loops measure; the others stay 0, (outputs,)."""
+        result = np.zeros(len(self.outputs))
+        result[self.looped] = self.read()
+        for output, passed in self.system.filtered.items():
+            result[self.outputs.index(output)] = passed[self.now]
+        return result

@@ -1,6 +1,7 @@
 """The Exudyn system of a scene in small motion."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import exudyn as exu
@@ -9,95 +10,129 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.simulation.compensation import Steps
-from nassim.simulation.exudyn.state import COORDINATES, Carrier, Push, System, Term, add_circuit, add_forces, modal_node
+from nassim.simulation.exudyn.state import COORDINATES, Carrier, Charge, Push, System, Term, modal_node
 from nassim.simulation.following import product
 from nassim.simulation.small_motion import Assembly
+
+
+@dataclass(frozen=True)
+class _Equations:
+    """Of m = n + d + c coordinates: n modal amplitudes, d motions of drives and c charges.
+
+    mass, stiffness, damping: (m, m), where motions and charges have no mass
+    massless: what mass these have while accelerations at the start are found, which are none of theirs, (m,)
+    gains: of the circuits' outputs per unit of their charges, (c,)
+    """
+
+    mass: Array
+    stiffness: Array
+    damping: Array
+    massless: Array
+    gains: Array
+
+    @classmethod
+    def of(cls, assembly: Assembly, motion: Array, steps: Steps | None) -> "_Equations":
+        """motion: of all coordinates by amplitudes and drives, (n_all, n + d)."""
+        following, (n, d) = assembly.following, assembly.following.momentum.shape
+        size, squares = n + d + len(assembly.circuits), (2 * np.pi * assembly.frequency) ** 2
+        mass, stiffness, damping = np.zeros((3, size, size))
+        factors, growth = steps.factors(assembly.frequency) if steps else np.ones((2, n))
+        mass[:n, :n], stiffness[:n, :n] = np.diag(factors), np.diag(squares)
+        damping[:n, :n] = np.sqrt(growth)[:, None] * assembly.damping.of_modes * np.sqrt(growth)
+        # Rows k u = k input, beside what u and u' push in the modes: as large as these forces, else the tolerance of
+        # Newton's iterations passes over them.
+        push, driven = squares[:, None] * following.momentum, slice(n, n + d)
+        sizes = np.maximum(np.linalg.norm(push, axis=0), 1.0)
+        stiffness[:n, driven], stiffness[driven, driven] = -push, np.diag(sizes)
+        slip = assembly.damping.of_modes @ following.momentum - following.drag
+        damping[:n, driven] = -slip
+        charges = [Charge.of(circuit, motion.T @ circuit.forces) for circuit in assembly.circuits]
+        for k, charge in enumerate(charges, start=n + d):
+            stiffness[k, : n + d] = -charge.push
+            stiffness[:n, k] = -charge.push[:n]  # no force moves drives
+            stiffness[k, k], damping[k, k] = charge.stiffness, charge.damping
+        massless = np.concatenate([np.zeros(n), sizes, np.ones(len(charges))])
+        return cls(mass, stiffness, damping, massless, np.array([charge.gain for charge in charges]))
 
 
 def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: Steps | None) -> System:
     """The system of a scene in small motion: one object in modal coordinates, so joints need no multipliers.
 
-    What the modes do not share is zero, so a step takes time in proportion to their number.
-
-    With drives that follow inputs the amplitudes are a of `nassim.simulation.following`, and the motions of the drives
-    are coordinates too.
+    What the modes do not share is zero, so a step takes time in proportion to their number. With drives that follow
+    inputs the amplitudes are a of `nassim.simulation.following`, and the motions of the drives are coordinates too, as
+    are charges of ports that leak. All forces are this one object's.
 
     rates: of these inputs at the start; steps: whose error in periods is made up for
     """
-    scene = assembly.scene
+    scene, following, (n, d) = assembly.scene, assembly.following, assembly.following.momentum.shape
     container = exu.SystemContainer()
     mbs = container.AddSystem()
-    n, modes = len(assembly.frequency), assembly.basis @ assembly.shapes
-    mass, growth = steps.factors(assembly.frequency) if steps else np.ones((2, n))
-    forces = modes.T @ assembly.input_matrix
-    node = mbs.AddNode(modal_node(n))
-    mbs.AddObject(
-        eii.ObjectGenericODE2(
-            nodeNumbers=[node],
-            massMatrix=_sparse(np.diag(mass)),
-            stiffnessMatrix=_sparse(np.diag((2 * np.pi * assembly.frequency) ** 2)),
-            dampingMatrix=_sparse(np.sqrt(growth)[:, None] * assembly.damping.of_modes * np.sqrt(growth)),
-            forceVector=modes.T @ assembly.weight,
-        )
-    )
-    followed, drives, massless = _add_drives(mbs, assembly, node, rates)
-    nodes = (node, *followed)
-    motion = np.hstack([modes, assembly.following.beyond])
-    drives += [Push(add_forces(mbs, [node], n), name, forces[:, k]) for k, name in enumerate(scene.inputs)]
-    for a in assembly.amplifiers:
-        drives.append(Push(add_forces(mbs, [node], n), scene.inputs[a.input], modes.T @ a.forces, rate=a.rate))
-    readings: dict[str, list[Term]] = {name: [] for name in scene.outputs}
-    rows = (assembly.output_matrix, assembly.velocity_matrix, assembly.acceleration_matrix)
-    for kind, weights in zip(COORDINATES, rows, strict=True):
-        for name, row in zip(scene.outputs, product(weights, motion), strict=True):
-            for number, share in zip(nodes, np.split(row, [n]), strict=False):
-                if np.any(share):
-                    sensor = eii.SensorNode(
-                        nodeNumber=number, outputVariableType=kind, storeInternal=True, writeToFile=False
-                    )
-                    readings[name].append(Term.linear(mbs.AddSensor(sensor), share))
-    for circuit in assembly.circuits:
-        number, reading = add_circuit(mbs, circuit, nodes, motion.T @ circuit.forces, driven=len(motion.T) - n)
-        massless.append(number)
-        readings[circuit.output].append(reading)
-    bodies = [body for body in scene.bodies if body.name in assembly.slices]
-    counts = tuple(zip(nodes, (n, len(motion.T) - n), strict=False))
-    carriers = {body.name: Carrier(counts, motion[assembly.slices[body.name]]) for body in bodies}
-    mbs.Assemble()
-    return System(container, mbs, assembly, {}, carriers, tuple(drives), readings, tuple(massless))
-
-
-def _add_drives(
-    mbs: Any, assembly: Assembly, node: int, rates: Mapping[str, float]
-) -> tuple[list[int], list[Push], list[int]]:
-    """Add the motions of drives that follow inputs, d of them; the node, what sets them, the object; nothing without.
-
-    Massless rows k u = k input, beside what u and u' push in the modes.
-    """
-    following, (n, d) = assembly.following, assembly.following.momentum.shape
-    if not d:
-        return [], [], []
-    push = (2 * np.pi * assembly.frequency[:, None]) ** 2 * following.momentum
-    slip = assembly.damping.of_modes @ following.momentum - following.drag
-    # As large as the forces that they stand beside, else the tolerance of Newton's iterations passes over them.
-    sizes = np.maximum(np.linalg.norm(push, axis=0), 1.0)
-    mass, stiffness, damping = np.zeros((3, n + d, n + d))
-    mass[n:, n:] = np.diag(sizes)
-    stiffness[:n, n:], stiffness[n:, n:], damping[:n, n:] = -push, np.diag(sizes), -slip
-    names = [assembly.scene.inputs[index] for index in following.inputs]
+    modes = assembly.basis @ assembly.shapes
+    charges = np.zeros((len(modes), len(assembly.circuits)))
+    motion = np.hstack([modes, following.beyond, charges])
+    equations = _Equations.of(assembly, motion[:, : n + d], steps)
+    size = len(equations.mass)
+    names = [scene.inputs[index] for index in following.inputs]
     direct = np.isinf(following.rates)
-    speeds = [rates.get(name, 0.0) * at_once for name, at_once in zip(names, direct, strict=True)]
-    motions = mbs.AddNode(modal_node(d, speeds))
+    speeds = np.zeros(size)
+    speeds[n : n + d] = [rates.get(name, 0.0) * at_once for name, at_once in zip(names, direct, strict=True)]
+    node = mbs.AddNode(modal_node(size, speeds.tolist()))
+    weight = np.zeros(size)
+    weight[:n] = modes.T @ assembly.weight
     number = mbs.AddObject(
         eii.ObjectGenericODE2(
-            nodeNumbers=[node, motions], massMatrix=mass, stiffnessMatrix=stiffness, dampingMatrix=damping
+            nodeNumbers=[node],
+            massMatrix=_sparse(equations.mass + np.diag(equations.massless)),
+            stiffnessMatrix=_sparse(equations.stiffness),
+            dampingMatrix=_sparse(equations.damping),
+            forceVector=weight,
         )
     )
-    pushes = [
-        Push(add_forces(mbs, [motions], d), name, sizes[k] * np.eye(d)[k], rate=following.rates[k])
-        for k, name in enumerate(names)
-    ]
-    return [motions], pushes, [number]
+    massless = {number: _sparse(equations.mass)} if np.any(equations.massless) else {}
+    bodies = [body for body in scene.bodies if body.name in assembly.slices]
+    carriers = {body.name: Carrier(((node, size),), motion[assembly.slices[body.name]]) for body in bodies}
+    readings = _add_readings(mbs, assembly, node, motion, equations.gains)
+    mbs.Assemble()
+    return System(
+        container,
+        mbs,
+        assembly,
+        {},
+        carriers,
+        _pushes(assembly, number, modes, np.diag(equations.massless)),
+        readings,
+        massless,
+        beside={number: weight},
+        sparse=True,
+    )
+
+
+def _pushes(assembly: Assembly, number: int, modes: Array, held: Array) -> tuple[Push, ...]:
+    """What inputs push: modes, themselves and through amplifiers, and the rows of drives' motions; held: of all rows."""
+    scene, following, n = assembly.scene, assembly.following, modes.shape[1]
+    beyond = np.zeros((len(held) - n, len(scene.inputs)))
+    forces = np.vstack([modes.T @ assembly.input_matrix, beyond])
+    found = [(name, forces[:, k], np.inf) for k, name in enumerate(scene.inputs)]
+    found += [(scene.inputs[a.input], np.append(modes.T @ a.forces, beyond[:, 0]), a.rate) for a in assembly.amplifiers]
+    found += [(scene.inputs[k], held[n + j], following.rates[j]) for j, k in enumerate(following.inputs)]
+    return tuple(Push(number, name, row, rate=rate) for name, row, rate in found if np.any(row))
+
+
+def _add_readings(mbs: Any, assembly: Assembly, node: int, motion: Array, gains: Array) -> dict[str, list[Term]]:
+    """Add a sensor for each derivative that an output reads; gains: of circuits' outputs per charge, (c,)."""
+    scene = assembly.scene
+    readings: dict[str, list[Term]] = {name: [] for name in scene.outputs}
+    rows = [product(m, motion) for m in (assembly.output_matrix, assembly.velocity_matrix, assembly.acceleration_matrix)]
+    for k, (circuit, gain) in enumerate(zip(assembly.circuits, gains, strict=True), start=motion.shape[1] - len(gains)):
+        rows[0][scene.outputs.index(circuit.output), k] += gain
+    for kind, weights in zip(COORDINATES, rows, strict=True):
+        if np.any(weights):
+            sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kind, storeInternal=True, writeToFile=False)
+            number = mbs.AddSensor(sensor)
+            for name, row in zip(scene.outputs, weights, strict=True):
+                if np.any(row):
+                    readings[name].append(Term.linear(number, row))
+    return readings
 
 
 def _sparse(matrix: Array) -> Any:

@@ -16,12 +16,12 @@ from nassim.base.progress import stage
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.part import SixSprings, Spring
 from nassim.scene.scene import Scene
-from nassim.simulation.buckling import axial_forces
+from nassim.simulation.buckling import axial_rows
 from nassim.simulation.damping import tied_bodies
 from nassim.simulation.exudyn.filtering import Filtering
 from nassim.simulation.exudyn.state import Push, System, find_accelerations
 from nassim.simulation.running_loops import RUNAWAY, runaway, start_loops
-from nassim.simulation.small_motion import NO_EQUILIBRIUM, motion_size
+from nassim.simulation.small_motion import NO_EQUILIBRIUM, motion_rows
 
 CHECKS = 200
 """How often a run looks at its state."""
@@ -53,6 +53,8 @@ def _fixed_steps(system: System, n_steps: int, time_step: float, spectral_radius
     settings.timeIntegration.adaptiveStep = False
     settings.timeIntegration.generalizedAlpha.spectralRadius = spectral_radius
     settings.solution.sensors.writePeriod = time_step
+    if system.sparse:
+        settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
     return settings
 
 
@@ -109,8 +111,8 @@ def solve_dynamic(
     inputs: values at the time steps, shape (n_steps + 1,) each, by name
 
     Returns, as some 200 looks found them, the largest `motion_size` of the bodies, the least `axial_forces` of those
-    that deform, the largest `System.shift` of bodies tied together, by body or two, and how fast floating ones turned;
-    then what the scene's loops put out, shape (commands, n_steps + 1).
+    that deform, the largest of `System.shifting` of bodies tied together, by body or two, and how fast floating ones
+    turned; then what the scene's loops put out, shape (commands, n_steps + 1).
     Ctrl-C ends the run after the step at hand with KeyboardInterrupt; RuntimeError, with time, body and likely cause,
     when the integration fails or diverges.
     """
@@ -143,34 +145,46 @@ def solve_dynamic(
 class _Watch:
     """What is seen of a run whenever it is looked at.
 
-    largest: `motion_size` of each body, (2,); slackest: `axial_forces` of those that deform; shifts: `System.shift` of
-        every two bodies tied together; speeds: of floating bodies [rad/s]; lost: bodies that are deformed beyond what a
-        run may do
+    largest: `motion_size` of each body, (2,); slackest: `axial_forces` of those that deform; shifts: `System.shifting` of
+        every two bodies tied together; speeds: of floating bodies [rad/s]; lost: bodies that are deformed beyond what
+        a run may do
     """
 
     def __init__(self, system: System) -> None:
         scene = system.assembly.scene
         self.system = system
-        self.bodies = scene.deformable_bodies
         self.threshold = RUNAWAY if scene.loops else LOST
         self.largest = {name: np.zeros(2) for name in system.carriers}
-        self.slackest = {body.name: axial_tension(system, body) for body in self.bodies}
+        self.slackest = {body.name: axial_tension(system, body) for body in scene.deformable_bodies}
+        self.gauges = {name: self._gauge(name) for name in system.carriers}
         self.shifts = {pair: np.zeros(2) for pair in tied_bodies(scene) if system.nodes}
+        self.shifting = system.shifting(list(self.shifts))
         self.speeds = {body.name: 0.0 for body in scene.flexible_bodies if body.fidelity == "ffrf" and system.nodes}
         self.lost: list[str] = []
+
+    def _gauge(self, name: str) -> tuple[Array, int, int]:
+        """What is looked at per unit of what carries a body: rotations, displacements, axial forces; where these end."""
+        body = next(body for body in self.system.assembly.scene.bodies if body.name == name)
+        turns, shifts = motion_rows(self.system.assembly, name)
+        tensions = axial_rows(body.reduced) if name in self.slackest else shifts[:0]
+        rows = np.vstack([turns, shifts, tensions]) @ self.system.carriers[name].coordinates
+        return rows, len(turns), len(turns) + len(shifts)
 
     def look(self) -> None:
         """Compare the present state with the earlier ones."""
         system = self.system
-        for name in system.carriers:
-            now = motion_size(system.assembly, name, system.deformation(name)[:, None])
+        for name, (rows, turns, shifts) in self.gauges.items():
+            seen = rows.dot(system.carried(name))
+            sizes = np.abs(seen[:shifts])
+            now = np.array([sizes[:turns].max(), sizes[turns:].max(initial=0.0)])
             if not np.all(now < self.threshold):
                 self.lost.append(name)
             self.largest[name] = np.maximum(self.largest[name], now)
-        for body in self.bodies:
-            self.slackest[body.name] = np.minimum(self.slackest[body.name], axial_tension(system, body))
-        for pair in self.shifts:
-            self.shifts[pair] = np.maximum(self.shifts[pair], system.shift(*pair))
+            if name in self.slackest:
+                self.slackest[name] = np.minimum(self.slackest[name], seen[shifts:])
+        if self.shifts:
+            for pair, now in zip(self.shifts, self.shifting(), strict=True):
+                self.shifts[pair] = np.maximum(self.shifts[pair], now)
         for name in self.speeds:
             self.speeds[name] = max(self.speeds[name], system.speed(name))
 
@@ -192,28 +206,31 @@ class _Steps:
         self.step_loops = start_loops(scene, time_step)
         self.filtering = Filtering(system, samples, n_steps, time_step)
         self.nothing = self.held = np.zeros(len(scene.inputs))
-        self.drives = []
+        self.drives, starting = [], []
         for drive in system.drives:
             direct = not np.isfinite(drive.rate)
             row, place = samples[drive.input], scene.inputs.index(drive.input)
             # The implicit rule takes forces at both ends of a step. A command that jumps there enters with its
             # mean, else the loop would have half a step of delay more.
             straight = direct and not explicit
-            self.drives.append((_follow(drive, time_step), row, drive, place, straight))
-            drive.apply(system.mbs, row[0] if direct else 0.0)
+            self.drives.append((_follow(drive, time_step), row, place, straight))
+            starting.append(row[0] if direct else 0.0)
+        system.act(starting)
 
     def begin(self) -> None:
         """Set what acts during the next step."""
-        count, mbs, explicit = self.begun, self.system.mbs, self.explicit
+        count, explicit = self.begun, self.explicit
         held = end = self.nothing
         self.filtering.step(count, self.held)
         if self.commands.size:
             held, end, self.commands[count] = self.step_loops(count, self.filtering.measure)
             self.held = held
         count += 1
-        for follow, row, drive, place, straight in self.drives:
+        values = []
+        for follow, row, place, straight in self.drives:
             added = end[place] if straight else held[place]
-            drive.apply(mbs, follow(row[count - 1] + added, row[count - explicit] + added))
+            values.append(follow(row[count - 1] + added, row[count - explicit] + added))
+        self.system.act(values)
         self.begun = count
 
     def end(self) -> None:
@@ -256,7 +273,7 @@ def _check_run(system: System, lost: list[str], failure: Exception | None, begun
 
 def axial_tension(system: System, body: FlexibleBody) -> Array:
     """Present `axial_forces` of a body that deforms, (lines,) [N]."""
-    result: Array = axial_forces(body.reduced, system.deformation(body.name)[:, None])[:, 0]
+    result: Array = axial_rows(body.reduced) @ system.deformation(body.name)
     return result
 
 

@@ -1,8 +1,9 @@
 """What nassim keeps of an Exudyn system, and the system of a scene in small motion."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property, partial
 from typing import Any
 
 import exudyn as exu
@@ -43,7 +44,7 @@ class Carrier:
 class Push:
     """How an input acts on an Exudyn system.
 
-    number: of a load or an object; parameter: of it, that carries the forces
+    number: of a load or an object, to which other inputs may add; parameter: of it, that carries the forces
     input: name; forces: per unit of it
     rate: of the amplifier between, a low-pass of first order [1/s]
     offset: of a joint whose motion the input is, which reads it at every iteration; None for forces
@@ -56,14 +57,27 @@ class Push:
     rate: float = math.inf
     offset: Array | None = None
 
-    def apply(self, mbs: Any, value: float) -> None:
-        """Set the forces, or the joint's motion, for a value behind the amplifier."""
-        if self.offset is not None:
-            self.offset[:] = value * self.forces
-        elif self.parameter == "loadVector":
-            mbs.SetLoadParameter(self.number, self.parameter, value * self.forces)
-        else:
-            mbs.SetObjectParameter(self.number, self.parameter, value * self.forces)
+
+@dataclass
+class _Carried:
+    """What a load or an object carries.
+
+    places: of the drives that add to it; forces: per unit of each, (places, m); beside: what else it carries
+    last: values of the drives that it has been told; setting: tells it the forces
+    """
+
+    places: list[int]
+    forces: Array
+    beside: Array | float
+    setting: Callable[[Any], None]
+    last: list[float] | None = None
+
+    def tell(self, values: Sequence[float]) -> None:
+        """Carry what these values of all drives make; every call into Exudyn takes microseconds."""
+        now = [values[place] for place in self.places]
+        if now != self.last:
+            self.setting(np.dot(now, self.forces) + self.beside)
+            self.last = now
 
 
 @dataclass(frozen=True)
@@ -71,15 +85,17 @@ class Term:
     """One summand of an output.
 
     sensors: Exudyn's numbers; value: makes of their columns, (n_samples, k) each, the summand, (n_samples,)
+    weights: of the columns of one sensor, where the summand is their weighted sum
     """
 
     sensors: tuple[int, ...]
     value: Callable[..., Array]
+    weights: Array | None = None
 
     @classmethod
     def linear(cls, sensor: int, weights: Array) -> "Term":
         """A weighted sum of one sensor's columns."""
-        return cls((sensor,), lambda columns: columns @ weights)
+        return cls((sensor,), lambda columns: columns @ weights, weights)
 
 
 @dataclass(frozen=True)
@@ -90,7 +106,9 @@ class System:
     nodes: rigid-body node per moving body; carriers: per flexible body that deforms
     drives: what the inputs act through
     readings: per output, what it is the sum of, before its filter
-    massless: objects whose mass `find_accelerations` takes away
+    massless: objects of whose coordinates some have no mass, and the mass matrix that `find_accelerations` leaves them
+    beside: what objects carry beside the forces of inputs, by number
+    sparse: whether Exudyn's sparse solver is the faster one
     filtered: what a run lets pass, by output of `Assembly.filters`, (n_samples,) each
     turning: by inertial output, sensors of axes with which its directions turn, and these directions times gains, (3,)
     """
@@ -102,14 +120,67 @@ class System:
     carriers: dict[str, Carrier]
     drives: tuple[Push, ...]
     readings: dict[str, list[Term]]
-    massless: tuple[int, ...]
+    massless: Mapping[int, Any]
+    beside: Mapping[int, Array] = field(default_factory=dict)
+    sparse: bool = False
     filtered: dict[str, Array] = field(default_factory=dict)
     turning: dict[str, list[tuple[int, Array]]] = field(default_factory=dict)
 
     def apply(self, inputs: Mapping[str, float]) -> None:
         """Set the inputs, as if they had always been so."""
-        for drive in self.drives:
-            drive.apply(self.mbs, inputs[drive.input])
+        self.act([inputs[drive.input] for drive in self.drives])
+
+    def act(self, values: Sequence[float]) -> None:
+        """Set what acts by the values of all drives in turn, behind their amplifiers."""
+        for place, drive in self._moved:
+            drive.offset[:] = values[place] * drive.forces
+        for carried in self._carried:
+            carried.tell(values)
+
+    @cached_property
+    def _moved(self) -> list[tuple[int, Any]]:
+        """Drives that move joints, and their places."""
+        return [(place, drive) for place, drive in enumerate(self.drives) if drive.offset is not None]
+
+    @cached_property
+    def _carried(self) -> list[_Carried]:
+        """Everything that carries forces of inputs: one call each sets them."""
+        found: dict[tuple[int, str], list[int]] = {}
+        for place, drive in enumerate(self.drives):
+            if drive.offset is None:
+                found.setdefault((drive.number, drive.parameter), []).append(place)
+        result = []
+        for (number, parameter), places in found.items():
+            is_load = parameter == "loadVector"
+            setting = partial(self.mbs.SetLoadParameter if is_load else self.mbs.SetObjectParameter, number, parameter)
+            beside = 0.0 if is_load else self.beside.get(number, 0.0)
+            result.append(_Carried(places, np.array([self.drives[k].forces for k in places]), beside, setting))
+        return result
+
+    def measuring(self, outputs: Iterable[str]) -> Callable[[], Array]:
+        """A function that returns present values of these outputs, before their filters, (outputs,).
+
+        It asks a sensor once for all weighted sums of its columns.
+        """
+        names = list(outputs)
+        read, weighted, others = self.mbs.GetSensorValues, dict[int, Array](), []
+        for k, term in ((k, term) for k, name in enumerate(names) for term in self.readings[name]):
+            if term.weights is None:
+                others.append((k, term))
+            else:
+                weights = np.atleast_1d(term.weights)
+                rows = weighted.setdefault(term.sensors[0], np.zeros((len(names), len(weights))))
+                rows[k] += weights
+
+        def measure() -> Array:
+            values = np.zeros(len(names))
+            for sensor, rows in weighted.items():
+                values += rows.dot(np.atleast_1d(read(sensor)))
+            for k, term in others:
+                values[k] += term.value(*(np.reshape(read(sensor), (1, -1)) for sensor in term.sensors))[0]
+            return values
+
+        return measure
 
     def measured(self, output: str) -> float:
         """Present value of one output, before its filter."""
@@ -124,11 +195,14 @@ class System:
 
     def deformation(self, name: str) -> Array:
         """Present coordinates of a flexible body that deforms, as `ReducedBody` orders them, shape (n,)."""
-        carrier = self.carriers[name]
-        kind = exu.OutputVariableType.Coordinates
-        found = [np.atleast_1d(self.mbs.GetNodeOutput(node, kind))[:count] for node, count in carrier.nodes]
-        result: Array = carrier.coordinates @ np.concatenate(found)
+        result: Array = self.carriers[name].coordinates @ self.carried(name)
         return result
+
+    def carried(self, name: str) -> Array:
+        """Present coordinates that carry the deformation of a flexible body, shape (m,)."""
+        kind = exu.OutputVariableType.Coordinates
+        nodes = self.carriers[name].nodes
+        return np.concatenate([np.atleast_1d(self.mbs.GetNodeOutput(node, kind))[:count] for node, count in nodes])
 
     def turn(self, name: str) -> float:
         """Angle by which a body's frame is turned against the scene as drawn [rad]."""
@@ -139,14 +213,29 @@ class System:
         rate = self.mbs.GetNodeOutput(self.nodes[name], exu.OutputVariableType.AngularVelocity)
         return float(np.linalg.norm(rate))
 
-    def shift(self, name: str, other: str) -> Array:
-        """Turn [rad] and displacement [m] of a body as seen from another's frame, against the scene as drawn, (2,)."""
-        rotations, positions = [], []
-        for drawn in (False, True):
-            (turned, place), (own, origin) = self._pose(name, drawn=drawn), self._pose(other, drawn=drawn)
-            rotations.append(own.T @ turned)
-            positions.append(own.T @ (place - origin))
-        return np.array([_angle(rotations[0] @ rotations[1].T), np.linalg.norm(positions[0] - positions[1])])
+    def shifting(self, pairs: Sequence[tuple[str, str]]) -> Callable[[], Array]:
+        """A function that tells how far each pair's first body has moved as seen from the other's frame, (pairs, 2).
+
+        Turn [rad] and displacement [m] against the scene as drawn.
+        """
+        names = sorted({name for pair in pairs for name in pair})
+        bodies, others = np.array([[names.index(name) for name in pair] for pair in pairs], dtype=int).reshape(-1, 2).T
+
+        def seen(*, drawn: bool) -> tuple[Array, Array]:
+            poses = [self._pose(name, drawn=drawn) for name in names]
+            rotations, places = np.array([pose[0] for pose in poses]), np.array([pose[1] for pose in poses])
+            back = rotations[others].transpose(0, 2, 1)
+            return back @ rotations[bodies], (back @ (places[bodies] - places[others])[:, :, None])[:, :, 0]
+
+        turned_before, placed_before = seen(drawn=True) if pairs else (np.zeros((0, 3, 3)), np.zeros((0, 3)))
+
+        def shifts() -> Array:
+            turned, placed = seen(drawn=False)
+            cosines = 0.5 * (np.einsum("nij,nij->n", turned, turned_before) - 1)
+            away = np.linalg.norm(placed - placed_before, axis=1)
+            return np.column_stack([np.arccos(np.clip(cosines, -1.0, 1.0)), away])
+
+        return shifts
 
     def _pose(self, name: str, *, drawn: bool) -> tuple[Array, Array]:
         """Rotation (3, 3) and position (3,) of a body's frame in the world, now or as drawn."""
@@ -184,26 +273,41 @@ def add_forces(mbs: Any, nodes: Sequence[int], size: int) -> int:
     )
 
 
-def add_circuit(
-    mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array, *, driven: int = 0
-) -> tuple[int, Term]:
-    """Add a port's charge as a coordinate w = v / scale; returns its object and the sensor of its output.
-
-    forces: on the nodes' coordinates per volt of v; driven: how many of these, the last, are motions of drives, which
-    no force moves
+@dataclass(frozen=True)
+class Charge:
+    """A port's charge as a coordinate w = v / scale, of a circuit that pushes coordinates q.
 
     Symmetric rows: c v + R c^2 v' = forces @ q. The scale makes them as large as those of the body's forces, else the
-    tolerance of Newton's iterations passes over them. The mass is for the accelerations at the start, where w'' = 0;
+    tolerance of Newton's iterations passes over them.
+
+    push: forces on q per unit of w, (n,); stiffness, damping: of w; gain: of the circuit's output
+    """
+
+    push: Array
+    stiffness: float
+    damping: float
+    gain: float
+
+    @classmethod
+    def of(cls, circuit: Circuit, forces: Array) -> "Charge":
+        """forces: on q per volt of v, (n,)."""
+        c = circuit.capacitance
+        scale = float(np.linalg.norm(forces)) / c or 1.0
+        return cls(scale * forces, scale**2 * c, scale**2 * circuit.resistance * c**2, scale * circuit.gain)
+
+
+def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array) -> tuple[int, Term]:
+    """Add a port's charge; returns its object and the sensor of its output.
+
+    forces: on the nodes' coordinates per volt. The mass is for the accelerations at the start, where w'' = 0;
     `find_accelerations` takes it away.
     """
-    n, c = len(forces), circuit.capacitance
-    scale = float(np.linalg.norm(forces)) / c or 1.0
+    n, charge = len(forces), Charge.of(circuit, forces)
     node = mbs.AddNode(modal_node(1))
     mass, stiffness, damping = np.zeros((3, n + 1, n + 1))
     mass[n, n] = 1.0
-    stiffness[:n, n] = stiffness[n, :n] = -scale * forces
-    stiffness[n - driven : n, n] = 0.0
-    stiffness[n, n], damping[n, n] = scale**2 * c, scale**2 * circuit.resistance * c**2
+    stiffness[:n, n] = stiffness[n, :n] = -charge.push
+    stiffness[n, n], damping[n, n] = charge.stiffness, charge.damping
     number = mbs.AddObject(
         eii.ObjectGenericODE2(
             nodeNumbers=[*nodes, node],
@@ -214,7 +318,7 @@ def add_circuit(
     )
     kind = exu.OutputVariableType.Coordinates
     sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kind, storeInternal=True, writeToFile=False)
-    return number, Term.linear(mbs.AddSensor(sensor), np.array([scale * circuit.gain]))
+    return number, Term.linear(mbs.AddSensor(sensor), np.array([charge.gain]))
 
 
 def find_accelerations(system: System, settings: Any) -> None:
@@ -229,8 +333,8 @@ def find_accelerations(system: System, settings: Any) -> None:
     solver.InitializeSolver(mbs, settings)
     accelerations = mbs.systemData.GetODE2Coordinates_tt(exu.ConfigurationType.Current)
     mbs.systemData.SetODE2Coordinates_tt(accelerations, exu.ConfigurationType.Initial)
-    for number in system.massless:
-        mbs.SetObjectParameter(number, "massMatrix", np.zeros((0, 0)))
+    for number, mass in system.massless.items():
+        mbs.SetObjectParameter(number, "massMatrix", mass)
     settings.timeIntegration.generalizedAlpha.computeInitialAccelerations = False
 
 

@@ -50,6 +50,8 @@ from nassim.simulation.exudyn.tensions import add_tension
 from nassim.simulation.small_motion import Assembly
 from nassim.simulation.starting_motion import check_implied, starting_twists
 
+LARGE = 80
+"""Coordinates from which on a sparse factorisation is the faster one."""
 # Corners of a regular tetrahedron: equal weights on four pilots there give a remote point's motion exactly.
 PILOT_DIRECTIONS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
 
@@ -85,14 +87,14 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, s
             readings[word.output] += add_tension(items, word)
         else:
             drives += _realise(items, word, assembly)
-    massless = []
+    massless = {}
     for circuit in assembly.circuits:
         forces = {name: circuit.forces[assembly.slices[name]] for name in items.carriers}
         parts = [part for name, carrier in items.carriers.items() for part in carrier.parts(forces[name])]
         if parts:
             row = np.concatenate([piece for _, piece in parts])
             number, reading = add_circuit(mbs, circuit, [node for node, _ in parts], row)
-            massless.append(number)
+            massless[number] = np.zeros((0, 0))
             readings[circuit.output].append(reading)
     mbs.Assemble()
     return System(
@@ -103,7 +105,8 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, s
         dict(items.carriers),
         tuple(drives),
         readings,
-        tuple(massless),
+        massless,
+        sparse=mbs.systemData.ODE2Size() > LARGE,
         turning=turning,
     )
 

@@ -1,0 +1,95 @@
+"""Routes through the same time that are raced against each other, and what they miss of the exact one."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from _costs import timed
+
+from models.bench import make_bench
+from models.nano_hexapod import make_nano_hexapod
+from models.strut import fe_strut, two_mass_strut
+from nassim import Loop, ReducedBody, Scene, TimeHistory, simulate
+from nassim.signals import band_limited_noise
+from nassim.systems import integral_force_feedback
+
+STEP, CUTOFF, EXACT = 1e-4, 600.0, "exact"
+COMPENSATED = (0.05, 0.1, 0.2, 0.4, 1.0)
+"""Steps of the bench [ms]."""
+ROUTES = {"exact": ("linear", EXACT), "linear": ("linear", "generalized_alpha"), "ffrf": ("ffrf", "generalized_alpha")}
+
+
+@dataclass(frozen=True)
+class Route:
+    """A way to d_e, (n_samples,); step: between samples [s]; true: name of the route that is right, if any."""
+
+    work: Callable[[], Any]
+    step: float
+    true: str
+
+
+def simulated(scene: Scene, excitation: TimeHistory, output: str, step: float, method: str) -> Callable[[], Any]:
+    """A simulation that gives one output."""
+    run = partial(simulate, scene, excitation, time_step=step, method=method, outputs=[output], progress=False)
+    return lambda: run()[output]
+
+
+def race(routes: Mapping[str, Route], turns: int) -> dict[str, dict[str, float]]:
+    """Figures of every route: the fastest of some turns, in which all run one after the other."""
+    best, found = dict.fromkeys(routes, np.inf), {}
+    for _ in range(turns):
+        for name, route in routes.items():
+            found[name], wall = timed(route.work)
+            best[name] = min(best[name], wall / (len(found[name]) - 1))
+    figures = {}
+    for name, route in routes.items():
+        true = found[route.true][: len(found[name])]
+        figures[name] = {
+            "us_per_step": 1e6 * best[name],
+            "steps_per_s": 1 / best[name],
+            "speed_over_real_time": route.step / best[name],
+            "encoder_error": float(np.abs(found[name] - true).max() / np.abs(true).max()),
+        }
+    return figures
+
+
+def compensated(apa: ReducedBody, steps: int) -> dict[str, Route]:
+    """The bench in several steps through the same time, that of so many of 0.1 ms; noise up to 100 Hz."""
+    # Straight lines between 1 ms, so that all steps see the same voltage.
+    noise = band_limited_noise(max(steps * STEP, 0.05), 1e3, cutoff_frequency=100.0, rms=1e-5)
+    result = {}
+    for step in (1e-3 * milliseconds for milliseconds in COMPENSATED):
+        for name, (fidelity, method) in ROUTES.items():
+            bench = make_bench(apa=apa, fidelity=fidelity)
+            label = f"bench {name}, {1e3 * step:g} ms"
+            work = simulated(bench, noise, "encoder", step, method)
+            result[label] = Route(work, step, f"bench {EXACT}, {1e3 * step:g} ms")
+    return result
+
+
+def hexapods(apa: ReducedBody, steps: int) -> dict[str, Route]:
+    """Trimmed hexapods with 2, 4 or 6 struts of finite elements, the others of two masses, and a loop for each strut."""
+    result = {}
+    for count in (2, 4, 6):
+        for name, (fidelity, method) in ROUTES.items():
+            scene = _hexapod(apa, count, fidelity)
+            pushes = band_limited_noise(max(steps * STEP, 2e-3), 1 / STEP, cutoff_frequency=300.0, rms=1e-3)
+            forces = [word for word in scene.inputs if word.startswith("payload")]
+            values = np.outer([word == "payload_force_z" for word in forces], pushes.values[0])
+            excitation = TimeHistory(pushes.time, values, tuple(forces), tuple(map(scene.input_unit, forces)))
+            work = simulated(scene, excitation, "strut_1/encoder", STEP, method)
+            result[f"{count} struts {name}"] = Route(work, STEP, f"{count} struts {EXACT}")
+    return result
+
+
+def _hexapod(apa: ReducedBody, count: int, fidelity: str) -> Scene:
+    struts = [fe_strut(fidelity, apa=apa)] * count + [two_mass_strut()] * (6 - count)
+    # Without damping of modes, which floating frames realise in part: the loops damp.
+    hexapod = make_nano_hexapod(struts, damping_ratio=0.0, cutoff_frequency=CUTOFF)
+    iff = integral_force_feedback(20.0, sample_rate=1 / STEP)
+    names = [f"strut_{k}" for k in range(1, 7)]
+    wires = [(f"{name}/sensor_voltage", f"{name}/actuator_voltage") for name in names]
+    loops = [Loop(name, iff, *wire) for name, wire in zip(names, wires, strict=True)]
+    return replace(hexapod, loops=tuple(loops))
