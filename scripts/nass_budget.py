@@ -24,7 +24,7 @@ from models.nass_loops import POSE, force_loop
 from nassim import linearize
 from nassim.systems import noise_budget, sampled
 
-LIMITS = {"ux": 30e-9, "uy": 30e-9, "uz": 15e-9, "rx": 250e-9, "ry": 250e-9}
+AIMS = {"ux": 30e-9, "uy": 30e-9, "uz": 15e-9, "rx": 250e-9, "ry": 250e-9, "rz": None}
 """Rms at the sample that is aimed at [m], [rad]."""
 
 arguments = parser(__doc__, "nass_budget")
@@ -75,8 +75,7 @@ def main() -> None:
     left = pose_sensitivity(models["damped"], pose, band)
     summary = {
         "spectra": label,
-        "sample_rate_Hz": args.sample_rate,
-        "gain_per_s": args.gain,
+        **{"sample_rate_Hz": args.sample_rate, "gain_per_s": args.gain},
         "crossover_Hz": args.crossover,
         "coordinates": args.coordinates,
         "modes": [{"Hz": f, "moves": ", ".join(list(shares)[:3])} for f, shares in suspension(scene)],
@@ -84,14 +83,14 @@ def main() -> None:
         "largest_sensitivity": np.abs(np.einsum("iif->if", left.values)).max(),
         **turning_figures(args.speed, force, platform, args.payload_mass),
         "rms": shares(budgets),
-        "aims": LIMITS | {"rz": None},
+        "aims": AIMS,
     }
     print_table("modes below 150 Hz", {str(k): mode for k, mode in enumerate(summary["modes"], 1)}, MODES)
     print_report(REPORT, summary)
     for name, rows in summary["rms"].items():
         print_table(f"{name}, rms", {**rows, "aim": summary["aims"]}, AXES)
     if not args.no_plot:
-        plot_budgets(budgets, LIMITS, label, args.output / "budget.png")
+        plot_budgets(budgets, AIMS, label, args.output / "budget.png")
         plot_sensitivity(left, args.output / "sensitivity.png")
     write_summary(args.output, summary)
 

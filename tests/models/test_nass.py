@@ -165,7 +165,7 @@ def test_the_end_station_is_saved(tmp_path):
     assert (again.inputs, again.outputs) == (scene.inputs, scene.outputs)
 
 
-RATE, PERIOD, LOW, HIGH = 2000.0, 8.0, 2.0, 300.0
+RATE, PERIOD, LOW, HIGH = 2000.0, 8.0, 2.0, 240.0
 
 
 @pytest.mark.slow
