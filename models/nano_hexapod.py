@@ -6,7 +6,7 @@ interest, `platform.point` above M.
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import netgen.occ as occ
@@ -80,13 +80,10 @@ def make_nano_hexapod(
     Inputs: those of the struts, as "strut_1/actuator_voltage", and forces and torques on the payload at B,
     "payload_force_x" [N] ... "payload_torque_z" [N m], along axes that turn with it. Outputs: "strut_1/sensor_voltage",
     "strut_1/encoder" ..., and the pose of B against the base, "pose.ux" ... "pose.rz".
-    Raises ValueError for struts that are not six or not as long as the platform wants them, and for a cutoff_frequency
-    beside bodies with damping ratios by mode, as `with_own_damping` makes them: trimmed, they have other modes.
+    Raises ValueError for struts that are not six or not as long as the platform wants them.
     """
     top = rigid_plate(platform) if plate is None else plate
     legs = _placed_struts(fe_strut() if struts is None else struts, platform)
-    if cutoff_frequency is not None:
-        _refuse_ratios_by_mode(body for leg in legs for body in leg.flexible_bodies)
     ground, spindle, drive = _spindle(finite("spindle_rpm", spindle_rpm))
     feet = [fixed(f"foot_{k}", f"base.joint_{k}", f"strut_{k}/bottom.end") for k in range(1, 7)]
     heads = [fixed(f"head_{k}", f"strut_{k}/top.end", f"{top.name}.joint_{k}") for k in range(1, 7)]
@@ -188,15 +185,6 @@ def _placed_struts(struts: Scene | Sequence[Scene], platform: StewartPlatform) -
             )
         legs.append(placed(strut, f"strut_{k}", position=foot, rotation=axes))
     return legs
-
-
-def _refuse_ratios_by_mode(bodies: Iterable[FlexibleBody]) -> None:
-    for body in bodies:
-        if np.size(body.damping_ratio) > 1:
-            raise ValueError(
-                f"body {body.name!r} has damping ratios of each of its modes, and cutoff_frequency would leave it with "
-                "others: trim it before, by trim_body of nassim.bodies, and then give it its damping"
-            )
 
 
 def _joints(places: ArrayLike) -> dict[str, Any]:

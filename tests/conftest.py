@@ -14,6 +14,7 @@ from models.apa300ml import PORTS, STACK, make_apa300ml
 from models.bench import AMPLIFIER_GAIN, make_bench, sensor_span_constant
 from nassim import FEModel, Material, RemotePoint, Solid, build_fe_model, condense, craig_bampton
 from nassim.fem.fe_model import make_coupling
+from nassim.simulation import compensation
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -130,3 +131,9 @@ def apa_with_ports(apa_with_ports_condensed):
 def bench(apa):
     """With a pair of forces for the stacks: no circuits, which most tests do without."""
     return make_bench(apa=apa)
+
+
+@pytest.fixture
+def plain_steps(monkeypatch):
+    """Steps of generalized-alpha alone, whose error in periods is not made up for."""
+    monkeypatch.setattr(compensation, "FASTEST", 1e-4)

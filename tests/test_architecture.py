@@ -40,7 +40,7 @@ HOMES = {
     "tqdm": {"nassim.base.progress"},
 }
 """The rooms, or the wing, that a library may be imported in."""
-LIBRARIES = {*HOMES, "numpy", "scipy", "mpl_toolkits", "psutil", "pypardiso", "threadpoolctl"}
+LIBRARIES = {*HOMES, "numpy", "scipy", "mpl_toolkits", "psutil", "pypardiso", "cvxopt", "threadpoolctl"}
 LONGEST_ROOM, LONGEST_FUNCTION = 400, 75
 
 

@@ -26,7 +26,7 @@ FORMAT_VERSION = 3
 SEAL_SIZE = 512
 """Bytes before the HDF5 image, which HDF5 leaves to applications (its user block): they hold the image's SHA-256."""
 PACKAGE = Path(__file__).parents[1]
-LIBRARIES = ("netgen-mesher", "ngsolve", "numpy", "scipy", "pypardiso", "mkl")
+LIBRARIES = ("netgen-mesher", "ngsolve", "numpy", "scipy", "cvxopt", "pypardiso", "mkl")
 
 Noun = TypeVar("Noun")
 

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -212,20 +213,21 @@ def cut_in_layers(solid: Solid, *, axis: str, thickness: float) -> Any:
     """
     k = "xyz".index(axis)
     names = [face.name for face in solid.shape.faces]
-    bodies = list(solid.shape.solids)
-    prisms = [body for body in bodies if _is_prism(body, k)]
+    bodies = [CADBody.measured(body, k) for body in solid.shape.solids]
+    prisms = [body for body in bodies if body.is_prism()]
     if not prisms:
         raise ValueError(f"no CAD body of solid {solid.name!r} is extruded along {axis}: mesh it with tetrahedra")
-    others = [body for body in bodies if not _is_prism(body, k)]
-    cells = [cell for low, high in _levels(prisms, k, thickness) for cell in _layer(prisms, others, k, low, high)]
+    others = [body.shape for body in bodies if body not in prisms]
+    cells = [cell for low, high in _levels(prisms, thickness) for cell in _layer(prisms, others, k, low, high)]
     whole = occ.Glue([*cells, *others])
     kept = [body for body in whole.solids if body.name != GHOST]
     shape = occ.Compound(kept)
     _restore_names(shape, solid.shape, names, k)
     for body in shape.solids:
-        if _is_prism(body, k):
+        extruded = CADBody.measured(body, k)
+        if extruded.is_prism():
             low, high = body.faces.Min(AXES[axis]), body.faces.Max(AXES[axis])
-            step = occ.Vec(*(np.eye(3)[k] * (high.center[k] - low.center[k])))
+            step = occ.Vec(*(np.eye(3)[k] * (extruded.high - extruded.low)))
             # Also numbers the pairs: Netgen tells identifications apart by name.
             label = f"layer {tuple(low.center)}"
             low.Identify(high, label, occ.IdentificationType.CLOSESURFACES, occ.gp_Trsf.Translation(step))
@@ -246,28 +248,41 @@ def _restore_names(shape: Any, original: Any, names: Sequence[str | None], k: in
             face.name = None
 
 
-def _ends(body: Any, k: int) -> tuple[list[Any], list[Any]]:
-    """Faces in the two planes that bound a CAD body along axis k."""
-    centres = [face.center[k] for face in body.faces]
-    low, high = min(centres), max(centres)
-    near = 1e-6 * (high - low)
-    faces = list(zip(body.faces, centres, strict=True))
-    return [f for f, c in faces if c < low + near], [f for f, c in faces if c > high - near]
+@dataclass(frozen=True, eq=False)
+class CADBody:
+    """A CAD body, looked at along an axis once, because measuring a face takes milliseconds.
+
+    low, high: where it begins and ends along the axis [m]; bottom, top: its faces there
+    """
+
+    shape: Any
+    low: float
+    high: float
+    bottom: list[Any]
+    top: list[Any]
+
+    @staticmethod
+    def measured(shape: Any, k: int) -> "CADBody":
+        """A CAD body's ends along axis k."""
+        centres = [face.center[k] for face in shape.faces]
+        low, high = min(centres), max(centres)
+        near = 1e-6 * (high - low)
+        faces = list(zip(shape.faces, centres, strict=True))
+        bottom, top = [f for f, c in faces if c < low + near], [f for f, c in faces if c > high - near]
+        return CADBody(shape, low, high, bottom, top)
+
+    def is_prism(self) -> bool:
+        """Whether both ends have the area that, times the length, is the volume."""
+        if not self.bottom or not self.top:  # a single face all around, as of a ball
+            return False
+        areas = [sum(face.mass for face in end) for end in (self.bottom, self.top)]
+        volume = self.shape.mass
+        return all(abs(area * (self.high - self.low) - volume) < SAME * volume for area in areas)
 
 
-def _is_prism(body: Any, k: int) -> bool:
-    """Whether both ends have the area that, times the length, is the volume."""
-    low, high = _ends(body, k)
-    if not low or not high:  # a single face all around, as of a ball
-        return False
-    length = high[0].center[k] - low[0].center[k]
-    areas = [sum(face.mass for face in end) for end in (low, high)]
-    return all(abs(area * length - body.mass) < SAME * body.mass for area in areas)
-
-
-def _levels(prisms: Sequence[Any], k: int, thickness: float) -> list[tuple[float, float]]:
+def _levels(prisms: Sequence[CADBody], thickness: float) -> list[tuple[float, float]]:
     """Lower and upper end of each layer."""
-    ends = sorted({round(face.center[k], 12) for body in prisms for end in _ends(body, k) for face in end})
+    ends = sorted({round(place, 12) for body in prisms for place in (body.low, body.high)})
     levels: list[float] = [ends[0]]
     for low, high in itertools.pairwise(ends):
         n = int(np.ceil((high - low) / thickness - 1e-6))
@@ -275,25 +290,21 @@ def _levels(prisms: Sequence[Any], k: int, thickness: float) -> list[tuple[float
     return list(itertools.pairwise(levels))
 
 
-def _layer(prisms: Sequence[Any], others: Sequence[Any], k: int, low: float, high: float) -> list[Any]:
+def _layer(prisms: Sequence[CADBody], others: Sequence[Any], k: int, low: float, high: float) -> list[Any]:
     """The prisms' pieces in one layer, cut by the outlines of those prisms that lie in other layers."""
     middle = 0.5 * (low + high)
-    present: list[Any] = []
-    absent: list[Any] = []
-    for body in prisms:
-        faces, ends = _ends(body, k)
-        inside = faces[0].center[k] < middle < ends[0].center[k]
-        (present if inside else absent).append(body)
-    reach = 2 * max(abs(c) for body in prisms for corner in body.bounding_box for c in corner)
+    present = [body for body in prisms if body.low < middle < body.high]
+    absent = [body for body in prisms if not body.low < middle < body.high]
+    reach = 2 * max(abs(c) for body in prisms for corner in body.shape.bounding_box for c in corner)
     corners = np.array([np.full(3, -reach), np.full(3, reach)])
     corners[:, k] = low, high
     slab = occ.Box(*(occ.Pnt(*corner) for corner in corners))
-    real = [cell for body in present for cell in _named(body * slab, body.name)]
+    real = [cell for body in present for cell in _named(body.shape * slab, body.shape.name)]
     cells = list(real)
     for body in absent:
-        for face in _ends(body, k)[0]:
-            step = np.eye(3)[k]
-            outline = face.Move(occ.Vec(*(step * (low - face.center[k])))).Extrude(occ.Vec(*(step * (high - low))))
+        step = np.eye(3)[k]
+        for face in body.bottom:
+            outline = face.Move(occ.Vec(*(step * (low - body.low)))).Extrude(occ.Vec(*(step * (high - low))))
             cells.extend(piece for cell in real for piece in _named(outline * cell, cell.name))
             for other in [*real, *others]:
                 outline = outline - other

@@ -11,6 +11,9 @@ from nassim.base.checks import Array
 from nassim.bodies.readouts import Surface
 from nassim.fem.solid import Solid
 
+EDGES_AROUND = {3: (2, 1, 0), 4: (0, 3, 1, 2)}
+"""Places among a triangle's or quadrilateral's edges, as NGSolve lists them, of those that one passes going around."""
+
 
 def outer_surface(mesh: Any, scalar: Any, fields: Array, solid: Solid) -> tuple[Surface, sp.csr_matrix]:
     """Outer faces of a mesh, each split in triangles by its edges' midpoints, which show the curvature.
@@ -21,19 +24,21 @@ def outer_surface(mesh: Any, scalar: Any, fields: Array, solid: Solid) -> tuple[
     """
     owner = {face: point.name for point in solid.remote_points for face in point.faces}
     materials = mesh.GetMaterials()
+    descriptors = [mesh.ngmesh.FaceDescriptor(k + 1) for k in range(mesh.ngmesh.GetNFaceDescriptors())]
+    between = [face.domin and face.domout for face in descriptors]
+    label_of = [owner.get(face.bcname, materials[max(face.domin, face.domout) - 1]) for face in descriptors]
     sides: list[list[tuple[int, int, int]]] = []  # per face and around it: corner, edge, next corner
     labels = []
     for element in mesh.Elements(ng.BND):
-        face = mesh.ngmesh.FaceDescriptor(element.index + 1)
-        if face.domin and face.domout:
+        if between[element.index]:
             continue
-        corners = [v.nr for v in element.vertices]
-        edges = {frozenset(v.nr for v in mesh[e].vertices): e.nr for e in element.edges}
-        following = [*corners[1:], corners[0]]
-        sides.append([(a, edges[frozenset((a, b))], b) for a, b in zip(corners, following, strict=True)])
-        labels.append(owner.get(face.bcname, materials[max(face.domin, face.domout) - 1]))
+        corners, edges = [v.nr for v in element.vertices], [e.nr for e in element.edges]
+        passed = [edges[k] for k in EDGES_AROUND[len(corners)]]
+        sides.append(list(zip(corners, passed, [*corners[1:], corners[0]], strict=True)))
+        labels.append(label_of[element.index])
     around = np.array([side for face in sides for side in face])
-    vertex, edge = np.unique(around[:, 0]), np.unique(around[:, 1])
+    vertex = np.unique(around[:, 0])
+    edge, first = np.unique(around[:, 1], return_index=True)
     vertex_row = dict(zip(vertex.tolist(), range(len(vertex)), strict=True))
     edge_row = dict(zip(edge.tolist(), range(len(vertex), len(vertex) + len(edge)), strict=True))
     triangles, triangle_labels, halves = [], [], []
@@ -45,7 +50,8 @@ def outer_surface(mesh: Any, scalar: Any, fields: Array, solid: Solid) -> tuple[
         triangles += pieces
         triangle_labels += [label] * len(pieces)
         halves += [pair for a, e, b in ring for pair in ((a, e), (e, b))]
-    evaluation = sp.vstack([_at_vertices(scalar, vertex), _at_midpoints(mesh, scalar, edge)], format="csr")
+    at_midpoints = _at_midpoints(scalar, edge, around[first][:, [0, 2]])
+    evaluation = sp.vstack([_at_vertices(scalar, vertex), at_midpoints], format="csr")
     surface = Surface(
         points=(evaluation @ fields[1:].T),
         triangles=np.array(triangles),
@@ -60,11 +66,10 @@ def _at_vertices(scalar: Any, vertices: NDArray[np.int64]) -> sp.csr_matrix:
     return sp.csr_matrix((np.ones(n), (np.arange(n), vertices)), shape=(n, scalar.ndof))
 
 
-def _at_midpoints(mesh: Any, scalar: Any, edges: NDArray[np.int64]) -> sp.csr_matrix:
-    """Value at the edges' midpoints: the mean of the end values plus the edge's own shape functions there."""
+def _at_midpoints(scalar: Any, edges: NDArray[np.int64], ends: NDArray[np.int64]) -> sp.csr_matrix:
+    """Value at midpoints of edges with these end vertices: mean of the end values plus the edge's own functions."""
     order = scalar.globalorder
-    ends = np.array([[v.nr for v in mesh[ng.NodeId(ng.EDGE, edge)].vertices] for edge in edges.tolist()])
-    own = mesh.nv + edges[:, None] * (order - 1) + np.arange(order - 1)
+    own = scalar.mesh.nv + edges[:, None] * (order - 1) + np.arange(order - 1)
     columns = np.hstack([ends, own])
     values = np.tile(np.concatenate([[0.5, 0.5], _edge_functions_at_midpoint(order)]), (len(edges), 1))
     rows = np.repeat(np.arange(len(edges)), order + 1)

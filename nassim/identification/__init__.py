@@ -1,6 +1,7 @@
 """Models from measurements: modes with their uncertainty, scenes corrected by them, parameters calibrated.
 
-To add an estimator of modes, open `modal_fit`; a parameter of scenes that measurements correct, `apply`.
+To add an estimator of modes, open `modal_fit`, which fits `lines` of `spectra`; a parameter of scenes that measurements
+correct, `apply`; a parameter of models that published figures tell, `calibration`.
 """
 
 import lazy_loader

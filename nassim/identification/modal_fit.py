@@ -9,9 +9,10 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from nassim.base.checks import Array, finite, finite_array, freeze, frozen_mapping, known, positive, unique
+from nassim.identification.compressed_lines import compressed
+from nassim.identification.lines import Lines
 from nassim.identification.pole_fit import (
     DAMPING_RANGE,
-    Lines,
     Solution,
     correlation,
     fit_poles,
@@ -271,18 +272,19 @@ def _refined(lines: Lines, start: Array, noise: Array, shape: Array | None) -> S
 
 def _noise(lines: Lines, solution: Solution, shape: Array | None) -> Array:
     """Standard deviation of the complex responses, (outputs, n), smooth over frequency and true to the residual."""
-    residual, responses = solution.residual, lines.responses
+    responses, power = lines.responses, solution.residual.real**2 + solution.residual.imag**2
     floor = EXACT * np.sqrt(np.mean(np.abs(responses) ** 2, axis=1, keepdims=True))
     noise = shape
     if noise is None:
         # A complex Gaussian's log |r|^2 scatters about log(variance) - Euler's constant.
-        x = np.interp(lines.omega, lines.omega[[0, -1]], [-1, 1])
-        basis = np.polynomial.chebyshev.chebvander(x, NOISE_DEGREE)
-        level = np.log(np.abs(residual) ** 2 + floor**2) + np.euler_gamma
-        noise = np.exp(0.5 * basis @ np.linalg.lstsq(basis, level.T, rcond=None)[0]).T
+        first, last = lines.omega[[0, -1]]
+        basis = np.polynomial.chebyshev.chebvander((2 * lines.omega - first - last) / (last - first), NOISE_DEGREE)
+        level = np.log(power + floor**2) + np.euler_gamma
+        # Chebyshev's polynomials are so well conditioned that normal equations do.
+        noise = np.exp(0.5 * basis @ np.linalg.solve(basis.T @ basis, basis.T @ level.T)).T
     noise = np.maximum(noise, floor)
     freedom = max(lines.omega.size - solution.n_unknowns / len(responses) / 2, 1.0)
-    misfit = np.sqrt(np.sum(np.abs(residual / noise) ** 2, axis=1, keepdims=True) / freedom)
+    misfit = np.sqrt(np.sum(power / noise**2, axis=1, keepdims=True) / freedom)
     return np.maximum(noise * misfit, floor)
 
 
@@ -327,9 +329,9 @@ def _modal_fit(
     enlarged = np.sqrt(correlation(solution) + missed[order])
     scale = np.concatenate([frequency, ratio, np.ones(n * len(outputs))]) * np.tile(enlarged, 2 + len(outputs))
     covariance = scale[:, None] * solution.covariance[np.ix_(index, index)] * scale
-    columns = lines.columns(solution.poles)
-    transient = solution.values[:, n_response:] @ columns[:, n_response:].T
+    without_input = solution.values * (np.arange(n_columns) >= n_response)
     input_spectrum = lines.excitation * lines.held
+    transient = compressed(lines, solution.poles).modelled(solution.poles, without_input)
     responses = (lines.responses - transient) / input_spectrum
     return ModalFit(
         input=input,

@@ -19,14 +19,15 @@ import numpy as np
 import scipy
 
 from nassim.base.checks import Array
-from nassim.base.modal import held_pole, mac
+from nassim.base.modal import mac
+from nassim.identification.compressed_lines import MANY, compressed
+from nassim.identification.lines import Lines
 
 DAMPING_RANGE = (1e-5, 0.5)
 """Damping ratios between which a pole counts as a resonance."""
-TRANSIENT_ORDER = 3
-STEP = 1e-4
-"""Step of the derivatives by a pole, relative to its half-width."""
 
+TRIED, ALIKE = (0.003, 0.01, 0.03), 10
+"""Damping ratios of the resonances that are searched for, and parts of a half-width that count as one line."""
 LOOKS_ALIKE = 0.99
 """Modal assurance criterion of two modes' gains, each output by its largest, above which they look alike."""
 NEAR = 5.0
@@ -37,95 +38,6 @@ SYSTEMATIC = 6.0
 """Standard deviations by which shapes of a misfit must explain more energy than they do of noise to be told from it."""
 TAKEN_UP = 2.0
 """Errors that parameters take up over those left in the residual: up to 2 for two modes within a half-width."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Lines:
-    """Spectral lines of one input and several outputs.
-
-    omega: (n,) [rad/s]; excitation: (n,) complex; responses: (outputs, n) complex
-    time_step: of the samples [s]; None where an FRF does not say
-    transient: whether motion before and after a record is part of the model: True for records, False for FRFs
-    hold_order: what the input does between samples, 0 or 1 as in `nassim.base.modal.held_pole`; None: it has no content
-        above half the sample rate, or no time step is known
-    residual_powers: p of the terms s^p that stand for modes outside the band
-    """
-
-    omega: Array
-    excitation: Array
-    responses: Array
-    time_step: float | None
-    transient: bool
-    hold_order: int | None
-    residual_powers: tuple[int, ...]
-
-    @property
-    def held(self) -> Array:
-        """Spectrum of the input as it runs between its samples, over that of the samples, (n,) complex."""
-        if self.hold_order is None or self.time_step is None:
-            return np.ones(len(self.omega), dtype=complex)
-        half = 0.5 * self.omega * self.time_step
-        sinc = np.sin(half) / half
-        return sinc * np.exp(-1j * half) if self.hold_order == 0 else sinc**2 + 0j
-
-    def mode(self, pole: Array) -> Array:
-        """A mode's response to the input samples, with unit static gain; pole: (Hz, damping ratio); (n,) complex."""
-        omega = 2 * np.pi * pole[0]
-        if self.hold_order is None or self.time_step is None:
-            denominator = omega**2 - self.omega**2 + 2j * pole[1] * omega * self.omega
-            result: Array = omega**2 / denominator
-            return result
-        rate, back = self._rate(pole), np.exp(-1j * self.omega * self.time_step)
-
-        def first_order(rate: complex) -> Array:
-            assert self.time_step is not None
-            assert self.hold_order is not None
-            now, before, decay = held_pole(rate, self.time_step, hold_order=self.hold_order)
-            result: Array = (now + before * back) / (1 - decay * back)
-            return result
-
-        difference: Array = first_order(rate) - first_order(np.conj(rate))
-        return omega**2 * difference / (2j * rate.imag)
-
-    def columns(self, poles: Array) -> Array:
-        """Everything that enters linearly: modes, residual terms, transients; poles (R, 2); (n, m) complex."""
-        modes = [self.mode(pole) * self.excitation for pole in poles]
-        residuals = [(1j * self.omega) ** power * self.held * self.excitation for power in self.residual_powers]
-        transients = [column for pole in poles for column in self._transients(pole)]
-        return np.stack([*modes, *residuals, *transients, *self._background()], axis=1)
-
-    def derivatives(self, poles: Array, values: Array) -> Array:
-        """Derivatives of columns(poles) @ values by log frequency, then log damping, (outputs, n, 2 R) complex.
-
-        values: (outputs, m)
-        """
-        n_poles, n_linear = len(poles), len(self.residual_powers)
-        result = np.zeros((len(values), len(self.omega), 2 * n_poles), dtype=complex)
-        for r, pole in enumerate(poles):
-            own = [r, *(n_poles + n_linear + 2 * r + k for k in range(2) if self.transient)]
-            for k, step in enumerate((STEP * pole[1], STEP)):
-                moved = [pole * np.exp(sign * step * (np.arange(2) == k)) for sign in (1, -1)]
-                upper, lower = (np.stack([self.mode(p) * self.excitation, *self._transients(p)], axis=1) for p in moved)
-                result[:, :, k * n_poles + r] = values[:, own] @ ((upper - lower) / (2 * step)).T
-        return result
-
-    def _rate(self, pole: Array) -> complex:
-        return 2 * np.pi * pole[0] * complex(-pole[1], np.sqrt(1 - pole[1] ** 2))
-
-    def _transients(self, pole: Array) -> list[Array]:
-        if not self.transient or self.time_step is None:
-            return []
-        back = np.exp(-1j * self.omega * self.time_step)
-        rate = self._rate(pole) * self.time_step
-        above, below = 1 / (1 - np.exp(rate) * back), 1 / (1 - np.exp(rate.conjugate()) * back)
-        return [above + below, 1j * (above - below)]
-
-    def _background(self) -> list[Array]:
-        if not self.transient or self.time_step is None:
-            return []
-        s = 1j * self.omega / self.omega.max()
-        drift = 1 / (1 - np.exp(-1j * self.omega * self.time_step))
-        return [drift, *(s**power for power in range(TRANSIENT_ORDER + 1))]
 
 
 @dataclass(frozen=True)
@@ -161,10 +73,12 @@ def fit_poles(lines: Lines, start: Array, weights: Array) -> Solution:
         low = np.log(np.repeat([lines.omega[0] / (2 * np.pi), DAMPING_RANGE[0]], n_poles))
         high = np.log(np.repeat([lines.omega[-1] / (2 * np.pi), DAMPING_RANGE[1]], n_poles))
         last: list[tuple[bytes, list[_Projection]]] = []
+        few = compressed(lines, start)
+        few_weights = few.weights(weights)
 
         def project(x: Array) -> list[_Projection]:
             if not last or last[0][0] != x.tobytes():
-                last[:] = [(x.tobytes(), _project(lines, _poles(x), weights))]
+                last[:] = [(x.tobytes(), _project(few, _poles(x), few_weights))]
             return last[0][1]
 
         found = scipy.optimize.least_squares(
@@ -186,20 +100,25 @@ def fit_poles(lines: Lines, start: Array, weights: Array) -> Solution:
 def strongest_pole(lines: Lines, residual: Array, weights: Array) -> Array:
     """The pole (Hz, damping ratio) whose mode alone explains the most of what a fit has left over.
 
-    Every candidate is judged by the lines within twenty half-widths of it.
+    Every candidate is judged by the lines within twenty half-widths of it; lines much closer together than its
+    half-width are taken as one.
     """
     frequency = lines.omega / (2 * np.pi)
-    best, best_score = np.array([frequency[0], 0.01]), -1.0
     spacing = float(np.median(np.diff(frequency)))
-    target, size = weights * residual, weights**2
-    for ratio in (0.003, 0.01, 0.03):
+    alike = np.floor(np.log(frequency) / (min(TRIED) / ALIKE)) if len(frequency) > MANY else np.arange(len(frequency))
+    first = np.flatnonzero(np.diff(alike, prepend=-np.inf))
+    size = np.abs(weights * lines.excitation) ** 2
+    target = weights**2 * residual * lines.excitation.conj()
+    frequency = np.add.reduceat(frequency, first) / np.diff(first, append=len(frequency))
+    target, size = (np.add.reduceat(values, first, axis=1) for values in (target, size))
+    best, best_score = np.array([frequency[0], 0.01]), -1.0
+    for ratio in TRIED:
         candidate = frequency[0]
         while candidate < frequency[-1]:
             low, high = np.searchsorted(frequency, candidate * np.array([1 - 20 * ratio, 1 + 20 * ratio]))
             near = slice(max(low - 2, 0), high + 2)
-            x = 1 - (frequency[near] / candidate) ** 2 + 2j * ratio * frequency[near] / candidate
-            mode = lines.excitation[near] / x
-            explained = np.real(target[:, near] * weights[:, near] @ mode.conj()) ** 2
+            mode = 1 / (1 - (frequency[near] / candidate) ** 2 + 2j * ratio * frequency[near] / candidate)
+            explained = np.real(target[:, near] @ mode.conj()) ** 2
             score = float(np.sum(explained / (size[:, near] @ np.abs(mode) ** 2)))
             if score > best_score:
                 best, best_score = np.array([candidate, ratio]), score
@@ -239,7 +158,8 @@ def _project(lines: Lines, poles: Array, weights: Array) -> list[_Projection]:
 
 
 def _solution(lines: Lines, poles: Array, weights: Array) -> Solution:
-    parts = _project(lines, poles, weights)
+    few = compressed(lines, poles)
+    parts = _project(few, poles, few.weights(weights))
     jacobian = np.vstack([part.jacobian for part in parts])
     # The projected Jacobian is the Schur complement of the whole one: its inverse square is the poles' covariance.
     _, r = np.linalg.qr(jacobian)
@@ -253,7 +173,7 @@ def _solution(lines: Lines, poles: Array, weights: Array) -> Solution:
         covariance[here, here] += part.inverse @ part.inverse.T
         place = here.stop
     values = np.stack([part.values for part in parts])
-    residual = lines.responses - values @ lines.columns(poles).T
+    residual = lines.responses - few.modelled(poles, values)
     return Solution(poles, values, residual, weights, covariance)
 
 

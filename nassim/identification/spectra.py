@@ -4,9 +4,9 @@ import numpy as np
 import scipy
 
 from nassim.base.checks import Array, finite_array
-from nassim.identification.pole_fit import Lines
+from nassim.identification.lines import Lines
 from nassim.signals.frf import FRF
-from nassim.signals.time_history import TimeHistory
+from nassim.signals.time_history import TimeHistory, fast_length
 
 UNEXCITED = 1e-6
 """Lines whose input is this much below the largest carry no information."""
@@ -26,22 +26,20 @@ def lines_of_record(
 
     band: lowest and highest frequency [Hz]. Raises ValueError for unknown names, constant signals and a band outside.
     """
-    u, y = record[input], np.stack([record[name] for name in outputs])
-    for name, signal in ((input, u), *zip(outputs, y, strict=True)):
-        if np.ptp(signal) == 0:
+    for name in (input, *outputs):
+        if np.ptp(record[name]) == 0:
             raise ValueError(f"signal {name!r} is constant: no response can be identified from it")
-    n, step = len(u), 1 / record.sample_rate
+    n, step = fast_length(len(record.time)), 1 / record.sample_rate
     low, high = _band(band, 1 / (n * step), 0.5 / step)
     frequency = np.fft.rfftfreq(n, step)
     keep = (frequency >= low) & (frequency <= high) & (frequency < 0.5 / step)
-    excitation = np.fft.rfft(u - u.mean())[keep]
-    responses = np.fft.rfft(y - y.mean(axis=1, keepdims=True))[:, keep]
+    excitation, *responses = (np.fft.rfft(y - y.mean())[keep] for y in (record[name][:n] for name in (input, *outputs)))
     excited = np.abs(excitation) > UNEXCITED * np.abs(excitation).max(initial=0.0)
     omega = 2 * np.pi * frequency[keep][excited]
     return Lines(
         omega=omega,
         excitation=excitation[excited],
-        responses=responses[:, excited],
+        responses=np.stack(responses)[:, excited],
         time_step=step,
         transient=True,
         hold_order=hold_order,

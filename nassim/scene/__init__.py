@@ -1,7 +1,8 @@
 """Scenes: bodies and parts connected by name, as pure data; parts say in neutral words what they do.
 
-To add a kind of part (sensor, actuator, spring, joint), write one class with a method `says`: `part` has the words,
-`mechanics` and `piezo` show how. Engines are in `nassim.simulation`; they need no change.
+To add a kind of part (sensor, actuator, spring, joint), write one class with a method `says`: `part` has the words;
+`mechanics`, `joints`, `drives`, `piezo` and `instruments` (sensors with dynamics of their own) show how. `placement`
+puts scenes into scenes. Engines are in `nassim.simulation`; they need no change.
 """
 
 import lazy_loader

@@ -19,6 +19,8 @@ EMPTY = 1e-20
 ALIKE = 1e-4
 """Share of an input's power that the other inputs do not explain, below which it cannot be told from them: noise at
 the outputs would pass into the response enlarged a hundredfold."""
+AT_ONCE = 1_000_000
+"""Samples of a signal that are transformed at once."""
 MUCH = 0.1
 """Share of an input's power at lines where it is like the others, above which the estimate is refused."""
 
@@ -117,31 +119,17 @@ def estimate_frf(
     if n_overlap == n_segment:
         raise ValueError(f"an overlap of {overlap:g} leaves no new sample to a segment of {n_segment}; take less")
     try:
-        scipy.signal.get_window(window, n_segment)
+        shape = scipy.signal.get_window(window, n_segment)
     except (ValueError, TypeError) as error:
         raise ValueError(f"window {window!r} is none of scipy.signal's: {error}") from error
     if method == "H2" and len(inputs) != 1:
         raise ValueError(f"H2 needs exactly one input, got {len(inputs)}; take H1")
 
-    def spectra(rows: Sequence[str], columns: Sequence[str]) -> ComplexArray:
-        x = np.stack([history[name] for name in rows])[:, None]
-        y = np.stack([history[name] for name in columns])[None]
-        # csd conjugates its first argument: the result is S[row, column] = E[row * conj(column)].
-        _, density = scipy.signal.csd(
-            y,
-            x,
-            fs=history.sample_rate,
-            window=window,
-            nperseg=n_segment,
-            noverlap=n_overlap,
-            detrend="constant",
-        )
-        result: ComplexArray = density.transpose(2, 0, 1)
-        return result
-
     frequency = np.fft.rfftfreq(n_segment, 1 / history.sample_rate)[1:]
-    s_uu, s_yu = spectra(inputs, inputs)[1:], spectra(outputs, inputs)[1:]
-    s_yy = np.stack([spectra([name], [name])[1:, 0, 0] for name in outputs], axis=1).real
+    rows = [history[name] for name in (*inputs, *outputs)]
+    power, n_in = _power(rows, len(inputs), shape, n_segment - n_overlap)[1:], len(inputs)
+    s_uu, s_yu = power[:, :n_in, :n_in], power[:, n_in:, :n_in]
+    s_yy = power[:, n_in:, n_in].real
     for name in inputs:
         if np.ptp(history[name]) == 0:
             raise ValueError(f"input {name!r} is constant: no response can be estimated from it")
@@ -152,6 +140,25 @@ def estimate_frf(
     h2 = np.where(coherent, s_yy[:, :, None] / np.where(coherent, s_yu.conj(), 1.0), 0.0)
     values = h1 if method == "H1" else h2
     return FRF(frequency, values.transpose(1, 2, 0), tuple(outputs), tuple(inputs), coherence.T, label)
+
+
+def _power(rows: Sequence[Array], n_inputs: int, window: Array, step: int) -> ComplexArray:
+    """Mean over windowed segments of X[row] conj(X[input]), (lines, rows, inputs + 1), and last of |X[row]|^2.
+
+    rows: signals, the inputs first; window: (samples of a segment,); step: samples from a segment to the next. Segments
+    lose their mean values, and each is transformed once.
+    """
+    segments = [np.lib.stride_tricks.sliding_window_view(row, len(window))[::step] for row in rows]
+    together = max(1, AT_ONCE // len(window))
+    result = np.zeros((len(window) // 2 + 1, len(rows), n_inputs + 1), dtype=complex)
+    for start in range(0, len(segments[0]), together):
+        parts = [segment[start : start + together] for segment in segments]
+        spectra = [scipy.fft.rfft((part - part.mean(axis=1, keepdims=True)) * window, axis=1) for part in parts]
+        for i, x in enumerate(spectra):
+            for j, u in enumerate((*spectra[:n_inputs], x)):
+                result[:, i, j] += np.einsum("sf,sf->f", x, u.conj())
+    result /= len(segments[0])
+    return result
 
 
 def _solved(s_uu: ComplexArray, s_yu: ComplexArray, inputs: tuple[str, ...], frequency: Array) -> ComplexArray:

@@ -1,29 +1,39 @@
 """Exact discrete-time solution of scenes in small motion, without any step-size error.
 
-With the inputs held or running straight between samples, each mode's equation q'' + 2 zeta w q' + w^2 q = p is solved
-in closed form: q = Im(z) / w_d with z' = lambda z + p, a recursion of order one with complex coefficients. Where
-circuits, bodies' own damping or dampers couple the modes, amplifiers add states or loops run, the whole state space
-goes from sample to sample by its matrix exponential.
+With the inputs held or running straight between samples, the state goes from sample to sample by its matrix
+exponential. Blocks of samples go by one product of matrices each, with loops too as long as their controllers stay
+within limits, where they are linear. A block in which a limit is met goes sample by sample, and so does all where a
+converter has a resolution.
 """
+
+from collections.abc import Iterator
 
 import numpy as np
 import scipy
 
 from nassim.base.checks import Array
-from nassim.base.modal import held_pole
 from nassim.base.progress import Advance, silent
+from nassim.simulation.closed_steps import ClosedSteps, Plant, closed_steps
 from nassim.simulation.linearization import state_space
-from nassim.simulation.running_loops import check_runaway, start_loops
+from nassim.simulation.running_loops import check_runaway
 from nassim.simulation.small_motion import NO_EQUILIBRIUM, Assembly
-from nassim.systems.state_space import discretize
+from nassim.systems.state_space import StateSpace, discretize, repeated
 
 CHECKS = 200
+"""Blocks at least, where the run has so many samples: all coordinates are looked at when one begins."""
+BLOCK = 64
+"""Most samples in a block, but for loops that are due together more rarely, up to 4 times as many."""
+TOGETHER = 64
+"""Most blocks that one product of matrices takes."""
+ENTRIES = 2_000_000
+"""Most entries of the matrix that takes a block's inputs to its outputs."""
+MANY, SPARSE = 200, 0.1
+"""States from which on, and share of entries below which a matrix is held as sparse, as that of uncoupled modes."""
 NEUTRAL = 1e-9
 """Share of all weight that a free motion may feel by rounding."""
-CLOSE_TO_CRITICAL = 1e-10
-"""Least |1 - zeta^2|: at critical damping the two solutions coincide, which the recursion does not cover."""
 
 
+@np.errstate(over="ignore", invalid="ignore")  # where a loop runs away, which is told in words
 def exact_response(
     assembly: Assembly,
     inputs: Array,
@@ -42,32 +52,62 @@ def exact_response(
     200 times, shape (n_all, n_times). Raises RuntimeError when gravity does work on a free motion and when a loop runs
     away.
     """
-    if assembly.scene.loops or not assembly.falls_into_modes:
-        return _coupled_response(assembly, inputs, time_step, hold_order, released, advance)
-    modes = assembly.basis @ assembly.shapes
-    drives = modes.T @ assembly.input_matrix
-    readings = assembly.output_matrix @ modes
-    weight = modes.T @ assembly.weight
-    omega = 2 * np.pi * assembly.frequency
-    if not released:
+    plant, start, risen = _plant(assembly, time_step, hold_order, released)
+    closed = closed_steps(plant, assembly.scene, time_step)
+    n_samples, n_out = inputs.shape[1], len(plant.shown)
+    block = _block(closed, n_samples)
+    stride = -(-n_samples // (block * CHECKS))
+    by_states, by_inputs = _coordinates(assembly, len(start), risen.shape[1])
+    # With inputs that run straight, a state less its share of their present value needs that of the next no more.
+    n_in = risen.shape[1]
+    start = start - risen @ _samples(inputs, 0, 1, n_in)[0]
+    rows = np.empty((n_out + len(assembly.scene.commands), n_samples))
+    seen = []
+    for begin, states, found in pieces(closed, start, inputs, block):
+        end = min(n_samples, begin + len(found))
+        rows[:, begin:end] = found[: end - begin].T
+        for k in range(-(begin // block) % stride, len(states), stride):
+            now = begin + k * block
+            taken = _samples(inputs, now, now + 1, n_in)[0]
+            seen.append(by_states @ (states[k, : len(start)] + risen @ taken) + by_inputs @ taken)
+            if assembly.scene.loops:
+                check_runaway(assembly, seen[-1], rows[:n_out, : now + 1].T, time_step)
+        advance(end - begin)
+    return rows[:n_out], rows[n_out:], np.array(seen).T
+
+
+def _plant(assembly: Assembly, h: float, hold_order: int, released: bool) -> tuple[Plant, Array, Array]:
+    """A scene from sample to sample, its state at the start, and what the inputs' present value adds to a state.
+
+    Gravity, where it acts, is the last input, of one. For hold_order 1, x_1 = P x_0 + G u_0 + H (u_1 - u_0), the state
+    is x - H u.
+    """
+    state, drives, readings, feedthrough = state_space(assembly)
+    if not np.any(assembly.weight):
+        drives, feedthrough = drives[:, :-1], feedthrough[:, :-1]
+    phi, held, risen = discretize(state, drives, h)
+    start = np.zeros(len(state))
+    if np.any(assembly.weight) and not released:
         _check_equilibrium(assembly)
-    outputs = np.zeros((len(readings), inputs.shape[1]))
-    seen = np.unique(np.linspace(0, inputs.shape[1] - 1, CHECKS).astype(int))
-    amplitudes = np.zeros((len(omega), len(seen)))
-    for k, frequency in enumerate(omega):
-        if not (np.any(drives[k]) or weight[k]):
-            continue
-        force = drives[k] @ inputs + weight[k] * released
-        damping = assembly.damping.ratio[k] * frequency
-        if assembly.free[k]:
-            amplitude = _free(force, time_step, hold_order)
-        else:
-            amplitude = weight[k] * (not released) / frequency**2 + _oscillator(
-                force, frequency, damping, time_step, hold_order
-            )
-        outputs += readings[:, k : k + 1] * amplitude
-        amplitudes[k] = amplitude[seen]
-    return outputs, np.zeros((0, inputs.shape[1])), modes @ amplitudes
+        held_by_stiffness = np.ones(len(start), dtype=bool)
+        held_by_stiffness[: 2 * len(assembly.frequency)] = np.tile(~assembly.free, 2)
+        part = np.ix_(held_by_stiffness, held_by_stiffness)
+        start[held_by_stiffness] = np.linalg.solve(state[part], -drives[held_by_stiffness, -1])
+    risen = risen * (hold_order == 1)
+    matrices = phi, held - risen + phi @ risen, readings, feedthrough + readings @ risen
+    scene = assembly.scene
+    driven = [scene.inputs.index(name) for loop in scene.loops for name in loop.driven]
+    return Plant(matrices, held[:, driven], feedthrough[:, driven]), start, risen
+
+
+def _coordinates(assembly: Assembly, n_states: int, n_inputs: int) -> tuple[Array, Array]:
+    """All coordinates per unit of a model's states and of its inputs, without what loops add to the latter."""
+    modes, following = assembly.basis @ assembly.shapes, assembly.following
+    by_states = following.beyond @ following.lagging(n_states - sum(len(f[0]) for f in assembly.filters.values()))
+    result = np.zeros((len(modes), n_states))
+    result[:, : by_states.shape[1]] = by_states
+    result[:, : modes.shape[1]] += modes
+    return result, following.beyond @ following.taken(n_inputs)
 
 
 def _check_equilibrium(assembly: Assembly) -> None:
@@ -81,77 +121,66 @@ def _check_equilibrium(assembly: Assembly) -> None:
         raise RuntimeError(NO_EQUILIBRIUM)
 
 
-def _coupled_response(
-    assembly: Assembly, inputs: Array, h: float, hold_order: int, released: bool, advance: Advance
-) -> tuple[Array, Array, Array]:
-    """As exact_response, for states that do not fall apart into modes, and for loops."""
-    state, drives, readings, feedthrough = state_space(assembly)
-    phi, held, risen = discretize(state, drives, h)
-    x = np.zeros(len(state))
-    if np.any(assembly.weight) and not released:
-        _check_equilibrium(assembly)
-        held_by_stiffness = np.ones(len(x), dtype=bool)
-        held_by_stiffness[: 2 * len(assembly.frequency)] = np.tile(~assembly.free, 2)
-        part = np.ix_(held_by_stiffness, held_by_stiffness)
-        x[held_by_stiffness] = np.linalg.solve(state[part], -drives[held_by_stiffness, -1])
-    n_in, n_samples = inputs.shape
-    pushes = held[:, :-1] @ inputs + held[:, -1:]
-    if hold_order:
-        pushes[:, :-1] += risen[:, :-1] @ np.diff(inputs)
-    through = feedthrough[:, :-1] @ inputs + feedthrough[:, -1:]
-    added = np.zeros(n_in)
-    loops = start_loops(assembly.scene, h)
-    modes = assembly.basis @ assembly.shapes
-    by_inputs = assembly.following.beyond @ assembly.following.taken(n_in)
-    by_states = assembly.following.beyond @ assembly.following.lagging(len(x))
-    by_states[:, : modes.shape[1]] += modes
-    outputs = np.empty((n_samples, len(readings)))
-    commands = np.empty((n_samples, len(assembly.scene.commands)))
-    seen = np.unique(np.linspace(0, n_samples - 1, CHECKS).astype(int))
-    coordinates = np.empty((len(modes), len(seen)))
-    k = 0
-    for n, push in enumerate(pushes.T):
-        outputs[n] = readings @ x + through[:, n] + feedthrough[:, :-1] @ added
-        added, _, commands[n] = loops(n, outputs[n].copy)
-        if n == seen[k]:
-            coordinates[:, k] = by_states @ x + by_inputs @ (inputs[:, n] + added)
-            if assembly.scene.loops:
-                check_runaway(assembly, coordinates[:, k], outputs[: n + 1], h)
-            advance(int(n - (seen[k - 1] if k else 0)))
-            k += 1
-        x = phi @ x + push
-        if commands.size:
-            x += held[:, :n_in] @ added
-    return outputs.T, commands.T, coordinates
-
-
-def _oscillator(force: Array, omega: float, damping: float, h: float, hold_order: int) -> Array:
-    """Response of q'' + 2 damping q' + omega^2 q = force from rest at every sample."""
-    square = omega**2 - damping**2
-    if abs(square) < CLOSE_TO_CRITICAL * omega**2:
-        square = CLOSE_TO_CRITICAL * omega**2
-    if square > 0:
-        turn = np.sqrt(square)
-        result: Array = _first_order(force.astype(complex), -damping + 1j * turn, h, hold_order).imag / turn
-        return result
-    half = np.sqrt(-square)
-    slow, fast = (_first_order(force, -damping + sign * half, h, hold_order) for sign in (1.0, -1.0))
-    return (slow - fast) / (2 * half)
-
-
-def _first_order(force: Array, rate: complex, h: float, hold_order: int) -> Array:
-    """Response of z' = rate z + force from rest at every sample."""
-    now, before, decay = held_pole(rate, h, hold_order=hold_order)
-    result: Array = scipy.signal.lfilter([now, before], [1.0, -decay], force)
-    # From rest, so the first sample's own share, which stands for time before it, is not there.
-    if hold_order:
-        result = result - now * force[0] * np.exp(rate * h * np.arange(len(force)))
+def _samples(inputs: Array, begin: int, end: int, n: int) -> Array:
+    """Samples of n inputs, (end - begin, n): those given, zero after the last; beyond, gravity's one."""
+    result = np.zeros((end - begin, n))
+    part = inputs[:, begin:end].T
+    result[: len(part), : len(inputs)], result[:, len(inputs) :] = part, 1.0
     return result
 
 
-def _free(force: Array, h: float, hold_order: int) -> Array:
-    """Response of q'' = force from rest at every sample."""
-    before, after = force[:-1], force[1:] if hold_order else force[:-1]
-    velocity = np.concatenate([[0.0], np.cumsum(h * (before + after) / 2)])
-    steps = h * velocity[:-1] + h**2 * (before / 3 + after / 6)
-    return np.concatenate([[0.0], np.cumsum(steps)])
+def _block(closed: ClosedSteps, n_samples: int) -> int:
+    """Samples in a block: a whole number of periods, unless these are too long."""
+    rows = len(closed.plant.matrices[3]) + closed.plant.pushed.shape[1]
+    longest = min(BLOCK, n_samples // CHECKS, int(np.sqrt(ENTRIES / (rows * closed.through.shape[1] + 1))))
+    periods = max(1, longest // closed.period)
+    return periods * closed.period if closed.period <= 4 * BLOCK else max(1, longest)
+
+
+def pieces(closed: ClosedSteps, start: Array, inputs: Array, block: int) -> Iterator[tuple[int, Array, Array]]:
+    """Pieces of a run: its first sample, states when its blocks begin, (blocks, n), outputs and commands, (k, rows)."""
+    whole = _whole(closed, block)
+    state = np.concatenate([start, np.zeros(closed.n - len(start))])
+    begin, together = 0, TOGETHER
+    while begin < inputs.shape[1]:
+        together = min(together, -(-(inputs.shape[1] - begin) // block))
+        pushes = _samples(inputs, begin, begin + together * block, closed.through.shape[1])
+        good = 0
+        if whole is not None:
+            states, rows = _in_blocks(whole, state, pushes.reshape(together, -1))
+            rows = rows.reshape(together, block, -1)
+            good = closed.within_limits(states[1:], rows)
+            if good:
+                yield begin, states[:good], rows[:good].reshape(good * block, -1)
+                state, begin = states[good], begin + good * block
+        if good < together:
+            again = pushes[good * block :] if whole is None else pushes[good * block : (good + 1) * block]
+            states, rows = closed.by_samples(state, again, begin)
+            yield begin, states[:-1:block], rows
+            state, begin = states[-1], begin + len(again)
+        together = TOGETHER if whole is None else 1 if good < together else min(2 * together, TOGETHER)
+
+
+def _whole(closed: ClosedSteps, block: int) -> StateSpace | None:
+    """A block of samples as one, None where that is not linear, and where loops make numbers overflow."""
+    if closed.quantised or block % closed.period:
+        return None
+    a, b, c, d = whole = repeated(closed.linear(), block // closed.period)
+    if not all(np.isfinite(part).all() for part in whole):
+        return None
+    sparse = len(a) >= MANY and np.count_nonzero(a) < SPARSE * a.size
+    return scipy.sparse.csr_matrix(a) if sparse else a, b, c, d
+
+
+def _in_blocks(whole: StateSpace, start: Array, pushes: Array) -> tuple[Array, Array]:
+    """States at the starts of blocks and after them, (blocks + 1, n); all their outputs, (blocks, outputs of a block).
+
+    pushes: the inputs of all samples, (blocks, inputs of a block)
+    """
+    a, b, c, d = whole
+    states = np.empty((len(pushes) + 1, len(start)))
+    states[0] = start
+    states[1:] = pushes @ b.T
+    for k in range(len(pushes)):
+        states[k + 1] += a @ states[k]
+    return states, states[:-1] @ c.T + pushes @ d.T

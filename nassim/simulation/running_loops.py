@@ -1,5 +1,6 @@
 """What a digital controller does with every sample: convert, compute, saturate, wait, convert."""
 
+import math
 from collections import deque
 from collections.abc import Callable
 
@@ -12,6 +13,8 @@ from nassim.simulation.small_motion import Assembly, motion_size
 
 RUNAWAY = 0.1
 """A deformation of this share of a body's size, or this rotation [rad], means that a loop runs away."""
+WHOLE = 1.5 * 2.0**52
+"""Added and taken away, it rounds a number to the nearest whole one, ties to even, and lets infinite ones pass."""
 
 
 def samples_per_period(loop: Loop, time_step: float) -> int:
@@ -33,13 +36,14 @@ def start_controller(loop: Loop) -> Callable[[Array], tuple[Array, Array]]:
     that is known already: with a delay of at least one sample it is, without one it is taken as the same.
     """
     c = loop.controller
+    see, put_out = converter(loop.input_step, loop.input_limit), converter(loop.output_step, c.limit)
     state = np.zeros(len(c.A))
     waiting = deque(np.zeros((c.delay, len(loop.driven))))
 
     def step(measured: Array) -> tuple[Array, Array]:
         nonlocal state
-        seen = _converted(measured, loop.input_step, loop.input_limit)
-        computed = _converted(c.C @ state + c.D @ seen, loop.output_step, c.limit)
+        seen = np.array([see(value) for value in measured.tolist()])
+        computed = np.array([put_out(value) for value in (c.C @ state + c.D @ seen).tolist()])
         state = c.A @ state + c.B @ seen
         waiting.append(computed)
         now = waiting.popleft()
@@ -48,11 +52,15 @@ def start_controller(loop: Loop) -> Callable[[Array], tuple[Array, Array]]:
     return step
 
 
-def _converted(values: Array, step: float, limit: float) -> Array:
+def converter(step: float, limit: float) -> Callable[[float], float]:
+    """What a converter of this resolution (0: none) and range makes of a value.
+
+    For numbers, not arrays: a sample has few values, which NumPy's calls would take several times as long for.
+    """
     if not step:
-        return np.clip(values, -limit, limit)
-    most = np.floor(limit / step)
-    return step * np.clip(np.round(values / step), -most, most)
+        return lambda value: min(max(value, -limit), limit)
+    most = math.floor(limit / step) if limit < math.inf else math.inf
+    return lambda value: step * min(max(value / step + WHOLE - WHOLE, -most), most)
 
 
 Step = Callable[[int, Callable[[], Array]], tuple[Array, Array, Array]]

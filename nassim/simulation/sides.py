@@ -119,7 +119,8 @@ def bears(assembly: Assembly, word: Tie, turn: Array) -> bool:
         both = np.vstack([word.stiffness, word.damping])
         rows = both / np.maximum(np.abs(both).max(axis=1, keepdims=True), 1e-300) @ rows
     met = np.abs(rows @ turn)
-    return bool(np.any(met > BORNE * (np.abs(rows) @ np.abs(turn))))
+    # What lies on the axis moves by rounding alone, hence the millimetre beside.
+    return bool(np.any(met > BORNE * (np.abs(rows) @ (np.abs(turn) + 1e-3))))
 
 
 def named(word: Word) -> str:

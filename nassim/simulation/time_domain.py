@@ -10,8 +10,9 @@ from nassim.base.progress import stage
 from nassim.scene.part import Follow, Reading
 from nassim.scene.scene import Scene
 from nassim.signals.time_history import TimeHistory, occupied_bandwidth
-from nassim.simulation.accuracy import integrator_error
+from nassim.simulation.accuracy import describe_steps
 from nassim.simulation.buckling import axial_forces, warn_of_buckling
+from nassim.simulation.compensation import Steps
 from nassim.simulation.exact_steps import exact_response
 from nassim.simulation.exudyn.solver import axial_tension, eigenfrequencies, solve_dynamic, solve_static
 from nassim.simulation.exudyn.state import System
@@ -65,8 +66,8 @@ def simulate(
         it, rigid bodies alone are in small motion too; "explicit", the Runge-Kutta rule of order 4, for scenes in small
         motion (see `Scene.in_small_motion`), which holds inputs like hold_order 0
     spectral_radius: of generalized-alpha only, numerical damping at infinite frequency, 1 (none, the trapezoidal
-        rule, the default but for 0.9 where drives turn joints) ... 0; a step h lengthens a period T by about
-        (2 pi h / T)^2 / 12
+        rule, the default but for 0.9 where drives turn joints) ... 0; what the rule does to periods is made up for mode
+        by mode, see `nassim.simulation.period_errors`
     hold_order: of the exact method, 1 for inputs that run straight between time steps, the default, 0 for inputs that
         keep their value
     start: what gravity and spin have done before: "equilibrium", the scene hangs at rest in static equilibrium, and
@@ -94,14 +95,6 @@ def simulate(
     radius = (TURNING_RADIUS if turns else 1.0) if spectral_radius is None else spectral_radius
     excitation = sampled(scene, excitation, time_step=time_step, duration=duration)
     n_steps = len(excitation.time) - 1
-    highest = occupied_bandwidth(excitation)
-    if progress and method == "generalized_alpha" and highest > 0:
-        longer, damping = integrator_error(highest, time_step, spectral_radius=radius)
-        print(
-            f"  at {highest:.4g} Hz, the highest of the excitation, the steps lengthen periods by {100 * longer:.2g} % "
-            f"and damp {100 * damping:.2g} % of critical"
-        )
-
     looped = {name for loop in scene.loops for name in loop.driven}
     signals = {name: np.zeros(n_steps + 1) for name in looped}
     signals |= dict(zip(excitation.names, excitation.values, strict=True))
@@ -116,7 +109,9 @@ def simulate(
     else:
         if method == "explicit":
             _check_stability(scene, time_step)
-        readings = _integrate(scene, signals, n_steps, time_step, radius, released, progress, method == "explicit")
+        steps = Steps(time_step, radius) if method == "generalized_alpha" else None
+        told = occupied_bandwidth(excitation) if progress else 0.0
+        readings = _integrate(scene, signals, n_steps, time_step, steps, released, progress, told)
     units = [*scene.output_units]
     units += [scene.input_unit(name) for loop in scene.loops for name in loop.driven]
     chosen = [(*scene.outputs, *scene.commands).index(name) for name in names]
@@ -133,18 +128,21 @@ def _integrate(
     signals: Mapping[str, Array],
     n_steps: int,
     time_step: float,
-    spectral_radius: float,
+    steps: Steps | None,
     released: bool,
     progress: bool,
-    explicit: bool,
+    told_frequency: float,
 ) -> Array:
+    """Run Exudyn with steps of generalized-alpha, None: with the explicit rule; told_frequency: of what is printed."""
     rates, steady = _starting_rates(scene, signals, time_step)
     twists = starting_twists(scene, rates)
     told = warn_of_spin(scene, {name: float(np.linalg.norm(twist[3:])) for name, twist in twists.items()})
     assembly = assemble(scene)
     if scene.in_small_motion:
         state_space(assembly)  # refuses outputs that need a derivative of what a drive follows
-    system = build_system(assembly, rates)
+    if steps and (line := describe_steps(assembly, steps, told_frequency)):
+        print(f"  {line}")
+    system = build_system(assembly, rates, steps)
     if not released and _settle(system, steady):
         warn_of_far_equilibrium(system)
     largest, slackest, shifts, speeds, commands = solve_dynamic(
@@ -152,9 +150,9 @@ def _integrate(
         signals,
         n_steps=n_steps,
         time_step=time_step,
-        spectral_radius=spectral_radius,
+        spectral_radius=steps.spectral_radius if steps else 1.0,
         progress=progress,
-        explicit=explicit,
+        explicit=steps is None,
     )
     warn_of_spin(scene, speeds, told)
     warn_of_motion(system.assembly, largest)

@@ -10,6 +10,7 @@ from nassim.bodies.projection import keep_ports, trim_body
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.part import Force, Leak, Reading, Spring
 from nassim.scene.scene import Scene
+from nassim.simulation.damping import held_alone
 from nassim.simulation.rows import shares
 
 
@@ -17,7 +18,8 @@ def trim_scene(scene: Scene) -> Scene:
     """The scene with bodies reduced further to what its parts need below its cut-off frequency.
 
     Remote points that nothing holds are no coordinates any more; static answers to the stacks stay exact.
-    Without a cut-off frequency it is the same scene.
+    Without a cut-off frequency it is the same scene. Raises ValueError for a body with damping ratios of modes
+    above it, which would be those of other modes.
     """
     if scene.cutoff_frequency is None:
         return scene
@@ -29,6 +31,14 @@ def _trimmed(scene: Scene, body: Body, cutoff_frequency: float) -> Body:
     if not body.deforms:
         return body
     assert isinstance(body, FlexibleBody)
+    below = body.reduced.eigenfrequencies(fixed=held_alone(scene, body)) < cutoff_frequency
+    given = () if body.damping_ratio is None else np.atleast_1d(body.damping_ratio)
+    if len(given) > np.count_nonzero(below) + 1:
+        raise ValueError(
+            f"body {body.name!r} has damping ratios of each of its modes, of which cutoff_frequency takes those from "
+            f"{cutoff_frequency:g} Hz and leaves it with others: trim it before, by trim_body of nassim.bodies, and "
+            "then give it its damping"
+        )
     used = {path.partition(".")[2] for part in scene.parts for path in part.claims if scene.split(path)[0] is body}
     reduced = keep_ports(body.reduced, used)
     points = {scene.frame_point(body), *scene.held_points(body)}

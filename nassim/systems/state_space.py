@@ -1,4 +1,4 @@
-"""Matrices of linear systems: from continuous to sampled and back, and their frequency response."""
+"""Matrices of linear systems: from continuous to sampled and back, over many samples, their frequency response."""
 
 import numpy as np
 import scipy
@@ -13,22 +13,48 @@ StateSpace = tuple[Array, Array, Array, Array]
 """A (n, n), B (n, inputs), C (outputs, n), D (outputs, inputs)."""
 
 
+def uncoupled(state: Array) -> list[Array]:
+    """Which states of dx/dt = A x belong together, as those of a mode, and to no others: (parts, size) for each size.
+
+    state: A, (n, n)
+    """
+    _, part = scipy.sparse.csgraph.connected_components(scipy.sparse.csr_matrix(state != 0), directed=False)
+    order = np.argsort(part, kind="stable")
+    sizes = np.bincount(part)[part[order]] if len(part) else part
+    return [order[sizes == size].reshape(-1, size) for size in np.unique(sizes)]
+
+
 def discretize(state: Array, inputs: Array, time_step: float) -> tuple[Array, Array, Array]:
     """Exact steps of dx/dt = A x + B u: x_1 = P x_0 + G u_0 + H (u_1 - u_0); without H for inputs that are held.
 
-    state: A, (n, n); inputs: B, (n, m). Returns P (n, n), G (n, m), H (n, m).
+    state: A, (n, n); inputs: B, (n, m). Returns P (n, n), G (n, m), H (n, m). Parts that nothing couples go by
+    themselves, so that fast ones cost slow ones no digits.
     Source: C. F. Van Loan, Computing integrals involving the matrix exponential, IEEE Trans. Automatic Control 23
     (1978) 395-404.
     """
     n, m = inputs.shape
     # Displacements and velocities differ by the frequency: a balanced matrix keeps the exponential accurate.
-    balanced, scale = scipy.linalg.matrix_balance(state, permute=False, separate=True)
-    scale = scale[0]
-    joint = np.zeros((n + 2 * m, n + 2 * m))
-    joint[:n, :n], joint[:n, n : n + m] = time_step * balanced, time_step * inputs / scale[:, None]
-    joint[n : n + m, n + m :] = np.eye(m)
-    result = scipy.linalg.expm(joint)[:n]
-    return scale[:, None] * result[:, :n] / scale, *np.split(scale[:, None] * result[:, n:], 2, axis=1)
+    balanced, scale = _balanced(state)
+    phi, integrals = np.zeros((n, n)), np.zeros((n, 2 * m))
+    for part in uncoupled(state):
+        size = part.shape[1]
+        joint = np.zeros((len(part), size + 2 * m, size + 2 * m))
+        joint[:, :size, :size] = time_step * balanced[part[:, :, None], part[:, None]]
+        joint[:, :size, size : size + m] = (time_step * inputs / scale[:, None])[part]
+        joint[:, size : size + m, size + m :] = np.eye(m)
+        result = scipy.linalg.expm(joint)[:, :size]
+        phi[part[:, :, None], part[:, None]] = result[..., :size]
+        integrals[part] = result[..., size:]
+    integrals *= scale[:, None]
+    return scale[:, None] * phi / scale, integrals[:, :m], integrals[:, m:]
+
+
+def _balanced(state: Array) -> tuple[Array, Array]:
+    """A in other units of its states, (n, n), in which its rows are as large as its columns; and these units, (n,)."""
+    if not len(state):  # SciPy before 1.14 takes no empty matrices.
+        return state, np.zeros(0)
+    balanced, (scale, _) = scipy.linalg.matrix_balance(state, permute=False, separate=True)
+    return balanced, scale
 
 
 def tustin(system: StateSpace, time_step: float, *, prewarp: float = 0.0) -> StateSpace:
@@ -66,29 +92,60 @@ def cascade(first: StateSpace, second: StateSpace) -> StateSpace:
     return state, np.vstack([b1, b2 @ d1]), np.hstack([d2 @ c1, c2]), d2 @ d1
 
 
+def followed(first: StateSpace, second: StateSpace) -> StateSpace:
+    """Sampled systems with the same states in turn, as one: inputs and outputs of the first, then of the second."""
+    a1, b1, c1, d1 = first
+    a2, b2, c2, d2 = second
+    later = np.hstack([c2 @ b1, d2])
+    return a2 @ a1, np.hstack([a2 @ b1, b2]), np.vstack([c1, c2 @ a1]), np.vstack([_beside(d1, len(b2.T)), later])
+
+
+def repeated(system: StateSpace, times: int) -> StateSpace:
+    """A sampled system over several samples at once, whose inputs and outputs are those of all samples in turn."""
+    if times == 1:
+        return system
+    half = repeated(system, times // 2)
+    twice = followed(half, half)
+    return followed(twice, system) if times % 2 else twice
+
+
+def _beside(matrix: Array, n_columns: int) -> Array:
+    return np.hstack([matrix, np.zeros((len(matrix), n_columns))])
+
+
 def transfer_matrix(system: StateSpace, points: Array) -> Array:
     """C (s - A)^-1 B + D at complex points s (or z), shape (n,): complex (outputs, inputs, n); infinite at poles.
 
-    By the eigenvectors of A, which costs milliseconds; where they do not span (a double pole at one place, as of rigid
-    motion without damping, or of delays) by a solve per point.
+    By the eigenvectors of A's uncoupled parts and one product of matrices, which costs milliseconds; parts whose
+    eigenvectors do not span (a double pole at one place, as of rigid motion without damping, or of delays) by a solve
+    per point.
     """
     a, b, c, d = system
-    constant = np.broadcast_to(d[:, :, None], (*d.shape, len(points))).astype(complex)
-    if not len(a):
-        return constant
-    poles, vectors = np.linalg.eig(a)
-    if np.linalg.cond(vectors / np.linalg.norm(vectors, axis=0)) < WELL_CONDITIONED:
-        inputs = np.linalg.solve(vectors, b.astype(complex))
+    balanced, scale = _balanced(a)
+    b, c = b / scale[:, None], c * scale
+    result = np.broadcast_to(d.reshape(-1, 1), (d.size, len(points))).astype(complex)
+    for index in uncoupled(a):
+        parts = balanced[index[:, :, None], index[:, None]]
+        poles, vectors = np.linalg.eig(parts)
+        spanned = np.linalg.cond(vectors / np.linalg.norm(vectors, axis=1, keepdims=True)) < WELL_CONDITIONED
+        for part, states in zip(parts[~spanned], index[~spanned], strict=True):
+            result += _solved((part, b[states], c[:, states]), points)
+        drives = np.linalg.solve(vectors[spanned], b[index[spanned]].astype(complex)).reshape(-1, b.shape[1])
+        shows = (c[:, index[spanned]][:, :, None] @ vectors[spanned]).reshape(len(c), -1)
         with np.errstate(divide="ignore", invalid="ignore"):
-            gains = 1.0 / (points - poles[:, None])
-            result: Array = np.einsum("ok,ki,kf->oif", c @ vectors, inputs, gains) + constant
-        return result
-    resolvent = points[:, None, None] * np.eye(len(a)) - a
+            gains = 1.0 / (points - poles[spanned].reshape(-1, 1))
+            result += (shows[:, None] * drives.T).reshape(d.size, -1) @ gains
+    return result.reshape(*d.shape, len(points))
+
+
+def _solved(part: tuple[Array, Array, Array], points: Array) -> Array:
+    """C (s - A)^-1 B by a solve per point, (outputs * inputs, n)."""
+    a, b, c = part
     try:
-        states = np.linalg.solve(resolvent, np.broadcast_to(b, (len(points), *b.shape)))
+        states = np.linalg.solve(points[:, None, None] * np.eye(len(a)) - a, b.astype(complex))
     except np.linalg.LinAlgError:
-        return np.full_like(constant, np.inf)
-    return (c @ states).transpose(1, 2, 0) + constant
+        return np.full((len(c) * b.shape[1], len(points)), np.inf + 0j)
+    return (c @ states).reshape(len(points), -1).T
 
 
 def transmission_zeros(system: StateSpace) -> Array:
@@ -104,7 +161,6 @@ def transmission_zeros(system: StateSpace) -> Array:
     if system[3].shape[0] != system[3].shape[1]:
         n_out, n_in = system[3].shape
         raise ValueError(f"zeros need as many outputs as inputs, got {n_out} and {n_in}; choose some of them")
-    # SciPy before 1.14 takes no empty matrices.
     (a, b, c, d), size = _scaled(system) if len(system[0]) else (system, 1.0)
     while True:
         left, values, _ = np.linalg.svd(d)
@@ -137,7 +193,7 @@ def _scaled(system: StateSpace) -> tuple[StateSpace, float]:
     A is balanced; parts of it that do not touch each other, as modes, are as strongly driven as seen.
     """
     a, b, c, d = system
-    a, (scale, _) = scipy.linalg.matrix_balance(a, permute=False, separate=True)
+    a, scale = _balanced(a)
     b, c = b / scale[:, None], c * scale
     _, part = scipy.sparse.csgraph.connected_components(a != 0, directed=False)
     driven, seen = (np.sqrt(np.bincount(part, x, minlength=1)) for x in ((b**2).sum(axis=1), (c**2).sum(axis=0)))

@@ -45,7 +45,10 @@ NOT_DATA = {
     *(
         "Amplifier",
         "Carrier",
+        "Cell",
         "Circuit",
+        "ClosedSteps",
+        "CompressedLines",
         "Coupling",
         "Curve",
         "Damping",
@@ -59,9 +62,13 @@ NOT_DATA = {
         "Listing",
         "Looks",
         "Notices",
+        "Parted",
+        "Plant",
         "Solution",
         "Spinning",
+        "Steps",
         "Term",
+        "View",
     ),
 }
 

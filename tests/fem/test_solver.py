@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from nassim.fem.solver import SOLVERS, factor_memory, factorize, solver_name, threads
 from nassim.fem.sparse import symmetric_matrix
 
-HAS_PARDISO = importlib.util.find_spec("pypardiso") is not None
+INSTALLED = [name for name, package in SOLVERS.items() if importlib.util.find_spec(package)]
 
 
 def laplacian(n=12):
@@ -19,9 +19,7 @@ def laplacian(n=12):
     return sum(sp.kron(sp.kron(a, b), c) for a, b, c in ((line, eye, eye), (eye, line, eye), (eye, eye, line))).tocsr()
 
 
-@pytest.fixture(
-    params=["sparsecholesky", pytest.param("pardiso", marks=pytest.mark.skipif(not HAS_PARDISO, reason="-"))]
-)
+@pytest.fixture(params=INSTALLED)
 def solver(request, monkeypatch):
     monkeypatch.setenv("NASSIM_SOLVER", request.param)
     return request.param
@@ -72,16 +70,26 @@ def test_singular_matrix_is_refused(monkeypatch):
 
 def test_choice_of_the_solver(monkeypatch):
     monkeypatch.delenv("NASSIM_SOLVER", raising=False)
-    assert solver_name() == SOLVERS[HAS_PARDISO]
+    assert solver_name() == INSTALLED[0]
+    monkeypatch.setenv("NASSIM_SOLVER", "sparsecholesky")
+    assert solver_name() == "sparsecholesky"
     monkeypatch.setenv("NASSIM_SOLVER", "umfpack")
-    with pytest.raises(ValueError, match="known: sparsecholesky, pardiso"):
+    with pytest.raises(ValueError, match="known: cholmod, pardiso, sparsecholesky"):
         solver_name()
 
 
-@pytest.mark.skipif(HAS_PARDISO, reason="needs an environment without PARDISO")
-def test_missing_pardiso_says_how_to_get_it(monkeypatch):
-    monkeypatch.setenv("NASSIM_SOLVER", "pardiso")
-    with pytest.raises(ValueError, match=r"nassim\[fast\]"):
+def test_solvers_that_are_installed_are_preferred_in_order(monkeypatch):
+    monkeypatch.delenv("NASSIM_SOLVER", raising=False)
+    for there, expected in (({"ngsolve"}, "sparsecholesky"), ({"ngsolve", "pypardiso"}, "pardiso"), (None, "cholmod")):
+        monkeypatch.setattr(importlib.util, "find_spec", lambda package, there=there: there is None or package in there)
+        assert solver_name() == expected
+
+
+@pytest.mark.parametrize("name", ["cholmod", "pardiso"])
+def test_missing_solver_says_how_to_get_it(monkeypatch, name):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda package: package == "ngsolve")
+    monkeypatch.setenv("NASSIM_SOLVER", name)
+    with pytest.raises(ValueError, match=rf"pip install {SOLVERS[name]}"):
         solver_name()
 
 

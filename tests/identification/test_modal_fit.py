@@ -630,3 +630,11 @@ def test_a_factor_is_known_the_better_the_more_its_gains_err_together(small_benc
         change = report.changes[-1]
         assert change.parameter == "sensor_voltage.voltage_per_elongation"
         assert change.std / abs(change.after) == pytest.approx(0.01 * np.sqrt(2 - 2 * r), rel=1e-9)
+
+
+def test_a_record_without_its_last_samples_gives_the_parameters(monkeypatch):
+    """3989 is a prime number; what is left at the end of a shorter record is as free as before."""
+    record = make_record(0, noise=0.0)
+    odd = replace(record, time=record.time[:3989], values=record.values[:, :3989])
+    monkeypatch.setattr("nassim.signals.time_history.LONG", 1000)
+    np.testing.assert_allclose(found(identify(odd)), truth(), rtol=1e-9)

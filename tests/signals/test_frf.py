@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.signal
 
+import nassim.signals.frf
 from nassim import FRF, TimeHistory, estimate_frf
 from nassim.signals.excitations import band_limited_noise, multisine
 
@@ -278,3 +279,19 @@ def test_unknown_names_and_empty_bands():
         make_frf().response("a", "v")
     with pytest.raises(ValueError, match="no frequency between 10 and 20 Hz"):
         make_frf().band(10.0, 20.0)
+
+
+def test_offsets_and_long_records_in_pieces(monkeypatch):
+    """An offset is no response, and segments that are transformed in several goes give what they give in one."""
+    u = np.random.default_rng(8).normal(size=7777)
+    y = np.convolve(u, [0.5, 0.3, -0.2])[: len(u)]
+    time, options = np.arange(len(u)) / 1e3, {"inputs": ["u"], "outputs": ["y"], "segment_duration": 0.123}
+    plain = estimate_frf(TimeHistory(time, [u, y], ("u", "y")), **options)
+    monkeypatch.setattr(nassim.signals.frf, "AT_ONCE", 300)
+    pieces = estimate_frf(TimeHistory(time, [u + 1e3, y - 50.0], ("u", "y")), **options)
+    np.testing.assert_allclose(pieces.values, plain.values, rtol=1e-9)
+    np.testing.assert_allclose(pieces.coherence, plain.coherence, rtol=1e-9)
+    # SciPy's own estimate: the same windows, mean values and averages.
+    scipys = {"fs": 1e3, "nperseg": 123, "noverlap": 62, "detrend": "constant"}
+    expected = scipy.signal.csd(u, y, **scipys)[1] / scipy.signal.welch(u, **scipys)[1]
+    np.testing.assert_allclose(plain.response("y", "u"), expected[1:], rtol=1e-9)

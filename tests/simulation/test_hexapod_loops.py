@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scipy.signal
 from conftest import lattice
-from test_hexapod import FEET, HEADS, HEIGHT, STIFFNESS, jacobian, on_springs, with_masses
+from test_hexapod import FEET, HEADS, HEIGHT, STIFFNESS, by_hand, jacobian, on_springs
 from test_spinning import hexapod, spun
 
 from nassim import (
@@ -55,6 +55,12 @@ STRUTS = tuple(f"f{k}" for k in range(6))
 SIX = decentralised(*6 * [integral_force_feedback(1.0, sample_rate=1e6)])
 
 
+def with_masses(stiffness=STIFFNESS):
+    """Struts of two halves, part by part, without dampers."""
+    scene = by_hand()
+    return replace(scene, springs=tuple(replace(s, stiffness=stiffness, damping=0.0) for s in scene.springs))
+
+
 def with_force_sensors(model, in_series):
     """Instead of six lengths, what the struts bear: the actuator's force less the tension of the spring beside it."""
     return LinearModel(model.A, model.B[:, :6], -in_series * model.C[:6], np.eye(6), model.inputs[:6], STRUTS)
@@ -78,7 +84,7 @@ def sensed_whole():
 def sensed_beside():
     """A quarter of the stiffness beside the sensors."""
     scene = with_masses(15e6)
-    beside = [SpringDamper(f"p{k}", f"strut_{k}/lower.foot", f"strut_{k}/upper.head", "line", 5e6) for k in range(6)]
+    beside = [SpringDamper(f"p{k}", f"l{k}.end", f"u{k}.end", "line", 5e6) for k in range(6)]
     model = with_force_sensors(linearize(replace(scene, springs=(*scene.springs, *beside))), 15e6)
     return model, np.sort(damping(model)[0])
 

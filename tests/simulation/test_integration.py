@@ -106,6 +106,7 @@ def excitation(step, n=300):
 
 @pytest.mark.parametrize(("rho", "axis"), [(1.0, "z"), (0.6, "x"), (0.0, "y")])
 @pytest.mark.parametrize("kind", ["large motion", "small motion"])
+@pytest.mark.usefixtures("plain_steps")
 def test_generalized_alpha_by_hand(bar, kind, rho, axis):
     """The same rule, step by step, in a scene of rigid bodies and joints and in minimal coordinates."""
     push = excitation(1e-3)
@@ -261,6 +262,7 @@ def test_static_answers_beyond_small_motion_are_told(bar, fidelity):
 
 @pytest.mark.parametrize("fidelity", ["linear", "ffrf"])
 @pytest.mark.parametrize("resistance", [3.0, 1e4])
+@pytest.mark.usefixtures("plain_steps")
 def test_a_jump_at_the_start_with_a_loaded_sensor(apa_with_ports, fidelity, resistance):
     """The trapezoidal rule on the state space, whose charge is a state: nothing lost of the first step, nor of V_s."""
     bench = make_bench(

@@ -782,6 +782,7 @@ def test_charges_of_a_spinning_scene():
 
 
 @pytest.mark.filterwarnings("ignore:body 'bar'", "ignore:under the spin")
+@pytest.mark.usefixtures("plain_steps")
 def test_a_free_spinning_body_as_a_floating_frame_in_time():
     """Two balls on a flexible bar, spinning in space: their distance, the same in every frame, swings as the model.
 

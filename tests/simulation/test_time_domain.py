@@ -72,6 +72,7 @@ def test_start_under_gravity_does_not_ring(apa):
     assert np.ptp(record["encoder"]) < 1e-6 * abs(record["encoder"][0])
 
 
+@pytest.mark.usefixtures("plain_steps")
 def test_simulation_follows_the_linear_model(bench):
     """Against the trapezoidal rule on the state space with the same step: the same method, so almost no difference."""
     excitation = sine_dwell(0.1, 1e4, frequency=60.0, amplitude=0.1)

@@ -31,6 +31,7 @@ from nassim.scene.part import (
     unknown_word,
 )
 from nassim.scene.scene import Scene
+from nassim.simulation.compensation import Steps, compensated
 from nassim.simulation.exudyn.items import (
     Grip,
     Items,
@@ -41,9 +42,10 @@ from nassim.simulation.exudyn.items import (
     frame_at,
     offset_of,
 )
+from nassim.simulation.exudyn.modal import small_motion_system
 from nassim.simulation.exudyn.readings import add_axes, add_reading
 from nassim.simulation.exudyn.springs import add_six_springs, add_spring, reaches
-from nassim.simulation.exudyn.state import Carrier, Push, System, Term, add_circuit, modal_node, small_motion_system
+from nassim.simulation.exudyn.state import Carrier, Push, System, Term, add_circuit, modal_node
 from nassim.simulation.exudyn.tensions import add_tension
 from nassim.simulation.small_motion import Assembly
 from nassim.simulation.starting_motion import check_implied, starting_twists
@@ -56,19 +58,22 @@ Added = tuple[int, Carrier, int, dict[Place, Grip], dict[Place, tuple[int, list[
 """Rigid node of a body, its carrier, its object, grips and pilots."""
 
 
-def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None) -> System:
+def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, steps: Steps | None = None) -> System:
     """Build the Exudyn system of an assembled scene, with all inputs at zero.
 
     rates: at the start, of inputs that drives follow, see `starting_twists`
+    steps: whose error in periods is made up for; None: of none
 
     Raises ValueError for joints and angular velocities that do not go together: `nassim.simulation.starting_motion`.
     """
     if assembly.scene.in_small_motion and len(assembly.mass):
-        return small_motion_system(assembly, rates or {})
+        return small_motion_system(assembly, rates or {}, steps)
+    size = len(assembly.damping.root)
+    assembly, added = compensated(assembly, steps) if steps else (assembly, np.zeros((size, size)))
     check_implied(assembly.scene, assembly.enforced)
     container = exu.SystemContainer()
     mbs = container.AddSystem()
-    items = _add_bodies(mbs, assembly, rates)
+    items = _add_bodies(mbs, assembly, rates, added)
     drives: list[Push] = []
     readings: dict[str, list[Term]] = {output: [] for output in assembly.scene.outputs}
     turning: dict[str, list[tuple[int, Array]]] = {output: [] for output in assembly.scene.outputs}
@@ -125,11 +130,11 @@ def _realise(items: Items, word: Word, assembly: Assembly) -> list[Push]:
     return []
 
 
-def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None) -> Items:
-    """Add the bodies with their weight, and the damping between them."""
+def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None, added: Array) -> Items:
+    """Add the bodies with their weight, the mass added on their deformation, (m, m), and the damping between them."""
     scene = assembly.scene
     twists = starting_twists(scene, rates)
-    damping = _damping_blocks(assembly)
+    damping, mass = _by_bodies(assembly, assembly.damping.on_deformation()), _by_bodies(assembly, added)
     nodes: dict[str, int] = {}
     carriers: dict[str, Carrier] = {}
     grips: dict[Place, Grip] = {}
@@ -140,7 +145,12 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None)
         if isinstance(body, FlexibleBody) and body.deforms:
             add = _add_floating if body.fidelity == "ffrf" else _add_linear
             node, carriers[body.name], objects[body.name], found, of_body = add(
-                mbs, scene, body, assembly.frames[body.name], damping[body.name, body.name], twists[body.name]
+                mbs,
+                scene,
+                body,
+                assembly.frames[body.name],
+                (mass[body.name, body.name], damping[body.name, body.name]),
+                twists[body.name],
             )
             nodes[body.name] = node
             grips.update({(f"{body.name}.{point}", offset): grip for (point, offset), grip in found.items()})
@@ -158,7 +168,7 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None)
         if np.any(scene.gravity) and name not in linear:
             marker = mbs.AddMarker(eii.MarkerBodyMass(bodyNumber=objects[name]))
             mbs.AddLoad(eii.LoadMassProportional(markerNumber=marker, loadVector=list(scene.gravity)))
-    _couple_dampings(mbs, assembly, carriers, damping)
+    _couple(mbs, assembly, carriers, mass, damping)
     return Items(mbs, scene, nodes, objects, rigid, carriers, grips, pilots)
 
 
@@ -173,7 +183,7 @@ def _as_rigid(body: FlexibleBody, assembly: Assembly) -> RigidBody:
 
 
 def _add_linear(
-    mbs: Any, scene: Scene, body: FlexibleBody, frame: FloatingFrame, damping: Array, twist: Array
+    mbs: Any, scene: Scene, body: FlexibleBody, frame: FloatingFrame, on_deformation: tuple[Array, Array], twist: Array
 ) -> Added:
     """Add a body in small motion: a node per remote point along the world's axes, and one for the modes."""
     reduced = body.reduced
@@ -198,12 +208,13 @@ def _add_linear(
     deformation = frame.deformation(reduced) @ to_body
     fall = np.vstack([*([np.eye(3), np.zeros((3, 3))] * len(reduced.remote_points)), np.zeros((reduced.n_modes, 3))])
     mass = to_body.T @ reduced.mass_matrix @ to_body
+    added, damping = (deformation.T @ matrix @ deformation for matrix in on_deformation)
     number = mbs.AddObject(
         eii.ObjectGenericODE2(
             nodeNumbers=numbers,
-            massMatrix=mass,
+            massMatrix=mass + added,
             stiffnessMatrix=to_body.T @ reduced.stiffness_matrix @ to_body,
-            dampingMatrix=deformation.T @ damping @ deformation,
+            dampingMatrix=damping,
             forceVector=mass @ fall @ scene.gravity,
         )
     )
@@ -212,9 +223,10 @@ def _add_linear(
 
 
 def _add_floating(
-    mbs: Any, scene: Scene, body: FlexibleBody, frame: FloatingFrame, damping: Array, twist: Array
+    mbs: Any, scene: Scene, body: FlexibleBody, frame: FloatingFrame, on_deformation: tuple[Array, Array], twist: Array
 ) -> Added:
     """Add a floating-frame body."""
+    added, damping = on_deformation
     n = len(frame.flexible)
     node = mbs.AddNode(
         GetRigidBodyNode(
@@ -234,7 +246,7 @@ def _add_floating(
             mass=frame.mass,
             inertia=frame.inertia,
             centerOfMass=frame.center_of_mass,
-            massMatrixReduced=_container(frame.mass_matrix),
+            massMatrixReduced=_container(frame.mass_matrix + added),
             stiffnessMatrixReduced=_container(frame.stiffness_matrix),
             dampingMatrixReduced=_container(damping),
             mPhitTPsi=frame.translation_flexible,
@@ -311,38 +323,36 @@ def _add_rigid(mbs: Any, body: RigidBody, twist: Array) -> tuple[int | None, int
     return node, mbs.AddObject(eii.ObjectRigidBody(nodeNumber=node, mass=body.mass, inertia=six))
 
 
-def _damping_blocks(assembly: Assembly) -> dict[tuple[str, str], Array]:
-    """Damping between the deformations of every two bodies, by their names."""
+Blocks = dict[tuple[str, str], Array]
+"""Of a matrix on the deformation of all bodies, by the names of every two."""
+
+
+def _by_bodies(assembly: Assembly, full: Array) -> Blocks:
     bodies = assembly.scene.deformable_bodies
-    full = assembly.damping.on_deformation()
     ends = np.cumsum([0, *(len(assembly.frames[body.name].flexible) for body in bodies)])
     places = {body.name: slice(ends[k], ends[k + 1]) for k, body in enumerate(bodies)}
     return {(a, b): full[places[a], places[b]] for a in places for b in places}
 
 
-def _couple_dampings(
-    mbs: Any, assembly: Assembly, carriers: dict[str, Carrier], blocks: dict[tuple[str, str], Array]
-) -> None:
-    """Damping between the deformations of several flexible bodies, which modal damping of their assembly needs."""
+def _couple(mbs: Any, assembly: Assembly, carriers: dict[str, Carrier], mass: Blocks, damping: Blocks) -> None:
+    """Mass and damping between the deformations of several flexible bodies, which modes of their assembly need."""
     bodies = assembly.scene.deformable_bodies
-    if not any(np.any(block) for (a, b), block in blocks.items() if a != b):
-        return
     rows = [assembly.frames[b.name].deformation(b.reduced) @ carriers[b.name].coordinates for b in bodies]
-    damping = np.block(
-        [
-            [rows[i].T @ blocks[a.name, b.name] @ rows[j] * (i != j) for j, b in enumerate(bodies)]
-            for i, a in enumerate(bodies)
-        ]
-    )
-    zero = np.zeros_like(damping)
-    mbs.AddObject(
-        eii.ObjectGenericODE2(
-            nodeNumbers=[node for body in bodies for node, _ in carriers[body.name].nodes],
-            massMatrix=zero,
-            stiffnessMatrix=zero,
-            dampingMatrix=damping,
+
+    def between(blocks: Blocks) -> Array:
+        if not any(np.any(block) for (a, b), block in blocks.items() if a != b):
+            return np.zeros((0, 0))  # what is empty costs no time at every step
+        return np.block(
+            [
+                [rows[i].T @ blocks[a.name, b.name] @ rows[j] * (i != j) for j, b in enumerate(bodies)]
+                for i, a in enumerate(bodies)
+            ]
         )
-    )
+
+    matrices = {"massMatrix": between(mass), "dampingMatrix": between(damping)}
+    if any(matrix.size for matrix in matrices.values()):
+        nodes = [node for body in bodies for node, _ in carriers[body.name].nodes]
+        mbs.AddObject(eii.ObjectGenericODE2(nodeNumbers=nodes, **matrices))
 
 
 def _container(matrix: Array) -> Any:

@@ -1,0 +1,203 @@
+"""Steps that keep periods: against the exact solution, in floating frames, with springs, loops, charges and spin."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import lattice
+from scipy.spatial.transform import Rotation
+
+from nassim import (
+    Encoder,
+    FlexibleBody,
+    PointForce,
+    RigidBody,
+    Scene,
+    TimeHistory,
+    craig_bampton,
+    linearize,
+    simulate,
+)
+from nassim.base.modal import decay_poles
+from nassim.scene import Bushing, Drive, Loop, fixed, revolute
+from nassim.simulation import assemble, compensation, period_errors
+from nassim.simulation.compensation import Steps, compensated
+from nassim.systems import proportional
+
+STEP = 2e-4
+FIRST, SECOND = (Rotation.from_rotvec(v).as_matrix() for v in ([0.3, 0.2, -0.5], [-0.7, 0.9, 0.1]))
+
+
+@pytest.fixture(scope="module")
+def link():
+    return craig_bampton(lattice(), n_modes=6, progress=False)
+
+
+def elbow(link, fidelity, *, seat=None, own=None):
+    """Two flexible links askew and a block at their end; seat: stiffness of bushings between them, else joints."""
+    a = FlexibleBody("a", link, rotation=FIRST, fidelity=fidelity[0], damping_ratio=own)
+    b = FlexibleBody("b", link, rotation=SECOND, fidelity=fidelity[1], damping_ratio=own)
+    b = replace(b, position=a.point_position("right") - b.point_position("left"))
+    inertia = 2e-5 * np.diag([1.0, 2.0, 3.0])
+    block = RigidBody(
+        "m", {"p": np.zeros(3), "q": (0.01, 0.02, 0.0)}, 0.3, inertia, b.point_position("right"), rotation=FIRST
+    )
+    ground = RigidBody("g", {"p": a.point_position("left")}, fixed=True)
+    ends = (("a.right", "b.left"), ("b.right", "m.p"))
+    joints, bushings = [fixed("foot", "g.p", "a.left")], []
+    for k, (one, other) in enumerate(ends):
+        if seat is None:
+            joints.append(fixed(f"j{k}", one, other))
+        else:
+            figures = seat * np.array([1, 1, 1, 1e-3, 1e-3, 1e-3])
+            bushings.append(Bushing(f"s{k}", one, other, figures, 1e-5 * figures))
+    return Scene(
+        "elbow",
+        (ground, a, b, block),
+        tuple(joints),
+        (PointForce("f", "m.q", (1, 0.3, -0.4), "f"),),
+        (Encoder("e", "g.p", "m.q", (0.2, 1, 0.5)), Encoder("stretch", "a.left", "a.right", "line")),
+        tuple(bushings),
+        damping_ratio=0.01 if own is None else 0.0,
+    )
+
+
+def shaken(step=STEP, duration=0.2):
+    """Forty sines, 10 to 400 Hz, faded in, from a time that is not zero."""
+    t = step * np.arange(round(duration / step) + 1)
+    phases = np.random.default_rng(1).uniform(0, 6, 40)
+    force = sum(np.sin(2 * np.pi * f * t + p) for f, p in zip(np.linspace(10, 400, 40), phases, strict=True))
+    return TimeHistory(0.7 + t, 1e-3 * (force * np.minimum(1, t / 0.02))[None], ("f",), ("N",))
+
+
+def error(found, exact):
+    return max(float(np.abs(found[n] - exact[n]).max() / np.abs(exact[n]).max()) for n in ("e", "stretch"))
+
+
+def errors(scene, exactly, *, radius=1.0):
+    """Of steps that compensate, and of the plain rule."""
+    push, options = shaken(), {"time_step": STEP, "progress": False}
+    exact = simulate(exactly, push, method="exact", **options)
+    found = error(simulate(scene, push, spectral_radius=radius, **options), exact)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(compensation, "FASTEST", 1e-4)
+        return found, error(simulate(scene, push, spectral_radius=radius, **options), exact)
+
+
+@pytest.mark.parametrize("fidelity", [("ffrf", "ffrf"), ("linear", "ffrf"), ("linear", "linear")])
+@pytest.mark.parametrize("own", [None, 0.01])
+def test_several_bodies_step_as_the_exact_solution(link, fidelity, own):
+    """Three modes between 250 and 370 Hz, 14 to 20 steps a period: 40 times nearer than the plain rule."""
+    found, plain = errors(elbow(link, fidelity, own=own), elbow(link, ("linear", "linear"), own=own))
+    assert plain > 0.4, "so the plain rule fails here"
+    assert found < 0.012
+
+
+@pytest.mark.parametrize(("seat", "share"), [(1e7, 0.05), (1e6, 0.8)])
+def test_springs_that_share_in_the_modes(link, seat, share):
+    """Bodies make up for what bushings lack, as far as they bend; the damping is their own, as the scene's would be."""
+    found, plain = errors(
+        elbow(link, ("ffrf", "ffrf"), seat=seat, own=0.01), elbow(link, ("linear", "linear"), seat=seat, own=0.01)
+    )
+    assert found < share * plain
+
+
+@pytest.mark.parametrize("seat", [None, 1e6])
+def test_period_errors_are_those_of_a_run(link, seat):
+    """Poles of a decay in floating frames against the frequencies with what `period_errors` says of them."""
+    scene = elbow(link, ("ffrf", "ffrf"), seat=seat, own=0.003)
+    frequency = assemble(scene).frequency[:6]
+    kick = TimeHistory(STEP * np.arange(1501), 1e-3 * (np.arange(1501) < 3)[None], ("f",), ("N",))
+    run = simulate(scene, kick, time_step=STEP, progress=False)
+    poles = decay_poles(run.values[1:, 10:], STEP, n_poles=40)
+    found = np.sort(np.abs(poles[poles.imag > 0])) / (2 * np.pi)
+    stepped = frequency * (1 + period_errors(scene, STEP)[:6])
+    assert np.all(np.min(np.abs(found[:, None] / stepped - 1), axis=0) < 2e-4)
+    plain = np.arctan(np.pi * STEP * frequency) / (np.pi * STEP)
+    assert np.abs(plain / stepped - 1).max() > 5e-3, "so it matters"
+
+
+def test_steps_with_numerical_damping_keep_periods_too(link):
+    found, plain = errors(elbow(link, ("ffrf", "ffrf")), elbow(link, ("linear", "linear")), radius=0.8)
+    assert found < 0.05 * plain
+
+
+def test_masses_stay_positive(link):
+    """However soft the springs and long the steps, from no mode more than 0.6 of its mass is taken."""
+    for seat in (None, 1e7, 1e5, 1e3):
+        for step in (1e-5, 1e-3, 1.0):
+            assembly = assemble(elbow(link, ("ffrf", "ffrf"), seat=seat))
+            bent = assembly.damping.deformation @ assembly.shapes
+            change = np.linalg.eigvalsh(bent.T @ compensated(assembly, Steps(step))[1] @ bent)
+            assert -0.61 < change.min() <= change.max() < 1e-9
+
+
+def test_double_modes_have_no_axes_of_their_own(link):
+    """Whichever two shapes stand for a pair of modes, the mass is the same."""
+    assembly = assemble(elbow(link, ("ffrf", "ffrf"), seat=1e6))
+    frequency, turned = assembly.frequency.copy(), assembly.shapes.copy()
+    frequency[3] = frequency[2]
+    turned[:, 2:4] = turned[:, 2:4] @ np.array([[0.8, -0.6], [0.6, 0.8]])
+    one, other = (
+        compensated(replace(assembly, frequency=frequency, shapes=shapes), Steps(STEP))[1]
+        for shapes in (assembly.shapes, turned)
+    )
+    np.testing.assert_allclose(one, other, rtol=0, atol=1e-9 * np.abs(one).max())
+
+
+def test_a_free_body_keeps_its_momentum(link):
+    """What is made up for pushes no rigid motion: a body that tumbles in space under a force, against fine steps."""
+    free = FlexibleBody("a", link, rotation=FIRST, angular_velocity=(1.0, -2.0, 3.0))
+    scene = Scene(
+        "free",
+        (RigidBody("g", {"o": np.zeros(3)}, fixed=True), free),
+        (),
+        (PointForce("f", "a.left", "x", "f"),),
+        tuple(Encoder(f"{point}", "g.o", f"a.{point}", "x") for point in ("left", "right")),
+        damping_ratio=0.01,
+    )
+    t = STEP * np.arange(1001)
+    push = TimeHistory(t, 0.2 * np.sin(40 * t)[None], ("f",), ("N",))
+    run, fine = (simulate(scene, push, time_step=step, progress=False) for step in (STEP, STEP / 8))
+    for name in scene.outputs:
+        assert np.abs(run[name] - fine[name][::8]).max() < 1e-5 * np.abs(run[name]).max()
+
+
+def test_a_loop_closed_around_compensated_steps(link):
+    """A damped loop's poles in time, against those of the sampled linear model; the plain rule is 1 % off."""
+    scene = elbow(link, ("ffrf", "ffrf"), own=0.002)
+    controller = proportional(1e4, sample_rate=1 / STEP)
+    scene = replace(scene, loops=(Loop("loop", controller, "e", "f"),))
+    in_small_motion = replace(scene, bodies=elbow(link, ("linear", "linear"), own=0.002).bodies)
+    assert np.ptp(simulate(scene, shaken(), time_step=STEP, progress=False)["loop"]) > 1e-4, "so the loop works"
+    found, plain = errors(scene, in_small_motion)
+    assert plain > 0.4
+    assert found < 0.012
+
+
+def test_modes_of_a_spinning_elbow(link):
+    """In the turning frame, against the spinning linear model: poles within 3e-4 at 300 rpm and 14 steps a period."""
+    speed = 2 * np.pi * 5
+    scene = elbow(link, ("ffrf", "ffrf"), own=0.002)
+    ground, a, b, block = scene.bodies
+    at = ground.points["p"]
+    table = RigidBody("table", {"p": np.zeros(3)}, 1.0, np.eye(3), at)
+    axis = (0.3, -0.5, 1.0)
+    foot = (revolute("spindle", "g.p", "table.p", axis), replace(scene.joints[0], a="table.p"))
+    scene = replace(
+        scene,
+        bodies=(ground, table, a, b, block),
+        joints=(*foot, *scene.joints[1:]),
+        actuators=(replace(scene.actuators[0], frame="m.q"), Drive("motor", "spindle", "rz", speed=speed)),
+        sensors=tuple(Encoder(f"{n}", "table.p", "m.q", n, "table.p") for n in "xyz"),
+    )
+    n = 1501
+    kick = TimeHistory(STEP * np.arange(n), 1e-3 * (np.arange(n) < 3)[None], ("f",), ("N",))
+    run = simulate(scene, kick, time_step=STEP, progress=False)
+    still = simulate(scene, replace(kick, values=0 * kick.values), time_step=STEP, progress=False)
+    poles = decay_poles(run.values[1:, 10:] - still.values[1:, 10:], STEP, n_poles=40)
+    model = linearize(scene)
+    wanted = np.sort(model.poles().imag)
+    wanted = wanted[wanted > 0][:5]
+    found = poles.imag
+    assert np.all(np.min(np.abs(found[:, None] / wanted - 1), axis=0) < 3e-4)
