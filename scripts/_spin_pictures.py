@@ -73,7 +73,7 @@ def plot_maps(speeds: np.ndarray, machines: Mapping[str, Mapping[str, Any]], pat
 def plot_trials(
     trials: Mapping[str, Mapping[str, float]], motions: Mapping[str, tuple[TimeHistory, np.ndarray]], path: Path
 ) -> None:
-    """Distance of the payload from the axis, simulated and by the linear model; motions: the record and that distance."""
+    """Distance of the payload from the axis, in runs and by the linear model; motions: records and those distances."""
     ax = plt.subplots(figsize=(7.5, 4.5), layout="constrained")[1]
     for name, (record, predicted) in motions.items():
         distance = np.hypot(record["pose.ux"], record["pose.uy"])
