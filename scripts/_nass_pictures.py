@@ -40,7 +40,7 @@ def plot_budgets(budgets: Mapping[str, NoiseBudget], limits: Mapping[str, float]
         ax.set_xlabel("frequency [Hz]")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=6, fontsize=8)
-    figure.suptitle(f"spectra: {label}", fontsize=10)
+    figure.suptitle(f"spectra: {label}; stages: figures assumed or unverified", fontsize=10)
     save_figure(axes.flat, path)
 
 

@@ -45,8 +45,8 @@ for name, default, text in (
 arguments.add_argument("--coordinates", choices=("struts", "cartesian"), default="struts", help="of the pose's loops")
 
 REPORT = """
-spectra: {spectra}
-loops at {sample_rate_Hz:g} Hz with a sample of delay: force feedback {gain_per_s:g}/s; pose along {coordinates}, \
+spectra: {spectra}; stages: figures assumed or unverified, see models.nass
+loops at {sample_rate_Hz:g} Hz with a sample of delay: force feedback {gain_per_s:g}/s; pose by {coordinates}, \
 crossover {crossover_Hz:g} Hz, largest sensitivity {largest_sensitivity:.2f}
 least damping ratio below 150 Hz: open {least_damping/open*100:.2f} %, damped {least_damping/damped*100:.2f} %, \
 pose {least_damping/pose*100:.2f} %
