@@ -5,7 +5,7 @@ import numpy as np
 from models.hexapods import NANO_HEXAPOD
 from models.nass import SIX
 from nassim import Controller, LinearModel, Loop
-from nassim.base.checks import Array
+from nassim.base.checks import Array, known
 from nassim.kinematics import StewartPlatform, jacobian
 from nassim.systems import (
     close_loop,
@@ -14,6 +14,7 @@ from nassim.systems import (
     decoupled,
     integral_force_feedback,
     with_inputs,
+    with_outputs,
 )
 
 VOLTAGES = [f"strut_{k}/actuator_voltage" for k in range(1, 7)]
@@ -37,25 +38,32 @@ def pose_loop(
     model: LinearModel,
     crossover: float,
     *,
+    coordinates: str = "struts",
     phase_margin: float = 60.0,
     sample_rate: float,
     delay: int = 1,
     platform: StewartPlatform = NANO_HEXAPOD,
 ) -> Loop:
-    """Cartesian loops of the sample's pose: each motion drives the wrench along it, which the struts make by J^-T.
+    """Six loops of the sample's pose, around a machine that is damped.
 
-    model: the machine, damped, continuous or sampled at the rate; crossover [Hz] and phase_margin [deg] of each of the
-        six loops, closed one after the other, so that those that follow know those before
+    model: the machine, continuous or sampled at the rate; crossover [Hz] and phase_margin [deg] of each of the six,
+        closed one after the other, so that those that follow know those before
+    coordinates: "struts": the pose tells by J how long each strut should be, and drives that strut; what holds a strut
+        is its own stiffness, so they hardly meet at low frequencies. "cartesian": each motion drives the force or
+        torque along it, shared among the struts by J^-T; tilt and shift of a point above the struts meet.
     platform: geometry of the hexapod, at whose point the pose is measured
 
     Below its modes the hexapod is stiff, so each loop integrates up to twice its crossover and rolls off from three
     times that. Raises ValueError where a loop finds no stable controller, see `crossover_controller`.
     """
-    drive = wrench_shares(platform)
-    wrenches = [f"wrench_{six}" for six in SIX]
-    machine = with_inputs(model, wrenches, drive, of=VOLTAGES)
+    known("coordinates", coordinates, ("struts", "cartesian"))
+    along_struts = coordinates == "struts"
+    measure = jacobian(platform) if along_struts else np.eye(6)
+    drive = np.eye(6) if along_struts else wrench_shares(platform)
+    outputs, inputs = ([f"{kind}_{k}" for k in range(1, 7)] for kind in ("coordinate", "effort"))
+    machine = with_outputs(with_inputs(model, inputs, drive, of=VOLTAGES), outputs, measure, of=POSE)
     controllers: list[Controller] = []
-    for measured, driven in zip(POSE, wrenches, strict=True):
+    for measured, driven in zip(outputs, inputs, strict=True):
         controller = crossover_controller(
             machine,
             measured=measured,
@@ -69,4 +77,4 @@ def pose_loop(
         )
         machine = close_loop(machine, controller, measured=measured, driven=driven)
         controllers.append(controller)
-    return Loop("pose", decoupled(*controllers, measure=np.eye(6), drive=drive), POSE, VOLTAGES)
+    return Loop("pose", decoupled(*controllers, measure=measure, drive=drive), POSE, VOLTAGES)

@@ -70,18 +70,20 @@ def plot_maps(speeds: np.ndarray, machines: Mapping[str, Mapping[str, Any]], pat
     save_figure(np.ravel(axes), path)
 
 
-def plot_trials(trials: Mapping[str, Mapping[str, Any]], records: Mapping[str, TimeHistory], path: Path) -> None:
-    """Simulated distance of the payload from the axis, and the growth or decay that was predicted."""
+def plot_trials(
+    trials: Mapping[str, Mapping[str, float]], motions: Mapping[str, tuple[TimeHistory, np.ndarray]], path: Path
+) -> None:
+    """Distance of the payload from the axis, in runs and by the linear model; motions: records and those distances."""
     ax = plt.subplots(figsize=(7.5, 4.5), layout="constrained")[1]
-    for name, trial in trials.items():
-        time, distance = records[name].time, 1e6 * np.hypot(records[name]["pose.ux"], records[name]["pose.uy"])
-        growth, start = trial["growth_predicted_per_s"], int(np.searchsorted(time, 0.4))
-        ax.semilogy(time[1:], distance[1:], color=COLORS[name], lw=2, label=f"{name}, simulated")
-        expected = distance[start] * np.exp(growth * (time[start:] - time[start]))
-        ax.semilogy(time[start:], expected, "k--", lw=1, label=f"predicted: {growth:+.3f}/s")
-    speed, gain = (trial[key] for key in ("speed_rpm", "gain_per_s"))
+    for name, (record, predicted) in motions.items():
+        distance = np.hypot(record["pose.ux"], record["pose.uy"])
+        label = f"{name}, simulated: {trials[name]['growth_simulated_per_s']:+.3f}/s"
+        ax.semilogy(record.time[1:], 1e6 * distance[1:], color=COLORS[name], lw=3, alpha=0.6, label=label)
+        label = f"linear model: {trials[name]['growth_predicted_per_s']:+.3f}/s"
+        ax.semilogy(record.time[1:], 1e6 * predicted[1:], "k--", lw=1, label=label)
+    first = next(iter(trials.values()))
     ax.set(xlabel="time after a push begins [s]", ylabel="payload from the axis [um]", ylim=(1e-3, None))
-    ax.set_title(f"{speed:g} rpm, gain {gain:g}/s")
+    ax.set_title(f"{first['speed_rpm']:g} rpm, gain {first['gain_per_s']:g}/s")
     ax.legend(fontsize=8)
     ax.grid(visible=True, alpha=0.25)
     save_figure(ax, path)

@@ -3,7 +3,7 @@
 import numpy as np
 from _spinning import HIGHEST, Machine
 
-from nassim import TimeHistory, simulate
+from nassim import LinearModel, TimeHistory, simulate
 from nassim.base import decay_poles
 from nassim.simulation import linearize_closed
 from nassim.systems import sampled
@@ -49,13 +49,15 @@ def frequencies(machine: Machine, speeds: np.ndarray) -> np.ndarray:
 
 def trial(
     machine: Machine, *, speed: float, gain: float, parallel: bool, leak: float, sample_rate: float, duration: float
-) -> tuple[dict[str, float], TimeHistory]:
+) -> tuple[dict[str, float], TimeHistory, np.ndarray]:
     """The slowest or fastest growing pole of a machine with its loops, by the linear model and by a run in time.
 
-    The run is of bodies in large motion that turn with the spindle, after a push on the payload. Also its record.
+    The run is of bodies in large motion that turn with the spindle, after a push on the payload. Also its record, and
+    the payload's distance from the axis that the linear model gives for the same push [m].
     """
     scene = machine.looped(speed, parallel, gain, leak, sample_rate)
-    poles = linearize_closed(scene).poles()
+    model = linearize_closed(scene)
+    poles = model.poles()
     expected = poles[np.argmax(poles.real + 1e-9 * poles.imag)]
     time = np.arange(round(duration * sample_rate) + 1) / sample_rate
     push = np.sin(np.pi * np.minimum(time / PUSHED, 1.0)) ** 2
@@ -67,12 +69,13 @@ def trial(
         time, np.vstack([values, quiet.values]), forces.names + quiet.names, forces.units + quiet.units
     )
     record = simulate(scene, excitation, time_step=1 / sample_rate, progress=False)
+    distance = np.hypot(*responses(model, forces))
     after = record.after(PUSHED + 2 / sample_rate).select([f"pose.{c}" for c in ("ux", "uy", "rx", "ry")])
     every = max(1, round(sample_rate / 100))
     scaled = after.values / np.abs(after.values).max(axis=1, keepdims=True)
     found = decay_poles(scaled[:, ::every], every / sample_rate, n_poles=14)
     pole = found[np.argmin(np.abs(found - expected))]
-    return {
+    figures = {
         "speed_rpm": speed,
         "gain_per_s": gain,
         "growth_predicted_per_s": expected.real,
@@ -80,4 +83,15 @@ def trial(
         "growth_difference_percent": 100 * abs(pole.real / expected.real - 1),
         "frequency_predicted_Hz": abs(expected.imag) / (2 * np.pi),
         "frequency_simulated_Hz": abs(pole.imag) / (2 * np.pi),
-    }, record
+    }
+    return figures, record, distance
+
+
+def responses(model: LinearModel, forces: TimeHistory) -> np.ndarray:
+    """Displacement of the payload along x and y from rest under forces, by a sampled model, (2, n) [m]."""
+    columns, rows = [model.inputs.index(n) for n in forces.names], [model.outputs.index(f"pose.u{c}") for c in "xy"]
+    state, result = np.zeros(len(model.A)), np.zeros((2, len(forces.time)))
+    for k, force in enumerate(forces.values.T):
+        result[:, k] = model.C[rows] @ state
+        state = model.A @ state + model.B[:, columns] @ force
+    return result

@@ -66,14 +66,15 @@ def main() -> None:
         "published": (published_machine(args.payload_mass, args.share), args.gain, args.speed, True, 1000.0),
         "own struts": (own_machine(args.payload_mass), args.own_gain, args.own_speed, args.own_trials, 200.0),
     }
-    results, records = {}, {}
+    results, motions = {}, {}
     for title, (machine, gain, speed, tried, largest) in machines.items():
         gains = np.geomspace(1.0, largest, args.points)
         found, options = examine(machine, title, speeds, gains, gain=gain, args=args)
         common = {"speed": speed, "gain": gain, "duration": args.duration}
         common["sample_rate"] = args.trial_rate if title == "published" else 2 * args.trial_rate
         trials = {name: trial(machine, **option, **common) for name, option in options.items() if tried}
-        found["trials"], records[title] = ({name: t[k] for name, t in trials.items()} for k in (0, 1))
+        found["trials"] = {name: figures for name, (figures, *_) in trials.items()}
+        motions[title] = {name: motion for name, (_, *motion) in trials.items()}
         results[title] = found
         print_report(REPORT, found)
         if tried:
@@ -83,7 +84,7 @@ def main() -> None:
         plot_maps(speeds, results, args.output / "maps.png")
         for title, found in results.items():
             if found["trials"]:
-                plot_trials(found["trials"], records[title], args.output / f"trials_{title.replace(' ', '_')}.png")
+                plot_trials(found["trials"], motions[title], args.output / f"trials_{title.replace(' ', '_')}.png")
     write_summary(args.output, {"speeds_rpm": speeds, **results})
 
 

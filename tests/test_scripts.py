@@ -258,6 +258,12 @@ def test_scripts_stay_short(path):
             ["speeds_rpm", "published", "own struts"],
             ["poles.png", "maps.png", "trials_published.png"],
         ),
+        (
+            "nass_budget.py",
+            ["--highest", "200"],
+            ["modes", "rms", "least_damping", "largest_sensitivity", "spinning"],
+            ["budget.png", "sensitivity.png"],
+        ),
         ("piezo_ports.py", ["--coarse"], ["pair_of_forces_pole_Hz", "ports_sensor_open_zero_Hz"], ["frf.png"]),
         ("compare_routes.py", ["--coarse"], ["volume_stress_zero_Hz", "beam_model_stroke_m"], []),
         (
@@ -334,6 +340,31 @@ def test_import_body_refuses_in_words(tmp_path):
     assert result.returncode == 2
     assert "bad.mat: damaged or of another format" in result.stderr
     assert "Traceback" not in result.stderr
+
+
+def test_spectra_of_a_file_and_assumed_ones(script, tmp_path):
+    spectra = script("_nass_spectra")
+    path = tmp_path / "spectra.csv"
+    path.write_text("# of a floor\nfrequency, floor_x\n1, 1e-10\n100, 1e-6\n")
+    found = spectra.read_spectra(path, ("floor_x", "runout_x"))
+    assert list(found) == ["floor_x"]
+    assert found["floor_x"](np.array([10.0])) == pytest.approx(1e-8)
+    for text, match in (
+        ("frequency, flor_x\n1, 2\n", "unknown input 'flor_x'; known: floor_x"),
+        ("1, 2\n3, 4\n", "must name the columns, frequency"),
+        ("", "must name the columns"),
+        ("frequency, floor_x\n1, two\n", "2 numbers"),
+        ("frequency, floor_x\n1\n2, 3\n", "2 numbers"),
+    ):
+        path.write_text(text)
+        with pytest.raises(ValueError, match=match):
+            spectra.read_spectra(path, ("floor_x",))
+    frequency = np.linspace(1e-3, 5e3, 2_000_000)
+    spectrum = spectra.low_passed(3.0, 20.0)(frequency)
+    assert np.sqrt(np.trapezoid(spectrum, frequency)) == pytest.approx(3.0, rel=1e-3)
+    third = np.linspace(2 ** (-1 / 6), 2 ** (1 / 6), 2000)
+    velocity = spectra.floor_spectrum(1e-6)(third) / (2 * np.pi * third) ** 2
+    assert np.sqrt(np.trapezoid(velocity, third)) == pytest.approx(1e-6, rel=0.01)
 
 
 @pytest.mark.slow
