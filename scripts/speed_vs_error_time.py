@@ -1,8 +1,8 @@
 """Speed against error of time simulations: which fidelity, step, damping of the integrator and cut-off pay.
 
 The bench follows 1 s of noise. Errors of V_s(t) and d_e(t) are against the exact solution of all coordinates. Of the
-first mode theory tells what is left of the shift of its frequency, which the steps make up for, and the numerical damping
-that a spectral radius below 1 brings.
+first mode theory tells what is left of the shift of its frequency, which the steps make up for, and the numerical
+damping that a spectral radius below 1 brings.
 """
 
 import itertools
