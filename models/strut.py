@@ -26,6 +26,7 @@ from models.hexapods import NANO_HEXAPOD
 from models.two_mass import APA300ML, TwoMassActuator
 from nassim import (
     Bushing,
+    Controller,
     Encoder,
     FlexibleBody,
     ForceSensor,
@@ -228,7 +229,8 @@ def spring_strut(
     mass: of two cylinders that slide in each other, half of it each [kg]; 0 for none
     length: between the joints' centres [m]
 
-    "sensor_force" is what spring and damper pull with; see `sensors_in_line` for a sensor that feels the actuator too.
+    "sensor_force" is what spring and damper pull with; see `sensors_in_line` and `controller_in_line` for a sensor that
+    feels the actuator too.
     """
     bodies, joints = (_end("bottom", 0.0), _end("top", length)), ()
     if mass:
@@ -280,6 +282,19 @@ def sensors_in_line(model: LinearModel) -> LinearModel:
         if output.endswith("sensor_force"):
             direct[row, model.inputs.index(output.removesuffix("sensor_force") + "actuator_force")] -= 1.0
     return replace(model, D=direct)
+
+
+def controller_in_line(controller: Controller) -> Controller:
+    """What to close around a scene's "sensor_force" for the loop of a controller around a sensor in line.
+
+    As `sensors_in_line` for a simulation in time: the sensor in line reads less by the actuator's force, which the
+    controller knows, as nothing else drives the actuator. Each output belongs to the input of the same number. Raises
+    ValueError for another delay than one sample: what acts while a sample is taken is then not the last output.
+    """
+    if controller.delay != 1:
+        raise ValueError(f"a controller of a sensor in line needs a delay of 1 sample here, got {controller.delay}")
+    a, b, c, d = controller.matrices
+    return replace(controller, A=np.block([[a, -b], [c, -d]]), B=np.vstack([b, d]), C=np.hstack([c, -d]))
 
 
 def _wiring(

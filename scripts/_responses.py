@@ -1,25 +1,40 @@
 """The bench's two frequency responses: compared and drawn side by side."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from _report import with_prefix
 
 from nassim import FRF, LinearModel, frequency_response
 from nassim.plotting import plot_frf, plot_frf_error, plt
 
 
 def compare_frf(estimated: FRF, model: LinearModel, *, least_coherence: float = 0.99) -> dict[str, float]:
-    """Largest difference in dB and degrees per output, where the coherence is high, and in what share."""
-    reference = frequency_response(model, estimated.frequency)
+    """Per output what `frf_errors` gives of it alone, under `output_key`."""
     result = {}
-    for row, output in enumerate(estimated.outputs):
-        assert estimated.coherence is not None
-        good = estimated.coherence[row] > least_coherence
-        ratio = estimated.values[row, 0, good] / reference.values[row, 0, good]
-        result[f"{output}_magnitude_error_dB"] = float(np.max(np.abs(20 * np.log10(np.abs(ratio))), initial=0.0))
-        result[f"{output}_phase_error_deg"] = float(np.max(np.abs(np.angle(ratio, deg=True)), initial=0.0))
-        result[f"{output}_coherent_share"] = float(np.mean(good))
+    for output in estimated.outputs:
+        result |= with_prefix(output, frf_errors(estimated, model, [output], least_coherence=least_coherence))
     return result
+
+
+def frf_errors(estimated: FRF, model: LinearModel, outputs: Sequence[str], *, least_coherence: float) -> dict[str, Any]:
+    """Largest difference in dB and degrees from all inputs to some outputs where the coherence is high, and its share.
+
+    Differences are None where it is nowhere high.
+    """
+    assert estimated.coherence is not None
+    rows = [estimated.outputs.index(output) for output in outputs]
+    good = estimated.coherence[rows] > least_coherence
+    reference = frequency_response(model, estimated.frequency)
+    pairs = [(output, name) for output in outputs for name in estimated.inputs]
+    ratio = np.array([estimated.response(*pair) / reference.response(*pair) for pair in pairs])
+    ratio = ratio[np.repeat(good, len(estimated.inputs), axis=0)]
+    return {
+        "magnitude_error_dB": float(np.max(np.abs(20 * np.log10(np.abs(ratio))))) if good.any() else None,
+        "phase_error_deg": float(np.max(np.abs(np.angle(ratio, deg=True)))) if good.any() else None,
+        "coherent_share": float(np.mean(good)),
+    }
 
 
 COMPARED = {
@@ -27,7 +42,7 @@ COMPARED = {
     "phase [deg]": "phase_error_deg:.2f",
     "coherent [%]": "coherent_share*100:.0f",
 }
-"""Columns that print what `compare_frf` gives for an output."""
+"""Columns that print what `frf_errors` gives."""
 
 
 def plot_bode_pair(frfs: list[FRF], *, markers: list[str] | None = None) -> list[Any]:

@@ -12,6 +12,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from nassim import FRF, LinearModel, TimeHistory, frequency_response
+
 ROOT = Path(__file__).parent.parent
 SCRIPTS = sorted(p.name for p in (ROOT / "scripts").glob("[a-z]*.py"))
 
@@ -227,10 +229,28 @@ def test_scripts_stay_short(path):
             [],
         ),
         (
+            "run_hexapod.py",
+            ["--coarse", "--period", "0.25", "--settling", "1"],
+            ["suspension_Hz", "us_per_step", "force_sensors_phase_error_deg", "encoders_coherent_share"],
+            ["sensor_voltage.png", "encoder.png"],
+        ),
+        (
+            "hexapod_damping.py",
+            ["--coarse", "--payload-mass", "40"],
+            ["optimum_gain_per_s", "optimum_damping_ratio", "trials"],
+            ["root_locus.png", "plants.png", "compliance.png", "decays.png"],
+        ),
+        (
             "active_damping.py",
             ["--coarse", "--duration", "5"],
             ["optimum_gain_per_s", "trials", "IFF_transmissibility_500_Hz"],
             ["root_locus.png", "frf.png", "isolation.png", "step.png"],
+        ),
+        (
+            "spin_hexapod.py",
+            ["--points", "4", "--duration", "1"],
+            ["speeds_rpm", "published", "own struts"],
+            ["poles.png", "maps.png", "trials_published.png"],
         ),
         ("piezo_ports.py", ["--coarse"], ["pair_of_forces_pole_Hz", "ports_sensor_open_zero_Hz"], ["frf.png"]),
         ("compare_routes.py", ["--coarse"], ["volume_stress_zero_Hz", "beam_model_stroke_m"], []),
@@ -320,6 +340,106 @@ def test_blind_identification_meets_its_accuracy(tmp_path):
     for name, error in errors.items():
         limit = 0.1 if name.startswith("frequency") else 5.0 if name.startswith("damping") else 2.0
         assert abs(error) < limit, name
+
+
+IN_STEPS = ["--settling", "1.2", "--period", "0.1", "--damping-ratio", "0.05", "--payload-mass", "1"]
+"""A quick end of transients, as integrated steps cost much."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--settling", "3", "--period", "0.5", "--damping-ratio", "0.02"],
+        [*IN_STEPS, "--method", "linear"],
+        # A hundredth of a volt: at ten times that the largest motions bend the faintest responses by 2 dB.
+        [*IN_STEPS, "--method", "ffrf", "--voltage", "0.01"],
+    ],
+    ids=["exact", "linear", "ffrf"],
+)
+def test_one_record_of_six_inputs_gives_all_72_responses(options, tmp_path):
+    """10 to 500 Hz: within 0.5 dB and 5 degrees of the linear model, in zeros and faint responses too."""
+    result = run("scripts/run_hexapod.py", "--coarse", "--no-plot", "--output", tmp_path, *options)
+    assert result.returncode == 0, result.stderr
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    for kind in ("force_sensors", "encoders"):
+        assert summary[f"{kind}_coherent_share"] > 0.99
+        assert summary[f"{kind}_magnitude_error_dB"] < 0.5
+        assert summary[f"{kind}_phase_error_deg"] < 5.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("options", "percent"),
+    [
+        (["--method", "exact"], 0.1),
+        (["--method", "exact", "--payload-mass", "1", "--corner", "10", "--delay", "2"], 0.1),
+        (["--method", "linear"], 3.0),
+        (["--method", "ffrf"], 3.0),
+        (["--method", "ffrf", "--spindle-rpm", "60"], 3.0),
+    ],
+    ids=["exact", "exact, leaky", "linear", "ffrf", "spinning"],
+)
+def test_six_loops_damp_six_modes_as_predicted(options, percent, tmp_path):
+    result = run("scripts/hexapod_damping.py", "--coarse", "--no-plot", "--output", tmp_path, *options)
+    assert result.returncode == 0, result.stderr
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert len(summary["trials"]) == 3
+    for trial in summary["trials"].values():
+        assert min(trial["damping_predicted"]) > 3 * summary["least_damping_ratio"]
+        for figure in ("damping_{}", "frequency_{}_Hz"):
+            simulated, predicted = (trial[figure.format(how)] for how in ("simulated", "predicted"))
+            np.testing.assert_allclose(simulated, predicted, rtol=percent / 100)
+
+
+def test_what_spins_is_not_simulated_in_small_motion(tmp_path):
+    result = run("scripts/hexapod_damping.py", "--spindle-rpm", "60", "--output", tmp_path / "out")
+    assert result.returncode == 2
+    assert result.stderr.splitlines() == [
+        "hexapod_damping.py: argument --spindle-rpm: what turns is simulated in floating frames; add --method ffrf; "
+        "see --help"
+    ]
+
+
+def test_errors_of_responses_count_where_outputs_are_coherent(script):
+    """Two inputs to two outputs, one line of one output in doubt, and another entry 10 % and 10 degrees off."""
+    frequency = np.array([10.0, 20.0, 30.0])
+    model = LinearModel([[-50.0]], [[1.0, 2.0]], [[3.0], [4.0]], np.zeros((2, 2)), ("a", "b"), ("y", "z"))
+    values = frequency_response(model, frequency).values.copy()
+    values[0, 1, 2] *= 5.0
+    values[1, 0, 1] *= 1.1 * np.exp(1j * np.radians(-10.0))
+    coherence = [[1.0, 0.99, 0.5], [0.96, 0.97, 0.98]]
+    estimated = FRF(frequency, values, ("y", "z"), ("a", "b"), coherence)
+    errors = script("_responses").frf_errors
+    fine = errors(estimated, model, ["y"], least_coherence=0.95)
+    assert fine["coherent_share"] == pytest.approx(2 / 3)
+    assert max(fine["magnitude_error_dB"], fine["phase_error_deg"]) < 1e-9
+    both = errors(estimated, model, ["z", "y"], least_coherence=0.95)
+    assert both["coherent_share"] == pytest.approx(5 / 6)
+    assert both["magnitude_error_dB"] == pytest.approx(20 * np.log10(1.1))
+    assert both["phase_error_deg"] == pytest.approx(10.0)
+    assert errors(estimated, model, ["y"], least_coherence=1.0)["phase_error_deg"] is None
+
+
+def test_damping_of_known_decays(script):
+    """Six modes, two of them alike, from two decays beside faster motions."""
+    trials = script("_hexapod_trials")
+    poles = np.array([-20 + 400j, -20 + 400j, -30 + 500j, -60 + 800j, -61 + 801j, -80 + 900j])
+    rng = np.random.default_rng(1)
+    time = np.arange(3001) / 1e4
+    reads = rng.standard_normal((6, 6))
+    records = []
+    for _ in range(2):
+        start = rng.standard_normal(6) + 1j * rng.standard_normal(6)
+        values = (reads @ (start[:, None] * np.exp(np.outer(poles, time)))).real + np.outer(
+            rng.standard_normal(6), np.exp(-300 * time) * np.cos(1600 * time)
+        )
+        records.append(TimeHistory(time, values, trials.POSE))
+    found = trials.trial(records, poles * [1.01, 1.01, 1.0, 1.0, 1.0, 1.0])
+    np.testing.assert_allclose(found["damping_simulated"], -poles.real / np.abs(poles), rtol=1e-6)
+    np.testing.assert_allclose(found["frequency_simulated_Hz"], np.abs(poles) / (2 * np.pi), rtol=1e-6)
+    assert found["largest_difference_percent"] < 1e-3
+    assert found["most_predicted"] == pytest.approx(80 / abs(poles[-1]))
 
 
 def test_identification_that_fails_writes_nothing(tmp_path):

@@ -124,22 +124,29 @@ def mac(shapes_a: Array, shapes_b: Array, mass: Array | None = None) -> Array:
 
 
 def decay_poles(decay: Array, time_step: float, *, n_poles: int) -> NDArray[np.complex128]:
-    """Poles of a free decay, by the eigensystem realisation algorithm; for simulated signals without noise.
+    """Poles of free decays, by the eigensystem realisation algorithm; for simulated signals without noise.
 
-    decay: shape (signals, n_samples); time_step [s]; n_poles: at most so many, less where only rounding excites more
+    decay: of one decay, (signals, n_samples), or of several of the same system, (decays, signals, n_samples). A pole
+        that occurs twice, as of a symmetric machine, is found twice only in two decays that begin differently
+    time_step [s]; n_poles: at most so many, less where only rounding excites more
 
-    Returns the poles s, those with most energy in the decay, shape (n,) [rad/s]; frequency |s| / 2 pi, damping ratio
+    Returns the poles s, those with most energy in the decays, shape (n,) [rad/s]; frequency |s| / 2 pi, damping ratio
     -Re s / |s|. Raises ValueError for fewer than 4 n_poles samples.
 
     Source: J.-N. Juang, R. S. Pappa, An eigensystem realization algorithm for modal parameter identification and model
     reduction, J. Guidance 8 (1985) 620-627.
     """
-    n_signals, n_samples = finite_array("decay", decay, (None, None)).shape
+    single = np.ndim(decay) == 2
+    decays = finite_array("decay", decay, (None,) * (2 if single else 3))[(None,) if single else ()]
+    _, n_signals, n_samples = decays.shape
     if n_samples < 4 * n_poles:
         raise ValueError(f"{n_poles} poles need at least {4 * n_poles} samples, got {n_samples}")
     columns = n_samples // 2
-    scaled = decay / np.maximum(np.abs(decay).max(axis=1, keepdims=True), np.finfo(float).tiny)
-    hankel = np.vstack([scaled[:, k : k + columns] for k in range(min(columns, 8 * n_poles))])
+    # What a decay begins with may be scaled, and what a signal reads, but that in all decays alike.
+    for others in ((0, 2), (1, 2)):
+        decays = decays / np.maximum(np.abs(decays).max(axis=others, keepdims=True), np.finfo(float).tiny)
+    beside = decays.swapaxes(0, 1)
+    hankel = np.vstack([beside[..., k : k + columns].reshape(n_signals, -1) for k in range(min(columns, 8 * n_poles))])
     left, sizes, _ = np.linalg.svd(hankel, full_matrices=False)
     n = min(n_poles, int(np.count_nonzero(sizes > EXCITED * sizes[0])))
     states = left[:, :n]

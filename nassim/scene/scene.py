@@ -202,8 +202,12 @@ class Scene:
     def in_small_motion(self) -> bool:
         """Whether joints and bodies are in small motion: some body is "linear", none is "ffrf", and nothing spins."""
         kinds = {body.fidelity for body in self.flexible_bodies}
-        spins = any(np.any(body.angular_velocity) for body in self.bodies)
-        return "linear" in kinds and "ffrf" not in kinds and not (spins or self.speeds)
+        return "linear" in kinds and "ffrf" not in kinds and self.at_rest
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether no body has an angular_velocity and no drive runs at constant speed."""
+        return not (self.speeds or any(np.any(body.angular_velocity) for body in self.bodies))
 
     @property
     def flexible_bodies(self) -> tuple[FlexibleBody, ...]:

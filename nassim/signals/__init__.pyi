@@ -11,6 +11,12 @@ from .excitations import (
     multisine as multisine,
 )
 from .excitations import (
+    orthogonal_multisines as orthogonal_multisines,
+)
+from .excitations import (
+    settled_blocks as settled_blocks,
+)
+from .excitations import (
     sine_dwell as sine_dwell,
 )
 from .excitations import (

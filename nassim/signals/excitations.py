@@ -1,10 +1,12 @@
 """Excitations of a test bench: noise, chirps, multisines, steps, dwells."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from nassim.base.checks import Array, finite, not_negative, positive
+from nassim.base.checks import Array, finite, not_negative, positive, unique
 from nassim.signals.time_history import TimeHistory, sample_times
 
 
@@ -83,26 +85,82 @@ def multisine(
     Periodic, so an FRF estimated over whole periods, once the transient has died out, has no leakage.
     Source: R. Pintelon, J. Schoukens, System Identification, 2nd ed. (2012), ch. 5.
     """
-    _below_nyquist("highest_frequency", highest_frequency, sample_rate)
-    finite("lowest_frequency", lowest_frequency)
-    n_period = round(positive("period", period, "s") * sample_rate)
-    if abs(n_period / sample_rate - period) > 1e-9 * period:
-        raise ValueError(f"period {period:g} s must be a whole number of samples at {sample_rate:g} Hz")
-    first, last = (
-        int(np.ceil(lowest_frequency * period - 1e-9)),
-        int(np.floor(highest_frequency * period + 1e-9)),
-    )
-    if not 1 <= first <= last:
-        raise ValueError(
-            f"no multiple of 1 / period = {1 / period:g} Hz lies in {lowest_frequency:g} ... {highest_frequency:g} Hz; "
-            "lengthen the period or widen the band"
-        )
+    n_period, lines = _lines(lowest_frequency, highest_frequency, period, sample_rate)
     spectrum = np.zeros(n_period // 2 + 1, dtype=complex)
-    phase = np.random.default_rng(seed).uniform(0, 2 * np.pi, last - first + 1)
-    spectrum[first : last + 1] = np.exp(1j * phase)
+    phase = np.random.default_rng(seed).uniform(0, 2 * np.pi, lines.stop - lines.start)
+    spectrum[lines] = np.exp(1j * phase)
     one_period = _scaled_to_rms(np.fft.irfft(spectrum, n_period), rms)
     time = sample_times(duration, sample_rate)
     return TimeHistory(time, np.resize(one_period, len(time)), (name,), (unit,))
+
+
+def orthogonal_multisines(
+    names: Sequence[str],
+    sample_rate: float,
+    *,
+    lowest_frequency: float,
+    highest_frequency: float,
+    period: float,
+    n_settling: int = 1,
+    n_periods: int = 2,
+    rms: float = 1.0,
+    seed: int = 0,
+    unit: str = "V",
+) -> TimeHistory:
+    """Multisines for several inputs at once, in one record, that can be told apart without error at every line.
+
+    names: of the n inputs; rms: of each, in `unit`; the others, but for the duration: see `multisine`
+    n_settling: periods of every block in which transients die out, n_periods: those that follow to be analysed, see
+        `settled_blocks`
+
+    There are n blocks, one after the other. From block to block the phases of input k advance by k / n of a turn, which
+    makes the inputs orthogonal over the blocks. Between periods of a block a machine that is settled, linear and
+    without noise makes no difference: what they differ by is what the coherence tells.
+
+    Source: R. Pintelon, J. Schoukens, System Identification, 2nd ed. (2012), ch. 2.
+    """
+    names = unique("input", names)
+    for label, count, least in (("n_settling", n_settling, 0), ("n_periods", n_periods, 1)):
+        if not finite(label, count).is_integer() or count < least:
+            raise ValueError(f"{label} must be a whole number of at least {least}, got {count!r}")
+    _below_nyquist("highest_frequency", highest_frequency, sample_rate)
+    n_period, lines = _lines(lowest_frequency, highest_frequency, period, sample_rate)
+    n = len(names)
+    phase = np.random.default_rng(seed).uniform(0, 2 * np.pi, (n, 1, lines.stop - lines.start))
+    advance = 2 * np.pi / n * np.outer(range(n), range(n))
+    spectrum = np.zeros((n, n, n_period // 2 + 1), dtype=complex)
+    spectrum[..., lines] = np.exp(1j * (phase + advance[..., None]))
+    blocks = np.tile(_scaled_to_rms(np.fft.irfft(spectrum, n_period), rms), n_settling + n_periods)
+    values = np.hstack([blocks.reshape(n, -1), blocks[:, -1, :1]])
+    return TimeHistory(np.arange(values.shape[1]) / sample_rate, values, names, (unit,) * n)
+
+
+def settled_blocks(history: TimeHistory, *, duration: float, settling: float) -> TimeHistory:
+    """What is left of a record that consists of blocks, without the beginning of each; one after the other.
+
+    duration: of a block [s]; settling: of its beginning that is left out [s]; both whole numbers of samples. A last
+    block that is not complete is left out. Segments to analyse may not cross from block to block: of
+    `orthogonal_multisines` these are periods, `estimate_frf(..., segment_duration=period, overlap=0, window="boxcar")`.
+
+    Raises ValueError for a record without a whole block.
+    """
+    sizes = []
+    for label, time in (("duration", positive("duration", duration, "s")), ("settling", settling)):
+        samples = not_negative(label, time, "s") * history.sample_rate
+        if abs(samples - round(samples)) > 1e-6 * max(samples, 1.0):
+            raise ValueError(f"{label} {time:g} s must be a whole number of samples at {history.sample_rate:g} Hz")
+        sizes.append(round(samples))
+    size, first = sizes
+    n_blocks = len(history.time) // size
+    if n_blocks == 0 or first >= size:
+        raise ValueError(
+            f"a record of {history.duration:g} s with blocks of {duration:g} s, {settling:g} s of each left out, "
+            "leaves nothing"
+        )
+    blocks = history.values[:, : n_blocks * size].reshape(len(history.names), n_blocks, size)
+    kept = blocks[:, :, first:].reshape(len(history.names), -1)
+    time = history.time[0] + np.arange(kept.shape[1]) / history.sample_rate
+    return TimeHistory(time, kept, history.names, history.units)
 
 
 def step(
@@ -154,3 +212,22 @@ def _below_nyquist(label: str, frequency: float, sample_rate: float) -> None:
         raise ValueError(
             f"{label} must lie between 0 and half the sample rate ({sample_rate / 2:g} Hz), got {frequency:g} Hz"
         )
+
+
+def _lines(lowest_frequency: float, highest_frequency: float, period: float, sample_rate: float) -> tuple[int, slice]:
+    """Samples of a period, and which multiples of its inverse lie in a band; ValueError where none or not whole."""
+    _below_nyquist("highest_frequency", highest_frequency, sample_rate)
+    finite("lowest_frequency", lowest_frequency)
+    n_period = round(positive("period", period, "s") * sample_rate)
+    if abs(n_period / sample_rate - period) > 1e-9 * period:
+        raise ValueError(f"period {period:g} s must be a whole number of samples at {sample_rate:g} Hz")
+    first, last = (
+        int(np.ceil(lowest_frequency * period - 1e-9)),
+        int(np.floor(highest_frequency * period + 1e-9)),
+    )
+    if not 1 <= first <= last:
+        raise ValueError(
+            f"no multiple of 1 / period = {1 / period:g} Hz lies in {lowest_frequency:g} ... {highest_frequency:g} Hz; "
+            "lengthen the period or widen the band"
+        )
+    return n_period, slice(first, last + 1)

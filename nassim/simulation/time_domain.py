@@ -62,8 +62,9 @@ def simulate(
     time_step: of the integrator [s]; duration: a whole number of steps [s] (default: those within the excitation)
     outputs: names (default: all of the scene, then what its loops put out)
     method: "generalized_alpha", Exudyn's implicit integrator, for every scene; "exact", the exact discrete-time
-        solution of scenes in small motion (see `Scene.in_small_motion`), a hundred times as fast; "explicit", the
-        Runge-Kutta rule of order 4, for the same scenes, which holds inputs like hold_order 0
+        solution for small motion, a hundred times as fast, of scenes in which no body is "ffrf" and nothing spins: by
+        it, rigid bodies alone are in small motion too; "explicit", the Runge-Kutta rule of order 4, for scenes in small
+        motion (see `Scene.in_small_motion`), which holds inputs like hold_order 0
     spectral_radius: of generalized-alpha only, numerical damping at infinite frequency, 1 (none, the trapezoidal
         rule, the default but for 0.9 where drives turn joints) ... 0; what the rule does to periods is made up for mode
         by mode, see `nassim.simulation.period_errors`
@@ -196,7 +197,7 @@ def _solve_exactly(
     released: bool,
     progress: bool,
 ) -> Array:
-    _check_small_motion(scene, "exact")
+    _check_exact(scene)
     assembly = assemble(scene)
     driven = np.reshape([signals[name] for name in scene.inputs], (len(scene.inputs), n_steps + 1))
     with stage("simulate", total=n_steps, unit="steps", enabled=progress) as advance:
@@ -299,6 +300,15 @@ def _check_small_motion(scene: Scene, method: str) -> None:
         raise ValueError(
             f'method "{method}" is for small motion: it needs a flexible body of fidelity "linear" and none of "ffrf", '
             f"nor one that spins; the scene has: {kinds}"
+        )
+
+
+def _check_exact(scene: Scene) -> None:
+    floating = [body.name for body in scene.flexible_bodies if body.fidelity == "ffrf"]
+    if floating or not scene.at_rest:
+        found = f'body {floating[0]!r} has fidelity "ffrf"' if floating else "something spins"
+        raise ValueError(
+            f'method "exact" is for small motion: in scene {scene.name!r}, {found}; take generalized_alpha'
         )
 
 

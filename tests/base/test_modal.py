@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nassim.base.modal import eigenmodes, mac, modal_damping_matrix
+from nassim.base.modal import decay_poles, eigenmodes, mac, modal_damping_matrix
 
 N, MASS, STIFFNESS = 8, 0.3, 2e5
 
@@ -111,3 +111,19 @@ def test_mass_matrix_must_be_positive_definite(mass, message):
 def test_nan_is_refused(bad):
     with pytest.raises(ValueError, match="NaN"):
         eigenmodes(np.diag([1.0, bad]), np.eye(2))
+
+
+def test_poles_of_several_decays():
+    """A double pole among them, which a symmetric machine has: read in many units, once faint, at every start."""
+    poles = np.array([-3 + 100j, -3 + 100j, -8 + 160j, -1 + 163j])
+    rng = np.random.default_rng(3)
+    modes, units = np.exp(poles[:, None] * np.arange(600) * 2e-3), np.array([[1.0], [1e-6], [1e4]])
+    reads = units * (rng.standard_normal((3, 4)) + 1j * rng.standard_normal((3, 4)))
+    starts = np.array([[1.0], [1e-5]]) * (rng.standard_normal((2, 4)) + 1j * rng.standard_normal((2, 4)))
+    decays = np.array([(reads @ (start[:, None] * modes)).real for start in starts])
+    found = decay_poles(decays, 2e-3, n_poles=8)
+    for pole in poles:
+        assert np.count_nonzero(np.abs(found - pole) < 1e-5) == np.count_nonzero(poles == pole)
+    once = decay_poles(decays[0], 2e-3, n_poles=8)
+    assert np.count_nonzero(np.abs(once - poles[0]) < 1e-5) == 1
+    np.testing.assert_array_equal(decay_poles(decays[:1], 2e-3, n_poles=8), once)

@@ -4,8 +4,17 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from nassim import TimeHistory
-from nassim.signals.excitations import band_limited_noise, chirp, low_pass, multisine, sine_dwell, step
+from nassim import TimeHistory, estimate_frf
+from nassim.signals.excitations import (
+    band_limited_noise,
+    chirp,
+    low_pass,
+    multisine,
+    orthogonal_multisines,
+    settled_blocks,
+    sine_dwell,
+    step,
+)
 from nassim.signals.time_history import fast_length, occupied_bandwidth, sample_times
 
 RATE = 1000.0
@@ -226,6 +235,79 @@ def test_low_pass_checks():
         low_pass([1.0], cutoff_frequency=1.0, sample_rate=-RATE)
     with pytest.raises(ValueError, match="cutoff_frequency must lie between 0 and half"):
         low_pass([1.0], cutoff_frequency=500.0, sample_rate=RATE)
+
+
+THREE = ("a", "b", "c")
+
+
+def test_orthogonal_multisines_are_told_apart_without_error():
+    """Three inputs, each to both outputs through resonances of its own: exact at lines where one response is faint."""
+    excitation = orthogonal_multisines(THREE, RATE, **BAND, n_settling=2, n_periods=2, rms=0.3, seed=4)
+    assert excitation.duration == pytest.approx(3 * 4 * 0.5)
+    np.testing.assert_allclose(np.sqrt(np.mean(excitation.values[:, :-1] ** 2, axis=1)), 0.3, rtol=1e-12)
+    filters = {
+        (output, name): scipy.signal.butter(2, [20.0 + 7 * k, 40.0 + 11 * k], "bandpass", fs=RATE)
+        for k, (output, name) in enumerate((o, n) for o in "yz" for n in THREE)
+    }
+    read = [
+        sum(10.0 ** (-3 * THREE.index(n)) * scipy.signal.lfilter(*filters[o, n], excitation[n]) for n in THREE)
+        for o in "yz"
+    ]
+    record = TimeHistory(excitation.time, [*excitation.values, *read], (*THREE, "y", "z"))
+    steady = settled_blocks(record, duration=2.0, settling=1.0)
+    assert len(steady.time) == 3 * 1000
+    frf = estimate_frf(
+        steady, inputs=THREE, outputs=["y", "z"], segment_duration=0.5, overlap=0.0, window="boxcar"
+    ).band(10, 100)
+    for (output, name), system in filters.items():
+        _, expected = scipy.signal.freqz(*system, worN=frf.frequency, fs=RATE)
+        np.testing.assert_allclose(frf.response(output, name), 10.0 ** (-3 * THREE.index(name)) * expected, rtol=1e-4)
+    assert frf.coherence.min() > 1 - 1e-9
+    # With the beginnings of the blocks, transients leak and the coherence tells.
+    rough = estimate_frf(record, inputs=THREE, outputs=["y", "z"], segment_duration=0.5, overlap=0.0, window="boxcar")
+    assert rough.band(10, 100).coherence.min() < 0.9
+
+
+def test_settled_blocks_of_a_record():
+    time = 3.0 + np.arange(11) / 10.0
+    record = TimeHistory(time, [np.arange(11.0)], ("x",), ("m",))
+    kept = settled_blocks(record, duration=0.5, settling=0.2)
+    np.testing.assert_array_equal(kept["x"], [2, 3, 4, 7, 8, 9])
+    np.testing.assert_allclose(kept.time, 3.0 + np.arange(6) / 10.0)
+    assert kept.units == ("m",)
+    np.testing.assert_array_equal(settled_blocks(record, duration=0.4, settling=0.0)["x"], np.arange(8))
+
+
+@pytest.mark.parametrize(
+    ("duration", "settling", "message"),
+    [
+        (0.25, 0.1, "duration 0.25 s must be a whole number of samples at 10 Hz"),
+        (0.5, 0.11, "settling 0.11 s must be a whole number"),
+        (2.0, 0.1, "a record of 1 s with blocks of 2 s, 0.1 s of each left out, leaves nothing"),
+        (0.5, 0.5, "leaves nothing"),
+        (0.5, -0.1, "settling must not be negative"),
+    ],
+)
+def test_blocks_that_do_not_fit(duration, settling, message):
+    record = TimeHistory(np.arange(11) / 10.0, [np.arange(11.0)], ("x",))
+    with pytest.raises(ValueError, match=message):
+        settled_blocks(record, duration=duration, settling=settling)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"names": ("a", "a")}, "input names must differ"),
+        ({"n_periods": 0}, "n_periods must be a whole number of at least 1, got 0"),
+        ({"n_settling": 0.5}, "n_settling must be a whole number of at least 0, got 0.5"),
+        ({"period": 0.5005}, "whole number of samples"),
+        ({"highest_frequency": 500.0}, "between 0 and half the sample rate"),
+    ],
+)
+def test_orthogonal_multisines_check_their_arguments(change, message):
+    arguments = {"names": THREE, "sample_rate": RATE, **BAND} | change
+    with pytest.raises(ValueError, match=message):
+        orthogonal_multisines(**arguments)
 
 
 def test_long_records_lose_their_last_samples_to_a_fast_transform():

@@ -1,5 +1,7 @@
 """Scenes of a few masses, whose motion can be written down: what forces, springs, encoders and damping ratios mean."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.spatial
@@ -249,3 +251,24 @@ def test_what_joints_leave_free(joint, shifts, turns):
     assert basis.shape == (6, len(expected))
     for motion in expected:
         np.testing.assert_allclose(basis @ np.linalg.pinv(basis) @ motion, motion, atol=1e-12)
+
+
+def test_rigid_bodies_alone_by_exact_steps():
+    """A block on a spring under a force that jumps; what floats or spins is refused."""
+    block = RigidBody("block", {"o": np.zeros(3)}, LOAD, np.eye(3))
+    parts = {
+        "joints": (prismatic("guide", "ground.left", "block.o", "x"),),
+        "actuators": (PointForce("push", "block.o", "x", "push"),),
+        "sensors": (Encoder("moved", "ground.left", "block.o", "x"),),
+        "springs": (SpringDamper("spring", "ground.left", "block.o", "x", STIFFNESS),),
+        "damping_ratio": 0.0,
+    }
+    scene = Scene("block", (GROUND, block), **parts)
+    time = np.linspace(0.0, 0.2, 41)
+    push = TimeHistory(time, np.full(41, 3.0), ("push",), ("N",))
+    found = simulate(scene, push, time_step=5e-3, method="exact", hold_order=0, progress=False)["moved"]
+    expected = 3.0 / STIFFNESS * (1 - np.cos(np.sqrt(STIFFNESS / LOAD) * time))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * expected.max())
+    spinning = Scene("spinning", (GROUND, replace(block, angular_velocity=(1.0, 0, 0))), **parts)
+    with pytest.raises(ValueError, match="small motion: in scene 'spinning', something spins"):
+        simulate(spinning, push, time_step=5e-3, method="exact", progress=False)

@@ -1,0 +1,345 @@
+"""The end-station: granite, translation, tilt, spindle, micro-hexapod, the nano-hexapod on top and its metrology.
+
+Stages are rigid bodies that stand on each other by bushings. F of the nano-hexapod is the world's origin, stages lie
+below; the spindle turns about z. Few figures of the real machine are public. Those marked U below are of an early model
+(2018) that has been superseded: unverified, never a reference. Those marked "assumed" are ours, so that the whole has
+modes where such machines have them. Runout, floor motion and noise of stages are no part of this: who makes a budget
+gives their spectra.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from models.apa300ml import STEEL
+from models.hexapods import NANO_HEXAPOD
+from models.nano_hexapod import BASE_MASS, PLATE_RADIUS, make_nano_hexapod
+from models.strut import two_mass_strut, with_own_damping
+from nassim import Bushing, Drive, GroundAcceleration, RigidBody, Scene, fixed, register, revolute
+from nassim.base.checks import Array, finite, finite_array, freeze, positive
+from nassim.base.rigid_motion import unit_vector
+from nassim.kinematics import StewartPlatform, stiffness_matrix
+from nassim.scene import Actuator, Direction, Force, Path, Reading, Row, Sensor, Signal
+from nassim.simulation.small_motion import assemble
+
+SIX = ("ux", "uy", "uz", "rx", "ry", "rz")
+DAMPING_RATIO, DAMPING_FREQUENCY = 0.02, 100.0
+"""Of the stages' bushings, Kelvin and Voigt's: the ratio of a mode at the frequency [Hz], assumed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stage:
+    """A rigid stage on a bushing.
+
+    mass [kg]; size: of a box of its inertia, x y z [m]; foot, centre: heights of its bushing and of its centre of mass,
+        from F of the nano-hexapod [m]
+    stiffness: of the bushing, ux uy uz rx ry rz, six figures of a diagonal or (6, 6) [N/m], [N m/rad]
+    damping_ratio: of a mode at `DAMPING_FREQUENCY` that this bushing alone would make [-]
+    """
+
+    mass: float
+    size: tuple[float, float, float]
+    foot: float
+    centre: float
+    stiffness: Array
+    damping_ratio: float = DAMPING_RATIO
+
+    def __post_init__(self) -> None:
+        given = np.asarray(self.stiffness, dtype=float)
+        shape = (6,) if given.ndim == 1 else (6, 6)
+        freeze(
+            self, mass=positive("mass of a stage", self.mass, "kg"), stiffness=finite_array("stiffness", given, shape)
+        )
+
+    @property
+    def inertia(self) -> Array:
+        """About the centre of mass, (3, 3) [kg m2]."""
+        squares = np.square(self.size)
+        return self.mass / 12 * np.diag(squares.sum() - squares)
+
+    def alike(self) -> "Stage":
+        """The same in all directions across z: size and stiffness along x and y, and about them, their means."""
+        x, y, z = self.size
+        across = (x + y) / 2
+        if self.stiffness.ndim == 2:
+            raise ValueError("only a bushing of six figures can be made alike across z here; give its diagonal")
+        ux, uy, uz, rx, ry, rz = self.stiffness
+        k, c = (ux + uy) / 2, (rx + ry) / 2
+        return replace(self, size=(across, across, z), stiffness=np.array([k, k, uz, c, c, rz]))
+
+
+def four_corners(each: ArrayLike, along_x: float, along_y: float) -> Array:
+    """Six figures of four bearings [N/m], at +- along_x, +- along_y from the centre [m]."""
+    x, y, z = 4 * np.asarray(each, dtype=float)
+    return np.array([x, y, z, z * along_y**2, z * along_x**2, x * along_y**2 + y * along_x**2])
+
+
+MICRO_HEXAPOD = StewartPlatform.from_angles(
+    height=0.25,
+    base_radius=0.18,
+    base_angles=(-15, 15, 105, 135, 225, 255),
+    base_height=0.03,
+    platform_radius=0.15,
+    platform_angles=(-45, 45, 75, 165, 195, -75),
+    platform_depth=0.03,
+)
+"""Geometry of the micro-hexapod [m], assumed."""
+LEG_STIFFNESS = 5e7
+"""Of each of the micro-hexapod's legs [N/m]; U, unverified."""
+
+END_STATION: dict[str, Stage] = {
+    # Masses, sizes and heights of all: assumed.
+    "granite": Stage(
+        mass=2500.0,
+        size=(2.0, 2.0, 0.4),
+        foot=-1.2,
+        centre=-1.0,
+        stiffness=np.array([8e8, 8e8, 1.5e9, 1e9, 1e9, 8e8]),  # of its feet: assumed
+    ),
+    "translation": Stage(
+        mass=800.0,
+        size=(0.9, 1.0, 0.25),
+        foot=-0.8,
+        centre=-0.7,
+        stiffness=np.array([8e8, 4e8, 1.2e9, 1.5e8, 1.2e8, 1e8]),  # guides, and along y the motor: assumed
+    ),
+    "tilt": Stage(
+        mass=400.0,
+        size=(0.7, 0.6, 0.2),
+        foot=-0.55,
+        centre=-0.45,
+        stiffness=four_corners((555e6, 357e6, 238e6), 0.25, 0.25),  # U, unverified, each of four; places assumed
+    ),
+    "spindle": Stage(
+        mass=150.0,
+        size=(0.45, 0.45, 0.3),
+        foot=-0.4,
+        centre=-0.4,
+        # Of the bearing 7e8 radial, 2e9 axial: U, unverified; tilt and the motor's hold of the turn: assumed.
+        stiffness=np.array([7e8, 7e8, 2e9, 1e8, 1e8, 1e8]),
+    ),
+    "micro_hexapod": Stage(
+        mass=40.0,
+        size=(0.4, 0.4, 0.05),
+        foot=-0.03,
+        centre=-0.02,
+        stiffness=stiffness_matrix(MICRO_HEXAPOD, LEG_STIFFNESS),
+    ),
+}
+"""From the floor up: what stands on what. The spindle's bearing is the bushing below its stator, see `make_nass`."""
+ROTOR_MASS, ROTOR_SIZE, ROTOR_CENTRE = 120.0, (0.4, 0.4, 0.2), -0.32
+"""Of what turns in the spindle, below the micro-hexapod [kg], [m]: assumed."""
+DISTURBANCES: dict[str, tuple[str, str]] = {
+    "runout_x": ("spindle", "ux"),
+    "runout_y": ("spindle", "uy"),
+    "runout_z": ("spindle", "uz"),
+    "translation_y": ("translation", "uy"),
+    "translation_z": ("translation", "uz"),
+    "tilt_ry": ("tilt", "ry"),
+}
+"""Inputs by which the rest position of a stage's bushing moves, and along which of its directions."""
+TURNING = ("runout_x", "runout_y", "runout_z", "translation_z")
+"""Of these, the inputs of a spinning machine: what is along z, and the runout along axes that turn with the rotor."""
+
+
+@register
+@dataclass(frozen=True)
+class Offset(Actuator):
+    """The rest position of a spring moves by an input: runout of a bearing, noise of a stage's motor or guide.
+
+    a, b: "body.point" of the spring; axis: along which, or about which, b goes against a
+    input: name of the scene's input [m] or, where it turns, [rad]; stiffness: of the spring [N/m] or [N m/rad]
+    frame: "" or a point with whose body the axis turns
+    """
+
+    name: str
+    a: Path
+    b: Path
+    axis: Direction
+    input: Signal
+    stiffness: float
+    turns: bool = False
+    frame: Path = ""
+
+    def says(self, scene: Scene) -> tuple[Force]:
+        """The spring pushes b by its stiffness times the input, and a back."""
+        row = _between(scene, self.a, self.b, self.axis, frame=self.frame, turns=self.turns)
+        return (Force(self.input, "rad" if self.turns else "m", row, self.stiffness),)
+
+
+@register
+@dataclass(frozen=True)
+class Metrology(Sensor):
+    """Six outputs: displacement and turn of point b against point a, along the world's axes or those of a body.
+
+    name: outputs are "name.ux" ... [m] and "name.rx" ... [rad]; a, b: "body.point"
+    frame: "" for axes that stand, or a point with whose body they turn, as on a spindle
+    """
+
+    name: str
+    a: Path
+    b: Path
+    frame: Path = ""
+
+    def says(self, scene: Scene) -> tuple[Reading, ...]:
+        """It reads all six motions."""
+        return tuple(
+            Reading(
+                f"{self.name}.{six}",
+                "rad" if six[0] == "r" else "m",
+                _between(scene, self.a, self.b, six[1], frame=self.frame, turns=six[0] == "r"),
+            )
+            for six in SIX
+        )
+
+
+def make_nass(
+    struts: Scene | Sequence[Scene] | None = None,
+    *,
+    stages: Mapping[str, Stage] = END_STATION,
+    platform: StewartPlatform = NANO_HEXAPOD,
+    payload_mass: float = 10.0,
+    payload_centre: ArrayLike | None = None,
+    payload_inertia: ArrayLike | None = None,
+    spindle_rpm: float = 0.0,
+) -> Scene:
+    """The end-station as a scene: bodies "granite" ... "micro_hexapod", "rotor" and those of `make_nano_hexapod`.
+
+    struts: of the nano-hexapod (default: `two_mass_strut` with damping of its parts)
+    stages: from the floor up, of the names of `END_STATION`
+    platform, payload_mass, payload_centre, payload_inertia: see `make_nano_hexapod`
+    spindle_rpm: [1/min]; 0 for a spindle that is held
+
+    Inputs, beside those of the hexapod: "floor_x" ... "floor_z", acceleration of the ground [m/s2], and those of
+    `DISTURBANCES` [m], [rad]. Outputs, beside the hexapod's: "metrology.ux" ... "metrology.rz", the sample at its point
+    of interest against the ground.
+
+    A spindle that turns: signals across its axis are those of axes that turn with it, and inputs that stand (floor_x,
+    floor_y, translation_y, tilt_ry) are left out, as no linear model that does not change in time has them. For the
+    same reason `linearize` refuses stages that are not alike in all directions across the axis, as the real ones are
+    not: choose `alike_across`, a machine with the means of their figures, or one that does not turn. For any speed of
+    the real one, simulate in time. Raises ValueError for other names of stages, and what `make_nano_hexapod` raises.
+    """
+    if tuple(stages) != tuple(END_STATION):
+        raise ValueError(f"stages must be {', '.join(END_STATION)}, in this order, got {', '.join(stages) or 'none'}")
+    hexapod = make_nano_hexapod(
+        with_own_damping(two_mass_strut()) if struts is None else struts,
+        platform=platform,
+        payload_mass=payload_mass,
+        payload_centre=payload_centre,
+        payload_inertia=payload_inertia,
+    )
+    speed = 2 * np.pi * finite("spindle_rpm", spindle_rpm) / 60
+    sample = hexapod.point_position("payload.target")
+    ground = RigidBody("ground", {"floor": (0, 0, stages["granite"].foot), "sample": sample}, fixed=True)
+    base = _loose(next(body for body in hexapod.bodies if body.name == "base"))
+    others = (body for body in hexapod.bodies if body.name != "base")
+    turning = revolute if speed else fixed
+    drives = (Drive("spindle", "spindle", "rz", speed=speed),) if speed else ()
+    axes = "z" if speed else "xyz"
+    floor = tuple(GroundAcceleration(f"floor_{c}", c, f"floor_{c}") for c in axes)
+    return replace(
+        hexapod,
+        name="nass",
+        bodies=(ground, *_stage_bodies(stages), base, *others),
+        joints=(
+            *hexapod.joints,
+            turning("spindle", "spindle.head", "rotor.foot"),
+            fixed("nano_hexapod", "micro_hexapod.head", "base.centre"),
+        ),
+        springs=(*hexapod.springs, *_bushings(stages)),
+        actuators=(*hexapod.actuators, *drives, *floor, *_offsets(stages, turning=bool(speed))),
+        sensors=(
+            *hexapod.sensors,
+            Metrology("metrology", "ground.sample", "payload.target", "base.centre" * bool(speed)),
+        ),
+    )
+
+
+def alike_across(stages: Mapping[str, Stage] = END_STATION) -> dict[str, Stage]:
+    """Stages below the spindle with the means of their figures along x and y, so that a spinning linear model holds."""
+    return {name: stage if name == "micro_hexapod" else stage.alike() for name, stage in stages.items()}
+
+
+def suspension(scene: Scene, highest: float = 150.0) -> list[tuple[float, dict[str, float]]]:
+    """Modes at rest below a frequency [Hz]: frequency, and shares of bodies in kinetic energy, the largest first.
+
+    Bodies of struts count as "struts". Undamped, of a scene without loops and with a spindle that does not turn.
+    """
+    assembly = assemble(replace(scene, loops=()))
+    motions = assembly.basis @ assembly.shapes
+    found = []
+    for frequency, motion in zip(assembly.frequency, motions.T, strict=True):
+        if 0 < frequency < highest:
+            shares: dict[str, float] = {}
+            for name, place in assembly.slices.items():
+                group = "struts" if name.startswith("strut_") else name
+                energy = motion[place] @ scene.split(f"{name}.")[0].mass_matrix @ motion[place]
+                shares[group] = shares.get(group, 0.0) + float(energy)
+            total = sum(shares.values())
+            ordered = sorted(shares, key=lambda name: -shares[name])
+            found.append((float(frequency), {name: shares[name] / total for name in ordered}))
+    return sorted(found, key=lambda mode: mode[0])
+
+
+def _between(scene: Scene, a: Path, b: Path, axis: Direction, *, frame: Path, turns: bool) -> Row:
+    for path in filter(None, (a, b, frame)):
+        scene.point_position(path)
+    return Row.between(a, b, unit_vector(axis), frame=frame, turns=turns)
+
+
+def _loose(base: RigidBody) -> RigidBody:
+    """The base as a body that moves: a steel disc below F."""
+    height = BASE_MASS / (STEEL.density * np.pi * PLATE_RADIUS**2)
+    at = np.array([0, 0, -height / 2])
+    across, about = BASE_MASS * (PLATE_RADIUS**2 / 4 + height**2 / 12), BASE_MASS * PLATE_RADIUS**2 / 2
+    points = {name: place - at for name, place in base.points.items()}
+    return RigidBody("base", points, BASE_MASS, np.diag([across, across, about]), at)
+
+
+def _stage_bodies(stages: Mapping[str, Stage]) -> list[RigidBody]:
+    """Each with "foot", where its bushing holds it, and "head", where the next one stands."""
+    rotor = Stage(
+        mass=ROTOR_MASS, size=ROTOR_SIZE, foot=stages["spindle"].foot, centre=ROTOR_CENTRE, stiffness=np.zeros(6)
+    )
+    order = list(stages.items())
+    order.insert(list(stages).index("spindle") + 1, ("rotor", rotor))
+    feet = [stage.foot for _, stage in order] + [0.0]
+    return [
+        RigidBody(
+            name,
+            {"foot": (0, 0, stage.foot - stage.centre), "head": (0, 0, head - stage.centre)},
+            stage.mass,
+            stage.inertia,
+            (0, 0, stage.centre),
+        )
+        for (name, stage), head in zip(order, feet[1:], strict=True)
+    ]
+
+
+def _supports(stages: Mapping[str, Stage]) -> dict[str, tuple[str, str]]:
+    """What each stage's bushing joins."""
+    below = {"granite": "ground.floor", "micro_hexapod": "rotor.head"}
+    names = list(stages)
+    return {name: (below.get(name, f"{names[k - 1]}.head"), f"{name}.foot") for k, name in enumerate(names)}
+
+
+def _bushings(stages: Mapping[str, Stage]) -> list[Bushing]:
+    time = {name: stage.damping_ratio / (np.pi * DAMPING_FREQUENCY) for name, stage in stages.items()}
+    return [
+        Bushing(name, *ends, stages[name].stiffness, time[name] * stages[name].stiffness)
+        for name, ends in _supports(stages).items()
+    ]
+
+
+def _offsets(stages: Mapping[str, Stage], *, turning: bool) -> list[Offset]:
+    result = []
+    for name, (stage, six) in DISTURBANCES.items():
+        if not turning or name in TURNING:
+            a, b = _supports(stages)[stage]
+            stiffness = float(stages[stage].stiffness[SIX.index(six)])
+            frame = "rotor.foot" * (turning and name.startswith("runout"))
+            result.append(Offset(name, a, b, six[1], name, stiffness, six[0] == "r", frame))
+    return result

@@ -1,0 +1,92 @@
+"""Hexapods on a spindle with six loops of integral force feedback: their poles over speed and gain, trials in time."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from models.hexapods import DEFAULT_PLATFORM
+from models.nano_hexapod import make_nano_hexapod, rigid_plate
+from models.strut import controller_in_line, sensors_in_line, spring_strut, two_mass_strut, with_own_damping
+from models.two_mass import APA300ML
+from nassim import Controller, LinearModel, Loop, Scene, linearize
+from nassim.kinematics import strut_lengths
+from nassim.systems import close_loop, decentralised, integral_force_feedback
+
+SIX = range(1, 7)
+STIFFNESS = 1.846e6
+"""Of the published spinning hexapod's struts [N/m]."""
+HIGHEST = 300.0
+"""Frequency up to which motions count [Hz]: above, struts swing between their joints."""
+ALMOST_NONE = 1.0
+"""Stiffness of a shell that is left out [N/m]."""
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A hexapod of which struts may have stiffness beside their sensors, and the signals of its loops.
+
+    make: scene at a speed [1/min], with stiffness in parallel or without
+    sensor, actuator: of a strut; sign: of the gain that damps; in_line: the sensor feels the actuator's force too,
+        see `models.strut.sensors_in_line`
+    """
+
+    make: Callable[[float, bool], Scene]
+    sensor: str
+    actuator: str
+    sign: float = 1.0
+    in_line: bool = False
+
+    @property
+    def wires(self) -> dict[str, list[str]]:
+        """What the six loops measure and drive."""
+        return {
+            "measured": [f"strut_{k}/{self.sensor}" for k in SIX],
+            "driven": [f"strut_{k}/{self.actuator}" for k in SIX],
+        }
+
+    def plant(self, rpm: float, parallel: bool) -> LinearModel:
+        """The linear model without loops, in the frame that turns."""
+        model = linearize(self.make(rpm, parallel))
+        return sensors_in_line(model) if self.in_line else model
+
+    def controller(self, gain: float, leak: float, sample_rate: float) -> Controller:
+        """Of one strut; leak [Hz]."""
+        return integral_force_feedback(self.sign * gain, sample_rate=sample_rate, corner_frequency=leak)
+
+    def closed(self, plant: LinearModel, gain: float, leak: float) -> LinearModel:
+        """A sampled plant with all six loops."""
+        assert plant.time_step is not None
+        return close_loop(plant, decentralised(*[self.controller(gain, leak, 1 / plant.time_step)] * 6), **self.wires)
+
+    def looped(self, rpm: float, parallel: bool, gain: float, leak: float, sample_rate: float) -> Scene:
+        """The scene with all six loops, to be simulated."""
+        each = self.controller(gain, leak, sample_rate)
+        each = controller_in_line(each) if self.in_line else each
+        pairs = zip(SIX, *self.wires.values(), strict=True)
+        return replace(self.make(rpm, parallel), loops=tuple(Loop(f"iff_{k}", each, y, u) for k, y, u in pairs))
+
+
+def published_machine(payload_mass: float, share: float) -> Machine:
+    """Struts of springs without mass, the payload 0.2 m above, its inertia 1 kg m2; share: of stiffness in parallel."""
+    disc = rigid_plate(DEFAULT_PLATFORM, mass=1.0, radius=0.1, height=0.01)
+    payload = {"payload_mass": payload_mass, "payload_centre": (0, 0, 0.2), "payload_inertia": np.eye(3)}
+
+    def make(rpm: float, parallel: bool) -> Scene:
+        beside = share * parallel * STIFFNESS
+        length = float(strut_lengths(DEFAULT_PLATFORM)[0])
+        strut = spring_strut(STIFFNESS - beside, parallel_stiffness=beside, length=length)
+        return make_nano_hexapod(strut, platform=DEFAULT_PLATFORM, plate=disc, spindle_rpm=rpm, **payload)
+
+    return Machine(make, "sensor_force", "actuator_force", -1.0, in_line=True)
+
+
+def own_machine(payload_mass: float) -> Machine:
+    """APA300ML as two masses between flexible joints; the stiffness in parallel is that of the actuators' shells."""
+
+    def make(rpm: float, parallel: bool) -> Scene:
+        actuator = APA300ML if parallel else replace(APA300ML, shell=ALMOST_NONE)
+        strut = with_own_damping(two_mass_strut(actuator), 0.01)
+        return make_nano_hexapod(strut, payload_mass=payload_mass, spindle_rpm=rpm)
+
+    return Machine(make, "sensor_voltage", "actuator_voltage")

@@ -1,0 +1,201 @@
+"""The end-station against rigid bodies on springs put together by hand, and its budget against runs in time."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from models.hexapods import NANO_HEXAPOD
+from models.nass import DISTURBANCES, END_STATION, SIX, Stage, alike_across, four_corners, make_nass, suspension
+from models.nass_loops import POSE, VOLTAGES, force_loop, pose_loop, wrench_shares
+from models.strut import spring_strut, two_mass_strut, with_own_damping
+from nassim import Bushing, RigidBody, Scene, TimeHistory, linearize, load, save, simulate
+from nassim.kinematics import jacobian
+from nassim.simulation import linearize_closed
+from nassim.systems import close_loop, damping, noise_budget, sampled, unstable_poles
+
+PLATFORM = replace(NANO_HEXAPOD, point=np.array([0.02, -0.01, 0.12]))
+SAMPLE = np.array([0.02, -0.01, 0.095 + 0.12])
+HEIGHTS = {"granite": -1.2, "translation": -0.8, "tilt": -0.55, "spindle": -0.4, "micro_hexapod": -0.03}
+STRUT, LOAD = spring_strut(1.8e6, damping=80.0), {"payload_mass": 10.0}
+
+
+def machine(**options):
+    return make_nass(STRUT, platform=PLATFORM, **LOAD, **options)
+
+
+def static(model, output, inputs):
+    """Static gains, (6, inputs)."""
+    gains = model.D - model.C @ np.linalg.solve(model.A, model.B)
+    rows = [model.outputs.index(f"{output}.{six}") for six in SIX]
+    return gains[np.ix_(rows, [model.inputs.index(name) for name in inputs])]
+
+
+def reach(arm):
+    """Motion at the end of an arm (3,) from that at its beginning."""
+    x, y, z = arm
+    result = np.eye(6)
+    result[:3, 3:] = [[0, z, -y], [-z, 0, x], [y, -x, 0]]
+    return result
+
+
+def arms():
+    return {name: reach(SAMPLE - [0, 0, height]) for name, height in HEIGHTS.items()}
+
+
+@pytest.fixture(scope="module")
+def model():
+    return linearize(machine())
+
+
+def test_a_wrench_on_the_sample_bends_all_stages_in_series(model):
+    inputs = [f"payload_{kind}_{c}" for kind in ("force", "torque") for c in "xyz"]
+    expected = static(model, "pose", inputs)
+    for name, arm in arms().items():
+        stiffness = END_STATION[name].stiffness
+        square = np.diag(stiffness) if stiffness.ndim == 1 else stiffness
+        expected = expected + arm @ np.linalg.inv(square) @ arm.T
+    found = static(model, "metrology", inputs)
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose(found / scale, expected / scale, rtol=0, atol=1e-9)
+
+
+def test_struts_push_against_their_base_only(model):
+    """Forces in the struts are inner ones: far from it, nothing bends below the hexapod."""
+    forces = [f"strut_{k}/actuator_force" for k in range(1, 7)]
+    expected = np.linalg.inv(jacobian(PLATFORM)) / 1.8e6
+    np.testing.assert_allclose(static(model, "metrology", forces), expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_offsets_carry_the_sample_along_as_a_rigid_body(model):
+    """A runout of 1 um moves it by 1 um, a tilt of 1 urad about the tilt stage's foot."""
+    found = static(model, "metrology", DISTURBANCES)
+    expected = [arms()[stage][:, SIX.index(six)] for stage, six in DISTURBANCES.values()]
+    np.testing.assert_allclose(found, np.transpose(expected), atol=1e-8)
+    assert np.abs(static(model, "pose", DISTURBANCES)).max() < 1e-8
+
+
+def test_a_slow_acceleration_of_the_floor_compresses_what_is_below(model):
+    """Each bushing carries what stands on it: masses of stages, rotor, base, plate and payload."""
+    above = 120.0 + 40.0 + 3.87 + 5.19 + 10.0
+    sag = 0.0
+    for name in ("spindle", "tilt", "translation", "granite"):
+        above += END_STATION[name].mass
+        sag += above / END_STATION[name].stiffness[2]
+    micro = END_STATION["micro_hexapod"].stiffness[2, 2]
+    sag += (40.0 + 3.87 + 5.19 + 10.0) / micro
+    found = static(model, "metrology", ["floor_z"])[2, 0] - static(model, "pose", ["floor_z"])[2, 0]
+    assert found == pytest.approx(-sag, rel=1e-9)
+
+
+def test_modes_of_the_whole():
+    """Of the linear model with its damping, and where they move."""
+    scene = machine()
+    modes = suspension(scene, 150.0)
+    frequency, ratio = damping(linearize(scene))
+    np.testing.assert_allclose([f for f, _ in modes], frequency[frequency < 149.0][: len(modes)], rtol=2e-3)
+    assert ratio[frequency < 149.0].max() < 0.05
+    assert len(modes) >= 12
+    for _, shares in modes:
+        assert sum(shares.values()) == pytest.approx(1.0)
+        assert list(shares.values()) == sorted(shares.values(), reverse=True)
+        assert {"granite", "rotor", "payload"} <= set(shares)
+
+
+def test_one_stage_alone_is_an_oscillator_of_its_own_ratio():
+    stage = Stage(mass=50.0, size=(0.3, 0.4, 0.5), foot=0.0, centre=0.0, stiffness=np.full(6, 4e6), damping_ratio=0.03)
+    body = RigidBody("stage", {"o": np.zeros(3)}, stage.mass, stage.inertia)
+    assert stage.inertia[2, 2] == pytest.approx(50.0 / 12 * (0.3**2 + 0.4**2))
+    ground = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
+    time = stage.damping_ratio / (np.pi * 100.0)
+    spring = Bushing("spring", "ground.o", "stage.o", stage.stiffness, time * stage.stiffness)
+    frequency, ratio = damping(linearize(Scene("one", (ground, body), springs=(spring,), damping_ratio=0.0)))
+    assert ratio == pytest.approx(0.03 * frequency / 100.0, rel=1e-6)
+
+
+def test_four_bearings():
+    """Held at four corners, each as stiff along x, y, z."""
+    found = four_corners((1.0, 2.0, 5.0), 0.3, 0.2)
+    corners = [reach((sx * 0.3, sy * 0.2, 0.0)) for sx in (1, -1) for sy in (1, -1)]
+    expected = sum(arm[:3].T @ np.diag([1.0, 2.0, 5.0]) @ arm[:3] for arm in corners)
+    np.testing.assert_allclose(np.diag(found), expected, atol=1e-12)
+
+
+def test_a_wrench_of_the_pose_loop_moves_the_sample_along_itself():
+    """As a wrench from outside does, but for the joints, which bend, and of which the Jacobian does not know."""
+    scene = make_nass(with_own_damping(two_mass_strut()), platform=PLATFORM, payload_mass=10.0)
+    inputs = [f"payload_{kind}_{c}" for kind in ("force", "torque") for c in "xyz"]
+    model = linearize(scene)
+    inside, outside = static(model, "pose", VOLTAGES) @ wrench_shares(PLATFORM), static(model, "pose", inputs)
+    scale = np.sqrt(np.outer(np.diag(outside), np.diag(outside)))
+    per_volt = np.sum(inside * outside / scale**2) / np.sum((outside / scale) ** 2)
+    assert np.abs(inside / per_volt - outside).max() < 0.05 * np.abs(outside).max()
+    np.testing.assert_allclose(inside / per_volt / scale, outside / scale, rtol=0, atol=0.1)
+
+
+def test_a_spinning_linear_model_needs_stages_alike_across_the_axis():
+    with pytest.raises(ValueError, match="body 'translation': as the turning frame sees it, this changes by"):
+        linearize(make_nass(STRUT, spindle_rpm=60.0))
+    scene = make_nass(STRUT, stages=alike_across(), spindle_rpm=60.0)
+    assert "floor_z" in scene.inputs
+    assert not {"floor_x", "translation_y", "tilt_ry"} & set(scene.inputs)
+    turning, standing = linearize(scene), linearize(make_nass(STRUT, stages=alike_across()))
+    assert not unstable_poles(turning)
+    # Symmetric pairs part by about the spindle's frequency, others stay.
+    apart = np.abs(damping(turning)[0][:8] - damping(standing)[0][:8])
+    assert 0.05 < apart.max() < 1.5
+    found = static(turning, "metrology", ["runout_x", "runout_z"])
+    assert found[0, 0] == pytest.approx(1.0, rel=2e-3)
+    assert found[2, 1] == pytest.approx(1.0, rel=1e-8)
+
+
+def test_what_no_end_station_is():
+    with pytest.raises(
+        ValueError, match=r"granite, translation, tilt, spindle, micro_hexapod, in this order, got tilt"
+    ):
+        make_nass(STRUT, stages={"tilt": END_STATION["tilt"]})
+    with pytest.raises(ValueError, match="six figures"):
+        END_STATION["micro_hexapod"].alike()
+
+
+def test_the_end_station_is_saved(tmp_path):
+    scene = machine()
+    save(scene, tmp_path / "scene.h5")
+    again = load(tmp_path / "scene.h5")
+    assert (again.inputs, again.outputs) == (scene.inputs, scene.outputs)
+
+
+RATE, PERIOD, LOW, HIGH = 2000.0, 8.0, 2.0, 300.0
+
+
+@pytest.mark.slow
+def test_the_budget_of_the_closed_machine_is_the_rms_of_a_run():
+    """Of three disturbances at once, each with every third line of a random-phase multisine, over one period."""
+    scene = make_nass(with_own_damping(two_mass_strut()), payload_mass=10.0)
+    model = sampled(linearize(scene), RATE)
+    inner = force_loop(100.0, sample_rate=RATE)
+    damped = close_loop(model, inner.controller, measured=inner.measured, driven=inner.driven)
+    scene = replace(scene, loops=(inner, pose_loop(damped, 20.0, sample_rate=RATE)))
+    closed = linearize_closed(scene)
+    densities = {"floor_x": 1e-8, "runout_y": 1e-19, "runout_z": 4e-19}
+    budget = noise_budget(closed, densities, np.array([LOW, HIGH]), outputs=POSE)
+    expected = budget.total.rms()[:, 0]
+
+    rng, n = np.random.default_rng(1), round(PERIOD * RATE)
+    lines = np.arange(round(LOW * PERIOD), round(HIGH * PERIOD))
+    values = np.zeros((len(scene.inputs), n))
+    for k, (name, density) in enumerate(densities.items()):
+        own = lines[lines % 3 == k]
+        spectrum = np.zeros(n // 2 + 1, dtype=complex)
+        spectrum[own] = n / 2 * np.sqrt(2 * density * 3 / PERIOD) * np.exp(2j * np.pi * rng.random(len(own)))
+        values[scene.inputs.index(name)] = np.fft.irfft(spectrum, n)
+    settling = round(1.5 * RATE)
+    values = np.hstack([values[:, -settling:], values])
+    noise = TimeHistory(
+        np.arange(values.shape[1]) / RATE, values, scene.inputs, tuple(map(scene.input_unit, scene.inputs))
+    )
+    record = simulate(scene, noise, time_step=1 / RATE, method="exact", hold_order=0, outputs=POSE, progress=False)
+    found = record.select(POSE).values[:, settling:].std(axis=1)
+    np.testing.assert_allclose(found, expected, rtol=0.05)
+    shares = budget.rms() / expected[:, None]
+    assert (shares > 0.2).any(axis=0).all()  # each of the three counts somewhere
