@@ -1,8 +1,8 @@
 """Speed against error of time simulations: which fidelity, step, damping of the integrator and cut-off pay.
 
-The bench follows 1 s of noise. Errors of V_s(t) and d_e(t) are against the exact solution of all coordinates. What the
-steps do to the first mode is told by theory: `period_errors` has the shift of its frequency, as far as not made up
-for, and generalized-alpha the numerical damping that a spectral radius below 1 brings.
+The bench follows 1 s of noise. Errors of V_s(t) and d_e(t) are against the exact solution of all coordinates. Of the
+first mode theory tells what is left of the shift of its frequency, which the steps make up for, and the numerical
+damping that a spectral radius below 1 brings.
 """
 
 import itertools
