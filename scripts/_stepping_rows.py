@@ -21,13 +21,21 @@ COMPENSATED = (0.05, 0.1, 0.2, 0.4, 1.0)
 ROUTES = {"exact": ("linear", EXACT), "linear": ("linear", "generalized_alpha"), "ffrf": ("ffrf", "generalized_alpha")}
 
 
+LONGER = {"exact": 10, "linear": 1, "ffrf": 0.1}
+"""How many times the steps asked for tell these routes' time from that of their start."""
+
+
 @dataclass(frozen=True)
 class Route:
-    """A way to d_e, (n_samples,); step: between samples [s]; true: name of the route that is right, if any."""
+    """A way to d_e, (n_samples,); step: between samples [s]; true: name of the route that is right.
+
+    brief: the same in a few steps, whose time is not counted
+    """
 
     work: Callable[[], Any]
     step: float
     true: str
+    brief: Callable[[], Any] | None = None
 
 
 def simulated(scene: Scene, excitation: TimeHistory, output: str, step: float, method: str) -> Callable[[], Any]:
@@ -38,12 +46,15 @@ def simulated(scene: Scene, excitation: TimeHistory, output: str, step: float, m
 
 def race(routes: Mapping[str, Route], turns: int) -> dict[str, dict[str, float]]:
     """Figures of every route: the fastest of some turns, in which all run one after the other."""
-    best, found = dict.fromkeys(routes, np.inf), {}
+    whole, start, found = dict.fromkeys(routes, np.inf), dict.fromkeys(routes, np.inf), {}
+    best, figures = {}, {}
     for _ in range(turns):
         for name, route in routes.items():
+            begun, brief = timed(route.brief) if route.brief else ([0.0], 0.0)
             found[name], wall = timed(route.work)
-            best[name] = min(best[name], wall / (len(found[name]) - 1))
-    figures = {}
+            whole[name], start[name] = min(whole[name], wall), min(start[name], brief)
+            # Of few steps on a busy machine the start may be all that is seen.
+            best[name] = max(whole[name] - start[name], 1e-3 * wall) / (len(found[name]) - len(begun))
     for name, route in routes.items():
         true = found[route.true][: len(found[name])]
         figures[name] = {
@@ -56,9 +67,9 @@ def race(routes: Mapping[str, Route], turns: int) -> dict[str, dict[str, float]]
 
 
 def compensated(apa: ReducedBody, steps: int) -> dict[str, Route]:
-    """The bench in several steps through the same time, that of so many of 0.1 ms; noise up to 100 Hz."""
+    """The bench in several steps through the same time, that of so many of 0.1 ms; noise up to 80 Hz."""
     # Straight lines between 1 ms, so that all steps see the same voltage.
-    noise = band_limited_noise(max(steps * STEP, 0.05), 1e3, cutoff_frequency=100.0, rms=1e-5)
+    noise = band_limited_noise(max(steps * STEP, 0.05), 1e3, cutoff_frequency=80.0, rms=1e-5)
     result = {}
     for step in (1e-3 * milliseconds for milliseconds in COMPENSATED):
         for name, (fidelity, method) in ROUTES.items():
@@ -70,17 +81,26 @@ def compensated(apa: ReducedBody, steps: int) -> dict[str, Route]:
 
 
 def hexapods(apa: ReducedBody, steps: int) -> dict[str, Route]:
-    """Trimmed hexapods with 2, 4 or 6 struts of finite elements, the others of two masses, and a loop for each strut."""
+    """Trimmed hexapods with 2, 4 or 6 struts of finite elements, the others of two masses; a loop for each."""
+    pushes = band_limited_noise(LONGER[EXACT] * steps * STEP, 1 / STEP, cutoff_frequency=300.0, rms=1e-3)
     result = {}
     for count in (2, 4, 6):
         for name, (fidelity, method) in ROUTES.items():
-            scene = _hexapod(apa, count, fidelity)
-            pushes = band_limited_noise(max(steps * STEP, 2e-3), 1 / STEP, cutoff_frequency=300.0, rms=1e-3)
+            scene, n = _hexapod(apa, count, fidelity), round(steps * LONGER[name])
             forces = [word for word in scene.inputs if word.startswith("payload")]
             values = np.outer([word == "payload_force_z" for word in forces], pushes.values[0])
-            excitation = TimeHistory(pushes.time, values, tuple(forces), tuple(map(scene.input_unit, forces)))
-            work = simulated(scene, excitation, "strut_1/encoder", STEP, method)
-            result[f"{count} struts {name}"] = Route(work, STEP, f"{count} struts {EXACT}")
+            units = tuple(map(scene.input_unit, forces))
+            work, brief = (
+                simulated(
+                    scene,
+                    TimeHistory(pushes.time[:samples], values[:, :samples], tuple(forces), units),
+                    "strut_1/encoder",
+                    STEP,
+                    method,
+                )
+                for samples in (n + 1, n // 5 + 1)
+            )
+            result[f"{count} struts {name}"] = Route(work, STEP, f"{count} struts {EXACT}", brief)
     return result
 
 

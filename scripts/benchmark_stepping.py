@@ -69,7 +69,7 @@ def main() -> None:
         for other, name in (("ffrf", "ffrf"), (USUAL, "usual")):
             row[f"speed_over_{name}"] = row["steps_per_s"] / figures[other]["steps_per_s"]
         summary |= with_prefix(label, row)
-    others = {"steps": compensated(apa, args.steps), "trimmed, six loops": hexapods(apa, args.steps // 5)}
+    others = {"steps": compensated(apa, args.steps), "trimmed, six loops": hexapods(apa, max(args.steps, 200))}
     for more in others.values():
         for label, row in race(more, args.turns).items():
             summary |= with_prefix(label, row)

@@ -103,7 +103,7 @@ def start_loops(scene: Scene, time_step: float) -> Step:
         found = measure() if any(due) else nothing
         end = held.copy()
         for now, (period, delay, control, measured, places) in zip(due, groups, strict=True):
-            late = 0.0
+            late = np.zeros(len(places))
             if now:
                 before = held[places]
                 held[places], next_one[places] = control(found[measured])

@@ -1,6 +1,7 @@
 """Loops, amplifiers, forces, ground acceleration and dampers in simulations, against closed forms and each other."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ from nassim.base.modal import decay_poles
 from nassim.signals.excitations import low_pass
 from nassim.simulation.description import describe
 from nassim.simulation.linearization import linearize_closed
-from nassim.simulation.running_loops import start_controller
+from nassim.simulation.running_loops import start_controller, start_loops
 from nassim.simulation.time_domain import exudyn_eigenfrequencies
 from nassim.systems.controllers import Controller
 
@@ -69,6 +70,29 @@ def test_integrator_state():
     step = start_controller(Loop("i", integrator(3.0, delay=0), "y", "u"))
     total = [float(step(np.array([1.0]))[0][0]) for _ in range(5)]
     assert np.allclose(total, 3.0 * STEP * (np.arange(5) + 0.5))
+
+
+def test_loops_of_several_periods_and_delays_keep_apart():
+    """Each as if it were alone, also where two drive one input."""
+    lag = Controller([[0.5, 0.1], [0.0, 0.3]], [[1.0], [0.4]], [[1.0, -2.0]], [[0.7]], 1e4, delay=0)
+    loops = (
+        Loop("a", replace(lag, delay=1), "y1", "u1"),
+        Loop("b", lag, "y2", "u2"),
+        Loop("c", replace(lag, sample_rate=2.5e3, delay=2, limit=1.5), "y3", "u1", output_step=0.01),
+        Loop("d", replace(lag, D=[[0.2]], delay=1), "y2", "u3", input_step=0.25),
+    )
+
+    def scene(*loops):
+        commands = tuple(name for loop in loops for name in loop.driven)
+        return SimpleNamespace(loops=loops, inputs=("u1", "u2", "u3"), outputs=("y1", "y2", "y3"), commands=commands)
+
+    together, alone = start_loops(scene(*loops), STEP), [start_loops(scene(loop), STEP) for loop in loops]
+    for n, measured in enumerate(np.random.default_rng(1).normal(size=(40, 3))):
+        held, end, commands = together(n, lambda measured=measured: measured)
+        each = [step(n, lambda measured=measured: measured) for step in alone]
+        np.testing.assert_allclose(held, sum(one[0] for one in each), atol=1e-14)
+        np.testing.assert_allclose(end, sum(one[1] for one in each), atol=1e-14)
+        np.testing.assert_allclose(commands, np.concatenate([one[2] for one in each]), atol=1e-14)
 
 
 def test_a_loop_without_effect_changes_nothing(apa):

@@ -6,10 +6,13 @@ import scipy.signal
 
 from models.bench import make_bench
 from nassim import (
+    Encoder,
     FlexibleBody,
     Joint,
+    PointForce,
     RigidBody,
     Scene,
+    SpringDamper,
     TimeHistory,
     estimate_frf,
     frequency_response,
@@ -226,3 +229,29 @@ def test_interrupt_ends_a_run_cleanly(bench):
         simulate(bench, quiet(20.0), time_step=1e-4, progress=False)
     assert time.perf_counter() - start < 20.0
     assert signal.getsignal(signal.SIGINT) is handler
+
+
+def test_inputs_push_beside_the_weight_and_beside_each_other():
+    """A mass on a spring under its weight and two forces: statics by hand, motion by the linear model."""
+    bodies = (
+        RigidBody("ground", {"at": np.zeros(3)}, fixed=True),
+        RigidBody("mass", {"at": np.zeros(3)}, 2.0, 1e-3 * np.eye(3)),
+    )
+    scene = Scene(
+        "pushed",
+        bodies,
+        (Joint("guide", "ground.at", "mass.at", free=("z",)),),
+        tuple(PointForce(name, "mass.at", "z", name) for name in ("first", "second")),
+        (Encoder("height", "ground.at", "mass.at"),),
+        springs=(SpringDamper("spring", "ground.at", "mass.at", "z", stiffness=500.0, damping=3.0),),
+        gravity=np.array([0, 0, -9.81]),
+    )
+    assert static_response(scene, {"first": 3.0, "second": 4.0})["height"] == pytest.approx((7 - 2 * 9.81) / 500)
+    time = np.arange(2001) * 1e-3
+    pushes = TimeHistory(time, [3 * np.sin(5 * time), 4 * np.sin(9 * time)], ("first", "second"), ("N", "N"))
+    stepped, exact = (
+        simulate(scene, pushes, time_step=1e-3, method=method, progress=False)["height"]
+        for method in ("generalized_alpha", "exact")
+    )
+    np.testing.assert_allclose(stepped, exact, atol=1e-4 * np.abs(exact).max())
+    assert np.ptp(exact) > 1e-2

@@ -108,7 +108,7 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
 
 
 def _pushes(assembly: Assembly, number: int, modes: Array, held: Array) -> tuple[Push, ...]:
-    """What inputs push: modes, themselves and through amplifiers, and the rows of drives' motions; held: of all rows."""
+    """What inputs push: modes, themselves and through amplifiers, and rows of drives' motions; held: of all rows."""
     scene, following, n = assembly.scene, assembly.following, modes.shape[1]
     beyond = np.zeros((len(held) - n, len(scene.inputs)))
     forces = np.vstack([modes.T @ assembly.input_matrix, beyond])
@@ -122,7 +122,9 @@ def _add_readings(mbs: Any, assembly: Assembly, node: int, motion: Array, gains:
     """Add a sensor for each derivative that an output reads; gains: of circuits' outputs per charge, (c,)."""
     scene = assembly.scene
     readings: dict[str, list[Term]] = {name: [] for name in scene.outputs}
-    rows = [product(m, motion) for m in (assembly.output_matrix, assembly.velocity_matrix, assembly.acceleration_matrix)]
+    rows = [
+        product(m, motion) for m in (assembly.output_matrix, assembly.velocity_matrix, assembly.acceleration_matrix)
+    ]
     for k, (circuit, gain) in enumerate(zip(assembly.circuits, gains, strict=True), start=motion.shape[1] - len(gains)):
         rows[0][scene.outputs.index(circuit.output), k] += gain
     for kind, weights in zip(COORDINATES, rows, strict=True):

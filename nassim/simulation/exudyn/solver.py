@@ -145,9 +145,9 @@ def solve_dynamic(
 class _Watch:
     """What is seen of a run whenever it is looked at.
 
-    largest: `motion_size` of each body, (2,); slackest: `axial_forces` of those that deform; shifts: `System.shifting` of
-        every two bodies tied together; speeds: of floating bodies [rad/s]; lost: bodies that are deformed beyond what
-        a run may do
+    largest: `motion_size` of each body, (2,); slackest: `axial_forces` of those that deform; shifts: of every two
+        bodies tied together, as `System.shifting` tells; speeds: of floating bodies [rad/s]; lost: bodies that are
+        deformed beyond what a run may do
     """
 
     def __init__(self, system: System) -> None:
@@ -163,10 +163,10 @@ class _Watch:
         self.lost: list[str] = []
 
     def _gauge(self, name: str) -> tuple[Array, int, int]:
-        """What is looked at per unit of what carries a body: rotations, displacements, axial forces; where these end."""
+        """Rotations, displacements and axial forces per unit of what carries a body; where the first two end."""
         body = next(body for body in self.system.assembly.scene.bodies if body.name == name)
         turns, shifts = motion_rows(self.system.assembly, name)
-        tensions = axial_rows(body.reduced) if name in self.slackest else shifts[:0]
+        tensions = axial_rows(body.reduced) if isinstance(body, FlexibleBody) else shifts[:0]
         rows = np.vstack([turns, shifts, tensions]) @ self.system.carriers[name].coordinates
         return rows, len(turns), len(turns) + len(shifts)
 
