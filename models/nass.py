@@ -18,7 +18,7 @@ from models.hexapods import NANO_HEXAPOD
 from models.nano_hexapod import BASE_MASS, PLATE_RADIUS, make_nano_hexapod
 from models.strut import two_mass_strut, with_own_damping
 from nassim import Bushing, Drive, GroundAcceleration, RigidBody, Scene, fixed, register, revolute
-from nassim.base.checks import Array, finite, finite_array, freeze, positive
+from nassim.base.checks import Array, finite, finite_array, freeze, known, positive
 from nassim.base.rigid_motion import unit_vector
 from nassim.kinematics import StewartPlatform, stiffness_matrix
 from nassim.scene import Actuator, Direction, Force, Path, Reading, Row, Sensor, Signal
@@ -141,7 +141,7 @@ DISTURBANCES: dict[str, tuple[str, str]] = {
 }
 """Inputs by which the rest position of a stage's bushing moves, and along which of its directions."""
 TURNING = ("runout_x", "runout_y", "runout_z", "translation_z")
-"""Of these, the inputs of a spinning machine: what is along z, and the runout along axes that turn with the rotor."""
+"""Of these, those that remain with axes that turn: what is along z, and the runout as seen from the rotor."""
 
 
 @register
@@ -204,6 +204,7 @@ def make_nass(
     payload_centre: ArrayLike | None = None,
     payload_inertia: ArrayLike | None = None,
     spindle_rpm: float = 0.0,
+    axes: str = "standing",
 ) -> Scene:
     """The end-station as a scene: bodies "granite" ... "micro_hexapod", "rotor" and those of `make_nano_hexapod`.
 
@@ -211,16 +212,21 @@ def make_nass(
     stages: from the floor up, of the names of `END_STATION`
     platform, payload_mass, payload_centre, payload_inertia: see `make_nano_hexapod`
     spindle_rpm: [1/min]; 0 for a spindle that is held
+    axes: of metrology and runout: "standing", for a spindle that is held, and for runs in time of one that turns;
+        "turning" with the spindle, for linear models of one that turns
 
     Inputs, beside those of the hexapod: "floor_x" ... "floor_z", acceleration of the ground [m/s2], and those of
     `DISTURBANCES` [m], [rad]. Outputs, beside the hexapod's: "metrology.ux" ... "metrology.rz", the sample at its point
     of interest against the ground.
 
-    A spindle that turns: signals across its axis are those of axes that turn with it, and inputs that stand (floor_x,
-    floor_y, translation_y, tilt_ry) are left out, as no linear model that does not change in time has them. For the
+    No linear model that does not change in time has signals across the axis of a spindle that turns, unless their axes
+    turn along: with "turning" ones, inputs that stand (floor_x, floor_y, translation_y, tilt_ry) are left out. For the
     same reason `linearize` refuses stages that are not alike in all directions across the axis, as the real ones are
-    not: choose `alike_across`, a machine with the means of their figures, or one that does not turn. For any speed of
-    the real one, simulate in time. Raises ValueError for other names of stages, and what `make_nano_hexapod` raises.
+    not: choose `alike_across`, a machine with the means of their figures, or one that does not turn.
+
+    A run in time of a spindle that turns begins with a jolt, as what turns on a body that moves has no steady start in
+    `simulate`: some milliradians of twist of the nano-hexapod, far beyond nanometres, which have to die out first.
+    Raises ValueError for other names of stages and axes, and what `make_nano_hexapod` raises.
     """
     if tuple(stages) != tuple(END_STATION):
         raise ValueError(f"stages must be {', '.join(END_STATION)}, in this order, got {', '.join(stages) or 'none'}")
@@ -231,15 +237,15 @@ def make_nass(
         payload_centre=payload_centre,
         payload_inertia=payload_inertia,
     )
-    speed = 2 * np.pi * finite("spindle_rpm", spindle_rpm) / 60
+    known("axes", axes, ("standing", "turning"))
+    speed, along = 2 * np.pi * finite("spindle_rpm", spindle_rpm) / 60, axes == "turning"
     sample = hexapod.point_position("payload.target")
     ground = RigidBody("ground", {"floor": (0, 0, stages["granite"].foot), "sample": sample}, fixed=True)
     base = _loose(next(body for body in hexapod.bodies if body.name == "base"))
     others = (body for body in hexapod.bodies if body.name != "base")
     turning = revolute if speed else fixed
     drives = (Drive("spindle", "spindle", "rz", speed=speed),) if speed else ()
-    axes = "z" if speed else "xyz"
-    floor = tuple(GroundAcceleration(f"floor_{c}", c, f"floor_{c}") for c in axes)
+    floor = tuple(GroundAcceleration(f"floor_{c}", c, f"floor_{c}") for c in ("z" if along else "xyz"))
     return replace(
         hexapod,
         name="nass",
@@ -250,10 +256,10 @@ def make_nass(
             fixed("nano_hexapod", "micro_hexapod.head", "base.centre"),
         ),
         springs=(*hexapod.springs, *_bushings(stages)),
-        actuators=(*hexapod.actuators, *drives, *floor, *_offsets(stages, turning=bool(speed))),
+        actuators=(*hexapod.actuators, *drives, *floor, *_offsets(stages, turning=along)),
         sensors=(
             *hexapod.sensors,
-            Metrology("metrology", "ground.sample", "payload.target", "base.centre" * bool(speed)),
+            Metrology("metrology", "ground.sample", "payload.target", "base.centre" * along),
         ),
     )
 

@@ -51,7 +51,7 @@ def turning_figures(speed: float, force: Loop, platform: StewartPlatform, payloa
     Its stages are made alike in all directions across the axis, as a linear model of what turns needs.
     """
     options = {"stages": alike_across(), "platform": platform, "payload_mass": payload_mass}
-    turning, standing = (linearize(make_nass(spindle_rpm=rpm, **options)) for rpm in (speed, 0.0))
+    turning, standing = (linearize(make_nass(spindle_rpm=rpm, axes="turning", **options)) for rpm in (speed, 0.0))
     moved = np.abs(damping(turning)[0][:12] - damping(standing)[0][:12])
     growing = unstable_poles(with_loop(sampled(turning, force.controller.sample_rate), force))
     return {

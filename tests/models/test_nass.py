@@ -135,8 +135,8 @@ def test_a_wrench_of_the_pose_loop_moves_the_sample_along_itself():
 
 def test_a_spinning_linear_model_needs_stages_alike_across_the_axis():
     with pytest.raises(ValueError, match="body 'translation': as the turning frame sees it, this changes by"):
-        linearize(make_nass(STRUT, spindle_rpm=60.0))
-    scene = make_nass(STRUT, stages=alike_across(), spindle_rpm=60.0)
+        linearize(make_nass(STRUT, spindle_rpm=60.0, axes="turning"))
+    scene = make_nass(STRUT, stages=alike_across(), spindle_rpm=60.0, axes="turning")
     assert "floor_z" in scene.inputs
     assert not {"floor_x", "translation_y", "tilt_ry"} & set(scene.inputs)
     turning, standing = linearize(scene), linearize(make_nass(STRUT, stages=alike_across()))
@@ -147,6 +147,22 @@ def test_a_spinning_linear_model_needs_stages_alike_across_the_axis():
     found = static(turning, "metrology", ["runout_x", "runout_z"])
     assert found[0, 0] == pytest.approx(1.0, rel=2e-3)
     assert found[2, 1] == pytest.approx(1.0, rel=1e-8)
+
+
+def test_the_real_station_turns_in_time():
+    """With axes that stand; the sample goes round with the spindle, but for the jolt of the start."""
+    scene = make_nass(STRUT, spindle_rpm=60.0)
+    time = np.arange(21) * 1e-3
+    quiet = TimeHistory(
+        time, np.zeros((len(scene.inputs), 21)), scene.inputs, tuple(map(scene.input_unit, scene.inputs))
+    )
+    record = simulate(scene, quiet, time_step=1e-3, progress=False)
+    np.testing.assert_allclose(record["metrology.rz"], 2 * np.pi * time, atol=0.03)
+    assert record["metrology.rz"][-1] > 0.1
+    with pytest.raises(ValueError, match="this changes by"):
+        linearize(scene)
+    with pytest.raises(ValueError, match="unknown axes 'moving'"):
+        make_nass(STRUT, axes="moving")
 
 
 def test_what_no_end_station_is():
