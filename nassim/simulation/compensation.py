@@ -61,6 +61,14 @@ class Steps:
         return mass, np.where(frequency > 0, mass * (1 + np.tan(x) ** 2), 1.0)
 
 
+def small_motion_factors(assembly: Assembly, steps: Steps) -> tuple[Array, Array]:
+    """As `Steps.factors`, in small motion; 1 where drives follow inputs, whose inertia forces know the true masses."""
+    if assembly.following.inputs:
+        ones = np.ones(len(assembly.frequency))
+        return ones, ones
+    return steps.factors(assembly.frequency)
+
+
 def compensated(assembly: Assembly, steps: Steps) -> tuple[Assembly, Array]:
     """The scene with damping ratios for its steps, and the mass to add on the deformation of its bodies, (m, m).
 

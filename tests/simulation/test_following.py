@@ -136,6 +136,7 @@ def history(time, **signals):
     return TimeHistory(time, np.array(list(signals.values())), tuple(signals), ("",) * len(signals))
 
 
+@pytest.mark.usefixtures("plain_steps")
 @pytest.mark.parametrize("turns", [False, True])
 def test_a_driven_cantilever_in_time(reduced, turns):
     """In small motion to the integrator's error, in floating frames to the motion's smallness."""
@@ -222,6 +223,7 @@ def test_ratios_of_modes_damp_what_strains_beside_the_quasi_static_following(red
         np.testing.assert_allclose(transfer(linearize(scene), frequency)[:, 0], expected, rtol=1e-7, atol=1e-9)
 
 
+@pytest.mark.usefixtures("plain_steps")
 def test_following_that_strains_in_time(reduced):
     """Small motion stepped and exact, and floating frames, with the same damping of modes and bodies."""
     omega = np.sort(np.abs(linearize(squeezed(reduced)).poles()))[::2]

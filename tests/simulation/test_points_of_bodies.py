@@ -78,6 +78,7 @@ def pushes(time):
     )
 
 
+@pytest.mark.usefixtures("plain_steps")
 @pytest.mark.parametrize("frame", ["left", "right"])
 def test_small_motion_is_the_same_in_every_fidelity(reduced, frame):
     """Forces, torques, springs, bushings apart, encoders, angles, poses, velocities, accelerations: some 1e-5 rad.
@@ -105,6 +106,7 @@ def test_small_motion_is_the_same_in_every_engine(reduced):
     assert (np.abs(exact - implicit).max(axis=1) < 1e-5 * np.abs(exact).max(axis=1)).all()
 
 
+@pytest.mark.usefixtures("plain_steps")
 def test_linear_bodies_beside_floating_ones(reduced):
     """A linear body's points, in the axes of a floating one, are read as in small motion throughout."""
     time = np.arange(101) * 1e-3

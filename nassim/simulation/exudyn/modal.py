@@ -9,7 +9,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.simulation.compensation import Steps
+from nassim.simulation.compensation import Steps, small_motion_factors
 from nassim.simulation.exudyn.state import COORDINATES, Carrier, Charge, Push, System, Term, modal_node
 from nassim.simulation.following import product
 from nassim.simulation.small_motion import Assembly
@@ -36,7 +36,7 @@ class _Equations:
         following, (n, d) = assembly.following, assembly.following.momentum.shape
         size, squares = n + d + len(assembly.circuits), (2 * np.pi * assembly.frequency) ** 2
         mass, stiffness, damping = np.zeros((3, size, size))
-        factors, growth = steps.factors(assembly.frequency) if steps else np.ones((2, n))
+        factors, growth = small_motion_factors(assembly, steps) if steps else np.ones((2, n))
         mass[:n, :n], stiffness[:n, :n] = np.diag(factors), np.diag(squares)
         damping[:n, :n] = np.sqrt(growth)[:, None] * assembly.damping.of_modes * np.sqrt(growth)
         # Rows k u = k input, beside what u and u' push in the modes: as large as these forces, else the tolerance of
