@@ -63,8 +63,11 @@ def test_a_controller_in_line_is_one_of_a_sensor_in_line():
 
 @pytest.mark.parametrize(
     ("share", "leak", "published_growth"),
-    [(0.0, 0.0, 0.552), (0.0, 1.0, None), (0.05, 0.0, None)],
-    ids=["pure", "leaky", "parallel stiffness"],
+    [
+        pytest.param(0.0, 0.0, 0.552, id="pure"),
+        pytest.param(0.0, 1.0, None, id="leaky", marks=pytest.mark.slow),
+        pytest.param(0.05, 0.0, None, id="parallel stiffness", marks=pytest.mark.slow),
+    ],
 )
 def test_growth_and_decay_in_time(share, leak, published_growth):
     """The slow motion after a push, once all others have died out, as one exponential with its turn."""
