@@ -232,7 +232,7 @@ def test_scripts_stay_short(path):
             "run_hexapod.py",
             ["--coarse", "--period", "0.25", "--settling", "1"],
             ["suspension_Hz", "us_per_step", "force_sensors_phase_error_deg", "encoders_coherent_share"],
-            ["sensor_voltage.png", "encoder.png"],
+            ["sensor_voltage.png", "encoder.png", "machine.png"],
         ),
         (
             "hexapod_fidelity.py",
