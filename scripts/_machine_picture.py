@@ -16,7 +16,7 @@ ROUND = np.linspace(0, 2 * np.pi, 73)
 def plot_machine(scene: Scene, platform: StewartPlatform) -> Any:
     """The struts of a scene whose actuators have surfaces, between its plates; returns the Axes."""
     # Axes in 3-D keep a wide margin, which lies outside the figure.
-    ax = plt.figure(figsize=(7, 4.2)).add_axes((-0.1, -0.5, 1.2, 2.0), projection="3d", computed_zorder=False)
+    ax = plt.figure(figsize=(7, 4.2)).add_axes((-0.02, -0.33, 1.04, 1.66), projection="3d", computed_zorder=False)
     low, high = platform.base_joints[:, 2].mean(), platform.height + platform.platform_joints[:, 2].mean()
     radii = [np.linalg.norm(joints[:, :2], axis=1).max() for joints in (platform.base_joints, platform.platform_joints)]
     span = 1.2 * max(radii)
