@@ -1,5 +1,6 @@
 """Electrical ports: data sheets, closed forms of a single stack, the coupled FE system, fidelities, bad input."""
 
+import functools
 from dataclasses import replace
 
 import netgen.occ as occ
@@ -54,6 +55,7 @@ SHEET = {
 FIRST_VOLT = 170.0
 
 
+@functools.cache
 def make_stack(coupling="rbe3", n_modes=6, **changes):
     """A single stack between two remote points, reduced."""
     stack = PiezoStack.from_datasheet(**SHEET | changes)
