@@ -17,8 +17,11 @@ section 8.2, mode by mode; of slow modes it makes the rule of L. Fox and E. T. G
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from nassim.base.checks import Array
+from nassim.base.rigid_motion import skew
+from nassim.bodies.floating_frame import FloatingFrame
 from nassim.simulation.small_motion import Assembly
 
 FASTEST = 0.9
@@ -29,6 +32,9 @@ SAME = 1e-6
 """Relative difference of two frequencies that are one."""
 MOST = 0.6
 """Share of a modal mass that is taken away at most: masses stay positive."""
+
+SPARED = 0.9
+"""Share of the mass of a body's deformation in free flight that is taken away at most, in every position."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +95,32 @@ def compensated(assembly: Assembly, steps: Steps) -> tuple[Assembly, Array]:
         asked = np.clip(asked * wanted / np.maximum(given, wanted / 10), wanted, MOST)
         taken = _inverse(bent, asked)
     stepped = replace(damping, ratio=damping.ratio * growth)
-    return replace(assembly, damping=stepped), -damping.root.T @ taken @ damping.root
+    return replace(assembly, damping=stepped), -_borne(assembly, damping.root.T @ taken @ damping.root)
+
+
+def _borne(assembly: Assembly, taken: Array) -> Array:
+    """What of a mass bodies can spare in every position, (m, m).
+
+    However joints tie them, bodies have at least the kinetic energy of their deformation in free flight.
+    """
+    frames = [assembly.frames[body.name] for body in assembly.scene.deformable_bodies]
+    factor = np.linalg.cholesky(scipy.linalg.block_diag(np.zeros((0, 0)), *map(in_free_flight, frames)))
+    scaled = scipy.linalg.solve_triangular(
+        factor, scipy.linalg.solve_triangular(factor, taken, lower=True).T, lower=True
+    )
+    shares, axes = np.linalg.eigh(0.5 * (scaled + scaled.T))
+    weighted = factor @ axes
+    result: Array = (weighted * np.minimum(shares, SPARED)) @ weighted.T
+    return result
+
+
+def in_free_flight(frame: FloatingFrame) -> Array:
+    """Mass matrix of a body's deformation while its frame moves as that drives it, (n, n)."""
+    arm = frame.mass * skew(frame.center_of_mass)
+    rigid = np.block([[frame.mass * np.eye(3), -arm], [arm, frame.inertia]])
+    driven = np.vstack([frame.translation_flexible, -frame.position_flexible])
+    result: Array = frame.mass_matrix - driven.T @ np.linalg.solve(rigid, driven)
+    return 0.5 * (result + result.T)
 
 
 def _inverse(bent: Array, asked: Array) -> Array:
