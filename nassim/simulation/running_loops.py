@@ -38,20 +38,27 @@ def start_controller(*loops: Loop) -> Callable[[Array], tuple[Array, Array]]:
     """
     a, b, c, d = (block_diag(*(getattr(loop.controller, name) for loop in loops)) for name in "ABCD")
     state = np.zeros(len(a))
-    sees = [converter(loop.input_step, loop.input_limit) for loop in loops for _ in loop.measured]
-    puts = [converter(loop.output_step, loop.controller.limit) for loop in loops for _ in loop.driven]
-    waiting = deque(np.zeros((loops[0].controller.delay, len(puts))))
+    see = _converters([(loop.input_step, loop.input_limit) for loop in loops for _ in loop.measured])
+    put_out = _converters([(loop.output_step, loop.controller.limit) for loop in loops for _ in loop.driven])
+    waiting = deque(np.zeros((loops[0].controller.delay, len(d))))
 
     def step(measured: Array) -> tuple[Array, Array]:
         nonlocal state
-        seen = np.array([see(value) for see, value in zip(sees, measured.tolist(), strict=True)])
-        computed = (c.dot(state) + d.dot(seen)).tolist()
+        seen = see(measured)
+        waiting.append(put_out(c.dot(state) + d.dot(seen)))
         state = a.dot(state) + b.dot(seen)
-        waiting.append(np.array([put_out(value) for put_out, value in zip(puts, computed, strict=True)]))
         now = waiting.popleft()
         return now, waiting[0] if waiting else now
 
     return step
+
+
+def _converters(each: list[tuple[float, float]]) -> Callable[[Array], Array]:
+    """What converters of these resolutions and ranges make of their values."""
+    if not any(step or limit < math.inf for step, limit in each):
+        return lambda values: values
+    converters = [converter(step, limit) for step, limit in each]
+    return lambda values: np.array([of(value) for of, value in zip(converters, values.tolist(), strict=True)])
 
 
 def converter(step: float, limit: float) -> Callable[[float], float]:
