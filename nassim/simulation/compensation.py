@@ -22,6 +22,7 @@ import scipy
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import skew
 from nassim.bodies.floating_frame import FloatingFrame
+from nassim.scene.part import Follow
 from nassim.simulation.small_motion import Assembly
 
 FASTEST = 0.9
@@ -80,7 +81,8 @@ def compensated(assembly: Assembly, steps: Steps) -> tuple[Assembly, Array]:
 
     With d_j the deformation in mode j and a_j what its mass lacks, the mass is the inverse of the sum of d_j d_j^T
     over a_j: exact where only bodies deform; where springs do too it takes from no mode more than the largest a_j.
-    What modes then still lack is asked of the bodies again, as far as they bend: see `period_errors`.
+    What modes then still lack is asked of the bodies again, as far as they bend: see `period_errors`. Of scenes that
+    can leave the position in which these are their modes, free or driven, no more than bodies can spare everywhere.
     """
     damping, elastic = assembly.damping, ~assembly.free
     mass, growth = steps.factors(assembly.frequency)
@@ -94,8 +96,10 @@ def compensated(assembly: Assembly, steps: Steps) -> tuple[Assembly, Array]:
         given = (np.bincount(groups, each) / np.bincount(groups))[groups]
         asked = np.clip(asked * wanted / np.maximum(given, wanted / 10), wanted, MOST)
         taken = _inverse(bent, asked)
-    stepped = replace(damping, ratio=damping.ratio * growth)
-    return replace(assembly, damping=stepped), -_borne(assembly, damping.root.T @ taken @ damping.root)
+    taken = damping.root.T @ taken @ damping.root
+    if assembly.free.any() or assembly.scene.said(Follow):
+        taken = _borne(assembly, taken)
+    return replace(assembly, damping=replace(damping, ratio=damping.ratio * growth)), -taken
 
 
 def _borne(assembly: Assembly, taken: Array) -> Array:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy
 from conftest import lattice
 from scipy.spatial.transform import Rotation
 
@@ -132,6 +133,19 @@ def test_masses_stay_positive(link):
             assert -0.61 < change.min() <= change.max() < 1e-9
 
 
+def test_what_moves_far_has_positive_masses_everywhere(link):
+    """Two links that swing: no position takes more than 0.9 of the mass that their deformation has in free flight."""
+    scene = elbow(link, ("ffrf", "ffrf"))
+    hinge = replace(scene.joints[0], free=("rx", "ry", "rz"))
+    for step in (1e-4, 1e-2):
+        assembly = assemble(replace(scene, joints=(hinge, *scene.joints[1:])))
+        assert assembly.free.any()
+        frames = [assembly.frames[name] for name in "ab"]
+        spare = scipy.linalg.block_diag(*map(compensation.in_free_flight, frames))
+        taken = scipy.linalg.eigh(-compensated(assembly, Steps(step))[1], spare, eigvals_only=True)
+        assert -1e-9 < taken.min() < taken.max() < 0.9 + 1e-9
+
+
 def test_double_modes_have_no_axes_of_their_own(link):
     """Whichever two shapes stand for a pair of modes, the mass is the same."""
     assembly = assemble(elbow(link, ("ffrf", "ffrf"), seat=1e6))
@@ -176,7 +190,7 @@ def test_a_loop_closed_around_compensated_steps(link):
 
 
 def test_modes_of_a_spinning_elbow(link):
-    """In the turning frame, against the spinning linear model: poles within 3e-4 at 300 rpm and 14 steps a period."""
+    """In the turning frame, against the spinning linear model: poles within 1.2e-3 at 300 rpm, 14 steps a period."""
     speed = 2 * np.pi * 5
     scene = elbow(link, ("ffrf", "ffrf"), own=0.002)
     ground, a, b, block = scene.bodies
@@ -200,4 +214,4 @@ def test_modes_of_a_spinning_elbow(link):
     wanted = np.sort(model.poles().imag)
     wanted = wanted[wanted > 0][:5]
     found = poles.imag
-    assert np.all(np.min(np.abs(found[:, None] / wanted - 1), axis=0) < 3e-4)
+    assert np.all(np.min(np.abs(found[:, None] / wanted - 1), axis=0) < 1.2e-3)

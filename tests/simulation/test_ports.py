@@ -304,6 +304,7 @@ def test_dynamics_against_the_full_fe_model(apa_with_ports, apa_with_ports_conde
     assert np.allclose(found, expected, rtol=1e-3, atol=0)
 
 
+@pytest.mark.usefixtures("plain_steps")
 @pytest.mark.parametrize("resistance", [np.inf, 5e3])
 def test_fidelities_agree(apa_with_ports, resistance):
     """Both fidelities by Exudyn, with a massless row for the charge, against the exact solution and its FRF."""

@@ -73,6 +73,7 @@ def swinging_bar(bar, fidelity, free, spin, turn=IDENTITY, frame=None):
     return replace(scene, sensors=encoders("flag.pole"))
 
 
+@pytest.mark.usefixtures("plain_steps")
 @pytest.mark.parametrize(("fidelity", "frame"), [("rigid", None), ("ffrf", "left"), ("ffrf", "right")])
 def test_a_pinned_bar_turns_as_asked(bar, fidelity, frame):
     """10 rad/s for 0.5 s: 5 rad, on a circle."""
