@@ -1,17 +1,14 @@
-"""Routes through the same time that are raced against each other, and what they miss of the exact one."""
+"""The bench in longer and shorter steps, and hexapods with loops, as routes of a race."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
-from _costs import timed
+from _race import Route, simulated
 
 from models.bench import make_bench
 from models.nano_hexapod import make_nano_hexapod
 from models.strut import fe_strut, two_mass_strut
-from nassim import Loop, ReducedBody, Scene, TimeHistory, simulate
+from nassim import Loop, ReducedBody, Scene, TimeHistory
 from nassim.signals import band_limited_noise
 from nassim.systems import integral_force_feedback
 
@@ -23,47 +20,6 @@ ROUTES = {"exact": ("linear", EXACT), "linear": ("linear", "generalized_alpha"),
 
 LONGER = {"exact": 10, "linear": 1, "ffrf": 0.1}
 """How many times the steps asked for tell these routes' time from that of their start."""
-
-
-@dataclass(frozen=True)
-class Route:
-    """A way to d_e, (n_samples,); step: between samples [s]; true: name of the route that is right.
-
-    brief: the same in a few steps, whose time is not counted
-    """
-
-    work: Callable[[], Any]
-    step: float
-    true: str
-    brief: Callable[[], Any] | None = None
-
-
-def simulated(scene: Scene, excitation: TimeHistory, output: str, step: float, method: str) -> Callable[[], Any]:
-    """A simulation that gives one output."""
-    run = partial(simulate, scene, excitation, time_step=step, method=method, outputs=[output], progress=False)
-    return lambda: run()[output]
-
-
-def race(routes: Mapping[str, Route], turns: int) -> dict[str, dict[str, float]]:
-    """Figures of every route: the fastest of some turns, in which all run one after the other."""
-    whole, start, found = dict.fromkeys(routes, np.inf), dict.fromkeys(routes, np.inf), {}
-    best, figures = {}, {}
-    for _ in range(turns):
-        for name, route in routes.items():
-            begun, brief = timed(route.brief) if route.brief else ([0.0], 0.0)
-            found[name], wall = timed(route.work)
-            whole[name], start[name] = min(whole[name], wall), min(start[name], brief)
-            # Of few steps on a busy machine the start may be all that is seen.
-            best[name] = max(whole[name] - start[name], 1e-3 * wall) / (len(found[name]) - len(begun))
-    for name, route in routes.items():
-        true = found[route.true][: len(found[name])]
-        figures[name] = {
-            "us_per_step": 1e6 * best[name],
-            "steps_per_s": 1 / best[name],
-            "speed_over_real_time": route.step / best[name],
-            "encoder_error": float(np.abs(found[name] - true).max() / np.abs(true).max()),
-        }
-    return figures
 
 
 def compensated(apa: ReducedBody, steps: int) -> dict[str, Route]:

@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 from _arguments import parser, run, whole
+from _race import Route, race, simulated
 from _report import print_report, print_table, rows_of, with_prefix
 from _results import write_summary
-from _stepping_rows import Route, compensated, hexapods, race, simulated
+from _stepping_rows import compensated, hexapods
 from _usual_construction import STEP, usual_construction
 
 from models.apa300ml import reduced_apa300ml

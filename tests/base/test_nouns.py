@@ -44,8 +44,10 @@ NOT_DATA = {
     # what one computation keeps for itself, and no user is given
     *(
         "Amplifier",
+        "CADBody",
         "Carrier",
         "Cell",
+        "Charge",
         "Circuit",
         "ClosedSteps",
         "CompressedLines",
