@@ -42,7 +42,7 @@ def hexapods(apa: ReducedBody, steps: int) -> dict[str, Route]:
     result = {}
     for count in (2, 4, 6):
         for name, (fidelity, method) in ROUTES.items():
-            scene, n = _hexapod(apa, count, fidelity), round(steps * LONGER[name])
+            scene, n = _hexapod(apa, count, fidelity), max(100, round(steps * LONGER[name]))
             forces = [word for word in scene.inputs if word.startswith("payload")]
             values = np.outer([word == "payload_force_z" for word in forces], pushes.values[0])
             units = tuple(map(scene.input_unit, forces))
@@ -54,7 +54,7 @@ def hexapods(apa: ReducedBody, steps: int) -> dict[str, Route]:
                     STEP,
                     method,
                 )
-                for samples in (n + 1, n // 5 + 1)
+                for samples in (n + 1, max(n // 5, 40) + 1)
             )
             result[f"{count} struts {name}"] = Route(work, STEP, f"{count} struts {EXACT}", brief)
     return result
