@@ -37,6 +37,9 @@ MOST = 0.6
 SPARED = 0.9
 """Share of the mass of a body's deformation in free flight that is taken away at most, in every position."""
 
+MASSLESS = 1e-12
+"""Share of the largest below which an inertia is rounding."""
+
 
 @dataclass(frozen=True)
 class Steps:
@@ -85,6 +88,8 @@ def compensated(assembly: Assembly, steps: Steps) -> tuple[Assembly, Array]:
     can leave the position in which these are their modes, free or driven, no more than bodies can spare everywhere.
     """
     damping, elastic = assembly.damping, ~assembly.free
+    if not damping.root.size or not elastic.any():
+        return assembly, np.zeros_like(damping.root)
     mass, growth = steps.factors(assembly.frequency)
     wanted, bent = 1 - mass[elastic], damping.root @ damping.deformation @ assembly.shapes[:, elastic]
     asked, taken = wanted, _inverse(bent, wanted)
@@ -108,12 +113,14 @@ def _borne(assembly: Assembly, taken: Array) -> Array:
     However joints tie them, bodies have at least the kinetic energy of their deformation in free flight.
     """
     frames = [assembly.frames[body.name] for body in assembly.scene.deformable_bodies]
-    factor = np.linalg.cholesky(scipy.linalg.block_diag(np.zeros((0, 0)), *map(in_free_flight, frames)))
-    scaled = scipy.linalg.solve_triangular(
-        factor, scipy.linalg.solve_triangular(factor, taken, lower=True).T, lower=True
-    )
-    shares, axes = np.linalg.eigh(0.5 * (scaled + scaled.T))
-    weighted = factor @ axes
+    spare = scipy.linalg.block_diag(*map(in_free_flight, frames))
+    scale = np.sqrt(np.maximum(np.diag(spare), np.finfo(float).tiny))
+    sizes, axes = np.linalg.eigh(spare / np.outer(scale, scale))
+    heavy = sizes > MASSLESS
+    factor = scale[:, None] * axes[:, heavy] * np.sqrt(sizes[heavy])
+    inverse = axes[:, heavy] / scale[:, None] / np.sqrt(sizes[heavy])
+    shares, turn = np.linalg.eigh(inverse.T @ taken @ inverse)
+    weighted = factor @ turn
     result: Array = (weighted * np.minimum(shares, SPARED)) @ weighted.T
     return result
 
@@ -123,7 +130,7 @@ def in_free_flight(frame: FloatingFrame) -> Array:
     arm = frame.mass * skew(frame.center_of_mass)
     rigid = np.block([[frame.mass * np.eye(3), -arm], [arm, frame.inertia]])
     driven = np.vstack([frame.translation_flexible, -frame.position_flexible])
-    result: Array = frame.mass_matrix - driven.T @ np.linalg.solve(rigid, driven)
+    result: Array = frame.mass_matrix - driven.T @ np.linalg.pinv(rigid, rcond=MASSLESS, hermitian=True) @ driven
     return 0.5 * (result + result.T)
 
 

@@ -142,7 +142,7 @@ def _solved(part: tuple[Array, Array, Array], points: Array) -> Array:
     """C (s - A)^-1 B by a solve per point, (outputs * inputs, n)."""
     a, b, c = part
     try:
-        states = np.linalg.solve(points[:, None, None] * np.eye(len(a)) - a, b.astype(complex))
+        states = np.linalg.solve(points[:, None, None] * np.eye(len(a)) - a, b.astype(complex)[None])
     except np.linalg.LinAlgError:
         return np.full((len(c) * b.shape[1], len(points)), np.inf + 0j)
     return (c @ states).reshape(len(points), -1).T
