@@ -132,7 +132,7 @@ class _Motion:
     def about(cls, equations: _Equations, x: Array) -> "_Motion":
         mass, left = equations.mass(x), equations.left(x)
         violations, rows = equations.constraints(x)
-        multipliers = np.linalg.lstsq(rows.T, -left)[0]
+        multipliers = np.linalg.lstsq(rows.T, -left, rcond=None)[0]
 
         def borne(x: Array) -> Array:
             violations, rows = equations.constraints(x)
@@ -142,7 +142,9 @@ class _Motion:
         stiffness, opens = -slopes[: len(x)], slopes[len(x) :]
         free = scipy.linalg.null_space(rows) if len(rows) else np.eye(len(x))
         own = free.T @ stiffness @ free
-        squares, shapes = scipy.linalg.eigh(0.5 * (own + own.T), free.T @ mass @ free)
+        squares, shapes = np.zeros(0), np.zeros((0, 0))
+        if own.size:  # SciPy before 1.14 takes no empty matrix
+            squares, shapes = scipy.linalg.eigh(0.5 * (own + own.T), free.T @ mass @ free)
         tests = free @ shapes
         closes = np.linalg.pinv(opens)
         allowed, back = tests - closes @ (opens @ tests), -closes @ violations
