@@ -158,7 +158,9 @@ def test_every_name_at_a_door_exists(name):
     check_door(name)
 
 
-@pytest.mark.parametrize("name", [f"nassim.{w}" for w in ("fem", "scene", "exchange", "simulation", "identification")])
+@pytest.mark.parametrize(
+    "name", [f"nassim.{w}" for w in ("fem", "scene", "exchange", "simulation", "identification", "plotting")]
+)
 def test_every_name_at_an_upper_door_exists(name):
     check_door(name)
 
