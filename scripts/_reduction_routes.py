@@ -91,4 +91,5 @@ def beside_exudyn(route: str, size: float, curvature: float) -> dict[str, Any]:
         model = full_model(reduction, solid)
         found = clamped_eigenfrequencies(reduction, model)
     full = full_eigenfrequencies(condense(model), fixed=["bottom"], n=10)
-    return {"nodes": model.n_dofs // 3, "error": float(np.abs(found[:10] / full - 1).max()), **cost}
+    errors = found[:10] / full - 1
+    return {"nodes": model.n_dofs // 3, "error": float(np.abs(errors).max()), "errors": errors.tolist(), **cost}

@@ -289,7 +289,7 @@ def test_scripts_stay_short(path):
         (
             "benchmark_stepping.py",
             ["--steps", "200", "--turns", "1"],
-            ["ffrf_us_per_step", "exact_speed_over_ffrf", "trimmed_frf_error"],
+            ["ffrf_limit_us_per_step", "exact_speed_over_peer", "exact_speed_over_ffrf", "trimmed_frf_error"],
             [],
         ),
         (
@@ -341,6 +341,44 @@ def test_import_body_refuses_in_words(tmp_path):
     assert result.returncode == 2
     assert "bad.mat: damaged or of another format" in result.stderr
     assert "Traceback" not in result.stderr
+
+
+def test_a_race_tells_limits_peers_and_differences(script, monkeypatch):
+    """Routes whose times a clock of their own counts: 4 steps in 8 s, with 2 s of start in 3 s; the peer in 40 s."""
+    races = script("_race")
+    clock = SimpleNamespace(now=0.0)
+
+    def work(seconds, result):
+        def run():
+            clock.now += seconds
+            return np.array(result)
+
+        return run
+
+    def timed(work):
+        before = clock.now
+        return work(), clock.now - before
+
+    monkeypatch.setattr(races, "timed", timed)
+    ours = races.Route(
+        work(8.0, [0, 1, 2, 3, 4.4]), 0.25, "true", work(3.0, [0, 1]), limit=work(2.0, []), peer="theirs"
+    )
+    routes = {
+        "ours": ours,
+        "theirs": races.Route(work(40.0, [0, 1, 1.5]), 0.25, "true"),
+        "true": races.Route(work(1.0, [0, 1, 2, 3, 4]), 0.25, "true"),
+    }
+    found = races.race(routes, turns=2)
+    row = found["ours"]
+    assert row["us_per_step"] == pytest.approx(5e6 / 3)
+    assert row["speed_over_real_time"] == pytest.approx(0.15)
+    assert row["limit_us_per_step"] == pytest.approx(0.5e6)
+    assert row["peer_us_per_step"] == pytest.approx(20e6)
+    assert row["speed_over_peer"] == pytest.approx(12.0)
+    assert row["difference"] == pytest.approx(0.5 / 1.5)
+    assert row["encoder_error"] == pytest.approx(0.1)
+    assert found["theirs"]["limit_us_per_step"] is found["true"]["difference"] is None
+    assert found["theirs"]["encoder_error"] == pytest.approx(0.25)
 
 
 def test_spectra_of_a_file_and_assumed_ones(script, tmp_path):
