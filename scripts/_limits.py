@@ -1,4 +1,4 @@
-"""What simulations cannot do without: Exudyn's own steps, and the product of matrices in which exact ones go."""
+"""What nassim's work cannot do without: Exudyn's own steps, products of matrices, solves with unknowns held."""
 
 from collections.abc import Callable
 from functools import partial
@@ -7,7 +7,8 @@ from typing import Any
 import exudyn as exu
 import numpy as np
 
-from nassim import Scene
+from nassim import FEModel, Scene
+from nassim.fem.condensation import expanded_dofs
 from nassim.simulation import assemble
 from nassim.simulation.compensation import Steps
 from nassim.simulation.exudyn.state import find_accelerations
@@ -41,3 +42,8 @@ def bare_product(states: int, inputs: int, outputs: int, samples: int) -> Callab
     """The product that makes outputs, block by block, of the states when each begins and of its inputs."""
     given = states + BLOCK * inputs
     return partial(np.matmul, np.ones((-(-samples // BLOCK), given)), np.ones((given, BLOCK * outputs)))
+
+
+def held_unknowns(model: FEModel) -> np.ndarray:
+    """What nassim's route holds at zero while it solves, indices."""
+    return np.unique(np.concatenate([expanded_dofs(coupling, model.n_dofs) for coupling in model.couplings]))
