@@ -47,6 +47,9 @@ from .time_domain import (
     simulate as simulate,
 )
 from .time_domain import (
+    simulate_motion as simulate_motion,
+)
+from .time_domain import (
     static_response as static_response,
 )
 from .trimming import (
