@@ -25,6 +25,9 @@ from .linearization import (
 from .linearization import (
     state_space as state_space,
 )
+from .recording import (
+    traced as traced,
+)
 from .scene_body import (
     reduce_scene as reduce_scene,
 )

@@ -1,17 +1,17 @@
 """How the bodies of a scene move in a run, kept at some of its steps, on the coordinates that its reduced bodies have.
 
-What simulates may know a body by fewer coordinates than it has, see `trim_scene`. A body that is traced carries along
-what its own are of those.
+What simulates may know a body by fewer coordinates than it has, see `trim_scene`; a `Trace` then tells what those mean
+for the body's own.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array, finite_array
-from nassim.bodies.readouts import of_kind
+from nassim.bodies.readouts import Trace, of_kind
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
 from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
@@ -19,21 +19,6 @@ from nassim.simulation.small_motion import Assembly
 
 Pose = tuple[Array, Array]
 """Of a body's own frame at n times: places (n, 3) [m], rotations to the world's axes (n, 3, 3)."""
-
-
-@dataclass(frozen=True)
-class _Trace:
-    """A read-out of a reduced body: the coordinates of the one that it was made from, (n_original, n) per own one."""
-
-    rows: Array
-    name: str = "coordinates of the untrimmed body"
-
-    @property
-    def n_coordinates(self) -> int:
-        return self.rows.shape[1]
-
-    def projected(self, change: Array) -> "_Trace":
-        return replace(self, rows=self.rows @ change)
 
 
 def frame_steps(frames: int | Array, n_steps: int, time_step: float) -> Array:
@@ -58,16 +43,19 @@ def frame_steps(frames: int | Array, n_steps: int, time_step: float) -> Array:
 
 
 def traced(scene: Scene) -> Scene:
-    """The scene with reduced bodies that trace their coordinates, for `recorded_motion` of what is modelled."""
+    """The scene with reduced bodies that remember their coordinates, however they are trimmed.
+
+    `simulate_motion` gives motion on these: of a machine whose parts were traced, then trimmed to be fast, the motion
+    of the same machine with its parts whole, which have surfaces to be looked at.
+    """
     return replace(scene, bodies=tuple(map(_traced, scene.bodies)))
 
 
 def _traced(body: Body) -> Body:
-    if isinstance(body, RigidBody):
+    if isinstance(body, RigidBody) or of_kind(body.reduced.readouts, Trace):
         return body
-    trace = _Trace(np.eye(len(body.reduced.mass_matrix)))
-    readouts = {**body.reduced.readouts, trace.name: trace}
-    return replace(body, reduced=replace(body.reduced, readouts=readouts))
+    trace = Trace(np.eye(len(body.reduced.mass_matrix)))
+    return replace(body, reduced=replace(body.reduced, readouts={**body.reduced.readouts, trace.name: trace}))
 
 
 def recorded_motion(
@@ -91,6 +79,6 @@ def recorded_motion(
                 places[body.name] = body.position + own[:, :3]
                 turns[body.name] = Rotation.from_rotvec(own[:, 3:]).as_matrix() @ body.rotation
         if isinstance(body, FlexibleBody):
-            (trace,) = of_kind(body.reduced.readouts, _Trace)
+            (trace,) = of_kind(body.reduced.readouts, Trace)
             originals[body.name] = np.zeros((len(time), len(trace.rows))) if own is None else own @ trace.rows.T
     return Motion(time, places, turns, originals)

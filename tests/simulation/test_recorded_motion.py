@@ -1,6 +1,6 @@
 """How bodies move, kept in a run: against what the sensors of that run read, integrations by hand and each other."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -22,11 +22,13 @@ from nassim import (
     craig_bampton,
     simulate,
     simulate_motion,
+    trim_scene,
 )
 from nassim.bodies import trim_body
 from nassim.scene import Drive, point_motion
 from nassim.scene.joints import prismatic, revolute, spherical
 from nassim.scene.part import Filter, Reading, Row, Sensor
+from nassim.simulation import traced
 
 
 def turn(*vector):
@@ -137,6 +139,17 @@ def test_motion_in_floating_frames_is_what_encoders_read(soft, soft_end, cutoff,
     check_sensors(scene, record, motion, within=1e-9)
     moves = np.ptp(motion.positions["upper"], axis=0).max()
     assert moves == 0 if fidelities[1] == "linear" else moves > 1e-8
+
+
+def test_parts_trimmed_before_may_remember_what_they_were(soft):
+    """Motion of the machine as it was drawn with whole bodies, told by one that was trimmed."""
+    whole = tower(soft, ("linear", "linear"))
+    trimmed = trim_scene(traced(replace(whole, cutoff_frequency=1000.0)))
+    n = len(soft.mass_matrix)
+    assert all(len(body.reduced.mass_matrix) < n for body in trimmed.flexible_bodies)
+    record, motion = run_tower(trimmed, method="exact")
+    assert {rows.shape[1] for rows in motion.coordinates.values()} == {n}
+    check_sensors(whole, record, motion, within=1e-4)
 
 
 def test_methods_agree_on_all_points_of_a_surface(soft):
