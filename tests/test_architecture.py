@@ -162,7 +162,7 @@ def test_every_name_at_a_door_exists(name):
 
 
 @pytest.mark.parametrize(
-    "name", [f"nassim.{w}" for w in ("fem", "scene", "exchange", "simulation", "identification", "studies")]
+    "name", [f"nassim.{w}" for w in ("fem", "scene", "exchange", "simulation", "identification", "studies", "plotting")]
 )
 def test_every_name_at_an_upper_door_exists(name):
     check_door(name)
