@@ -2,8 +2,8 @@
 
 Every run but those of the executor "serial" happens in a child of whoever carries it out: this process, or a worker of
 a cluster. So all have one thread and one environment, whatever the executor, and a run that hangs or crashes takes
-nobody with it. Children are started anew (never forked: NGSolve would hang), are given the function once, and leave when
-their parent does, when they have had nothing to do for a minute, or when they are killed.
+nobody with it. Children are started anew (never forked: NGSolve would hang), are given the function once, and leave
+when their parent does, when they have had nothing to do for a minute, or when they are killed.
 """
 
 import contextlib

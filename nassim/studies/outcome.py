@@ -59,5 +59,3 @@ class Task:
         empty = [name for name, numbers in layout.arrays(data).items() if np.isnan(numbers).any()]
         status, message = (DIVERGED, f"there is NaN in {', '.join(empty)}"[:LONGEST_MESSAGE]) if empty else (OK, "")
         return Outcome(status, message, "", wall_time, layout, data)
-
-

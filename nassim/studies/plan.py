@@ -1,4 +1,4 @@
-"""The runs of a study: every combination of a grid, or row by row; each with a name that follows from its parameters."""
+"""The runs of a study: every combination of a grid, or row by row; each has a name by its parameters."""
 
 import hashlib
 import itertools

@@ -86,7 +86,9 @@ class Records:
                     break
                 self._enter(entry)
             except (ValueError, LookupError, TypeError) as error:
-                raise ValueError(f"line {number} of {MANIFEST} is damaged ({error}); remove it, and its run is repeated")
+                raise ValueError(
+                    f"line {number} of {MANIFEST} is damaged ({error}); remove it, and its run is repeated"
+                )
             end += len(line)
         self._manifest.truncate(end)
 
@@ -174,7 +176,9 @@ def _check_study(folder: Path, study: dict[str, Any]) -> None:
         if others := sorted(p.name for p in folder.iterdir() if p.name != LOCK and not p.name.startswith("nassim-")):
             raise ValueError(f"{folder} is no folder of a study: it holds {', '.join(others[:5])}; give a new one")
         with written_whole(path) as temporary:
-            temporary.write_text(json.dumps({"format": FORMAT, **study, "code": code}, indent=2) + "\n", encoding="utf-8")
+            temporary.write_text(
+                json.dumps({"format": FORMAT, **study, "code": code}, indent=2) + "\n", encoding="utf-8"
+            )
         return
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
