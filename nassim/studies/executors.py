@@ -3,7 +3,7 @@
 import os
 import pickle
 import queue
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, ThreadPoolExecutor
 from contextlib import contextmanager
 from hashlib import sha256
@@ -19,7 +19,7 @@ IN_FLIGHT = 1000
 """Runs that are submitted at a time: more than most clusters have workers, and little memory."""
 Requests = Iterable[tuple[str, dict[str, Any]]]
 """Names of runs, and what the function is called with."""
-Outcomes = Iterator[tuple[str, Outcome]]
+Outcomes = Generator[tuple[str, Outcome], None, None]
 
 
 def one_by_one(task: Task, requests: Requests) -> Outcomes:

@@ -154,11 +154,14 @@ def _identify(function: Function, inputs: dict[str, str], seen: set[int]) -> str
         key = name if name not in inputs else f"{name} of {label(function)}"
         inputs[key] = _identify(value, inputs, seen) if isinstance(value, FunctionType) else _content(value)
     base = function.func if isinstance(function, functools.partial) else function
-    base = base if isinstance(base, type) or hasattr(base, "__code__") else type(base)
+    base = getattr(base, "__func__", base)
+    code = getattr(base, "__code__", None)
     try:
-        text = ast.dump(ast.parse(textwrap.dedent(inspect.getsource(base))))
+        text = ast.dump(
+            ast.parse(textwrap.dedent(inspect.getsource(base if code or isinstance(base, type) else type(base))))
+        )
     except (OSError, TypeError, SyntaxError):  # of a console, or a lambda in the middle of a line
-        text = repr(_code(base.__code__)) if hasattr(base, "__code__") else label(base)
+        text = repr(_code(code)) if code else label(base)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

@@ -56,7 +56,7 @@ class Records:
         layout = outcome.layout.digest() if outcome.layout else ""
         if outcome.layout and layout not in self.layouts:
             self.layouts[layout] = outcome.layout
-            self._write({"layout": layout, **asdict_of(outcome.layout)})
+            self._write({"layout": layout, **as_json(outcome.layout)})
         offset = self._results.seek(0, os.SEEK_END)
         self._results.write(outcome.data)
         self._results.flush()
@@ -86,9 +86,8 @@ class Records:
                     break
                 self._enter(entry)
             except (ValueError, LookupError, TypeError) as error:
-                raise ValueError(
-                    f"line {number} of {MANIFEST} is damaged ({error}); remove it, and its run is repeated"
-                )
+                problem = f"line {number} of {self._manifest.name} is damaged ({error})"
+                raise ValueError(f"{problem}; remove that line, and its run is repeated") from error
             end += len(line)
         self._manifest.truncate(end)
 
@@ -125,7 +124,7 @@ class Records:
         self._forced = time.monotonic()
 
 
-def asdict_of(layout: Layout) -> dict[str, Any]:
+def as_json(layout: Layout) -> dict[str, Any]:
     """A layout as JSON knows it."""
     return {
         "quantities": {name: asdict(quantity) for name, quantity in layout.quantities.items()},
@@ -134,7 +133,7 @@ def asdict_of(layout: Layout) -> dict[str, Any]:
 
 
 def layout_of(entry: dict[str, Any]) -> Layout:
-    """The layout that `asdict_of` wrote."""
+    """The layout that `as_json` wrote."""
     quantities = {
         name: Quantity(tuple(q["dims"]), tuple(q["shape"]), q["complex"]) for name, q in entry["quantities"].items()
     }
@@ -176,9 +175,8 @@ def _check_study(folder: Path, study: dict[str, Any]) -> None:
         if others := sorted(p.name for p in folder.iterdir() if p.name != LOCK and not p.name.startswith("nassim-")):
             raise ValueError(f"{folder} is no folder of a study: it holds {', '.join(others[:5])}; give a new one")
         with written_whole(path) as temporary:
-            temporary.write_text(
-                json.dumps({"format": FORMAT, **study, "code": code}, indent=2) + "\n", encoding="utf-8"
-            )
+            text = json.dumps({"format": FORMAT, **study, "code": code}, indent=2)
+            temporary.write_text(f"{text}\n", encoding="utf-8")
         return
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
@@ -189,8 +187,8 @@ def _check_study(folder: Path, study: dict[str, Any]) -> None:
         raise ValueError(f"{folder} holds another study: {'; '.join(differences)}. Give this one a folder of its own")
     if found.get("code") != code:
         warn(
-            f"the runs in {folder} were computed by another version of nassim or of the libraries beneath; they are not "
-            "repeated (a new folder would do so)",
+            f"the runs in {folder} were computed by another version of nassim or of the libraries beneath; they are "
+            "not repeated (a new folder would do so)",
             stacklevel=4,
         )
 

@@ -78,8 +78,8 @@ def flattened(result: Any, taken: Collection[str]) -> tuple[Layout, bytes]:
     taken: names of parameters, which no result and no dimension may have
 
     A number or an array alone is called "result", an FRF "frf", a history "history". Dimensions of arrays are called
-    after them, `name_0`, `name_1`; those of FRFs `output`, `input`, `frequency`, of histories `signal`, `time`, with the
-    name before where another result of the run has them otherwise. All numbers become float64 or complex128. Raises
+    after them, `name_0`, `name_1`; those of FRFs `output`, `input`, `frequency`, of histories `signal`, `time`, with
+    the name before where another result of the run has them otherwise. All numbers become float64 or complex128. Raises
     TypeError for other kinds, ValueError for names that are taken.
     """
     named = result if isinstance(result, Mapping) else {_default_name(result): result}
@@ -93,19 +93,22 @@ def flattened(result: Any, taken: Collection[str]) -> tuple[Layout, bytes]:
             raise ValueError(f"a result may not be called {name!r}: names are texts, and no parameter's nor {OWN}")
         arrays, labels = _parts(name, value)
         renamed = _merge(axes, labels, name, {*taken, *OWN, *named})
-        for part, (dims, numbers) in arrays.items():
-            kind = np.iscomplexobj(numbers)
-            numbers = np.asarray(numbers, "<c16" if kind else "<f8", order="C")
+        for part, (dims, array) in arrays.items():
+            kind = np.iscomplexobj(array)
+            numbers = np.asarray(array, "<c16" if kind else "<f8", order="C")
             quantities[part] = Quantity(tuple(renamed.get(d, d) for d in dims), numbers.shape, kind)
             data.append(numbers.tobytes())
     return Layout(quantities, axes), b"".join(data)
+
+
+_Arrays = dict[str, tuple[tuple[str, ...], Array]]
 
 
 def _default_name(result: Any) -> str:
     return {FRF: "frf", TimeHistory: "history"}.get(type(result), "result")
 
 
-def _parts(name: str, value: Any) -> tuple[dict[str, tuple[tuple[str, ...], Array]], dict[str, Axis]]:
+def _parts(name: str, value: Any) -> tuple[_Arrays, dict[str, Axis]]:
     """Arrays of one result with the names of their dimensions, and the axes of these."""
     if isinstance(value, FRF):
         axes = {
@@ -113,7 +116,7 @@ def _parts(name: str, value: Any) -> tuple[dict[str, tuple[tuple[str, ...], Arra
             "input": Axis("input", value.inputs),
             "frequency": Axis("frequency", tuple(value.frequency.tolist()), "Hz"),
         }
-        arrays = {name: (("output", "input", "frequency"), value.values)}
+        arrays: _Arrays = {name: (("output", "input", "frequency"), value.values)}
         if value.coherence is not None:
             arrays[f"{name}_coherence"] = (("output", "frequency"), value.coherence)
         return arrays, axes
@@ -127,8 +130,8 @@ def _parts(name: str, value: Any) -> tuple[dict[str, tuple[tuple[str, ...], Arra
     numbers = np.asarray(value)
     if numbers.dtype.kind not in "biufc":
         raise TypeError(
-            f"{name!r} is a {type(value).__name__}; a function of a study returns a number, an array of numbers, an FRF, "
-            "a TimeHistory, or a mapping of names to these"
+            f"{name!r} is a {type(value).__name__}; a function of a study returns a number, an array of numbers, an "
+            "FRF, a TimeHistory, or a mapping of names to these"
         )
     return {name: (tuple(f"{name}_{i}" for i in range(numbers.ndim)), numbers)}, {}
 

@@ -73,7 +73,7 @@ def sweep(
     place = None if folder is None else Path(folder)
     with opened(place, identity(job) if place else {}) as records:
         _run_all(plan, job, records, carry_out, repeated, place, progress)
-        attributes = {"function": label(function), "plan": plan.label}
+        attributes: dict[str, Any] = {"function": label(function), "plan": plan.label}
         attributes |= {} if job.seed is None else {"seed": job.seed}
         return to_dataset(plan, records, frozen_mapping(units), attributes)
 
@@ -82,9 +82,7 @@ def _carrier(job: Job, executor: Any, time_limit: float | None, n_processes: int
     """What carries out the runs; checks what it is told."""
     limit = None if time_limit is None else positive("time_limit", time_limit, "s")
     if n_processes is not None and (executor is not None or int(n_processes) != n_processes or n_processes < 1):
-        raise ValueError(
-            f"n_processes is a whole number of processes on this machine, without executor; got {n_processes}"
-        )
+        raise ValueError(f"n_processes is a whole number of processes here, without executor=; got {n_processes}")
     if executor == SERIAL and isinstance(executor, str):
         if limit is not None:
             raise ValueError('runs of executor="serial" happen in this process, which nobody stops: no time_limit')
@@ -131,9 +129,7 @@ def _run_all(
                 n_done += 1
                 advance()
     except KeyboardInterrupt:
-        kept = (
-            f"they are in {folder}, and the same call goes on from there" if folder else "without folder= they are lost"
-        )
+        kept = f"the same call goes on from {folder}" if folder else "without folder= they are lost"
         raise KeyboardInterrupt(f"stopped after {n_done} of {n_waiting} runs; {kept}") from None
     finally:
         outcomes.close()
