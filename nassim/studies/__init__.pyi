@@ -1,3 +1,6 @@
 from .samples import (
     Samples as Samples,
 )
+from .sweeping import (
+    sweep as sweep,
+)
