@@ -39,6 +39,7 @@ HOMES = {
     "ngsolve": {"nassim.fem"},
     "pyuff": {"nassim.signals.uff"},
     "tqdm": {"nassim.base.progress"},
+    "xarray": {"nassim.studies"},
 }
 """The rooms, or the wing, that a library may be imported in."""
 LIBRARIES = {*HOMES, "numpy", "scipy", "mpl_toolkits", "psutil", "pypardiso", "cvxopt", "threadpoolctl"}
