@@ -36,6 +36,7 @@ NOUNS: dict[str, str] = {
     "Margins": "nassim.systems.feedback",
     "Material": "nassim.fem.materials",
     "ModalFit": "nassim.identification.modal_fit",
+    "Motion": "nassim.scene.motion",
     "NearestTo": "nassim.fem.solid",
     "NoiseBudget": "nassim.systems.noise_budget",
     "OnPlane": "nassim.fem.solid",

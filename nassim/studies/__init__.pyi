@@ -17,5 +17,11 @@ from .sensitivity import (
     correlations as correlations,
 )
 from .sensitivity import (
+    linear_effects as linear_effects,
+)
+from .sensitivity import (
     sobol_indices as sobol_indices,
+)
+from .sweeping import (
+    sweep as sweep,
 )

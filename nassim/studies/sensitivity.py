@@ -4,25 +4,27 @@ Both take what `sweep` gives of samples: parameters as coordinates along "run", 
 """
 
 from collections.abc import Hashable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy
-import xarray as xr
 
 from nassim.base.checks import Array, known
+from nassim.studies.results import OWN, RUN
 from nassim.studies.samples import Samples
 
-OWN = ("run", "status", "message", "wall_time")
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 def sobol_indices(
-    dataset: xr.Dataset,
+    dataset: "xr.Dataset",
     *,
     results: Sequence[str] | None = None,
     confidence: float = 0.95,
     n_resamples: int = 500,
     seed: int = 0,
-) -> xr.Dataset:
+) -> "xr.Dataset":
     """Which share of a result's variance each parameter brings, of a study on `saltelli_points`.
 
     results: names (default: all of one number a run); confidence: of the intervals, percentiles of a bootstrap of
@@ -59,10 +61,10 @@ def sobol_indices(
         variables[kind] = (("result", "parameter"), estimate)
         variables[f"{kind}_interval"] = (("result", "parameter", "bound"), interval)
     axes = {"result": list(values), "parameter": list(parameters.names), "bound": ["low", "high"]}
-    return xr.Dataset(variables, axes, {"confidence": confidence, "n": n})
+    return _labelled(variables, axes, confidence=confidence, n=n)
 
 
-def correlations(dataset: xr.Dataset, *, results: Sequence[str] | None = None) -> xr.Dataset:
+def correlations(dataset: "xr.Dataset", *, results: Sequence[str] | None = None) -> "xr.Dataset":
     """How results go along with parameters: `pearson` in proportion, `spearman` by rank, over (result, parameter).
 
     Runs without a result are left out for that result; `n_runs` of them are counted, over result. What does not vary
@@ -83,7 +85,54 @@ def correlations(dataset: xr.Dataset, *, results: Sequence[str] | None = None) -
         rows["spearman"].append(_cosines(scipy.stats.rankdata(x, axis=0), scipy.stats.rankdata(y)))
     variables = {kind: (("result", "parameter"), np.array(row)) for kind, row in rows.items()}
     axes = {"result": list(values), "parameter": list(parameters.names)}
-    return xr.Dataset({**variables, "n_runs": ("result", counts)}, axes)
+    return _labelled({**variables, "n_runs": (("result",), np.array(counts))}, axes)
+
+
+def linear_effects(
+    dataset: "xr.Dataset", *, results: Sequence[str] | None = None, coverage: float = 0.9
+) -> "xr.Dataset":
+    """How far results move while one parameter goes through its range, by the plane that fits best.
+
+    results: names (default: all of one number a run); coverage: share of a parameter's values that its range holds, as
+        many left out below as above
+
+    Returns over (result, parameter) `effect`, the change from the range's lower to its upper end, in the result's unit;
+    over result `mean`, of the runs, and `explained`, the share of the variance that the plane leaves no doubt of [-]:
+    far below one, look at `sobol_indices`. Runs without a result are left out for that result.
+
+    Raises ValueError for unknown results, and where fewer runs than two more than parameters have a result.
+    """
+    if not 0 < coverage <= 1:
+        raise ValueError(f"coverage must lie in 0 ... 1 (0 excluded), got {coverage:g}")
+    parameters, values = _parameters(dataset), _results(dataset, results)
+    ends = np.quantile(parameters.values, [0.5 - 0.5 * coverage, 0.5 + 0.5 * coverage], axis=0)
+    centre, spread = parameters.values.mean(axis=0), parameters.values.std(axis=0)
+    design = (parameters.values - centre) / np.where(spread > 0, spread, 1.0)
+    figures: dict[str, list[Any]] = {"effect": [], "mean": [], "explained": []}
+    for name, value in values.items():
+        there = np.isfinite(value)
+        if there.sum() < len(parameters.names) + 2:
+            raise ValueError(
+                f"{there.sum()} runs have a result {name!r}; for {len(parameters.names)} parameters a plane needs "
+                f"{len(parameters.names) + 2}"
+            )
+        columns = np.column_stack([np.ones(there.sum()), design[there]])
+        slopes = np.linalg.lstsq(columns, value[there])[0]
+        figures["effect"].append(slopes[1:] * (ends[1] - ends[0]) / np.where(spread > 0, spread, 1.0))
+        figures["mean"].append(value[there].mean())
+        left = np.var(value[there] - columns @ slopes)
+        figures["explained"].append(1 - left / np.var(value[there]) if np.ptp(value[there]) > 0 else np.nan)
+    axes = {"result": list(values), "parameter": list(parameters.names)}
+    dims = {"effect": ("result", "parameter"), "mean": ("result",), "explained": ("result",)}
+    return _labelled({key: (dims[key], np.array(rows)) for key, rows in figures.items()}, axes, coverage=coverage)
+
+
+def _labelled(
+    variables: Mapping[str, tuple[tuple[str, ...], Array]], axes: Mapping[str, list[str]], **attributes: float
+) -> "xr.Dataset":
+    import xarray as xr  # noqa: PLC0415 -- of the extra `studies`
+
+    return xr.Dataset(variables, axes, attributes)
 
 
 def _shares(a: Array, b: Array, mixed: Array) -> tuple[Array, Array]:
@@ -117,7 +166,7 @@ def _cosines(x: Array, y: Array) -> Array:
     return np.array(directions[1:]) @ directions[0]
 
 
-def _parameters(dataset: xr.Dataset) -> Samples:
+def _parameters(dataset: "xr.Dataset") -> Samples:
     names = _along_runs(dataset.coords)
     if not names:
         raise ValueError(
@@ -126,7 +175,7 @@ def _parameters(dataset: xr.Dataset) -> Samples:
     return Samples(names, np.column_stack([dataset[name].values for name in names]))
 
 
-def _results(dataset: xr.Dataset, names: Sequence[str] | None) -> Mapping[str, Array]:
+def _results(dataset: "xr.Dataset", names: Sequence[str] | None) -> Mapping[str, Array]:
     """Results of one number a run, (n_runs,), by name; all of them for None."""
     found = {name: dataset[name].values.astype(float) for name in _along_runs(dataset.data_vars)}
     if not found:
@@ -136,7 +185,7 @@ def _results(dataset: xr.Dataset, names: Sequence[str] | None) -> Mapping[str, A
     }
 
 
-def _along_runs(variables: Mapping[Hashable, xr.DataArray]) -> tuple[str, ...]:
+def _along_runs(variables: "Mapping[Hashable, xr.DataArray]") -> tuple[str, ...]:
     """Names of the numbers that a function took or gave, one a run."""
-    numbers = {str(name) for name, axis in variables.items() if axis.dims == ("run",) and axis.dtype.kind in "fiu"}
+    numbers = {str(name) for name, axis in variables.items() if axis.dims == (RUN,) and axis.dtype.kind in "fiu"}
     return tuple(name for name in map(str, variables) if name in numbers - set(OWN))
