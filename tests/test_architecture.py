@@ -24,6 +24,7 @@ FLOORS = (
     {"scene", "exchange"},
     {"simulation"},
     {"identification"},
+    {"studies"},
     {"plotting"},
 )
 """Wings from the ground up; those of one floor do not import each other."""
@@ -158,7 +159,9 @@ def test_every_name_at_a_door_exists(name):
     check_door(name)
 
 
-@pytest.mark.parametrize("name", [f"nassim.{w}" for w in ("fem", "scene", "exchange", "simulation", "identification")])
+@pytest.mark.parametrize(
+    "name", [f"nassim.{w}" for w in ("fem", "scene", "exchange", "simulation", "identification", "studies", "plotting")]
+)
 def test_every_name_at_an_upper_door_exists(name):
     check_door(name)
 

@@ -6,9 +6,18 @@ import numpy as np
 import pytest
 from conftest import STEEL, make_bar
 
-from nassim import FRF, RemotePoint, Solid, TimeHistory, build_fe_model, craig_bampton
+from nassim import FRF, RemotePoint, Solid, Superelement, TimeHistory, build_fe_model, craig_bampton
 from nassim.base.rigid_motion import rigid_transfer
-from nassim.plotting import plot_frf, plot_frf_error, plot_mode, plot_noise_budget, plot_time_history
+from nassim.plotting import (
+    plot_frf,
+    plot_frf_error,
+    plot_inspection,
+    plot_mode,
+    plot_noise_budget,
+    plot_pareto,
+    plot_time_history,
+    save_figure,
+)
 from nassim.systems.noise_budget import NoiseBudget
 
 
@@ -69,6 +78,35 @@ def test_a_budgets_largest_part_comes_first_and_the_total_last():
     assert density.get_ylabel() == "amplitude density [m/√Hz]"
     with pytest.raises(ValueError, match="unknown output 'y'; known: top_x"):
         plot_noise_budget(budget, output="y")
+
+
+def test_points_of_a_pareto_plot_are_joined_in_the_order_of_their_cost():
+    axis = plot_pareto({"order 2": [(3.0, 0.1, "2 mm"), (1.0, 0.4, "5 mm")]}, "time [s]", "error [-]")
+    (line,) = axis.get_lines()
+    assert line.get_xydata() == pytest.approx(np.array([[1.0, 0.4], [3.0, 0.1]]))
+    assert [(text.get_text(), *text.xy) for text in axis.texts] == [("5 mm", 1.0, 0.4), ("2 mm", 3.0, 0.1)]
+
+
+def test_what_is_unstable_is_drawn_open():
+    """Mode 2, of six springs in a row one of which pushes."""
+    omega = 2 * np.pi * np.array([10.0, 20.0, 30.0, 40.0, 50.0, 60.0])
+    stiffness = np.diag(np.sign([1, -1, 1, 1, 1, 1]) * omega**2)
+    body = Superelement(
+        "body", stiffness_matrix=stiffness, mass_matrix=np.eye(6), positions=np.zeros((1, 3)), names=("a",)
+    )
+    frequencies, _ = plot_inspection({"as read": body})
+    stable, unstable = (line for line in frequencies.get_lines() if len(line.get_xdata()))
+    assert stable.get_xydata() == pytest.approx(np.array([[k, 10.0 * k] for k in (1, 3, 4, 5, 6)]))
+    assert unstable.get_xydata() == pytest.approx(np.array([[2.0, 20.0]]))
+    assert (stable.get_markerfacecolor() == "none", unstable.get_markerfacecolor() == "none") == (False, True)
+
+
+def test_a_figure_is_written_and_closed(tmp_path):
+    time = np.arange(5) * 0.1
+    axes = plot_time_history(TimeHistory(time, np.zeros((2, 5)), ("a", "b"), ("V", "m")))
+    path = save_figure(axes, tmp_path / "new" / "record.png")
+    assert path.stat().st_size > 5_000
+    assert plt.get_fignums() == []
 
 
 def test_a_motion_is_drawn_at_eight_per_cent_of_the_size(bar):

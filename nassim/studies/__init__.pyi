@@ -1,0 +1,3 @@
+from .samples import (
+    Samples as Samples,
+)
