@@ -54,6 +54,7 @@ def race(routes: Mapping[str, Route], turns: int) -> dict[str, dict[str, float |
     for name, route in routes.items():
         peer = found.get(route.peer)
         figures[name] = {
+            "step_s": route.step,
             "us_per_step": 1e6 * best[name],
             "limit_us_per_step": 1e6 * bare[name] if route.limit else None,
             "peer_us_per_step": None if peer is None else 1e6 * best[route.peer],

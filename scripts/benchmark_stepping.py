@@ -1,9 +1,9 @@
 """Steps of the bench and of hexapods with loops in every fidelity, beside limits, peers and the exact solution.
 
 The limit is Exudyn's own step of the same model, without loops, looks and records, or the matrix product that exact
-steps cannot do without. Peers are SciPy's `lsim` and the usual Exudyn construction. That carries the same reduced body,
-but ties it by all nodes of the faces (mean of their motions) and pushes it by a connector with a force function; it is
-so slow that it only takes the first 5 % of the steps. All take the same record of noise, in one run, in turns.
+steps cannot do without. Peers are SciPy's `lsim` and the usual Exudyn construction: the same reduced body, tied by all
+nodes of the faces (mean of their motions) and pushed by a connector with a force function; that only takes the first
+5 % of the steps. All take the same noise, in one run, in turns, on one thread; times are the processor's.
 """
 
 from dataclasses import replace
