@@ -1,8 +1,12 @@
-"""Shared fixtures: small models made by hand, and the real APA, reduced once per session."""
+"""Shared fixtures: small models made by hand, and the real APA, reduced once per process; how tests are spread."""
 
 import os
+from pathlib import Path
 
 os.environ.setdefault("MPLBACKEND", "Agg")
+if "PYTEST_XDIST_WORKER" in os.environ:  # threads that spin while they wait would take the other workers' processors
+    for _threads in ("NASSIM_THREADS", "NGS_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(_threads, "1")
 
 import exudyn as exu
 import netgen.occ as occ
@@ -16,11 +20,28 @@ from nassim import FEModel, Material, RemotePoint, Solid, build_fe_model, conden
 from nassim.fem.fe_model import make_coupling
 from nassim.simulation import compensation
 
+MOST_WORKERS = 8
+"""Each imports everything and reduces the APA for itself, so more of them gain little."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config):
+    """Folders of tests, so all of them too, are spread over the processors; files and single tests are not.
+
+    `-n 0` spreads nothing, nor does anything without pytest-xdist.
+    """
+    asked = config.getoption("numprocesses", 0) is not None or config.option.dist != "no" or config.option.usepdb
+    folders = all(Path(place).is_dir() for place in config.args)
+    processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if folders and processors > 1 and not asked and not hasattr(config, "workerinput"):
+        config.option.numprocesses, config.option.dist = min(processors, MOST_WORKERS), "worksteal"
+
 
 @pytest.fixture(scope="session", autouse=True)
-def _cache(tmp_path_factory):
-    """Tests neither read nor fill the user's cache."""
-    os.environ["NASSIM_CACHE"] = str(tmp_path_factory.mktemp("cache"))
+def _cache(tmp_path_factory, pytestconfig):
+    """Tests neither read nor fill the user's cache; all workers share one."""
+    folder = tmp_path_factory.getbasetemp()
+    os.environ["NASSIM_CACHE"] = str((folder.parent if hasattr(pytestconfig, "workerinput") else folder) / "cache")
 
 
 STEEL = Material("steel", young_modulus=200e9, poisson_ratio=0.3, density=7800.0)
