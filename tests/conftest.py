@@ -10,14 +10,17 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # threads that spin while they wait wou
 
 import exudyn as exu
 import netgen.occ as occ
+import ngsolve as ng
 import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from models.apa300ml import PORTS, STACK, make_apa300ml
+from models.apa300ml import PORTS, PRISMS, STACK, make_apa300ml
 from models.bench import AMPLIFIER_GAIN, make_bench, sensor_span_constant
 from nassim import FEModel, Material, RemotePoint, Solid, build_fe_model, condense, craig_bampton
+from nassim.fem.assembly import assemble_mesh
 from nassim.fem.fe_model import make_coupling
+from nassim.fem.meshing import generate_mesh
 from nassim.simulation import compensation
 
 MOST_WORKERS = 8
@@ -120,9 +123,28 @@ def pair_forces_and_readings():
     return inputs, outputs
 
 
+def meshed(mesh, solid, order):
+    """The FE model of a solid on a Netgen mesh that is there: as of `build_fe_model`, whose time is mostly Netgen's."""
+    curved = ng.Mesh(mesh)
+    curved.Curve(order)
+    return assemble_mesh(curved, solid, order)
+
+
 @pytest.fixture(scope="session")
-def apa_model():
-    return build_fe_model(make_apa300ml(), element_size=5e-3, order=2, progress=False)
+def apa_tetrahedra():
+    """Netgen mesh of the APA300ML."""
+    return generate_mesh(make_apa300ml(), element_size=5e-3)
+
+
+@pytest.fixture(scope="session")
+def apa_prisms():
+    """Netgen mesh of the APA300ML, the default one of `reduced_apa300ml`."""
+    return generate_mesh(make_apa300ml(), element_size=5e-3, **PRISMS)
+
+
+@pytest.fixture(scope="session")
+def apa_model(apa_tetrahedra):
+    return meshed(apa_tetrahedra, make_apa300ml(), 2)
 
 
 @pytest.fixture(scope="session")
