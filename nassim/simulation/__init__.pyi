@@ -26,6 +26,9 @@ from .linearization import (
     state_space as state_space,
 )
 from .recording import (
+    scene_modes as scene_modes,
+)
+from .recording import (
     traced as traced,
 )
 from .scene_body import (

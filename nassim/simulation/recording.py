@@ -15,7 +15,7 @@ from nassim.bodies.readouts import Trace, of_kind
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
 from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
-from nassim.simulation.small_motion import Assembly
+from nassim.simulation.small_motion import Assembly, assemble
 
 Pose = tuple[Array, Array]
 """Of a body's own frame at n times: places (n, 3) [m], rotations to the world's axes (n, 3, 3)."""
@@ -79,6 +79,27 @@ def recorded_motion(
                 places[body.name] = body.position + own[:, :3]
                 turns[body.name] = Rotation.from_rotvec(own[:, 3:]).as_matrix() @ body.rotation
         if isinstance(body, FlexibleBody):
-            (trace,) = of_kind(body.reduced.readouts, Trace)
-            originals[body.name] = np.zeros((len(time), len(trace.rows))) if own is None else own @ trace.rows.T
+            rows = _rows(body)
+            originals[body.name] = np.zeros((len(time), len(rows))) if own is None else own @ rows.T
     return Motion(time, places, turns, originals)
+
+
+def scene_modes(scene: Scene, *, n: int | None = None) -> tuple[Array, dict[str, Array]]:
+    """A scene's first n modes of small motion about its start (default: all), undamped, of unit modal mass.
+
+    Returns their frequencies (m,) [Hz], ascending, 0 for free motions only, and what the bodies that move do, by name:
+    coordinates of `FlexibleBody.reduced`, whatever is modelled of them, or of a rigid body the motion of its centre of
+    mass along the world's axes, (n_coordinates, m) each.
+    """
+    assembly = assemble(traced(scene))
+    shapes = assembly.basis @ assembly.shapes[:, :n]
+    own = {body.name: shapes[assembly.slices[body.name]] for body in assembly.scene.bodies if body.moves}
+    for body in assembly.scene.flexible_bodies:
+        own[body.name] = _rows(body) @ own[body.name]
+    return assembly.frequency[:n], own
+
+
+def _rows(body: FlexibleBody) -> Array:
+    """Coordinates of a body before it was trimmed per unit of its own."""
+    (trace,) = of_kind(body.reduced.readouts, Trace)
+    return trace.rows

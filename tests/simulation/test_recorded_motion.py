@@ -28,7 +28,7 @@ from nassim.bodies import trim_body
 from nassim.scene import Drive, point_motion
 from nassim.scene.joints import prismatic, revolute, spherical
 from nassim.scene.part import Filter, Reading, Row, Sensor
-from nassim.simulation import traced
+from nassim.simulation import scene_modes, traced
 
 
 def turn(*vector):
@@ -333,3 +333,24 @@ def test_what_is_kept_changes_nothing_else(soft):
     same = simulate(scene, record.select(("f", "g")), time_step=1e-4, progress=False)
     np.testing.assert_array_equal(record.values, same.values)
     np.testing.assert_allclose(motion.time, time[[0, 50, 100, 150, 200]])
+
+
+@pytest.mark.parametrize("cutoff", [None, 1000.0])
+def test_modes_of_a_scene_are_those_of_its_mass_and_stiffness(soft, soft_end, cutoff):
+    """Rayleigh's quotient of bodies put side by side, points that meet, and unit modal mass; springs of bodies only."""
+    scene = tower(soft, ("linear", "linear"), soft_end, cutoff_frequency=cutoff)
+    frequency, shapes = scene_modes(scene, n=5)
+    lower, middle, upper = scene.bodies[1:]
+    mass = stiffness = 0.0
+    for body in (lower, upper):
+        q = shapes[body.name]
+        mass = mass + q.T @ body.reduced.mass_matrix @ q
+        stiffness = stiffness + q.T @ body.reduced.stiffness_matrix @ q
+    q, turned = shapes["middle"], middle.rotation @ middle.inertia @ middle.rotation.T
+    mass = mass + middle.mass * q[:3].T @ q[:3] + q[3:].T @ turned @ q[3:]
+    np.testing.assert_allclose(mass, np.eye(5), atol=1e-8)
+    np.testing.assert_allclose(stiffness, np.diag((2 * np.pi * frequency) ** 2), atol=1e-6 * stiffness.max())
+    assert frequency[0] == pytest.approx(85.65, rel=1e-3)
+    foot = middle.rotation @ middle.points["foot"]
+    meets = lower.rotation @ (lower.reduced.motion("right") @ shapes["lower"])[:3]
+    np.testing.assert_allclose(q[:3] + np.cross(q[3:].T, foot).T, meets, atol=1e-9 * np.abs(meets).max())
