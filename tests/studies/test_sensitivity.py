@@ -6,7 +6,7 @@ import scipy
 import xarray as xr
 from scipy import stats
 
-from nassim.studies import correlations, latin_hypercube, saltelli_points, sobol_indices
+from nassim.studies import correlations, latin_hypercube, linear_effects, saltelli_points, sobol_indices
 
 
 def study(samples, **results):
@@ -118,6 +118,25 @@ def test_ranks_see_through_bends_and_stray_runs_are_left_out():
     assert np.isnan(found.pearson.sel(result="still", parameter="x"))
 
 
+def test_effects_are_those_of_the_plane():
+    """4 + 3 u - 2 v, u over 10 and v over 0.5 of which four fifths count; w idle, and z^2, which no plane explains."""
+    distributions = {"u": stats.uniform(0, 10), "v": stats.uniform(7, 0.5), "w": stats.uniform(), "z": stats.norm()}
+    functions = {
+        "f": lambda u, v, w, z: 4 + 3 * u - 2 * v + 0 * w,
+        "bowl": lambda u, v, w, z: z**2,
+        "half": lambda u, v, w, z: u + z**2 * np.sqrt(100 / 24),
+        "still": lambda u, v, w, z: 0 * u,
+    }
+    data = study(latin_hypercube(distributions, 400, seed=0), **functions)
+    data.f[:100] = np.nan
+    found = linear_effects(data, coverage=0.8)
+    np.testing.assert_allclose(found.effect.sel(result="f"), [24, -0.8, 0, 0], atol=0.15)
+    np.testing.assert_allclose(found.explained, [1.0, 0.0, 0.5, np.nan], atol=0.1)
+    assert float(found["mean"].sel(result="f")) == pytest.approx(float(data.f.mean()))
+    slopes = found.effect.sel(result="f").values[:2] / np.ptp(np.quantile([data.u, data.v], [0.1, 0.9], axis=1), axis=0)
+    assert slopes == pytest.approx([3.0, -2.0], rel=1e-10)
+
+
 def refused_for(data, message, analysis=sobol_indices, **options):
     with pytest.raises(ValueError, match=message):
         analysis(data, **options)
@@ -134,5 +153,7 @@ def test_what_has_no_indices_is_refused():
     refused_for(data, "unknown result of one number a run 'g'; known: f", correlations, results=["g"])
     refused_for(data, "confidence must lie between 0 and 1, got 95", confidence=95)
     refused_for(data.isel(run=slice(2)), "2 runs have a result 'f'; a correlation needs at least three", correlations)
+    refused_for(data.isel(run=slice(3)), "3 runs have a result 'f'; for 2 parameters a plane needs 4", linear_effects)
+    refused_for(data, "coverage must lie in 0 ... 1", linear_effects, coverage=0.0)
     refused_for(data.drop_vars(["x", "y"]), "no parameters along 'run'")
     refused_for(data.drop_vars("f"), "no result of one number a run")
