@@ -12,7 +12,6 @@ version = release = nassim.__version__
 copyright = "the authors of nassim, BSD-3-Clause"
 extensions = ["myst_parser", "sphinx.ext.autodoc", "gallery", "mathml", "reference"]
 exclude_patterns = ["templates", "extensions"]
-suppress_warnings = ["toc.empty_glob"]
 
 myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 4

@@ -111,7 +111,11 @@ def _terms(lines: list[str]) -> list[str]:
 def inline(text: str) -> str:
     """A line of prose: backticks are code, or a link where they name something public; no other markup."""
     parts = re.split(r"`([^`]*)`", text)
-    return "".join(_code(part) if place % 2 else _escaped(part) for place, part in enumerate(parts))
+    result = ""
+    for place, part in enumerate(parts):
+        between = "\\ " if place % 2 == 0 and result and part[:1].isalnum() else ""
+        result += _code(part) if place % 2 else between + _escaped(part)
+    return result
 
 
 def _code(text: str) -> str:
