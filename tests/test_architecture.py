@@ -30,6 +30,7 @@ FLOORS = (
 """Wings from the ground up; those of one floor do not import each other."""
 FLOOR = {wing: number for number, wings in enumerate(FLOORS) for wing in wings}
 HOMES = {
+    "cloudpickle": {"nassim.studies.job"},
     "control": {"nassim.systems.python_control"},
     "exudyn": {"nassim.simulation.exudyn"},
     "h5py": {"nassim.base.storage"},
@@ -39,6 +40,7 @@ HOMES = {
     "ngsolve": {"nassim.fem"},
     "pyuff": {"nassim.signals.uff"},
     "tqdm": {"nassim.base.progress"},
+    "xarray": {"nassim.studies"},
 }
 """The rooms, or the wing, that a library may be imported in."""
 LIBRARIES = {*HOMES, "numpy", "scipy", "mpl_toolkits", "psutil", "pypardiso", "cvxopt", "threadpoolctl"}
@@ -186,7 +188,7 @@ def test_names_that_version_0_1_exported_are_still_there():
     assert set(names.split()) <= set(nassim.__all__)
 
 
-HEAVY = ("ngsolve", "netgen", "exudyn", "matplotlib", "pyuff", "control")
+HEAVY = ("ngsolve", "netgen", "exudyn", "matplotlib", "pyuff", "control", "xarray", "dask", "cloudpickle")
 
 
 def run_without(libraries, code):
