@@ -5,7 +5,7 @@ from pathlib import Path
 
 sys.path[:0] = [str(Path(__file__).parent / "extensions"), str(Path(__file__).parent.parent)]
 
-import nassim
+import nassim  # noqa: E402
 
 project = "nassim"
 version = release = nassim.__version__

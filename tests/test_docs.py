@@ -7,6 +7,7 @@ import ast
 import importlib
 import importlib.util
 import json
+import pkgutil
 import re
 import shlex
 import shutil
@@ -49,7 +50,7 @@ def blocks(page, language="python"):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", filter(blocks, PAGES), ids=lambda path: path.relative_to(ROOT / "docs").as_posix())
+@pytest.mark.parametrize("page", [*filter(blocks, PAGES)], ids=lambda path: path.relative_to(ROOT / "docs").as_posix())
 def test_code_on_a_page_runs_as_it_stands(page, tmp_path):
     (tmp_path / "page.py").write_text("\n".join(blocks(page)), encoding="utf-8")
     shutil.copytree(ROOT / "tests" / "data", tmp_path / "tests" / "data")
@@ -69,11 +70,10 @@ def test_every_script_has_its_place_in_the_gallery(monkeypatch):
 
 def test_every_wing_has_its_page_in_the_reference():
     listed = (ROOT / "docs" / "reference" / "index.md").read_text(encoding="utf-8")
-    for name in nassim.__dir__():
-        if (ROOT / "nassim" / name).is_dir() or (ROOT / "nassim" / f"{name}.py").exists():
-            page = ROOT / "docs" / "reference" / f"{name}.md"
-            assert page.exists(), f"write {page}, three lines as of the others"
-            assert f"]({name}.md)" in listed
+    for wing in pkgutil.iter_modules(nassim.__path__):
+        page = ROOT / "docs" / "reference" / f"{wing.name}.md"
+        assert page.exists(), f"write {page}, three lines as of the others"
+        assert f"]({wing.name}.md)" in listed
 
 
 def texts(node, function):
@@ -107,7 +107,7 @@ def test_every_warning_stands_on_its_page():
             told = "{}".join(parts)
             spoken.append(told)
             again = path.name == "storage.py" and not parts  # what a cached body was warned of
-            assert again or any(phrase in told for phrase in quoted), f"{where} is not on {page}: {told}"
+            assert again or any(phrase in told for phrase in quoted), f"{where} is not in warnings.md: {told}"
     assert [phrase for phrase in quoted if not any(phrase in told for told in spoken)] == []
 
 
@@ -131,7 +131,10 @@ Prose that follows. A sentence: with a colon.
     u = Psi q
 
 Raises ValueError for `nonsense`; `signals.FRF` and `FRF.band`."""
-    assert "\n".join(reference.to_rst(docstring, ("name", "size", "rate"))) == """\
+    lines = reference.to_rst(docstring, ("name", "size", "rate"))
+    assert (
+        "\n".join(lines)
+        == """\
 Do something, 2 \\* 3 \\| 4, to x\\_ of :py:obj:`estimate_frf <nassim.signals.estimate_frf>`\\ s.
 
 ``name``
@@ -147,6 +150,7 @@ Do something, 2 \\* 3 \\| 4, to x\\_ of :py:obj:`estimate_frf <nassim.signals.es
 
 Raises ValueError for ``nonsense``; :py:obj:`signals.FRF <nassim.signals.FRF>` and ``FRF.band``.
 """
+    )
 
 
 def test_dead_links_and_what_needs_a_network_are_found(site, tmp_path):

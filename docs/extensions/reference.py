@@ -9,6 +9,7 @@ terms, names in backticks links, and what is set apart and indented stays as it 
 
 import importlib
 import inspect
+import pkgutil
 import re
 from collections.abc import Collection
 from dataclasses import fields, is_dataclass
@@ -20,7 +21,7 @@ from sphinx.util.docutils import SphinxDirective
 
 import nassim
 
-WINGS = [name for name in dir(nassim) if inspect.ismodule(getattr(nassim, name)) and name[0] != "_"]
+WINGS = [module.name for module in pkgutil.iter_modules(nassim.__path__)]
 NAME = r"[A-Za-z_]\w*(?: \([^)]*\))?(?: \[[^\]]*\])?"
 TERM = re.compile(rf"^({NAME}(?:, {NAME})*): (.*)$")
 ARRAY = re.compile(r"[\w~.]*ndarray\[tuple\[[^]]*\], [\w~.]*dtype\[([^]]*)\]\]")
