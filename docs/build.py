@@ -18,8 +18,8 @@ ROOT = Path(__file__).resolve().parent.parent
 SITE = ROOT / "build" / "site"
 sys.path.insert(0, str(ROOT / "docs" / "extensions"))
 
-import gallery
-from sphinx.cmd.build import main as sphinx
+import gallery  # noqa: E402
+from sphinx.cmd.build import main as sphinx  # noqa: E402
 
 
 class Page(HTMLParser):

@@ -5,14 +5,13 @@ from pathlib import Path
 
 sys.path[:0] = [str(Path(__file__).parent / "extensions"), str(Path(__file__).parent.parent)]
 
-import nassim
+import nassim  # noqa: E402
 
 project = "nassim"
 version = release = nassim.__version__
 copyright = "the authors of nassim, BSD-3-Clause"
 extensions = ["myst_parser", "sphinx.ext.autodoc", "gallery", "mathml", "reference"]
 exclude_patterns = ["templates", "extensions"]
-suppress_warnings = ["toc.empty_glob"]
 
 myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 4

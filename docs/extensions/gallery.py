@@ -159,7 +159,8 @@ def _results(run: Run) -> list[str]:
     parts.append(f"**What it prints**\n\n````text\n{(run.folder / 'report.txt').read_text(encoding='utf-8')}````")
     summary = json.loads((run.folder / "summary.json").read_text(encoding="utf-8"))
     figures = json.dumps(summary, indent=1, ensure_ascii=False)
-    parts.append(f"<details><summary>All its figures: summary.json</summary>\n\n````json\n{figures}\n````\n\n</details>")
+    title = "All its figures: summary.json"
+    parts.append(f"<details><summary>{title}</summary>\n\n````json\n{figures}\n````\n\n</details>")
     return parts
 
 

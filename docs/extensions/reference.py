@@ -9,6 +9,7 @@ terms, names in backticks links, and what is set apart and indented stays as it 
 
 import importlib
 import inspect
+import pkgutil
 import re
 from collections.abc import Collection
 from dataclasses import fields, is_dataclass
@@ -20,7 +21,7 @@ from sphinx.util.docutils import SphinxDirective
 
 import nassim
 
-WINGS = [name for name in dir(nassim) if inspect.ismodule(getattr(nassim, name)) and name[0] != "_"]
+WINGS = [module.name for module in pkgutil.iter_modules(nassim.__path__)]
 NAME = r"[A-Za-z_]\w*(?: \([^)]*\))?(?: \[[^\]]*\])?"
 TERM = re.compile(rf"^({NAME}(?:, {NAME})*): (.*)$")
 ARRAY = re.compile(r"[\w~.]*ndarray\[tuple\[[^]]*\], [\w~.]*dtype\[([^]]*)\]\]")
@@ -111,7 +112,11 @@ def _terms(lines: list[str]) -> list[str]:
 def inline(text: str) -> str:
     """A line of prose: backticks are code, or a link where they name something public; no other markup."""
     parts = re.split(r"`([^`]*)`", text)
-    return "".join(_code(part) if place % 2 else _escaped(part) for place, part in enumerate(parts))
+    result = ""
+    for place, part in enumerate(parts):
+        between = "\\ " if place % 2 == 0 and result and part[:1].isalnum() else ""
+        result += _code(part) if place % 2 else between + _escaped(part)
+    return result
 
 
 def _code(text: str) -> str:
