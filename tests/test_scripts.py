@@ -118,6 +118,20 @@ def test_exponents_of_known_growth(script):
     assert report.exponents(dict(list(rows.items())[:2])) == report.exponents({}) == {}
 
 
+def test_a_picture_of_growth_with_and_without_exponents(script, tmp_path):
+    report = script("_scaling_report")
+    keys = [key for curves in report.CURVES.values() for key in curves]
+    rows = {
+        kind: {str(n): {"size": n, "grown_B": 1e6, **dict.fromkeys(keys, n)} for n in (1, 2)} for kind in report.CURVES
+    }
+    rows["nodes"]["4"] = rows["nodes"]["2"] | {"size": 4}
+    rows["samples"] = {}
+    fits = {kind: report.exponents(rows[kind]) for kind in rows}
+    assert {kind for kind, found in fits.items() if found} == {"nodes"}
+    report.save_picture(tmp_path / "scaling.png", rows, fits)
+    assert (tmp_path / "scaling.png").stat().st_size > 10_000
+
+
 def test_steps_cost_what_more_of_them_take(script, monkeypatch):
     """A run of 0.5 s and 3 ms a step; only the first input moves."""
     steps = script("_scaling_steps")
@@ -130,7 +144,7 @@ def test_steps_cost_what_more_of_them_take(script, monkeypatch):
 
     monkeypatch.setattr(steps, "cpu_time", cpu_time)
     assert steps.stepped(scene, "exact", 100) == pytest.approx(3000.0)
-    assert given == [(101, [True], "exact"), (501, [True], "exact")]
+    assert given == [(101, [True], "exact")] * 3 + [(501, [True], "exact")] * 3
 
 
 def test_a_ring_of_struts_shares_its_load(script, monkeypatch):
@@ -342,7 +356,7 @@ def test_scripts_stay_short(path):
         ),
         (
             "benchmark_scaling.py",
-            ["--nodes", "10", "--struts", "1,2,3", "--states", "1", "--samples", "20000"],
+            ["--nodes", "10", "--struts", "1", "--states", "1", "--samples", "20000"],
             ["exponents", "nodes", "struts", "states", "samples"],
             ["scaling.png"],
         ),
