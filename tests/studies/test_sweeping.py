@@ -2,12 +2,14 @@
 
 import functools
 import os
+import pickle
 import signal
 import subprocess
 import sys
 import threading
 import time
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+import tracemalloc
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -20,6 +22,7 @@ from conftest import lattice
 
 from nassim import craig_bampton
 from nassim.studies import Samples, sweep
+from nassim.studies.executors import IN_FLIGHT
 
 HERE = Path(__file__).parent
 quiet = functools.partial(sweep, progress=False)
@@ -238,7 +241,10 @@ sweep(function, grid={{"n": range(40)}}, folder={folder!r}, n_processes=2, progr
 
 def orphans():
     """Children whose study was killed; they leave as soon as they notice."""
-    return [process for process in psutil.process_iter(["cmdline", "ppid"]) if process.info["ppid"] == 1]
+    commands = [
+        " ".join(p.info["cmdline"] or ()) for p in psutil.process_iter(["cmdline", "ppid"]) if p.info["ppid"] == 1
+    ]
+    return [command for command in commands if "serve()" in command and str(HERE) in command]
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, pytest.param(signal.SIGINT, marks=pytest.mark.slow)])
@@ -250,7 +256,7 @@ def test_a_study_that_was_stopped_goes_on(tmp_path, how):
         said = study.communicate()[1]
     if how == signal.SIGINT:
         assert f"the same call goes on from {folder}" in said
-    while any("serve()" in " ".join(process.info["cmdline"] or ()) for process in orphans()):
+    while orphans():
         time.sleep(0.01)
     before, kept = calls_in(calls), len((folder / "manifest.jsonl").read_text().splitlines()) - 1
     assert kept < 40
@@ -259,6 +265,50 @@ def test_a_study_that_was_stopped_goes_on(tmp_path, how):
     assert (found.status == "ok").all()
     np.testing.assert_array_equal(found.result, np.arange(40.0) ** 2)
     assert len(calls_in(calls)) == len(before) + 40 - kept, "no finished run is repeated"
+
+
+class Immediate:
+    """An executor that does at once what it is given, and counts what it holds of runs that nobody has fetched."""
+
+    def __init__(self):
+        self.held = self.most = 0
+
+    def submit(self, function, payload, digest, request, time_limit):
+        self.held += 1
+        self.most = max(self.most, self.held)
+        future = Fetched()
+        future.executor = self
+        future.set_result(pickle.loads(payload)(pickle.loads(request)))
+        return future
+
+
+class Fetched(Future):
+    def result(self, timeout=None):
+        self.executor.held -= 1
+        return super().result(timeout)
+
+
+def test_a_bounded_number_of_runs_is_submitted_and_memory_is_that_of_the_results(tmp_path):
+    executor = Immediate()
+    quiet(tiny_functions.row, grid={"a": [1.0]}, executor=executor)  # imports
+    tracemalloc.start()
+    found = quiet(tiny_functions.row, grid={"a": range(2500)}, executor=executor, folder=tmp_path / "study")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert executor.most == IN_FLIGHT == 1000
+    assert found.result.shape == (2500, 2000)
+    assert peak < 1.3 * found.result.nbytes
+
+
+@pytest.mark.slow
+def test_memory_does_not_grow_with_the_number_of_runs():
+    """Nor with what children and threads leave behind: some hundred bytes of records a run."""
+    quiet(tiny_functions.product, samples={"a": range(1500)}, n_processes=2)
+    before = psutil.Process().memory_info().rss
+    found = quiet(tiny_functions.product, samples={"a": range(10_000)}, n_processes=2)
+    assert (found.status == "ok").all()
+    np.testing.assert_array_equal(found.result, np.arange(10_000.0))
+    assert psutil.Process().memory_info().rss - before < 30e6
 
 
 def test_without_the_extra_studies_it_is_named():

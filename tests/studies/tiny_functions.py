@@ -36,6 +36,10 @@ def everything(a, gain=2.0):
     }
 
 
+def row(a):
+    return a + np.arange(2000.0)
+
+
 def noisy(a, seed):
     return a + np.random.default_rng(seed).normal()
 
