@@ -298,6 +298,12 @@ def test_scripts_stay_short(path):
             ["exact_loop_speed_over_peer", "estimate_frf_difference", "identify_modes_limit_s", "memory_B"],
             [],
         ),
+        (
+            "benchmark_studies.py",
+            ["--runs", "8", "--empty-runs", "10"],
+            ["ratio", "difference", "start_s", "overhead"],
+            [],
+        ),
         ("benchmark_import.py", ["--repetitions", "1"], ["import nassim", "every public name"], []),
         ("make_blind_record.py", ["--duration", "1"], ["payload_mass_kg", "encoder_gain_2_m_per_V"], []),
         (
