@@ -1,7 +1,8 @@
 """Pictures of finished results: each function takes a result of another wing and returns its Axes.
 
 The one home of matplotlib. What all pictures share lives in `figures`; to add a picture, open the room of its idea
-(`responses`, `root_loci`, `budgets`, `histories`, `bodies`, `inspection`, `pareto`) or make one for a new idea.
+(`responses`, `root_loci`, `budgets`, `histories`, `bodies`, `inspection`, `pareto`, `studies`) or make one for a new
+idea.
 """
 
 import lazy_loader

@@ -37,3 +37,12 @@ from .responses import (
 from .root_loci import (
     plot_root_locus as plot_root_locus,
 )
+from .studies import (
+    plot_scatter as plot_scatter,
+)
+from .studies import (
+    plot_sobol as plot_sobol,
+)
+from .studies import (
+    plot_tornado as plot_tornado,
+)

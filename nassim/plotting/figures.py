@@ -18,10 +18,13 @@ def colors(n: int) -> list[str]:
 
 
 def save_figure(axes: Any, path: str | Path) -> Path:
-    """Write the figure that an Axes (or the first of several) belongs to, and close it; returns the path."""
+    """Write the figure that an Axes (or the first of several, or of rows of them) belongs to, and close it.
+
+    Returns the path.
+    """
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
-    figure: Figure = np.atleast_1d(np.array(axes, dtype=object))[0].get_figure(root=True)
+    figure: Figure = np.ravel(np.array(axes, dtype=object))[0].get_figure(root=True)
     figure.savefig(target, dpi=150, bbox_inches="tight")
     plt.close(figure)
     return target
