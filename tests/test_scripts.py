@@ -368,6 +368,12 @@ def test_scripts_stay_short(path):
             [],
         ),
         (
+            "benchmark_studies.py",
+            ["--runs", "8", "--empty-runs", "10"],
+            ["ratio", "difference", "start_s", "overhead"],
+            [],
+        ),
+        (
             "benchmark_scaling.py",
             ["--nodes", "10", "--struts", "1", "--states", "1", "--samples", "20000"],
             ["exponents", "nodes", "struts", "states", "samples"],

@@ -4,6 +4,7 @@ import os
 import time
 
 import numpy as np
+from threadpoolctl import threadpool_info
 
 from nassim import (
     FRF,
@@ -33,6 +34,10 @@ def everything(a, gain=2.0):
         "frf": FRF(frequency, response[None, None], ("encoder",), ("force",), np.full((1, 3), 0.5)),
         "history": TimeHistory([0.0, 0.1, 0.2], [[a, 0.0, 1.0], [0.0, a, 2.0]], ("u", "y"), ("V", "m")),
     }
+
+
+def row(a):
+    return a + np.arange(2000.0)
 
 
 def noisy(a, seed):
@@ -84,3 +89,18 @@ def bench(mass, offset, body):
     model = linearize(scene)
     response = frequency_response(model, np.geomspace(1.0, 1e3, 60))
     return {"response": response, "modes": damping(model)[0][:4]}
+
+
+def fails_at_first(a, calls):
+    """Raises until it was called twice for every value."""
+    count_calls(a, calls)
+    with open(calls, encoding="utf-8") as file:
+        if file.read().split().count(str(a)) < 2:
+            raise RuntimeError("not yet")
+    return a
+
+
+def surroundings(a):
+    """Who runs this, and with how many threads of BLAS."""
+    threads = max((pool["num_threads"] for pool in threadpool_info()), default=1)
+    return {"process": os.getpid(), "parent": os.getppid(), "threads": threads}
