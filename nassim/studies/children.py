@@ -54,11 +54,16 @@ class Children:
     def run(self, request: bytes, time_limit: float | None) -> Outcome:
         """Carry out a run, `request` holding its parameters, pickled; time_limit [s].
 
-        Raises CannotLoad, saying why.
+        Raises CannotLoad where no child lives to load the function, saying why.
         """
-        code = 0
+        code, loaded = 0, False
         for _ in range(ATTEMPTS):
-            child = self._take()
+            try:
+                child = self._take()
+            except _Died as death:
+                code = death.code
+                continue
+            loaded = True
             try:
                 outcome = child.run(request, time_limit)
             except _Died as death:
@@ -71,6 +76,8 @@ class Children:
                 with self._lock:
                     self._idle.append(child)
             return outcome
+        if not loaded:
+            raise CannotLoad(f"child processes end as they load it, the last one {_why(code)}")
         return Outcome(LOST, f"its process ended {ATTEMPTS} times, the last time {_why(code)}")
 
     def close(self) -> None:
@@ -118,11 +125,7 @@ class _Child:
         pipe = subprocess.PIPE
         environment = {**os.environ, **THREADS}
         self._process = subprocess.Popen([sys.executable, "-c", code], stdin=pipe, stdout=pipe, env=environment)
-        try:
-            problem = self._ask(payload, None)
-        except _Died as death:
-            raise CannotLoad(f"a child process ended {_why(death.code)} as it loaded the function") from None
-        if problem:
+        if problem := self._ask(payload, None):
             self.kill()
             raise CannotLoad(problem)
 

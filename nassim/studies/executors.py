@@ -27,8 +27,8 @@ def one_by_one(task: Task, requests: Requests) -> Outcomes:
     before = {name: os.environ.get(name) for name in THREADS}
     try:
         os.environ.update(THREADS)
-        for key, arguments in requests:
-            with threadpool_limits(1):
+        with threadpool_limits(1):  # those that are loaded; the environment is for those to come
+            for key, arguments in requests:
                 yield key, task(arguments)
     finally:
         for name, value in before.items():
