@@ -67,6 +67,18 @@ def whole(least: int) -> Callable[[str], Any]:
     return _number(int, f"a whole number of at least {least}", lambda n: n >= least)
 
 
+def several(kind: Callable[[str], Any]) -> Callable[[str], list[Any]]:
+    """Type of arguments that are lists of a kind of numbers, with commas between; nothing for none."""
+
+    def read(text: str) -> list[Any]:
+        try:
+            return [kind(part) for part in text.split(",")] if text else []
+        except argparse.ArgumentTypeError as error:
+            raise argparse.ArgumentTypeError(f"must be a list, each of which {error}; all: {text!r}") from error
+
+    return read
+
+
 def run(main: Callable[[], None]) -> None:
     """Run a script: its stages tell the time left of all, what stops it is told in one line, with exit status 2.
 

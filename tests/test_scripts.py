@@ -14,7 +14,8 @@ import pytest
 import scipy
 import xarray as xr
 
-from nassim import FRF, LinearModel, TimeHistory, frequency_response
+from models.apa300ml import calibration
+from nassim import FRF, LinearModel, TimeHistory, frequency_response, linearize
 
 ROOT = Path(__file__).parent.parent
 SCRIPTS = sorted(p.name for p in (ROOT / "scripts").glob("[a-z]*.py"))
@@ -31,19 +32,21 @@ def run(*arguments, cwd=ROOT):
     )
 
 
-@pytest.mark.parametrize("name", SCRIPTS)
-def test_help(name):
-    result = run(f"scripts/{name}", "--help")
-    assert result.returncode == 0, result.stderr
-    for option in ("--output", "--no-plot"):
-        assert option in result.stdout
-
-
 @pytest.fixture
 def script(monkeypatch):
     """Imports a script, or what scripts share, by name."""
     monkeypatch.syspath_prepend(str(ROOT / "scripts"))
     return importlib.import_module
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_help(name, script, capsys):
+    with pytest.raises(SystemExit) as stop:
+        script(Path(name).stem).arguments.parse_args(["--help"])
+    assert stop.value.code == 0
+    told = capsys.readouterr().out
+    for option in ("--output", "--no-plot"):
+        assert option in told
 
 
 @pytest.mark.parametrize("name", SCRIPTS)
@@ -84,6 +87,62 @@ def test_whole_numbers(script):
     for text in ("1", "2.5", "2.0"):
         with pytest.raises(script("_arguments").argparse.ArgumentTypeError, match="whole number of at least 2, got"):
             read(text)
+
+
+def test_lists_of_numbers(script):
+    common = script("_arguments")
+    read = common.several(common.whole(2))
+    assert read("2,30") == [2, 30]
+    assert read("") == []
+    with pytest.raises(common.argparse.ArgumentTypeError, match="whole number of at least 2, got '1'; all: '4,1'"):
+        read("4,1")
+
+
+def test_exponents_of_known_growth(script):
+    """Exact powers; with scatter, the standard error by the normal equations; a cost that vanishes has none."""
+    report = script("_scaling_report")
+    sizes, scatter = np.array([1e3, 4e3, 2e4, 7e4, 3e5]), np.array([0.1, -0.2, 0.15, 0.05, -0.1])
+    rows = {
+        str(k): {"size": n, "work_s": 2e-4 * n**1.3, "other_s": np.exp(0.7 * np.log(n) + e), "grown_B": k - 1.0}
+        for k, (n, e) in enumerate(zip(sizes, scatter, strict=True))
+    }
+    found = report.exponents(rows)
+    assert set(found) == {"work_s", "other_s"}
+    assert found["work_s"]["exponent"] == pytest.approx(1.3)
+    assert found["work_s"]["cost_of_1"] == pytest.approx(2e-4)
+    assert found["work_s"]["std"] == pytest.approx(0.0, abs=1e-7)
+    matrix = np.column_stack([np.log(sizes), np.ones(5)])
+    values, (rest,), _, _ = np.linalg.lstsq(matrix, 0.7 * np.log(sizes) + scatter, rcond=None)
+    spread = np.sqrt(rest / 3 * np.linalg.inv(matrix.T @ matrix)[0, 0])
+    assert found["other_s"]["exponent"] == pytest.approx(values[0])
+    assert found["other_s"]["std"] == pytest.approx(spread)
+    assert report.exponents(dict(list(rows.items())[:2])) == report.exponents({}) == {}
+
+
+def test_steps_cost_what_more_of_them_take(script, monkeypatch):
+    """A run of 0.5 s and 3 ms a step; only the first input moves."""
+    steps = script("_scaling_steps")
+    scene = script("_scaling_scenes").chain(2)
+    given = []
+
+    def cpu_time(work, scene, excitation, **options):
+        given.append((len(excitation.time), np.any(excitation.values, axis=1).tolist(), options["method"]))
+        return None, 0.5 + 3e-3 * (len(excitation.time) - 1)
+
+    monkeypatch.setattr(steps, "cpu_time", cpu_time)
+    assert steps.stepped(scene, "exact", 100) == pytest.approx(3000.0)
+    assert given == [(101, [True], "exact"), (501, [True], "exact")]
+
+
+def test_a_ring_of_struts_shares_its_load(script, monkeypatch):
+    """Twice as many upright struts side by side give way by half."""
+    from models.strut import two_mass_strut
+
+    scenes = script("_scaling_scenes")
+    monkeypatch.setattr(scenes, "fe_strut", lambda fidelity, apa: two_mass_strut())
+    three, six = (linearize(scenes.ring("linear", None, count)) for count in (3, 6))
+    static = [abs(frequency_response(m, [1e-3]).response("strut_0/encoder", "force")[0]) for m in (three, six)]
+    assert static[0] == pytest.approx(2 * static[1], rel=1e-6)
 
 
 def test_output_that_cannot_be_written_is_refused_before_any_work(tmp_path):
@@ -214,23 +273,6 @@ def test_scripts_stay_short(path):
             ["frf.png"],
         ),
         (
-            "calibrate_apa.py",
-            [
-                "--coarse-size",
-                "12",
-                "--element-size",
-                "12",
-                "--order",
-                "2",
-                "--to",
-                "axial_stiffness=1.85e6",
-                "--tolerance",
-                "4",
-            ],
-            ["parameters", "relative_deviations", "sensitivities"],
-            [],
-        ),
-        (
             "run_hexapod.py",
             ["--coarse", "--period", "0.25", "--settling", "1"],
             ["suspension_Hz", "us_per_step", "force_sensors_phase_error_deg", "encoders_coherent_share"],
@@ -302,7 +344,7 @@ def test_scripts_stay_short(path):
         (
             "benchmark_stepping.py",
             ["--steps", "200", "--turns", "1"],
-            ["ffrf_us_per_step", "exact_speed_over_ffrf", "trimmed_frf_error"],
+            ["ffrf_limit_us_per_step", "exact_speed_over_peer", "exact_speed_over_ffrf", "trimmed_frf_error"],
             [],
         ),
         (
@@ -310,6 +352,12 @@ def test_scripts_stay_short(path):
             ["--samples", "20000", "--states", "40", "--turns", "1"],
             ["exact_loop_speed_over_peer", "estimate_frf_difference", "identify_modes_limit_s", "memory_B"],
             [],
+        ),
+        (
+            "benchmark_scaling.py",
+            ["--nodes", "10", "--struts", "1,2,3", "--states", "1", "--samples", "20000"],
+            ["exponents", "nodes", "struts", "states", "samples"],
+            ["scaling.png"],
         ),
         ("benchmark_import.py", ["--repetitions", "1"], ["import nassim", "every public name"], []),
         ("make_blind_record.py", ["--duration", "1"], ["payload_mass_kg", "encoder_gain_2_m_per_V"], []),
@@ -333,6 +381,21 @@ def test_script_writes_its_results(name, options, figures, pictures, tmp_path):
         assert (tmp_path / picture).stat().st_size > 10_000
 
 
+@pytest.mark.slow
+def test_calibration_writes_its_results(script, tmp_path, monkeypatch):
+    """With two parameters, as every geometry is meshed anew; the other scripts run as processes, this one here."""
+    two = {name: calibration.PARAMETERS[name] for name in ("pzt_modulus", "relief")}
+    monkeypatch.setattr(calibration, "PARAMETERS", two)
+    options = "--coarse-size 12 --order 2 --to axial_stiffness=1.85e6 --tolerance 4"
+    monkeypatch.setattr(sys, "argv", ["calibrate_apa.py", "--output", str(tmp_path), *options.split()])
+    script("calibrate_apa").main()
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["command"] == f"python scripts/calibrate_apa.py {options}"
+    assert summary["parameters"].keys() == two.keys()
+    assert summary["relative_deviations"].keys() == {"pzt_modulus"}
+    assert summary["sensitivities"]["axial_stiffness"].keys() == two.keys()
+
+
 def test_import_body_puts_a_body_of_two_ends_on_the_bench(tmp_path):
     from conftest import lattice
 
@@ -354,6 +417,44 @@ def test_import_body_refuses_in_words(tmp_path):
     assert result.returncode == 2
     assert "bad.mat: damaged or of another format" in result.stderr
     assert "Traceback" not in result.stderr
+
+
+def test_a_race_tells_limits_peers_and_differences(script, monkeypatch):
+    """Routes whose times a clock of their own counts: 4 steps in 8 s, with 2 s of start in 3 s; the peer in 40 s."""
+    races = script("_race")
+    clock = SimpleNamespace(now=0.0)
+
+    def work(seconds, result):
+        def run():
+            clock.now += seconds
+            return np.array(result)
+
+        return run
+
+    def cpu_time(work):
+        before = clock.now
+        return work(), clock.now - before
+
+    monkeypatch.setattr(races, "cpu_time", cpu_time)
+    ours = races.Route(
+        work(8.0, [0, 1, 2, 3, 4.4]), 0.25, "true", work(3.0, [0, 1]), limit=work(2.0, []), peer="theirs"
+    )
+    routes = {
+        "ours": ours,
+        "theirs": races.Route(work(40.0, [0, 1, 1.5]), 0.25, "true"),
+        "true": races.Route(work(1.0, [0, 1, 2, 3, 4]), 0.25, "true"),
+    }
+    found = races.race(routes, turns=2)
+    row = found["ours"]
+    assert row["us_per_step"] == pytest.approx(5e6 / 3)
+    assert row["speed_over_real_time"] == pytest.approx(0.15)
+    assert row["limit_us_per_step"] == pytest.approx(0.5e6)
+    assert row["peer_us_per_step"] == pytest.approx(20e6)
+    assert row["speed_over_peer"] == pytest.approx(12.0)
+    assert row["difference"] == pytest.approx(0.5 / 1.5)
+    assert row["encoder_error"] == pytest.approx(0.1)
+    assert found["theirs"]["limit_us_per_step"] is found["true"]["difference"] is None
+    assert found["theirs"]["encoder_error"] == pytest.approx(0.25)
 
 
 def test_spectra_of_a_file_and_assumed_ones(script, tmp_path):

@@ -67,6 +67,7 @@ NOUNS: dict[str, str] = {
     "TabulatedSpectrum": "nassim.signals.spectra",
     "Target": "nassim.identification.calibration",
     "TimeHistory": "nassim.signals.time_history",
+    "Trace": "nassim.bodies.readouts",
     "UnstablePole": "nassim.systems.linear_model",
     "UpdateReport": "nassim.identification.apply",
     "Vibrometer": "nassim.scene.instruments",
