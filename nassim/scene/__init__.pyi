@@ -79,6 +79,9 @@ from .motion import (
 from .motion import (
     point_motion as point_motion,
 )
+from .motion import (
+    seen_from as seen_from,
+)
 from .part import (
     Actuator as Actuator,
 )

@@ -1,7 +1,7 @@
 """How the bodies of a scene moved: what pictures of a run are drawn from."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -59,6 +59,24 @@ class Motion:
             rotations=frozen_mapping(rotations),
             coordinates=frozen_mapping(coordinates),
         )
+
+    def select(self, bodies: Sequence[str]) -> "Motion":
+        """Return the named bodies' motion as one of its own; raises ValueError for an unknown one."""
+        names = [known("body", name, self.positions) for name in bodies]
+        fields = self.positions, self.rotations, self.coordinates
+        return Motion(self.time, *({name: field[name] for name in names if name in field} for field in fields))
+
+
+def seen_from(scene: Scene, motion: Motion, body: str) -> Motion:
+    """The motion against a body's frame, which stays as it is drawn: of what turns, as seen by who turns along.
+
+    Raises ValueError for an unknown body.
+    """
+    drawn, _ = scene.split(f"{body}.")
+    back = drawn.rotation @ motion.rotations[body].transpose(0, 2, 1)
+    moved = {name: places - motion.positions[body] for name, places in motion.positions.items()}
+    places = {name: drawn.position + np.einsum("nij,nj->ni", back, moved[name]) for name in moved}
+    return replace(motion, positions=places, rotations={name: back @ turns for name, turns in motion.rotations.items()})
 
 
 def point_motion(scene: Scene, motion: Motion, path: str) -> tuple[Array, Array]:

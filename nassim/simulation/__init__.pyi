@@ -25,6 +25,12 @@ from .linearization import (
 from .linearization import (
     state_space as state_space,
 )
+from .recording import (
+    scene_modes as scene_modes,
+)
+from .recording import (
+    traced as traced,
+)
 from .scene_body import (
     reduce_scene as reduce_scene,
 )
@@ -45,6 +51,9 @@ from .time_domain import (
 )
 from .time_domain import (
     simulate as simulate,
+)
+from .time_domain import (
+    simulate_motion as simulate_motion,
 )
 from .time_domain import (
     static_response as static_response,

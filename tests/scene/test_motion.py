@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from nassim import FlexibleBody, RigidBody, Scene, craig_bampton, load, save
 from nassim.base.storage import fingerprint
-from nassim.scene import Motion, point_motion
+from nassim.scene import Motion, point_motion, seen_from
 
 TURNS = Rotation.from_rotvec([[0.3, -0.2, 0.5], [1.1, 0.7, -2.0]]).as_matrix()
 PLACES = np.array([[1.0, 2.0, 3.0], [-4.0, 5.0, 0.5]])
@@ -71,3 +71,37 @@ def test_points_of_a_deformed_body_also_go_with_its_coordinates():
     np.testing.assert_array_equal(turns[0], TURNS[0])
     x, y, z = TURNS[1].T
     np.testing.assert_allclose(turns[1], np.column_stack([y, -x, z]), atol=1e-14)
+
+
+def test_who_turns_along_sees_where_points_lie_in_its_axes():
+    """Distances along the axes of the body that looks are the same, and that stays where it is drawn."""
+    drawn = Rotation.from_rotvec([-0.4, 0.1, 0.8]).as_matrix()
+    looking = RigidBody("a", {}, 1.0, np.eye(3), [0.2, 0.0, -0.1], rotation=drawn)
+    other = RigidBody("b", {"tip": [0.3, 0.1, 0.2]}, 1.0, np.eye(3))
+    scene = Scene("scene", (looking, other))
+    turns = Rotation.from_rotvec([[0.1, 2.0, 0.4], [0.5, -0.1, 1.3]]).as_matrix()
+    places = {"a": PLACES, "b": PLACES[::-1]}
+    moved = motion(positions=places, rotations={"a": TURNS, "b": turns}, coordinates={"b": np.ones((2, 1))})
+    seen = seen_from(scene, moved, "a")
+    np.testing.assert_allclose(seen.positions["a"], np.tile(looking.position, (2, 1)), atol=1e-14)
+    np.testing.assert_allclose(seen.rotations["a"], np.tile(drawn, (2, 1, 1)), atol=1e-14)
+    np.testing.assert_array_equal(seen.coordinates["b"], moved.coordinates["b"])
+    (before, axes), (after, axes_after) = (point_motion(scene, m, "b.tip") for m in (moved, seen))
+    for k in range(2):
+        for column in range(3):
+            expected = TURNS[k][:, column] @ (before[k] - PLACES[k])
+            assert drawn[:, column] @ (after[k] - looking.position) == pytest.approx(expected, abs=1e-13)
+        np.testing.assert_allclose(drawn.T @ axes_after[k], TURNS[k].T @ axes[k], atol=1e-13)
+    with pytest.raises(ValueError, match="unknown body 'c'"):
+        seen_from(scene, moved, "c")
+
+
+def test_some_bodies_of_a_motion():
+    whole = motion(
+        positions={"a": PLACES, "b": PLACES}, rotations={"b": TURNS, "a": TURNS}, coordinates={"b": np.ones((2, 1))}
+    )
+    assert [*whole.select(["a"]).positions] == ["a"]
+    assert not whole.select(["a"]).coordinates
+    assert fingerprint(whole.select(["a", "b"])) == fingerprint(whole)
+    with pytest.raises(ValueError, match="unknown body 'c'; known: a, b"):
+        whole.select(["c"])
