@@ -24,11 +24,13 @@ FLOORS = (
     {"scene", "exchange"},
     {"simulation"},
     {"identification"},
+    {"studies"},
     {"plotting"},
 )
 """Wings from the ground up; those of one floor do not import each other."""
 FLOOR = {wing: number for number, wings in enumerate(FLOORS) for wing in wings}
 HOMES = {
+    "cloudpickle": {"nassim.studies.job"},
     "control": {"nassim.systems.python_control"},
     "exudyn": {"nassim.simulation.exudyn"},
     "h5py": {"nassim.base.storage"},
@@ -38,6 +40,7 @@ HOMES = {
     "ngsolve": {"nassim.fem"},
     "pyuff": {"nassim.signals.uff"},
     "tqdm": {"nassim.base.progress"},
+    "xarray": {"nassim.studies"},
 }
 """The rooms, or the wing, that a library may be imported in."""
 LIBRARIES = {*HOMES, "numpy", "scipy", "mpl_toolkits", "psutil", "pypardiso", "cvxopt", "threadpoolctl"}
@@ -158,7 +161,9 @@ def test_every_name_at_a_door_exists(name):
     check_door(name)
 
 
-@pytest.mark.parametrize("name", [f"nassim.{w}" for w in ("fem", "scene", "exchange", "simulation", "identification")])
+@pytest.mark.parametrize(
+    "name", [f"nassim.{w}" for w in ("fem", "scene", "exchange", "simulation", "identification", "studies", "plotting")]
+)
 def test_every_name_at_an_upper_door_exists(name):
     check_door(name)
 
@@ -183,7 +188,7 @@ def test_names_that_version_0_1_exported_are_still_there():
     assert set(names.split()) <= set(nassim.__all__)
 
 
-HEAVY = ("ngsolve", "netgen", "exudyn", "matplotlib", "pyuff", "control")
+HEAVY = ("ngsolve", "netgen", "exudyn", "matplotlib", "pyuff", "control", "xarray", "dask", "cloudpickle")
 
 
 def run_without(libraries, code):

@@ -55,6 +55,7 @@ NOUNS: dict[str, str] = {
     "RigidBody": "nassim.scene.bodies",
     "RigidInertia": "nassim.bodies.inertia",
     "RootLocus": "nassim.systems.root_locus",
+    "Samples": "nassim.studies.samples",
     "Scene": "nassim.scene.scene",
     "SpringDamper": "nassim.scene.mechanics",
     "StackActuator": "nassim.scene.piezo",

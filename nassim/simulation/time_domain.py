@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from nassim.base.checks import Array, finite, known
-from nassim.base.progress import stage
+from nassim.base.progress import stage, tell
 from nassim.scene.motion import Motion
 from nassim.scene.part import Follow, Reading
 from nassim.scene.scene import Scene
@@ -198,7 +198,7 @@ def _integrate(
     if scene.in_small_motion:
         state_space(assembly)  # refuses outputs that need a derivative of what a drive follows
     if steps and (line := describe_steps(assembly, steps, told_frequency)):
-        print(f"  {line}")
+        tell(line)
     system = build_system(assembly, rates, steps)
     if not released and _settle(system, steady):
         warn_of_far_equilibrium(system)
