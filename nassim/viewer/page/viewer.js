@@ -7,10 +7,11 @@ const bytes = await unpack(document.getElementById("data").textContent);
 const KINDS = { float32: Float32Array, float64: Float64Array, int16: Int16Array, uint32: Uint32Array, uint8: Uint8Array };
 const array = where => new KINDS[where.kind](bytes, where.offset, where.length);
 const $ = id => document.getElementById(id);
+const element = (tag, fields) => Object.assign(document.createElement(tag), fields);
 const { size, modes, motion } = header;
 const time = motion && array(motion.time);
-const COLORS = ["#440154", "#482475", "#414487", "#355f8d", "#2a788e", "#21918c", "#22a884", "#44bf70", "#7ad151",
-  "#bddf26", "#fde725"].map(text => new THREE.Color(text)); // viridis
+const COLORS = ("#440154 #482475 #414487 #355f8d #2a788e #21918c #22a884 #44bf70 #7ad151 #bddf26 #fde725") // viridis
+  .split(" ").map(text => new THREE.Color(text));
 const REST = new THREE.Quaternion();
 
 // What is shown now. phase: of a mode's swing; frame: of a motion.
@@ -122,13 +123,18 @@ const marks = header.marks.map(mark => {
   const material = new THREE.MeshBasicMaterial({ color: header.kinds[mark.kind], ...over });
   const count = mark.axes.length, arrows = ["actuator", "sensor"].includes(mark.kind);
   const object = new THREE.Group();
-  const add = geometry => { const mesh = new THREE.Mesh(geometry, material); mesh.renderOrder = 10; object.add(mesh); return mesh; };
-  const dots = mark.ends.map(() => add(new THREE.SphereGeometry(1, 20, 14)));
-  const rod = () => add(new THREE.CylinderGeometry(1, 1, 1, 10));
-  const rods = Array.from({ length: count + (mark.ends.length > 1 ? 1 : 0) }, rod);
-  const heads = Array.from({ length: arrows ? count : 0 }, () => add(new THREE.ConeGeometry(1, 1, 14)));
+  const add = (length, geometry) => Array.from({ length }, () => {
+    const mesh = new THREE.Mesh(geometry, material);
+    mesh.renderOrder = 10;
+    object.add(mesh);
+    return mesh;
+  });
+  const dots = add(mark.ends.length, new THREE.SphereGeometry(1, 20, 14));
+  const rods = add(count + mark.ends.length - 1, new THREE.CylinderGeometry(1, 1, 1, 10));
+  const heads = add(arrows ? count : 0, new THREE.ConeGeometry(1, 1, 14));
   scene.add(object);
-  return { ...mark, object, dots, rods, heads, arrows, ends: mark.ends.map(([shape, index]) => ({ shape: named[shape], index })) };
+  const ends = mark.ends.map(([shape, index]) => ({ shape: named[shape], index }));
+  return { ...mark, object, dots, rods, heads, arrows, ends };
 });
 const UP = new THREE.Vector3(0, 1, 0);
 
@@ -190,7 +196,8 @@ function paint(shape) {
   const target = shape.color.array, color = new THREE.Color(), { deformation } = shape;
   const whole = motion && header.small, most = modes.length ? 1 : largestTrue() || 1;
   for (let i = 0; i < deformation.length; i += 3) {
-    const length = whole ? displacement(shape, i / 3).length() : Math.hypot(deformation[i], deformation[i + 1], deformation[i + 2]);
+    const own = Math.hypot(deformation[i], deformation[i + 1], deformation[i + 2]);
+    const length = whole ? displacement(shape, i / 3).length() : own;
     const place = Math.min(1, length / most) * (COLORS.length - 1), low = Math.min(COLORS.length - 2, Math.floor(place));
     color.lerpColors(COLORS[low], COLORS[low + 1], place - low).toArray(target, i);
   }
@@ -218,15 +225,16 @@ function writeFigures() {
   if (!modes.length && !motion) return;
   const largest = largestShown(), [factor, unit] = largest < 1 ? unitOf(largest) : UNITS[0];
   $("quantity").textContent = `${header.small ? "displacement" : "deformation"} [${unit}]`;
-  $("figures").replaceChildren(...[4, 3, 2, 1, 0].map(k =>
-    Object.assign(document.createElement("span"), { textContent: Number((k / 4 * largest / factor).toPrecision(3)) })));
+  $("figures").replaceChildren(...[1, 0.75, 0.5, 0.25, 0].map(share =>
+    element("span", { textContent: Number((share * largest / factor).toPrecision(3)) })));
   $("amplitude-text").textContent = `${text(state.amplitude * size)}; a mode has no size of its own`;
   $("magnification-text").textContent = `× ${Number(state.magnification.toPrecision(2)).toLocaleString("en")}`;
   $("play").textContent = state.playing ? "pause" : "play";
   if (motion) {
     $("time").textContent = `${time[state.frame].toFixed(digits)} s`;
     $("frame").value = state.frame;
-    $("speed-text").textContent = `${state.speed >= 1 ? "" : "1/"}${Number((state.speed >= 1 ? state.speed : 1 / state.speed).toPrecision(2))} × real time`;
+    const [before, times] = state.speed >= 1 ? ["", state.speed] : ["1/", 1 / state.speed];
+    $("speed-text").textContent = `${before}${Number(times.toPrecision(2))} × real time`;
   }
 }
 const digits = motion ? Math.max(0, Math.min(6, 2 - Math.floor(Math.log10((time.at(-1) - time[0]) / time.length || 1)))) : 0;
@@ -249,8 +257,7 @@ function look(name) {
     [across, up] = [Math.max(across, Math.abs(corner.x)), Math.max(up, Math.abs(corner.y))];
   }
   const width = Math.max(200, innerWidth - 400) / innerHeight, height = Math.max(0.3, 1 - 190 / innerHeight);
-  camera.zoom = 0.5 / Math.max(across / width, up / height, 1e-9) * (camera.top - camera.bottom);
-  camera.zoom /= 1.08;
+  camera.zoom = 0.46 / Math.max(across / width, up / height, 1e-9) * (camera.top - camera.bottom);
   camera.updateProjectionMatrix();
   controls.update();
   draw();
@@ -273,9 +280,14 @@ function drawTriad() {
     `<text x="${43 * end.x}" y="${-43 * end.y}" fill="${color}">${name}</text>`).join("");
 }
 
+function roundDown(x) {
+  const power = 10 ** Math.floor(Math.log10(x));
+  return power * [5, 2, 1].find(k => k * power <= x * (1 + 1e-9));
+}
+
 function drawScale() {
   const pixel = (camera.top - camera.bottom) / camera.zoom / innerHeight, most = 150 * pixel;
-  const power = 10 ** Math.floor(Math.log10(most)), length = [5, 2, 1].map(k => k * power).find(x => x <= most);
+  const length = roundDown(most);
   const [label, bar] = $("scale").children;
   label.textContent = `${Number((1e3 * length).toPrecision(3))} mm`;
   bar.style.width = `${length / pixel}px`;
@@ -298,20 +310,20 @@ function draw() {
 // ---- controls
 
 function addSwitch(box, name, color, on, changed) {
-  const row = document.createElement("label"), input = Object.assign(document.createElement("input"), { type: "checkbox", checked: on });
-  const label = Object.assign(document.createElement("span"), { className: "name", textContent: name, title: name });
+  const row = element("label"), input = element("input", { type: "checkbox", checked: on });
   input.addEventListener("change", () => { changed(input.checked); draw(); });
-  row.append(input);
-  if (color) row.append(Object.assign(document.createElement("span"), { className: "swatch", style: `background:${color}` }));
-  row.append(label);
+  row.append(input, ...(color ? [element("span", { className: "swatch", style: `background:${color}` })] : []),
+    element("span", { className: "name", textContent: name, title: name }));
   $(box).append(row);
 }
 
 const seen = shapes.filter(shape => shape.parts.length);
 if (seen.length === 1) {
-  for (const mesh of seen[0].parts) addSwitch("parts", mesh.userData.label, mesh.userData.color, true, on => { mesh.visible = on; });
+  for (const mesh of seen[0].parts) {
+    addSwitch("parts", mesh.userData.label, mesh.userData.color, true, on => { mesh.visible = on; });
+  }
 } else {
-  for (const shape of seen) addSwitch("parts", shape.name, shape.colors[0], true, on => { shape.group.visible = shape.rest.visible = on; });
+  for (const { name, colors, group } of seen) addSwitch("parts", name, colors[0], true, on => { group.visible = on; });
 }
 for (const kind of new Set(marks.map(mark => mark.kind))) {
   addSwitch("switches", `${kind}s`, header.kinds[kind], true, on => {
@@ -322,16 +334,22 @@ const everywhere = change => on => shapes.forEach(shape => change(shape, on));
 addSwitch("switches", "edges", null, true, everywhere((shape, on) => { shape.lines.outline.visible = on; }));
 addSwitch("switches", "mesh", null, false, everywhere((shape, on) => { shape.lines.edges.visible = on; }));
 addSwitch("switches", "see-through", null, false, on => {
-  for (const { material } of meshes) Object.assign(material, { transparent: on, opacity: on ? 0.35 : 1, depthWrite: !on, needsUpdate: true });
+  const change = { transparent: on, opacity: on ? 0.35 : 1, depthWrite: !on, needsUpdate: true };
+  for (const { material } of meshes) Object.assign(material, change);
 });
 if (state.colored) {
   addSwitch("switches", "outline at rest", null, true, everywhere((shape, on) => { shape.rest.visible = on; }));
   addSwitch("switches", "colour by size", null, true, on => { state.colored = on; recolor(); });
 }
 for (const name of Object.keys(VIEWS)) {
-  const button = Object.assign(document.createElement("button"), { textContent: name });
+  const button = element("button", { textContent: name });
   button.addEventListener("click", () => look(name));
   $("views").append(button);
+}
+
+function slider(id, value, changed) {
+  $(id).value = value;
+  $(id).addEventListener("input", () => changed(Number($(id).value)));
 }
 
 function play(on) {
@@ -362,24 +380,23 @@ function show(frame) {
 }
 
 if (modes.length) {
-  $("mode").replaceChildren(...modes.map(({ name }) => Object.assign(document.createElement("option"), { textContent: name })));
+  $("mode").replaceChildren(...modes.map(({ name }) => element("option", { textContent: name })));
   $("mode").addEventListener("change", () => { state.mode = $("mode").selectedIndex; update(); });
-  $("amplitude").value = 100 * state.amplitude;
-  $("amplitude").addEventListener("input", () => { state.amplitude = $("amplitude").value / 100; update({ deformed: false }); });
+  slider("amplitude", 100 * state.amplitude, value => { state.amplitude = value / 100; update({ deformed: false }); });
   $("mode-box").hidden = $("player").hidden = false;
   $("frame").hidden = $("speed-box").hidden = true;
 }
 if (motion) {
-  const round = x => { const power = 10 ** Math.floor(Math.log10(x)); return [5, 2, 1].find(k => k * power <= x * (1 + 1e-9)) * power; };
-  state.magnification = largestTrue() ? Math.min(1e8, Math.max(1, round(0.04 * size / largestTrue()))) : 1;
+  state.magnification = largestTrue() ? Math.min(1e8, Math.max(1, roundDown(0.04 * size / largestTrue()))) : 1;
   state.speed = 10 ** Math.max(-4, Math.min(1, Math.log10((time.at(-1) - time[0]) / 10 || 1)));
   $("magnified").textContent = header.small ? "motion, magnified" : "deformation, magnified";
-  $("magnification").value = Math.log10(state.magnification);
-  $("magnification").addEventListener("input", () => { state.magnification = 10 ** $("magnification").value; update({ deformed: false }); });
   $("frame").max = time.length - 1;
-  $("frame").addEventListener("input", () => { show(Number($("frame").value)); state.clock = time[state.frame] - time[0]; });
-  $("speed").value = Math.log10(state.speed);
-  $("speed").addEventListener("input", () => { state.speed = 10 ** $("speed").value; draw(); });
+  slider("magnification", Math.log10(state.magnification), value => {
+    state.magnification = 10 ** value;
+    update({ deformed: false });
+  });
+  slider("frame", 0, value => { show(value); state.clock = time[state.frame] - time[0]; });
+  slider("speed", Math.log10(state.speed), value => { state.speed = 10 ** value; draw(); });
   $("magnification-box").hidden = $("player").hidden = false;
 }
 $("play").addEventListener("click", () => play(!state.playing));
@@ -417,17 +434,16 @@ function under(x, y) {
   const [hit] = ray.intersectObjects(meshes.filter(mesh => mesh.visible && mesh.userData.shape.group.visible), false);
   if (!hit) return "";
   const { shape, label } = hit.object.userData;
-  const moved = modes.length ? new THREE.Vector3().fromArray(shape.deformation, 3 * hit.face.a).length() * state.amplitude * size
-    : displacement(shape, hit.face.a).length();
+  const length = displacement(shape, hit.face.a).length();
+  const moved = modes.length ? length / modes[state.mode].peak * state.amplitude * size : length;
   return [shape.name, label === shape.name ? "" : label, shape.text, state.colored ? `displacement ${text(moved)}` : ""]
     .filter(Boolean).join("\n");
 }
 
 renderer.domElement.addEventListener("pointermove", event => {
   const found = event.buttons ? "" : under(event.clientX, event.clientY);
-  Object.assign($("tip").style, { display: found ? "block" : "none" });
-  $("tip").style.left = `${Math.min(event.clientX + 14, innerWidth - 200)}px`;
-  $("tip").style.top = `${event.clientY + 14}px`;
+  const left = `${Math.min(event.clientX + 14, innerWidth - 200)}px`, top = `${event.clientY + 14}px`;
+  Object.assign($("tip").style, { display: found ? "block" : "none", left, top });
   $("tip").textContent = found;
 });
 renderer.domElement.addEventListener("pointerleave", () => { $("tip").style.display = "none"; });
@@ -444,4 +460,5 @@ look("iso");
 // For whoever wants to read what is shown: [x, y, z] in metres along the world's axes.
 window.nassim = { header, state, ready: true, under,
   displacement: (name, index) => displacement(named[name], index).toArray(),
-  drawn: (name, index) => drawnAt({ shape: named[name], index }).toArray() };
+  drawn: (name, index) => drawnAt({ shape: named[name], index }).toArray(),
+  toScreen: place => toScreen(new THREE.Vector3(...place)).toArray() };
