@@ -1,6 +1,6 @@
-"""What moves a study's results: Sobol' indices of `saltelli_points`, correlations of any plan of samples.
+"""What moves a study's results: Sobol' indices on `saltelli_points`, correlations and effects on any samples.
 
-Both take what `sweep` gives of samples: parameters as coordinates along "run", results of one number a run.
+All take what `sweep` gives of samples: parameters as coordinates along "run", results of one number a run.
 """
 
 from collections.abc import Hashable, Mapping, Sequence
@@ -30,10 +30,10 @@ def sobol_indices(
     results: names (default: all of one number a run); confidence: of the intervals, percentiles of a bootstrap of
         n_resamples, which follows from its seed
 
-    Returns over (result, parameter): `first_order`, the share that a parameter brings alone, and `total`, the share
-    that would be gone if it were fixed; with "low" and "high" along `bound` `first_order_interval` and
-    `total_interval`. Where effects of parameters add up, both shares are the same. Estimates scatter, so that
-    small ones may come out below zero. A result that does not vary has no shares: NaN.
+    Returns over (result, parameter): `first_order`, the share that would be gone were the parameter known, and `total`,
+    the share that would be left were all others known; with "low" and "high" along `bound` `first_order_interval` and
+    `total_interval`. Where effects of parameters add up, both shares are the same. Estimates scatter, so that small
+    ones may come out below zero. A result that does not vary has no shares: NaN.
 
     Source: A. Saltelli et al., Comput. Phys. Commun. 181 (2010) 259-270, table 2 (b) and (f). The bootstrap takes
     points for random that fill the space evenly: its intervals are rather too wide.
@@ -97,7 +97,7 @@ def linear_effects(
         many left out below as above
 
     Returns over (result, parameter) `effect`, the change from the range's lower to its upper end, in the result's unit;
-    over result `mean`, of the runs, and `explained`, the share of the variance that the plane leaves no doubt of [-]:
+    over result `mean`, of the runs, and `explained`, the share of the variance that the plane has too [-]: where it is
     far below one, look at `sobol_indices`. Runs without a result are left out for that result.
 
     Raises ValueError for unknown results, and where fewer runs than two more than parameters have a result.
@@ -105,9 +105,8 @@ def linear_effects(
     if not 0 < coverage <= 1:
         raise ValueError(f"coverage must lie in 0 ... 1 (0 excluded), got {coverage:g}")
     parameters, values = _parameters(dataset), _results(dataset, results)
-    ends = np.quantile(parameters.values, [0.5 - 0.5 * coverage, 0.5 + 0.5 * coverage], axis=0)
-    centre, spread = parameters.values.mean(axis=0), parameters.values.std(axis=0)
-    design = (parameters.values - centre) / np.where(spread > 0, spread, 1.0)
+    low, high = np.quantile(parameters.values, [0.5 - 0.5 * coverage, 0.5 + 0.5 * coverage], axis=0)
+    places = (parameters.values - low) / np.where(high > low, high - low, np.inf)
     figures: dict[str, list[Any]] = {"effect": [], "mean": [], "explained": []}
     for name, value in values.items():
         there = np.isfinite(value)
@@ -116,11 +115,11 @@ def linear_effects(
                 f"{there.sum()} runs have a result {name!r}; for {len(parameters.names)} parameters a plane needs "
                 f"{len(parameters.names) + 2}"
             )
-        columns = np.column_stack([np.ones(there.sum()), design[there]])
-        slopes = np.linalg.lstsq(columns, value[there])[0]
-        figures["effect"].append(slopes[1:] * (ends[1] - ends[0]) / np.where(spread > 0, spread, 1.0))
+        columns = np.column_stack([np.ones(there.sum()), places[there]])
+        plane = np.linalg.lstsq(columns, value[there], rcond=None)[0]
+        figures["effect"].append(plane[1:])
         figures["mean"].append(value[there].mean())
-        left = np.var(value[there] - columns @ slopes)
+        left = np.var(value[there] - columns @ plane)
         figures["explained"].append(1 - left / np.var(value[there]) if np.ptp(value[there]) > 0 else np.nan)
     axes = {"result": list(values), "parameter": list(parameters.names)}
     dims = {"effect": ("result", "parameter"), "mean": ("result",), "explained": ("result",)}
