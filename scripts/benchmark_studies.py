@@ -28,7 +28,7 @@ from nassim.signals import band_limited_noise
 from nassim.studies import sweep
 
 DURATIONS = {"10 ms": 0.01, "1 s": 1.0, "60 s": 60.0}
-NOISE = band_limited_noise(4.0, 10e3, cutoff_frequency=400.0, rms=0.1)
+NOISE = band_limited_noise(10.0, 10e3, cutoff_frequency=400.0, rms=0.1)
 COLUMNS = {
     "wall time of a run [ms]": "wall_s*1e3:.2f",
     "processor time of it [ms]": "cpu_s*1e3:.2f",
