@@ -246,6 +246,30 @@ def test_killed_children_are_replaced(tmp_path):
     assert len(calls_in(calls)) <= 42
 
 
+@pytest.mark.parametrize("kept", [True, False])
+def test_who_interrupts_a_study_is_told_how_to_go_on(tmp_path, kept):
+    folder = tmp_path / "study" if kept else None
+    said = f"goes on from {folder}" if kept else "without folder= they are lost"
+    with pytest.raises(KeyboardInterrupt, match=f"stopped after 2 of 4 runs; .*{said}"):
+        quiet(tiny_functions.interrupted, grid={"n": range(4)}, folder=folder, executor="serial")
+
+
+def test_a_function_that_no_process_can_load_is_told_before_the_first_run(tmp_path, monkeypatch):
+    (tmp_path / "nowhere_else.py").write_text("def one(a):\n    return a\n")
+    with monkeypatch.context() as patch:
+        patch.syspath_prepend(tmp_path)
+        from nowhere_else import one
+    with pytest.raises(ValueError, match=r"cannot load the function: ModuleNotFoundError.*nowhere_else"):
+        quiet(one, grid={"a": [1.0]}, folder=tmp_path / "study", n_processes=1)
+    assert (tmp_path / "study" / "manifest.jsonl").read_text() == ""
+
+
+def test_what_runs_print_and_read_comes_between_nobody(capfd):
+    found = quiet(tiny_functions.talkative, grid={"a": [1.0, 2.0]}, n_processes=1)
+    np.testing.assert_array_equal(found.result, [1.0, 2.0])
+    assert capfd.readouterr().out == ""
+
+
 STUDY = """
 import sys, functools
 sys.path.insert(0, {here!r})
