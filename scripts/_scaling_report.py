@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import scipy
 from _report import print_table
+from matplotlib.ticker import EngFormatter
 
 from nassim.plotting import COLORS, plt, save_figure
 
@@ -28,7 +29,8 @@ CURVES = {
     "struts": {"ffrf_us_per_step": "ffrf", "linear_us_per_step": "linear", "exact_us_per_step": "exact"},
     "states": {"response_us": "frequency_response, a line", "exact_us_per_step": "exact, a step"},
 }
-MEMORY = {"grown_B": "beyond the start"}
+MEMORY = {"grown_B": "memory beyond the start"}
+"""That of struts and states is mostly of what is loaded."""
 PANELS = (
     ("nodes", "CPU time [s]", CURVES["nodes"], 1.0),
     ("samples", "CPU time [s]", CURVES["samples"], 1.0),
@@ -59,24 +61,30 @@ def print_growth(kind: str, rows: Rows, fits: Mapping[str, Mapping[str, float]])
     columns |= {"memory [GB]": "memory_B*1e-9:.2f", "grown by [GB]": "grown_B*1e-9:.3f"}
     print_table(TITLES[kind], {f"{row['size']:,.0f}": row for row in rows.values()}, columns)
     for key, name in (CURVES[kind] | MEMORY).items():
-        if key in fits:
+        if key in fits and (key not in MEMORY or kind in ("nodes", "samples")):
             print(f"  {name}: exponent {fits[key]['exponent']:.2f} +- {fits[key]['std']:.2f}")
 
 
 def save_picture(path: Path, rows: Mapping[str, Rows], fits: Mapping[str, Mapping[str, Any]]) -> None:
-    """Costs over sizes on logarithmic axes, with the fitted lines."""
+    """Costs over sizes on logarithmic axes, with the fitted lines, and beside them what grows in proportion."""
     figure = plt.figure(figsize=(13, 7.5), layout="constrained")
     axes = figure.subplots(2, 3).ravel()
     for ax, (kind, label, curves, factor) in zip(axes, PANELS, strict=True):
-        for color, (key, name) in zip(COLORS, curves.items(), strict=False):
+        for (key, name), color, marker in zip(curves.items(), COLORS, "os^", strict=False):
             shown = [(row["size"], factor * row[key]) for row in rows[kind].values() if row[key] > 0]
             size, cost = np.reshape(shown, (-1, 2)).T
             fit = fits[kind].get(key)
-            text = f"{name}: {fit['exponent']:.2f} ± {fit['std']:.2f}" if fit else name
-            ax.loglog(size, cost, "o", ms=5, color=color, label=text)
+            text = f"{name}, p = {fit['exponent']:.2f} ± {fit['std']:.2f}" if fit else name
+            ax.loglog(size, cost, marker, ms=5, color=color, label=text)
             if fit:
                 ax.loglog(size, factor * fit["cost_of_1"] * size ** fit["exponent"], lw=1.2, color=color)
-        ax.set(xlabel=TITLES[kind], ylabel=label)
-        ax.grid(visible=True, which="both", alpha=0.25)
-        ax.legend(fontsize=9, title="exponent", title_fontsize=9)
+                ax.loglog(size, cost[0] * size / size[0], ls=":", lw=0.9, color="0.55")
+            ax.set_xticks(size)
+        ax.xaxis.set_major_formatter(EngFormatter(places=0, sep=""))
+        ax.minorticks_off()
+        low, high = ax.get_ylim()
+        ax.set(xlabel=TITLES[kind], ylabel=label, ylim=(low, high * (high / low) ** 0.3))  # room for the legend
+        ax.grid(visible=True, alpha=0.25)
+        ax.legend(fontsize=9, loc="upper left")
+    figure.suptitle("cost ~ size$^p$; dotted: in proportion to the size", fontsize=11)
     save_figure(axes, path)

@@ -25,7 +25,7 @@ FLOORS = (
     {"simulation"},
     {"identification"},
     {"studies"},
-    {"plotting"},
+    {"plotting", "viewer"},
 )
 """Wings from the ground up; those of one floor do not import each other."""
 FLOOR = {wing: number for number, wings in enumerate(FLOORS) for wing in wings}
@@ -39,7 +39,9 @@ HOMES = {
     "netgen": {"nassim.fem"},
     "ngsolve": {"nassim.fem"},
     "pyuff": {"nassim.signals.uff"},
+    "pyvista": {"nassim.viewer.picture"},
     "tqdm": {"nassim.base.progress"},
+    "vtkmodules": {"nassim.viewer.picture"},
     "xarray": {"nassim.studies"},
 }
 """The rooms, or the wing, that a library may be imported in."""
@@ -162,7 +164,11 @@ def test_every_name_at_a_door_exists(name):
 
 
 @pytest.mark.parametrize(
-    "name", [f"nassim.{w}" for w in ("fem", "scene", "exchange", "simulation", "identification", "studies", "plotting")]
+    "name",
+    [
+        f"nassim.{w}"
+        for w in ("fem", "scene", "exchange", "simulation", "identification", "studies", "plotting", "viewer")
+    ],
 )
 def test_every_name_at_an_upper_door_exists(name):
     check_door(name)
@@ -188,7 +194,7 @@ def test_names_that_version_0_1_exported_are_still_there():
     assert set(names.split()) <= set(nassim.__all__)
 
 
-HEAVY = ("ngsolve", "netgen", "exudyn", "matplotlib", "pyuff", "control", "xarray", "dask", "cloudpickle")
+HEAVY = ("ngsolve", "netgen", "exudyn", "matplotlib", "pyuff", "pyvista", "control", "xarray", "dask", "cloudpickle")
 
 
 def run_without(libraries, code):
@@ -206,6 +212,11 @@ def test_linear_systems_and_files_need_neither_mesher_nor_simulator():
     run = run_without(HEAVY, code)
     assert run.returncode == 0, run.stderr
     assert run_without(HEAVY, "import nassim; nassim.build_fe_model").returncode != 0
+
+
+def test_pages_need_neither_mesher_nor_simulator_nor_picture_library():
+    run = run_without(HEAVY, "from nassim.viewer import view_body, view_motion, view_scene, write_page")
+    assert run.returncode == 0, run.stderr
 
 
 def test_importing_nassim_loads_nothing_large():

@@ -16,6 +16,7 @@ from dataclasses import fields, is_dataclass
 from typing import Any
 
 from docutils import nodes
+from sphinx import addnodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
@@ -23,7 +24,8 @@ import nassim
 
 WINGS = [module.name for module in pkgutil.iter_modules(nassim.__path__)]
 NAME = r"[A-Za-z_]\w*(?: \([^)]*\))?(?: \[[^\]]*\])?"
-TERM = re.compile(rf"^({NAME}(?:, {NAME})*): (.*)$")
+TERM = re.compile(rf"^({NAME}(?:, {NAME})*)[:;] (.*)$")
+ALIAS = re.compile(r"[\w~.]*Annotated\[[^,]*(?:\[[^]]*\])?, '(\w+)'\]")
 ARRAY = re.compile(r"[\w~.]*ndarray\[tuple\[[^]]*\], [\w~.]*dtype\[([^]]*)\]\]")
 SHORT = {"complex128": "ComplexArray", "bool": "BoolArray", "bool_": "BoolArray", "int64": "IntArray"}
 
@@ -62,7 +64,7 @@ class Wing(SphinxDirective):
                 continue
             if inspect.isclass(value):
                 lines += [f".. autoclass:: {module}.{name}", "   :members:", ""]
-            elif callable(value):
+            elif inspect.isroutine(value):
                 lines += [f".. autofunction:: {module}.{name}", ""]
             else:
                 lines += [f".. py:data:: {module}.{name}", ""]
@@ -71,7 +73,7 @@ class Wing(SphinxDirective):
 
 
 def to_rst(docstring: str, names: Collection[str] = ()) -> list[str]:
-    """A docstring as lines of reStructuredText; names: of arguments or fields, several of which a line may tell."""
+    """A docstring as lines of reStructuredText; names: of the arguments, or fields, that its lines may tell."""
     result: list[str] = []
     docstring = re.sub(r"`[^`]*`", lambda match: " ".join(match[0].split()), docstring)
     for paragraph in re.split(r"\n\s*\n", docstring.strip("\n")):
@@ -81,28 +83,21 @@ def to_rst(docstring: str, names: Collection[str] = ()) -> list[str]:
         elif lines[0].startswith("- "):
             result += [*map(inline, lines), ""]
         else:
-            result += [*_terms(_separate(lines, names)), ""]
+            result += [*_terms(lines, {*names, "Source"}), ""]
     return result
 
 
-def _separate(lines: list[str], names: Collection[str]) -> list[str]:
-    """Lines `a: ...; b: ...` as several, where both are names."""
-    if not names:
-        return lines
-    begin = re.compile(rf"; (?=(?:{'|'.join(map(re.escape, names))})(?:, \w+)*(?: \([^)]*\))?(?: \[[^\]]*\])?: )")
-    return [part for line in lines for part in begin.split(line)]
-
-
-def _terms(lines: list[str]) -> list[str]:
-    """A paragraph, whose lines `name: meaning` become terms with their definitions."""
+def _terms(lines: list[str], names: set[str]) -> list[str]:
+    """A paragraph, whose lines `name: meaning; other: meaning` become terms with their definitions."""
     result: list[str] = []
     inside = False
-    for line in lines:
+    begin = re.compile(rf"; (?=(?:{'|'.join(map(re.escape, names))})\b[^:;]*: )")
+    for line in (part for whole in lines for part in begin.split(whole)):
         match = TERM.match(line)
-        if match:
+        told = {name.split(" ")[0] for name in re.split(r", (?=[A-Za-z_])", match[1])} if match else set()
+        if match and told <= names:
             result += [] if inside or not result else [""]
-            head = match[1] if match[1] in ("Source", "Raises") else f"``{match[1]}``"
-            result += [head, "    " + inline(match[2])]
+            result += [match[1] if told == {"Source"} else f"``{match[1]}``", "    " + inline(match[2])]
             inside = True
         else:
             result.append(("    " if inside else "") + inline(line.strip()))
@@ -152,7 +147,17 @@ def _shortened(text: str | None) -> str | None:
     if text is None:
         return None
     text = ARRAY.sub(lambda match: SHORT.get(match[1].split(".")[-1].strip("~"), "Array"), text)
+    text = ALIAS.sub(lambda match: match[1].capitalize(), text)
     return re.sub(r"<function (\w+) at 0x\w+>", r"\1", text)
+
+
+def _shorten_types(_app: Sphinx, document: nodes.document) -> None:
+    """The types of properties, which no signature holds."""
+    for node in document.findall(addnodes.desc_annotation):
+        text = node.astext()
+        if (short := _shortened(text)) != text:
+            node.children = []
+            node.append(nodes.Text(short))
 
 
 HOMES = _homes()
@@ -163,4 +168,5 @@ def setup(app: Sphinx) -> dict[str, bool]:
     app.add_directive("wing", Wing)
     app.connect("autodoc-process-docstring", _process_docstring)
     app.connect("autodoc-process-signature", _process_signature)
+    app.connect("doctree-read", _shorten_types)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

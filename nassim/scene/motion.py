@@ -1,6 +1,6 @@
 """How the bodies of a scene moved: what pictures of a run are drawn from."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -59,6 +59,12 @@ class Motion:
             rotations=frozen_mapping(rotations),
             coordinates=frozen_mapping(coordinates),
         )
+
+    def select(self, bodies: Sequence[str]) -> "Motion":
+        """Return the named bodies' motion as one of its own; raises ValueError for an unknown one."""
+        names = [known("body", name, self.positions) for name in bodies]
+        fields = self.positions, self.rotations, self.coordinates
+        return Motion(self.time, *({name: field[name] for name in names if name in field} for field in fields))
 
 
 def seen_from(scene: Scene, motion: Motion, body: str) -> Motion:

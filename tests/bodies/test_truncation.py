@@ -250,6 +250,16 @@ def test_a_trimmed_body_knows_what_was_left_out_before():
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-12)
 
 
+def test_loads_that_all_modes_answer_add_no_coordinates():
+    """A point that goes while all modes of what is left stay: the same body, not one with rounding for coordinates."""
+    body = craig_bampton(lattice(stiffness=1e6), n_modes=5, progress=False)
+    n = len(body.mass_matrix)
+    right = np.eye(n)[:, 6:12] @ np.array([[1.0, -0.4, 0.3, 0, 0, 0], [0.2, 0.9, -0.7, 0, 0, 0]]).T
+    trimmed = trim_body(body, points=["left"], loads=right, cutoff_frequency=1e6)
+    assert len(trimmed.mass_matrix) == n
+    np.testing.assert_allclose(trimmed.eigenfrequencies(), body.eigenfrequencies(), rtol=1e-8, atol=1e-6)
+
+
 def test_length_of_truncation_errors():
     body = craig_bampton(lattice(), n_modes=4, progress=False)
     assert body.truncation_errors().shape == (16,)

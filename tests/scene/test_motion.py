@@ -94,3 +94,14 @@ def test_who_turns_along_sees_where_points_lie_in_its_axes():
         np.testing.assert_allclose(drawn.T @ axes_after[k], TURNS[k].T @ axes[k], atol=1e-13)
     with pytest.raises(ValueError, match="unknown body 'c'"):
         seen_from(scene, moved, "c")
+
+
+def test_some_bodies_of_a_motion():
+    whole = motion(
+        positions={"a": PLACES, "b": PLACES}, rotations={"b": TURNS, "a": TURNS}, coordinates={"b": np.ones((2, 1))}
+    )
+    assert [*whole.select(["a"]).positions] == ["a"]
+    assert not whole.select(["a"]).coordinates
+    assert fingerprint(whole.select(["a", "b"])) == fingerprint(whole)
+    with pytest.raises(ValueError, match="unknown body 'c'; known: a, b"):
+        whole.select(["c"])
