@@ -632,6 +632,18 @@ def test_a_finer_mesh_is_compared_with_the_coarse_one(script):
     assert tables.labelled(table) == {"5": {"a": 1.0, "b": 2.0}, "7.5": {"a": 3.0, "b": 4.0}}
 
 
+def test_glue_and_ceramic_are_as_soft_as_the_ceramic_that_stands_for_both(script):
+    """In line, per area: three stacks of 20 mm, a spacer of 5 mm, five layers of 30 um."""
+    tolerances = script("_tolerances")
+    solid = tolerances.make_apa300ml()
+    nominal = tolerances._glued(solid, 5 * 30e-6 / 5e9).materials["spacer"]
+    softness = 60e-3 / tolerances.PURE_CERAMIC + 5e-3 / nominal.young_modulus
+    expected = 60e-3 / tolerances.PZT.young_modulus + 5e-3 / tolerances.STEEL.young_modulus
+    assert softness == pytest.approx(expected, rel=1e-12)
+    assert nominal.density == tolerances.STEEL.density
+    assert tolerances.PZT.young_modulus < tolerances.PURE_CERAMIC
+
+
 def test_a_strut_that_leans_moves_its_upper_joint_only(script):
     """By a turn of a milliradian about its own x: 82 um along its own -y."""
     runs = script("_hexapod_runs")

@@ -92,6 +92,7 @@ def plot_sobol(indices: Any, *, results: Sequence[str] | None = None, figure: An
             ax.barh(place + shift, value, xerr=errors, error_kw={"lw": 0.9, "ecolor": "0.25"}, **style)
         ax.set_title(_plain(result), fontsize=9)
         ax.set_yticks(place, names, fontsize=8)
+        ax.margins(y=0.01)
         ax.tick_params(axis="x", labelsize=8)
         ax.axvline(0.0, color="black", lw=0.8)
         ax.grid(visible=True, axis="x", alpha=0.3)
