@@ -221,6 +221,9 @@ from .simulation.time_domain import (
     simulate as simulate,
 )
 from .simulation.time_domain import (
+    simulate_motion as simulate_motion,
+)
+from .simulation.time_domain import (
     static_response as static_response,
 )
 from .simulation.trimming import (

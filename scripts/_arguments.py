@@ -8,6 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
+from _results import command_line
+
+from nassim.base import whole_run
+
 
 class Arguments(argparse.ArgumentParser):
     """An argument parser that answers a wrong argument with one line."""
@@ -76,13 +80,15 @@ def several(kind: Callable[[str], Any]) -> Callable[[str], list[Any]]:
 
 
 def run(main: Callable[[], None]) -> None:
-    """Run a script: what stops it is told in one line, with exit status 2 (130 for Ctrl-C).
+    """Run a script: its stages tell the time left of all, what stops it is told in one line, with exit status 2.
 
+    Ctrl-C ends it with status 130.
     `python -X dev script.py` shows where an error arose.
     """
     name = Path(sys.argv[0]).name
     try:
-        main()
+        with whole_run(Path(name).stem, command_line(sys.argv)):
+            main()
     except KeyboardInterrupt:
         print(f"\n{name}: interrupted", file=sys.stderr)
         sys.exit(130)

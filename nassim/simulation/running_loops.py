@@ -37,18 +37,19 @@ def start_controller(*loops: Loop) -> Callable[[Array], tuple[Array, Array]]:
     that is known already: with a delay of at least one sample it is, without one it is taken as the same.
     """
     a, b, c, d = (block_diag(*(getattr(loop.controller, name) for loop in loops)) for name in "ABCD")
-    state = np.zeros(len(a))
+    whole, n = np.block([[a, b], [c, d]]), len(a)
+    now = np.zeros(n + d.shape[1])  # states, then what is seen
     see = _converters([(loop.input_step, loop.input_limit) for loop in loops for _ in loop.measured])
     put_out = _converters([(loop.output_step, loop.controller.limit) for loop in loops for _ in loop.driven])
     waiting = deque(np.zeros((loops[0].controller.delay, len(d))))
 
     def step(measured: Array) -> tuple[Array, Array]:
-        nonlocal state
-        seen = see(measured)
-        waiting.append(put_out(c.dot(state) + d.dot(seen)))
-        state = a.dot(state) + b.dot(seen)
-        now = waiting.popleft()
-        return now, waiting[0] if waiting else now
+        now[n:] = see(measured)
+        after = whole.dot(now)
+        now[:n] = after[:n]
+        waiting.append(put_out(after[n:]))
+        acting = waiting.popleft()
+        return acting, waiting[0] if waiting else acting
 
     return step
 
@@ -86,8 +87,8 @@ def start_loops(scene: Scene, time_step: float) -> Step:
     or else, as the rule has taken the old value there already, with the missing half of the jump a step later.
     """
     inputs, outputs, driven = scene.inputs, scene.outputs, [name for loop in scene.loops for name in loop.driven]
-    taken = np.zeros((len(inputs), len(driven)))
-    taken[[inputs.index(name) for name in driven], np.arange(len(driven))] = 1.0
+    taken = np.zeros((len(driven), len(inputs)))
+    taken[np.arange(len(driven)), [inputs.index(name) for name in driven]] = 1.0
     periods = [samples_per_period(loop, time_step) for loop in scene.loops]
     ends = np.cumsum([0, *(len(loop.driven) for loop in scene.loops)])
     alike: dict[tuple[int, int], list[int]] = {}
@@ -96,30 +97,37 @@ def start_loops(scene: Scene, time_step: float) -> Step:
     groups = [
         (
             period,
-            delay,
+            delay == 0,
             start_controller(*(scene.loops[k] for k in chosen)),
-            [outputs.index(name) for k in chosen for name in scene.loops[k].measured],
-            [place for k in chosen for place in range(ends[k], ends[k + 1])],
+            np.array([outputs.index(name) for k in chosen for name in scene.loops[k].measured]),
+            _span([place for k in chosen for place in range(ends[k], ends[k + 1])]),
         )
         for (period, delay), chosen in alike.items()
     ]
-    held, next_one, nothing = np.zeros(len(driven)), np.zeros(len(driven)), np.zeros(len(outputs))
+    held, next_one, both = np.zeros(len(driven)), np.zeros(len(driven)), np.zeros((2, len(driven)))
 
     def step(n: int, measure: Callable[[], Array]) -> tuple[Array, Array, Array]:
-        due = [n % period == 0 for period, *_ in groups]
-        found = measure() if any(due) else nothing
-        end = held.copy()
-        for now, (period, delay, control, measured, places) in zip(due, groups, strict=True):
-            late = np.zeros(len(places))
-            if now:
-                before = held[places]
-                held[places], next_one[places] = control(found[measured])
-                late = (held[places] - before) / 2 * (delay == 0)
-            until = (held[places] + next_one[places]) / 2 if (n + 1) % period == 0 else held[places]
-            end[places] = late + until
-        return taken.dot(held), taken.dot(end), held.copy()
+        found, end = None, both[1]
+        for period, at_once, control, measured, places in groups:
+            late: Array | float = 0.0
+            if n % period == 0:
+                found = measure() if found is None else found
+                now, next_one[places] = control(found[measured])
+                late = (now - held[places]) / 2 if at_once else 0.0
+                held[places] = now
+            now = held[places]
+            end[places] = late + ((now + next_one[places]) / 2 if (n + 1) % period == 0 else now)
+        both[0] = held
+        on_inputs = both.dot(taken)
+        return on_inputs[0], on_inputs[1], held.copy()
 
     return step
+
+
+def _span(places: list[int]) -> Array | slice:
+    """Places in an array, as a slice where they follow each other: that costs less at every step."""
+    whole = slice(places[0], places[-1] + 1)
+    return whole if places == list(range(whole.start, whole.stop)) else np.array(places)
 
 
 def check_runaway(assembly: Assembly, coordinates: Array, outputs: Array, time_step: float) -> None:

@@ -1,6 +1,6 @@
 """Outputs of a running Exudyn system that pass filters, from step to step."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
@@ -16,9 +16,10 @@ class Filtering:
     Filters start as if they had always read what they read first; but a scene at rest did not accelerate before.
     """
 
-    def __init__(self, system: System, samples: Mapping[str, Sequence[float]], n_steps: int, time_step: float) -> None:
+    def __init__(self, system: System, samples: Array, time_step: float) -> None:
+        """samples: of all inputs at all time steps, (n_steps + 1, inputs)."""
         scene = system.assembly.scene
-        self.system, self.samples, self.time_step = system, [samples[name] for name in scene.inputs], time_step
+        self.system, self.samples, self.time_step = system, samples, time_step
         self.steps: dict[str, Callable[[float], float]] = {}
         self.at_rest = not scene.speeds and not any(np.any(body.angular_velocity) for body in scene.bodies)
         self.falls = np.zeros((3, len(scene.inputs)))
@@ -26,10 +27,9 @@ class Filtering:
             self.falls[:, scene.inputs.index(field.input)] += field.direction
         self.now = 0
         self.outputs = scene.outputs
-        self.looped = sorted({self.outputs.index(name) for loop in scene.loops for name in loop.measured})
-        self.read = system.measuring(self.outputs[k] for k in self.looped)
+        self.read = system.measuring(dict.fromkeys(name for loop in scene.loops for name in loop.measured))
         for output in system.assembly.filters:
-            system.filtered[output] = np.zeros(n_steps + 1)
+            system.filtered[output] = np.zeros(len(samples))
 
     def step(self, n: int, added: Array) -> None:
         """At time step n; added: by loops to the inputs, (inputs,)."""
@@ -40,7 +40,7 @@ class Filtering:
             for sensor, weights in system.turning.get(output, ()):
                 axes = np.reshape(system.mbs.GetSensorValues(sensor), (3, 3))
                 share = share - (axes @ weights - weights) @ self.falls
-            value += float(sum(share[j] * (self.samples[j][n] + added[j]) for j in np.flatnonzero(share)))
+            value += float(sum(share[j] * (self.samples[n, j] + added[j]) for j in np.flatnonzero(share)))
             if not n:
                 calm = self.at_rest and np.any(system.assembly.acceleration_matrix[k])
                 filtering = system.assembly.filters[output]
@@ -49,8 +49,7 @@ class Filtering:
 
     def measure(self) -> Array:
         """Present outputs that loops measure; the others stay 0, (outputs,)."""
-        result = np.zeros(len(self.outputs))
-        result[self.looped] = self.read()
+        result = self.read()
         for output, passed in self.system.filtered.items():
             result[self.outputs.index(output)] = passed[self.now]
         return result

@@ -17,16 +17,14 @@ from nassim.scene.bodies import FlexibleBody
 from nassim.scene.part import SixSprings, Spring
 from nassim.scene.scene import Scene
 from nassim.simulation.buckling import axial_rows
-from nassim.simulation.damping import tied_bodies
 from nassim.simulation.exudyn.filtering import Filtering
-from nassim.simulation.exudyn.state import Push, System, find_accelerations
-from nassim.simulation.running_loops import RUNAWAY, runaway, start_loops
-from nassim.simulation.small_motion import NO_EQUILIBRIUM, motion_rows
+from nassim.simulation.exudyn.state import System, find_accelerations
+from nassim.simulation.exudyn.watch import Watch
+from nassim.simulation.running_loops import runaway, start_loops
+from nassim.simulation.small_motion import NO_EQUILIBRIUM
 
 CHECKS = 200
 """How often a run looks at its state."""
-LOST = 1.0
-"""A deformation of this share of the body's size, or this rotation [rad] by deformation, means that a run diverges."""
 
 
 def _settings(system: System) -> Any:
@@ -103,10 +101,12 @@ def solve_dynamic(
     spectral_radius: float,
     progress: bool,
     explicit: bool = False,
+    look: Callable[[int], None] | None = None,
 ) -> tuple[dict[str, Array], dict[str, Array], dict[tuple[str, str], Array], dict[str, float], Array]:
     """Integrate with a fixed step by generalized-alpha, or explicitly by Runge and Kutta's rule of order 4.
 
     The explicit rule holds each input from its time step to the next, and needs a system without constraints.
+    look: called at every time step with its number 0 ... n_steps, when the system is in its state
 
     inputs: values at the time steps, shape (n_steps + 1,) each, by name
 
@@ -117,13 +117,15 @@ def solve_dynamic(
     when the integration fails or diverges.
     """
     settings = _fixed_steps(system, n_steps, time_step, spectral_radius)
-    watch = _Watch(system)
+    watch = Watch(system)
     steps = _Steps(system, inputs, n_steps, time_step, explicit=explicit)
     find_accelerations(system, settings)
     chunk = max(1, n_steps // CHECKS)
     with stage("simulate", total=n_steps, unit="steps", enabled=progress) as advance, _interrupts() as interrupts:
 
         def before_step(_mbs: Any, _time: float) -> bool:
+            if look:
+                look(steps.begun)
             steps.begin()
             if steps.begun % chunk == 0:
                 advance(chunk)
@@ -138,55 +140,10 @@ def solve_dynamic(
             watch.look()
         _check_run(system, watch.lost, failure, steps.begun, time_step)
         steps.end()
+        if look:
+            look(n_steps)
         advance(n_steps % chunk)
     return watch.largest, watch.slackest, watch.shifts, watch.speeds, steps.commands.T
-
-
-class _Watch:
-    """What is seen of a run whenever it is looked at.
-
-    largest: `motion_size` of each body, (2,); slackest: `axial_forces` of those that deform; shifts: of every two
-        bodies tied together, as `System.shifting` tells; speeds: of floating bodies [rad/s]; lost: bodies that are
-        deformed beyond what a run may do
-    """
-
-    def __init__(self, system: System) -> None:
-        scene = system.assembly.scene
-        self.system = system
-        self.threshold = RUNAWAY if scene.loops else LOST
-        self.largest = {name: np.zeros(2) for name in system.carriers}
-        self.slackest = {body.name: axial_tension(system, body) for body in scene.deformable_bodies}
-        self.gauges = {name: self._gauge(name) for name in system.carriers}
-        self.shifts = {pair: np.zeros(2) for pair in tied_bodies(scene) if system.nodes}
-        self.shifting = system.shifting(list(self.shifts))
-        self.speeds = {body.name: 0.0 for body in scene.flexible_bodies if body.fidelity == "ffrf" and system.nodes}
-        self.lost: list[str] = []
-
-    def _gauge(self, name: str) -> tuple[Array, int, int]:
-        """Rotations, displacements and axial forces per unit of what carries a body; where the first two end."""
-        body = next(body for body in self.system.assembly.scene.bodies if body.name == name)
-        turns, shifts = motion_rows(self.system.assembly, name)
-        tensions = axial_rows(body.reduced) if isinstance(body, FlexibleBody) else shifts[:0]
-        rows = np.vstack([turns, shifts, tensions]) @ self.system.carriers[name].coordinates
-        return rows, len(turns), len(turns) + len(shifts)
-
-    def look(self) -> None:
-        """Compare the present state with the earlier ones."""
-        system = self.system
-        for name, (rows, turns, shifts) in self.gauges.items():
-            seen = rows.dot(system.carried(name))
-            sizes = np.abs(seen[:shifts])
-            now = np.array([sizes[:turns].max(), sizes[turns:].max(initial=0.0)])
-            if not np.all(now < self.threshold):
-                self.lost.append(name)
-            self.largest[name] = np.maximum(self.largest[name], now)
-            if name in self.slackest:
-                self.slackest[name] = np.minimum(self.slackest[name], seen[shifts:])
-        if self.shifts:
-            for pair, now in zip(self.shifts, self.shifting(), strict=True):
-                self.shifts[pair] = np.maximum(self.shifts[pair], now)
-        for name in self.speeds:
-            self.speeds[name] = max(self.speeds[name], system.speed(name))
 
 
 class _Steps:
@@ -199,22 +156,18 @@ class _Steps:
         self, system: System, inputs: Mapping[str, Array], n_steps: int, time_step: float, *, explicit: bool
     ) -> None:
         scene = system.assembly.scene
-        samples = {name: row.tolist() for name, row in inputs.items()}
         self.system, self.explicit = system, explicit
         self.begun = 0
+        self.inputs = np.column_stack([np.zeros((n_steps + 1, 0)), *(inputs[name] for name in scene.inputs)])
         self.commands = np.zeros((n_steps + 1, len(scene.commands)))
         self.step_loops = start_loops(scene, time_step)
-        self.filtering = Filtering(system, samples, n_steps, time_step)
+        self.filtering = Filtering(system, self.inputs, time_step)
         self.nothing = self.held = np.zeros(len(scene.inputs))
-        self.drives, starting = [], []
-        for drive in system.drives:
-            direct = not np.isfinite(drive.rate)
-            row, place = samples[drive.input], scene.inputs.index(drive.input)
-            # The implicit rule takes forces at both ends of a step. A command that jumps there enters with its
-            # mean, else the loop would have half a step of delay more.
-            straight = direct and not explicit
-            self.drives.append((_follow(drive, time_step), row, place, straight))
-            starting.append(row[0] if direct else 0.0)
+        self.places = np.array([scene.inputs.index(drive.input) for drive in system.drives], dtype=int)
+        rates = [drive.rate for drive in system.drives]
+        self.lagging = [(k, _follow(rate, time_step)) for k, rate in enumerate(rates) if np.isfinite(rate)]
+        starting = self.inputs[0, self.places]
+        starting[[k for k, _ in self.lagging]] = 0.0
         system.act(starting)
 
     def begin(self) -> None:
@@ -225,13 +178,15 @@ class _Steps:
         if self.commands.size:
             held, end, self.commands[count] = self.step_loops(count, self.filtering.measure)
             self.held = held
-        count += 1
-        values = []
-        for follow, row, place, straight in self.drives:
-            added = end[place] if straight else held[place]
-            values.append(follow(row[count - 1] + added, row[count - explicit] + added))
+        before, after = self.inputs[count], self.inputs[count + 1 - explicit]
+        # The implicit rule takes forces at both ends of a step. A command that jumps there enters with its mean, else
+        # the loop would have half a step of delay more.
+        values = (after + (held if explicit else end))[self.places]
+        for k, follow in self.lagging:
+            place = self.places[k]
+            values[k] = follow(before[place] + held[place], after[place] + held[place])
         self.system.act(values)
-        self.begun = count
+        self.begun = count + 1
 
     def end(self) -> None:
         """Take what passes filters and what loops put out at the end of the last step."""
@@ -277,11 +232,12 @@ def axial_tension(system: System, body: FlexibleBody) -> Array:
     return result
 
 
-def _follow(drive: Push, time_step: float) -> Callable[[float, float], float]:
-    """What an amplifier at rest puts out at the end of each time step, whose input runs straight between two values."""
-    if not np.isfinite(drive.rate):
-        return lambda _before, after: after
-    x = drive.rate * time_step
+def _follow(rate: float, time_step: float) -> Callable[[float, float], float]:
+    """What an amplifier at rest puts out at the end of each time step, whose input runs straight between two values.
+
+    rate: of its low-pass [1/s]
+    """
+    x = rate * time_step
     share = -float(np.expm1(-x))
     slope = 1 - share / x
     value = 0.0

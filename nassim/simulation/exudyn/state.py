@@ -11,6 +11,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 
 from nassim.base.checks import Array
+from nassim.scene.bodies import Body
 from nassim.simulation.filters import static_gain
 from nassim.simulation.small_motion import Assembly, Circuit
 
@@ -62,22 +63,24 @@ class Push:
 class _Carried:
     """What a load or an object carries.
 
-    places: of the drives that add to it; forces: per unit of each, (places, m); beside: what else it carries
-    last: values of the drives that it has been told; setting: tells it the forces
+    places: of the drives that add to it; forces: per unit of each, (places, m); beside: what else it carries, (m,)
+    setting: tells it the forces; last: values of its drives that it has been told
     """
 
-    places: list[int]
+    places: Array
     forces: Array
-    beside: Array | float
-    setting: Callable[[Any], None]
-    last: list[float] | None = None
+    beside: Array | None
+    setting: Callable[[Array], None]
+    last: bytes = b""
 
-    def tell(self, values: Sequence[float]) -> None:
-        """Carry what these values of all drives make; every call into Exudyn takes microseconds."""
-        now = [values[place] for place in self.places]
-        if now != self.last:
-            self.setting(np.dot(now, self.forces) + self.beside)
-            self.last = now
+    def tell(self, values: Array) -> None:
+        """Carry what these values of all drives make; every call into Exudyn takes a microsecond or more."""
+        now = values[self.places]
+        told = now.tobytes()
+        if told != self.last:
+            forces = now.dot(self.forces)
+            self.setting(forces if self.beside is None else forces + self.beside)
+            self.last = told
 
 
 @dataclass(frozen=True)
@@ -128,10 +131,10 @@ class System:
 
     def apply(self, inputs: Mapping[str, float]) -> None:
         """Set the inputs, as if they had always been so."""
-        self.act([inputs[drive.input] for drive in self.drives])
+        self.act(np.array([inputs[drive.input] for drive in self.drives]))
 
-    def act(self, values: Sequence[float]) -> None:
-        """Set what acts by the values of all drives in turn, behind their amplifiers."""
+    def act(self, values: Array) -> None:
+        """Set what acts by the values of all drives in turn, behind their amplifiers, (drives,)."""
         for place, drive in self._moved:
             drive.offset[:] = values[place] * drive.forces
         for carried in self._carried:
@@ -153,28 +156,33 @@ class System:
         for (number, parameter), places in found.items():
             is_load = parameter == "loadVector"
             setting = partial(self.mbs.SetLoadParameter if is_load else self.mbs.SetObjectParameter, number, parameter)
-            beside = 0.0 if is_load else self.beside.get(number, 0.0)
-            result.append(_Carried(places, np.array([self.drives[k].forces for k in places]), beside, setting))
+            beside = None if is_load else self.beside.get(number)
+            forces = np.array([self.drives[k].forces for k in places])
+            result.append(_Carried(np.array(places), forces, beside, setting))
         return result
 
     def measuring(self, outputs: Iterable[str]) -> Callable[[], Array]:
-        """A function that returns present values of these outputs, before their filters, (outputs,).
+        """A function that returns present values of these outputs, before their filters, among all, (outputs,).
 
-        It asks a sensor once for all weighted sums of its columns.
+        It asks a sensor once for all weighted sums of its columns. What is not asked for is 0.
         """
-        names = list(outputs)
+        names = self.assembly.scene.outputs
         read, weighted, others = self.mbs.GetSensorValues, dict[int, Array](), []
-        for k, term in ((k, term) for k, name in enumerate(names) for term in self.readings[name]):
+        for k, term in ((names.index(name), term) for name in outputs for term in self.readings[name]):
             if term.weights is None:
                 others.append((k, term))
             else:
                 weights = np.atleast_1d(term.weights)
                 rows = weighted.setdefault(term.sensors[0], np.zeros((len(names), len(weights))))
                 rows[k] += weights
+        sums = list(weighted.items())
+        if len(sums) == 1 and not others and sums[0][1].shape[1] > 1:
+            sensor, rows = sums[0]
+            return lambda: rows.dot(read(sensor))
 
         def measure() -> Array:
             values = np.zeros(len(names))
-            for sensor, rows in weighted.items():
+            for sensor, rows in sums:
                 values += rows.dot(np.atleast_1d(read(sensor)))
             for k, term in others:
                 values[k] += term.value(*(np.reshape(read(sensor), (1, -1)) for sensor in term.sensors))[0]
@@ -203,6 +211,21 @@ class System:
         kind = exu.OutputVariableType.Coordinates
         nodes = self.carriers[name].nodes
         return np.concatenate([np.atleast_1d(self.mbs.GetNodeOutput(node, kind))[:count] for node, count in nodes])
+
+    def taken(self, name: str) -> Array:
+        """What carries the deformation of a flexible body, among all of Exudyn's coordinates, shape (m, all)."""
+        nodes, every = self.carriers[name].nodes, np.eye(self.mbs.systemData.ODE2Size())
+        firsts = [self.mbs.GetNodeODE2Index(node) for node, _ in nodes]
+        return np.vstack([every[first : first + count] for first, (_, count) in zip(firsts, nodes, strict=True)])
+
+    def pose(self, body: Body) -> tuple[Array, Array]:
+        """Where the origin of a body's own frame is, (3,), and from its axes to the world's, (3, 3).
+
+        Where Exudyn has its node and axes in the body does not matter: they move as the body's frame does.
+        """
+        (now, place), (drawn, start) = (self._pose(body.name, drawn=drawn) for drawn in (False, True))
+        turn = now @ drawn.T
+        return place + turn @ (body.position - start), turn @ body.rotation
 
     def turn(self, name: str) -> float:
         """Angle by which a body's frame is turned against the scene as drawn [rad]."""
