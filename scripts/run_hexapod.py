@@ -13,12 +13,13 @@ from _costs import timed
 from _hexapod import ENCODERS, METHODS, SAMPLE_RATE, SENSORS, VOLTAGES, add_machine, excite, hexapod, settling_time
 from _hexapod_pictures import plot_entries
 from _machine_picture import plot_machine
+from _pages import last_frames, write_hexapod
 from _report import print_report, print_table, rows_of, with_prefix
 from _responses import COMPARED, frf_errors
 from _results import write_summary
 
 from models.hexapods import NANO_HEXAPOD
-from nassim import estimate_frf, frequency_response, linearize, save, simulate
+from nassim import estimate_frf, frequency_response, linearize, save, simulate_motion
 from nassim.plotting import save_figure
 from nassim.signals import orthogonal_multisines, settled_blocks
 from nassim.systems import damping
@@ -54,9 +55,8 @@ def main() -> None:
     drive = orthogonal_multisines(VOLTAGES, SAMPLE_RATE, **band, period=args.period, **block, rms=args.voltage)
     excitation = excite(scene, drive.time, dict(zip(drive.names, drive.values, strict=True)))
     outputs, method = (*SENSORS, *ENCODERS), METHODS[args.method][1]
-    record, wall = timed(
-        simulate, scene, excitation, time_step=args.time_step, duration=drive.duration, outputs=outputs, method=method
-    )
+    steps = {"time_step": args.time_step, "duration": drive.duration, "frames": last_frames(drive.duration)}
+    (record, motion), wall = timed(simulate_motion, scene, excitation, outputs=outputs, method=method, **steps)
     duration = (settling + args.periods) * args.period
     steady = settled_blocks(record, duration=duration, settling=settling * args.period)
     periods = {"segment_duration": args.period, "overlap": 0.0, "window": "boxcar"}
@@ -87,8 +87,9 @@ def main() -> None:
     if not args.no_plot:
         for name, rows, unit in (("sensor_voltage", SENSORS, "V/V"), ("encoder", ENCODERS, "m/V")):
             save_figure(plot_entries(fine, estimated, rows, unit), args.output / f"{name}.png")
-        machine = plot_machine(hexapod(args, cutoff_frequency=None), NANO_HEXAPOD)
-        machine.figure.savefig(args.output / "machine.png", dpi=180)
+        whole = hexapod(args, cutoff_frequency=None)
+        plot_machine(whole, NANO_HEXAPOD).figure.savefig(args.output / "machine.png", dpi=180)
+        write_hexapod(whole, motion, args.output / "hexapod.html")
     write_summary(args.output, summary)
 
 
