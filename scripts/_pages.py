@@ -14,6 +14,8 @@ from nassim.viewer import block, cylinder, view_motion, write_page
 FRAMES = 200
 SPAN = 0.2
 """Of a run's end that is shown [s]: ten pictures in each period of 100 Hz."""
+LIFT = np.array([0.0, 0.0, 5e-3])
+"""Half a thickness of plates [m]."""
 
 
 def last_frames(duration: float) -> np.ndarray:
@@ -22,8 +24,14 @@ def last_frames(duration: float) -> np.ndarray:
 
 
 def write_bench(scene: Scene, motion: Motion, path: Path) -> None:
-    """The bench: its base is drawn as a plate."""
-    write_page(view_motion(scene, motion, looks={"base": block((0.16, 0.1, 0.02), (0, 0, -0.01))}), path)
+    """The bench: of base and payload only plates are drawn, or they would hide the actuator."""
+    base, payload = (scene.split(f"{name}.")[0] for name in ("base", "payload"))
+    low, high = base.points["top"], payload.points["bottom"]
+    looks = {
+        "base": block((0.12, 0.06, 0.01), low - LIFT),
+        "payload": block((0.05, 0.04, 0.01), high + LIFT),
+    }
+    write_page(view_motion(scene, motion, looks=looks), path)
 
 
 def write_hexapod(scene: Scene, motion: Motion, path: Path, *, discs: Sequence[str] = ("plate", "payload")) -> None:
