@@ -547,7 +547,7 @@ def test_one_record_of_six_inputs_gives_all_72_responses(options, run_here):
 
 @pytest.mark.slow
 def test_a_record_in_floating_frames_gives_the_same_responses(run_here, tmp_path):
-    """Each of the twelve outputs within 3 % of the exact one, transients included, in zeros and faint responses too.
+    """Each of the twelve outputs within 2 % of the exact one, transients included, in zeros and faint responses too.
 
     A short record will do, since what comes after it is as above. Little voltage: at 0.1 V the strong motions at 10 Hz
     bend the faintest responses by 2 dB, in proportion to it.
@@ -558,7 +558,7 @@ def test_a_record_in_floating_frames_gives_the_same_responses(run_here, tmp_path
     exact, found = (load(tmp_path / method / "record.h5") for method in ("exact", "ffrf"))
     assert len(found.names) == 6 + 12
     for name in found.names:
-        assert np.std(found[name] - exact[name]) < 0.03 * np.std(exact[name]), name
+        assert np.std(found[name] - exact[name]) < 0.02 * np.std(exact[name]), name
 
 
 @pytest.mark.slow
@@ -579,7 +579,7 @@ def test_six_loops_damp_six_modes_as_predicted(options, percent, run_here):
     Integrated steps pass through an output's jump halfway, and the sensors feel half of it at once where the structure
     follows at once: sample time times gain times the sensors' response far above the modes, over two, is 2.4 % here.
     """
-    summary = run_here("hexapod_damping", "--coarse", "--no-plot", *options)
+    summary = run_here("hexapod_damping", "--coarse", "--no-plot", "--duration", "0.15", *options)
     assert len(summary["trials"]) == 3
     for trial in summary["trials"].values():
         assert min(trial["damping_predicted"]) > 3 * summary["least_damping_ratio"]

@@ -91,6 +91,13 @@ def bench(mass, offset, body):
     return {"response": response, "modes": damping(model)[0][:4]}
 
 
+def hangs_in_a_fork(a):
+    if os.fork() == 0:
+        time.sleep(1e3)
+    time.sleep(1e3)
+    return a
+
+
 def fails_at_first(a, calls):
     """Raises until it was called twice for every value."""
     count_calls(a, calls)
