@@ -14,7 +14,6 @@ from nassim.plotting import (
     plot_frf,
     plot_frf_error,
     plot_inspection,
-    plot_mode,
     plot_noise_budget,
     plot_pareto,
     plot_scatter,
@@ -112,15 +111,6 @@ def test_a_figure_is_written_and_closed(tmp_path):
     path = save_figure(axes, tmp_path / "new" / "record.png")
     assert path.stat().st_size > 5_000
     assert plt.get_fignums() == []
-
-
-def test_a_motion_is_drawn_at_eight_per_cent_of_the_size(bar):
-    """A shift along z moves the picture by 8 mm of 100 mm, whatever its amplitude."""
-    shift = np.zeros(14)
-    shift[[2, 8]] = 1e-6
-    axis = plot_mode(bar, shift)
-    assert axis.get_zlim() == pytest.approx((-5 + 8, 5 + 8))
-    assert axis.get_xlim() == pytest.approx((0, 100))
 
 
 def test_the_surface_moves_with_the_body(bar):

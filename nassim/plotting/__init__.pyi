@@ -1,9 +1,3 @@
-from .bodies import (
-    plot_body as plot_body,
-)
-from .bodies import (
-    plot_mode as plot_mode,
-)
 from .budgets import (
     plot_noise_budget as plot_noise_budget,
 )

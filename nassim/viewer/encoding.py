@@ -42,7 +42,7 @@ def encode(view: View) -> tuple[dict[str, Any], bytes]:
     block = Block()
     forms = list({id(shape.form): shape.form for shape in view.shapes}.values())
     number = {id(form): k for k, form in enumerate(forms)}
-    peaks = {mode.name: _largest(view, mode=mode.name) for mode in view.modes}
+    peaks = {mode.name: _largest(view, mode=mode.name) or 1.0 for mode in view.modes}
     patterns = [_Patterns.of(form, _snapshots(view, form, peaks)) for form in forms]
     header: dict[str, Any] = {
         "title": view.title,
@@ -118,7 +118,7 @@ def _snapshots(view: View, form: Form, peaks: dict[str, float]) -> Array:
 
 def _largest(view: View, **which: Any) -> float:
     """Largest displacement of any point in a mode or frame."""
-    return max(_longest(view.displacement(shape.name, **which)) for shape in view.shapes) or 1.0
+    return max(_longest(view.displacement(shape.name, **which)) for shape in view.shapes)
 
 
 def _longest(vectors: Array) -> float:
@@ -127,12 +127,11 @@ def _longest(vectors: Array) -> float:
 
 def _form(block: Block, form: Form, patterns: _Patterns) -> dict[str, Any]:
     surface = form.surface
-    labels = list(dict.fromkeys(surface.labels))
-    place = {label: k for k, label in enumerate(labels)}
+    place = {label: k for k, label in enumerate(form.labels)}
     return {
         "points": block.add(form.points, np.float32),
         "triangles": block.add(surface.triangles, np.uint32),
-        "labels": labels,
+        "labels": form.labels,
         "label": block.add([place[label] for label in surface.labels], np.uint8),
         "outline": block.add(form.outline, np.uint32),
         "edges": block.add(surface.edges, np.uint32),
@@ -146,7 +145,7 @@ def _shape(shape: Shape, form: int) -> dict[str, Any]:
         "form": form,
         "position": shape.position.tolist(),
         "rotation": Rotation.from_matrix(shape.rotation).as_quat().tolist(),
-        "colors": [shape.colors.get(label, GREY) for label in dict.fromkeys(shape.form.surface.labels)],
+        "colors": [shape.colors.get(label, GREY) for label in shape.form.labels],
         "text": shape.text,
     }
 

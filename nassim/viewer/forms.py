@@ -1,7 +1,6 @@
 """What bodies look like: their surface, a box of their inertia, rods between their points, blocks and cylinders."""
 
 import itertools
-from collections import Counter
 from collections.abc import Iterable, Mapping
 
 import numpy as np
@@ -81,7 +80,7 @@ def scene_form(body: Body, look: Surface | None = None) -> Form:
 
 def label_colors(surface: Surface, points: tuple[str, ...]) -> Mapping[str, str]:
     """Colours of a surface's labels: strong ones of remote points' interfaces, pale ones of CAD bodies."""
-    solids = [label for label, _ in Counter(surface.labels).most_common() if label not in points]
+    solids = [label for label in Form(surface).labels if label not in points]
     strong = zip(points, itertools.cycle(INTERFACES), strict=False)
     return dict(strong) | dict(zip(solids, itertools.cycle(MATERIALS), strict=False))
 

@@ -1,7 +1,7 @@
 """One HTML file of a view: it opens by double click, without a network, and holds all that it needs.
 
-`page/` has its template, its program `viewer.js`, which is read as it stands, and three.js 0.184.0 as published (MIT;
-https://threejs.org). Data and library are packed by gzip, which browsers unpack since 2023.
+`page/` has its template, its programs `viewer.js` and `stage.js`, which need no build step, and three.js 0.184.0 as
+published (MIT; https://threejs.org). Data and library are packed by gzip, which browsers unpack since 2023.
 """
 
 import base64
@@ -15,8 +15,13 @@ from nassim.base.storage import written_whole
 from nassim.viewer.encoding import encode
 from nassim.viewer.views import View
 
-LIBRARY = {"three": "three.module.min.js", "three-core": "three.core.min.js", "orbit": "OrbitControls.js"}
-"""What modules of the page import, and the files of three.js that it is in."""
+LIBRARY = {
+    "three": "three/three.module.min.js",
+    "three-core": "three/three.core.min.js",
+    "orbit": "three/OrbitControls.js",
+    "stage": "stage.js",
+}
+"""What modules of the page import, and the files that it is in."""
 
 
 def write_page(view: View, path: str | Path) -> Path:
@@ -31,7 +36,7 @@ def page_text(view: View) -> str:
     """The HTML file of a view, as text."""
     header, data = encode(view)
     folder = files("nassim.viewer") / "page"
-    library = {name: (folder / "three" / file).read_text(encoding="utf-8") for name, file in LIBRARY.items()}
+    library = {name: (folder / file).read_text(encoding="utf-8") for name, file in LIBRARY.items()}
     # Modules that stand in the page have no folder to look for others in: these are named instead.
     library["three"] = library["three"].replace("./three.core.min.js", "three-core")
     parts = {

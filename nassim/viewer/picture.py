@@ -1,7 +1,6 @@
 """Pictures of a view for reports, drawn off the screen. PyVista is used here and nowhere else."""
 
 import io
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,9 +22,7 @@ LINE, RESTING = "#23272e", "#8a94a3"
 ROOM = 1.45
 """Size of a picture over that of what stands in its middle; the rest is for names and for motion."""
 MOST_NAMES = 12
-"""Marks up to which a picture names them: more names would cover each other."""
-MOST_ROWS = 20
-"""Of a legend."""
+"""Marks, and rows of a legend, up to which a picture names them: more names would cover each other."""
 ON_FACES, BEFORE_ALL = -4.0, -66000.0
 """Offsets of depth, in its smallest steps: of lines on faces, and of what lies inside bodies and shall be seen."""
 MISSING = 'pictures of bodies need PyVista: pip install "nassim[viewer]"; pages of nassim.viewer do without'
@@ -125,8 +122,8 @@ def _draw(pyvista: Any, plotter: Any, view: View, drawing: _Drawing, *, mesh: bo
             plotter.add_mesh(body, scalars="length", cmap="viridis", clim=(0, 1), **light)
             _add_lines(pyvista, plotter, 1e3 * shape.points, shape.form.outline, RESTING, 1.2)
         else:
-            colors = {label: shape.colors.get(label, GREY) for label in dict.fromkeys(surface.labels)}
-            legend |= colors if len(seen) == 1 else {shape.name: next(iter(colors.values()))}
+            colors = {label: shape.colors.get(label, GREY) for label in shape.form.labels}
+            legend |= colors if len(seen) == 1 else {shape.name: colors[shape.form.labels[0]]}
             body.cell_data["color"] = np.array([pyvista.Color(colors[k]).int_rgb for k in surface.labels], np.uint8)
             plotter.add_mesh(body, scalars="color", rgb=True, **light)
         _add_lines(pyvista, plotter, points, shape.form.outline, LINE, 1.6)
@@ -134,8 +131,9 @@ def _draw(pyvista: Any, plotter: Any, view: View, drawing: _Drawing, *, mesh: bo
             _add_lines(pyvista, plotter, points, surface.edges, LINE, 1.0, opacity=0.3)
     if drawing.lengths is None:
         _draw_marks(pyvista, plotter, view)
+        legend = legend if len(legend) <= MOST_NAMES else {}
         legend |= {f"{mark.kind}s": KINDS[mark.kind] for mark in view.marks}
-        _add_legend(pyvista, plotter, dict(itertools.islice(legend.items(), MOST_ROWS)))
+        _add_legend(pyvista, plotter, legend)
     elif alone:
         text = {"title": "share of the largest displacement", "color": "black", "vertical": False, "n_labels": 3}
         plotter.add_scalar_bar(

@@ -12,7 +12,7 @@ from nassim.bodies.reduced_body import ReducedBody
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
-from nassim.simulation.small_motion import assemble
+from nassim.simulation.recording import scene_modes
 from nassim.viewer.forms import MATERIALS, body_form, label_colors, scene_form
 from nassim.viewer.marks import point_mark, scene_marks
 from nassim.viewer.views import Form, Mode, Shape, View
@@ -88,22 +88,20 @@ def view_scene_modes(scene: Scene, *, n: int = 12, looks: Mapping[str, Surface] 
 
     looks: see `view_scene`
     """
-    assembly = assemble(scene)
-    modelled = assembly.scene
-    vectors = assembly.basis @ assembly.shapes[:, :n]
+    frequency, moved = scene_modes(scene, n=n)
+    moving = [body for body in scene.bodies if body.name in moved]
     modes = tuple(
-        Mode(
-            _mode_name(k, f), {b.name: _own(b, vectors[assembly.slices[b.name], k]) for b in modelled.bodies if b.moves}
-        )
-        for k, f in enumerate(assembly.frequency[:n])
+        Mode(_mode_name(k, f), {body.name: _own(body, moved[body.name][:, k]) for body in moving})
+        for k, f in enumerate(frequency)
     )
-    return View(f"{scene.name}: modes", _scene_shapes(modelled, looks), scene_marks(scene), modes)
+    return View(f"{scene.name}: modes", _scene_shapes(scene, looks), scene_marks(scene), modes)
 
 
 def view_motion(scene: Scene, motion: Motion, *, frames: int = 300, looks: Mapping[str, Surface] | None = None) -> View:
     """A scene's motion, played back.
 
-    motion: from `simulate(..., record_motion=...)`; frames: how many of its times are kept at most, evenly
+    motion: from `simulate_motion`, or one of a mode, also of a scene that spins, from `mode_motion`
+    frames: how many of its times are kept at most, evenly
     looks: see `view_scene`
     """
     last = len(motion.time) - 1
@@ -128,20 +126,22 @@ def _body_shape(body: ReducedBody) -> Shape:
 
 
 def _scene_shapes(scene: Scene, looks: Mapping[str, Surface] | None) -> tuple[Shape, ...]:
-    """Bodies that are copies of one reduced body share its form."""
+    """Bodies that are copies of one reduced body share its form, rigid ones of one name in several scenes a colour."""
     looks = looks or {}
     for name in looks:
         known("body", name, [body.name for body in scene.bodies])
     forms: dict[int, Form] = {}
     shapes = []
-    for number, body in enumerate(scene.bodies):
+    roles: dict[str, str] = {}
+    for body in scene.bodies:
         if isinstance(body, FlexibleBody) and body.name not in looks:
             form = forms.setdefault(id(body.reduced), scene_form(body))
             colors = label_colors(form.surface, body.reduced.point_names)
             text = f"{1e3 * body.reduced.mass:.4g} g, flexible ({body.fidelity})"
         else:
             form = scene_form(body, looks.get(body.name))
-            colors = dict.fromkeys(form.surface.labels, MATERIALS[number % len(MATERIALS)])
+            color = roles.setdefault(body.name.rpartition("/")[2], MATERIALS[len(roles) % len(MATERIALS)])
+            colors = dict.fromkeys(form.surface.labels, color)
             text = _rigid_text(body)
         shapes.append(Shape(body.name, form, body.position, body.rotation, colors, text))
     return tuple(shapes)

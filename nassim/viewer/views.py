@@ -1,5 +1,6 @@
 """What there is to see: shapes, marks, modes and a motion. Pages and pictures are made of it, and of nothing else."""
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -52,6 +53,11 @@ class Form:
     def points(self) -> Array:
         """All points, those of the surface and the named ones, (n, 3) [m]."""
         return np.vstack([self.surface.points.reshape(-1, 3), self.positions])
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Labels of the surface, that of the most triangles first."""
+        return tuple(label for label, _ in Counter(self.surface.labels).most_common())
 
     @property
     def n_coordinates(self) -> int:

@@ -1,6 +1,6 @@
 // Draws a view: shapes, marks, modes, a motion. All lengths in metres, turns in radians.
 import * as THREE from "three";
-import { OrbitControls } from "orbit";
+import { makeStage, roundDown, text, unitOf } from "stage";
 
 const header = JSON.parse(document.getElementById("header").textContent);
 const bytes = await unpack(document.getElementById("data").textContent);
@@ -69,17 +69,7 @@ function displacement(shape, index) {
 
 // ---- three.js
 
-const renderer = new THREE.WebGLRenderer({ antialias: true, preserveDrawingBuffer: true });
-$("scene").append(renderer.domElement);
-const scene = new THREE.Scene();
-scene.background = new THREE.Color("#fbfbfc");
-const camera = new THREE.OrthographicCamera(-1, 1, 1, -1, -10 * size, 20 * size);
-camera.up.set(0, 0, 1);
-const light = new THREE.DirectionalLight("#fff", 2.0);
-camera.add(light);
-light.position.set(-0.5, 0.9, 1.2);
-scene.add(camera, new THREE.HemisphereLight("#fff", "#aab", 1.5));
-const controls = new OrbitControls(camera, renderer.domElement);
+const { scene, camera, renderer, controls, look, resize, drawAxes, drawScale, pixel, VIEWS } = makeStage(header);
 controls.addEventListener("change", draw);
 
 const line = (color, opacity) => new THREE.LineBasicMaterial({ color, opacity, transparent: opacity < 1 });
@@ -99,7 +89,7 @@ for (const shape of shapes) {
     const own = Array.from(form.label.keys()).filter(k => form.label[k] === number);
     const index = new Uint32Array(own.flatMap(k => [...form.triangles.subarray(3 * k, 3 * k + 3)]));
     const material = new THREE.MeshLambertMaterial({ side: THREE.DoubleSide, flatShading: true,
-      polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 });
+      polygonOffset: true, polygonOffsetFactor: 1.5, polygonOffsetUnits: 4 });
     const mesh = new THREE.Mesh(geometry(index).setAttribute("color", shape.color), material);
     Object.assign(mesh.userData, { shape, label, color: shape.colors[number] });
     return mesh;
@@ -149,23 +139,23 @@ function placeRod(rod, from, to, radius) {
 const drawnAt = ({ shape, index }) => shape.group.localToWorld(new THREE.Vector3().fromArray(shape.drawn, 3 * index));
 
 function placeMarks() {
-  const pixel = (camera.top - camera.bottom) / camera.zoom / renderer.domElement.clientHeight;
+  const unit = pixel();
   for (const mark of marks) {
     const ends = mark.ends.map(drawnAt), last = ends.at(-1);
     mark.places = ends;
     mark.segments = ends.length > 1 ? [[ends[0], ends[1]]] : [];
-    mark.dots.forEach((dot, k) => { dot.position.copy(ends[k]); dot.scale.setScalar(4.2 * pixel); });
+    mark.dots.forEach((dot, k) => { dot.position.copy(ends[k]); dot.scale.setScalar(4.2 * unit); });
     mark.axes.forEach(axis => {
-      const direction = new THREE.Vector3(...axis), reach = 26 * pixel;
+      const direction = new THREE.Vector3(...axis), reach = 26 * unit;
       if (mark.frame) direction.applyQuaternion(named[mark.frame].group.quaternion);
       const tail = last.clone().addScaledVector(direction, mark.arrows ? 0 : -reach);
       mark.segments.push([tail, last.clone().addScaledVector(direction, mark.arrows ? 1.5 * reach : reach)]);
     });
-    mark.rods.forEach((rod, k) => placeRod(rod, ...mark.segments[k], 1.1 * pixel));
+    mark.rods.forEach((rod, k) => placeRod(rod, ...mark.segments[k], 1.1 * unit));
     const arrows = mark.segments.slice(mark.segments.length - mark.heads.length);
     mark.heads.forEach((head, k) => {
       const [from, to] = arrows[k];
-      placeRod(head, to.clone().lerp(from, 0.3), to.clone().lerp(from, -0.05), 4 * pixel);
+      placeRod(head, to.clone().lerp(from, 0.3), to.clone().lerp(from, -0.05), 4 * unit);
     });
   }
 }
@@ -214,13 +204,6 @@ function recolor() {
   update();
 }
 
-const UNITS = [[1, "m"], [1e-3, "mm"], [1e-6, "µm"], [1e-9, "nm"], [1e-12, "pm"]];
-const unitOf = length => (UNITS.find(([factor]) => length >= factor) ?? UNITS.at(-1));
-function text(length) {
-  const [factor, unit] = unitOf(length);
-  return `${Number((length / factor).toPrecision(3))} ${unit}`;
-}
-
 function writeFigures() {
   if (!modes.length && !motion) return;
   const largest = largestShown(), [factor, unit] = largest < 1 ? unitOf(largest) : UNITS[0];
@@ -237,61 +220,9 @@ function writeFigures() {
     $("speed-text").textContent = `${before}${Number(times.toPrecision(2))} × real time`;
   }
 }
-const digits = motion ? Math.max(0, Math.min(6, 2 - Math.floor(Math.log10((time.at(-1) - time[0]) / time.length || 1)))) : 0;
+const digits = motion ? Math.max(0, Math.min(6, 1 - Math.floor(Math.log10((time.at(-1) - time[0]) / time.length || 1)))) : 0;
 
-// ---- camera, axes, scale
-
-const middle = new THREE.Vector3(...header.bounds[0]).add(new THREE.Vector3(...header.bounds[1])).multiplyScalar(0.5);
-const VIEWS = { iso: [0.435, -0.819, 0.375], front: [0, -1, 0], side: [1, 0, 0], top: [0, -0.0001, 1] };
-
-function look(name) {
-  camera.position.copy(middle).addScaledVector(new THREE.Vector3(...VIEWS[name]).normalize(), 5 * size);
-  controls.target.copy(middle);
-  camera.lookAt(middle);
-  camera.updateMatrixWorld();
-  // As large as its corners allow in what the panels leave of the window.
-  let [across, up] = [0, 0];
-  for (let k = 0; k < 8; k++) {
-    const corner = new THREE.Vector3(...[0, 1, 2].map(i => header.bounds[k >> i & 1][i])).sub(middle)
-      .applyQuaternion(camera.quaternion.clone().invert());
-    [across, up] = [Math.max(across, Math.abs(corner.x)), Math.max(up, Math.abs(corner.y))];
-  }
-  const width = Math.max(200, innerWidth - 400) / innerHeight, height = Math.max(0.3, 1 - 190 / innerHeight);
-  camera.zoom = 0.46 / Math.max(across / width, up / height, 1e-9) * (camera.top - camera.bottom);
-  camera.updateProjectionMatrix();
-  controls.update();
-  draw();
-}
-
-function resize() {
-  const ratio = innerWidth / innerHeight;
-  Object.assign(camera, { left: -size * ratio / 2, right: size * ratio / 2, top: size / 2, bottom: -size / 2 });
-  camera.updateProjectionMatrix();
-  renderer.setPixelRatio(devicePixelRatio);
-  renderer.setSize(innerWidth, innerHeight);
-}
-
-function drawTriad() {
-  const inverse = camera.quaternion.clone().invert();
-  const axes = [["x", "#d62728"], ["y", "#2ca02c"], ["z", "#1f77b4"]].map(([name, color], k) =>
-    ({ name, color, end: new THREE.Vector3().setComponent(k, 1).applyQuaternion(inverse) }));
-  $("triad").innerHTML = axes.sort((a, b) => a.end.z - b.end.z).map(({ name, color, end }) =>
-    `<line x2="${34 * end.x}" y2="${-34 * end.y}" stroke="${color}" stroke-width="3" stroke-linecap="round"/>` +
-    `<text x="${43 * end.x}" y="${-43 * end.y}" fill="${color}">${name}</text>`).join("");
-}
-
-function roundDown(x) {
-  const power = 10 ** Math.floor(Math.log10(x));
-  return power * [5, 2, 1].find(k => k * power <= x * (1 + 1e-9));
-}
-
-function drawScale() {
-  const pixel = (camera.top - camera.bottom) / camera.zoom / innerHeight, most = 150 * pixel;
-  const length = roundDown(most);
-  const [label, bar] = $("scale").children;
-  label.textContent = `${Number((1e3 * length).toPrecision(3))} mm`;
-  bar.style.width = `${length / pixel}px`;
-}
+// ---- drawing
 
 let wanted = false;
 function draw() {
@@ -301,7 +232,7 @@ function draw() {
     wanted = false;
     placeMarks();
     renderer.render(scene, camera);
-    drawTriad();
+    drawAxes();
     drawScale();
     writeFigures();
   });
@@ -323,7 +254,11 @@ if (seen.length === 1) {
     addSwitch("parts", mesh.userData.label, mesh.userData.color, true, on => { mesh.visible = on; });
   }
 } else {
-  for (const { name, colors, group } of seen) addSwitch("parts", name, colors[0], true, on => { group.visible = on; });
+  // What was placed as a whole, under a name of its own before a stroke, is one part where there are many.
+  const groups = Object.groupBy(seen, ({ name }) => seen.length > 12 ? name.split("/")[0] : name);
+  for (const [name, items] of Object.entries(groups)) {
+    addSwitch("parts", name, items[0].colors[0], true, on => { for (const { group } of items) group.visible = on; });
+  }
 }
 for (const kind of new Set(marks.map(mark => mark.kind))) {
   addSwitch("switches", `${kind}s`, header.kinds[kind], true, on => {
@@ -343,7 +278,7 @@ if (state.colored) {
 }
 for (const name of Object.keys(VIEWS)) {
   const button = element("button", { textContent: name });
-  button.addEventListener("click", () => look(name));
+  button.addEventListener("click", () => { look(name); draw(); });
   $("views").append(button);
 }
 
@@ -454,8 +389,8 @@ $("title").textContent = header.title;
 $("bar").style.background = `linear-gradient(to top, ${COLORS.map(color => `#${color.getHexString()}`).join(", ")})`;
 addEventListener("resize", () => { resize(); draw(); });
 resize();
-recolor();
 look("iso");
+recolor();
 
 // For whoever wants to read what is shown: [x, y, z] in metres along the world's axes.
 window.nassim = { header, state, ready: true, under,
