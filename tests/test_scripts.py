@@ -291,7 +291,7 @@ def test_scripts_stay_short(path):
             "run_bench.py",
             ["--duration", "2", "--gravity"],
             ["linear_model_pole_Hz", "full_FE_model_zero_Hz", "encoder_magnitude_error_dB"],
-            ["frf.png", "record.png"],
+            ["frf.png", "record.png", "bench.html"],
         ),
         (
             "excitation_study.py",
@@ -303,7 +303,7 @@ def test_scripts_stay_short(path):
             "run_hexapod.py",
             ["--coarse", "--period", "0.25", "--settling", "1"],
             ["suspension_Hz", "us_per_step", "force_sensors_phase_error_deg", "encoders_coherent_share"],
-            ["sensor_voltage.png", "encoder.png", "machine.png"],
+            ["sensor_voltage.png", "encoder.png", "machine.png", "hexapod.html"],
         ),
         (
             "hexapod_fidelity.py",
@@ -327,7 +327,7 @@ def test_scripts_stay_short(path):
             "spin_hexapod.py",
             ["--points", "4", "--duration", "1"],
             ["speeds_rpm", "published", "own struts"],
-            ["poles.png", "maps.png", "trials_published.png"],
+            ["poles.png", "maps.png", "trials_published.png", "published_pure.html"],
         ),
         (
             "nass_budget.py",
