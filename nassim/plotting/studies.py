@@ -62,6 +62,7 @@ def plot_tornado(effects: Any, *, result: str, unit: str = "", ax: Any = None) -
     ax.set_xlabel(f"{_plain(result)} [{unit}]" if unit else _plain(result))
     ax.set_title(f"mean {mean:.5g}, a plane explains {100 * float(chosen.explained):.0f} %", fontsize=9)
     ax.tick_params(labelsize=8)
+    ax.ticklabel_format(axis="x", scilimits=(-2, 4))
     ax.grid(visible=True, axis="x", alpha=0.3)
     ax.legend(fontsize=7, loc="lower right")
     return ax
