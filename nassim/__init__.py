@@ -2,7 +2,7 @@
 
 The names of the chain, from CAD to frequency responses, loaded when they are first used; each wing has more:
 `nassim.signals`, `nassim.bodies`, `nassim.kinematics`, `nassim.systems`, `nassim.fem`, `nassim.scene`,
-`nassim.exchange`, `nassim.simulation`, `nassim.identification`, `nassim.plotting`.
+`nassim.exchange`, `nassim.simulation`, `nassim.identification`, `nassim.studies`, `nassim.plotting`, `nassim.viewer`.
 """
 
 import lazy_loader

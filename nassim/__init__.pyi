@@ -29,6 +29,9 @@ from . import (
     simulation as simulation,
 )
 from . import (
+    studies as studies,
+)
+from . import (
     systems as systems,
 )
 from .base.nouns import (
@@ -219,6 +222,9 @@ from .simulation.scene_body import (
 )
 from .simulation.time_domain import (
     simulate as simulate,
+)
+from .simulation.time_domain import (
+    simulate_motion as simulate_motion,
 )
 from .simulation.time_domain import (
     static_response as static_response,

@@ -8,6 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
+from _results import command_line
+
+from nassim.base import whole_run
+
 
 class Arguments(argparse.ArgumentParser):
     """An argument parser that answers a wrong argument with one line."""
@@ -63,14 +67,28 @@ def whole(least: int) -> Callable[[str], Any]:
     return _number(int, f"a whole number of at least {least}", lambda n: n >= least)
 
 
-def run(main: Callable[[], None]) -> None:
-    """Run a script: what stops it is told in one line, with exit status 2 (130 for Ctrl-C).
+def several(kind: Callable[[str], Any]) -> Callable[[str], list[Any]]:
+    """Type of arguments that are lists of a kind of numbers, with commas between; nothing for none."""
 
+    def read(text: str) -> list[Any]:
+        try:
+            return [kind(part) for part in text.split(",")] if text else []
+        except argparse.ArgumentTypeError as error:
+            raise argparse.ArgumentTypeError(f"must be a list, each of which {error}; all: {text!r}") from error
+
+    return read
+
+
+def run(main: Callable[[], None]) -> None:
+    """Run a script: its stages tell the time left of all, what stops it is told in one line, with exit status 2.
+
+    Ctrl-C ends it with status 130.
     `python -X dev script.py` shows where an error arose.
     """
     name = Path(sys.argv[0]).name
     try:
-        main()
+        with whole_run(Path(name).stem, command_line(sys.argv)):
+            main()
     except KeyboardInterrupt:
         print(f"\n{name}: interrupted", file=sys.stderr)
         sys.exit(130)

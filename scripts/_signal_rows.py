@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 import scipy
+from _limits import bare_product
 
 from nassim import Loop, Scene, TimeHistory, estimate_frf, identify_modes, linearize, simulate
 from nassim.signals.time_history import fast_length
 from nassim.systems import integral_force_feedback
 
-RATE, SEGMENT, EXCITED, BLOCK = 10e3, 10_000, 250, 64
-"""Sample rate [Hz], samples of a segment and lines that the noise excites; samples in a block of exact steps."""
+RATE, SEGMENT, EXCITED = 10e3, 10_000, 250
+"""Sample rate [Hz], samples of a segment and lines that the noise excites."""
 SIGNALS: dict[str, Any] = {"input": "actuator_voltage", "outputs": ("sensor_voltage", "encoder")}
 
 
@@ -40,8 +41,7 @@ def stepping(bench: Scene, noise: TimeHistory) -> dict[str, Row]:
         return simulate(scene, noise, time_step=1 / RATE, method="exact", progress=False)["encoder"]
 
     model, n = linearize(bench), len(noise.time)
-    shape = (-(-n // BLOCK), BLOCK + len(model.A)), (BLOCK + len(model.A), 2 * BLOCK)
-    product = partial(np.matmul, *map(np.ones, shape))
+    product = bare_product(len(model.A), 1, 2, n)
     iff = Loop("iff", integral_force_feedback(20.0, sample_rate=RATE), SIGNALS["outputs"][0], SIGNALS["input"])
     looped, sampled = (replace(bench, loops=(replace(iff, input_step=step),)) for step in (0.0, 1e-13))
 

@@ -1,14 +1,17 @@
 """The bench in longer and shorter steps, and hexapods with loops, as routes of a race."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from _limits import bare_product, exudyns_steps
 from _race import Route, simulated
 
 from models.bench import make_bench
 from models.nano_hexapod import make_nano_hexapod
 from models.strut import fe_strut, two_mass_strut, with_own_damping
-from nassim import Loop, ReducedBody, Scene, TimeHistory
+from nassim import Loop, ReducedBody, Scene, TimeHistory, linearize
 from nassim.signals import band_limited_noise
 from nassim.systems import integral_force_feedback
 
@@ -17,9 +20,15 @@ COMPENSATED = (0.05, 0.1, 0.2, 0.4, 1.0)
 """Steps of the bench [ms]."""
 ROUTES = {"exact": ("linear", EXACT), "linear": ("linear", "generalized_alpha"), "ffrf": ("ffrf", "generalized_alpha")}
 
-
 LONGER = {"exact": 10, "linear": 1, "ffrf": 0.1}
 """How many times the steps asked for tell these routes' time from that of their start."""
+
+
+def limit(scene: Scene, method: str, step: float, n_steps: int, inputs: int = 1) -> Callable[[], Any]:
+    """What steps from so many inputs to one output cannot do without."""
+    if method != EXACT:
+        return exudyns_steps(scene, step, n_steps)
+    return bare_product(len(linearize(replace(scene, loops=())).A), inputs, 1, n_steps)
 
 
 def compensated(apa: ReducedBody, steps: int) -> dict[str, Route]:
@@ -32,7 +41,8 @@ def compensated(apa: ReducedBody, steps: int) -> dict[str, Route]:
             bench = make_bench(apa=apa, fidelity=fidelity)
             label = f"bench {name}, {1e3 * step:g} ms"
             work = simulated(bench, noise, "encoder", step, method)
-            result[label] = Route(work, step, f"bench {EXACT}, {1e3 * step:g} ms")
+            bare = limit(bench, method, step, round(noise.duration / step))
+            result[label] = Route(work, step, f"bench {EXACT}, {1e3 * step:g} ms", limit=bare)
     return result
 
 
@@ -56,7 +66,8 @@ def hexapods(apa: ReducedBody, steps: int) -> dict[str, Route]:
                 )
                 for samples in (n + 1, max(n // 5, 40) + 1)
             )
-            result[f"{count} struts {name}"] = Route(work, STEP, f"{count} struts {EXACT}", brief)
+            bare = limit(scene, method, STEP, n, len(forces))
+            result[f"{count} struts {name}"] = Route(work, STEP, f"{count} struts {EXACT}", brief, bare)
     return result
 
 

@@ -1,17 +1,19 @@
 """Reduce the APA300ML and compare the 36 coordinates with the full FE model and with the paper.
 
-Prints mass, stiffness and eigenfrequencies; draws the mesh, the remote points and the first modes.
+Prints mass, stiffness and eigenfrequencies; draws the mesh, the remote points and the first modes,
+as pictures and as pages to turn them in the browser.
 """
 
 from _arguments import parser, positive, run, whole
 from _report import print_report, print_table, rows_of, with_prefix
 from _results import write_summary
+from _views import show
 
 from models.apa300ml import PAPER_FREQUENCY_FE, PRISMS, VENDOR_STIFFNESS, axial_stiffness, make_apa300ml
 from models.bench import formula_frequency
 from nassim import build_fe_model, condense, craig_bampton
 from nassim.fem import full_eigenfrequencies
-from nassim.plotting import plot_body, plot_mode, plt, save_figure
+from nassim.viewer import view_mesh, view_modes
 
 arguments = parser(__doc__, "reduce_apa")
 arguments.add_argument("--element-size", type=positive, default=5.0, help="largest element [mm] (default: 5)")
@@ -78,14 +80,9 @@ def main() -> None:
         rows = {key.replace("_", " "): {"all": values} for key, values in figures.items()}
         print_table(name, rows, {str(k + 1): f"all/{k}:.3f" for k in range(5)})
     if not args.no_plot:
-        save_figure(plot_body(body), args.output / "mesh_and_remote_points.png")
-        frequency, shapes = body.eigenmodes(**CASES["bottom clamped"], n=6)
-        figure = plt.figure(figsize=(15, 7))
-        figure.subplots_adjust(wspace=0, hspace=0.05)
-        axes = [figure.add_subplot(2, 3, k + 1, projection="3d") for k in range(6)]
-        for k, ax in enumerate(axes):
-            plot_mode(body, shapes[:, k], title=f"mode {k + 1}, bottom clamped: {frequency[k]:.1f} Hz", ax=ax)
-        save_figure(axes, args.output / "modes.png")
+        show(view_mesh(fe_model), args.output / "mesh_and_remote_points", mesh=True)
+        modes = view_modes(body, **CASES["bottom clamped"], n=6)
+        show(modes, args.output / "modes", modes=[mode.name for mode in modes.modes], size=(1800, 1000))
     write_summary(args.output, summary)
 
 

@@ -12,16 +12,18 @@ from _arguments import parser, positive, run, whole
 from _costs import timed
 from _hexapod import ENCODERS, METHODS, SAMPLE_RATE, SENSORS, VOLTAGES, add_machine, excite, hexapod, settling_time
 from _hexapod_pictures import plot_entries
-from _machine_picture import plot_machine
+from _machine_picture import looks
 from _report import print_report, print_table, rows_of, with_prefix
 from _responses import COMPARED, frf_errors
 from _results import write_summary
+from _views import show
 
 from models.hexapods import NANO_HEXAPOD
 from nassim import estimate_frf, frequency_response, linearize, save, simulate
 from nassim.plotting import save_figure
 from nassim.signals import orthogonal_multisines, settled_blocks
 from nassim.systems import damping
+from nassim.viewer import view_scene
 
 BAND = (10.0, 500.0)
 LEAST_COHERENCE = 0.95
@@ -87,8 +89,8 @@ def main() -> None:
     if not args.no_plot:
         for name, rows, unit in (("sensor_voltage", SENSORS, "V/V"), ("encoder", ENCODERS, "m/V")):
             save_figure(plot_entries(fine, estimated, rows, unit), args.output / f"{name}.png")
-        machine = plot_machine(hexapod(args, cutoff_frequency=None), NANO_HEXAPOD)
-        machine.figure.savefig(args.output / "machine.png", dpi=180)
+        machine = hexapod(args, cutoff_frequency=None)
+        show(view_scene(machine, looks=looks(machine, NANO_HEXAPOD)), args.output / "machine")
     write_summary(args.output, summary)
 
 

@@ -1,26 +1,50 @@
-"""Shared fixtures: small models made by hand, and the real APA, reduced once per session."""
+"""Shared fixtures: small models made by hand, and the real APA, reduced once per process; how tests are spread."""
 
 import os
+from pathlib import Path
 
 os.environ.setdefault("MPLBACKEND", "Agg")
+if "PYTEST_XDIST_WORKER" in os.environ:  # threads that spin while they wait would take the other workers' processors
+    for _threads in ("NASSIM_THREADS", "NGS_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(_threads, "1")
 
 import exudyn as exu
 import netgen.occ as occ
+import ngsolve as ng
 import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from models.apa300ml import PORTS, STACK, make_apa300ml
+from models.apa300ml import PORTS, PRISMS, STACK, make_apa300ml
 from models.bench import AMPLIFIER_GAIN, make_bench, sensor_span_constant
 from nassim import FEModel, Material, RemotePoint, Solid, build_fe_model, condense, craig_bampton
+from nassim.fem.assembly import assemble_mesh
 from nassim.fem.fe_model import make_coupling
+from nassim.fem.meshing import generate_mesh
 from nassim.simulation import compensation
+
+MOST_WORKERS = 8
+"""Each imports everything and reduces the APA for itself, so more of them gain little."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config):
+    """Folders of tests, so all of them too, are spread over the processors; files and single tests are not.
+
+    `-n 0` spreads nothing, nor does anything without pytest-xdist.
+    """
+    asked = config.getoption("numprocesses", 0) is not None or config.option.dist != "no" or config.option.usepdb
+    folders = all(Path(place).is_dir() for place in config.args)
+    processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    if folders and processors > 1 and not asked and not hasattr(config, "workerinput"):
+        config.option.numprocesses, config.option.dist = min(processors, MOST_WORKERS), "worksteal"
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _cache(tmp_path_factory):
-    """Tests neither read nor fill the user's cache."""
-    os.environ["NASSIM_CACHE"] = str(tmp_path_factory.mktemp("cache"))
+def _cache(tmp_path_factory, pytestconfig):
+    """Tests neither read nor fill the user's cache; all workers share one."""
+    folder = tmp_path_factory.getbasetemp()
+    os.environ["NASSIM_CACHE"] = str((folder.parent if hasattr(pytestconfig, "workerinput") else folder) / "cache")
 
 
 STEEL = Material("steel", young_modulus=200e9, poisson_ratio=0.3, density=7800.0)
@@ -99,9 +123,28 @@ def pair_forces_and_readings():
     return inputs, outputs
 
 
+def meshed(mesh, solid, order):
+    """The FE model of a solid on a Netgen mesh that is there: as of `build_fe_model`, whose time is mostly Netgen's."""
+    curved = ng.Mesh(mesh)
+    curved.Curve(order)
+    return assemble_mesh(curved, solid, order)
+
+
 @pytest.fixture(scope="session")
-def apa_model():
-    return build_fe_model(make_apa300ml(), element_size=5e-3, order=2, progress=False)
+def apa_tetrahedra():
+    """Netgen mesh of the APA300ML."""
+    return generate_mesh(make_apa300ml(), element_size=5e-3)
+
+
+@pytest.fixture(scope="session")
+def apa_prisms():
+    """Netgen mesh of the APA300ML, the default one of `reduced_apa300ml`."""
+    return generate_mesh(make_apa300ml(), element_size=5e-3, **PRISMS)
+
+
+@pytest.fixture(scope="session")
+def apa_model(apa_tetrahedra):
+    return meshed(apa_tetrahedra, make_apa300ml(), 2)
 
 
 @pytest.fixture(scope="session")

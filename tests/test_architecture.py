@@ -24,11 +24,13 @@ FLOORS = (
     {"scene", "exchange"},
     {"simulation"},
     {"identification"},
-    {"plotting"},
+    {"studies"},
+    {"plotting", "viewer"},
 )
 """Wings from the ground up; those of one floor do not import each other."""
 FLOOR = {wing: number for number, wings in enumerate(FLOORS) for wing in wings}
 HOMES = {
+    "cloudpickle": {"nassim.studies.job"},
     "control": {"nassim.systems.python_control"},
     "exudyn": {"nassim.simulation.exudyn"},
     "h5py": {"nassim.base.storage"},
@@ -37,7 +39,10 @@ HOMES = {
     "netgen": {"nassim.fem"},
     "ngsolve": {"nassim.fem"},
     "pyuff": {"nassim.signals.uff"},
+    "pyvista": {"nassim.viewer.picture"},
     "tqdm": {"nassim.base.progress"},
+    "vtkmodules": {"nassim.viewer.picture"},
+    "xarray": {"nassim.studies"},
 }
 """The rooms, or the wing, that a library may be imported in."""
 LIBRARIES = {*HOMES, "numpy", "scipy", "mpl_toolkits", "psutil", "pypardiso", "cvxopt", "threadpoolctl"}
@@ -158,7 +163,13 @@ def test_every_name_at_a_door_exists(name):
     check_door(name)
 
 
-@pytest.mark.parametrize("name", [f"nassim.{w}" for w in ("fem", "scene", "exchange", "simulation", "identification")])
+@pytest.mark.parametrize(
+    "name",
+    [
+        f"nassim.{w}"
+        for w in ("fem", "scene", "exchange", "simulation", "identification", "studies", "plotting", "viewer")
+    ],
+)
 def test_every_name_at_an_upper_door_exists(name):
     check_door(name)
 
@@ -183,7 +194,7 @@ def test_names_that_version_0_1_exported_are_still_there():
     assert set(names.split()) <= set(nassim.__all__)
 
 
-HEAVY = ("ngsolve", "netgen", "exudyn", "matplotlib", "pyuff", "control")
+HEAVY = ("ngsolve", "netgen", "exudyn", "matplotlib", "pyuff", "pyvista", "control", "xarray", "dask", "cloudpickle")
 
 
 def run_without(libraries, code):
@@ -194,13 +205,19 @@ def run_without(libraries, code):
 def test_linear_systems_and_files_need_neither_mesher_nor_simulator():
     code = (
         "import nassim; "
-        "wings = nassim.systems, nassim.exchange, nassim.scene, nassim.bodies, nassim.signals, nassim.kinematics; "
+        "wings = nassim.systems, nassim.exchange, nassim.scene, nassim.bodies, nassim.signals, nassim.kinematics, "
+        "nassim.studies; "
         "[getattr(wing, name) for wing in wings for name in wing.__all__ if not name.endswith('_control')]; "
         "nassim.linearize, nassim.truncation_error, nassim.load, nassim.identify_modes, nassim.apply_identification"
     )
     run = run_without(HEAVY, code)
     assert run.returncode == 0, run.stderr
     assert run_without(HEAVY, "import nassim; nassim.build_fe_model").returncode != 0
+
+
+def test_pages_need_neither_mesher_nor_simulator_nor_picture_library():
+    run = run_without(HEAVY, "from nassim.viewer import view_body, view_motion, view_scene, write_page")
+    assert run.returncode == 0, run.stderr
 
 
 def test_importing_nassim_loads_nothing_large():

@@ -1,13 +1,24 @@
-"""README and docs hold what their templates give, and every figure in them comes from a summary that a command made."""
+"""README and docs hold what their templates give, figures come from summaries that a command made, and code runs.
 
+Of the site: its pages name every script, every wing and every warning; what builds it needs Sphinx and is tested with.
+"""
+
+import ast
 import importlib
 import importlib.util
 import json
+import pkgutil
 import re
 import shlex
+import shutil
+import subprocess
+import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
+
+import nassim
 
 ROOT = Path(__file__).parent.parent
 spec = importlib.util.spec_from_file_location("render", ROOT / "docs" / "render.py")
@@ -24,9 +35,181 @@ def test_documents_are_what_their_templates_give():
         assert target.read_text(encoding="utf-8") == text, f"run python docs/render.py (for {template.name})"
 
 
-def test_every_document_has_a_template_or_a_command():
-    made = {target for _, target, _ in docs.documents()} | {ROOT / "docs" / "hard_cases.md"}
-    assert set((ROOT / "docs").glob("*.md")) | {ROOT / "README.md"} == made
+MADE = {target for _, target, _ in docs.documents()} | {ROOT / "docs" / "hard_cases.md"}
+PAGES = sorted(path for path in (ROOT / "docs").rglob("*.md") if path.parent.name != "templates")
+HAND_WRITTEN = [path for path in PAGES if path not in MADE]
+
+
+@pytest.mark.parametrize("page", HAND_WRITTEN, ids=lambda path: path.relative_to(ROOT / "docs").as_posix())
+def test_pages_without_a_template_or_a_command_hold_no_figures(page):
+    text = page.read_text(encoding="utf-8").partition("\n## Sources\n")[0]
+    assert not docs.typed_figures(text, GIVEN), "make it a template, docs/templates, with the figures of a summary"
+
+
+def blocks(page, language="python"):
+    return re.findall(rf"^```{language}\n(.*?)^```", page.read_text(encoding="utf-8"), re.S | re.M)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [*filter(blocks, PAGES)], ids=lambda path: path.relative_to(ROOT / "docs").as_posix())
+def test_code_on_a_page_runs_as_it_stands(page, tmp_path):
+    (tmp_path / "page.py").write_text("\n".join(blocks(page)), encoding="utf-8")
+    shutil.copytree(ROOT / "tests" / "data", tmp_path / "tests" / "data")
+    command = [sys.executable, "page.py"]
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+
+
+def test_every_script_has_its_place_in_the_gallery(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+    pages = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs" / "gallery").glob("*.md"))
+    commands = [shlex.split(line) for line in re.findall(r"^```\{script\} (.+)$", pages, re.M)]
+    assert sorted(name for name, *_ in commands) == sorted(p.name for p in (ROOT / "scripts").glob("[a-z]*.py"))
+    for name, *options in commands:
+        importlib.import_module(Path(name).stem).arguments.parse_args(options)
+
+
+def test_every_wing_has_its_page_in_the_reference():
+    listed = (ROOT / "docs" / "reference" / "index.md").read_text(encoding="utf-8")
+    for wing in pkgutil.iter_modules(nassim.__path__):
+        page = ROOT / "docs" / "reference" / f"{wing.name}.md"
+        assert page.exists(), f"write {page}, three lines as of the others"
+        assert f"]({wing.name}.md)" in listed
+
+
+def texts(node, function):
+    """Constant parts of what a call says, also by way of names that its function assigns."""
+    for inner in ast.walk(node):
+        if isinstance(inner, ast.Constant) and isinstance(inner.value, str):
+            yield inner.value
+        elif isinstance(inner, ast.Name):
+            for other in ast.walk(function):
+                targets = other.targets if isinstance(other, ast.Assign) else []
+                if inner.id in {target.id for target in targets if isinstance(target, ast.Name)}:
+                    yield from (part.value for part in ast.walk(other.value) if isinstance(part, ast.Constant))
+
+
+def warnings_of(path):
+    for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(function, ast.FunctionDef):
+            for node in ast.walk(function):
+                if isinstance(node, ast.Call) and ast.unparse(node.func) in ("warn", "warnings.warn"):
+                    yield f"{path.name}, line {node.lineno}", [t for t in texts(node, function) if isinstance(t, str)]
+
+
+def test_every_warning_stands_on_its_page():
+    page = (ROOT / "docs" / "howto" / "warnings.md").read_text(encoding="utf-8")
+    quoted = re.findall(r'^\| "([^"]+)" \|', page, re.M)
+    spoken = []
+    for path in sorted((ROOT / "nassim").rglob("*.py")):
+        if path.name == "notices.py":
+            continue
+        for where, parts in warnings_of(path):
+            told = "{}".join(parts)
+            spoken.append(told)
+            again = path.name == "storage.py" and not parts  # what a cached body was warned of
+            assert again or any(phrase in told for phrase in quoted), f"{where} is not in warnings.md: {told}"
+    assert [phrase for phrase in quoted if not any(phrase in told for told in spoken)] == []
+
+
+@pytest.fixture
+def site(monkeypatch):
+    """Imports what builds the site, by name; skipped without Sphinx."""
+    pytest.importorskip("sphinx")
+    monkeypatch.syspath_prepend(str(ROOT / "docs"))
+    monkeypatch.syspath_prepend(str(ROOT / "docs" / "extensions"))
+    return importlib.import_module
+
+
+def test_docstrings_become_terms_links_and_plain_text(site):
+    reference = site("reference")
+    docstring = """Do something, 2 * 3 | 4, to x_ of `estimate_frf`s.
+
+name: of it; size, rate: how large,
+and how fast [m], [m/s]
+Prose that follows. A sentence: with a colon.
+
+    u = Psi q
+
+Raises ValueError for `nonsense`; `signals.FRF` and `FRF.band`."""
+    lines = reference.to_rst(docstring, ("name", "size", "rate"))
+    assert (
+        "\n".join(lines)
+        == """\
+Do something, 2 \\* 3 \\| 4, to x\\_ of :py:obj:`estimate_frf <nassim.signals.estimate_frf>`\\ s.
+
+``name``
+    of it
+``size, rate``
+    how large,
+    and how fast [m], [m/s]
+    Prose that follows. A sentence: with a colon.
+
+::
+
+    u = Psi q
+
+Raises ValueError for ``nonsense``; :py:obj:`signals.FRF <nassim.signals.FRF>` and ``FRF.band``.
+"""
+    )
+
+
+def test_dead_links_and_what_needs_a_network_are_found(site, tmp_path):
+    build = site("build")
+    (tmp_path / "b.html").write_text('<h1 id="here">x</h1>')
+    (tmp_path / "a.html").write_text(
+        '<a href="b.html#here"></a><a href="b.html#gone"></a><a href="c.html"></a><a href="#own"></a><i id="own"></i>'
+        '<a href="https://elsewhere.org/x"></a><script src="https://cdn.org/x.js"></script><img src="no.png">'
+    )
+    assert sorted(build.dead_links(tmp_path)) == [
+        "a.html loads https://cdn.org/x.js",
+        "a.html: b.html#gone leads nowhere",
+        "a.html: c.html leads nowhere",
+        "a.html: no.png leads nowhere",
+    ]
+
+
+def test_results_stay_until_the_code_changes(site, tmp_path, monkeypatch):
+    gallery = site("gallery")
+    for folder in ("nassim", "models", "scripts"):
+        (tmp_path / folder).mkdir()
+    script = tmp_path / "scripts" / "count.py"
+    script.write_text(
+        "import pathlib, sys\nfolder = pathlib.Path(sys.argv[-1])\nprint('seven', sys.argv[1])\n"
+        "print('results in', folder)\n(folder / 'summary.json').write_text('{}')\n"
+    )
+    monkeypatch.setattr(gallery, "ROOT", tmp_path)
+    monkeypatch.setattr(gallery, "RESULTS", tmp_path / "build")
+    gallery.code.cache_clear()
+    run = gallery.Run("count.py 3")
+    assert not run.done
+    assert gallery.make([run]) == []
+    assert run.done
+    assert (run.folder / "report.txt").read_text() == "seven 3\n"
+    assert not gallery.Run("count.py 4").done
+    script.write_text("raise SystemExit('no more')")
+    gallery.code.cache_clear()
+    assert not run.done
+    (problem,) = gallery.make([run])
+    assert "count.py 3 ends with status 1\nno more" in problem
+    gallery.code.cache_clear()
+
+
+def test_what_a_script_made_stands_on_its_page(site, tmp_path, monkeypatch):
+    gallery = site("gallery")
+    monkeypatch.setattr(gallery, "RESULTS", tmp_path / "gallery")
+    run = gallery.Run("run_bench.py")
+    run.folder.mkdir(parents=True)
+    for name, text in {"report.txt": "pole 98 Hz\n", "summary.json": '{"pole_Hz": 98}', "modes.html": "<p>"}.items():
+        (run.folder / name).write_text(text)
+    (run.folder / "frf.png").write_bytes(b"")
+    parts = "".join(gallery._results(run))
+    assert "![frf](/../build/gallery/run_bench/frf.png)" in parts
+    assert 'src="../_static/gallery/run_bench/modes.html"' in parts
+    assert "pole 98 Hz" in parts
+    assert '"pole_Hz": 98' in parts
+    gallery._copy_pages(SimpleNamespace(outdir=tmp_path / "site"), None)
+    assert (tmp_path / "site" / "_static" / "gallery" / "run_bench" / "modes.html").read_text() == "<p>"
 
 
 @pytest.mark.parametrize("template", TEMPLATES, ids=[path.name for path in TEMPLATES])
@@ -36,7 +219,7 @@ def test_no_figure_is_typed(template):
 
 
 def test_every_given_figure_is_used_and_has_a_source():
-    text = "\n".join(path.read_text(encoding="utf-8") for path in TEMPLATES)
+    text = "\n".join(path.read_text(encoding="utf-8") for path in [*TEMPLATES, *HAND_WRITTEN])
     unused = [phrase for phrase in GIVEN if not re.search(re.escape(phrase).replace(r"\ ", r"\s+"), text)]
     assert unused == []
     assert all(len(source) > 10 for source in GIVEN.values())

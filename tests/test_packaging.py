@@ -38,4 +38,6 @@ def test_wheel_holds_every_module(wheel_names):
     sources = (path for ending in ("py", "pyi") for path in (ROOT / "nassim").rglob(f"*.{ending}"))
     modules = {path.relative_to(ROOT).as_posix() for path in sources}
     assert "nassim/signals/__init__.pyi" in modules
-    assert {name for name in wheel_names if name.startswith("nassim/")} - {"nassim/py.typed"} == modules
+    page = {path.relative_to(ROOT).as_posix() for path in (ROOT / "nassim/viewer/page").rglob("*") if path.is_file()}
+    assert {"nassim/viewer/page/viewer.html", "nassim/viewer/page/three/LICENSE"} <= page
+    assert {name for name in wheel_names if name.startswith("nassim/")} - {"nassim/py.typed"} == modules | page

@@ -12,8 +12,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import scipy
+import xarray as xr
 
-from nassim import FRF, LinearModel, TimeHistory, frequency_response
+from models.apa300ml import calibration
+from nassim import FRF, LinearModel, TimeHistory, frequency_response, linearize, load
 
 ROOT = Path(__file__).parent.parent
 SCRIPTS = sorted(p.name for p in (ROOT / "scripts").glob("[a-z]*.py"))
@@ -30,19 +32,34 @@ def run(*arguments, cwd=ROOT):
     )
 
 
-@pytest.mark.parametrize("name", SCRIPTS)
-def test_help(name):
-    result = run(f"scripts/{name}", "--help")
-    assert result.returncode == 0, result.stderr
-    for option in ("--output", "--no-plot"):
-        assert option in result.stdout
-
-
 @pytest.fixture
 def script(monkeypatch):
     """Imports a script, or what scripts share, by name."""
     monkeypatch.syspath_prepend(str(ROOT / "scripts"))
     return importlib.import_module
+
+
+@pytest.fixture
+def run_here(script, tmp_path, monkeypatch):
+    """Runs a script without a process of its own, whose imports take seconds; returns its summary."""
+
+    def run_main(name, *options, output="."):
+        folder = tmp_path / output
+        monkeypatch.setattr(sys, "argv", [f"{name}.py", "--output", str(folder), *options])
+        script(name).main()
+        return json.loads((folder / "summary.json").read_text())
+
+    return run_main
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_help(name, script, capsys):
+    with pytest.raises(SystemExit) as stop:
+        script(Path(name).stem).arguments.parse_args(["--help"])
+    assert stop.value.code == 0
+    told = capsys.readouterr().out
+    for option in ("--output", "--no-plot"):
+        assert option in told
 
 
 @pytest.mark.parametrize("name", SCRIPTS)
@@ -83,6 +100,76 @@ def test_whole_numbers(script):
     for text in ("1", "2.5", "2.0"):
         with pytest.raises(script("_arguments").argparse.ArgumentTypeError, match="whole number of at least 2, got"):
             read(text)
+
+
+def test_lists_of_numbers(script):
+    common = script("_arguments")
+    read = common.several(common.whole(2))
+    assert read("2,30") == [2, 30]
+    assert read("") == []
+    with pytest.raises(common.argparse.ArgumentTypeError, match="whole number of at least 2, got '1'; all: '4,1'"):
+        read("4,1")
+
+
+def test_exponents_of_known_growth(script):
+    """Exact powers; with scatter, the standard error by the normal equations; a cost that vanishes has none."""
+    report = script("_scaling_report")
+    sizes, scatter = np.array([1e3, 4e3, 2e4, 7e4, 3e5]), np.array([0.1, -0.2, 0.15, 0.05, -0.1])
+    rows = {
+        str(k): {"size": n, "work_s": 2e-4 * n**1.3, "other_s": np.exp(0.7 * np.log(n) + e), "grown_B": k - 1.0}
+        for k, (n, e) in enumerate(zip(sizes, scatter, strict=True))
+    }
+    found = report.exponents(rows)
+    assert set(found) == {"work_s", "other_s"}
+    assert found["work_s"]["exponent"] == pytest.approx(1.3)
+    assert found["work_s"]["cost_of_1"] == pytest.approx(2e-4)
+    assert found["work_s"]["std"] == pytest.approx(0.0, abs=1e-7)
+    matrix = np.column_stack([np.log(sizes), np.ones(5)])
+    values, (rest,), _, _ = np.linalg.lstsq(matrix, 0.7 * np.log(sizes) + scatter, rcond=None)
+    spread = np.sqrt(rest / 3 * np.linalg.inv(matrix.T @ matrix)[0, 0])
+    assert found["other_s"]["exponent"] == pytest.approx(values[0])
+    assert found["other_s"]["std"] == pytest.approx(spread)
+    assert report.exponents(dict(list(rows.items())[:2])) == report.exponents({}) == {}
+
+
+def test_a_picture_of_growth_with_and_without_exponents(script, tmp_path):
+    report = script("_scaling_report")
+    keys = [key for curves in report.CURVES.values() for key in curves]
+    rows = {
+        kind: {str(n): {"size": n, "grown_B": 1e6, **dict.fromkeys(keys, n)} for n in (1, 2)} for kind in report.CURVES
+    }
+    rows["nodes"]["4"] = rows["nodes"]["2"] | {"size": 4}
+    rows["samples"] = {}
+    fits = {kind: report.exponents(rows[kind]) for kind in rows}
+    assert {kind for kind, found in fits.items() if found} == {"nodes"}
+    report.save_picture(tmp_path / "scaling.png", rows, fits)
+    assert (tmp_path / "scaling.png").stat().st_size > 10_000
+
+
+def test_steps_cost_what_more_of_them_take(script, monkeypatch):
+    """A run of 0.5 s and 3 ms a step; only the first input moves."""
+    steps = script("_scaling_steps")
+    scene = script("_scaling_scenes").chain(2)
+    given = []
+
+    def cpu_time(work, scene, excitation, **options):
+        given.append((len(excitation.time), np.any(excitation.values, axis=1).tolist(), options["method"]))
+        return None, 0.5 + 3e-3 * (len(excitation.time) - 1)
+
+    monkeypatch.setattr(steps, "cpu_time", cpu_time)
+    assert steps.stepped(scene, "exact", 100) == pytest.approx(3000.0)
+    assert given == [(101, [True], "exact")] * 3 + [(501, [True], "exact")] * 3
+
+
+def test_a_ring_of_struts_shares_its_load(script, monkeypatch):
+    """Twice as many upright struts side by side give way by half."""
+    from models.strut import two_mass_strut
+
+    scenes = script("_scaling_scenes")
+    monkeypatch.setattr(scenes, "fe_strut", lambda fidelity, apa: two_mass_strut())
+    three, six = (linearize(scenes.ring("linear", None, count)) for count in (3, 6))
+    static = [abs(frequency_response(m, [1e-3]).response("strut_0/encoder", "force")[0]) for m in (three, six)]
+    assert static[0] == pytest.approx(2 * static[1], rel=1e-6)
 
 
 def test_output_that_cannot_be_written_is_refused_before_any_work(tmp_path):
@@ -213,23 +300,6 @@ def test_scripts_stay_short(path):
             ["frf.png"],
         ),
         (
-            "calibrate_apa.py",
-            [
-                "--coarse-size",
-                "12",
-                "--element-size",
-                "12",
-                "--order",
-                "2",
-                "--to",
-                "axial_stiffness=1.85e6",
-                "--tolerance",
-                "4",
-            ],
-            ["parameters", "relative_deviations", "sensitivities"],
-            [],
-        ),
-        (
             "run_hexapod.py",
             ["--coarse", "--period", "0.25", "--settling", "1"],
             ["suspension_Hz", "us_per_step", "force_sensors_phase_error_deg", "encoders_coherent_share"],
@@ -265,6 +335,18 @@ def test_scripts_stay_short(path):
             ["modes", "rms", "least_damping", "largest_sensitivity", "spinning"],
             ["budget.png", "sensitivity.png"],
         ),
+        (
+            "hexapod_study.py",
+            ["--runs", "2", "--gains", "2", "--speeds", "2"],
+            ["largest_stable_gain_per_s", "shares", "tolerances"],
+            ["damping.png", "tolerances.png", "sobol.png"],
+        ),
+        (
+            "tolerance_study.py",
+            ["--runs", "16", "--order", "2", "--refined", "0"],
+            ["finished", "figures", "effects_percent"],
+            ["tornado.png", "scatter.png"],
+        ),
         ("piezo_ports.py", ["--coarse"], ["pair_of_forces_pole_Hz", "ports_sensor_open_zero_Hz"], ["frf.png"]),
         ("compare_routes.py", ["--coarse"], ["volume_stress_zero_Hz", "beam_model_stroke_m"], []),
         (
@@ -289,7 +371,7 @@ def test_scripts_stay_short(path):
         (
             "benchmark_stepping.py",
             ["--steps", "200", "--turns", "1"],
-            ["ffrf_us_per_step", "exact_speed_over_ffrf", "trimmed_frf_error"],
+            ["ffrf_limit_us_per_step", "exact_speed_over_peer", "exact_speed_over_ffrf", "trimmed_frf_error"],
             [],
         ),
         (
@@ -297,6 +379,18 @@ def test_scripts_stay_short(path):
             ["--samples", "20000", "--states", "40", "--turns", "1"],
             ["exact_loop_speed_over_peer", "estimate_frf_difference", "identify_modes_limit_s", "memory_B"],
             [],
+        ),
+        (
+            "benchmark_studies.py",
+            ["--runs", "8", "--empty-runs", "10"],
+            ["ratio", "difference", "start_s", "overhead"],
+            [],
+        ),
+        (
+            "benchmark_scaling.py",
+            ["--nodes", "10", "--struts", "1", "--states", "1", "--samples", "20000"],
+            ["exponents", "nodes", "struts", "states", "samples"],
+            ["scaling.png"],
         ),
         ("benchmark_import.py", ["--repetitions", "1"], ["import nassim", "every public name"], []),
         ("make_blind_record.py", ["--duration", "1"], ["payload_mass_kg", "encoder_gain_2_m_per_V"], []),
@@ -320,6 +414,19 @@ def test_script_writes_its_results(name, options, figures, pictures, tmp_path):
         assert (tmp_path / picture).stat().st_size > 10_000
 
 
+@pytest.mark.slow
+def test_calibration_writes_its_results(run_here, monkeypatch):
+    """With two parameters, as every geometry is meshed anew."""
+    two = {name: calibration.PARAMETERS[name] for name in ("pzt_modulus", "relief")}
+    monkeypatch.setattr(calibration, "PARAMETERS", two)
+    options = "--coarse-size 12 --order 2 --to axial_stiffness=1.85e6 --tolerance 4"
+    summary = run_here("calibrate_apa", *options.split())
+    assert summary["command"] == f"python scripts/calibrate_apa.py {options}"
+    assert summary["parameters"].keys() == two.keys()
+    assert summary["relative_deviations"].keys() == {"pzt_modulus"}
+    assert summary["sensitivities"]["axial_stiffness"].keys() == two.keys()
+
+
 def test_import_body_puts_a_body_of_two_ends_on_the_bench(tmp_path):
     from conftest import lattice
 
@@ -341,6 +448,44 @@ def test_import_body_refuses_in_words(tmp_path):
     assert result.returncode == 2
     assert "bad.mat: damaged or of another format" in result.stderr
     assert "Traceback" not in result.stderr
+
+
+def test_a_race_tells_limits_peers_and_differences(script, monkeypatch):
+    """Routes whose times a clock of their own counts: 4 steps in 8 s, with 2 s of start in 3 s; the peer in 40 s."""
+    races = script("_race")
+    clock = SimpleNamespace(now=0.0)
+
+    def work(seconds, result):
+        def run():
+            clock.now += seconds
+            return np.array(result)
+
+        return run
+
+    def cpu_time(work):
+        before = clock.now
+        return work(), clock.now - before
+
+    monkeypatch.setattr(races, "cpu_time", cpu_time)
+    ours = races.Route(
+        work(8.0, [0, 1, 2, 3, 4.4]), 0.25, "true", work(3.0, [0, 1]), limit=work(2.0, []), peer="theirs"
+    )
+    routes = {
+        "ours": ours,
+        "theirs": races.Route(work(40.0, [0, 1, 1.5]), 0.25, "true"),
+        "true": races.Route(work(1.0, [0, 1, 2, 3, 4]), 0.25, "true"),
+    }
+    found = races.race(routes, turns=2)
+    row = found["ours"]
+    assert row["us_per_step"] == pytest.approx(5e6 / 3)
+    assert row["speed_over_real_time"] == pytest.approx(0.15)
+    assert row["limit_us_per_step"] == pytest.approx(0.5e6)
+    assert row["peer_us_per_step"] == pytest.approx(20e6)
+    assert row["speed_over_peer"] == pytest.approx(12.0)
+    assert row["difference"] == pytest.approx(0.5 / 1.5)
+    assert row["encoder_error"] == pytest.approx(0.1)
+    assert found["theirs"]["limit_us_per_step"] is found["true"]["difference"] is None
+    assert found["theirs"]["encoder_error"] == pytest.approx(0.25)
 
 
 def test_spectra_of_a_file_and_assumed_ones(script, tmp_path):
@@ -369,18 +514,16 @@ def test_spectra_of_a_file_and_assumed_ones(script, tmp_path):
 
 
 @pytest.mark.slow
-def test_blind_identification_meets_its_accuracy(tmp_path):
+def test_blind_identification_meets_its_accuracy(run_here):
     """Another seed than the default, with 5 % noise: frequencies to 0.1 %, damping to 5 %, gains to 2 %."""
-    result = run("scripts/identify_damping.py", "--output", tmp_path, "--seed", "7", "--no-plot")
-    assert result.returncode == 0, result.stderr
-    errors = json.loads((tmp_path / "summary.json").read_text())["errors_in_percent"]
+    errors = run_here("identify_damping", "--seed", "7", "--no-plot")["errors_in_percent"]
     assert len(errors) == 10
     for name, error in errors.items():
         limit = 0.1 if name.startswith("frequency") else 5.0 if name.startswith("damping") else 2.0
         assert abs(error) < limit, name
 
 
-IN_STEPS = ["--settling", "1.2", "--period", "0.1", "--damping-ratio", "0.05", "--payload-mass", "1"]
+IN_STEPS = ["--damping-ratio", "0.05", "--payload-mass", "1"]
 """A quick end of transients, as integrated steps cost much."""
 
 
@@ -389,21 +532,33 @@ IN_STEPS = ["--settling", "1.2", "--period", "0.1", "--damping-ratio", "0.05", "
     "options",
     [
         ["--settling", "3", "--period", "0.5", "--damping-ratio", "0.02"],
-        [*IN_STEPS, "--method", "linear"],
-        # Little voltage: at 0.1 V the strong motions at 10 Hz bend the faintest responses by 2 dB, in proportion to it.
-        [*IN_STEPS, "--method", "ffrf", "--voltage", "0.003"],
+        [*IN_STEPS, "--settling", "1.2", "--period", "0.1", "--method", "linear"],
     ],
-    ids=["exact", "linear", "ffrf"],
+    ids=["exact", "linear"],
 )
-def test_one_record_of_six_inputs_gives_all_72_responses(options, tmp_path):
+def test_one_record_of_six_inputs_gives_all_72_responses(options, run_here):
     """10 to 500 Hz: within 0.5 dB and 5 degrees of the linear model, in zeros and faint responses too."""
-    result = run("scripts/run_hexapod.py", "--coarse", "--no-plot", "--output", tmp_path, *options)
-    assert result.returncode == 0, result.stderr
-    summary = json.loads((tmp_path / "summary.json").read_text())
+    summary = run_here("run_hexapod", "--coarse", "--no-plot", *options)
     for kind in ("force_sensors", "encoders"):
         assert summary[f"{kind}_coherent_share"] > 0.99
         assert summary[f"{kind}_magnitude_error_dB"] < 0.5
         assert summary[f"{kind}_phase_error_deg"] < 5.0
+
+
+@pytest.mark.slow
+def test_a_record_in_floating_frames_gives_the_same_responses(run_here, tmp_path):
+    """Each of the twelve outputs within 2 % of the exact one, transients included, in zeros and faint responses too.
+
+    A short record will do, since what comes after it is as above. Little voltage: at 0.1 V the strong motions at 10 Hz
+    bend the faintest responses by 2 dB, in proportion to it.
+    """
+    short = [*IN_STEPS, "--settling", "0.05", "--period", "0.05", "--voltage", "0.003"]
+    for method in ("exact", "ffrf"):
+        run_here("run_hexapod", "--coarse", "--no-plot", *short, "--method", method, output=method)
+    exact, found = (load(tmp_path / method / "record.h5") for method in ("exact", "ffrf"))
+    assert len(found.names) == 6 + 12
+    for name in found.names:
+        assert np.std(found[name] - exact[name]) < 0.02 * np.std(exact[name]), name
 
 
 @pytest.mark.slow
@@ -418,15 +573,13 @@ def test_one_record_of_six_inputs_gives_all_72_responses(options, tmp_path):
     ],
     ids=["exact", "exact, leaky", "linear", "ffrf", "spinning"],
 )
-def test_six_loops_damp_six_modes_as_predicted(options, percent, tmp_path):
+def test_six_loops_damp_six_modes_as_predicted(options, percent, run_here):
     """Three gains up to 0.6 of the optimum, in exact steps as good as equal.
 
     Integrated steps pass through an output's jump halfway, and the sensors feel half of it at once where the structure
     follows at once: sample time times gain times the sensors' response far above the modes, over two, is 2.4 % here.
     """
-    result = run("scripts/hexapod_damping.py", "--coarse", "--no-plot", "--output", tmp_path, *options)
-    assert result.returncode == 0, result.stderr
-    summary = json.loads((tmp_path / "summary.json").read_text())
+    summary = run_here("hexapod_damping", "--coarse", "--no-plot", "--duration", "0.15", *options)
     assert len(summary["trials"]) == 3
     for trial in summary["trials"].values():
         assert min(trial["damping_predicted"]) > 3 * summary["least_damping_ratio"]
@@ -462,6 +615,47 @@ def test_errors_of_responses_count_where_outputs_are_coherent(script):
     assert both["magnitude_error_dB"] == pytest.approx(20 * np.log10(1.1))
     assert both["phase_error_deg"] == pytest.approx(10.0)
     assert errors(estimated, model, ["y"], least_coherence=1.0)["phase_error_deg"] is None
+
+
+def test_a_finer_mesh_is_compared_with_the_coarse_one(script):
+    """Changes of 1 % that come out as 1.2 % on a mesh that gives 5 % less, of runs of which one failed."""
+    tables = script("_study_tables")
+    change = np.array([0.0, 0.01, -0.02, 0.01, 0.03])
+    coarse = xr.Dataset({"pole": ("run", 100 * (1 + change))})
+    fine = xr.Dataset({"pole": ("run", 95 * (1 + 1.2 * change[:4]))})
+    fine.pole[1] = np.nan
+    row = tables.refinement(coarse, fine, ["pole"])["pole"]
+    assert row["offset_percent"] == pytest.approx(-5.0, abs=0.1)
+    assert row["slope"] == pytest.approx(1.2, rel=0.01)
+    assert row["left_over_percent"] < 1e-9
+    table = xr.DataArray([[1.0, 2.0], [3.0, 4.0]], {"mass": [5.0, 7.5], "name": ["a", "b"]}, ("mass", "name"))
+    assert tables.labelled(table) == {"5": {"a": 1.0, "b": 2.0}, "7.5": {"a": 3.0, "b": 4.0}}
+
+
+def test_glue_and_ceramic_are_as_soft_as_the_ceramic_that_stands_for_both(script):
+    """In line, per area: three stacks of 20 mm, a spacer of 5 mm, five layers of 30 um."""
+    tolerances = script("_tolerances")
+    solid = tolerances.make_apa300ml()
+    nominal = tolerances._glued(solid, 5 * 30e-6 / 5e9).materials["spacer"]
+    softness = 60e-3 / tolerances.PURE_CERAMIC + 5e-3 / nominal.young_modulus
+    expected = 60e-3 / tolerances.PZT.young_modulus + 5e-3 / tolerances.STEEL.young_modulus
+    assert softness == pytest.approx(expected, rel=1e-12)
+    assert nominal.density == tolerances.STEEL.density
+    assert tolerances.PZT.young_modulus < tolerances.PURE_CERAMIC
+
+
+def test_a_strut_that_leans_moves_its_upper_joint_only(script):
+    """By a turn of a milliradian about its own x: 82 um along its own -y."""
+    runs = script("_hexapod_runs")
+    drawn, leaning = (runs._hexapod(10.0, deviations) for deviations in ({}, {"tilt_2_x": 1e-3}))
+    for k in runs.SIX:
+        foot, head = (
+            leaning.point_position(f"strut_{k}/{end}.end") - drawn.point_position(f"strut_{k}/{end}.end")
+            for end in ("bottom", "top")
+        )
+        expected = -82.5e-6 * runs.strut_frames(runs.NANO_HEXAPOD)[k - 1][:, 1] if k == 2 else np.zeros(3)
+        np.testing.assert_allclose(foot, 0.0, atol=1e-12)
+        np.testing.assert_allclose(head, expected, atol=0.1e-6)
 
 
 def test_damping_of_known_decays(script):

@@ -28,6 +28,9 @@ from .rigid_motion import (
 from .rigid_motion import (
     unit_vector as unit_vector,
 )
+from .run_time import (
+    whole_run as whole_run,
+)
 from .storage import (
     cache_directory as cache_directory,
 )

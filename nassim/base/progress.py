@@ -1,21 +1,92 @@
-"""Progress of long work: a bar or a counter on a terminal, a line per stage elsewhere."""
+"""Progress of long work: a bar or a counter on a terminal, a line per stage elsewhere, and the time left of all."""
 
 import sys
+import textwrap
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 
 from tqdm import tqdm
 
 Advance = Callable[..., None]
 """Called as advance(n=1) when n more units of a stage are done."""
+Ends = Sequence[tuple[str, float]]
+"""Stages in their order and when each ended, in seconds from the run's start."""
 
-BAR = "  {desc:<26}{percentage:3.0f}% |{bar:24}| {n_fmt}/{total_fmt} {unit} [{elapsed}<{remaining}]"
-COUNTER = "  {desc:<26}{n_fmt} {unit} [{elapsed}]"
+BAR = "  {desc:<26}{percentage:3.0f}% |{bar:24}| {n_fmt}/{total_fmt} {unit} [{elapsed}<{remaining}]{left}"
+COUNTER = "  {desc:<26}{n_fmt} {unit} [{elapsed}]{left}"
+WIDTH = 100
+"""Columns that a terminal is taken to have."""
 
 
 def silent(n: int = 1) -> None:
     """An `Advance` that shows nothing."""
+
+
+def wrapped(text: str, *, indent: str = "", next_indent: str = "    ") -> str:
+    """One line of text in lines of at most `WIDTH` columns; words (paths) that are longer stay whole."""
+    wrapper = textwrap.TextWrapper(
+        WIDTH, initial_indent=indent, subsequent_indent=next_indent, break_long_words=False, break_on_hyphens=False
+    )
+    return wrapper.fill(text)
+
+
+def tell(text: str, *, indent: str = "  ") -> None:
+    """Print a note beside the stages, in lines of at most `WIDTH` columns."""
+    for line in text.splitlines():
+        print(wrapped(line, indent=indent, next_indent=indent + "    "), flush=True)
+
+
+class Course:
+    """How far a run of several stages is, and how long it will yet take, by an earlier run of the same work.
+
+    ends: those of this run so far; expected: those of the earlier run, the last one being its end
+    """
+
+    def __init__(self, expected: Ends) -> None:
+        self.expected = expected
+        self.ends: list[tuple[str, float]] = []
+        self._start = time.perf_counter()
+        self._passed = 0  # of the expected stages
+
+    @property
+    def elapsed(self) -> float:
+        """Time since the run's start [s]."""
+        return time.perf_counter() - self._start
+
+    def end(self, label: str) -> None:
+        """Note the end of a stage; stages that the earlier run did not have (a cache was empty) count for nothing."""
+        self.ends.append((label, self.elapsed))
+        later = [k for k, (name, _) in enumerate(self.expected) if k >= self._passed and name == label]
+        if later:
+            self._passed = later[0] + 1
+
+    def left(self) -> float | None:
+        """Time left [s], at the pace that this run had up to its last stage; None where no earlier run is known."""
+        if not self.expected:
+            return None
+        whole = self.expected[-1][1]
+        if not self._passed or not self.ends:
+            return max(whole - self.elapsed, 0.0)
+        reached, now = self.expected[self._passed - 1][1], self.ends[-1][1]
+        pace = now / reached if reached > 0.1 * whole else 1.0
+        return max(pace * (whole - reached) - (self.elapsed - now), 0.0)
+
+
+_course: ContextVar[Course | None] = ContextVar("course", default=None)
+
+
+@contextmanager
+def course(expected: Ends) -> Iterator[Course]:
+    """Let the stages within tell the time left of all of them, by how long they took in an earlier run."""
+    token = _course.set(Course(expected))
+    try:
+        current = _course.get()
+        assert current is not None
+        yield current
+    finally:
+        _course.reset(token)
 
 
 @contextmanager
@@ -25,14 +96,16 @@ def stage(label: str, *, total: int | None = None, unit: str = "", enabled: bool
     label: what is being done; unit: what is counted, if anything; total: how many of them, where known
     enabled: False shows nothing
 
-    Yields a function advance(n=1) that moves the bar.
+    Within a `course`, the time left of the whole run stands beside it. Yields a function advance(n=1) that moves the
+    bar.
     """
     if not enabled:
         yield silent
     elif unit and sys.stderr.isatty():
         layout = COUNTER if total is None else BAR
-        with tqdm(total=total, desc=label, unit=unit, bar_format=layout, mininterval=0.2) as bar:
+        with _Bar(total=total, desc=label, unit=unit, bar_format=layout, mininterval=0.2) as bar:
             yield bar.update
+        _end(label)
     else:
         start = time.perf_counter()
         print(f"  {label:<26}", end="", flush=True)
@@ -41,4 +114,25 @@ def stage(label: str, *, total: int | None = None, unit: str = "", enabled: bool
         except BaseException:
             print("stopped", flush=True)
             raise
-        print(f"{time.perf_counter() - start:7.1f} s", flush=True)
+        _end(label)
+        print(f"{time.perf_counter() - start:7.1f} s{_left()}", flush=True)
+
+
+class _Bar(tqdm):  # type: ignore[misc]
+    @property
+    def format_dict(self) -> dict[str, object]:
+        return {**super().format_dict, "left": _left()}
+
+
+def _end(label: str) -> None:
+    current = _course.get()
+    if current is not None:
+        current.end(label)
+
+
+def _left() -> str:
+    current = _course.get()
+    seconds = None if current is None else current.left()
+    if seconds is None:
+        return ""
+    return f"   {seconds:.0f} s left" if seconds < 100 else f"   {seconds / 60:.0f} min left"

@@ -20,6 +20,7 @@ import psutil
 
 from nassim.base.notices import warn
 from nassim.base.nouns import find, is_noun, upgraded
+from nassim.base.progress import tell
 
 FORMAT_VERSION = 3
 """Format 1, of nassim 0.1, had no seal; 1 and 2 named a noun by its module too, as in "nassim.signals:TimeHistory"."""
@@ -149,7 +150,7 @@ def cached(name: str, key: str, build: Callable[[], Noun], *, progress: bool = T
     """
     path = cache_directory() / f"{name}-{key[:16]}.h5"
 
-    def tell(message: str) -> None:
+    def report(message: str) -> None:
         if progress:
             print(f"{name}: {message}", flush=True)
 
@@ -157,12 +158,12 @@ def cached(name: str, key: str, build: Callable[[], Noun], *, progress: bool = T
         try:
             result: Noun = load(path)
         except ValueError as error:
-            tell(f"the cached file is damaged and will be rebuilt ({error})")
+            report(f"the cached file is damaged and will be rebuilt ({error})")
         else:
-            tell(f"loaded from {path} (same inputs)")
+            report(f"loaded from {path} (same inputs)")
             record = getattr(result, "record", {})
-            if "finite element model" in record:
-                tell(record["finite element model"])
+            if progress and "finite element model" in record:
+                tell(f"{name}: {record['finite element model']}", indent="")
             for message in record.get("warnings", "").splitlines():
                 warn(message, stacklevel=3)
             return result
@@ -180,7 +181,7 @@ def cached(name: str, key: str, build: Callable[[], Noun], *, progress: bool = T
     except OSError as error:
         warn(f"{name} could not be kept in the cache folder {path.parent}: {error}", stacklevel=3)
     else:
-        tell(f"saved to {path}")
+        report(f"saved to {path}")
     return result
 
 

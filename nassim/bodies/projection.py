@@ -16,7 +16,8 @@ from nassim.bodies.reduced_body import ReducedBody
 from nassim.bodies.strain import lets_go, without_rounding
 
 DEPENDENT = 1e-10
-"""Load shapes with less than this share of the largest one's energy add nothing."""
+"""Load shapes with less than this share of the largest one's energy add nothing, nor what modes leave of one with less
+than this share of its own: rounding."""
 
 
 def trim_body(body: ReducedBody, *, points: Collection[str], loads: Array, cutoff_frequency: float) -> ReducedBody:
@@ -128,9 +129,10 @@ def _without_picture(body: ReducedBody) -> ReducedBody:
 
 def _shapes_beside(shapes: Array, modes: Array, stiffness: Array, mass: Array) -> Array:
     """The part of static shapes that modes do not hold, as Ritz vectors of unit modal mass."""
+    whole = np.diag(_congruent(stiffness, shapes))
     shapes = shapes - modes @ (modes.T @ (mass @ shapes))
     energy = _congruent(stiffness, shapes)
-    used = np.diag(energy) > 0
+    used = np.diag(energy) > DEPENDENT * whole
     if not used.any():
         return np.zeros((len(shapes), 0))
     shapes = shapes[:, used] / np.sqrt(np.diag(energy)[used])

@@ -117,6 +117,33 @@ class PassivePoint:
         return replace(self, motions=self.motions @ change)
 
 
+@dataclass(frozen=True)
+class Trace:
+    """What a body of fewer coordinates means for the one that it was made from.
+
+    rows: coordinates of that per unit of the body's own, shape (n_original, n)
+    """
+
+    rows: Array
+
+    def __post_init__(self) -> None:
+        freeze(self, rows=finite_array("trace: rows", self.rows, (None, None)))
+
+    @property
+    def name(self) -> str:
+        """Always "trace": a body has one."""
+        return "trace"
+
+    @property
+    def n_coordinates(self) -> int:
+        """Number n of the body's coordinates."""
+        return self.rows.shape[1]
+
+    def projected(self, change: Array) -> "Trace":
+        """The trace in n' coordinates q', where q = change @ q', shape (n, n')."""
+        return replace(self, rows=self.rows @ change)
+
+
 def upgraded_readouts(content: Mapping[str, Any]) -> dict[str, Any]:
     """The fields of a `ReducedBody` as files of nassim 0.1 hold them, with one mapping in the place of five fields.
 

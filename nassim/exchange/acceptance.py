@@ -7,6 +7,7 @@ import numpy as np
 import scipy
 
 from nassim.base.checks import Array
+from nassim.base.progress import tell
 from nassim.bodies.inertia import completed_gram, free_of_rigid_motions
 from nassim.bodies.interface import RemotePoint
 from nassim.bodies.reduced_body import ReducedBody
@@ -20,6 +21,8 @@ ALONE = 0.01
 """Residual of all other rows over that of one node's, below which that node's rows are the damaged ones."""
 ROUNDING = 1e-2
 """Negative eigenvalues above this share of the positive ones are no rounding and are not repaired."""
+SHOWN = 10
+"""Elastic frequencies that a repair's text names, beside the one that moved most."""
 
 Body = TypeVar("Body", ReducedBody, Superelement)
 
@@ -56,8 +59,15 @@ class Repair(Generic[Body]):
         ):
             old, new = (_figure(report, name, key) for report in (self.before, self.after))
             lines.append(f"  {old:12.6g} -> {new:12.6g}  {unit}")
-        for old, new, shift in zip(self.elastic_before, self.elastic_after, self.elastic_shift, strict=True):
-            lines.append(f"  {old:12.6g} -> {new:12.6g}  Hz, elastic ({100 * shift:+.2g} %)")
+        shift: Array = self.elastic_shift
+        n: int = len(shift)
+        shown = sorted({*range(min(n, SHOWN)), *([int(np.argmax(np.abs(shift)))] if n else [])})
+        for k in shown:
+            where = "" if k < SHOWN else f", number {k + 1} of {n}: the largest change"
+            figures = f"{self.elastic_before[k]:12.6g} -> {self.elastic_after[k]:12.6g}"
+            lines.append(f"  {figures}  Hz, elastic ({100 * shift[k]:+.2g} %{where})")
+        if n > len(shown):
+            lines.append(f"  and {n - len(shown)} more elastic ones, which moved less")
         return "\n".join(lines)
 
 
@@ -96,7 +106,7 @@ def repair(body: Body) -> Repair[Body]:
         elastic_before=np.sort(old[6:]),
         elastic_after=np.sort(new[6:]),
     )
-    print(report, flush=True)
+    tell(str(report), indent="")
     return report
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import scipy
 
 from nassim.base.checks import Array, freeze, frozen_mapping, known
+from nassim.base.progress import wrapped
 from nassim.base.rigid_motion import rigid_motions
 from nassim.bodies.inertia import RigidInertia, free_of_rigid_motions, rigid_inertia
 from nassim.bodies.reduced_body import ReducedBody
@@ -67,7 +68,8 @@ class Report:
 
     def __str__(self) -> str:
         lines = [f"{self.name}: {self.verdict}"]
-        lines += [f"  {finding.verdict:8}{finding.name:22}{finding.text}" for finding in self.findings]
+        for finding in self.findings:
+            lines.append(wrapped(finding.text, indent=f"  {finding.verdict:8}{finding.name:22}", next_indent=32 * " "))
         return "\n".join(lines)
 
 

@@ -70,3 +70,6 @@ from .solver import (
 from .solver import (
     threads as threads,
 )
+from .tessellation import (
+    solid_surface as solid_surface,
+)

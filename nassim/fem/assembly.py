@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from nassim.base.checks import Array
 from nassim.base.exclusive import exclusive
 from nassim.base.notices import collected
-from nassim.base.progress import stage
+from nassim.base.progress import stage, tell
 from nassim.bodies.interface import RemotePoint
 from nassim.fem.fe_model import Coupling, FEModel, Refinement, make_coupling
 from nassim.fem.materials import Material
@@ -74,7 +74,7 @@ def build_fe_model(
     description = "; ".join([model.description, *told.notes])
     model = replace(model, description=description, warnings=tuple(told.warnings))
     if progress:
-        print(f"  {model.description}")
+        tell(model.description)
     return model
 
 

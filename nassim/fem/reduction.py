@@ -8,7 +8,7 @@ import numpy as np
 from nassim.base.checks import Array, positive, unique
 from nassim.base.exclusive import exclusive
 from nassim.base.notices import collected
-from nassim.base.progress import stage
+from nassim.base.progress import stage, tell
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.projection import keep_modes
 from nassim.bodies.readouts import Picture, Readout, by_name
@@ -82,7 +82,7 @@ def craig_bampton(
     record = {**body.record, **_report(body, rich, count)}
     warnings = [*condensed.fe_model.warnings, *told.warnings]
     if progress:
-        print("\n".join(f"  {label}: {text}" for label, text in record.items() if label != "finite element model"))
+        tell("\n".join(f"{label}: {text}" for label, text in record.items() if label != "finite element model"))
     return replace(body, record={**record, **({"warnings": "\n".join(warnings)} if warnings else {})})
 
 

@@ -73,6 +73,15 @@ from .mechanics import (
 from .mechanics import (
     SpringDamper as SpringDamper,
 )
+from .motion import (
+    Motion as Motion,
+)
+from .motion import (
+    point_motion as point_motion,
+)
+from .motion import (
+    seen_from as seen_from,
+)
 from .part import (
     Actuator as Actuator,
 )

@@ -25,6 +25,12 @@ from .linearization import (
 from .linearization import (
     state_space as state_space,
 )
+from .recording import (
+    scene_modes as scene_modes,
+)
+from .recording import (
+    traced as traced,
+)
 from .scene_body import (
     reduce_scene as reduce_scene,
 )
@@ -40,11 +46,17 @@ from .spinning import (
 from .spinning import (
     spinning as spinning,
 )
+from .swinging import (
+    mode_motion as mode_motion,
+)
 from .time_domain import (
     exudyn_eigenfrequencies as exudyn_eigenfrequencies,
 )
 from .time_domain import (
     simulate as simulate,
+)
+from .time_domain import (
+    simulate_motion as simulate_motion,
 )
 from .time_domain import (
     static_response as static_response,

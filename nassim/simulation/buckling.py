@@ -76,7 +76,7 @@ def warn_of_buckling(assembly: Assembly, tensions: Mapping[str, Array]) -> None:
         warnings.warn(
             f"the preload in body {name!r} is {share:.2g} of its buckling load (estimated, within a factor of "
             f"{FACTOR} for slender columns); it would {does}, but simulations leave its stiffness out",
-            stacklevel=4,
+            stacklevel=5,
         )
 
 

@@ -6,7 +6,7 @@ within limits, where they are linear. A block in which a limit is met goes sampl
 converter has a resolution.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import scipy
@@ -41,39 +41,47 @@ def exact_response(
     *,
     hold_order: int = 1,
     released: bool = False,
+    kept: Sequence[int] = (),
     advance: Advance = silent,
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array, Array, Array]:
     """Outputs of an assembled scene from rest in its equilibrium under gravity, or released: unloaded at the start.
 
     inputs: shape (inputs, n_samples); hold_order: 0 for inputs that keep each sample's value until the next, 1 for
-    inputs that run straight between them; advance: called with the number of steps done
+    inputs that run straight between them; kept: numbers of samples, ascending, to return all coordinates of; advance:
+    called with the number of steps done
 
     Returns the outputs (outputs, n_samples), the loops' commands (commands, n_samples), and all coordinates at some
-    200 times, shape (n_all, n_times). Raises RuntimeError when gravity does work on a free motion and when a loop runs
-    away.
+    200 times and at the kept samples, shape (n_all, n_times) each. Raises RuntimeError when gravity does work on a free
+    motion and when a loop runs away.
     """
     plant, start, risen = _plant(assembly, time_step, hold_order, released)
     closed = closed_steps(plant, assembly.scene, time_step)
     n_samples, n_out = inputs.shape[1], len(plant.shown)
     block = _block(closed, n_samples)
     stride = -(-n_samples // (block * CHECKS))
-    by_states, by_inputs = _coordinates(assembly, len(start), risen.shape[1])
     # With inputs that run straight, a state less its share of their present value needs that of the next no more.
     n_in = risen.shape[1]
     start = start - risen @ _samples(inputs, 0, 1, n_in)[0]
     rows = np.empty((n_out + len(assembly.scene.commands), n_samples))
-    seen = []
+    read = _reader(assembly, closed, risen, inputs)
+    seen, at_kept = [], []
     for begin, states, found in pieces(closed, start, inputs, block):
         end = min(n_samples, begin + len(found))
         rows[:, begin:end] = found[: end - begin].T
         for k in range(-(begin // block) % stride, len(states), stride):
             now = begin + k * block
-            taken = _samples(inputs, now, now + 1, n_in)[0]
-            seen.append(by_states @ (states[k, : len(start)] + risen @ taken) + by_inputs @ taken)
+            seen.append(read(states[k, None], now)[0])
             if assembly.scene.loops:
                 check_runaway(assembly, seen[-1], rows[:n_out, : now + 1].T, time_step)
+        wanted = [sample for sample in kept if begin <= sample < end]
+        for k in sorted({(sample - begin) // block for sample in wanted}):
+            now = begin + k * block
+            places = [sample - now for sample in wanted if now <= sample < now + block]
+            between, _ = closed.by_samples(states[k], _samples(inputs, now, now + places[-1] + 1, n_in), now)
+            at_kept.append(read(between[:-1], now)[places])
         advance(end - begin)
-    return rows[:n_out], rows[n_out:], np.array(seen).T
+    all_kept = np.vstack([np.zeros((0, len(assembly.basis))), *at_kept])
+    return rows[:n_out], rows[n_out:], np.array(seen).T, all_kept.T
 
 
 def _plant(assembly: Assembly, h: float, hold_order: int, released: bool) -> tuple[Plant, Array, Array]:
@@ -100,14 +108,17 @@ def _plant(assembly: Assembly, h: float, hold_order: int, released: bool) -> tup
     return Plant(matrices, held[:, driven], feedthrough[:, driven]), start, risen
 
 
-def _coordinates(assembly: Assembly, n_states: int, n_inputs: int) -> tuple[Array, Array]:
-    """All coordinates per unit of a model's states and of its inputs, without what loops add to the latter."""
-    modes, following = assembly.basis @ assembly.shapes, assembly.following
-    by_states = following.beyond @ following.lagging(n_states - sum(len(f[0]) for f in assembly.filters.values()))
-    result = np.zeros((len(modes), n_states))
-    result[:, : by_states.shape[1]] = by_states
-    result[:, : modes.shape[1]] += modes
-    return result, following.beyond @ following.taken(n_inputs)
+def _reader(assembly: Assembly, closed: ClosedSteps, risen: Array, inputs: Array) -> Callable[[Array, int], Array]:
+    """A function of states (k, n), of the scene with its controllers, from a sample on: all coordinates, (k, n_all)."""
+    modes, following, (n, n_in) = assembly.basis @ assembly.shapes, assembly.following, risen.shape
+    plain = n - sum(len(system[0]) for system in assembly.filters.values())
+    by_states, by_inputs = np.zeros((len(modes), closed.n)), following.beyond @ following.taken(n_in)
+    by_states[:, :plain] = following.beyond @ following.lagging(plain)
+    by_states[:, : modes.shape[1]] += modes
+    by_inputs += by_states[:, :n] @ risen
+    driven = [assembly.scene.inputs.index(name) for loop in assembly.scene.loops for name in loop.driven]
+    by_states[:, n : n + len(driven)] = (following.beyond @ following.taken(n_in))[:, driven]  # commands that are held
+    return lambda states, first: states @ by_states.T + _samples(inputs, first, first + len(states), n_in) @ by_inputs.T
 
 
 def _check_equilibrium(assembly: Assembly) -> None:

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from nassim.base.checks import Array, finite, known
-from nassim.base.progress import stage
+from nassim.base.progress import stage, tell
+from nassim.scene.motion import Motion
 from nassim.scene.part import Follow, Reading
 from nassim.scene.scene import Scene
 from nassim.signals.time_history import TimeHistory, occupied_bandwidth
@@ -14,6 +15,7 @@ from nassim.simulation.accuracy import describe_steps
 from nassim.simulation.buckling import axial_forces, warn_of_buckling
 from nassim.simulation.compensation import Steps
 from nassim.simulation.exact_steps import exact_response
+from nassim.simulation.exudyn.frames import Frames
 from nassim.simulation.exudyn.solver import axial_tension, eigenfrequencies, solve_dynamic, solve_static
 from nassim.simulation.exudyn.state import System
 from nassim.simulation.exudyn.system import build_system
@@ -27,6 +29,7 @@ from nassim.simulation.guards import (
     warn_of_spin,
 )
 from nassim.simulation.linearization import linearize, state_space
+from nassim.simulation.recording import frame_steps, recorded_motion, traced
 from nassim.simulation.running_loops import samples_per_period
 from nassim.simulation.sampling import sampled
 from nassim.simulation.small_motion import assemble, motion_size
@@ -84,6 +87,53 @@ def simulate(
     than one), and for a spinning equilibrium that is unstable where no loop may hold it; RuntimeError when there is no
     equilibrium to start from and when the integration fails or diverges.
     """
+    return _simulate(
+        scene, excitation, time_step, duration, outputs, method, spectral_radius, hold_order, start, None, progress
+    )[0]
+
+
+def simulate_motion(
+    scene: Scene,
+    excitation: TimeHistory,
+    *,
+    time_step: float,
+    frames: int | Array,
+    duration: float | None = None,
+    outputs: Sequence[str] | None = None,
+    method: str = "generalized_alpha",
+    spectral_radius: float | None = None,
+    hold_order: int | None = None,
+    start: str = "equilibrium",
+    progress: bool = True,
+) -> tuple[TimeHistory, Motion]:
+    """As `simulate`, of which it has all other arguments, and how the bodies moved, to be seen.
+
+    frames: at how many time steps the motion is kept, evenly spread from the start to the end, or at which times [s],
+        each moved to the nearest step; a vibration looks as it is only where there are some ten in each of its periods
+
+    Returns what `simulate` does and the motion of all bodies of the scene, fixed ones too, in the world's frame. Raises
+    ValueError for frames that the run does not have as well.
+    """
+    record, motion = _simulate(
+        scene, excitation, time_step, duration, outputs, method, spectral_radius, hold_order, start, frames, progress
+    )
+    assert motion is not None
+    return record, motion
+
+
+def _simulate(
+    scene: Scene,
+    excitation: TimeHistory,
+    time_step: float,
+    duration: float | None,
+    outputs: Sequence[str] | None,
+    method: str,
+    spectral_radius: float | None,
+    hold_order: int | None,
+    start: str,
+    frames: int | Array | None,
+    progress: bool,
+) -> tuple[TimeHistory, Motion | None]:
     known("method", method, METHODS)
     known("start", start, STARTS)
     available = (*scene.outputs, *scene.commands)
@@ -95,6 +145,8 @@ def simulate(
     radius = (TURNING_RADIUS if turns else 1.0) if spectral_radius is None else spectral_radius
     excitation = sampled(scene, excitation, time_step=time_step, duration=duration)
     n_steps = len(excitation.time) - 1
+    kept = np.zeros(0, dtype=int) if frames is None else frame_steps(frames, n_steps, time_step)
+    scene = scene if frames is None else traced(scene)
     looped = {name for loop in scene.loops for name in loop.driven}
     signals = {name: np.zeros(n_steps + 1) for name in looped}
     signals |= dict(zip(excitation.names, excitation.values, strict=True))
@@ -105,22 +157,23 @@ def simulate(
     released = start == "released"
     if method == "exact":
         order = 1 if hold_order is None else hold_order
-        readings = _solve_exactly(scene, signals, n_steps, time_step, order, released, progress)
+        readings, motion = _solve_exactly(scene, signals, n_steps, time_step, order, released, kept, progress)
     else:
         if method == "explicit":
             _check_stability(scene, time_step)
         steps = Steps(time_step, radius) if method == "generalized_alpha" else None
         told = occupied_bandwidth(excitation) if progress else 0.0
-        readings = _integrate(scene, signals, n_steps, time_step, steps, released, progress, told)
+        readings, motion = _integrate(scene, signals, n_steps, time_step, steps, released, kept, progress, told)
     units = [*scene.output_units]
     units += [scene.input_unit(name) for loop in scene.loops for name in loop.driven]
     chosen = [(*scene.outputs, *scene.commands).index(name) for name in names]
-    return TimeHistory(
+    record = TimeHistory(
         excitation.time,
         np.vstack([excitation.values, readings[chosen]]),
         (*excitation.names, *names),
         (*excitation.units, *(units[k] for k in chosen)),
     )
+    return record, motion
 
 
 def _integrate(
@@ -130,10 +183,14 @@ def _integrate(
     time_step: float,
     steps: Steps | None,
     released: bool,
+    kept: Array,
     progress: bool,
     told_frequency: float,
-) -> Array:
-    """Run Exudyn with steps of generalized-alpha, None: with the explicit rule; told_frequency: of what is printed."""
+) -> tuple[Array, Motion | None]:
+    """Run Exudyn with steps of generalized-alpha, None: with the explicit rule; told_frequency: of what is printed.
+
+    Returns outputs and commands, and the motion at the steps that are kept, if any.
+    """
     rates, steady = _starting_rates(scene, signals, time_step)
     twists = starting_twists(scene, rates)
     told = warn_of_spin(scene, {name: float(np.linalg.norm(twist[3:])) for name, twist in twists.items()})
@@ -141,10 +198,11 @@ def _integrate(
     if scene.in_small_motion:
         state_space(assembly)  # refuses outputs that need a derivative of what a drive follows
     if steps and (line := describe_steps(assembly, steps, told_frequency)):
-        print(f"  {line}")
+        tell(line)
     system = build_system(assembly, rates, steps)
     if not released and _settle(system, steady):
         warn_of_far_equilibrium(system)
+    frames = Frames(system, kept)
     largest, slackest, shifts, speeds, commands = solve_dynamic(
         system,
         signals,
@@ -153,13 +211,15 @@ def _integrate(
         spectral_radius=steps.spectral_radius if steps else 1.0,
         progress=progress,
         explicit=steps is None,
+        look=frames if len(kept) else None,
     )
     warn_of_spin(scene, speeds, told)
     warn_of_motion(system.assembly, largest)
     warn_of_buckling(system.assembly, slackest)
     warn_of_changed_modes(system.assembly, shifts)
     readings = [np.broadcast_to(system.recorded(name), (n_steps + 1,)) for name in scene.outputs]
-    return np.vstack([np.reshape(readings, (len(scene.outputs), n_steps + 1)), commands])
+    motion = frames.motion(kept * time_step) if len(kept) else None
+    return np.vstack([np.reshape(readings, (len(scene.outputs), n_steps + 1)), commands]), motion
 
 
 def _starting_rates(
@@ -195,14 +255,15 @@ def _solve_exactly(
     time_step: float,
     hold_order: int,
     released: bool,
+    kept: Array,
     progress: bool,
-) -> Array:
+) -> tuple[Array, Motion | None]:
     _check_exact(scene)
     assembly = assemble(scene)
     driven = np.reshape([signals[name] for name in scene.inputs], (len(scene.inputs), n_steps + 1))
     with stage("simulate", total=n_steps, unit="steps", enabled=progress) as advance:
-        readings, commands, coordinates = exact_response(
-            assembly, driven, time_step, hold_order=hold_order, released=released, advance=advance
+        readings, commands, coordinates, at_kept = exact_response(
+            assembly, driven, time_step, hold_order=hold_order, released=released, kept=kept.tolist(), advance=advance
         )
     warn_of_motion(
         assembly, {name: motion_size(assembly, name, coordinates[place]) for name, place in assembly.slices.items()}
@@ -214,7 +275,9 @@ def _solve_exactly(
             for body in assembly.scene.deformable_bodies
         },
     )
-    return np.vstack([readings, commands])
+    own = {name: at_kept[place].T for name, place in assembly.slices.items()}
+    motion = recorded_motion(assembly, kept * time_step, own, {}) if len(kept) else None
+    return np.vstack([readings, commands]), motion
 
 
 def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> dict[str, float]:

@@ -72,6 +72,17 @@ NOT_DATA = {
         "Term",
         "View",
     ),
+    # what a study keeps of its runs, in a folder and results of its own
+    *(
+        "Axis",
+        "Job",
+        "Layout",
+        "Outcome",
+        "Plan",
+        "Quantity",
+        "Record",
+        "Task",
+    ),
 }
 
 

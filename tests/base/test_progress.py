@@ -2,7 +2,9 @@
 
 import pytest
 
-from nassim.base.progress import stage
+from nassim.base import progress
+from nassim.base.progress import course, stage, tell
+from nassim.base.run_time import whole_run
 
 
 def test_a_stage_prints_its_name_and_time(capsys):
@@ -28,3 +30,90 @@ def test_on_a_terminal_a_bar_moves(monkeypatch, capsys):
     with stage("simulate", total=4, unit="steps") as advance:
         advance(4)
     assert "4/4 steps" in capsys.readouterr().err
+
+
+def test_notes_fit_a_hundred_columns(capsys):
+    tell("paths: " + "word " * 40 + "/a/very-long/" + 90 * "x")
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 4
+    assert all(len(line) <= 100 for line in lines[:-1])
+    assert lines[1].startswith("      word")
+    assert "/a/very-long/" + 90 * "x" in lines[-1]
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """A clock that only `clock.pass_by(seconds)` moves."""
+    now = [1000.0]
+    monkeypatch.setattr(progress.time, "perf_counter", lambda: now[0])
+
+    class Clock:
+        def pass_by(self, seconds):
+            now[0] += seconds
+
+    return Clock()
+
+
+EARLIER = (("mesh", 2.0), ("solve", 4.0), ("solve", 6.0), ("all", 10.0))
+
+
+def test_a_run_tells_what_is_left_at_its_own_pace(clock, capsys):
+    """Twice as slow as the last one: at 2 of 10 s, 16 s are left; a stage that the last run did not have moves none."""
+    with course(EARLIER) as current:
+        assert current.left() == 10.0
+        for label, seconds in (("mesh", 4.0), ("read", 0.0), ("solve", 4.0)):
+            with stage(label):
+                clock.pass_by(seconds)
+        assert current.left() == pytest.approx(12.0)
+        clock.pass_by(2.0)
+        assert current.left() == pytest.approx(10.0)
+        clock.pass_by(100.0)
+        assert current.left() == 0.0
+    assert [line.split("   ")[-1].strip() for line in capsys.readouterr().out.splitlines()] == [
+        "16 s left",
+        "16 s left",
+        "12 s left",
+    ]
+
+
+def test_the_same_run_knows_its_time_the_second_time(tmp_path, monkeypatch, clock, capsys):
+    monkeypatch.setenv("NASSIM_CACHE", str(tmp_path))
+    for settings in ([5.0], [5.0], [3.0]):
+        with whole_run("bench", settings):
+            clock.pass_by(1.0)
+            with stage("simulate"):
+                clock.pass_by(200.0)
+            clock.pass_by(300.0)
+    lines = capsys.readouterr().out.splitlines()
+    assert ["left" in line for line in lines] == [False, True, False]
+    assert lines[1].endswith("5 min left")
+
+
+def test_a_run_that_stops_forgets_nothing(tmp_path, monkeypatch, clock, capsys):
+    monkeypatch.setenv("NASSIM_CACHE", str(tmp_path))
+    with whole_run("bench"), stage("simulate"):
+        clock.pass_by(20.0)
+    (kept,) = (tmp_path / "runs").iterdir()
+    before = kept.read_text()
+    with pytest.raises(KeyboardInterrupt), whole_run("bench"):
+        raise KeyboardInterrupt
+    assert kept.read_text() == before
+    kept.write_text("damaged")
+    with whole_run("bench"), stage("simulate"):
+        clock.pass_by(20.0)
+    assert "left" not in capsys.readouterr().out
+    assert kept.read_text() == before
+
+
+def test_a_cache_that_cannot_be_written_stops_no_run(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("NASSIM_CACHE", str(tmp_path / "file"))
+    with whole_run("bench"), stage("simulate"):
+        pass
+
+
+def test_on_a_terminal_the_time_left_stands_in_the_bar(monkeypatch, clock, capsys):
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    with course((("simulate", 40.0), ("all", 50.0))), stage("simulate", total=4, unit="steps") as advance:
+        advance(4)
+    assert "50 s left" in capsys.readouterr().err

@@ -57,6 +57,19 @@ def test_rounded_matrices_are_repaired(own, digits, apart, capsys):
     assert mended.after["rigid motions"].verdict == "ok"
 
 
+def test_a_long_repair_is_told_shortly(own, capsys):
+    """Of all elastic frequencies the ten lowest and the one that moved most; lines fit a terminal."""
+    mended = repair(rounded(own, 4))
+    lines = str(mended).splitlines()
+    n, largest = len(mended.elastic_shift), int(np.argmax(np.abs(mended.elastic_shift)))
+    told = [line for line in lines if "Hz, elastic" in line]
+    assert n > 11
+    assert len(told) == (10 if largest < 10 else 11)
+    assert f"({100 * mended.elastic_shift[largest]:+.2g} %" in "\n".join(told)
+    assert lines[-1] == f"  and {n - len(told)} more elastic ones, which moved less"
+    assert max(map(len, capsys.readouterr().out.splitlines())) <= 100
+
+
 def test_damage_in_one_nodes_rows_is_removed_altogether(own, capsys):
     """Whatever is wrong with K's block of one node, the other rows determine it."""
     exact = joint_like(own)

@@ -175,7 +175,8 @@ def test_the_range_is_that_of_the_kept_modes(own):
 def test_the_report_reads_line_by_line():
     lines = str(check(sample())).splitlines()
     assert lines[0] == "beam_K: warning"
-    assert all(line.split()[0] in ("ok", "warning", "fault") for line in lines[1:])
+    assert all(line.split()[0] in ("ok", "warning", "fault") or line.startswith(32 * " ") for line in lines[1:])
+    assert max(map(len, lines)) <= 100
 
 
 @pytest.mark.parametrize(("moment", "verdict"), [(1.5, "ok"), (2.0, "ok"), (2.1, "fault")])

@@ -6,9 +6,9 @@ import netgen.occ as occ
 import ngsolve as ng
 import numpy as np
 import pytest
-from conftest import STEEL, make_bar
+from conftest import STEEL, make_bar, meshed
 
-from models.apa300ml import PRISMS, make_apa300ml
+from models.apa300ml import make_apa300ml
 from nassim import Material, RemotePoint, Solid, build_fe_model, condense, craig_bampton
 from nassim.fem import mesh_checks, meshing
 from nassim.fem.full_model import full_eigenfrequencies
@@ -87,10 +87,10 @@ def test_surface_of_prisms_is_closed():
 
 
 @pytest.mark.parametrize("coupling", ["rbe2", "rbe3"])
-def test_apa_is_meshed_with_prisms_around_its_holes(coupling):
+def test_apa_is_meshed_with_prisms_around_its_holes(coupling, apa_prisms):
     """Curved prisms hold rotations not quite exactly; the condensed body turns freely all the same."""
     solid = make_apa300ml(coupling=coupling)
-    model = build_fe_model(solid, element_size=5e-3, order=2, progress=False, **PRISMS)
+    model = meshed(apa_prisms, solid, 2)
     assert all(kind in model.description for kind in ("prisms", "pyramids", "tetrahedra"))
     assert model.mass == pytest.approx(7800 * sum(body.mass for body in solid.shape.solids), rel=3e-4)
     frequency = craig_bampton(model, n_modes=2, progress=False).eigenfrequencies()
@@ -101,7 +101,7 @@ def test_apa_is_meshed_with_prisms_around_its_holes(coupling):
 def test_sizes_on_faces_refine_there_and_do_not_stick():
     solid = make_bar()
     before = len(generate_mesh(solid, element_size=0.01).Elements3D())
-    refined = len(generate_mesh(solid, element_size=0.01, local_sizes={"left": 0.001}).Elements3D())
+    refined = len(generate_mesh(solid, element_size=0.01, local_sizes={"left": 0.002}).Elements3D())
     after = len(generate_mesh(solid, element_size=0.01).Elements3D())
     assert refined > 3 * before
     assert after < 1.5 * before
@@ -127,19 +127,18 @@ def test_eigenfrequencies_converge_with_rate_2p(order, rate):
 
 
 @pytest.mark.slow
-def test_error_falls_with_every_refinement_of_the_apa():
+def test_error_falls_with_every_refinement_of_the_apa(apa_tetrahedra):
     """Displacement elements are too stiff, so each better mesh has lower frequencies."""
     frequencies = []
     for order in (1, 2, 3):
-        model = build_fe_model(make_apa300ml(), element_size=5e-3, order=order, progress=False)
-        condensed = condense(model, progress=False)
+        condensed = condense(meshed(apa_tetrahedra, make_apa300ml(), order), progress=False)
         frequencies.append(full_eigenfrequencies(condensed, fixed=["bottom"], n=4, progress=False))
     assert np.all(np.diff(frequencies, axis=0) < 0)
 
 
-def test_order_1_in_thin_walls_is_warned_of():
+def test_order_1_in_thin_walls_is_warned_of(apa_tetrahedra):
     with pytest.warns(UserWarning, match=r"\d+ % of the elements reach from surface to surface"):
-        build_fe_model(make_apa300ml(), element_size=5e-3, order=1, progress=False)
+        mesh_checks.warn_of_thin_walls(ng.Mesh(apa_tetrahedra), make_apa300ml())
 
 
 def test_mesh_too_large_for_the_memory(monkeypatch):

@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from conftest import make_bar
 
+from models import apa300ml
 from models.apa300ml import STACK, APAGeometry, axial_stiffness, make_apa300ml, reduced_apa300ml
 from models.bench import SENSOR_RESISTANCE, full_bench_response, make_bench
 from models.bench_figures import (
@@ -13,7 +15,7 @@ from models.bench_figures import (
     pole_zero_level,
     static_gains,
 )
-from nassim import frequency_response, linearize
+from nassim import build_fe_model, frequency_response, linearize
 
 
 def test_apa_envelope_and_remote_points():
@@ -51,6 +53,9 @@ def test_impossible_dimensions(change):
 
 
 def test_reduction_is_cached_and_recomputed_when_an_input_changes(tmp_path, monkeypatch, capsys):
+    """With the mesh of a bar, which takes no time."""
+    bar = build_fe_model(make_bar(), element_size=0.02, order=2, progress=False)
+    monkeypatch.setattr(apa300ml, "build_fe_model", lambda solid, **_: bar)
     monkeypatch.setenv("NASSIM_CACHE", str(tmp_path))
     options = {"element_size": 8e-3, "order": 1, "mesh": {}}
     first = reduced_apa300ml(**options)

@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from conftest import make_bar
 from scipy.sparse.linalg import splu
 
-from models.apa300ml import PORTS, STACK, make_apa300ml
+from models.apa300ml import STACK
 from models.apa300ml.calibration import data_sheet_figures
 from models.bench import BENCH_CONDITIONS, make_bench
 from nassim import (
@@ -29,7 +29,6 @@ from nassim import (
     VoltageDrive,
     VoltageSensor,
     build_fe_model,
-    condense,
     craig_bampton,
     frequency_response,
     linearize,
@@ -202,22 +201,17 @@ def test_a_loaded_sensor_follows_a_ramp_by_its_time_constant(fidelity, method):
 
 
 @pytest.fixture(scope="module")
-def coarse():
-    return build_fe_model(make_apa300ml(ports=PORTS), element_size=12e-3, order=2, progress=False)
+def coarse(apa_with_ports_condensed):
+    return apa_with_ports_condensed.fe_model
 
 
 @pytest.fixture(scope="module")
-def reduced(coarse):
-    return craig_bampton(coarse, progress=False)
-
-
-@pytest.fixture(scope="module")
-def coupled_system(coarse):
+def coupled_system(coarse, apa_with_ports_condensed):
     """The FE model with both ports, bottom held and top guided, as one sparse saddle point system, factorised.
 
     Unknowns: displacements, sensor voltage, the points' reactions. Returns solve(forces, actuator voltage).
     """
-    condensed = condense(coarse, progress=False)
+    condensed = apa_with_ports_condensed
     held = sp.vstack([condensed.averages[:6], condensed.averages[[6, 7, 9, 10, 11]]])
     sensor, actuator = coarse.port("sensor"), coarse.port("actuator")
     scale = 1e8
@@ -242,15 +236,15 @@ def coupled_system(coarse):
     return condensed.averages, solve
 
 
-def test_static_answer_equals_the_coupled_fe_system(reduced, coupled_system):
+def test_static_answer_equals_the_coupled_fe_system(apa_with_ports, coupled_system):
     averages, solve = coupled_system
     u, voltage, charge = solve(np.zeros(averages.shape[1]), 1.0)
-    bench = make_bench(apa=reduced, fidelity="linear", resistance=np.inf)
+    bench = make_bench(apa=apa_with_ports, fidelity="linear", resistance=np.inf)
     drive = replace(bench.actuators[0], gain=1.0)
     found = static_response(replace(bench, actuators=(drive,)), {"actuator_voltage": 1.0})
     assert found["encoder"] == pytest.approx((averages @ u)[8], rel=1e-8)
     assert found["sensor_voltage"] == pytest.approx(voltage, rel=1e-8)
-    assert charge > reduced.port("actuator").blocked_capacitance
+    assert charge > apa_with_ports.port("actuator").blocked_capacitance
 
 
 def test_stacks_in_parallel_add_their_capacitances(coarse):
@@ -259,23 +253,23 @@ def test_stacks_in_parallel_add_their_capacitances(coarse):
     assert two.blocked_capacitance == pytest.approx(2 * one.blocked_capacitance, rel=1e-9)
 
 
-def test_a_voltage_does_not_push_on_rigid_motions(reduced):
+def test_a_voltage_does_not_push_on_rigid_motions(apa_with_ports):
     """Forces in balance: they do no work on any of the six, however curved the elements are."""
-    points = [rigid_transfer(point.position) for point in reduced.remote_points]
-    rigid = np.vstack([*points, np.zeros((reduced.n_modes, 6))])
-    for port in reduced.ports:
+    points = [rigid_transfer(point.position) for point in apa_with_ports.remote_points]
+    rigid = np.vstack([*points, np.zeros((apa_with_ports.n_modes, 6))])
+    for port in apa_with_ports.ports:
         terms = np.abs(port.forces) @ np.abs(rigid)
         assert np.all(np.abs(port.forces @ rigid) < 1e-12 * terms)
 
 
-def test_reciprocity(reduced, coupled_system):
+def test_reciprocity(apa_with_ports, coupled_system):
     """Displacement per volt equals charge per newton, in the FE system and in the reduced body."""
     averages, solve = coupled_system
     top = averages[8].toarray().ravel()
     motion = top @ solve(np.zeros_like(top), 1.0)[0]
     charge = solve(top, 0.0)[2]
     assert charge == pytest.approx(motion, rel=1e-10)
-    opened = open_circuit(reduced, {"sensor": 0.0})
+    opened = open_circuit(apa_with_ports, {"sensor": 0.0})
     free = np.setdiff1d(np.arange(len(opened.mass_matrix)), [0, 1, 2, 3, 4, 5, 6, 7, 9, 10, 11])
     flexibility = np.linalg.inv(opened.stiffness_matrix[np.ix_(free, free)])
     forces = opened.port("actuator").forces[free]
@@ -364,12 +358,12 @@ def test_exudyn_takes_a_leaking_port_as_one_that_keeps_its_charge(apa_with_ports
     assert np.allclose(*(exudyn_eigenfrequencies(scene, n_modes=5) for scene in scenes), rtol=1e-9)
 
 
-def test_fewer_coordinates_keep_the_static_answer(reduced):
-    conditions = {"points": ["bottom", "top"], "loads": np.zeros((len(reduced.mass_matrix), 0))}
-    for fewer in (keep_modes(reduced, 2), trim_body(reduced, cutoff_frequency=1e3, **conditions)):
-        assert len(fewer.mass_matrix) < len(reduced.mass_matrix)
+def test_fewer_coordinates_keep_the_static_answer(apa_with_ports):
+    conditions = {"points": ["bottom", "top"], "loads": np.zeros((len(apa_with_ports.mass_matrix), 0))}
+    for fewer in (keep_modes(apa_with_ports, 2), trim_body(apa_with_ports, cutoff_frequency=1e3, **conditions)):
+        assert len(fewer.mass_matrix) < len(apa_with_ports.mass_matrix)
         charges = []
-        for body in (fewer, reduced):
+        for body in (fewer, apa_with_ports):
             index = 6 * body.point_names.index("bottom") + np.arange(6)
             free = np.setdiff1d(np.arange(len(body.mass_matrix)), index)
             forces = np.array([port.forces[free] for port in body.ports])
@@ -377,9 +371,9 @@ def test_fewer_coordinates_keep_the_static_answer(reduced):
         assert np.allclose(charges[0], charges[1], rtol=1e-8, atol=0)
 
 
-def test_ports_survive_saving(reduced, tmp_path):
-    again = load(save(reduced, tmp_path / "apa.h5"))
-    assert np.array_equal(again.port("sensor").forces, reduced.port("sensor").forces)
+def test_ports_survive_saving(apa_with_ports, tmp_path):
+    again = load(save(apa_with_ports, tmp_path / "apa.h5"))
+    assert np.array_equal(again.port("sensor").forces, apa_with_ports.port("sensor").forces)
 
 
 def test_bodies_without_deformation_read_nothing(apa_with_ports):

@@ -101,10 +101,12 @@ def solve_dynamic(
     spectral_radius: float,
     progress: bool,
     explicit: bool = False,
+    look: Callable[[int], None] | None = None,
 ) -> tuple[dict[str, Array], dict[str, Array], dict[tuple[str, str], Array], dict[str, float], Array]:
     """Integrate with a fixed step by generalized-alpha, or explicitly by Runge and Kutta's rule of order 4.
 
     The explicit rule holds each input from its time step to the next, and needs a system without constraints.
+    look: called at every time step with its number 0 ... n_steps, when the system is in its state
 
     inputs: values at the time steps, shape (n_steps + 1,) each, by name
 
@@ -122,6 +124,8 @@ def solve_dynamic(
     with stage("simulate", total=n_steps, unit="steps", enabled=progress) as advance, _interrupts() as interrupts:
 
         def before_step(_mbs: Any, _time: float) -> bool:
+            if look:
+                look(steps.begun)
             steps.begin()
             if steps.begun % chunk == 0:
                 advance(chunk)
@@ -136,6 +140,8 @@ def solve_dynamic(
             watch.look()
         _check_run(system, watch.lost, failure, steps.begun, time_step)
         steps.end()
+        if look:
+            look(n_steps)
         advance(n_steps % chunk)
     return watch.largest, watch.slackest, watch.shifts, watch.speeds, steps.commands.T
 

@@ -11,6 +11,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 
 from nassim.base.checks import Array
+from nassim.scene.bodies import Body
 from nassim.simulation.filters import static_gain
 from nassim.simulation.small_motion import Assembly, Circuit
 
@@ -216,6 +217,15 @@ class System:
         nodes, every = self.carriers[name].nodes, np.eye(self.mbs.systemData.ODE2Size())
         firsts = [self.mbs.GetNodeODE2Index(node) for node, _ in nodes]
         return np.vstack([every[first : first + count] for first, (_, count) in zip(firsts, nodes, strict=True)])
+
+    def pose(self, body: Body) -> tuple[Array, Array]:
+        """Where the origin of a body's own frame is, (3,), and from its axes to the world's, (3, 3).
+
+        Where Exudyn has its node and axes in the body does not matter: they move as the body's frame does.
+        """
+        (now, place), (drawn, start) = (self._pose(body.name, drawn=drawn) for drawn in (False, True))
+        turn = now @ drawn.T
+        return place + turn @ (body.position - start), turn @ body.rotation
 
     def turn(self, name: str) -> float:
         """Angle by which a body's frame is turned against the scene as drawn [rad]."""

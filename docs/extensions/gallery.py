@@ -1,0 +1,210 @@
+"""The gallery: what scripts print, draw and sum up, made while the pages are built.
+
+    ```{script} run_bench.py --duration 8
+    ```
+
+stands on a page and becomes the script's docstring, its command, its pictures, its report, its figures and its source.
+`python docs/build.py` runs the commands of all pages into `build/gallery`, where results stay until the code changes.
+With `:not-run: why` a script is shown but not run.
+"""
+
+import hashlib
+import json
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from docutils import nodes
+from docutils.parsers.rst import directives
+from sphinx.application import Sphinx
+from sphinx.util.docutils import SphinxDirective
+
+ROOT = Path(__file__).resolve().parents[2]
+RESULTS = ROOT / "build" / "gallery"
+PAGES = ROOT / "docs" / "gallery"
+DIRECTIVE = re.compile(r"^```\{script\} (.+)\n((?::.*\n)*)```", re.M)
+
+
+@dataclass(frozen=True)
+class Run:
+    """A script with its options, as a page asks for it."""
+
+    command: str
+
+    @property
+    def script(self) -> str:
+        """Name of the script's file."""
+        return shlex.split(self.command)[0]
+
+    @property
+    def folder(self) -> Path:
+        """Where its results go."""
+        return RESULTS / Path(self.script).stem
+
+    @property
+    def key(self) -> str:
+        """What the results depend on: the command, and all code."""
+        return hashlib.sha256(f"{self.command}\n{code()}".encode()).hexdigest()
+
+    @property
+    def done(self) -> bool:
+        """Whether results of this code are at hand."""
+        try:
+            return (self.folder / "key").read_text() == self.key
+        except OSError:
+            return False
+
+    def make(self) -> str:
+        """Run it; an empty text, or what went wrong."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+        self.folder.mkdir(parents=True)
+        script, *options = shlex.split(self.command)
+        one_thread = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NGS")}
+        paths = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
+        result = subprocess.run(
+            [sys.executable, f"scripts/{script}", *options, "--output", str(self.folder)],
+            cwd=ROOT,
+            env={**os.environ, **one_thread, "NASSIM_THREADS": "1", "MPLBACKEND": "Agg", "PYTHONPATH": paths},
+            capture_output=True,
+            text=True,
+            encoding="utf-8",
+            check=False,
+        )
+        if result.returncode:
+            return f"{self.command} ends with status {result.returncode}\n{result.stderr[-2000:]}"
+        (self.folder / "report.txt").write_text(_without_places(result.stdout), encoding="utf-8")
+        (self.folder / "key").write_text(self.key)
+        return ""
+
+
+def _without_places(report: str) -> str:
+    """A report without what says where files are on this computer."""
+    lines = [line for line in report.splitlines() if not re.search(r"^results in |: (loaded from|saved to) ", line)]
+    return "\n".join(lines).replace(f"{ROOT}/", "").strip("\n") + "\n"
+
+
+@cache
+def code() -> str:
+    """SHA-256 of the package, the models and the scripts."""
+    digest = hashlib.sha256()
+    for folder in ("nassim", "models", "scripts"):
+        for path in sorted((ROOT / folder).rglob("*")):
+            if path.is_file() and "__pycache__" not in path.parts:
+                digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
+
+
+def runs_of(page: str) -> list[Run]:
+    """What a page asks for, but for what it does not want to be run."""
+    return [Run(match[1].strip()) for match in DIRECTIVE.finditer(page) if ":not-run:" not in match[2]]
+
+
+def runs() -> list[Run]:
+    """What all pages ask for."""
+    return [run for page in sorted(PAGES.glob("*.md")) for run in runs_of(page.read_text(encoding="utf-8"))]
+
+
+def make(wanted: list[Run]) -> list[str]:
+    """Run what has no results of this code, two at a time; what went wrong."""
+    missing = [run for run in wanted if not run.done]
+
+    def told(run: Run) -> str:
+        print(f"gallery: {run.command}", flush=True)
+        return run.make()
+
+    with ThreadPoolExecutor(2) as pool:
+        return list(filter(None, pool.map(told, missing)))
+
+
+class Script(SphinxDirective):
+    """A script, and what it made."""
+
+    required_arguments = 1
+    final_argument_whitespace = True
+    option_spec = {"not-run": directives.unchanged_required}  # noqa: RUF012
+
+    def run(self) -> list[nodes.Node]:
+        """Put together what stands on the page."""
+        run = Run(self.arguments[0].strip())
+        source = ROOT / "scripts" / run.script
+        self.env.note_dependency(str(source))
+        self.env.note_dependency(str(run.folder / "key"))
+        why = self.options.get("not-run", "")
+        text = source.read_text(encoding="utf-8")
+        docstring = text.split('"""')[1].strip()
+        parts = [docstring, f"```bash\npython scripts/{run.command}\n```"]
+        if why:
+            parts.append(f"*Not run while these pages were built: {why}.*")
+        elif run.done:
+            parts += _results(run)
+        else:
+            parts.append("*Not run in this build of the pages.*")
+        parts.append(f"**Source**, `scripts/{run.script}`\n\n````python\n{text}\n````")
+        return self.parse_text_to_nodes("\n\n".join(parts))
+
+
+def _results(run: Run) -> list[str]:
+    """Pictures, pages, report and figures."""
+    name = run.folder.name
+    parts = [f"![{path.stem}](/../build/gallery/{name}/{path.name})" for path in sorted(run.folder.glob("*.png"))]
+    for path in sorted(run.folder.glob("*.html")):
+        place = f"../_static/gallery/{name}/{path.name}"
+        parts.append(
+            f'<iframe class="viewer" src="{place}" title="{path.stem}" loading="lazy"></iframe>\n'
+            f'<p><a href="{place}">{path.stem} in a window of its own</a></p>'
+        )
+    parts.append(f"**What it prints**\n\n````text\n{(run.folder / 'report.txt').read_text(encoding='utf-8')}````")
+    summary = json.loads((run.folder / "summary.json").read_text(encoding="utf-8"))
+    figures = json.dumps(summary, indent=1, ensure_ascii=False)
+    title = "All its figures: summary.json"
+    parts.append(f"<details><summary>{title}</summary>\n\n````json\n{figures}\n````\n\n</details>")
+    return parts
+
+
+class Cards(SphinxDirective):
+    """A card for every page beside this one: picture, title and what it does."""
+
+    has_content = True
+
+    def run(self) -> list[nodes.Node]:
+        """The cards, in the order of the directive's lines."""
+        self.assert_has_content()
+        cards = []
+        for name in filter(None, map(str.strip, self.content)):
+            page = (PAGES / f"{name}.md").read_text(encoding="utf-8")
+            title = page.splitlines()[0].removeprefix("# ")
+            for path in (PAGES / f"{name}.md", *(run.folder / "key" for run in runs_of(page))):
+                self.env.note_dependency(str(path))
+            picture = f"[![{title}]({thumb})]({name}.md)\n\n" if (thumb := _thumbnail(page)) else ""
+            said = page.split("\n\n")[1].replace("\n", " ")
+            cards.append(f":::{{container}} card\n{picture}[{title}]({name}.md)\n\n{said}\n:::")
+        return self.parse_text_to_nodes("::::{container} cards\n" + "\n".join(cards) + "\n::::")
+
+
+def _thumbnail(page: str) -> str:
+    """The first picture of a page's script, as a path of Sphinx; empty where there is none."""
+    found = (path for run in runs_of(page) if run.done for path in sorted(run.folder.glob("*.png")))
+    return next((f"/../build/gallery/{path.parent.name}/{path.name}" for path in found), "")
+
+
+def _copy_pages(app: Sphinx, error: Exception | None) -> None:
+    if error is None:
+        for path in RESULTS.glob("*/*.html"):
+            target = Path(app.outdir) / "_static" / "gallery" / path.parent.name / path.name
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(path, target)
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Register the directives."""
+    app.add_directive("script", Script)
+    app.add_directive("cards", Cards)
+    app.connect("build-finished", _copy_pages)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

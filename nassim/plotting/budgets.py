@@ -1,0 +1,48 @@
+"""Noise budgets: what each disturbance adds, line by line and summed up."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from nassim.base.checks import known
+from nassim.plotting.figures import COLORS, plt
+from nassim.systems.noise_budget import NoiseBudget
+
+
+def plot_noise_budget(
+    budget: NoiseBudget, *, output: str, limit: float | None = None, figure: Any = None
+) -> Sequence[Any]:
+    """One output's amplitude spectral density and, summed from high to low frequencies, its cumulative amplitude.
+
+    Both by disturbance, those with the largest rms first, and in total; limit: of the rms, drawn in the second.
+
+    Returns the Axes: density, cumulative amplitude.
+    """
+    figure = figure or plt.figure(figsize=(7.5, 7), layout="constrained")
+    axes = list(figure.subplots(2, 1, sharex=True))
+    row = budget.outputs.index(known("output", output, budget.outputs))
+    order = np.argsort(-budget.rms()[row])
+    black: dict[str, Any] = {"color": "black", "lw": 1.8}
+    curves = [(budget, k, {"color": COLORS[n % len(COLORS)], "lw": 1.2}) for n, k in enumerate(order)]
+    for part, k, style in [*curves, (budget.total, 0, black)]:
+        amplitude = part.cumulative()[row, k]
+        shown = amplitude > 0
+        axes[0].loglog(part.frequency, np.sqrt(part.psd[row, k]), **style)
+        label = f"{part.inputs[k]}: {amplitude[0]:.3g} {budget.units[row]}".replace("_", " ").rstrip()
+        axes[1].loglog(part.frequency[shown], amplitude[shown], label=label, **style)
+    total = budget.total.rms()[row, 0]
+    if limit is not None:
+        axes[1].axhline(limit, color="0.4", ls="--", lw=1.2, label=f"limit: {limit:.3g} {budget.units[row]}".rstrip())
+    if total > 0:
+        top, peak = 2 * max(total, limit or 0.0), 2 * np.sqrt(budget.total.psd[row, 0].max())
+        axes[1].set_ylim(1e-4 * top, top)
+        axes[0].set_ylim(1e-8 * peak, peak)
+    unit = budget.units[row] or "-"
+    axes[0].set_title(output.replace("_", " "), fontsize=11)
+    axes[0].set_ylabel(f"amplitude density [{unit}/√Hz]")
+    axes[1].set(xlabel="frequency [Hz]", ylabel=f"rms above the frequency [{unit}]")
+    axes[1].legend(fontsize=8)
+    for ax in axes:
+        ax.grid(True, which="both", alpha=0.25)
+    return axes

@@ -1,0 +1,30 @@
+"""What all pictures share: matplotlib's pyplot, colours, and how a figure is written to a file."""
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+
+__all__ = ["COLORS", "colors", "plt", "save_figure"]
+
+COLORS = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf", "#8c564b", "#e377c2")
+
+
+def colors(n: int) -> list[str]:
+    """As many colours, again from the first when there are no more."""
+    return [COLORS[i % len(COLORS)] for i in range(n)]
+
+
+def save_figure(axes: Any, path: str | Path) -> Path:
+    """Write the figure that an Axes (or the first of several, or of rows of them) belongs to, and close it.
+
+    Returns the path.
+    """
+    target = Path(path)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    figure: Figure = np.ravel(np.array(axes, dtype=object))[0].get_figure(root=True)
+    figure.savefig(target, dpi=150, bbox_inches="tight")
+    plt.close(figure)
+    return target

@@ -1,0 +1,24 @@
+"""Signals over time."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from nassim.base.checks import known
+from nassim.plotting.figures import plt
+from nassim.signals.time_history import TimeHistory
+
+
+def plot_time_history(history: TimeHistory, *, names: Sequence[str] | None = None, figure: Any = None) -> Sequence[Any]:
+    """Signals over time, one below the other; returns an Axes per signal."""
+    names = list(history.names if names is None else names)
+    figure = figure or plt.figure(figsize=(7, 1.8 * len(names) + 0.6), layout="constrained")
+    axes = list(np.atleast_1d(figure.subplots(len(names), 1, sharex=True)))
+    for ax, name in zip(axes, names, strict=True):
+        unit = history.units[history.names.index(known("signal", name, history.names))]
+        ax.plot(history.time, history[name], lw=0.7)
+        ax.set_ylabel(f"{name}\n[{unit}]".replace("_", " "))
+        ax.grid(True, alpha=0.25)
+    axes[-1].set_xlabel("time [s]")
+    return axes

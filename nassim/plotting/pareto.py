@@ -1,0 +1,22 @@
+"""Error over cost."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from nassim.plotting.figures import plt
+
+
+def plot_pareto(
+    lines: Mapping[str, Sequence[tuple[float, float, str]]], xlabel: str, ylabel: str, *, ax: Any = None
+) -> Any:
+    """Error over cost on logarithmic axes: per named line the points (cost, error, label); returns the axes."""
+    ax = ax or plt.subplots(figsize=(8, 5.5), layout="constrained")[1]
+    for name, points in lines.items():
+        x, y, labels = zip(*sorted(points), strict=True)
+        (line,) = ax.loglog(x, y, "o-", markersize=5, linewidth=1.2, label=name)
+        for a, b, text in zip(x, y, labels, strict=True):
+            ax.annotate(text, (a, b), xytext=(4, 4), textcoords="offset points", fontsize=7, color=line.get_color())
+    ax.set(xlabel=xlabel, ylabel=ylabel)
+    ax.grid(visible=True, which="both", alpha=0.3)
+    ax.legend(fontsize=8)
+    return ax

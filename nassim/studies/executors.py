@@ -1,0 +1,122 @@
+"""Who carries out the runs: this process, child processes on this machine, or the workers of any executor."""
+
+import os
+import pickle
+import queue
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import BrokenExecutor, CancelledError, ThreadPoolExecutor
+from contextlib import contextmanager
+from hashlib import sha256
+from itertools import islice
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+
+from nassim.studies.children import THREADS, CannotLoad, Children, run_in_child
+from nassim.studies.outcome import LOST, Outcome, Task
+
+IN_FLIGHT = 1000
+"""Runs that are submitted at a time: more than most clusters have workers, and little memory."""
+Requests = Iterable[tuple[str, dict[str, Any]]]
+"""Names of runs, and what the function is called with."""
+Outcomes = Generator[tuple[str, Outcome], None, None]
+
+
+def one_by_one(task: Task, requests: Requests) -> Outcomes:
+    """Carry out runs in this process, with one thread as children have."""
+    before = {name: os.environ.get(name) for name in THREADS}
+    try:
+        os.environ.update(THREADS)
+        with threadpool_limits(1):  # those that are loaded; the environment is for those to come
+            for key, arguments in requests:
+                yield key, task(arguments)
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name)
+            os.environ.update({} if value is None else {name: value})
+
+
+def on_this_machine(payload: bytes, requests: Requests, time_limit: float | None, n_processes: int) -> Outcomes:
+    """Carry out runs in so many child processes; payload: the task, pickled."""
+    children = Children(payload)
+    threads = ThreadPoolExecutor(n_processes, thread_name_prefix="study")
+    try:
+        yield from _submitted(lambda request: threads.submit(children.run, request, time_limit), requests)
+    finally:
+        children.close()
+        threads.shutdown(cancel_futures=True)
+
+
+def on_executor(payload: bytes, requests: Requests, time_limit: float | None, executor: Any) -> Outcomes:
+    """Carry out runs in children of an executor's workers.
+
+    A Dask client is given the function as a task of its own, whose result each worker fetches once; to other executors
+    it goes with every run.
+    """
+    digest = sha256(payload).hexdigest()
+    dask = hasattr(executor, "scatter")
+    options = {"pure": False} if dask else {}
+    # A task, and no scattered data: those would be lost with the worker that has them.
+    shared = executor.submit(bytes, payload, **options) if dask else payload
+    yield from _submitted(
+        lambda request: executor.submit(run_in_child, shared, digest, request, time_limit, **options), requests
+    )
+
+
+def _submitted(submit: Callable[[bytes], Any], requests: Requests) -> Outcomes:
+    """Submit runs, a bounded number at a time, and give their outcomes as they come."""
+    coming = iter(requests)
+    pending: dict[Any, str] = {}
+    done: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    try:
+        while True:
+            for key, arguments in islice(coming, IN_FLIGHT - len(pending)):
+                with _told():
+                    future = submit(pickle.dumps(arguments))
+                pending[future] = key
+                future.add_done_callback(done.put)
+            if not pending:
+                return
+            future = _next(done)
+            with _told():
+                outcome = _outcome(future)
+            yield pending.pop(future), outcome
+    finally:
+        for future in pending:
+            future.cancel()
+
+
+def _next(done: "queue.SimpleQueue[Any]") -> Any:
+    while True:
+        try:
+            return done.get(timeout=1.0)  # without it, Windows would not hear Ctrl-C
+        except queue.Empty:
+            continue
+
+
+def _outcome(future: Any) -> Outcome:
+    try:
+        outcome: Outcome = future.result()
+    except Exception as error:
+        # Dask's word, which is not to be imported: workers died under the run, or under what it needs.
+        if type(error).__name__ != "KilledWorker":
+            raise
+        return Outcome(LOST, " ".join(str(error).split()))
+    return outcome
+
+
+@contextmanager
+def _told() -> Iterator[None]:
+    """Say what it means that an executor cannot go on."""
+    again = "finished runs are in the study's folder, if it has one: the same call goes on from there"
+    try:
+        yield
+    except CannotLoad as error:
+        raise ValueError(
+            f"workers cannot load the function: {error}. Its modules must be installed where they run, or lie on their "
+            "PYTHONPATH"
+        ) from error
+    except (BrokenExecutor, CancelledError) as error:
+        raise RuntimeError(f"the executor has broken ({error!r}); {again} with a new one") from error
+    except ImportError as error:
+        raise RuntimeError(f"the executor's workers lack nassim or what it needs: {error}; {again}") from error

@@ -1,0 +1,183 @@
+"""The function of a study: what it may be called with, how it travels, and by what it is known again."""
+
+import ast
+import functools
+import hashlib
+import inspect
+import pickle
+import textwrap
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from types import CodeType, FunctionType, ModuleType
+from typing import Any
+
+import numpy as np
+
+from nassim.base.storage import fingerprint
+from nassim.studies.outcome import Task
+from nassim.studies.plan import Parameters, run_seed
+
+Function = Callable[..., Any]
+SEED = "seed"
+
+
+@dataclass(frozen=True)
+class Job:
+    """A study's function, checked, and its seed, given to functions that have a parameter of that name."""
+
+    function: Function
+    task: Task
+    seed: int | None
+
+    def arguments(self, parameters: Parameters, key: str) -> Parameters:
+        """What the function is called with for a run of some name."""
+        return parameters if self.seed is None else {**parameters, SEED: run_seed(self.seed, key)}
+
+
+def make_job(function: Function, names: tuple[str, ...], seed: int | None) -> Job:
+    """Check that a function takes the parameters of a study by keyword.
+
+    Raises ValueError listing unknown and missing parameters, and for a seed that is no whole number or that the
+    function does not take.
+    """
+    if not callable(function):
+        raise ValueError(f"a study needs a function, got {function!r:.60}, a {type(function).__name__}")
+    try:
+        parameters = inspect.signature(function).parameters.values()
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{label(function)} does not tell its parameters; wrap it in a def of your own") from error
+    keywords = {p.name: p for p in parameters if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)}
+    takes_any = any(p.kind is p.VAR_KEYWORD for p in parameters)
+    known = f"{label(function)} takes {', '.join(keywords) or 'none'}"
+    unknown = [name for name in names if name not in keywords]
+    if unknown and not takes_any:
+        raise ValueError(f"unknown parameters {', '.join(unknown)}: {known}")
+    if seed is not None:
+        if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+            raise ValueError(f"seed must be a whole number of at least 0, got {seed!r}")
+        if SEED in names or (SEED not in keywords and not takes_any):
+            why = "the study varies it" if SEED in names else known
+            raise ValueError(f"seed is given to the function's parameter of that name, but {why}")
+    given = {*names, *([SEED] if seed is not None else [])}
+    missing = [p.name for p in keywords.values() if p.default is p.empty and p.name not in given]
+    if missing or any(p.kind is p.POSITIONAL_ONLY and p.default is p.empty for p in parameters):
+        what = f"values of {', '.join(missing)}" if missing else "arguments without a name"
+        raise ValueError(
+            f"{label(function)} needs {what} beside what the study gives ({', '.join(given)}): add them to the grid or "
+            "samples, set seed=, or fix them with functools.partial"
+        )
+    return Job(function, Task(function, tuple(names)), None if seed is None else int(seed))
+
+
+def label(function: Function) -> str:
+    """A function's name with its module's."""
+    base = function.func if isinstance(function, functools.partial) else function
+    base = base if hasattr(base, "__qualname__") else type(base)
+    return f"{base.__module__}.{base.__qualname__}"
+
+
+def packed(job: Job) -> bytes:
+    """The function with all it carries, pickled once.
+
+    Functions of importable modules travel by name, others (of a script, a notebook, inside a function, lambdas) by
+    value. Raises ValueError for what cannot travel, naming it.
+    """
+    import cloudpickle  # noqa: PLC0415 -- of the extra `studies`
+
+    try:
+        return bytes(cloudpickle.dumps(job.task, protocol=pickle.HIGHEST_PROTOCOL))
+    except Exception as error:
+        cause = error
+    culprits = []
+    for name, value in carried(job.function):
+        try:
+            cloudpickle.dumps(value)
+        except Exception as error:
+            culprits.append(f"{name}, a {type(value).__name__} ({error})")
+    raise ValueError(
+        f"{label(job.function)} cannot be sent to another process because of {', '.join(culprits) or cause}. Make such "
+        "things inside the function, from numbers and paths, or give it data (arrays, a ReducedBody) by "
+        'functools.partial; executor="serial" runs it here, one run after the other'
+    ) from cause
+
+
+def identity(job: Job) -> dict[str, Any]:
+    """What a folder knows a study by, as plain data: function, source and what it carries (as hashes), and the seed."""
+    inputs: dict[str, str] = {}
+    source = _identify(job.function, inputs, set())
+    return {"function": label(job.function), "source": source, "inputs": dict(sorted(inputs.items())), "seed": job.seed}
+
+
+def carried(function: Function) -> Iterator[tuple[str, Any]]:
+    """What a function needs beside its parameters, by name: fixed arguments, defaults, values around it.
+
+    Modules, classes and functions of other modules are left out.
+    """
+    if isinstance(function, functools.partial):
+        yield from ((f"argument {index}", value) for index, value in enumerate(function.args))
+        yield from function.keywords.items()
+        function = function.func
+    if (owner := getattr(function, "__self__", None)) is not None and not isinstance(owner, ModuleType):
+        yield "self", owner
+    function = getattr(function, "__func__", function)
+    if not isinstance(function, FunctionType):
+        if not isinstance(function, type) and hasattr(function, "__dict__"):
+            yield "self", function.__dict__
+        return
+    yield from (("default", value) for value in function.__defaults__ or ())
+    yield from (function.__kwdefaults__ or {}).items()
+    for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
+        try:
+            yield name, cell.cell_contents
+        except ValueError:  # not filled yet
+            continue
+    for name in sorted(set(_names(function.__code__)) & set(function.__globals__)):
+        value = function.__globals__[name]
+        foreign = isinstance(value, FunctionType) and value.__module__ != function.__module__
+        if not foreign and not isinstance(value, (ModuleType, type)):
+            yield name, value
+
+
+def _names(code: CodeType) -> Iterator[str]:
+    yield from code.co_names
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _names(constant)
+
+
+def _identify(function: Function, inputs: dict[str, str], seen: set[int]) -> str:
+    """Hash of a function's source; enters what it carries in `inputs`, functions by their own source."""
+    for name, value in carried(function):
+        if id(value) in seen:
+            continue
+        seen.add(id(value))
+        key = name if name not in inputs else f"{name} of {label(function)}"
+        inputs[key] = _identify(value, inputs, seen) if isinstance(value, FunctionType) else _content(value)
+    base = function.func if isinstance(function, functools.partial) else function
+    base = getattr(base, "__func__", base)
+    code = getattr(base, "__code__", None)
+    try:
+        text = ast.dump(
+            ast.parse(textwrap.dedent(inspect.getsource(base if code or isinstance(base, type) else type(base))))
+        )
+    except (OSError, TypeError, SyntaxError):  # of a console, or a lambda in the middle of a line
+        text = repr(_code(code)) if code else label(base)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _code(code: CodeType) -> Any:
+    constants = [_code(c) if isinstance(c, CodeType) else c for c in code.co_consts]
+    return code.co_code, code.co_names, constants
+
+
+def _content(value: Any) -> str:
+    import cloudpickle  # noqa: PLC0415
+
+    try:
+        return fingerprint(dict(value) if isinstance(value, Mapping) else value)[:16]
+    except (TypeError, ValueError):
+        pass
+    try:
+        return hashlib.sha256(cloudpickle.dumps(value)).hexdigest()[:16]
+    except Exception:  # a lock, a file: what cannot travel has no content to compare
+        return type(value).__name__

@@ -1,0 +1,102 @@
+"""Sampling plans: which parameters the runs of a study take, from a distribution of each.
+
+A distribution is a frozen one of scipy.stats, such as norm(5.0, 0.1) or uniform(4.9, 0.2), which lies between 4.9 and
+5.1. Parameters are independent of each other. The same seed gives the same plan.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from scipy.stats import qmc
+
+from nassim.base.checks import Array
+from nassim.studies.samples import Samples, parameter_names
+
+EDGE = 2.0**-53
+"""Shares this close to 0 and 1, where many distributions reach to infinity, are drawn no closer."""
+
+BITS = 64
+"""Of the coordinates of Sobol' points."""
+
+
+def random_points(distributions: Mapping[str, Any], n: int, *, seed: int) -> Samples:
+    """Plain Monte Carlo: n independent runs, whose mean errs by the standard deviation over sqrt(n).
+
+    distributions: by name of the parameter. Raises ValueError for an empty mapping, what is no distribution, n below 1.
+    """
+    names = parameter_names(tuple(distributions))
+    shares = np.random.default_rng(seed).random((_count(n), len(names)))
+    return _samples(distributions, shares, f"random points, n = {n}, seed {seed}")
+
+
+def latin_hypercube(distributions: Mapping[str, Any], n: int, *, seed: int) -> Samples:
+    """Latin hypercube: every parameter takes one value in each of n stretches of equal probability.
+
+    It suits tens to hundreds of costly runs. A plan of more runs shares none with one of fewer: where a study is to
+    grow, take `sobol_points`. distributions: by name of the parameter. Raises ValueError as `random_points` does.
+    """
+    names = parameter_names(tuple(distributions))
+    shares = qmc.LatinHypercube(len(names), seed=np.random.default_rng(seed)).random(_count(n))
+    return _samples(distributions, shares, f"latin hypercube, n = {n}, seed {seed}")
+
+
+def sobol_points(distributions: Mapping[str, Any], n: int, *, seed: int) -> Samples:
+    """Points of a scrambled Sobol' sequence, which fill the space evenly; n is a power of two.
+
+    A plan of twice as many runs begins with those of this one, so that a study can grow.
+    distributions: by name of the parameter. Raises ValueError as `random_points` does, and for other n.
+    """
+    shares = _sobol_shares(len(parameter_names(tuple(distributions))), n, seed)
+    return _samples(distributions, shares, f"sobol points, n = {n}, seed {seed}")
+
+
+def saltelli_points(distributions: Mapping[str, Any], n: int, *, seed: int) -> Samples:
+    """Points for `sobol_indices`: n (d + 2) runs for d parameters, where n is a power of two.
+
+    The rows are n of a matrix A, n of B, and for each parameter in turn the n of A with its column out of B.
+    Source: A. Saltelli et al., Comput. Phys. Commun. 181 (2010) 259-270; both from one Sobol' sequence.
+    distributions: by name of the parameter. Raises ValueError as `random_points` does, and for other n.
+    """
+    d = len(parameter_names(tuple(distributions)))
+    a, b = np.split(_sobol_shares(2 * d, n, seed), 2, axis=1)
+    mixed = [np.where(np.arange(d) == k, b, a) for k in range(d)]
+    return _samples(distributions, np.vstack([a, b, *mixed]), f"saltelli points, n = {n}, seed {seed}")
+
+
+def _sobol_shares(d: int, n: int, seed: int) -> Array:
+    if _count(n) & (n - 1):
+        below = 2 ** (n.bit_length() - 1)
+        raise ValueError(f"n must be a power of two for Sobol' points, got {n}; take {below} or {2 * below}")
+    shares: Array = qmc.Sobol(d, bits=BITS, seed=np.random.default_rng(seed)).random(n)
+    return shares
+
+
+def _count(n: int) -> int:
+    if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:
+        raise ValueError(f"n must be a whole number of at least 1, got {n!r}")
+    return int(n)
+
+
+def _samples(distributions: Mapping[str, Any], shares: Array, plan: str) -> Samples:
+    """Parameters whose distribution functions take the given values, (n_runs, n_parameters)."""
+    inside = np.clip(shares, EDGE, 1 - EDGE)
+    columns = [
+        _quantiles(name, distribution, inside[:, k]) for k, (name, distribution) in enumerate(distributions.items())
+    ]
+    return Samples(tuple(distributions), np.column_stack(columns), plan)
+
+
+def _quantiles(name: str, distribution: Any, shares: Array) -> Array:
+    if not callable(getattr(distribution, "ppf", None)):
+        raise ValueError(
+            f"parameter {name!r} needs a frozen distribution of scipy.stats, such as norm(mean, deviation) or "
+            f"uniform(lowest, width), got {distribution!r:.60}"
+        )
+    try:
+        values = np.asarray(distribution.ppf(shares), dtype=float)
+    except TypeError as error:
+        raise ValueError(f"the distribution of {name!r} is not frozen, give it its parameters: {error}") from error
+    if values.shape != shares.shape or not np.all(np.isfinite(values)):
+        raise ValueError(f"the distribution of {name!r} gives no finite values; look at its parameters")
+    return values

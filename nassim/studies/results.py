@@ -1,0 +1,145 @@
+"""What a run gives, as labelled arrays of one layout: numbers, arrays, FRFs and histories."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from nassim.base.checks import Array
+from nassim.base.storage import fingerprint
+from nassim.signals.frf import FRF
+from nassim.signals.time_history import TimeHistory
+
+RUN, STATUS, MESSAGE, WALL_TIME = "run", "status", "message", "wall_time"
+OWN = (RUN, STATUS, MESSAGE, WALL_TIME)
+"""Names that every study's results have."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Labels along a dimension of results.
+
+    along: name of the dimension; values: numbers or texts, (n,); unit: of the numbers
+    """
+
+    along: str
+    values: tuple[Any, ...]
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """The shape of one result: a dimension per axis, in order; `complex` numbers or real ones."""
+
+    dims: tuple[str, ...]
+    shape: tuple[int, ...]
+    complex: bool = False
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Of the numbers, as files hold them."""
+        return np.dtype("<c16" if self.complex else "<f8")
+
+    @property
+    def size(self) -> int:
+        """In bytes."""
+        return int(np.prod(self.shape, dtype=int)) * self.dtype.itemsize
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What a run gave, without the numbers: its quantities and the axes of their dimensions, by name.
+
+    Runs of one layout can stand in one array.
+    """
+
+    quantities: Mapping[str, Quantity]
+    axes: Mapping[str, Axis] = field(default_factory=dict)
+
+    def digest(self) -> str:
+        """The same text for the same layout, on any machine."""
+        axes = {name: (axis.along, np.array(axis.values), axis.unit) for name, axis in self.axes.items()}
+        return fingerprint(dict(self.quantities), axes)[:16]
+
+    def arrays(self, data: bytes) -> dict[str, Array]:
+        """The numbers of a run by name, each of its quantity's shape."""
+        result, place = {}, 0
+        for name, quantity in self.quantities.items():
+            part = np.frombuffer(data[place : place + quantity.size], quantity.dtype)
+            result[name] = part.reshape(quantity.shape)
+            place += quantity.size
+        return result
+
+
+def flattened(result: Any, taken: Collection[str]) -> tuple[Layout, bytes]:
+    """The layout of what a function returned, and its numbers one after the other.
+
+    taken: names of parameters, which no result and no dimension may have
+
+    A number or an array alone is called "result", an FRF "frf", a history "history". Dimensions of arrays are called
+    after them, `name_0`, `name_1`; those of FRFs `output`, `input`, `frequency`, of histories `signal`, `time`, with
+    the name before where another result of the run has them otherwise. All numbers become float64 or complex128. Raises
+    TypeError for other kinds, ValueError for names that are taken.
+    """
+    named = result if isinstance(result, Mapping) else {_default_name(result): result}
+    if not named:
+        raise ValueError("the function returned no result")
+    quantities: dict[str, Quantity] = {}
+    axes: dict[str, Axis] = {}
+    data = []
+    for name, value in named.items():
+        if not isinstance(name, str) or not name or name in {*taken, *OWN}:
+            raise ValueError(f"a result may not be called {name!r}: names are texts, and no parameter's nor {OWN}")
+        arrays, labels = _parts(name, value)
+        renamed = _merge(axes, labels, name, {*taken, *OWN, *named})
+        for part, (dims, array) in arrays.items():
+            kind = np.iscomplexobj(array)
+            numbers = np.asarray(array, "<c16" if kind else "<f8", order="C")
+            quantities[part] = Quantity(tuple(renamed.get(d, d) for d in dims), numbers.shape, kind)
+            data.append(numbers.tobytes())
+    return Layout(quantities, axes), b"".join(data)
+
+
+_Arrays = dict[str, tuple[tuple[str, ...], Array]]
+
+
+def _default_name(result: Any) -> str:
+    return {FRF: "frf", TimeHistory: "history"}.get(type(result), "result")
+
+
+def _parts(name: str, value: Any) -> tuple[_Arrays, dict[str, Axis]]:
+    """Arrays of one result with the names of their dimensions, and the axes of these."""
+    if isinstance(value, FRF):
+        axes = {
+            "output": Axis("output", value.outputs),
+            "input": Axis("input", value.inputs),
+            "frequency": Axis("frequency", tuple(value.frequency.tolist()), "Hz"),
+        }
+        arrays: _Arrays = {name: (("output", "input", "frequency"), value.values)}
+        if value.coherence is not None:
+            arrays[f"{name}_coherence"] = (("output", "frequency"), value.coherence)
+        return arrays, axes
+    if isinstance(value, TimeHistory):
+        axes = {
+            "signal": Axis("signal", value.names),
+            "signal_unit": Axis("signal", value.units),
+            "time": Axis("time", tuple(value.time.tolist()), "s"),
+        }
+        return {name: (("signal", "time"), value.values)}, axes
+    numbers = np.asarray(value)
+    if numbers.dtype.kind not in "biufc":
+        raise TypeError(
+            f"{name!r} is a {type(value).__name__}; a function of a study returns a number, an array of numbers, an "
+            "FRF, a TimeHistory, or a mapping of names to these"
+        )
+    return {name: (tuple(f"{name}_{i}" for i in range(numbers.ndim)), numbers)}, {}
+
+
+def _merge(axes: dict[str, Axis], new: Mapping[str, Axis], name: str, taken: Collection[str]) -> dict[str, str]:
+    """Add axes to those of earlier results; returns the new names of those that needed one."""
+    clash = any(key in taken or axes.get(key, axis) != axis for key, axis in new.items())
+    renamed = {key: f"{name}_{key}" for key in new} if clash else {}
+    for key, axis in new.items():
+        axes[renamed.get(key, key)] = Axis(renamed.get(axis.along, axis.along), axis.values, axis.unit)
+    return renamed

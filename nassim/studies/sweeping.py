@@ -1,0 +1,155 @@
+"""Sweeps: one function, many parameters, labelled results; on one machine or on a cluster, the same call."""
+
+import importlib
+import os
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from nassim.base.checks import frozen_mapping, known, positive
+from nassim.base.progress import stage
+from nassim.studies.dataset import to_dataset
+from nassim.studies.executors import Outcomes, Requests, on_executor, on_this_machine, one_by_one
+from nassim.studies.job import Function, Job, identity, label, make_job, packed
+from nassim.studies.outcome import OK, UNFINISHED
+from nassim.studies.plan import Plan, make_plan, run_key
+from nassim.studies.records import Records, opened
+from nassim.studies.samples import Samples
+
+if TYPE_CHECKING:
+    import xarray
+
+SERIAL = "serial"
+
+
+def sweep(
+    function: Function,
+    *,
+    grid: Mapping[str, Any] | None = None,
+    samples: Samples | Mapping[str, Any] | None = None,
+    executor: Any = None,
+    folder: str | Path | None = None,
+    seed: int | None = None,
+    units: Mapping[str, str] | None = None,
+    time_limit: float | None = None,
+    n_processes: int | None = None,
+    retry: Collection[str] = (),
+    progress: bool = True,
+) -> "xarray.Dataset":
+    """Call a function with many parameters and return all results, labelled.
+
+    function: takes one run's parameters by keyword and returns a number, an array, an `FRF`, a `TimeHistory`, or a
+        mapping of names to these; what it prints is not shown. Large common inputs are fixed by
+        `functools.partial(function, body=body)` (or are values around it) and are sent once per process.
+    grid: parameters' names -> values, of which all combinations are run; or
+    samples: a row per run, from a sampling plan, or names -> equally long lists of values
+    executor: None for child processes on this machine; a `dask.distributed.Client` or anything else with `submit`, in
+        whose workers' children the runs then happen; "serial" for one run after the other in this process
+    folder: keeps every finished run: the same call after whatever stopped it does the others only, and so does one with
+        more points. None: memory only
+    seed: of the study; a run's own, given to the function's parameter `seed`, follows from it and the run's parameters
+    units: of parameters and results by name, for the results' `attrs["units"]`
+    time_limit: for each run [s]; whoever exceeds it is stopped
+    n_processes: on this machine (default: as many as it has processors for us)
+    retry: states of runs in the folder that are to be repeated: "failed", "diverged", "timed out", "lost"
+
+    Returns an `xarray.Dataset`: dimensions are the grid's parameters, or `run` with the samples' values along it, then
+    those of the results (`frequency`, `output`, `input` of an FRF, `time`, `signal` of a history, `name_0`, ... of
+    arrays). Its `status` says of every run "ok", "failed" (the function raised: see `message`, and the folder's
+    manifest), "diverged" (it returned NaN), "timed out", "lost" (its process ended three times), "other shape" (than
+    most runs' results); `wall_time` is the function's [s]. No such run stops the study, and its numbers are NaN (those
+    of diverged runs as returned). Save it by `results.to_netcdf("study.nc", engine="h5netcdf")`, which holds complex
+    numbers.
+
+    Raises, before the first run, ValueError for unknown or missing parameters, a grid without runs, samples of unequal
+    length, a function that cannot be sent, a folder of another study; ImportError without the extra `studies`;
+    RuntimeError for an executor that breaks. After Ctrl-C, too, the folder has the finished runs.
+    """
+    _check_extra()
+    plan = make_plan(grid, samples)
+    job = make_job(function, tuple(plan.values), seed)
+    repeated = {known("state of a run", state, UNFINISHED) for state in _texts(retry)}
+    carry_out = _carrier(job, executor, time_limit, n_processes)
+    place = None if folder is None else Path(folder)
+    with opened(place, identity(job) if place else {}) as records:
+        _run_all(plan, job, records, carry_out, repeated, place, progress)
+        attributes: dict[str, Any] = {"function": label(function), "plan": plan.label}
+        attributes |= {} if job.seed is None else {"seed": job.seed}
+        return to_dataset(plan, records, frozen_mapping(units), attributes)
+
+
+def _carrier(job: Job, executor: Any, time_limit: float | None, n_processes: int | None) -> Any:
+    """What carries out the runs; checks what it is told."""
+    limit = None if time_limit is None else positive("time_limit", time_limit, "s")
+    if n_processes is not None and (executor is not None or int(n_processes) != n_processes or n_processes < 1):
+        raise ValueError(f"n_processes is a whole number of processes here, without executor=; got {n_processes}")
+    if executor == SERIAL and isinstance(executor, str):
+        if limit is not None:
+            raise ValueError('runs of executor="serial" happen in this process, which nobody stops: no time_limit')
+        return lambda requests: one_by_one(job.task, requests)
+    if executor is not None and not callable(getattr(executor, "submit", None)):
+        raise ValueError(f'executor must be None, "serial" or have a method submit, got {executor!r:.60}')
+    if getattr(executor, "asynchronous", False):
+        raise ValueError("the Dask client is asynchronous; a study needs one made by Client(address)")
+    payload = packed(job)
+    if executor is not None:
+        return lambda requests: on_executor(payload, requests, limit, executor)
+    count = int(n_processes or _processors())
+    return lambda requests: on_this_machine(payload, requests, limit, count)
+
+
+def _run_all(
+    plan: Plan,
+    job: Job,
+    records: Records,
+    carry_out: Any,
+    repeated: Collection[str],
+    folder: Path | None,
+    progress: bool,
+) -> None:
+    """Carry out the runs that the records do not have."""
+    waiting = {run_key(parameters): parameters for parameters in plan.runs()}
+    n_all = len(waiting)
+    for key, record in records.runs.items():
+        if record.status not in repeated:
+            waiting.pop(key, None)
+    n_waiting, n_done = len(waiting), 0
+    if progress and n_waiting < n_all:
+        print(f"  {n_all - n_waiting} of {n_all} runs are in {folder}", flush=True)
+    if not waiting:
+        return
+    requests: Requests = ((key, job.arguments(parameters, key)) for key, parameters in waiting.items())
+    outcomes: Outcomes = carry_out(requests)
+    statuses = []
+    try:
+        with stage("study", total=n_waiting, unit="runs", enabled=progress) as advance:
+            for key, outcome in outcomes:
+                records.add(key, waiting[key], outcome)
+                statuses.append(outcome.status)
+                n_done += 1
+                advance()
+    except KeyboardInterrupt:
+        kept = f"the same call goes on from {folder}" if folder else "without folder= they are lost"
+        raise KeyboardInterrupt(f"stopped after {n_done} of {n_waiting} runs; {kept}") from None
+    finally:
+        outcomes.close()
+    troubles = {state: statuses.count(state) for state in UNFINISHED if state in statuses}
+    if progress and troubles:
+        told = ", ".join(f"{count} {state}" for state, count in troubles.items())
+        print(f"  {statuses.count(OK)} runs ok, {told}: see the results' status and message", flush=True)
+
+
+def _texts(retry: Collection[str]) -> tuple[str, ...]:
+    return (retry,) if isinstance(retry, str) else tuple(retry)
+
+
+def _processors() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _check_extra() -> None:
+    for module in ("xarray", "cloudpickle"):
+        try:
+            importlib.import_module(module)
+        except ImportError as error:
+            raise ImportError(f'studies need {module}: pip install "nassim[studies]"') from error

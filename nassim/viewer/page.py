@@ -1,0 +1,60 @@
+"""One HTML file of a view: it opens by double click, without a network, and holds all that it needs.
+
+`page/` has its template, its programs `viewer.js` and `stage.js`, which need no build step, and three.js 0.184.0 as
+published (MIT; https://threejs.org). Data and library are packed by gzip, which browsers unpack since 2023.
+"""
+
+import base64
+import gzip
+import html
+import json
+from importlib.resources import files
+from pathlib import Path
+
+from nassim.base.storage import written_whole
+from nassim.viewer.encoding import encode
+from nassim.viewer.views import View
+
+LIBRARY = {
+    "three": "three/three.module.min.js",
+    "three-core": "three/three.core.min.js",
+    "orbit": "three/OrbitControls.js",
+    "stage": "stage.js",
+}
+"""What modules of the page import, and the files that it is in."""
+
+
+def write_page(view: View, path: str | Path) -> Path:
+    """Write a view as one HTML file; returns its path."""
+    target = Path(path)
+    with written_whole(target) as temporary:
+        temporary.write_text(page_text(view), encoding="utf-8")
+    return target
+
+
+def page_text(view: View) -> str:
+    """The HTML file of a view, as text."""
+    header, data = encode(view)
+    folder = files("nassim.viewer") / "page"
+    library = {name: (folder / file).read_text(encoding="utf-8") for name, file in LIBRARY.items()}
+    # Modules that stand in the page have no folder to look for others in: these are named instead.
+    library["three"] = library["three"].replace("./three.core.min.js", "three-core")
+    parts = {
+        "title": html.escape(view.title),
+        "header": json.dumps(header, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
+        "data": _packed(data),
+        "library": "\n".join(
+            f'<script type="text/plain" class="library" data-name="{name}">{_packed(text.encode())}</script>'
+            for name, text in library.items()
+        ),
+        "program": (folder / "viewer.js").read_text(encoding="utf-8"),
+    }
+    text = (folder / "viewer.html").read_text(encoding="utf-8")
+    for name, part in parts.items():
+        text = text.replace(f"<!--{name}-->", part)
+    return text
+
+
+def _packed(data: bytes) -> str:
+    # Without the time of writing: one view gives one file, bit for bit.
+    return base64.b64encode(gzip.compress(data, mtime=0)).decode()

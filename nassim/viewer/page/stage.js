@@ -1,0 +1,81 @@
+// What stands around the shapes: camera, light, axes and scale; figures with their units.
+import * as THREE from "three";
+import { OrbitControls } from "orbit";
+
+const $ = id => document.getElementById(id);
+// Directions from the middle to the viewer.
+const VIEWS = { iso: [0.435, -0.819, 0.375], front: [0, -1, 0], side: [1, 0, 0], top: [0, -0.0001, 1] };
+
+// The largest of 1, 2, 5, 10 ... that is not above a number.
+export function roundDown(x) {
+  const power = 10 ** Math.floor(Math.log10(x));
+  return power * [5, 2, 1].find(k => k * power <= x * (1 + 1e-9));
+}
+
+const UNITS = [[1, "m"], [1e-3, "mm"], [1e-6, "µm"], [1e-9, "nm"], [1e-12, "pm"]];
+export const unitOf = length => (UNITS.find(([factor]) => length >= factor) ?? UNITS.at(-1));
+export function text(length) {
+  const [factor, unit] = unitOf(length);
+  return `${Number((length / factor).toPrecision(3))} ${unit}`;
+}
+
+export function makeStage({ size, bounds }) {
+  const renderer = new THREE.WebGLRenderer({ antialias: true, preserveDrawingBuffer: true });
+  $("scene").append(renderer.domElement);
+  const scene = new THREE.Scene();
+  scene.background = new THREE.Color("#fbfbfc");
+  const camera = new THREE.OrthographicCamera(-1, 1, 1, -1, -size, 11 * size);
+  camera.up.set(0, 0, 1);
+  const light = new THREE.DirectionalLight("#fff", 2.0);
+  camera.add(light);
+  light.position.set(-0.5, 0.9, 1.2);
+  scene.add(camera, new THREE.HemisphereLight("#fff", "#aab", 1.5));
+  const controls = new OrbitControls(camera, renderer.domElement);
+  // Length of a pixel [m].
+  const pixel = () => (camera.top - camera.bottom) / camera.zoom / innerHeight;
+  const middle = new THREE.Vector3(...bounds[0]).add(new THREE.Vector3(...bounds[1])).multiplyScalar(0.5);
+
+  function look(name) {
+    camera.position.copy(middle).addScaledVector(new THREE.Vector3(...VIEWS[name]).normalize(), 5 * size);
+    controls.target.copy(middle);
+    camera.lookAt(middle);
+    camera.updateMatrixWorld();
+    // As large as its corners allow in what the panels leave of the window.
+    let [across, up] = [0, 0];
+    for (let k = 0; k < 8; k++) {
+      const corner = new THREE.Vector3(...[0, 1, 2].map(i => bounds[k >> i & 1][i])).sub(middle)
+        .applyQuaternion(camera.quaternion.clone().invert());
+      [across, up] = [Math.max(across, Math.abs(corner.x)), Math.max(up, Math.abs(corner.y))];
+    }
+    const width = Math.max(200, innerWidth - 400) / innerHeight, height = Math.max(0.3, 1 - 190 / innerHeight);
+    camera.zoom = 0.46 / Math.max(across / width, up / height, 1e-9) * (camera.top - camera.bottom);
+    camera.updateProjectionMatrix();
+    controls.update();
+  }
+
+  function resize() {
+    const ratio = innerWidth / innerHeight;
+    Object.assign(camera, { left: -size * ratio / 2, right: size * ratio / 2, top: size / 2, bottom: -size / 2 });
+    camera.updateProjectionMatrix();
+    renderer.setPixelRatio(devicePixelRatio);
+    renderer.setSize(innerWidth, innerHeight);
+  }
+
+  function drawAxes() {
+    const inverse = camera.quaternion.clone().invert();
+    const axes = [["x", "#d62728"], ["y", "#2ca02c"], ["z", "#1f77b4"]].map(([name, color], k) =>
+      ({ name, color, end: new THREE.Vector3().setComponent(k, 1).applyQuaternion(inverse) }));
+    $("triad").innerHTML = axes.sort((a, b) => a.end.z - b.end.z).map(({ name, color, end }) =>
+      `<line x2="${34 * end.x}" y2="${-34 * end.y}" stroke="${color}" stroke-width="3" stroke-linecap="round"/>` +
+      `<text x="${43 * end.x}" y="${-43 * end.y}" fill="${color}">${name}</text>`).join("");
+  }
+
+  function drawScale() {
+    const length = roundDown(150 * pixel());
+    const [label, bar] = $("scale").children;
+    label.textContent = `${Number((1e3 * length).toPrecision(3))} mm`;
+    bar.style.width = `${length / pixel()}px`;
+  }
+
+  return { scene, camera, renderer, controls, look, resize, drawAxes, drawScale, pixel, VIEWS };
+}

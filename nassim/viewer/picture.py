@@ -1,0 +1,238 @@
+"""Pictures of a view for reports, drawn off the screen. PyVista is used here and nowhere else."""
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from nassim.base.checks import Array, positive
+from nassim.base.rigid_motion import unit_vector
+from nassim.base.storage import written_whole
+from nassim.viewer.views import GREY, KINDS, Mark, View
+
+CAMERA = (0.435, -0.819, 0.375)
+"""Direction from the middle to the viewer: what a page starts with."""
+SHARE = 0.06
+"""Largest displacement that a mode is drawn with, over the size of all, as on a page."""
+LINE, RESTING = "#23272e", "#8a94a3"
+ROOM = 1.45
+"""Size of a picture over that of what stands in its middle; the rest is for names and for motion."""
+MOST_NAMES = 12
+"""Marks, and rows of a legend, up to which a picture names them: more names would cover each other."""
+ON_FACES, BEFORE_ALL = -4.0, -66000.0
+"""Offsets of depth, in its smallest steps: of lines on faces, and of what lies inside bodies and shall be seen."""
+MISSING = 'pictures of bodies need PyVista: pip install "nassim[viewer]"; pages of nassim.viewer do without'
+
+
+def save_picture(
+    view: View,
+    path: str | Path,
+    *,
+    modes: str | Sequence[str] | None = None,
+    frame: int | None = None,
+    magnification: float = 1.0,
+    mesh: bool = False,
+    camera: ArrayLike = CAMERA,
+    size: tuple[int, int] = (1200, 900),
+) -> Path:
+    """Write a view as a PNG file; returns its path.
+
+    modes: one by name, or several side by side; frame: index of a time of the motion; default: at rest
+    magnification: of the motion, of deformation only where shapes go far
+    mesh: draw its lines; camera: direction from the middle to the viewer; size: of the file [pixels]
+    Raises ImportError without PyVista, and ValueError for modes or frames that the view does not have.
+    """
+    try:
+        import pyvista  # noqa: PLC0415  an extra
+    except ImportError as error:
+        raise ImportError(MISSING) from error
+    names = [modes] if isinstance(modes, str) or modes is None else [*modes]
+    drawings = [_drawing(view, name, frame, positive("magnification", magnification)) for name in names]
+    columns = int(np.ceil(np.sqrt(len(names))))
+    shape = (-(-len(names) // columns), columns)
+    # VTK warns of a missing screen before it does without.
+    with pyvista.vtk_verbosity("off"), written_whole(path) as temporary:
+        plotter = pyvista.Plotter(off_screen=True, shape=shape, window_size=list(size), border=False)
+        plotter.set_background("white")
+        for k, drawing in enumerate(drawings):
+            plotter.subplot(*divmod(k, columns))
+            _draw(pyvista, plotter, view, drawing, mesh=mesh, alone=len(names) == 1)
+            _aim(plotter, view, unit_vector(camera))
+        buffer = io.BytesIO()
+        plotter.screenshot(buffer)
+        plotter.close()
+        temporary.write_bytes(buffer.getvalue())
+    return Path(path)
+
+
+@dataclass(frozen=True)
+class _Drawing:
+    """Points of the shapes where they are drawn, (n, 3) [m], and the lengths of what they moved by, where they do."""
+
+    title: str
+    points: Mapping[str, Array]
+    lengths: Mapping[str, Array] | None = None
+
+    @property
+    def largest(self) -> float:
+        return max(float(values.max(initial=0.0)) for values in (self.lengths or {"": np.zeros(1)}).values())
+
+
+def _drawing(view: View, mode: str | None, frame: int | None, magnification: float) -> _Drawing:
+    rest = {shape.name: shape.points for shape in view.shapes}
+    if mode is not None:
+        view.mode(mode)
+        moved = {name: view.displacement(name, mode=mode) for name in rest}
+        lengths = {name: np.linalg.norm(shift, axis=1) for name, shift in moved.items()}
+        factor = SHARE * view.size / (max(values.max(initial=0.0) for values in lengths.values()) or 1.0)
+        return _Drawing(mode, {name: rest[name] + factor * moved[name] for name in rest}, lengths)
+    if frame is None:
+        return _Drawing(view.title, rest)
+    if view.motion is None:
+        raise ValueError(f"view {view.title!r} has no motion, so no frame {frame}")
+    if not 0 <= frame < len(view.motion.time):
+        raise ValueError(f"view {view.title!r} has the frames 0 to {len(view.motion.time) - 1}, not {frame}")
+    moved = {name: view.displacement(name, frame=frame) for name in rest}
+    own = {name: view.deformation(name, frame) @ _turn(view, name, frame).T for name in rest}
+    told = moved if view.small else own
+    points = {name: rest[name] + moved[name] + (magnification - 1) * told[name] for name in rest}
+    what = f", {'motion' if view.small else 'deformation'} x {magnification:g}" if magnification != 1 else ""
+    title = f"{view.title}: {view.motion.time[frame]:.4g} s{what}"
+    return _Drawing(title, points, {name: np.linalg.norm(shift, axis=1) for name, shift in told.items()})
+
+
+def _turn(view: View, name: str, frame: int) -> Array:
+    turns = {} if view.motion is None else view.motion.rotations
+    return turns[name][frame] if name in turns else view.shape(name).rotation
+
+
+def _draw(pyvista: Any, plotter: Any, view: View, drawing: _Drawing, *, mesh: bool, alone: bool) -> None:
+    legend: dict[str, str] = {}
+    seen = [shape for shape in view.shapes if len(shape.form.surface.triangles)]
+    for shape in seen:
+        surface, points = shape.form.surface, 1e3 * drawing.points[shape.name]
+        body = pyvista.PolyData.from_regular_faces(points, surface.triangles)
+        light = {"ambient": 0.25, "diffuse": 0.8, "show_scalar_bar": False}
+        if drawing.lengths is not None:
+            body["length"] = drawing.lengths[shape.name] / (drawing.largest or 1.0)
+            plotter.add_mesh(body, scalars="length", cmap="viridis", clim=(0, 1), **light)
+            _add_lines(pyvista, plotter, 1e3 * shape.points, shape.form.outline, RESTING, 1.2)
+        else:
+            colors = {label: shape.colors.get(label, GREY) for label in shape.form.labels}
+            legend |= colors if len(seen) == 1 else {shape.name: colors[shape.form.labels[0]]}
+            body.cell_data["color"] = np.array([pyvista.Color(colors[k]).int_rgb for k in surface.labels], np.uint8)
+            plotter.add_mesh(body, scalars="color", rgb=True, **light)
+        _add_lines(pyvista, plotter, points, shape.form.outline, LINE, 1.6)
+        if mesh:
+            _add_lines(pyvista, plotter, points, surface.edges, LINE, 1.0, opacity=0.3)
+    if drawing.lengths is None:
+        _draw_marks(pyvista, plotter, view)
+        legend = legend if len(legend) <= MOST_NAMES else {}
+        legend |= {f"{mark.kind}s": KINDS[mark.kind] for mark in view.marks}
+        _add_legend(pyvista, plotter, legend)
+    elif alone:
+        text = {"title": "share of the largest displacement", "color": "black", "vertical": False, "n_labels": 3}
+        plotter.add_scalar_bar(
+            **text,
+            width=0.36,
+            height=0.09,
+            position_x=0.6,
+            position_y=0.02,
+            fmt="%.1f",
+            title_font_size=18,
+            label_font_size=16,
+        )
+    plotter.add_text(drawing.title, font_size=12, color="black", position="upper_left")
+    plotter.add_axes(line_width=3, viewport=(0, 0, 0.16, 0.16))
+
+
+def _add_lines(
+    pyvista: Any, plotter: Any, points: Array, pairs: NDArray[np.int64], color: str, width: float, **style: Any
+) -> None:
+    if len(pairs):
+        cells = np.column_stack([np.full(len(pairs), 2), pairs]).ravel()
+        lines = pyvista.PolyData(points, lines=cells)
+        _bring_forward(plotter.add_mesh(lines, color=color, line_width=width, lighting=False, **style), ON_FACES)
+
+
+def _bring_forward(actor: Any, offset: float) -> None:
+    """Draw lines and points as if they were nearer."""
+    actor.mapper.SetResolveCoincidentTopologyToPolygonOffset()
+    actor.mapper.SetRelativeCoincidentTopologyLineOffsetParameters(0.0, offset)
+    actor.mapper.SetRelativeCoincidentTopologyPointOffsetParameter(offset)
+
+
+def _add_legend(pyvista: Any, plotter: Any, colors: Mapping[str, str]) -> None:
+    """Coloured squares and black names, in the upper right corner."""
+    from vtkmodules.vtkRenderingCore import vtkActor2D, vtkPolyDataMapper2D  # noqa: PLC0415  comes with PyVista
+
+    width, height = plotter.renderer.GetSize()
+    left, row, side = 0.8 * width, 26.0, 14.0
+    corners = side * np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    for k, (name, color) in enumerate(colors.items()):
+        low = height - 40.0 - row * k
+        mapper = vtkPolyDataMapper2D()
+        mapper.SetInputData(pyvista.PolyData(corners + np.array([left, low, 0.0]), faces=[4, 0, 1, 2, 3]))
+        square = vtkActor2D()
+        square.SetMapper(mapper)
+        square.GetProperty().SetColor(*pyvista.Color(color).float_rgb)
+        plotter.renderer.AddViewProp(square)
+        plotter.add_text(name, position=(left + 22, low - 3), font_size=9, color="black")
+
+
+def _draw_marks(pyvista: Any, plotter: Any, view: View) -> None:
+    """Dots and lines before all else, and names, of marks in one place together."""
+    reach = 60.0 * view.size
+    named: dict[tuple[float, ...], list[str]] = {}
+    for kind, color in KINDS.items():
+        marks = [mark for mark in view.marks if mark.kind == kind]
+        places = [[1e3 * _place(view, end) for end in mark.ends] for mark in marks]
+        for mark, ends in zip(marks, places, strict=True):
+            named.setdefault(tuple(np.round(ends[-1], 6)), []).append(mark.name)
+        if not marks:
+            continue
+        dots = pyvista.PolyData(np.array([end for ends in places for end in ends]))
+        actors = [plotter.add_mesh(dots, color=color, point_size=13, render_points_as_spheres=True, ambient=0.6)]
+        segments = [line for mark, ends in zip(marks, places, strict=True) for line in _rods(mark, ends, reach)]
+        if segments:
+            points: Array = np.array(segments).reshape(-1, 3)
+            cells = np.column_stack([np.full(len(segments), 2), np.arange(len(points)).reshape(-1, 2)]).ravel()
+            lines = pyvista.PolyData(points, lines=cells)
+            actors.append(plotter.add_mesh(lines, color=color, line_width=3, lighting=False))
+        for actor in actors:
+            _bring_forward(actor, BEFORE_ALL)
+    if named and len(view.marks) <= MOST_NAMES:
+        texts = [f"  {', '.join(dict.fromkeys(names))}" for names in named.values()]
+        style = {"always_visible": True, "shape": None, "font_size": 17, "bold": False, "show_points": False}
+        plotter.add_point_labels(np.array(list(named)), texts, text_color="black", **style)
+
+
+def _rods(mark: Mark, ends: Sequence[Array], reach: float) -> list[tuple[Array, Array]]:
+    """Lines of a mark: between its ends, and along its axes from the last, on both sides where nothing points."""
+    back = 0.0 if mark.kind in ("actuator", "sensor") else 1.0
+    axes = [(ends[-1] - back * reach * axis, ends[-1] + reach * axis) for axis in mark.axes]
+    return [(ends[0], ends[1]), *axes] if len(ends) == 2 else axes
+
+
+def _place(view: View, end: tuple[str, str]) -> Array:
+    shape = view.shape(end[0])
+    return shape.points[shape.form.index(end[1])]
+
+
+def _aim(plotter: Any, view: View, direction: Array) -> None:
+    """Parallel projection, so that lengths are to scale, which a bar tells."""
+    middle = 1e3 * view.bounds.mean(axis=0)
+    plotter.enable_parallel_projection()
+    up = (0, 0, 1) if abs(direction[2]) < 0.99 else (0, 1, 0)
+    plotter.camera_position = [tuple(middle + 5e3 * view.size * direction), tuple(middle), up]
+    right = np.cross(up, direction)
+    axes = np.array([right / np.linalg.norm(right), np.cross(direction, right / np.linalg.norm(right))])
+    spread = np.ptp(np.vstack([1e3 * shape.points for shape in view.shapes]) @ axes.T, axis=0)
+    width, height = plotter.renderer.GetSize()
+    plotter.camera.parallel_scale = 0.5 * ROOM * max(spread[1], spread[0] * height / width)
+    plotter.renderer.ResetCameraClippingRange()
+    plotter.enable_anti_aliasing("ssaa")

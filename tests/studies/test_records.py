@@ -1,0 +1,151 @@
+"""The folder of a study: whole runs or none, whatever stopped it, and of one study only."""
+
+import json
+
+import numpy as np
+import psutil
+import pytest
+
+from nassim.studies import records
+from nassim.studies.outcome import Outcome
+from nassim.studies.plan import run_key
+from nassim.studies.records import opened
+from nassim.studies.results import flattened
+
+STUDY = {"function": "module.function", "source": "12ab", "inputs": {"body": "34cd"}, "seed": 5}
+KEYS = [run_key({"a": a}) for a in range(3)]
+
+
+def outcome(*values):
+    return Outcome("ok", "", "", 0.25, *flattened({"x": np.array(values), "y": 1j * values[0]}, ()))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Two runs of one layout, one that failed, and one of another layout."""
+    with opened(tmp_path / "study", STUDY) as found:
+        found.add(KEYS[0], {"a": 0}, outcome(0.1, 0.2))
+        found.add(KEYS[1], {"a": 1}, Outcome("failed", "ValueError: no", "Traceback ...", 0.5))
+        found.add(KEYS[2], {"a": 2}, outcome(1.0, 2.0, 3.0))
+    return tmp_path / "study"
+
+
+def read(folder):
+    with opened(folder, STUDY) as found:
+        return found.runs, {key: found.numbers(key) for key in found.runs if found.runs[key].layout}
+
+
+def test_runs_are_there_when_the_folder_is_opened_again(folder):
+    runs, numbers = read(folder)
+    assert [runs[key].status for key in KEYS] == ["ok", "failed", "ok"]
+    assert (runs[KEYS[1]].message, runs[KEYS[1]].wall_time) == ("ValueError: no", 0.5)
+    np.testing.assert_array_equal(numbers[KEYS[0]]["x"], [0.1, 0.2])
+    np.testing.assert_array_equal(numbers[KEYS[2]]["x"], [1.0, 2.0, 3.0])
+    assert numbers[KEYS[2]]["y"] == 1j
+    lines = [json.loads(line) for line in (folder / "manifest.jsonl").read_text().splitlines()]
+    assert [line["parameters"] for line in lines if "run" in line] == [{"a": 0}, {"a": 1}, {"a": 2}]
+    assert [line["details"] for line in lines if "details" in line] == ["Traceback ..."]
+
+
+def test_a_later_line_takes_the_place_of_an_earlier_one(folder):
+    with opened(folder, STUDY) as found:
+        found.add(KEYS[1], {"a": 1}, outcome(7.0, 8.0))
+    runs, numbers = read(folder)
+    assert runs[KEYS[1]].status == "ok"
+    np.testing.assert_array_equal(numbers[KEYS[1]]["x"], [7.0, 8.0])
+
+
+@pytest.mark.parametrize("cut", [1, 30])
+def test_a_cut_last_line_is_dropped(folder, cut):
+    path = folder / "manifest.jsonl"
+    path.write_bytes(path.read_bytes()[:-cut])
+    assert list(read(folder)[0]) == KEYS[:2]
+    with opened(folder, STUDY) as found:
+        found.add(KEYS[2], {"a": 2}, outcome(5.0, 6.0))
+    runs, numbers = read(folder)
+    assert list(runs) == KEYS
+    np.testing.assert_array_equal(numbers[KEYS[2]]["x"], [5.0, 6.0])
+
+
+@pytest.mark.parametrize("damage", ["cut", "changed"])
+def test_runs_whose_numbers_are_not_whole_do_not_count(folder, damage):
+    path = folder / "results.bin"
+    data = path.read_bytes()
+    path.write_bytes(data[:-1] if damage == "cut" else data[:-1] + bytes([data[-1] ^ 1]))
+    assert list(read(folder)[0]) == KEYS[:2]
+
+
+def test_numbers_without_a_line_do_no_harm(folder):
+    with (folder / "results.bin").open("ab") as file:
+        file.write(b"half a run")
+    with opened(folder, STUDY) as found:
+        found.add(KEYS[1], {"a": 1}, outcome(7.0, 8.0))
+    np.testing.assert_array_equal(read(folder)[1][KEYS[1]]["x"], [7.0, 8.0])
+
+
+def test_a_damaged_line_is_named(folder):
+    path = folder / "manifest.jsonl"
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join([*lines[:2], "no line\n", *lines[2:]]))
+    with pytest.raises(ValueError, match=r"line 3 of .*manifest\.jsonl is damaged .* remove that line"):
+        read(folder)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"function": "module.other"}, "its function is module.function, not module.other"),
+        ({"source": "ffff"}, "the function's source has changed"),
+        ({"seed": None}, "its seed is 5, not None"),
+        ({"inputs": {"body": "ffff"}}, "'body', which the function carries, has changed"),
+        ({"inputs": {"body": "34cd", "gain": "1"}}, "'gain', which the function carries, is new"),
+        ({"inputs": {}}, "'body', which the function carries, is gone"),
+    ],
+)
+def test_a_folder_of_another_study_is_refused_with_what_differs(folder, change, message):
+    with (
+        pytest.raises(ValueError, match=f"holds another study: .*{message}.*folder of its own"),
+        opened(folder, {**STUDY, **change}),
+    ):
+        pass
+    assert list(read(folder)[0]) == KEYS
+
+
+def test_a_folder_of_something_else_is_refused(tmp_path):
+    (tmp_path / "thesis.tex").write_text("")
+    with pytest.raises(ValueError, match=r"no folder of a study: it holds thesis\.tex"), opened(tmp_path, STUDY):
+        pass
+    (tmp_path / "study").mkdir()
+    (tmp_path / "study" / "study.json").write_text("{}")
+    with pytest.raises(ValueError, match="is damaged"), opened(tmp_path / "study", STUDY):
+        pass
+
+
+def test_another_version_of_nassim_is_told(folder, monkeypatch):
+    monkeypatch.setattr(records, "code_fingerprint", lambda: "another")
+    with pytest.warns(UserWarning, match="another version of nassim"), opened(folder, STUDY):
+        pass
+
+
+def test_one_study_at_a_time(folder):
+    with opened(folder, STUDY), pytest.raises(ValueError, match="in use by process"), opened(folder, STUDY):
+        pass
+    assert not (folder / "in_use.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("holder", "free"),
+    [
+        ({"process": 1, "begun": -1.0}, True),  # a number that another process has by now
+        ({"process": 2**22 + 5, "begun": 1.0}, True),
+        ({"process": 1, "begun": psutil.Process(1).create_time()}, False),
+        ({"host": "elsewhere", "process": 1, "begun": -1.0}, False),
+    ],
+)
+def test_whoever_was_killed_holds_a_folder_no_longer(folder, holder, free):
+    (folder / "in_use.json").write_text(json.dumps({"host": records.platform.node(), **holder}))
+    if free:
+        assert list(read(folder)[0]) == KEYS
+    else:
+        with pytest.raises(ValueError, match=r"in use by process .* remove .*in_use\.json"):
+            read(folder)

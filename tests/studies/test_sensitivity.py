@@ -1,0 +1,159 @@
+"""Sensitivities against closed forms: Ishigami's function, a bench's frequency, linear functions."""
+
+import numpy as np
+import pytest
+import scipy
+import xarray as xr
+from scipy import stats
+
+from nassim.studies import correlations, latin_hypercube, linear_effects, saltelli_points, sobol_indices
+
+
+def study(samples, **results):
+    """What a sweep gives of functions of the parameters."""
+    parameters = {name: ("run", samples[name]) for name in samples.names}
+    values = {name: ("run", np.asarray(function(*samples.values.T))) for name, function in results.items()}
+    return xr.Dataset(values, {"run": np.arange(len(samples)), **parameters})
+
+
+def ishigami(x, y, z):
+    return np.sin(x) + 7.0 * np.sin(y) ** 2 + 0.1 * z**4 * np.sin(x)
+
+
+@pytest.fixture(scope="module")
+def three_angles():
+    return saltelli_points(dict.fromkeys("xyz", stats.uniform(-np.pi, 2 * np.pi)), 2048, seed=1)
+
+
+def test_ishigami_within_two_hundredths_of_its_closed_form(three_angles):
+    """T. Ishigami, T. Homma, Proc. ISUMA (1990), with a = 7 and b = 0.1."""
+    found = sobol_indices(study(three_angles, f=ishigami), n_resamples=200).sel(result="f")
+    of_x, of_y, together = (
+        0.5 * (1 + 0.1 * np.pi**4 / 5) ** 2,
+        7**2 / 8,
+        0.1**2 * np.pi**8 * (1 / 18 - 1 / 50),
+    )
+    variance = of_x + of_y + together
+    first = np.array([of_x, of_y, 0.0]) / variance
+    total = np.array([of_x + together, of_y, together]) / variance
+    np.testing.assert_allclose(found.first_order, first, atol=0.02)
+    np.testing.assert_allclose(found.total, total, atol=0.02)
+    for kind, truth in (("first_order", first), ("total", total)):
+        interval = found[f"{kind}_interval"]
+        assert np.all(interval.sel(bound="low") <= truth)
+        assert np.all(truth <= interval.sel(bound="high"))
+        assert np.all(interval.sel(bound="high") - interval.sel(bound="low") < 0.2)
+
+
+def test_indices_equal_scipys(three_angles):
+    data = study(three_angles, f=ishigami, g=lambda x, y, z: x + 2 * y)
+    found = sobol_indices(data, n_resamples=2)
+    blocks = np.array([data.f.values, data.g.values]).reshape(2, 5, 2048).swapaxes(0, 1)
+    scipys = stats.sobol_indices(func={"f_A": blocks[0], "f_B": blocks[1], "f_AB": blocks[2:]}, n=2048)
+    np.testing.assert_allclose(found.first_order, scipys.first_order, atol=1e-12)
+    np.testing.assert_allclose(found.total, scipys.total_order, atol=1e-12)
+
+
+def test_shares_of_a_benchs_frequency_are_those_of_its_logarithm():
+    """Of sqrt(k / m) / 2 pi with lognormal k and m: a lognormal of variance a^2 + b^2, whose shares are known.
+
+    E[f | k] goes with exp(a x), so that the shares are (exp(a^2) - 1) / (exp(a^2 + b^2) - 1), and the rest is joint.
+    """
+    a, b = 0.4, 0.25
+    distributions = {"stiffness": stats.lognorm(2 * a, scale=2e6), "mass": stats.lognorm(2 * b, scale=5.0)}
+    data = study(saltelli_points(distributions, 4096, seed=0), frequency=lambda k, m: np.sqrt(k / m) / (2 * np.pi))
+    found = sobol_indices(data, n_resamples=50).sel(result="frequency")
+    whole = np.expm1(a**2 + b**2)
+    first = np.array([np.expm1(a**2), np.expm1(b**2)]) / whole
+    np.testing.assert_allclose(found.first_order, first, atol=0.01)
+    np.testing.assert_allclose(found.total, 1 - first[::-1], atol=0.01)
+
+
+def test_intervals_hold_the_truth_about_as_often_as_they_say():
+    """Of x + 2 y, shares 0.2 and 0.8: random pairs of points, for which the bootstrap's probability is right."""
+    held = []
+    for seed in range(30):
+        a, b = np.random.default_rng(seed).standard_normal((2, 64, 2))
+        rows = np.vstack([a, b, np.column_stack([b[:, 0], a[:, 1]]), np.column_stack([a[:, 0], b[:, 1]])])
+        data = xr.Dataset({"f": ("run", rows @ [1.0, 2.0])}, {"x": ("run", rows[:, 0]), "y": ("run", rows[:, 1])})
+        interval = sobol_indices(data, confidence=0.8, n_resamples=100).total_interval.sel(result="f")
+        held.append((interval.sel(bound="low") <= [0.2, 0.8]) & (interval.sel(bound="high") >= [0.2, 0.8]))
+    assert 0.65 < np.mean(held) < 0.95
+
+
+def test_one_parameter_brings_all_and_what_stays_brings_nothing():
+    data = study(saltelli_points({"x": stats.norm()}, 64, seed=0), f=lambda x: x, still=lambda x: 0.1 + 0 * x)
+    found = sobol_indices(data, n_resamples=20)
+    assert found.total.sel(result="f").values == pytest.approx([1.0], abs=0.05)
+    assert np.all(np.isnan(found.first_order.sel(result="still")))
+    assert np.all(np.isnan(found.total_interval.sel(result="still")))
+
+
+def test_the_same_seed_gives_the_same_intervals(three_angles):
+    data = study(three_angles, f=ishigami)
+    first, again, other = (sobol_indices(data, n_resamples=20, seed=seed) for seed in (1, 1, 2))
+    assert first.identical(again)
+    assert not first.identical(other)
+
+
+def test_correlations_of_a_linear_function():
+    """f = 3 u - 4 v of two uniform parameters: 0.6 and -0.8, and by rank 6 / pi asin(r / 2) of two normal ones."""
+    uniform = {"u": stats.uniform(0, 1), "v": stats.uniform(-5, 1), "idle": stats.uniform(0, 1)}
+    found = correlations(study(latin_hypercube(uniform, 4000, seed=0), f=lambda u, v, idle: 3 * u - 4 * v))
+    np.testing.assert_allclose(found.pearson.sel(result="f"), [0.6, -0.8, 0.0], atol=0.03)
+    normal = {"u": stats.norm(2, 1), "v": stats.norm(0, 1)}
+    found = correlations(study(latin_hypercube(normal, 4000, seed=0), f=lambda u, v: 3 * u - 4 * v))
+    np.testing.assert_allclose(found.spearman.sel(result="f"), 6 / np.pi * np.arcsin([0.3, -0.4]), atol=0.03)
+
+
+def test_ranks_see_through_bends_and_stray_runs_are_left_out():
+    data = study(latin_hypercube({"x": stats.norm()}, 50, seed=0), bent=lambda x: np.exp(5 * x), still=lambda x: 0 * x)
+    data.bent[3] = np.nan
+    found = correlations(data)
+    assert found.spearman.sel(result="bent").values == pytest.approx([1.0])
+    kept = np.arange(50) != 3
+    pearson = scipy.stats.pearsonr(data.x.values[kept], data.bent.values[kept]).statistic
+    assert found.pearson.sel(result="bent").values == pytest.approx([pearson])
+    assert found.n_runs.values.tolist() == [49, 50]
+    assert np.isnan(found.pearson.sel(result="still", parameter="x"))
+
+
+def test_effects_are_those_of_the_plane():
+    """4 + 3 u - 2 v, u over 10 and v over 0.5 of which four fifths count; w idle, and z^2, which no plane explains."""
+    distributions = {"u": stats.uniform(0, 10), "v": stats.uniform(7, 0.5), "w": stats.uniform(), "z": stats.norm()}
+    functions = {
+        "f": lambda u, v, w, z: 4 + 3 * u - 2 * v + 0 * w,
+        "bowl": lambda u, v, w, z: z**2,
+        "half": lambda u, v, w, z: u + z**2 * np.sqrt(100 / 24),
+        "still": lambda u, v, w, z: 0 * u,
+    }
+    data = study(latin_hypercube(distributions, 400, seed=0), **functions)
+    data.f[:100] = np.nan
+    found = linear_effects(data, coverage=0.8)
+    np.testing.assert_allclose(found.effect.sel(result="f"), [24, -0.8, 0, 0], atol=0.15)
+    np.testing.assert_allclose(found.explained, [1.0, 0.0, 0.5, np.nan], atol=0.1)
+    assert float(found["mean"].sel(result="f")) == pytest.approx(float(data.f.mean()))
+    slopes = found.effect.sel(result="f").values[:2] / np.ptp(np.quantile([data.u, data.v], [0.1, 0.9], axis=1), axis=0)
+    assert slopes == pytest.approx([3.0, -2.0], rel=1e-10)
+
+
+def refused_for(data, message, analysis=sobol_indices, **options):
+    with pytest.raises(ValueError, match=message):
+        analysis(data, **options)
+
+
+def test_what_has_no_indices_is_refused():
+    data = study(saltelli_points({"x": stats.norm(), "y": stats.norm()}, 8, seed=0), f=lambda x, y: x + y)
+    holes = data.copy(deep=True)
+    holes.f[[2, 5]] = np.nan
+    refused_for(holes, r"2 of 32 runs lack a result \(run 2, 5\); .* or take correlations")
+    refused_for(data.isel(run=slice(31)), "the 31 runs are not those of saltelli_points")
+    refused_for(data.isel(run=np.r_[1, 0, 2:32]), "not those of saltelli_points")
+    refused_for(data, "unknown result of one number a run 'g'; known: f", results=["g"])
+    refused_for(data, "unknown result of one number a run 'g'; known: f", correlations, results=["g"])
+    refused_for(data, "confidence must lie between 0 and 1, got 95", confidence=95)
+    refused_for(data.isel(run=slice(2)), "2 runs have a result 'f'; a correlation needs at least three", correlations)
+    refused_for(data.isel(run=slice(3)), "3 runs have a result 'f'; for 2 parameters a plane needs 4", linear_effects)
+    refused_for(data, "coverage must lie in 0 ... 1", linear_effects, coverage=0.0)
+    refused_for(data.drop_vars(["x", "y"]), "no parameters along 'run'")
+    refused_for(data.drop_vars("f"), "no result of one number a run")

@@ -1,0 +1,247 @@
+"""What views hold: bodies where they are, displacements that are those of the body, marks where parts are."""
+
+import netgen.occ as occ
+import numpy as np
+import pytest
+from conftest import STEEL, lattice
+from scipy.spatial.transform import Rotation
+from seen import TURN, bar, bar_model, machine, turning
+
+from nassim import RemotePoint, RigidBody, Scene, Solid, craig_bampton
+from nassim.fem import glue, solid_surface
+from nassim.scene import Motion
+from nassim.simulation import assemble
+from nassim.viewer import (
+    Form,
+    Mark,
+    Mode,
+    Shape,
+    View,
+    block,
+    cylinder,
+    view_body,
+    view_mesh,
+    view_modes,
+    view_motion,
+    view_scene,
+    view_scene_modes,
+    view_solid,
+)
+
+
+def corners(surface):
+    return surface.points[surface.triangles]
+
+
+def area(surface, label=None):
+    a, b, c = corners(surface).transpose(1, 0, 2)
+    areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return areas[[label in (None, own) for own in surface.labels]].sum()
+
+
+def inertia(surface):
+    """Volume, centre and moments about it of a solid of density 1 within a surface, by tetrahedra from inside it."""
+    middle = surface.points.mean(axis=0)
+    tets = corners(surface) - middle
+    volume = np.abs(np.linalg.det(tets)) / 6
+    second = sum(v / 20 * (t.T @ t + np.outer(t.sum(axis=0), t.sum(axis=0))) for v, t in zip(volume, tets, strict=True))
+    centre = (volume[:, None] * tets.sum(axis=1) / 4).sum(axis=0) / volume.sum()
+    second = second - volume.sum() * np.outer(centre, centre)
+    return volume.sum(), middle + centre, np.trace(second) * np.eye(3) - second
+
+
+def test_a_solid_shows_its_outer_faces_by_owner():
+    """Two touching blocks: 10 outer faces of 1 x 1 mm and none between; the face of the remote point is its own."""
+    left, right = (occ.Box(occ.Pnt(x, 0, 0), occ.Pnt(x + 1e-3, 1e-3, 1e-3)) for x in (0, 1e-3))
+    left.name, right.name = "left", "right"
+    left.faces.Min(occ.X).name = "end"
+    solid = Solid(
+        "pair", glue([left, right]), {"left": STEEL, "right": STEEL}, (RemotePoint("tip", "end", np.zeros(3)),)
+    )
+    surface = solid_surface(solid)
+    assert {label: round(1e6 * area(surface, label), 6) for label in set(surface.labels)} == {
+        "left": 4.0, "right": 5.0, "tip": 1.0
+    }  # fmt: skip
+    assert len(surface.points) == 12
+    view = view_solid(solid)
+    assert [mark.name for mark in view.marks] == ["tip"]
+    assert view.size == pytest.approx(np.sqrt(6) * 1e-3)
+
+
+def test_a_mesh_shows_its_surface_and_lines_a_hand_made_one_says_it_has_none():
+    view = view_mesh(bar_model())
+    assert view.shape("bar").form.surface is bar_model().surface
+    assert np.allclose(view.shape("bar").points[-2:], [[0, 0, 0], [0.1, 0, 0]])
+    with pytest.raises(ValueError, match="'lattice' has no surface to draw"):
+        view_mesh(lattice())
+
+
+def test_an_outline_is_that_of_the_bar():
+    """Its twelve edges, as long as they are; the faces of the remote points end there too."""
+    form = view_body(bar()).shape("bar").form
+    ends = form.points[form.outline]
+    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    assert lengths.sum() == pytest.approx(4 * 0.1 + 8 * 0.01)
+    assert set(map(tuple, form.outline)) <= set(map(tuple, np.sort(form.surface.edges, axis=1)))
+
+
+def test_modes_move_points_as_the_body_says():
+    body = bar()
+    view = view_modes(body, fixed=["left"], masses={"right": 0.2}, n=4)
+    frequency, vectors = body.eigenmodes(fixed=["left"], masses={"right": 0.2}, n=4)
+    assert view.title == "bar: left held, 0.2 kg at right"
+    for k, (mode, f) in enumerate(zip(view.modes, frequency, strict=True)):
+        assert mode.name == f"mode {k + 1}: {f:.5g} Hz"
+        moved = view.displacement("bar", mode=mode.name)
+        assert np.allclose(moved[: len(body.surface.points)], body.surface_modes @ vectors[:, k])
+        index = view.shape("bar").form.index("right")
+        assert np.allclose(moved[index], vectors[6:9, k])
+    assert view_modes(body, n=1).modes[0].name == "mode 1: free motion"
+
+
+def test_a_body_without_a_surface_is_rods_that_its_points_carry():
+    body = craig_bampton(lattice(), n_modes=2, progress=False)
+    form = view_body(body).shape("lattice").form
+    assert np.abs(form.surface.points - body.center_of_mass).max() > 0.014
+    turn = np.cross([0, 0, 1], form.points - body.center_of_mass)
+    coordinates = np.concatenate(
+        [*([*np.cross([0, 0, 1], p - body.center_of_mass), 0, 0, 1] for p in body.positions), [0, 0]]
+    )
+    assert np.allclose(form.modes @ coordinates, turn, atol=1e-12)
+
+
+def test_a_rigid_body_is_the_block_of_its_inertia():
+    turn, sides, mass = Rotation.from_euler("xyz", [0.3, -0.5, 0.9]).as_matrix(), np.array([0.02, 0.05, 0.1]), 0.7
+    moments = mass / 12 * ((sides**2).sum() - sides**2)
+    body = RigidBody("box", {"a": [0.01, 0, 0]}, mass, turn @ np.diag(moments) @ turn.T, np.ones(3), rotation=TURN)
+    shape = view_scene(_alone(body)).shape("box")
+    volume, centre, own = inertia(shape.form.surface)
+    assert volume == pytest.approx(sides.prod())
+    assert np.allclose(centre, 0, atol=1e-12)
+    assert np.allclose(mass * own / volume, body.inertia)
+    assert np.allclose(shape.points[-1], np.ones(3) + TURN[:, 0] * 0.01)
+
+
+def _alone(body):
+    return Scene("alone", (body,))
+
+
+def test_blocks_and_cylinders_have_their_volumes():
+    volume, centre, _ = inertia(block((1, 2, 3), (4, 5, 6)))
+    assert volume == pytest.approx(6)
+    assert np.allclose(centre, (4, 5, 6))
+    surface = cylinder(0.5, 2.0, (0, 0, 1))
+    volume, centre, _ = inertia(surface)
+    assert volume == pytest.approx(np.pi / 2, rel=4e-3)
+    assert np.allclose(centre, (0, 0, 1))
+    assert np.ptp(surface.points[:, 2]) == 2.0
+
+
+def test_a_scene_shows_bodies_in_their_places_and_copies_share_one_form():
+    view = view_scene(machine(), looks={"ground": block((0.2, 0.2, 0.02))})
+    first, second = view.shape("bar_1"), view.shape("bar_2")
+    assert first.form is second.form
+    assert np.allclose(second.points - first.points, TURN @ [0, 0, 0.1])
+    tip = second.points[second.form.index("right")]
+    assert np.allclose(tip, machine().point_position("bar_2.right"))
+    assert len(view.shape("ground").form.surface.triangles) == 12
+    for looks, problem in (({"bar": None}, "unknown body 'bar'"), ({"bar_1": block((1, 1, 1))}, "is flexible")):
+        with pytest.raises(ValueError, match=problem):
+            view_scene(machine(), looks=looks)
+
+
+def test_marks_stand_where_parts_are_and_point_where_they_act():
+    view = view_scene(machine())
+    marks = {mark.name: mark for mark in view.marks}
+    assert {name: (mark.kind, mark.ends) for name, mark in marks.items()} == {
+        "clamp": ("joint", (("ground", "foot"),)),
+        "pin": ("joint", (("ground", "hinge"),)),
+        "ball": ("joint", (("bar_1", "right"),)),
+        "spring": ("spring", (("bar_1", "right"), ("bar_2", "right"))),
+        "push": ("actuator", (("bar_2", "right"),)),
+        "encoder": ("sensor", (("ground", "hinge"), ("bar_2", "right"))),
+    }
+    assert len(marks["clamp"].axes) == 0
+    assert np.abs(marks["pin"].axes) == pytest.approx(np.abs(TURN[:, 1])[None])
+    assert len(marks["ball"].axes) == 3
+    assert marks["push"].axes == pytest.approx(np.array([[0, 0, 1]]))
+    assert (marks["push"].frame, marks["encoder"].frame) == ("bar_2", "")
+    assert marks["encoder"].axes == pytest.approx(np.array([[1, 0, 0]]))
+    assert "sensor encoder [m]" in marks["encoder"].text
+    assert "free in rz" in marks["pin"].text
+
+
+def test_modes_of_a_scene_hold_its_joints_and_keep_rigid_bodies_stiff():
+    view = view_scene_modes(machine(), n=9)
+    frequency = assemble(machine()).frequency
+    assert frequency[0] == 0
+    assert [m.name for m in view.modes][:1] == ["mode 1: free motion"]
+    for k, mode in enumerate(view.modes):
+        assert f"{frequency[k]:.5g}" in mode.name or not frequency[k]
+        moved = {name: view.displacement(name, mode=mode.name) for name in ("bar_1", "block")}
+        joined = (("bar_1", "right"), ("block", "corner"))
+        ends = [moved[name][view.shape(name).form.index(point)] for name, point in joined]
+        size = max(np.abs(values).max() for values in moved.values())
+        assert np.allclose(*ends, atol=1e-9 * size)
+        points = view.shape("block").points
+        stretched = np.einsum("ij,ij->i", points[1:] - points[0], moved["block"][1:] - moved["block"][0])
+        assert np.abs(stretched).max() < 1e-9 * size
+
+
+def test_a_motion_moves_points_through_space():
+    """Against the position of a point as its noun says: place + rotation (x + modes q)."""
+    motion = turning()
+    view = view_motion(machine(), motion)
+    assert not view.small
+    rest, points = view.shape("bar_2").points, bar().surface.points
+    for k in range(7):
+        own = points + bar().surface_modes @ motion.coordinates["bar_2"][k]
+        there = motion.positions["bar_2"][k] + own @ motion.rotations["bar_2"][k].T
+        assert np.allclose(rest[: len(points)] + view.displacement("bar_2", frame=k)[: len(points)], there)
+        assert np.allclose(view.deformation("bar_2", k)[: len(points)], own - points)
+    assert not np.any(view.displacement("block", frame=3))
+
+
+def test_a_long_motion_is_thinned_and_a_small_one_is_known():
+    motion = turning(n=1001, angle=1e-3)
+    view = view_motion(machine(), motion, frames=101)
+    assert view.small
+    assert view.motion.time == pytest.approx(np.linspace(0, 0.3, 101))
+    assert view.motion.coordinates["bar_2"][-1] == pytest.approx(motion.coordinates["bar_2"][-1])
+    far = {"bar_1": motion.positions["bar_1"] + 0.1}
+    assert not View("far", view.shapes, motion=Motion(motion.time, far, {"bar_1": motion.rotations["bar_1"]}, {})).small
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        ({"marks": (Mark("m", "joint", (("bar", "middle"),)),)}, "unknown point 'middle'; known: left, right"),
+        ({"marks": (Mark("m", "joint", (("rod", "left"),)),)}, "unknown shape 'rod'; known: bar"),
+        ({"marks": (Mark("m", "joint", (("bar", "left"),), frame="rod"),)}, "unknown shape 'rod'"),
+        ({"modes": (Mode("a", {"bar": np.ones(3)}),)}, "'bar' moves by 15 coordinates, got 3"),
+        ({"modes": (Mode("a", {}), Mode("a", {}))}, "used more than once: a"),
+        ({"shapes": ()}, "nothing to see"),
+        ({"modes": (Mode("a", {}),), "motion": turning}, "modes or a motion, not both"),
+        ({"motion": turning}, "unknown shape 'bar_1'"),
+    ],
+)
+def test_what_does_not_fit_is_refused(change, problem):
+    view = view_body(bar())
+    given = {name: value() if value is turning else value for name, value in change.items()}
+    with pytest.raises(ValueError, match=problem):
+        View(**{"title": "bar", "shapes": view.shapes, **given})
+
+
+def test_marks_of_other_kinds_and_ends_are_refused():
+    with pytest.raises(ValueError, match="unknown kind of mark 'screw'"):
+        Mark("m", "screw", (("bar", "left"),))
+    with pytest.raises(ValueError, match="one or two ends, got 0"):
+        Mark("m", "joint", ())
+
+
+def test_sharp_edges_between_faces_are_seen_and_shallow_ones_are_not():
+    """Of a cylinder with chords of 7.5 degrees: two rims of 48 chords, and no line on its wall."""
+    form = Form(cylinder(1.0, 1.0))
+    assert len(form.outline) == 96
+    assert len(Form(block((1, 1, 1))).outline) == 12
+    assert Shape("c", form).points.shape == (96, 3)
