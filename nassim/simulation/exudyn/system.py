@@ -53,8 +53,8 @@ from nassim.simulation.starting_motion import check_implied, starting_twists
 
 LARGE = 80
 """Coordinates from which on a sparse factorisation is the faster one."""
-# Corners of a regular tetrahedron: equal weights on four pilots there give a remote point's motion exactly.
-PILOT_DIRECTIONS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
+# Corners of a regular triangle: equal weights on three pilots there, the fewest, give a remote point's motion exactly.
+PILOT_DIRECTIONS = np.array([[2, -1, -1], [-1, 2, -1], [-1, -1, 2]]) / np.sqrt(6)
 
 
 Added = tuple[int, Carrier, int, dict[Place, Grip], dict[Place, tuple[int, list[int]]]]
@@ -157,7 +157,7 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None,
         )
         nodes[flexible.name] = node
         grips.update({(f"{flexible.name}.{point}", offset): grip for (point, offset), grip in found.items()})
-        pilots.update({f"{flexible.name}.{p}": four for (p, offset), four in of_body.items() if not any(offset)})
+        pilots.update({f"{flexible.name}.{p}": three for (p, offset), three in of_body.items() if not any(offset)})
     bodies = {body.name: _as_rigid(body, assembly) for body in scene.bodies if not body.deforms}
     for leader, names in welds.groups.items():
         one = as_one([bodies[name] for name in names])
@@ -269,16 +269,16 @@ def _add_floating(
     grips = {(frame.point, (0.0, 0.0, 0.0)): _grip(mbs, body.rotation, eii.MarkerNodeRigid, nodeNumber=node)}
     pilots = {}
     for i, place in enumerate(places):
-        four = list(range(4 * i, 4 * i + 4))
+        three = list(range(3 * i, 3 * i + 3))
         grips[place] = _grip(
             mbs,
             body.rotation,
             eii.MarkerSuperElementRigid,
             bodyNumber=number,
-            meshNodeNumbers=four,
-            weightingFactors=[0.25] * 4,
+            meshNodeNumbers=three,
+            weightingFactors=[1 / 3] * 3,
         )
-        pilots[place] = number, four
+        pilots[place] = number, three
     carrier = Carrier(((modes, n),), np.eye(len(body.reduced.mass_matrix))[:, frame.flexible])
     return node, carrier, number, grips, pilots
 
@@ -299,7 +299,7 @@ def _places(scene: Scene, body: FlexibleBody, frame_point: str) -> list[Place]:
 
 
 def _pilots(body: FlexibleBody, frame: FloatingFrame, places: Sequence[Place]) -> tuple[Array, Array]:
-    """Virtual mesh nodes: four around each place, whose displacements are the rigid motion of the point it goes with.
+    """Virtual mesh nodes: three around each place, whose displacements are the rigid motion of the point it goes with.
 
     Returns their positions (3 n_pilots,) and mode rows (3 n_pilots, n). At least one node must exist.
     """
