@@ -29,6 +29,9 @@ from . import (
     simulation as simulation,
 )
 from . import (
+    studies as studies,
+)
+from . import (
     systems as systems,
 )
 from .base.nouns import (

@@ -12,7 +12,7 @@ from models.apa300ml import COARSE, PORTS, reduced_apa300ml
 from models.nano_hexapod import make_nano_hexapod
 from models.strut import fe_strut, with_own_damping
 from nassim import LinearModel, ReducedBody, Scene, TimeHistory
-from nassim.simulation import trim_scene
+from nassim.simulation import traced, trim_scene
 
 VOLTAGES, SENSORS, ENCODERS = (
     tuple(f"strut_{k}/{name}" for k in range(1, 7)) for name in ("actuator_voltage", "sensor_voltage", "encoder")
@@ -49,9 +49,13 @@ def hexapod(
     spindle_rpm: float = 0.0,
     cutoff_frequency: float | None = 3 * HIGHEST,
 ) -> Scene:
-    """The hexapod of the arguments, its six struts trimmed, None: not, and damped part by part."""
+    """The hexapod of the arguments, its six struts trimmed, None: not, and damped part by part.
+
+    Trimmed struts remember their coordinates, so that their motion is that of the whole ones.
+    """
     fidelity, _ = METHODS[method or args.method]
-    strut = trim_scene(replace(fe_strut(fidelity, apa=_actuator(args.coarse)), cutoff_frequency=cutoff_frequency))
+    whole = fe_strut(fidelity, apa=_actuator(args.coarse))
+    strut = trim_scene(replace(traced(whole), cutoff_frequency=cutoff_frequency))
     return make_nano_hexapod(add_damping(args, strut), payload_mass=args.payload_mass, spindle_rpm=spindle_rpm)
 
 

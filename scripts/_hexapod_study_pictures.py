@@ -34,14 +34,15 @@ def plot_damping(damping: Any, edges: Any, path: Path) -> None:
 
 
 def plot_tolerances(study: Any, indices: Any, folder: Path) -> None:
-    """Histograms of all results, and which parameter brings which share of their variance."""
+    """Histograms of all results, and which parameter brings which share of their variance; study: independent runs."""
     results = indices.result.values.tolist()
     axes = plt.figure(figsize=(12, 5.5), layout="constrained").subplots(2, 3).ravel()
     for name, ax in zip(results, axes, strict=True):
-        unit = study[name].attrs.get("units", "-")
-        ax.hist(study[name].values, bins=25, color="#1f77b4")
+        unit = study[name].attrs.get("units") or "-"
+        ax.hist(study[name].values, bins=12, color="#1f77b4")
         ax.set(xlabel=f"{name.replace('_', ' ')} [{unit}]", ylabel="runs")
         ax.ticklabel_format(axis="x", useOffset=False)
+        ax.locator_params(axis="x", nbins=4)
         ax.grid(visible=True, alpha=0.25)
     save_figure(axes, folder / "tolerances.png")
     save_figure(plot_sobol(indices), folder / "sobol.png")

@@ -1,10 +1,12 @@
 """Poles, damping and simulated trials of hexapods on a spindle."""
 
 import numpy as np
+from _pages import FRAMES
 from _spinning import HIGHEST, Machine
 
-from nassim import LinearModel, TimeHistory, simulate
+from nassim import LinearModel, Scene, TimeHistory, simulate_motion
 from nassim.base import decay_poles
+from nassim.scene import Motion
 from nassim.simulation import linearize_closed
 from nassim.systems import sampled
 
@@ -49,11 +51,11 @@ def frequencies(machine: Machine, speeds: np.ndarray) -> np.ndarray:
 
 def trial(
     machine: Machine, *, speed: float, gain: float, parallel: bool, leak: float, sample_rate: float, duration: float
-) -> tuple[dict[str, float], TimeHistory, np.ndarray]:
+) -> tuple[dict[str, float], TimeHistory, np.ndarray, tuple[Scene, Motion]]:
     """The slowest or fastest growing pole of a machine with its loops, by the linear model and by a run in time.
 
     The run is of bodies in large motion that turn with the spindle, after a push on the payload. Also its record, and
-    the payload's distance from the axis that the linear model gives for the same push [m].
+    the payload's distance from the axis that the linear model gives for the same push [m], and how the machine moved.
     """
     scene = machine.looped(speed, parallel, gain, leak, sample_rate)
     model = linearize_closed(scene)
@@ -65,10 +67,10 @@ def trial(
     forces = TimeHistory(time, values, ("payload_force_x", "payload_force_y"), ("N", "N"))
     silent = [name for name in scene.inputs if name not in (*machine.wires["driven"], *forces.names)]
     quiet = TimeHistory(time, np.zeros((len(silent), len(time))), tuple(silent), tuple(map(scene.input_unit, silent)))
-    excitation = TimeHistory(
-        time, np.vstack([values, quiet.values]), forces.names + quiet.names, forces.units + quiet.units
-    )
-    record = simulate(scene, excitation, time_step=1 / sample_rate, progress=False)
+    names, units = forces.names + quiet.names, forces.units + quiet.units
+    excitation = TimeHistory(time, np.vstack([values, quiet.values]), names, units)
+    steps = {"time_step": 1 / sample_rate, "frames": np.linspace(0.0, time[-1], FRAMES)}
+    record, motion = simulate_motion(scene, excitation, **steps, progress=False)
     distance = np.hypot(*responses(model, forces))
     after = record.after(PUSHED + 2 / sample_rate).select([f"pose.{c}" for c in ("ux", "uy", "rx", "ry")])
     every = max(1, round(sample_rate / 100))
@@ -84,7 +86,7 @@ def trial(
         "frequency_predicted_Hz": abs(expected.imag) / (2 * np.pi),
         "frequency_simulated_Hz": abs(pole.imag) / (2 * np.pi),
     }
-    return figures, record, distance
+    return figures, record, distance, (scene, motion)
 
 
 def responses(model: LinearModel, forces: TimeHistory) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -46,9 +47,8 @@ class Machine:
         }
 
     def plant(self, rpm: float, parallel: bool) -> LinearModel:
-        """The linear model without loops, in the frame that turns."""
-        model = linearize(self.make(rpm, parallel))
-        return sensors_in_line(model) if self.in_line else model
+        """The linear model without loops, in the frame that turns; made once."""
+        return _plant(self, rpm, parallel)
 
     def controller(self, gain: float, leak: float, sample_rate: float) -> Controller:
         """Of one strut; leak [Hz]."""
@@ -65,6 +65,12 @@ class Machine:
         each = controller_in_line(each) if self.in_line else each
         pairs = zip(SIX, *self.wires.values(), strict=True)
         return replace(self.make(rpm, parallel), loops=tuple(Loop(f"iff_{k}", each, y, u) for k, y, u in pairs))
+
+
+@cache
+def _plant(machine: Machine, rpm: float, parallel: bool) -> LinearModel:
+    model = linearize(machine.make(rpm, parallel))
+    return sensors_in_line(model) if machine.in_line else model
 
 
 def published_machine(payload_mass: float, share: float) -> Machine:

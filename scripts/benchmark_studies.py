@@ -1,5 +1,7 @@
 """What studies cost: benches in two processes beside a plain loop, and what scheduling and sending take of every run.
 
+A bench is simulated for a few seconds of noise in linear fidelity, and its FRF is estimated. Where the processors are
+busy with other work, wall times tell little: `quiet_ratio` is that of the processor times, shared by the processes.
 The largest useful number of workers is the duration of a run over the processor time that the busiest process takes of
 every run which all runs pass through: this process, or the scheduler of the Dask cluster that is started here by its
 command lines. With more workers they wait for it.
@@ -7,6 +9,7 @@ command lines. With more workers they wait for it.
 
 import functools
 import itertools
+import os
 import time
 from collections.abc import Callable
 from typing import Any
@@ -20,18 +23,20 @@ from _results import write_summary
 
 from models.apa300ml import reduced_apa300ml
 from models.bench import make_bench
-from nassim import FRF, ReducedBody, frequency_response, linearize
+from nassim import FRF, ReducedBody, estimate_frf, simulate
+from nassim.signals import band_limited_noise
 from nassim.studies import sweep
 
 DURATIONS = {"10 ms": 0.01, "1 s": 1.0, "60 s": 60.0}
-FREQUENCY = np.geomspace(1.0, 1e3, 400)
+NOISE = band_limited_noise(10.0, 10e3, cutoff_frequency=400.0, rms=0.1)
 COLUMNS = {
     "wall time of a run [ms]": "wall_s*1e3:.2f",
     "processor time of it [ms]": "cpu_s*1e3:.2f",
     **{f"workers for {label}": f"workers_{label.replace(' ', '_')}:.0f" for label in DURATIONS},
 }
 REPORT = """{runs} linear benches of {bench_s*1e3:.1f} ms: plain loop {loop_s:.1f} s; {processes} processes
-{study_s:.1f} s, {ratio:.2f} times that, largest difference {difference:.1e}; start of a child {start_s:.2f} s"""
+{study_s:.1f} s, {ratio:.2f} times that ({quiet_ratio:.2f} on quiet processors), largest difference {difference:.1e};
+start of a child {start_s:.2f} s"""
 
 arguments = parser(__doc__, "benchmark_studies")
 arguments.add_argument("--runs", type=whole(4), default=500, help="benches (default: 500)")
@@ -41,7 +46,13 @@ arguments.add_argument("--processes", type=whole(1), default=2, help="children a
 
 def bench(payload_mass: float, damping_ratio: float, apa: ReducedBody) -> FRF:
     scene = make_bench(payload_mass, "linear", damping_ratio=damping_ratio, apa=apa)
-    return frequency_response(linearize(scene), FREQUENCY)
+    record = simulate(scene, NOISE, time_step=1e-4, method="exact", progress=False)
+    return estimate_frf(record, inputs=scene.inputs, outputs=scene.outputs, segment_duration=1.0)
+
+
+def processor_time() -> float:
+    """Of this process and its children that have ended [s]."""
+    return sum(os.times()[:4])
 
 
 def nothing(n: float) -> float:
@@ -63,11 +74,15 @@ def main() -> None:
     work = functools.partial(bench, apa=reduced_apa300ml())
     rows = list(itertools.product(np.linspace(1.0, 10.0, args.runs // 4), (0.005, 0.01, 0.02, 0.05)))
     samples = {"payload_mass": [mass for mass, _ in rows], "damping_ratio": [ratio for _, ratio in rows]}
-    loop, loop_time = timed(lambda: [work(mass, ratio).values for mass, ratio in rows])
-    study, study_time = timed(sweep, work, samples=samples, n_processes=args.processes, progress=False)
     _, start_time = timed(sweep, nothing, grid={"n": [0]}, n_processes=1, progress=False)
+    clock = [processor_time()]
+    loop, loop_time = timed(lambda: [work(mass, ratio).values for mass, ratio in rows])
+    clock.append(processor_time())
+    study, study_time = timed(sweep, work, samples=samples, n_processes=args.processes, progress=False)
+    clock.append(processor_time())
     summary: dict[str, Any] = {"runs": len(rows), "processes": args.processes, "bench_s": loop_time / len(rows)}
     summary |= {"loop_s": loop_time, "study_s": study_time, "ratio": study_time / loop_time, "start_s": start_time}
+    summary["quiet_ratio"] = (clock[2] - clock[1]) / args.processes / (clock[1] - clock[0])
     summary["difference"] = float(np.max(np.abs(study.frf.values - loop)))
     local = {"n_processes": args.processes}
     summary["overhead"] = {"child processes": overhead(args.empty_runs, [time.process_time], **local)}

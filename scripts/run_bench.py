@@ -10,6 +10,7 @@ import math
 import numpy as np
 from _arguments import fraction, parser, positive, run
 from _costs import timed
+from _pages import last_frames, write_bench
 from _report import print_report, print_table, rows_of, with_prefix
 from _responses import COMPARED, compare_frf, plot_bode_pair
 from _results import write_summary
@@ -17,7 +18,7 @@ from _results import write_summary
 from models.apa300ml import PAPER_FREQUENCY_FE, PORTS, PRISMS, make_apa300ml, reduced_apa300ml
 from models.bench import SENSOR_RESISTANCE, formula_frequency, full_bench_response, make_bench
 from models.bench_figures import figures_by_circuit, peak_and_dip, pole_and_zero, static_gains
-from nassim import build_fe_model, condense, estimate_frf, frequency_response, linearize, save, simulate
+from nassim import build_fe_model, condense, estimate_frf, frequency_response, linearize, save, simulate_motion
 from nassim.plotting import plot_time_history, save_figure
 from nassim.signals import band_limited_noise
 
@@ -48,22 +49,21 @@ def main() -> None:
     args = arguments.parse_args()
     apa, reduction = timed(reduced_apa300ml, ports=PORTS)
     options = {"payload_mass": args.payload_mass, "damping_ratio": args.damping_ratio}
-    bench = make_bench(**options, resistance=args.resistance, gravity=args.gravity, apa=apa)
+    given = {**options, "gravity": args.gravity, "apa": apa}
+    bench = make_bench(**given, resistance=args.resistance)
     excitation = band_limited_noise(args.duration, 1 / args.time_step, cutoff_frequency=500.0, rms=0.1)
-    record, wall = timed(simulate, bench, excitation, time_step=args.time_step)
-
+    steps = {"time_step": args.time_step, "frames": last_frames(args.duration)}
+    (record, motion), wall = timed(simulate_motion, bench, excitation, **steps)
     segment, signals = min(4.0, args.duration / 4), {"inputs": bench.inputs, "outputs": bench.outputs}
     estimated = estimate_frf(record, **signals, segment_duration=segment, label="time simulation, H1").band(10, 900)
     fine, few = np.geomspace(10, 900, 8000), np.geomspace(10, 900, 48)
-    linear = linearize(bench)
+    linear, opened = linearize(bench), linearize(make_bench(**given, resistance=math.inf))
     frfs = {"time simulation": estimated, "linear model": frequency_response(linear, fine)}
     shown = [*frfs.values()]
     if not args.no_full_model:
         condensed = condense(build_fe_model(make_apa300ml(ports=PORTS), element_size=5e-3, **PRISMS))
         full = [full_bench_response(condensed, f, resistance=args.resistance, **options) for f in (fine, few)]
         frfs["full FE model"], shown = full[0], [*shown, full[1]]
-
-    opened = linearize(make_bench(**options, resistance=math.inf, gravity=args.gravity, apa=apa))
     summary = {
         "reduction_or_loading_time_s": reduction,
         "simulated_time_s": args.duration,
@@ -91,6 +91,7 @@ def main() -> None:
     if not args.no_plot:
         save_figure(plot_bode_pair(shown, markers=["full FE model"]), args.output / "frf.png")
         save_figure(plot_time_history(record), args.output / "record.png")
+        write_bench(bench, motion, args.output / "bench.html")
     write_summary(args.output, summary)
 
 

@@ -8,6 +8,7 @@ turns, a leak and stiffness in parallel each make up for that.
 
 import numpy as np
 from _arguments import fraction, parser, positive, run, whole
+from _pages import write_spinning
 from _report import print_report, print_table
 from _results import write_summary
 from _spin_pictures import plot_maps, plot_speeds, plot_trials
@@ -66,7 +67,7 @@ def main() -> None:
         "published": (published_machine(args.payload_mass, args.share), args.gain, args.speed, True, 1000.0),
         "own struts": (own_machine(args.payload_mass), args.own_gain, args.own_speed, args.own_trials, 200.0),
     }
-    results, motions = {}, {}
+    results, motions, machines_seen = {}, {}, {}
     for title, (machine, gain, speed, tried, largest) in machines.items():
         gains = np.geomspace(1.0, largest, args.points)
         found, options = examine(machine, title, speeds, gains, gain=gain, args=args)
@@ -74,7 +75,8 @@ def main() -> None:
         common["sample_rate"] = args.trial_rate if title == "published" else 2 * args.trial_rate
         trials = {name: trial(machine, **option, **common) for name, option in options.items() if tried}
         found["trials"] = {name: figures for name, (figures, *_) in trials.items()}
-        motions[title] = {name: motion for name, (_, *motion) in trials.items()}
+        motions[title] = {name: (record, distance) for name, (_, record, distance, _) in trials.items()}
+        machines_seen[title] = {name: seen for name, (*_, seen) in trials.items()}
         results[title] = found
         print_report(REPORT, found)
         if tried:
@@ -85,6 +87,7 @@ def main() -> None:
         for title, found in results.items():
             if found["trials"]:
                 plot_trials(found["trials"], motions[title], args.output / f"trials_{title.replace(' ', '_')}.png")
+                write_spinning(machines_seen[title], args.output, title)
     write_summary(args.output, {"speeds_rpm": speeds, **results})
 
 

@@ -18,7 +18,9 @@ from nassim.studies import correlations, linear_effects, sobol_points, sweep
 arguments = parser(__doc__, "tolerance_study")
 arguments.add_argument("--runs", type=whole(16), default=64, help="a power of two (default: 64)")
 arguments.add_argument("--order", type=whole(1), default=3, help="of the coarse elements (default: 3)")
-arguments.add_argument("--refined", type=whole(0), default=6, help="runs repeated on the default mesh (default: 6)")
+arguments.add_argument(
+    "--refined", type=whole(0), default=6, help="runs repeated on the default mesh, 0 or some (default: 6)"
+)
 arguments.add_argument("--seed", type=whole(0), default=0, help="of the plan (default: 0)")
 
 UNITS = FIGURES | {name: unit for name, (_, unit) in TOLERANCES.items()}

@@ -205,7 +205,8 @@ def run_without(libraries, code):
 def test_linear_systems_and_files_need_neither_mesher_nor_simulator():
     code = (
         "import nassim; "
-        "wings = nassim.systems, nassim.exchange, nassim.scene, nassim.bodies, nassim.signals, nassim.kinematics; "
+        "wings = nassim.systems, nassim.exchange, nassim.scene, nassim.bodies, nassim.signals, nassim.kinematics, "
+        "nassim.studies; "
         "[getattr(wing, name) for wing in wings for name in wing.__all__ if not name.endswith('_control')]; "
         "nassim.linearize, nassim.truncation_error, nassim.load, nassim.identify_modes, nassim.apply_identification"
     )

@@ -14,6 +14,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -192,6 +193,23 @@ def test_results_stay_until_the_code_changes(site, tmp_path, monkeypatch):
     (problem,) = gallery.make([run])
     assert "count.py 3 ends with status 1\nno more" in problem
     gallery.code.cache_clear()
+
+
+def test_what_a_script_made_stands_on_its_page(site, tmp_path, monkeypatch):
+    gallery = site("gallery")
+    monkeypatch.setattr(gallery, "RESULTS", tmp_path / "gallery")
+    run = gallery.Run("run_bench.py")
+    run.folder.mkdir(parents=True)
+    for name, text in {"report.txt": "pole 98 Hz\n", "summary.json": '{"pole_Hz": 98}', "modes.html": "<p>"}.items():
+        (run.folder / name).write_text(text)
+    (run.folder / "frf.png").write_bytes(b"")
+    parts = "".join(gallery._results(run))
+    assert "![frf](/../build/gallery/run_bench/frf.png)" in parts
+    assert 'src="../_static/gallery/run_bench/modes.html"' in parts
+    assert "pole 98 Hz" in parts
+    assert '"pole_Hz": 98' in parts
+    gallery._copy_pages(SimpleNamespace(outdir=tmp_path / "site"), None)
+    assert (tmp_path / "site" / "_static" / "gallery" / "run_bench" / "modes.html").read_text() == "<p>"
 
 
 @pytest.mark.parametrize("template", TEMPLATES, ids=[path.name for path in TEMPLATES])

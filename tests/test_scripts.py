@@ -301,7 +301,7 @@ def test_scripts_stay_short(path):
             "run_bench.py",
             ["--duration", "2", "--gravity"],
             ["linear_model_pole_Hz", "full_FE_model_zero_Hz", "encoder_magnitude_error_dB"],
-            ["frf.png", "record.png"],
+            ["frf.png", "record.png", "bench.html"],
         ),
         (
             "excitation_study.py",
@@ -313,7 +313,7 @@ def test_scripts_stay_short(path):
             "run_hexapod.py",
             ["--coarse", "--period", "0.25", "--settling", "1"],
             ["suspension_Hz", "us_per_step", "force_sensors_phase_error_deg", "encoders_coherent_share"],
-            ["sensor_voltage.png", "encoder.png", "machine.png", "machine.html"],
+            ["sensor_voltage.png", "encoder.png", "machine.png", "machine.html", "hexapod.html"],
         ),
         (
             "hexapod_fidelity.py",
@@ -337,7 +337,7 @@ def test_scripts_stay_short(path):
             "spin_hexapod.py",
             ["--points", "4", "--duration", "1"],
             ["speeds_rpm", "published", "own struts"],
-            ["poles.png", "maps.png", "trials_published.png"],
+            ["poles.png", "maps.png", "trials_published.png", "published_pure.html"],
         ),
         (
             "nass_budget.py",
@@ -557,7 +557,7 @@ def test_one_record_of_six_inputs_gives_all_72_responses(options, run_here):
 
 @pytest.mark.slow
 def test_a_record_in_floating_frames_gives_the_same_responses(run_here, tmp_path):
-    """Each of the twelve outputs within 3 % of the exact one, transients included, in zeros and faint responses too.
+    """Each of the twelve outputs within 2 % of the exact one, transients included, in zeros and faint responses too.
 
     A short record will do, since what comes after it is as above. Little voltage: at 0.1 V the strong motions at 10 Hz
     bend the faintest responses by 2 dB, in proportion to it.
@@ -568,7 +568,7 @@ def test_a_record_in_floating_frames_gives_the_same_responses(run_here, tmp_path
     exact, found = (load(tmp_path / method / "record.h5") for method in ("exact", "ffrf"))
     assert len(found.names) == 6 + 12
     for name in found.names:
-        assert np.std(found[name] - exact[name]) < 0.03 * np.std(exact[name]), name
+        assert np.std(found[name] - exact[name]) < 0.02 * np.std(exact[name]), name
 
 
 @pytest.mark.slow
@@ -589,7 +589,7 @@ def test_six_loops_damp_six_modes_as_predicted(options, percent, run_here):
     Integrated steps pass through an output's jump halfway, and the sensors feel half of it at once where the structure
     follows at once: sample time times gain times the sensors' response far above the modes, over two, is 2.4 % here.
     """
-    summary = run_here("hexapod_damping", "--coarse", "--no-plot", *options)
+    summary = run_here("hexapod_damping", "--coarse", "--no-plot", "--duration", "0.15", *options)
     assert len(summary["trials"]) == 3
     for trial in summary["trials"].values():
         assert min(trial["damping_predicted"]) > 3 * summary["least_damping_ratio"]
@@ -640,6 +640,18 @@ def test_a_finer_mesh_is_compared_with_the_coarse_one(script):
     assert row["left_over_percent"] < 1e-9
     table = xr.DataArray([[1.0, 2.0], [3.0, 4.0]], {"mass": [5.0, 7.5], "name": ["a", "b"]}, ("mass", "name"))
     assert tables.labelled(table) == {"5": {"a": 1.0, "b": 2.0}, "7.5": {"a": 3.0, "b": 4.0}}
+
+
+def test_glue_and_ceramic_are_as_soft_as_the_ceramic_that_stands_for_both(script):
+    """In line, per area: three stacks of 20 mm, a spacer of 5 mm, five layers of 30 um."""
+    tolerances = script("_tolerances")
+    solid = tolerances.make_apa300ml()
+    nominal = tolerances._glued(solid, 5 * 30e-6 / 5e9).materials["spacer"]
+    softness = 60e-3 / tolerances.PURE_CERAMIC + 5e-3 / nominal.young_modulus
+    expected = 60e-3 / tolerances.PZT.young_modulus + 5e-3 / tolerances.STEEL.young_modulus
+    assert softness == pytest.approx(expected, rel=1e-12)
+    assert nominal.density == tolerances.STEEL.density
+    assert tolerances.PZT.young_modulus < tolerances.PURE_CERAMIC
 
 
 def test_a_strut_that_leans_moves_its_upper_joint_only(script):

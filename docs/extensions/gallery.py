@@ -101,10 +101,14 @@ def code() -> str:
     return digest.hexdigest()
 
 
+def runs_of(page: str) -> list[Run]:
+    """What a page asks for, but for what it does not want to be run."""
+    return [Run(match[1].strip()) for match in DIRECTIVE.finditer(page) if ":not-run:" not in match[2]]
+
+
 def runs() -> list[Run]:
-    """What the pages ask for, but for what they do not want to be run."""
-    found = (match for page in sorted(PAGES.glob("*.md")) for match in DIRECTIVE.finditer(page.read_text("utf-8")))
-    return [Run(match[1].strip()) for match in found if ":not-run:" not in match[2]]
+    """What all pages ask for."""
+    return [run for page in sorted(PAGES.glob("*.md")) for run in runs_of(page.read_text(encoding="utf-8"))]
 
 
 def make(wanted: list[Run]) -> list[str]:
@@ -176,6 +180,8 @@ class Cards(SphinxDirective):
         for name in filter(None, map(str.strip, self.content)):
             page = (PAGES / f"{name}.md").read_text(encoding="utf-8")
             title = page.splitlines()[0].removeprefix("# ")
+            for path in (PAGES / f"{name}.md", *(run.folder / "key" for run in runs_of(page))):
+                self.env.note_dependency(str(path))
             picture = f"[![{title}]({thumb})]({name}.md)\n\n" if (thumb := _thumbnail(page)) else ""
             said = page.split("\n\n")[1].replace("\n", " ")
             cards.append(f":::{{container}} card\n{picture}[{title}]({name}.md)\n\n{said}\n:::")
@@ -183,12 +189,9 @@ class Cards(SphinxDirective):
 
 
 def _thumbnail(page: str) -> str:
-    match = DIRECTIVE.search(page)
-    run = Run(match[1].strip()) if match and ":not-run:" not in match[2] else None
-    if run is None or not run.done:
-        return ""
-    pictures = sorted(run.folder.glob("*.png"))
-    return f"/../build/gallery/{run.folder.name}/{pictures[0].name}" if pictures else ""
+    """The first picture of a page's script, as a path of Sphinx; empty where there is none."""
+    found = (path for run in runs_of(page) if run.done for path in sorted(run.folder.glob("*.png")))
+    return next((f"/../build/gallery/{path.parent.name}/{path.name}" for path in found), "")
 
 
 def _copy_pages(app: Sphinx, error: Exception | None) -> None:

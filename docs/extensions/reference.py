@@ -25,6 +25,7 @@ import nassim
 WINGS = [module.name for module in pkgutil.iter_modules(nassim.__path__)]
 NAME = r"[A-Za-z_]\w*(?: \([^)]*\))?(?: \[[^\]]*\])?"
 TERM = re.compile(rf"^({NAME}(?:, {NAME})*)[:;] (.*)$")
+ARRAY_LIKE = re.compile(r"[\w~.]*Buffer \| .*?NestedSequence\[complex \| bytes \| str\]")
 ALIAS = re.compile(r"[\w~.]*Annotated\[[^,]*(?:\[[^]]*\])?, '(\w+)'\]")
 ARRAY = re.compile(r"[\w~.]*ndarray\[tuple\[[^]]*\], [\w~.]*dtype\[([^]]*)\]\]")
 SHORT = {"complex128": "ComplexArray", "bool": "BoolArray", "bool_": "BoolArray", "int64": "IntArray"}
@@ -147,6 +148,7 @@ def _shortened(text: str | None) -> str | None:
     if text is None:
         return None
     text = ARRAY.sub(lambda match: SHORT.get(match[1].split(".")[-1].strip("~"), "Array"), text)
+    text = ARRAY_LIKE.sub("ArrayLike", text)
     text = ALIAS.sub(lambda match: match[1].capitalize(), text)
     return re.sub(r"<function (\w+) at 0x\w+>", r"\1", text)
 

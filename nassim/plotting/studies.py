@@ -62,6 +62,7 @@ def plot_tornado(effects: Any, *, result: str, unit: str = "", ax: Any = None) -
     ax.set_xlabel(f"{_plain(result)} [{unit}]" if unit else _plain(result))
     ax.set_title(f"mean {mean:.5g}, a plane explains {100 * float(chosen.explained):.0f} %", fontsize=9)
     ax.tick_params(labelsize=8)
+    ax.ticklabel_format(axis="x", scilimits=(-2, 4))
     ax.grid(visible=True, axis="x", alpha=0.3)
     ax.legend(fontsize=7, loc="lower right")
     return ax
@@ -92,6 +93,7 @@ def plot_sobol(indices: Any, *, results: Sequence[str] | None = None, figure: An
             ax.barh(place + shift, value, xerr=errors, error_kw={"lw": 0.9, "ecolor": "0.25"}, **style)
         ax.set_title(_plain(result), fontsize=9)
         ax.set_yticks(place, names, fontsize=8)
+        ax.margins(y=0.01)
         ax.tick_params(axis="x", labelsize=8)
         ax.axvline(0.0, color="black", lw=0.8)
         ax.grid(visible=True, axis="x", alpha=0.3)

@@ -46,6 +46,9 @@ from .spinning import (
 from .spinning import (
     spinning as spinning,
 )
+from .swinging import (
+    mode_motion as mode_motion,
+)
 from .time_domain import (
     exudyn_eigenfrequencies as exudyn_eigenfrequencies,
 )

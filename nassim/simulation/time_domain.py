@@ -1,6 +1,6 @@
 """Time-domain simulation and static equilibrium of scenes."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -157,13 +157,13 @@ def _simulate(
     released = start == "released"
     if method == "exact":
         order = 1 if hold_order is None else hold_order
-        readings, keep = _solve_exactly(scene, signals, n_steps, time_step, order, released, kept, progress)
+        readings, motion = _solve_exactly(scene, signals, n_steps, time_step, order, released, kept, progress)
     else:
         if method == "explicit":
             _check_stability(scene, time_step)
         steps = Steps(time_step, radius) if method == "generalized_alpha" else None
         told = occupied_bandwidth(excitation) if progress else 0.0
-        readings, keep = _integrate(scene, signals, n_steps, time_step, steps, released, kept, progress, told)
+        readings, motion = _integrate(scene, signals, n_steps, time_step, steps, released, kept, progress, told)
     units = [*scene.output_units]
     units += [scene.input_unit(name) for loop in scene.loops for name in loop.driven]
     chosen = [(*scene.outputs, *scene.commands).index(name) for name in names]
@@ -173,7 +173,7 @@ def _simulate(
         (*excitation.names, *names),
         (*excitation.units, *(units[k] for k in chosen)),
     )
-    return record, None if frames is None else keep(excitation.time[kept])
+    return record, motion
 
 
 def _integrate(
@@ -186,10 +186,10 @@ def _integrate(
     kept: Array,
     progress: bool,
     told_frequency: float,
-) -> tuple[Array, Callable[[Array], Motion]]:
+) -> tuple[Array, Motion | None]:
     """Run Exudyn with steps of generalized-alpha, None: with the explicit rule; told_frequency: of what is printed.
 
-    Returns outputs and commands, and what makes a motion of the times [s] of the steps that are kept.
+    Returns outputs and commands, and the motion at the steps that are kept, if any.
     """
     rates, steady = _starting_rates(scene, signals, time_step)
     twists = starting_twists(scene, rates)
@@ -218,7 +218,8 @@ def _integrate(
     warn_of_buckling(system.assembly, slackest)
     warn_of_changed_modes(system.assembly, shifts)
     readings = [np.broadcast_to(system.recorded(name), (n_steps + 1,)) for name in scene.outputs]
-    return np.vstack([np.reshape(readings, (len(scene.outputs), n_steps + 1)), commands]), frames.motion
+    motion = frames.motion(kept * time_step) if len(kept) else None
+    return np.vstack([np.reshape(readings, (len(scene.outputs), n_steps + 1)), commands]), motion
 
 
 def _starting_rates(
@@ -256,7 +257,7 @@ def _solve_exactly(
     released: bool,
     kept: Array,
     progress: bool,
-) -> tuple[Array, Callable[[Array], Motion]]:
+) -> tuple[Array, Motion | None]:
     _check_exact(scene)
     assembly = assemble(scene)
     driven = np.reshape([signals[name] for name in scene.inputs], (len(scene.inputs), n_steps + 1))
@@ -275,7 +276,8 @@ def _solve_exactly(
         },
     )
     own = {name: at_kept[place].T for name, place in assembly.slices.items()}
-    return np.vstack([readings, commands]), lambda time: recorded_motion(assembly, time, own, {})
+    motion = recorded_motion(assembly, kept * time_step, own, {}) if len(kept) else None
+    return np.vstack([readings, commands]), motion
 
 
 def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> dict[str, float]:

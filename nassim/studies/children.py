@@ -16,6 +16,8 @@ import sys
 import threading
 from typing import Any
 
+import psutil
+
 from nassim.studies.outcome import LOST, TIMED_OUT, Outcome
 
 ATTEMPTS = 3
@@ -139,9 +141,16 @@ class _Child:
         return self._process.poll() is None
 
     def kill(self) -> None:
-        """End the process, and wait for its end."""
-        self._process.kill()
+        """End the process with all that it started, and wait for its end."""
+        self._strike()
         self._end()
+
+    def _strike(self) -> None:
+        # A process that a run forked would hold the pipe open, and its end would never be seen.
+        with contextlib.suppress(psutil.Error):
+            for process in psutil.Process(self._process.pid).children(recursive=True):
+                process.kill()
+        self._process.kill()
 
     def _end(self) -> int:
         code = self._process.wait()
@@ -156,7 +165,7 @@ class _Child:
 
         def stop() -> None:
             late.set()
-            self._process.kill()
+            self._strike()
 
         timer = threading.Timer(time_limit, stop) if time_limit else None
         assert self._process.stdin

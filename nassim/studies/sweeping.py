@@ -39,8 +39,8 @@ def sweep(
     """Call a function with many parameters and return all results, labelled.
 
     function: takes one run's parameters by keyword and returns a number, an array, an `FRF`, a `TimeHistory`, or a
-        mapping of names to these. Large common inputs are fixed by `functools.partial(function, body=body)` (or are
-        values around it) and are sent once per process.
+        mapping of names to these; what it prints is not shown. Large common inputs are fixed by
+        `functools.partial(function, body=body)` (or are values around it) and are sent once per process.
     grid: parameters' names -> values, of which all combinations are run; or
     samples: a row per run, from a sampling plan, or names -> equally long lists of values
     executor: None for child processes on this machine; a `dask.distributed.Client` or anything else with `submit`, in

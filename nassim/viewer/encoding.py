@@ -19,7 +19,7 @@ ROUNDING, SINGLE = 5e-5, 1e-6
 
 @dataclass(frozen=True)
 class Block:
-    """Arrays one after the other, each at a multiple of four bytes."""
+    """Arrays one after the other, each at a multiple of eight bytes, as browsers want numbers of eight."""
 
     parts: list[bytes] = field(default_factory=list)
 
@@ -28,7 +28,7 @@ class Block:
         array = np.ascontiguousarray(values, dtype=np.dtype(kind).newbyteorder("<"))
         offset = sum(map(len, self.parts))
         data = array.tobytes()
-        self.parts.append(data + b"\0" * (-len(data) % 4))
+        self.parts.append(data + b"\0" * (-len(data) % 8))
         return {"offset": offset, "length": array.size, "kind": np.dtype(kind).name}
 
 

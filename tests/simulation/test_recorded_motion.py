@@ -28,7 +28,7 @@ from nassim.bodies import trim_body
 from nassim.scene import Drive, point_motion
 from nassim.scene.joints import prismatic, revolute, spherical
 from nassim.scene.part import Filter, Reading, Row, Sensor
-from nassim.simulation import scene_modes, traced
+from nassim.simulation import mode_motion, scene_modes, traced
 
 
 def turn(*vector):
@@ -354,3 +354,43 @@ def test_modes_of_a_scene_are_those_of_its_mass_and_stiffness(soft, soft_end, cu
     foot = middle.rotation @ middle.points["foot"]
     meets = lower.rotation @ (lower.reduced.motion("right") @ shapes["lower"])[:3]
     np.testing.assert_allclose(q[:3] + np.cross(q[3:].T, foot).T, meets, atol=1e-9 * np.abs(meets).max())
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_a_mode_of_what_turns_whirls(number):
+    """A weight on equal springs on a table: circles against the turn at w + W, with it at w - W, seen on the table."""
+    stiffness, mass, spin = 4e4, 0.5, 60.0
+    weight = RigidBody("weight", {"c": np.zeros(3)}, mass, INERTIA, (0.0, 0.1, 0.0), rotation=ODD)
+    base = RigidBody("base", {"o": (0.0, 0.1, 0.0)}, fixed=True)
+    guide = Joint("guide", "base.o", "weight.c", free=("x", "y"))
+    springs = tuple(SpringDamper(a, "base.o", "weight.c", a, stiffness, frame="base.o") for a in "xy")
+    scene = Scene("whirl", (base, weight), (guide,), springs=springs, damping_ratio=0.0)
+    turning = {"angular_velocity": [0, 0, spin], "axis_point": [0, 0.1, 0]}
+    pole, motion = mode_motion(scene, number, frames=9, **turning)
+    natural = np.sqrt(stiffness / mass)
+    assert pole.imag == pytest.approx(natural + (spin if number == 2 else -spin), rel=1e-9)
+    assert abs(pole.real) < 1e-9 * natural
+    np.testing.assert_allclose(motion.time, np.linspace(0, 2 * np.pi / pole.imag, 9))
+    x, y, z = (motion.positions["weight"] - weight.position).T
+    assert np.abs(z).max() < 1e-9 * np.abs(x).max()
+    angle = np.unwrap(np.arctan2(y, x))
+    np.testing.assert_allclose(np.hypot(x, y), np.hypot(x, y)[0], rtol=1e-6)
+    np.testing.assert_allclose(angle - angle[0], (-1) ** (number + 1) * np.linspace(0, 2 * np.pi, 9), atol=1e-6)
+    with pytest.raises(ValueError, match=r"oscillations 1 \.\.\. 2, got 3"):
+        mode_motion(scene, 3, **turning)
+
+
+def test_a_mode_at_rest_is_that_of_mass_and_stiffness(soft):
+    """Its shape, whatever its size and the trimming, with damping too small to matter; all within a thousandth."""
+    scene = tower(soft, ("linear", "linear"), cutoff_frequency=1000.0, damping_ratio=1e-6)
+    frequency, shapes = scene_modes(scene, n=3)
+    pole, motion = mode_motion(scene, 2)
+    assert abs(pole) == pytest.approx(2 * np.pi * frequency[1], rel=1e-6)
+    assert pole.real == pytest.approx(-1e-6 * abs(pole), rel=1e-3)
+    expected, found = shapes["upper"][:, 1], motion.coordinates["upper"]
+    largest = found[np.argmax(np.abs(found).max(axis=1))]
+    scale = (largest @ expected) / (expected @ expected)
+    np.testing.assert_allclose(largest, scale * expected, atol=1e-4 * np.abs(largest).max())
+    tips = [point_motion(scene, motion, "upper.right")[0], point_motion(scene, motion, "middle.seat")[0]]
+    span = 0.1
+    assert 1e-6 < max(np.abs(tip - tip.mean(axis=0)).max() for tip in tips) < 1.1e-3 * span

@@ -5,10 +5,24 @@ import numpy as np
 import pytest
 from conftest import lattice
 
-from nassim import FlexibleBody, Joint, RigidBody, Scene, craig_bampton
+from nassim import (
+    Encoder,
+    FlexibleBody,
+    Joint,
+    PointForce,
+    RigidBody,
+    Scene,
+    SpringDamper,
+    TimeHistory,
+    craig_bampton,
+    fixed,
+    revolute,
+    simulate,
+)
 from nassim.simulation.buckling import axial_forces
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.exudyn.watch import Watch
+from nassim.simulation.exudyn.welding import find_welds
 from nassim.simulation.small_motion import assemble, motion_size
 
 
@@ -51,3 +65,76 @@ def test_a_look_sees_all_bodies_as_one_by_one(fidelities):
         assert found.shape[0] > 0
         expected = np.minimum(found.min(axis=1), 0.0)
         np.testing.assert_allclose(seen.slackest[body.name], expected, atol=1e-9 * np.abs(found).max())
+
+
+def heavy(name, cloud, points):
+    """A rigid body of point masses (mass, place), with points at places, all in the world."""
+    masses, places = np.array([m for m, _ in cloud]), np.array([p for _, p in cloud])
+    centre = masses @ places / masses.sum()
+    inertia = sum(m * ((p - centre) @ (p - centre) * np.eye(3) - np.outer(p - centre, p - centre)) for m, p in cloud)
+    return RigidBody(name, {k: p - centre for k, p in points.items()}, masses.sum(), inertia, centre)
+
+
+def swing(bodies, joints, names):
+    """A spatial pendulum that a spring and a force make swing far; names: whose point "hinge", "tip" and "end" is."""
+    hinge, tip, end = names
+    return Scene(
+        "swing",
+        bodies,
+        (*joints, revolute("pin", "post.top", f"{hinge}.hinge", (1.0, 2.0, -0.5))),
+        (PointForce("push", f"{end}.end", (0.3, 1.0, 0.2), "force"),),
+        (Encoder("tip", "ground.tip", f"{tip}.tip", "line"), Encoder("height", "ground.tip", f"{end}.end", "z")),
+        (SpringDamper("spring", "post.foot", f"{tip}.tip", "line", 300.0, 2.0),),
+        damping_ratio=0.0,
+        gravity=np.array([0.0, 0.5, -9.81]),
+    )
+
+
+def test_bodies_that_rigid_joints_hold_together_swing_as_one():
+    """Clouds of masses in three bodies on a post, against one body of all masses and a post that is the ground."""
+    random = np.random.default_rng(7)
+    pin = np.array([0.4, 0.1, 0.3])
+    foot, tip, end, anchor = random.uniform(-0.2, 0.2, (4, 3))
+    clouds = [
+        [(m, p) for m, p in zip(random.uniform(0.1, 0.9, 5), spots, strict=True)]
+        for spots in random.uniform(-0.3, 0.3, (3, 5, 3))
+    ]
+    seams = random.uniform(-0.1, 0.1, (2, 3))
+    parts = (
+        heavy("arm", clouds[0], {"hinge": pin, "seam": seams[0]}),
+        heavy("head", clouds[1], {"seam": seams[0], "other": seams[1], "tip": tip}),
+        heavy("tail", clouds[2], {"other": seams[1], "end": end, "seam": seams[0]}),
+    )
+    ground = RigidBody("ground", {"tip": anchor, "top": pin}, fixed=True)
+    loose = heavy("post", clouds[0], {"top": pin, "foot": foot})
+    rigid = RigidBody("post", {"top": pin, "foot": foot}, fixed=True)
+    joints = (
+        fixed("first", "tail.other", "head.other"),
+        fixed("mast", "post.top", "ground.top"),
+        fixed("second", "arm.seam", "head.seam"),
+        fixed("again", "arm.seam", "tail.seam"),  # which the others hold already
+    )
+    together = heavy("all", [*clouds[0], *clouds[1], *clouds[2]], {"hinge": pin, "tip": tip, "end": end})
+    scenes = (
+        swing((*parts, loose, ground), joints, ("arm", "head", "tail")),
+        swing((together, rigid, ground), (), ("all", "all", "all")),
+    )
+    systems = [build_system(assemble(scene)) for scene in scenes]
+    assert [system.mbs.systemData.ODE2Size() for system in systems] == [7, 7]
+    time = np.arange(401) * 1e-3
+    push = TimeHistory(time, 3.0 * np.sin(20.0 * time)[None], ("force",), ("N",))
+    several, one = (simulate(scene, push, time_step=1e-3, progress=False, start="released") for scene in scenes)
+    assert np.abs(one["height"]).max() > 0.05
+    for output in ("tip", "height"):
+        np.testing.assert_allclose(several[output], one[output], atol=1e-8 * np.abs(one[output]).max())
+
+
+def test_only_what_holds_in_all_directions_is_one():
+    """A joint that a drive would turn, one that leaves a turn free and one to a body that deforms stay joints."""
+    scene = chain("ffrf", "rigid")
+    welds = find_welds(assemble(scene))
+    assert welds.joints == {"mount"}
+    assert welds.groups == {"ground": ["ground"], "bar1": ["bar1", "block"]}
+    free = Joint("mount", "bar1.right", "block.left", free=("rx",))
+    hinged = Scene("hinged", scene.bodies, (*scene.joints[:-1], free))
+    assert find_welds(assemble(hinged)).joints == frozenset()

@@ -22,6 +22,7 @@ from conftest import lattice
 
 from nassim import craig_bampton
 from nassim.studies import Samples, sweep
+from nassim.studies.children import THREADS
 from nassim.studies.executors import IN_FLIGHT
 
 HERE = Path(__file__).parent
@@ -102,7 +103,9 @@ def test_processes_give_what_the_serial_loop_gives_bit_for_bit():
     [lambda: ThreadPoolExecutor(2), lambda: ProcessPoolExecutor(1, get_context("spawn"))],
     ids=["threads", "processes"],
 )
-def test_any_executor_runs_them_in_children_with_one_thread(make):
+def test_any_executor_runs_them_in_children_with_one_thread(make, monkeypatch):
+    for name in THREADS:
+        monkeypatch.setenv(name, "2")
     with make() as executor:
         found = quiet(tiny_functions.surroundings, grid={"a": [1.0, 2.0]}, executor=executor, time_limit=60.0)
     assert (found.status == "ok").all()
@@ -112,6 +115,7 @@ def test_any_executor_runs_them_in_children_with_one_thread(make):
 
 
 def test_trouble_is_rows_with_a_status():
+    before = set(children())  # those of an executor's threads stay for a while
     found = quiet(tiny_functions.troublesome, grid={"n": range(20)}, n_processes=2, time_limit=2.0)
     states = dict.fromkeys(range(20), "ok") | {3: "failed", 13: "failed", 4: "timed out"}
     states |= {5: "other shape", 6: "diverged", 7: "lost"}
@@ -125,7 +129,20 @@ def test_trouble_is_rows_with_a_status():
     good = found.status == "ok"
     np.testing.assert_array_equal(found.x.where(good, drop=True), [n for n in range(20) if states[n] == "ok"])
     assert np.isnan(found.x.where(~good, drop=True)).all()
-    assert children() == []
+    assert set(children()) <= before, "all children are gone"
+
+
+def test_most_runs_say_what_shape_results_have():
+    found = quiet(tiny_functions.troublesome, grid={"n": [5, 8, 9]}, executor="serial")
+    assert found.status.values.tolist() == ["other shape", "ok", "ok"]
+    np.testing.assert_array_equal(found.x, [np.nan, 8.0, 9.0])
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
+def test_a_run_is_stopped_with_all_that_it_started():
+    with pytest.warns(UserWarning, match="no run of the study"):
+        found = quiet(tiny_functions.hangs_in_a_fork, grid={"a": [1.0]}, n_processes=1, time_limit=0.5)
+    assert found.status.values.tolist() == ["timed out"]
 
 
 def test_a_study_without_any_result_warns():
@@ -227,6 +244,30 @@ def test_killed_children_are_replaced(tmp_path):
     assert (found.status == "ok").all()
     np.testing.assert_array_equal(found.result, np.arange(40.0) ** 2)
     assert len(calls_in(calls)) <= 42
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_who_interrupts_a_study_is_told_how_to_go_on(tmp_path, kept):
+    folder = tmp_path / "study" if kept else None
+    said = f"goes on from {folder}" if kept else "without folder= they are lost"
+    with pytest.raises(KeyboardInterrupt, match=f"stopped after 2 of 4 runs; .*{said}"):
+        quiet(tiny_functions.interrupted, grid={"n": range(4)}, folder=folder, executor="serial")
+
+
+def test_a_function_that_no_process_can_load_is_told_before_the_first_run(tmp_path, monkeypatch):
+    (tmp_path / "nowhere_else.py").write_text("def one(a):\n    return a\n")
+    with monkeypatch.context() as patch:
+        patch.syspath_prepend(tmp_path)
+        from nowhere_else import one
+    with pytest.raises(ValueError, match=r"cannot load the function: ModuleNotFoundError.*nowhere_else"):
+        quiet(one, grid={"a": [1.0]}, folder=tmp_path / "study", n_processes=1)
+    assert (tmp_path / "study" / "manifest.jsonl").read_text() == ""
+
+
+def test_what_runs_print_and_read_comes_between_nobody(capfd):
+    found = quiet(tiny_functions.talkative, grid={"a": [1.0, 2.0]}, n_processes=1)
+    np.testing.assert_array_equal(found.result, [1.0, 2.0])
+    assert capfd.readouterr().out == ""
 
 
 STUDY = """

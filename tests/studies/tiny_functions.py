@@ -91,6 +91,20 @@ def bench(mass, offset, body):
     return {"response": response, "modes": damping(model)[0][:4]}
 
 
+def interrupted(n):
+    """As if somebody pressed Ctrl-C."""
+    if n == 2:
+        raise KeyboardInterrupt
+    return n
+
+
+def hangs_in_a_fork(a):
+    if os.fork() == 0:
+        time.sleep(1e3)
+    time.sleep(1e3)
+    return a
+
+
 def fails_at_first(a, calls):
     """Raises until it was called twice for every value."""
     count_calls(a, calls)
@@ -104,3 +118,10 @@ def surroundings(a):
     """Who runs this, and with how many threads of BLAS."""
     threads = max((pool["num_threads"] for pool in threadpool_info()), default=1)
     return {"process": os.getpid(), "parent": os.getppid(), "threads": threads}
+
+
+def talkative(a):
+    print("so much to say")
+    os.write(1, b"and more")
+    assert os.read(0, 1) == b""
+    return a

@@ -28,7 +28,9 @@ Grip = Callable[[Array], int]
 class Items:
     """Exudyn's numbers of a scene's bodies, by name.
 
-    rigid: bodies without deformation, along the world's axes; carriers: of those that deform; nodes: of all that move
+    rigid: bodies without deformation, along the world's axes, as parts of what is one with them
+    carriers: of bodies that deform; nodes: of all that move, which those that are one share
+    own: one of each that are one, and all others that move; welded: names of joints that need not be closed
     grips: by the path of a point of a body that deforms, and an offset, what adds a rigid marker there
     pilots: object and mesh nodes that make up a point of a floating body, by path
     """
@@ -36,6 +38,8 @@ class Items:
     mbs: Any
     scene: Scene
     nodes: Mapping[str, int]
+    own: Sequence[str]
+    welded: frozenset[str]
     objects: Mapping[str, int]
     rigid: Mapping[str, RigidBody]
     carriers: Mapping[str, Carrier]
@@ -140,7 +144,7 @@ def add_force(items: Items, word: Force) -> list[Push]:
 def add_field(items: Items, word: Field) -> list[Push]:
     """Add a uniform acceleration of every body that moves."""
     drives = []
-    for name in items.nodes:
+    for name in items.own:
         if items.fidelity(name) == "linear":
             numbers = [number for number, _ in items.carriers[name].nodes]
             weight = items.scene.split(f"{name}.")[0].weight(word.direction)

@@ -15,7 +15,7 @@ from exudyn.rigidBodyUtilities import GetRigidBodyNode
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.bodies.floating_frame import FloatingFrame
-from nassim.scene.bodies import FlexibleBody, RigidBody
+from nassim.scene.bodies import Body, FlexibleBody, RigidBody
 from nassim.scene.part import (
     Constraint,
     Field,
@@ -47,13 +47,14 @@ from nassim.simulation.exudyn.readings import add_axes, add_reading
 from nassim.simulation.exudyn.springs import add_six_springs, add_spring, reaches
 from nassim.simulation.exudyn.state import Carrier, Push, System, Term, add_circuit, modal_node
 from nassim.simulation.exudyn.tensions import add_tension
+from nassim.simulation.exudyn.welding import as_one, find_welds, part_of
 from nassim.simulation.small_motion import Assembly
 from nassim.simulation.starting_motion import check_implied, starting_twists
 
 LARGE = 80
 """Coordinates from which on a sparse factorisation is the faster one."""
-# Corners of a regular tetrahedron: equal weights on four pilots there give a remote point's motion exactly.
-PILOT_DIRECTIONS = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / np.sqrt(3)
+# Corners of a regular triangle: equal weights on three pilots there, the fewest, give a remote point's motion exactly.
+PILOT_DIRECTIONS = np.array([[2, -1, -1], [-1, 2, -1], [-1, -1, 2]]) / np.sqrt(6)
 
 
 Added = tuple[int, Carrier, int, dict[Place, Grip], dict[Place, tuple[int, list[int]]]]
@@ -115,7 +116,7 @@ def _realise(items: Items, word: Word, assembly: Assembly) -> list[Push]:
     """Add what a word does; returns what an input then drives."""
     match word:
         case Constraint():
-            if assembly.enforced[word.name]:
+            if assembly.enforced[word.name] and word.name not in items.welded:
                 driven = [w for w in assembly.words if isinstance(w, Follow) and w.constraint == word.name]
                 return add_constraint(items, word, assembly.enforced[word.name], driven)
         case Spring():
@@ -135,7 +136,7 @@ def _realise(items: Items, word: Word, assembly: Assembly) -> list[Push]:
 
 def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None, added: Array) -> Items:
     """Add the bodies with their weight, the mass added on their deformation, (m, m), and the damping between them."""
-    scene = assembly.scene
+    scene, welds = assembly.scene, find_welds(assembly)
     twists = starting_twists(scene, rates)
     damping, mass = _by_bodies(assembly, assembly.damping.on_deformation()), _by_bodies(assembly, added)
     nodes: dict[str, int] = {}
@@ -144,39 +145,42 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None,
     objects: dict[str, int] = {}
     rigid: dict[str, RigidBody] = {}
     pilots: dict[str, tuple[int, list[int]]] = {}
-    for body in scene.bodies:
-        if isinstance(body, FlexibleBody) and body.deforms:
-            add = _add_floating if body.fidelity == "ffrf" else _add_linear
-            node, carriers[body.name], objects[body.name], found, of_body = add(
-                mbs,
-                scene,
-                body,
-                assembly.frames[body.name],
-                (mass[body.name, body.name], damping[body.name, body.name]),
-                twists[body.name],
-            )
-            nodes[body.name] = node
-            grips.update({(f"{body.name}.{point}", offset): grip for (point, offset), grip in found.items()})
-            pilots.update(
-                {f"{body.name}.{point}": four for (point, offset), four in of_body.items() if not any(offset)}
-            )
-        else:
-            rigid[body.name] = _as_rigid(body, assembly) if isinstance(body, FlexibleBody) else body.along_world
-            number, objects[body.name] = _add_rigid(mbs, rigid[body.name], twists.get(body.name, np.zeros(6)))
+    for flexible in scene.deformable_bodies:
+        add = _add_floating if flexible.fidelity == "ffrf" else _add_linear
+        node, carriers[flexible.name], objects[flexible.name], found, of_body = add(
+            mbs,
+            scene,
+            flexible,
+            assembly.frames[flexible.name],
+            (mass[flexible.name, flexible.name], damping[flexible.name, flexible.name]),
+            twists[flexible.name],
+        )
+        nodes[flexible.name] = node
+        grips.update({(f"{flexible.name}.{point}", offset): grip for (point, offset), grip in found.items()})
+        pilots.update({f"{flexible.name}.{p}": three for (p, offset), three in of_body.items() if not any(offset)})
+    bodies = {body.name: _as_rigid(body, assembly) for body in scene.bodies if not body.deforms}
+    for leader, names in welds.groups.items():
+        one = as_one([bodies[name] for name in names])
+        number, item = _add_rigid(mbs, one, twists.get(leader, np.zeros(6)))
+        for name in names:
+            rigid[name], objects[name] = part_of(one, bodies[name]), item
             if number is not None:
-                nodes[body.name] = number
+                nodes[name] = number
+    own = [name for name in nodes if welds.leaders.get(name, name) == name]
     # A linear body carries its weight itself.
     linear = [body.name for body in scene.flexible_bodies if body.fidelity == "linear"]
-    for name in nodes:
+    for name in own:
         if np.any(scene.gravity) and name not in linear:
             marker = mbs.AddMarker(eii.MarkerBodyMass(bodyNumber=objects[name]))
             mbs.AddLoad(eii.LoadMassProportional(markerNumber=marker, loadVector=list(scene.gravity)))
     _couple(mbs, assembly, carriers, mass, damping)
-    return Items(mbs, scene, nodes, objects, rigid, carriers, grips, pilots)
+    return Items(mbs, scene, nodes, own, welds.joints, objects, rigid, carriers, grips, pilots)
 
 
-def _as_rigid(body: FlexibleBody, assembly: Assembly) -> RigidBody:
-    """A flexible body without its deformation, along the world's axes."""
+def _as_rigid(body: Body, assembly: Assembly) -> RigidBody:
+    """A body without deformation, along the world's axes."""
+    if isinstance(body, RigidBody):
+        return body.along_world
     frame, turn = assembly.frames[body.name], body.rotation
     c = frame.center_of_mass
     inertia = turn @ (frame.inertia - frame.mass * (c @ c * np.eye(3) - np.outer(c, c))) @ turn.T
@@ -265,16 +269,16 @@ def _add_floating(
     grips = {(frame.point, (0.0, 0.0, 0.0)): _grip(mbs, body.rotation, eii.MarkerNodeRigid, nodeNumber=node)}
     pilots = {}
     for i, place in enumerate(places):
-        four = list(range(4 * i, 4 * i + 4))
+        three = list(range(3 * i, 3 * i + 3))
         grips[place] = _grip(
             mbs,
             body.rotation,
             eii.MarkerSuperElementRigid,
             bodyNumber=number,
-            meshNodeNumbers=four,
-            weightingFactors=[0.25] * 4,
+            meshNodeNumbers=three,
+            weightingFactors=[1 / 3] * 3,
         )
-        pilots[place] = number, four
+        pilots[place] = number, three
     carrier = Carrier(((modes, n),), np.eye(len(body.reduced.mass_matrix))[:, frame.flexible])
     return node, carrier, number, grips, pilots
 
@@ -295,7 +299,7 @@ def _places(scene: Scene, body: FlexibleBody, frame_point: str) -> list[Place]:
 
 
 def _pilots(body: FlexibleBody, frame: FloatingFrame, places: Sequence[Place]) -> tuple[Array, Array]:
-    """Virtual mesh nodes: four around each place, whose displacements are the rigid motion of the point it goes with.
+    """Virtual mesh nodes: three around each place, whose displacements are the rigid motion of the point it goes with.
 
     Returns their positions (3 n_pilots,) and mode rows (3 n_pilots, n). At least one node must exist.
     """

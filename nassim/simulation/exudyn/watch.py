@@ -32,7 +32,7 @@ class Watch:
         self.sizes = np.zeros((len(self.names), 2))
         self.rows, self.starts, self.places = self._gather()
         self.tensions = self._seen()[self.starts[-1] :]
-        self.shifts = {pair: np.zeros(2) for pair in tied_bodies(scene) if system.nodes}
+        self.shifts = {pair: np.zeros(2) for pair in tied_bodies(scene) if set(pair) <= set(system.nodes)}
         self.shifting = system.shifting(list(self.shifts))
         self.speeds = {body.name: 0.0 for body in scene.flexible_bodies if body.fidelity == "ffrf" and system.nodes}
         self.lost: list[str] = []
