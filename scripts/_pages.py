@@ -35,13 +35,18 @@ def write_bench(scene: Scene, motion: Motion, path: Path) -> None:
 
 
 def write_hexapod(scene: Scene, motion: Motion, path: Path, *, discs: Sequence[str] = ("plate", "payload")) -> None:
-    """A hexapod, its base and what else is named drawn as discs."""
+    """A hexapod in motion."""
+    write_page(view_motion(scene, motion, looks=hexapod_looks(scene, discs)), path)
+
+
+def hexapod_looks(scene: Scene, discs: Sequence[str] = ("plate", "payload")) -> Mapping[str, Surface]:
+    """A hexapod's base and what else is named, if it is rigid, as discs."""
     looks = {"base": cylinder(PLATE_RADIUS, PLATE_HEIGHT, (0, 0, PLATE_HEIGHT / 2))}
     for name in discs:
         body = scene.split(f"{name}.")[0]
         if isinstance(body, RigidBody):
             looks[name] = disc_of(body)
-    write_page(view_motion(scene, motion, looks=looks), path)
+    return looks
 
 
 def write_spinning(trials: Mapping[str, tuple[Scene, Motion]], folder: Path, title: str) -> None:

@@ -12,14 +12,12 @@ from _arguments import parser, positive, run, whole
 from _costs import timed
 from _hexapod import ENCODERS, METHODS, SAMPLE_RATE, SENSORS, VOLTAGES, add_machine, excite, hexapod, settling_time
 from _hexapod_pictures import plot_entries
-from _machine_picture import looks
-from _pages import last_frames, write_hexapod
+from _pages import hexapod_looks, last_frames, write_hexapod
 from _report import print_report, print_table, rows_of, with_prefix
 from _responses import COMPARED, frf_errors
 from _results import write_summary
 from _views import show
 
-from models.hexapods import NANO_HEXAPOD
 from nassim import estimate_frf, frequency_response, linearize, save, simulate_motion
 from nassim.plotting import save_figure
 from nassim.signals import orthogonal_multisines, settled_blocks
@@ -90,7 +88,7 @@ def main() -> None:
         for name, rows, unit in (("sensor_voltage", SENSORS, "V/V"), ("encoder", ENCODERS, "m/V")):
             save_figure(plot_entries(fine, estimated, rows, unit), args.output / f"{name}.png")
         machine = hexapod(args, cutoff_frequency=None)
-        show(view_scene(machine, looks=looks(machine, NANO_HEXAPOD)), args.output / "machine")
+        show(view_scene(machine, looks=hexapod_looks(machine)), args.output / "machine")
         write_hexapod(machine, motion, args.output / "hexapod.html")
     write_summary(args.output, summary)
 

@@ -16,6 +16,7 @@ import xarray as xr
 
 from models.apa300ml import calibration
 from nassim import FRF, LinearModel, TimeHistory, frequency_response, linearize, load
+from nassim.viewer import Form, Shape, View, block
 
 ROOT = Path(__file__).parent.parent
 SCRIPTS = sorted(p.name for p in (ROOT / "scripts").glob("[a-z]*.py"))
@@ -272,6 +273,15 @@ def test_rows_across_mappings(script):
     assert rows == {"a": {"fitted": 1.0, "truth": 1.5}, "b": {"fitted": 2.0, "truth": None}}
 
 
+def test_views_go_on_without_pictures(script, tmp_path, monkeypatch, capsys):
+    """Where PyVista is missing, the page is written and one line says what is not."""
+    monkeypatch.setitem(sys.modules, "pyvista", None)
+    view = View("block", (Shape("block", Form(block((1, 1, 1)))),))
+    script("_views").show(view, tmp_path / "block")
+    assert [path.name for path in tmp_path.iterdir()] == ["block.html"]
+    assert capsys.readouterr().out.startswith("no block.png: pictures of bodies need PyVista")
+
+
 @pytest.mark.parametrize("path", sorted((ROOT / "scripts").glob("*.py")), ids=lambda path: path.name)
 def test_scripts_stay_short(path):
     assert len(path.read_text(encoding="utf-8").splitlines()) < 100
@@ -285,7 +295,7 @@ def test_scripts_stay_short(path):
             "reduce_apa.py",
             ["--order", "2", "--element-size", "8"],
             ["mass_kg", "axial_stiffness_N_per_m", "bottom_clamped_full_Hz"],
-            ["mesh_and_remote_points.png", "modes.png"],
+            ["mesh_and_remote_points.png", "mesh_and_remote_points.html", "modes.png", "modes.html"],
         ),
         (
             "run_bench.py",
@@ -303,7 +313,7 @@ def test_scripts_stay_short(path):
             "run_hexapod.py",
             ["--coarse", "--period", "0.25", "--settling", "1"],
             ["suspension_Hz", "us_per_step", "force_sensors_phase_error_deg", "encoders_coherent_share"],
-            ["sensor_voltage.png", "encoder.png", "machine.png", "hexapod.html"],
+            ["sensor_voltage.png", "encoder.png", "machine.png", "machine.html", "hexapod.html"],
         ),
         (
             "hexapod_fidelity.py",
