@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import norm, uniform
 
-from models.apa300ml import PORTS, PRISMS, PZT, STACK, STEEL, APAGeometry, make_apa300ml
+from models.apa300ml import PORTS, PZT, STACK, STEEL, APAGeometry, make_apa300ml
 from models.two_mass import actuator_figures
 from nassim import ReducedBody, Solid, build_fe_model, craig_bampton
 from nassim.plotting import plot_scatter, plot_tornado, plt, save_figure
@@ -35,8 +35,7 @@ FIGURES = dict(pole="Hz", zero="Hz", axial_stiffness="N/m", stroke="m", lateral_
 """Pole and zero with 5 kg on the guided top, sensor open; stiffness, stacks shorted; lateral modes, bottom clamped."""
 ONE_LAYER = {"arm_roots": 1e-3, "pad_fillets": 1e-3, "holes": 3e-3}
 COARSE: dict[str, Any] = {"extrude": "y", "layer_thickness": 20e-3, "element_size": 10e-3, "local_sizes": ONE_LAYER}
-FINE: dict[str, Any] = {**PRISMS, "element_size": 5e-3, "order": 3}
-"""Arguments of `build_fe_model`: one layer of prisms over the depth, and the model's default."""
+"""Arguments of `build_fe_model`: one layer of prisms over the depth, whose order is the study's."""
 
 
 def apa_figures(
