@@ -53,6 +53,7 @@ def blocks(page, language="python"):
 @pytest.mark.slow
 @pytest.mark.parametrize("page", [*filter(blocks, PAGES)], ids=lambda path: path.relative_to(ROOT / "docs").as_posix())
 def test_code_on_a_page_runs_as_it_stands(page, tmp_path):
+    """But for what is fenced as `py`, which needs several machines."""
     (tmp_path / "page.py").write_text("\n".join(blocks(page)), encoding="utf-8")
     shutil.copytree(ROOT / "tests" / "data", tmp_path / "tests" / "data")
     command = [sys.executable, "page.py"]

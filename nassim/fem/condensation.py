@@ -10,9 +10,8 @@ need only this one factorisation and small dense matrices. The couplings differ 
 
 - rbe2 (stiff interface): the interface's unknowns are held; Psi solves for the rest.
 - rbe3 (mean motion of a soft interface): forces l at the remote points are multipliers of W u = q. Without any rbe2
-  the stiffness is singular: six unknowns are held, just enough to stop rigid motion. Forces at the first remote point
-  balance the load before each solve, so what is held carries no force, and any rigid motion Z may be added to the
-  solution; forces at that point itself cancel and need no solve.
+  the stiffness is singular: six unknowns are held, just enough to stop rigid motion. Inertia forces balance the load
+  before each solve, so what is held carries no force, and any rigid motion Z may be added to the solution.
 """
 
 from collections.abc import Sequence
@@ -76,18 +75,18 @@ class Condensation:
 class _Grounded:
     """Solves K u = load with unknowns held at zero.
 
-    Where motions Z are left free, forces at the first remote point balance the load and u comes out with that point at
-    rest, so the inverse stays symmetric and no unknown is favoured.
+    Where motions Z are left free, inertia forces balance the load and u comes out free of Z in the mass's inner
+    product, so the inverse stays symmetric and no unknown is favoured.
     """
 
     factorization: Factorization
     motions: Array
-    balance: Array  # forces W_1^T (W_1 Z)^-T at the first remote point, of unit work on Z
+    inertia_forces: Array  # M Z (Z^T M Z)^-1
 
     def solve(self, load: Array, *, advance: Advance = silent) -> Array:
-        balanced = load - self.balance @ (self.motions.T @ load)
+        balanced = load - self.inertia_forces @ (self.motions.T @ load)
         solution = self.factorization.solve(balanced, advance=advance)
-        result: Array = solution - self.motions @ (self.balance.T @ solution)
+        result: Array = solution - self.motions @ (self.inertia_forces.T @ solution)
         return result
 
 
@@ -108,9 +107,9 @@ def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, p
     averages = sp.vstack([_average_rows(c, fe_model.n_dofs) for c in couplings], format="csr")
     _refuse_dependent(couplings, averages, held)
     with stage(f"factorise ({solver_name()})", enabled=progress), threads():
-        grounded = _ground(fe_model, held, averages[:6])
+        grounded = _ground(fe_model, held)
     soft_averages = averages[~stiff]
-    n_solves = len(stiff) - 6
+    n_solves = len(stiff) - 6 if stiff.any() else len(stiff)
     with stage("static modes", total=n_solves, unit="solves", enabled=progress) as advance, threads():
         lift = np.zeros((fe_model.n_dofs, len(stiff)))
         if stiff.any():
@@ -118,9 +117,7 @@ def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, p
             reaction[held] = 0.0
             others = prescribed[:, 6:] - grounded.solve(reaction, advance=advance)
             lift[:, stiff] = np.hstack([_motions_of_first(fe_model, couplings, others), others])
-        flexibility = np.zeros((fe_model.n_dofs, soft_averages.shape[0]))
-        first = 0 if stiff.any() else 6
-        flexibility[:, first:] = grounded.solve(soft_averages[first:].T.toarray(), advance=advance)
+        flexibility = grounded.solve(soft_averages.T.toarray(), advance=advance)
     border = _border_inverse(soft_averages @ flexibility, soft_averages @ grounded.motions)
     # Motions that the rbe3 points still lack once the rbe2 points have moved, and the forces that bring them there.
     lacking = np.eye(len(stiff))[~stiff] - soft_averages @ lift
@@ -208,16 +205,16 @@ def _motions_of_first(fe_model: FEModel, couplings: Sequence[Coupling], others: 
     return result
 
 
-def _ground(fe_model: FEModel, held: NDArray[np.int64], first: sp.csr_matrix) -> _Grounded:
-    """first: rows that read the first remote point's motion, (6, n_dofs)."""
+def _ground(fe_model: FEModel, held: NDArray[np.int64]) -> _Grounded:
     if held.size:
         nothing = np.zeros((fe_model.n_dofs, 0))
         return _Grounded(factorize(fe_model.stiffness, held=held), nothing, nothing)
     motions = fe_model.rigid_motions()
+    inertia = np.vstack([fe_model.scalar_mass_matrix @ block for block in np.split(motions, 3)])
     # Pivoted QR finds six unknowns that hold the body as firmly as any six can.
     _, _, order = scipy.linalg.qr((motions / np.abs(motions).max(axis=0)).T, mode="economic", pivoting=True)
     factorization = factorize(fe_model.stiffness, held=np.sort(order[:6]))
-    return _Grounded(factorization, motions, first.T @ np.linalg.inv(first @ motions).T)
+    return _Grounded(factorization, motions, inertia @ np.linalg.inv(motions.T @ inertia))
 
 
 def strained_part(positions: Sequence[Array]) -> Array:
@@ -239,8 +236,7 @@ def _border_inverse(flexibility: Array, motions: Array) -> Array:
     n, m = motions.shape
     if n == 0:
         return np.zeros((0, 0))
-    largest = np.diag(flexibility).reshape(-1, 6).max(axis=0)  # 0 of a point that all is measured from
-    rows = np.tile(1.0 / np.sqrt(np.where(largest > 0, largest, 1.0)), n // 6)
+    rows = 1.0 / np.sqrt(np.diag(flexibility))
     columns = 1.0 / np.linalg.norm(rows[:, None] * motions, axis=0)
     scale = np.concatenate([rows, columns])
     matrix = np.block([[0.5 * (flexibility + flexibility.T), motions], [motions.T, np.zeros((m, m))]])

@@ -13,7 +13,7 @@ from nassim.simulation.following import product
 from nassim.simulation.sides import standing_bodies
 from nassim.simulation.small_motion import Assembly, assemble
 from nassim.simulation.spinning import Spinning, spinning
-from nassim.simulation.standing import FRAMES, Parted, View, check_constant, damps_both
+from nassim.simulation.standing import FRAMES, Parted, SeenScene, check_constant, damps_both
 from nassim.systems.feedback import DELAY_ORDER, close_loop
 from nassim.systems.linear_model import LinearModel, sampled, unstable_poles
 from nassim.systems.state_space import StateSpace
@@ -85,7 +85,7 @@ def spun(
         return assembly, spinning(assembly, angular_velocity, axis_point)
     velocity = finite_array("angular_velocity", np.asarray(angular_velocity, dtype=float), (3,))
     parted = Parted(velocity, finite_array("axis_point", np.asarray(axis_point, dtype=float), (3,)), stand, frame)
-    view = View(assembly, parted)
+    view = SeenScene(assembly, parted)
     check_constant(view)
     if damps_both(view):
         assembly = replace(assembly, damping=assembly.damping.of_deformation)

@@ -34,7 +34,7 @@ from nassim.scene.scene import Scene
 from nassim.simulation.buckling import axial_forces, warn_of_buckling
 from nassim.simulation.finite_motion import FiniteMotion, Frame, spring_forces
 from nassim.simulation.small_motion import Assembly, motion_size
-from nassim.simulation.standing import Parted, View, guest_terms, turned_damping
+from nassim.simulation.standing import Parted, SeenScene, guest_terms, turned_damping
 
 STIFFENING = 1e-3
 """Relative change of a frequency by centrifugal stiffening that may be left out without a word."""
@@ -103,7 +103,7 @@ def spinning(
             gyroscopic[place, place], stiffness[place, place] = terms.coriolis, terms.stiffness
             force[place], moment = terms.force, moment + terms.moment
     if parted is not None:
-        view = View(assembly, parted)
+        view = SeenScene(assembly, parted)
         for name in filter(parted.is_guest, assembly.slices):
             own = (assembly.slices[name],) * 2
             gyroscopic[own], stiffness[own] = guest_terms(view, name, gyroscopic[own], stiffness[own])

@@ -121,7 +121,7 @@ class Parted:
 
 
 @dataclass(frozen=True)
-class View:
+class SeenScene:
     """An assembled scene as its describing frame sees it, guests turned by any angle [rad]."""
 
     assembly: Assembly
@@ -164,13 +164,13 @@ class View:
         return result
 
 
-def guest_terms(view: View, name: str, coriolis: Array, stiffness: Array) -> tuple[Array, Array]:
+def guest_terms(view: SeenScene, name: str, coriolis: Array, stiffness: Array) -> tuple[Array, Array]:
     """Coriolis matrix and stiffness of a guest, as the frame sees it, from those at its home, (6, 6) each."""
     mass, drift = view.scene(0.0).split(f"{name}.")[0].mass_matrix, np.kron(np.eye(2), skew(view.parted.drift))
     return coriolis - 2 * mass @ drift, stiffness - coriolis @ drift + mass @ drift @ drift
 
 
-def turned_damping(view: View) -> Array:
+def turned_damping(view: SeenScene) -> Array:
     """What dampers drive as their rows turn, on all coordinates, (n_all, n_all), not symmetric."""
     result = np.zeros((len(view.scale),) * 2)
     for word in view.assembly.words:
@@ -179,7 +179,7 @@ def turned_damping(view: View) -> Array:
     return result
 
 
-def check_constant(view: View) -> None:
+def check_constant(view: SeenScene) -> None:
     """Raise ValueError for what makes a linear model change while a part of the scene turns; the message names it."""
     assembly, parted = view.assembly, view.parted
     for name in filter(parted.is_guest, assembly.slices):
@@ -211,7 +211,7 @@ def check_constant(view: View) -> None:
             _check_change(parted, ", ".join(dict.fromkeys(map(named, words))), change, float(np.linalg.norm(start)))
 
 
-def damps_both(view: View) -> bool:
+def damps_both(view: SeenScene) -> bool:
     """Whether a damping of the scene's modes would be one of what stands and of what turns at once."""
     standing = view.parted.standing
     if any(name in standing for name in view.assembly.slices):
@@ -220,7 +220,7 @@ def damps_both(view: View) -> bool:
     return any(body_of(path) in standing for word in words for path in ends_of(word))
 
 
-def _check_guest(view: View, name: str) -> None:
+def _check_guest(view: SeenScene, name: str) -> None:
     parted = view.parted
     body, _ = view.assembly.scene.split(f"{name}.")
     if isinstance(body, FlexibleBody):
@@ -249,7 +249,7 @@ def _check_change(parted: Parted, what: str, change: float, size: float, cures: 
         )
 
 
-def _figures(view: View, words: Iterable[Tie], angle: float) -> list[Array]:
+def _figures(view: SeenScene, words: Iterable[Tie], angle: float) -> list[Array]:
     """What must stay the same of ties between the same bodies, without units: of joints, what they leave free."""
     scale = view.scale
     joints = [view.rows(word, angle) * scale for word in words if isinstance(word, Constraint)]

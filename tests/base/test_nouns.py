@@ -66,12 +66,15 @@ NOT_DATA = {
         "Notices",
         "Parted",
         "Plant",
+        "SeenScene",
         "Solution",
         "Spinning",
         "Steps",
         "Term",
-        "View",
+        "Welds",
     ),
+    # what there is to see: a page or a picture keeps it
+    *("Block", "Form", "Mark", "Mode", "Shape", "View"),
     # what a study keeps of its runs, in a folder and results of its own
     *(
         "Axis",

@@ -101,7 +101,7 @@ def test_apa_is_meshed_with_prisms_around_its_holes(coupling, apa_prisms):
 def test_sizes_on_faces_refine_there_and_do_not_stick():
     solid = make_bar()
     before = len(generate_mesh(solid, element_size=0.01).Elements3D())
-    refined = len(generate_mesh(solid, element_size=0.01, local_sizes={"left": 0.002}).Elements3D())
+    refined = len(generate_mesh(solid, element_size=0.01, local_sizes={"left": 0.001}).Elements3D())
     after = len(generate_mesh(solid, element_size=0.01).Elements3D())
     assert refined > 3 * before
     assert after < 1.5 * before
