@@ -40,7 +40,7 @@ def states(n_bodies: float) -> dict[str, float]:
 
 def stepped(scene: Scene, method: str | None, steps: int) -> float:
     """CPU time of one more step of 0.1 ms [us]."""
-    push = band_limited_noise(5 * steps / RATE, RATE, cutoff_frequency=300.0, rms=1e-5)
+    push = band_limited_noise(5 * steps / RATE, RATE, cutoff_frequency=300.0, rms=0.1)
     units = tuple(map(scene.input_unit, scene.inputs))
     values = np.outer(np.arange(len(scene.inputs)) == 0, push.values[0])
     options: dict[str, Any] = {"time_step": 1 / RATE, "progress": False} | ({"method": method} if method else {})

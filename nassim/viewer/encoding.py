@@ -144,7 +144,8 @@ def _shape(shape: Shape, form: int) -> dict[str, Any]:
         "name": shape.name,
         "form": form,
         "position": shape.position.tolist(),
-        "rotation": Rotation.from_matrix(shape.rotation).as_quat().tolist(),
+        # A copy, because SciPy before 1.12 takes no arrays that are read-only.
+        "rotation": Rotation.from_matrix(shape.rotation.copy()).as_quat().tolist(),
         "colors": [shape.colors.get(label, GREY) for label in shape.form.labels],
         "text": shape.text,
     }
