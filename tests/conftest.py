@@ -124,8 +124,11 @@ def pair_forces_and_readings():
 
 
 def meshed(mesh, solid, order):
-    """The FE model of a solid on a Netgen mesh that is there: as of `build_fe_model`, whose time is mostly Netgen's."""
-    curved = ng.Mesh(mesh)
+    """The FE model of a solid on a copy of a Netgen mesh: as of `build_fe_model`, whose time is mostly Netgen's.
+
+    Models of one mesh share its curving, so that another order would change those that are there.
+    """
+    curved = ng.Mesh(mesh.Copy())
     curved.Curve(order)
     return assemble_mesh(curved, solid, order)
 

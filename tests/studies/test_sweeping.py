@@ -271,10 +271,11 @@ def test_what_runs_print_and_read_comes_between_nobody(capfd):
 
 
 STUDY = """
-import sys, functools
+import sys, functools, signal
 sys.path.insert(0, {here!r})
 import tiny_functions
 from nassim.studies import sweep
+signal.signal(signal.SIGINT, signal.default_int_handler)  # which shells let what runs in the background ignore
 function = functools.partial(tiny_functions.slow, calls={calls!r})
 sweep(function, grid={{"n": range(40)}}, folder={folder!r}, n_processes=2, progress=False)
 """
