@@ -88,7 +88,8 @@ def main() -> None:
         for name, rows, unit in (("sensor_voltage", SENSORS, "V/V"), ("encoder", ENCODERS, "m/V")):
             save_figure(plot_entries(fine, estimated, rows, unit), args.output / f"{name}.png")
         machine = hexapod(args, cutoff_frequency=None)
-        show(view_scene(machine, looks=hexapod_looks(machine)), args.output / "machine")
+        side = {"camera": (0.3, -0.9, 0.05), "size": (1200, 600)}
+        show(view_scene(machine, looks=hexapod_looks(machine)), args.output / "machine", **side)
         write_hexapod(machine, motion, args.output / "hexapod.html")
     write_summary(args.output, summary)
 
