@@ -1,7 +1,8 @@
 """What studies cost: benches in two processes beside a plain loop, and what scheduling and sending take of every run.
 
-A bench is simulated for a few seconds of noise in linear fidelity, and its FRF is estimated. Where the processors are
-busy with other work, wall times tell little: `quiet_ratio` is that of the processor times, shared by the processes.
+A bench is simulated for 16 s of noise in linear fidelity, as run_bench.py does, and its FRF is estimated. Children keep
+their memory between runs, which a plain loop gives back now and then, so that the ratio may be below one half. Where
+the processors are busy with other work, wall times tell little: `quiet_ratio` is that of the processor times, shared.
 The largest useful number of workers is the duration of a run over the processor time that the busiest process takes of
 every run which all runs pass through: this process, or the scheduler of the Dask cluster that is started here by its
 command lines. With more workers they wait for it.
@@ -28,7 +29,7 @@ from nassim.signals import band_limited_noise
 from nassim.studies import sweep
 
 DURATIONS = {"10 ms": 0.01, "1 s": 1.0, "60 s": 60.0}
-NOISE = band_limited_noise(10.0, 10e3, cutoff_frequency=400.0, rms=0.1)
+NOISE = band_limited_noise(16.0, 10e3, cutoff_frequency=400.0, rms=0.1)
 COLUMNS = {
     "wall time of a run [ms]": "wall_s*1e3:.2f",
     "processor time of it [ms]": "cpu_s*1e3:.2f",
