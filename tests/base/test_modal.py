@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nassim.base.modal import decay_poles, eigenmodes, mac, modal_damping_matrix
+from nassim.base.modal import decay_poles, eigenmodes, held_pole, mac, modal_damping_matrix
 
 N, MASS, STIFFNESS = 8, 0.3, 2e5
 
@@ -127,3 +127,17 @@ def test_poles_of_several_decays():
     once = decay_poles(decays[0], 2e-3, n_poles=8)
     assert np.count_nonzero(np.abs(once - poles[0]) < 1e-5) == 1
     np.testing.assert_array_equal(decay_poles(decays[:1], 2e-3, n_poles=8), once)
+
+
+@pytest.mark.parametrize("rate", [-40.0 + 900.0j, -3.0 + 2.5j, 0.2j])
+def test_a_pole_driven_by_held_and_by_straight_inputs(rate):
+    """Against z' = rate z + start + slope t solved by hand, for steps that a pole hardly or wholly follows."""
+    step, before, start, end = 3e-3, 0.7 - 0.2j, 1.3, -2.6
+    turned = np.exp(rate * step)
+    held = before * turned + start * (turned - 1) / rate
+    slope = (end - start) / step
+    free = before + start / rate + slope / rate**2
+    straight = free * turned - (end / rate + slope / rate**2)
+    for hold_order, expected, tolerance in ((0, held, 1e-11), (1, straight, 1e-7)):
+        now, earlier, decay = held_pole(rate, step, hold_order=hold_order)
+        assert abs(decay * before + now * end + earlier * start - expected) < tolerance * step
