@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from seen import bar, machine, turning
 
-from nassim.viewer import block, view_modes, view_motion, view_scene, write_page
+from nassim.viewer import Form, Mode, Shape, View, block, view_modes, view_motion, view_scene, write_page
 
 webdriver = pytest.importorskip("selenium.webdriver", reason="Selenium drives the browser: pip install selenium")
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
@@ -120,6 +120,13 @@ def test_the_amplitude_is_what_the_slider_and_the_colours_say(browser):
     point = int(np.argmax(largest))
     drawn = np.array(browser.run("return nassim.drawn('bar', arguments[0])", point))
     assert np.linalg.norm(drawn - view.shape("bar").points[point]) == pytest.approx(0.1 * view.size, rel=1e-3)
+
+
+def test_figures_of_what_is_large(browser):
+    browser.open(View("tower", (Shape("tower", Form(block((30.0, 40.0, 120.0)))),), modes=(Mode("none", {}),)))
+    browser.wait("return document.getElementById('amplitude-text').textContent.startsWith('7.8 m;')")
+    assert browser.find("quantity").text == "displacement [m]"
+    assert browser.find("figures").text.split() == ["7.8", "5.85", "3.9", "1.95", "0"]
 
 
 def test_a_motion_plays_and_shows_what_moved(browser):
