@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from seen import TURN, bar, bar_model, machine, turning
 
 import nassim.viewer
-from nassim.viewer import view_mesh, view_modes, view_motion, view_scene, write_page
+from nassim.bodies import Surface
+from nassim.viewer import Form, Shape, View, view_mesh, view_modes, view_motion, view_scene, write_page
 
 TEN = np.linspace(0, len(bar().surface.points) - 1, 10).astype(int)
 """Points at which displacements are compared."""
@@ -95,6 +96,19 @@ def test_copies_of_a_body_share_one_set_of_arrays(written):
     page = written(view_scene(machine()))
     assert [shape["form"] for shape in page.header["shapes"]] == [0, 1, 1, 2]
     assert len(page.header["forms"]) == 3
+
+
+def test_faces_have_the_colours_of_their_labels(written):
+    """Also where there are more parts than a byte can count; the colour of one that has none is grey."""
+    numbers = np.random.default_rng(3).permutation(300)
+    labels = tuple(f"part {k}" for k in numbers)
+    surface = Surface(np.eye(3), np.tile([0, 1, 2], (300, 1)), np.zeros((0, 2), int), labels)
+    colors = {f"part {k}": f"#{k:06x}" for k in range(299)}
+    page = written(View("many", (Shape("many", Form(surface), colors=colors),)))
+    form, shape = page.header["forms"][0], page.shape("many")
+    assert [form["labels"][k] for k in page.array(form["label"])] == [*labels]
+    shown = [shape["colors"][k] for k in page.array(form["label"])]
+    assert shown == [f"#{k:06x}" if k < 299 else "#c9ccd1" for k in numbers]
 
 
 def test_axes_of_marks_stand_in_the_frame_that_they_turn_with(written):
