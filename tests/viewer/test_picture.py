@@ -56,9 +56,16 @@ def test_a_drawing_magnifies_deformation_and_leaves_far_ways_true():
     there = view.shape("bar_2").position + own @ motion.rotations["bar_2"][4].T
     assert np.allclose(drawing.points["bar_2"][: len(own)], there)
     assert "0.2 s, deformation x 100" in drawing.title
+    assert drawing.told == "deformation"
+    assert drawing.lengths["bar_2"][: len(own)] == pytest.approx(
+        np.linalg.norm(bar().surface_modes @ motion.coordinates["bar_2"][4], axis=1)
+    )
     small = view_motion(machine(), turning(angle=1e-4))
-    moved = picture._drawing(small, None, 4, 100.0).points["bar_2"] - small.shape("bar_2").points
+    drawing = picture._drawing(small, None, 4, 100.0)
+    moved = drawing.points["bar_2"] - small.shape("bar_2").points
     assert np.allclose(moved, 100 * small.displacement("bar_2", frame=4))
+    assert drawing.told == "displacement"
+    assert 100 * drawing.lengths["bar_2"] == pytest.approx(np.linalg.norm(moved, axis=1))
 
 
 @pytest.mark.parametrize(
@@ -66,6 +73,7 @@ def test_a_drawing_magnifies_deformation_and_leaves_far_ways_true():
     [
         ({"modes": "mode 9"}, "unknown mode 'mode 9'; known: mode 1"),
         ({"frame": 0}, "has no motion, so no frame 0"),
+        ({"modes": "mode 1: free motion", "frame": 0}, "has no motion, so no frame 0"),
         ({"frame": 0, "magnification": 0}, "magnification must be positive"),
     ],
 )
