@@ -393,7 +393,7 @@ look("iso");
 recolor();
 
 // For whoever wants to read what is shown: [x, y, z] in metres along the world's axes.
-window.nassim = { header, state, ready: true, under,
+window.nassim = { header, state, shapes, marks, ready: true, under,
   displacement: (name, index) => displacement(named[name], index).toArray(),
   drawn: (name, index) => drawnAt({ shape: named[name], index }).toArray(),
   toScreen: place => toScreen(new THREE.Vector3(...place)).toArray() };
