@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from seen import TURN, bar, bar_model, machine, turning
 
 from nassim import RemotePoint, RigidBody, Scene, Solid, craig_bampton
+from nassim.bodies import Surface
 from nassim.fem import glue, solid_surface
 from nassim.scene import Motion
 from nassim.simulation import assemble
@@ -126,6 +127,12 @@ def _alone(body):
     return Scene("alone", (body,))
 
 
+def test_a_thin_rod_is_drawn_thick_enough_to_be_seen():
+    body = RigidBody("rod", {}, 0.3, np.diag([0.3 * 0.5**2 / 12] * 2 + [1e-12]))
+    points = view_scene(_alone(body)).shape("rod").points
+    assert np.ptp(points, axis=0) == pytest.approx([0.01, 0.01, 0.5])
+
+
 def test_blocks_and_cylinders_have_their_volumes():
     volume, centre, _ = inertia(block((1, 2, 3), (4, 5, 6)))
     assert volume == pytest.approx(6)
@@ -212,6 +219,22 @@ def test_a_long_motion_is_thinned_and_a_small_one_is_known():
     assert not View("far", view.shapes, motion=Motion(motion.time, far, {"bar_1": motion.rotations["bar_1"]}, {})).small
 
 
+def test_what_counts_as_small_motion():
+    """Turns and shifts from where bodies stand, over the size of all: up to a fiftieth."""
+    brick = Shape(
+        "brick", Form(block((3, 4, 12))), (100.0, 0, 0), Rotation.from_euler("z", 90, degrees=True).as_matrix()
+    )
+    view = View("brick", (brick,))
+    assert view.bounds == pytest.approx(np.array([[98.0, -1.5, -6.0], [102.0, 1.5, 6.0]]))
+    assert view.size == pytest.approx(13.0)
+    for shift, angle, small in ((0.25, 0.019, True), (0.27, 0.0, False), (0.0, 0.021, False)):
+        # As far at all times, so that between the frames nothing moves.
+        turns = np.tile(Rotation.from_rotvec(angle * np.array([0.6, 0, 0.8])).as_matrix() @ brick.rotation, (2, 1, 1))
+        places = np.tile(brick.position - [0, shift, 0], (2, 1))
+        moved = View("moved", (brick,), motion=Motion([0.0, 1.0], {"brick": places}, {"brick": turns}, {}))
+        assert moved.small is small
+
+
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
@@ -223,6 +246,7 @@ def test_a_long_motion_is_thinned_and_a_small_one_is_known():
         ({"shapes": ()}, "nothing to see"),
         ({"modes": (Mode("a", {}),), "motion": turning}, "modes or a motion, not both"),
         ({"motion": turning}, "unknown shape 'bar_1'"),
+        ({"motion": Motion([0.0], {"rod": np.zeros((1, 3))}, {"rod": np.eye(3)[None]}, {})}, "unknown shape 'rod'"),
     ],
 )
 def test_what_does_not_fit_is_refused(change, problem):
@@ -245,3 +269,27 @@ def test_sharp_edges_between_faces_are_seen_and_shallow_ones_are_not():
     assert len(form.outline) == 96
     assert len(Form(block((1, 1, 1))).outline) == 12
     assert Shape("c", form).points.shape == (96, 3)
+
+
+@pytest.mark.parametrize(
+    ("triangles", "labels", "lines"),
+    [
+        ([[0, 1, 2], [0, 2, 3]], ("a", "a"), 4),
+        ([[0, 1, 2], [0, 3, 2]], ("a", "a"), 4),
+        ([[0, 1, 2], [0, 2, 3]], ("a", "b"), 5),
+        ([[0, 1, 2], [0, 2, 4]], ("a", "a"), 5),
+        ([[0, 1, 2], [0, 2, 3], [0, 2, 4]], ("a", "a", "a"), 7),
+    ],
+    ids=["flat", "wound either way", "two labels", "bent", "three meet"],
+)
+def test_an_open_sheet_ends_where_it_has_no_neighbour(triangles, labels, lines):
+    """A square of two triangles with corners 0 1 2 3, and 4 above its diagonal."""
+    points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1.0]])
+    form = Form(Surface(points, np.array(triangles), np.zeros((0, 2), int), labels))
+    assert len(form.outline) == lines
+    assert ([0, 2] in form.outline.tolist()) == (lines > 4)
+
+
+def test_the_label_of_most_faces_comes_first():
+    surface = Surface(np.eye(3), np.tile([0, 1, 2], (3, 1)), np.zeros((0, 2), int), ("pad", "arm", "arm"))
+    assert Form(surface).labels == ("arm", "pad")
