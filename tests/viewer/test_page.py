@@ -12,7 +12,7 @@ from seen import TURN, bar, bar_model, machine, turning
 
 import nassim.viewer
 from nassim.bodies import Surface
-from nassim.viewer import Form, Shape, View, view_mesh, view_modes, view_motion, view_scene, write_page
+from nassim.viewer import Form, Mode, Shape, View, block, view_mesh, view_modes, view_motion, view_scene, write_page
 
 TEN = np.linspace(0, len(bar().surface.points) - 1, 10).astype(int)
 """Points at which displacements are compared."""
@@ -90,6 +90,36 @@ def test_a_tiny_motion_keeps_its_figures(written):
     assert page.moved("bar_2", "shift", -1, 3) == pytest.approx(shift, rel=1e-6)
     turn = page.moved("bar_2", "turn", -1, 3)
     assert turn == pytest.approx(np.outer(np.linspace(0, 1e-8, 7), [0, 1, 0]), rel=1e-6, abs=1e-15)
+
+
+def test_the_header_holds_the_view(written):
+    """Bounds, lines, names and largest displacements of a scene in small motion."""
+    view = view_motion(machine(), turning(angle=1e-5, n=5))
+    page = written(view)
+    points = np.vstack([shape.form.points @ shape.rotation.T + shape.position for shape in view.shapes])
+    assert page.header["bounds"] == [points.min(axis=0).tolist(), points.max(axis=0).tolist()]
+    assert page.header["small"]
+    moved = [np.linalg.norm(view.displacement("bar_2", frame=k), axis=1).max() for k in range(5)]
+    assert max(moved) > 1.2 * max(moved[0], moved[-1])
+    assert page.header["motion"]["largest"] == pytest.approx(max(moved))
+    form, surface = page.header["forms"][page.shape("bar_1")["form"]], bar().surface
+    for name, lines in (("triangles", surface.triangles), ("edges", surface.edges)):
+        assert np.array_equal(page.array(form[name]), lines.ravel())
+    assert len(page.array(form["outline"])) < len(page.array(form["edges"]))
+    texts = {mark["name"]: mark["text"] for mark in page.header["marks"]}
+    assert "spring spring: bar_1.right to bar_2.right along their line" in texts["spring"]
+    assert page.shape("bar_1")["text"] == "78 g, flexible (ffrf)"
+
+
+def test_a_modes_largest_displacement_may_be_any_bodys(written):
+    """A block spins beside one that stands."""
+    corners = block((0.1, 0.2, 0.3)).points
+    still = Shape("still", Form(block((1, 1, 1))))
+    turns = np.cross([0, 0, 1.0], corners)[:, :, None]
+    turned = Shape("turned", Form(block((0.1, 0.2, 0.3)), modes=turns))
+    page = written(View("two", (still, turned), modes=(Mode("spin", {"turned": [0.5]}),)))
+    assert page.header["modes"][0]["peak"] == pytest.approx(0.5 * np.hypot(0.05, 0.1))
+    assert page.mode(0, "turned") == pytest.approx(0.5 * turns[:, :, 0], abs=1e-5)
 
 
 def test_copies_of_a_body_share_one_set_of_arrays(written):

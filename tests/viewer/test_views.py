@@ -1,5 +1,7 @@
 """What views hold: bodies where they are, displacements that are those of the body, marks where parts are."""
 
+from dataclasses import dataclass, replace
+
 import netgen.occ as occ
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from seen import TURN, bar, bar_model, machine, turning
 from nassim import RemotePoint, RigidBody, Scene, Solid, craig_bampton
 from nassim.bodies import Surface
 from nassim.fem import glue, solid_surface
-from nassim.scene import Motion
+from nassim.scene import Motion, Reading, Row, Sensor
 from nassim.simulation import assemble
 from nassim.viewer import (
     Form,
@@ -98,6 +100,12 @@ def test_modes_move_points_as_the_body_says():
         index = view.shape("bar").form.index("right")
         assert np.allclose(moved[index], vectors[6:9, k])
     assert view_modes(body, n=1).modes[0].name == "mode 1: free motion"
+    guided = view_modes(body, fixed=["left"], guided={"right": "x"}, n=2)
+    assert guided.title == "bar: left held, right free along x"
+    index = guided.shape("bar").form.index("right")
+    for mode in guided.modes:
+        moved = guided.displacement("bar", mode=mode.name)
+        assert np.abs(moved[index, 1:]).max() < 1e-9 * np.abs(moved).max()
 
 
 def test_a_body_without_a_surface_is_rods_that_its_points_carry():
@@ -155,6 +163,47 @@ def test_a_scene_shows_bodies_in_their_places_and_copies_share_one_form():
     for looks, problem in (({"bar": None}, "unknown body 'bar'"), ({"bar_1": block((1, 1, 1))}, "is flexible")):
         with pytest.raises(ValueError, match=problem):
             view_scene(machine(), looks=looks)
+
+
+def test_shapes_and_points_tell_what_they_are():
+    """Masses by hand: a bar of steel of 0.1 m x 1 cm2 has 78 g."""
+    (shape,), (left, right) = view_body(bar()).shapes, view_body(bar()).marks
+    assert shape.text == "78 g, 15 coordinates"
+    assert (left.text, right.text) == ("rbe3 at 0, 0, 0 mm", "rbe3 at 100, 0, 0 mm")
+    texts = {shape.name: shape.text for shape in view_scene(machine()).shapes}
+    bars = dict.fromkeys(("bar_1", "bar_2"), "78 g, flexible (ffrf)")
+    assert texts == {"ground": "fixed", "block": "0.1 kg, rigid", **bars}
+
+
+def test_parts_of_one_kind_have_one_colour():
+    """Rigid bodies of one name in several copies of a machine, beside others; faces of points beside the body's own."""
+    names = ("leg_1/foot", "leg_1/knee", "leg_2/foot", "leg_2/knee")
+    view = view_scene(Scene("walker", tuple(RigidBody(name, {}, 1.0, np.eye(3)) for name in names)))
+    (foot,), (knee,), *others = (shape.colors.values() for shape in view.shapes)
+    assert foot != knee
+    assert [list(colors) for colors in others] == [[foot], [knee]]
+    colors = view_body(bar()).shape("bar").colors
+    assert set(colors) == {"bar", "left", "right"}
+    assert len(set(colors.values())) == 3
+
+
+@dataclass(frozen=True)
+class Gauge(Sensor):
+    """How far a body's right end is from where its frame has it, along the body's own z."""
+
+    name: str
+    body: str
+
+    def says(self, scene):
+        row = Row.of_point(f"{self.body}.right", np.array([0, 0, 1.0]), frame=self.body)
+        return (Reading(self.name, "m", row),)
+
+
+def test_directions_along_a_bodys_own_axes_turn_with_it():
+    scene = replace(machine(), sensors=(Gauge("gauge", "bar_1"),))
+    (mark,) = (mark for mark in view_scene(scene).marks if mark.name == "gauge")
+    assert (mark.kind, mark.ends, mark.frame) == ("sensor", (("bar_1", "right"),), "bar_1")
+    assert mark.axes == pytest.approx(TURN[:, 2][None])
 
 
 def test_marks_stand_where_parts_are_and_point_where_they_act():
