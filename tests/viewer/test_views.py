@@ -12,7 +12,8 @@ from seen import TURN, bar, bar_model, machine, turning
 from nassim import RemotePoint, RigidBody, Scene, Solid, craig_bampton
 from nassim.bodies import Surface
 from nassim.fem import glue, solid_surface
-from nassim.scene import Motion, Reading, Row, Sensor
+from nassim.scene import Motion, Reading, Row, Sensor, SpringDamper
+from nassim.scene.joints import prismatic
 from nassim.simulation import assemble
 from nassim.viewer import (
     Form,
@@ -242,6 +243,27 @@ def test_modes_of_a_scene_hold_its_joints_and_keep_rigid_bodies_stiff():
         points = view.shape("block").points
         stretched = np.einsum("ij,ij->i", points[1:] - points[0], moved["block"][1:] - moved["block"][0])
         assert np.abs(stretched).max() < 1e-9 * size
+
+
+def test_modes_of_a_scene_have_their_own_shapes():
+    """Two weights on springs of their own, the stiffer one named first: sqrt(k / m) of each."""
+    weights = {"stiff": (4.0, np.array([0.1, 0, 0])), "soft": (1.0, np.array([0, 0.2, 0]))}
+    base = RigidBody("base", {name: place for name, (_, place) in weights.items()}, fixed=True)
+    bodies = [RigidBody(name, {"c": np.zeros(3)}, 1.0, np.eye(3), place) for name, (_, place) in weights.items()]
+    scene = Scene(
+        "weights",
+        (base, *bodies),
+        tuple(prismatic(name, f"base.{name}", f"{name}.c", "z") for name in weights),
+        springs=tuple(
+            SpringDamper(f"{name} spring", f"base.{name}", f"{name}.c", "z", (2 * np.pi * 10) ** 2 * k)
+            for name, (k, _) in weights.items()
+        ),
+    )
+    view = view_scene_modes(scene)
+    assert [mode.name for mode in view.modes] == ["mode 1: 10 Hz", "mode 2: 20 Hz"]
+    for mode, moving, still in zip(view.modes, ("soft", "stiff"), ("stiff", "soft"), strict=True):
+        assert np.abs(view.displacement(still, mode=mode.name)).max() < 1e-9
+        assert np.abs(view.displacement(moving, mode=mode.name)) == pytest.approx(np.tile([0, 0, 1.0], (9, 1)))
 
 
 def test_a_motion_moves_points_through_space():
