@@ -180,7 +180,9 @@ def test_a_motion_plays_and_shows_what_moved(browser):
 
 
 def test_a_small_motion_is_magnified_as_a_whole(browser):
-    view = view_motion(machine(), turning(angle=1e-6, size=1e-9))
+    motion = turning(angle=1e-6, size=1e-9)
+    shift = 1e-8 * np.arange(7)[:, None] * [1.0, -2.0, 0.5]
+    view = view_motion(machine(), replace(motion, positions={n: p + shift for n, p in motion.positions.items()}))
     browser.open(view)
     assert "motion, magnified".upper() in browser.find("side").text.upper()
     browser.set("frame", 6)
@@ -191,6 +193,8 @@ def test_a_small_motion_is_magnified_as_a_whole(browser):
         drawn = np.array(browser.run("return nassim.drawn('bar_2', arguments[0])", int(k)))
         moved = view.displacement("bar_2", frame=6)[k]
         assert drawn - view.shape("bar_2").points[k] == pytest.approx(factor * moved, abs=0.1 * (1e-6 * factor) ** 2)
+    expected = view.displacement("bar_2", frame=6)[ten(bar())]
+    assert browser.displacements("bar_2", ten(bar())) == pytest.approx(expected, abs=1e-3 * np.abs(expected).max())
 
 
 def test_parts_are_named_under_the_pointer_and_can_be_hidden(browser):
