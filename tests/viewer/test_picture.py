@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from seen import bar, bar_model, machine, turning
 
-from nassim.viewer import picture, save_picture, view_mesh, view_modes, view_motion, view_scene
+from nassim.viewer import picture, save_picture, view_mesh, view_modes, view_motion, view_scene, view_scene_modes
 from nassim.viewer.views import KINDS
 
 
@@ -136,6 +136,16 @@ def test_a_drawing_of_a_mode_is_as_large_as_on_a_page():
     assert np.linalg.norm(moved, axis=1).max() == pytest.approx(0.06 * view.size)
     exact = view.displacement("bar", mode=view.modes[1].name)
     assert np.allclose(moved / np.abs(moved).max(), exact / np.abs(exact).max())
+
+
+def test_a_drawing_of_a_scenes_mode_is_sized_by_what_moves_most():
+    view = view_scene_modes(machine(), n=5)
+    drawing = picture._drawing(view, view.modes[4].name, None, 1.0)
+    moved = {shape.name: drawing.points[shape.name] - shape.points for shape in view.shapes}
+    far = {name: np.linalg.norm(values, axis=1).max() for name, values in moved.items()}
+    assert max(far.values()) == pytest.approx(0.06 * view.size)
+    assert not far["ground"]
+    assert drawing.largest == max(lengths.max() for lengths in drawing.lengths.values())
 
 
 def test_a_drawing_magnifies_deformation_and_leaves_far_ways_true():

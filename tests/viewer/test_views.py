@@ -362,5 +362,5 @@ def test_an_open_sheet_ends_where_it_has_no_neighbour(triangles, labels, lines):
 
 
 def test_the_label_of_most_faces_comes_first():
-    surface = Surface(np.eye(3), np.tile([0, 1, 2], (3, 1)), np.zeros((0, 2), int), ("pad", "arm", "arm"))
-    assert Form(surface).labels == ("arm", "pad")
+    surface = Surface(np.eye(3), np.tile([0, 1, 2], (3, 1)), np.zeros((0, 2), int), ("arm", "pad", "pad"))
+    assert Form(surface).labels == ("pad", "arm")
