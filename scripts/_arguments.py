@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 from _results import command_line
 
 from nassim.base import whole_run
+from nassim.base.progress import wrapped
 
 
 class Arguments(argparse.ArgumentParser):
@@ -23,12 +24,18 @@ class Arguments(argparse.ArgumentParser):
 
 def parser(doc: str, name: str) -> Arguments:
     """An argument parser with the options that all scripts take."""
-    result = Arguments(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False)
+    result = Arguments(
+        description=_folded(doc), formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
+    )
     default = Path("results") / name
     help_text = f"folder of the results (default: {default})"
     result.add_argument("--output", type=writable_folder, default=str(default), metavar="DIR", help=help_text)
     result.add_argument("--no-plot", action="store_true", help="write no pictures")
     return result
+
+
+def _folded(doc: str) -> str:
+    return "\n\n".join(wrapped(" ".join(paragraph.split()), next_indent="") for paragraph in doc.split("\n\n"))
 
 
 def writable_folder(text: str) -> Path:

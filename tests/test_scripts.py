@@ -65,6 +65,7 @@ def test_help(name, script, capsys):
         script(Path(name).stem).arguments.parse_args(["--help"])
     assert stop.value.code == 0
     told = capsys.readouterr().out
+    assert too_wide(told) == []
     for option in ("--output", "--no-plot"):
         assert option in told
 

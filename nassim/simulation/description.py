@@ -6,6 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from nassim.base.checks import Array
+from nassim.base.progress import wrapped
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.part import Force, Leak, Reading, Spring
 from nassim.scene.scene import Scene
@@ -33,7 +34,11 @@ def describe(scene: Scene) -> str:
         lines.append(f"  {first}/, and the same again {', '.join(f'{other}/' for other in others)}:")
         lines += [f"    {_within(line, first)}" for name, text in entries if name == first for line in text]
     rest = [line for name, text in entries if name not in told and name not in alike for line in text]
-    return "\n".join([*lines, *(f"  {line}" for line in (*rest, *_rest(scene)))])
+    return "\n".join(map(_folded, [*lines, *(f"  {line}" for line in (*rest, *_rest(scene)))]))
+
+
+def _folded(line: str) -> str:
+    return wrapped(line, next_indent=" " * (len(line) - len(line.lstrip()) + 6))
 
 
 def _placed_in(name: str) -> str:
