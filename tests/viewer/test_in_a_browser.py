@@ -274,6 +274,17 @@ def test_a_motion_is_coloured_by_what_its_scale_says(browser, angle):
     assert lengths["bar_2"][5].max() > 0.2 * largest
 
 
+def test_far_ways_of_stiff_bodies_leave_them_their_colours(browser):
+    motion = turning()
+    still = {name: 0 * values for name, values in motion.coordinates.items()}
+    browser.open(view_motion(machine(), replace(motion, coordinates=still)))
+    browser.set("frame", 4)
+    browser.drawn_again()
+    assert not browser.find("colors").is_displayed()
+    assert not browser.run("return nassim.shapes[1].parts[0].material.vertexColors")
+    assert browser.run("return nassim.state.magnification") == 1
+
+
 def play_by_hand(browser, steps):
     """Press play, give the page these times since then [ms] as a screen would, and stop; returns its states between."""
     browser.run(
