@@ -282,7 +282,7 @@ def test_shares_of_several_results_stand_in_one_order():
     """By the largest total share in any of them; an interval need not lie evenly about its estimate."""
     xr = pytest.importorskip("xarray")
     total = np.array([[0.1, 0.6, 0.5], [0.2, 0.0, 0.9]])
-    first = total - 0.05
+    first = total * [1.0, 0.0, 0.5]
     ends = {"low": -0.01, "high": 0.03}
     axes = ("result", "parameter")
     variables = {"total": (axes, total), "first_order": (axes, first)}
