@@ -237,8 +237,10 @@ def test_modes_of_turned_bodies(browser):
     browser.open(view)
     assert browser.run("return document.getElementById('bar').style.background").startswith("linear-gradient(to top,")
     for k in (0, 5):
+        sent = browser.run("return nassim.shapes[2].color.version")
         browser.set("mode", k)
         browser.drawn_again()
+        assert browser.run("return nassim.shapes[2].color.version") > sent, "new colours are sent to be drawn"
         moved = {shape.name: view.displacement(shape.name, mode=view.modes[k].name) for shape in view.shapes}
         largest = max(np.linalg.norm(values, axis=1).max() for values in moved.values())
         for name in ("bar_1", "bar_2", "block"):
