@@ -205,7 +205,7 @@ def test_parts_are_named_under_the_pointer_and_can_be_hidden(browser):
     index = len(bar().surface.points)
     tips = browser.run(at, "bar_2", index + 1)
     assert "spring spring: bar_1.right to bar_2.right along their line" in tips
-    assert "actuator push" in tips
+    assert {"spring spring", "actuator push", "sensor encoder"} <= set(tips.splitlines())
     assert "sensor encoder [m]" in tips
     for box in browser.driver.find_elements("css selector", "#switches input")[:4]:
         box.click()
@@ -215,6 +215,7 @@ def test_parts_are_named_under_the_pointer_and_can_be_hidden(browser):
     time.sleep(0.3)
     assert np.abs(browser.pixels() - before).max() > 50
     assert not browser.run(at, "bar_1", index + 2).startswith("bar_1\n")
+    assert browser.run("return nassim.shapes.map(s => s.group.visible)") == [True, False, True, True]
 
 
 SCALE = ["440154", "482475", "414487", "355f8d", "2a788e", "21918c", "22a884", "44bf70", "7ad151", "bddf26", "fde725"]
