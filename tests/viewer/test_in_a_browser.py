@@ -407,13 +407,18 @@ def test_the_tip_tells_how_far_a_point_moves(browser):
     browser.set("mode", 1)
     browser.set("amplitude", 5)
     points = bar().surface.points
-    index = int(np.argmin(np.linalg.norm(points - [0.1, -0.005, 0.0], axis=1)))
+    along = [int(np.argmin(np.linalg.norm(points - [x, -0.005, 0.0], axis=1))) for x in (0.02, 0.05, 0.08, 0.1)]
     moved = np.linalg.norm(view.displacement("bar", mode=view.modes[1].name), axis=1)
     at = "const p = nassim.toScreen(nassim.drawn(arguments[0], arguments[1])); return nassim.under(p[0] - 6, p[1])"
     browser.run("for (const mark of nassim.marks) mark.object.visible = false")
-    told = browser.run(at, "bar", index).rpartition("displacement ")[2].split()
-    assert told[1] == "mm"
-    assert float(told[0]) == pytest.approx(1e3 * 0.05 * view.size * moved[index] / moved.max(), rel=0.1)
+    units = {"mm": 1e-3, "µm": 1e-6}
+    told = []
+    for index in along:
+        value, unit = browser.run(at, "bar", index).rpartition("displacement ")[2].split()
+        told.append(float(value) * units[unit])
+    largest = 0.05 * view.size
+    assert told == pytest.approx(largest * moved[along] / moved.max(), abs=0.15 * largest)
+    assert np.ptp(told) > 0.5 * largest
     view = view_motion(machine(), turning())
     browser.open(view)
     browser.set("frame", 6)
