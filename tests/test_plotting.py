@@ -22,6 +22,7 @@ from nassim.plotting import (
     plot_sobol,
     plot_time_history,
     plot_tornado,
+    responses,
     save_figure,
 )
 from nassim.systems.noise_budget import NoiseBudget
@@ -119,6 +120,8 @@ def test_a_fit_is_drawn_over_what_was_recorded():
     left, level, _ = (line.get_xydata() for line in axes[2].get_lines())
     assert left[:, 1] == pytest.approx(0.1)
     assert (level[0, 1], level[-1, 1]) == (0.02, 50.0)
+    middle = responses._running_median(np.array([1.0, 2.0, 6.0]), np.array([5.0, 90.0, 7.0]), n_bins=1)
+    assert middle == (pytest.approx([3.0]), pytest.approx([7.0]))
     assert [ax.get_ylabel() for ax in axes] == ["magnitude [m/N]", "phase [deg]", "residual [m/N]"]
 
 
@@ -282,7 +285,7 @@ def test_shares_of_several_results_stand_in_one_order():
     """By the largest total share in any of them; an interval need not lie evenly about its estimate."""
     xr = pytest.importorskip("xarray")
     total = np.array([[0.1, 0.6, 0.5], [0.2, 0.0, 0.9]])
-    first = total - 0.05
+    first = total * [1.0, 0.0, 0.5]
     ends = {"low": -0.01, "high": 0.03}
     axes = ("result", "parameter")
     variables = {"total": (axes, total), "first_order": (axes, first)}

@@ -129,8 +129,8 @@ def _draw(pyvista: Any, plotter: Any, view: View, drawing: _Drawing, *, mesh: bo
         surface, points = shape.form.surface, 1e3 * drawing.points[shape.name]
         body = pyvista.PolyData.from_regular_faces(points, surface.triangles)
         light = {"ambient": 0.25, "diffuse": 0.8, "show_scalar_bar": False}
-        if drawing.lengths is not None:
-            body["length"] = drawing.lengths[shape.name] / (drawing.largest or 1.0)
+        if drawing.lengths is not None and drawing.largest:  # else there is nothing for colours to tell
+            body["length"] = drawing.lengths[shape.name] / drawing.largest
             plotter.add_mesh(body, scalars="length", cmap="viridis", clim=(0, 1), **light)
             _add_lines(pyvista, plotter, 1e3 * shape.points, shape.form.outline, RESTING, 1.2)
         else:
@@ -141,10 +141,11 @@ def _draw(pyvista: Any, plotter: Any, view: View, drawing: _Drawing, *, mesh: bo
         _add_lines(pyvista, plotter, points, shape.form.outline, LINE, 1.6)
         if mesh:
             _add_lines(pyvista, plotter, points, surface.edges, LINE, 1.0, opacity=0.3)
-    if drawing.lengths is None:
-        _draw_marks(pyvista, plotter, view)
+    if not drawing.largest:
         legend = legend if len(legend) <= MOST_NAMES else {}
-        legend |= {f"{mark.kind}s": KINDS[mark.kind] for mark in view.marks}
+        if drawing.lengths is None:
+            _draw_marks(pyvista, plotter, view)
+            legend |= {f"{mark.kind}s": KINDS[mark.kind] for mark in view.marks}
         _add_legend(pyvista, plotter, legend)
     elif alone:
         text = {"title": f"share of the largest {drawing.told}", "color": "black", "vertical": False, "n_labels": 3}

@@ -104,6 +104,8 @@ def view_motion(scene: Scene, motion: Motion, *, frames: int = 300, looks: Mappi
     frames: how many of its times are kept at most, evenly
     looks: see `view_scene`
     """
+    if frames < 1:
+        raise ValueError(f"frames must be 1 or more, got {frames}")
     last = len(motion.time) - 1
     kept = np.unique(np.round(np.linspace(0, last, min(frames, last + 1))).astype(int))
     fields = {"positions": motion.positions, "rotations": motion.rotations, "coordinates": motion.coordinates}

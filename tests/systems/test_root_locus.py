@@ -218,6 +218,10 @@ def test_picture_of_a_root_locus(tmp_path):
     assert any(points[0] == pytest.approx(start, rel=1e-6) for points in marked["x"])
     assert all(np.all(curve[:, 1][np.isfinite(curve[:, 1])] >= 0) for curve in curves)
     assert all(np.nanmax(np.hypot(*curve.T)) <= 1.1 * 120.0 for curve in curves)
+    lines = [line for line in ax.get_lines() if line.get_marker() == "."]
+    twins = [line.get_color() for line in lines if line.get_xdata()[0] == pytest.approx(start[0], rel=1e-6)]
+    assert len(twins) == 2
+    assert len(set(twins)) == 1, "a pole and its conjugate have one colour"
     rays = {text.get_text(): np.array(text.xy) for text in ax.texts}
     assert rays["0.3"] / np.hypot(*rays["0.3"]) == pytest.approx([-0.3, np.sqrt(1 - 0.3**2)])
     told = [text.get_text() for text in ax.get_legend().get_texts()]

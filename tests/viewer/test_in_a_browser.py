@@ -205,7 +205,7 @@ def test_parts_are_named_under_the_pointer_and_can_be_hidden(browser):
     index = len(bar().surface.points)
     tips = browser.run(at, "bar_2", index + 1)
     assert "spring spring: bar_1.right to bar_2.right along their line" in tips
-    assert "actuator push" in tips
+    assert {"spring spring", "actuator push", "sensor encoder"} <= set(tips.splitlines())
     assert "sensor encoder [m]" in tips
     for box in browser.driver.find_elements("css selector", "#switches input")[:4]:
         box.click()
@@ -215,6 +215,7 @@ def test_parts_are_named_under_the_pointer_and_can_be_hidden(browser):
     time.sleep(0.3)
     assert np.abs(browser.pixels() - before).max() > 50
     assert not browser.run(at, "bar_1", index + 2).startswith("bar_1\n")
+    assert browser.run("return nassim.shapes.map(s => s.group.visible)") == [True, False, True, True]
 
 
 SCALE = ["440154", "482475", "414487", "355f8d", "2a788e", "21918c", "22a884", "44bf70", "7ad151", "bddf26", "fde725"]
@@ -237,8 +238,10 @@ def test_modes_of_turned_bodies(browser):
     browser.open(view)
     assert browser.run("return document.getElementById('bar').style.background").startswith("linear-gradient(to top,")
     for k in (0, 5):
+        sent = browser.run("return nassim.shapes[2].color.version")
         browser.set("mode", k)
         browser.drawn_again()
+        assert browser.run("return nassim.shapes[2].color.version") > sent, "new colours are sent to be drawn"
         moved = {shape.name: view.displacement(shape.name, mode=view.modes[k].name) for shape in view.shapes}
         largest = max(np.linalg.norm(values, axis=1).max() for values in moved.values())
         for name in ("bar_1", "bar_2", "block"):
@@ -272,6 +275,17 @@ def test_a_motion_is_coloured_by_what_its_scale_says(browser, angle):
     assert top == pytest.approx(1e9 * largest, rel=1e-2)
     check_colors(browser, "bar_2", lengths["bar_2"][5] / largest)
     assert lengths["bar_2"][5].max() > 0.2 * largest
+
+
+def test_far_ways_of_stiff_bodies_leave_them_their_colours(browser):
+    motion = turning()
+    still = {name: 0 * values for name, values in motion.coordinates.items()}
+    browser.open(view_motion(machine(), replace(motion, coordinates=still)))
+    browser.set("frame", 4)
+    browser.drawn_again()
+    assert not browser.find("colors").is_displayed()
+    assert not browser.run("return nassim.shapes[1].parts[0].material.vertexColors")
+    assert browser.run("return nassim.state.magnification") == 1
 
 
 def play_by_hand(browser, steps):
@@ -393,13 +407,18 @@ def test_the_tip_tells_how_far_a_point_moves(browser):
     browser.set("mode", 1)
     browser.set("amplitude", 5)
     points = bar().surface.points
-    index = int(np.argmin(np.linalg.norm(points - [0.1, -0.005, 0.0], axis=1)))
+    along = [int(np.argmin(np.linalg.norm(points - [x, -0.005, 0.0], axis=1))) for x in (0.02, 0.05, 0.08, 0.1)]
     moved = np.linalg.norm(view.displacement("bar", mode=view.modes[1].name), axis=1)
     at = "const p = nassim.toScreen(nassim.drawn(arguments[0], arguments[1])); return nassim.under(p[0] - 6, p[1])"
     browser.run("for (const mark of nassim.marks) mark.object.visible = false")
-    told = browser.run(at, "bar", index).rpartition("displacement ")[2].split()
-    assert told[1] == "mm"
-    assert float(told[0]) == pytest.approx(1e3 * 0.05 * view.size * moved[index] / moved.max(), rel=0.1)
+    units = {"mm": 1e-3, "µm": 1e-6}
+    told = []
+    for index in along:
+        value, unit = browser.run(at, "bar", index).rpartition("displacement ")[2].split()
+        told.append(float(value) * units[unit])
+    largest = 0.05 * view.size
+    assert told == pytest.approx(largest * moved[along] / moved.max(), abs=0.15 * largest)
+    assert np.ptp(told) > 0.5 * largest
     view = view_motion(machine(), turning())
     browser.open(view)
     browser.set("frame", 6)

@@ -1,6 +1,7 @@
 """Pictures drawn off the screen: the figures in them, without PyVista a message."""
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -92,6 +93,17 @@ def test_a_frame_is_drawn_where_it_is_and_coloured_by_its_share(tmp_path, monkey
     assert all(style["clim"] == (0, 1) for _, style in told.bodies())
     rest = np.concatenate([1e3 * view.shape(name).points[view.shape(name).form.outline] for name in own])
     assert told.lines(picture.RESTING)[: len(rest)] == pytest.approx(rest, abs=1e-6)
+
+
+def test_far_ways_of_stiff_bodies_leave_them_their_colours(tmp_path, monkeypatch):
+    """Where nothing deforms, colours of deformation would tell nothing."""
+    told, motion = Told(monkeypatch), turning()
+    still = {name: 0 * values for name, values in motion.coordinates.items()}
+    view = view_motion(machine(), replace(motion, coordinates=still))
+    save_picture(view, tmp_path / "p.png", frame=4, size=(300, 200))
+    assert not told.bars
+    assert all(style["scalars"] == "color" for _, style in told.bodies())
+    assert not any(style.get("color") in KINDS.values() for _, style in told.meshes)
 
 
 def test_a_picture_at_rest_has_the_colours_of_faces_and_marks(tmp_path, monkeypatch):

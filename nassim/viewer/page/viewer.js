@@ -13,10 +13,11 @@ const time = motion && array(motion.time);
 const COLORS = ("#440154 #482475 #414487 #355f8d #2a788e #21918c #22a884 #44bf70 #7ad151 #bddf26 #fde725") // viridis
   .split(" ").map(text => new THREE.Color(text));
 const REST = new THREE.Quaternion();
+const largestTrue = () => header.small ? motion.largest : motion.largest_deformation;
 
 // What is shown now. phase: of a mode's swing; frame: of a motion.
 const state = { mode: 0, frame: 0, phase: Math.PI / 2, amplitude: 0.06, magnification: 1, playing: false, speed: 1,
-  clock: 0, colored: modes.length > 0 || Boolean(motion) };
+  clock: 0, colored: modes.length > 0 || Boolean(motion && largestTrue()) };
 
 // ---- forms and shapes
 
@@ -162,7 +163,6 @@ function placeMarks() {
 
 // ---- what is drawn of the state
 
-const largestTrue = () => header.small ? motion.largest : motion.largest_deformation;
 const largestShown = () => modes.length ? state.amplitude * size : largestTrue();
 
 function update({ deformed = true } = {}) {
