@@ -9,7 +9,6 @@ import scipy.signal
 
 from models.bench import make_bench
 from nassim import FRF, RigidBody, TimeHistory, estimate_frf, frequency_response, linearize, load, save, simulate
-from nassim.base.modal import held_pole
 from nassim.base.nouns import upgraded
 from nassim.identification.apply import apply_identification, modal_gains
 from nassim.identification.modal_fit import ModalFit, identify_modes
@@ -25,11 +24,11 @@ WITHIN = 1.96
 
 
 def oscillator(u, frequency, ratio, rate, hold_order=0):
-    """Exact response of an oscillator with unit static gain, from rest."""
+    """Exact response of an oscillator with unit static gain, from rest, by SciPy's discrete equivalents."""
     omega = 2 * np.pi * frequency
-    pole = complex(-ratio * omega, omega * np.sqrt(1 - ratio**2))
-    now, before, decay = held_pole(pole, 1 / rate, hold_order=hold_order)
-    return omega**2 * scipy.signal.lfilter([now, before], [1, -decay], u.astype(complex)).imag / pole.imag
+    continuous = [omega**2], [1, 2 * ratio * omega, omega**2]
+    forward, back, _ = scipy.signal.cont2discrete(continuous, 1 / rate, method=("zoh", "foh")[hold_order])
+    return scipy.signal.lfilter(np.ravel(forward), back, u)
 
 
 def make_record(seed, *, duration=2.0, rate=2000.0, noise=0.05, hold_order=0, n_modes=2, extra=0.0):
