@@ -124,6 +124,7 @@ def test_poles_of_several_decays():
     found = decay_poles(decays, 2e-3, n_poles=8)
     for pole in poles:
         assert np.count_nonzero(np.abs(found - pole) < 1e-5) == np.count_nonzero(poles == pole)
+    assert len(decay_poles(decays, 2e-3, n_poles=12)) == 8, "no more than are there"
     once = decay_poles(decays[0], 2e-3, n_poles=8)
     assert np.count_nonzero(np.abs(once - poles[0]) < 1e-5) == 1
     np.testing.assert_array_equal(decay_poles(decays[:1], 2e-3, n_poles=8), once)
