@@ -276,7 +276,7 @@ def _noise(lines: Lines, solution: Solution, shape: Array | None) -> Array:
     floor = EXACT * np.sqrt(np.mean(np.abs(responses) ** 2, axis=1, keepdims=True))
     noise = shape
     if noise is None:
-        # Of log |r|^2 only the course counts: it scatters about less than the variance's, which the end makes up for.
+        # Only the course of log |r|^2 counts: its level, Euler's constant below the variance's, is set by the misfit.
         first, last = lines.omega[[0, -1]]
         basis = np.polynomial.chebyshev.chebvander((2 * lines.omega - first - last) / (last - first), NOISE_DEGREE)
         level = np.log(power + floor**2)
