@@ -277,10 +277,10 @@ def _noise(lines: Lines, solution: Solution, shape: Array | None) -> Array:
     floor = EXACT * np.sqrt(np.mean(np.abs(responses) ** 2, axis=1, keepdims=True))
     noise = shape
     if noise is None:
-        # A complex Gaussian's log |r|^2 scatters about log(variance) - Euler's constant.
+        # Only the course of log |r|^2 counts: its level, Euler's constant below the variance's, is set by the misfit.
         first, last = lines.omega[[0, -1]]
         basis = np.polynomial.chebyshev.chebvander((2 * lines.omega - first - last) / (last - first), NOISE_DEGREE)
-        level = np.log(power + floor**2) + np.euler_gamma
+        level = np.log(power + floor**2)
         # Chebyshev's polynomials are so well conditioned that normal equations do.
         noise = np.exp(0.5 * basis @ np.linalg.solve(basis.T @ basis, basis.T @ level.T)).T
     noise = np.maximum(noise, floor)

@@ -424,6 +424,10 @@ def test_another_key_is_computed_anew(cache):
     assert build.calls == 2
     assert len(list(cache.glob("part-*.h5"))) == 2
     assert_same(cached("part", fingerprint(1), build), record(1))
+    # Sixteen digits of a key tell results apart.
+    for last in "abc":
+        cached("part", 15 * "0" + last + 48 * "0", build)
+    assert build.calls == 5
 
 
 @pytest.mark.usefixtures("cache")
@@ -468,7 +472,7 @@ def test_interrupted_saving_leaves_no_file(cache, monkeypatch):
 def test_fingerprints_differ_wherever_the_inputs_do():
     steel = Material("steel", 210e9, 0.3, 7850.0)
     parts = [
-        1, 1.0, "1", b"1", None, True, (1,), [1], (1, 2), ((1,), 2), {"a": 1}, {"b": 1}, {"a": 2},
+        1, 1.0, "1", b"1", None, True, (1,), [1], (1, 2), ((1,), 2), ((1, 2),), {"a": 1}, {"b": 1}, {"a": 2},
         np.zeros(2), np.zeros((2, 1)), np.zeros(2, dtype=int), steel, Material("steel", 210e9, 0.3, 7851.0),
         record(), frf(),
     ]  # fmt: skip

@@ -79,6 +79,10 @@ def test_a_rigid_bodys_inertia():
     assert found.misfit < 1e-15
     wrong = np.diag([3.0, 3.0, 9.0] + [1e-3] * 3 + [1.0] * 3 + [1e-3] * 3)
     assert rigid_inertia(wrong, rigid_motions(positions, 12)).misfit > 0.5
+    # Momentum along an axis by turning about it, which no body has: 0.05 kg m over 2 kg and a radius of 0.1 m.
+    screw = np.diag([2.0] * 3 + [0.02] * 3)
+    screw[0, 3] = screw[3, 0] = 0.05
+    assert rigid_inertia(screw, np.eye(6)).misfit == pytest.approx(0.05 / (2.0 * 0.1))
 
 
 def stretched_by_spin(body, angular_velocity):

@@ -50,3 +50,27 @@ def test_two_stacks_in_line_keep_their_force_per_volt():
 def test_every_figure_of_the_data_sheet_is_checked(name, value, problem):
     with pytest.raises(ValueError, match=f"piezo stack: {name} .*{problem}"):
         replace(SHEET, **{name: value})
+
+
+def test_a_data_sheet_becomes_a_stack():
+    """Length first, then the sides of the cross-section; the range from lowest to highest, or as one figure."""
+    sheet = {"free_stroke": 20e-6, "blocked_force": 1000.0, "capacitance": 5e-6, "size": (20e-3, 4e-3, 6e-3)}
+    stack = PiezoStack.from_datasheet(**sheet, voltage_range=(-30.0, 120.0), stiffness=45e6, transverse_ratio=-0.4)
+    assert (stack.length, stack.area, stack.voltage_range) == pytest.approx((20e-3, 24e-6, 150.0))
+    assert (stack.stiffness, stack.transverse_ratio) == (45e6, -0.4)
+    assert PiezoStack.from_datasheet(**sheet, voltage_range=150.0).stiffness == pytest.approx(50e6)
+
+
+def test_a_force_that_no_ceramic_bears_is_refused():
+    """A section in mm2 taken for m2, or in m2 for what it is."""
+    with pytest.raises(ValueError, match=r"blocked_force of 1000 N on 1e-06 m2 is 1e\+03 MPa; ceramics give 30 to 50"):
+        replace(SHEET, area=1e-6)
+    assert replace(SHEET, area=2.1e-6).area == 2.1e-6
+
+
+@pytest.mark.parametrize(("factor", "verdict"), [(0.5, "low: are there"), (0.7, "usual"), (0.9, "high: stroke")])
+def test_the_coupling_factor_is_compared_with_those_of_ceramics(factor, verdict):
+    """k33^2 = k d^2 / C, so the capacitance says which."""
+    stack = replace(SHEET, capacitance=50e6 * (20e-6 / 200) ** 2 / factor**2)
+    assert stack.coupling_factor == pytest.approx(factor)
+    assert f"k33 {factor:.3f} (ceramics: 0.65 to 0.78; {verdict}" in stack.consistency()

@@ -183,6 +183,18 @@ def test_a_reduced_body_is_repaired_as_one(apa, capsys):
     assert np.abs(mended.elastic_shift).max() < 1e-3
 
 
+def test_a_body_whose_mass_is_repaired_has_the_integrals_of_that(apa, capsys):
+    """They are those of the new mass matrix, and a guess where that does not tell."""
+    noise = 1e-10 * np.random.default_rng(1).normal(size=apa.mass_matrix.shape)
+    spoilt = replace(apa, mass_matrix=apa.mass_matrix * (1 + noise), enriched=None)
+    mended = repair(spoilt).body
+    assert not mended.full_integrals
+    n = len(mended.mass_matrix)
+    trace = np.einsum("jckc->jk", mended.gram[4:, 4:].reshape(n, 3, n, 3))
+    scale = np.sqrt(np.outer(np.diag(mended.mass_matrix), np.diag(mended.mass_matrix)))
+    np.testing.assert_allclose(trace / scale, mended.mass_matrix / scale, rtol=0, atol=1e-14)
+
+
 @pytest.mark.parametrize("apart", [True, False], ids=["nodes apart", "nodes in one place"])
 def test_imported_bodies_run_in_both_fidelities(own, apart, capsys):
     """On the bench with a payload: equal frequencies and sag, in Exudyn and by hand."""

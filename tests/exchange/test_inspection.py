@@ -174,6 +174,10 @@ def test_every_other_defect_has_its_line(own):
 def test_the_range_is_that_of_the_kept_modes(own):
     held = np.sqrt(own.stiffness_matrix[-1, -1]) / (2 * np.pi)
     assert check(own)["range"].figures["good_to_Hz"] == pytest.approx(held / 1.5)
+    # In amplitudes of another size the modal masses are no ones, but the modes are the same.
+    scale = np.concatenate([np.ones(12), np.geomspace(0.1, 5.0, own.n_modes)])
+    scaled = with_matrices(own, lambda matrix: scale[:, None] * matrix * scale)
+    assert check(scaled)["range"].figures["good_to_Hz"] == pytest.approx(held / 1.5)
 
 
 def test_the_spin_limit_is_a_thirtieth_of_the_first_elastic_frequency(own):

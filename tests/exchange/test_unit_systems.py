@@ -7,7 +7,7 @@ import pytest
 
 from nassim.base.units import to_si
 from nassim.exchange.superelement import superelement
-from nassim.exchange.unit_systems import FORCES, LENGTHS, MASSES, SYSTEMS, Looks, unit_factors
+from nassim.exchange.unit_systems import FORCES, LENGTHS, MASSES, SYSTEMS, Looks, likely_units, unit_factors
 
 # International yard and pound agreement (1959), CGPM (1901): exact.
 FOOT, POUND, GRAVITY = Fraction(3048, 10000), Fraction(45359237, 10**8), Fraction(980665, 10**5)
@@ -116,6 +116,18 @@ def test_reread_figures_are_those_of_the_same_numbers(given, other):
     again = read.reread(given, other)
     for name, value in true.figures.items():
         assert again.figures[name] == pytest.approx(value, rel=1e-12), name
+
+
+@pytest.mark.parametrize(("units", "others"), [("in-lbf-lb", 3), ("in-lbf-slinch", 2)])
+def test_the_likeliest_units_make_a_body_as_dense_as_metals(units, others):
+    """Aluminium in inches, read as metres: before those that would make it foam come the true ones."""
+    length, force, mass = defined(units)
+    speed = 5000.0 / length / np.sqrt(force / (mass * length))
+    found = likely_units(Looks(0.6 / mass, 0.25 / length, speed, 2700.0 / (mass / length**3)), "m-N-kg")
+    assert found[0][0] == units
+    assert tuple(found[0][1].figures.values()) == pytest.approx((0.6, 0.25, 5000.0, 2700.0))
+    assert len(found) == 1 + others
+    assert all(looks.density < 300.0 for _, looks in found[1:])
 
 
 def test_unknown_systems_are_refused():

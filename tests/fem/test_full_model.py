@@ -6,7 +6,7 @@ import scipy.linalg
 from conftest import lattice
 
 from nassim import condense
-from nassim.fem.condensation import expanded_dofs
+from nassim.fem.condensation import Condensation, expanded_dofs
 from nassim.fem.full_model import full_eigenfrequencies, full_frequency_response
 
 
@@ -98,3 +98,24 @@ def test_response_of_a_free_body_is_refused():
             damping_ratio=0.01,
             progress=False,
         )
+
+
+def test_solves_are_counted_and_end_when_nothing_changes(monkeypatch):
+    """Of two inputs, each with a basis of its own, far fewer than unknowns."""
+    calls, solve = [], Condensation.solve_fixed
+    monkeypatch.setattr(
+        Condensation, "solve_fixed", lambda *given, **options: calls.append(1) or solve(*given, **options)
+    )
+    model = lattice(n=6)
+    solution = full_frequency_response(
+        condense(model, progress=False),
+        np.array([1.0, 5.0]),
+        inputs={"push": {"right.ux": 1.0}, "twist": {"right.rx": 1.0}},
+        outputs={"motion": {"right.ux": 1.0}},
+        damping_ratio=0.01,
+        fixed=["left"],
+        tolerance=1e-6,
+        progress=False,
+    )
+    assert solution.n_solves == len(calls)
+    assert 4 < solution.n_solves < model.n_dofs // 6

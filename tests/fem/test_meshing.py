@@ -214,9 +214,37 @@ def test_prisms_that_netgen_cannot_make_become_tetrahedra(monkeypatch):
     assert kinds(mesh) == {ng.ET.TET}
 
 
-def test_mesh_that_misses_the_volume_is_reported():
+def make_rod():
     rod = occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, 0.004, 0.02)
     rod.name = "rod"
-    solid = Solid("rod", rod, {"rod": STEEL})
+    return Solid("rod", rod, {"rod": STEEL})
+
+
+def test_mesh_that_misses_the_volume_is_reported():
     with pytest.warns(UserWarning, match="more volume than the CAD; give its curved faces smaller elements"):
-        build_fe_model(solid, element_size=0.02, order=2, progress=False)
+        build_fe_model(make_rod(), element_size=0.02, order=2, progress=False)
+
+
+def test_curved_faces_have_as_many_elements_per_radius_as_asked_for():
+    """So many chords around a circle of 4 mm, which miss the less of its volume: 2 pi^2 / 3 n^2 of n chords."""
+    volumes = [ng.Integrate(1, ng.Mesh(generate_mesh(make_rod(), element_size=0.02, curvature=c))) for c in (0.5, 3.0)]
+    missed = 1 - np.array(volumes) / (np.pi * 0.004**2 * 0.02)
+    assert missed[1] < 2 * np.pi**2 / (3 * 15**2)
+    assert missed[0] > 4 * missed[1]
+
+
+def test_each_trial_has_its_own_grading_and_size(monkeypatch):
+    """Netgen fails four times: finer elements are asked for at last, and the model says so."""
+    asked, generate = [], meshing._generate
+
+    def fail_at_first(shape, options):
+        asked.append((options["grading"], options["maxh"]))
+        if len(asked) < 5:
+            raise meshing.NgException("Meshing failed!")
+        return generate(shape, options)
+
+    monkeypatch.setattr(meshing, "_generate", fail_at_first)
+    model = build_fe_model(make_bar(), element_size=0.02, order=2, progress=False)
+    expected = [(0.7, 0.02), (0.5, 0.02), (0.3, 0.02), (0.7, 0.016), (0.5, 0.016)]
+    np.testing.assert_allclose(asked, expected)
+    assert "made with grading 0.5 and 0.8 times the size" in model.description

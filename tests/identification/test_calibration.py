@@ -76,6 +76,19 @@ def test_deviations_follow_from_the_tolerances():
     assert result.errors["stiffness"] == pytest.approx(0.0, abs=1e-9)
 
 
+def test_figures_that_contradict_each_other_are_met_half_way():
+    """Two figures of one length: their weighted mean in logarithms, too large for the lesser of them."""
+    targets = [Target("by_tape", 0.100, 0.01), Target("by_laser", 0.101, 0.005)]
+    rod = Parameter("length", 0.1, 0.05, 0.2)
+    found = calibrate(lambda p: dict.fromkeys(("by_tape", "by_laser"), p["length"]), [rod], targets,
+                      sensitivity=[[1.0], [1.0]], report=(lines := []).append)  # fmt: skip
+    expected = 0.100 * 1.01 ** (4 / 5)
+    assert found.values["length"] == pytest.approx(expected, rel=1e-9)
+    assert found.deviations["length"] == pytest.approx(1 / np.hypot(1 / 0.01, 1 / 0.005))
+    assert found.errors == pytest.approx({"by_tape": expected / 0.100 - 1, "by_laser": expected / 0.101 - 1}, rel=1e-6)
+    assert lines[-1] == "by_tape +0.799 %; by_laser -0.199 %"
+
+
 def test_what_was_not_fitted_moves_what_was():
     """Stiffness goes with modulus, width and height cubed, so the modulus with their inverses: exact, not linear."""
     target = Target("stiffness", 1.3 * cantilever({"width": 0.010, "height": 0.005})["stiffness"], 0.01)

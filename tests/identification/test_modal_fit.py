@@ -9,7 +9,6 @@ import scipy.signal
 
 from models.bench import make_bench
 from nassim import FRF, RigidBody, TimeHistory, estimate_frf, frequency_response, linearize, load, save, simulate
-from nassim.base.modal import held_pole
 from nassim.base.nouns import upgraded
 from nassim.identification.apply import apply_identification, modal_gains
 from nassim.identification.modal_fit import ModalFit, identify_modes
@@ -25,11 +24,11 @@ WITHIN = 1.96
 
 
 def oscillator(u, frequency, ratio, rate, hold_order=0):
-    """Exact response of an oscillator with unit static gain, from rest."""
+    """Exact response of an oscillator with unit static gain, from rest, by SciPy's discrete equivalents."""
     omega = 2 * np.pi * frequency
-    pole = complex(-ratio * omega, omega * np.sqrt(1 - ratio**2))
-    now, before, decay = held_pole(pole, 1 / rate, hold_order=hold_order)
-    return omega**2 * scipy.signal.lfilter([now, before], [1, -decay], u.astype(complex)).imag / pole.imag
+    continuous = [omega**2], [1, 2 * ratio * omega, omega**2]
+    forward, back, _ = scipy.signal.cont2discrete(continuous, 1 / rate, method=("zoh", "foh")[hold_order])
+    return scipy.signal.lfilter(np.ravel(forward), back, u)
 
 
 def make_record(seed, *, duration=2.0, rate=2000.0, noise=0.05, hold_order=0, n_modes=2, extra=0.0):
@@ -131,6 +130,9 @@ def test_modes_outside_the_band_are_left_to_the_residual_terms():
     fit = identify(make_record(0, noise=0.0, duration=4.0), band=(40.0, 180.0), n_modes=1)
     expected = [FREQUENCY[0], RATIO[0], *GAINS[:, 0]]
     np.testing.assert_allclose(found(fit), expected, rtol=2e-3)
+    # With its residual terms the fit is the whole response, the mode outside included.
+    frequency = np.array([45.0, 70.0, 120.0, 150.0])
+    np.testing.assert_allclose(fit.response(frequency).values[:, 0], model_frf(frequency), rtol=5e-3)
     fit = identify(make_record(0, noise=0.0, duration=4.0), band=(200.0, 400.0), n_modes=1, residual_powers=(-2, 0, 1))
     expected = [FREQUENCY[1], RATIO[1], *GAINS[:, 1]]
     np.testing.assert_allclose(found(fit), expected, rtol=2e-2)
@@ -304,6 +306,82 @@ def test_correlated_lines_widen_the_intervals():
     widened = correlated.damping_ratio_std / independent.damping_ratio_std
     # The variance of a sum rises by 4 / 1.5; the noise itself is as large as before.
     np.testing.assert_allclose(widened, np.sqrt(4 / 1.5), rtol=0.3)
+    flat = scipy.signal.lfilter([0.5, 0.5, 0.5, 0.5], [1.0], frf.values - exact, axis=2)
+    correlated = identify(replace(frf, values=exact + flat), **options)
+    # Fourfold: 1 + 2 (3/4 + 2/4 + 1/4); by the next line alone it would be 2.5.
+    assert np.mean(correlated.damping_ratio_std / independent.damping_ratio_std) == pytest.approx(2.0, rel=0.15)
+
+
+def some_frf(seed, *, gains=GAINS, ratio=RATIO, size=0.01, spacing=0.5, extra=0.0):
+    """Two modes, given to `identify` with noise of a size that is the same at all lines."""
+    frequency = np.arange(20.0, 450.0, spacing)
+    modes = 1 / (1 - (frequency / FREQUENCY[:, None]) ** 2 + 2j * ratio[:, None] * frequency / FREQUENCY[:, None])
+    noise = np.random.default_rng(seed).standard_normal((2, 2, len(frequency)))
+    values = gains @ modes + extra + size * np.array([[1.0], [1e-5]]) * (noise[0] + 1j * noise[1])
+    return FRF(frequency, values[:, None], OUTPUTS, ("u",))
+
+
+FRFS = {"hold_order": None, "band": (20.0, 449.0), "n_modes": 2}
+
+
+def test_modes_found_in_any_order_keep_their_gains_and_deviations():
+    """A mode is known as well whether the other, far away, is faint or strong and so found first."""
+    ratio = np.array([0.003, 0.03])
+    fits = []
+    for strong in (0.03, 100.0):
+        gains = GAINS * np.array([1.0, strong / 0.3])
+        fits.append(identify(some_frf(2, gains=gains, ratio=ratio), **FRFS))
+        np.testing.assert_allclose(fits[-1].gains, gains, rtol=0.2)
+        np.testing.assert_allclose(fits[-1].frequency, FREQUENCY, rtol=0.02)
+    faint, strong = fits
+    np.testing.assert_allclose(strong.gains_std[:, 0], faint.gains_std[:, 0], rtol=0.1)
+    np.testing.assert_allclose(strong.frequency_std[0], faint.frequency_std[0], rtol=0.1)
+    assert strong.gains_std[0, 1] / strong.gains_std[0, 0] == pytest.approx(
+        faint.gains_std[0, 1] / faint.gains_std[0, 0], rel=0.1
+    )
+
+
+def test_only_the_mode_with_a_systematic_residual_is_enlarged():
+    """Two modes at 98 Hz are fitted as one; the stronger one at 286 Hz, which is found first, hardly suffers."""
+    f, gains = np.arange(20.0, 450.0, 0.5), GAINS * np.array([1.0, 1000.0])
+    beside = GAINS[:, :1] / (1 - (f / 98.9) ** 2 + 2j * 0.01 * f / 98.9)
+    alone = identify(some_frf(3, gains=gains), **FRFS)
+    with pytest.warns(UserWarning, match="systematic near 98"):
+        both = identify(some_frf(3, gains=gains, extra=beside), **FRFS)
+    enlarged = both.damping_ratio_std / alone.damping_ratio_std
+    # What the misfit leaves far away counts as noise there, which is little beside it.
+    assert enlarged[0] > 100 * enlarged[1]
+
+
+@pytest.mark.parametrize("outputs", [OUTPUTS, OUTPUTS[:1]])
+def test_noise_of_few_lines_makes_up_for_what_the_fit_takes_up(outputs):
+    """Twenty lines, whose residual is small because there are few; the coherence gives the shape of the noise.
+
+    The mean over forty records; each of the modes' and residual terms takes a real number of an output's forty.
+    """
+    frequency = np.linspace(80.0, 116.0, 20)
+    exact = GAINS[:, :1] / (1 - (frequency / 98.0) ** 2 + 2j * 0.03 * frequency / 98.0)
+    size = np.array([[0.5], [2e-6]])
+    gamma = 1 / (1 + 2 * (size / np.abs(exact)) ** 2)
+    found = []
+    for seed in range(40):
+        noise = np.random.default_rng(seed).standard_normal((2, 2, 20))
+        values = exact + size * (noise[0] + 1j * noise[1])
+        frf = FRF(frequency, values[:, None], OUTPUTS, ("u",), gamma)
+        fit = identify(frf, outputs=outputs, hold_order=None, band=(80.0, 116.0), n_modes=1)
+        found.append(np.mean(fit.noise**2, axis=1) / 2 / size[: len(outputs), 0] ** 2)
+    np.testing.assert_allclose(np.mean(found, axis=0), 1.0, rtol=0.12)
+
+
+def test_a_coherence_gives_the_shape_of_the_noise():
+    """|H| sqrt((1 - gamma^2) / gamma^2), from a fifth to nearly one, of two outputs in other units."""
+    frf = some_frf(5, size=1e-3)
+    n = len(frf.frequency)
+    gamma = np.stack([np.linspace(0.2, 0.95, n), np.linspace(0.9, 0.3, n)])
+    fit = identify(replace(frf, coherence=gamma), **FRFS)
+    exact, places = model_frf(frf.frequency), np.flatnonzero(np.isin(frf.frequency, [40.0, 60.0, 230.0, 330.0, 400.0]))
+    shape = (fit.noise / (np.abs(exact) * np.sqrt(1 / gamma - 1))[:, : fit.noise.shape[1]])[:, places]
+    np.testing.assert_allclose(shape / shape[:, :1], 1.0, rtol=0.03)
 
 
 # Refusals
@@ -458,6 +536,8 @@ def test_damping_and_factors_return_to_the_scene(small_bench, bench_fit):
     assert names == ["damping ratio of mode 1", "actuator_stacks.gain", "sensor_voltage.voltage_per_elongation"]
     for change, true in zip(report.changes, (0.017, real.actuators[0].gain, expected), strict=True):
         assert abs(change.after - true) < 4 * change.std
+    assert report.changes[0].std == fit.damping_ratio_std[0]
+    np.testing.assert_allclose(report.static_ratio, [1.1 * 0.85, 1.1], rtol=2e-3)
     assert len(report.unmodelled) == 0
     for words in ("98.", "other modes, not measured: 2 %", "actuator_stacks.gain: 20 ->"):
         assert words in report.summary()
@@ -616,6 +696,10 @@ def test_the_noise_of_a_fit_is_that_of_its_data():
     fit = identify(frf, hold_order=None, band=(20.0, 449.0))
     # 1700 lines tell a standard deviation to 1.2 %.
     np.testing.assert_allclose(np.sqrt(np.mean(fit.noise**2, axis=1)), size[:, 0], rtol=0.04)
+    rising = replace(frf, values=(model_frf(frequency) + noise * frequency / 200.0)[:, None])
+    found = identify(rising, hold_order=None, band=(20.0, 449.0)).noise
+    course = found / (size * frequency[: found.shape[1]] / 200.0)
+    np.testing.assert_allclose(course[:, [300, 800, 1500]], 1.0, rtol=0.12)
 
 
 def test_a_factor_is_known_the_better_the_more_its_gains_err_together(small_bench, bench_fit):

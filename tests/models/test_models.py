@@ -6,7 +6,7 @@ from conftest import make_bar
 
 from models import apa300ml
 from models.apa300ml import STACK, APAGeometry, axial_stiffness, make_apa300ml, reduced_apa300ml
-from models.bench import SENSOR_RESISTANCE, full_bench_response, make_bench
+from models.bench import SENSOR_RESISTANCE, force_pair, formula_frequency, full_bench_response, make_bench
 from models.bench_figures import (
     figures_by_circuit,
     gains_of_a_soft_sensor,
@@ -150,3 +150,42 @@ def test_a_sensor_as_soft_as_shorted_reads_less(apa_with_ports):
     assert 1 - STACK.coupling_factor**2 / 2 < by_charge / opened < 1
     # The ends' faces are soft here and dish, so that their elongation is less than the volume's.
     assert by_ends == pytest.approx(by_charge, rel=0.1)
+
+
+def test_figures_of_the_data_sheets_and_the_paper():
+    """Table 1 of the paper; the stack's sheet; which stack does what; the paper's equation 1."""
+    steel, ceramic = apa300ml.STEEL, apa300ml.PZT_TABLE_1
+    assert (steel.young_modulus, steel.poisson_ratio, steel.density) == (190e9, 0.31, 7800.0)
+    assert (ceramic.young_modulus, ceramic.poisson_ratio, ceramic.density) == (49.5e9, 0.31, 7800.0)
+    assert (STACK.free_stroke, STACK.blocked_force, STACK.voltage_range) == (20e-6, 4700.0, 170.0)
+    assert (STACK.stiffness, STACK.length, STACK.area) == pytest.approx((235e6, 20e-3, 1e-4))
+    solid = make_apa300ml(ports=apa300ml.PORTS)
+    stacks = ("sensor_stack", "actuator_stack_1", "actuator_stack_2")
+    assert {port.name: port.bodies for port in solid.ports} == {"sensor": stacks[:1], "actuator": stacks[1:]}
+    assert {name for name, material in solid.materials.items() if material == steel} == {"frame", "spacer"}
+    assert {name for name, material in solid.materials.items() if material == apa300ml.PZT} == set(stacks)
+    assert formula_frequency(5.0) == pytest.approx(95.3, rel=1e-3)
+
+
+def test_the_sensors_span_reads_its_force():
+    """Ceramic of 20 mm and steel of 5 mm in line, 100 mm2: V = -d F / C, 20 um over 170 V and 20 uF / 3."""
+    elongation, force = 1e-6, 1e-6 * 1e-4 / (20e-3 / apa300ml.PZT.young_modulus + 5e-3 / 190e9)
+    voltage = -20e-6 / 170 * force / (20e-6 / 3)
+    sensor = next(part for part in force_pair() if part.name == "sensor_voltage")
+    assert -sensor.voltage_per_elongation * elongation == pytest.approx(voltage, rel=1e-12)
+
+
+def test_disturbances_of_the_bench_at_rest(apa):
+    """A newton on the payload, and the weight of all under a slow acceleration of the ground."""
+    model = linearize(make_bench(3.0, "linear", apa=apa, disturbances=True))
+    static = (model.D - model.C @ np.linalg.solve(model.A, model.B))[model.outputs.index("encoder")]
+    top, n = apa.coordinate_names.index("top.uz"), len(apa.mass_matrix)
+    compliance = apa.compliance(fixed=["bottom"], guided={"top": "z"})[top, top]
+    assert static[model.inputs.index("payload_force")] == pytest.approx(compliance, rel=1e-8)
+    lifted = np.array([float(name.endswith(".uz")) for name in apa.coordinate_names])
+    # Of the other points nothing holds the reaction to their inertia but the body itself: statics of its shape.
+    moved = np.zeros(n)
+    free = np.setdiff1d(np.arange(n), [*range(6), *(k for k in range(6, 12) if k != top)])
+    load = -(apa.mass_matrix @ lifted + 3.0 * (np.arange(n) == top))
+    moved[free] = np.linalg.solve(apa.stiffness_matrix[np.ix_(free, free)], load[free])
+    assert static[model.inputs.index("ground_acceleration")] == pytest.approx(moved[top], rel=1e-8)

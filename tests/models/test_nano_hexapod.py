@@ -7,6 +7,7 @@ import pytest
 import scipy.linalg
 from conftest import lattice
 
+from models import nano_hexapod
 from models.apa300ml import PORTS, axial_stiffness, reduced_apa300ml
 from models.bench import AMPLIFIER_GAIN, SENSOR_RESISTANCE
 from models.hexapods import DEFAULT_PLATFORM, NANO_HEXAPOD
@@ -528,6 +529,33 @@ def test_a_thick_flexible_plate_is_a_rigid_one(tmp_path, monkeypatch):
     np.testing.assert_allclose(found, expected, rtol=1e-2)
     usual = make_plate(NANO_HEXAPOD, height=PLATE_HEIGHT, radius=PLATE_RADIUS)
     assert 7800 * usual.shape.mass == pytest.approx(TOP_MASS, rel=2e-3)
+
+
+def test_a_plate_is_reduced_anew_when_an_input_changes(monkeypatch):
+    """Every figure that the reduction depends on is in its key, and the same figures have the same one."""
+    keys = []
+    plate = RigidBody("plate", {"centre": np.zeros(3)}, 1.0, np.eye(3))
+    monkeypatch.setattr(nano_hexapod, "cached", lambda name, key, build, progress: keys.append(key))
+    monkeypatch.setattr(nano_hexapod, "FlexibleBody", lambda *_: plate)
+    lower = replace(NANO_HEXAPOD, platform_joints=NANO_HEXAPOD.platform_joints - np.array([0, 0, 1e-3]))
+    changes = ({}, {"height": 0.012}, {"radius": 0.16}, {"element_size": 0.03}, {"order": 3}, {"n_modes": 7})
+    for change in (*changes, {"platform": lower}):
+        flexible_plate(**change)
+    assert len(set(keys)) == len(keys) == 7
+    flexible_plate()
+    assert keys[-1] == keys[0]
+
+
+def test_the_usual_payload_is_a_steel_cylinder_that_stands_on_the_plate():
+    """20 kg of 100 mm radius: 82 mm high, its centre half of that above M, its target where the platform says."""
+    scene = make_nano_hexapod(spring_strut(2e6), platform=HEXAPOD, payload_mass=20.0)
+    payload = next(body for body in scene.bodies if body.name == "payload")
+    height = 20.0 / (7800 * np.pi * 0.1**2)
+    np.testing.assert_allclose(payload.position, [0, 0, 0.095 + height / 2], rtol=1e-12)
+    across = 20.0 * (3 * 0.1**2 + height**2) / 12
+    np.testing.assert_allclose(payload.inertia, np.diag([across, across, 20.0 * 0.1**2 / 2]), rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(scene.point_position("payload.foot"), [0, 0, 0.095], atol=1e-12)
+    np.testing.assert_allclose(scene.point_position("payload.target"), (0.01, 0.02, 0.145), atol=1e-12)
 
 
 @pytest.mark.parametrize("strut", ["finite elements", "two masses"])

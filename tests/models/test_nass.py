@@ -4,19 +4,28 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.linalg
 
 from models.hexapods import NANO_HEXAPOD
 from models.nass import DISTURBANCES, END_STATION, SIX, Stage, alike_across, four_corners, make_nass, suspension
 from models.nass_loops import POSE, VOLTAGES, force_loop, pose_loop, wrench_shares
 from models.strut import spring_strut, two_mass_strut, with_own_damping
-from nassim import Bushing, RigidBody, Scene, TimeHistory, linearize, load, save, simulate
+from nassim import Bushing, RigidBody, Scene, TimeHistory, frequency_response, linearize, load, save, simulate
 from nassim.kinematics import jacobian
 from nassim.simulation import linearize_closed
-from nassim.systems import close_loop, damping, noise_budget, sampled, unstable_poles
+from nassim.systems import (
+    close_loop,
+    controller_response,
+    damping,
+    noise_budget,
+    sampled,
+    unstable_poles,
+)
 
 PLATFORM = replace(NANO_HEXAPOD, point=np.array([0.02, -0.01, 0.12]))
 SAMPLE = np.array([0.02, -0.01, 0.095 + 0.12])
 HEIGHTS = {"granite": -1.2, "translation": -0.8, "tilt": -0.55, "spindle": -0.4, "micro_hexapod": -0.03}
+RATE = 2000.0
 STRUT, LOAD = spring_strut(1.8e6, damping=80.0), {"payload_mass": 10.0}
 
 
@@ -113,6 +122,89 @@ def test_one_stage_alone_is_an_oscillator_of_its_own_ratio():
     assert ratio == pytest.approx(0.03 * frequency / 100.0, rel=1e-6)
 
 
+def test_every_bushing_has_its_stages_ratio_at_the_frequency():
+    """As a spring and a damper beside it: c = 2 zeta k / omega, at 100 Hz; that of the tilt stage is another's."""
+    stages = {**END_STATION, "tilt": replace(END_STATION["tilt"], damping_ratio=0.05)}
+    springs = {spring.name: spring for spring in machine(stages=stages).springs}
+    for name, stage in stages.items():
+        square = np.diag(stage.stiffness) if stage.stiffness.ndim == 1 else stage.stiffness
+        expected = 2 * (0.05 if name == "tilt" else 0.02) * square / (2 * np.pi * 100.0)
+        np.testing.assert_allclose(springs[name].damping, expected, rtol=1e-12, atol=1e-6)
+
+
+def test_stages_alike_across_have_the_means_of_their_figures():
+    stages = alike_across()
+    assert stages["micro_hexapod"] is END_STATION["micro_hexapod"]
+    tilt, translation = stages["tilt"], stages["translation"]
+    assert translation.size == pytest.approx((0.95, 0.95, 0.25))
+    np.testing.assert_allclose(translation.stiffness, [6e8, 6e8, 1.2e9, 1.35e8, 1.35e8, 1e8])
+    assert (tilt.mass, tilt.foot, tilt.centre) == (400.0, -0.55, -0.45)
+    np.testing.assert_allclose(tilt.stiffness[:3], 4e6 * np.array([456.0, 456.0, 238.0]))
+
+
+def test_the_nano_hexapods_base_lies_below_its_upper_face():
+    """A steel disc of 3.87 kg and 0.3 m, its centre half of its 7 mm down; on a spindle of 60 turns a minute."""
+    scene = machine(spindle_rpm=60.0)
+    base = next(body for body in scene.bodies if body.name == "base")
+    thick = 3.87 / (7800.0 * np.pi * 0.15**2)
+    np.testing.assert_allclose(base.position, [0, 0, -thick / 2], rtol=1e-12)
+    across = 3.87 * (3 * 0.15**2 + thick**2) / 12
+    np.testing.assert_allclose(base.inertia, np.diag([across, across, 3.87 * 0.15**2 / 2]), rtol=1e-12, atol=1e-15)
+    for k, joint in enumerate(PLATFORM.base_joints, start=1):
+        np.testing.assert_allclose(scene.point_position(f"base.joint_{k}"), joint, atol=1e-12)
+    (drive,) = (part for part in scene.actuators if part.name == "spindle")
+    assert drive.speed == pytest.approx(2 * np.pi)
+
+
+def test_shares_of_bodies_in_modes_by_hand():
+    """Two masses above each other: along z 2 kg and 1 kg on two springs, solved as 2 x 2."""
+    springs = [Bushing(n, f"{a}.o", f"{b}.o", [1e9, 1e9, k, 1e7, 1e7, 1e7]) for n, a, b, k in (
+        ("one", "ground", "low", 2e5), ("two", "low", "high", 1e5))]  # fmt: skip
+    bodies = [RigidBody(n, {"o": np.zeros(3)}, m, m * np.eye(3)) for n, m in (("low", 2.0), ("high", 1.0))]
+    scene = Scene("two", (RigidBody("ground", {"o": np.zeros(3)}, fixed=True), *bodies), springs=springs)
+    squares, shapes = scipy.linalg.eigh([[3e5, -1e5], [-1e5, 1e5]], np.diag([2.0, 1.0]))
+    found = suspension(scene, 150.0)
+    assert [f for f, _ in found] == pytest.approx(np.sqrt(squares) / (2 * np.pi), rel=1e-9)
+    for (_, shares), shape in zip(found, shapes.T, strict=True):
+        assert shares == pytest.approx({"low": 2 * shape[0] ** 2, "high": shape[1] ** 2}, rel=1e-9)
+
+
+def test_force_loops_are_six_leaky_integrators():
+    loop = force_loop(80.0, sample_rate=RATE, leak=3.0, delay=2)
+    frequency = np.array([1.0, 10.0, 40.0])
+    s = 2j * np.pi * frequency
+    each = -80.0 / (s + 2 * np.pi * 3.0) * np.exp(-2 * s / RATE)
+    found = controller_response(loop.controller, frequency).values
+    np.testing.assert_allclose(found, np.eye(6)[:, :, None] * each, rtol=2e-3, atol=1e-12)
+    assert (loop.measured, loop.driven) == (tuple(f"strut_{k}/sensor_voltage" for k in range(1, 7)), tuple(VOLTAGES))
+
+
+@pytest.mark.parametrize("coordinates", ["struts", "cartesian"])
+def test_each_pose_loop_crosses_where_asked_with_those_before_closed(coordinates):
+    """By the machine's response at the crossover alone, and the struts' lines written down."""
+    model = linearize(make_nass(with_own_damping(two_mass_strut()), platform=PLATFORM, payload_mass=10.0))
+    inner = force_loop(100.0, sample_rate=RATE)
+    damped = close_loop(sampled(model, RATE), inner.controller, measured=inner.measured, driven=inner.driven)
+    options = {"coordinates": coordinates, "phase_margin": 50.0, "sample_rate": RATE, "platform": PLATFORM}
+    loop = pose_loop(damped, 15.0, **options)
+    lines = PLATFORM.platform_joints + np.array([0, 0, PLATFORM.height]) - PLATFORM.base_joints
+    along = lines / np.linalg.norm(lines, axis=1, keepdims=True)
+    lengths = np.hstack([along, np.cross(PLATFORM.platform_joints - PLATFORM.point, along)])
+    measure, drive = (lengths, np.eye(6)) if coordinates == "struts" else (np.eye(6), np.linalg.inv(lengths).T)
+    at = np.array([15.0])
+    g = frequency_response(damped, at)
+    g = np.array([[g.response(y, u)[0] for u in VOLTAGES] for y in POSE])
+    whole = controller_response(loop.controller, at).values[..., 0]
+    k = np.linalg.solve(drive, whole) @ np.linalg.inv(measure)
+    np.testing.assert_allclose(k, np.diag(np.diag(k)), atol=1e-9 * np.abs(k).min(where=np.eye(6) > 0, initial=np.inf))
+    opened = -measure @ g @ drive @ k
+    for n in range(1, 7):
+        alone = 1 / np.linalg.inv(np.eye(n) + opened[:n, :n])[-1, -1] - 1
+        assert abs(alone) == pytest.approx(1.0, rel=1e-6)
+        assert np.degrees(np.angle(-alone)) == pytest.approx(50.0, abs=1e-4)
+    assert not unstable_poles(close_loop(damped, loop.controller, measured=loop.measured, driven=loop.driven))
+
+
 def test_four_bearings():
     """Held at four corners, each as stiff along x, y, z."""
     found = four_corners((1.0, 2.0, 5.0), 0.3, 0.2)
@@ -181,7 +273,7 @@ def test_the_end_station_is_saved(tmp_path):
     assert (again.inputs, again.outputs) == (scene.inputs, scene.outputs)
 
 
-RATE, PERIOD, LOW, HIGH = 2000.0, 8.0, 2.0, 240.0
+PERIOD, LOW, HIGH = 8.0, 2.0, 240.0
 
 
 @pytest.mark.slow

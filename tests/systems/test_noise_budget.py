@@ -56,6 +56,8 @@ def test_rms_is_that_of_lyapunovs_equation(damping_ratio):
     assert budget.rms() == pytest.approx(np.transpose(expected), rel=3e-3)
     assert budget.total.rms()[:, 0] == pytest.approx(np.linalg.norm(expected, axis=0), rel=2e-3)
     assert budget.integration_error.max() < 2e-3
+    speed = noise_budget(model, spectra, BAND, outputs="speed")
+    assert (speed.outputs, speed.units) == (("speed",), ("m/s",))
 
 
 def test_rms_of_an_oscillator_in_closed_form():

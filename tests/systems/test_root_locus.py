@@ -4,11 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.linalg
 from test_feedback import LOOP, POLE, RATE, ZERO, iff, one_mode, two_modes
 
 from nassim.plotting import plot_root_locus, save_figure
 from nassim.simulation.linearization import linearize
-from nassim.systems.controllers import integral_force_feedback, proportional
+from nassim.systems.controllers import decentralised, integral_force_feedback, proportional
 from nassim.systems.feedback import close_loop
 from nassim.systems.linear_model import LinearModel, damping, frequency_response, sampled, unstable_poles
 from nassim.systems.root_locus import RootLocus, iff_optimum, optimum_gain, root_locus
@@ -38,6 +39,27 @@ def test_optimum_of_one_mode_is_the_closed_form(zero):
     assert 100.0 * found.gain == pytest.approx(formula.gain, rel=1e-3)
     assert found.damping_ratio == pytest.approx(formula.damping_ratio, rel=1e-6)
     assert found.frequency == pytest.approx(formula.frequency, rel=1e-3)
+
+
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_the_optimum_of_two_modes_tells_the_least_damped_one(order):
+    """Two loops that do not touch: the one whose pole and zero lie closer together limits, whichever is named first."""
+    poles, zeros = (2 * np.pi * np.array(f)[list(order)] for f in ([100.0, 150.0], [40.0, 110.0]))
+    still = np.zeros((2, 2))
+    plant = LinearModel(
+        np.block([[still, np.eye(2)], [-np.diag(poles**2), still]]),
+        np.vstack([still, np.eye(2)]),
+        np.hstack([np.diag(zeros**2 - poles**2), still]),
+        np.eye(2),
+        ("u1", "u2"),
+        ("y1", "y2"),
+    )
+    controller = decentralised(*2 * [integral_force_feedback(1.0, sample_rate=1e4)])
+    wires = {"measured": plant.outputs, "driven": plant.inputs, "frequency": poles / (2 * np.pi), "delay_order": 0}
+    found = optimum_gain(plant, controller, np.concatenate([[0.0], np.geomspace(10.0, 3e3, 80)]), **wires)
+    assert found.damping_ratio == pytest.approx((150 - 110) / (2 * 110), rel=1e-6)
+    assert found.frequency == pytest.approx(np.sqrt(150 * 110), rel=1e-3)
+    assert found.gain == pytest.approx(2 * np.pi * 150 * np.sqrt(150 / 110), rel=1e-3)
 
 
 def test_closed_form_is_a_root_of_the_loop():
@@ -72,6 +94,20 @@ def test_branches_hold_the_closed_loops_poles_and_stay_whole(model):
     for k in (first - 1, first):
         closed = close_loop(model, iff(100.0), **LOOP, gain=GAINS[k])
         assert (unstable_poles(closed) == ()) == locus.stable[k]
+
+
+def test_branches_that_cross_go_straight_on():
+    """One pole moves to the right, another one up; between two gains both pass the same place."""
+    turn = np.array([[0.0, 1.0], [-1.0, 0.0]])
+    state = scipy.linalg.block_diag(20 * turn - 3 * np.eye(2), 18 * turn - np.eye(2))
+    names = tuple("abcd"), tuple("efgh")
+    plant = LinearModel(state, np.eye(4), np.eye(4), np.zeros((4, 4)), *names)
+    controller = proportional(scipy.linalg.block_diag(np.eye(2), turn), sample_rate=RATE)
+    gains = np.array([0.0, 0.7, 1.5, 2.5, 3.5])
+    locus = root_locus(plant, controller, gains, measured=names[1], driven=names[0], delay_order=0)
+    right, up = (locus.poles[:, np.argmin(np.abs(locus.poles[0] - start))] for start in (-3 + 20j, -1 + 18j))
+    np.testing.assert_allclose(right, -3 + 20j + gains, atol=1e-9)
+    np.testing.assert_allclose(up, -1 + 18j + 1j * gains, atol=1e-9)
 
 
 def test_zeros_end_the_branches():
