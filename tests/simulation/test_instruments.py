@@ -39,7 +39,7 @@ from nassim import (
     static_response,
 )
 from nassim.scene.joints import prismatic, revolute
-from nassim.scene.part import Reading, Row, Sensor
+from nassim.scene.part import Filter, Reading, Row, Sensor
 
 STEP = 2e-5
 ALONG = np.array([0.48, -0.6, 0.64])
@@ -394,6 +394,19 @@ def mixed(*gains, name="mixed"):
         name,
         tuple(Reading(name, "V", Row.of_point("load.c", np.array(w)), g, k) for k, (g, w) in enumerate(readings)),
     )
+
+
+@pytest.mark.parametrize(("passes", "power"), [("low", 0), ("band", 1), ("high", 2)])
+def test_filters_of_second_order(passes, power):
+    """s^power w^(2 - power) over s^2 + 2 d w s + w^2 of a displacement, and what a ramp that starts makes of it."""
+    w, ratio = 2 * np.pi * 30.0, 0.3
+    row = Row.of_point("block.tip", ALONG)
+    scene = slider(Meter("m", (Reading("m", "m", row), Filter("m", passes, 30.0, ratio))))
+    found = frequency_response(linearize(scene), FREQUENCY).response("m", "push")
+    passed = S**power * w ** (2 - power) / (S**2 + 2 * ratio * w * S + w**2)
+    np.testing.assert_allclose(found, passed / (MASS * S**2 + DAMPING * S + STIFFNESS), rtol=1e-8)
+    held = static_response(scene, {"push": 2.0})["m"]
+    assert held == pytest.approx(2.0 / STIFFNESS if passes == "low" else 0.0, abs=1e-12 / STIFFNESS)
 
 
 @pytest.mark.parametrize(("fidelity", "method", "tolerance"), ENGINES)

@@ -9,6 +9,7 @@ from conftest import lattice
 
 from models.bench import make_bench
 from nassim import (
+    AngleSensor,
     Encoder,
     FlexibleBody,
     GroundAcceleration,
@@ -25,6 +26,7 @@ from nassim import (
     simulate,
 )
 from nassim.base.modal import decay_poles
+from nassim.scene.mechanics import Bushing, PointTorque
 from nassim.signals.excitations import low_pass
 from nassim.simulation.description import describe
 from nassim.simulation.linearization import linearize_closed
@@ -218,6 +220,29 @@ def test_unstable_loop_stops_and_says_what_grows(apa, method):
     )
     with pytest.raises(RuntimeError, match=text):
         simulate(with_iff(+40.0, apa), pulse(duration=0.8), time_step=STEP, method=method, progress=False)
+
+
+def test_what_has_grown_most_is_told():
+    """Of two rotors that a loop measures, it drives one away, and turns the other by a push that does not grow."""
+    names = ("calm", "wild")
+    base = RigidBody("base", {name: (0.0, 0.1 * k, 0.0) for k, name in enumerate(names)}, fixed=True)
+    inertia = np.diag([1e-3, 2e-3, 2.5e-3])
+    rotors = [RigidBody(name, {"c": np.zeros(3)}, 1.0, inertia, base.points[name]) for name in names]
+    gain = Controller(np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((1, 0)), [[0.0, 3.0]], 1e4, delay=0)
+    scene = Scene(
+        "rotors",
+        (base, *rotors),
+        tuple(Joint(f"hinge {name}", f"base.{name}", f"{name}.c", free="rz") for name in names),
+        tuple(PointTorque(f"torque {name}", f"{name}.c", "z", f"push {name}") for name in names),
+        tuple(AngleSensor(f"angle {name}", f"base.{name}", f"{name}.c") for name in names),
+        tuple(Bushing(f"spring {n}", f"base.{n}", f"{n}.c", [0, 0, 0, 0, 0, 1.0]) for n in names),
+        (Loop("bad", gain, ("angle calm", "angle wild"), "push wild"),),
+        damping_ratio=0.0,
+    )
+    time = STEP * np.arange(5001)
+    push = TimeHistory(time, [0.05 * np.sin(20 * time) ** 2, np.full(5001, 1e-3)], scene.inputs, ("N m",) * 2)
+    with pytest.raises(RuntimeError, match=r"'angle wild' has grown to [\d.e-]+ rad and body 'wild'"):
+        simulate(scene, push, time_step=STEP, method="exact", progress=False)
 
 
 def test_saturation_keeps_an_unstable_loop_bounded(apa):

@@ -287,6 +287,7 @@ def test_ports_and_pictures_of_several_bodies(bar):
     assert {port.name for port in body.ports} == {"first/a", "first/b", "second/a", "second/b"}
     np.testing.assert_allclose(body.surface.points[3:], second.position + body_points(second), atol=1e-15)
     np.testing.assert_array_equal(body.surface.triangles, [[0, 1, 2], [3, 4, 5]])
+    np.testing.assert_array_equal(body.surface.edges, [[0, 1], [3, 4]])
     np.testing.assert_allclose(body.surface_modes[0], body.motion("in")[:3], atol=1e-12)
     np.testing.assert_allclose(body.surface_modes[1], body.motion("mid")[:3], atol=1e-9)
     np.testing.assert_allclose(body.surface_modes[5], body.motion("out")[:3], atol=1e-12)
