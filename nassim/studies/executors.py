@@ -32,7 +32,7 @@ def one_by_one(task: Task, requests: Requests) -> Outcomes:
                 yield key, task(arguments)
     finally:
         for name, value in before.items():
-            os.environ.pop(name)
+            os.environ.pop(name, None)
             os.environ.update({} if value is None else {name: value})
 
 
