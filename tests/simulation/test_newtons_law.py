@@ -96,10 +96,15 @@ def test_a_spring_pulls_with_what_its_sensor_tells(frame):
     np.testing.assert_allclose(second, -expected, atol=1e-3 * size)
 
 
+@pytest.mark.parametrize("held", ["", "a", "b"])
 @pytest.mark.parametrize("apart", [(0.0, 0.0, 0.0), (0.02, -0.05, 0.03)])
-def test_a_bushing_pulls_with_what_its_sensors_tell(apart):
-    """All six, of a coupled bushing at the place of b, along axes halfway between the bodies."""
+def test_a_bushing_pulls_with_what_its_sensors_tell(apart, held):
+    """All six, of a coupled bushing at the place of b, along axes halfway between two bodies; one may stand."""
     bodies = two_bodies(apart=apart)
+    bodies = tuple(
+        replace(b, fixed=True, angular_velocity=np.zeros(3), mass=None, inertia=None) if b.name == held else b
+        for b in bodies
+    )
     axes = turn(0.4, 0.8, -0.5)
     root = np.random.default_rng(3).normal(size=(6, 6)) * np.repeat([20.0, 1.5], 3)[:, None]
     stiffness = root @ root.T + np.diag([900.0, 700.0, 500.0, 4.0, 5.0, 6.0])
@@ -116,7 +121,9 @@ def test_a_bushing_pulls_with_what_its_sensors_tell(apart):
     )
     end = (motion.positions["b"] + motion.rotations["b"] @ bodies[1].points["tie"])[2:-2]
     arms = [end - motion.positions[name][2:-2] for name in "ab"]
-    for (pushed, turned), arm, sign in zip(momentum_rates(motion, bodies), arms, (1, -1), strict=True):
+    free = [(body, arm, sign) for body, arm, sign in zip(bodies, arms, (1, -1), strict=True) if body.name != held]
+    moved = momentum_rates(motion, [body for body, *_ in free])
+    for (pushed, turned), (_, arm, sign) in zip(moved, free, strict=True):
         np.testing.assert_allclose(pushed, sign * force, atol=2e-3 * np.abs(force).max())
         whole = moment + np.cross(arm, force)
         np.testing.assert_allclose(turned, sign * whole, atol=0.01 * np.abs(whole).max())

@@ -294,6 +294,18 @@ def test_ports_and_pictures_of_several_bodies(bar):
     assert not body.all_point_names[3:]
 
 
+def test_one_guess_makes_the_whole_a_guess(bar):
+    """Integrals are complete where those of all bodies are."""
+    for guesses, complete in (((), True), ((0,), False), ((1,), False), ((0, 1), False)):
+        bars = [replace(bar, full_integrals=k not in guesses) for k in range(2)]
+        first = FlexibleBody("first", bars[0], rotation=OBLIQUE)
+        at = first.point_position("right") - ODD @ bar.point("left").position
+        second = FlexibleBody("second", bars[1], position=at, rotation=ODD)
+        scene = Scene("two", (first, second), springs=(Bushing("between", "first.right", "second.left", SOFT),))
+        body = reduce_scene(scene, "two", points={"in": "first.left", "out": "second.right"})
+        assert body.full_integrals is complete
+
+
 def body_points(body):
     return body.reduced.surface.points @ body.rotation.T
 

@@ -153,6 +153,12 @@ def platform(speed, offset=0.03, stiffness=1.0):
                  damping_ratio=0.0)  # fmt: skip
 
 
+def test_weight_along_the_axis_does_not_make_an_unstable_start_less_so():
+    scene, still = platform(1.1, offset=0.0), {"push": lambda t: 0.0 * t}
+    with pytest.raises(ValueError, match="is unstable"):
+        run(replace(scene, gravity=-9.81 * AXIS), 0.1, 0.02, signals=still)
+
+
 def test_what_the_ground_holds_may_be_stable_though_it_looks_unstable():
     """Beyond its critical speed the platform is refused, but not with a spring to the ground, which turns past it."""
     scene = platform(1.1, offset=0.0)
