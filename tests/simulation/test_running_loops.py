@@ -1,5 +1,6 @@
 """Loops, amplifiers, forces, ground acceleration and dampers in simulations, against closed forms and each other."""
 
+from contextlib import contextmanager
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -28,7 +29,9 @@ from nassim import (
 from nassim.base.modal import decay_poles
 from nassim.scene.mechanics import Bushing, PointTorque
 from nassim.signals.excitations import low_pass
+from nassim.simulation import time_domain
 from nassim.simulation.description import describe
+from nassim.simulation.exudyn import solver
 from nassim.simulation.linearization import linearize_closed
 from nassim.simulation.running_loops import start_controller, start_loops
 from nassim.simulation.time_domain import exudyn_eigenfrequencies
@@ -220,6 +223,27 @@ def test_unstable_loop_stops_and_says_what_grows(apa, method):
     )
     with pytest.raises(RuntimeError, match=text):
         simulate(with_iff(+40.0, apa), pulse(duration=0.8), time_step=STEP, method=method, progress=False)
+
+
+@pytest.mark.parametrize("n_steps", [7, 200, 463])
+@pytest.mark.parametrize(("method", "module"), [("exact", time_domain), ("generalized_alpha", solver)])
+def test_progress_ends_where_the_run_does(monkeypatch, n_steps, method, module):
+    """What a bar is told adds up to its total, whatever the number of steps."""
+    told = []
+
+    @contextmanager
+    def stage(label, *, total, unit, enabled):
+        told.append([label, total, unit, enabled])
+        yield lambda n=1: told.append(n)
+
+    monkeypatch.setattr(module, "stage", stage)
+    scene = replace(oscillator(), damping_ratio=0.0)
+    push = TimeHistory(STEP * np.arange(n_steps + 1), np.zeros((2, n_steps + 1)), ("force", "acceleration"))
+    simulate(scene, push, time_step=STEP, method=method, progress=True)
+    first, *rest = told
+    assert first == ["simulate", n_steps, "steps", True]
+    assert min(rest) >= 0
+    assert sum(rest) == n_steps
 
 
 def test_what_has_grown_most_is_told():
