@@ -87,7 +87,7 @@ class StewartPlatform:
         centre_height: of the cube's centre above F [m]
         base_height, platform_depth: of the planes in which the joints lie, above F and below M [m]
 
-        Struts 0 and 1 begin near the x axis, 2 and 3 at 120, 4 and 5 at 240 degrees.
+        Struts 0 and 1 begin near the x axis, 2 and 3 at 120, 4 and 5 at 240 degrees; odd ones go round z as angles do.
 
         Raises ValueError for planes that do not cut the edges one above the other.
         """

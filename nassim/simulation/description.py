@@ -8,7 +8,7 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.base.progress import wrapped
 from nassim.scene.bodies import Body, FlexibleBody
-from nassim.scene.part import Force, Leak, Reading, Spring
+from nassim.scene.part import Force, Leak, Reading, SixSprings, Spring
 from nassim.scene.scene import Scene
 from nassim.simulation.damping import held_alone
 from nassim.simulation.trimming import trim_scene
@@ -107,10 +107,11 @@ def _rest(scene: Scene) -> list[str]:
     """Damping, gravity and loops."""
     bodies = any(body.damping_ratio is not None for body in scene.deformable_bodies)
     modes = _ratios(scene.mode_ratios) + ("; the bodies' own beside it" if bodies else "")
-    dampers = any(spring.damping for spring in scene.said(Spring)) or scene.said(Leak) or scene.loops
+    dampers = any(np.any(word.damping) for word in scene.words if isinstance(word, (Spring, SixSprings)))
+    beside = dampers or scene.said(Leak) or scene.loops
     pull = " ".join(f"{g:g}" for g in scene.gravity)
     return [
-        f"damping: {modes}" + ("; dampers and loops beside it" if dampers else ""),
+        f"damping: {modes}" + ("; dampers and loops beside it" if beside else ""),
         f"gravity: {pull} m/s2" if np.any(scene.gravity) else "gravity: none",
         *(
             f"loop {loop.name}: {', '.join(loop.measured)} to {', '.join(loop.driven)} at "

@@ -79,7 +79,7 @@ def exact_response(
             places = [sample - now for sample in wanted if now <= sample < now + block]
             between, _ = closed.by_samples(states[k], _samples(inputs, now, now + places[-1] + 1, n_in), now)
             at_kept.append(read(between[:-1], now)[places])
-        advance(end - begin)
+        advance(end - max(begin, 1))  # to the first sample leads no step
     all_kept = np.vstack([np.zeros((0, len(assembly.basis))), *at_kept])
     return rows[:n_out], rows[n_out:], np.array(seen).T, all_kept.T
 

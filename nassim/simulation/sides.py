@@ -129,7 +129,7 @@ def named(word: Word) -> str:
         return f"joint {word.name!r}"
     if isinstance(word, (Field, Force)):
         return f"input {word.input!r}"
-    if isinstance(word, (Reading, Leak)):
+    if isinstance(word, (Reading, Tension, Leak)):
         return f"output {word.output!r}"
     return f"what ties {' and '.join(dict.fromkeys(ends_of(word)))}"
 

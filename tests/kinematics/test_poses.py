@@ -117,6 +117,19 @@ def test_bending_of_joints():
     np.testing.assert_allclose(top, base, rtol=1e-6)
 
 
+def test_joints_bent_by_more_than_a_right_angle():
+    """A platform turned over: angles go up to half a turn."""
+    platform, rotation = odd_platform(), turn(170, 0, 0)
+    rest = strut_vectors(platform)
+    ends = np.array([0, 0, 0.1]) + platform.point + (platform.platform_joints - platform.point) @ rotation.T
+    struts, turned = ends - platform.base_joints, rest @ rotation.T
+    expected = np.arccos(
+        np.sum(struts * turned, axis=1) / np.linalg.norm(struts, axis=1) / np.linalg.norm(rest, axis=1)
+    )
+    assert expected.max() > np.pi / 2
+    np.testing.assert_allclose(joint_angles(platform, rotation=rotation)[1], expected, atol=1e-9)
+
+
 def test_a_platform_is_a_noun_that_files_hold(tmp_path):
     nassim.save(odd_platform(), tmp_path / "platform.h5")
     again = nassim.load(tmp_path / "platform.h5")

@@ -51,6 +51,8 @@ def test_law_of_the_cubic_platform():
     )
     expected = 3.0 * np.diag([2, 2, 2, 1.5 * 0.15**2, 1.5 * 0.15**2, 6 * 0.15**2])
     np.testing.assert_allclose(stiffness_matrix(platform, 3.0), expected, atol=1e-12)
+    bent = np.cross(platform.base_joints[:, :2], strut_directions(platform)[:, :2])
+    np.testing.assert_array_equal(np.sign(bent), [-1, 1, -1, 1, -1, 1])
     start = platform.base_joints[:, :2]
     np.testing.assert_allclose(
         np.round(np.rad2deg(np.arctan2(start[:, 1], start[:, 0])) % 360 / 120) % 3, [0, 0, 1, 1, 2, 2]
@@ -134,6 +136,9 @@ def test_what_is_refused():
         stiffness_matrix(DEFAULT_PLATFORM, -1.0)
     upright = replace(DEFAULT_PLATFORM, platform_joints=DEFAULT_PLATFORM.base_joints)
     assert np.ptp(strut_lengths(upright)) < 1e-15
+    # Similar hexagons: the struts meet in a point, but for rounding, about which nothing holds.
+    meeting = replace(DEFAULT_PLATFORM, platform_joints=DEFAULT_PLATFORM.base_joints @ np.diag([0.3, 0.3, 0.0]))
     for verb in (lambda p: compliance_matrix(p, 1.0), lambda p: strut_forces(p, np.ones(6))):
-        with pytest.raises(ValueError, match="singular"):
-            verb(upright)
+        for platform in (upright, meeting):
+            with pytest.raises(ValueError, match="singular"):
+                verb(platform)

@@ -113,6 +113,12 @@ def test_loops_that_are_due_together_too_rarely_go_by_samples():
     compare(loops, 150, block=BLOCK)
 
 
+def test_loops_keep_their_turn_from_piece_to_piece():
+    """Pieces of blocks that hold no whole number of periods."""
+    loops = (replace(TWO[0], controller=controller(1, 2, every=7)), replace(TWO[1], controller=controller(2, 1, 1, 2)))
+    compare(loops, 2 * 5 * TOGETHER + 11, block=5)
+
+
 @pytest.mark.parametrize("kind", ["input", "command", "waiting"])
 @pytest.mark.parametrize("size", [0.3, 1.0, 30.0])
 def test_limits_met_inside_blocks(kind, size):

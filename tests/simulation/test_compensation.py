@@ -20,7 +20,7 @@ from nassim import (
     simulate,
 )
 from nassim.base.modal import decay_poles
-from nassim.scene import Bushing, Drive, Loop, fixed, revolute
+from nassim.scene import Bushing, Drive, Loop, fixed, prismatic, revolute
 from nassim.simulation import assemble, compensation, period_errors
 from nassim.simulation.compensation import Steps, compensated
 from nassim.systems import proportional
@@ -116,6 +116,34 @@ def test_period_errors_are_those_of_a_run(link, seat):
     assert np.all(np.min(np.abs(found[:, None] / stepped - 1), axis=0) < 2e-4)
     plain = np.arctan(np.pi * STEP * frequency) / (np.pi * STEP)
     assert np.abs(plain / stepped - 1).max() > 5e-3, "so it matters"
+
+
+@pytest.mark.parametrize("radius", [1.0, 0.8])
+def test_nothing_is_made_up_for_beside_a_drive_in_small_motion(link, radius):
+    """All modes are those of the rule alone, by the roots of its recursion for one oscillator."""
+    left, right = (link.point(name).position for name in ("left", "right"))
+    base = RigidBody("base", {"rail": left}, fixed=True)
+    sledge = RigidBody("sledge", {"rail": np.zeros(3)}, 0.2, 1e-3 * np.diag([1.0, 1.2, 1.5]), left)
+    load = RigidBody("load", {"p": np.zeros(3)}, 0.3, 1e-4 * np.diag([1.0, 1.2, 1.5]), right)
+    joints = prismatic("rail", "base.rail", "sledge.rail", "x"), fixed("a", "sledge.rail", "link.left")
+    scene = Scene(
+        "shaker",
+        (base, sledge, FlexibleBody("link", link, fidelity="linear"), load),
+        (*joints, fixed("b", "link.right", "load.p")),
+        (Drive("motor", "rail", "z", "way"),),
+    )
+    frequency = assemble(scene).frequency[:3]
+    am, af = (2 * radius - 1) / (radius + 1), radius / (radius + 1)
+    gamma, beta = 0.5 - am + af, 0.25 * (1 - am + af) ** 2
+    for mode, told in zip(frequency, period_errors(scene, STEP, spectral_radius=radius), strict=False):
+        x = (2 * np.pi * mode * STEP) ** 2
+        # (1 - am) a1 + am a0 + x ((1 - af) u1 + af u0) = 0 for u, step v and step^2 a.
+        after = np.array([[1, 0, -beta], [0, 1, -gamma], [(1 - af) * x, 0, 1 - am]])
+        before = np.array([[1, 1, 0.5 - beta], [0, 1, 1 - gamma], [-af * x, 0, -am]])
+        roots = np.linalg.eigvals(np.linalg.solve(after, before))
+        swing = np.log(roots[np.argmax(np.abs(roots.imag))])
+        assert told == pytest.approx(abs(swing) / np.sqrt(x) - 1, rel=1e-4)
+        assert told < -1e-4
 
 
 def test_steps_with_numerical_damping_keep_periods_too(link):

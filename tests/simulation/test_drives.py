@@ -72,6 +72,28 @@ def test_a_joint_follows_an_angle_through_several_turns():
     np.testing.assert_allclose(run.values[2:], expected, atol=1e-8)
 
 
+def test_weight_that_is_there_before_a_slide_starts():
+    """A load hangs from a crane that drives off at constant speed: it starts where it hangs, beside its start alone."""
+    base = RigidBody("base", {"rail": np.zeros(3)}, fixed=True)
+    inertia = np.diag([1e-3, 2e-3, 2.5e-3])
+    crane = RigidBody("crane", {"rail": np.zeros(3)}, 3.0, inertia)
+    load = RigidBody("load", {"c": np.zeros(3)}, 0.7, inertia)
+    scene = Scene(
+        "crane",
+        (base, crane, load),
+        (prismatic("rail", "base.rail", "crane.rail", "x"), prismatic("rope", "crane.rail", "load.c", "z")),
+        (Drive("motor", "rail", "z", speed=0.4),),
+        (Encoder("x", "base.rail", "load.c", "x"), Encoder("z", "base.rail", "load.c", "z")),
+        (SpringDamper("spring", "crane.rail", "load.c", "z", 900.0, 2.5, frame="crane.rail"),),
+        damping_ratio=0.0,
+        gravity=(0.0, 0.0, -9.81),
+    )
+    time = np.linspace(3.0, 3.5, 501)
+    run = simulate(scene, TimeHistory(time, np.zeros((0, 501)), (), ()), time_step=1e-3, progress=False)
+    np.testing.assert_allclose(run["x"], 0.4 * (time - 3.0), atol=1e-9)
+    np.testing.assert_allclose(run["z"], -0.7 * 9.81 / 900.0, rtol=1e-6)
+
+
 def test_constant_speed_starts_without_a_jolt():
     scene = arm(speed=30.0)
     time = np.linspace(0.0, 1.0, 3001)

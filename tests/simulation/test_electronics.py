@@ -1,6 +1,6 @@
 """What a sensor's cable and electronics do to its reading; open circuits in error figures; trimmed scenes' statics."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -26,6 +26,7 @@ from nassim import (
     frequency_response,
     linearize,
     open_circuit,
+    placed,
     prismatic,
     simulate,
     static_response,
@@ -34,6 +35,8 @@ from nassim import (
 )
 from nassim.bodies.piezo import PortCoupling
 from nassim.fem.fe_model import make_coupling
+from nassim.scene.part import Filter, Sensor
+from nassim.simulation.time_domain import exudyn_eigenfrequencies
 
 CAPACITANCE = 1e-6
 TURN = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])
@@ -57,6 +60,17 @@ def model():
 @pytest.fixture(scope="module")
 def body(model):
     return craig_bampton(model, n_modes=3, progress=False)
+
+
+@dataclass(frozen=True)
+class LowPassed(Sensor):
+    """Another sensor behind a low-pass of 1 Hz."""
+
+    name: str
+    sensor: Sensor
+
+    def says(self, scene):
+        return (*self.sensor.says(scene), Filter(self.name, "low", 1.0))
 
 
 def held(body, sensor, fidelity="linear", **options):
@@ -120,6 +134,79 @@ def test_cable_lowers_a_resistive_sensors_corner(body, cable):
     for of in (scene, held(body, sensor, "ffrf")):
         found = simulate(of, record, time_step=1e-3, progress=False)["voltage"]
         np.testing.assert_allclose(found, expected, atol=2e-3 * np.abs(expected).max())
+
+
+def with_sensors(body, *sensors, **options):
+    """The body held, with sensors at its ports, and their stiffness by hand: K + sum of b b^T / c, clamped modes."""
+    scene = held(body, sensors[0], **options)
+    scene = replace(scene, sensors=sensors)
+    stiffness = body.stiffness_matrix[6:, 6:].copy()
+    for sensor in sensors:
+        forces = body.port(sensor.port.partition(".")[2]).forces[6:]
+        stiffness += np.outer(forces, forces) / (CAPACITANCE + sensor.capacitance)
+    pull = np.eye(len(body.mass_matrix))[6 * body.point_names.index("right")][6:]
+    return scene, np.linalg.solve(stiffness, pull), stiffness
+
+
+@pytest.mark.parametrize("fidelity", ["linear", "ffrf"])
+def test_two_open_stacks_hold_together(body, fidelity):
+    """Both charges stiffen the body, each by its own cable; whatever their resistances, in Exudyn's eigenvalues."""
+    sensors = (
+        VoltageSensor("voltage", "body.sense", capacitance=2e-7),
+        VoltageSensor("other", "body.drive", capacitance=5e-7),
+    )
+    scene, moved, stiffness = with_sensors(body, *sensors, fidelity=fidelity)
+    found = static_response(scene, {"force": 1e-3})
+    for sensor in sensors:
+        forces = body.port(sensor.port.partition(".")[2]).forces[6:]
+        expected = -1e-3 * forces @ moved / (CAPACITANCE + sensor.capacitance)
+        assert found[sensor.name] == pytest.approx(expected, rel=1e-5)
+    mass = body.mass_matrix[6:, 6:].copy()
+    place = 6 * (body.point_names.index("right") - 1)
+    inertia = 1e-6 * TURN.T @ np.diag([1.0, 2.0, 2.5]) @ TURN
+    mass[place : place + 6, place : place + 6] += scipy.linalg.block_diag(0.01 * np.eye(3), inertia)
+    expected = np.sqrt(scipy.linalg.eigh(stiffness, mass, eigvals_only=True)[:6]) / (2 * np.pi)
+    for resistance in (np.inf, 1e4):
+        leaky = replace(scene, sensors=tuple(replace(sensor, resistance=resistance) for sensor in sensors))
+        np.testing.assert_allclose(exudyn_eigenfrequencies(leaky, n_modes=6), expected, rtol=1e-5)
+
+
+@pytest.mark.parametrize(("fidelity", "method"), [("linear", "exact"), ("linear", "generalized_alpha"), ("ffrf", None)])
+def test_charges_are_drained_where_a_run_begins_under_gravity(body, fidelity, method):
+    """Nothing moves, no voltage is there, and a low-pass has long taken what it reads."""
+    sensor = VoltageSensor("voltage", "body.sense", 1e4, 2e-7)
+    scene, *_ = with_sensors(body, sensor, fidelity=fidelity, gravity=(0.5, -1.0, -4.0))
+    way = Encoder("way", "base.far", "payload.foot", "z")
+    base = replace(scene.bodies[0], points={"o": np.zeros(3), "far": np.array([0.1, 0.2, 0.3])})
+    slow = replace(way, name="slow")
+    scene = replace(scene, bodies=(base, *scene.bodies[1:]), sensors=(sensor, way, LowPassed("slow", slow)))
+    still = TimeHistory(2.0 + 1e-4 * np.arange(301), np.zeros((1, 301)), ("force",), ("N",))
+    record = simulate(scene, still, time_step=1e-4, method=method or "generalized_alpha", progress=False)
+    sag = record["way"]
+    kept = static_response(replace(scene, sensors=(replace(sensor, resistance=np.inf), way)))
+    assert np.abs(kept["way"] - sag[0]) > 0.01 * abs(sag[0]), "the charge matters here"
+    np.testing.assert_allclose(sag, sag[0], rtol=1e-5)
+    np.testing.assert_allclose(record["slow"], sag[0], rtol=1e-5)
+    np.testing.assert_allclose(record["voltage"], 0.0, atol=1e-4 * abs(kept["voltage"]))
+
+
+def test_an_amplifier_drives_a_port_by_its_gain_and_bandwidth(body):
+    sensor = VoltageSensor("voltage", "body.sense")
+    plain = replace(held(body, sensor), actuators=(VoltageDrive("amplifier", "body.drive", "volts"),))
+    fine = replace(plain, actuators=(VoltageDrive("amplifier", "body.drive", "volts", 2.5, 40.0),))
+    frequency = np.array([0.5, 30.0, 200.0])
+    one, other = (frequency_response(linearize(scene), frequency).values[0, 0] for scene in (plain, fine))
+    np.testing.assert_allclose(other, one * 2.5 / (1 + 1j * frequency / 40.0), rtol=1e-9)
+    assert static_response(fine, {"volts": 2.0})["voltage"] == pytest.approx(5 * one[0].real, rel=1e-2)
+
+
+def test_ports_of_a_placed_scene(body):
+    """Their rows go with the body, which has another name."""
+    scene = held(body, VoltageSensor("voltage", "body.sense", 1e4))
+    frequency = np.array([0.5, 30.0, 200.0])
+    expected = frequency_response(linearize(scene), frequency).values
+    moved = placed(scene, "here", position=(1.0, 2.0, 3.0), rotation=TURN)
+    np.testing.assert_allclose(frequency_response(linearize(moved), frequency).values, expected, rtol=1e-6)
 
 
 def test_truncation_error_of_an_open_circuit(body):

@@ -13,9 +13,11 @@ from scipy.spatial.transform import Rotation
 
 from nassim import (
     Accelerometer,
+    AngleSensor,
     Bushing,
     Controller,
     Drive,
+    Encoder,
     FlexibleBody,
     ForceSensor,
     Geophone,
@@ -39,7 +41,8 @@ from nassim import (
     static_response,
 )
 from nassim.scene.joints import prismatic, revolute
-from nassim.scene.part import Reading, Row, Sensor
+from nassim.scene.mechanics import PointTorque
+from nassim.scene.part import Filter, Reading, Row, Sensor, SixSprings, Tension
 
 STEP = 2e-5
 ALONG = np.array([0.48, -0.6, 0.64])
@@ -394,6 +397,69 @@ def mixed(*gains, name="mixed"):
         name,
         tuple(Reading(name, "V", Row.of_point("load.c", np.array(w)), g, k) for k, (g, w) in enumerate(readings)),
     )
+
+
+def test_sensors_measure_along_axes_of_any_length():
+    """A vector says the direction alone, whatever its length."""
+    ground = RigidBody("ground", {"o": (0, 0, 0)}, fixed=True)
+    block = RigidBody("block", {"o": (0, 0, 0), "tip": (0.1, 0.2, 0.3)}, MASS, INERTIA, rotation=SKEWED)
+    answers = []
+    for length in (1.0, 2.5):
+        axis, options = (
+            tuple(length * ALONG),
+            {"springs": (SpringDamper("s", "ground.o", "block.o", tuple(ALONG), 1.0),)},
+        )
+        sensors = (
+            Encoder("way", "ground.o", "block.tip", axis),
+            AngleSensor("angle", "ground.o", "block.tip", axis),
+            Vibrometer("speed", "block.tip", axis),
+            Geophone("geophone", "block.tip", axis),
+            Accelerometer("acceleration", "block.tip", axis),
+        )
+        actuators = (
+            PointForce("force", "block.tip", axis, "force"),
+            PointTorque("torque", "block.tip", axis, "torque"),
+            GroundAcceleration("ground", axis, "ground"),
+        )
+        scene = Scene("free", (ground, block), (), actuators, sensors, damping_ratio=0.0, **options)
+        answers.append(frequency_response(linearize(scene), [0.5, 7.0]).values)
+    np.testing.assert_allclose(*answers, rtol=1e-9, atol=1e-12 * np.abs(answers[0]).max())
+    assert np.all(np.abs(answers[0][0]) > 0)
+
+
+def test_forces_of_a_bushing_have_their_units_and_add_up():
+    """Six outputs in N and N m; an output of two of them and of a displacement is their sum, in every engine."""
+    six = np.diag([STIFFNESS, 2 * STIFFNESS, 3 * STIFFNESS, 90.0, 70.0, 80.0])
+    six[0, 5] = six[5, 0] = 200.0
+    pad = Bushing("pad", "ground.o", "block.o", six, 1e-3 * six)
+    spring = SixSprings("ground.o", "block.o", np.eye(3), pad.stiffness, pad.damping)
+    row = Row.of_point("block.tip", ALONG)
+    both = Meter(
+        "both", (Tension("both", "V", spring, "x"), Tension("both", "V", spring, "rz"), Reading("both", "V", row, 5e3))
+    )
+    sensors = (ForceSensor("pull", "pad"), both, Encoder("way", "ground.o", "block.tip", tuple(ALONG)))
+    scene = slider(*sensors, joints=(), springs=(pad,), axis=np.array([0.6, 0.0, 0.8]))
+    assert scene.output_units == ("N", "N", "N", "N m", "N m", "N m", "V", "m")
+    time = 4.0 + 2e-4 * np.arange(401)
+    push = TimeHistory(time, np.sin(60.0 * (time - 4.0))[None], ("push",), ("N",))
+    for method in ("exact", "generalized_alpha"):
+        record = simulate(scene, push, time_step=2e-4, method=method, progress=False)
+        expected = record["pull.fx"] + record["pull.mz"] + 5e3 * record["way"]
+        assert min(np.abs(record[name]).max() for name in ("pull.fx", "pull.mz")) > 0.01
+        np.testing.assert_allclose(record["both"], expected, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(("passes", "power"), [("low", 0), ("band", 1), ("high", 2)])
+def test_filters_of_second_order(passes, power):
+    """s^power w^(2 - power) over s^2 + 2 d w s + w^2 of a displacement, and what a ramp that starts makes of it."""
+    w, ratio = 2 * np.pi * 30.0, 0.3
+    row = Row.of_point("block.tip", ALONG)
+    scene = slider(Meter("m", (Reading("m", "m", row), Filter("m", passes, 30.0, ratio))))
+    found = frequency_response(linearize(scene), FREQUENCY).response("m", "push")
+    passed = S**power * w ** (2 - power) / (S**2 + 2 * ratio * w * S + w**2)
+    np.testing.assert_allclose(found, passed / (MASS * S**2 + DAMPING * S + STIFFNESS), rtol=1e-8)
+    held = static_response(scene, {"push": 2.0})["m"]
+    assert held == pytest.approx(2.0 / STIFFNESS if passes == "low" else 0.0, abs=1e-12 / STIFFNESS)
 
 
 @pytest.mark.parametrize(("fidelity", "method", "tolerance"), ENGINES)

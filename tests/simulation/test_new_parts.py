@@ -7,6 +7,7 @@ import pytest
 from conftest import lattice
 
 from nassim import (
+    Bushing,
     Controller,
     Encoder,
     FlexibleBody,
@@ -15,7 +16,9 @@ from nassim import (
     PointForce,
     RigidBody,
     Scene,
+    SpringDamper,
     TimeHistory,
+    VoltageSensor,
     craig_bampton,
     describe,
     linearize,
@@ -23,6 +26,7 @@ from nassim import (
     static_response,
 )
 from nassim.base.checks import finite
+from nassim.bodies.piezo import PortCoupling
 from nassim.scene.part import Actuator, Force, ForceElement, Reading, Row, Sensor, Spring
 from nassim.simulation.linearization import linearize_closed
 from nassim.simulation.small_motion import assemble
@@ -261,3 +265,25 @@ def test_springs_that_large_motion_does_not_know_are_refused(body, own):
 
     with pytest.raises(ValueError, match="a spring acts between two points, or within one body"):
         static_response(scene(body, "ffrf", springs=(Odd(),)))
+
+
+def test_summaries_tell_of_everything_that_damps(body):
+    """Spring-dampers, bushings, joints, resistors across ports and loops; springs alone do not."""
+    plain = scene(body, "linear", actuators=(), sensors=())
+    gap = (Encoder("gap", "ground.wall", "block.corner"),)
+    pushed = (PointForce("push", "block.corner", "z", "push"),)
+    idle = Loop("idle", Controller([[0.0]], [[0.0]], [[0.0]], [[0.0]], 1e3), ("gap",), ("push",))
+    port = PortCoupling("stack", body.stiffness_matrix[6], 1e-6)
+    ported = replace(plain.bodies[1], reduced=replace(body, readouts={"stack": port}))
+    wired = replace(plain, bodies=(plain.bodies[0], ported, plain.bodies[2]))
+    pad = Bushing("pad", "ground.wall", "block.corner", np.ones(6))
+    damped = (
+        replace(plain, springs=(SpringDamper("d", "ground.wall", "block.corner", "line", 0.0, 2.0),)),
+        replace(plain, springs=(replace(pad, damping=np.diag([0.0, 0, 0, 0, 0, 1e-3])),)),
+        replace(plain, sensors=gap, actuators=pushed, loops=(idle,)),
+        replace(wired, sensors=(VoltageSensor("voltage", "body.stack", 1e4),)),
+    )
+    springs = (pad, SpringDamper("d", "ground.wall", "block.corner", "line", 2.0))
+    still = plain, replace(plain, springs=springs), replace(wired, sensors=(VoltageSensor("voltage", "body.stack"),))
+    for told, scenes in ((True, damped), (False, still)):
+        assert [("dampers and loops beside it" in describe(one)) for one in scenes] == [told] * len(scenes)

@@ -381,6 +381,28 @@ def test_a_mode_of_what_turns_whirls(number):
         mode_motion(scene, 3, **turning)
 
 
+def test_a_strongly_damped_mode_is_shown_for_its_own_period():
+    """The slowest first, however it decays; as large as a thousandth of the scene, through the points that it has."""
+    masses, rates, ratios = (0.5, 0.2), (30.0, 40.0), (0.6, 0.01)
+    bodies, guides, springs = [], [], []
+    for k, (mass, rate, ratio) in enumerate(zip(masses, rates, ratios, strict=True)):
+        place = np.array([0.1, 0.3 * k, 0.2])
+        bodies.append(RigidBody(f"m{k}", {"c": np.zeros(3), "far": [0.0, 0.4, 0.0]}, mass, INERTIA, place))
+        guides.append(Joint(f"g{k}", f"base.m{k}", f"m{k}.c", free="x"))
+        figures = mass * rate**2, 2 * ratio * rate * mass
+        springs.append(SpringDamper(f"s{k}", f"base.m{k}", f"m{k}.c", "x", *figures, frame=f"base.m{k}"))
+    base = RigidBody("base", {body.name: body.position for body in bodies}, fixed=True)
+    scene = Scene("two", (base, *bodies), tuple(guides), springs=tuple(springs), damping_ratio=0.0)
+    for number, (rate, ratio) in enumerate(zip(rates, ratios, strict=True), start=1):
+        pole, motion = mode_motion(scene, number, frames=25)
+        swinging = rate * np.sqrt(1 - ratio**2)
+        assert pole == pytest.approx(complex(-ratio * rate, swinging), rel=1e-9)
+        np.testing.assert_allclose(motion.time, np.linspace(0, 2 * np.pi / swinging, 25))
+        ways = [np.abs(motion.positions[body.name] - body.position).max() for body in bodies]
+        assert ways[number - 1] == pytest.approx(1e-3 * 0.7, rel=0.01)
+        assert ways[2 - number] < 1e-9 * ways[number - 1]
+
+
 def test_a_damped_mode_swings_as_if_it_did_not_decay():
     """A weight on a rail, damped to 0.6: its period is that of the damped swing, which ends where it begins."""
     stiffness, mass, ratio = 4e4, 0.5, 0.6

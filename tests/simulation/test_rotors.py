@@ -14,6 +14,7 @@ from nassim import (
     Drive,
     Encoder,
     FlexibleBody,
+    ForceSensor,
     GroundAcceleration,
     Joint,
     LinearActuator,
@@ -477,6 +478,33 @@ def test_what_cannot_stand_beside_what_turns_is_refused(shaft):
         ValueError, match="body 'shaft' turns and is a reduced one, which a model in the standing frame"
     ):
         linearize(overhung(shaft, 10.0), frame="standing")
+
+
+def test_friction_of_a_bushing_stands_with_the_ground_too():
+    """A bushing that damps nothing but turns about the axis ties the table to the ground, as a spring-damper does."""
+    scene = strutted(2.0)
+    brake = Bushing("brake", "ground.p", "table.axle", np.zeros(6), [0, 0, 0, 0, 0, 1e-3])
+    ground = replace(scene.bodies[0], points={**scene.bodies[0].points, "p": scene.point_position("table.axle")})
+    assert ground.fixed
+    assert not ground.position.any()
+    braked = replace(scene, bodies=(ground, *scene.bodies[1:]), springs=(*scene.springs, brake))
+    linearize(replace(braked, springs=scene.springs))
+    with pytest.raises(ValueError, match="needs a fixed body on one side"):
+        linearize(braked)
+
+
+def test_a_force_sensor_of_a_bearing_is_named_where_its_reading_turns():
+    """The force along the world's x axis changes as the frame that turns sees it."""
+    inertia = 1e-3 * np.diag([2.0, 2.0, 3.0])
+    ground = RigidBody("ground", {"p": np.zeros(3)}, fixed=True)
+    rotor = RigidBody("rotor", {"p": np.zeros(3)}, 1.0, inertia)
+    guide = Joint("guide", "ground.p", "rotor.p", free=("x", "y", "rz"))
+    springs = tuple(SpringDamper(a, "ground.p", "rotor.p", a, 500.0) for a in "xy")
+    scene = Scene("r", (ground, rotor), (guide,), sensors=(ForceSensor("pull", "x"),), springs=springs)
+    spin = {"angular_velocity": (0, 0, 5.0), "standing": ["ground"]}
+    linearize(scene, **spin, frame="standing")
+    with pytest.raises(ValueError, match="output 'pull': as the turning frame sees it, this changes by"):
+        linearize(scene, **spin)
 
 
 def test_who_stands_is_said_or_asked():

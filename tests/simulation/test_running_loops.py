@@ -1,5 +1,6 @@
 """Loops, amplifiers, forces, ground acceleration and dampers in simulations, against closed forms and each other."""
 
+from contextlib import contextmanager
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -9,6 +10,7 @@ from conftest import lattice
 
 from models.bench import make_bench
 from nassim import (
+    AngleSensor,
     Encoder,
     FlexibleBody,
     GroundAcceleration,
@@ -25,8 +27,11 @@ from nassim import (
     simulate,
 )
 from nassim.base.modal import decay_poles
+from nassim.scene.mechanics import Bushing, PointTorque
 from nassim.signals.excitations import low_pass
+from nassim.simulation import time_domain
 from nassim.simulation.description import describe
+from nassim.simulation.exudyn import solver
 from nassim.simulation.linearization import linearize_closed
 from nassim.simulation.running_loops import start_controller, start_loops
 from nassim.simulation.time_domain import exudyn_eigenfrequencies
@@ -218,6 +223,50 @@ def test_unstable_loop_stops_and_says_what_grows(apa, method):
     )
     with pytest.raises(RuntimeError, match=text):
         simulate(with_iff(+40.0, apa), pulse(duration=0.8), time_step=STEP, method=method, progress=False)
+
+
+@pytest.mark.parametrize("n_steps", [7, 200, 463])
+@pytest.mark.parametrize(("method", "module"), [("exact", time_domain), ("generalized_alpha", solver)])
+def test_progress_ends_where_the_run_does(monkeypatch, n_steps, method, module):
+    """What a bar is told adds up to its total, whatever the number of steps."""
+    told = []
+
+    @contextmanager
+    def stage(label, *, total, unit, enabled):
+        told.append([label, total, unit, enabled])
+        yield lambda n=1: told.append(n)
+
+    monkeypatch.setattr(module, "stage", stage)
+    scene = replace(oscillator(), damping_ratio=0.0)
+    push = TimeHistory(STEP * np.arange(n_steps + 1), np.zeros((2, n_steps + 1)), ("force", "acceleration"))
+    simulate(scene, push, time_step=STEP, method=method, progress=True)
+    first, *rest = told
+    assert first == ["simulate", n_steps, "steps", True]
+    assert min(rest) >= 0
+    assert sum(rest) == n_steps
+
+
+def test_what_has_grown_most_is_told():
+    """Of two rotors that a loop measures, it drives one away, and turns the other by a push that does not grow."""
+    names = ("calm", "wild")
+    base = RigidBody("base", {name: (0.0, 0.1 * k, 0.0) for k, name in enumerate(names)}, fixed=True)
+    inertia = np.diag([1e-3, 2e-3, 2.5e-3])
+    rotors = [RigidBody(name, {"c": np.zeros(3)}, 1.0, inertia, base.points[name]) for name in names]
+    gain = Controller(np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((1, 0)), [[0.0, 3.0]], 1e4, delay=0)
+    scene = Scene(
+        "rotors",
+        (base, *rotors),
+        tuple(Joint(f"hinge {name}", f"base.{name}", f"{name}.c", free="rz") for name in names),
+        tuple(PointTorque(f"torque {name}", f"{name}.c", "z", f"push {name}") for name in names),
+        tuple(AngleSensor(f"angle {name}", f"base.{name}", f"{name}.c") for name in names),
+        tuple(Bushing(f"spring {n}", f"base.{n}", f"{n}.c", [0, 0, 0, 0, 0, 1.0]) for n in names),
+        (Loop("bad", gain, ("angle calm", "angle wild"), "push wild"),),
+        damping_ratio=0.0,
+    )
+    time = STEP * np.arange(5001)
+    push = TimeHistory(time, [0.05 * np.sin(20 * time) ** 2, np.full(5001, 1e-3)], scene.inputs, ("N m",) * 2)
+    with pytest.raises(RuntimeError, match=r"'angle wild' has grown to [\d.e-]+ rad and body 'wild'"):
+        simulate(scene, push, time_step=STEP, method="exact", progress=False)
 
 
 def test_saturation_keeps_an_unstable_loop_bounded(apa):

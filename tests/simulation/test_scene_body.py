@@ -287,10 +287,23 @@ def test_ports_and_pictures_of_several_bodies(bar):
     assert {port.name for port in body.ports} == {"first/a", "first/b", "second/a", "second/b"}
     np.testing.assert_allclose(body.surface.points[3:], second.position + body_points(second), atol=1e-15)
     np.testing.assert_array_equal(body.surface.triangles, [[0, 1, 2], [3, 4, 5]])
+    np.testing.assert_array_equal(body.surface.edges, [[0, 1], [3, 4]])
     np.testing.assert_allclose(body.surface_modes[0], body.motion("in")[:3], atol=1e-12)
     np.testing.assert_allclose(body.surface_modes[1], body.motion("mid")[:3], atol=1e-9)
     np.testing.assert_allclose(body.surface_modes[5], body.motion("out")[:3], atol=1e-12)
     assert not body.all_point_names[3:]
+
+
+def test_one_guess_makes_the_whole_a_guess(bar):
+    """Integrals are complete where those of all bodies are."""
+    for guesses, complete in (((), True), ((0,), False), ((1,), False), ((0, 1), False)):
+        bars = [replace(bar, full_integrals=k not in guesses) for k in range(2)]
+        first = FlexibleBody("first", bars[0], rotation=OBLIQUE)
+        at = first.point_position("right") - ODD @ bar.point("left").position
+        second = FlexibleBody("second", bars[1], position=at, rotation=ODD)
+        scene = Scene("two", (first, second), springs=(Bushing("between", "first.right", "second.left", SOFT),))
+        body = reduce_scene(scene, "two", points={"in": "first.left", "out": "second.right"})
+        assert body.full_integrals is complete
 
 
 def body_points(body):

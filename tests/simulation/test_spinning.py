@@ -11,6 +11,8 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from nassim import (
+    AngleSensor,
+    Bushing,
     Controller,
     Encoder,
     FlexibleBody,
@@ -31,6 +33,7 @@ from nassim import (
 from nassim.base.modal import decay_poles
 from nassim.base.rigid_motion import rigid_transfer, skew
 from nassim.bodies.piezo import PortCoupling
+from nassim.scene.mechanics import PointTorque
 from nassim.scene.part import Actuator, Force, ForceElement, Reading, Row, Sensor, Spring
 from nassim.simulation.finite_motion import frames
 from nassim.simulation.linearization import linearize_closed, spinning_equilibrium
@@ -171,6 +174,31 @@ def test_loops_close_on_the_spinning_model():
     looped = platform(loops=(Loop("idle", idle, ("u",), ("Fu",)),))
     poles = linearize_closed(looped, continuous=True, angular_velocity=(0, 0, 0.1)).poles()
     assert np.abs(poles - (-0.027501 + 1.099691j)).min() < 2e-6
+
+
+def test_loops_of_what_turns_about_an_axis_beside_it():
+    """A pendulum hinged beside the axis, W sqrt(m e L / (m L^2 + J)), with a loop that adds stiffness; sampled too."""
+    mass, moment, arm, beside, spin, rate = 0.5, 4e-3, 0.2, 0.15, 7.0, 200.0
+    axis, out = np.array([0.3, -0.2, 0.1]), np.array([0.6, 0.8, 0.0])
+    body = RigidBody("p", {"h": -arm * out}, mass, np.diag([2e-3, 3e-3, moment]), axis + (beside + arm) * out)
+    table = RigidBody("table", {"h": axis + beside * out}, fixed=True)
+    gain = Controller(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[-2.0]], rate, delay=0)
+    other = replace(gain, D=[[0.0]], sample_rate=3 * rate)
+    scene = Scene(
+        "p", (table, body), (Joint("hinge", "table.h", "p.h", free="rz"),), (PointTorque("t", "p.h", "z", "t"),),
+        (AngleSensor("a", "table.h", "p.h"),),
+        loops=(Loop("stiff", gain, "a", "t"), Loop("idle", other, "a", "t")), damping_ratio=0.0,
+    )  # fmt: skip
+    turning = {"angular_velocity": (0, 0, spin), "axis_point": axis}
+    square = mass * spin**2 * beside * arm / (mass * arm**2 + moment)
+    model = linearize_closed(scene, loops=["stiff"], **turning)
+    assert model.time_step == pytest.approx(1 / rate)
+    phi = scipy.linalg.expm(np.array([[0, 1, 0], [-square, 0, 1], [0, 0, 0]]) / rate)
+    closed = phi[:2, :2] + np.outer(phi[:2, 2], [-2.0 / (mass * arm**2 + moment), 0])
+    np.testing.assert_allclose(np.sort_complex(np.linalg.eigvals(model.A)), np.sort_complex(np.linalg.eigvals(closed)))
+    idle = linearize_closed(scene, loops=["idle"], **turning)
+    assert idle.time_step == pytest.approx(1 / (3 * rate))
+    np.testing.assert_allclose(np.abs(np.angle(np.linalg.eigvals(idle.A)[:2])), np.sqrt(square) / (3 * rate), rtol=1e-6)
 
 
 def test_equilibrium_of_the_platform():
@@ -779,6 +807,37 @@ def test_charges_of_a_spinning_scene():
     assert np.array_equal(model.A[-1], still.A[-1])
     assert np.array_equal(model.A[:, -1], still.A[:, -1])
     assert not np.array_equal(model.A, still.A)
+
+
+def test_a_drained_charge_bears_nothing():
+    """Through next to no resistance a charge leaks at once: all rates are those of a short circuit, spinning too.
+
+    Bar and bushing share what a ball pulls outwards by their stiffness, to which a charge that stays would add.
+    """
+    reduced = craig_bampton(lattice(stiffness=1e4), n_modes=2, progress=False)
+    pull = np.zeros(14)
+    pull[[0, 6]] = -3.0, 3.0
+    ported = replace(reduced, readouts={"stack": PortCoupling("stack", pull, 1e-3)})
+    bar = FlexibleBody("bar", ported, (0.15, -0.01, -0.01), fidelity="linear")
+    tip = bar.point_position("right")
+    table = RigidBody("table", {"foot": bar.point_position("left"), "other": tip}, fixed=True)
+    ball = RigidBody(
+        "ball", {"hinge": (-0.05, 0.0, 0.0)}, 0.3, 1e-4 * np.diag([2.0, 3.0, 4.0]), tip + np.array([0.05, 0, 0])
+    )
+    pin = Joint("pin", "bar.right", "ball.hinge", free=("rx", "ry", "rz"))
+    pad = Bushing("pad", "table.other", "ball.hinge", [2e3, 2e3, 2e3, 0.1, 0.2, 0.3], axes=ASKEW)
+
+    def poles(*sensors, w=20.0):
+        joints = (Joint("foot", "table.foot", "bar.left"), pin)
+        scene = Scene("charged", (table, bar, ball), joints, sensors=sensors, springs=(pad,), damping_ratio=0.0)
+        found = upper(linearize(scene, angular_velocity=(0.0, 0.0, w)).poles())
+        return found[:6]
+
+    short, leaky = poles(), poles(VoltageSensor("voltage", "bar.stack", 1e-7))
+    kept = poles(VoltageSensor("voltage", "bar.stack"))
+    assert np.abs(kept / short - 1).max() > 0.02
+    assert np.abs(poles(w=0.0) / short - 1).max() > 0.02
+    np.testing.assert_allclose(leaky, short, rtol=1e-5)
 
 
 @pytest.mark.filterwarnings("ignore:body 'bar'", "ignore:under the spin")

@@ -153,6 +153,23 @@ def platform(speed, offset=0.03, stiffness=1.0):
                  damping_ratio=0.0)  # fmt: skip
 
 
+def test_weight_along_the_axis_does_not_make_an_unstable_start_less_so():
+    scene, still = platform(1.1, offset=0.0), {"push": lambda t: 0.0 * t}
+    with pytest.raises(ValueError, match="is unstable"):
+        run(replace(scene, gravity=-9.81 * AXIS), 0.1, 0.02, signals=still)
+
+
+def test_what_the_ground_holds_may_be_stable_though_it_looks_unstable():
+    """Beyond its critical speed the platform is refused, but not with a spring to the ground, which turns past it."""
+    scene = platform(1.1, offset=0.0)
+    still = {"push": lambda t: 0.0 * t}
+    with pytest.raises(ValueError, match="is unstable"):
+        run(scene, 0.1, 0.02, signals=still)
+    across = SpringDamper("across", "ground.axle", "mass.c", tuple(ACROSS), 10.0, frame="ground.axle")
+    record = run(replace(scene, springs=(*scene.springs, across)), 0.1, 0.02, signals=still)
+    assert np.abs(record.values[1:]).max() < 1e-6
+
+
 def test_the_stretched_platform():
     """u = (m W^2 r + F) / (k - m W^2), at half of the critical speed, and static gain."""
     record = run(platform(0.5), 4.0, 0.02, signals={"push": lambda t: 0.0 * t})

@@ -254,6 +254,25 @@ def test_two_hinges_in_line_are_one(bar, second):
     assert np.abs(record["y"] - 0.08 * np.sin(angle)).max() < 2e-4 * 0.08
 
 
+@pytest.mark.parametrize(("turned", "locks"), [(0.0, False), (0.25 * np.pi, True)])
+def test_turns_that_joints_hold_alike_at_the_start_only(turned, locks):
+    """Two universal joints at one centre: with arms along the same axes they are one, with other arms they lock."""
+    post = RigidBody("post", {"o": np.zeros(3)}, fixed=True)
+    block = RigidBody("block", {"o": np.zeros(3)}, 0.5, 1e-3 * np.diag([2.0, 3.0, 4.0]))
+    axes = Rotation.from_rotvec([0, 0, turned]).as_matrix()
+    tilt = Rotation.from_rotvec([0.4, -0.3, 0.8]).as_matrix()
+    joints = (
+        Joint("one", "post.o", "block.o", ("rx", "ry"), tilt),
+        Joint("two", "post.o", "block.o", ("rx", "ry"), tilt @ axes),
+    )
+    scene = Scene("cross", (post, block), joints, gravity=(0.0, 0.0, -9.81))
+    if locks:
+        with pytest.raises(ValueError, match="joint 'two': at the start other joints imply what it holds along rz"):
+            run(scene, 0.01, 1e-3)
+    else:
+        run(scene, 0.01, 1e-3)
+
+
 def four_bar(bar, coupler=0.25):
     """Two cranks of one length, hinged to the ground and a coupler: over-constrained in space, with one freedom."""
     far = np.array([coupler, 0, 0])

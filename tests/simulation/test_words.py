@@ -113,6 +113,21 @@ def stretch(body):
     return body.motion("right")[0] - body.motion("left")[0]
 
 
+def test_a_force_on_axes_of_a_body_in_small_motion_beside_a_floating_one(body):
+    """At rest, a point's axes are the world's; and turns count by the size of their weights."""
+    other = FlexibleBody("other", body, -body.point("left").position, fidelity="ffrf")
+    found = []
+    for frame, size in (("", 1.0), ("body.right", 2.5)):
+        push = Pusher("push", (Force("u", "N", Row.of_point("body.right", LINE, frame=frame)),))
+        turn = meter("turn", Row.of_point("block.mount", size * np.array([0.6, 0.0, 0.8]), turns=True))
+        scene = held(body, "linear", actuators=(push,), sensors=(meter("gap", GAP), turn))
+        joints = (*scene.joints, Joint("beside", "ground.foot", "other.left"))
+        found.append(static_response(replace(scene, bodies=(*scene.bodies, other), joints=joints), {"u": 1e-4}))
+    assert found[1]["gap"] == pytest.approx(found[0]["gap"], rel=1e-4)
+    assert found[1]["turn"] == pytest.approx(2.5 * found[0]["turn"], rel=1e-4)
+    assert abs(found[0]["gap"]) > 1e-12 < abs(found[0]["turn"])
+
+
 def test_a_spring_across_two_bodies_is_one_of_their_common_stiffness(body):
     """And a damper likewise: poles by dense algebra on all coordinates but those that are held."""
     rows = (2.0 * stretch(body), -0.5 * stretch(body))

@@ -172,7 +172,7 @@ def add_constraint(items: Items, word: Constraint, held: tuple[str, ...], driven
 
 
 def _motion(marker: int, driven: Sequence[Follow]) -> tuple[dict[str, Any], list[Push]]:
-    """How a joint moves by its drives, as Exudyn's functions of time, and what their inputs set."""
+    """How a joint moves by its drives, as Exudyn's function of time, and what their inputs set."""
     speeds, offsets, pushes = np.zeros(6), [np.zeros(6)], []
     for follow in driven:
         unit = np.eye(6)[list(DIRECTIONS).index(follow.direction)]
@@ -182,20 +182,16 @@ def _motion(marker: int, driven: Sequence[Follow]) -> tuple[dict[str, Any], list
             pushes.append(Push(-1, follow.input, unit, rate=2 * np.pi * follow.bandwidth, offset=offsets[-1]))
     shifts = any(not follow.direction.startswith("r") for follow in driven)
 
-    def along_world(mbs: Any, motion: Array) -> list[float]:
+    def offset(mbs: Any, time: float, _item: int, _parameters: Any) -> list[float]:
+        motion = sum(offsets) + speeds * time
         # Exudyn takes turns along the marker's axes, but shifts along the world's, which do not turn with the joint.
         if shifts:
             axes = np.reshape(mbs.GetMarkerOutput(marker, exu.OutputVariableType.RotationMatrix), (3, 3))
             motion = np.concatenate([axes @ motion[:3], motion[3:]])
-        return motion.tolist()
+        result: list[float] = motion.tolist()
+        return result
 
-    def offset(mbs: Any, time: float, _item: int, _parameters: Any) -> list[float]:
-        return along_world(mbs, sum(offsets) + speeds * time)
-
-    def rate(mbs: Any, _time: float, _item: int, _parameters: Any) -> list[float]:
-        return along_world(mbs, speeds)
-
-    return {"offsetUserFunction": offset, "offsetUserFunction_t": rate}, pushes
+    return {"offsetUserFunction": offset}, pushes
 
 
 def on_coordinates(items: Items, row: Row) -> list[tuple[int, Array]]:

@@ -268,16 +268,13 @@ class System:
         return np.reshape(rotation, (3, 3)), np.asarray(position)
 
     def recorded(self, output: str) -> Array:
-        """Samples of one output, shape (n_samples,); a single 0 where nothing that moves is measured.
-
-        Of statics, where no run has passed its filter, what passes of a constant.
-        """
+        """Samples of one output of a run, shape (n_samples,); a single 0 where nothing that moves is measured."""
         if output in self.filtered:
             return self.filtered[output]
         read = self.mbs.GetSensorStoredData
         terms = [term.value(*(read(k)[:, 1:] for k in term.sensors)) for term in self.readings[output]]
         values: Array = np.sum(terms, axis=0) if terms else np.zeros(1)
-        return values * static_gain(self.assembly.filters[output]) if output in self.assembly.filters else values
+        return values
 
 
 def _angle(rotation: Array) -> float:
