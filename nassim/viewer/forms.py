@@ -2,13 +2,14 @@
 
 import itertools
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, positive
 from nassim.base.rigid_motion import rigid_transfer
-from nassim.bodies.readouts import Surface
+from nassim.bodies.readouts import Surface, Trace, of_kind
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
 from nassim.viewer.views import Form
@@ -46,9 +47,9 @@ def cylinder(radius: float, height: float, centre: ArrayLike = (0, 0, 0), *, lab
 
 
 def body_form(body: ReducedBody) -> Form:
-    """A reduced body with its points: as its surface, without one as rods from its centre to its remote points.
+    """A reduced body with its points: as its surface, without one as rods from its centre of mass to its points.
 
-    One more point, `CENTRE`, is where its centre of mass is at rest, moved as the mean of what remote points carry.
+    One more point, `CENTRE`, is where its centre of mass is at rest, moved as the mean of what its points carry.
     """
     centre, names = body.center_of_mass, body.all_point_names
     positions = np.array([*(body.point(name).position for name in names), centre])
@@ -62,6 +63,8 @@ def body_form(body: ReducedBody) -> Form:
 def scene_form(body: Body, look: Surface | None = None) -> Form:
     """A body of a scene; look: its surface in its own frame, of a rigid body around its centre of mass.
 
+    A flexible body looks as in `body_form`, trimmed or not, and moves by the coordinates that motions of scenes are on.
+
     Without one, a rigid body looks like the box of even density that has its inertia, and a fixed one like nothing.
     Rigid bodies move by six coordinates: shifts of the centre of mass and turns, along the body's axes.
     """
@@ -70,7 +73,11 @@ def scene_form(body: Body, look: Surface | None = None) -> Form:
             raise ValueError(
                 f"body {body.name!r} is flexible and looks like its own surface; give looks to rigid bodies"
             )
-        return body_form(body.reduced)
+        form = body_form(body.reduced)
+        assert form.modes is not None
+        # What was traced before it was trimmed is told to move by the coordinates that it had then.
+        traces = of_kind(body.reduced.readouts, Trace)
+        return replace(form, modes=form.modes @ np.linalg.pinv(traces[0].rows)) if traces else form
     surface = look if look is not None else _inertia_box(body)
     positions = np.array(list(body.points.values())).reshape(-1, 3)
     points = np.vstack([surface.points, positions])
@@ -96,13 +103,14 @@ def _inertia_box(body: RigidBody) -> Surface:
 
 
 def _rods(body: ReducedBody) -> tuple[Surface, Array]:
-    """Prisms from the centre of mass to the remote points, each of which moves its end as a rigid body."""
-    centre, points = body.center_of_mass, body.positions
+    """Prisms from the centre of mass to the points, each of which moves its end as a rigid body."""
+    names = body.all_point_names
+    centre, points = body.center_of_mass, np.array([body.point(name).position for name in names])
     span = max(float(np.linalg.norm(points - centre, axis=1).max()), 1e-6)
     corners: list[Array] = []
     faces: list[tuple[int, ...]] = []
     rows: list[Array] = []
-    for name, point in zip(body.point_names, points, strict=True):
+    for name, point in zip(names, points, strict=True):
         along = point - centre
         if np.linalg.norm(along) < THIN * span:
             continue
@@ -124,8 +132,8 @@ def _carried(body: ReducedBody, name: str, place: Array) -> Array:
 
 
 def _between(body: ReducedBody, place: Array) -> Array:
-    """The mean of what all remote points carry along, (3, n)."""
-    result: Array = np.mean([_carried(body, name, place) for name in body.point_names], axis=0)
+    """The mean of what all points carry along, (3, n)."""
+    result: Array = np.mean([_carried(body, name, place) for name in body.all_point_names], axis=0)
     return result
 
 

@@ -1,5 +1,7 @@
 """What views hold: bodies where they are, displacements that are those of the body, marks where parts are."""
 
+from dataclasses import replace
+
 import netgen.occ as occ
 import numpy as np
 import pytest
@@ -8,9 +10,10 @@ from scipy.spatial.transform import Rotation
 from seen import TURN, bar, bar_model, machine, turning
 
 from nassim import RemotePoint, RigidBody, Scene, Solid, craig_bampton
+from nassim.bodies import trim_body
 from nassim.fem import glue, solid_surface
 from nassim.scene import Motion
-from nassim.simulation import assemble
+from nassim.simulation import assemble, traced, trim_scene
 from nassim.viewer import (
     Form,
     Mark,
@@ -99,15 +102,35 @@ def test_modes_move_points_as_the_body_says():
     assert view_modes(body, n=1).modes[0].name == "mode 1: free motion"
 
 
-def test_a_body_without_a_surface_is_rods_that_its_points_carry():
-    body = craig_bampton(lattice(), n_modes=2, progress=False)
+@pytest.mark.parametrize("kept", [("left", "right"), ("left",)])
+def test_a_body_without_a_surface_is_rods_that_its_points_carry(kept):
+    """All of them, also those that are no coordinates any more."""
+    whole = craig_bampton(lattice(), n_modes=2, progress=False)
+    body = trim_body(whole, points=kept, loads=np.zeros((14, 0)), cutoff_frequency=1e9)
     form = view_body(body).shape("lattice").form
-    assert np.abs(form.surface.points - body.center_of_mass).max() > 0.014
+    assert (form.surface.points - body.center_of_mass)[:, 0].max() > 0.014
+    assert (form.surface.points - body.center_of_mass)[:, 0].min() < -0.014
     turn = np.cross([0, 0, 1], form.points - body.center_of_mass)
-    coordinates = np.concatenate(
-        [*([*np.cross([0, 0, 1], p - body.center_of_mass), 0, 0, 1] for p in body.positions), [0, 0]]
-    )
+    coordinates = np.zeros(len(body.mass_matrix))
+    for k, place in enumerate(body.positions):
+        coordinates[6 * k : 6 * k + 6] = [*np.cross([0, 0, 1], place - body.center_of_mass), 0, 0, 1]
     assert np.allclose(form.modes @ coordinates, turn, atol=1e-12)
+
+
+@pytest.mark.parametrize("remembering", [False, True])
+def test_trimmed_bodies_show_their_surface(remembering):
+    """What was trimmed before and what is trimmed on the way move alike, whether or not it remembers what it was."""
+    whole = replace(machine(), springs=(), cutoff_frequency=3e3)
+    trimmed = trim_scene(traced(whole) if remembering else whole)
+    found, expected = (view_scene_modes(scene, n=4) for scene in (trimmed, whole))
+    assert [mode.name for mode in found.modes] == [mode.name for mode in expected.modes]
+    n = len(bar().surface.points)
+    for name in ("bar_1", "bar_2"):
+        assert len(trimmed.split(f"{name}.")[0].reduced.mass_matrix) < len(bar().mass_matrix)
+        assert np.array_equal(found.shape(name).points[:n], expected.shape(name).points[:n])
+        for mode in found.modes:
+            moved, right = (view.displacement(name, mode=mode.name)[:n] for view in (found, expected))
+            assert np.allclose(moved * np.sign(np.sum(moved * right)), right, atol=1e-6 * np.abs(right).max())
 
 
 def test_a_rigid_body_is_the_block_of_its_inertia():
