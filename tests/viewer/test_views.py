@@ -9,7 +9,7 @@ from conftest import STEEL, lattice
 from scipy.spatial.transform import Rotation
 from seen import TURN, bar, bar_model, machine, turning
 
-from nassim import RemotePoint, RigidBody, Scene, Solid, craig_bampton
+from nassim import Bushing, RemotePoint, RigidBody, Scene, Solid, craig_bampton
 from nassim.bodies import trim_body
 from nassim.fem import glue, solid_surface
 from nassim.scene import Motion
@@ -143,6 +143,37 @@ def test_a_rigid_body_is_the_block_of_its_inertia():
     assert np.allclose(centre, 0, atol=1e-12)
     assert np.allclose(mass * own / volume, body.inertia)
     assert np.allclose(shape.points[-1], np.ones(3) + TURN[:, 0] * 0.01)
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+@pytest.mark.parametrize("reach", [1.0, -1.0])
+def test_halves_of_a_joint_are_cones_on_the_sides_on_which_they_are_held(swapped, reach):
+    """Cubes of 12 mm, as two cones as high as half of each, neck to neck along the stiffest axis."""
+    place, axes = np.array([0.3, -0.2, 0.1]), Rotation.from_euler("xyz", [0.4, 1.1, -0.7]).as_matrix()
+    along, mass = axes[:, 1], 0.0146
+    inertia_of_cube = mass * 12e-3**2 / 6 * np.eye(3)
+    far = reach * 0.03 * TURN.T @ (along + 0.4 * axes[:, 2])
+    bodies = (
+        RigidBody("free", {"p": np.zeros(3)}, mass, inertia_of_cube, place, rotation=axes),
+        RigidBody("held", {"p": np.zeros(3), "far": far}, mass, inertia_of_cube, place, rotation=TURN),
+        RigidBody("plate", {"hole": -far}, 2.0, 1e-3 * np.eye(3), place + TURN @ far),
+    )
+    ends = ("held.p", "free.p") if swapped else ("free.p", "held.p")
+    stiffness = [1e7, 9e7, 2e7, 10.0, 500.0, 10.0]
+    beside = Bushing("beside", "held.far", "plate.hole", stiffness)
+    scene = Scene("joint", bodies, springs=(Bushing("joint", *ends, stiffness, axes=axes), beside))
+    view = view_scene(scene)
+    for name, side in (("held", reach), ("free", -reach)):
+        shape = view.shape(name)
+        heights = side * (shape.points[: len(shape.form.surface.points)] - place) @ along
+        assert heights.min() == pytest.approx(0.0, abs=1e-12)
+        extent = heights.max()
+        # A cube reaches as far as the axis is askew in it; its own axes are any, for it is the same about all.
+        assert 6e-3 - 1e-9 < extent < 6e-3 * np.sqrt(3) + 1e-9
+        across = np.linalg.norm(np.cross(shape.points[: len(heights)] - place, along), axis=1)
+        assert across[heights < 1e-9].max() == pytest.approx(0.2 * across.max())
+        assert np.pi * across.max() ** 2 * 2 * extent == pytest.approx(12e-3**3)
+    assert len(view.shape("plate").form.surface.points) == 8
 
 
 def _alone(body):
