@@ -25,6 +25,8 @@ NECK = 0.2
 """Of the halves of a joint, over their radius."""
 TOUCHING = 1e-9
 """Distance up to which points lie in one place [m]."""
+NEAR = 12
+"""Points of a surface by which a place within it moves."""
 CENTRE = "centre of mass"
 
 
@@ -51,11 +53,15 @@ def cylinder(radius: float, height: float, centre: ArrayLike = (0, 0, 0), *, lab
 def body_form(body: ReducedBody) -> Form:
     """A reduced body with its points: as its surface, without one as rods from its centre of mass to its points.
 
-    One more point, `CENTRE`, is where its centre of mass is at rest, moved as the mean of what its points carry.
+    More points are electrical ports whose place is known, moved as the surface about them, and `CENTRE`, where its
+    centre of mass is at rest, moved as the mean of what its points carry.
     """
-    centre, names = body.center_of_mass, body.all_point_names
-    positions = np.array([*(body.point(name).position for name in names), centre])
-    motions, names = [*(body.motion(name)[:3] for name in names), _between(body, centre)], (*names, CENTRE)
+    centre, ports = body.center_of_mass, [port for port in body.ports if port.place is not None]
+    points = body.all_point_names
+    names = (*points, *(port.name for port in ports), CENTRE)
+    positions = np.array([*(body.point(name).position for name in points), *(port.place for port in ports), centre])
+    motions = [body.motion(name)[:3] for name in points]
+    motions += [*(_amid(body, np.asarray(port.place)) for port in ports), _between(body, centre)]
     if body.surface is not None and body.surface_modes is not None:
         return Form(body.surface, names, positions, np.concatenate([body.surface_modes, motions]))
     surface, rows = _rods(body)
@@ -160,6 +166,19 @@ def _carried(body: ReducedBody, name: str, place: Array) -> Array:
 def _between(body: ReducedBody, place: Array) -> Array:
     """The mean of what all points carry along, (3, n)."""
     result: Array = np.mean([_carried(body, name, place) for name in body.all_point_names], axis=0)
+    return result
+
+
+def _amid(body: ReducedBody, place: Array) -> Array:
+    """Motion of a place amid a surface, (3, n), with the points next to it; without a surface as `_between`."""
+    if body.surface is None or body.surface_modes is None:
+        return _between(body, place)
+    away = body.surface.points - place
+    near = np.argsort(np.linalg.norm(away, axis=1))[:NEAR]
+    # Their weighted mean, by weights whose mean of places is the place: no rigid motion leaves it behind.
+    sums = np.vstack([np.full((1, len(near)), np.linalg.norm(away[near], axis=1).max()), away[near].T])
+    weights = np.linalg.lstsq(sums, np.array([sums[0, 0], 0.0, 0.0, 0.0]), rcond=None)[0]
+    result: Array = np.einsum("p,pcn->cn", weights, body.surface_modes[near])
     return result
 
 

@@ -9,8 +9,19 @@ from conftest import STEEL, lattice
 from scipy.spatial.transform import Rotation
 from seen import TURN, bar, bar_model, machine, turning
 
-from nassim import Bushing, RemotePoint, RigidBody, Scene, Solid, craig_bampton
-from nassim.bodies import trim_body
+from nassim import (
+    Bushing,
+    FlexibleBody,
+    RemotePoint,
+    RigidBody,
+    Scene,
+    Solid,
+    VoltageDrive,
+    VoltageSensor,
+    craig_bampton,
+)
+from nassim.bodies import PortCoupling, trim_body
+from nassim.bodies.readouts import by_name
 from nassim.fem import glue, solid_surface
 from nassim.scene import Motion
 from nassim.simulation import assemble, traced, trim_scene
@@ -223,6 +234,31 @@ def test_marks_stand_where_parts_are_and_point_where_they_act():
     assert marks["encoder"].axes == pytest.approx(np.array([[1, 0, 0]]))
     assert "sensor encoder [m]" in marks["encoder"].text
     assert "free in rz" in marks["pin"].text
+
+
+def test_ports_are_marked_where_their_stacks_lie():
+    """The mark goes along rigidly where the body does, and as the surface about it; without a place, amid the body."""
+    whole, place = bar(), np.array([0.03, 0.001, -0.002])
+    n = len(whole.mass_matrix)
+    known = PortCoupling("stack", np.random.default_rng(0).standard_normal(n), 1e-6, place)
+    unknown = PortCoupling("other", np.random.default_rng(1).standard_normal(n), 1e-6)
+    body = replace(whole, readouts=by_name([*whole.readouts.values(), known, unknown]))
+    flexible = FlexibleBody("bar", body, (1, 2, 3), rotation=TURN)
+    drives = VoltageDrive("drive", "bar.stack", "u"), VoltageSensor("sensor", "bar.other")
+    view = view_scene(Scene("alone", (flexible,), actuators=drives[:1], sensors=drives[1:]))
+    assert {mark.name: mark.ends for mark in view.marks} == {
+        "drive": (("bar", "stack"),), "sensor": (("bar", "centre of mass"),)
+    }  # fmt: skip
+    form = view.shape("bar").form
+    assert np.allclose(view.shape("bar").points[form.index("stack")], flexible.position + TURN @ place)
+    rows = form.modes[form.index("stack")]
+    spin = np.array([0.3, -0.2, 0.5])
+    rigid = np.concatenate([*([*(1 + np.cross(spin, p)), *spin] for p in body.positions), np.zeros(n - 12)])
+    assert np.allclose(rows @ rigid, 1 + np.cross(spin, place), atol=1e-9)
+    _, modes = body.eigenmodes(fixed=["left"], n=1)
+    bent = (body.surface_modes @ modes[:, 0])[:, 1:]
+    line = [np.polyval(np.polyfit(body.surface.points[:, 0], values, 4), place[0]) for values in bent.T]
+    assert np.allclose(rows[1:] @ modes[:, 0], line, atol=0.03 * np.linalg.norm(line))
 
 
 def test_modes_of_a_scene_hold_its_joints_and_keep_rigid_bodies_stiff():
