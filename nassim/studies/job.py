@@ -6,7 +6,7 @@ import hashlib
 import inspect
 import pickle
 import textwrap
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from nassim.base.storage import fingerprint
+from nassim.studies.content import code_text, content
 from nassim.studies.outcome import Task
 from nassim.studies.plan import Parameters, run_seed
 
@@ -104,7 +105,7 @@ def packed(job: Job) -> bytes:
 def identity(job: Job) -> dict[str, Any]:
     """What a folder knows a study by, as plain data: function, source and what it carries (as hashes), and the seed."""
     inputs: dict[str, str] = {}
-    source = _identify(job.function, inputs, set())
+    source = _identify(job.function, inputs, {})
     return {"function": label(job.function), "source": source, "inputs": dict(sorted(inputs.items())), "seed": job.seed}
 
 
@@ -124,7 +125,8 @@ def carried(function: Function) -> Iterator[tuple[str, Any]]:
         if not isinstance(function, type) and hasattr(function, "__dict__"):
             yield "self", function.__dict__
         return
-    yield from (("default", value) for value in function.__defaults__ or ())
+    defaults, code = function.__defaults__ or (), function.__code__
+    yield from zip(code.co_varnames[code.co_argcount - len(defaults) : code.co_argcount], defaults, strict=True)
     yield from (function.__kwdefaults__ or {}).items()
     for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
         try:
@@ -145,14 +147,21 @@ def _names(code: CodeType) -> Iterator[str]:
             yield from _names(constant)
 
 
-def _identify(function: Function, inputs: dict[str, str], seen: set[int]) -> str:
-    """Hash of a function's source; enters what it carries in `inputs`, functions by their own source."""
+def _identify(function: Function, inputs: dict[str, str], seen: dict[int, int]) -> str:
+    """Hash of a function's source; enters what it carries in `inputs`, functions by their own source.
+
+    seen: functions entered before, by their ids, which may carry each other, and in which place
+    """
     for name, value in carried(function):
-        if id(value) in seen:
-            continue
-        seen.add(id(value))
-        key = name if name not in inputs else f"{name} of {label(function)}"
-        inputs[key] = _identify(value, inputs, seen) if isinstance(value, FunctionType) else _content(value)
+        if not isinstance(value, FunctionType):
+            found = content(value)
+        elif id(value) in seen:
+            found = f"function {seen[id(value)]}"
+        else:
+            seen[id(value)] = len(seen)
+            found = _identify(value, inputs, seen)
+        # Functions beside each other may carry values of one name: all of them count.
+        inputs[name] = fingerprint(inputs[name], found)[:16] if name in inputs else found
     base = function.func if isinstance(function, functools.partial) else function
     base = getattr(base, "__func__", base)
     code = getattr(base, "__code__", None)
@@ -161,23 +170,5 @@ def _identify(function: Function, inputs: dict[str, str], seen: set[int]) -> str
             ast.parse(textwrap.dedent(inspect.getsource(base if code or isinstance(base, type) else type(base))))
         )
     except (OSError, TypeError, SyntaxError):  # of a console, or a lambda in the middle of a line
-        text = repr(_code(code)) if code else label(base)
+        text = code_text(code) if code else label(base)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-def _code(code: CodeType) -> Any:
-    constants = [_code(c) if isinstance(c, CodeType) else c for c in code.co_consts]
-    return code.co_code, code.co_names, constants
-
-
-def _content(value: Any) -> str:
-    import cloudpickle  # noqa: PLC0415
-
-    try:
-        return fingerprint(dict(value) if isinstance(value, Mapping) else value)[:16]
-    except (TypeError, ValueError):
-        pass
-    try:
-        return hashlib.sha256(cloudpickle.dumps(value)).hexdigest()[:16]
-    except Exception:  # a lock, a file: what cannot travel has no content to compare
-        return type(value).__name__

@@ -85,7 +85,7 @@ class Records:
                 if entry is None:
                     break
                 self._enter(entry)
-            except (ValueError, LookupError, TypeError) as error:
+            except (ValueError, LookupError, TypeError, AttributeError) as error:
                 problem = f"line {number} of {self._manifest.name} is damaged ({error})"
                 raise ValueError(f"{problem}; remove that line, and its run is repeated") from error
             end += len(line)

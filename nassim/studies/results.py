@@ -1,6 +1,7 @@
 """What a run gives, as labelled arrays of one layout: numbers, arrays, FRFs and histories."""
 
-from collections.abc import Collection, Mapping
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -80,13 +81,14 @@ def flattened(result: Any, taken: Collection[str]) -> tuple[Layout, bytes]:
     A number or an array alone is called "result", an FRF "frf", a history "history". Dimensions of arrays are called
     after them, `name_0`, `name_1`; those of FRFs `output`, `input`, `frequency`, of histories `signal`, `time`, with
     the name before where another result of the run has them otherwise. All numbers become float64 or complex128. Raises
-    TypeError for other kinds, ValueError for names that are taken.
+    TypeError for other kinds, ValueError for names that are taken, or that stand for two things.
     """
     named = result if isinstance(result, Mapping) else {_default_name(result): result}
     if not named:
         raise ValueError("the function returned no result")
     quantities: dict[str, Quantity] = {}
     axes: dict[str, Axis] = {}
+    names = [*taken, *OWN]
     data = []
     for name, value in named.items():
         if not isinstance(name, str) or not name or name in {*taken, *OWN}:
@@ -95,10 +97,20 @@ def flattened(result: Any, taken: Collection[str]) -> tuple[Layout, bytes]:
         renamed = _merge(axes, labels, name, {*taken, *OWN, *named})
         for part, (dims, array) in arrays.items():
             kind = np.iscomplexobj(array)
-            numbers = np.asarray(array, "<c16" if kind else "<f8", order="C")
+            numbers = np.asarray(array, "<c16" if kind else "<f8")
             quantities[part] = Quantity(tuple(renamed.get(d, d) for d in dims), numbers.shape, kind)
             data.append(numbers.tobytes())
+        names += arrays
+    _differ([*names, *{*axes, *(dim for quantity in quantities.values() for dim in quantity.dims)}])
     return Layout(quantities, axes), b"".join(data)
+
+
+def _differ(names: Iterable[str]) -> None:
+    if twice := [name for name, count in Counter(names).items() if count > 1]:
+        raise ValueError(
+            f"results, their dimensions (of an array x: x_0, x_1, ...), coherences (of an FRF x: x_coherence) and "
+            f"parameters need names of their own; two are called {', '.join(map(repr, twice))}: rename one"
+        )
 
 
 _Arrays = dict[str, tuple[tuple[str, ...], Array]]

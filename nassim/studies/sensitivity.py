@@ -41,6 +41,8 @@ def sobol_indices(
     """
     if not 0 < confidence < 1:
         raise ValueError(f"confidence must lie between 0 and 1, got {confidence:g}")
+    if n_resamples < 1:
+        raise ValueError(f"n_resamples must be at least 1, better some hundred, got {n_resamples}")
     parameters, values = _parameters(dataset), _results(dataset, results)
     found = np.stack(list(values.values()))
     missing = np.flatnonzero(~np.isfinite(found).all(axis=0))

@@ -54,6 +54,18 @@ def clock(monkeypatch):
     return Clock()
 
 
+def test_a_long_stage_shows_its_tenths_in_a_file(clock, capsys):
+    """At most one sign in ten seconds: 25 of 200 units each 4 s; a quick stage shows none."""
+    for seconds in (4.0, 0.1):
+        with stage("study", total=200, unit="runs") as advance:
+            for _ in range(8):
+                clock.pass_by(seconds)
+                advance(25)
+    slow, quick = capsys.readouterr().out.splitlines()
+    assert slow.split() == ["study", "30", "%", "70", "%", "32.0", "s"]
+    assert quick.split() == ["study", "0.8", "s"]
+
+
 EARLIER = (("mesh", 2.0), ("solve", 4.0), ("solve", 6.0), ("all", 10.0))
 
 
@@ -76,16 +88,69 @@ def test_a_run_tells_what_is_left_at_its_own_pace(clock, capsys):
     ]
 
 
+def test_stages_of_one_name_are_told_apart(clock):
+    """At the end of the second of two: 4 s of 10 are left, at a pace of one."""
+    with course(EARLIER) as current:
+        for label, seconds in (("mesh", 2.0), ("solve", 2.0), ("solve", 2.0)):
+            clock.pass_by(seconds)
+            current.end(label)
+        assert current.left() == pytest.approx(4.0)
+        current.end("solve")
+        assert current.left() == pytest.approx(4.0), "a third one was not there"
+
+
+def test_a_short_first_stage_says_nothing_about_the_pace(clock):
+    """Ten times as long as it was, yet only 1 of 100 s: the others take what they took."""
+    with course((("read", 1.0), ("solve", 100.0), ("all", 100.0))) as current:
+        clock.pass_by(10.0)
+        current.end("read")
+        assert current.left() == pytest.approx(99.0)
+
+
+def test_before_the_first_stage_ends_time_passes(clock):
+    with course(EARLIER) as current:
+        clock.pass_by(3.0)
+        assert current.left() == pytest.approx(7.0)
+        clock.pass_by(30.0)
+        assert current.left() == 0.0
+
+
+def test_after_a_run_nothing_is_left(clock, capsys):
+    with course(EARLIER):
+        clock.pass_by(3.0)
+    with stage("another"):
+        clock.pass_by(1.0)
+    assert "left" not in capsys.readouterr().out
+
+
+def test_a_count_without_an_end_is_a_counter(monkeypatch, capsys):
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    with stage("simulate", unit="steps") as advance:
+        advance(4)
+        advance()
+    assert "5 steps" in (told := capsys.readouterr().err)
+    assert "%" not in told
+
+
+def test_times_left_are_in_seconds_or_minutes(clock, capsys):
+    for whole in (99.0, 180.0):
+        with course((("first", 1.0), ("all", whole + 1.0))), stage("first"):
+            clock.pass_by(1.0)
+    first, second = capsys.readouterr().out.splitlines()
+    assert first.endswith("1.0 s   99 s left")
+    assert second.endswith("1.0 s   3 min left")
+
+
 def test_the_same_run_knows_its_time_the_second_time(tmp_path, monkeypatch, clock, capsys):
     monkeypatch.setenv("NASSIM_CACHE", str(tmp_path))
-    for settings in ([5.0], [5.0], [3.0]):
-        with whole_run("bench", settings):
+    for name, settings in (("bench", [5.0]), ("bench", [5.0]), ("bench", [3.0]), ("hexapod", [5.0])):
+        with whole_run(name, settings):
             clock.pass_by(1.0)
             with stage("simulate"):
                 clock.pass_by(200.0)
             clock.pass_by(300.0)
     lines = capsys.readouterr().out.splitlines()
-    assert ["left" in line for line in lines] == [False, True, False]
+    assert ["left" in line for line in lines] == [False, True, False, False]
     assert lines[1].endswith("5 min left")
 
 

@@ -24,7 +24,7 @@ def test_a_seed_gives_a_plan(plan):
     samples = plan(DISTRIBUTIONS, 16, seed=3)
     assert samples.names == tuple(DISTRIBUTIONS)
     assert "16" in samples.plan
-    np.testing.assert_array_equal(plan(DISTRIBUTIONS, 16, seed=3).values, samples.values)
+    np.testing.assert_array_equal(plan(DISTRIBUTIONS, np.int64(16), seed=3).values, samples.values)
     assert not np.any(plan(DISTRIBUTIONS, 16, seed=4).values == samples.values)
 
 
@@ -35,6 +35,13 @@ def test_parameters_are_distributed_as_asked_and_independent(plan):
         # Of 1024 random points, the largest of three deviations passes 0.06 once in 300 seeds.
         assert stats.kstest(column, "uniform").statistic < 0.06
     assert np.abs(np.corrcoef(found.T) - np.eye(3)).max() < 0.1
+
+
+def test_tails_are_whole():
+    """One of a thousand values beyond 3.09 deviations of a normal distribution, on each side."""
+    values = latin_hypercube({"x": stats.norm(5.0, 2.0)}, 8000, seed=0)["x"]
+    assert [np.sum(values < 5 - 2 * 3.0902), np.sum(values > 5 + 2 * 3.0902)] == [8, 8]
+    assert np.abs(values - 5).max() > 2 * 3.6
 
 
 def test_a_latin_hypercube_has_one_run_in_each_stretch():

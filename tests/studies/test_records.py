@@ -1,11 +1,13 @@
 """The folder of a study: whole runs or none, whatever stopped it, and of one study only."""
 
 import json
+import os
 
 import numpy as np
 import psutil
 import pytest
 
+from nassim import TimeHistory
 from nassim.studies import records
 from nassim.studies.outcome import Outcome
 from nassim.studies.plan import run_key
@@ -75,20 +77,65 @@ def test_runs_whose_numbers_are_not_whole_do_not_count(folder, damage):
     assert list(read(folder)[0]) == KEYS[:2]
 
 
+def test_a_repeated_run_that_is_not_whole_does_not_fall_back_to_what_it_was(folder):
+    with opened(folder, STUDY) as found:
+        found.add(KEYS[1], {"a": 1}, outcome(7.0, 8.0))
+    path = folder / "results.bin"
+    path.write_bytes(path.read_bytes()[:-1])
+    assert sorted(read(folder)[0]) == sorted([KEYS[0], KEYS[2]])
+
+
+@pytest.mark.parametrize(
+    "line", ["no line", "[]", "{}", "5", '{"run": "a"', '{"run": "a", "of_layout": "none", "offset": 0}']
+)
+def test_a_damaged_line_is_named(folder, line):
+    path = folder / "manifest.jsonl"
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join([*lines[:2], f"{line}\n", *lines[2:]]))
+    with pytest.raises(ValueError, match=r"line 3 of .*manifest\.jsonl is damaged .*; remove that line"):
+        read(folder)
+    path.write_text("".join(lines))
+    assert list(read(folder)[0]) == KEYS
+
+
+def test_axes_are_whole_when_the_folder_is_opened_again(tmp_path):
+    record = TimeHistory([0.0, 0.1], [[1.0, 2.0], [3.0, 4.0]], ("u", "y"), ("V", "m"))
+    layout, data = flattened({"record": record, "x": 1j}, ())
+    for number in (1, 2):
+        with opened(tmp_path, STUDY) as found:
+            found.add(f"{number}" * 32, {"a": number}, Outcome("ok", "", "", 0.25, layout, data))
+    with opened(tmp_path, STUDY) as found:
+        assert list(found.layouts.values()) == [layout]
+    lines = [json.loads(line) for line in (tmp_path / "manifest.jsonl").read_text().splitlines()]
+    assert ["layout" in line for line in lines] == [True, False, False], "a layout is written once"
+
+
+BOTH = ["results.bin", "manifest.jsonl"]
+
+
+def test_numbers_reach_the_disk_before_the_lines_that_tell_of_them(tmp_path, monkeypatch):
+    """At the latest when the study ends, and every second before."""
+    forced = []
+
+    def fsync(number):
+        forced.extend(n for n in BOTH if os.path.samestat((tmp_path / n).stat(), os.fstat(number)))
+
+    monkeypatch.setattr(records.os, "fsync", fsync)
+    with opened(tmp_path, STUDY) as found:
+        found.add(KEYS[0], {"a": 0}, outcome(0.1, 0.2))
+    assert forced == BOTH
+    monkeypatch.setattr(records, "CALM", -1.0)
+    with opened(tmp_path, STUDY) as found:
+        found.add(KEYS[1], {"a": 1}, outcome(0.1, 0.2))
+        assert forced == BOTH * 2
+
+
 def test_numbers_without_a_line_do_no_harm(folder):
     with (folder / "results.bin").open("ab") as file:
         file.write(b"half a run")
     with opened(folder, STUDY) as found:
         found.add(KEYS[1], {"a": 1}, outcome(7.0, 8.0))
     np.testing.assert_array_equal(read(folder)[1][KEYS[1]]["x"], [7.0, 8.0])
-
-
-def test_a_damaged_line_is_named(folder):
-    path = folder / "manifest.jsonl"
-    lines = path.read_text().splitlines(keepends=True)
-    path.write_text("".join([*lines[:2], "no line\n", *lines[2:]]))
-    with pytest.raises(ValueError, match=r"line 3 of .*manifest\.jsonl is damaged .* remove that line"):
-        read(folder)
 
 
 @pytest.mark.parametrize(
@@ -119,6 +166,13 @@ def test_a_folder_of_something_else_is_refused(tmp_path):
     (tmp_path / "study" / "study.json").write_text("{}")
     with pytest.raises(ValueError, match="is damaged"), opened(tmp_path / "study", STUDY):
         pass
+
+
+def test_a_folder_of_another_format_is_refused(folder):
+    path = folder / "study.json"
+    path.write_text(path.read_text().replace('"format": 1', '"format": 7'))
+    with pytest.raises(ValueError, match="its format is 7, this nassim writes 1"):
+        read(folder)
 
 
 def test_another_version_of_nassim_is_told(folder, monkeypatch):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import tiny_functions
 
-from nassim import FRF
+from nassim import FRF, TimeHistory
 from nassim.studies.outcome import Task
 from nassim.studies.results import flattened
 
@@ -64,6 +64,34 @@ def test_layouts_are_told_apart_by_shape_kind_and_axes():
 def test_other_results_are_refused(result, error, message):
     with pytest.raises(error, match=message):
         flattened(result, ("mass",))
+
+
+COHERENT = FRF([1.0, 2.0], np.ones((1, 1, 2), complex), ("y",), ("u",), np.full((1, 2), 0.5))
+
+
+@pytest.mark.parametrize(
+    ("result", "taken", "twice"),
+    [
+        ({"x": [1.0, 2.0], "x_0": 3.0}, (), "x_0"),
+        ({"x": [1.0, 2.0]}, ("x_0",), "x_0"),
+        ({"frf": COHERENT, "frf_coherence": 3.0}, (), "frf_coherence"),
+        ({"frf_coherence": 3.0, "frf": COHERENT}, (), "frf_coherence"),
+        (COHERENT, ("frf_coherence",), "frf_coherence"),
+        (COHERENT, ("frequency", "frf_frequency"), "frf_frequency"),
+    ],
+)
+def test_one_name_for_two_things_is_refused(result, taken, twice):
+    with pytest.raises(ValueError, match=f"two are called '{twice}': rename one"):
+        flattened(result, taken)
+
+
+def test_a_result_called_as_an_axis_keeps_its_name():
+    record = TimeHistory([0.0, 0.1], [[1.0, 2.0], [3.0, 4.0]], ("u", "y"), ("V", "m"))
+    layout, found = read({"time": 5.0, "record": record})
+    assert found["time"] == 5.0
+    assert layout.quantities["record"].dims == ("record_signal", "record_time")
+    assert layout.axes["record_signal_unit"].along == "record_signal"
+    assert layout.axes["record_time"].unit == "s"
 
 
 def test_a_run_that_raises_is_an_outcome():

@@ -137,6 +137,40 @@ def test_effects_are_those_of_the_plane():
     assert slopes == pytest.approx([3.0, -2.0], rel=1e-10)
 
 
+def test_what_a_sweep_adds_and_what_has_no_number_counts_for_nothing():
+    """Wall times are no result, and infinite results no numbers; whole numbers are parameters like others.
+
+    Of f = n^2 at 1 ... 4 beside one without end: n - 2.5 and f - 7.5 give 25 / sqrt(5 * 129), and a slope of 5.
+    """
+    data = xr.Dataset(
+        {
+            "f": ("run", [1.0, 4.0, 9.0, 16.0, np.inf]),
+            "wall_time": ("run", np.arange(5.0)),
+            "status": ("run", np.array(["ok"] * 5, object)),
+        },
+        {"n": ("run", [1, 2, 3, 4, 100]), "still": ("run", np.full(5, 7.0)), "name": ("run", list("abcde"))},
+    )
+    found = correlations(data)
+    assert found.result.values.tolist() == ["f"]
+    assert found.parameter.values.tolist() == ["n", "still"]
+    assert found.n_runs.values.tolist() == [4]
+    assert found.pearson.values[0, 0] == pytest.approx(25 / np.sqrt(5 * 129))
+    assert found.spearman.values[0, 0] == pytest.approx(1.0)
+    effects = linear_effects(data, coverage=1.0)
+    assert effects.effect.values[0] == pytest.approx([5 * 99, 0.0])
+    assert float(effects["mean"][0]) == 7.5
+    assert float(effects.explained[0]) == pytest.approx(25**2 / (5 * 129))
+
+
+def test_each_parameter_is_ranked_by_itself():
+    """Ranks of 1, 2, 4, 8, 7 and of 3, 1, 2, 5, 4: 1 - 6 * (4 + 1 + 1 + 0 + 0) / (5 * 24)."""
+    data = xr.Dataset(
+        {"f": ("run", [1.0, 2.0, 4.0, 8.0, 7.0])},
+        {"x": ("run", [3.0, 1.0, 2.0, 50.0, 4.0]), "y": ("run", [2.5, 3.5, 1.5, 60.0, 0.5])},
+    )
+    assert correlations(data).spearman.values[0, 0] == pytest.approx(1 - 6 * 6 / 120)
+
+
 def refused_for(data, message, analysis=sobol_indices, **options):
     with pytest.raises(ValueError, match=message):
         analysis(data, **options)
@@ -151,6 +185,7 @@ def test_what_has_no_indices_is_refused():
     refused_for(data.isel(run=np.r_[1, 0, 2:32]), "not those of saltelli_points")
     refused_for(data, "unknown result of one number a run 'g'; known: f", results=["g"])
     refused_for(data, "unknown result of one number a run 'g'; known: f", correlations, results=["g"])
+    refused_for(data, "n_resamples must be at least 1, .* got 0", n_resamples=0)
     refused_for(data, "confidence must lie between 0 and 1, got 95", confidence=95)
     refused_for(data.isel(run=slice(2)), "2 runs have a result 'f'; a correlation needs at least three", correlations)
     refused_for(data.isel(run=slice(3)), "3 runs have a result 'f'; for 2 parameters a plane needs 4", linear_effects)

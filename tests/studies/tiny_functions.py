@@ -1,6 +1,7 @@
 """Functions of tiny studies, in a module that every process can import."""
 
 import os
+import signal
 import time
 
 import numpy as np
@@ -115,9 +116,22 @@ def fails_at_first(a, calls):
 
 
 def surroundings(a):
-    """Who runs this, and with how many threads of BLAS."""
+    """Who runs this, with how many threads of BLAS, and how many of six libraries are told to take one."""
     threads = max((pool["num_threads"] for pool in threadpool_info()), default=1)
-    return {"process": os.getpid(), "parent": os.getppid(), "threads": threads}
+    names = ("OMP_NUM", "OPENBLAS_NUM", "MKL_NUM", "VECLIB_MAXIMUM", "NUMEXPR_NUM", "NASSIM")
+    limited = sum(os.environ.get(f"{name}_THREADS") == "1" for name in names)
+    return {"process": os.getpid(), "parent": os.getppid(), "threads": threads, "limited": limited}
+
+
+def sleepy(duration):
+    time.sleep(duration)
+    return duration
+
+
+def interrupts_itself(a):
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(0.1)
+    return a
 
 
 def talkative(a):

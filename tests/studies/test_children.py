@@ -1,0 +1,123 @@
+"""Child processes: who leaves and when, what is kept of them, what is told of their end."""
+
+import pickle
+import subprocess
+import sys
+import time
+
+import pytest
+import tiny_functions
+
+from nassim.studies import children
+from nassim.studies.children import Children, _Died, _why
+from nassim.studies.job import make_job, packed
+from nassim.studies.outcome import Outcome
+
+
+@pytest.fixture
+def child():
+    """A process that serves a function which sleeps for some seconds, and leaves when idle for a tenth of one."""
+    code = f"import sys; sys.path[:] = {sys.path!r}; from nassim.studies import children; "
+    code += "children.IDLE = 0.1; children.serve()"
+    pipe = subprocess.PIPE
+    with subprocess.Popen([sys.executable, "-c", code], stdin=pipe, stdout=pipe) as process:
+        try:
+            pickle.dump(packed(make_job(tiny_functions.sleepy, ("duration",), None)), process.stdin)
+            process.stdin.flush()
+            assert pickle.load(process.stdout) == "", "the function is loaded"
+            yield process
+        finally:
+            process.kill()
+
+
+def test_children_without_work_leave(child):
+    assert child.wait(20) == 0
+
+
+def test_children_leave_their_run_when_nobody_waits_for_it(child):
+    pickle.dump(pickle.dumps({"duration": 1e3}), child.stdin)
+    child.stdin.close()
+    assert child.wait(20) == 0
+
+
+@pytest.mark.parametrize(
+    ("code", "told"),
+    [
+        (0, "with status 0"),
+        (5, "with status 5"),
+        (-9, "by signal SIGKILL (as systems do when memory runs out)"),
+        (-11, "by signal SIGSEGV"),
+        (-250, "by signal 250"),
+    ],
+)
+def test_how_a_process_ended_is_told(code, told):
+    assert _why(code) == told
+
+
+class Stub:
+    """A child that does what requests say: a status, or a number of the process's end."""
+
+    made = 0
+
+    def __init__(self, payload):
+        Stub.made += 1
+        self.killed = False
+
+    def run(self, request, time_limit):
+        if isinstance(request, int):
+            raise _Died(request)
+        return Outcome(request)
+
+    def alive(self):
+        return not self.killed
+
+    def kill(self):
+        self.killed = True
+
+
+def test_children_are_used_again_and_forgotten_when_they_end(monkeypatch):
+    monkeypatch.setattr(children, "_Child", Stub)
+    monkeypatch.setattr(Stub, "made", 0)
+    pool = Children(b"")
+    assert [pool.run(status, None).status for status in ("ok", "failed", "ok")] == ["ok", "failed", "ok"]
+    assert (Stub.made, len(pool._all)) == (1, 1)
+    lost = pool.run(-9, None)
+    assert (lost.status, lost.message[:44]) == ("lost", "its process ended 3 times, the last time by ")
+    assert (Stub.made, pool._all) == (3, set())
+    assert pool.run("timed out", None).status == "timed out"
+    assert (Stub.made, pool._all) == (4, set())
+    pool.run("ok", None)
+    pool.close()
+    assert all(stub.killed for stub in pool._all)
+    with pytest.raises(RuntimeError, match="the study has ended"):
+        pool.run("ok", None)
+
+
+def test_a_worker_keeps_the_children_of_a_few_studies(monkeypatch):
+    class Study:
+        def __init__(self, payload):
+            self.payload = payload
+
+        def run(self, request, time_limit):
+            return Outcome("ok", f"{self.payload.decode()} {request} {time_limit}")
+
+    monkeypatch.setattr(children, "Children", Study)
+    monkeypatch.setattr(children, "_known", {})
+    for number in range(6):
+        for request in "ab":
+            outcome = children.run_in_child(f"f{number}".encode(), f"{number}", request, 5.0)
+            assert outcome.message == f"f{number} {request} 5.0"
+    assert sorted(children._known) == ["2", "3", "4", "5"]
+
+
+def test_a_run_that_ctrl_c_reaches_goes_on():
+    """The terminal sends it to all processes: it is for the study to answer."""
+    pool = Children(packed(make_job(tiny_functions.interrupts_itself, ("a",), None)))
+    try:
+        start = time.perf_counter()
+        outcome = pool.run(pickle.dumps({"a": 1.0}), 60.0)
+        assert outcome.status == "ok"
+        assert 0.05 < outcome.wall_time < time.perf_counter() - start
+        assert len(pool._all) == 1
+    finally:
+        pool.close()
