@@ -208,11 +208,13 @@ class PortCoupling:
     forces: on the unknowns per volt, shape (n,) [N/V]. By reciprocity, the charge that their motion brings is
         forces @ u [C], so that Q = forces @ u + blocked_capacitance V
     blocked_capacitance: capacitance with all unknowns held [F]
+    place: middle of the stacks at rest, for pictures, (3,) [m]; None: not known
     """
 
     name: str
     forces: Array
     blocked_capacitance: float
+    place: Array | None = None
 
     def __post_init__(self) -> None:
         forces = finite_array(f"electrical port {self.name!r}: forces", self.forces, (None,))
@@ -224,6 +226,8 @@ class PortCoupling:
                 "or its transverse_ratio is not that of a ceramic (-0.4 to -0.5)"
             )
         freeze(self, forces=forces, blocked_capacitance=capacitance)
+        if self.place is not None:
+            freeze(self, place=finite_array(f"electrical port {self.name!r}: place", self.place, (3,)))
 
     @property
     def n_coordinates(self) -> int:

@@ -28,8 +28,8 @@ def trim_body(body: ReducedBody, *, points: Collection[str], loads: Array, cutof
         ports, stay exact at every point
     cutoff_frequency: fixed-interface modes (all given points held) above it are left out [Hz]
 
-    The result keeps the richer body as its `enriched`, so its truncation errors say what the trimming costs. Raises
-    ValueError for unknown names and no points at all.
+    The result keeps the richer body as its `enriched`, without its picture, so its truncation errors say what the
+    trimming costs. Raises ValueError for unknown names and no points at all.
     """
     if not points:
         raise ValueError(f"body {body.name!r}: keep at least one remote point")
@@ -54,7 +54,7 @@ def trim_body(body: ReducedBody, *, points: Collection[str], loads: Array, cutof
     change = np.zeros((n, len(held) + modes.shape[1] + shapes.shape[1]))
     change[held, np.arange(len(held))] = 1.0
     change[inner] = np.hstack([statics[:, : len(held)], modes, shapes])
-    return replace(project(_without_picture(body), change, points=kept), enriched=body.enriched or body)
+    return replace(project(body, change, points=kept), enriched=body.enriched or without_picture(body))
 
 
 def keep_modes(body: ReducedBody, n_modes: int) -> ReducedBody:
@@ -71,7 +71,7 @@ def keep_modes(body: ReducedBody, n_modes: int) -> ReducedBody:
     shapes = _shapes_beside(np.linalg.solve(stiffness, loads), np.zeros((n_all - n, 0)), stiffness, mass)
     change = np.eye(n_all, n + shapes.shape[1])
     change[n:, n:] = shapes
-    richer = replace(_without_picture(body), released_stiffness=None)
+    richer = replace(without_picture(body), released_stiffness=None)
     return replace(project(body, change, points=body.point_names), enriched=body.enriched or richer)
 
 
@@ -121,8 +121,8 @@ def keep_ports(body: ReducedBody, names: Collection[str]) -> ReducedBody:
     return replace(body, readouts={name: readout for name, readout in body.readouts.items() if name not in gone})
 
 
-def _without_picture(body: ReducedBody) -> ReducedBody:
-    """Nobody draws trimmed or enriched bodies, and the picture is by far the largest part of one."""
+def without_picture(body: ReducedBody) -> ReducedBody:
+    """The body without its surface, by far the largest part of one, where nobody looks at it."""
     rest = {name: readout for name, readout in body.readouts.items() if not isinstance(readout, Picture)}
     return replace(body, readouts=rest)
 

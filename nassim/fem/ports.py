@@ -21,7 +21,7 @@ VOLUME_MISMATCH = 0.02
 
 
 def couple_port(mesh: Any, solid: Solid, order: int, port: ElectricalPort) -> PortCoupling:
-    """A port's forces on the unknowns x..., y..., z... of elements of the given order, and its blocked capacitance.
+    """A port's forces on the unknowns x..., y..., z... of elements of an order, its blocked capacitance and place.
 
     Raises ValueError when a CAD body's volume or length is not that of the stack, or when the stack's figures do not
     go with its material.
@@ -29,7 +29,7 @@ def couple_port(mesh: Any, solid: Solid, order: int, port: ElectricalPort) -> Po
     stack, strain = port.stack, port.strain_per_volt
     test = ng.VectorH1(mesh, order=order).TestFunction()
     form = ng.LinearForm(test.space)
-    capacitance = 0.0
+    capacitance, moment, total = 0.0, np.zeros(3), 0.0
     for body in port.bodies:
         region = bodies(mesh, [body])
         volume = ng.Integrate(1.0, mesh, definedon=region)
@@ -50,6 +50,8 @@ def couple_port(mesh: Any, solid: Solid, order: int, port: ElectricalPort) -> Po
         stress = lambda_ * np.trace(strain) * np.eye(3) + 2 * mu * strain
         field = ng.CoefficientFunction(tuple(stress.ravel()), dims=(3, 3))
         form += ng.InnerProduct(field, ng.Grad(test)) * ng.dx(definedon=region)
+        total += volume
+        moment += [ng.Integrate(x, mesh, definedon=region) for x in (ng.x, ng.y, ng.z)]
         capacitance += stack.capacitance - volume * float(np.sum(stress * strain))
     form.Assemble()
-    return PortCoupling(port.name, form.vec.FV().NumPy().copy(), capacitance)
+    return PortCoupling(port.name, form.vec.FV().NumPy().copy(), capacitance, moment / total)

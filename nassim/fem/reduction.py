@@ -209,7 +209,7 @@ def _project(
     for port in ports:
         forces = np.concatenate([port.forces @ part for part in parts])
         forces[:n_interface] = keep.T @ forces[:n_interface]
-        readouts.append(PortCoupling(port.name, forces, port.blocked_capacitance))
+        readouts.append(replace(port, forces=forces))
     return ReducedBody(
         model.name,
         remote_points=tuple(c.point for c in condensed.couplings),

@@ -176,8 +176,10 @@ def _readouts(assembly: Assembly, change: Array) -> Iterator[Readout]:
             if isinstance(readout, Picture):
                 points = body.position + readout.surface.points @ body.rotation.T
                 pictures.append((replace(readout.surface, points=points), body.rotation @ (readout.modes @ rows)))
-            elif isinstance(readout, PortCoupling) and ports.count(readout.name) > 1:
-                yield replace(readout.projected(rows), name=f"{body.name}/{readout.name}")
+            elif isinstance(readout, PortCoupling):
+                name = f"{body.name}/{readout.name}" if ports.count(readout.name) > 1 else readout.name
+                place = None if readout.place is None else body.position + body.rotation @ readout.place
+                yield replace(readout.projected(rows), name=name, place=place)
             elif not isinstance(readout, PassivePoint):
                 yield readout.projected(rows)
     if pictures:

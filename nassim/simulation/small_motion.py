@@ -31,7 +31,7 @@ from nassim.simulation.damping import Damping, own_damping
 from nassim.simulation.filters import ground_accelerations, output_filters
 from nassim.simulation.following import Following, follow, followed_motion
 from nassim.simulation.rows import bushing_rows, shares
-from nassim.simulation.trimming import trim_scene
+from nassim.simulation.trimming import trim_scene, undrawn
 from nassim.systems.state_space import StateSpace
 
 NO_EQUILIBRIUM = (
@@ -178,7 +178,7 @@ class _Coordinates:
 
 def assemble(scene: Scene) -> Assembly:
     """Assemble a scene's mass and stiffness for small motion, and find its undamped eigenmodes."""
-    scene, words = _as_modelled(trim_scene(scene))
+    scene, words = _as_modelled(trim_scene(undrawn(scene) if scene.cutoff_frequency else scene))
     frames = {body.name: floating_frame(body.reduced, scene.frame_point(body)) for body in scene.flexible_bodies}
     coordinates = _Coordinates.of(scene)
     strains, dampers = _strains(coordinates, words)

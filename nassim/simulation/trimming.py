@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.bodies.projection import keep_ports, trim_body
+from nassim.bodies.projection import keep_ports, trim_body, without_picture
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.part import Force, Leak, Reading, Spring
 from nassim.scene.scene import Scene
@@ -25,6 +25,13 @@ def trim_scene(scene: Scene) -> Scene:
         return scene
     bodies = tuple(_trimmed(scene, body, scene.cutoff_frequency) for body in scene.bodies)
     return replace(scene, bodies=bodies, cutoff_frequency=None)
+
+
+def undrawn(scene: Scene) -> Scene:
+    """The scene without its bodies' surfaces, whose motion costs more than all else there is to trim."""
+    flexible = [body for body in scene.bodies if isinstance(body, FlexibleBody)]
+    plain = {body.name: replace(body, reduced=without_picture(body.reduced)) for body in flexible}
+    return replace(scene, bodies=tuple(plain.get(body.name, body) for body in scene.bodies))
 
 
 def _trimmed(scene: Scene, body: Body, cutoff_frequency: float) -> Body:

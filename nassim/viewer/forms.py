@@ -2,15 +2,18 @@
 
 import itertools
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, positive
-from nassim.base.rigid_motion import rigid_transfer
-from nassim.bodies.readouts import Surface
+from nassim.base.rigid_motion import axes_along, rigid_transfer
+from nassim.bodies.readouts import Surface, Trace, of_kind
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
+from nassim.scene.part import SixSprings
+from nassim.scene.scene import Scene
 from nassim.viewer.views import Form
 
 INTERFACES = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf", "#8c564b", "#e377c2")
@@ -18,6 +21,12 @@ MATERIALS = ("#c9ccd1", "#e8c98a", "#a9c6a0", "#d8a58a", "#b9a9cf", "#8fb3c9")
 THIN = 0.02
 """Thickness of rods, and the least of boxes, over the size of the body."""
 AROUND = 48
+NECK = 0.2
+"""Of the halves of a joint, over their radius."""
+TOUCHING = 1e-9
+"""Distance up to which points lie in one place [m]."""
+NEAR = 12
+"""Points of a surface by which a place within it moves."""
 CENTRE = "centre of mass"
 
 
@@ -36,33 +45,36 @@ def block(
 
 def cylinder(radius: float, height: float, centre: ArrayLike = (0, 0, 0), *, label: str = "cylinder") -> Surface:
     """A cylinder along z around a centre, lengths in [m]."""
-    angle = np.linspace(0, 2 * np.pi, AROUND, endpoint=False)
-    ring = positive("radius", radius, "m") * np.column_stack([np.cos(angle), np.sin(angle)])
-    half = 0.5 * positive("height", height, "m")
-    points = np.vstack([np.column_stack([ring, np.full(AROUND, z)]) for z in (-half, half)])
-    low, high = tuple(range(AROUND)), tuple(range(AROUND, 2 * AROUND))
-    walls = [(k, (k + 1) % AROUND, (k + 1) % AROUND + AROUND, k + AROUND) for k in low]
-    return _of_faces(points + finite_array("centre of a cylinder", centre, (3,)), (low[::-1], high, *walls), label)
+    radius, half = positive("radius", radius, "m"), 0.5 * positive("height", height, "m")
+    surface = _of_rings(np.eye(3), (radius, radius), (-half, half), label)
+    return replace(surface, points=surface.points + finite_array("centre of a cylinder", centre, (3,)))
 
 
 def body_form(body: ReducedBody) -> Form:
-    """A reduced body with its points: as its surface, without one as rods from its centre to its remote points.
+    """A reduced body with its points: as its surface, without one as rods from its centre of mass to its points.
 
-    One more point, `CENTRE`, is where its centre of mass is at rest, moved as the mean of what remote points carry.
+    More points are electrical ports whose place is known, moved as the surface about them, and `CENTRE`, where its
+    centre of mass is at rest, moved as the mean of what its points carry.
     """
-    centre, names = body.center_of_mass, body.all_point_names
-    positions = np.array([*(body.point(name).position for name in names), centre])
-    motions, names = [*(body.motion(name)[:3] for name in names), _between(body, centre)], (*names, CENTRE)
+    centre, ports = body.center_of_mass, [port for port in body.ports if port.place is not None]
+    points = body.all_point_names
+    names = (*points, *(port.name for port in ports), CENTRE)
+    positions = np.array([*(body.point(name).position for name in points), *(port.place for port in ports), centre])
+    motions = [body.motion(name)[:3] for name in points]
+    motions += [*(_amid(body, np.asarray(port.place)) for port in ports), _between(body, centre)]
     if body.surface is not None and body.surface_modes is not None:
         return Form(body.surface, names, positions, np.concatenate([body.surface_modes, motions]))
     surface, rows = _rods(body)
     return Form(surface, names, positions, np.concatenate([rows, motions]))
 
 
-def scene_form(body: Body, look: Surface | None = None) -> Form:
+def scene_form(body: Body, look: Surface | None = None, side: Array | None = None) -> Form:
     """A body of a scene; look: its surface in its own frame, of a rigid body around its centre of mass.
 
+    A flexible body looks as in `body_form`, trimmed or not, and moves by the coordinates that motions of scenes are on.
+
     Without one, a rigid body looks like the box of even density that has its inertia, and a fixed one like nothing.
+    side: of `bushing_sides`; then like the cone that points from there to its centre, about as large as half the box.
     Rigid bodies move by six coordinates: shifts of the centre of mass and turns, along the body's axes.
     """
     if isinstance(body, FlexibleBody):
@@ -70,8 +82,12 @@ def scene_form(body: Body, look: Surface | None = None) -> Form:
             raise ValueError(
                 f"body {body.name!r} is flexible and looks like its own surface; give looks to rigid bodies"
             )
-        return body_form(body.reduced)
-    surface = look if look is not None else _inertia_box(body)
+        form = body_form(body.reduced)
+        assert form.modes is not None
+        # What was traced before it was trimmed is told to move by the coordinates that it had then.
+        traces = of_kind(body.reduced.readouts, Trace)
+        return replace(form, modes=form.modes @ np.linalg.pinv(traces[0].rows)) if traces else form
+    surface = look if look is not None else _of_inertia(body, side)
     positions = np.array(list(body.points.values())).reshape(-1, 3)
     points = np.vstack([surface.points, positions])
     modes = np.array([rigid_transfer(point)[:3] for point in points]).reshape(-1, 3, 6)
@@ -85,24 +101,48 @@ def label_colors(surface: Surface, points: tuple[str, ...]) -> Mapping[str, str]
     return dict(strong) | dict(zip(solids, itertools.cycle(MATERIALS), strict=False))
 
 
-def _inertia_box(body: RigidBody) -> Surface:
+def bushing_sides(scene: Scene) -> dict[str, Array]:
+    """Where rigid bodies lie that a bushing holds together in the centre of both, (3,) each, by name.
+
+    Such halves of a flexible joint would hide each other. They lie along the bushing's stiffest axis, world frame, on
+    the sides on which their points are, the second on the positive one where these do not tell.
+    """
+    found: dict[str, Array] = {}
+    for word in scene.said(SixSprings):
+        held = [body for body, _ in map(scene.split, (word.a, word.b)) if isinstance(body, RigidBody) and body.moves]
+        away = [np.abs(body.position - scene.point_position(word.b)).max() for body in held]
+        if len(held) == 2 and max(away) < TOUCHING:
+            along = word.axes[:, np.argmax(np.diag(word.stiffness)[:3])]
+            first, second = (np.mean([body.point_position(point) for point in body.points], axis=0) for body in held)
+            along = along if along @ (second - first) >= 0 else -along
+            found |= {held[0].name: -along, held[1].name: along}
+    return found
+
+
+def _of_inertia(body: RigidBody, side: Array | None) -> Surface:
     if body.mass is None or body.inertia is None:
         return Surface(np.zeros((0, 3)), np.zeros((0, 3), dtype=int), np.zeros((0, 2), dtype=int), ())
     moments, axes = np.linalg.eigh(body.inertia)
     # Of a box with sides a, b, c: 12 Ix = m (b^2 + c^2) and so on.
     squares = 6 / body.mass * (moments.sum() - 2 * moments)
     sides = np.sqrt(np.maximum(squares, (THIN**2) * squares.max()))
-    return block(sides, axes=axes, label=body.name)
+    if side is None:
+        return block(sides, axes=axes, label=body.name)
+    along = body.rotation.T @ side
+    height = 0.5 * float(np.abs(along @ axes) @ sides)
+    radius = np.sqrt(sides.prod() / (2 * np.pi * height))
+    return _of_rings(axes_along(along), (NECK * radius, radius), (0.0, height), body.name)
 
 
 def _rods(body: ReducedBody) -> tuple[Surface, Array]:
-    """Prisms from the centre of mass to the remote points, each of which moves its end as a rigid body."""
-    centre, points = body.center_of_mass, body.positions
+    """Prisms from the centre of mass to the points, each of which moves its end as a rigid body."""
+    names = body.all_point_names
+    centre, points = body.center_of_mass, np.array([body.point(name).position for name in names])
     span = max(float(np.linalg.norm(points - centre, axis=1).max()), 1e-6)
     corners: list[Array] = []
     faces: list[tuple[int, ...]] = []
     rows: list[Array] = []
-    for name, point in zip(body.point_names, points, strict=True):
+    for name, point in zip(names, points, strict=True):
         along = point - centre
         if np.linalg.norm(along) < THIN * span:
             continue
@@ -124,9 +164,32 @@ def _carried(body: ReducedBody, name: str, place: Array) -> Array:
 
 
 def _between(body: ReducedBody, place: Array) -> Array:
-    """The mean of what all remote points carry along, (3, n)."""
-    result: Array = np.mean([_carried(body, name, place) for name in body.point_names], axis=0)
+    """The mean of what all points carry along, (3, n)."""
+    result: Array = np.mean([_carried(body, name, place) for name in body.all_point_names], axis=0)
     return result
+
+
+def _amid(body: ReducedBody, place: Array) -> Array:
+    """Motion of a place amid a surface, (3, n), with the points next to it; without a surface as `_between`."""
+    if body.surface is None or body.surface_modes is None:
+        return _between(body, place)
+    away = body.surface.points - place
+    near = np.argsort(np.linalg.norm(away, axis=1))[:NEAR]
+    # Their weighted mean, by weights whose mean of places is the place: no rigid motion leaves it behind.
+    sums = np.vstack([np.full((1, len(near)), np.linalg.norm(away[near], axis=1).max()), away[near].T])
+    weights = np.linalg.lstsq(sums, np.array([sums[0, 0], 0.0, 0.0, 0.0]), rcond=None)[0]
+    result: Array = np.einsum("p,pcn->cn", weights, body.surface_modes[near])
+    return result
+
+
+def _of_rings(axes: Array, radii: tuple[float, float], heights: tuple[float, float], label: str) -> Surface:
+    """What two circles around a line through the origin, the last of axes, close; radii and heights of both."""
+    angle = np.linspace(0, 2 * np.pi, AROUND, endpoint=False)
+    ring = np.column_stack([np.cos(angle), np.sin(angle)])
+    points = np.vstack([np.column_stack([r * ring, np.full(AROUND, z)]) for r, z in zip(radii, heights, strict=True)])
+    low, high = tuple(range(AROUND)), tuple(range(AROUND, 2 * AROUND))
+    walls = [(k, (k + 1) % AROUND, (k + 1) % AROUND + AROUND, k + AROUND) for k in low]
+    return _of_faces(points @ axes.T, (low[::-1], high, *walls), label)
 
 
 def _of_faces(points: Array, faces: Iterable[tuple[int, ...]], label: str) -> Surface:

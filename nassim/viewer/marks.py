@@ -7,6 +7,7 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import DIRECTIONS
 from nassim.bodies.interface import RemotePoint
+from nassim.scene.bodies import FlexibleBody
 from nassim.scene.part import (
     Constraint,
     Field,
@@ -44,7 +45,7 @@ def _part_marks(scene: Scene, kind: str, part: Part) -> Iterable[Mark]:
     """A part's marks: what it says of the same points is one."""
     axes: dict[tuple[tuple[str, ...], str], list[Array]] = {}
     for word in part.says(scene):
-        for paths, frame, direction in _places(word):
+        for paths, frame, direction in _places(scene, word):
             axes.setdefault((paths, frame), []).extend(direction)
     text = part.describe() or f"{kind} {part.name}" + "".join(f" [{unit}]" for unit in _units(part, scene))
     for (paths, frame), directions in axes.items():
@@ -56,7 +57,7 @@ def _part_marks(scene: Scene, kind: str, part: Part) -> Iterable[Mark]:
         yield Mark(part.name, kind, ends, shown, frame.partition(".")[0], text)
 
 
-def _places(word: Word) -> Iterable[tuple[tuple[str, ...], str, list[Array]]]:
+def _places(scene: Scene, word: Word) -> Iterable[tuple[tuple[str, ...], str, list[Array]]]:
     """Points that a word is about, the frame of its directions, and these."""
     if isinstance(word, Constraint):
         free = [d for d in DIRECTIONS if d not in word.held]
@@ -64,7 +65,7 @@ def _places(word: Word) -> Iterable[tuple[tuple[str, ...], str, list[Array]]]:
     elif isinstance(word, SixSprings):
         yield (word.a, word.b), "", []
     elif isinstance(word, Tension):
-        yield from _places(word.spring)
+        yield from _places(scene, word.spring)
     elif isinstance(word, (Force, Reading, Spring, Leak)):
         row = word.row
         if isinstance(row, Line):
@@ -72,7 +73,7 @@ def _places(word: Word) -> Iterable[tuple[tuple[str, ...], str, list[Array]]]:
         elif row.points:
             yield _row_place(row)
         else:
-            yield from (((body,), "", []) for body, _ in row.own)
+            yield from (((_own_place(scene, *own),), "", []) for own in row.own)
     elif isinstance(word, Field):
         return
 
@@ -84,8 +85,16 @@ def _row_place(row: Row) -> tuple[tuple[str, ...], str, list[Array]]:
     return tuple(path for path, _ in row.points[-2:]), row.frame, [direction / length] if length else []
 
 
+def _own_place(scene: Scene, name: str, weights: Array) -> str:
+    """An electrical port whose charge a body's own coordinates bring by these weights, where its place is known."""
+    body = scene.split(f"{name}.")[0]
+    ports = body.reduced.ports if isinstance(body, FlexibleBody) else ()
+    known = [port.name for port in ports if port.place is not None and np.array_equal(port.forces, weights)]
+    return f"{name}.{known[0]}" if known else name
+
+
 def _end(scene: Scene, path: str) -> tuple[str, str]:
-    """Shape and its point; of what has no point, as a port of a body, the body's middle."""
+    """Shape and its point; of what has no point the body's middle."""
     if "." not in path:
         return path, CENTRE
     body, point = scene.split(path)

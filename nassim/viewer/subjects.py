@@ -13,7 +13,7 @@ from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
 from nassim.simulation.recording import scene_modes
-from nassim.viewer.forms import MATERIALS, body_form, label_colors, scene_form
+from nassim.viewer.forms import MATERIALS, body_form, bushing_sides, label_colors, scene_form
 from nassim.viewer.marks import point_mark, scene_marks
 from nassim.viewer.views import Form, Mode, Shape, View
 
@@ -76,8 +76,11 @@ def view_modes(
 def view_scene(scene: Scene, *, looks: Mapping[str, Surface] | None = None) -> View:
     """A scene at rest: its bodies, joints with the axes that they leave free, springs, actuators and sensors.
 
+    Flexible bodies look like their surface, trimmed ones too, and those that have none, such as imported ones, like
+    rods from the centre of mass to the points.
     looks: surfaces of rigid bodies by name, around the centre of mass and along the body's axes, see `block`,
-        `cylinder` and `nassim.fem.solid_surface`; others look like a box of their inertia
+        `cylinder` and `nassim.fem.solid_surface`; others look like a box of their inertia, or, where a bushing holds
+        two together in the centre of both, as halves of a flexible joint, like two cones along its stiffest axis
     Raises ValueError for looks of bodies that are unknown or flexible.
     """
     return View(scene.name, _scene_shapes(scene, looks), scene_marks(scene))
@@ -124,7 +127,7 @@ def _at_rest(name: str, surface: Surface, points: "tuple[RemotePoint, ...]", tex
 def _body_shape(body: ReducedBody) -> Shape:
     form = body_form(body)
     text = f"{1e3 * body.mass:.4g} g, {len(body.mass_matrix)} coordinates"
-    return Shape(body.name, form, colors=label_colors(form.surface, body.point_names), text=text)
+    return Shape(body.name, form, colors=label_colors(form.surface, body.all_point_names), text=text)
 
 
 def _scene_shapes(scene: Scene, looks: Mapping[str, Surface] | None) -> tuple[Shape, ...]:
@@ -135,13 +138,14 @@ def _scene_shapes(scene: Scene, looks: Mapping[str, Surface] | None) -> tuple[Sh
     forms: dict[int, Form] = {}
     shapes = []
     roles: dict[str, str] = {}
+    sides = bushing_sides(scene)
     for body in scene.bodies:
         if isinstance(body, FlexibleBody) and body.name not in looks:
             form = forms.setdefault(id(body.reduced), scene_form(body))
-            colors = label_colors(form.surface, body.reduced.point_names)
+            colors = label_colors(form.surface, body.reduced.all_point_names)
             text = f"{1e3 * body.reduced.mass:.4g} g, flexible ({body.fidelity})"
         else:
-            form = scene_form(body, looks.get(body.name))
+            form = scene_form(body, looks.get(body.name), sides.get(body.name))
             color = roles.setdefault(body.name.rpartition("/")[2], MATERIALS[len(roles) % len(MATERIALS)])
             colors = dict.fromkeys(form.surface.labels, color)
             text = _rigid_text(body)

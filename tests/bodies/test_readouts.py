@@ -78,12 +78,18 @@ def test_projection_carries_everything(body):
     np.testing.assert_allclose(gauge.row, (projected.motion("left") - projected.motion("middle"))[0])
 
 
-def test_trimming_carries_all_but_the_picture(body):
+def test_trimming_carries_everything(body):
+    """A picture whose corners ride on points moves as these do in the trimmed body; the richer form has none."""
+    corners = Picture(TRIANGLE, np.array([body.motion(name)[:3] for name in body.all_point_names]))
+    body = replace(body, readouts={**body.readouts, "surface": corners}, enriched=None)
     trimmed = trim_body(body, points=["right"], loads=np.zeros((N, 0)), cutoff_frequency=1e5)
-    assert list(trimmed.readouts) == ["left", "second", "first", "middle", "gauge"]
+    assert list(trimmed.readouts) == ["left", "surface", "second", "first", "middle", "gauge"]
     np.testing.assert_allclose(
         trimmed.readouts["gauge"].row, (trimmed.motion("left") - trimmed.motion("middle"))[0], atol=1e-12
     )
+    expected = [trimmed.motion(name)[:3] for name in ("left", "right", "middle")]
+    np.testing.assert_allclose(trimmed.surface_modes, expected, atol=1e-12)
+    assert trimmed.enriched.surface is None
 
 
 def test_fewer_modes_keep_the_picture_which_the_richer_form_lacks(body):

@@ -40,8 +40,10 @@ from nassim import (
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.projection import keep_modes, open_circuit, trim_body
+from nassim.fem import glue
 from nassim.fem.full_model import full_frequency_response
 from nassim.signals.excitations import band_limited_noise
+from nassim.simulation import reduce_scene
 from nassim.simulation.time_domain import exudyn_eigenfrequencies
 
 SHEET = {
@@ -66,6 +68,29 @@ def make_stack(coupling="rbe3", n_modes=6, **changes):
     solid = Solid("stack", shape, {"stack": ceramic}, points, (ElectricalPort("v", "stack", stack),))
     fe_model = build_fe_model(solid, element_size=5e-3, order=2, progress=False)
     return stack, craig_bampton(fe_model, n_modes=n_modes, progress=False)
+
+
+def test_a_port_lies_in_the_middle_of_its_stacks(tmp_path):
+    """Of two in line among three blocks; also after trimming, and in the frame of a scene that becomes one body."""
+    stack = PiezoStack.from_datasheet(**SHEET)
+    blocks = [occ.Box(occ.Pnt(20e-3 * k, 1e-3, 2e-3), occ.Pnt(20e-3 * (k + 1), 11e-3, 12e-3)) for k in range(3)]
+    for k, block in enumerate(blocks):
+        block.name = f"block_{k}"
+    blocks[0].faces.Min(occ.X).name, blocks[2].faces.Max(occ.X).name = "left", "right"
+    points = [RemotePoint("left", "left", [0, 6e-3, 7e-3]), RemotePoint("right", "right", [60e-3, 6e-3, 7e-3])]
+    ceramic = Material("ceramic", stack.young_modulus, 0.31, 7800.0)
+    port = ElectricalPort("v", ("block_1", "block_2"), stack)
+    solid = Solid("line", glue(blocks), {f"block_{k}": ceramic for k in range(3)}, tuple(points), (port,))
+    body = craig_bampton(build_fe_model(solid, element_size=10e-3, order=2, progress=False), n_modes=0, progress=False)
+    place = np.array([40e-3, 6e-3, 7e-3])
+    np.testing.assert_allclose(body.port("v").place, place, atol=1e-12)
+    trimmed = trim_body(body, points=["left"], loads=np.zeros((len(body.mass_matrix), 0)), cutoff_frequency=1e6)
+    save(trimmed, tmp_path / "body.h5")
+    np.testing.assert_allclose(load(tmp_path / "body.h5").port("v").place, place, atol=1e-12)
+    turn = np.array([[6.0, 2.0, 3.0], [-3.0, 6.0, 2.0], [-2.0, -3.0, 6.0]]).T / 7
+    scene = Scene("s", (FlexibleBody("line", body, (1, 2, 3), rotation=turn, fidelity="linear"),))
+    whole = reduce_scene(scene, name="whole", points={"end": "line.left"})
+    np.testing.assert_allclose(whole.port("v").place, np.array([1, 2, 3]) + turn @ place, atol=1e-12)
 
 
 def answer(body, held, voltage):

@@ -9,12 +9,23 @@ from conftest import STEEL, lattice
 from scipy.spatial.transform import Rotation
 from seen import TURN, bar, bar_model, machine, turning
 
-from nassim import RemotePoint, RigidBody, Scene, Solid, craig_bampton
-from nassim.bodies import Surface
+from nassim import (
+    Bushing,
+    FlexibleBody,
+    RemotePoint,
+    RigidBody,
+    Scene,
+    Solid,
+    VoltageDrive,
+    VoltageSensor,
+    craig_bampton,
+)
+from nassim.bodies import PortCoupling, Surface, trim_body
+from nassim.bodies.readouts import by_name
 from nassim.fem import glue, solid_surface
 from nassim.scene import Motion, Reading, Row, Sensor, SpringDamper
 from nassim.scene.joints import prismatic
-from nassim.simulation import assemble
+from nassim.simulation import assemble, traced, trim_scene
 from nassim.viewer import (
     Form,
     Mark,
@@ -109,14 +120,36 @@ def test_modes_move_points_as_the_body_says():
         assert np.abs(moved[index, 1:]).max() < 1e-9 * np.abs(moved).max()
 
 
-def test_a_body_without_a_surface_is_rods_that_its_points_carry():
-    body = craig_bampton(lattice(), n_modes=2, progress=False)
+@pytest.mark.parametrize("kept", [("left", "right"), ("left",)])
+def test_a_body_without_a_surface_is_rods_that_its_points_carry(kept):
+    """All of them, also those that are no coordinates any more."""
+    whole = craig_bampton(lattice(), n_modes=2, progress=False)
+    body = trim_body(whole, points=kept, loads=np.zeros((14, 0)), cutoff_frequency=1e9)
     form = view_body(body).shape("lattice").form
-    assert np.abs(form.surface.points - body.center_of_mass).max() > 0.014
+    assert (form.surface.points - body.center_of_mass)[:, 0].max() > 0.014
+    assert (form.surface.points - body.center_of_mass)[:, 0].min() < -0.014
     beside = body.center_of_mass + np.array([0.01, -0.02, 0.03])
     turn = np.cross([1, 2, 3], form.points - beside)
-    coordinates = np.concatenate([*([*np.cross([1, 2, 3], p - beside), 1, 2, 3] for p in body.positions), [0, 0]])
+    coordinates = np.zeros(len(body.mass_matrix))
+    for k, place in enumerate(body.positions):
+        coordinates[6 * k : 6 * k + 6] = [*np.cross([1, 2, 3], place - beside), 1, 2, 3]
     assert np.allclose(form.modes @ coordinates, turn, atol=1e-12)
+
+
+@pytest.mark.parametrize("remembering", [False, True])
+def test_trimmed_bodies_show_their_surface(remembering):
+    """What was trimmed before and what is trimmed on the way move alike, whether or not it remembers what it was."""
+    whole = replace(machine(), springs=(), cutoff_frequency=3e3)
+    trimmed = trim_scene(traced(whole) if remembering else whole)
+    found, expected = (view_scene_modes(scene, n=4) for scene in (trimmed, whole))
+    assert [mode.name for mode in found.modes] == [mode.name for mode in expected.modes]
+    n = len(bar().surface.points)
+    for name in ("bar_1", "bar_2"):
+        assert len(trimmed.split(f"{name}.")[0].reduced.mass_matrix) < len(bar().mass_matrix)
+        assert np.array_equal(found.shape(name).points[:n], expected.shape(name).points[:n])
+        for mode in found.modes:
+            moved, right = (view.displacement(name, mode=mode.name)[:n] for view in (found, expected))
+            assert np.allclose(moved * np.sign(np.sum(moved * right)), right, atol=1e-6 * np.abs(right).max())
 
 
 def test_a_rigid_body_is_the_block_of_its_inertia():
@@ -129,6 +162,37 @@ def test_a_rigid_body_is_the_block_of_its_inertia():
     assert np.allclose(centre, 0, atol=1e-12)
     assert np.allclose(mass * own / volume, body.inertia)
     assert np.allclose(shape.points[-1], np.ones(3) + TURN[:, 0] * 0.01)
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+@pytest.mark.parametrize("reach", [1.0, -1.0])
+def test_halves_of_a_joint_are_cones_on_the_sides_on_which_they_are_held(swapped, reach):
+    """Cubes of 12 mm, as two cones as high as half of each, neck to neck along the stiffest axis."""
+    place, axes = np.array([0.3, -0.2, 0.1]), Rotation.from_euler("xyz", [0.4, 1.1, -0.7]).as_matrix()
+    along, mass = axes[:, 1], 0.0146
+    inertia_of_cube = mass * 12e-3**2 / 6 * np.eye(3)
+    far = reach * 0.03 * TURN.T @ (along + 0.4 * axes[:, 2])
+    bodies = (
+        RigidBody("free", {"p": np.zeros(3)}, mass, inertia_of_cube, place, rotation=axes),
+        RigidBody("held", {"p": np.zeros(3), "far": far}, mass, inertia_of_cube, place, rotation=TURN),
+        RigidBody("plate", {"hole": -far}, 2.0, 1e-3 * np.eye(3), place + TURN @ far),
+    )
+    ends = ("held.p", "free.p") if swapped else ("free.p", "held.p")
+    stiffness = [1e7, 9e7, 2e7, 10.0, 500.0, 10.0]
+    beside = Bushing("beside", "held.far", "plate.hole", stiffness)
+    scene = Scene("joint", bodies, springs=(Bushing("joint", *ends, stiffness, axes=axes), beside))
+    view = view_scene(scene)
+    for name, side in (("held", reach), ("free", -reach)):
+        shape = view.shape(name)
+        heights = side * (shape.points[: len(shape.form.surface.points)] - place) @ along
+        assert heights.min() == pytest.approx(0.0, abs=1e-12)
+        extent = heights.max()
+        # A cube reaches as far as the axis is askew in it; its own axes are any, for it is the same about all.
+        assert 6e-3 - 1e-9 < extent < 6e-3 * np.sqrt(3) + 1e-9
+        across = np.linalg.norm(np.cross(shape.points[: len(heights)] - place, along), axis=1)
+        assert across[heights < 1e-9].max() == pytest.approx(0.2 * across.max())
+        assert np.pi * across.max() ** 2 * 2 * extent == pytest.approx(12e-3**3)
+    assert len(view.shape("plate").form.surface.points) == 8
 
 
 def _alone(body):
@@ -226,6 +290,31 @@ def test_marks_stand_where_parts_are_and_point_where_they_act():
     assert marks["encoder"].axes == pytest.approx(np.array([[1, 0, 0]]))
     assert "sensor encoder [m]" in marks["encoder"].text
     assert "free in rz" in marks["pin"].text
+
+
+def test_ports_are_marked_where_their_stacks_lie():
+    """The mark goes along rigidly where the body does, and as the surface about it; without a place, amid the body."""
+    whole, place = bar(), np.array([0.03, 0.001, -0.002])
+    n = len(whole.mass_matrix)
+    known = PortCoupling("stack", np.random.default_rng(0).standard_normal(n), 1e-6, place)
+    unknown = PortCoupling("other", np.random.default_rng(1).standard_normal(n), 1e-6)
+    body = replace(whole, readouts=by_name([*whole.readouts.values(), known, unknown]))
+    flexible = FlexibleBody("bar", body, (1, 2, 3), rotation=TURN)
+    drives = VoltageDrive("drive", "bar.stack", "u"), VoltageSensor("sensor", "bar.other")
+    view = view_scene(Scene("alone", (flexible,), actuators=drives[:1], sensors=drives[1:]))
+    assert {mark.name: mark.ends for mark in view.marks} == {
+        "drive": (("bar", "stack"),), "sensor": (("bar", "centre of mass"),)
+    }  # fmt: skip
+    form = view.shape("bar").form
+    assert np.allclose(view.shape("bar").points[form.index("stack")], flexible.position + TURN @ place)
+    rows = form.modes[form.index("stack")]
+    spin = np.array([0.3, -0.2, 0.5])
+    rigid = np.concatenate([*([*(1 + np.cross(spin, p)), *spin] for p in body.positions), np.zeros(n - 12)])
+    assert np.allclose(rows @ rigid, 1 + np.cross(spin, place), atol=1e-9)
+    _, modes = body.eigenmodes(fixed=["left"], n=1)
+    bent = (body.surface_modes @ modes[:, 0])[:, 1:]
+    line = [np.polyval(np.polyfit(body.surface.points[:, 0], values, 4), place[0]) for values in bent.T]
+    assert np.allclose(rows[1:] @ modes[:, 0], line, atol=0.03 * np.linalg.norm(line))
 
 
 def test_modes_of_a_scene_hold_its_joints_and_keep_rigid_bodies_stiff():
