@@ -4,6 +4,8 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from nassim.base.tables import text_table
+
 
 def print_report(template: str, summary: Mapping[str, Any]) -> None:
     """Print a text whose figures are a summary's, as {key}, {key:format} or {key*factor:format}.
@@ -18,11 +20,7 @@ def print_report(template: str, summary: Mapping[str, Any]) -> None:
 def print_table(title: str, rows: Mapping[str, Mapping[str, Any]], columns: Mapping[str, str]) -> None:
     """Print a line per row and a column per heading, its figure written as in `print_report`, without braces."""
     body = [[name, *(_figure(row, figure) for figure in columns.values())] for name, row in rows.items()]
-    lines = [[title, *columns], *body]
-    first, *widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    print()
-    for name, *cells in lines:
-        print(name.ljust(first) + "".join(f"  {cell:>{width}}" for cell, width in zip(cells, widths, strict=True)))
+    print("\n" + text_table([[title, *columns], *body]))
 
 
 def _figure(summary: Mapping[str, Any], figure: str) -> str:

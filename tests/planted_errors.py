@@ -17,6 +17,7 @@ To add an error, append a table to planted_errors.toml:
     new = 'what takes its place'
     means = "what that does to the physics, in one line"
     tests = ["wing/test_module.py::test_that_must_catch_it"]
+    needs = ["chromium"]  # programs without which its tests are skipped, and so is the error; they are also in CI
 
 Mutation tools (mutmut, cosmic-ray, mutatest) change every operator and number there is and run the whole suite for
 each. They know no frames, units or half samples, and of what they leave alive most is harmless. Here an engineer chose
@@ -56,7 +57,10 @@ FAILED, NO_TESTS = 1, 5
 
 @dataclass(frozen=True)
 class PlantedError:
-    """One error: `new` in the place of `old` in a file; tests: ids below tests/ that must fail then."""
+    """One error: `new` in the place of `old` in a file; tests: ids below tests/ that must fail then.
+
+    needs: programs without which these are skipped
+    """
 
     name: str
     file: str
@@ -64,6 +68,12 @@ class PlantedError:
     new: str
     means: str
     tests: tuple[str, ...]
+    needs: tuple[str, ...] = ()
+
+    @property
+    def can_be_tried(self) -> bool:
+        """Whether its tests run here."""
+        return not self.needs or ("CI" not in os.environ and all(map(shutil.which, self.needs)))
 
     def plant(self, root: Path) -> str:
         """Change the file below a root; returns its text from before. ValueError where the snippet does not fit."""
@@ -90,7 +100,7 @@ def read_errors(path: Path = LIST) -> list[PlantedError]:
     errors = []
     for name, entry in tomllib.loads(path.read_text(encoding="utf-8")).items():
         try:
-            error = PlantedError(name, **{key: tuple(v) if key == "tests" else v for key, v in entry.items()})
+            error = PlantedError(name, **{key: tuple(v) if isinstance(v, list) else v for key, v in entry.items()})
         except TypeError as problem:
             raise ValueError(f"{path.name}, [{name}]: {problem}") from problem
         if not (error.tests and error.old) or error.old == error.new:
@@ -177,6 +187,8 @@ def try_error(place: Path, error: PlantedError) -> Outcome:
 
 def try_errors(errors: Sequence[PlantedError], *, root: Path = ROOT, jobs: int = 1) -> list[Outcome]:
     """Try all errors, `jobs` at a time, and print how each fares; ValueError where the tests themselves are wrong."""
+    if not errors:
+        return []
     with copies(root, jobs) as places:
         problem = check_tests(places[0], errors)
         if problem:
@@ -215,6 +227,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"no such error: {', '.join(sorted(unknown))}")
     if options.names:
         errors = [error for error in errors if error.name in options.names]
+    left_out = [error.name for error in errors if not error.can_be_tried]
+    errors = [error for error in errors if error.can_be_tried]
+    if left_out:
+        print(f"{len(left_out)} left out, whose tests need programs that are not here: {', '.join(left_out)}")
     if options.sample is not None:
         errors = random.Random(options.seed).sample(errors, min(options.sample, len(errors)))
     try:

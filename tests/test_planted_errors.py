@@ -106,6 +106,19 @@ def test_incomplete_tables_are_refused(table, tmp_path):
         read_errors(path)
 
 
+def test_errors_that_need_a_missing_program_are_left_out(small_repository, tmp_path, monkeypatch, capsys):
+    monkeypatch.delenv("CI", raising=False)
+    body = "file = 'nassim/circle.py'\nold = '3.0'\nnew = '4.0'\nmeans = ''\ntests = ['test_circle.py::test_area']\n"
+    path = tmp_path / "list.toml"
+    path.write_text(f"[a]\n{body}needs = ['no-such-program']\n[b]\n{body}needs = ['python3']\n")
+    never, here = read_errors(path)
+    assert (never.can_be_tried, here.can_be_tried) == (False, True)
+    assert main(["--list", str(path), "--names", "a"]) == 0
+    assert "1 left out, whose tests need programs that are not here: a\n0 errors planted" in capsys.readouterr().out
+    monkeypatch.setenv("CI", "true")
+    assert not here.can_be_tried
+
+
 def test_unknown_names_are_refused(capsys):
     with pytest.raises(SystemExit):
         main(["--names", "no-such-error", "--list", str(LIST)])

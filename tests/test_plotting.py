@@ -10,10 +10,12 @@ from matplotlib.container import BarContainer
 
 from nassim import FRF, RemotePoint, Solid, Superelement, TimeHistory, build_fe_model, craig_bampton, studies
 from nassim.base.rigid_motion import rigid_transfer
+from nassim.identification.modal_fit import ModalFit
 from nassim.plotting import (
     plot_frf,
     plot_frf_error,
     plot_inspection,
+    plot_modal_fit,
     plot_noise_budget,
     plot_pareto,
     plot_scatter,
@@ -59,6 +61,67 @@ def test_differences_are_shown_in_per_cent():
     assert incoherence.get_lines()[0].get_ydata() == pytest.approx(0.1)
 
 
+def test_the_named_entry_of_several_is_drawn():
+    """Of outputs a and b by inputs u and v: b by v, which lies 180 ... 360 degrees ahead, drawn from -180 on."""
+    values = np.ones((2, 2, 3), dtype=complex)
+    values[1, 1] = 4 * np.exp(1j * np.radians([180, 270, 360]))
+    coherence = np.array([[0.2] * 3, [0.7] * 3])
+    frf = FRF([1.0, 2.0, 4.0], values, ("a", "b"), ("u", "v"), coherence, "model")
+    axes = plot_frf([frf], output="b", input="v", unit="m/V")
+    curves = [ax.get_lines()[0].get_ydata() for ax in axes]
+    assert curves[0] == pytest.approx(4.0)
+    assert curves[1] == pytest.approx(np.array([-180.0, -90.0, 0.0]))
+    assert curves[2] == pytest.approx(0.7)
+    assert [ax.get_yscale() for ax in axes] == ["log", "linear", "linear"]
+    assert {ax.get_xscale() for ax in axes} == {"log"}
+    assert [ax.get_ylabel() for ax in axes] == ["magnitude [m/V]", "phase [deg]", "coherence [-]"]
+    assert (axes[0].get_title(), axes[2].get_xlabel()) == ("b / v", "frequency [Hz]")
+    reference = FRF(frf.frequency, frf.values / (1 + 0.3j), frf.outputs, frf.inputs)
+    error, incoherence = plot_frf_error([frf], [reference], output="b", input="v")
+    assert error.get_lines()[0].get_ydata() == pytest.approx(30.0)
+    assert incoherence.get_lines()[0].get_ydata() == pytest.approx(0.3)
+
+
+def two_modes(frequency):
+    """Output b of two modes whose gains have opposite signs, so that its phase falls to -360 degrees."""
+    shares = ((3.0, 50.0, 0.02), (-1.0, 120.0, 0.01))
+    return sum(gain * f**2 / (f**2 - frequency**2 + 2j * z * f * frequency) for gain, f, z in shares)
+
+
+def test_a_fit_is_drawn_over_what_was_recorded():
+    """All phases beside that of the fit, whatever their turns; lines that are mostly noise have none."""
+    lines = np.linspace(20.0, 200.0, 181)
+    residual = 0.1 * np.exp(1j * lines)
+    noise = np.array([np.full(181, 9.0), np.where(np.arange(181) < 100, 0.02, 50.0)])
+    noise[1, 3] = 100.0
+    recorded = FRF(lines, [[0 * lines], [two_modes(lines) + residual]], ("a", "b"), ("u",))
+    fit = ModalFit(
+        input="u", outputs=("a", "b"), frequency=[50.0, 120.0], damping_ratio=[0.02, 0.01],
+        gains=[[1.0, 1.0], [3.0, -1.0]], covariance=np.eye(8), residual_terms=np.zeros((2, 0)), residual_powers=[],
+        recorded=recorded, noise=noise, criterion=[0.0], how={},
+    )  # fmt: skip
+    late = FRF(lines, [[0 * lines], [two_modes(lines) * np.exp(-1j * np.pi / 6)]], ("a", "b"), ("u",), None, "late")
+    axes = plot_modal_fit(fit, [late], output="b", unit="m/N")
+    dots, own, other = (line.get_xydata() for line in axes[0].get_lines())
+    assert dots == pytest.approx(np.column_stack([lines, np.abs(two_modes(lines) + residual)]))
+    assert own[:, 1] == pytest.approx(np.abs(two_modes(own[:, 0])))
+    assert other[:, 1] == pytest.approx(np.abs(two_modes(lines)))
+    dots, own, other = (line.get_xydata() for line in axes[1].get_lines())
+    fine = np.linspace(20.0, 200.0, 20001)
+    phase = np.degrees(np.unwrap(np.angle(two_modes(fine))))
+    assert phase[-1] < -355
+    assert own[:, 1] == pytest.approx(np.interp(own[:, 0], fine, phase), abs=0.1)
+    assert other[:, 1] == pytest.approx(np.interp(lines, fine, phase) - 30, abs=0.1)
+    clear = np.flatnonzero((np.arange(181) < 100) & (np.arange(181) != 3))
+    assert dots[:, 0] == pytest.approx(lines[clear])
+    beside = np.degrees(np.angle(1 + residual / two_modes(lines)))[clear]
+    assert dots[:, 1] == pytest.approx(np.interp(lines[clear], fine, phase) + beside, abs=0.1)
+    left, level, _ = (line.get_xydata() for line in axes[2].get_lines())
+    assert left[:, 1] == pytest.approx(0.1)
+    assert (level[0, 1], level[-1, 1]) == (0.02, 50.0)
+    assert [ax.get_ylabel() for ax in axes] == ["magnitude [m/N]", "phase [deg]", "residual [m/N]"]
+
+
 def test_signals_stand_over_their_time():
     time = 0.5 + np.arange(5) * 0.1
     history = TimeHistory(time, np.arange(10.0).reshape(2, 5), ("a", "b"), ("V", "m"))
@@ -84,11 +147,26 @@ def test_a_budgets_largest_part_comes_first_and_the_total_last():
         plot_noise_budget(budget, output="y")
 
 
+def test_a_budget_of_one_of_several_outputs():
+    """Its own order, unit and density; a limit above the total is within the picture."""
+    psd = np.array([[[4.0] * 3, [1.0] * 3], [[9e-18] * 3, [16e-18] * 3]])
+    budget = NoiseBudget(np.array([1.0, 2.0, 3.0]), psd, ("force", "top"), ("one", "other"), ("N", "m"))
+    density, cumulative = plot_noise_budget(budget, output="top", limit=1e-6)
+    assert [line.get_label().partition(":")[0] for line in cumulative.get_lines()][:2] == ["other", "one"]
+    assert density.get_lines()[0].get_ydata() == pytest.approx(4e-9)
+    assert cumulative.get_lines()[1].get_ydata() == pytest.approx(3e-9 * np.sqrt([2, 1]))
+    assert cumulative.get_ylabel() == "rms above the frequency [m]"
+    assert cumulative.get_ylim()[1] > 1e-6
+    assert {density.get_xscale(), density.get_yscale(), cumulative.get_yscale()} == {"log"}
+
+
 def test_points_of_a_pareto_plot_are_joined_in_the_order_of_their_cost():
     axis = plot_pareto({"order 2": [(3.0, 0.1, "2 mm"), (1.0, 0.4, "5 mm")]}, "time [s]", "error [-]")
     (line,) = axis.get_lines()
     assert line.get_xydata() == pytest.approx(np.array([[1.0, 0.4], [3.0, 0.1]]))
     assert [(text.get_text(), *text.xy) for text in axis.texts] == [("5 mm", 1.0, 0.4), ("2 mm", 3.0, 0.1)]
+    assert (axis.get_xlabel(), axis.get_ylabel()) == ("time [s]", "error [-]")
+    assert (axis.get_xscale(), axis.get_yscale()) == ("log", "log")
 
 
 def test_what_is_unstable_is_drawn_open():
@@ -103,6 +181,28 @@ def test_what_is_unstable_is_drawn_open():
     assert stable.get_xydata() == pytest.approx(np.array([[k, 10.0 * k] for k in (1, 3, 4, 5, 6)]))
     assert unstable.get_xydata() == pytest.approx(np.array([[2.0, 20.0]]))
     assert (stable.get_markerfacecolor() == "none", unstable.get_markerfacecolor() == "none") == (False, True)
+
+
+def test_versions_of_a_body_stand_side_by_side():
+    """A point on springs along and about all axes but z, where only half of a coupling was written down."""
+    stiffness = np.diag([4.0, 4.0, 1.0, 1.0, 1.0, 0.0]) * (2 * np.pi * 10) ** 2
+    lopsided = stiffness.copy()
+    lopsided[0, 1] = 2 * (2 * np.pi * 10) ** 2
+    bodies = {
+        name: Superelement(name, stiffness_matrix=k, mass_matrix=np.eye(6), positions=np.zeros((1, 3)), names=("a",))
+        for name, k in (("even", stiffness), ("lopsided", lopsided))
+    }
+    frequencies, residuals = plot_inspection(bodies)
+    stable = [line.get_xydata() for line in frequencies.get_lines() if len(line.get_xdata()) == 5]
+    assert stable[0][:, 1] == pytest.approx([10, 10, 10, 20, 20])
+    assert stable[1][:, 1] == pytest.approx([10, 10, 10, 10 * np.sqrt(3), 10 * np.sqrt(5)])
+    assert stable[1][:, 0] - stable[0][:, 0] == pytest.approx(0.2, abs=0.1)
+    assert [tick.get_text() for tick in residuals.get_xticklabels()] == ["x", "y", "z", "rx", "ry", "rz"]
+    even, other = residuals.containers
+    assert [bar.get_height() for bar in even] == pytest.approx([1, 1, 1, 1, 1, 1e-18])
+    for k, (left, right) in enumerate(zip(even, other, strict=True)):
+        assert k - 0.5 < left.get_x() < left.get_x() + left.get_width() <= right.get_x() + 1e-9
+        assert right.get_x() + right.get_width() < k + 0.5
 
 
 def test_a_figure_is_written_and_closed(tmp_path):
@@ -176,6 +276,31 @@ def test_shares_are_bars_with_their_intervals(plane):
     assert [bar.get_width() for bar in first] == pytest.approx([0.0, 4 / 13, 9 / 13], abs=0.03)
     segments = np.array(total.errorbar.lines[2][0].get_segments())[:, :, 0]
     assert segments == pytest.approx(indices.total_interval.sel(parameter=["c", "a", "b"]).values[0])
+
+
+def test_shares_of_several_results_stand_in_one_order():
+    """By the largest total share in any of them; an interval need not lie evenly about its estimate."""
+    xr = pytest.importorskip("xarray")
+    total = np.array([[0.1, 0.6, 0.5], [0.2, 0.0, 0.9]])
+    first = total - 0.05
+    ends = {"low": -0.01, "high": 0.03}
+    axes = ("result", "parameter")
+    variables = {"total": (axes, total), "first_order": (axes, first)}
+    for name, value in (("total", total), ("first_order", first)):
+        variables[f"{name}_interval"] = ((*axes, "bound"), np.stack([value + e for e in ends.values()], axis=-1))
+    indices = xr.Dataset(variables, {"result": ["f", "g"], "parameter": ["a", "b", "c"], "bound": list(ends)})
+    drawn = plot_sobol(indices)
+    assert [label.get_text() for label in drawn[0].get_yticklabels()] == ["a", "b", "c"]
+    for ax, row in zip(drawn, (0, 1), strict=True):
+        assert ax.get_title() == "fg"[row]
+        bars = [c for c in ax.containers if isinstance(c, BarContainer)]
+        for container, values in zip(bars, (total, first), strict=True):
+            assert [bar.get_width() for bar in container] == pytest.approx(values[row])
+            segments = np.array(container.errorbar.lines[2][0].get_segments())[:, :, 0]
+            assert segments == pytest.approx(values[row][:, None] + [-0.01, 0.03])
+        assert [c.get_label() for c in bars] == ["total", "first order"]
+    (alone,) = plot_sobol(indices, results=["f"])
+    assert [label.get_text() for label in alone.get_yticklabels()] == ["a", "c", "b"]
 
 
 def test_a_figure_of_rows_of_axes_is_written(plane, tmp_path):

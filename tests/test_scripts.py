@@ -40,14 +40,20 @@ def script(monkeypatch):
     return importlib.import_module
 
 
+def too_wide(printed):
+    """Lines of more than 100 columns; a long word, such as a path, stays whole."""
+    return [line for line in printed.splitlines() if len(line) > 100 and len(line.split()) > 1]
+
+
 @pytest.fixture
-def run_here(script, tmp_path, monkeypatch):
+def run_here(script, tmp_path, monkeypatch, capsys):
     """Runs a script without a process of its own, whose imports take seconds; returns its summary."""
 
     def run_main(name, *options, output="."):
         folder = tmp_path / output
         monkeypatch.setattr(sys, "argv", [f"{name}.py", "--output", str(folder), *options])
         script(name).main()
+        assert too_wide(capsys.readouterr().out) == []
         return json.loads((folder / "summary.json").read_text())
 
     return run_main
@@ -416,6 +422,7 @@ def test_scripts_stay_short(path):
 def test_script_writes_its_results(name, options, figures, pictures, tmp_path):
     result = run(f"scripts/{name}", "--output", tmp_path, *options)
     assert result.returncode == 0, result.stderr
+    assert too_wide(result.stdout) == []
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["command"].split()[:2] == ["python", f"scripts/{name}"]
     for figure in figures:

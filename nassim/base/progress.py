@@ -18,6 +18,8 @@ BAR = "  {desc:<26}{percentage:3.0f}% |{bar:24}| {n_fmt}/{total_fmt} {unit} [{el
 COUNTER = "  {desc:<26}{n_fmt} {unit} [{elapsed}]{left}"
 WIDTH = 100
 """Columns that a terminal is taken to have."""
+SELDOM = 10.0
+"""Time between two signs of progress in a file [s]."""
 
 
 def silent(n: int = 1) -> None:
@@ -97,7 +99,7 @@ def stage(label: str, *, total: int | None = None, unit: str = "", enabled: bool
     enabled: False shows nothing
 
     Within a `course`, the time left of the whole run stands beside it. Yields a function advance(n=1) that moves the
-    bar.
+    bar; where there is no terminal, it adds per cents to the line of a stage that takes minutes.
     """
     if not enabled:
         yield silent
@@ -110,12 +112,27 @@ def stage(label: str, *, total: int | None = None, unit: str = "", enabled: bool
         start = time.perf_counter()
         print(f"  {label:<26}", end="", flush=True)
         try:
-            yield silent
+            yield silent if total is None else _tenths(total)
         except BaseException:
             print("stopped", flush=True)
             raise
         _end(label)
         print(f"{time.perf_counter() - start:7.1f} s{_left()}", flush=True)
+
+
+def _tenths(total: int) -> Advance:
+    """An `Advance` that prints each tenth that is reached, but not more than one within `SELDOM`."""
+    done, told, last = 0, 0, time.perf_counter()
+
+    def advance(n: int = 1) -> None:
+        nonlocal done, told, last
+        done += n
+        tenth, now = 10 * done // total, time.perf_counter()
+        if told < tenth < 10 and now - last >= SELDOM:
+            print(f" {10 * tenth} %", end="", flush=True)
+            told, last = tenth, now
+
+    return advance
 
 
 class _Bar(tqdm):  # type: ignore[misc]

@@ -212,7 +212,8 @@ def _numbers(element: _Element, order: str) -> Array:
 def _level_4(data: bytes) -> Iterator[tuple[str, Array]]:
     place = 0
     while place < len(data):
-        order = "<" if data[place : place + 2] < b"\x10\x00" and data[place + 3 : place + 4] == b"\x00" else ">"
+        # It begins with a number below 100, to which big-endian files add 1000.
+        order = "<" if 0 <= struct.unpack_from("<i", data, place)[0] < 1000 else ">"
         code, n_rows, n_columns, is_complex, name_length = struct.unpack_from(order + "5i", data, place)
         thousands, precision, kind = code // 1000, code // 10 % 10, code % 10
         if thousands != (order == ">") or code // 100 % 10 or precision not in _LEVEL_4 or min(n_rows, n_columns) < 0:

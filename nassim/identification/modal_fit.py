@@ -9,6 +9,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from nassim.base.checks import Array, finite, finite_array, freeze, frozen_mapping, known, positive, unique
+from nassim.base.tables import text_table
 from nassim.identification.compressed_lines import compressed
 from nassim.identification.lines import Lines
 from nassim.identification.pole_fit import (
@@ -122,9 +123,7 @@ class ModalFit:
             gains = [f"{g:.4g} ± {s:.1g}" for g, s in zip(self.gains[:, r], self.gains_std[:, r], strict=True)]
             ratio = f"{100 * self.damping_ratio[r]:.4g} ± {100 * self.damping_ratio_std[r]:.1g}"
             rows.append([str(r + 1), f"{self.frequency[r]:.3f} ± {self.frequency_std[r]:.1g}", ratio, *gains])
-        width = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-        lines = ["  ".join(cell.rjust(w) for cell, w in zip(row, width, strict=True)) for row in rows]
-        return "\n".join(lines) + (f"\ndoubtful: {self.how['doubts']}" if self.how.get("doubts") else "")
+        return text_table(rows) + (f"\ndoubtful: {self.how['doubts']}" if self.how.get("doubts") else "")
 
 
 def upgraded_fit(content: Mapping[str, Any]) -> dict[str, Any]:

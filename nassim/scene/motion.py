@@ -21,7 +21,8 @@ class Motion:
     time: ascending, shape (n,) [s]
     positions, rotations: of the bodies' own frames, by name: the place of the origin, of a rigid body's centre of mass,
         in the world, (n, 3) [m], and from the body's axes to the world's, (n, 3, 3)
-    coordinates: of the reduced bodies, by name, (n, n_coordinates), on the coordinates of `FlexibleBody.reduced`
+    coordinates: of the reduced bodies, by name, (n, n_coordinates), on the coordinates of `FlexibleBody.reduced`;
+        one without does not deform
 
     A point x of a reduced body's surface is at position + rotation @ (x + surface_modes @ coordinates). In small motion
     a reduced body's frame stays and the coordinates hold all of the motion; in large motion it goes along.
@@ -70,9 +71,10 @@ class Motion:
 def seen_from(scene: Scene, motion: Motion, body: str) -> Motion:
     """The motion against a body's frame, which stays as it is drawn: of what turns, as seen by who turns along.
 
-    Raises ValueError for an unknown body.
+    Raises ValueError for a body that the scene or its motion does not have.
     """
     drawn, _ = scene.split(f"{body}.")
+    known("body of the motion", body, motion.positions)
     back = drawn.rotation @ motion.rotations[body].transpose(0, 2, 1)
     moved = {name: places - motion.positions[body] for name, places in motion.positions.items()}
     places = {name: drawn.position + np.einsum("nij,nj->ni", back, moved[name]) for name in moved}
@@ -83,13 +85,15 @@ def point_motion(scene: Scene, motion: Motion, path: str) -> tuple[Array, Array]
     """Where a point "body.point" of a scene was, (n, 3) [m], and how its axes stood, the body's at rest, (n, 3, 3).
 
     A point of a reduced body turns by the body's rotation and the small rotation of its deformation. Raises ValueError
-    for an unknown point.
+    for an unknown point and for one of a body that the motion leaves out.
     """
     body, point = scene.split(path)
+    known("body of the motion", body.name, motion.positions)
     place, turns = motion.positions[body.name], motion.rotations[body.name]
     if not isinstance(body, FlexibleBody):
         arm = body.points[known(f"point of {body.name!r}", point, body.points)]
         return place + turns @ arm, turns
-    shifts = motion.coordinates[body.name] @ body.reduced.motion(point).T
+    rows = body.reduced.motion(point)
+    shifts = motion.coordinates.get(body.name, np.zeros((len(motion.time), rows.shape[1]))) @ rows.T
     arms = body.reduced.point(point).position + shifts[:, :3]
     return place + np.einsum("nij,nj->ni", turns, arms), turns @ Rotation.from_rotvec(shifts[:, 3:]).as_matrix()

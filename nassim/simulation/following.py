@@ -25,6 +25,8 @@ from nassim.bodies.strain import Strain
 
 ROUNDING = 1e-9
 """Share of what a sum's terms could add up to that is rounding."""
+LEFT = 1e-12
+"""Share of a row's, a force's or a motion's own size that rounding of modes leaves of what it has no part in."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,16 @@ def followed_motion(held: Array, moved: Array, modes: Array, omega: Array, strai
     strained = (strain.root @ elastic).T / omega[omega > 0, None] ** 2
     for _ in range(2):  # twice is enough to the last digit
         result = result - free @ (free.T @ (mass @ result)) - elastic @ (strained @ (strain.root @ result))
-    return result
+    return cleared(result, scale[:, None] * np.linalg.norm(result / scale[:, None], axis=0))
+
+
+def cleared(values: Array, sizes: Array) -> Array:
+    """Values, exactly 0 where they are rounding of what is of these sizes.
+
+    By sizes of rows and forces, in which metres and radians compare, |row / s| with s the roots of all coordinates'
+    masses: no mode of unit modal mass has more of it. Of motions, likewise, |s motion|.
+    """
+    return np.where(np.abs(values) > LEFT * sizes, values, 0.0)
 
 
 def product(a: Array, b: Array) -> Array:
@@ -100,6 +111,9 @@ def follow(
 
     mass: in all coordinates; dragged: forces of dampers on all coordinates per unit rate of the drives, (n_all, d)
     """
-    momentum = modes.T @ mass @ motion
-    beyond = product(np.hstack([np.eye(len(mass)), -modes]), np.vstack([motion, momentum]))
-    return Following(tuple(inputs), tuple(rates), motion, momentum, modes.T @ dragged, beyond)
+    scale = np.sqrt(np.diag(mass))[:, None]
+    size = np.linalg.norm(scale * motion, axis=0)
+    momentum = cleared(modes.T @ mass @ motion, size)
+    drag = cleared(modes.T @ dragged, np.linalg.norm(dragged / scale, axis=0))
+    beyond = cleared(product(np.hstack([np.eye(len(mass)), -modes]), np.vstack([motion, momentum])), size / scale)
+    return Following(tuple(inputs), tuple(rates), motion, momentum, drag, beyond)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from nassim.base.checks import Array, finite_array, known, unique
 from nassim.scene.part import Constraint, Reading
 from nassim.scene.scene import Scene
-from nassim.simulation.following import product
+from nassim.simulation.following import cleared, product
 from nassim.simulation.sides import standing_bodies
 from nassim.simulation.small_motion import Assembly, assemble
 from nassim.simulation.spinning import Spinning, spinning
@@ -176,13 +176,15 @@ def _follow_drives(
     moved = _moved_by_drives(a, spin, state)
     state += moved @ lagging
     drives += moved @ taken
+    pushed = np.append(np.linalg.norm(a.input_matrix / a.scale[:, None], axis=0), 0.0)
     for order, rows in enumerate((a.output_matrix, a.velocity_matrix, a.acceleration_matrix)):
+        size = np.linalg.norm(rows / a.scale, axis=1, keepdims=True)
         at_once = product(rows, a.following.beyond)
         seen, direct = at_once @ lagging, at_once @ taken
         seen[:, :n] += rows @ a.basis @ a.shapes
         for step in range(order):
             _refuse_derivatives(a, direct, step)
-            seen, direct = seen @ state, product(seen, drives)
+            seen, direct = seen @ state, product(cleared(seen, size), cleared(drives, pushed))
         readings += seen
         feedthrough += direct
 
@@ -218,10 +220,11 @@ def _moved_by_drives(a: Assembly, spin: Spinning | None, state: Array) -> Array:
     if spin is not None:
         drag, pull = drag + a.shapes.T @ spin.drag, a.shapes.T @ spin.pull
     result = np.zeros((len(state), drag.shape[1]))
-    result[position] = slip = product(
-        np.hstack([-state[velocity, velocity], -np.eye(n)]), np.vstack([following.momentum, drag])
-    )
-    result[velocity] = state[velocity, velocity] @ slip - state[velocity, position] @ following.momentum - pull
+    # Modes of machines side by side hold a little of each other, by rounding, which must not look like following.
+    sizes = np.linalg.norm(state[velocity, velocity], axis=0)
+    damping = cleared(-state[velocity, velocity], np.maximum.outer(sizes, sizes))
+    result[position] = slip = product(np.hstack([damping, -np.eye(n)]), np.vstack([following.momentum, drag]))
+    result[velocity] = -damping @ slip - state[velocity, position] @ following.momentum - pull
     for j, circuit in enumerate(a.circuits, start=2 * n):
         result[j] = circuit.forces @ following.beyond / (circuit.resistance * circuit.capacitance**2)
     return result

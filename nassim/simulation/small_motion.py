@@ -125,6 +125,12 @@ class Assembly:
         return result
 
     @property
+    def scale(self) -> Array:
+        """Roots of the masses of all coordinates, (n_all,)."""
+        moving = [body for body in self.scene.bodies if body.moves]
+        return np.sqrt(np.concatenate([np.zeros(0), *(np.diag(body.mass_matrix) for body in moving)]))
+
+    @property
     def falls_into_modes(self) -> bool:
         """Whether nothing couples the undamped modes, outputs read displacements only, and inputs push only."""
         coupled = self.circuits or self.amplifiers or self.following.inputs or np.any(self.damping.beside)

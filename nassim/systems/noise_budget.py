@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite, finite_array, freeze, known, unique
+from nassim.base.tables import text_table
 from nassim.signals.spectra import Spectrum, TabulatedSpectrum, spectrum_values
 from nassim.systems.linear_model import LinearModel, Names, frequency_response, names, unstable_poles
 
@@ -102,9 +103,7 @@ class NoiseBudget:
         rows += [[name, *(f"{x:.3g}" for x in rms[:, k])] for k, name in enumerate(self.inputs)]
         rows += [["total", *(f"{x:.3g}" for x in total.rms(low, high)[:, 0])]]
         rows += [["error by integration", *(f"{100 * x:.2g} %" for x in total.integration_error[:, 0])]]
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        lines = ("  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]).rstrip() for row in rows)
-        return "\n".join(lines)
+        return text_table(rows)
 
 
 def noise_budget(

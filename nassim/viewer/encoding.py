@@ -132,7 +132,7 @@ def _form(block: Block, form: Form, patterns: _Patterns) -> dict[str, Any]:
         "points": block.add(form.points, np.float32),
         "triangles": block.add(surface.triangles, np.uint32),
         "labels": form.labels,
-        "label": block.add([place[label] for label in surface.labels], np.uint8),
+        "label": block.add([place[label] for label in surface.labels], np.uint32),
         "outline": block.add(form.outline, np.uint32),
         "edges": block.add(surface.edges, np.uint32),
         "patterns": patterns.add(block),

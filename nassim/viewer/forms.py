@@ -74,7 +74,7 @@ def scene_form(body: Body, look: Surface | None = None) -> Form:
     surface = look if look is not None else _inertia_box(body)
     positions = np.array(list(body.points.values())).reshape(-1, 3)
     points = np.vstack([surface.points, positions])
-    modes = np.array([rigid_transfer(point)[:3] for point in points]) if body.moves and len(points) else None
+    modes = np.array([rigid_transfer(point)[:3] for point in points]).reshape(-1, 3, 6)
     return Form(surface, tuple(body.points), positions, modes)
 
 

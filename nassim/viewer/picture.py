@@ -71,11 +71,15 @@ def save_picture(
 
 @dataclass(frozen=True)
 class _Drawing:
-    """Points of the shapes where they are drawn, (n, 3) [m], and the lengths of what they moved by, where they do."""
+    """Points of the shapes where they are drawn, (n, 3) [m], and the lengths of what they moved by, where they do.
+
+    told: what these are lengths of
+    """
 
     title: str
     points: Mapping[str, Array]
     lengths: Mapping[str, Array] | None = None
+    told: str = "displacement"
 
     @property
     def largest(self) -> float:
@@ -84,6 +88,7 @@ class _Drawing:
 
 def _drawing(view: View, mode: str | None, frame: int | None, magnification: float) -> _Drawing:
     rest = {shape.name: shape.points for shape in view.shapes}
+    _check_frame(view, frame)
     if mode is not None:
         view.mode(mode)
         moved = {name: view.displacement(name, mode=mode) for name in rest}
@@ -92,17 +97,24 @@ def _drawing(view: View, mode: str | None, frame: int | None, magnification: flo
         return _Drawing(mode, {name: rest[name] + factor * moved[name] for name in rest}, lengths)
     if frame is None:
         return _Drawing(view.title, rest)
-    if view.motion is None:
-        raise ValueError(f"view {view.title!r} has no motion, so no frame {frame}")
-    if not 0 <= frame < len(view.motion.time):
-        raise ValueError(f"view {view.title!r} has the frames 0 to {len(view.motion.time) - 1}, not {frame}")
+    assert view.motion is not None
     moved = {name: view.displacement(name, frame=frame) for name in rest}
     own = {name: view.deformation(name, frame) @ _turn(view, name, frame).T for name in rest}
     told = moved if view.small else own
     points = {name: rest[name] + moved[name] + (magnification - 1) * told[name] for name in rest}
     what = f", {'motion' if view.small else 'deformation'} x {magnification:g}" if magnification != 1 else ""
     title = f"{view.title}: {view.motion.time[frame]:.4g} s{what}"
-    return _Drawing(title, points, {name: np.linalg.norm(shift, axis=1) for name, shift in told.items()})
+    lengths = {name: np.linalg.norm(shift, axis=1) for name, shift in told.items()}
+    return _Drawing(title, points, lengths, "displacement" if view.small else "deformation")
+
+
+def _check_frame(view: View, frame: int | None) -> None:
+    if frame is None:
+        return
+    if view.motion is None:
+        raise ValueError(f"view {view.title!r} has no motion, so no frame {frame}")
+    if not 0 <= frame < len(view.motion.time):
+        raise ValueError(f"view {view.title!r} has the frames 0 to {len(view.motion.time) - 1}, not {frame}")
 
 
 def _turn(view: View, name: str, frame: int) -> Array:
@@ -135,7 +147,7 @@ def _draw(pyvista: Any, plotter: Any, view: View, drawing: _Drawing, *, mesh: bo
         legend |= {f"{mark.kind}s": KINDS[mark.kind] for mark in view.marks}
         _add_legend(pyvista, plotter, legend)
     elif alone:
-        text = {"title": "share of the largest displacement", "color": "black", "vertical": False, "n_labels": 3}
+        text = {"title": f"share of the largest {drawing.told}", "color": "black", "vertical": False, "n_labels": 3}
         plotter.add_scalar_bar(
             **text,
             width=0.36,

@@ -54,6 +54,18 @@ def clock(monkeypatch):
     return Clock()
 
 
+def test_a_long_stage_shows_its_tenths_in_a_file(clock, capsys):
+    """At most one sign in ten seconds: 25 of 200 units each 4 s; a quick stage shows none."""
+    for seconds in (4.0, 0.1):
+        with stage("study", total=200, unit="runs") as advance:
+            for _ in range(8):
+                clock.pass_by(seconds)
+                advance(25)
+    slow, quick = capsys.readouterr().out.splitlines()
+    assert slow.split() == ["study", "30", "%", "70", "%", "32.0", "s"]
+    assert quick.split() == ["study", "0.8", "s"]
+
+
 EARLIER = (("mesh", 2.0), ("solve", 4.0), ("solve", 6.0), ("all", 10.0))
 
 

@@ -134,6 +134,28 @@ def test_definiteness_is_restored(own, capsys):
     mended = repair(soft)
     assert any("made positive" in step for step in mended.steps)
     assert check(mended.body)["stiffness matrix"].verdict == "ok"
+    # The square was -1e-4 of the true one, and is as large above zero; no other motion is touched.
+    assert mended.elastic_before[0] == pytest.approx(-1e-2 * frequency[6], rel=1e-6)
+    assert mended.elastic_after[0] == pytest.approx(1e-2 * frequency[6], rel=1e-6)
+    np.testing.assert_allclose(mended.elastic_after[1:], frequency[7:], rtol=1e-9)
+
+
+def least_inertia(mass):
+    """Least eigenvalue where the diagonal is scaled to ones."""
+    scale = np.sqrt(np.diag(mass))
+    return np.linalg.eigvalsh(mass / np.outer(scale, scale))[0]
+
+
+@pytest.mark.parametrize("size", [1e-6, 1e-8])
+def test_negative_inertia_becomes_as_large_above_zero(own, size, capsys):
+    """Whatever rounding has taken away, it may as well have added: as many digits of a mass matrix are left."""
+    scale = np.sqrt(np.diag(own.mass_matrix))
+    values, vectors = np.linalg.eigh(own.mass_matrix / np.outer(scale, scale))
+    unit = (vectors * np.concatenate([[-size], values[1:]])) @ vectors.T
+    spoilt = scale[:, None] * unit * scale
+    mended = repair(replace(own, mass_matrix=spoilt)).body.mass_matrix
+    assert least_inertia(spoilt) < -size
+    assert least_inertia(mended) == pytest.approx(-least_inertia(spoilt), rel=1e-3)
 
 
 def test_what_is_no_rounding_is_not_repaired(own):

@@ -59,6 +59,7 @@ def test_the_state_space_is_that_of_the_matrices(body):
     frequency = np.array([20.0, 300.0, 900.0])
     found = frequency_response(model, frequency)
     assert found.inputs == found.outputs == body.coordinate_names[:12]
+    assert model.units == 2 * (3 * ("m",) + 3 * ("rad",))
     damping = body_damping(body, 0.01)
     for k, omega in enumerate(2 * np.pi * frequency):
         dynamic = body.stiffness_matrix - omega**2 * body.mass_matrix + 1j * omega * damping
@@ -74,6 +75,7 @@ def test_models_round_trip_exactly(bench, ending, tmp_path):
     found = scipy.io.loadmat(path) if ending == "mat" else np.load(path, allow_pickle=False)
     for letter in "ABCD":
         assert np.array_equal(found[letter], getattr(model, letter))
+    assert [str(name).strip() for name in found["inputs"]] == list(model.inputs)
     assert [str(name).strip() for name in found["outputs"]] == list(model.outputs)
 
 

@@ -162,6 +162,10 @@ def test_every_other_defect_has_its_line(own):
     scaled = np.eye(n)
     scaled[-1, -1] = 2.0
     assert check(with_matrices(own, lambda m: scaled @ m @ scaled))["modal rows"].verdict == "warning"
+    coupled = np.array(own.stiffness_matrix)
+    coupled[7, -1] = coupled[-1, 7] = 0.1 * np.sqrt(coupled[7, 7] * coupled[-1, -1])
+    assert check(replace(own, stiffness_matrix=coupled))["modal rows"].figures["coupling"] == pytest.approx(0.1)
+    assert check(replace(own, stiffness_matrix=coupled))["modal rows"].verdict == "warning"
     no_modes = replace(own, stiffness_matrix=own.stiffness_matrix[:12, :12], mass_matrix=own.mass_matrix[:12, :12])
     assert check(no_modes)["range"].verdict == "warning"
     assert "static reduction" in check(no_modes)["modal rows"].text
@@ -170,6 +174,28 @@ def test_every_other_defect_has_its_line(own):
 def test_the_range_is_that_of_the_kept_modes(own):
     held = np.sqrt(own.stiffness_matrix[-1, -1]) / (2 * np.pi)
     assert check(own)["range"].figures["good_to_Hz"] == pytest.approx(held / 1.5)
+
+
+def test_the_spin_limit_is_a_thirtieth_of_the_first_elastic_frequency(own):
+    """In revolutions a minute: 60 / 30 of the frequency in hertz."""
+    report = check(own)
+    limit = 2 * report["rigid motions"].figures["first_elastic_Hz"]
+    assert f"right below some {limit:.3g} rev/min" in report["inertia integrals"].text
+
+
+@pytest.mark.parametrize(("away", "verdict"), [(0.15, "ok"), (0.5, "warning")])
+def test_a_centre_of_mass_far_from_all_nodes_is_told(away, verdict):
+    """A box of 0.1 m and 2 kg that two nodes 0.2 m apart hold, its centre beside them."""
+    arms = np.array([[away, -0.1, 0.0], [away, 0.1, 0.0]])
+    mass = np.zeros((12, 12))
+    for k, (x, y, z) in enumerate(arms):
+        to_centre = np.eye(6)
+        to_centre[:3, 3:] = [[0, z, -y], [-z, 0, x], [y, -x, 0]]
+        mass[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] = to_centre.T @ np.diag([1.0] * 3 + [0.1**2 / 6] * 3) @ to_centre
+    body = superelement(np.zeros((12, 12)), mass, [[0, 0.1, 0], [0, -0.1, 0]])
+    found = check(body)["centre of mass"]
+    assert [found.figures[f"{axis}_m"] for axis in "xyz"] == pytest.approx([away, 0, 0], abs=1e-12)
+    assert found.verdict == verdict
 
 
 def test_the_report_reads_line_by_line():

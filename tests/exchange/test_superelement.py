@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.io
 import scipy.sparse
+from scipy.spatial.transform import Rotation
 from superelements import DOFS, SAMPLE, master_text, matrix_text, node_text, sample
 
 from nassim.exchange import mat_npz
@@ -133,6 +134,34 @@ def test_nodal_frames_are_turned_back(raw, tmp_path):
     assert np.allclose(by_hand.stiffness_matrix, sample().stiffness_matrix, rtol=1e-12, atol=1e-3)
 
 
+def test_masters_in_any_order_keep_their_places_frames_and_names(raw, tmp_path):
+    """Nodes 13, 11, 12 in the rows of the matrices, each turned about all three axes; the table of nodes ascends."""
+    stiffness, mass, positions = raw
+    order, angles = [2, 0, 1], np.array([[10.0, -20.0, 35.0], [50.0, 15.0, -5.0], [-70.0, 40.0, 25.0]])
+    rows = np.concatenate([np.concatenate([np.arange(6) + 6 * k for k in order]), np.arange(18, 22)])
+    change = np.eye(22)
+    for k, angle in enumerate(angles):
+        turn = Rotation.from_euler("ZXY", angle, degrees=True).as_matrix()
+        change[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] = np.kron(np.eye(2), turn)  # body from node
+    listed = [(change.T @ matrix @ change)[np.ix_(rows, rows)] for matrix in (stiffness, mass)]
+    nodes = "  NODE        X             Y             Z           THXY     THYZ     THZX\n" + "".join(
+        f"{11 + k} " + " ".join(f"{value:.6f}" for value in (*positions[k], *angles[k])) + "\n" for k in range(3)
+    )
+    masters = " NODE DOF\n" + "".join(f"{11 + k} {dof}\n" for k in order for dof in DOFS)
+    full = {"entry": "[{:3d},{:3d}]:{:25.16e}"}
+    body = read_texts(
+        tmp_path, matrix_text(listed[0], **full), matrix_text(listed[1], title="MAT_M", **full), nodes, masters
+    )
+    assert body.names == ("node_13", "node_11", "node_12")
+    np.testing.assert_allclose(body.positions, 1e-3 * positions[order], atol=1e-9)
+    block = np.ix_(rows, rows)
+    for found, expected in (
+        (body.stiffness_matrix, sample().stiffness_matrix),
+        (body.mass_matrix, sample().mass_matrix),
+    ):
+        np.testing.assert_allclose(found, expected[block], rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
 def test_nodal_frames_turn_about_z_then_x_then_y():
     turn = nodal_frame(np.array([90.0, 90.0, 0]))
     # After 90 deg about z the new x points along y; turning about it brings z to x.
@@ -229,6 +258,18 @@ def test_sparse_text_and_integers_in_mat_files(tmp_path):
     assert found["e"].size == 0
 
 
+KINDS = {"5": ("i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f4", "f8"), "4": ("u1", "i2", "u2", "i4", "f4", "f8")}
+
+
+@pytest.mark.parametrize(("level", "kind"), [(level, kind) for level, kinds in KINDS.items() for kind in kinds])
+def test_numbers_of_every_kind_in_mat_files(level, kind, tmp_path):
+    """As SciPy writes them: the ends of each kind's range, which another kind would turn into something else."""
+    limits = np.finfo(kind) if kind[0] == "f" else np.iinfo(kind)
+    values = np.array([[limits.min, limits.max, 1], [2, 3, 4]], dtype=kind)
+    scipy.io.savemat(tmp_path / "a.mat", {"v": values}, format=level)
+    assert read_arrays(tmp_path / "a.mat")["v"].tolist() == values.tolist()
+
+
 @pytest.mark.parametrize("ending", ["npz", "mat"])
 def test_small_files_that_unpack_to_much_are_refused(tmp_path, ending, monkeypatch):
     monkeypatch.setattr(mat_npz, "LARGEST_TOTAL", 3 * 8 * 10000)
@@ -311,6 +352,10 @@ def test_digits_are_counted():
         text = np.array([[float(f"{v:.{digits - 1}e}") for v in row] for row in values])
         assert significant_digits(text) == digits
         assert significant_digits(1e-3 * text) == digits
+    # Those of the numbers that are finest: stiffnesses may be round by themselves.
+    exact, round_ones = np.diag(np.full(6, np.pi)), np.diag(np.full(6, 3e4))
+    assert superelement(round_ones, exact, np.zeros((1, 3))).digits == 16
+    assert superelement(exact, round_ones, np.zeros((1, 3))).digits == 16
     assert significant_digits(values) == 16
 
 
@@ -340,3 +385,7 @@ def test_big_endian_mat_files_are_read(tmp_path):
     path.write_bytes(body.getvalue())
     assert read_arrays(path)["v"].ravel().tolist() == [1.5, -2.0]
     assert scipy.io.loadmat(path)["v"].ravel().tolist() == [1.5, -2.0]
+    letters = np.array([17, 4], ">u4").tobytes() + "µz".encode("utf-16-be").ljust(8, b"\0")
+    content = np.array([6, 8, 4, 0], ">u4").tobytes() + size + name + letters
+    path.write_bytes(b"by hand".ljust(124) + b"\x01\x00MI" + np.array([14, len(content)], ">u4").tobytes() + content)
+    assert read_arrays(path)["v"].tolist() == ["µz"]

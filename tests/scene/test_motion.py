@@ -33,6 +33,7 @@ def test_a_motion_is_read_only_and_saved(tmp_path):
         ({"time": [0.0, 0.0]}, "times that rise"),
         ({"time": []}, "times that rise, got 0"),
         ({"positions": {}}, "only one of them is given of: a"),
+        ({"positions": {"b": PLACES}}, "only one of them is given of: a, b"),
         ({"positions": {"a": PLACES[:1]}}, r"positions of 'a' must have shape 2 x 3"),
         ({"rotations": {"a": TURNS[:, :2]}}, r"rotations of 'a' must have shape 2 x 3 x 3"),
         ({"rotations": {"a": 1.01 * TURNS}}, "rotations of 'a' must be proper"),
@@ -71,6 +72,8 @@ def test_points_of_a_deformed_body_also_go_with_its_coordinates():
     np.testing.assert_array_equal(turns[0], TURNS[0])
     x, y, z = TURNS[1].T
     np.testing.assert_allclose(turns[1], np.column_stack([y, -x, z]), atol=1e-14)
+    stiff, _ = point_motion(Scene("scene", (FlexibleBody("a", body),)), motion(), "a.right")
+    np.testing.assert_allclose(stiff[1], PLACES[1] + TURNS[1] @ arm, rtol=1e-14)
 
 
 def test_who_turns_along_sees_where_points_lie_in_its_axes():
@@ -94,6 +97,14 @@ def test_who_turns_along_sees_where_points_lie_in_its_axes():
         np.testing.assert_allclose(drawn.T @ axes_after[k], TURNS[k].T @ axes[k], atol=1e-13)
     with pytest.raises(ValueError, match="unknown body 'c'"):
         seen_from(scene, moved, "c")
+
+
+def test_bodies_that_a_motion_leaves_out_are_named():
+    bodies = (RigidBody(name, {"tip": [0.1, 0, 0]}, 1.0, np.eye(3)) for name in "ab")
+    scene = Scene("scene", tuple(bodies))
+    for ask in (lambda: point_motion(scene, motion(), "b.tip"), lambda: seen_from(scene, motion(), "b")):
+        with pytest.raises(ValueError, match="unknown body of the motion 'b'; known: a"):
+            ask()
 
 
 def test_some_bodies_of_a_motion():

@@ -233,6 +233,8 @@ def test_records_of_uff_files(tmp_path, binary):
     assert (record.names, record.units) == (("encoder", "3 -z"), ("m", "V"))
     np.testing.assert_allclose(record.values, [1e-6 * a, 1e-3 * b], rtol=1e-10)
     np.testing.assert_allclose(record.time, time, atol=1e-10)
+    slow = write_uff(tmp_path / "slow.uff", [data_set(time, a, 1, binary=binary, abscissa_axis_units_lab="ms")])
+    assert read_record(slow).sample_rate == pytest.approx(1e7, rel=1e-5)
 
 
 @pytest.mark.parametrize("spacing", [0, 1])
@@ -253,6 +255,30 @@ def test_frfs_of_uff_files(tmp_path, spacing):
     np.testing.assert_allclose(frf.values[0, 0], 1e-3 * response[0], rtol=1e-10)
     np.testing.assert_allclose(frf.values[1, 0], 1e3 * response[1], rtol=1e-10)
     np.testing.assert_allclose(frf.coherence, [coherence, coherence], rtol=1e-10)
+
+
+def test_frfs_of_several_inputs_in_any_order_of_a_uff_file(tmp_path):
+    """No label but nodes and directions; curves and coherences out of order, frequencies in kHz."""
+    places = {"1": 1, "2 -y": 2, "3 rz": 3}
+    names = {"1": (1, 0), "2 -y": (2, -2), "3 rz": (3, 6), "7 x": (7, 1), "8 -ry": (8, -5)}
+    frequency, none = 10.0 + np.arange(30.0), {"ordinate_axis_lab": "NONE", "orddenom_axis_lab": "NONE"}
+
+    def curve(data, func_type, output, input="7 x"):
+        (rsp_node, rsp_dir), (ref_node, ref_dir) = names[output], names[input]
+        ends = {"rsp_node": rsp_node, "rsp_dir": rsp_dir, "ref_node": ref_node, "ref_dir": ref_dir}
+        units = {"abscissa_axis_units_lab": "kHz", "ordinate_axis_units_lab": "m", "orddenom_axis_units_lab": "V"}
+        return data_set(1e-3 * frequency, data, func_type, **none, **ends, **units)
+
+    sets = [curve(np.full(30, 0.1 * places[output]), 6, output) for output in ("3 rz", "1", "2 -y")]
+    pairs = [(output, input) for input in ("7 x", "8 -ry") for output in ("2 -y", "3 rz", "1")]
+    sets += [curve(np.full(30, places[o] + 1j * (i == "8 -ry")), 4, o, i) for o, i in pairs]
+    frf = read_frf(write_uff(tmp_path / "frf.uff", sets))
+    assert (frf.outputs, frf.inputs) == (("2 -y", "3 rz", "1"), ("7 x", "8 -ry"))
+    np.testing.assert_allclose(frf.frequency, frequency, rtol=1e-5)
+    for output, place in places.items():
+        np.testing.assert_allclose(frf.response(output, "7 x"), place)
+        np.testing.assert_allclose(frf.response(output, "8 -ry"), place + 1j)
+        np.testing.assert_allclose(frf.coherence[frf.outputs.index(output)], 0.1 * place)
 
 
 TIME = np.arange(20) * 1e-3

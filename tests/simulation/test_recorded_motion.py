@@ -9,6 +9,7 @@ from newton_euler import integrate, wrench
 from scipy.spatial.transform import Rotation
 
 from nassim import (
+    Bushing,
     Controller,
     Encoder,
     FlexibleBody,
@@ -29,6 +30,7 @@ from nassim.scene import Drive, point_motion
 from nassim.scene.joints import prismatic, revolute, spherical
 from nassim.scene.part import Filter, Reading, Row, Sensor
 from nassim.simulation import mode_motion, scene_modes, traced
+from nassim.simulation.recording import frame_steps
 
 
 def turn(*vector):
@@ -328,11 +330,10 @@ def test_frames_that_a_run_does_not_have_are_refused(soft):
 
 def test_what_is_kept_changes_nothing_else(soft):
     scene = tower(soft, ("linear", "ffrf"))
-    record, motion = run_tower(scene, 5)
-    time = record.time
+    record, motion = run_tower(scene, [0.0, 0.005, 0.0101])
     same = simulate(scene, record.select(("f", "g")), time_step=1e-4, progress=False)
     np.testing.assert_array_equal(record.values, same.values)
-    np.testing.assert_allclose(motion.time, time[[0, 50, 100, 150, 200]])
+    np.testing.assert_allclose(motion.time, record.time[[0, 50, 101]])
 
 
 @pytest.mark.parametrize("cutoff", [None, 1000.0])
@@ -378,6 +379,62 @@ def test_a_mode_of_what_turns_whirls(number):
     np.testing.assert_allclose(angle - angle[0], (-1) ** (number + 1) * np.linspace(0, 2 * np.pi, 9), atol=1e-6)
     with pytest.raises(ValueError, match=r"oscillations 1 \.\.\. 2, got 3"):
         mode_motion(scene, 3, **turning)
+
+
+def test_a_damped_mode_swings_as_if_it_did_not_decay():
+    """A weight on a rail, damped to 0.6: its period is that of the damped swing, which ends where it begins."""
+    stiffness, mass, ratio = 4e4, 0.5, 0.6
+    axis = np.array(TOWARDS["one"]) / np.linalg.norm(TOWARDS["one"])
+    bodies = (
+        RigidBody("base", {"o": np.zeros(3), "far": [0, 0.12, 0.16]}, fixed=True),
+        RigidBody("weight", {"c": np.zeros(3)}, mass, INERTIA, rotation=ODD),
+    )
+    spring = SpringDamper("spring", "base.o", "weight.c", axis, stiffness, 2 * ratio * np.sqrt(stiffness * mass))
+    rail = prismatic("rail", "base.o", "weight.c", axis)
+    pole, motion = mode_motion(Scene("slide", bodies, (rail,), springs=(spring,), damping_ratio=0.0), 1, frames=9)
+    natural = np.sqrt(stiffness / mass)
+    assert pole == pytest.approx(natural * complex(-ratio, np.sqrt(1 - ratio**2)), rel=1e-9)
+    np.testing.assert_allclose(motion.time, np.linspace(0, 2 * np.pi / (0.8 * natural), 9))
+    x = motion.positions["weight"] @ axis
+    np.testing.assert_allclose(motion.positions["weight"], np.outer(x, axis), atol=1e-9 * np.abs(x).max())
+    np.testing.assert_allclose(x[4:], -x[:5], atol=1e-9 * np.abs(x).max())
+    amplitude = np.hypot(x[0], x[2])
+    np.testing.assert_allclose(np.hypot(x[:6], x[2:8]), amplitude)
+    assert amplitude * np.abs(axis).max() == pytest.approx(1e-3 * 0.2)
+
+
+def test_a_mode_that_only_turns_stays_small():
+    """A wheel on a bushing that is soft about one axis: a thousandth of a radian, however large the scene is."""
+    bodies = (
+        RigidBody("base", {"o": np.zeros(3), "far": [0, 0, 0.05]}, fixed=True),
+        RigidBody("wheel", {"c": np.zeros(3)}, 1.0, INERTIA),
+    )
+    hub = Bushing("hub", "base.o", "wheel.c", [1e6, 1e6, 1e6, 1e4, 1e4, 10.0], axes=TILT)
+    _, motion = mode_motion(Scene("wheel", bodies, springs=(hub,), damping_ratio=0.0), 1, frames=49)
+    turns = Rotation.from_matrix(motion.rotations["wheel"]).as_rotvec()
+    assert np.abs(turns).max() == pytest.approx(1e-3, rel=3e-3)
+
+
+def test_a_swing_outwards_from_a_spindle_depends_on_the_spindles_place():
+    """A pendulum hinged at a radius r from the spindle, parallel to it: w^2 = W^2 m r l / (J + m l^2)."""
+    mass, arm, radius, spin = 0.5, 0.06, 0.3, 40.0
+    hinge, out, along = TILT @ [0.1, 0.2, -0.1], TILT[:, 0], TILT[:, 2]
+    bob = RigidBody("bob", {"eye": [-arm, 0, 0]}, mass, np.diag([1e-3, 2e-3, 2.5e-3]), hinge + arm * out, rotation=TILT)
+    base = RigidBody("base", {"o": hinge}, fixed=True)
+    scene = Scene("swing", (base, bob), (revolute("hinge", "base.o", "bob.eye", along),), damping_ratio=0.0)
+    turning = {"angular_velocity": spin * along, "axis_point": hinge - radius * out}
+    pole, motion = mode_motion(scene, 1, **turning)
+    assert pole.imag == pytest.approx(spin * np.sqrt(mass * radius * arm / (2.5e-3 + mass * arm**2)), rel=1e-9)
+    moved = (motion.positions["bob"] - bob.position) @ TILT
+    assert np.abs(moved[:, [0, 2]]).max() < 1e-6 * np.abs(moved[:, 1]).max()
+    with pytest.raises(ValueError, match=r"oscillations 1 \.\.\. 1, got 0"):
+        mode_motion(scene, 0, **turning)
+
+
+def test_frames_are_the_nearest_steps():
+    np.testing.assert_array_equal(frame_steps(4, 10, 0.1), [0, 3, 7, 10])
+    np.testing.assert_array_equal(frame_steps(11, 10, 0.1), np.arange(11))
+    np.testing.assert_array_equal(frame_steps(np.array([0.04, 0.26, 1.0]), 10, 0.1), [0, 3, 10])
 
 
 def test_a_mode_at_rest_is_that_of_mass_and_stiffness(soft):

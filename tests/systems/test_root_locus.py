@@ -209,6 +209,21 @@ def test_picture_of_a_root_locus(tmp_path):
     assert any(curve == pytest.approx(expected / (2 * np.pi), nan_ok=True) for curve in curves)
     (star,) = [line.get_xydata()[0] for line in ax.get_lines() if line.get_marker() == "*"]
     assert np.hypot(*star) == pytest.approx(np.sqrt(POLE * ZERO))
+    best = iff_optimum(POLE, ZERO)
+    assert star[0] == pytest.approx(-best.damping_ratio * best.frequency)
+    marked = {mark: [line.get_xydata() for line in ax.get_lines() if line.get_marker() == mark] for mark in "xo"}
+    # The mode's damper draws its zeros to the left by as much as its poles.
+    assert marked["o"][0] == pytest.approx(np.array([[-0.01 * POLE, np.sqrt(ZERO**2 - (0.01 * POLE) ** 2)]]))
+    start = POLE * np.array([-0.01, np.sqrt(1 - 0.01**2)])
+    assert any(points[0] == pytest.approx(start, rel=1e-6) for points in marked["x"])
+    assert all(np.all(curve[:, 1][np.isfinite(curve[:, 1])] >= 0) for curve in curves)
+    assert all(np.nanmax(np.hypot(*curve.T)) <= 1.1 * 120.0 for curve in curves)
+    rays = {text.get_text(): np.array(text.xy) for text in ax.texts}
+    assert rays["0.3"] / np.hypot(*rays["0.3"]) == pytest.approx([-0.3, np.sqrt(1 - 0.3**2)])
+    told = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert told[0] == "poles at gain 0"
+    assert told[2] == "poles up to gain 60"
+    assert f"damping {best.damping_ratio:.3g} at {best.frequency:.4g} Hz" in told[3]
     assert Path(save_figure(ax, tmp_path / "locus.png")).stat().st_size > 10_000
 
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from seen import bar, bar_model, machine, turning
 
-from nassim.viewer import picture, save_picture, view_mesh, view_modes, view_motion, view_scene
+from nassim.viewer import picture, save_picture, view_mesh, view_modes, view_motion, view_scene, view_scene_modes
+from nassim.viewer.views import KINDS
 
 
 def drawn(path):
@@ -40,6 +41,94 @@ def test_a_sheet_of_modes_and_a_frame_of_a_scene(tmp_path):
     assert drawn(save_picture(view_scene(machine()), tmp_path / "scene.png", size=(400, 300))).std() > 5
 
 
+class Told:
+    """What a picture gives PyVista to draw, beside being drawn."""
+
+    def __init__(self, monkeypatch):
+        pyvista = pytest.importorskip("pyvista")
+        told = self
+        self.meshes, self.bars = [], []
+
+        class Plotter(pyvista.Plotter):
+            def add_mesh(self, mesh, **style):
+                told.meshes.append((mesh.copy(), style))
+                return super().add_mesh(mesh, **style)
+
+            def add_scalar_bar(self, title, **style):
+                told.bars.append(title)
+                return super().add_scalar_bar(title, **style)
+
+            def close(self):
+                told.camera = [np.array(self.camera.position), np.array(self.camera.focal_point)]
+                told.up = np.array(self.camera.up)
+                super().close()
+
+        monkeypatch.setattr(pyvista, "Plotter", Plotter)
+
+    def bodies(self):
+        return [(mesh, style) for mesh, style in self.meshes if "ambient" in style and "diffuse" in style]
+
+    def lines(self, color):
+        """Ends of lines of a colour, (n, 2, 3) [mm]."""
+        found = [m for m, style in self.meshes if style.get("color") == color and m.n_lines]
+        return np.concatenate([m.points[m.lines.reshape(-1, 3)[:, 1:]] for m in found])
+
+
+def test_a_frame_is_drawn_where_it_is_and_coloured_by_its_share(tmp_path, monkeypatch):
+    """In millimetres, colours over the largest of all bodies, beside the outlines of where bodies rest."""
+    told, motion = Told(monkeypatch), turning()
+    view = view_motion(machine(), motion)
+    save_picture(view, tmp_path / "p.png", frame=4, magnification=3.0, size=(300, 200))
+    assert told.bars == ["share of the largest deformation"]
+    own = {name: view.deformation(name, 4) for name in ("bar_1", "bar_2")}
+    largest = max(np.linalg.norm(values, axis=1).max() for values in own.values())
+    bodies = [mesh for mesh, _ in told.bodies()]
+    for mesh, (name, moved) in zip(bodies[:2], own.items(), strict=True):
+        n = mesh.n_points
+        assert mesh["length"][:n] == pytest.approx(np.linalg.norm(moved, axis=1)[:n] / largest)
+        there = (bar().surface.points + 3 * moved[: len(bar().surface.points)]) @ motion.rotations[name][4].T
+        expected = 1e3 * (motion.positions[name][4] + there)
+        assert np.asarray(mesh.points)[: len(there)] == pytest.approx(expected, abs=1e-6)
+    assert all(style["clim"] == (0, 1) for _, style in told.bodies())
+    rest = np.concatenate([1e3 * view.shape(name).points[view.shape(name).form.outline] for name in own])
+    assert told.lines(picture.RESTING)[: len(rest)] == pytest.approx(rest, abs=1e-6)
+
+
+def test_a_picture_at_rest_has_the_colours_of_faces_and_marks(tmp_path, monkeypatch):
+    """A force from its point on, a hinge to both sides of it, a spring from end to end."""
+    told, scene = Told(monkeypatch), machine()
+    view = view_scene(scene)
+    save_picture(view, tmp_path / "p.png", size=(300, 200))
+    mesh, _ = told.bodies()[0]
+    shape = view.shape("bar_1")
+    colors = ["#" + bytes(color).hex() for color in mesh.cell_data["color"]]
+    assert colors == [shape.colors[label] for label in shape.form.surface.labels]
+    assert len(set(colors)) == 3
+    tip, reach = 1e3 * scene.point_position("bar_2.right"), 60 * view.size
+    assert told.lines(KINDS["actuator"])[0] == pytest.approx(np.array([tip, tip + reach * np.eye(3)[2]]), abs=1e-4)
+    hinge = 1e3 * scene.point_position("ground.hinge")
+    middle = told.lines(KINDS["joint"]).mean(axis=1)
+    assert np.linalg.norm(middle - hinge, axis=1).min() < 1e-4
+    spring = np.array([1e3 * scene.point_position("bar_1.right"), tip])
+    assert told.lines(KINDS["spring"])[0] == pytest.approx(spring, abs=1e-4)
+    between, axis = told.lines(KINDS["sensor"])
+    assert between == pytest.approx(np.array([hinge, tip]), abs=1e-4)
+    assert axis == pytest.approx(np.array([tip, tip + reach * np.eye(3)[0]]), abs=1e-4)
+
+
+def test_the_camera_stands_where_it_is_told(tmp_path, monkeypatch):
+    """From the front, a little to the right and above, z upwards; y upwards in a view from above."""
+    told, view = Told(monkeypatch), view_mesh(bar_model())
+    middle = 1e3 * view.bounds.mean(axis=0)
+    for camera, up in ((None, "z"), ((1, 0, 0), "z"), ((0, 0, 1), "y")):
+        save_picture(view, tmp_path / "p.png", size=(300, 200), **({} if camera is None else {"camera": camera}))
+        position, focus = told.camera
+        wanted = np.array((0.435, -0.819, 0.375) if camera is None else camera)
+        assert focus == pytest.approx(middle)
+        assert (position - focus) / np.linalg.norm(position - focus) == pytest.approx(wanted, abs=1e-3)
+        assert told.up == pytest.approx(np.eye(3)["xyz".index(up)])
+
+
 def test_a_drawing_of_a_mode_is_as_large_as_on_a_page():
     view = view_modes(bar(), fixed=["left"], n=2)
     drawing = picture._drawing(view, view.modes[1].name, None, 1.0)
@@ -49,6 +138,16 @@ def test_a_drawing_of_a_mode_is_as_large_as_on_a_page():
     assert np.allclose(moved / np.abs(moved).max(), exact / np.abs(exact).max())
 
 
+def test_a_drawing_of_a_scenes_mode_is_sized_by_what_moves_most():
+    view = view_scene_modes(machine(), n=5)
+    drawing = picture._drawing(view, view.modes[4].name, None, 1.0)
+    moved = {shape.name: drawing.points[shape.name] - shape.points for shape in view.shapes}
+    far = {name: np.linalg.norm(values, axis=1).max() for name, values in moved.items()}
+    assert max(far.values()) == pytest.approx(0.06 * view.size)
+    assert not far["ground"]
+    assert drawing.largest == max(lengths.max() for lengths in drawing.lengths.values())
+
+
 def test_a_drawing_magnifies_deformation_and_leaves_far_ways_true():
     view, motion = view_motion(machine(), turning()), turning()
     drawing = picture._drawing(view, None, 4, 100.0)
@@ -56,9 +155,16 @@ def test_a_drawing_magnifies_deformation_and_leaves_far_ways_true():
     there = view.shape("bar_2").position + own @ motion.rotations["bar_2"][4].T
     assert np.allclose(drawing.points["bar_2"][: len(own)], there)
     assert "0.2 s, deformation x 100" in drawing.title
+    assert drawing.told == "deformation"
+    assert drawing.lengths["bar_2"][: len(own)] == pytest.approx(
+        np.linalg.norm(bar().surface_modes @ motion.coordinates["bar_2"][4], axis=1)
+    )
     small = view_motion(machine(), turning(angle=1e-4))
-    moved = picture._drawing(small, None, 4, 100.0).points["bar_2"] - small.shape("bar_2").points
+    drawing = picture._drawing(small, None, 4, 100.0)
+    moved = drawing.points["bar_2"] - small.shape("bar_2").points
     assert np.allclose(moved, 100 * small.displacement("bar_2", frame=4))
+    assert drawing.told == "displacement"
+    assert 100 * drawing.lengths["bar_2"] == pytest.approx(np.linalg.norm(moved, axis=1))
 
 
 @pytest.mark.parametrize(
@@ -66,6 +172,7 @@ def test_a_drawing_magnifies_deformation_and_leaves_far_ways_true():
     [
         ({"modes": "mode 9"}, "unknown mode 'mode 9'; known: mode 1"),
         ({"frame": 0}, "has no motion, so no frame 0"),
+        ({"modes": "mode 1: free motion", "frame": 0}, "has no motion, so no frame 0"),
         ({"frame": 0, "magnification": 0}, "magnification must be positive"),
     ],
 )

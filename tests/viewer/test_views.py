@@ -1,5 +1,7 @@
 """What views hold: bodies where they are, displacements that are those of the body, marks where parts are."""
 
+from dataclasses import dataclass, replace
+
 import netgen.occ as occ
 import numpy as np
 import pytest
@@ -8,8 +10,10 @@ from scipy.spatial.transform import Rotation
 from seen import TURN, bar, bar_model, machine, turning
 
 from nassim import RemotePoint, RigidBody, Scene, Solid, craig_bampton
+from nassim.bodies import Surface
 from nassim.fem import glue, solid_surface
-from nassim.scene import Motion
+from nassim.scene import Motion, Reading, Row, Sensor, SpringDamper
+from nassim.scene.joints import prismatic
 from nassim.simulation import assemble
 from nassim.viewer import (
     Form,
@@ -97,16 +101,21 @@ def test_modes_move_points_as_the_body_says():
         index = view.shape("bar").form.index("right")
         assert np.allclose(moved[index], vectors[6:9, k])
     assert view_modes(body, n=1).modes[0].name == "mode 1: free motion"
+    guided = view_modes(body, fixed=["left"], guided={"right": "x"}, n=2)
+    assert guided.title == "bar: left held, right free along x"
+    index = guided.shape("bar").form.index("right")
+    for mode in guided.modes:
+        moved = guided.displacement("bar", mode=mode.name)
+        assert np.abs(moved[index, 1:]).max() < 1e-9 * np.abs(moved).max()
 
 
 def test_a_body_without_a_surface_is_rods_that_its_points_carry():
     body = craig_bampton(lattice(), n_modes=2, progress=False)
     form = view_body(body).shape("lattice").form
     assert np.abs(form.surface.points - body.center_of_mass).max() > 0.014
-    turn = np.cross([0, 0, 1], form.points - body.center_of_mass)
-    coordinates = np.concatenate(
-        [*([*np.cross([0, 0, 1], p - body.center_of_mass), 0, 0, 1] for p in body.positions), [0, 0]]
-    )
+    beside = body.center_of_mass + np.array([0.01, -0.02, 0.03])
+    turn = np.cross([1, 2, 3], form.points - beside)
+    coordinates = np.concatenate([*([*np.cross([1, 2, 3], p - beside), 1, 2, 3] for p in body.positions), [0, 0]])
     assert np.allclose(form.modes @ coordinates, turn, atol=1e-12)
 
 
@@ -124,6 +133,12 @@ def test_a_rigid_body_is_the_block_of_its_inertia():
 
 def _alone(body):
     return Scene("alone", (body,))
+
+
+def test_a_thin_rod_is_drawn_thick_enough_to_be_seen():
+    body = RigidBody("rod", {}, 0.3, np.diag([0.3 * 0.5**2 / 12] * 2 + [1e-12]))
+    points = view_scene(_alone(body)).shape("rod").points
+    assert np.ptp(points, axis=0) == pytest.approx([0.01, 0.01, 0.5])
 
 
 def test_blocks_and_cylinders_have_their_volumes():
@@ -148,6 +163,48 @@ def test_a_scene_shows_bodies_in_their_places_and_copies_share_one_form():
     for looks, problem in (({"bar": None}, "unknown body 'bar'"), ({"bar_1": block((1, 1, 1))}, "is flexible")):
         with pytest.raises(ValueError, match=problem):
             view_scene(machine(), looks=looks)
+
+
+def test_shapes_and_points_tell_what_they_are():
+    """Masses by hand: a bar of steel of 0.1 m x 1 cm2 has 78 g."""
+    (shape,), (left, right) = view_body(bar()).shapes, view_body(bar()).marks
+    assert shape.text == "78 g, 15 coordinates"
+    assert (left.text, right.text) == ("rbe3 at 0, 0, 0 mm", "rbe3 at 100, 0, 0 mm")
+    texts = {shape.name: shape.text for shape in view_scene(machine()).shapes}
+    bars = dict.fromkeys(("bar_1", "bar_2"), "78 g, flexible (ffrf)")
+    assert texts == {"ground": "fixed", "block": "0.1 kg, rigid", **bars}
+
+
+def test_parts_of_one_kind_have_one_colour():
+    """Rigid bodies of one name in several copies of a machine, beside others; faces of points beside the body's own."""
+    names = ("leg_1/foot", "leg_1/knee", "leg_2/foot", "leg_2/knee")
+    view = view_scene(Scene("walker", tuple(RigidBody(name, {}, 1.0, np.eye(3)) for name in names)))
+    (foot,), (knee,), *others = (shape.colors.values() for shape in view.shapes)
+    assert foot != knee
+    assert [list(colors) for colors in others] == [[foot], [knee]]
+    colors = view_body(bar()).shape("bar").colors
+    vivid = {label: np.ptp([*bytes.fromhex(color[1:])]) > 100 for label, color in colors.items()}
+    assert vivid == {"bar": False, "left": True, "right": True}
+    assert colors["left"] != colors["right"]
+
+
+@dataclass(frozen=True)
+class Gauge(Sensor):
+    """How far a body's right end is from where its frame has it, along the body's own z."""
+
+    name: str
+    body: str
+
+    def says(self, scene):
+        row = Row.of_point(f"{self.body}.right", np.array([0, 0, 1.0]), frame=self.body)
+        return (Reading(self.name, "m", row),)
+
+
+def test_directions_along_a_bodys_own_axes_turn_with_it():
+    scene = replace(machine(), sensors=(Gauge("gauge", "bar_1"),))
+    (mark,) = (mark for mark in view_scene(scene).marks if mark.name == "gauge")
+    assert (mark.kind, mark.ends, mark.frame) == ("sensor", (("bar_1", "right"),), "bar_1")
+    assert mark.axes == pytest.approx(TURN[:, 2][None])
 
 
 def test_marks_stand_where_parts_are_and_point_where_they_act():
@@ -188,6 +245,27 @@ def test_modes_of_a_scene_hold_its_joints_and_keep_rigid_bodies_stiff():
         assert np.abs(stretched).max() < 1e-9 * size
 
 
+def test_modes_of_a_scene_have_their_own_shapes():
+    """Two weights on springs of their own, the stiffer one named first: sqrt(k / m) of each."""
+    weights = {"stiff": (4.0, np.array([0.1, 0, 0])), "soft": (1.0, np.array([0, 0.2, 0]))}
+    base = RigidBody("base", {name: place for name, (_, place) in weights.items()}, fixed=True)
+    bodies = [RigidBody(name, {"c": np.zeros(3)}, 1.0, np.eye(3), place) for name, (_, place) in weights.items()]
+    scene = Scene(
+        "weights",
+        (base, *bodies),
+        tuple(prismatic(name, f"base.{name}", f"{name}.c", "z") for name in weights),
+        springs=tuple(
+            SpringDamper(f"{name} spring", f"base.{name}", f"{name}.c", "z", (2 * np.pi * 10) ** 2 * k)
+            for name, (k, _) in weights.items()
+        ),
+    )
+    view = view_scene_modes(scene)
+    assert [mode.name for mode in view.modes] == ["mode 1: 10 Hz", "mode 2: 20 Hz"]
+    for mode, moving, still in zip(view.modes, ("soft", "stiff"), ("stiff", "soft"), strict=True):
+        assert np.abs(view.displacement(still, mode=mode.name)).max() < 1e-9
+        assert np.abs(view.displacement(moving, mode=mode.name)) == pytest.approx(np.tile([0, 0, 1.0], (9, 1)))
+
+
 def test_a_motion_moves_points_through_space():
     """Against the position of a point as its noun says: place + rotation (x + modes q)."""
     motion = turning()
@@ -212,6 +290,22 @@ def test_a_long_motion_is_thinned_and_a_small_one_is_known():
     assert not View("far", view.shapes, motion=Motion(motion.time, far, {"bar_1": motion.rotations["bar_1"]}, {})).small
 
 
+def test_what_counts_as_small_motion():
+    """Turns and shifts from where bodies stand, over the size of all: up to a fiftieth."""
+    brick = Shape(
+        "brick", Form(block((3, 4, 12))), (100.0, 0, 0), Rotation.from_euler("z", 90, degrees=True).as_matrix()
+    )
+    view = View("brick", (brick,))
+    assert view.bounds == pytest.approx(np.array([[98.0, -1.5, -6.0], [102.0, 1.5, 6.0]]))
+    assert view.size == pytest.approx(13.0)
+    for shift, angle, small in ((0.25, 0.019, True), (0.27, 0.0, False), (0.0, 0.021, False)):
+        # As far at all times, so that between the frames nothing moves.
+        turns = np.tile(Rotation.from_rotvec(angle * np.array([0.6, 0, 0.8])).as_matrix() @ brick.rotation, (2, 1, 1))
+        places = np.tile(brick.position - [0, shift, 0], (2, 1))
+        moved = View("moved", (brick,), motion=Motion([0.0, 1.0], {"brick": places}, {"brick": turns}, {}))
+        assert moved.small is small
+
+
 @pytest.mark.parametrize(
     ("change", "problem"),
     [
@@ -223,6 +317,7 @@ def test_a_long_motion_is_thinned_and_a_small_one_is_known():
         ({"shapes": ()}, "nothing to see"),
         ({"modes": (Mode("a", {}),), "motion": turning}, "modes or a motion, not both"),
         ({"motion": turning}, "unknown shape 'bar_1'"),
+        ({"motion": Motion([0.0], {"rod": np.zeros((1, 3))}, {"rod": np.eye(3)[None]}, {})}, "unknown shape 'rod'"),
     ],
 )
 def test_what_does_not_fit_is_refused(change, problem):
@@ -245,3 +340,27 @@ def test_sharp_edges_between_faces_are_seen_and_shallow_ones_are_not():
     assert len(form.outline) == 96
     assert len(Form(block((1, 1, 1))).outline) == 12
     assert Shape("c", form).points.shape == (96, 3)
+
+
+@pytest.mark.parametrize(
+    ("triangles", "labels", "lines"),
+    [
+        ([[0, 1, 2], [0, 2, 3]], ("a", "a"), 4),
+        ([[0, 1, 2], [0, 3, 2]], ("a", "a"), 4),
+        ([[0, 1, 2], [0, 2, 3]], ("a", "b"), 5),
+        ([[0, 1, 2], [0, 2, 4]], ("a", "a"), 5),
+        ([[0, 1, 2], [0, 2, 3], [0, 2, 4]], ("a", "a", "a"), 7),
+    ],
+    ids=["flat", "wound either way", "two labels", "bent", "three meet"],
+)
+def test_an_open_sheet_ends_where_it_has_no_neighbour(triangles, labels, lines):
+    """A square of two triangles with corners 0 1 2 3, and 4 above its diagonal."""
+    points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1.0]])
+    form = Form(Surface(points, np.array(triangles), np.zeros((0, 2), int), labels))
+    assert len(form.outline) == lines
+    assert ([0, 2] in form.outline.tolist()) == (lines > 4)
+
+
+def test_the_label_of_most_faces_comes_first():
+    surface = Surface(np.eye(3), np.tile([0, 1, 2], (3, 1)), np.zeros((0, 2), int), ("arm", "pad", "pad"))
+    assert Form(surface).labels == ("pad", "arm")

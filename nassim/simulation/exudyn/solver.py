@@ -14,10 +14,9 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.base.progress import stage
 from nassim.scene.bodies import FlexibleBody
-from nassim.scene.part import SixSprings, Spring
-from nassim.scene.scene import Scene
 from nassim.simulation.buckling import axial_rows
 from nassim.simulation.exudyn.filtering import Filtering
+from nassim.simulation.exudyn.springs import rounding
 from nassim.simulation.exudyn.state import System, find_accelerations
 from nassim.simulation.exudyn.watch import Watch
 from nassim.simulation.running_loops import runaway, start_loops
@@ -32,16 +31,8 @@ def _settings(system: System) -> Any:
     settings.solution.file.write = False
     for solver in (settings.timeIntegration, settings.staticSolver):
         solver.verboseMode = 0
-        solver.newton.absoluteTolerance = max(solver.newton.absoluteTolerance, _rounding(system.assembly.scene))
+        solver.newton.absoluteTolerance = max(solver.newton.absoluteTolerance, rounding(system.assembly.scene))
     return settings
-
-
-def _rounding(scene: Scene) -> float:
-    """Force [N] that rounded places leave in a scene's stiffest spring: no equilibrium can be found nearer."""
-    springs = [(word.stiffness, word.row.paths) for word in scene.said(Spring)]
-    springs += [(np.abs(word.stiffness[:3, :3]).max(), (word.a, word.b)) for word in scene.said(SixSprings)]
-    forces = [k * np.abs(scene.point_position(path)).max() for k, paths in springs for path in paths]
-    return 4 * float(np.finfo(float).eps * max(forces, default=0.0))
 
 
 def _fixed_steps(system: System, n_steps: int, time_step: float, spectral_radius: float) -> Any:

@@ -19,10 +19,13 @@ from nassim.base.rigid_motion import axes_along
 from nassim.scene.part import Line, Row, SixSprings, Spring
 from nassim.scene.scene import Scene
 from nassim.simulation.exudyn.items import Items, on_coordinates
+from nassim.simulation.rows import bushing_rows, line_direction
 
 Vector = Sequence[float] | Array
 Wrench = Callable[..., Vector]
 Kind = exu.OutputVariableType
+PILOT_RADIUS = 0.05
+"""Distance of pilots, by whose places a flexible body's points turn, from these, over the size of the body."""
 
 
 def reaches(scene: Scene) -> list[tuple[str, Array]]:
@@ -32,6 +35,32 @@ def reaches(scene: Scene) -> list[tuple[str, Array]]:
         if isinstance(word.row, Row) and "." in word.row.frame:
             found += [(word.row.frame, scene.point_position(path)) for path, _ in word.row.points]
     return found
+
+
+def rounding(scene: Scene) -> float:
+    """Force [N] that rounded places and turns leave in a scene's springs: no equilibrium can be found nearer.
+
+    What it is in each adds up, for places that lie alike round alike. Coordinates of deformation round as the forces
+    do that cause them.
+    """
+    springs = [(np.array([[word.stiffness]]), [_as_row(scene, word.row)]) for word in scene.said(Spring)]
+    springs += [(np.abs(word.stiffness), bushing_rows(word)) for word in scene.said(SixSprings)]
+    total = 0.0
+    for stiffness, rows in springs:
+        ends = [[] if row.within else [(w, _sizes(scene, path)) for path, w in row.points] for row in rows]
+        pushes = np.array([sum(np.linalg.norm(weights) for weights, _ in row) for row in ends])
+        motions = np.array([sum(np.linalg.norm(weights * sizes) for weights, sizes in row) for row in ends])
+        total += float(pushes @ stiffness @ motions)
+    return float(np.finfo(float).eps) * total
+
+
+def _as_row(scene: Scene, row: Row | Line) -> Row:
+    return Row.between(row.a, row.b, line_direction(scene, row)) if isinstance(row, Line) else row
+
+
+def _sizes(scene: Scene, path: str) -> Array:
+    """What rounds of a point's place [m] and turn, (6,); turns of flexible bodies are found from places beside it."""
+    return np.repeat([np.linalg.norm(scene.point_position(path)), 1 / PILOT_RADIUS], 3)
 
 
 def add_spring(items: Items, word: Spring) -> None:

@@ -44,7 +44,7 @@ from nassim.simulation.exudyn.items import (
 )
 from nassim.simulation.exudyn.modal import small_motion_system
 from nassim.simulation.exudyn.readings import add_axes, add_reading
-from nassim.simulation.exudyn.springs import add_six_springs, add_spring, reaches
+from nassim.simulation.exudyn.springs import PILOT_RADIUS, add_six_springs, add_spring, reaches
 from nassim.simulation.exudyn.state import Carrier, Push, System, Term, add_circuit, modal_node
 from nassim.simulation.exudyn.tensions import add_tension
 from nassim.simulation.exudyn.welding import as_one, find_welds, part_of
@@ -304,7 +304,7 @@ def _pilots(body: FlexibleBody, frame: FloatingFrame, places: Sequence[Place]) -
     Returns their positions (3 n_pilots,) and mode rows (3 n_pilots, n). At least one node must exist.
     """
     everyone = np.array([p.position for p in body.reduced.remote_points])
-    radius = 0.05 * max(float(np.ptp(everyone, axis=0).max()), 1e-6)
+    radius = PILOT_RADIUS * max(float(np.ptp(everyone, axis=0).max()), 1e-6)
     positions, rows = [], []
     for point, away in places:
         motion = body.reduced.motion(point)

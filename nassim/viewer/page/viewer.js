@@ -4,7 +4,7 @@ import { makeStage, roundDown, text, unitOf } from "stage";
 
 const header = JSON.parse(document.getElementById("header").textContent);
 const bytes = await unpack(document.getElementById("data").textContent);
-const KINDS = { float32: Float32Array, float64: Float64Array, int16: Int16Array, uint32: Uint32Array, uint8: Uint8Array };
+const KINDS = { float32: Float32Array, float64: Float64Array, int16: Int16Array, uint32: Uint32Array };
 const array = where => new KINDS[where.kind](bytes, where.offset, where.length);
 const $ = id => document.getElementById(id);
 const element = (tag, fields) => Object.assign(document.createElement(tag), fields);
@@ -206,7 +206,7 @@ function recolor() {
 
 function writeFigures() {
   if (!modes.length && !motion) return;
-  const largest = largestShown(), [factor, unit] = largest < 1 ? unitOf(largest) : UNITS[0];
+  const largest = largestShown(), [factor, unit] = unitOf(largest);
   $("quantity").textContent = `${header.small ? "displacement" : "deformation"} [${unit}]`;
   $("figures").replaceChildren(...[1, 0.75, 0.5, 0.25, 0].map(share =>
     element("span", { textContent: Number((share * largest / factor).toPrecision(3)) })));
@@ -393,7 +393,7 @@ look("iso");
 recolor();
 
 // For whoever wants to read what is shown: [x, y, z] in metres along the world's axes.
-window.nassim = { header, state, ready: true, under,
+window.nassim = { header, state, shapes, marks, ready: true, under,
   displacement: (name, index) => displacement(named[name], index).toArray(),
   drawn: (name, index) => drawnAt({ shape: named[name], index }).toArray(),
   toScreen: place => toScreen(new THREE.Vector3(...place)).toArray() };

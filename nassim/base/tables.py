@@ -1,0 +1,57 @@
+"""Tables for the terminal, as text."""
+
+import textwrap
+from collections.abc import Sequence
+
+from nassim.base.progress import WIDTH
+
+GAP = "  "
+HIGHEST = 4
+"""Lines that a heading may take."""
+
+Columns = list[list[str]]
+
+
+def text_table(rows: Sequence[Sequence[str]], *, width: int = WIDTH) -> str:
+    """Rows of cells as lines of text; the first row holds the headings, the first column the rows' names.
+
+    width: of the lines [characters]. Headings of a table that would be wider go over several lines; columns for which
+    there is still no room follow below, beside the same names.
+    """
+    columns = [list(column) for column in zip(*rows, strict=True)]
+    folded = columns
+    for height in range(2, HIGHEST + 1):
+        if _width(folded) <= width:
+            break
+        folded = _fold_headings(columns, height)
+    names, *others = folded
+    blocks = [[names]]
+    for column in others:
+        if len(blocks[-1]) > 1 and _width([*blocks[-1], column]) > width:
+            blocks.append([names])
+        blocks[-1].append(column)
+    return "\n\n".join(map(_text, blocks))
+
+
+def _width(columns: Columns) -> int:
+    return sum(max(map(len, column)) for column in columns) + len(GAP) * (len(columns) - 1)
+
+
+def _fold_headings(columns: Columns, height: int) -> Columns:
+    """The same columns with headings of so many lines, empty ones at their top where they need fewer."""
+    result = []
+    for heading, *cells in columns:
+        least = max(map(len, ["", *heading.split(), *cells]))
+        widths = range(max(least, 1), max(least, len(heading)) + 1)
+        lines = next(lines for w in widths if len(lines := textwrap.wrap(heading, w)) <= height)
+        result.append([""] * (height - len(lines)) + lines + cells)
+    return result
+
+
+def _text(columns: Columns) -> str:
+    widths = [max(map(len, column)) for column in columns]
+    lines = [
+        GAP.join([name.ljust(widths[0]), *map(str.rjust, cells, widths[1:])]).rstrip()
+        for name, *cells in zip(*columns, strict=True)
+    ]
+    return "\n".join(filter(None, lines))

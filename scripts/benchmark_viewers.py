@@ -1,0 +1,66 @@
+"""The actuator's modes as one file for a browser, by nassim and by other libraries: its size, and what it fetches.
+
+Each gets the same surface. What can only play what it was given gets every mode at a number of instants of its swing;
+PyVista's export knows no animation and gets one mode at one instant. A library that is not installed is left out.
+"""
+
+import re
+import time
+from collections.abc import Callable
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+from _arguments import parser, run, whole
+from _other_viewers import OTHERS, Swings
+from _report import print_table
+from _results import write_summary
+
+from models.apa300ml import reduced_apa300ml
+from nassim.viewer import View, view_modes, write_page
+
+arguments = parser(__doc__, "benchmark_viewers")
+arguments.add_argument("--modes", type=whole(1), default=6, help="how many (default: 6)")
+arguments.add_argument("--instants", type=whole(2), default=12, help="of one swing, where all are kept (default: 12)")
+
+FETCHED = re.compile(r"""<script[^>]*\bsrc=["']https?:|<link[^>]*\bhref=["']https?:|\bimport\(?\s*["']https?:""")
+"""What a page that is not whole loads when it opens."""
+COLUMNS = {
+    "version": "version",
+    "size [MB]": "size_B*1e-6:.2f",
+    "processor time [s]": "cpu_time_s:.1f",
+    "parts it fetches": "fetched:d",
+}
+
+
+def cost(write: Callable[..., Any], *given: Any) -> dict[str, float]:
+    start = time.process_time()
+    write(*given)
+    spent, text = time.process_time() - start, given[-1].read_text(encoding="utf-8")
+    return {"size_B": len(text.encode()), "cpu_time_s": spent, "fetched": len(FETCHED.findall(text))}
+
+
+def swings_of(view: View, instants: int) -> Swings:
+    (shape,) = view.shapes
+    form, phases = shape.form, np.cos(2 * np.pi * np.arange(instants) / instants)
+    moved = [form.modes @ mode.coordinates[shape.name] for mode in view.modes]
+    return [[form.surface.points + phase * u[: len(form.surface.points)] for phase in phases] for u in moved]
+
+
+def main() -> None:
+    args = arguments.parse_args()
+    view = view_modes(reduced_apa300ml(), fixed=["bottom"], n=args.modes)
+    surface = view.shapes[0].form.surface
+    summary = {"nassim": {"version": version("nassim"), **cost(write_page, view, args.output / "nassim.html")}}
+    for name, write in OTHERS.items():
+        given = surface.points, surface.triangles, swings_of(view, args.instants), args.output / f"{name}.html"
+        try:
+            summary[name] = {"version": version(name), **cost(write, *given)}
+        except ImportError as error:
+            print(f"{name} is left out: {error}")
+    print_table(f"{args.modes} modes, {len(surface.triangles)} triangles", summary, COLUMNS)
+    write_summary(args.output, summary)
+
+
+if __name__ == "__main__":
+    run(main)

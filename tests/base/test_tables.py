@@ -1,0 +1,60 @@
+"""Tables in the terminal: plain where they fit, with headings on several lines and in parts where they do not."""
+
+import pytest
+
+from nassim.base.tables import text_table
+
+ROWS = [
+    ["mode", "frequency [Hz]", "damping ratio", "gain of the sensor"],
+    ["first, axial", "94.9", "0.01", "2.19e-05"],
+    ["2", "876.0", "-", "1"],
+]
+
+
+def test_a_table_that_fits():
+    assert text_table(ROWS).splitlines() == [
+        "mode          frequency [Hz]  damping ratio  gain of the sensor",
+        "first, axial            94.9           0.01            2.19e-05",
+        "2                      876.0              -                   1",
+    ]
+
+
+def test_headings_take_no_more_lines_than_they_must():
+    assert text_table(ROWS, width=48).splitlines() == [
+        "              frequency  damping     gain of",
+        "mode               [Hz]    ratio  the sensor",
+        "first, axial       94.9     0.01    2.19e-05",
+        "2                 876.0        -           1",
+    ]
+    assert text_table(ROWS, width=42).splitlines()[:3] == [
+        "                                   gain of",
+        "              frequency  damping       the",
+        "mode               [Hz]    ratio    sensor",
+    ]
+
+
+def test_columns_without_room_follow_below():
+    assert text_table(ROWS, width=34).splitlines() == [
+        "              frequency  damping",
+        "mode               [Hz]    ratio",
+        "first, axial       94.9     0.01",
+        "2                 876.0        -",
+        "",
+        "               gain of",
+        "                   the",
+        "mode            sensor",
+        "first, axial  2.19e-05",
+        "2                    1",
+    ]
+
+
+@pytest.mark.parametrize("width", range(25, 70))
+def test_no_line_is_too_wide_and_no_cell_is_lost(width):
+    text = text_table(ROWS, width=width)
+    assert max(map(len, text.splitlines())) <= width
+    assert all(cell in text for row in ROWS[1:] for cell in row)
+    assert text.count("first, axial") == len(text.split("\n\n"))
+
+
+def test_a_cell_that_is_wider_than_the_table_stays_whole():
+    assert "x" * 40 in text_table([["", "a"], ["b", "x" * 40]], width=20)

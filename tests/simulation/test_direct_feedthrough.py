@@ -1,0 +1,158 @@
+"""What outputs feel of inputs at once: of machines side by side in a scene nothing, to the last digit."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from conftest import lattice
+from scipy.spatial.transform import Rotation
+
+from nassim import (
+    Bushing,
+    Controller,
+    Drive,
+    Encoder,
+    FlexibleBody,
+    Loop,
+    PointForce,
+    RigidBody,
+    Scene,
+    SpringDamper,
+    TimeHistory,
+    condense,
+    craig_bampton,
+    fixed,
+    linearize,
+    prismatic,
+    revolute,
+    simulate,
+)
+from nassim.scene.part import Path, Reading, Row, Sensor
+
+PUSH, FEEL = np.array([2.0, -1.0, 2.0]) / 3, np.array([3.0, 0.0, 4.0]) / 5
+SHAPE = np.array([0.02, 0.05, 0.1])
+STEP = 1e-4
+
+
+@dataclass(frozen=True)
+class Rate(Sensor):
+    """A derivative of a point's displacement."""
+
+    point: Path
+    derivative: int
+
+    def says(self, scene):
+        """It reads along an odd direction."""
+        return (Reading(self.name, "", Row.of_point(self.point, FEEL), derivative=self.derivative),)
+
+
+@pytest.fixture(scope="module")
+def bar():
+    return craig_bampton(condense(lattice(), progress=False), n_modes=4, progress=False)
+
+
+class Machines:
+    """A driven sledge with a load on springs, two doors on hinges and a clamped bar, anywhere, turned anyhow."""
+
+    def __init__(self, bar, seed, damping_ratio=0.01):
+        self.rng = np.random.default_rng(seed)
+        places = {name: self.rng.normal(size=3) for name in ("rail", "door", "gate", "wall", "bar")}
+        turn = Rotation.random(random_state=self.rng).as_matrix()
+        flexible = FlexibleBody("bar", bar, places["bar"], rotation=turn, fidelity="linear")
+        ground = RigidBody("ground", {**places, "clamp": flexible.point_position("left")}, fixed=True)
+        self.sledge, self.door, self.gate = (self.body(name, places[name]) for name in ("rail", "door", "gate"))
+        load = self.body("load", self.sledge.point_position("far"))
+        self.hinge = Rotation.random(random_state=self.rng).as_matrix()[0]
+        self.scene = Scene(
+            "machines",
+            (ground, self.sledge, load, self.door, self.gate, flexible),
+            (
+                prismatic("rail", "ground.rail", "rail.near", Rotation.random(random_state=self.rng).as_matrix()[0]),
+                revolute("door", "ground.door", "door.near", self.hinge),
+                revolute("gate", "ground.gate", "gate.near", self.hinge),
+                fixed("clamp", "ground.clamp", "bar.left"),
+            ),
+            (
+                Drive("motor", "rail", "z", "way"),
+                PointForce("at_door", "door.far", PUSH, "door_force"),
+                PointForce("at_bar", "bar.right", PUSH, "bar_force"),
+            ),
+            tuple(
+                Rate(f"{point}.{order}", f"{point}.{end}", order)
+                for point, end in (("door", "far"), ("gate", "far"), ("bar", "right"))
+                for order in (0, 1, 2)
+            ),
+            (
+                Bushing("seat", "rail.far", "load.near", self.rng.uniform(1e3, 1e5, 6), np.full(6, 2.0)),
+                SpringDamper("stop", "ground.wall", "door.far", "line", 2e5, 3.0),
+                SpringDamper("brake", "ground.wall", "gate.far", "line", 0.0, 5.0),
+            ),
+            damping_ratio=damping_ratio,
+        )
+
+    def body(self, name, place):
+        turn = Rotation.random(random_state=self.rng).as_matrix()
+        points = {"near": SHAPE / 3, "far": SHAPE}
+        inertia = np.diag([1.0, 1.3, 1.9]) * 1e-3
+        return RigidBody(name, points, self.rng.uniform(0.1, 5.0), inertia, place - turn @ SHAPE / 3, rotation=turn)
+
+    def at_once(self):
+        """Acceleration of the door's far corner per unit force: levers over the inertia about the hinge."""
+        turn, arm = self.door.rotation, self.door.rotation @ SHAPE / 3
+        own = turn @ self.door.inertia @ turn.T
+        about = self.hinge @ own @ self.hinge + self.door.mass * np.sum(np.cross(self.hinge, arm) ** 2)
+        lever = np.cross(self.hinge, 2 * arm)
+        return (lever @ FEEL) * (lever @ PUSH) / about
+
+
+@pytest.mark.parametrize("damping_ratio", [0.01, 0.0])
+@pytest.mark.parametrize("seed", range(4))
+def test_machines_side_by_side_feel_nothing_of_each_other(bar, seed, damping_ratio):
+    machines = Machines(bar, seed, damping_ratio)
+    model = linearize(machines.scene)
+    door, bar_end = (model.outputs.index(f"{name}.2") for name in ("door", "bar"))
+    found = model.D[:, [model.inputs.index(name) for name in ("way", "door_force", "bar_force")]]
+    assert found[door, 1] == pytest.approx(machines.at_once(), rel=1e-9)
+    assert found[bar_end, 2] > 1e-3
+    found[door, 1] = found[bar_end, 2] = 0.0
+    assert not np.any(found)
+
+
+def loop(measured, driven):
+    return Loop("hold", Controller([[0.0]], [[0.0]], [[0.0]], [[1e-6]], 1 / STEP), (measured,), (driven,))
+
+
+def run(scene):
+    record = np.zeros((len(scene.inputs), 4))
+    excitation = TimeHistory(
+        STEP * np.arange(4), record, scene.inputs, [scene.input_unit(name) for name in scene.inputs]
+    )
+    return simulate(scene, excitation, time_step=STEP, progress=False)
+
+
+@pytest.mark.parametrize(
+    ("measured", "driven"),
+    [("door.0", "way"), ("gate.2", "way"), ("bar.2", "way"), ("gate.2", "door_force"), ("door.2", "bar_force")],
+)
+def test_a_loop_may_measure_one_machine_and_move_another(bar, measured, driven):
+    scene = replace(Machines(bar, 5).scene, loops=(loop(measured, driven),))
+    run(scene)
+
+
+@pytest.mark.parametrize(("measured", "driven"), [("door.2", "door_force"), ("bar.2", "bar_force"), ("tip", "way")])
+def test_what_follows_at_once_stays_refused(bar, measured, driven):
+    """Also of a sledge of tonnes, a tip of micrograms on it."""
+    machines = Machines(bar, 6)
+    heavy = replace(machines.sledge, mass=5e3)
+    bodies = [heavy if body.name == "rail" else body for body in machines.scene.bodies]
+    tip = RigidBody("tip", {"on": np.zeros(3)}, 1e-9, 1e-15 * np.eye(3), heavy.point_position("far"))
+    sensors = (*machines.scene.sensors, Encoder("tip", "ground.rail", "tip.on", "x"))
+    scene = replace(
+        machines.scene,
+        bodies=(*bodies, tip),
+        joints=(*machines.scene.joints, fixed("glue", "rail.far", "tip.on")),
+        sensors=sensors,
+        loops=(loop(measured, driven),),
+    )
+    with pytest.raises(ValueError, match=f"loop 'hold' measures '{measured}', which follows what the loop drives"):
+        run(scene)
