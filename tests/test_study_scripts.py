@@ -162,6 +162,19 @@ def test_figures_of_a_hexapod_are_those_of_its_modes_and_its_statics(script, mon
     assert set(found) == set(runs.RESULTS)
 
 
+def test_the_largest_stable_gain_parts_what_decays_from_what_grows(script):
+    """Turning, which lets motions live longer, or at rest; there a machine without tolerances is that of the grid."""
+    runs = script("_hexapod_runs")
+    for rpm in (0.0, 300.0):
+        edge = runs.edge(10.0, rpm, sample_rate=1e4)["largest_stable_gain"]
+        growth = [runs.damped(10.0, rpm, factor * edge, sample_rate=1e4)["growth"] for factor in (0.99, 1.01)]
+        assert growth[0] < 0 < growth[1]
+    still, turning = (runs.damped(10.0, rpm, 50.0, sample_rate=1e4) for rpm in (0.0, 300.0))
+    assert still["growth"] + 0.3 < turning["growth"] < 0
+    drawn = runs.toleranced(payload_mass=10.0, gain=50.0, sample_rate=1e4, push=np.zeros(6))
+    assert drawn["damping_ratio"] == pytest.approx(still["damping_ratio"], rel=1e-9)
+
+
 def test_growth_is_that_of_the_fastest(script, monkeypatch):
     runs = script("_hexapod_runs")
     poles = np.array([-3 + 400j, 2 + 50j, -8 + 100j])
