@@ -123,6 +123,9 @@ def test_numbers_reach_the_disk_before_the_lines_that_tell_of_them(tmp_path, mon
     monkeypatch.setattr(records.os, "fsync", fsync)
     with opened(tmp_path, STUDY) as found:
         found.add(KEYS[0], {"a": 0}, outcome(0.1, 0.2))
+        sizes = [(tmp_path / name).stat().st_size for name in BOTH]
+        assert sizes[0] == 2 * 8 + 16
+        assert sizes[1] > 100, "who is killed now loses no run"
     assert forced == BOTH
     monkeypatch.setattr(records, "CALM", -1.0)
     with opened(tmp_path, STUDY) as found:

@@ -266,7 +266,7 @@ def test_a_function_that_no_process_can_load_is_told_before_the_first_run(tmp_pa
 
 
 def test_what_runs_print_and_read_comes_between_nobody(capfd):
-    found = quiet(tiny_functions.talkative, grid={"a": [1.0, 2.0]}, n_processes=1)
+    found = quiet(tiny_functions.talkative, grid={"a": [1.0, 2.0]}, n_processes=1, time_limit=60.0)
     np.testing.assert_array_equal(found.result, [1.0, 2.0])
     assert capfd.readouterr().out == ""
 
