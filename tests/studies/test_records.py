@@ -208,3 +208,11 @@ def test_whoever_was_killed_holds_a_folder_no_longer(folder, holder, free):
     else:
         with pytest.raises(ValueError, match=r"in use by process .* remove .*in_use\.json"):
             read(folder)
+
+
+def test_of_two_studies_that_begin_at_once_one_is_refused(folder, monkeypatch):
+    """The other one's mark is there again as soon as it is taken away, and nobody has signed it yet."""
+    (folder / "in_use.json").write_text("")
+    monkeypatch.setattr(records.Path, "unlink", lambda path, missing_ok: None)
+    with pytest.raises(ValueError, match=r"another study begins in .*study at this moment"), opened(folder, STUDY):
+        pass
