@@ -12,9 +12,12 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
+from nassim.base.notices import warn
 from nassim.studies.children import THREADS, CannotLoad, Children, run_in_child
 from nassim.studies.outcome import LOST, Outcome, Task
 
+TICK, PATIENCE = 1.0, 30
+"""Time between two looks for results [s], and after how many of them without any it is told that nobody works."""
 IN_FLIGHT = 1000
 """Runs that are submitted at a time: more than most clusters have workers, and little memory."""
 Requests = Iterable[tuple[str, dict[str, Any]]]
@@ -56,15 +59,18 @@ def on_executor(payload: bytes, requests: Requests, time_limit: float | None, ex
     digest = sha256(payload).hexdigest()
     dask = hasattr(executor, "scatter")
     options = {"pure": False} if dask else {}
+    staffed = (lambda: bool(executor.nthreads())) if dask else (lambda: True)
     # A task, and no scattered data: those would be lost with the worker that has them.
     shared = executor.submit(bytes, payload, **options) if dask else payload
     yield from _submitted(
-        lambda request: executor.submit(run_in_child, shared, digest, request, time_limit, **options), requests
+        lambda request: executor.submit(run_in_child, shared, digest, request, time_limit, **options), requests, staffed
     )
 
 
-def _submitted(submit: Callable[[bytes], Any], requests: Requests) -> Outcomes:
-    """Submit runs, a bounded number at a time, and give their outcomes as they come."""
+def _submitted(
+    submit: Callable[[bytes], Any], requests: Requests, staffed: Callable[[], bool] = lambda: True
+) -> Outcomes:
+    """Submit runs, a bounded number at a time, and give their outcomes as they come; staffed tells of workers."""
     coming = iter(requests)
     pending: dict[Any, str] = {}
     done: queue.SimpleQueue[Any] = queue.SimpleQueue()
@@ -77,7 +83,7 @@ def _submitted(submit: Callable[[bytes], Any], requests: Requests) -> Outcomes:
                 future.add_done_callback(done.put)
             if not pending:
                 return
-            future = _next(done)
+            future = _next(done, staffed)
             with _told():
                 outcome = _outcome(future)
             yield pending.pop(future), outcome
@@ -86,12 +92,18 @@ def _submitted(submit: Callable[[bytes], Any], requests: Requests) -> Outcomes:
             future.cancel()
 
 
-def _next(done: "queue.SimpleQueue[Any]") -> Any:
+def _next(done: "queue.SimpleQueue[Any]", staffed: Callable[[], bool]) -> Any:
+    waited = 0
     while True:
         try:
-            return done.get(timeout=1.0)  # without it, Windows would not hear Ctrl-C
+            return done.get(timeout=TICK)  # without it, Windows would not hear Ctrl-C
         except queue.Empty:
-            continue
+            waited += 1
+        if waited == PATIENCE and not staffed():
+            warn(
+                "the study waits for workers, of which the cluster has none: did any start, has their time run out? "
+                "It goes on when some come, or after Ctrl-C by the same call from its folder"
+            )
 
 
 def _outcome(future: Any) -> Outcome:

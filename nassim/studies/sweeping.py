@@ -14,6 +14,7 @@ from nassim.studies.job import Function, Job, identity, label, make_job, packed
 from nassim.studies.outcome import OK, UNFINISHED
 from nassim.studies.plan import Plan, make_plan, run_key
 from nassim.studies.records import Records, opened
+from nassim.studies.results import STATUS
 from nassim.studies.samples import Samples
 
 if TYPE_CHECKING:
@@ -75,7 +76,10 @@ def sweep(
         _run_all(plan, job, records, carry_out, repeated, place, progress)
         attributes: dict[str, Any] = {"function": label(function), "plan": plan.label}
         attributes |= {} if job.seed is None else {"seed": job.seed}
-        return to_dataset(plan, records, frozen_mapping(units), attributes)
+        study = to_dataset(plan, records, frozen_mapping(units), attributes)
+    if progress:
+        _tell_troubles([str(status) for status in study[STATUS].values.flat])
+    return study
 
 
 def _carrier(job: Job, executor: Any, time_limit: float | None, n_processes: int | None) -> Any:
@@ -120,12 +124,10 @@ def _run_all(
         return
     requests: Requests = ((key, job.arguments(parameters, key)) for key, parameters in waiting.items())
     outcomes: Outcomes = carry_out(requests)
-    statuses = []
     try:
         with stage("study", total=n_waiting, unit="runs", enabled=progress) as advance:
             for key, outcome in outcomes:
                 records.add(key, waiting[key], outcome)
-                statuses.append(outcome.status)
                 n_done += 1
                 advance()
     except KeyboardInterrupt:
@@ -133,10 +135,12 @@ def _run_all(
         raise KeyboardInterrupt(f"stopped after {n_done} of {n_waiting} runs; {kept}") from None
     finally:
         outcomes.close()
-    troubles = {state: statuses.count(state) for state in UNFINISHED if state in statuses}
-    if progress and troubles:
-        told = ", ".join(f"{count} {state}" for state, count in troubles.items())
-        print(f"  {statuses.count(OK)} runs ok, {told}: see the results' status and message", flush=True)
+
+
+def _tell_troubles(statuses: list[str]) -> None:
+    told = [f"{statuses.count(status)} {status}" for status in dict.fromkeys(statuses) if status != OK]
+    if told:
+        print(f"  {statuses.count(OK)} runs ok, {', '.join(told)}: see the results' status and message", flush=True)
 
 
 def _texts(retry: Collection[str]) -> tuple[str, ...]:

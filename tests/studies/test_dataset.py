@@ -60,7 +60,9 @@ def test_what_is_done_and_what_is_left_is_told(tmp_path, capsys, monkeypatch):
     study(grid={"n": [1, 2, 3, 8, 9]})
     lines = capsys.readouterr().out.splitlines()
     assert lines[1] == f"  2 of 5 runs are in {tmp_path}"
-    assert lines[3] == "  2 runs ok, 1 failed: see the results' status and message"
+    assert lines[3] == "  4 runs ok, 1 failed: see the results' status and message"
+    study(grid={"n": [1, 5, 8]})
+    assert capsys.readouterr().out.splitlines()[-1].startswith("  2 runs ok, 1 other shape:")
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     study(grid={"n": [1, 2, 10, 11, 12, 14]})
     assert "4/4 runs" in capsys.readouterr().err

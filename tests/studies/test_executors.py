@@ -3,6 +3,7 @@
 import functools
 import os
 import pickle
+import warnings
 from concurrent.futures import BrokenExecutor, Future
 from types import SimpleNamespace
 
@@ -11,7 +12,7 @@ import pytest
 import tiny_functions
 from threadpoolctl import threadpool_limits
 
-from nassim.studies import sweep, sweeping
+from nassim.studies import executors, sweep, sweeping
 from nassim.studies.outcome import Outcome
 from nassim.studies.records import Records
 
@@ -36,6 +37,9 @@ class Executor:
 
 class DaskClient(Executor):
     scatter = None
+
+    def nthreads(self):
+        return {"worker": 1}
 
     def submit(self, function, *given, **options):
         if function is not bytes:
@@ -132,6 +136,31 @@ def test_the_serial_loop_has_one_thread_and_leaves_the_process_as_it_was(monkeyp
     with pytest.raises(OSError, match="no space left") as stopped:
         quiet(tiny_functions.product, grid={"a": [1.0, 2.0]}, executor="serial")
     assert [os.environ.get(name) for name in THREADS] == as_it_was, stopped
+
+
+@pytest.mark.parametrize(("workers", "told"), [({}, 1), ({"worker": 1}, 0)])
+def test_a_cluster_without_workers_is_told_of_once(monkeypatch, workers, told):
+    """Three results, of which one comes only once somebody has asked who works."""
+    monkeypatch.setattr(executors, "TICK", 0.01)
+    monkeypatch.setattr(executors, "PATIENCE", 4)
+
+    class Slow(DaskClient):
+        def submit(self, function, *given, **options):
+            finished = super().submit(function, *given, **options)
+            if function is bytes or len(self.given) != 3:
+                return finished
+            self.result, self.later = finished.result(), Future()
+            return self.later
+
+        def nthreads(self):
+            self.later.set_result(self.result)
+            return workers
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        found = quiet(tiny_functions.product, grid={"a": [1.0, 2.0, 3.0]}, executor=Slow())
+    assert [str(one.message)[:28] for one in caught] == told * ["the study waits for workers,"]
+    np.testing.assert_array_equal(found.result, [1.0, 2.0, 3.0])
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="systems without affinities")
