@@ -22,10 +22,10 @@ def spread(study: Any, effects: Any) -> dict[str, dict[str, float]]:
 
 
 SPREAD = {
-    "mean": "mean:.5g",
-    "deviation": "deviation:.3g",
-    "lowest": "lowest:.5g",
-    "highest": "highest:.5g",
+    "mean": "mean:.4g",
+    "deviation": "deviation:.2g",
+    "lowest": "lowest:.4g",
+    "highest": "highest:.4g",
     "a plane explains [%]": "explained*100:.1f",
 }
 """Columns that print `spread`."""

@@ -60,7 +60,7 @@ def plot_tornado(effects: Any, *, result: str, unit: str = "", ax: Any = None) -
     ax.barh(names, size[order] / 2, left=mean, color=COLORS[0], label="parameter high")
     ax.axvline(mean, color="black", lw=0.8)
     ax.set_xlabel(f"{_plain(result)} [{unit}]" if unit else _plain(result))
-    ax.set_title(f"mean {mean:.5g}, a plane explains {100 * float(chosen.explained):.0f} %", fontsize=9)
+    ax.set_title(f"mean {mean:.4g}, a plane explains {100 * float(chosen.explained):.0f} %", fontsize=9)
     ax.tick_params(labelsize=8)
     ax.ticklabel_format(axis="x", scilimits=(-2, 4))
     ax.grid(visible=True, axis="x", alpha=0.3)
