@@ -666,16 +666,17 @@ def test_glue_and_ceramic_are_as_soft_as_the_ceramic_that_stands_for_both(script
     assert tolerances.PZT.young_modulus < tolerances.PURE_CERAMIC
 
 
-def test_a_strut_that_leans_moves_its_upper_joint_only(script):
-    """By a turn of a milliradian about its own x: 82 um along its own -y."""
+@pytest.mark.parametrize(("turn", "along"), [("x", (0, -1, 0)), ("y", (1, 0, 0))])
+def test_a_strut_that_leans_moves_its_upper_joint_only(turn, along, script):
+    """By a turn of a milliradian about its own x: 82 um along its own -y; about y: along x."""
     runs = script("_hexapod_runs")
-    drawn, leaning = (runs._hexapod(10.0, deviations) for deviations in ({}, {"tilt_2_x": 1e-3}))
+    drawn, leaning = (runs._hexapod(10.0, deviations) for deviations in ({}, {f"tilt_2_{turn}": 1e-3}))
     for k in runs.SIX:
         foot, head = (
             leaning.point_position(f"strut_{k}/{end}.end") - drawn.point_position(f"strut_{k}/{end}.end")
             for end in ("bottom", "top")
         )
-        expected = -82.5e-6 * runs.strut_frames(runs.NANO_HEXAPOD)[k - 1][:, 1] if k == 2 else np.zeros(3)
+        expected = 82.5e-6 * runs.strut_frames(runs.NANO_HEXAPOD)[k - 1] @ along if k == 2 else np.zeros(3)
         np.testing.assert_allclose(foot, 0.0, atol=1e-12)
         np.testing.assert_allclose(head, expected, atol=0.1e-6)
 

@@ -227,6 +227,8 @@ def _locked(path: Path) -> Iterator[None]:
                     f"remove {path}"
                 ) from None
             path.unlink(missing_ok=True)
+    else:
+        raise ValueError(f"another study begins in {path.parent} at this moment; give this one a folder of its own")
     try:
         yield
     finally:

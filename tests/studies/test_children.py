@@ -1,5 +1,6 @@
 """Child processes: who leaves and when, what is kept of them, what is told of their end."""
 
+import functools
 import pickle
 import subprocess
 import sys
@@ -9,7 +10,7 @@ import pytest
 import tiny_functions
 
 from nassim.studies import children
-from nassim.studies.children import Children, _Died, _why
+from nassim.studies.children import CannotLoad, Children, _Died, _why
 from nassim.studies.job import make_job, packed
 from nassim.studies.outcome import Outcome
 
@@ -108,6 +109,33 @@ def test_a_worker_keeps_the_children_of_a_few_studies(monkeypatch):
             outcome = children.run_in_child(f"f{number}".encode(), f"{number}", request, 5.0)
             assert outcome.message == f"f{number} {request} 5.0"
     assert sorted(children._known) == ["2", "3", "4", "5"]
+
+
+def test_children_that_end_as_they_load_are_told(monkeypatch):
+    class Stillborn:
+        def __init__(self, payload):
+            raise _Died(-11)
+
+    monkeypatch.setattr(children, "_Child", Stillborn)
+    with pytest.raises(CannotLoad, match="child processes end as they load it, the last one by signal SIGSEGV"):
+        Children(b"").run("ok", None)
+
+
+def test_a_time_limit_ends_with_its_run(monkeypatch):
+    timers = []
+
+    class Timer:
+        def __init__(self, interval, function):
+            timers.append((interval, told := []))
+            self.start, self.cancel = functools.partial(told.append, "start"), functools.partial(told.append, "cancel")
+
+    monkeypatch.setattr(children.threading, "Timer", Timer)
+    pool = Children(packed(make_job(tiny_functions.product, ("a",), None)))
+    try:
+        pool.run(pickle.dumps({"a": 1.0}), 7.0)
+    finally:
+        pool.close()
+    assert timers == [(7.0, ["start", "cancel"])]
 
 
 def test_a_run_that_ctrl_c_reaches_goes_on():

@@ -14,6 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from nassim.studies import executors, sweep, sweeping
 from nassim.studies.outcome import Outcome
+from nassim.studies.records import Records
 
 quiet = functools.partial(sweep, progress=False)
 THREADS = (
@@ -125,7 +126,16 @@ def test_the_serial_loop_has_one_thread_and_leaves_the_process_as_it_was(monkeyp
     assert (found.threads == 1).all()
     assert (found.limited == len(THREADS)).all()
     assert (found.process == os.getpid()).all()
-    assert [os.environ.get(name) for name in THREADS] == [None] + 5 * ["2"]
+    as_it_was = [None] + 5 * ["2"]
+    assert [os.environ.get(name) for name in THREADS] == as_it_was
+
+    def full(*run):
+        raise OSError("no space left")
+
+    monkeypatch.setattr(Records, "add", full)
+    with pytest.raises(OSError, match="no space left") as stopped:
+        quiet(tiny_functions.product, grid={"a": [1.0, 2.0]}, executor="serial")
+    assert [os.environ.get(name) for name in THREADS] == as_it_was, stopped
 
 
 @pytest.mark.parametrize(("workers", "told"), [({}, 1), ({"worker": 1}, 0)])

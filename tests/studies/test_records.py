@@ -123,6 +123,8 @@ def test_numbers_reach_the_disk_before_the_lines_that_tell_of_them(tmp_path, mon
     monkeypatch.setattr(records.os, "fsync", fsync)
     with opened(tmp_path, STUDY) as found:
         found.add(KEYS[0], {"a": 0}, outcome(0.1, 0.2))
+        assert (tmp_path / "results.bin").stat().st_size == 2 * 8 + 16
+        assert len((tmp_path / "manifest.jsonl").read_text().splitlines()) == 2, "who is killed now loses no run"
     assert forced == BOTH
     monkeypatch.setattr(records, "CALM", -1.0)
     with opened(tmp_path, STUDY) as found:
@@ -163,6 +165,9 @@ def test_a_folder_of_something_else_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"no folder of a study: it holds thesis\.tex"), opened(tmp_path, STUDY):
         pass
     (tmp_path / "study").mkdir()
+    (tmp_path / "study" / "nassim-elsewhere-12-ab.tmp").write_text("")  # of a study that was killed at its start
+    with opened(tmp_path / "study", STUDY) as found:
+        assert not found.runs
     (tmp_path / "study" / "study.json").write_text("{}")
     with pytest.raises(ValueError, match="is damaged"), opened(tmp_path / "study", STUDY):
         pass
@@ -203,3 +208,11 @@ def test_whoever_was_killed_holds_a_folder_no_longer(folder, holder, free):
     else:
         with pytest.raises(ValueError, match=r"in use by process .* remove .*in_use\.json"):
             read(folder)
+
+
+def test_of_two_studies_that_begin_at_once_one_is_refused(folder, monkeypatch):
+    """The other one's mark is there again as soon as it is taken away, and nobody has signed it yet."""
+    (folder / "in_use.json").write_text("")
+    monkeypatch.setattr(records.Path, "unlink", lambda path, missing_ok: None)
+    with pytest.raises(ValueError, match=r"another study begins in .*study at this moment"), opened(folder, STUDY):
+        pass

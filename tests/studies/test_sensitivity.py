@@ -48,6 +48,7 @@ def test_ishigami_within_two_hundredths_of_its_closed_form(three_angles):
 def test_indices_equal_scipys(three_angles):
     data = study(three_angles, f=ishigami, g=lambda x, y, z: x + 2 * y)
     found = sobol_indices(data, n_resamples=2)
+    assert found.attrs == {"confidence": 0.95, "n": 2048}
     blocks = np.array([data.f.values, data.g.values]).reshape(2, 5, 2048).swapaxes(0, 1)
     scipys = stats.sobol_indices(func={"f_A": blocks[0], "f_B": blocks[1], "f_AB": blocks[2:]}, n=2048)
     np.testing.assert_allclose(found.first_order, scipys.first_order, atol=1e-12)

@@ -123,6 +123,7 @@ def test_trouble_is_rows_with_a_status():
     message = dict(enumerate(found.message.values))
     assert message[3] == "RuntimeError: run 3 does not converge"
     assert message[4] == "stopped at its time limit of 2 s"
+    assert found.wall_time[4] == 2.0
     assert message[5] == "x is real, 3, in most runs real, a number"
     assert message[6] == "there is NaN in x"
     assert message[7] == "its process ended 3 times, the last time with status 5"
@@ -265,7 +266,7 @@ def test_a_function_that_no_process_can_load_is_told_before_the_first_run(tmp_pa
 
 
 def test_what_runs_print_and_read_comes_between_nobody(capfd):
-    found = quiet(tiny_functions.talkative, grid={"a": [1.0, 2.0]}, n_processes=1)
+    found = quiet(tiny_functions.talkative, grid={"a": [1.0, 2.0]}, n_processes=1, time_limit=60.0)
     np.testing.assert_array_equal(found.result, [1.0, 2.0])
     assert capfd.readouterr().out == ""
 
