@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from _report import print_table
 
 
 def labelled(figures: Any) -> dict[str, dict[str, float]]:
@@ -21,14 +22,45 @@ def spread(study: Any, effects: Any) -> dict[str, dict[str, float]]:
     return rows
 
 
-SPREAD = {
-    "mean": "mean:.4g",
-    "deviation": "deviation:.2g",
-    "lowest": "lowest:.4g",
-    "highest": "highest:.4g",
-    "a plane explains [%]": "explained*100:.1f",
-}
-"""Columns that print `spread`."""
+def print_spread(title: str, rows: dict[str, dict[str, float]]) -> None:
+    """Print what `spread` gives, values with as many digits as two of the deviation make worth while."""
+    told = {}
+    for name, row in rows.items():
+        told[name] = {key: rounded(row[key], row["deviation"]) for key in ("mean", "deviation", "lowest", "highest")}
+        told[name]["explained"] = f"{100 * row['explained']:.1f}"
+    columns = {key: key for key in ("mean", "deviation", "lowest", "highest")} | {"a plane explains [%]": "explained"}
+    print_table(title, told, columns)
+
+
+def rounded(value: float, uncertainty: float, *, digits: int = 2) -> str:
+    """A number up to so many digits of its uncertainty, as text."""
+    if not (uncertainty and value):
+        return f"{value:.6g}"
+    before = int(np.floor(np.log10(abs(value))) - np.floor(np.log10(abs(uncertainty))))
+    return f"{value:#.{max(before + digits, 1)}g}".rstrip(".")
+
+
+def group_shares(indices: Any, groups: dict[str, list[str]]) -> tuple[dict[str, dict[str, float]], ...]:
+    """Total shares of the variance by group of parameters and result, and half of their intervals.
+
+    All groups together have one where effects add up.
+    """
+    shares, widths = {}, {}
+    for group, members in groups.items():
+        chosen = indices.sel(parameter=members)
+        half = chosen.total_interval.diff("bound").squeeze("bound") / 2
+        for told, values in ((shares, chosen.total.sum("parameter")), (widths, np.sqrt((half**2).sum("parameter")))):
+            told[group] = dict(zip(indices.result.values.tolist(), values.values.tolist(), strict=True))
+    return shares, widths
+
+
+def print_shares(shares: dict[str, dict[str, float]], uncertainties: dict[str, dict[str, float]]) -> None:
+    """Print what `group_shares` gives."""
+    told = {}
+    for group, row in shares.items():
+        known = {name: (share, uncertainties[group][name]) for name, share in row.items()}
+        told[group] = {name: f"{rounded(*pair, digits=1)} +- {pair[1]:.1g}" for name, pair in known.items()}
+    print_table("share of the variance", told, {n.replace("_", " "): n for n in next(iter(shares.values()))})
 
 
 def refinement(study: Any, fine: Any, names: Any) -> dict[str, dict[str, float]]:

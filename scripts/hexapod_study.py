@@ -13,7 +13,7 @@ from _hexapod_runs import JOINTS, RESULTS, TILTS, damped, edge, nominal_push, to
 from _hexapod_study_pictures import plot_damping, plot_tolerances
 from _report import print_report, print_table
 from _results import write_summary
-from _study_tables import SPREAD, labelled, spread
+from _study_tables import group_shares, labelled, print_shares, print_spread, spread
 
 from nassim.studies import linear_effects, saltelli_points, sobol_indices, sweep
 
@@ -30,17 +30,9 @@ arguments.add_argument("--seed", type=whole(0), default=0, help="of the plan (de
 
 PAYLOADS = [1.0, 10.0, 25.0, 50.0]
 GRID_UNITS = {"payload_mass": "kg", "spindle_rpm": "1/min", "gain": "1/s", "growth": "1/s"}
-SHARES = {name.replace("_", " "): f"{name}:.2f" for name in RESULTS}
 REPORT = """
 {failed} of {grid_runs} runs of the grid failed; tolerances: {runs} runs on {points} points, {payload_mass_kg:g} kg, \
 gain {gain_per_s:g}/s"""
-
-
-def group_shares(indices):
-    """Total shares of the variance, summed up over joints and over struts: one in all where their effects add up."""
-    groups = {"12 joints": list(JOINTS), "directions of 6 struts": list(TILTS)}
-    rows = {name: indices.total.sel(parameter=members).sum("parameter") for name, members in groups.items()}
-    return {name: dict(zip(RESULTS, row.sel(result=list(RESULTS)).values, strict=True)) for name, row in rows.items()}
 
 
 def main() -> None:
@@ -56,6 +48,7 @@ def main() -> None:
     machine = partial(toleranced, payload_mass=args.payload_mass, gain=args.gain, push=push, **rate)
     study = sweep(machine, samples=samples, folder=args.output / "tolerances", units=RESULTS)
     indices, independent = sobol_indices(study), study.isel(run=slice(2 * args.runs))
+    shares, uncertainties = group_shares(indices, {"12 joints": list(JOINTS), "directions of 6 struts": list(TILTS)})
     best = damping.damping_ratio.where(damping.growth < 0).max("gain")
     summary = {
         "failed": int((damping.status == "failed").sum()),
@@ -67,7 +60,8 @@ def main() -> None:
         "payload_mass_kg": args.payload_mass,
         "gain_per_s": args.gain,
         "tolerances": spread(independent, linear_effects(study)),
-        "shares": group_shares(indices),
+        "shares": shares,
+        "share_uncertainties": uncertainties,
         "total_shares": labelled(indices.total.transpose()),
     }
 
@@ -78,8 +72,8 @@ def main() -> None:
         rows = {f"{payload} kg": row for payload, row in summary[key].items()}
         print_table(title, rows, {f"{speed:g} rpm": f"{speed:g}{form}" for speed in grid["spindle_rpm"]})
     print_report(REPORT, summary)
-    print_table("result", summary["tolerances"], SPREAD)
-    print_table("share of the variance", summary["shares"], SHARES)
+    print_spread("result", summary["tolerances"])
+    print_shares(summary["shares"], summary["share_uncertainties"])
     if not args.no_plot:
         plot_damping(damping, edges, args.output / "damping.png")
         plot_tolerances(independent, indices, args.output)

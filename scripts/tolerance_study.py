@@ -10,7 +10,7 @@ from functools import partial
 from _arguments import parser, run, whole
 from _report import print_report, print_table
 from _results import write_summary
-from _study_tables import REFINED, SPREAD, labelled, refinement, spread
+from _study_tables import REFINED, labelled, print_spread, refinement, spread
 from _tolerances import COARSE, FIGURES, TOLERANCES, apa_figures, plot_all
 
 from nassim.studies import correlations, linear_effects, sobol_points, sweep
@@ -50,7 +50,7 @@ def main() -> None:
         refined = sweep(fine, samples=first, units=UNITS, folder=args.output / "refined")
         summary["refined"] = refinement(study, refined, FIGURES)
 
-    print_table("figure [SI units]", summary["figures"], SPREAD)
+    print_spread("figure [SI units]", summary["figures"])
     print_report(REPORT, summary)
     print_table("effect [%]", summary["effects_percent"], PERCENT)
     if args.refined:

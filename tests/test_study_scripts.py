@@ -232,3 +232,27 @@ def test_processor_time_is_that_of_children_too(script):
     code = "import time\nwhile time.process_time() < 0.4: pass"
     subprocess.run([sys.executable, "-c", code], check=True)
     assert script("benchmark_studies").processor_time() - before > 0.35
+
+
+def test_figures_have_as_many_digits_as_their_scatter(script):
+    rounded = script("_study_tables").rounded
+    given = {"134.980": (134.98, 0.0559), "1.806e+06": (1.8063e6, 3.09e4), "99.32": (99.3241, 0.924)}
+    given |= {"-0.00085": (-0.00084574, 3.45e-4), "2.e-07": (2.3e-7, 3e-4), "0.7": (0.7, 0.0)}
+    assert [rounded(*pair) for pair in given.values()] == list(given)
+
+
+def test_shares_of_groups_add_up_and_their_intervals_as_independent_ones(script, capsys):
+    report = script("_study_tables")
+    names = {"result": ["pole", "shift_x"], "parameter": ["a", "b", "c"], "bound": ["low", "high"]}
+    total = xr.DataArray([[0.5, 0.2, 0.25], [0.0, 0.1, 0.9]], {n: names[n] for n in ("result", "parameter")})
+    interval = xr.DataArray(np.full((2, 3, 2), 0.1), names)
+    interval[0, :2] = [[0.47, 0.53], [0.16, 0.24]]
+    indices = xr.Dataset({"total": total, "total_interval": interval})
+    shares, uncertainties = report.group_shares(indices, {"both": ["a", "b"], "alone": ["c"]})
+    assert shares["both"] == pytest.approx({"pole": 0.7, "shift_x": 0.1})
+    assert uncertainties["both"] == pytest.approx({"pole": 0.05, "shift_x": 0.0})
+    report.print_shares(shares, uncertainties)
+    assert capsys.readouterr().out.splitlines()[1:3] == [
+        "share of the variance          pole   shift x",
+        "both                   0.70 +- 0.05  0.1 +- 0",
+    ]
