@@ -8,10 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
+from _report import folded
 from _results import command_line
 
 from nassim.base import whole_run
-from nassim.base.progress import wrapped
 
 
 class Arguments(argparse.ArgumentParser):
@@ -24,18 +24,12 @@ class Arguments(argparse.ArgumentParser):
 
 def parser(doc: str, name: str) -> Arguments:
     """An argument parser with the options that all scripts take."""
-    result = Arguments(
-        description=_folded(doc), formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
-    )
-    default = Path("results") / name
-    help_text = f"folder of the results (default: {default})"
-    result.add_argument("--output", type=writable_folder, default=str(default), metavar="DIR", help=help_text)
+    raw = argparse.RawDescriptionHelpFormatter
+    result = Arguments(description=folded(doc), formatter_class=raw, allow_abbrev=False)
+    told = {"metavar": "DIR", "help": f"folder of the results (default: results/{name})"}
+    result.add_argument("--output", type=writable_folder, default=f"results/{name}", **told)
     result.add_argument("--no-plot", action="store_true", help="write no pictures")
     return result
-
-
-def _folded(doc: str) -> str:
-    return "\n\n".join(wrapped(" ".join(paragraph.split()), next_indent="") for paragraph in doc.split("\n\n"))
 
 
 def writable_folder(text: str) -> Path:
@@ -89,8 +83,7 @@ def several(kind: Callable[[str], Any]) -> Callable[[str], list[Any]]:
 def run(main: Callable[[], None]) -> None:
     """Run a script: its stages tell the time left of all, what stops it is told in one line, with exit status 2.
 
-    Ctrl-C ends it with status 130.
-    `python -X dev script.py` shows where an error arose.
+    Ctrl-C ends it with status 130. `python -X dev script.py` shows where an error arose.
     """
     name = Path(sys.argv[0]).name
     try:

@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from nassim.base.progress import wrapped
 from nassim.base.tables import text_table
 
 
@@ -15,6 +16,11 @@ def print_report(template: str, summary: Mapping[str, Any]) -> None:
     print_report("gain {gain_m_per_V*1e6:.2f} um/V", {"gain_m_per_V": 2.19e-5})
     """
     print(re.sub(r"\{([^{}]+)\}", lambda match: _figure(summary, match[1]), template).rstrip())
+
+
+def folded(doc: str) -> str:
+    """Paragraphs in lines that fit the terminal."""
+    return "\n\n".join(wrapped(" ".join(paragraph.split()), next_indent="") for paragraph in doc.split("\n\n"))
 
 
 def print_table(title: str, rows: Mapping[str, Mapping[str, Any]], columns: Mapping[str, str]) -> None:

@@ -15,9 +15,8 @@ from models.apa300ml import calibration as apa
 from nassim.identification import Target
 
 arguments = parser(__doc__, "calibrate_apa")
-arguments.add_argument(
-    "--fit", nargs="+", default=["pzt_modulus"], choices=apa.PARAMETERS, help="(default: pzt_modulus)"
-)
+names = {"choices": apa.PARAMETERS, "metavar": "NAME", "help": f"default: the first of {', '.join(apa.PARAMETERS)}"}
+arguments.add_argument("--fit", nargs="+", default=["pzt_modulus"], **names)
 arguments.add_argument(
     "--to",
     nargs="+",

@@ -17,6 +17,8 @@ SMALL_MOTION = 0.01
 """Rotation [rad], and deformation over size, up to which small motion holds: the error is about half of its square."""
 RINGING = 0.8
 """Spectral radius above which accelerations in large motion may ring."""
+STILL = 1e-6
+"""Rate [Hz] below which nothing spins: a turn in eleven days."""
 CALM = 0.1
 """Corner of a low-pass over the rate of steps, below which 4 % or less of such ringing pass."""
 FAR = 0.1
@@ -79,7 +81,7 @@ def warn_of_spin(scene: Scene, speeds: Mapping[str, float], told: Collection[str
     found = []
     for body in scene.flexible_bodies:
         rate = speeds.get(body.name, 0.0) / (2 * np.pi)
-        if body.fidelity != "ffrf" or rate == 0.0 or body.name in told:
+        if body.fidelity != "ffrf" or rate < STILL or body.name in told:
             continue
         first, rise = stiffening(scene, body, rate)
         if rise > STIFFENING:
