@@ -50,15 +50,15 @@ class FEModel:
 
     name: str
     _: KW_ONLY
-    stiffness: SymmetricMatrix
-    scalar_mass_matrix: sp.csr_matrix
-    fields: Array
-    couplings: tuple[Coupling, ...] = field(default=())
-    surface: Surface | None = field(default=None)
-    surface_evaluation: sp.csr_matrix | None = field(default=None)
+    stiffness: SymmetricMatrix = field(repr=False)
+    scalar_mass_matrix: sp.csr_matrix = field(repr=False)
+    fields: Array = field(repr=False)
+    couplings: tuple[Coupling, ...] = field(default=(), repr=False)
+    surface: Surface | None = field(default=None, repr=False)
+    surface_evaluation: sp.csr_matrix | None = field(default=None, repr=False)
     description: str = field(default="")
     order: int = field(default=0)
-    ports: tuple[PortCoupling, ...] = ()
+    ports: tuple[PortCoupling, ...] = field(default=(), repr=False)
     warnings: tuple[str, ...] = ()
     _source: tuple[Any, Any] | None = field(default=None, repr=False)  # NGSolve's mesh, Solid
 

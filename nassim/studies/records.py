@@ -189,7 +189,7 @@ def _check_study(folder: Path, study: dict[str, Any]) -> None:
         warn(
             f"the runs in {folder} were computed by another version of nassim or of the libraries beneath; they are "
             "not repeated (a new folder would do so)",
-            stacklevel=4,
+            stacklevel=5,
         )
 
 

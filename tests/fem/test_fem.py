@@ -137,6 +137,13 @@ def test_remote_points_on_one_line_are_fine(coupling):
     assert np.linalg.eigvalsh(condensed.stiffness[6:, 6:])[0] > 0
 
 
+def test_a_model_prints_in_a_few_lines():
+    text = repr(build_fe_model(make_bar(), element_size=0.02, order=2, progress=False))
+    assert "'bar'" in text
+    assert "order 2" in text
+    assert len(text) < 500
+
+
 @pytest.mark.parametrize("what", ["stiffness", "scalar_mass_matrix", "fields"])
 def test_models_made_by_hand_hold_numbers_only(what):
     model = lattice()

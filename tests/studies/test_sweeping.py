@@ -361,3 +361,11 @@ def test_without_the_extra_studies_it_is_named():
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert 'ImportError: studies need xarray: pip install "nassim[studies]"' in run.stderr
+
+
+def test_runs_of_another_version_are_told_where_the_study_is_called(tmp_path, monkeypatch):
+    quiet(tiny_functions.product, grid={"a": [1.0]}, folder=tmp_path, executor="serial")
+    monkeypatch.setattr("nassim.studies.records.code_fingerprint", lambda: "another")
+    with pytest.warns(UserWarning, match="another version of nassim") as caught:
+        sweep(tiny_functions.product, grid={"a": [1.0]}, folder=tmp_path, executor="serial", progress=False)
+    assert caught[0].filename == __file__
