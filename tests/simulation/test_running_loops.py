@@ -33,7 +33,7 @@ from nassim.simulation import time_domain
 from nassim.simulation.description import describe
 from nassim.simulation.exudyn import solver
 from nassim.simulation.linearization import linearize_closed
-from nassim.simulation.running_loops import start_controller, start_loops
+from nassim.simulation.running_loops import samples_per_period, start_controller, start_loops
 from nassim.simulation.time_domain import exudyn_eigenfrequencies
 from nassim.systems.controllers import Controller
 
@@ -454,3 +454,11 @@ def test_bad_parts(apa):
     with pytest.raises(ValueError, match="bandwidth must be positive"):
         replace(bench.actuators[0], bandwidth=0.0)
     assert isinstance(bench.bodies[1], FlexibleBody)
+
+
+def test_a_sample_period_is_a_whole_number_of_steps_but_for_rounding():
+    loop = Loop("p", GAIN, "encoder", "actuator_voltage")
+    assert [samples_per_period(loop, step) for step in (1e-4, 1e-4 / 3, 1e-4 * (1 + 1e-8))] == [1, 3, 1]
+    for step in (1e-4 * (1 + 1e-4), 1e-4 / 3.01, 2e-4):
+        with pytest.raises(ValueError, match="samples at 10000 Hz"):
+            samples_per_period(loop, step)
