@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from nassim.base.progress import wrapped
+from nassim.base.progress import tell, wrapped
 from nassim.base.tables import text_table
 
 
@@ -15,7 +15,7 @@ def print_report(template: str, summary: Mapping[str, Any]) -> None:
 
     print_report("gain {gain_m_per_V*1e6:.2f} um/V", {"gain_m_per_V": 2.19e-5})
     """
-    print(re.sub(r"\{([^{}]+)\}", lambda match: _figure(summary, match[1]), template).rstrip())
+    tell(re.sub(r"\{([^{}]+)\}", lambda match: _figure(summary, match[1]), template).rstrip(), indent="")
 
 
 def folded(doc: str) -> str:

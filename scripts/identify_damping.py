@@ -17,6 +17,7 @@ from _results import write_summary
 from models.apa300ml import COARSE, reduced_apa300ml
 from models.bench import make_bench
 from nassim import TimeHistory, frequency_response, linearize, save
+from nassim.base.progress import tell
 from nassim.identification import apply_identification, identify_modes
 from nassim.plotting import plot_modal_fit, plt, save_figure
 from nassim.signals import read_measurement
@@ -70,8 +71,8 @@ def main() -> None:
     if truth is not None:
         summary |= {"truth": truth, **against_truth(fit, report, truth)}
 
-    print(f"\n{path}: {fit.how['data']}, {fit.how['band']}; ± one standard deviation\n{fit.summary()}")
-    print(f"\nwritten into the bench with {args.payload_mass:g} kg:\n{report.summary()}")
+    tell(f"\n{path}: {fit.how['data']}, {fit.how['band']}; ± one standard deviation\n{fit.summary()}", indent="")
+    tell(f"\nwritten into the bench with {args.payload_mass:g} kg:\n{report.summary()}", indent="")
     if truth is not None:
         kinds = ("fitted", "truth", "errors_in_percent", "errors_over_std")
         print_table("blind", across(summary, summary["fitted"], kinds), COLUMNS)

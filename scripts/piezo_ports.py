@@ -17,6 +17,7 @@ from models.apa300ml import COARSE, PORTS, STACK, reduced_apa300ml
 from models.bench import SENSOR_RESISTANCE, make_bench
 from models.bench_figures import pole_and_zero, static_gains
 from nassim import frequency_response, linearize, truncation_error
+from nassim.base.progress import tell
 from nassim.plotting import save_figure
 
 SHEET_CAPACITANCE = 4.4e-6
@@ -73,7 +74,7 @@ def main() -> None:
             figures["zero_Hz"] = None
         summary |= with_prefix(name, figures | {"truncation_error": truncation_error(scene, compared).max()})
 
-    print(f"stack: {STACK.consistency()}".replace("\n", "\n  "))
+    tell(f"stack: {STACK.consistency()}".replace("\n", "\n  "), indent="")
     print_table("truncation from 10 to 500 Hz", rows_of(summary, scenes), COLUMNS)
     if not args.no_plot:
         save_figure(plot_bode_pair(frfs[:3]), args.output / "frf.png")

@@ -152,7 +152,7 @@ def cached(name: str, key: str, build: Callable[[], Noun], *, progress: bool = T
 
     def report(message: str) -> None:
         if progress:
-            print(f"{name}: {message}", flush=True)
+            tell(f"{name}: {message}", indent="")
 
     if os.path.exists(path):
         try:
