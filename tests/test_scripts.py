@@ -728,5 +728,6 @@ def test_quick_start_has_exactly_two_commands():
 def test_the_readmes_tour_works_when_pasted(tmp_path):
     script = tmp_path / "tour.py"
     script.write_text("\n".join(readme_blocks("python")), encoding="utf-8")
-    result = run(script)
+    result = run(script, cwd=tmp_path)
     assert result.returncode == 0, result.stderr
+    assert (tmp_path / "modes.html").exists()
