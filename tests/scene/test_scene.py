@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import lattice
+from scipy.spatial.transform import Rotation
 
 from nassim import (
     Encoder,
@@ -291,3 +292,14 @@ def test_flexible_body_checks_itself(change, message):
 def test_connections_check_themselves(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+def test_a_turned_rigid_body_along_the_worlds_axes_is_the_same():
+    """Turned about an odd axis by R: its points lie at R p, its inertia is R J R^T."""
+    turn = Rotation.from_rotvec([0.4, -1.1, 0.7])
+    inertia, arm = np.diag([1e-3, 2e-3, 2.5e-3]), np.array([0.1, -0.2, 0.05])
+    body = RigidBody("a", {"p": arm}, 2.0, inertia, position=(1.0, 2.0, 3.0), rotation=turn.as_matrix())
+    same = body.along_world
+    np.testing.assert_allclose(same.points["p"], turn.apply(arm), atol=1e-15)
+    np.testing.assert_allclose(same.inertia, turn.apply(turn.apply(inertia).T), atol=1e-18)
+    np.testing.assert_array_equal(same.rotation, np.eye(3))

@@ -2,6 +2,7 @@
 
 import functools
 import pickle
+import signal
 import subprocess
 import sys
 import time
@@ -140,6 +141,7 @@ def test_a_time_limit_ends_with_its_run(monkeypatch):
 
 def test_a_run_that_ctrl_c_reaches_goes_on():
     """The terminal sends it to all processes: it is for the study to answer."""
+    heard = signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background it may be ignored as it is
     pool = Children(packed(make_job(tiny_functions.interrupts_itself, ("a",), None)))
     try:
         start = time.perf_counter()
@@ -149,3 +151,4 @@ def test_a_run_that_ctrl_c_reaches_goes_on():
         assert len(pool._all) == 1
     finally:
         pool.close()
+        signal.signal(signal.SIGINT, heard)
