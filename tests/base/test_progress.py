@@ -178,6 +178,7 @@ def test_a_cache_that_cannot_be_written_stops_no_run(tmp_path, monkeypatch):
 
 
 def test_on_a_terminal_the_time_left_stands_in_the_bar(monkeypatch, clock, capsys):
+    monkeypatch.setenv("COLUMNS", "120")  # processes of tests may be told of narrow terminals
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     with course((("simulate", 40.0), ("all", 50.0))), stage("simulate", total=4, unit="steps") as advance:
         advance(4)
