@@ -21,7 +21,19 @@ from nassim import Bushing, Drive, GroundAcceleration, RigidBody, Scene, fixed, 
 from nassim.base.checks import Array, finite, finite_array, freeze, known, positive
 from nassim.base.rigid_motion import unit_vector
 from nassim.kinematics import StewartPlatform, stiffness_matrix
-from nassim.scene import Actuator, Direction, Force, Path, Reading, Row, Sensor, Signal
+from nassim.scene import (
+    Actuator,
+    AppliedForce,
+    Direction,
+    Displacement,
+    Measure,
+    Output,
+    Path,
+    PointVelocity,
+    RotationAngle,
+    Sensor,
+    Signal,
+)
 from nassim.simulation.small_motion import assemble
 
 SIX = ("ux", "uy", "uz", "rx", "ry", "rz")
@@ -163,10 +175,12 @@ class Offset(Actuator):
     turns: bool = False
     frame: Path = ""
 
-    def says(self, scene: Scene) -> tuple[Force]:
-        """The spring pushes b by its stiffness times the input, and a back."""
-        row = _between(scene, self.a, self.b, self.axis, frame=self.frame, turns=self.turns)
-        return (Force(self.input, "rad" if self.turns else "m", row, self.stiffness),)
+    def terms(self, scene: Scene) -> tuple[AppliedForce]:
+        """Return the force of the spring on b, and against a, by its stiffness times the input."""
+        _check_points(scene, self.a, self.b, self.frame)
+        axis = unit_vector(self.axis)
+        measure = PointVelocity(((self.a, -axis), (self.b, axis)), self.frame, angular=self.turns)
+        return (AppliedForce(self.input, "rad" if self.turns else "m", measure, self.stiffness),)
 
 
 @register
@@ -183,16 +197,18 @@ class Metrology(Sensor):
     b: Path
     frame: Path = ""
 
-    def says(self, scene: Scene) -> tuple[Reading, ...]:
-        """It reads all six motions."""
-        return tuple(
-            Reading(
-                f"{self.name}.{six}",
-                "rad" if six[0] == "r" else "m",
-                _between(scene, self.a, self.b, six[1], frame=self.frame, turns=six[0] == "r"),
-            )
-            for six in SIX
-        )
+    def terms(self, scene: Scene) -> tuple[Output, ...]:
+        """Return the six components of the motion of b against a."""
+        _check_points(scene, self.a, self.b, self.frame)
+        return tuple(Output(f"{self.name}.{six}", "rad" if six[0] == "r" else "m", self._component(six)) for six in SIX)
+
+    def _component(self, six: str) -> Measure:
+        axis = unit_vector(six[1])
+        if six[0] == "u":
+            return Displacement.between(self.a, self.b, axis, axes_of=self.frame)
+        if self.frame:  # about axes of a third body: small rotations only
+            return PointVelocity(((self.a, -axis), (self.b, axis)), self.frame, angular=True)
+        return RotationAngle(self.b, axis, self.a)
 
 
 def make_nass(
@@ -290,10 +306,9 @@ def suspension(scene: Scene, highest: float = 150.0) -> list[tuple[float, dict[s
     return sorted(found, key=lambda mode: mode[0])
 
 
-def _between(scene: Scene, a: Path, b: Path, axis: Direction, *, frame: Path, turns: bool) -> Row:
-    for path in filter(None, (a, b, frame)):
+def _check_points(scene: Scene, *paths: Path) -> None:
+    for path in filter(None, paths):
         scene.point_position(path)
-    return Row.between(a, b, unit_vector(axis), frame=frame, turns=turns)
 
 
 def _loose(base: RigidBody) -> RigidBody:

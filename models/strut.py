@@ -48,7 +48,7 @@ from nassim import (
 from nassim.base.checks import Array, known, positive
 from nassim.base.rigid_motion import axes_along
 from nassim.kinematics import strut_lengths
-from nassim.scene import Actuator, Force, Line, Path, Reading, Sensor, Signal
+from nassim.scene import Actuator, AppliedForce, Distance, Output, Path, Sensor, Signal
 
 LENGTH = float(strut_lengths(NANO_HEXAPOD)[0])
 """Between the joints' centres in the nano-hexapod [m]: 82.485 mm, of which the actuator takes 30 mm."""
@@ -85,9 +85,9 @@ class LineDrive(Actuator):
     gain: float
     factor = "gain"
 
-    def says(self, scene: Scene) -> tuple[Force]:
-        """The input lengthens the line."""
-        return (Force(self.input, "V", Line(self.a, self.b), self.gain),)
+    def terms(self, scene: Scene) -> tuple[AppliedForce]:
+        """Return the force along the line."""
+        return (AppliedForce(self.input, "V", Distance(self.a, self.b), self.gain),)
 
 
 @register
@@ -104,9 +104,9 @@ class LineSensor(Sensor):
     gain: float
     factor = "gain"
 
-    def says(self, scene: Scene) -> tuple[Reading]:
-        """It reads the line's length."""
-        return (Reading(self.name, "V", Line(self.a, self.b), self.gain),)
+    def terms(self, scene: Scene) -> tuple[Output]:
+        """Return the change of the line's length."""
+        return (Output(self.name, "V", Distance(self.a, self.b), self.gain),)
 
 
 def fe_strut(

@@ -8,8 +8,9 @@ import numpy as np
 
 from nassim.base.checks import Array, finite, freeze, frozen_mapping, known, not_negative, positive
 from nassim.identification.modal_fit import ModalFit
-from nassim.scene.part import Actuator, Field, Force, Sensor
+from nassim.scene.part import Actuator, Sensor
 from nassim.scene.scene import Scene
+from nassim.scene.terms import AppliedForce, BaseAcceleration
 from nassim.simulation.small_motion import Assembly, assemble
 
 Kind = TypeVar("Kind", Actuator, Sensor)
@@ -229,7 +230,7 @@ def _scale(scene: Scene, fit: ModalFit, static: Array, trusted: str) -> tuple[Sc
 
 
 def _acts_by(scene: Scene, part: Actuator, name: str) -> bool:
-    return any(isinstance(word, (Force, Field)) and word.input == name for word in part.says(scene))
+    return any(isinstance(term, (AppliedForce, BaseAcceleration)) and term.input == name for term in part.terms(scene))
 
 
 def _scaled(part: Kind, factors: Mapping[str, tuple[float, float]], changes: list[Change]) -> Kind:

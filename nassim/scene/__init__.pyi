@@ -1,4 +1,7 @@
 from .bodies import (
+    Body as Body,
+)
+from .bodies import (
     FlexibleBody as FlexibleBody,
 )
 from .bodies import (
@@ -46,6 +49,51 @@ from .joints import (
 from .loop import (
     Loop as Loop,
 )
+from .measures import (
+    Axes as Axes,
+)
+from .measures import (
+    BodyCoordinates as BodyCoordinates,
+)
+from .measures import (
+    BodyState as BodyState,
+)
+from .measures import (
+    Combination as Combination,
+)
+from .measures import (
+    Direction as Direction,
+)
+from .measures import (
+    Displacement as Displacement,
+)
+from .measures import (
+    Distance as Distance,
+)
+from .measures import (
+    Measure as Measure,
+)
+from .measures import (
+    Path as Path,
+)
+from .measures import (
+    PointMeasure as PointMeasure,
+)
+from .measures import (
+    PointVelocity as PointVelocity,
+)
+from .measures import (
+    Position as Position,
+)
+from .measures import (
+    RelativePose as RelativePose,
+)
+from .measures import (
+    RotationAngle as RotationAngle,
+)
+from .measures import (
+    Signal as Signal,
+)
 from .mechanics import (
     AngleSensor as AngleSensor,
 )
@@ -86,67 +134,16 @@ from .part import (
     Actuator as Actuator,
 )
 from .part import (
-    Axes as Axes,
-)
-from .part import (
     Connection as Connection,
-)
-from .part import (
-    Constraint as Constraint,
-)
-from .part import (
-    Direction as Direction,
-)
-from .part import (
-    Field as Field,
-)
-from .part import (
-    Filter as Filter,
-)
-from .part import (
-    Force as Force,
 )
 from .part import (
     ForceElement as ForceElement,
 )
 from .part import (
-    Leak as Leak,
-)
-from .part import (
-    Line as Line,
-)
-from .part import (
     Part as Part,
 )
 from .part import (
-    Path as Path,
-)
-from .part import (
-    Position as Position,
-)
-from .part import (
-    Reading as Reading,
-)
-from .part import (
-    Row as Row,
-)
-from .part import (
     Sensor as Sensor,
-)
-from .part import (
-    Signal as Signal,
-)
-from .part import (
-    SixSprings as SixSprings,
-)
-from .part import (
-    Spring as Spring,
-)
-from .part import (
-    Tension as Tension,
-)
-from .part import (
-    Word as Word,
 )
 from .piezo import (
     StackActuator as StackActuator,
@@ -168,4 +165,40 @@ from .placement import (
 )
 from .scene import (
     Scene as Scene,
+)
+from .terms import (
+    AppliedForce as AppliedForce,
+)
+from .terms import (
+    BaseAcceleration as BaseAcceleration,
+)
+from .terms import (
+    Constraint as Constraint,
+)
+from .terms import (
+    ForceLaw as ForceLaw,
+)
+from .terms import (
+    NonlinearSpring as NonlinearSpring,
+)
+from .terms import (
+    Output as Output,
+)
+from .terms import (
+    OutputFilter as OutputFilter,
+)
+from .terms import (
+    PrescribedMotion as PrescribedMotion,
+)
+from .terms import (
+    Shunt as Shunt,
+)
+from .terms import (
+    Spring as Spring,
+)
+from .terms import (
+    SpringForce as SpringForce,
+)
+from .terms import (
+    Term as Term,
 )

@@ -1,5 +1,6 @@
 """Bodies of a scene: rigid ones, and reduced ones with the fidelity that they are modelled in."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -11,15 +12,81 @@ from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, know
 from nassim.base.modal import damping_ratios
 from nassim.base.rigid_motion import proper_rotation, rigid_transfer
 from nassim.bodies.reduced_body import ReducedBody
-from nassim.scene.part import Axes, Direction, Position
+from nassim.bodies.strain import Strain
+from nassim.scene.measures import Axes, Direction, Position
 
 FIDELITIES = ("rigid", "linear", "ffrf")
 ROUNDED = 2e-3
 """Share by which rounded moments of a flat body may exceed what is possible."""
 
 
+class Body(ABC):
+    """A body of a scene: a set of linear equations about the reference configuration, with points.
+
+    To add a formulation: write a frozen dataclass with this base class, anywhere. Its coordinates are those of
+    `mass_matrix`; all engines then assemble it. In large motion its points move by `motion` and its coordinates, too.
+
+    Attributes:
+        name: what the scene calls it.
+        position, rotation: of its own frame in the reference configuration, (3,) [m] and (3, 3).
+        angular_velocity: at the start, world frame, (3,) [rad/s].
+        damping_ratio: of its own modes [-], see `FlexibleBody`.
+    """
+
+    name: str
+    position: Array = np.zeros(3)
+    rotation: Array = np.eye(3)
+    angular_velocity: Array = np.zeros(3)
+    damping_ratio: ArrayLike | None = None
+
+    @property
+    def moves(self) -> bool:
+        """Whether it has coordinates."""
+        return True
+
+    @property
+    def deforms(self) -> bool:
+        """Whether it is a reduced body that deforms."""
+        return False
+
+    @property
+    @abstractmethod
+    def point_names(self) -> tuple[str, ...]:
+        """Names of its points, those that only move along too."""
+
+    @property
+    @abstractmethod
+    def mass_matrix(self) -> Array:
+        """Of its coordinates, (n, n), positive definite."""
+
+    @property
+    def strain(self) -> Strain | None:
+        """What its stiffness is made of; None where it has none."""
+        return None
+
+    @abstractmethod
+    def weight(self, gravity: Array) -> Array:
+        """Return the forces of a uniform gravity, world frame, (3,) [m/s2], on its coordinates, (n,)."""
+
+    @abstractmethod
+    def motion(self, point: str) -> Array:
+        """Return the small motion of a point along the world's axes per unit of the coordinates, (6, n).
+
+        Raises ValueError for an unknown point.
+        """
+
+    @abstractmethod
+    def point_position(self, point: str) -> Array:
+        """Return the position of a point in the reference configuration, world frame, (3,) [m]."""
+
+    @property
+    @abstractmethod
+    def rigid_inertia(self) -> tuple[float, Array, Array]:
+        """Mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg m2], world frame."""
+
+
 @dataclass(frozen=True)
-class RigidBody:
+class RigidBody(Body):
     """A rigid body.
 
     name: what the scene calls it
@@ -80,9 +147,9 @@ class RigidBody:
         return not self.fixed
 
     @property
-    def deforms(self) -> bool:
-        """Whether it deforms: never."""
-        return False
+    def point_names(self) -> tuple[str, ...]:
+        """Names of its points."""
+        return tuple(self.points)
 
     @property
     def mass_matrix(self) -> Array:
@@ -103,11 +170,6 @@ class RigidBody:
         Raises ValueError for an unknown point, listing the known ones.
         """
         return rigid_transfer(self._arm(point))
-
-    def own_motion(self, point: str) -> Array:
-        """As `motion`, along the body's own axes."""
-        result: Array = np.kron(np.eye(2), self.rotation.T) @ self.motion(point)
-        return result
 
     def point_position(self, point: str) -> Array:
         """Position of a named point at the start, world frame, shape (3,) [m]."""
@@ -137,7 +199,7 @@ class RigidBody:
 
 
 @dataclass(frozen=True)
-class FlexibleBody:
+class FlexibleBody(Body):
     """A reduced body in a scene.
 
     name: what the scene calls it; reduced: the body
@@ -195,9 +257,19 @@ class FlexibleBody:
         return self.fidelity != "rigid"
 
     @property
+    def point_names(self) -> tuple[str, ...]:
+        """Names of its points, those that only move along too."""
+        return self.reduced.all_point_names
+
+    @property
     def mass_matrix(self) -> Array:
         """Of its coordinates, shape (n, n)."""
         return self.reduced.mass_matrix
+
+    @property
+    def strain(self) -> Strain | None:
+        """What its stiffness is made of; None where its fidelity does not let it deform."""
+        return self.reduced.strain if self.deforms else None
 
     def weight(self, gravity: Array) -> Array:
         """Forces of a uniform gravity, world frame, on its coordinates, shape (n,)."""
@@ -211,10 +283,6 @@ class FlexibleBody:
         """Small motion of a point along the world's axes per unit of the coordinates, shape (6, n)."""
         result: Array = scipy.linalg.block_diag(self.rotation, self.rotation) @ self.reduced.motion(point)
         return result
-
-    def own_motion(self, point: str) -> Array:
-        """As `motion`, along the body's own axes."""
-        return self.reduced.motion(point)
 
     def point_position(self, point: str) -> Array:
         """Position of a remote point at the start, world frame, shape (3,) [m]."""
@@ -235,6 +303,3 @@ class FlexibleBody:
         # Slender bodies made by hand may have no inertia about their axis.
         spread = np.trace(about) * (1 + 1e-9) * np.eye(3) - about
         return mass, self.centre, self.rotation @ spread @ self.rotation.T
-
-
-Body = RigidBody | FlexibleBody

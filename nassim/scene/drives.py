@@ -5,8 +5,10 @@ from dataclasses import dataclass
 
 from nassim.base.checks import above_zero, finite, freeze, known
 from nassim.base.rigid_motion import DIRECTIONS
-from nassim.scene.part import Actuator, Constraint, Follow, Signal
+from nassim.scene.measures import Signal
+from nassim.scene.part import Actuator
 from nassim.scene.scene import Scene
+from nassim.scene.terms import Constraint, PrescribedMotion
 
 
 @dataclass(frozen=True)
@@ -46,18 +48,20 @@ class Drive(Actuator):
         """Of the input."""
         return "rad" if self.direction.startswith("r") else "m"
 
-    def says(self, scene: Scene) -> tuple[Follow]:
-        """The joint's motion is no longer free."""
-        joints = {word.name: word for part in scene.joints for word in part.says(scene) if isinstance(word, Constraint)}
+    def terms(self, scene: Scene) -> tuple[PrescribedMotion]:
+        """Return the prescribed motion of the joint."""
+        joints = {
+            term.name: term for part in scene.joints for term in part.terms(scene) if isinstance(term, Constraint)
+        }
         joint = joints[known(f"joint of drive {self.name!r}", self.joint, joints)]
         if self.direction in joint.held:
             free = ", ".join(d for d in DIRECTIONS if d not in joint.held) or "none"
             raise ValueError(
                 f"drive {self.name!r}: joint {self.joint!r} holds {self.direction!r}; it leaves free: {free}"
             )
-        if not any(scene.split(path)[0].moves for path in (joint.a, joint.b)):
+        if not any(scene.split(path)[0].moves for path in joint.points):
             raise ValueError(f"drive {self.name!r}: joint {self.joint!r} connects fixed bodies, which nothing moves")
-        return (Follow(self.joint, self.direction, self.input, self.unit, self.speed, self.bandwidth),)
+        return (PrescribedMotion(self.joint, self.direction, self.input, self.unit, self.speed, self.bandwidth),)
 
     def describe(self) -> str:
         """What it does to which joint."""

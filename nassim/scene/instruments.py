@@ -10,10 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from nassim.base.checks import finite, freeze, known, not_negative, positive
-from nassim.base.rigid_motion import DIRECTIONS, unit_vector
+from nassim.base.rigid_motion import unit_vector
+from nassim.scene.measures import Direction, Path, PointVelocity, Signal
 from nassim.scene.mechanics import check_seen, checked_axis, checked_frame
-from nassim.scene.part import Direction, Filter, Path, Reading, Row, Sensor, Signal, SixSprings, Spring, Tension, Word
+from nassim.scene.part import Sensor
 from nassim.scene.scene import Scene
+from nassim.scene.terms import ForceLaw, Output, OutputFilter, SpringForce, Term
 
 
 @dataclass(frozen=True)
@@ -28,22 +30,23 @@ class ForceSensor(Sensor):
     name: str
     of: Signal
 
-    def says(self, scene: Scene) -> tuple[Tension, ...]:
-        """It reads what the spring pulls with."""
+    def terms(self, scene: Scene) -> tuple[SpringForce, ...]:
+        """Return what the spring pulls with."""
         named = {part.name: part for part in scene.springs}
         part = named[known(f"spring of force sensor {self.name!r}", self.of, named)]
-        springs = [word for word in part.says(scene) if isinstance(word, (Spring, SixSprings))]
+        springs = [term for term in part.terms(scene) if isinstance(term, ForceLaw)]
         if len(springs) != 1:
             raise ValueError(
                 f"force sensor {self.name!r}: {self.of!r} consists of {len(springs)} springs, so it has no one force "
                 "to read; name a spring-damper or a bushing"
             )
-        if isinstance(springs[0], Spring):
-            return (Tension(self.name, "N", springs[0]),)
+        components = springs[0].measure.components
+        if len(components) == 1:
+            return (SpringForce(self.name, "N", springs[0]),)
         names = ("fx", "fy", "fz", "mx", "my", "mz")
         return tuple(
-            Tension(f"{self.name}.{force}", "N m" if direction.startswith("r") else "N", springs[0], direction)
-            for force, direction in zip(names, DIRECTIONS, strict=True)
+            SpringForce(f"{self.name}.{force}", "N m" if component.startswith("r") else "N", springs[0], component)
+            for force, component in zip(names, components, strict=True)
         )
 
 
@@ -63,9 +66,9 @@ class Vibrometer(Sensor):
     def __post_init__(self) -> None:
         freeze(self, axis=checked_axis(f"vibrometer {self.name!r}", self.axis))
 
-    def says(self, scene: Scene) -> tuple[Reading]:
-        """It reads the point's velocity."""
-        return (Reading(self.name, self.unit, _of_point(scene, self), derivative=1),)
+    def terms(self, scene: Scene) -> tuple[Output]:
+        """Return the velocity of the point."""
+        return (Output(self.name, self.unit, _of_point(scene, self), derivative=1),)
 
 
 @dataclass(frozen=True)
@@ -102,12 +105,12 @@ class Geophone(Sensor):
         """Of the output."""
         return "m/s" if self.sensitivity is None else "V"
 
-    def says(self, scene: Scene) -> tuple[Word, ...]:
-        """Acceleration through a band-pass is velocity above its corner."""
+    def terms(self, scene: Scene) -> tuple[Term, ...]:
+        """Return the acceleration through a band-pass, which is velocity above its corner."""
         gain = (1.0 if self.sensitivity is None else self.sensitivity) / (2 * np.pi * self.corner_frequency)
         return (
-            Reading(self.name, self.unit, _of_point(scene, self), gain, derivative=2, inertial=True),
-            Filter(self.name, "band", self.corner_frequency, self.damping_ratio),
+            Output(self.name, self.unit, _of_point(scene, self), gain, derivative=2, inertial=True),
+            OutputFilter(self.name, "band", self.corner_frequency, self.damping_ratio),
         )
 
     def describe(self) -> str:
@@ -151,15 +154,15 @@ class Accelerometer(Sensor):
         """Of the output."""
         return "m/s2" if self.sensitivity is None else "V"
 
-    def says(self, scene: Scene) -> tuple[Word, ...]:
-        """It reads the point's acceleration within its band."""
+    def terms(self, scene: Scene) -> tuple[Term, ...]:
+        """Return the acceleration of the point within the band of the sensor."""
         gain = 1.0 if self.sensitivity is None else self.sensitivity
-        words: list[Word] = [Reading(self.name, self.unit, _of_point(scene, self), gain, derivative=2, inertial=True)]
+        terms: list[Term] = [Output(self.name, self.unit, _of_point(scene, self), gain, derivative=2, inertial=True)]
         if self.resonance is not None:
-            words.append(Filter(self.name, "low", self.resonance, self.damping_ratio))
+            terms.append(OutputFilter(self.name, "low", self.resonance, self.damping_ratio))
         if self.corner_frequency:
-            words.append(Filter(self.name, "high", self.corner_frequency))
-        return tuple(words)
+            terms.append(OutputFilter(self.name, "high", self.corner_frequency))
+        return tuple(terms)
 
     def describe(self) -> str:
         """Its dynamics."""
@@ -168,9 +171,9 @@ class Accelerometer(Sensor):
         return f"accelerometer {self.name}: {self.point}{above}{below}"
 
 
-def _of_point(scene: Scene, sensor: Vibrometer | Geophone | Accelerometer) -> Row:
+def _of_point(scene: Scene, sensor: Vibrometer | Geophone | Accelerometer) -> PointVelocity:
     check_seen(scene, sensor.name, sensor.point)
-    return Row.of_point(sensor.point, unit_vector(sensor.axis), frame=checked_frame(scene, sensor.frame))
+    return PointVelocity(((sensor.point, unit_vector(sensor.axis)),), checked_frame(scene, sensor.frame))
 
 
 def _sensitivity(label: str, value: float | None) -> float | None:

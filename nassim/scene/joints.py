@@ -9,9 +9,11 @@ from numpy.typing import ArrayLike
 from nassim.base.checks import Array, freeze, instances, known, not_negative, unique
 from nassim.base.rigid_motion import DIRECTIONS, axes_along, proper_rotation, unit_vector
 from nassim.scene.bodies import FlexibleBody, RigidBody
+from nassim.scene.measures import MATRIX, Axes, Displacement, Measure, Path, PointVelocity, RelativePose
 from nassim.scene.mechanics import checked_axis
-from nassim.scene.part import Axes, Connection, Constraint, Path, Row, Spring
+from nassim.scene.part import Connection
 from nassim.scene.scene import Scene
+from nassim.scene.terms import Constraint, Spring
 
 TOUCH_TOLERANCE = 1e-9
 """Largest gap [m] between the two points of a joint."""
@@ -52,8 +54,8 @@ class Joint(Connection):
         )
         freeze(self, damping=_figures(f"joint {self.name!r}: damping", self.damping, self.free))
 
-    def says(self, scene: Scene) -> tuple[Constraint | Spring, ...]:
-        """It holds all directions that are not free, and damps those that are."""
+    def terms(self, scene: Scene) -> tuple[Constraint | Spring, ...]:
+        """Return the constraint of all directions that are not free, and dampers of those that are."""
         if self.a == self.b:
             raise ValueError(f"joint {self.name!r} connects {self.a!r} with itself")
         for path in (self.a, self.b):
@@ -68,7 +70,7 @@ class Joint(Connection):
                 f"{TOUCH_TOLERANCE:g} m: move one of the bodies"
             )
         held = tuple(d for d in DIRECTIONS if d not in self.free)
-        return (Constraint(self.name, self.a, self.b, held, self.axes), *self._dampers())
+        return (Constraint(self.name, RelativePose(self.a, self.b, self.axes, MATRIX), held), *self._dampers())
 
     def describe(self) -> str:
         """Its points and what it leaves free."""
@@ -88,9 +90,11 @@ class Joint(Connection):
             # A universal joint's second arm turns with b.
             frame = self.b if len(turns) == 2 and direction == turns[1] else self.a
             axis = self.axes[:, "xyz".index(direction[-1])]
-            row = Row.between(self.a, self.b, axis, frame=frame, turns=direction in turns)
+            measure: Measure = Displacement.between(self.a, self.b, axis, axes_of=frame)
+            if direction in turns:
+                measure = PointVelocity(((self.a, -axis), (self.b, axis)), frame, angular=True)
             if figure:
-                result.append(Spring(row, 0.0, figure))
+                result.append(Spring(measure, 0.0, figure))
         return tuple(result)
 
     def _check_held(self, scene: Scene, path: str) -> None:

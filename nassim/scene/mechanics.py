@@ -12,23 +12,23 @@ from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, freeze, known, not_negative
 from nassim.base.rigid_motion import proper_rotation, unit_vector
-from nassim.scene.part import (
-    Actuator,
+from nassim.scene.measures import (
+    QUATERNION,
+    VECTOR,
     Axes,
     Direction,
-    Field,
-    Force,
-    ForceElement,
-    Line,
+    Displacement,
+    Distance,
+    Measure,
     Path,
-    Reading,
-    Row,
-    Sensor,
+    PointVelocity,
+    RelativePose,
+    RotationAngle,
     Signal,
-    SixSprings,
-    Spring,
 )
+from nassim.scene.part import Actuator, ForceElement, Sensor
 from nassim.scene.scene import Scene
+from nassim.scene.terms import AppliedForce, BaseAcceleration, Output, Spring
 
 LINE = "line"
 SYMMETRIC = 1e-9
@@ -62,8 +62,8 @@ class SpringDamper(ForceElement):
         if not self.stiffness and not self.damping:
             raise ValueError(f"{label} has neither stiffness nor damping")
 
-    def says(self, scene: Scene) -> tuple[Spring]:
-        """The motion of b against a is stiff and damped."""
+    def terms(self, scene: Scene) -> tuple[Spring]:
+        """Return a spring on the motion of b against a."""
         _check_apart(scene, f"spring {self.name!r}", self.a, self.b)
         return (Spring(_between(scene, self.a, self.b, self.axis, self.frame), self.stiffness, self.damping),)
 
@@ -100,10 +100,16 @@ class Bushing(ForceElement):
             axes=proper_rotation(f"{label}: axes", self.axes),
         )
 
-    def says(self, scene: Scene) -> tuple[SixSprings]:
-        """All six motions of b against a are stiff and damped."""
+    def terms(self, scene: Scene) -> tuple[Spring]:
+        """Return a spring on the relative pose of a and b."""
         _check_apart(scene, f"bushing {self.name!r}", self.a, self.b)
-        return (SixSprings(self.a, self.b, self.axes, self.stiffness, self.damping),)
+        pose = RelativePose(self.a, self.b, self.axes, QUATERNION if self._is_bearing else VECTOR)
+        return (Spring(pose, self.stiffness, self.damping),)
+
+    @property
+    def _is_bearing(self) -> bool:
+        """Whether a rotation about some axis is free, so that a shaft may turn about it."""
+        return 0 < np.linalg.matrix_rank(np.hstack([self.stiffness, self.damping])[3:]) < 3
 
     def describe(self) -> str:
         """Its points and the figures of its diagonal."""
@@ -129,11 +135,11 @@ class PointForce(Actuator):
     def __post_init__(self) -> None:
         freeze(self, axis=checked_axis(f"force {self.name!r}", self.axis))
 
-    def says(self, scene: Scene) -> tuple[Force]:
-        """The input pushes the point."""
+    def terms(self, scene: Scene) -> tuple[AppliedForce]:
+        """Return the force on the point."""
         check_moves(scene, self.name, self.point)
-        row = Row.of_point(self.point, unit_vector(self.axis), frame=checked_frame(scene, self.frame))
-        return (Force(self.input, self.unit, row),)
+        along = PointVelocity(((self.point, unit_vector(self.axis)),), checked_frame(scene, self.frame))
+        return (AppliedForce(self.input, self.unit, along),)
 
 
 @dataclass(frozen=True)
@@ -154,13 +160,11 @@ class PointTorque(Actuator):
     def __post_init__(self) -> None:
         freeze(self, axis=checked_axis(f"torque {self.name!r}", self.axis))
 
-    def says(self, scene: Scene) -> tuple[Force]:
-        """The input turns the point."""
+    def terms(self, scene: Scene) -> tuple[AppliedForce]:
+        """Return the torque on the point."""
         check_moves(scene, self.name, self.point)
-        frame = checked_frame(scene, self.frame)
-        return (
-            Force(self.input, self.unit, Row.of_point(self.point, unit_vector(self.axis), frame=frame, turns=True)),
-        )
+        about = PointVelocity(((self.point, unit_vector(self.axis)),), checked_frame(scene, self.frame), angular=True)
+        return (AppliedForce(self.input, self.unit, about),)
 
 
 @dataclass(frozen=True)
@@ -179,10 +183,10 @@ class LinearActuator(Actuator):
     def __post_init__(self) -> None:
         _two_points(f"actuator {self.name!r}", self.a, self.b)
 
-    def says(self, scene: Scene) -> tuple[Force]:
-        """The input lengthens the line."""
+    def terms(self, scene: Scene) -> tuple[AppliedForce]:
+        """Return the force along the line."""
         _check_apart(scene, f"actuator {self.name!r}", self.a, self.b)
-        return (Force(self.input, self.unit, Line(self.a, self.b)),)
+        return (AppliedForce(self.input, self.unit, Distance(self.a, self.b)),)
 
 
 @dataclass(frozen=True)
@@ -201,9 +205,9 @@ class GroundAcceleration(Actuator):
     def __post_init__(self) -> None:
         freeze(self, axis=checked_axis(f"ground acceleration {self.name!r}", self.axis))
 
-    def says(self, scene: Scene) -> tuple[Field]:
-        """Everything falls the other way."""
-        return (Field(self.input, self.unit, -unit_vector(self.axis)),)
+    def terms(self, scene: Scene) -> tuple[BaseAcceleration]:
+        """Return the acceleration of the base."""
+        return (BaseAcceleration(self.input, self.unit, unit_vector(self.axis)),)
 
 
 @dataclass(frozen=True)
@@ -224,10 +228,10 @@ class Encoder(Sensor):
         _two_points(f"encoder {self.name!r}", self.a, self.b)
         freeze(self, axis=checked_axis(f"encoder {self.name!r}", self.axis, line=True))
 
-    def says(self, scene: Scene) -> tuple[Reading]:
-        """It reads the motion of b against a."""
+    def terms(self, scene: Scene) -> tuple[Output]:
+        """Return the displacement of b against a."""
         check_seen(scene, self.name, self.a, self.b)
-        return (Reading(self.name, self.unit, _between(scene, self.a, self.b, self.axis, self.frame)),)
+        return (Output(self.name, self.unit, _between(scene, self.a, self.b, self.axis, self.frame)),)
 
 
 @dataclass(frozen=True)
@@ -247,11 +251,10 @@ class AngleSensor(Sensor):
         _two_points(f"angle sensor {self.name!r}", self.a, self.b)
         freeze(self, axis=checked_axis(f"angle sensor {self.name!r}", self.axis))
 
-    def says(self, scene: Scene) -> tuple[Reading]:
-        """It reads the turn of b against a."""
+    def terms(self, scene: Scene) -> tuple[Output]:
+        """Return the rotation of b against a."""
         check_seen(scene, self.name, self.a, self.b)
-        row = Row.between(self.a, self.b, unit_vector(self.axis), frame=self.a, turns=True)
-        return (Reading(self.name, self.unit, row),)
+        return (Output(self.name, self.unit, RotationAngle(self.b, unit_vector(self.axis), self.a)),)
 
 
 @dataclass(frozen=True)
@@ -271,17 +274,14 @@ class Pose(Sensor):
         _two_points(f"pose {self.name!r}", self.a, self.b)
         freeze(self, axes=proper_rotation(f"pose {self.name!r}: axes", self.axes))
 
-    def says(self, scene: Scene) -> tuple[Reading, ...]:
-        """It reads all six motions of b against a."""
+    def terms(self, scene: Scene) -> tuple[Output, ...]:
+        """Return the six components of the motion of b against a."""
         check_seen(scene, self.name, self.a, self.b)
-        return tuple(
-            Reading(
-                f"{self.name}.{'ru'[not turns]}{letter}",
-                "rad" if turns else "m",
-                Row.between(self.a, self.b, axis, frame=self.a, turns=turns),
-            )
-            for turns in (False, True)
-            for letter, axis in zip("xyz", self.axes.T, strict=True)
+        along = [Displacement.between(self.a, self.b, axis, axes_of=self.a) for axis in self.axes.T]
+        about = [RotationAngle(self.b, axis, self.a) for axis in self.axes.T]
+        return (
+            *(Output(f"{self.name}.u{axis}", "m", measure) for axis, measure in zip("xyz", along, strict=True)),
+            *(Output(f"{self.name}.r{axis}", "rad", measure) for axis, measure in zip("xyz", about, strict=True)),
         )
 
 
@@ -311,18 +311,18 @@ def check_seen(scene: Scene, part: str, *paths: str) -> None:
 
 
 def checked_frame(scene: Scene, frame: str) -> str:
-    """A frame as a row keeps it; raises ValueError for an unknown point."""
+    """Return the path of a frame; raises ValueError for an unknown point."""
     if frame:
         scene.point_position(frame)
     return frame
 
 
-def _between(scene: Scene, a: str, b: str, axis: str | ArrayLike, frame: str) -> Row | Line:
+def _between(scene: Scene, a: str, b: str, axis: str | ArrayLike, frame: str) -> Measure:
     if isinstance(axis, str) and axis == LINE:
         if np.allclose(scene.point_position(a), scene.point_position(b), rtol=0, atol=1e-12):
             raise ValueError(f"{a!r} and {b!r} lie in one place: no line joins them; give a direction")
-        return Line(a, b)
-    return Row.between(a, b, unit_vector(axis), frame=checked_frame(scene, frame))
+        return Distance(a, b)
+    return Displacement.between(a, b, unit_vector(axis), axes_of=checked_frame(scene, frame))
 
 
 def _check_apart(scene: Scene, label: str, a: str, b: str) -> None:

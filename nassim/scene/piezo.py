@@ -8,8 +8,10 @@ import numpy as np
 from nassim.base.checks import above_zero, finite, freeze, not_negative
 from nassim.bodies.piezo import PortCoupling
 from nassim.scene.bodies import FlexibleBody
-from nassim.scene.part import Actuator, Force, Leak, Path, Reading, Row, Sensor, Signal, Spring, Word
+from nassim.scene.measures import BodyCoordinates, Path, Signal
+from nassim.scene.part import Actuator, Sensor
 from nassim.scene.scene import Scene
+from nassim.scene.terms import AppliedForce, Output, Shunt, Spring, Term
 
 ONE_PLACE = 1e-9
 """Distance [m] up to which two points lie in one place."""
@@ -39,10 +41,10 @@ class StackActuator(Actuator):
         freeze(self, force_per_volt=finite("force_per_volt", self.force_per_volt), gain=finite("gain", self.gain))
         above_zero(f"actuator {self.name!r}: bandwidth", self.bandwidth, "Hz")
 
-    def says(self, scene: Scene) -> tuple[Force]:
-        """The input stretches the line between the two points."""
-        row = _elongation(scene, self.name, self.start, self.end)
-        return (Force(self.input, self.unit, row, self.gain * self.force_per_volt, self.bandwidth),)
+    def terms(self, scene: Scene) -> tuple[AppliedForce]:
+        """Return the pair of forces that the input makes."""
+        stretch = _elongation(scene, self.name, self.start, self.end)
+        return (AppliedForce(self.input, self.unit, stretch, self.gain * self.force_per_volt, self.bandwidth),)
 
 
 @dataclass(frozen=True)
@@ -63,10 +65,10 @@ class StackSensor(Sensor):
     def __post_init__(self) -> None:
         freeze(self, voltage_per_elongation=finite("voltage_per_elongation", self.voltage_per_elongation))
 
-    def says(self, scene: Scene) -> tuple[Reading]:
-        """It reads how the line between the two points shortens."""
-        row = _elongation(scene, self.name, self.start, self.end)
-        return (Reading(self.name, self.unit, row, -self.voltage_per_elongation),)
+    def terms(self, scene: Scene) -> tuple[Output]:
+        """Return the voltage by the distance of the two points."""
+        stretch = _elongation(scene, self.name, self.start, self.end)
+        return (Output(self.name, self.unit, stretch, -self.voltage_per_elongation),)
 
 
 @dataclass(frozen=True)
@@ -89,10 +91,11 @@ class VoltageDrive(Actuator):
         freeze(self, gain=finite("gain", self.gain))
         above_zero(f"drive {self.name!r}: bandwidth", self.bandwidth, "Hz")
 
-    def says(self, scene: Scene) -> tuple[Force]:
-        """The voltage pushes with the port's forces."""
+    def terms(self, scene: Scene) -> tuple[AppliedForce]:
+        """Return the forces of the port."""
         body, port = _port(scene, self.port)
-        return (Force(self.input, self.unit, Row(own=((body, port.forces),)), self.gain, self.bandwidth),)
+        charge = BodyCoordinates(body, port.forces)
+        return (AppliedForce(self.input, self.unit, charge, self.gain, self.bandwidth),)
 
     @property
     def claims(self) -> tuple[str, ...]:
@@ -132,17 +135,17 @@ class VoltageSensor(Sensor):
             gain=finite("gain", self.gain),
         )
 
-    def says(self, scene: Scene) -> tuple[Word, ...]:
-        """Motion brings the charge b q, whose voltage -b q / c opposes it like a spring 1 / c; and which may leak."""
+    def terms(self, scene: Scene) -> tuple[Term, ...]:
+        """Return the voltage -b q / c of the charge b q, the spring 1 / c that it is, and the shunt that drains it."""
         body, port = _port(scene, self.port)
-        row, capacitance = Row(own=((body, port.forces),)), port.blocked_capacitance + self.capacitance
-        words: tuple[Word, ...] = (
-            Reading(self.name, self.unit, row, -self.gain / capacitance),
-            Spring(row, 1 / capacitance),
+        charge, capacitance = BodyCoordinates(body, port.forces), port.blocked_capacitance + self.capacitance
+        terms: tuple[Term, ...] = (
+            Output(self.name, self.unit, charge, -self.gain / capacitance),
+            Spring(charge, 1 / capacitance),
         )
         if math.isfinite(self.resistance):
-            words += (Leak(self.name, row, capacitance, self.resistance, self.gain),)
-        return words
+            terms += (Shunt(self.name, charge, capacitance, self.resistance, self.gain),)
+        return terms
 
     @property
     def claims(self) -> tuple[str, ...]:
@@ -154,8 +157,8 @@ class VoltageSensor(Sensor):
         return "measured, " + ("open" if math.isinf(self.resistance) else f"{self.resistance:g} Ohm")
 
 
-def _elongation(scene: Scene, part: str, start: str, end: str) -> Row:
-    """How the line between two remote points of one flexible body grows, by its deformation alone."""
+def _elongation(scene: Scene, part: str, start: str, end: str) -> BodyCoordinates:
+    """Return the displacement of two points of a flexible body against each other, along their line in its axes."""
     (body, first), (other, last) = scene.split(start), scene.split(end)
     if body is not other or not isinstance(body, FlexibleBody) or first == last:
         raise ValueError(f"stack {part!r}: {start!r} and {end!r} must be two points of one flexible body")
@@ -163,7 +166,8 @@ def _elongation(scene: Scene, part: str, start: str, end: str) -> Row:
     length = float(np.linalg.norm(line))
     if length < ONE_PLACE:
         raise ValueError(f"stack {part!r}: its ends {start!r} and {end!r} lie in one place: no line joins them")
-    return Row.between(start, end, line / length, frame=body.name)
+    apart = body.reduced.motion(last)[:3] - body.reduced.motion(first)[:3]
+    return BodyCoordinates(body.name, (line / length) @ apart, (start, end))
 
 
 def _port(scene: Scene, path: str) -> tuple[str, PortCoupling]:

@@ -1,7 +1,7 @@
 """Scenes within scenes: a copy under a name of its own, moved and turned, and several scenes as one.
 
-What is renamed and what is turned follows from the annotated types of fields (`nassim.scene.part`), so that a new kind
-of part is placed without further code.
+What is renamed and what is turned follows from the annotated types of fields (`nassim.scene.measures`), so that a new
+kind of part is placed without further code.
 """
 
 import functools
@@ -14,22 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, instances, unique
-from nassim.base.rigid_motion import AXES, DIRECTIONS, proper_rotation, unit_vector
+from nassim.base.rigid_motion import proper_rotation, unit_vector
 from nassim.scene.bodies import Body
 from nassim.scene.loop import Loop
-from nassim.scene.part import (
-    Actuator,
-    Connection,
-    Constraint,
-    ForceElement,
-    Line,
-    Path,
-    Row,
-    Sensor,
-    SixSprings,
-    Spring,
-)
+from nassim.scene.measures import Measure, Path, RelativePose
+from nassim.scene.part import Actuator, Connection, ForceElement, Sensor
 from nassim.scene.scene import KINDS, Scene
+from nassim.scene.terms import Constraint, Spring, Term
 
 SAME = 1e-9
 """Share of a part's largest figure by which two ways to turn it may differ."""
@@ -45,7 +36,7 @@ def placed(scene: Scene, name: str, *, position: ArrayLike = (0, 0, 0), rotation
     stays as it is, however the scene is turned.
     Raises ValueError for names that are empty or hold a dot, for what is no rotation, and for a part that does not do
     in its new place what it did: then a field of its class lacks its annotation (`Path`, `Signal`, `Direction`,
-    `Axes` or `Position` of `nassim.scene.part`).
+    `Axes` or `Position` of `nassim.scene.measures`).
     """
     unique("placed scene", (name,))
     if "." in name:
@@ -58,7 +49,7 @@ def placed(scene: Scene, name: str, *, position: ArrayLike = (0, 0, 0), rotation
     except ValueError as error:
         raise ValueError(f"scene {scene.name!r} cannot be placed: {error}; {_ANNOTATE}") from error
     for part, copy in zip(scene.parts, result.parts, strict=True):
-        if not _alike(tuple(map(place.moved, part.says(scene))), copy.says(result)):
+        if not _alike(tuple(map(place.moved, part.terms(scene))), copy.terms(result)):
             raise ValueError(
                 f"{type(part).__name__} {part.name!r} cannot be placed: what it does in its new place is not what it "
                 f"did, renamed and turned; {_ANNOTATE}"
@@ -68,7 +59,7 @@ def placed(scene: Scene, name: str, *, position: ArrayLike = (0, 0, 0), rotation
 
 _ANNOTATE = (
     "fields that name points, inputs and outputs, or that hold directions, axes and places of the world need their "
-    "annotation: Path, Signal, Direction, Axes, Position of nassim.scene.part"
+    "annotation: Path, Signal, Direction, Axes, Position of nassim.scene.measures"
 )
 
 
@@ -149,13 +140,11 @@ class _Place:
     rotation: Array
 
     def moved(self, item: Any) -> Any:
-        """A body, part, loop or word, renamed and turned."""
-        if isinstance(item, Row):
-            return self._row(item)
+        """Return a body, part, loop, term or measure, renamed and rotated."""
         return replace(item, **{k: self._value(getattr(item, k), kind) for k, kind in _kinds(item.__class__).items()})
 
     def _value(self, value: Any, kind: Any) -> Any:
-        if isinstance(value, (Row, Line, Spring, SixSprings)):
+        if isinstance(value, (Measure, Term)):
             return self.moved(value)
         if value is None:
             return None
@@ -180,12 +169,6 @@ class _Place:
         turned = self.rotation @ (unit_vector(value) if isinstance(value, str) else np.asarray(value))
         return turned if isinstance(value, np.ndarray) else tuple(turned.tolist())
 
-    def _row(self, row: Row) -> Row:
-        turn = np.eye(6) if row.within else np.kron(np.eye(2), self.rotation)
-        points = tuple((f"{self.name}/{path}", turn @ weights) for path, weights in row.points)
-        own = tuple((f"{self.name}/{body}", weights) for body, weights in row.own)
-        return Row(points, self._turned(row.frame, "path"), own)
-
 
 @functools.cache
 def _kinds(noun: type[Any]) -> dict[str, Any]:
@@ -201,7 +184,7 @@ def _kinds(noun: type[Any]) -> dict[str, Any]:
 
 
 def _alike(a: Any, b: Any) -> bool:
-    """Whether words, or what they hold, say the same but for rounding."""
+    """Whether terms, or what they hold, are the same but for rounding."""
     if isinstance(a, (float, np.ndarray)):
         return np.shape(a) == np.shape(b) and np.allclose(b, a, rtol=SAME, atol=SAME * _size(a))
     if type(a) is not type(b):
@@ -218,18 +201,17 @@ def _size(a: float | Array) -> float:
     return float(np.max(np.abs(a), where=np.isfinite(a), initial=0.0))
 
 
-def _figures(word: Any) -> tuple[Any, ...]:
-    """What a word says, along the world's axes: its own may be chosen in many ways."""
-    if isinstance(word, SixSprings):
-        turn = np.kron(np.eye(2), word.axes)
-        matrices = [turn @ matrix @ turn.T for matrix in (word.stiffness, word.damping)]
-        return (word.a, word.b, *(block for matrix in matrices for block in _blocks(matrix)))
-    chosen = ("held", "axes") if isinstance(word, Constraint) else ()
-    rest = tuple(getattr(word, f.name) for f in fields(word) if f.name not in chosen)
-    if not chosen:
-        return rest
-    held = np.kron(np.eye(2), word.axes)[:, [AXES.index(DIRECTIONS[direction]) for direction in word.held]]
-    return (*rest, held @ held.T)
+def _figures(term: Any) -> tuple[Any, ...]:
+    """What a term or a measure holds; of a relative pose along the world's axes, since its own can be chosen."""
+    pose = getattr(term, "measure", None)
+    if isinstance(pose, RelativePose) and isinstance(term, Spring):
+        turn = np.kron(np.eye(2), pose.axes)
+        matrices = [turn @ matrix @ turn.T for matrix in term.matrices]
+        return (pose.points, pose.rotation, *(block for matrix in matrices for block in _blocks(matrix)))
+    if isinstance(pose, RelativePose) and isinstance(term, Constraint):
+        held = np.kron(np.eye(2), pose.axes)[:, term.rows(term.held)]
+        return (term.name, pose.points, pose.rotation, held @ held.T)
+    return tuple(getattr(term, f.name) for f in fields(term))
 
 
 def _blocks(matrix: Array) -> tuple[Array, ...]:

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TypeVar, get_args
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,27 +12,24 @@ from nassim.base.checks import Array, finite_array, freeze, instances, known, po
 from nassim.base.modal import damping_ratios
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.loop import Loop
-from nassim.scene.part import (
-    Actuator,
-    Connection,
+from nassim.scene.measures import body_of
+from nassim.scene.part import Actuator, Connection, ForceElement, Part, Sensor
+from nassim.scene.terms import (
+    AppliedForce,
+    BaseAcceleration,
     Constraint,
-    Field,
-    Filter,
-    Follow,
-    Force,
-    ForceElement,
-    Leak,
-    Part,
-    Reading,
-    Sensor,
-    SixSprings,
-    Spring,
-    Tension,
-    Word,
+    ForceLaw,
+    Output,
+    OutputFilter,
+    PrescribedMotion,
+    Shunt,
+    SpringForce,
+    Term,
+    check_term,
 )
 
 KINDS: dict[str, tuple[type, ...]] = {
-    "bodies": get_args(Body),
+    "bodies": (Body,),
     "joints": (Connection,),
     "actuators": (Actuator,),
     "sensors": (Sensor,),
@@ -41,9 +38,9 @@ KINDS: dict[str, tuple[type, ...]] = {
 }
 USUAL_RATIO = 0.01
 """Damping ratio of the modes of a scene in which none is stated."""
-ACTS = (Force, Field, Follow)
-"""Words that an input stands in."""
-Said = TypeVar("Said", bound=Word)
+DRIVEN = (AppliedForce, BaseAcceleration, PrescribedMotion)
+"""Terms that have an input."""
+Kind = TypeVar("Kind", bound=Term)
 
 
 @dataclass(frozen=True)
@@ -98,14 +95,14 @@ class Scene:
         self._check_signals()
 
     def _check_signals(self) -> None:
-        for word in self.words:
-            if isinstance(word, ACTS) and word.input and word.unit != self.input_unit(word.input):
-                raise ValueError(f"input {word.input!r} cannot be both {word.unit} and {self.input_unit(word.input)}")
-        driven = [(word.constraint, word.direction) for word in self.said(Follow)]
+        for term in self.terms_of(DRIVEN):
+            if term.input and term.unit != self.input_unit(term.input):
+                raise ValueError(f"input {term.input!r} cannot be both {term.unit} and {self.input_unit(term.input)}")
+        driven = [(term.constraint, term.component) for term in self.terms_of(PrescribedMotion)]
         for joint, direction in driven:
             if driven.count((joint, direction)) > 1:
                 raise ValueError(f"{direction} of joint {joint!r} is driven more than once")
-        outputs = (name for words in self._said for name in dict.fromkeys(word.output for word in _read(words)))
+        outputs = (name for terms in self._terms for name in dict.fromkeys(term.name for term in _recorded(terms)))
         unique("signal (input, output, loop)", (*self.inputs, *outputs, *self.commands))
         self._check_outputs()
         for loop in self.loops:
@@ -116,16 +113,18 @@ class Scene:
 
     def _check_outputs(self) -> None:
         units = dict(zip(self.outputs, self.output_units, strict=True))
-        for word in _read(self.words):
-            if isinstance(word, Reading) and word.inertial and word.derivative != 2:
-                raise ValueError(f"output {word.output!r}: against inertial space, accelerations are read only")
-            if word.unit != units[word.output]:
-                raise ValueError(f"output {word.output!r} cannot be both {units[word.output]} and {word.unit}")
-        for passing in self.said(Filter):
+        for term in _recorded(self.terms):
+            if isinstance(term, Output) and term.inertial and term.derivative != 2:
+                raise ValueError(f"output {term.name!r}: against inertial space, accelerations are read only")
+            if term.unit != units[term.name]:
+                raise ValueError(f"output {term.name!r} cannot be both {units[term.name]} and {term.unit}")
+        for passing in self.terms_of(OutputFilter):
             name = known("filtered output", passing.output, self.outputs)
             _check_filter(passing)
-            added = [word for word in self.words if isinstance(word, (Reading, Tension, Leak)) and word.output == name]
-            if len({(w.derivative, w.inertial) if isinstance(w, Reading) else (0, False) for w in added}) > 1:
+            kinds = {(term.derivative, term.inertial) for term in self.terms_of(Output) if term.name == name}
+            others = [term for term in self.terms_of(SpringForce) if term.name == name]
+            others += [term for term in self.terms_of(Shunt) if term.output == name]
+            if len(kinds | {(0, False) for _ in others}) > 1:
                 raise ValueError(
                     f"output {name!r} adds readings of several derivatives and passes a filter, which starts on the "
                     "value of one: let it read displacement, velocity or acceleration"
@@ -143,18 +142,22 @@ class Scene:
         return (*self.joints, *self.springs, *self.actuators, *self.sensors)
 
     @cached_property
-    def words(self) -> tuple[Word, ...]:
-        """What all parts say, see `nassim.scene.part`."""
-        return tuple(word for words in self._said for word in words)
+    def terms(self) -> tuple[Term, ...]:
+        """Terms of all parts, see `nassim.scene.terms`."""
+        return tuple(term for terms in self._terms for term in terms)
 
     @cached_property
-    def _said(self) -> tuple[tuple[Word, ...], ...]:
+    def _terms(self) -> tuple[tuple[Term, ...], ...]:
         """By part."""
-        return tuple(part.says(self) for part in self.parts)
+        result = tuple(part.terms(self) for part in self.parts)
+        for part, terms in zip(self.parts, result, strict=True):
+            for term in terms:
+                check_term(term, f"{type(part).__name__} {part.name!r}")
+        return result
 
-    def said(self, kind: type[Said]) -> tuple[Said, ...]:
-        """What all parts say with one kind of word."""
-        return tuple(word for word in self.words if isinstance(word, kind))
+    def terms_of(self, kind: type[Kind] | tuple[type[Kind], ...]) -> tuple[Kind, ...]:
+        """Terms of one kind, or of several, of all parts."""
+        return tuple(term for term in self.terms if isinstance(term, kind))
 
     @property
     def mode_ratios(self) -> Array:
@@ -167,7 +170,7 @@ class Scene:
     @property
     def inputs(self) -> tuple[str, ...]:
         """Names of the inputs."""
-        return tuple(dict.fromkeys(word.input for word in self.words if isinstance(word, ACTS) and word.input))
+        return tuple(dict.fromkeys(term.input for term in self.terms_of(DRIVEN) if term.input))
 
     @property
     def commands(self) -> tuple[str, ...]:
@@ -176,27 +179,27 @@ class Scene:
 
     def input_unit(self, name: str) -> str:
         """Unit of an input."""
-        return next(w.unit for w in self.words if isinstance(w, ACTS) and w.input == name)
+        return next(term.unit for term in self.terms_of(DRIVEN) if term.input == name)
 
     @property
     def outputs(self) -> tuple[str, ...]:
         """Names of the outputs."""
-        return tuple(dict.fromkeys(word.output for word in _read(self.words)))
+        return tuple(dict.fromkeys(term.name for term in _recorded(self.terms)))
 
     @property
     def output_units(self) -> tuple[str, ...]:
         """Units of the outputs."""
-        return tuple({word.output: word.unit for word in _read(self.words)}.values())
+        return tuple({term.name: term.unit for term in _recorded(self.terms)}.values())
 
     @property
-    def speeds(self) -> tuple[Follow, ...]:
-        """Joints' motions that run at constant speed."""
-        return tuple(word for word in self.said(Follow) if word.speed)
+    def speeds(self) -> tuple[PrescribedMotion, ...]:
+        """Prescribed motions at constant speed."""
+        return tuple(term for term in self.terms_of(PrescribedMotion) if term.speed)
 
     @property
-    def follows(self) -> tuple[Follow, ...]:
-        """Joints' motions that follow inputs."""
-        return tuple(word for word in self.said(Follow) if word.input)
+    def prescribed(self) -> tuple[PrescribedMotion, ...]:
+        """Prescribed motions that follow inputs."""
+        return tuple(term for term in self.terms_of(PrescribedMotion) if term.input)
 
     @property
     def in_small_motion(self) -> bool:
@@ -234,21 +237,19 @@ class Scene:
 
     def held_points(self, body: Body) -> tuple[str, ...]:
         """Points of a body that constraints hold, then those that springs do, in their order."""
-        paths = [path for word in self.said(Constraint) for path in (word.a, word.b)]
-        paths += [path for word in self.said(SixSprings) for path in (word.a, word.b)]
-        paths += [path for word in self.said(Spring) if not word.row.within for path in word.row.paths]
-        return self._points_of(body, paths)
+        measures = [term.measure for kind in (Constraint, ForceLaw) for term in self.terms_of(kind)]
+        return self._points_of(body, [path for measure in measures if not measure.within for path in measure.points])
 
     def named_points(self, body: Body) -> tuple[str, ...]:
         """Points of a body that are held, pushed or read by themselves, beyond the body's own shape."""
         paths = [f"{body.name}.{point}" for point in self.held_points(body)]
-        for word in self.words:
-            if isinstance(word, (Force, Reading, Spring, Leak)) and not word.row.within:
-                paths += word.row.paths
+        for term in self.terms_of((AppliedForce, Output)):
+            if not term.measure.within:
+                paths += term.measure.points
         return self._points_of(body, paths)
 
     def _points_of(self, body: Body, paths: Iterable[str]) -> tuple[str, ...]:
-        return tuple(dict.fromkeys(path.partition(".")[2] for path in paths if self.split(path)[0] is body))
+        return tuple(dict.fromkeys(path.partition(".")[2] for path in paths if body_of(path) == body.name))
 
     def frame_point(self, body: FlexibleBody) -> str:
         """Remote point that carries a flexible body's floating frame."""
@@ -258,16 +259,16 @@ class Scene:
         return next((name for name in self.held_points(body) if name in names), names[0])
 
 
-def _read(words: Iterable[Word]) -> tuple[Reading | Tension, ...]:
-    """What outputs there are: leaks add to those of others."""
-    return tuple(word for word in words if isinstance(word, (Reading, Tension)))
+def _recorded(terms: Iterable[Term]) -> tuple[Output | SpringForce, ...]:
+    """Terms that name outputs; shunts add to those of others."""
+    return tuple(term for term in terms if isinstance(term, (Output, SpringForce)))
 
 
-def _check_filter(word: Filter) -> None:
-    label = f"filter of output {word.output!r}"
-    known(label, word.passes, ("low", "high", "band"))
-    positive(f"{label}: frequency", word.frequency, "Hz")
-    if word.damping_ratio is not None:
-        positive(f"{label}: damping_ratio", word.damping_ratio)
-    elif word.passes == "band":
+def _check_filter(term: OutputFilter) -> None:
+    label = f"filter of output {term.output!r}"
+    known(label, term.passes, ("low", "high", "band"))
+    positive(f"{label}: frequency", term.frequency, "Hz")
+    if term.damping_ratio is not None:
+        positive(f"{label}: damping_ratio", term.damping_ratio)
+    elif term.passes == "band":
         raise ValueError(f"{label}: a band-pass is of second order; give it a damping_ratio")

@@ -22,7 +22,7 @@ import scipy
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import skew
 from nassim.bodies.floating_frame import FloatingFrame
-from nassim.scene.part import Follow
+from nassim.scene.terms import PrescribedMotion
 from nassim.simulation.small_motion import Assembly
 
 FASTEST = 0.9
@@ -102,7 +102,7 @@ def compensated(assembly: Assembly, steps: Steps) -> tuple[Assembly, Array]:
         asked = np.clip(asked * wanted / np.maximum(given, wanted / 10), wanted, MOST)
         taken = _inverse(bent, asked)
     taken = damping.root.T @ taken @ damping.root
-    if assembly.free.any() or assembly.scene.said(Follow):
+    if assembly.free.any() or assembly.scene.terms_of(PrescribedMotion):
         taken = _borne(assembly, taken)
     return replace(assembly, damping=replace(damping, ratio=damping.ratio * growth)), -taken
 

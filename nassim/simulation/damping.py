@@ -10,8 +10,8 @@ from nassim.base.checks import Array
 from nassim.base.modal import elastic_ratios, modal_damping_matrix
 from nassim.bodies.floating_frame import FloatingFrame
 from nassim.scene.bodies import FlexibleBody
-from nassim.scene.part import Constraint, SixSprings, Spring
 from nassim.scene.scene import Scene
+from nassim.scene.terms import Constraint, ForceLaw
 
 LOST_DAMPING = 0.01
 """Share of a mode's damping whose loss is worth a warning."""
@@ -95,12 +95,16 @@ class Damping:
 
 def tied_bodies(scene: Scene) -> tuple[tuple[str, str], ...]:
     """Every two moving bodies that a joint or a spring ties, whose position to each other shapes the scene's modes."""
-    ties: list[tuple[str, ...]] = [(word.a, word.b) for word in scene.said(Constraint)]
-    ties += [(word.a, word.b) for word in scene.said(SixSprings)]
-    ties += [word.row.paths for word in scene.said(Spring)]
     moving = {body.name for body in scene.bodies if body.moves}
-    named = [sorted({path.partition(".")[0] for path in paths} & moving) for paths in ties]
+    measures = [term.measure for kind in (Constraint, ForceLaw) for term in scene.terms_of(kind)]
+    named = [sorted(moving & set(measure.bodies)) for measure in measures]
     return tuple(dict.fromkeys(pair for names in named for pair in combinations(names, 2)))
+
+
+def damps(law: ForceLaw) -> bool:
+    """Whether a force law resists rates."""
+    still = np.zeros(len(law.measure.components))
+    return bool(np.any(law.tangents(still, still)[1]))
 
 
 def held_alone(scene: Scene, body: FlexibleBody) -> tuple[str, ...]:

@@ -8,9 +8,9 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.base.progress import wrapped
 from nassim.scene.bodies import Body, FlexibleBody
-from nassim.scene.part import Force, Leak, Reading, SixSprings, Spring
 from nassim.scene.scene import Scene
-from nassim.simulation.damping import held_alone
+from nassim.scene.terms import AppliedForce, ForceLaw, Output, Shunt
+from nassim.simulation.damping import damps, held_alone
 from nassim.simulation.trimming import trim_scene
 
 
@@ -92,8 +92,8 @@ def _flexible(scene: Scene, body: FlexibleBody, fewer: FlexibleBody) -> list[str
 
 
 def _used_points(scene: Scene, body: FlexibleBody) -> set[str]:
-    rows = [word.row for word in scene.words if isinstance(word, (Force, Reading, Spring, Leak))]
-    paths = [path for row in rows for path in row.paths if scene.split(path)[0] is body]
+    measures = [term.measure for kind in (AppliedForce, Output, ForceLaw) for term in scene.terms_of(kind)]
+    paths = [path for measure in measures for path in measure.points if scene.split(path)[0] is body]
     return {*scene.held_points(body), *(path.partition(".")[2] for path in paths)}
 
 
@@ -107,8 +107,8 @@ def _rest(scene: Scene) -> list[str]:
     """Damping, gravity and loops."""
     bodies = any(body.damping_ratio is not None for body in scene.deformable_bodies)
     modes = _ratios(scene.mode_ratios) + ("; the bodies' own beside it" if bodies else "")
-    dampers = any(np.any(word.damping) for word in scene.words if isinstance(word, (Spring, SixSprings)))
-    beside = dampers or scene.said(Leak) or scene.loops
+    dampers = any(damps(term) for term in scene.terms_of(ForceLaw))
+    beside = dampers or scene.terms_of(Shunt) or scene.loops
     pull = " ".join(f"{g:g}" for g in scene.gravity)
     return [
         f"damping: {modes}" + ("; dampers and loops beside it" if beside else ""),

@@ -5,50 +5,61 @@ from collections.abc import Callable
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.scene.part import Field, Filter, Reading, Row
+from nassim.scene.measures import Measure
 from nassim.scene.scene import Scene
+from nassim.scene.terms import BaseAcceleration, Output, OutputFilter
 from nassim.systems.state_space import StateSpace, cascade, discretize
 
 
 def output_filters(scene: Scene) -> dict[str, StateSpace]:
     """By output that passes filters, or to which the acceleration of the ground adds."""
     result = {}
-    shaken = {word.output for word in scene.said(Reading) if word.inertial and scene.said(Field)}
+    shaken = {term.name for term in scene.terms_of(Output) if term.inertial and scene.terms_of(BaseAcceleration)}
     for output in scene.outputs:
-        filters = [word for word in scene.said(Filter) if word.output == output]
+        filters = [term for term in scene.terms_of(OutputFilter) if term.output == output]
         if not filters and output not in shaken:
             continue
         whole: StateSpace = (np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1)))
-        for word in filters:
-            whole = cascade(whole, _section(word))
+        for term in filters:
+            whole = cascade(whole, _section(term))
         result[output] = whole
     return result
 
 
-def _section(word: Filter) -> StateSpace:
+def _section(term: OutputFilter) -> StateSpace:
     """With states of the input's unit: what a low-pass lets through, and of second order what a band-pass does."""
-    w = 2 * np.pi * word.frequency
-    if word.damping_ratio is None:
+    w = 2 * np.pi * term.frequency
+    if term.damping_ratio is None:
         a, b = np.array([[-w]]), np.array([[w]])
     else:
-        a, b = w * np.array([[0, 1.0], [-1.0, -2 * word.damping_ratio]]), np.array([[0], [w]])
-    if word.passes == "high":
+        a, b = w * np.array([[0, 1.0], [-1.0, -2 * term.damping_ratio]]), np.array([[0], [w]])
+    if term.passes == "high":
         return a, b, a[-1:] / w, np.ones((1, 1))
-    return a, b, np.eye(len(a))[[0 if word.passes == "low" else -1]], np.zeros((1, 1))
+    return a, b, np.eye(len(a))[[0 if term.passes == "low" else -1]], np.zeros((1, 1))
 
 
 def ground_accelerations(scene: Scene) -> Array:
     """Acceleration of the ground along what inertial outputs read, per unit input, (outputs, inputs).
 
-    A field that lets everything fall is an acceleration of the ground the other way.
+    The base moves as one, so a measure takes from it what it takes from a common translation of its points.
     """
     result = np.zeros((len(scene.outputs), len(scene.inputs)))
-    for word in scene.said(Reading):
-        if word.inertial and isinstance(word.row, Row):
-            weights = np.sum([np.zeros(3), *(w[:3] for _, w in word.row.points)], axis=0)
-            for field in scene.said(Field):
-                place = scene.outputs.index(word.output), scene.inputs.index(field.input)
-                result[place] -= word.gain * float(weights @ field.direction)
+    for term in scene.terms_of(Output):
+        if term.inertial:
+            common = term.gain * common_translation(scene, term.measure)
+            for base in scene.terms_of(BaseAcceleration):
+                place = scene.outputs.index(term.name), scene.inputs.index(base.input)
+                result[place] += float(common @ base.direction)
+    return result
+
+
+def common_translation(scene: Scene, measure: Measure) -> Array:
+    """Evaluate a measure's rate per unit of a common velocity of all its points, world axes, (3,)."""
+    result = np.zeros(3)
+    for factor, part in measure.point_measures:
+        places = [scene.point_position(path) for path in part.points]
+        rows = part.at([(place, np.eye(3)) for place in places], places)[1]
+        result += factor * rows[0].reshape(-1, 6)[:, :3].sum(axis=0)
     return result
 
 

@@ -1,22 +1,27 @@
-"""What finite rotations add to small motion, to second order: where forces that stand still become stiffness.
+"""Geometric stiffness: what forces in springs and joints add to small motion, because their directions rotate.
 
 A body is carried by a frame, a rigid body by its centre of mass, a reduced one by its floating frame. With theta the
-rotation vector of the frame and everything else linear in the coordinates, a point at r from the frame's origin, whose
-small motion is u, moves by u + theta x (u - u_frame) - theta x (theta x r) / 2. So does Exudyn's floating frame.
+rotation vector of the frame and everything else linear in the coordinates, a point at r from the frame's origin moves
+with the frame and, beside it, by the deformation d and the rotation e that rotate along: it goes to p + R(theta) (r + d)
+and is rotated by R(theta) exp(e). So does Exudyn's floating frame. The stiffness of a force f in a measure with the
+Jacobian J is the derivative of J^T f by the coordinates.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
-from nassim.base.rigid_motion import DIRECTIONS, skew
-from nassim.scene.bodies import RigidBody
-from nassim.scene.part import Constraint, Line, Row, SixSprings, Spring
-from nassim.scene.scene import Scene
-from nassim.simulation.rows import bushing_rows, shares
+from nassim.base.rigid_motion import rigid_transfer
+from nassim.scene.bodies import FlexibleBody
+from nassim.scene.measures import Measure, PointMeasure, Pose, inverse_right_jacobian
+from nassim.scene.terms import Constraint, ForceLaw
 from nassim.simulation.small_motion import Assembly
+
+STEP = 5e-6
+"""Rotation [rad], and displacement over the size of the scene, of the difference quotients."""
 
 
 @dataclass(frozen=True)
@@ -36,50 +41,25 @@ class Frame:
         return self.motion[3:]
 
 
-@dataclass(frozen=True)
-class Point:
-    """A point of a body: its small motion along the world's axes, (6, n_all), and what carries it, at an arm (3,)."""
-
-    motion: Array
-    frame: Frame
-    arm: Array
-
-    def bends(self, force: Array) -> Array:
-        """Second derivatives, (n_all, n_all), of the work of a force (3,) that keeps its direction."""
-        beside = self.motion[:3] - self.frame.motion[:3] + 0.5 * skew(self.arm) @ self.frame.turn
-        return turned(force, self.frame.turn, beside)
-
-    def twists(self, moment: Array) -> Array:
-        """Second derivatives of a moment (3,) times the point's rotation vector, (n_all, n_all)."""
-        return 0.5 * turned(moment, self.frame.turn, self.motion[3:] - self.frame.turn)
-
-
-def turned(force: Array, a: Array, b: Array) -> Array:
-    """Second derivatives of force . (a q x b q) by q, (n, n); a, b: (3, n)."""
-    half = -a.T @ skew(force) @ b
-    result: Array = half + half.T
-    return result
-
-
 def frames(assembly: Assembly) -> dict[str, Frame]:
     """What carries each moving body, by name."""
     scene, result = assembly.scene, {}
     for name, place in assembly.slices.items():
         body, _ = scene.split(f"{name}.")
         motion = np.zeros((6, len(assembly.basis)))
-        if isinstance(body, RigidBody):
-            motion[:, place] = np.eye(6)
-            result[name] = Frame(body.position, motion)
-        else:
+        if isinstance(body, FlexibleBody):
             point = scene.frame_point(body)
             motion[:, place] = body.motion(point)
             result[name] = Frame(body.point_position(point), motion)
+        else:
+            motion[:, place] = np.eye(6)
+            result[name] = Frame(body.position, motion)
     return result
 
 
 @dataclass(frozen=True)
-class FiniteMotion:
-    """An assembly's joints, springs and bodies of fidelity "rigid", to second order.
+class GeometricStiffness:
+    """Stiffness that forces in an assembly's springs and joints make.
 
     held: rows on all coordinates that vanish, (m, n_all): of the joints, as `Assembly.enforced` says, then those of
         bodies that keep their shape, in which nothing is of second order
@@ -90,143 +70,121 @@ class FiniteMotion:
     held: Array
 
     @classmethod
-    def of(cls, assembly: Assembly) -> "FiniteMotion":
+    def of(cls, assembly: Assembly) -> "GeometricStiffness":
         """Of an assembled scene."""
-        carried = frames(assembly)
         size = len(assembly.basis)
         rows = [np.zeros((0, size))]
         for joint in _joints(assembly):
-            a, b = (_point(assembly, carried, path) for path in (joint.a, joint.b))
-            relative = np.kron(np.eye(2), joint.axes.T) @ (b.motion - a.motion)
-            rows.append(relative[[list(DIRECTIONS).index(d) for d in assembly.enforced[joint.name]]])
+            rows.append(assembly.coordinates.jacobian(joint.measure)[joint.rows(assembly.enforced[joint.name])])
         for body in assembly.scene.flexible_bodies:
             if not body.deforms:
                 kept = assembly.frames[body.name].deformation(body.reduced)
                 rows.append(np.zeros((len(kept), size)))
                 rows[-1][:, assembly.slices[body.name]] = kept
-        return cls(assembly, carried, np.vstack(rows))
+        return cls(assembly, frames(assembly), np.vstack(rows))
 
     def of_joints(self, forces: Array) -> Array:
-        """Stiffness of constraint forces on all coordinates, (n_all,), as the joints' axes and arms turn."""
-        size = len(forces)
-        result = np.zeros((size, size))
+        """Stiffness of constraint forces on all coordinates, (n_all,), as the joints' axes and arms rotate."""
+        result = np.zeros((len(forces), len(forces)))
         if not len(self.held):
             return result
-        multipliers = _shares_of(self.held, forces)
-        first = 0
+        multipliers, first = _shares_of(self.held, forces), 0
         for joint in _joints(self.assembly):
-            directions = self.assembly.enforced[joint.name]
-            wrench = np.zeros(6)
-            wrench[[list(DIRECTIONS).index(d) for d in directions]] = multipliers[first : first + len(directions)]
-            first += len(directions)
-            a, b = (_point(self.assembly, self.frames, path) for path in (joint.a, joint.b))
-            result += _joint_bends(a, b, wrench, joint.axes)
+            components = self.assembly.enforced[joint.name]
+            force = np.zeros(len(joint.measure.components))
+            force[joint.rows(components)] = multipliers[first : first + len(components)]
+            first += len(components)
+            result += self._of(joint.measure, force)
         return result
 
     def of_springs(self, coordinates: Array) -> Array:
-        """Stiffness of what springs bear at given coordinates, (n_all,), as their arms and directions turn.
-
-        Rotations that the row of a single spring counts are counted in small motion, as everywhere.
-        """
+        """Stiffness of what springs bear at given coordinates, (n_all,), as their arms and directions rotate."""
         result = np.zeros((len(coordinates), len(coordinates)))
-        for word in self.assembly.words:
-            if isinstance(word, Spring) and word.stiffness and not word.row.within:
-                tension = word.stiffness * float(vector(self.assembly, word.row) @ coordinates)
-                result += self._row_bends(word.row, tension)
-            elif isinstance(word, SixSprings):
-                rows = np.array([vector(self.assembly, row) for row in bushing_rows(word)])
-                a, b = (_point(self.assembly, self.frames, path) for path in (word.a, word.b))
-                wrench = np.kron(np.eye(2), word.axes) @ word.stiffness @ rows @ coordinates
-                apart = _place(self.assembly, word.b) - _place(self.assembly, word.a)
-                result += _gap_bends(a, b, a, wrench[:3], apart) + _turn_bends(a, b, wrench[3:])
+        for law in _laws(self.assembly):
+            value = self.assembly.coordinates.jacobian(law.measure) @ coordinates
+            result += self._of(law.measure, law.resistance(value, np.zeros_like(value)))
         return result
 
-    def _row_bends(self, row: Row | Line, tension: float) -> Array:
-        points = {path: _point(self.assembly, self.frames, path) for path in row.paths}
-        if isinstance(row, Line):
-            apart = _place(self.assembly, row.b) - _place(self.assembly, row.a)
-            length = float(np.linalg.norm(apart))
-            along, gap = apart / length, points[row.b].motion[:3] - points[row.a].motion[:3]
-            across = gap - np.outer(along, along @ gap)
-            bends = points[row.b].bends(tension * along) - points[row.a].bends(tension * along)
-            return bends + tension / length * across.T @ across
+    def _of(self, measure: Measure, force: Array) -> Array:
         result = np.zeros((len(self.assembly.basis),) * 2)
-        for path, weights in row.points:
-            point, force = points[path], tension * weights[:3]
-            if row.frame:
-                origin = np.zeros_like(point.motion)
-                still = Point(origin, Frame(np.zeros(3), origin), np.zeros(3))
-                result += _gap_bends(still, point, points[row.frame], force, _place(self.assembly, path))
-            else:
-                result += point.bends(force)
+        if np.any(force):
+            for factor, part in measure.point_measures:
+                result += self._of_points(part, factor * force)
         return result
+
+    def _of_points(self, measure: PointMeasure, force: Array) -> Array:
+        """Stiffness of a force in a measure of points, symmetric, (n_all, n_all)."""
+        scene = self.assembly.scene
+        reference = [scene.point_position(path) for path in measure.points]
+        motion = np.vstack([self._motion(path) for path in measure.points])
+        arms = [place - self._frame(path).position for path, place in zip(measure.points, reference, strict=True)]
+        n = len(motion)
+        # Lengths in units of the arms and distances, so that one step fits displacements and rotations.
+        size = max(float(np.ptp(reference, axis=0).max()), *(float(np.linalg.norm(arm)) for arm in arms), 1e-6)
+        scale = np.tile(np.repeat([size, 1.0], 3), n // 6)
+
+        def forces(moved: Array) -> Array:
+            charts = [_chart(*chart) for chart in zip(reference, arms, np.split(moved, n // 12), strict=True)]
+            rows = measure.at([pose for pose, _ in charts], reference)[1]
+            parts = [
+                block @ jacobian for block, (_, jacobian) in zip(np.split(rows, n // 12, axis=1), charts, strict=True)
+            ]
+            result: Array = force @ np.hstack(parts)
+            return result
+
+        columns = []
+        for k in range(n):
+            step = STEP * scale[k] * np.eye(n)[k]
+            columns.append((forces(step) - forces(-step)) / (2 * step[k]))
+        bends = np.array(columns)
+        result: Array = motion.T @ (0.5 * (bends + bends.T)) @ motion
+        return result
+
+    def _frame(self, path: str) -> Frame:
+        body, _ = self.assembly.scene.split(path)
+        if body.moves:
+            return self.frames[body.name]
+        return Frame(self.assembly.scene.point_position(path), np.zeros((6, len(self.assembly.basis))))
+
+    def _motion(self, path: str) -> Array:
+        """Small motion of a point's frame, then of the point, (12, n_all)."""
+        return np.vstack([self._frame(path).motion, self.assembly.coordinates.motion(path)])
+
+
+def _chart(reference: Array, arm: Array, moved: Array) -> tuple[Pose, Array]:
+    """Pose of a point by the small motions of its frame and of itself, (12,), and its velocities by theirs, (6, 12)."""
+    frame, point = moved[:6], moved[6:]
+    theta = frame[3:]
+    rotation = Rotation.from_rotvec(theta).as_matrix()
+    beside = np.hstack([-rigid_transfer(arm), np.eye(6)])  # deformation d and e, linear in the small motions
+    d, e = np.split(beside @ moved, 2)
+    position = reference - arm + frame[:3] + rotation @ (arm + d)
+    jacobian = np.zeros((6, 12))
+    left = np.linalg.inv(inverse_right_jacobian(-theta))
+    jacobian[:, :6] = rigid_transfer(rotation @ (arm + d)) @ np.block(
+        [[np.eye(3), np.zeros((3, 3))], [np.zeros((3, 3)), left]]
+    )
+    jacobian[:3] += rotation @ beside[:3]
+    jacobian[3:] += rotation @ np.linalg.inv(inverse_right_jacobian(-e)) @ beside[3:]
+    assert len(point) == 6
+    return (position, rotation @ Rotation.from_rotvec(e).as_matrix()), jacobian
 
 
 def spring_forces(assembly: Assembly, coordinates: Array) -> Array:
-    """What springs resist with, (n_all,), at given coordinates, (n_all,)."""
+    """Resistance of springs, (n_all,), at given coordinates, (n_all,)."""
     result = np.zeros(len(coordinates))
-    for word in assembly.words:
-        if isinstance(word, Spring):
-            row = vector(assembly, word.row)
-            result += word.stiffness * float(row @ coordinates) * row
-        elif isinstance(word, SixSprings):
-            rows = np.array([vector(assembly, row) for row in bushing_rows(word)])
-            result += rows.T @ word.stiffness @ rows @ coordinates
+    for law in _laws(assembly):
+        rows = assembly.coordinates.jacobian(law.measure)
+        result += rows.T @ law.resistance(rows @ coordinates, np.zeros(len(rows)))
     return result
 
 
-def vector(assembly: Assembly, row: Row | Line) -> Array:
-    """A row on all coordinates, (n_all,)."""
-    result = np.zeros(len(assembly.basis))
-    for name, share in shares(assembly.scene, row).items():
-        result[assembly.slices[name]] = share
-    return result
+def _laws(assembly: Assembly) -> list[ForceLaw]:
+    return [term for term in assembly.terms if isinstance(term, ForceLaw)]
 
 
-def _joints(assembly: Assembly) -> tuple[Constraint, ...]:
-    return tuple(word for word in assembly.words if isinstance(word, Constraint))
-
-
-def _point(assembly: Assembly, carried: Mapping[str, Frame], path: str) -> Point:
-    scene: Scene = assembly.scene
-    body, name = scene.split(path)
-    position, motion = scene.point_position(path), np.zeros((6, len(assembly.basis)))
-    if not body.moves:
-        return Point(motion, Frame(position, motion), np.zeros(3))
-    motion[:, assembly.slices[body.name]] = body.motion(name)
-    frame = carried[body.name]
-    return Point(motion, frame, position - frame.position)
-
-
-def _place(assembly: Assembly, path: str) -> Array:
-    return assembly.scene.point_position(path)
-
-
-def _gap_bends(a: Point, b: Point, frame: Point, force: Array, apart: Array) -> Array:
-    """Second derivatives of force . (b less a), which lie apart (3,), along axes that turn with a frame's point."""
-    theta = frame.motion[3:]
-    result = b.bends(force) - a.bends(force) - turned(force, theta, b.motion[:3] - a.motion[:3])
-    bent = np.outer(force, apart) + np.outer(apart, force) - 2 * (force @ apart) * np.eye(3)
-    return result + 0.5 * theta.T @ bent @ theta - frame.twists(np.cross(apart, force))
-
-
-def _turn_bends(a: Point, b: Point, moment: Array) -> Array:
-    """Second derivatives of moment . rotation vector of b against a, along axes that turn with a."""
-    return b.twists(moment) - a.twists(moment) - 0.5 * turned(moment, a.motion[3:], b.motion[3:])
-
-
-def _joint_bends(a: Point, b: Point, wrench: Array, axes: Array) -> Array:
-    """Second derivatives of a wrench (6) along a joint's axes, which turn with a, times gap and twist of b against a.
-
-    The twist is what the joint lets vanish: entries (y, z), (x, z), (x, y) of the relative rotation matrix, with the
-    sign of its small form, as Exudyn's generic joint has them: a joint with one held rotation is a universal joint.
-    """
-    force, moment = axes @ wrench[:3], axes @ wrench[3:]
-    result = _gap_bends(a, b, a, force, np.zeros(3)) + _turn_bends(a, b, moment)
-    x, y, z = axes.T @ (b.motion - a.motion)[3:]
-    for share, (first, second) in zip(wrench[3:] * (-0.5, 0.5, -0.5), ((y, z), (x, z), (x, y)), strict=True):
-        result += share * (np.outer(first, second) + np.outer(second, first))
-    return result
+def _joints(assembly: Assembly) -> list[Constraint]:
+    return [term for term in assembly.terms if isinstance(term, Constraint)]
 
 
 def _shares_of(rows: Array, forces: Array) -> Array:

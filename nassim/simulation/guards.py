@@ -6,9 +6,8 @@ from collections.abc import Collection, Mapping
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.scene.bodies import RigidBody
-from nassim.scene.part import Filter, Reading
 from nassim.scene.scene import Scene
+from nassim.scene.terms import Output, OutputFilter
 from nassim.simulation.exudyn.state import System
 from nassim.simulation.small_motion import Assembly
 from nassim.simulation.spinning import STIFFENING, stiffening
@@ -51,8 +50,7 @@ def warn_of_changed_modes(assembly: Assembly, shifts: Mapping[tuple[str, str], A
     bodies = [body for body in assembly.scene.bodies if body.moves]
     places = [body.rigid_inertia[1] for body in bodies]
     for body in bodies:
-        names = body.points if isinstance(body, RigidBody) else body.reduced.all_point_names
-        places += [body.point_position(name) for name in names]
+        places += [body.point_position(name) for name in body.point_names]
     size = float(np.linalg.norm(np.ptp(places, axis=0)))
     for (name, other), (turn, displacement) in shifts.items():
         if turn > FAR or displacement > FAR * size:
@@ -96,8 +94,8 @@ def warn_of_spin(scene: Scene, speeds: Mapping[str, float], told: Collection[str
 
 def warn_of_ringing(scene: Scene, spectral_radius: float, time_step: float) -> None:
     """Warn of accelerations that are read from steps which let them ring."""
-    calmed = {word.output for word in scene.said(Filter) if word.passes != "high" and word.frequency * time_step < CALM}
-    read = [word.output for word in scene.said(Reading) if word.derivative == 2 and word.output not in calmed]
+    calmed = {f.output for f in scene.terms_of(OutputFilter) if f.passes != "high" and f.frequency * time_step < CALM}
+    read = [term.name for term in scene.terms_of(Output) if term.derivative == 2 and term.name not in calmed]
     if read and spectral_radius > RINGING:
         warnings.warn(
             f"output {read[0]!r} reads an acceleration in large motion, which rings from step to step at "

@@ -7,10 +7,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, known, unique
-from nassim.scene.part import Constraint, Reading
+from nassim.scene.measures import body_of
 from nassim.scene.scene import Scene
+from nassim.scene.terms import Constraint, Output
 from nassim.simulation.following import cleared, product
-from nassim.simulation.sides import standing_bodies
+from nassim.simulation.sides import stator_bodies
 from nassim.simulation.small_motion import Assembly, assemble
 from nassim.simulation.spinning import Spinning, spinning
 from nassim.simulation.standing import FRAMES, Parted, SeenScene, check_constant, damps_both
@@ -70,17 +71,17 @@ def spun(
     if scene.speeds:
         if np.any(angular_velocity):
             raise ValueError(f"scene {scene.name!r} has a drive that sets the spin; give no angular_velocity")
-        (word, *others) = scene.speeds
-        joint = next(joint for joint in scene.said(Constraint) if joint.name == word.constraint)
-        if others or not word.direction.startswith("r"):
+        (drive, *others) = scene.speeds
+        joint = next(joint for joint in scene.terms_of(Constraint) if joint.name == drive.constraint)
+        axis = joint.measure.rotation_axis(drive.component)
+        if others or axis is None:
             raise ValueError(f"scene {scene.name!r}: a linear model is about one drive that turns at constant speed")
-        axis = joint.axes[:, "xyz".index(word.direction[1])]
-        stand = stand if standing is not None else standing_bodies(assembly, joint, axis)
-        ends = [path.partition(".")[0] in stand for path in (joint.a, joint.b)]
+        stand = stand if standing is not None else stator_bodies(assembly, joint, axis)
+        ends = [body_of(path) in stand for path in joint.points[:2]]
         if sum(ends) != 1:
             raise ValueError(f"joint {joint.name!r}: a drive of constant speed turns one side, and the other stands")
-        angular_velocity = (1.0 if ends[0] else -1.0) * word.speed * axis
-        axis_point = scene.point_position(joint.a)
+        angular_velocity = (1.0 if ends[0] else -1.0) * drive.speed * axis
+        axis_point = scene.point_position(joint.points[0])
     elif not np.any(angular_velocity) or not stand:
         return assembly, spinning(assembly, angular_velocity, axis_point)
     velocity = finite_array("angular_velocity", np.asarray(angular_velocity, dtype=float), (3,))
@@ -191,7 +192,7 @@ def _follow_drives(
 
 def _refuse_inertial(a: Assembly, spin: Spinning) -> None:
     """ValueError for filtered outputs and inertial ones in a frame that turns, where the table's turn counts too."""
-    read = [*a.filters, *(word.output for word in a.words if isinstance(word, Reading) and word.inertial)]
+    read = [*a.filters, *(term.name for term in a.terms if isinstance(term, Output) and term.inertial)]
     if read and np.any(spin.gyroscopic):
         raise ValueError(
             f"output {read[0]!r} reads motion against inertial space, or through a filter, which a linear model of a "

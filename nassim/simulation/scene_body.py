@@ -20,8 +20,10 @@ from nassim.bodies.readouts import PassivePoint, Picture, Readout, Surface, by_n
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.bodies.strain import lets_go, without_rounding
 from nassim.scene.bodies import Body, FlexibleBody
-from nassim.scene.part import Follow, Row, SixSprings, Spring
+from nassim.scene.measures import Displacement, PointVelocity
 from nassim.scene.scene import Scene
+from nassim.scene.terms import ForceLaw, PrescribedMotion
+from nassim.simulation.damping import damps
 from nassim.simulation.small_motion import Assembly, assemble
 
 DEPENDENT = 1e-9
@@ -71,21 +73,22 @@ def _check(scene: Scene) -> None:
     for kind, found in (
         ("fixed bodies", [body.name for body in scene.bodies if not body.moves]),
         ("loops", [loop.name for loop in scene.loops]),
-        ("drives of joints", [word.constraint for word in scene.said(Follow)]),
+        ("drives of joints", [term.constraint for term in scene.terms_of(PrescribedMotion)]),
         ("spinning bodies", [body.name for body in scene.bodies if np.any(body.angular_velocity)]),
     ):
         if found:
             raise ValueError(f"{label}: it has {kind} ({', '.join(found)}); reduce it without and add them to the new")
     damped = []
     for part in (*scene.joints, *scene.springs):
-        for word in part.says(scene):
-            row = word.row if isinstance(word, Spring) else None
-            if isinstance(row, Row) and row.points and not row.frame:
+        for term in part.terms(scene):
+            if not isinstance(term, ForceLaw):
+                continue
+            if isinstance(term.measure, (Displacement, PointVelocity)) and not term.measure.axes_of:
                 raise ValueError(
                     f"{label}: spring {part.name!r} acts along an axis of the world, which would not turn with the "
                     'body; give it frame="body.point", or the axis "line"'
                 )
-            if isinstance(word, (Spring, SixSprings)) and np.any(word.damping):
+            if damps(term):
                 damped.append(part.name)
     if damped:
         warn(

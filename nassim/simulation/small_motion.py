@@ -2,35 +2,33 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy
 
 from nassim.base.checks import Array
 from nassim.base.modal import elastic_ratios
-from nassim.base.rigid_motion import DIRECTIONS
 from nassim.bodies.floating_frame import FloatingFrame, floating_frame
 from nassim.bodies.strain import Strain, joined, spring_strain, stiffness_root, strained_modes
-from nassim.scene.bodies import Body, RigidBody
-from nassim.scene.part import (
-    Field,
-    Force,
-    Leak,
-    Line,
-    Reading,
-    Row,
-    SixSprings,
-    Spring,
-    Tension,
-    Word,
-    unknown_word,
-)
+from nassim.scene.bodies import Body, FlexibleBody, RigidBody
+from nassim.scene.measures import Measure
 from nassim.scene.scene import Scene
+from nassim.scene.terms import (
+    AppliedForce,
+    BaseAcceleration,
+    ForceLaw,
+    Output,
+    Shunt,
+    Spring,
+    SpringForce,
+    Term,
+)
 from nassim.simulation.constraints import constraint_rows, null_space
 from nassim.simulation.damping import Damping, own_damping
 from nassim.simulation.filters import ground_accelerations, output_filters
 from nassim.simulation.following import Following, follow, followed_motion
-from nassim.simulation.rows import bushing_rows, shares
+from nassim.simulation.states import ReferenceState
 from nassim.simulation.trimming import trim_scene, undrawn
 from nassim.systems.state_space import StateSpace
 
@@ -44,7 +42,7 @@ NO_EQUILIBRIUM = (
 class Circuit:
     """A resistance across an electrical port, whose charge is a state v = charge / capacitance [V] of its own.
 
-    forces: on all coordinates per volt of v, (n_all,); the others: see `nassim.scene.part.Leak`
+    forces: on all coordinates per volt of v, (n_all,); the others: see `nassim.scene.terms.Shunt`
 
     The voltage V = v - forces @ q / capacitance drives the current that discharges it:
     capacitance v' = -V / resistance.
@@ -75,7 +73,8 @@ class Assembly:
 
     scene: what is modelled, after `trim_scene`; its bodies have the stiffness of springs within them, as of electrical
         ports that keep their charge
-    words: what the parts say but for these springs
+    terms: of the parts, but for these springs
+    coordinates: all coordinates, and measures on them
     slices: of each moving body's coordinates among all, by body name (flexible: the remote points' motions and
         the modes, in the body's frame; rigid: motion of the centre of mass in the world's frame)
     enforced: directions that each joint holds, by name, without those that other joints hold already
@@ -97,7 +96,8 @@ class Assembly:
     """
 
     scene: Scene
-    words: tuple[Word, ...]
+    terms: tuple[Term, ...]
+    coordinates: "Coordinates"
     slices: dict[str, slice]
     enforced: dict[str, tuple[str, ...]]
     basis: Array
@@ -138,52 +138,63 @@ class Assembly:
 
 
 @dataclass(frozen=True)
-class _Coordinates:
-    """All coordinates of a scene's moving bodies, and what rows and gravity are in them."""
+class Coordinates:
+    """All coordinates of a scene's moving bodies in the reference configuration, and measures on them.
+
+    scene: its bodies; slices: of each moving body's coordinates among all, by name; mass: (n_all, n_all)
+    """
 
     scene: Scene
     slices: dict[str, slice]
     mass: Array
 
     @classmethod
-    def of(cls, scene: Scene) -> "_Coordinates":
+    def of(cls, scene: Scene) -> "Coordinates":
+        """Number the coordinates of a scene."""
         bodies = [body for body in scene.bodies if body.moves]
         blocks = [body.mass_matrix for body in bodies]
         ends = np.cumsum([0, *map(len, blocks)])
         places = {body.name: slice(ends[k], ends[k + 1]) for k, body in enumerate(bodies)}
         return cls(scene, places, scipy.linalg.block_diag(*blocks))
 
-    def vector(self, row: Row | Line, *, derivative: int = 0) -> Array:
-        """A row on all coordinates, (n_all,)."""
-        result = np.zeros(len(self.mass))
-        for name, share in shares(self.scene, row, derivative=derivative).items():
-            result[self.slices[name]] = share
+    @cached_property
+    def states(self) -> dict[str, ReferenceState]:
+        """Of all bodies, by name."""
+        return {body.name: ReferenceState(body) for body in self.scene.bodies}
+
+    def jacobian(self, measure: Measure, states: Mapping[str, ReferenceState] | None = None) -> Array:
+        """Evaluate a measure's rows on all coordinates, (k, n_all); states: other than of the reference."""
+        _, parts = measure.evaluate(self.states if states is None else states)
+        result = np.zeros((len(measure.components), len(self.mass)))
+        for name, rows in parts.items():
+            if name in self.slices:
+                result[:, self.slices[name]] = rows
         return result
 
     def motion(self, path: str) -> Array:
-        """Small motion of a point in the world's frame, (6, n_all)."""
+        """Return the small motion of a point in the world's frame, (6, n_all)."""
         body, point = self.scene.split(path)
         rows = np.zeros((6, len(self.mass)))
         if body.moves:
             rows[:, self.slices[body.name]] = body.motion(point)
         return rows
 
-    def weight(self, gravity: Array) -> Array:
-        """Forces of a uniform gravity, world frame, (n_all,)."""
+    def weight(self, gravity: Array, states: Mapping[str, ReferenceState] | None = None) -> Array:
+        """Return the forces of a uniform gravity, world frame, (n_all,)."""
         result = np.zeros(len(self.mass))
         for name, place in self.slices.items():
-            result[place] = self.scene.split(f"{name}.")[0].weight(gravity)
+            result[place] = (states or self.states)[name].weight(gravity)
         return result
 
 
 def assemble(scene: Scene) -> Assembly:
     """Assemble a scene's mass and stiffness for small motion, and find its undamped eigenmodes."""
-    scene, words = _as_modelled(trim_scene(undrawn(scene) if scene.cutoff_frequency else scene))
+    scene, terms = _as_modelled(trim_scene(undrawn(scene) if scene.cutoff_frequency else scene))
     frames = {body.name: floating_frame(body.reduced, scene.frame_point(body)) for body in scene.flexible_bodies}
-    coordinates = _Coordinates.of(scene)
-    strains, dampers = _strains(coordinates, words)
+    coordinates = Coordinates.of(scene)
+    strains, dampers = _strains(coordinates, terms)
     held, moved, enforced = constraint_rows(
-        scene, coordinates.motion, coordinates.mass, _undeformed(coordinates, frames)
+        scene, coordinates.jacobian, coordinates.mass, _undeformed(coordinates, frames)
     )
     basis = null_space(held, coordinates.mass)
     strain = joined(strains, len(coordinates.mass))
@@ -203,11 +214,12 @@ def assemble(scene: Scene) -> Assembly:
         basis.T @ dampers @ basis,
     )
     dragged = deformation.T @ (own @ (deformation @ followed)) + dampers @ followed
-    input_matrix, amplifiers = _actions(coordinates, words)
-    readings, drives = _readings(coordinates, words), scene.follows
+    input_matrix, amplifiers = _actions(coordinates, terms)
+    readings, drives = _readings(coordinates, terms), scene.prescribed
     return Assembly(
         scene=scene,
-        words=words,
+        terms=terms,
+        coordinates=coordinates,
         slices=coordinates.slices,
         enforced=enforced,
         basis=basis,
@@ -224,11 +236,11 @@ def assemble(scene: Scene) -> Assembly:
         filters=output_filters(scene),
         weight=coordinates.weight(scene.gravity),
         frames=frames,
-        circuits=_circuits(coordinates, words),
+        circuits=_circuits(coordinates, terms),
         amplifiers=amplifiers,
         following=follow(
-            [scene.inputs.index(word.input) for word in drives],
-            [2 * np.pi * word.bandwidth for word in drives],
+            [scene.inputs.index(term.input) for term in drives],
+            [2 * np.pi * term.bandwidth for term in drives],
             followed,
             modes,
             coordinates.mass,
@@ -254,6 +266,8 @@ def motion_rows(assembly: Assembly, name: str) -> tuple[Array, Array]:
     body = next(body for body in assembly.scene.bodies if body.name == name)
     if isinstance(body, RigidBody):
         return np.eye(6)[3:], np.zeros((0, 6))
+    if not isinstance(body, FlexibleBody):
+        return np.vstack([body.motion(point)[3:] for point in body.point_names]), np.zeros((0, len(body.mass_matrix)))
     n_points = len(body.reduced.remote_points)
     turns, shifts = 6 * np.arange(n_points)[:, None] + [3, 4, 5], 6 * np.arange(n_points - 1)[:, None] + [0, 1, 2]
     middle = body.reduced.gram[1:4, 1:4] / body.reduced.mass - np.outer(*[body.reduced.center_of_mass] * 2)
@@ -261,25 +275,23 @@ def motion_rows(assembly: Assembly, name: str) -> tuple[Array, Array]:
     return np.eye(len(body.reduced.mass_matrix))[turns.ravel()], deformation / np.sqrt(np.trace(middle))
 
 
-def _as_modelled(scene: Scene) -> tuple[Scene, tuple[Word, ...]]:
-    """The scene with springs within bodies made part of these, and what its parts say but for them.
+def _as_modelled(scene: Scene) -> tuple[Scene, tuple[Term, ...]]:
+    """Make springs within bodies part of these; returns the scene and its other terms.
 
     Bodies of which nothing but six rigid motions is left are rigid.
     """
     added: dict[str, Array] = {}
-    words = []
-    for word in scene.words:
-        if not isinstance(word, Word):
-            raise unknown_word(word, "the model of small motion")
-        name = word.row.within if isinstance(word, Spring) and not word.damping else None
-        if isinstance(word, Spring) and name is not None:
-            row = shares(scene, word.row)[name]
-            added[name] = added.get(name, 0.0) + word.stiffness * np.outer(row, row)
+    terms = []
+    for term in scene.terms:
+        name = term.measure.within if isinstance(term, Spring) and not np.any(term.damping) else None
+        if isinstance(term, Spring) and name is not None:
+            rows = term.measure.evaluate({name: ReferenceState(scene.split(f"{name}.")[0])})[1][name]
+            added[name] = added.get(name, 0.0) + rows.T @ term.matrices[0] @ rows
         else:
-            words.append(word)
+            terms.append(term)
     bodies: list[Body] = []
     for body in scene.bodies:
-        if isinstance(body, RigidBody):
+        if not isinstance(body, FlexibleBody):
             bodies.append(body)
             continue
         reduced = body.reduced
@@ -287,30 +299,27 @@ def _as_modelled(scene: Scene) -> tuple[Scene, tuple[Word, ...]]:
             reduced = replace(reduced, stiffness_matrix=reduced.stiffness_matrix + added[body.name])
         stiff = body.fidelity == "ffrf" and len(reduced.mass_matrix) == 6
         bodies.append(replace(body, reduced=reduced, fidelity="rigid" if stiff else body.fidelity))
-    return replace(scene, bodies=tuple(bodies)), tuple(words)
+    return replace(scene, bodies=tuple(bodies)), tuple(terms)
 
 
-def _strains(coordinates: _Coordinates, words: Sequence[Word]) -> tuple[list[Strain], Array]:
+def _strains(coordinates: Coordinates, terms: Sequence[Term]) -> tuple[list[Strain], Array]:
     """What strains, and the damping of spring-dampers, both in all coordinates."""
     strains = []
-    for body in coordinates.scene.deformable_bodies:
-        own = np.eye(len(coordinates.mass))[coordinates.slices[body.name]]
-        strains.append(body.reduced.strain.within(own))
+    for body in coordinates.scene.bodies:
+        if body.moves and body.strain is not None:
+            strains.append(body.strain.within(np.eye(len(coordinates.mass))[coordinates.slices[body.name]]))
     dampers = np.zeros_like(coordinates.mass)
-    for word in words:
-        if isinstance(word, Spring):
-            row = coordinates.vector(word.row)
-            strains.append(spring_strain(row, word.stiffness, coordinates.mass))
-            dampers += word.damping * np.outer(row, row)
-        elif isinstance(word, SixSprings):
-            rows = np.array([coordinates.vector(row) for row in bushing_rows(word)])
-            sizes, directions = np.linalg.eigh(word.stiffness)
+    for term in terms:
+        if isinstance(term, ForceLaw):
+            still, rows = np.zeros(len(term.measure.components)), coordinates.jacobian(term.measure)
+            stiffness, damping = term.tangents(still, still)
+            sizes, directions = np.linalg.eigh(stiffness)
             strains += [spring_strain(d @ rows, k, coordinates.mass) for k, d in zip(sizes, directions.T, strict=True)]
-            dampers += rows.T @ word.damping @ rows
+            dampers += rows.T @ damping @ rows
     return strains, dampers
 
 
-def _deformation(coordinates: _Coordinates, frames: Mapping[str, FloatingFrame]) -> tuple[Array, Array, Array]:
+def _deformation(coordinates: Coordinates, frames: Mapping[str, FloatingFrame]) -> tuple[Array, Array, Array]:
     """Of all bodies that deform, in order: deformation by coordinates, its scale and own damping, as `Damping` says."""
     n_all = len(coordinates.mass)
     deformation, roots, own = [np.zeros((0, n_all))], [np.zeros((0, 0))], [np.zeros((0, 0))]
@@ -322,7 +331,7 @@ def _deformation(coordinates: _Coordinates, frames: Mapping[str, FloatingFrame])
     return np.vstack(deformation), scipy.linalg.block_diag(*roots), scipy.linalg.block_diag(*own)
 
 
-def _undeformed(coordinates: _Coordinates, frames: Mapping[str, FloatingFrame]) -> Array:
+def _undeformed(coordinates: Coordinates, frames: Mapping[str, FloatingFrame]) -> Array:
     """Rows that vanish while the bodies of fidelity "rigid" keep their shape, (m, n_all)."""
     rows = [np.zeros((0, len(coordinates.mass)))]
     for body in coordinates.scene.flexible_bodies:
@@ -332,46 +341,41 @@ def _undeformed(coordinates: _Coordinates, frames: Mapping[str, FloatingFrame]) 
     return np.vstack(rows)
 
 
-def _actions(coordinates: _Coordinates, words: Sequence[Word]) -> tuple[Array, tuple[Amplifier, ...]]:
+def _actions(coordinates: Coordinates, terms: Sequence[Term]) -> tuple[Array, tuple[Amplifier, ...]]:
     """Forces on all coordinates per unit input, (n_all, inputs), and those behind amplifiers with a bandwidth."""
     inputs = coordinates.scene.inputs
     matrix, amplifiers = np.zeros((len(coordinates.mass), len(inputs))), []
-    for word in words:
-        if isinstance(word, Field):
-            matrix[:, inputs.index(word.input)] += coordinates.weight(word.direction)
-        elif isinstance(word, Force):
-            # A force's power is that on velocities: the turn of its axes does none.
-            index, forces = inputs.index(word.input), word.gain * coordinates.vector(word.row, derivative=1)
-            if np.isfinite(word.bandwidth):
-                amplifiers.append(Amplifier(index, forces, 2 * np.pi * word.bandwidth))
+    for term in terms:
+        if isinstance(term, BaseAcceleration):
+            matrix[:, inputs.index(term.input)] -= coordinates.weight(term.direction)
+        elif isinstance(term, AppliedForce):
+            index, forces = inputs.index(term.input), term.gain * coordinates.jacobian(term.measure)[0]
+            if np.isfinite(term.bandwidth):
+                amplifiers.append(Amplifier(index, forces, 2 * np.pi * term.bandwidth))
             else:
                 matrix[:, index] += forces
     return matrix, tuple(amplifiers)
 
 
-def _readings(coordinates: _Coordinates, words: Sequence[Word]) -> Array:
+def _readings(coordinates: Coordinates, terms: Sequence[Term]) -> Array:
     """Outputs per unit of all coordinates and of their first and second derivatives, (3, outputs, n_all)."""
     outputs = coordinates.scene.outputs
     result = np.zeros((3, len(outputs), len(coordinates.mass)))
-    for word in words:
-        if isinstance(word, Reading):
-            row = coordinates.vector(word.row, derivative=word.derivative)
-            result[word.derivative, outputs.index(word.output)] += word.gain * row
-        elif isinstance(word, Tension):
-            k, spring = outputs.index(word.output), word.spring
-            if isinstance(spring, Spring):
-                row = coordinates.vector(spring.row)
-                result[:2, k] += np.outer((spring.stiffness, spring.damping), row)
-            else:
-                rows = np.array([coordinates.vector(row) for row in bushing_rows(spring)])
-                pulls = np.stack([spring.stiffness, spring.damping])[:, list(DIRECTIONS).index(word.direction)]
-                result[:2, k] += pulls @ rows
+    for term in terms:
+        if isinstance(term, Output):
+            result[term.derivative, outputs.index(term.name)] += term.gain * coordinates.jacobian(term.measure)[0]
+        elif isinstance(term, SpringForce):
+            measure = term.spring.measure
+            still = np.zeros(len(measure.components))
+            k = measure.components.index(term.component)
+            pulls = np.stack([matrix[k] for matrix in term.spring.tangents(still, still)])
+            result[:2, outputs.index(term.name)] += pulls @ coordinates.jacobian(measure)
     return result
 
 
-def _circuits(coordinates: _Coordinates, words: Sequence[Word]) -> tuple[Circuit, ...]:
+def _circuits(coordinates: Coordinates, terms: Sequence[Term]) -> tuple[Circuit, ...]:
     return tuple(
-        Circuit(word.output, coordinates.vector(word.row), word.capacitance, word.resistance, word.gain)
-        for word in words
-        if isinstance(word, Leak)
+        Circuit(term.output, coordinates.jacobian(term.measure)[0], term.capacitance, term.resistance, term.gain)
+        for term in terms
+        if isinstance(term, Shunt)
     )

@@ -32,7 +32,7 @@ from nassim.base.rigid_motion import skew
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.scene import Scene
 from nassim.simulation.buckling import axial_forces, warn_of_buckling
-from nassim.simulation.finite_motion import FiniteMotion, Frame, spring_forces
+from nassim.simulation.finite_motion import Frame, GeometricStiffness, spring_forces
 from nassim.simulation.small_motion import Assembly, motion_size
 from nassim.simulation.standing import Parted, SeenScene, guest_terms, turned_damping
 
@@ -93,13 +93,13 @@ def spinning(
     if not velocity.any():
         still = np.zeros((n, len(assembly.following.inputs)))
         return Spinning(np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), still, still)
-    motion = FiniteMotion.of(assembly)
+    geometric = GeometricStiffness.of(assembly)
     force, gyroscopic, stiffness = np.zeros(size), np.zeros((size, size)), np.zeros((size, size))
     moment = 0.0
     for name, place in assembly.slices.items():
         body, _ = assembly.scene.split(f"{name}.")
         if parted is None or name not in parted.standing:
-            terms = inertia_terms(body, motion.frames[name], place, velocity, axis_point)
+            terms = inertia_terms(body, geometric.frames[name], place, velocity, axis_point)
             gyroscopic[place, place], stiffness[place, place] = terms.coriolis, terms.stiffness
             force[place], moment = terms.force, moment + terms.moment
     if parted is not None:
@@ -110,7 +110,7 @@ def spinning(
         stiffness += turned_damping(view)
     rate = float(np.linalg.norm(velocity))
     elastic, borne = _borne(assembly, force)
-    stiffness += motion.of_springs(elastic) + motion.of_joints(borne)
+    stiffness += geometric.of_springs(elastic) + geometric.of_joints(borne)
     # By Cauchy and Schwarz, no mode of unit mass is pushed by more than W^2 times the root of the moment of inertia.
     found = _rest(assembly, stiffness, force, rate, rate**2 * np.sqrt(moment))
     coordinates = assembly.basis @ found

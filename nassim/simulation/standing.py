@@ -28,20 +28,11 @@ from scipy.spatial.transform import Rotation
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import skew
 from nassim.scene.bodies import Body, FlexibleBody
-from nassim.scene.part import (
-    Constraint,
-    Field,
-    Filter,
-    Follow,
-    Row,
-    SixSprings,
-    Spring,
-    Tension,
-    Word,
-)
-from nassim.scene.scene import Scene
-from nassim.simulation.sides import Tie, bears, body_of, ends_of, named, turn_about, word_rows
+from nassim.scene.terms import Constraint, ForceLaw, Term
+from nassim.simulation.damping import damps
+from nassim.simulation.sides import Tie, label_of, resists, rotation_about, term_rows
 from nassim.simulation.small_motion import Assembly
+from nassim.simulation.states import ReferenceState
 
 FRAMES = ("turning", "standing")
 ANGLES = (1.0, 2.3)
@@ -100,25 +91,6 @@ class Parted:
         turn = self.turn(angle)
         return replace(body, position=self.point + turn @ (body.position - self.point), rotation=turn @ body.rotation)
 
-    def said(self, word: Word, angle: float) -> Word:
-        """What a part says, along axes as the frame sees them: the world's stand, a bushing's turn halfway."""
-        turn = self.turn(angle) if self.is_guest("") else np.eye(3)
-        if isinstance(word, Field):
-            return replace(word, direction=turn @ word.direction)
-        if isinstance(word, Constraint):
-            return replace(word, axes=self.turn(angle * self.is_guest(body_of(word.a))) @ word.axes)
-        if isinstance(word, SixSprings):
-            guests = [self.is_guest(body_of(path)) for path in (word.a, word.b)]
-            return replace(word, axes=self.turn(angle * sum(guests) / 2) @ word.axes)
-        if isinstance(word, Tension):
-            spring = self.said(word.spring, angle)
-            return replace(word, spring=spring) if isinstance(spring, (Spring, SixSprings)) else word
-        if isinstance(word, (Follow, Filter)) or not isinstance(word.row, Row) or word.row.within:
-            return word
-        both = np.kron(np.eye(2), self.turn(angle * self.is_guest(body_of(word.row.frame))))
-        points = tuple((path, both @ weights) for path, weights in word.row.points)
-        return replace(word, row=replace(word.row, points=points))
-
 
 @dataclass(frozen=True)
 class SeenScene:
@@ -126,29 +98,34 @@ class SeenScene:
 
     assembly: Assembly
     parted: Parted
-    scenes: dict[float, Scene] = field(default_factory=dict)
+    seen: dict[float, dict[str, ReferenceState]] = field(default_factory=dict)
 
-    def scene(self, angle: float) -> Scene:
-        """The bodies alone."""
-        if angle not in self.scenes:
-            bodies = tuple(self.parted.carried(body, angle) for body in self.assembly.scene.bodies)
-            self.scenes[angle] = Scene(self.assembly.scene.name, bodies)
-        return self.scenes[angle]
+    def states(self, angle: float) -> dict[str, ReferenceState]:
+        """Of all bodies, by name, as told along the world's axes."""
+        if angle not in self.seen:
+            parted = self.parted
+            view = parted.turn(angle).T if parted.is_guest("") else None
+            bodies = self.assembly.scene.bodies
+            self.seen[angle] = {
+                body.name: ReferenceState(parted.carried(body, angle), body, view, parted.point) for body in bodies
+            }
+        return self.seen[angle]
 
-    def rows(self, word: Word, angle: float) -> Array:
-        """What a word counts, on all coordinates, (m, n_all)."""
-        return word_rows(self.assembly, self.scene(angle), self.parted.said(word, angle))
+    def rows(self, term: Term, angle: float) -> Array:
+        """Rows of a term on all coordinates, (m, n_all)."""
+        return term_rows(self.assembly.coordinates, term, self.states(angle))
 
-    def slopes(self, word: Word, angle: float) -> Array:
+    def slopes(self, term: Term, angle: float) -> Array:
         """Their change per radian, exact: their vectors stand or turn as a whole, in sine and cosine of the angle."""
-        result: Array = 0.5 * (self.rows(word, angle + np.pi / 2) - self.rows(word, angle - np.pi / 2))
+        result: Array = 0.5 * (self.rows(term, angle + np.pi / 2) - self.rows(term, angle - np.pi / 2))
         return result
 
-    def laws(self, word: Spring | SixSprings, angle: float) -> tuple[Array, Array, Array]:
+    def laws(self, law: ForceLaw, angle: float) -> tuple[Array, Array, Array]:
         """Stiffness, damping, and what damping drives as its rows turn, on all coordinates, (n_all, n_all) each."""
-        stiffness, damping = np.atleast_2d(word.stiffness), np.atleast_2d(word.damping)
-        rows = self.rows(word, angle)
-        slopes = self.slopes(word, angle) if damping.any() else np.zeros_like(rows)
+        still = np.zeros(len(law.measure.components))
+        stiffness, damping = law.tangents(still, still)
+        rows = self.rows(law, angle)
+        slopes = self.slopes(law, angle) if damping.any() else np.zeros_like(rows)
         return rows.T @ stiffness @ rows, rows.T @ damping @ rows, self.rate * rows.T @ damping @ slopes
 
     @property
@@ -159,23 +136,23 @@ class SeenScene:
     @cached_property
     def scale(self) -> Array:
         """Of all coordinates to comparable roots of energy, (n_all,)."""
-        masses = [np.diag(self.scene(0.0).split(f"{name}.")[0].mass_matrix) for name in self.assembly.slices]
+        masses = [np.diag(self.states(0.0)[name].body.mass_matrix) for name in self.assembly.slices]
         result: Array = 1 / np.sqrt(np.concatenate(masses))
         return result
 
 
 def guest_terms(view: SeenScene, name: str, coriolis: Array, stiffness: Array) -> tuple[Array, Array]:
     """Coriolis matrix and stiffness of a guest, as the frame sees it, from those at its home, (6, 6) each."""
-    mass, drift = view.scene(0.0).split(f"{name}.")[0].mass_matrix, np.kron(np.eye(2), skew(view.parted.drift))
+    mass, drift = view.states(0.0)[name].body.mass_matrix, np.kron(np.eye(2), skew(view.parted.drift))
     return coriolis - 2 * mass @ drift, stiffness - coriolis @ drift + mass @ drift @ drift
 
 
 def turned_damping(view: SeenScene) -> Array:
     """What dampers drive as their rows turn, on all coordinates, (n_all, n_all), not symmetric."""
     result = np.zeros((len(view.scale),) * 2)
-    for word in view.assembly.words:
-        if isinstance(word, (Spring, SixSprings)):
-            result += view.laws(word, 0.0)[2]
+    for term in view.assembly.terms:
+        if isinstance(term, ForceLaw):
+            result += view.laws(term, 0.0)[2]
     return result
 
 
@@ -184,31 +161,32 @@ def check_constant(view: SeenScene) -> None:
     assembly, parted = view.assembly, view.parted
     for name in filter(parted.is_guest, assembly.slices):
         _check_guest(view, name)
-    turn = turn_about(assembly, assembly.slices.keys() - parted.standing, parted.velocity, parted.point)
+    turn = rotation_about(assembly, assembly.slices.keys() - parted.standing, parted.velocity, parted.point)
     ties: dict[tuple[str, ...], list[Tie]] = {}
-    for word in assembly.words:
-        if isinstance(word, Tie):
-            if bears(assembly, word, turn):
+    for term in assembly.terms:
+        if isinstance(term, Tie):
+            if resists(assembly, term, turn):
                 raise ValueError(
-                    f"{named(word)} resists the turn about the axis, of what turns against what stands or against "
+                    f"{label_of(term)} resists the turn about the axis, of what turns against what stands or against "
                     "the world's axes: free that motion, put its points on the axis, or let its axes turn along"
                 )
-            sides = {name in parted.standing for name in map(body_of, ends_of(word))}
-            if isinstance(word, SixSprings) and len(sides) > 1 and word.damping.any():
+            sides = {name in parted.standing for name in term.measure.bodies}
+            halfway = isinstance(term, ForceLaw) and len(term.measure.components) > 1
+            if halfway and len(sides) > 1 and damps(term):
                 raise ValueError(
-                    f"{named(word)}: axes of a bushing turn halfway between its bodies, so its damping would be "
+                    f"{label_of(term)}: axes of a bushing turn halfway between its bodies, so its damping would be "
                     "neither one that stands nor one that turns; damp by a SpringDamper with the frame of either body"
                 )
-            moving = {name for name in map(body_of, ends_of(word)) if name in assembly.slices}
-            ties.setdefault(("joint",) * isinstance(word, Constraint) + tuple(sorted(moving)), []).append(word)
+            moving = {name for name in term.measure.bodies if name in assembly.slices}
+            ties.setdefault(("joint",) * isinstance(term, Constraint) + tuple(sorted(moving)), []).append(term)
         else:
-            start = view.rows(word, 0.0) * view.scale
-            change = max(float(np.linalg.norm(view.rows(word, a) * view.scale - start)) for a in ANGLES)
-            _check_change(parted, named(word), change, float(np.linalg.norm(start)), ALONG)
-    for words in ties.values():
-        for start, *others in zip(*(_figures(view, words, angle) for angle in (0.0, *ANGLES)), strict=True):
+            start = view.rows(term, 0.0) * view.scale
+            change = max(float(np.linalg.norm(view.rows(term, a) * view.scale - start)) for a in ANGLES)
+            _check_change(parted, label_of(term), change, float(np.linalg.norm(start)), ALONG)
+    for terms in ties.values():
+        for start, *others in zip(*(_figures(view, terms, angle) for angle in (0.0, *ANGLES)), strict=True):
             change = max(float(np.linalg.norm(other - start)) for other in others)
-            _check_change(parted, ", ".join(dict.fromkeys(map(named, words))), change, float(np.linalg.norm(start)))
+            _check_change(parted, ", ".join(dict.fromkeys(map(label_of, terms))), change, float(np.linalg.norm(start)))
 
 
 def damps_both(view: SeenScene) -> bool:
@@ -216,8 +194,8 @@ def damps_both(view: SeenScene) -> bool:
     standing = view.parted.standing
     if any(name in standing for name in view.assembly.slices):
         return True
-    words = (word for word in view.assembly.words if isinstance(word, (Spring, SixSprings)))
-    return any(body_of(path) in standing for word in words for path in ends_of(word))
+    laws = (term for term in view.assembly.terms if isinstance(term, ForceLaw))
+    return any(name in standing for law in laws for name in law.measure.bodies)
 
 
 def _check_guest(view: SeenScene, name: str) -> None:
@@ -228,7 +206,7 @@ def _check_guest(view: SeenScene, name: str) -> None:
             f"body {name!r} {'stands' if name in parted.standing else 'turns'} and is a reduced one, which a model in "
             f"the {parted.frame} frame cannot turn: describe it as a RigidBody, {OTHERWISE[parted.frame]}"
         )
-    masses = [view.scene(angle).split(f"{name}.")[0].mass_matrix for angle in (0.0, *ANGLES)]
+    masses = [view.states(angle)[name].body.mass_matrix for angle in (0.0, *ANGLES)]
     change = max(float(np.linalg.norm((mass - masses[0])[3:, 3:])) for mass in masses)
     _check_change(parted, f"body {name!r}", change, float(np.linalg.norm(masses[0][3:, 3:])))
     if name not in parted.standing:
@@ -249,13 +227,13 @@ def _check_change(parted: Parted, what: str, change: float, size: float, cures: 
         )
 
 
-def _figures(view: SeenScene, words: Iterable[Tie], angle: float) -> list[Array]:
+def _figures(view: SeenScene, terms: Iterable[Tie], angle: float) -> list[Array]:
     """What must stay the same of ties between the same bodies, without units: of joints, what they leave free."""
     scale = view.scale
-    joints = [view.rows(word, angle) * scale for word in words if isinstance(word, Constraint)]
+    joints = [view.rows(term, angle) * scale for term in terms if isinstance(term, Constraint)]
     if joints:
         held = scipy.linalg.orth(np.vstack(joints).T, rcond=1e-9)
         return [held @ held.T]
-    laws = [view.laws(word, angle) for word in words if not isinstance(word, Constraint)]
+    laws = [view.laws(term, angle) for term in terms if isinstance(term, ForceLaw)]
     stiffness, damping, turned = (scale[:, None] * sum(parts) * scale for parts in zip(*laws, strict=True))
     return [stiffness, np.hstack([view.rate * damping, turned])]

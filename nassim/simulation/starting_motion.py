@@ -7,13 +7,14 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 import scipy
-from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
-from nassim.base.rigid_motion import DIRECTIONS, rigid_transfer
+from nassim.base.rigid_motion import rigid_transfer
 from nassim.scene.bodies import Body, FlexibleBody
-from nassim.scene.part import Constraint, Follow, SixSprings, Spring
+from nassim.scene.measures import body_of
 from nassim.scene.scene import Scene
+from nassim.scene.terms import Constraint, ForceLaw, PrescribedMotion
+from nassim.simulation.states import RigidState
 
 FOLLOWED = 1e-9
 """Share of an asked angular velocity that rounding may leave out."""
@@ -63,11 +64,11 @@ def starting_twists(scene: Scene, rates: Mapping[str, float] | None = None) -> d
                 "give an angular_velocity that they allow, or free more directions of a joint"
             )
     # What follows an input may also begin by straining bodies; a constant speed would strain them without end.
-    missed = np.abs(drives @ found - speeds) * [bool(word.speed) for word in scene.said(Follow)]
+    missed = np.abs(drives @ found - speeds) * [bool(term.speed) for term in scene.terms_of(PrescribedMotion)]
     if missed.size and missed.max() > FOLLOWED * np.abs(asked).max():
-        word = scene.said(Follow)[int(np.argmax(missed))]
+        term = scene.terms_of(PrescribedMotion)[int(np.argmax(missed))]
         raise ValueError(
-            f"{word.direction} of joint {word.constraint!r} cannot start at the speed of its drive: other joints, and "
+            f"{term.component} of joint {term.constraint!r} cannot start at the speed of its drive: other joints, and "
             "what else turns, do not allow it"
         )
     return {name: found[place] for name, place in places.items()}
@@ -83,17 +84,19 @@ def steady_twists(scene: Scene, rates: Mapping[str, float] | None = None) -> dic
     on a body that moves, bodies in small motion that turn.
     """
     bodies, rates = _moving(scene), rates or {}
-    joints = {joint.name: joint for joint in scene.said(Constraint)}
-    speeds = [(joints[word.constraint], word, word.speed + rates.get(word.input, 0.0)) for word in scene.said(Follow)]
-    spindles = [(joint, word.direction, speed) for joint, word, speed in speeds if speed]
+    joints = {joint.name: joint for joint in scene.terms_of(Constraint)}
+    driven = scene.terms_of(PrescribedMotion)
+    speeds = [(joints[term.constraint], term.component, term.speed + rates.get(term.input, 0.0)) for term in driven]
+    spindles = [(joint, component, speed) for joint, component, speed in speeds if speed]
     groups = _tied(scene, {joint.name for joint, _, _ in spindles})
     found = {name: np.zeros(6) for name in bodies}
-    for joint, direction, speed in spindles:
-        a, b = (path.partition(".")[0] for path in (joint.a, joint.b))
-        if not direction.startswith("r") or (a in bodies) == (b in bodies):
+    for joint, component, speed in spindles:
+        axis = joint.measure.rotation_axis(component)
+        a, b = map(body_of, joint.points[:2])
+        if axis is None or (a in bodies) == (b in bodies):
             return None
-        velocity = (speed if b in bodies else -speed) * joint.axes[:, "xyz".index(direction[1])]
-        twist = np.concatenate([np.cross(scene.point_position(joint.a), velocity), velocity])
+        velocity = (speed if b in bodies else -speed) * axis
+        twist = np.concatenate([np.cross(scene.point_position(joint.points[0]), velocity), velocity])
         table = groups[b if b in bodies else a]
         found |= {name: twist for name in bodies if groups[name] == table}
     return found if spindles and _goes_on(scene, found, rates) else None
@@ -104,16 +107,15 @@ def looks_the_same(scene: Scene, twists: Mapping[str, Array]) -> bool:
     (twist, *others) = twists.values()
     if any(not np.array_equal(other, twist) for other in others) or np.any(np.cross(twist[3:], scene.gravity)):
         return False
-    driven = {word.constraint for word in scene.said(Follow)}
+    driven = {term.constraint for term in scene.terms_of(PrescribedMotion)}
     return all(tied <= set(twists) for tied in _ties(scene, driven))
 
 
 def _ties(scene: Scene, spindles: Collection[str]) -> list[set[str]]:
     """Bodies that joints, but for some, and springs tie together."""
-    found: list[tuple[str, ...]] = [(j.a, j.b) for j in scene.said(Constraint) if j.name not in spindles]
-    found += [(word.a, word.b) for word in scene.said(SixSprings)]
-    found += [word.row.paths for word in scene.said(Spring) if not word.row.within]
-    return [{path.partition(".")[0] for path in paths} for paths in found]
+    found = [joint.measure for joint in scene.terms_of(Constraint) if joint.name not in spindles]
+    found += [law.measure for law in scene.terms_of(ForceLaw) if not law.measure.within]
+    return [set(measure.bodies) for measure in found]
 
 
 def _tied(scene: Scene, spindles: Collection[str]) -> dict[str, int]:
@@ -134,10 +136,10 @@ def _goes_on(scene: Scene, twists: Mapping[str, Array], rates: Mapping[str, floa
     every = np.concatenate([twists[name] for name in bodies])
     drives, speeds = _driven(scene, places, rates)
     slips = [_all_rows(scene, places) @ every, drives @ every - speeds]
-    for joint in scene.said(Constraint):
-        a, b = (twists.get(path.partition(".")[0], np.zeros(6)) for path in (joint.a, joint.b))
+    for joint in scene.terms_of(Constraint):
+        a, b = (twists.get(body_of(path), np.zeros(6)) for path in joint.points[:2])
         if np.any(a != b):  # a bearing stays where it is, so no point on a circle may pass by
-            slips.append((_relative(scene, places, joint) @ every)[:3])
+            slips.append((rigid_transfer(scene.point_position(joint.points[0])) @ (b - a))[:3])
     slips += [b.angular_velocity - twists[b.name][3:] for b in bodies.values() if np.any(b.angular_velocity)]
     small = any(
         isinstance(body, FlexibleBody) and body.fidelity == "linear" and np.any(twists[body.name])
@@ -153,13 +155,14 @@ def check_implied(scene: Scene, enforced: Mapping[str, Sequence[str]]) -> None:
     satisfied, let the bodies make small finite motions, the left out must stay satisfied.
     """
     left_out = {
-        joint.name: [d for d in joint.held if d not in enforced[joint.name]] for joint in scene.said(Constraint)
+        joint.name: tuple(d for d in joint.held if d not in enforced[joint.name])
+        for joint in scene.terms_of(Constraint)
     }
     if not any(left_out.values()):
         return
     bodies = _moving(scene)
     places = {name: slice(6 * k, 6 * k + 6) for k, name in enumerate(bodies)}
-    points = np.array([scene.point_position(joint.a) for joint in scene.said(Constraint)])
+    points = np.array([scene.point_position(joint.points[0]) for joint in scene.terms_of(Constraint)])
     middle, size = points.mean(axis=0), max(float(np.ptp(points, axis=0).max()), 1e-6)
     scale = np.tile([size] * 3 + [1.0] * 3, len(bodies))
     about_middle = scipy.linalg.block_diag(*[rigid_transfer(-middle)] * len(bodies)) * scale
@@ -169,9 +172,8 @@ def check_implied(scene: Scene, enforced: Mapping[str, Sequence[str]]) -> None:
     correct = about_middle @ np.linalg.pinv(_all_rows(scene, places, enforced) @ about_middle, rcond=1e-9)
 
     def opened(twists: Array) -> Array:
-        return np.hstack(
-            [_gaps(scene, places, joint, enforced[joint.name], twists) for joint in scene.said(Constraint)]
-        )
+        gaps = [_gaps(scene, places, joint, enforced[joint.name], twists) for joint in scene.terms_of(Constraint)]
+        return np.hstack(gaps)
 
     directions = np.hstack([np.eye(motions.shape[1]), np.random.default_rng(0).standard_normal((motions.shape[1], 5))])
     for motion in (motions @ directions).T:
@@ -181,7 +183,7 @@ def check_implied(scene: Scene, enforced: Mapping[str, Sequence[str]]) -> None:
         limit = IMPLIED * PERTURBATION**2 * size
         if np.abs(opened(twists)).max(initial=0.0) > limit:
             continue  # locked by the others already, so this is no finite motion
-        for joint in scene.said(Constraint):
+        for joint in scene.terms_of(Constraint):
             broken = np.abs(_gaps(scene, places, joint, left_out[joint.name], twists)) > limit
             if broken.any():
                 listed = ", ".join(np.array(left_out[joint.name])[broken])
@@ -211,50 +213,39 @@ def _spinning(body: Body) -> Array:
 
 def _driven(scene: Scene, places: Mapping[str, slice], rates: Mapping[str, float]) -> tuple[Array, Array]:
     """Relative velocities of all drives per unit of all twists, (drives, 6 n_bodies), and what they shall be."""
-    joints = {joint.name: joint for joint in scene.said(Constraint)}
-    words = scene.said(Follow)
+    joints = {joint.name: joint for joint in scene.terms_of(Constraint)}
+    driven = scene.terms_of(PrescribedMotion)
     rows = [np.zeros((0, 6 * len(places)))]
-    for word in words:
-        rows.append(_relative(scene, places, joints[word.constraint])[[list(DIRECTIONS).index(word.direction)]])
-    return np.vstack(rows), np.array([w.speed + rates.get(w.input, 0.0) * np.isinf(w.bandwidth) for w in words])
+    rows += [_rows(scene, places, joints[term.constraint], (term.component,)) for term in driven]
+    return np.vstack(rows), np.array([t.speed + rates.get(t.input, 0.0) * np.isinf(t.bandwidth) for t in driven])
 
 
-def _relative(scene: Scene, places: Mapping[str, slice], joint: Constraint) -> Array:
-    """Relative velocities (6) at a joint along its axes per unit of all twists."""
-    rows = np.zeros((6, 6 * len(places)))
-    for path, sign in ((joint.a, -1.0), (joint.b, 1.0)):
-        place = places.get(path.partition(".")[0])
-        if place is not None:
-            rows[:, place] += sign * rigid_transfer(scene.point_position(path))
-    result: Array = np.kron(np.eye(2), joint.axes.T) @ rows
+def _rows(scene: Scene, places: Mapping[str, slice], joint: Constraint, components: tuple[str, ...]) -> Array:
+    """Rates of components of a constraint's measure per unit of all twists, (components, 6 n_bodies)."""
+    states = {name: RigidState(scene.split(f"{name}.")[0]) for name in joint.measure.bodies}
+    result = np.zeros((len(components), 6 * len(places)))
+    for name, rows in joint.measure.evaluate(states)[1].items():
+        if name in places:
+            result[:, places[name]] = rows[joint.rows(components)]
     return result
 
 
 def _all_rows(scene: Scene, places: Mapping[str, slice], held: Mapping[str, Sequence[str]] | None = None) -> Array:
-    """Relative velocities at the joints along all that they hold, or what is given by name, per unit of all twists."""
+    """Rates of all that joints hold, or of given components by name, per unit of all twists."""
     result = [np.zeros((0, 6 * len(places)))]
-    for joint in scene.said(Constraint):
-        directions = joint.held if held is None else held[joint.name]
-        result.append(_relative(scene, places, joint)[[list(DIRECTIONS).index(d) for d in directions]])
+    for joint in scene.terms_of(Constraint):
+        result.append(_rows(scene, places, joint, joint.held if held is None else tuple(held[joint.name])))
     return np.vstack(result)
 
 
 def _gaps(
-    scene: Scene, places: Mapping[str, slice], joint: Constraint, directions: Sequence[str], twists: Array
+    scene: Scene, places: Mapping[str, slice], joint: Constraint, components: Sequence[str], twists: Array
 ) -> Array:
-    """What opens at a joint along directions that turn with its body a, once all bodies made finite motions."""
-    turns, moved = [], []
-    for path in (joint.a, joint.b):
-        place = places.get(path.partition(".")[0])
-        twist = np.zeros(6) if place is None else twists[place]
-        turns.append(Rotation.from_rotvec(twist[3:]).as_matrix())
-        at = scene.point_position(path)
-        moved.append(turns[-1] @ at + twist[:3] - at)
-    axes = turns[0] @ joint.axes
-    turned = axes.T @ turns[1] @ joint.axes
-    opened = np.concatenate([axes.T @ (moved[1] - moved[0]), [-turned[1, 2], turned[0, 2], -turned[0, 1]]])
-    result: Array = opened[[list(DIRECTIONS).index(d) for d in directions]]
-    return result
+    """Evaluate components of a constraint's measure after finite motions of all bodies."""
+    states = {}
+    for name in joint.measure.bodies:
+        states[name] = RigidState(scene.split(f"{name}.")[0], twists[places[name]] if name in places else np.zeros(6))
+    return joint.measure.evaluate(states)[0][joint.rows(tuple(components))]
 
 
 def _null_space(rows: Array) -> Array:

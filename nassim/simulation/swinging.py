@@ -4,7 +4,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array
-from nassim.scene.bodies import RigidBody
 from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
 from nassim.simulation.linearization import STANDING, spun, state_space
@@ -49,7 +48,7 @@ def _size(assembly: Assembly, shape: Array) -> float:
     """What makes a shape small: its largest rotation, and displacement over the distance between points."""
     rows, places = [], []
     for body in assembly.scene.bodies:
-        names = body.points if isinstance(body, RigidBody) else body.reduced.all_point_names
+        names = body.point_names
         places += [body.point_position(name) for name in names]
         if body.moves:
             rows += [body.motion(name) @ shape[assembly.slices[body.name]] for name in names]

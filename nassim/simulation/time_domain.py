@@ -8,8 +8,8 @@ import numpy as np
 from nassim.base.checks import Array, finite, known
 from nassim.base.progress import stage, tell
 from nassim.scene.motion import Motion
-from nassim.scene.part import Follow, Reading
 from nassim.scene.scene import Scene
+from nassim.scene.terms import Constraint, Output, PrescribedMotion
 from nassim.signals.time_history import TimeHistory, occupied_bandwidth
 from nassim.simulation.accuracy import describe_steps
 from nassim.simulation.buckling import axial_forces, warn_of_buckling
@@ -141,7 +141,9 @@ def _simulate(
     for name in names:
         known("output", name, available)
     _check_options(method, spectral_radius, hold_order)
-    turns = any(word.direction.startswith("r") for word in scene.said(Follow))
+    joints = {joint.name: joint.measure for joint in scene.terms_of(Constraint)}
+    driven = scene.terms_of(PrescribedMotion)
+    turns = any(joints[drive.constraint].rotation_axis(drive.component) is not None for drive in driven)
     radius = (TURNING_RADIUS if turns else 1.0) if spectral_radius is None else spectral_radius
     excitation = sampled(scene, excitation, time_step=time_step, duration=duration)
     n_steps = len(excitation.time) - 1
@@ -226,7 +228,7 @@ def _starting_rates(
     scene: Scene, signals: Mapping[str, Array], time_step: float
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Rates at the start of inputs that drives follow, and those with which they go on through two steps."""
-    steps = {word.input: np.diff(signals[word.input][:3]) / time_step for word in scene.said(Follow) if word.input}
+    steps = {drive.input: np.diff(signals[drive.input][:3]) / time_step for drive in scene.prescribed}
     rates = {name: float(step[0]) for name, step in steps.items()}
     return rates, {name: rate * (abs(steps[name][-1] - rate) <= STEADY * abs(rate)) for name, rate in rates.items()}
 
@@ -332,11 +334,11 @@ def _check_options(method: str, spectral_radius: float | None, hold_order: int |
 def _check_loops(scene: Scene, time_step: float) -> None:
     for loop in scene.loops:
         samples_per_period(loop, time_step)
-    at_once = scene.follows or any(reading.derivative == 2 for reading in scene.said(Reading))
+    at_once = scene.prescribed or any(output.derivative == 2 for output in scene.terms_of(Output))
     if not scene.loops or not at_once:
         return
     measured = {name for loop in scene.loops for name in loop.measured}
-    sensors = [s for s in scene.sensors if any(isinstance(w, Reading) and w.output in measured for w in s.says(scene))]
+    sensors = [s for s in scene.sensors if any(isinstance(t, Output) and t.name in measured for t in s.terms(scene))]
     model = linearize(replace(scene, sensors=tuple(sensors), loops=()))
     for loop in scene.loops:
         rows, columns = map(model.outputs.index, loop.measured), list(map(model.inputs.index, loop.driven))
@@ -349,11 +351,11 @@ def _check_loops(scene: Scene, time_step: float) -> None:
 
 
 def _check_drives(scene: Scene, signals: Mapping[str, Array]) -> None:
-    for word in scene.follows:
-        if signals[word.input][0]:
+    for drive in scene.prescribed:
+        if signals[drive.input][0]:
             raise ValueError(
-                f"input {word.input!r} drives joint {word.constraint!r} from where it is drawn: it must start at 0, "
-                f"not at {signals[word.input][0]:g} {word.unit}"
+                f"input {drive.input!r} drives joint {drive.constraint!r} from where it is drawn: it must start at 0, "
+                f"not at {signals[drive.input][0]:g} {drive.unit}"
             )
 
 

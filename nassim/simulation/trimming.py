@@ -8,10 +8,11 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.bodies.projection import keep_ports, trim_body, without_picture
 from nassim.scene.bodies import Body, FlexibleBody
-from nassim.scene.part import Force, Leak, Reading, Spring
+from nassim.scene.measures import Measure
 from nassim.scene.scene import Scene
+from nassim.scene.terms import AppliedForce, ForceLaw, Output, Shunt, Term
 from nassim.simulation.damping import held_alone
-from nassim.simulation.rows import shares
+from nassim.simulation.states import ReferenceState
 
 
 def trim_scene(scene: Scene) -> Scene:
@@ -56,11 +57,16 @@ def _trimmed(scene: Scene, body: Body, cutoff_frequency: float) -> Body:
 
 def _loads(scene: Scene, name: str, ports: Sequence[Array]) -> Array:
     """Rows on a body's own coordinates that something pushes, holds or reads, (n, k), without those of its ports."""
-    found = list(ports)
-    for word in scene.words:
-        if isinstance(word, (Force, Reading, Spring, Leak)):
-            row = shares(scene, word.row).get(name)
-            if row is not None and not any(np.array_equal(row, other) for other in found):
-                found.append(row)
+    found, states = list(ports), {body.name: ReferenceState(body) for body in scene.bodies}
+    for measure in _measures(scene.terms):
+        if name in measure.bodies:
+            for row in measure.evaluate(states)[1][name]:
+                if not any(np.array_equal(row, other) for other in found):
+                    found.append(row)
     n = len(scene.split(f"{name}.")[0].mass_matrix)
     return np.column_stack([np.zeros((n, 0)), *found[len(ports) :]])
+
+
+def _measures(terms: Sequence[Term]) -> list[Measure]:
+    """Measures of terms that push, resist or record; joints' points are kept whole."""
+    return [term.measure for term in terms if isinstance(term, (AppliedForce, ForceLaw, Output, Shunt))]

@@ -12,8 +12,9 @@ from nassim.base.rigid_motion import axes_along, rigid_transfer
 from nassim.bodies.readouts import Surface, Trace, of_kind
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
-from nassim.scene.part import SixSprings
+from nassim.scene.measures import RelativePose
 from nassim.scene.scene import Scene
+from nassim.scene.terms import Spring
 from nassim.viewer.views import Form
 
 INTERFACES = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf", "#8c564b", "#e377c2")
@@ -108,11 +109,14 @@ def bushing_sides(scene: Scene) -> dict[str, Array]:
     the sides on which their points are, the second on the positive one where these do not tell.
     """
     found: dict[str, Array] = {}
-    for word in scene.said(SixSprings):
-        held = [body for body, _ in map(scene.split, (word.a, word.b)) if isinstance(body, RigidBody) and body.moves]
-        away = [np.abs(body.position - scene.point_position(word.b)).max() for body in held]
+    for spring in scene.terms_of(Spring):
+        pose = spring.measure
+        if not isinstance(pose, RelativePose):
+            continue
+        held = [body for body, _ in map(scene.split, pose.points) if isinstance(body, RigidBody) and body.moves]
+        away = [np.abs(body.position - scene.point_position(pose.b)).max() for body in held]
         if len(held) == 2 and max(away) < TOUCHING:
-            along = word.axes[:, np.argmax(np.diag(word.stiffness)[:3])]
+            along = pose.axes[:, np.argmax(np.diag(spring.matrices[0])[:3])]
             first, second = (np.mean([body.point_position(point) for point in body.points], axis=0) for body in held)
             along = along if along @ (second - first) >= 0 else -along
             found |= {held[0].name: -along, held[1].name: along}

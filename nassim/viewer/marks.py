@@ -1,4 +1,4 @@
-"""Marks of what has no surface: joints, springs, actuators and sensors, placed by what they say, whatever they are."""
+"""Marks of what has no surface: joints, springs, actuators and sensors, placed by the measures of their terms."""
 
 from collections.abc import Iterable
 
@@ -8,21 +8,18 @@ from nassim.base.checks import Array
 from nassim.base.rigid_motion import DIRECTIONS
 from nassim.bodies.interface import RemotePoint
 from nassim.scene.bodies import FlexibleBody
-from nassim.scene.part import (
-    Constraint,
-    Field,
-    Force,
-    Leak,
-    Line,
-    Part,
-    Reading,
-    Row,
-    SixSprings,
-    Spring,
-    Tension,
-    Word,
+from nassim.scene.measures import (
+    BodyCoordinates,
+    Combination,
+    Displacement,
+    Measure,
+    PointVelocity,
+    RelativePose,
+    RotationAngle,
 )
+from nassim.scene.part import Part
 from nassim.scene.scene import Scene
+from nassim.scene.terms import AppliedForce, BaseAcceleration, Constraint, ForceLaw, Output, Shunt, SpringForce, Term
 from nassim.viewer.forms import CENTRE
 from nassim.viewer.views import Mark
 
@@ -42,10 +39,10 @@ def scene_marks(scene: Scene) -> tuple[Mark, ...]:
 
 
 def _part_marks(scene: Scene, kind: str, part: Part) -> Iterable[Mark]:
-    """A part's marks: what it says of the same points is one."""
+    """A part's marks: terms on the same points make one."""
     axes: dict[tuple[tuple[str, ...], str], list[Array]] = {}
-    for word in part.says(scene):
-        for paths, frame, direction in _places(scene, word):
+    for term in part.terms(scene):
+        for paths, frame, direction in _places(scene, term):
             axes.setdefault((paths, frame), []).extend(direction)
     text = part.describe() or f"{kind} {part.name}" + "".join(f" [{unit}]" for unit in _units(part, scene))
     for (paths, frame), directions in axes.items():
@@ -57,32 +54,46 @@ def _part_marks(scene: Scene, kind: str, part: Part) -> Iterable[Mark]:
         yield Mark(part.name, kind, ends, shown, frame.partition(".")[0], text)
 
 
-def _places(scene: Scene, word: Word) -> Iterable[tuple[tuple[str, ...], str, list[Array]]]:
-    """Points that a word is about, the frame of its directions, and these."""
-    if isinstance(word, Constraint):
-        free = [d for d in DIRECTIONS if d not in word.held]
-        yield (word.a,), word.a, [word.axes[:, "xyz".index(d[-1])] for d in free]
-    elif isinstance(word, SixSprings):
-        yield (word.a, word.b), "", []
-    elif isinstance(word, Tension):
-        yield from _places(scene, word.spring)
-    elif isinstance(word, (Force, Reading, Spring, Leak)):
-        row = word.row
-        if isinstance(row, Line):
-            yield (row.a, row.b), "", []
-        elif row.points:
-            yield _row_place(row)
-        else:
-            yield from (((_own_place(scene, *own),), "", []) for own in row.own)
-    elif isinstance(word, Field):
-        return
+Place = tuple[tuple[str, ...], str, list[Array]]
+"""Points, the frame of directions, and these."""
 
 
-def _row_place(row: Row) -> tuple[tuple[str, ...], str, list[Array]]:
-    weights = row.points[-1][1]
-    direction = weights[:3] if np.any(weights[:3]) else weights[3:]
-    length = np.linalg.norm(direction)
-    return tuple(path for path, _ in row.points[-2:]), row.frame, [direction / length] if length else []
+def _places(scene: Scene, term: Term) -> Iterable[Place]:
+    """Where a term is."""
+    if isinstance(term, SpringForce):
+        yield from _places(scene, term.spring)
+    elif isinstance(term, Constraint) and isinstance(term.measure, RelativePose):
+        free = [d for d in DIRECTIONS if d not in term.held]
+        axes, a = term.measure.axes, term.measure.a
+        yield (a,), a, [axes[:, "xyz".index(d[-1])] for d in free]
+    elif isinstance(term, (Constraint, ForceLaw, AppliedForce, Output, Shunt)):
+        yield from _measured(scene, term.measure)
+
+
+def _measured(scene: Scene, measure: Measure) -> Iterable[Place]:
+    """Where a measure is."""
+    if isinstance(measure, Combination):
+        for _, part in measure.parts:
+            yield from _measured(scene, part)
+    elif isinstance(measure, (Displacement, PointVelocity)):
+        direction = np.asarray(measure.weights[-1][1])
+        length = np.linalg.norm(direction)
+        paths = tuple(path for path, _ in measure.weights[-2:])
+        yield paths, measure.axes_of, [direction / length] if length else []
+    elif isinstance(measure, RotationAngle):
+        yield (*filter(None, (measure.a,)), measure.b), measure.a, [measure.axis / np.linalg.norm(measure.axis)]
+    elif isinstance(measure, BodyCoordinates) and not measure.ends:
+        yield (_own_place(scene, measure.body, np.asarray(measure.weights)),), "", []
+    elif isinstance(measure, BodyCoordinates):
+        yield measure.ends, measure.body, [_line(scene, measure)]
+    else:
+        yield measure.points, "", []
+
+
+def _line(scene: Scene, measure: BodyCoordinates) -> Array:
+    """From one end to the other, axes of the body."""
+    a, b = (scene.split(path)[0].reduced.point(path.partition(".")[2]).position for path in measure.ends[:2])
+    return (b - a) / np.linalg.norm(b - a)
 
 
 def _own_place(scene: Scene, name: str, weights: Array) -> str:
@@ -106,5 +117,5 @@ def _rotation(scene: Scene, name: str) -> Array:
 
 
 def _units(part: Part, scene: Scene) -> list[str]:
-    said = [w.unit for w in part.says(scene) if isinstance(w, (Force, Reading, Tension, Field))]
-    return list(dict.fromkeys(said))
+    kinds = (AppliedForce, Output, SpringForce, BaseAcceleration)
+    return list(dict.fromkeys(term.unit for term in part.terms(scene) if isinstance(term, kinds)))

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.scene.part import Field
+from nassim.scene.terms import BaseAcceleration
 from nassim.simulation.exudyn.state import System
 from nassim.simulation.filters import start_filter
 
@@ -23,8 +23,8 @@ class Filtering:
         self.steps: dict[str, Callable[[float], float]] = {}
         self.at_rest = not scene.speeds and not any(np.any(body.angular_velocity) for body in scene.bodies)
         self.falls = np.zeros((3, len(scene.inputs)))
-        for field in scene.said(Field):
-            self.falls[:, scene.inputs.index(field.input)] += field.direction
+        for base in scene.terms_of(BaseAcceleration):
+            self.falls[:, scene.inputs.index(base.input)] -= base.direction
         self.now = 0
         self.outputs = scene.outputs
         self.read = system.measuring(dict.fromkeys(name for loop in scene.loops for name in loop.measured))

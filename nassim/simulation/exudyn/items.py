@@ -1,4 +1,4 @@
-"""What the parts of a scene say, as Exudyn's items, in floating frames and large motion."""
+"""Exudyn's items of a scene in large motion: bodies by name, markers, forces of inputs, constraints."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -9,12 +9,22 @@ import exudyn.itemInterface as eii
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.base.rigid_motion import DIRECTIONS
 from nassim.scene.bodies import FlexibleBody, RigidBody
-from nassim.scene.part import Constraint, Field, Follow, Force, Line, Row
+from nassim.scene.measures import (
+    MATRIX,
+    BodyCoordinates,
+    Combination,
+    Displacement,
+    Distance,
+    Measure,
+    PointVelocity,
+    RelativePose,
+)
 from nassim.scene.scene import Scene
+from nassim.scene.terms import AppliedForce, BaseAcceleration, Constraint, PrescribedMotion
+from nassim.simulation.exudyn.general import BodyNodes, Evaluator, add_general_actuator, add_general_constraint
 from nassim.simulation.exudyn.state import Carrier, Push, add_forces
-from nassim.simulation.rows import shares
+from nassim.simulation.states import ReferenceState
 
 TOUCHING = 1e-12
 """Distance [m] up to which two points lie in one place."""
@@ -33,6 +43,7 @@ class Items:
     own: one of each that are one, and all others that move; welded: names of joints that need not be closed
     grips: by the path of a point of a body that deforms, and an offset, what adds a rigid marker there
     pilots: object and mesh nodes that make up a point of a floating body, by path
+    body_nodes: where Exudyn keeps the bodies that move, by name
     """
 
     mbs: Any
@@ -45,6 +56,7 @@ class Items:
     carriers: Mapping[str, Carrier]
     grips: Mapping[Place, Grip]
     pilots: Mapping[str, tuple[int, list[int]]]
+    body_nodes: Mapping[str, BodyNodes]
     markers: dict[str, int] = field(default_factory=dict)
     sensors: dict[tuple[int, exu.OutputVariableType], int] = field(default_factory=dict)
 
@@ -90,6 +102,18 @@ class Items:
         body = self.scene.split(f"{name}.")[0]
         return body.fidelity if isinstance(body, FlexibleBody) and name not in self.rigid else "rigid"
 
+    def evaluator(self, measure: Measure) -> Evaluator:
+        """Evaluator of a measure on Exudyn's coordinates."""
+        fixed = {body.name: ReferenceState(body) for body in self.scene.bodies if not body.moves}
+        return Evaluator(measure, self.body_nodes, fixed)
+
+    def has_markers(self, measure: Measure) -> bool:
+        """Whether rigid markers can be put on all points of a measure."""
+        return all(self.has_marker(path) for path in measure.points)
+
+    def has_marker(self, path: str) -> bool:
+        return path.partition(".")[0] in self.rigid or (path, (0.0, 0.0, 0.0)) in self.grips
+
     def node_of(self, path: str) -> int:
         """Node of a point of a body in small motion."""
         body, point = self.scene.split(path)
@@ -114,76 +138,102 @@ def frame_at(position: Array, axes: Array) -> Array:
     return result
 
 
-def add_force(items: Items, word: Force) -> list[Push]:
-    """Add what an input pushes through: a line, coordinates of bodies, and loads at points."""
-    rate, gain = 2 * np.pi * word.bandwidth, word.gain
-    if isinstance(word.row, Line):
-        markers = [items.marker(path) for path in word.row.paths]
+def add_force(items: Items, term: AppliedForce) -> list[Push]:
+    """Add what an input pushes through: a line, coordinates of bodies, loads at points, or any measure."""
+    rate, gain, measure = 2 * np.pi * term.bandwidth, term.gain, term.measure
+    if isinstance(measure, Distance) and items.has_markers(measure):
+        markers = [items.marker(path) for path in measure.points]
         number = items.mbs.AddObject(eii.ObjectConnectorSpringDamper(markerNumbers=markers, force=0.0))
-        return [Push(number, word.input, np.array(-gain), "force", rate)]
+        return [Push(number, term.input, np.array(-gain), "force", rate)]
+    nodes, loads = on_coordinates(items, measure), on_points(items, measure)
+    carried = isinstance(measure, PointVelocity) and measure.axes_of in ("", *(path for path, _ in measure.weights[:1]))
+    one_point = not _axes_of(measure) or (carried and len(measure.weights) == 1)
+    if nodes is None or loads is None or not one_point:
+        strength = add_general_actuator(items.mbs, items.evaluator(measure), term)
+        return [Push(-1, term.input, np.ones(1), rate=rate, offset=strength)]
     drives = []
-    nodes = on_coordinates(items, word.row)
     if nodes:
         # Forces in balance inside a body do no work on its frame, so they act on coordinates of deformation only.
         forces = gain * np.concatenate([row for _, row in nodes])
         number = add_forces(items.mbs, [node for node, _ in nodes], len(forces))
-        drives.append(Push(number, word.input, forces, "forceVector", rate))
-    for path, weights in on_points(items, word.row):
-        if word.row.frame not in ("", path):
-            raise ValueError(
-                f"{path!r}: in large motion a force acts along the world's axes, those of its own point or a line"
-            )
-        for load, vector in ((eii.LoadForceVector, weights[:3]), (eii.LoadTorqueVector, weights[3:])):
-            if np.any(vector):
-                own = bool(word.row.frame)
-                number = items.mbs.AddLoad(load(markerNumber=items.marker(path), loadVector=[0.0] * 3, bodyFixed=own))
-                drives.append(Push(number, word.input, gain * vector, "loadVector", rate))
+        drives.append(Push(number, term.input, forces, "forceVector", rate))
+    for path, weights in loads:
+        angular = isinstance(measure, PointVelocity) and measure.angular
+        load, own = (eii.LoadTorqueVector if angular else eii.LoadForceVector), bool(_axes_of(measure))
+        number = items.mbs.AddLoad(load(markerNumber=items.marker(path), loadVector=[0.0] * 3, bodyFixed=own))
+        drives.append(Push(number, term.input, gain * weights, "loadVector", rate))
     return drives
 
 
-def add_field(items: Items, word: Field) -> list[Push]:
-    """Add a uniform acceleration of every body that moves."""
+def add_base_acceleration(items: Items, term: BaseAcceleration) -> list[Push]:
+    """Add a uniform acceleration of every body that moves, against that of the base."""
     drives = []
     for name in items.own:
         if items.fidelity(name) == "linear":
             numbers = [number for number, _ in items.carriers[name].nodes]
-            weight = items.scene.split(f"{name}.")[0].weight(word.direction)
+            weight = items.scene.split(f"{name}.")[0].weight(-term.direction)
             forces = items.carriers[name].coordinates.T @ weight
-            drives.append(Push(add_forces(items.mbs, numbers, len(forces)), word.input, forces))
+            drives.append(Push(add_forces(items.mbs, numbers, len(forces)), term.input, forces))
         else:
             marker = items.mbs.AddMarker(eii.MarkerBodyMass(bodyNumber=items.objects[name]))
             number = items.mbs.AddLoad(eii.LoadMassProportional(markerNumber=marker, loadVector=[0.0, 0.0, 0.0]))
-            drives.append(Push(number, word.input, word.direction, "loadVector"))
+            drives.append(Push(number, term.input, -term.direction, "loadVector"))
     return drives
 
 
-def add_constraint(items: Items, word: Constraint, held: tuple[str, ...], driven: Sequence[Follow]) -> list[Push]:
-    """Add a joint that holds the given ones of its directions, where those that are driven follow their drives."""
-    markers = [items.marker(path, axes=word.axes) for path in (word.a, word.b)]
-    motion, pushes = _motion(markers[0], driven) if driven else ({}, [])
+def add_constraint(
+    items: Items, term: Constraint, held: tuple[str, ...], driven: Sequence[PrescribedMotion]
+) -> list[Push]:
+    """Add a constraint that holds the given ones of its components, where those that are driven follow their drives."""
+    measure = term.measure
+    is_joint = isinstance(measure, RelativePose) and measure.rotation == MATRIX and items.has_markers(measure)
+    if not is_joint:
+        offset, pushes = _prescribed(term, driven)
+        components = tuple(c for c in measure.components if c in held)
+        rows = term.rows(components)
+        evaluate = items.evaluator(measure)
+        add_general_constraint(items.mbs, evaluate, term, components, lambda time: offset(time)[rows])
+        return pushes
+    assert isinstance(measure, RelativePose)
+    markers = [items.marker(path, axes=measure.axes) for path in measure.points]
+    motion, pushes = _joint_motion(term, markers[0], driven) if driven else ({}, [])
     items.mbs.AddObject(
         eii.ObjectJointGeneric(
             markerNumbers=markers,
-            constrainedAxes=[int(direction in held) for direction in DIRECTIONS],
+            constrainedAxes=[int(component in held) for component in measure.components],
             **motion,
         )
     )
     return pushes
 
 
-def _motion(marker: int, driven: Sequence[Follow]) -> tuple[dict[str, Any], list[Push]]:
+def _prescribed(term: Constraint, driven: Sequence[PrescribedMotion]) -> tuple[Callable[[float], Array], list[Push]]:
+    """Values of all components of a constraint's measure by time, and what inputs set them."""
+    n = len(term.measure.components)
+    speeds, offsets, pushes = np.zeros(n), [np.zeros(n)], []
+    for drive in driven:
+        unit = np.eye(n)[term.rows((drive.component,))[0]]
+        speeds += drive.speed * unit
+        if drive.input:
+            offsets.append(np.zeros(n))
+            pushes.append(Push(-1, drive.input, unit, rate=2 * np.pi * drive.bandwidth, offset=offsets[-1]))
+
+    def offset(time: float) -> Array:
+        result: Array = np.sum(offsets, axis=0) + speeds * time
+        return result
+
+    return offset, pushes
+
+
+def _joint_motion(
+    term: Constraint, marker: int, driven: Sequence[PrescribedMotion]
+) -> tuple[dict[str, Any], list[Push]]:
     """How a joint moves by its drives, as Exudyn's function of time, and what their inputs set."""
-    speeds, offsets, pushes = np.zeros(6), [np.zeros(6)], []
-    for follow in driven:
-        unit = np.eye(6)[list(DIRECTIONS).index(follow.direction)]
-        speeds += follow.speed * unit
-        if follow.input:
-            offsets.append(np.zeros(6))
-            pushes.append(Push(-1, follow.input, unit, rate=2 * np.pi * follow.bandwidth, offset=offsets[-1]))
-    shifts = any(not follow.direction.startswith("r") for follow in driven)
+    value, pushes = _prescribed(term, driven)
+    shifts = any(term.measure.rotation_axis(drive.component) is None for drive in driven)
 
     def offset(mbs: Any, time: float, _item: int, _parameters: Any) -> list[float]:
-        motion = sum(offsets) + speeds * time
+        motion = value(time)
         # Exudyn takes turns along the marker's axes, but shifts along the world's, which do not turn with the joint.
         if shifts:
             axes = np.reshape(mbs.GetMarkerOutput(marker, exu.OutputVariableType.RotationMatrix), (3, 3))
@@ -194,26 +244,46 @@ def _motion(marker: int, driven: Sequence[Follow]) -> tuple[dict[str, Any], list
     return {"offsetUserFunction": offset}, pushes
 
 
-def on_coordinates(items: Items, row: Row) -> list[tuple[int, Array]]:
-    """A row's weights on the coordinates of bodies that deform, by node.
+def on_coordinates(items: Items, measure: Measure) -> list[tuple[int, Array]] | None:
+    """Weights of a measure on the coordinates of bodies that deform, by node; None where it is no such sum.
 
-    These are of bodies whose own shape it counts, and points of bodies in small motion.
+    These are of bodies' own coordinates, and points of bodies in small motion along the world's axes.
     """
-    if not row.within:
-        near = () if row.frame else tuple(p for p in row.points if items.fidelity(p[0]) == "linear")
-        row = Row(points=near, own=row.own)
-    found = shares(items.scene, row)
-    return [
-        part for name, share in found.items() if name in items.carriers for part in items.carriers[name].parts(share)
-    ]
+    found: list[tuple[int, Array]] = []
+    for factor, part in _parts(measure):
+        if isinstance(part, BodyCoordinates):
+            found += _scaled(items, part.body, factor * np.asarray(part.weights))
+        elif isinstance(part, Displacement | PointVelocity) and part is measure:
+            for path, weights in part.weights if not part.axes_of else ():
+                if items.fidelity(path) == "linear":
+                    first = 3 * (isinstance(part, PointVelocity) and part.angular)
+                    motion = items.scene.split(path)[0].motion(path.partition(".")[2])[first : first + 3]
+                    found += _scaled(items, path.partition(".")[0], weights @ motion)
+        else:
+            return None
+    return found
 
 
-def on_points(items: Items, row: Row) -> list[tuple[str, Array]]:
-    """Points, and weights (6,) on their motions, that move by more than `on_coordinates` knows."""
-    if row.within:
+def on_points(items: Items, measure: Measure) -> list[tuple[str, Array]] | None:
+    """Points of moving bodies with directions, (3,), that are the measure beside `on_coordinates`; None where not."""
+    if not isinstance(measure, Displacement | PointVelocity):
         return []
-    return [
-        (path, weights)
-        for path, weights in row.points
-        if items.moves(path) and (row.frame or items.fidelity(path) != "linear")
-    ]
+    found = []
+    for path, weights in measure.weights:
+        if items.moves(path) and (measure.axes_of or items.fidelity(path) != "linear"):
+            if not items.has_marker(path):
+                return None
+            found.append((path, np.asarray(weights)))
+    return found
+
+
+def _parts(measure: Measure) -> tuple[tuple[float, Measure], ...]:
+    return measure.parts if isinstance(measure, Combination) else ((1.0, measure),)
+
+
+def _scaled(items: Items, name: str, row: Array) -> list[tuple[int, Array]]:
+    return items.carriers[name].parts(row) if name in items.carriers else []
+
+
+def _axes_of(measure: Measure) -> str:
+    return measure.axes_of if isinstance(measure, (Displacement, PointVelocity)) else ""

@@ -1,6 +1,7 @@
 """What outputs read, as Exudyn's sensors and what their columns make, in floating frames and large motion."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import exudyn as exu
 import exudyn.itemInterface as eii
@@ -8,7 +9,17 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
-from nassim.scene.part import Field, Line, Reading, Row
+from nassim.scene.measures import (
+    BodyCoordinates,
+    Combination,
+    Displacement,
+    Distance,
+    Measure,
+    PointVelocity,
+    RotationAngle,
+)
+from nassim.scene.terms import BaseAcceleration, Output
+from nassim.simulation.exudyn.general import general_term
 from nassim.simulation.exudyn.items import Items, on_coordinates, on_points
 from nassim.simulation.exudyn.state import COORDINATES, Term
 
@@ -18,35 +29,71 @@ MOTIONS = (Kind.Displacement, Kind.Velocity, Kind.Acceleration)
 KEPT = {"storeInternal": True, "writeToFile": False}
 
 
-def add_reading(items: Items, word: Reading) -> list[Term]:
-    """Add what an output is read from."""
-    row = word.row
-    if isinstance(row, Line):
-        return [_along_line(items, word, row)]
-    if "." in row.frame or any(np.any(weights[3:]) for _, weights in row.points if not row.within):
-        return [_turning(items, word, row)]
+def add_output(items: Items, term: Output) -> list[Term]:
+    """Add what an output is read from: by a faster reading of its measure where there is one, else by the general one."""
+    measure, evaluate = term.measure, items.evaluator(term.measure)
+    if not evaluate.names:
+        return []
+    if not measure.has_value and not term.derivative:
+        raise ValueError(
+            f"output {term.name!r}: a {type(measure).__name__} has a value in small motion only; take derivative=1, or "
+            "a Displacement or a RotationAngle"
+        )
+    faster = FASTER.get(type(measure))
+    terms = faster(items, term, measure) if faster else None
+    if terms is None:
+        gain = term.gain
+        return [general_term(items.mbs, evaluate, _general(gain, term.derivative), term.derivative)]
+    return terms
+
+
+def _general(gain: float, derivative: int) -> Callable[[Array, Array], float]:
+    return lambda value, rate: gain * float((rate if derivative else value)[0])
+
+
+def _of_coordinates(items: Items, term: Output, measure: Measure) -> list[Term] | None:
+    """Weighted sums of coordinates, and of points along the world's axes."""
+    nodes = on_coordinates(items, measure)
+    if nodes is None:
+        return None
     result = []
-    for node, share in on_coordinates(items, row):
-        sensor = eii.SensorNode(nodeNumber=node, outputVariableType=COORDINATES[word.derivative], **KEPT)
-        result.append(Term.linear(items.mbs.AddSensor(sensor), word.gain * share))
-    for path, weights in on_points(items, row):
-        sensors = _sensors(items, path, MOTIONS[word.derivative])
-        result += [Term.linear(number, word.gain * weights[:3] / len(sensors)) for number in sensors]
+    for node, share in nodes:
+        sensor = eii.SensorNode(nodeNumber=node, outputVariableType=COORDINATES[term.derivative], **KEPT)
+        result.append(Term.linear(items.mbs.AddSensor(sensor), term.gain * share))
+    for path, weights in on_points(items, measure) or ():
+        sensors = _sensors(items, path, MOTIONS[term.derivative])
+        result += [Term.linear(number, term.gain * weights / len(sensors)) for number in sensors]
     return result
 
 
-def add_axes(items: Items, word: Reading) -> list[tuple[int, Array]]:
-    """Add a sensor of the axes that an inertial reading turns with, where fields accelerate the ground.
+def _of_displacement(items: Items, term: Output, measure: Displacement) -> list[Term] | None:
+    if on_points(items, measure) is None:
+        return None
+    if not measure.axes_of:
+        return _of_coordinates(items, term, measure)
+    return None if term.derivative else [_along_axes(items, term, measure)]
 
-    Returns its number and the reading's direction times its gain, (3,); nothing where neither matters.
+
+def _of_velocity(items: Items, term: Output, measure: PointVelocity) -> list[Term] | None:
+    if on_points(items, measure) is None or (measure.angular and term.derivative == 2):
+        return None
+    if not measure.axes_of and not measure.angular:
+        return _of_coordinates(items, term, measure)
+    return [_along_axes(items, term, measure)]
+
+
+def add_axes(items: Items, term: Output) -> list[tuple[int, Array]]:
+    """Add a sensor of the axes that an inertial output turns with, where the base accelerates.
+
+    Returns its number and the output's direction times its gain, (3,); nothing where neither matters.
     """
-    row = word.row
-    if not (word.inertial and isinstance(row, Row) and "." in row.frame and items.moves(row.frame)):
+    measure = term.measure
+    if not (term.inertial and isinstance(measure, PointVelocity) and measure.axes_of and items.moves(measure.axes_of)):
         return []
-    if not items.scene.said(Field):
+    if not items.scene.terms_of(BaseAcceleration):
         return []
-    weights = word.gain * np.sum([weights[:3] for _, weights in row.points], axis=0)
-    return [(items.sensor(items.marker(row.frame), Kind.RotationMatrix), weights)]
+    weights = term.gain * np.sum([weights for _, weights in measure.weights], axis=0)
+    return [(items.sensor(items.marker(measure.axes_of), Kind.RotationMatrix), weights)]
 
 
 def _sensors(items: Items, path: str, kind: Kind) -> list[int]:
@@ -99,70 +146,72 @@ def _turn(columns: Sequence[Array], place: slice | None) -> Array:
     return columns[place.start].reshape(-1, 3, 3)
 
 
-def _along_line(items: Items, word: Reading, line: Line) -> Term:
-    if word.derivative == 2:
-        raise ValueError(f"output {word.output!r}: acceleration along a line that turns is not read; give a direction")
+def _along_line(items: Items, term: Output, measure: Distance) -> list[Term] | None:
+    if term.derivative == 2 or not items.has_markers(measure):
+        return None
     probes = _Probes(items)
-    at = [items.scene.point_position(path) for path in line.paths]
-    places = [probes.add(path, Kind.Position) for path in line.paths]
-    speeds = [probes.add(path, Kind.Velocity) for path in line.paths] if word.derivative else []
+    at = [items.scene.point_position(path) for path in measure.points]
+    places = [probes.add(path, Kind.Position) for path in measure.points]
+    speeds = [probes.add(path, Kind.Velocity) for path in measure.points] if term.derivative else []
     length = float(np.linalg.norm(at[1] - at[0]))
 
     def value(*columns: Array) -> Array:
         a, b = (_mean(columns, place, rest) for place, rest in zip(places, at, strict=True))
         now = np.linalg.norm(b - a, axis=1)
-        if not word.derivative:
-            return word.gain * (now - length)
+        if not term.derivative:
+            return term.gain * (now - length)
         u, v = (_mean(columns, place, np.zeros(3)) for place in speeds)
-        result: Array = word.gain * np.einsum("ni,ni->n", v - u, b - a) / now
+        result: Array = term.gain * np.einsum("ni,ni->n", v - u, b - a) / now
         return result
 
-    return Term(tuple(probes.numbers), value)
+    return [Term(tuple(probes.numbers), value)]
 
 
-def _turning(items: Items, word: Reading, row: Row) -> Term:
-    """Along axes that turn with a point, and turns of points."""
+def _along_axes(items: Items, term: Output, measure: Displacement | PointVelocity) -> Term:
+    """Along axes that turn with a point: places of points, or the vectors of their velocities and accelerations."""
     probes = _Probes(items)
-    frame = probes.add(row.frame, Kind.RotationMatrix) if row.frame else None
-    shifts = [(p, w[:3], items.scene.point_position(p)) for p, w in row.points if np.any(w[:3])]
-    turns = [(p, w[3:]) for p, w in row.points if np.any(w[3:])]
-    kind = (Kind.Position, Kind.Velocity, Kind.Acceleration)[word.derivative]
-    shift_places = [probes.add(path, kind) for path, *_ in shifts]
-    if turns and word.derivative == 2:
-        raise ValueError(f"output {word.output!r}: angular acceleration is not read; read the angular velocity")
-    opposite = len(turns) == 2 and not np.any(turns[0][1] + turns[1][1])
-    if turns and not word.derivative and not (len(turns) == 1 or opposite):
-        raise ValueError(
-            f"output {word.output!r}: in large motion a turn is that of one point, or of one against another"
-        )
-    turn_kind = Kind.AngularVelocity if word.derivative else Kind.RotationMatrix
-    turn_places = [probes.add(path, turn_kind) for path, _ in turns]
-    start = sum(float(w @ at) for _, w, at in shifts)
+    frame = probes.add(measure.axes_of, Kind.RotationMatrix) if measure.axes_of else None
+    angular = isinstance(measure, PointVelocity) and measure.angular
+    kind = Kind.AngularVelocity if angular else (Kind.Position, Kind.Velocity, Kind.Acceleration)[term.derivative]
+    places = [probes.add(path, kind) for path, _ in measure.weights]
+    rests = [np.zeros(3) if term.derivative else items.scene.point_position(path) for path, _ in measure.weights]
+    start = sum(float(w @ at) for (_, w), at in zip(measure.weights, rests, strict=True))
 
     def value(*columns: Array) -> Array:
         axes = _turn(columns, frame)
         result = np.zeros(len(columns[0]))
-        for place, (_, w, at) in zip(shift_places, shifts, strict=True):
-            rest = np.zeros(3) if word.derivative else at
+        for place, (_, w), rest in zip(places, measure.weights, rests, strict=True):
             result += np.einsum("nji,nj,i->n", axes, _mean(columns, place, rest), w)
-        if not word.derivative:
-            result -= start if shifts else 0.0
-            return word.gain * (result + _angle(columns, turn_places, [w for _, w in turns]))
-        for place, (_, w) in zip(turn_places, turns, strict=True):
-            result += np.einsum("nji,nj,i->n", axes, _mean(columns, place, np.zeros(3)), w)
-        return word.gain * result
+        return term.gain * (result - start)
 
     return Term(tuple(probes.numbers), value)
 
 
-def _angle(columns: Sequence[Array], places: Sequence[slice | None], weights: Sequence[Array]) -> Array:
-    """Twist of the last point against the first (or the world) since the start, counted on beyond half a turn, (n,)."""
-    if not places:
-        return np.zeros(len(columns[0]))
-    now = _turn(columns, places[-1])
-    if len(places) == 2:
-        now = np.einsum("nji,njk->nik", _turn(columns, places[0]), now)
-    size = float(np.linalg.norm(weights[-1]))
-    quaternion = Rotation.from_matrix(now).as_quat()
-    result: Array = size * np.unwrap(2 * np.arctan2(quaternion[:, :3] @ weights[-1] / size, quaternion[:, 3]))
-    return result
+def _of_angle(items: Items, term: Output, measure: RotationAngle) -> list[Term] | None:
+    """Twist of point b against a, counted on beyond half a turn."""
+    if term.derivative or not items.has_markers(measure):
+        return None
+    probes, size = _Probes(items), float(np.linalg.norm(measure.axis))
+    places = [probes.add(path, Kind.RotationMatrix) for path in measure.points]
+
+    def value(*columns: Array) -> Array:
+        now = _turn(columns, places[0])
+        if measure.a:
+            now = np.einsum("nji,njk->nik", _turn(columns, places[1]), now)
+        quaternion = Rotation.from_matrix(now).as_quat()
+        angles = 2 * np.arctan2(quaternion[:, :3] @ measure.axis / size, quaternion[:, 3])
+        result: Array = term.gain * size * np.unwrap(angles)
+        return result
+
+    return [Term(tuple(probes.numbers), value)]
+
+
+FASTER: Mapping[type[Measure], Callable[[Items, Output, Any], list[Term] | None]] = {
+    BodyCoordinates: _of_coordinates,
+    Combination: _of_coordinates,
+    Displacement: _of_displacement,
+    Distance: _along_line,
+    PointVelocity: _of_velocity,
+    RotationAngle: _of_angle,
+}
+"""Faster readings, by measure; None of one means that it does not fit these points or this derivative."""

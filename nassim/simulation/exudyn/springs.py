@@ -1,4 +1,4 @@
-"""Springs and dampers of a scene as Exudyn's connectors: within bodies, along lines and directions, in all six at once.
+"""Force laws of a scene as Exudyn's connectors: a table of faster items, by law and measure, and the general one.
 
 Exudyn's spring along directions that turn has two traps. Along the axes of its first marker it acts on either body at
 its own marker, so that a displacement upsets the balance of moments; its intrinsic formulation acts on both in the
@@ -7,7 +7,7 @@ difference of two velocities for the rate at which a displacement grows, so that
 Python put that right where both bodies move.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import exudyn as exu
@@ -16,10 +16,21 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import axes_along
-from nassim.scene.part import Line, Row, SixSprings, Spring
+from nassim.scene.measures import (
+    MATRIX,
+    QUATERNION,
+    BodyCoordinates,
+    Displacement,
+    Distance,
+    Measure,
+    PointVelocity,
+    RelativePose,
+)
 from nassim.scene.scene import Scene
+from nassim.scene.terms import ForceLaw, Spring
+from nassim.simulation.exudyn.general import add_general_force
 from nassim.simulation.exudyn.items import Items, on_coordinates
-from nassim.simulation.rows import bushing_rows, line_direction
+from nassim.simulation.states import ReferenceState
 
 Vector = Sequence[float] | Array
 Wrench = Callable[..., Vector]
@@ -30,10 +41,13 @@ PILOT_RADIUS = 0.05
 
 def reaches(scene: Scene) -> list[tuple[str, Array]]:
     """Points that carry springs in the place of other points, and these places, world frame at the start."""
-    found = [(word.a, scene.point_position(word.b)) for word in scene.said(SixSprings)]
-    for word in scene.said(Spring):
-        if isinstance(word.row, Row) and "." in word.row.frame:
-            found += [(word.row.frame, scene.point_position(path)) for path, _ in word.row.points]
+    found = []
+    for law in scene.terms_of(ForceLaw):
+        measure = law.measure
+        if isinstance(measure, RelativePose) and measure.rotation != MATRIX:
+            found.append((measure.a, scene.point_position(measure.b)))
+        elif isinstance(measure, Displacement | PointVelocity) and measure.axes_of:
+            found += [(measure.axes_of, scene.point_position(path)) for path, _ in measure.weights]
     return found
 
 
@@ -43,19 +57,19 @@ def rounding(scene: Scene) -> float:
     What it is in each adds up, for places that lie alike round alike. Coordinates of deformation round as the forces
     do that cause them.
     """
-    springs = [(np.array([[word.stiffness]]), [_as_row(scene, word.row)]) for word in scene.said(Spring)]
-    springs += [(np.abs(word.stiffness), bushing_rows(word)) for word in scene.said(SixSprings)]
-    total = 0.0
-    for stiffness, rows in springs:
-        ends = [[] if row.within else [(w, _sizes(scene, path)) for path, w in row.points] for row in rows]
-        pushes = np.array([sum(np.linalg.norm(weights) for weights, _ in row) for row in ends])
-        motions = np.array([sum(np.linalg.norm(weights * sizes) for weights, sizes in row) for row in ends])
+    states, total = {body.name: ReferenceState(body) for body in scene.bodies}, 0.0
+    for law in scene.terms_of(ForceLaw):
+        still = np.zeros(len(law.measure.components))
+        stiffness = np.abs(law.tangents(still, still)[0])
+        pushes, motions = np.zeros(len(still)), np.zeros(len(still))
+        for factor, part in law.measure.point_measures:
+            poses = [states[path.partition(".")[0]].pose(path.partition(".")[2]) for path in part.points]
+            rows = factor * part.at(poses, [position for position, _ in poses])[1]
+            for path, six in zip(part.points, np.split(rows, len(poses), axis=1), strict=True):
+                pushes += np.linalg.norm(six, axis=1)
+                motions += np.linalg.norm(six * _sizes(scene, path), axis=1)
         total += float(pushes @ stiffness @ motions)
     return float(np.finfo(float).eps) * total
-
-
-def _as_row(scene: Scene, row: Row | Line) -> Row:
-    return Row.between(row.a, row.b, line_direction(scene, row)) if isinstance(row, Line) else row
 
 
 def _sizes(scene: Scene, path: str) -> Array:
@@ -63,113 +77,154 @@ def _sizes(scene: Scene, path: str) -> Array:
     return np.repeat([np.linalg.norm(scene.point_position(path)), 1 / PILOT_RADIUS], 3)
 
 
-def add_spring(items: Items, word: Spring) -> None:
-    """Add a spring-damper, relaxed at the start: within bodies, along a line, or along a direction."""
-    nodes = on_coordinates(items, word.row) if word.row.within else []
-    if nodes:
-        row = np.concatenate([piece for _, piece in nodes])
-        items.mbs.AddObject(
-            eii.ObjectGenericODE2(
-                nodeNumbers=[node for node, _ in nodes],
-                massMatrix=np.zeros((0, 0)),
-                stiffnessMatrix=word.stiffness * np.outer(row, row),
-                dampingMatrix=word.damping * np.outer(row, row),
-                forceVector=np.zeros(len(row)),
-            )
-        )
-    elif isinstance(word.row, Line):
-        a, b = word.row.paths
-        length = float(np.linalg.norm(items.scene.point_position(b) - items.scene.point_position(a)))
-        items.mbs.AddObject(
-            eii.ObjectConnectorSpringDamper(
-                markerNumbers=[items.marker(a), items.marker(b)],
-                referenceLength=length,
-                stiffness=word.stiffness,
-                damping=word.damping,
-            )
-        )
-    elif not word.row.within:
-        _add_along(items, word, word.row)
-
-
-def _add_along(items: Items, word: Spring, row: Row) -> None:
-    """A spring between two points along a direction of the world, or of one of the points."""
-    if row.own or len(row.points) != 2:
-        raise ValueError("in large motion a spring acts between two points, or within one body")
-    (a, along_a), (b, along_b) = row.points
-    if not (word.stiffness or np.any(along_b[:3]) or np.any(along_a + along_b)) and row.frame in (a, b):
-        _add_turning(items, word, row.frame, b if row.frame == a else a, along_b[3:])
+def add_force_law(items: Items, law: ForceLaw) -> None:
+    """Add a force law: by the faster item of its measure where there is one, else by the general item."""
+    evaluate = items.evaluator(law.measure)
+    if not evaluate.names:
         return
-    if np.any(along_b[3:]) or np.any(along_a + along_b):
-        raise ValueError(f"between {a!r} and {b!r}: in large motion a spring acts on the distance along a direction")
-    along = along_b[:3]
-    if not row.frame and np.count_nonzero(along) == 1:
+    faster = FASTER.get((type(law), type(law.measure)))
+    if faster is None or not faster(items, law, law.measure):
+        add_general_force(items.mbs, evaluate, law)
+
+
+def _add_within(items: Items, law: Spring, measure: Measure) -> bool:
+    """A spring on coordinates of deformation."""
+    nodes = on_coordinates(items, measure)
+    if not nodes:
+        return nodes is not None
+    row = np.concatenate([piece for _, piece in nodes])
+    stiffness, damping = (float(matrix[0, 0]) for matrix in law.matrices)
+    items.mbs.AddObject(
+        eii.ObjectGenericODE2(
+            nodeNumbers=[node for node, _ in nodes],
+            massMatrix=np.zeros((0, 0)),
+            stiffnessMatrix=stiffness * np.outer(row, row),
+            dampingMatrix=damping * np.outer(row, row),
+            forceVector=np.zeros(len(row)),
+        )
+    )
+    return True
+
+
+def _add_along_line(items: Items, law: Spring, measure: Distance) -> bool:
+    if not items.has_markers(measure):
+        return False
+    a, b = measure.points
+    stiffness, damping = (float(matrix[0, 0]) for matrix in law.matrices)
+    items.mbs.AddObject(
+        eii.ObjectConnectorSpringDamper(
+            markerNumbers=[items.marker(a), items.marker(b)],
+            referenceLength=float(np.linalg.norm(items.scene.point_position(b) - items.scene.point_position(a))),
+            stiffness=stiffness,
+            damping=damping,
+        )
+    )
+    return True
+
+
+def _add_along(items: Items, law: Spring, measure: Displacement) -> bool:
+    """A spring between two points along a direction of the world, or of one of the points."""
+    ends = _pair(measure)
+    if ends is None or not items.has_markers(measure):
+        return False
+    a, b, along = ends
+    stiffness, damping = (float(matrix[0, 0]) for matrix in law.matrices)
+    if not measure.axes_of and np.count_nonzero(along) == 1:
         items.mbs.AddObject(
             eii.ObjectConnectorCartesianSpringDamper(
                 markerNumbers=[items.marker(a), items.marker(b)],
-                stiffness=list(word.stiffness * along**2),
-                damping=list(word.damping * along**2),
+                stiffness=list(stiffness * along**2),
+                damping=list(damping * along**2),
                 offset=list(items.scene.point_position(b) - items.scene.point_position(a)),
             )
         )
-        return
-    frame = row.frame or next((path for path in (a, b) if not items.moves(path)), "")
+        return True
+    frame = measure.axes_of or next((path for path in (a, b) if not items.moves(path)), "")
     if frame not in (a, b):
-        raise ValueError(
-            f"between {a!r} and {b!r}: in large motion a spring acts along one of the world's axes, or along any "
-            "direction of one of its points (frame=...), or of the ground that one of them belongs to"
-        )
+        return False
     other = b if frame == a else a
     markers = items.marker(frame, at=items.scene.point_position(other)), items.marker(other)
     if items.moves(frame):
-        pull, moment = _pulls_along(markers, along, word.stiffness, word.damping)
+        pull, moment = _pulls_along(markers, along, stiffness, damping)
         world = items.mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=items.mbs.AddObject(eii.ObjectGround())))
         _connect(items, markers, springForceTorqueUserFunction=pull)
         _connect(items, (markers[0], world), springForceTorqueUserFunction=moment)
     else:
         six = np.zeros((6, 6))
         six[:3, :3] = np.outer(along, along)
-        _connect(items, markers, stiffness=word.stiffness * six, damping=word.damping * six)
+        _connect(items, markers, stiffness=stiffness * six, damping=damping * six)
+    return True
 
 
-def _add_turning(items: Items, word: Spring, frame: str, other: str, about: Array) -> None:
-    """A damper of turns about an axis that turns with a frame's point, (3,)."""
-    axes = axes_along(about)
+def _pair(measure: Displacement | PointVelocity) -> tuple[str, str, Array] | None:
+    """Two points and the direction of a measure of the second against the first; None for other measures."""
+    if len(measure.weights) != 2:
+        return None
+    (a, along_a), (b, along_b) = measure.weights
+    return None if np.any(np.add(along_a, along_b)) else (a, b, np.asarray(along_b))
+
+
+def _add_rotation_damper(items: Items, law: Spring, measure: PointVelocity) -> bool:
+    """A damper of rotations about an axis that turns with one of two points, (3,)."""
+    ends = _pair(measure)
+    if ends is None or not measure.angular or measure.axes_of not in ends[:2] or not items.has_markers(measure):
+        return False
+    axes, (a, b, about) = axes_along(ends[2]), ends
     items.mbs.AddObject(
         eii.ObjectConnectorTorsionalSpringDamper(
-            markerNumbers=[items.marker(frame, axes=axes), items.marker(other, axes=axes)],
-            damping=word.damping * float(about @ about),
+            markerNumbers=[
+                items.marker(measure.axes_of, axes=axes),
+                items.marker(b if measure.axes_of == a else a, axes=axes),
+            ],
+            damping=float(law.matrices[1][0, 0]) * float(about @ about),
         )
     )
+    return True
 
 
-def add_six_springs(items: Items, word: SixSprings) -> None:
-    """Add a bushing: where its points lie apart, a's body reaches rigidly to the place of b."""
+def _add_bushing(items: Items, law: Spring, measure: RelativePose) -> bool:
+    """A spring on a relative pose: where its points lie apart, a's body reaches rigidly to the place of b."""
+    if measure.rotation == MATRIX or not items.has_markers(measure):
+        return False
     markers = (
-        items.marker(word.a, axes=word.axes, at=items.scene.point_position(word.b)),
-        items.marker(word.b, axes=word.axes),
+        items.marker(measure.a, axes=measure.axes, at=items.scene.point_position(measure.b)),
+        items.marker(measure.b, axes=measure.axes),
     )
-    options: dict[str, Any] = {"stiffness": word.stiffness, "damping": word.damping}
-    if np.any(word.damping) and items.moves(word.a) and items.moves(word.b):
-        options["springForceTorqueUserFunction"] = _pull_of_six(markers[0], word.stiffness, word.damping)
+    stiffness, damping = law.matrices
+    options: dict[str, Any] = {"stiffness": stiffness, "damping": damping}
+    both = items.moves(measure.a) and items.moves(measure.b)
+    if measure.rotation == QUATERNION or (np.any(damping) and both):
+        options["springForceTorqueUserFunction"] = _pull_of_six(
+            markers[0], stiffness, damping, both=both, bearing=measure.rotation == QUATERNION
+        )
     _connect(items, markers, useIntrinsicFormulation=True, **options)
+    return True
 
 
 def _connect(items: Items, markers: tuple[int, int], **options: Any) -> None:
     items.mbs.AddObject(eii.ObjectConnectorRigidBodySpringDamper(markerNumbers=list(markers), **options))
 
 
-def _pull_of_six(first: int, stiffness: Array, damping: Array) -> Wrench:
+def _pull_of_six(first: int, stiffness: Array, damping: Array, *, both: bool, bearing: bool) -> Wrench:
     """What pulls at the first marker, (6,), as Exudyn asks for it, for a small motion of the second against the first.
 
-    It is given displacement, turn, and the differences of velocities and of angular velocities.
+    It is given displacement, rotation vector, and the differences of velocities and of angular velocities.
+    both: whether both bodies move; bearing: whether the rotation counts as twice the vector part of its quaternion
     """
+    damped = bool(np.any(damping))
 
     def pull(mbs: Any, _t: float, _n: int, displacement: Vector, turned: Vector, *more: Vector) -> Array:
-        speed, turning = more[:2]
-        spin = [w + t / 2 for w, t in zip(mbs.GetMarkerOutput(first, Kind.AngularVelocityLocal), turning, strict=True)]
-        grows = [v - c for v, c in zip(speed, _cross(spin, displacement), strict=True)]
-        result: Array = stiffness @ [*displacement, *turned] + damping @ [*grows, *turning]
+        angle = float(np.sqrt(_dot(turned, turned))) if bearing else 0.0
+        share = 2 * np.sin(angle / 2) / angle if angle > 1e-6 else 1.0
+        result: Array = stiffness @ [*displacement, *(share * r for r in turned)]
+        if damped:
+            speed, turning = more[:2]
+            grows = speed
+            if both:
+                local = mbs.GetMarkerOutput(first, Kind.AngularVelocityLocal)
+                spin = [w + t / 2 for w, t in zip(local, turning, strict=True)]
+                grows = [v - c for v, c in zip(speed, _cross(spin, displacement), strict=True)]
+            result = result + damping @ [*grows, *turning]
         return result
 
     return pull
@@ -208,3 +263,13 @@ def _cross(a: Vector, b: Vector) -> Vector:
 
 def _dot(a: Vector, b: Vector) -> float:
     return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+
+
+FASTER: Mapping[tuple[type[ForceLaw], type[Measure]], Callable[[Items, Any, Any], bool]] = {
+    (Spring, BodyCoordinates): _add_within,
+    (Spring, Distance): _add_along_line,
+    (Spring, Displacement): _add_along,
+    (Spring, PointVelocity): _add_rotation_damper,
+    (Spring, RelativePose): _add_bushing,
+}
+"""Faster items, by law and measure; False of one means that it does not fit these points."""

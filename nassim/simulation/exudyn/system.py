@@ -4,53 +4,56 @@ The one stateful thing of nassim; it is born and gone within one call of `simula
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
 import scipy
-from exudyn.rigidBodyUtilities import GetRigidBodyNode
+from exudyn.rigidBodyUtilities import GetRigidBodyNode, RotationMatrix2EulerParameters
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.bodies.floating_frame import FloatingFrame
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
-from nassim.scene.part import (
-    Constraint,
-    Field,
-    Filter,
-    Follow,
-    Force,
-    Leak,
-    Reading,
-    SixSprings,
-    Spring,
-    Tension,
-    Word,
-    unknown_word,
-)
 from nassim.scene.scene import Scene
+from nassim.scene.terms import (
+    AppliedForce,
+    BaseAcceleration,
+    Constraint,
+    ForceLaw,
+    Output,
+    PrescribedMotion,
+    SpringForce,
+)
+from nassim.scene.terms import (
+    Term as SceneTerm,
+)
 from nassim.simulation.compensation import Steps, compensated
+from nassim.simulation.exudyn.general import BodyNodes
 from nassim.simulation.exudyn.items import (
     Grip,
     Items,
     Place,
+    add_base_acceleration,
     add_constraint,
-    add_field,
     add_force,
     frame_at,
     offset_of,
 )
 from nassim.simulation.exudyn.modal import small_motion_system
-from nassim.simulation.exudyn.readings import add_axes, add_reading
-from nassim.simulation.exudyn.springs import PILOT_RADIUS, add_six_springs, add_spring, reaches
+from nassim.simulation.exudyn.readings import add_axes, add_output
+from nassim.simulation.exudyn.springs import PILOT_RADIUS, add_force_law, reaches
 from nassim.simulation.exudyn.state import Carrier, Push, System, Term, add_circuit, modal_node
-from nassim.simulation.exudyn.tensions import add_tension
+from nassim.simulation.exudyn.tensions import add_spring_force
 from nassim.simulation.exudyn.welding import as_one, find_welds, part_of
 from nassim.simulation.small_motion import Assembly
 from nassim.simulation.starting_motion import check_implied, starting_twists
+from nassim.simulation.states import LinearState, euler_state
 
+NO_ROTATION = np.array([1.0, 0.0, 0.0, 0.0])
+"""Euler parameters."""
 LARGE = 80
 """Coordinates from which on a sparse factorisation is the faster one."""
 # Corners of a regular triangle: equal weights on three pilots there, the fewest, give a remote point's motion exactly.
@@ -80,14 +83,14 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, s
     drives: list[Push] = []
     readings: dict[str, list[Term]] = {output: [] for output in assembly.scene.outputs}
     turning: dict[str, list[tuple[int, Array]]] = {output: [] for output in assembly.scene.outputs}
-    for word in assembly.words:
-        if isinstance(word, Reading):
-            readings[word.output] += add_reading(items, word)
-            turning[word.output] += add_axes(items, word)
-        elif isinstance(word, Tension):
-            readings[word.output] += add_tension(items, word)
+    for term in assembly.terms:
+        if isinstance(term, Output):
+            readings[term.name] += add_output(items, term)
+            turning[term.name] += add_axes(items, term)
+        elif isinstance(term, SpringForce):
+            readings[term.name] += add_spring_force(items, term)
         else:
-            drives += _realise(items, word, assembly)
+            drives += _realise(items, term, assembly)
     massless = {}
     for circuit in assembly.circuits:
         forces = {name: circuit.forces[assembly.slices[name]] for name in items.carriers}
@@ -112,25 +115,21 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, s
     )
 
 
-def _realise(items: Items, word: Word, assembly: Assembly) -> list[Push]:
-    """Add what a word does; returns what an input then drives."""
-    match word:
-        case Constraint():
-            if assembly.enforced[word.name] and word.name not in items.welded:
-                driven = [w for w in assembly.words if isinstance(w, Follow) and w.constraint == word.name]
-                return add_constraint(items, word, assembly.enforced[word.name], driven)
-        case Spring():
-            add_spring(items, word)
-        case SixSprings():
-            add_six_springs(items, word)
-        case Force():
-            return add_force(items, word)
-        case Field():
-            return add_field(items, word)
-        case Leak() | Follow() | Filter():
-            pass  # circuits of the assembly, what constraints follow, and filters of the assembly
-        case _:
-            raise unknown_word(word, "Exudyn's system of large motion")
+def _realise(items: Items, term: SceneTerm, assembly: Assembly) -> list[Push]:
+    """Add what a term does; returns what an input then drives.
+
+    Shunts are circuits of the assembly, filters are the assembly's, prescribed motions belong to their constraints.
+    """
+    if isinstance(term, Constraint):
+        if assembly.enforced[term.name] and term.name not in items.welded:
+            driven = [t for t in assembly.terms if isinstance(t, PrescribedMotion) and t.constraint == term.name]
+            return add_constraint(items, term, assembly.enforced[term.name], driven)
+    elif isinstance(term, ForceLaw):
+        add_force_law(items, term)
+    elif isinstance(term, AppliedForce):
+        return add_force(items, term)
+    elif isinstance(term, BaseAcceleration):
+        return add_base_acceleration(items, term)
     return []
 
 
@@ -145,6 +144,7 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None,
     objects: dict[str, int] = {}
     rigid: dict[str, RigidBody] = {}
     pilots: dict[str, tuple[int, list[int]]] = {}
+    body_nodes: dict[str, BodyNodes] = {}
     for flexible in scene.deformable_bodies:
         add = _add_floating if flexible.fidelity == "ffrf" else _add_linear
         node, carriers[flexible.name], objects[flexible.name], found, of_body = add(
@@ -156,6 +156,8 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None,
             twists[flexible.name],
         )
         nodes[flexible.name] = node
+        carrier, number = carriers[flexible.name], objects[flexible.name]
+        body_nodes[flexible.name] = _flexible_nodes(flexible, assembly.frames[flexible.name], node, carrier, number)
         grips.update({(f"{flexible.name}.{point}", offset): grip for (point, offset), grip in found.items()})
         pilots.update({f"{flexible.name}.{p}": three for (p, offset), three in of_body.items() if not any(offset)})
     bodies = {body.name: _as_rigid(body, assembly) for body in scene.bodies if not body.deforms}
@@ -166,6 +168,8 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None,
             rigid[name], objects[name] = part_of(one, bodies[name]), item
             if number is not None:
                 nodes[name] = number
+                state = partial(euler_state, assembly.scene.split(f"{name}.")[0], one.position, start=NO_ROTATION)
+                body_nodes[name] = BodyNodes(item, ((number, 7),), state)
     own = [name for name in nodes if welds.leaders.get(name, name) == name]
     # A linear body carries its weight itself.
     linear = [body.name for body in scene.flexible_bodies if body.fidelity == "linear"]
@@ -174,7 +178,16 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None,
             marker = mbs.AddMarker(eii.MarkerBodyMass(bodyNumber=objects[name]))
             mbs.AddLoad(eii.LoadMassProportional(markerNumber=marker, loadVector=list(scene.gravity)))
     _couple(mbs, assembly, carriers, mass, damping)
-    return Items(mbs, scene, nodes, own, welds.joints, objects, rigid, carriers, grips, pilots)
+    return Items(mbs, scene, nodes, own, welds.joints, objects, rigid, carriers, grips, pilots, body_nodes)
+
+
+def _flexible_nodes(body: FlexibleBody, frame: FloatingFrame, node: int, carrier: Carrier, number: int) -> BodyNodes:
+    if body.fidelity == "linear":
+        return BodyNodes(number, carrier.nodes, partial(LinearState, body, change=carrier.coordinates))
+    start = np.array(RotationMatrix2EulerParameters(body.rotation))
+    at, deforms = body.point_position(frame.point), carrier.coordinates
+    state = partial(euler_state, body, at, start=start, deforms=deforms)
+    return BodyNodes(number, ((node, 7), *carrier.nodes), state)
 
 
 def _as_rigid(body: Body, assembly: Assembly) -> RigidBody:

@@ -7,35 +7,44 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
-from nassim.base.rigid_motion import DIRECTIONS
-from nassim.scene.part import Reading, Row, SixSprings, Spring, Tension
+from nassim.scene.measures import MATRIX, QUATERNION, Displacement, RelativePose
+from nassim.scene.terms import ForceLaw, Output, Spring, SpringForce
+from nassim.simulation.exudyn.general import general_term
 from nassim.simulation.exudyn.items import Items
-from nassim.simulation.exudyn.readings import add_reading
+from nassim.simulation.exudyn.readings import add_output
 from nassim.simulation.exudyn.state import Term
 
 Kind = exu.OutputVariableType
 MOTIONS = (Kind.Position, Kind.RotationMatrix, Kind.Velocity, Kind.AngularVelocity)
 
 
-def add_tension(items: Items, word: Tension) -> list[Term]:
-    """Add what an output reads the pull of a spring and its damper from."""
-    spring = word.spring
-    if isinstance(spring, SixSprings):
-        return [_of_six(items, spring, list(DIRECTIONS).index(word.direction))]
-    row = spring.row
-    if isinstance(row, Row) and "." in row.frame and items.moves(row.frame):
-        return [_along(items, spring, row)]
-    pulls = enumerate((spring.stiffness, spring.damping))
-    readings = [Reading(word.output, word.unit, row, gain, derivative) for derivative, gain in pulls if gain]
-    return [term for reading in readings for term in add_reading(items, reading)]
+def add_spring_force(items: Items, term: SpringForce) -> list[Term]:
+    """Add what an output records the pull of a spring and its damper by."""
+    law, measure = term.spring, term.spring.measure
+    k = measure.components.index(term.component)
+    if isinstance(law, Spring) and items.has_markers(measure):
+        if isinstance(measure, RelativePose) and measure.rotation != MATRIX:
+            return [_of_six(items, law, measure, k)]
+        if isinstance(measure, Displacement) and items.moves(measure.axes_of) and len(measure.weights) == 2:
+            return [_along(items, law, measure)]
+    if isinstance(law, Spring) and len(measure.components) == 1:
+        pulls = enumerate(float(matrix[0, 0]) for matrix in law.matrices)
+        outputs = [Output(term.name, term.unit, measure, gain, derivative) for derivative, gain in pulls if gain]
+        return [part for output in outputs for part in add_output(items, output)]
+    return [_general(items, law, k)]
 
 
-def _along(items: Items, spring: Spring, row: Row) -> Term:
+def _general(items: Items, law: ForceLaw, k: int) -> Term:
+    evaluate = items.evaluator(law.measure)
+    return general_term(items.mbs, evaluate, lambda value, rate: float(law.resistance(value, rate)[k]), 1)
+
+
+def _along(items: Items, law: Spring, measure: Displacement) -> Term:
     """Along axes that turn with one of two points; the damper brakes what grows along these."""
-    (a, _), (b, weights) = row.points
-    along = weights[:3]
+    (a, _), (b, along) = measure.weights
+    stiffness, damping = (float(matrix[0, 0]) for matrix in law.matrices)
     markers = items.marker(a), items.marker(b)
-    frame = (a, b).index(row.frame)
+    frame = (a, b).index(measure.axes_of)
     start = along @ (items.scene.point_position(b) - items.scene.point_position(a))
 
     def value(*columns: Array) -> Array:
@@ -43,32 +52,36 @@ def _along(items: Items, spring: Spring, row: Row) -> Term:
         grows = speed - np.cross(spins[frame], apart)
         stretched = np.einsum("nji,nj,i->n", axes[frame], apart, along) - start
         rate = np.einsum("nji,nj,i->n", axes[frame], grows, along)
-        result: Array = spring.stiffness * stretched + spring.damping * rate
+        result: Array = stiffness * stretched + damping * rate
         return result
 
     return Term(_sensors(items, markers), value)
 
 
-def _of_six(items: Items, spring: SixSprings, k: int) -> Term:
+def _of_six(items: Items, law: Spring, measure: RelativePose, k: int) -> Term:
     """One of six, along axes halfway between the two points, at the place of b."""
-    axes = spring.axes
+    axes, (stiffness, damping) = measure.axes, law.matrices
     markers = (
-        items.marker(spring.a, axes=axes, at=items.scene.point_position(spring.b)),
-        items.marker(spring.b, axes=axes),
+        items.marker(measure.a, axes=axes, at=items.scene.point_position(measure.b)),
+        items.marker(measure.b, axes=axes),
     )
-    both = items.moves(spring.a) and items.moves(spring.b)
+    both = items.moves(measure.a) and items.moves(measure.b)
 
     def value(*columns: Array) -> Array:
         apart, speed, (first, second), spins = _relative(columns)
         turned = Rotation.from_matrix(np.einsum("nji,njk->nik", first, second)).as_rotvec()
+        counted = turned
+        if measure.rotation == QUATERNION:
+            angle = np.linalg.norm(turned, axis=1, keepdims=True)
+            counted = turned * np.sinc(angle / (2 * np.pi))
         halfway = first @ Rotation.from_rotvec(turned / 2).as_matrix()
         # As the connector: beside the ground it takes the difference of velocities as it is.
         grows = speed - both * np.cross((spins[0] + spins[1]) / 2, apart)
         moved, rates = (
             np.hstack([np.einsum("nji,nj->ni", halfway, shift), turn])
-            for shift, turn in ((apart, turned), (grows, np.einsum("nji,nj->ni", halfway, spins[1] - spins[0])))
+            for shift, turn in ((apart, counted), (grows, np.einsum("nji,nj->ni", halfway, spins[1] - spins[0])))
         )
-        result: Array = moved @ spring.stiffness[k] + rates @ spring.damping[k]
+        result: Array = moved @ stiffness[k] + rates @ damping[k]
         return result
 
     return Term(_sensors(items, markers), value)

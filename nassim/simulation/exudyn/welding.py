@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.base.rigid_motion import DIRECTIONS, skew
+from nassim.base.rigid_motion import skew
 from nassim.scene.bodies import RigidBody
-from nassim.scene.part import Constraint
+from nassim.scene.measures import RelativePose
+from nassim.scene.terms import Constraint
 from nassim.simulation.small_motion import Assembly
 
 
@@ -36,10 +37,11 @@ def find_welds(assembly: Assembly) -> Welds:
     """What is one in a scene: bodies without deformation that joints hold together in all six directions."""
     moves = {body.name: body.moves for body in assembly.scene.bodies}
     leaders, joints = {body.name: body.name for body in assembly.scene.bodies if not body.deforms}, []
-    for joint in assembly.scene.said(Constraint):
-        a, b = (leaders.get(path.partition(".")[0]) for path in (joint.a, joint.b))
+    for joint in assembly.scene.terms_of(Constraint):
+        a, b = (leaders.get(path.partition(".")[0]) for path in joint.points[:2])
         # What other joints hold already is not enforced by this one, and what a drive moves not held at rest.
-        rigid = len(joint.held) == len(assembly.enforced[joint.name]) == len(DIRECTIONS)
+        pose = isinstance(joint.measure, RelativePose)
+        rigid = pose and len(joint.held) == len(assembly.enforced[joint.name]) == len(joint.measure.components)
         if rigid and a is not None and b is not None:
             first, second = sorted((a, b), key=lambda name: moves[name])
             leaders = {name: first if leader == second else leader for name, leader in leaders.items()}

@@ -1,0 +1,457 @@
+"""Measures: scalar and vector quantities between the points of a scene, with value and Jacobian in any configuration.
+
+A measure tells what is measured; a law (`nassim.scene.terms`) tells what follows from it: a force, an output, a
+constraint. An engine evaluates a measure on the states of the bodies and needs to know nothing else of it.
+
+To add a measure: write a frozen dataclass with the base class `PointMeasure` and its method `at`, anywhere. All engines
+evaluate it.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Protocol
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from nassim.base.checks import Array, known
+from nassim.base.rigid_motion import DIRECTIONS, skew
+
+Path = Annotated[str, "path"]
+Direction = Annotated[Any, "direction"]
+Axes = Annotated[Array, "axes"]
+Position = Annotated[Array, "position"]
+Signal = Annotated[str, "signal"]
+"""Kind of a field of a part, a body, a term or a measure. `placed` renames and rotates fields by it: a point, port or
+body by name; a direction of the world's frame ("x", "y", "z" or a vector); axes as columns in the world's frame; a
+position in the world; an input or output. Fields may be these, None, or tuples of them."""
+
+Pose = tuple[Array, Array]
+"""Position of a point, (3,) [m], and its rotation since the reference configuration, (3, 3); world frame."""
+VECTOR, QUATERNION, MATRIX = ROTATIONS = "vector", "quaternion", "matrix"
+"""Rotation parts of a relative pose."""
+
+
+class BodyState(Protocol):
+    """A body in some configuration, as measures see it."""
+
+    @property
+    def n_coordinates(self) -> int:
+        """Number of its coordinates."""
+
+    def reference(self, point: str) -> Array:
+        """Position of a point in the reference configuration, world frame, (3,) [m]."""
+
+    def pose(self, point: str) -> Pose:
+        """Pose of a point."""
+
+    def motion(self, point: str) -> Array:
+        """Velocity and angular velocity of a point, world axes, per unit rate of the coordinates, (6, n)."""
+
+    def own(self, weights: Array) -> tuple[Array, Array]:
+        """Weighted sums, (k, n_reduced), of the reduced body's coordinates: value (k,) and rows (k, n)."""
+
+
+States = Mapping[str, BodyState]
+"""States of bodies, by name."""
+Evaluation = tuple[Array, dict[str, Array]]
+"""Value (k,) of a measure, and its Jacobian as rows (k, n) on the coordinates of each body, by name."""
+
+
+@dataclass(frozen=True)
+class Measure(ABC):
+    """A kinematic quantity of k components, zero in the reference configuration."""
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Names of its k components."""
+        return ("value",)
+
+    @property
+    @abstractmethod
+    def points(self) -> tuple[str, ...]:
+        """Points that it depends on, as "body.point"."""
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Names of the bodies that it depends on."""
+        return tuple(dict.fromkeys(body_of(path) for path in self.points))
+
+    @property
+    def within(self) -> str | None:
+        """Name of the one body on whose own coordinates alone it depends; None where there is no such body."""
+        return None
+
+    @property
+    def has_value(self) -> bool:
+        """Whether it has a value; a quasi-velocity has rates only."""
+        return True
+
+    @property
+    def period(self) -> float | None:
+        """What the value gains by a whole turn, to be unwrapped by the engine; None where it does not wrap."""
+        return None
+
+    @property
+    def deviation(self) -> "Measure":
+        """Measure of small deviations from a steady rotation of its bodies against each other; itself where it is one."""
+        return self
+
+    def rotation_axis(self, component: str) -> Array | None:
+        """Axis of a component that is a rotation of its second point against its first, (3,); None for others."""
+        return None
+
+    @property
+    def point_measures(self) -> "tuple[tuple[float, PointMeasure], ...]":
+        """Factors and measures of points that it is the sum of, beside what is linear in the coordinates."""
+        return ()
+
+    @abstractmethod
+    def evaluate(self, states: States) -> Evaluation:
+        """Evaluate value and Jacobian in a configuration; the value of a quasi-velocity is zero."""
+
+
+@dataclass(frozen=True)
+class PointMeasure(Measure):
+    """A measure of the poses of points."""
+
+    @property
+    def point_measures(self) -> "tuple[tuple[float, PointMeasure], ...]":
+        """Itself."""
+        return ((1.0, self),)
+
+    @abstractmethod
+    def at(self, poses: Sequence[Pose], reference: Sequence[Array]) -> tuple[Array, Array]:
+        """Evaluate the measure.
+
+        Args:
+            poses: of `points`, in their order.
+            reference: positions of the points in the reference configuration, (3,) each [m].
+
+        Returns:
+            Value (k,), and rows (k, 6 points) on the velocities and angular velocities of the points, world axes.
+        """
+
+    def evaluate(self, states: States) -> Evaluation:
+        """Evaluate value and Jacobian in a configuration."""
+        named = [(states[body_of(path)], path.partition(".")[2]) for path in self.points]
+        value, rows = self.at([s.pose(point) for s, point in named], [s.reference(point) for s, point in named])
+        result = {name: np.zeros((len(rows), states[name].n_coordinates)) for name in self.bodies}
+        for k, (path, (state, point)) in enumerate(zip(self.points, named, strict=True)):
+            if state.n_coordinates:
+                result[body_of(path)] += rows[:, 6 * k : 6 * k + 6] @ state.motion(point)
+        return value, result
+
+
+@dataclass(frozen=True)
+class Displacement(PointMeasure):
+    """Weighted sum of the displacements of points along directions.
+
+    Attributes:
+        weights: points and their directions, (3,) each, in the world's axes of the reference configuration.
+        axes_of: a point whose axes carry the directions, "body.point"; "" for the world's axes, which do not rotate.
+            A common rotation of all bodies is then no displacement.
+    """
+
+    weights: tuple[tuple[Path, Direction], ...]
+    axes_of: Path = ""
+
+    @classmethod
+    def between(cls, a: str, b: str, direction: Array, *, axes_of: str = "") -> "Displacement":
+        """Displacement of point b against point a along a direction, (3,)."""
+        return cls(((a, -np.asarray(direction)), (b, np.asarray(direction))), axes_of)
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """Its points, then that of its axes."""
+        return _with_axes(self.weights, self.axes_of)
+
+    def at(self, poses: Sequence[Pose], reference: Sequence[Array]) -> tuple[Array, Array]:
+        """Evaluate the measure, see `PointMeasure.at`."""
+        axes, rows, value = poses[-1][1] if self.axes_of else np.eye(3), np.zeros((1, 6 * len(poses))), 0.0
+        for k, (_, weights) in enumerate(self.weights):
+            along = axes @ weights
+            value += along @ poses[k][0] - np.dot(weights, reference[k])
+            rows[0, 6 * k : 6 * k + 3] += along
+            if self.axes_of:
+                rows[0, -3:] += np.cross(along, poses[k][0])
+        return np.array([value]), rows
+
+
+@dataclass(frozen=True)
+class PointVelocity(PointMeasure):
+    """Weighted sum of velocities, or angular velocities, of points along directions: a quasi-velocity.
+
+    In large motion it has no value. In small motion its value is the displacement, or the rotation, of the points.
+
+    Attributes:
+        weights: points and their directions, (3,) each, in the world's axes of the reference configuration.
+        axes_of: a point whose axes carry the directions, "body.point"; "" for the world's axes.
+        angular: whether it measures angular velocities.
+    """
+
+    weights: tuple[tuple[Path, Direction], ...]
+    axes_of: Path = ""
+    angular: bool = False
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """Its points, then that of its axes."""
+        return _with_axes(self.weights, self.axes_of)
+
+    @property
+    def has_value(self) -> bool:
+        """No."""
+        return False
+
+    def at(self, poses: Sequence[Pose], reference: Sequence[Array]) -> tuple[Array, Array]:
+        """Evaluate the measure, see `PointMeasure.at`."""
+        axes, rows = poses[-1][1] if self.axes_of else np.eye(3), np.zeros((1, 6 * len(poses)))
+        for k, (_, weights) in enumerate(self.weights):
+            first = 6 * k + 3 * self.angular
+            rows[0, first : first + 3] += axes @ weights
+        return np.zeros(1), rows
+
+
+@dataclass(frozen=True)
+class Distance(PointMeasure):
+    """Change of the distance of two points since the reference configuration."""
+
+    a: Path
+    b: Path
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """Its two points."""
+        return (self.a, self.b)
+
+    def at(self, poses: Sequence[Pose], reference: Sequence[Array]) -> tuple[Array, Array]:
+        """Evaluate the measure, see `PointMeasure.at`; raises ValueError for points that coincide."""
+        apart, length = poses[1][0] - poses[0][0], float(np.linalg.norm(poses[1][0] - poses[0][0]))
+        if not length:
+            raise ValueError(f"{self.a!r} and {self.b!r} lie in one place: no line joins them")
+        along, still = apart / length, np.zeros(3)
+        value = length - np.linalg.norm(reference[1] - reference[0])
+        return np.array([value]), np.concatenate([-along, still, along, still])[None]
+
+
+@dataclass(frozen=True)
+class RotationAngle(PointMeasure):
+    """Rotation of point b against point a about an axis fixed in a.
+
+    It is the twist of the swing-twist decomposition of the relative rotation: the whole angle where the axis of b stays
+    parallel to that of a. Engines count it on beyond half a turn.
+
+    Attributes:
+        axis: in the world's axes of the reference configuration, (3,); the angle is multiplied by its length.
+        a: "body.point"; "" for the world's axes.
+    """
+
+    b: Path
+    axis: Direction
+    a: Path = ""
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """Point b, then point a."""
+        return (self.b, self.a) if self.a else (self.b,)
+
+    @property
+    def deviation(self) -> Measure:
+        """The component of the relative angular velocity, whose steady part does not count."""
+        against = ((self.a, -np.asarray(self.axis)),) if self.a else ()
+        return PointVelocity(((self.b, np.asarray(self.axis)), *against), self.a, angular=True)
+
+    @property
+    def period(self) -> float | None:
+        """A whole turn."""
+        return float(2 * np.pi * np.linalg.norm(self.axis))
+
+    def at(self, poses: Sequence[Pose], reference: Sequence[Array]) -> tuple[Array, Array]:
+        """Evaluate the measure, see `PointMeasure.at`."""
+        a = poses[1][1] if self.a else np.eye(3)
+        size = float(np.linalg.norm(self.axis))
+        n = np.asarray(self.axis) / size
+        quaternion = Rotation.from_matrix(a.T @ poses[0][1]).as_quat()
+        v, c = quaternion[:3], quaternion[3]
+        s = n @ v
+        row = size * (a @ (c * (c * n + np.cross(v, n)) + s * v)) / (c * c + s * s)
+        rows = np.zeros((1, 6 * len(poses)))
+        rows[0, 3:6] = row
+        if self.a:
+            rows[0, 9:12] = -row
+        return np.array([2 * size * np.arctan2(s, c)]), rows
+
+
+@dataclass(frozen=True)
+class RelativePose(PointMeasure):
+    """Displacement and rotation of point b against point a: six components x, y, z, rx, ry, rz.
+
+    Where the points lie apart, the body of a reaches rigidly to the place of b.
+
+    Attributes:
+        axes: of the six components in the reference configuration, as columns, world frame, (3, 3).
+        rotation: "vector": the rotation vector, along axes halfway between a and b, for bushings and rotations below
+            half a turn. "quaternion": twice the vector part of the relative quaternion, along the same axes: the tilt
+            of a bearing at any angle of its shaft, where a rotation vector grows with that angle. "matrix": entries
+            -y.z', x.z', -x.y' of the relative rotation matrix, along axes fixed in a, for joints.
+    """
+
+    a: Path
+    b: Path
+    axes: Axes = field(default_factory=lambda: np.eye(3))
+    rotation: str = VECTOR
+
+    def __post_init__(self) -> None:
+        known("rotation of a relative pose", self.rotation, ROTATIONS)
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """Its two points."""
+        return (self.a, self.b)
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """The six directions."""
+        return tuple(DIRECTIONS)
+
+    def rotation_axis(self, component: str) -> Array | None:
+        """Axis of a rotation, (3,)."""
+        return self.axes[:, "xyz".index(component[1])] if component.startswith("r") else None
+
+    def at(self, poses: Sequence[Pose], reference: Sequence[Array]) -> tuple[Array, Array]:
+        """Evaluate the measure, see `PointMeasure.at`."""
+        (p, a), (q, b) = poses
+        gap = q - p - a @ (reference[1] - reference[0])
+        first, second, eye, none = a @ self.axes, b @ self.axes, np.eye(3), np.zeros((3, 3))
+        relative_spin = np.hstack([none, -eye, none, eye])
+        if self.rotation == MATRIX:
+            x, y, z = first.T
+            pairs = ((-1, y, second[:, 2]), (1, x, second[:, 2]), (-1, x, second[:, 1]))
+            rotation = np.array([sign * u @ v for sign, u, v in pairs])
+            rates = np.array([sign * np.cross(v, u) for sign, u, v in pairs]) @ relative_spin
+            axes, spin = first, np.hstack([none, eye, none, none])
+        else:
+            relative = Rotation.from_matrix(first.T @ second)
+            vector = relative.as_rotvec()
+            vector_rates = inverse_right_jacobian(vector) @ second.T @ relative_spin
+            axes = first @ Rotation.from_rotvec(vector / 2).as_matrix()
+            half = axes @ np.linalg.inv(inverse_right_jacobian(vector / 2)) @ vector_rates / 2
+            spin = np.hstack([none, eye, none, none]) + half
+            rotation, rates = vector, vector_rates
+            if self.rotation == QUATERNION:
+                *v, c = relative.as_quat(canonical=True)
+                rotation, rates = 2 * np.array(v), (c * eye + skew(np.array(v))) @ second.T @ relative_spin
+        speed = np.hstack([-eye, skew(q - p - gap), eye, none]) + skew(gap) @ spin
+        return np.concatenate([axes.T @ gap, rotation]), np.vstack([axes.T @ speed, rates])
+
+
+@dataclass(frozen=True)
+class BodyCoordinates(Measure):
+    """Weighted sum of one body's own coordinates, in which its rigid motion does not count: ports, stacks, strain.
+
+    Attributes:
+        body: name.
+        weights: on the coordinates of `FlexibleBody.reduced`, (n,).
+        ends: points between which it lies, for reports and pictures; nothing is evaluated at them.
+    """
+
+    body: Path
+    weights: Array
+    ends: tuple[Path, ...] = ()
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """Points between which it lies."""
+        return self.ends
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Its body."""
+        return (self.body,)
+
+    @property
+    def within(self) -> str | None:
+        """Its body."""
+        return self.body
+
+    def evaluate(self, states: States) -> Evaluation:
+        """Evaluate value and Jacobian in a configuration."""
+        value, rows = states[self.body].own(np.atleast_2d(self.weights))
+        return value, {self.body: rows}
+
+
+@dataclass(frozen=True)
+class Combination(Measure):
+    """Weighted sum of scalar measures: of a screw, a gear, a lever.
+
+    Attributes:
+        parts: factors and measures.
+    """
+
+    parts: tuple[tuple[float, Measure], ...]
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """Those of its parts."""
+        return tuple(dict.fromkeys(path for _, part in self.parts for path in part.points))
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Those of its parts."""
+        return tuple(dict.fromkeys(name for _, part in self.parts for name in part.bodies))
+
+    @property
+    def within(self) -> str | None:
+        """The body that all parts share as theirs."""
+        names = {part.within for _, part in self.parts}
+        return names.pop() if len(names) == 1 else None
+
+    @property
+    def point_measures(self) -> tuple[tuple[float, PointMeasure], ...]:
+        """Those of its parts."""
+        return tuple((f * g, of) for f, part in self.parts for g, of in part.point_measures)
+
+    @property
+    def has_value(self) -> bool:
+        """Whether all parts have one."""
+        return all(part.has_value for _, part in self.parts)
+
+    @property
+    def period(self) -> float | None:
+        """That of its one part that has a period; raises ValueError for several, whose turns cannot be told apart."""
+        periods = [abs(factor) * part.period for factor, part in self.parts if part.period]
+        if len(periods) > 1:
+            raise ValueError("a combination of several angles cannot be counted on beyond half a turn: combine one")
+        return periods[0] if periods else None
+
+    def evaluate(self, states: States) -> Evaluation:
+        """Evaluate value and Jacobian in a configuration."""
+        value, rows = np.zeros(1), {name: np.zeros((1, states[name].n_coordinates)) for name in self.bodies}
+        for factor, part in self.parts:
+            more, of_bodies = part.evaluate(states)
+            value = value + factor * more
+            for name, row in of_bodies.items():
+                rows[name] = rows[name] + factor * row
+        return value, rows
+
+
+def body_of(path: str) -> str:
+    """Name of the body of a point "body.point"."""
+    return path.partition(".")[0]
+
+
+def inverse_right_jacobian(vector: Array) -> Array:
+    """J with v' = J omega for a rotation vector v, (3,), and angular velocity omega along axes that rotate, (3, 3).
+
+    Source: T. Barfoot, State Estimation for Robotics (2017), equation 7.75 with the sign of the right Jacobian.
+    """
+    square, cross = float(vector @ vector), skew(vector)
+    angle = np.sqrt(square)
+    third = 1 / 12 + square / 720 if angle < 1e-2 else 1 / square - (1 + np.cos(angle)) / (2 * angle * np.sin(angle))
+    return np.eye(3) + cross / 2 + third * cross @ cross
+
+
+def _with_axes(weights: tuple[tuple[str, Any], ...], axes_of: str) -> tuple[str, ...]:
+    return (*(path for path, _ in weights), *((axes_of,) if axes_of else ()))
