@@ -53,6 +53,25 @@ class BodyState(Protocol):
         """Weighted sums, (k, n_reduced), of the reduced body's coordinates: value (k,) and rows (k, n)."""
 
 
+class ReducedMotion(Protocol):
+    """What a reduced body tells of its points."""
+
+    def motion(self, name: str) -> Array:
+        """Motion of a point along the body's axes per unit of its coordinates, (6, n)."""
+
+
+class DeformableBody(Protocol):
+    """A body of a scene that has a reduced one."""
+
+    @property
+    def name(self) -> str:
+        """What the scene calls it."""
+
+    @property
+    def reduced(self) -> ReducedMotion:
+        """The reduced body."""
+
+
 States = Mapping[str, BodyState]
 """States of bodies, by name."""
 Evaluation = tuple[Array, dict[str, Array]]
@@ -360,6 +379,15 @@ class BodyCoordinates(Measure):
     body: Path
     weights: Array
     ends: tuple[Path, ...] = ()
+
+    @classmethod
+    def between(cls, body: "DeformableBody", a: str, b: str, direction: Array) -> "BodyCoordinates":
+        """Displacement of point b of a reduced body against point a along a direction of its own axes, (3,).
+
+        A rigid motion of the body counts to first order only; it is none along the line of the points.
+        """
+        apart = body.reduced.motion(b)[:3] - body.reduced.motion(a)[:3]
+        return cls(body.name, np.asarray(direction) @ apart, (f"{body.name}.{a}", f"{body.name}.{b}"))
 
     @property
     def points(self) -> tuple[str, ...]:

@@ -166,8 +166,7 @@ def _elongation(scene: Scene, part: str, start: str, end: str) -> BodyCoordinate
     length = float(np.linalg.norm(line))
     if length < ONE_PLACE:
         raise ValueError(f"stack {part!r}: its ends {start!r} and {end!r} lie in one place: no line joins them")
-    apart = body.reduced.motion(last)[:3] - body.reduced.motion(first)[:3]
-    return BodyCoordinates(body.name, (line / length) @ apart, (start, end))
+    return BodyCoordinates.between(body, first, last, line / length)
 
 
 def _port(scene: Scene, path: str) -> tuple[str, PortCoupling]:

@@ -12,7 +12,7 @@ from nassim import FRF, RigidBody, TimeHistory, estimate_frf, frequency_response
 from nassim.base.nouns import upgraded
 from nassim.identification.apply import apply_identification, modal_gains
 from nassim.identification.modal_fit import ModalFit, identify_modes
-from nassim.scene import Reading, Row, Sensor
+from nassim.scene import Displacement, Output, Sensor
 from nassim.signals.excitations import band_limited_noise, multisine
 from nassim.simulation.small_motion import assemble
 
@@ -631,8 +631,8 @@ def test_doubtful_matches_are_refused(small_bench, bench_fit, frequency, options
 class Broken(Sensor):
     """An encoder that reads nothing."""
 
-    def says(self, scene):
-        return (Reading(self.name, "m", Row()),)
+    def terms(self, scene):
+        return (Output(self.name, "m", Displacement(())),)
 
 
 def test_outputs_that_do_not_move_are_refused(small_bench, bench_fit):

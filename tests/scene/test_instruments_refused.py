@@ -16,9 +16,11 @@ from nassim import (
     SpringDamper,
     Vibrometer,
 )
-from nassim.scene.part import Filter, ForceElement, Reading, Row, Sensor, Spring
+from nassim.scene.measures import Displacement
+from nassim.scene.part import ForceElement, Sensor
+from nassim.scene.terms import Output, OutputFilter, Spring
 
-UP = Row.of_point("body.o", np.array([0, 0, 1.0]))
+UP = Displacement((("body.o", np.array([0, 0, 1.0])),))
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,7 @@ class Says(Sensor, ForceElement):
 
     words: tuple = ()
 
-    def says(self, scene):
+    def terms(self, scene):
         return self.words
 
 
@@ -76,7 +78,7 @@ def test_points_of_sensors(kind):
 def test_springs_of_force_sensors():
     with pytest.raises(ValueError, match=r"unknown spring of force sensor 'p' 'sprnig'.*spring"):
         scene(ForceSensor("p", "sprnig"), springs=(SPRING,))
-    for words in ((), (Spring(UP, 1.0), Spring(UP, 2.0)), (Reading("r", "m", UP),)):
+    for words in ((), (Spring(UP, 1.0), Spring(UP, 2.0)), (Output("r", "m", UP),)):
         with pytest.raises(ValueError, match="has no one force to read"):
             scene(ForceSensor("p", "odd"), springs=(SPRING, Says("odd", words)))
 
@@ -84,25 +86,25 @@ def test_springs_of_force_sensors():
 def test_names_that_collide():
     bushing = Bushing("bushing", "base.o", "body.o", np.ones(6))
     assert scene(ForceSensor("p", "bushing"), springs=(bushing,)).outputs[3] == "p.mx"
-    for other in (Encoder("p.mx", "base.o", "body.o"), Says("p", (Reading("p.mx", "N m", UP),))):
+    for other in (Encoder("p.mx", "base.o", "body.o"), Says("p", (Output("p.mx", "N m", UP),))):
         with pytest.raises(ValueError, match="must differ"):
             scene(ForceSensor("p", "bushing"), other, springs=(bushing,))
     with pytest.raises(ValueError, match=r"must differ; used more than once: same"):
-        scene(Says("a", (Reading("same", "m", UP),)), Says("b", (Reading("same", "m", UP),)))
+        scene(Says("a", (Output("same", "m", UP),)), Says("b", (Output("same", "m", UP),)))
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ((Reading("r", "m", UP), Reading("r", "m/s", UP, derivative=1)), "output 'r' cannot be both m/?s? and m"),
-        ((Reading("r", "m", UP, inertial=True),), "accelerations are read only"),
-        ((Reading("r", "m", UP), Filter("t", "low", 1.0)), "unknown filtered output 't'"),
-        ((Reading("r", "m", UP), Filter("r", "lwo", 1.0)), "unknown filter of output 'r' 'lwo'"),
-        ((Reading("r", "m", UP), Filter("r", "band", 1.0)), "a band-pass is of second order"),
-        ((Reading("r", "m", UP), Filter("r", "low", 0.0)), "filter of output 'r': frequency"),
-        ((Reading("r", "m", UP), Filter("r", "low", 1.0, 0.0)), "filter of output 'r': damping_ratio"),
+        ((Output("r", "m", UP), Output("r", "m/s", UP, derivative=1)), "output 'r' cannot be both m/?s? and m"),
+        ((Output("r", "m", UP, inertial=True),), "accelerations are read only"),
+        ((Output("r", "m", UP), OutputFilter("t", "low", 1.0)), "unknown filtered output 't'"),
+        ((Output("r", "m", UP), OutputFilter("r", "lwo", 1.0)), "unknown filter of output 'r' 'lwo'"),
+        ((Output("r", "m", UP), OutputFilter("r", "band", 1.0)), "a band-pass is of second order"),
+        ((Output("r", "m", UP), OutputFilter("r", "low", 0.0)), "filter of output 'r': frequency"),
+        ((Output("r", "m", UP), OutputFilter("r", "low", 1.0, 0.0)), "filter of output 'r': damping_ratio"),
         (
-            (Reading("r", "m", UP), Reading("r", "m", UP, derivative=1), Filter("r", "low", 1.0)),
+            (Output("r", "m", UP), Output("r", "m", UP, derivative=1), OutputFilter("r", "low", 1.0)),
             "readings of several derivatives and passes a filter",
         ),
     ],
@@ -113,6 +115,6 @@ def test_words_that_do_not_go_together(words, message):
 
 
 def test_two_readings_of_one_part_are_one_output():
-    both = Reading("r", "m", UP), Reading("r", "m", replace(UP, frame="body.o"), 2.0)
+    both = Output("r", "m", UP), Output("r", "m", replace(UP, axes_of="body.o"), 2.0)
     assert scene(Says("p", both)).outputs == ("r",)
     assert scene(Says("p", both)).output_units == ("m",)

@@ -43,18 +43,29 @@ from nassim import (
 from nassim.base.nouns import NOUNS, find
 from nassim.base.rigid_motion import unit_vector
 from nassim.scene import (
+    AppliedForce,
     Axes,
+    BaseAcceleration,
+    BodyCoordinates,
     Constraint,
     Direction,
-    Force,
+    Displacement,
+    Distance,
     ForceElement,
+    NonlinearSpring,
+    Output,
+    OutputFilter,
     Part,
     Path,
-    Reading,
-    Row,
+    PointVelocity,
+    PrescribedMotion,
+    RelativePose,
+    RotationAngle,
     Sensor,
+    Shunt,
     Signal,
-    Word,
+    Spring,
+    SpringForce,
 )
 from nassim.systems import proportional
 
@@ -239,12 +250,15 @@ class Tripod(ForceElement):
     axes: Axes | None = None
     kind: str = "soft"
 
-    def says(self, scene):
-        words = [nassim.scene.Spring(nassim.scene.Line(self.hub, foot), 1e3) for foot in self.feet]
-        words += [nassim.scene.Spring(Row.between(self.hub, p, unit_vector(axis)), 2e3) for p, axis in self.pulls]
-        words.append(Force(self.input, "N", Row.of_point(self.hub, self.axes[:, 1])))
-        words.append(Constraint(self.name, *self.hinge, ("rz",), nassim.base.rigid_motion.axes_along(self.axes[:, 0])))
-        return tuple(words)
+    def terms(self, scene):
+        terms = [nassim.scene.Spring(nassim.scene.Distance(self.hub, foot), 1e3) for foot in self.feet]
+        terms += [
+            nassim.scene.Spring(Displacement.between(self.hub, p, unit_vector(axis)), 2e3) for p, axis in self.pulls
+        ]
+        terms.append(AppliedForce(self.input, "N", Displacement(((self.hub, self.axes[:, 1]),))))
+        axes = nassim.base.rigid_motion.axes_along(self.axes[:, 0])
+        terms.append(Constraint(self.name, RelativePose(*self.hinge, axes, "matrix"), ("rz",)))
+        return tuple(terms)
 
 
 def test_a_users_kind_is_placed_by_its_annotations(soft):
@@ -269,8 +283,8 @@ class Careless(Sensor):
     point: Path
     axis: tuple[float, ...]
 
-    def says(self, scene):
-        return (Reading(self.name, "m", Row.of_point(self.point, np.array(self.axis))),)
+    def terms(self, scene):
+        return (Output(self.name, "m", Displacement(((self.point, np.array(self.axis)),))),)
 
 
 @dataclass(frozen=True)
@@ -288,8 +302,8 @@ class Shared(Sensor):
     name: str
     point: Path
 
-    def says(self, scene):
-        return (Reading("height", "m", Row.of_point(self.point, np.array([0, 0, 1.0]))),)
+    def terms(self, scene):
+        return (Output("height", "m", Displacement(((self.point, np.array([0, 0, 1.0])),))),)
 
 
 def test_a_users_kind_without_annotations_is_refused(soft):
@@ -313,9 +327,9 @@ class Rope(ForceElement):
     b: Path
     tie: "Missing | None" = None  # noqa: F821
 
-    def says(self, scene):
+    def terms(self, scene):
         length = np.linalg.norm(scene.point_position(self.b) - scene.point_position(self.a))
-        return (nassim.scene.Spring(nassim.scene.Line(self.a, self.b), 1e5 / length),)
+        return (nassim.scene.Spring(nassim.scene.Distance(self.a, self.b), 1e5 / length),)
 
 
 def test_types_must_be_there_when_a_kind_is_placed(soft, monkeypatch):
@@ -326,12 +340,28 @@ def test_types_must_be_there_when_a_kind_is_placed(soft, monkeypatch):
     assert placed(scene, "a", rotation=ODD).springs[0].b == "a/tip.n"
 
 
+ALL_TERMS = (
+    *(AppliedForce, BaseAcceleration, Constraint, NonlinearSpring, Output, OutputFilter, PrescribedMotion, Shunt),
+    *(Spring, SpringForce, Displacement, PointVelocity, Distance, RotationAngle, RelativePose, BodyCoordinates),
+)
 KINDS = [noun for noun in map(find, NOUNS) if issubclass(noun, (Part, Loop, RigidBody, FlexibleBody))]
-PLAIN_TEXT = {"name", "unit", "fidelity", "frame", "free", "held", "direction", "constraint", "passes"}
+PLAIN_TEXT = {
+    "name",
+    "unit",
+    "fidelity",
+    "frame",
+    "free",
+    "held",
+    "direction",
+    "component",
+    "rotation",
+    "constraint",
+    "passes",
+}
 """Texts that are no points and no signals, "frame" of a flexible body being a remote point's bare name."""
 
 
-@pytest.mark.parametrize("noun", [*KINDS, *get_args(Word)], ids=lambda noun: noun.__name__)
+@pytest.mark.parametrize("noun", [*KINDS, *ALL_TERMS], ids=lambda noun: noun.__name__)
 def test_texts_and_vectors_of_every_kind_are_annotated(noun):
     """A new kind of part in nassim can be placed."""
     hints = get_type_hints(noun, include_extras=True)

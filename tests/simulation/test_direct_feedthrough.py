@@ -27,7 +27,9 @@ from nassim import (
     revolute,
     simulate,
 )
-from nassim.scene.part import Path, Reading, Row, Sensor
+from nassim.scene.measures import Displacement, Path
+from nassim.scene.part import Sensor
+from nassim.scene.terms import Output
 
 PUSH, FEEL = np.array([2.0, -1.0, 2.0]) / 3, np.array([3.0, 0.0, 4.0]) / 5
 SHAPE = np.array([0.02, 0.05, 0.1])
@@ -41,9 +43,9 @@ class Rate(Sensor):
     point: Path
     derivative: int
 
-    def says(self, scene):
+    def terms(self, scene):
         """It reads along an odd direction."""
-        return (Reading(self.name, "", Row.of_point(self.point, FEEL), derivative=self.derivative),)
+        return (Output(self.name, "", Displacement(((self.point, FEEL),)), derivative=self.derivative),)
 
 
 @pytest.fixture(scope="module")

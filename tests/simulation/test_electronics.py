@@ -35,7 +35,8 @@ from nassim import (
 )
 from nassim.bodies.piezo import PortCoupling
 from nassim.fem.fe_model import make_coupling
-from nassim.scene.part import Filter, Sensor
+from nassim.scene.part import Sensor
+from nassim.scene.terms import OutputFilter
 from nassim.simulation.time_domain import exudyn_eigenfrequencies
 
 CAPACITANCE = 1e-6
@@ -69,8 +70,8 @@ class LowPassed(Sensor):
     name: str
     sensor: Sensor
 
-    def says(self, scene):
-        return (*self.sensor.says(scene), Filter(self.name, "low", 1.0))
+    def terms(self, scene):
+        return (*self.sensor.terms(scene), OutputFilter(self.name, "low", 1.0))
 
 
 def held(body, sensor, fidelity="linear", **options):

@@ -29,7 +29,9 @@ from nassim import (
     spherical,
     static_response,
 )
-from nassim.scene.part import Reading, Row, Sensor
+from nassim.scene.measures import Displacement
+from nassim.scene.part import Sensor
+from nassim.scene.terms import Output
 from nassim.simulation import exudyn_eigenfrequencies, linearize_closed
 
 AXIS = np.array([2.0, -1.0, 2.0]) / 3
@@ -324,8 +326,8 @@ def test_velocities_of_what_follows_at_once_are_refused():
         point: str
         derivative: int
 
-        def says(self, scene):
-            return (Reading(self.name, "", Row.of_point(self.point, AXIS), derivative=self.derivative),)
+        def terms(self, scene):
+            return (Output(self.name, "", Displacement(((self.point, AXIS),)), derivative=self.derivative),)
 
     def seen(point, derivative, damping=2.5, **drive):
         return linearize(replace(shaker(damping=damping, **drive), sensors=(Rate("seen", point, derivative),)))

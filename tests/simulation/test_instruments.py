@@ -41,8 +41,10 @@ from nassim import (
     static_response,
 )
 from nassim.scene.joints import prismatic, revolute
+from nassim.scene.measures import Displacement, RelativePose
 from nassim.scene.mechanics import PointTorque
-from nassim.scene.part import Filter, Reading, Row, Sensor, SixSprings, Tension
+from nassim.scene.part import Sensor
+from nassim.scene.terms import Output, OutputFilter, Spring, SpringForce
 
 STEP = 2e-5
 ALONG = np.array([0.48, -0.6, 0.64])
@@ -385,7 +387,7 @@ class Meter(Sensor):
 
     words: tuple = ()
 
-    def says(self, scene):
+    def terms(self, scene):
         return self.words
 
 
@@ -395,7 +397,7 @@ def mixed(*gains, name="mixed"):
     readings = zip(gains, axes, strict=True)
     return Meter(
         name,
-        tuple(Reading(name, "V", Row.of_point("load.c", np.array(w)), g, k) for k, (g, w) in enumerate(readings)),
+        tuple(Output(name, "V", Displacement((("load.c", np.array(w)),)), g, k) for k, (g, w) in enumerate(readings)),
     )
 
 
@@ -432,10 +434,11 @@ def test_forces_of_a_bushing_have_their_units_and_add_up():
     six = np.diag([STIFFNESS, 2 * STIFFNESS, 3 * STIFFNESS, 90.0, 70.0, 80.0])
     six[0, 5] = six[5, 0] = 200.0
     pad = Bushing("pad", "ground.o", "block.o", six, 1e-3 * six)
-    spring = SixSprings("ground.o", "block.o", np.eye(3), pad.stiffness, pad.damping)
-    row = Row.of_point("block.tip", ALONG)
+    spring = Spring(RelativePose("ground.o", "block.o", np.eye(3)), pad.stiffness, pad.damping)
+    row = Displacement((("block.tip", ALONG),))
     both = Meter(
-        "both", (Tension("both", "V", spring, "x"), Tension("both", "V", spring, "rz"), Reading("both", "V", row, 5e3))
+        "both",
+        (SpringForce("both", "V", spring, "x"), SpringForce("both", "V", spring, "rz"), Output("both", "V", row, 5e3)),
     )
     sensors = (ForceSensor("pull", "pad"), both, Encoder("way", "ground.o", "block.tip", tuple(ALONG)))
     scene = slider(*sensors, joints=(), springs=(pad,), axis=np.array([0.6, 0.0, 0.8]))
@@ -453,8 +456,8 @@ def test_forces_of_a_bushing_have_their_units_and_add_up():
 def test_filters_of_second_order(passes, power):
     """s^power w^(2 - power) over s^2 + 2 d w s + w^2 of a displacement, and what a ramp that starts makes of it."""
     w, ratio = 2 * np.pi * 30.0, 0.3
-    row = Row.of_point("block.tip", ALONG)
-    scene = slider(Meter("m", (Reading("m", "m", row), Filter("m", passes, 30.0, ratio))))
+    row = Displacement((("block.tip", ALONG),))
+    scene = slider(Meter("m", (Output("m", "m", row), OutputFilter("m", passes, 30.0, ratio))))
     found = frequency_response(linearize(scene), FREQUENCY).response("m", "push")
     passed = S**power * w ** (2 - power) / (S**2 + 2 * ratio * w * S + w**2)
     np.testing.assert_allclose(found, passed / (MASS * S**2 + DAMPING * S + STIFFNESS), rtol=1e-8)
@@ -479,9 +482,9 @@ def test_readings_of_one_output_add_up(body, fidelity, method, tolerance):
 
 def test_readings_of_one_derivative_add_up(body):
     """Two directions are one between them."""
-    rows = [Row.of_point("load.c", axis) for axis in (*np.eye(3)[:2], np.array([0.6, 0.8, 0.0]))]
+    rows = [Displacement((("load.c", axis),)) for axis in (*np.eye(3)[:2], np.array([0.6, 0.8, 0.0]))]
     two, one = (
-        Meter(n, tuple(Reading(n, "m", rows[k], g) for k, g in gs))
+        Meter(n, tuple(Output(n, "m", rows[k], g) for k, g in gs))
         for n, gs in (("two", ((0, 3.0), (1, 4.0))), ("one", ((2, 5.0),)))
     )
     for fidelity in ("linear", "ffrf"):

@@ -10,8 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from nassim import Encoder, Joint, PointForce, RigidBody, Scene, SpringDamper, TimeHistory, simulate
 from nassim.scene.joints import prismatic, revolute, spherical, universal
+from nassim.scene.measures import Displacement, Distance, PointVelocity, RotationAngle
 from nassim.scene.mechanics import AngleSensor, Bushing, LinearActuator, PointTorque, Pose
-from nassim.scene.part import Line, Reading, Row, Sensor
+from nassim.scene.part import Sensor
+from nassim.scene.terms import Output
 
 
 @dataclass(frozen=True)
@@ -24,16 +26,21 @@ class Motions(Sensor):
     frame: str = ""
     turns: bool = False
 
-    def says(self, scene):
+    def terms(self, scene):
         return tuple(
-            Reading(
+            Output(
                 f"{self.name}.{letter}",
                 "",
-                Row.of_point(self.point, axis, frame=self.frame, turns=self.turns),
+                self.measure(axis),
                 derivative=self.derivative,
             )
             for letter, axis in zip("xyz", np.eye(3), strict=True)
         )
+
+    def measure(self, axis):
+        if self.derivative:
+            return PointVelocity(((self.point, axis),), self.frame, angular=self.turns)
+        return RotationAngle(self.point, axis) if self.turns else Displacement(((self.point, axis),), self.frame)
 
 
 def three(record, name):
@@ -400,8 +407,8 @@ class Speed(Sensor):
     a: str
     b: str
 
-    def says(self, scene):
-        return (Reading(self.name, "m/s", Line(self.a, self.b), derivative=1),)
+    def terms(self, scene):
+        return (Output(self.name, "m/s", Distance(self.a, self.b), derivative=1),)
 
 
 def test_a_platform_on_legs():

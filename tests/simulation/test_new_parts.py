@@ -27,9 +27,10 @@ from nassim import (
 )
 from nassim.base.checks import finite
 from nassim.bodies.piezo import PortCoupling
-from nassim.scene.part import Actuator, Force, ForceElement, Reading, Row, Sensor, Spring
+from nassim.scene.measures import Displacement
+from nassim.scene.part import Actuator, Sensor
+from nassim.scene.terms import AppliedForce, Output
 from nassim.simulation.linearization import linearize_closed
-from nassim.simulation.small_motion import assemble
 
 LINE = np.array([0.48, -0.6, 0.64])
 STEP = 2e-5
@@ -46,9 +47,13 @@ class Gap(Sensor):
     derivative: int = 0
     unit: str = field(default="m", init=False)
 
-    def says(self, scene):
+    def terms(self, scene):
         """It reads the motion of b against a along the line."""
-        return (Reading(self.name, self.unit, Row.between(self.a, self.b, np.array(self.line)), 1.0, self.derivative),)
+        return (
+            Output(
+                self.name, self.unit, Displacement.between(self.a, self.b, np.array(self.line)), 1.0, self.derivative
+            ),
+        )
 
 
 @dataclass(frozen=True)
@@ -63,10 +68,10 @@ class VoiceCoil(Actuator):
     line: tuple = tuple(LINE)
     bandwidth: float = np.inf
 
-    def says(self, scene):
+    def terms(self, scene):
         """It pushes b against a."""
-        row = Row.between(self.a, self.b, np.array(self.line))
-        return (Force(self.input, "A", row, finite("force_per_ampere", self.force_per_ampere), self.bandwidth),)
+        row = Displacement.between(self.a, self.b, np.array(self.line))
+        return (AppliedForce(self.input, "A", row, finite("force_per_ampere", self.force_per_ampere), self.bandwidth),)
 
     def describe(self):
         """Its constant."""
@@ -219,52 +224,18 @@ def test_a_loop_cannot_measure_what_its_command_moves_at_once(body):
 
 @dataclass(frozen=True)
 class Nonsense(Sensor):
-    """A part that says what nobody knows."""
+    """A part whose terms nobody knows."""
 
     name: str = "nonsense"
 
-    def says(self, scene):
+    def terms(self, scene):
         """Gibberish."""
         return ("abracadabra",)
 
 
-def test_unknown_words_are_refused(body):
-    with pytest.raises(TypeError, match="does not know what str means"):
-        assemble(scene(body, "linear", sensors=(Nonsense(),)))
-
-
-@pytest.mark.parametrize(
-    ("row", "message"),
-    [
-        (Row((("block.corner", np.eye(6)[4]), ("body.right", np.eye(6)[4]))), "a turn is that of one point, or of one"),
-        (Row.between("ground.wall", "block.corner", LINE, frame="body"), "can count no point of another body"),
-    ],
-)
-def test_rows_that_an_engine_cannot_realise_are_refused(body, row, message):
-    @dataclass(frozen=True)
-    class Odd(Sensor):
-        name: str = "odd"
-
-        def says(self, scene):
-            return (Reading(self.name, "m", row),)
-
-    with pytest.raises(ValueError, match=message):
-        static_response(scene(body, "ffrf", sensors=(Odd(),)))
-
-
-@pytest.mark.parametrize("own", [True, False])
-def test_springs_that_large_motion_does_not_know_are_refused(body, own):
-    @dataclass(frozen=True)
-    class Odd(ForceElement):
-        name: str = "odd"
-
-        def says(self, scene):
-            row = Row.between("ground.wall", "block.corner", LINE)
-            stretch = (("body", np.eye(len(body.mass_matrix))[7]),)
-            return (Spring(Row(row.points, own=stretch) if own else Row(row.points[1:]), 1e3),)
-
-    with pytest.raises(ValueError, match="a spring acts between two points, or within one body"):
-        static_response(scene(body, "ffrf", springs=(Odd(),)))
+def test_unknown_terms_are_refused(body):
+    with pytest.raises(TypeError, match="str is no term that engines know"):
+        scene(body, "linear", sensors=(Nonsense(),))
 
 
 def test_summaries_tell_of_everything_that_damps(body):

@@ -19,8 +19,10 @@ from nassim import (
     simulate,
     static_response,
 )
+from nassim.scene.measures import Distance
 from nassim.scene.mechanics import Bushing
-from nassim.scene.part import Actuator, Force, Line
+from nassim.scene.part import Actuator
+from nassim.scene.terms import AppliedForce
 from nassim.simulation.time_domain import simulate_motion
 
 STEP = 1e-4
@@ -138,8 +140,8 @@ class Screw(Actuator):
     b: str
     bandwidth: float
 
-    def says(self, scene):
-        return (Force("push", "N", Line(self.a, self.b), 2.5, self.bandwidth),)
+    def terms(self, scene):
+        return (AppliedForce("push", "N", Distance(self.a, self.b), 2.5, self.bandwidth),)
 
 
 def test_a_push_along_a_line_lags_behind_its_amplifier():

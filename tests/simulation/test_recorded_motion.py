@@ -28,7 +28,9 @@ from nassim import (
 from nassim.bodies import trim_body
 from nassim.scene import Drive, point_motion
 from nassim.scene.joints import prismatic, revolute, spherical
-from nassim.scene.part import Filter, Reading, Row, Sensor
+from nassim.scene.measures import Displacement
+from nassim.scene.part import Sensor
+from nassim.scene.terms import Output, OutputFilter
 from nassim.simulation import mode_motion, scene_modes, traced
 from nassim.simulation.recording import frame_steps
 
@@ -197,9 +199,9 @@ class SlowSensor(Sensor):
     name: str
     point: str
 
-    def says(self, scene):
-        row = Row.of_point(self.point, np.eye(3)[0])
-        return Reading(self.name, "m", row), Filter(self.name, "low", 500.0)
+    def terms(self, scene):
+        row = Displacement(((self.point, np.eye(3)[0]),))
+        return Output(self.name, "m", row), OutputFilter(self.name, "low", 500.0)
 
 
 def follower(body, delay, **converters):

@@ -35,7 +35,9 @@ from nassim import (
 )
 from nassim.base.modal import decay_poles
 from nassim.base.rigid_motion import axes_along, rigid_transfer, skew
-from nassim.scene.part import ForceElement, Row, Spring
+from nassim.scene.measures import PointVelocity
+from nassim.scene.part import ForceElement
+from nassim.scene.terms import Spring
 from nassim.simulation.linearization import spinning_equilibrium
 from nassim.systems.linear_model import unstable_poles
 
@@ -568,9 +570,11 @@ class Friction(ForceElement):
     a: str
     b: str
 
-    def says(self, scene):
+    def terms(self, scene):
         """It brakes the turn of b against a."""
-        return (Spring(Row.between(self.a, self.b, np.eye(3)[0], frame=self.a, turns=True), 0.0, 0.3),)
+        return (
+            Spring(PointVelocity(((self.a, -np.eye(3)[0]), (self.b, np.eye(3)[0])), self.a, angular=True), 0.0, 0.3),
+        )
 
 
 def test_a_drive_bears_the_friction_of_its_joint(shaft):

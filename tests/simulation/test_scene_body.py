@@ -33,7 +33,9 @@ from nassim import (
 from nassim.base.rigid_motion import axes_along
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.readouts import Picture, Surface, by_name
-from nassim.scene.part import ForceElement, Row, Spring
+from nassim.scene.measures import Displacement
+from nassim.scene.part import ForceElement
+from nassim.scene.terms import Spring
 from nassim.simulation.small_motion import assemble
 from nassim.systems import damping
 
@@ -322,8 +324,8 @@ class Tie(ForceElement):
 
     point: str
 
-    def says(self, scene):
-        return (Spring(Row.of_point(self.point, np.array([0.0, 0.6, 0.8]), frame=self.point), 1e3),)
+    def terms(self, scene):
+        return (Spring(Displacement(((self.point, np.array([0.0, 0.6, 0.8])),), self.point), 1e3),)
 
 
 GROUND = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)

@@ -33,8 +33,10 @@ from nassim import (
 from nassim.base.modal import decay_poles
 from nassim.base.rigid_motion import rigid_transfer, skew
 from nassim.bodies.piezo import PortCoupling
+from nassim.scene.measures import Displacement
 from nassim.scene.mechanics import PointTorque
-from nassim.scene.part import Actuator, Force, ForceElement, Reading, Row, Sensor, Spring
+from nassim.scene.part import Actuator, ForceElement, Sensor
+from nassim.scene.terms import AppliedForce, Output, Spring
 from nassim.simulation.finite_motion import frames
 from nassim.simulation.linearization import linearize_closed, spinning_equilibrium
 from nassim.simulation.small_motion import assemble
@@ -51,10 +53,10 @@ class Strut(ForceElement):
     b: str
     stiffness: float
 
-    def says(self, scene):
+    def terms(self, scene):
         """The distance of b from a is stiff."""
         line = scene.point_position(self.b) - scene.point_position(self.a)
-        return (Spring(Row.between(self.a, self.b, line / np.linalg.norm(line)), self.stiffness),)
+        return (Spring(Displacement.between(self.a, self.b, line / np.linalg.norm(line)), self.stiffness),)
 
 
 @dataclass(frozen=True)
@@ -65,10 +67,10 @@ class Pusher(Actuator):
     a: str
     b: str
 
-    def says(self, scene):
+    def terms(self, scene):
         """It pushes b away from a."""
         line = scene.point_position(self.b) - scene.point_position(self.a)
-        return (Force(self.name, "N", Row.between(self.a, self.b, line / np.linalg.norm(line))),)
+        return (AppliedForce(self.name, "N", Displacement.between(self.a, self.b, line / np.linalg.norm(line))),)
 
 
 @dataclass(frozen=True)
@@ -80,10 +82,10 @@ class Length(Sensor):
     b: str
     unit: str = "m"
 
-    def says(self, scene):
+    def terms(self, scene):
         """It reads the distance of b from a."""
         line = scene.point_position(self.b) - scene.point_position(self.a)
-        return (Reading(self.name, "m", Row.between(self.a, self.b, line / np.linalg.norm(line))),)
+        return (Output(self.name, "m", Displacement.between(self.a, self.b, line / np.linalg.norm(line))),)
 
 
 @dataclass(frozen=True)
@@ -96,10 +98,10 @@ class Spot(Sensor):
     derivative: int = 0
     unit: str = "m"
 
-    def says(self, scene):
+    def terms(self, scene):
         """It reads the point."""
         return (
-            Reading(self.name, self.unit, Row.of_point(self.point, np.array(self.direction)), 1.0, self.derivative),
+            Output(self.name, self.unit, Displacement(((self.point, np.array(self.direction)),)), 1.0, self.derivative),
         )
 
 

@@ -23,7 +23,7 @@ from nassim import (
 from nassim.bodies import PortCoupling, Surface, trim_body
 from nassim.bodies.readouts import by_name
 from nassim.fem import glue, solid_surface
-from nassim.scene import Motion, Reading, Row, Sensor, SpringDamper
+from nassim.scene import BodyCoordinates, Motion, Output, Sensor, SpringDamper
 from nassim.scene.joints import prismatic
 from nassim.simulation import assemble, traced, trim_scene
 from nassim.viewer import (
@@ -259,9 +259,10 @@ class Gauge(Sensor):
     name: str
     body: str
 
-    def says(self, scene):
-        row = Row.of_point(f"{self.body}.right", np.array([0, 0, 1.0]), frame=self.body)
-        return (Reading(self.name, "m", row),)
+    def terms(self, scene):
+        reduced = scene.split(f"{self.body}.right")[0].reduced
+        row = BodyCoordinates(self.body, reduced.motion("right")[2], (f"{self.body}.left", f"{self.body}.right"))
+        return (Output(self.name, "m", row),)
 
 
 def test_directions_along_a_bodys_own_axes_turn_with_it():

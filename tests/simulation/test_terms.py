@@ -1,4 +1,4 @@
-"""What parts say, word by word: against dense algebra, closed forms and derivatives of records, in every engine."""
+"""Terms one by one: against dense algebra, closed forms and derivatives of records, in every engine."""
 
 from dataclasses import dataclass, replace
 
@@ -28,7 +28,9 @@ from nassim import (
     static_response,
 )
 from nassim.fem.fe_model import make_coupling
-from nassim.scene.part import Actuator, Force, ForceElement, Leak, Reading, Row, Sensor, Spring
+from nassim.scene.measures import BodyCoordinates, Combination, Displacement, PointVelocity, RotationAngle
+from nassim.scene.part import Actuator, ForceElement, Sensor
+from nassim.scene.terms import AppliedForce, Output, Shunt, Spring
 
 STEP = 2e-5
 LINE = np.array([0.48, -0.6, 0.64])
@@ -39,39 +41,48 @@ ENGINES = [("linear", "exact"), ("linear", "generalized_alpha"), ("ffrf", "gener
 
 @dataclass(frozen=True)
 class Meter(Sensor):
-    """A sensor that says given words."""
+    """A sensor of given terms."""
 
-    words: tuple = ()
+    given: tuple = ()
 
-    def says(self, scene):
+    def terms(self, scene):
         """Them."""
-        return self.words
+        return self.given
 
 
 @dataclass(frozen=True)
 class Strut(ForceElement):
-    """A spring that says given words."""
+    """A spring of given terms."""
 
-    words: tuple = ()
+    given: tuple = ()
 
-    def says(self, scene):
+    def terms(self, scene):
         """Them."""
-        return self.words
+        return self.given
 
 
 @dataclass(frozen=True)
 class Pusher(Actuator):
-    """An actuator that says given words."""
+    """An actuator of given terms."""
 
-    words: tuple = ()
+    given: tuple = ()
 
-    def says(self, scene):
+    def terms(self, scene):
         """Them."""
-        return self.words
+        return self.given
+
+
+@dataclass(frozen=True)
+class InnerStrut(ForceElement):
+    """A spring between two points inside a body."""
+
+    def terms(self, scene):
+        """Of the body as it is, trimmed or not."""
+        return (Spring(BodyCoordinates.between(scene.split("body.left")[0], "left", "middle", np.eye(3)[0]), 3e5),)
 
 
 def meter(name, row, gain=1.0, derivative=0):
-    return Meter(name, (Reading(name, "", row, gain, derivative),))
+    return Meter(name, (Output(name, "", row, gain, derivative),))
 
 
 @pytest.fixture(scope="module")
@@ -79,8 +90,7 @@ def body():
     return craig_bampton(lattice(stiffness=1e5), n_modes=4, progress=False)
 
 
-STRETCH = Row.between("body.left", "body.right", np.array([1.0, 0, 0]), frame="body")
-GAP = Row.between("ground.wall", "block.corner", LINE)
+GAP = Displacement.between("ground.wall", "block.corner", LINE)
 
 
 def held(body, fidelity, **parts):
@@ -90,9 +100,9 @@ def held(body, fidelity, **parts):
     inertia = 1e-4 * TURN @ np.diag([1.0, 2.0, 2.5]) @ TURN.T
     block = RigidBody("block", {"mount": np.zeros(3), "corner": [0.02, 0.01, -0.015]}, 0.2, inertia, at)
     joints = (Joint("foot", "ground.foot", "body.left"), Joint("head", "body.right", "block.mount"))
-    push = Pusher("push", (Force("u", "N", GAP),))
+    push = Pusher("push", (AppliedForce("u", "N", GAP),))
     options = {"joints": joints, "actuators": (push,), "sensors": (meter("gap", GAP),), "damping_ratio": 0.02}
-    return Scene("words", (GROUND, flexible, block), **{**options, **parts})
+    return Scene("terms", (GROUND, flexible, block), **{**options, **parts})
 
 
 def pulse(scene, n_steps=400):
@@ -109,8 +119,12 @@ def run(scene, method, excitation=None, **options):
 
 
 def stretch(body):
-    """The row of a body's elongation on its own coordinates."""
+    """Weights of a body's elongation on its own coordinates."""
     return body.motion("right")[0] - body.motion("left")[0]
+
+
+def elongation(body, factor=1.0):
+    return BodyCoordinates("body", factor * stretch(body), ("body.left", "body.right"))
 
 
 def test_a_force_on_axes_of_a_body_in_small_motion_beside_a_floating_one(body):
@@ -118,8 +132,8 @@ def test_a_force_on_axes_of_a_body_in_small_motion_beside_a_floating_one(body):
     other = FlexibleBody("other", body, -body.point("left").position, fidelity="ffrf")
     found = []
     for frame, size in (("", 1.0), ("body.right", 2.5)):
-        push = Pusher("push", (Force("u", "N", Row.of_point("body.right", LINE, frame=frame)),))
-        turn = meter("turn", Row.of_point("block.mount", size * np.array([0.6, 0.0, 0.8]), turns=True))
+        push = Pusher("push", (AppliedForce("u", "N", PointVelocity((("body.right", LINE),), frame)),))
+        turn = meter("turn", RotationAngle("block.mount", size * np.array([0.6, 0.0, 0.8])))
         scene = held(body, "linear", actuators=(push,), sensors=(meter("gap", GAP), turn))
         joints = (*scene.joints, Joint("beside", "ground.foot", "other.left"))
         found.append(static_response(replace(scene, bodies=(*scene.bodies, other), joints=joints), {"u": 1e-4}))
@@ -133,7 +147,7 @@ def test_a_spring_across_two_bodies_is_one_of_their_common_stiffness(body):
     rows = (2.0 * stretch(body), -0.5 * stretch(body))
     two = tuple(FlexibleBody(name, body, -body.point("left").position, fidelity="linear") for name in ("one", "two"))
     joints = tuple(Joint(name, "ground.foot", f"{name}.left") for name in ("one", "two"))
-    row = Row(own=tuple(zip(("one", "two"), rows, strict=True)))
+    row = Combination(tuple((1.0, BodyCoordinates(name, row)) for name, row in zip(("one", "two"), rows, strict=True)))
     r = np.concatenate([row[6:] for row in rows])  # the left point's six come first
     mass, stiffness = (scipy.linalg.block_diag(m, m) for m in (body.mass_matrix[6:, 6:], body.stiffness_matrix[6:, 6:]))
     for k, c in ((4e5, 0.0), (3e5, 200.0)):
@@ -147,20 +161,20 @@ def test_a_spring_across_two_bodies_is_one_of_their_common_stiffness(body):
         np.testing.assert_allclose(np.sort(found.real), np.sort(expected.real), rtol=1e-6, atol=1e-3)
 
 
-def test_engines_agree_on_words_about_the_inside_of_a_body(body):
+def test_engines_agree_on_terms_about_the_inside_of_a_body(body):
     """Forces, dampers and readings of a body's deformation, beside amplifiers at points of rigid ones."""
 
     def scene(fidelity, damping=150.0):
-        row = Row(own=(("body", stretch(body)),))
+        row = elongation(body)
         return held(
             body,
             fidelity,
-            springs=(Strut("strut", (Spring(STRETCH, 2e5, damping),)),),
+            springs=(Strut("strut", (Spring(elongation(body), 2e5, damping),)),),
             actuators=(
-                Pusher("inside", (Force("inside", "V", row, 2.5, 300.0),)),
-                Pusher("outside", (Force("outside", "A", GAP, -3.0, 200.0),)),
+                Pusher("inside", (AppliedForce("inside", "V", row, 2.5, 300.0),)),
+                Pusher("outside", (AppliedForce("outside", "A", GAP, -3.0, 200.0),)),
             ),
-            sensors=(meter("inner", STRETCH, -1.5), meter("gap", GAP, 4.0)),
+            sensors=(meter("inner", elongation(body), -1.5), meter("gap", GAP, 4.0)),
         )
 
     runs = [run(scene(fidelity), method) for fidelity, method in ENGINES]
@@ -174,8 +188,9 @@ def test_engines_agree_on_words_about_the_inside_of_a_body(body):
 
 
 @pytest.mark.parametrize(("fidelity", "method"), ENGINES)
-@pytest.mark.parametrize("row", [STRETCH, GAP], ids=["inside", "outside"])
-def test_readings_have_their_gain_and_derivative(body, row, fidelity, method):
+@pytest.mark.parametrize("inside", [True, False])
+def test_outputs_have_their_gain_and_derivative(body, inside, fidelity, method):
+    row = elongation(body) if inside else GAP
     sensors = (meter("x", row), *(meter(f"d{k}", row, -2.5, k) for k in range(3)))
     found = run(held(body, fidelity, sensors=sensors), method)
     np.testing.assert_allclose(found["d0"], -2.5 * found["x"], rtol=1e-9, atol=1e-12 * np.abs(found["x"]).max())
@@ -187,8 +202,8 @@ def test_readings_have_their_gain_and_derivative(body, row, fidelity, method):
 @pytest.mark.parametrize(("fidelity", "method"), ENGINES)
 def test_a_row_between_two_points_of_a_body_counts_both(body, fidelity, method):
     """Whichever of them is held: b against a along a line is a against b along the opposite one."""
-    back = Row.between("body.right", "body.left", np.array([-1.0, 0, 0]), frame="body")
-    found = run(held(body, fidelity, sensors=(meter("there", STRETCH), meter("back", back))), method)
+    back = BodyCoordinates("body", body.motion("left")[0] * -1 + body.motion("right")[0])
+    found = run(held(body, fidelity, sensors=(meter("there", elongation(body)), meter("back", back))), method)
     size = np.abs(found["there"]).max()
     assert size > 1e-8
     np.testing.assert_allclose(found["back"], found["there"], rtol=0, atol=1e-9 * size)
@@ -196,11 +211,11 @@ def test_a_row_between_two_points_of_a_body_counts_both(body, fidelity, method):
 
 def test_frequency_responses_of_derivatives_are_powers_of_i_omega(body):
     """With dampers, an amplifier and the charge of a port that leaks, all of which accelerate."""
-    c, own = 1e-6, Row(own=(("body", 0.5 * stretch(body)),))
-    leaking = Meter("v", (Reading("v", "V", own, -1 / c), Spring(own, 1 / c), Leak("v", own, c, 2e3, 1.0)))
+    c, own = 1e-6, elongation(body, 0.5)
+    leaking = Meter("v", (Output("v", "V", own, -1 / c), Spring(own, 1 / c), Shunt("v", own, c, 2e3, 1.0)))
     meters = tuple(meter(f"d{k}", GAP, 2.0, k) for k in range(3))
-    amplifier = Pusher("slow", (Force("slow", "N", GAP, 2.0, 80.0),))
-    direct = Pusher("push", (Force("u", "N", GAP),))
+    amplifier = Pusher("slow", (AppliedForce("slow", "N", GAP, 2.0, 80.0),))
+    direct = Pusher("push", (AppliedForce("u", "N", GAP),))
     damper = Strut("damper", (Spring(GAP, 1e3, 5.0),))
     scene = held(body, "linear", sensors=(leaking, *meters), actuators=(direct, amplifier), springs=(damper,))
     frequency = np.geomspace(1.0, 3e3, 40)
@@ -212,11 +227,11 @@ def test_frequency_responses_of_derivatives_are_powers_of_i_omega(body):
 
 @pytest.mark.parametrize(("fidelity", "method"), ENGINES)
 def test_a_leaking_sensor_has_its_gain(body, fidelity, method):
-    own, c = Row(own=(("body", 0.5 * stretch(body)),)), 1e-6
+    own, c = elongation(body, 0.5), 1e-6
     runs = []
     for gain in (1.0, -3.0):
-        words = (Reading("v", "V", own, -gain / c), Spring(own, 1 / c), Leak("v", own, c, 1e3, gain))
-        runs.append(run(held(body, fidelity, sensors=(Meter("v", words),)), method)["v"])
+        terms = (Output("v", "V", own, -gain / c), Spring(own, 1 / c), Shunt("v", own, c, 1e3, gain))
+        runs.append(run(held(body, fidelity, sensors=(Meter("v", terms),)), method)["v"])
     assert np.abs(runs[0]).max() > 1e-3
     np.testing.assert_allclose(runs[1], -3.0 * runs[0], rtol=0, atol=1e-6 * np.abs(runs[0]).max())
 
@@ -235,7 +250,7 @@ def test_dampers_act_along_their_axis(body):
 
 def test_points_of_flexible_bodies_move_along_the_worlds_axes(body):
     """In small motion a flexible body's end is read as the block that is fixed to it."""
-    sensors = (meter("end", Row.between("ground.foot", "body.right", LINE)),)
+    sensors = (meter("end", Displacement.between("ground.foot", "body.right", LINE)),)
     sensors += tuple(Encoder(axis, "ground.foot", "block.mount", axis) for axis in "xyz")
     found = run(held(body, "linear", sensors=sensors), "exact")
     expected = LINE @ [found[axis] for axis in "xyz"]
@@ -244,7 +259,9 @@ def test_points_of_flexible_bodies_move_along_the_worlds_axes(body):
 
 @pytest.mark.parametrize("method", ["exact", "generalized_alpha"])
 def test_nothing_accelerates_in_equilibrium_under_gravity(body, method):
-    scene = held(body, "linear", sensors=(meter("a", GAP, 1.0, 2), meter("b", STRETCH, 1.0, 2)), gravity=(1, -2, -9.81))
+    scene = held(
+        body, "linear", sensors=(meter("a", GAP, 1.0, 2), meter("b", elongation(body), 1.0, 2)), gravity=(1, -2, -9.81)
+    )
     still = TimeHistory(STEP * np.arange(9), np.zeros((1, 9)), ("u",), ("N",))
     found = run(scene, method, still)
     assert np.abs(found["a"]).max() < 1e-4
@@ -261,12 +278,12 @@ def test_a_released_body_accelerates_with_gravity_at_once(body):
 
 def test_a_record_of_acceleration_holds_what_the_loop_drives(body):
     """A free block is pushed by the excitation and by the loop's command of the sample before."""
-    centre = Row.between("ground.wall", "block.mount", LINE)
+    centre = Displacement.between("ground.wall", "block.mount", LINE)
     gain = Controller([[0.0]], [[0.0]], [[0.0]], [[-1e5]], 1 / STEP)
     free = held(
         body,
         "linear",
-        actuators=(Pusher("push", (Force("u", "N", centre),)),),
+        actuators=(Pusher("push", (AppliedForce("u", "N", centre),)),),
         sensors=(meter("x", centre), meter("a", centre, 1.0, 2)),
         loops=(Loop("hold", gain, ("x",), ("u",)),),
     )
@@ -284,8 +301,7 @@ def test_trimming_keeps_what_a_spring_between_inner_points_needs():
     point = RemotePoint("middle", "middle", [0.02, 0.01, 0.01])
     middle = make_coupling(point, layer, plain.fields[:, layer], plain.fields[:, layer])
     body = craig_bampton(replace(plain, couplings=(*plain.couplings, middle)), n_modes=3, progress=False)
-    inside = Row.between("body.left", "body.middle", np.array([1.0, 0, 0]), frame="body")
-    strut = Strut("strut", (Spring(inside, 3e5),))
+    strut = InnerStrut("strut")
     full, soft = held(body, "linear", springs=(strut,)), held(body, "linear")
     found = [static_response(s, {"u": 1.0})["gap"] for s in (full, replace(full, cutoff_frequency=5.0), soft)]
     assert found[1] == pytest.approx(found[0], rel=1e-9)
@@ -319,7 +335,7 @@ def test_the_ground_shakes_linear_bodies_beside_floating_ones(body):
         )
         bodies = (bodies[0], replace(bodies[1], position=TURN @ place))
         joints = tuple(Joint(name, "ground.foot", f"{name}.left") for name in ("one", "two"))
-        rows = [Row.between(f"{n}.left", f"{n}.right", np.array([1.0, 0, 0]), frame=n) for n in ("one", "two")]
+        rows = [BodyCoordinates.between(one, "left", "right", np.eye(3)[0]) for one in bodies]
         sensors = tuple(meter(n, row) for n, row in zip(("one", "two"), rows, strict=True))
         return Scene("two", (GROUND, *bodies), joints, (GroundAcceleration("shaker", "x", "a"),), sensors)
 
@@ -334,7 +350,7 @@ def test_the_ground_shakes_linear_bodies_beside_floating_ones(body):
 def test_points_of_a_spinning_flexible_body_accelerate_as_they_move(body, point):
     """One of them carries its frame; against differences of displacement and velocity."""
     spinning = FlexibleBody("body", body, (0.1, 0.0, -0.2), TURN, "ffrf", angular_velocity=(15.0, -10.0, 20.0))
-    sensors = tuple(meter(f"d{k}", Row.of_point(point, LINE), 1.0, k) for k in range(3))
+    sensors = tuple(meter(f"d{k}", Displacement(((point, LINE),)), 1.0, k) for k in range(3))
     scene = Scene("free", (spinning,), (), (PointForce("push", "body.right", "x", "u"),), sensors, damping_ratio=0.02)
     found = run(scene, "generalized_alpha", spectral_radius=0.8)
     for of, rate in (("d0", "d1"), ("d1", "d2")):
@@ -356,12 +372,15 @@ def test_a_bushing_between_free_bodies_by_dense_algebra():
         RigidBody(name, {"o": place - centre, "tip": tip - centre}, mass, inertia, centre)
         for name, place, tip, mass, inertia, centre in zip(names, places, tips, masses, inertias, centres, strict=True)
     )
-    seen = Row.between("a.tip", "b.tip", LINE, frame="a.tip")
+    seen = Displacement.between("a.tip", "b.tip", LINE, axes_of="a.tip")
     scene = Scene(
         "free",
         bodies,
         actuators=(PointForce("push", "b.tip", LINE, "push", frame="b.tip"),),
-        sensors=(meter("seen", seen), meter("rate", seen, 1.0, 1)),
+        sensors=(
+            meter("seen", seen),
+            meter("rate", PointVelocity((("a.tip", -LINE), ("b.tip", LINE)), "a.tip"), 1.0, 1),
+        ),
         springs=(Bushing("bushing", "a.o", "b.o", stiffness, damping, TURN),),
         damping_ratio=0.0,
     )
@@ -387,7 +406,7 @@ def test_a_bushing_between_free_bodies_by_dense_algebra():
 
 def test_commands_are_named_by_what_they_drive(body):
     both = Controller(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((2, 0)), [[-1e3], [500.0]], 1 / STEP)
-    actuators = (Pusher("push", (Force("u", "N", GAP),)), Pusher("pull", (Force("v", "N", GAP),)))
+    actuators = (Pusher("push", (AppliedForce("u", "N", GAP),)), Pusher("pull", (AppliedForce("v", "N", GAP),)))
     scene = held(body, "linear", actuators=actuators, loops=(Loop("hold", both, ("gap",), ("u", "v")),))
     found = run(scene, "exact")
     np.testing.assert_allclose(found["hold.v"], -0.5 * found["hold.u"], rtol=1e-12)
