@@ -50,6 +50,11 @@ class Body(ABC):
         return False
 
     @property
+    def is_rigid(self) -> bool:
+        """Whether it is a rigid body to all engines, with six coordinates."""
+        return False
+
+    @property
     @abstractmethod
     def point_names(self) -> tuple[str, ...]:
         """Names of its points, those that only move along too."""
@@ -145,6 +150,11 @@ class RigidBody(Body):
     def moves(self) -> bool:
         """Whether it has coordinates: the motion (6) of its centre of mass along the world's axes."""
         return not self.fixed
+
+    @property
+    def is_rigid(self) -> bool:
+        """Always."""
+        return True
 
     @property
     def point_names(self) -> tuple[str, ...]:
@@ -255,6 +265,11 @@ class FlexibleBody(Body):
     def deforms(self) -> bool:
         """Whether its fidelity lets it deform."""
         return self.fidelity != "rigid"
+
+    @property
+    def is_rigid(self) -> bool:
+        """Whether its fidelity lets it not deform."""
+        return self.fidelity == "rigid"
 
     @property
     def point_names(self) -> tuple[str, ...]:

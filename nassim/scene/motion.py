@@ -91,7 +91,7 @@ def point_motion(scene: Scene, motion: Motion, path: str) -> tuple[Array, Array]
     known("body of the motion", body.name, motion.positions)
     place, turns = motion.positions[body.name], motion.rotations[body.name]
     if not isinstance(body, FlexibleBody):
-        arm = body.points[known(f"point of {body.name!r}", point, body.points)]
+        arm = body.rotation.T @ (body.point_position(point) - body.position)
         return place + turns @ arm, turns
     rows = body.reduced.motion(point)
     shifts = motion.coordinates.get(body.name, np.zeros((len(motion.time), rows.shape[1]))) @ rows.T

@@ -12,12 +12,12 @@ from nassim.base.checks import Array, finite_array, freeze, instances, known, po
 from nassim.base.modal import damping_ratios
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.loop import Loop
-from nassim.scene.measures import body_of
+from nassim.scene.measures import Measure, body_of
 from nassim.scene.part import Actuator, Connection, ForceElement, Part, Sensor
 from nassim.scene.terms import (
     AppliedForce,
-    BaseAcceleration,
     Constraint,
+    Driven,
     ForceLaw,
     Output,
     OutputFilter,
@@ -38,8 +38,6 @@ KINDS: dict[str, tuple[type, ...]] = {
 }
 USUAL_RATIO = 0.01
 """Damping ratio of the modes of a scene in which none is stated."""
-DRIVEN = (AppliedForce, BaseAcceleration, PrescribedMotion)
-"""Terms that have an input."""
 Kind = TypeVar("Kind", bound=Term)
 
 
@@ -95,7 +93,7 @@ class Scene:
         self._check_signals()
 
     def _check_signals(self) -> None:
-        for term in self.terms_of(DRIVEN):
+        for term in self._driven:
             if term.input and term.unit != self.input_unit(term.input):
                 raise ValueError(f"input {term.input!r} cannot be both {term.unit} and {self.input_unit(term.input)}")
         driven = [(term.constraint, term.component) for term in self.terms_of(PrescribedMotion)]
@@ -122,9 +120,8 @@ class Scene:
             name = known("filtered output", passing.output, self.outputs)
             _check_filter(passing)
             kinds = {(term.derivative, term.inertial) for term in self.terms_of(Output) if term.name == name}
-            others = [term for term in self.terms_of(SpringForce) if term.name == name]
-            others += [term for term in self.terms_of(Shunt) if term.output == name]
-            if len(kinds | {(0, False) for _ in others}) > 1:
+            others = [term.name for term in self.terms_of(SpringForce)] + [term.output for term in self.terms_of(Shunt)]
+            if len(kinds | {(0, False) for other in others if other == name}) > 1:
                 raise ValueError(
                     f"output {name!r} adds readings of several derivatives and passes a filter, which starts on the "
                     "value of one: let it read displacement, velocity or acceleration"
@@ -155,9 +152,17 @@ class Scene:
                 check_term(term, f"{type(part).__name__} {part.name!r}")
         return result
 
-    def terms_of(self, kind: type[Kind] | tuple[type[Kind], ...]) -> tuple[Kind, ...]:
-        """Terms of one kind, or of several, of all parts."""
+    def terms_of(self, kind: type[Kind]) -> tuple[Kind, ...]:
+        """Terms of one kind of all parts."""
         return tuple(term for term in self.terms if isinstance(term, kind))
+
+    def measures_of(self, *kinds: type[Term]) -> tuple[Measure, ...]:
+        """Measures of terms of several kinds, kind by kind."""
+        return tuple(term.measure for kind in kinds for term in self.terms_of(kind))  # type: ignore[attr-defined]
+
+    @property
+    def _driven(self) -> list[Driven]:
+        return [term for term in self.terms if isinstance(term, Driven)]
 
     @property
     def mode_ratios(self) -> Array:
@@ -170,7 +175,7 @@ class Scene:
     @property
     def inputs(self) -> tuple[str, ...]:
         """Names of the inputs."""
-        return tuple(dict.fromkeys(term.input for term in self.terms_of(DRIVEN) if term.input))
+        return tuple(dict.fromkeys(term.input for term in self._driven if term.input))
 
     @property
     def commands(self) -> tuple[str, ...]:
@@ -179,7 +184,7 @@ class Scene:
 
     def input_unit(self, name: str) -> str:
         """Unit of an input."""
-        return next(term.unit for term in self.terms_of(DRIVEN) if term.input == name)
+        return next(term.unit for term in self._driven if term.input == name)
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -237,15 +242,15 @@ class Scene:
 
     def held_points(self, body: Body) -> tuple[str, ...]:
         """Points of a body that constraints hold, then those that springs do, in their order."""
-        measures = [term.measure for kind in (Constraint, ForceLaw) for term in self.terms_of(kind)]
+        measures = self.measures_of(Constraint, ForceLaw)
         return self._points_of(body, [path for measure in measures if not measure.within for path in measure.points])
 
     def named_points(self, body: Body) -> tuple[str, ...]:
         """Points of a body that are held, pushed or read by themselves, beyond the body's own shape."""
         paths = [f"{body.name}.{point}" for point in self.held_points(body)]
-        for term in self.terms_of((AppliedForce, Output)):
-            if not term.measure.within:
-                paths += term.measure.points
+        for measure in self.measures_of(AppliedForce, Output):
+            if not measure.within:
+                paths += measure.points
         return self._points_of(body, paths)
 
     def _points_of(self, body: Body, paths: Iterable[str]) -> tuple[str, ...]:

@@ -202,7 +202,8 @@ class Output(Term):
     inertial: bool = False
 
     def __post_init__(self) -> None:
-        known(f"derivative of output {self.name!r}", self.derivative, (0, 1, 2))
+        if self.derivative not in (0, 1, 2):
+            raise ValueError(f"output {self.name!r}: derivative must be 0, 1 or 2, got {self.derivative!r}")
         _check_scalar(f"output {self.name!r}", self.measure)
 
 
@@ -297,6 +298,8 @@ def _check_scalar(label: str, measure: Measure) -> None:
         )
 
 
+Driven = AppliedForce | BaseAcceleration | PrescribedMotion
+"""Terms that have an input."""
 KNOWN = (
     AppliedForce,
     BaseAcceleration,

@@ -96,8 +96,7 @@ class Damping:
 def tied_bodies(scene: Scene) -> tuple[tuple[str, str], ...]:
     """Every two moving bodies that a joint or a spring ties, whose position to each other shapes the scene's modes."""
     moving = {body.name for body in scene.bodies if body.moves}
-    measures = [term.measure for kind in (Constraint, ForceLaw) for term in scene.terms_of(kind)]
-    named = [sorted(moving & set(measure.bodies)) for measure in measures]
+    named = [sorted(moving & set(measure.bodies)) for measure in scene.measures_of(Constraint, ForceLaw)]
     return tuple(dict.fromkeys(pair for names in named for pair in combinations(names, 2)))
 
 

@@ -92,7 +92,7 @@ def _flexible(scene: Scene, body: FlexibleBody, fewer: FlexibleBody) -> list[str
 
 
 def _used_points(scene: Scene, body: FlexibleBody) -> set[str]:
-    measures = [term.measure for kind in (AppliedForce, Output, ForceLaw) for term in scene.terms_of(kind)]
+    measures = scene.measures_of(AppliedForce, Output, ForceLaw)
     paths = [path for measure in measures for path in measure.points if scene.split(path)[0] is body]
     return {*scene.held_points(body), *(path.partition(".")[2] for path in paths)}
 

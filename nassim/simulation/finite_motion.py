@@ -17,7 +17,7 @@ from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.measures import Measure, PointMeasure, Pose, inverse_right_jacobian
-from nassim.scene.terms import Constraint, ForceLaw
+from nassim.scene.terms import Constraint
 from nassim.simulation.small_motion import Assembly
 
 STEP = 5e-6
@@ -100,9 +100,9 @@ class GeometricStiffness:
     def of_springs(self, coordinates: Array) -> Array:
         """Stiffness of what springs bear at given coordinates, (n_all,), as their arms and directions rotate."""
         result = np.zeros((len(coordinates), len(coordinates)))
-        for law in _laws(self.assembly):
-            value = self.assembly.coordinates.jacobian(law.measure) @ coordinates
-            result += self._of(law.measure, law.resistance(value, np.zeros_like(value)))
+        for tangent in self.assembly.tangents:
+            force = tangent.law.resistance(tangent.rows @ coordinates, np.zeros(len(tangent.rows)))
+            result += self._of(tangent.law.measure, force)
         return result
 
     def _of(self, measure: Measure, force: Array) -> Array:
@@ -173,14 +173,10 @@ def _chart(reference: Array, arm: Array, moved: Array) -> tuple[Pose, Array]:
 def spring_forces(assembly: Assembly, coordinates: Array) -> Array:
     """Resistance of springs, (n_all,), at given coordinates, (n_all,)."""
     result = np.zeros(len(coordinates))
-    for law in _laws(assembly):
-        rows = assembly.coordinates.jacobian(law.measure)
-        result += rows.T @ law.resistance(rows @ coordinates, np.zeros(len(rows)))
+    for tangent in assembly.tangents:
+        rows = tangent.rows
+        result += rows.T @ tangent.law.resistance(rows @ coordinates, np.zeros(len(rows)))
     return result
-
-
-def _laws(assembly: Assembly) -> list[ForceLaw]:
-    return [term for term in assembly.terms if isinstance(term, ForceLaw)]
 
 
 def _joints(assembly: Assembly) -> list[Constraint]:

@@ -52,7 +52,7 @@ def traced(scene: Scene) -> Scene:
 
 
 def _traced(body: Body) -> Body:
-    if isinstance(body, RigidBody) or of_kind(body.reduced.readouts, Trace):
+    if not isinstance(body, FlexibleBody) or of_kind(body.reduced.readouts, Trace):
         return body
     trace = Trace(np.eye(len(body.reduced.mass_matrix)))
     return replace(body, reduced=replace(body.reduced, readouts={**body.reduced.readouts, trace.name: trace}))

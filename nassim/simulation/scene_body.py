@@ -88,6 +88,8 @@ def _check(scene: Scene) -> None:
                     f"{label}: spring {part.name!r} acts along an axis of the world, which would not turn with the "
                     'body; give it frame="body.point", or the axis "line"'
                 )
+            if not term.is_linear:
+                raise ValueError(f"{label}: spring {part.name!r} is not linear; add it to the new body")
             if damps(term):
                 damped.append(part.name)
     if damped:

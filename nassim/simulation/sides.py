@@ -38,6 +38,7 @@ def term_rows(coordinates: Coordinates, term: Term, states: Mapping[str, Referen
         return term_rows(coordinates, term.spring, states)
     if isinstance(term, BaseAcceleration):
         return coordinates.weight(term.direction, states)[None]
+    assert isinstance(term, (AppliedForce, Output, ForceLaw, Shunt, Constraint))
     measure = term.measure if states is None else term.measure.deviation
     rows = coordinates.jacobian(measure, states)
     return rows[term.rows(term.held)] if isinstance(term, Constraint) else rows

@@ -36,6 +36,9 @@ NO_EQUILIBRIUM = (
     "no static equilibrium: can a body move freely? Add joints, leave gravity out, or let the scene go as it is drawn "
     'by simulate(..., start="released")'
 )
+ITERATIONS = 100
+LEFT_OVER = 1e-11
+"""Share of the weight by which forces may be out of balance in static equilibrium."""
 
 
 @dataclass(frozen=True)
@@ -89,6 +92,7 @@ class Assembly:
     ground_matrix: acceleration along what inertial outputs read, of the ground, per unit input, (outputs, inputs)
     filters: by output that passes one, or to which that adds, see `nassim.simulation.filters`
     weight: forces of gravity on all coordinates, (n_all,)
+    tangents: force laws about the static equilibrium
     frames: floating frame of each flexible body, by name
     circuits: electrical ports whose charge leaks through a resistance
     amplifiers: actuators with a bandwidth
@@ -113,6 +117,7 @@ class Assembly:
     ground_matrix: Array
     filters: dict[str, StateSpace]
     weight: Array
+    tangents: tuple["Tangent", ...]
     frames: dict[str, FloatingFrame]
     circuits: tuple[Circuit, ...]
     amplifiers: tuple[Amplifier, ...]
@@ -187,16 +192,101 @@ class Coordinates:
         return result
 
 
+@dataclass(frozen=True)
+class Tangent:
+    """A force law about the static equilibrium of small motion.
+
+    rows: of its measure on all coordinates, (k, n_all); value: of the measure, (k,)
+    stiffness, damping: derivatives of the resistance, (k, k)
+    """
+
+    law: ForceLaw
+    rows: Array
+    value: Array
+    stiffness: Array
+    damping: Array
+
+    @classmethod
+    def of(cls, law: ForceLaw, rows: Array, coordinates: Array) -> "Tangent":
+        """At given coordinates, (n_all,)."""
+        value = rows @ coordinates
+        return cls(law, rows, value, *law.tangents(value, np.zeros(len(value))))
+
+
+def law_tangents(coordinates: Coordinates, terms: Sequence[Term], basis: Array) -> list[Tangent]:
+    """Force laws about the static equilibrium under gravity, which is at zero where all laws are linear.
+
+    basis: of the motions that constraints leave, (n_all, n)
+
+    Raises ValueError where no equilibrium is found, and for a law that pushes away from it.
+    """
+    laws = [(term, coordinates.jacobian(term.measure)) for term in terms if isinstance(term, ForceLaw)]
+    at_rest = np.zeros(len(coordinates.mass))
+    if any(not law.is_linear for law, _ in laws):
+        at_rest = _nonlinear_equilibrium(coordinates, laws, basis)
+    result = [Tangent.of(law, rows, at_rest) for law, rows in laws]
+    for tangent in result:
+        least = float(np.linalg.eigvalsh(0.5 * (tangent.stiffness + tangent.stiffness.T))[0])
+        if least < -LEFT_OVER * np.abs(tangent.stiffness).max():
+            raise ValueError(
+                f"the {type(tangent.law).__name__} between {', '.join(tangent.law.measure.points)} pushes away from "
+                f"equilibrium, with a tangent of {least:.3g}: no model of small motion holds it; simulate in large "
+                'motion (fidelity "ffrf", or rigid bodies alone)'
+            )
+    return result
+
+
+def tangent_of(coordinates: Coordinates, law: ForceLaw, tangents: Sequence[Tangent]) -> Tangent:
+    """That of a law, which another part states again as its own; of one within a body, about zero."""
+    rows = coordinates.jacobian(law.measure)
+    for tangent in tangents:
+        if type(tangent.law) is type(law) and np.array_equal(tangent.rows, rows):
+            return Tangent(law, rows, tangent.value, *law.tangents(tangent.value, np.zeros(len(rows))))
+    return Tangent.of(law, rows, np.zeros(rows.shape[1]))
+
+
+def _nonlinear_equilibrium(coordinates: Coordinates, laws: Sequence[tuple[ForceLaw, Array]], basis: Array) -> Array:
+    """Coordinates at rest under gravity, (n_all,), by Newton's method with halved steps; free motions stay at zero."""
+    scene, scale = coordinates.scene, 1 / np.sqrt(np.einsum("ij,ij->j", basis, coordinates.mass @ basis))
+    free, weight = basis * scale, coordinates.weight(scene.gravity)
+    elastic = np.zeros_like(coordinates.mass)
+    for body in scene.bodies:
+        if body.moves and body.strain is not None:
+            elastic[coordinates.slices[body.name], coordinates.slices[body.name]] = body.strain.stiffness
+
+    def left(q: Array) -> Array:
+        force = weight - elastic @ q
+        for law, rows in laws:
+            force = force - rows.T @ law.resistance(rows @ q, np.zeros(len(rows)))
+        result: Array = free.T @ force
+        return result
+
+    q, size = np.zeros(len(coordinates.mass)), float(np.linalg.norm(free.T @ weight))
+    for _ in range(ITERATIONS):
+        now = left(q)
+        stiffness = elastic + sum(t.rows.T @ t.stiffness @ t.rows for t in (Tangent.of(*law, q) for law in laws))
+        step = free @ np.linalg.lstsq(free.T @ stiffness @ free, now, rcond=LEFT_OVER)[0]
+        held = np.linalg.norm(free.T @ stiffness @ step)
+        if held <= LEFT_OVER * max(size, 1e-300):
+            return q
+        share = 1.0
+        while share > LEFT_OVER and np.linalg.norm(left(q + share * step)) >= np.linalg.norm(now):
+            share /= 2
+        q = q + share * step
+    raise ValueError(f"scene {scene.name!r}: {NO_EQUILIBRIUM}")
+
+
 def assemble(scene: Scene) -> Assembly:
     """Assemble a scene's mass and stiffness for small motion, and find its undamped eigenmodes."""
     scene, terms = _as_modelled(trim_scene(undrawn(scene) if scene.cutoff_frequency else scene))
     frames = {body.name: floating_frame(body.reduced, scene.frame_point(body)) for body in scene.flexible_bodies}
     coordinates = Coordinates.of(scene)
-    strains, dampers = _strains(coordinates, terms)
     held, moved, enforced = constraint_rows(
         scene, coordinates.jacobian, coordinates.mass, _undeformed(coordinates, frames)
     )
     basis = null_space(held, coordinates.mass)
+    tangents = law_tangents(coordinates, terms, basis)
+    strains, dampers = _strains(coordinates, tangents)
     strain = joined(strains, len(coordinates.mass))
     mass, stiffness = basis.T @ coordinates.mass @ basis, strain.within(basis).stiffness
     frequency, shapes = strained_modes(strain.within(basis), mass)
@@ -215,7 +305,7 @@ def assemble(scene: Scene) -> Assembly:
     )
     dragged = deformation.T @ (own @ (deformation @ followed)) + dampers @ followed
     input_matrix, amplifiers = _actions(coordinates, terms)
-    readings, drives = _readings(coordinates, terms), scene.prescribed
+    readings, drives = _readings(coordinates, terms, tangents), scene.prescribed
     return Assembly(
         scene=scene,
         terms=terms,
@@ -235,6 +325,7 @@ def assemble(scene: Scene) -> Assembly:
         ground_matrix=ground_accelerations(scene),
         filters=output_filters(scene),
         weight=coordinates.weight(scene.gravity),
+        tangents=tuple(tangents),
         frames=frames,
         circuits=_circuits(coordinates, terms),
         amplifiers=amplifiers,
@@ -302,20 +393,17 @@ def _as_modelled(scene: Scene) -> tuple[Scene, tuple[Term, ...]]:
     return replace(scene, bodies=tuple(bodies)), tuple(terms)
 
 
-def _strains(coordinates: Coordinates, terms: Sequence[Term]) -> tuple[list[Strain], Array]:
+def _strains(coordinates: Coordinates, tangents: Sequence[Tangent]) -> tuple[list[Strain], Array]:
     """What strains, and the damping of spring-dampers, both in all coordinates."""
     strains = []
     for body in coordinates.scene.bodies:
         if body.moves and body.strain is not None:
             strains.append(body.strain.within(np.eye(len(coordinates.mass))[coordinates.slices[body.name]]))
     dampers = np.zeros_like(coordinates.mass)
-    for term in terms:
-        if isinstance(term, ForceLaw):
-            still, rows = np.zeros(len(term.measure.components)), coordinates.jacobian(term.measure)
-            stiffness, damping = term.tangents(still, still)
-            sizes, directions = np.linalg.eigh(stiffness)
-            strains += [spring_strain(d @ rows, k, coordinates.mass) for k, d in zip(sizes, directions.T, strict=True)]
-            dampers += rows.T @ damping @ rows
+    for tangent in tangents:
+        rows, (sizes, directions) = tangent.rows, np.linalg.eigh(tangent.stiffness)
+        strains += [spring_strain(d @ rows, k, coordinates.mass) for k, d in zip(sizes, directions.T, strict=True)]
+        dampers += rows.T @ tangent.damping @ rows
     return strains, dampers
 
 
@@ -357,7 +445,7 @@ def _actions(coordinates: Coordinates, terms: Sequence[Term]) -> tuple[Array, tu
     return matrix, tuple(amplifiers)
 
 
-def _readings(coordinates: Coordinates, terms: Sequence[Term]) -> Array:
+def _readings(coordinates: Coordinates, terms: Sequence[Term], tangents: Sequence[Tangent]) -> Array:
     """Outputs per unit of all coordinates and of their first and second derivatives, (3, outputs, n_all)."""
     outputs = coordinates.scene.outputs
     result = np.zeros((3, len(outputs), len(coordinates.mass)))
@@ -365,11 +453,10 @@ def _readings(coordinates: Coordinates, terms: Sequence[Term]) -> Array:
         if isinstance(term, Output):
             result[term.derivative, outputs.index(term.name)] += term.gain * coordinates.jacobian(term.measure)[0]
         elif isinstance(term, SpringForce):
-            measure = term.spring.measure
-            still = np.zeros(len(measure.components))
-            k = measure.components.index(term.component)
-            pulls = np.stack([matrix[k] for matrix in term.spring.tangents(still, still)])
-            result[:2, outputs.index(term.name)] += pulls @ coordinates.jacobian(measure)
+            tangent = tangent_of(coordinates, term.spring, tangents)
+            k = term.spring.measure.components.index(term.component)
+            pulls = np.stack([tangent.stiffness[k], tangent.damping[k]])
+            result[:2, outputs.index(term.name)] += pulls @ tangent.rows
     return result
 
 

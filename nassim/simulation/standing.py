@@ -89,7 +89,8 @@ class Parted:
         if not self.is_guest(body.name):
             return body
         turn = self.turn(angle)
-        return replace(body, position=self.point + turn @ (body.position - self.point), rotation=turn @ body.rotation)
+        place = self.point + turn @ (body.position - self.point)
+        return replace(body, position=place, rotation=turn @ body.rotation)  # type: ignore[type-var]  # a dataclass
 
 
 @dataclass(frozen=True)
@@ -171,8 +172,8 @@ def check_constant(view: SeenScene) -> None:
                     "the world's axes: free that motion, put its points on the axis, or let its axes turn along"
                 )
             sides = {name in parted.standing for name in term.measure.bodies}
-            halfway = isinstance(term, ForceLaw) and len(term.measure.components) > 1
-            if halfway and len(sides) > 1 and damps(term):
+            halfway = len(term.measure.components) > 1 and len(sides) > 1
+            if isinstance(term, ForceLaw) and halfway and damps(term):
                 raise ValueError(
                     f"{label_of(term)}: axes of a bushing turn halfway between its bodies, so its damping would be "
                     "neither one that stands nor one that turns; damp by a SpringDamper with the frame of either body"

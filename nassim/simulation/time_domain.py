@@ -9,7 +9,7 @@ from nassim.base.checks import Array, finite, known
 from nassim.base.progress import stage, tell
 from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
-from nassim.scene.terms import Constraint, Output, PrescribedMotion
+from nassim.scene.terms import Constraint, ForceLaw, Output, PrescribedMotion
 from nassim.signals.time_history import TimeHistory, occupied_bandwidth
 from nassim.simulation.accuracy import describe_steps
 from nassim.simulation.buckling import axial_forces, warn_of_buckling
@@ -374,6 +374,12 @@ def _check_exact(scene: Scene) -> None:
         found = f'body {floating[0]!r} has fidelity "ffrf"' if floating else "something spins"
         raise ValueError(
             f'method "exact" is for small motion: in scene {scene.name!r}, {found}; take generalized_alpha'
+        )
+    bent = [law for law in scene.terms_of(ForceLaw) if not law.is_linear]
+    if bent:
+        raise ValueError(
+            f'method "exact" steps linear models: in scene {scene.name!r}, a {type(bent[0]).__name__} between '
+            f"{', '.join(bent[0].measure.points)} is not linear; take generalized_alpha"
         )
 
 

@@ -89,10 +89,11 @@ def scene_form(body: Body, look: Surface | None = None, side: Array | None = Non
         traces = of_kind(body.reduced.readouts, Trace)
         return replace(form, modes=form.modes @ np.linalg.pinv(traces[0].rows)) if traces else form
     surface = look if look is not None else _of_inertia(body, side)
-    positions = np.array(list(body.points.values())).reshape(-1, 3)
+    places = [body.point_position(point) - body.position for point in body.point_names]
+    positions = np.reshape(places, (-1, 3)) @ body.rotation
     points = np.vstack([surface.points, positions])
     modes = np.array([rigid_transfer(point)[:3] for point in points]).reshape(-1, 3, 6)
-    return Form(surface, tuple(body.points), positions, modes)
+    return Form(surface, body.point_names, positions, modes)
 
 
 def label_colors(surface: Surface, points: tuple[str, ...]) -> Mapping[str, str]:
@@ -123,8 +124,8 @@ def bushing_sides(scene: Scene) -> dict[str, Array]:
     return found
 
 
-def _of_inertia(body: RigidBody, side: Array | None) -> Surface:
-    if body.mass is None or body.inertia is None:
+def _of_inertia(body: Body, side: Array | None) -> Surface:
+    if not isinstance(body, RigidBody) or body.mass is None or body.inertia is None:
         return Surface(np.zeros((0, 3)), np.zeros((0, 3), dtype=int), np.zeros((0, 2), dtype=int), ())
     moments, axes = np.linalg.eigh(body.inertia)
     # Of a box with sides a, b, c: 12 Ix = m (b^2 + c^2) and so on.

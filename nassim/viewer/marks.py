@@ -92,8 +92,8 @@ def _measured(scene: Scene, measure: Measure) -> Iterable[Place]:
 
 def _line(scene: Scene, measure: BodyCoordinates) -> Array:
     """From one end to the other, axes of the body."""
-    a, b = (scene.split(path)[0].reduced.point(path.partition(".")[2]).position for path in measure.ends[:2])
-    return (b - a) / np.linalg.norm(b - a)
+    a, b = map(scene.point_position, measure.ends[:2])
+    return _rotation(scene, measure.body).T @ (b - a) / np.linalg.norm(b - a)
 
 
 def _own_place(scene: Scene, name: str, weights: Array) -> str:

@@ -122,7 +122,7 @@ class Items:
 
     def moves(self, path: str) -> bool:
         """Whether a point's body does."""
-        return path.partition(".")[0] in self.nodes
+        return path.partition(".")[0] in self.body_nodes
 
 
 def offset_of(scene: Scene, path: str, place: Array) -> tuple[float, float, float]:
@@ -146,9 +146,7 @@ def add_force(items: Items, term: AppliedForce) -> list[Push]:
         number = items.mbs.AddObject(eii.ObjectConnectorSpringDamper(markerNumbers=markers, force=0.0))
         return [Push(number, term.input, np.array(-gain), "force", rate)]
     nodes, loads = on_coordinates(items, measure), on_points(items, measure)
-    carried = isinstance(measure, PointVelocity) and measure.axes_of in ("", *(path for path, _ in measure.weights[:1]))
-    one_point = not _axes_of(measure) or (carried and len(measure.weights) == 1)
-    if nodes is None or loads is None or not one_point:
+    if nodes is None or loads is None or not _is_load(measure):
         strength = add_general_actuator(items.mbs, items.evaluator(measure), term)
         return [Push(-1, term.input, np.ones(1), rate=rate, offset=strength)]
     drives = []
@@ -168,8 +166,9 @@ def add_force(items: Items, term: AppliedForce) -> list[Push]:
 def add_base_acceleration(items: Items, term: BaseAcceleration) -> list[Push]:
     """Add a uniform acceleration of every body that moves, against that of the base."""
     drives = []
-    for name in items.own:
-        if items.fidelity(name) == "linear":
+    others = [name for name in items.body_nodes if name not in items.nodes]
+    for name in (*items.own, *others):
+        if name not in items.nodes or items.fidelity(name) == "linear":
             numbers = [number for number, _ in items.carriers[name].nodes]
             weight = items.scene.split(f"{name}.")[0].weight(-term.direction)
             forces = items.carriers[name].coordinates.T @ weight
@@ -283,6 +282,12 @@ def _parts(measure: Measure) -> tuple[tuple[float, Measure], ...]:
 
 def _scaled(items: Items, name: str, row: Array) -> list[tuple[int, Array]]:
     return items.carriers[name].parts(row) if name in items.carriers else []
+
+
+def _is_load(measure: Measure) -> bool:
+    """Whether loads at points make the force of a measure: along the world's axes, or those of its own one point."""
+    own = isinstance(measure, PointVelocity) and [measure.axes_of] == [path for path, _ in measure.weights]
+    return not _axes_of(measure) or own
 
 
 def _axes_of(measure: Measure) -> str:

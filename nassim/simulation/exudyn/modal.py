@@ -10,9 +10,10 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.simulation.compensation import Steps, small_motion_factors
+from nassim.simulation.exudyn.general import NOTHING
 from nassim.simulation.exudyn.state import COORDINATES, Carrier, Charge, Push, System, Term, modal_node
 from nassim.simulation.following import product
-from nassim.simulation.small_motion import Assembly
+from nassim.simulation.small_motion import Assembly, Tangent
 
 
 @dataclass(frozen=True)
@@ -89,6 +90,9 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
         )
     )
     massless = {number: _sparse(equations.mass)} if np.any(equations.massless) else {}
+    for tangent in assembly.tangents:
+        if not tangent.law.is_linear:
+            _add_curvature(mbs, node, tangent, tangent.rows @ motion)
     bodies = [body for body in scene.bodies if body.name in assembly.slices]
     carriers = {body.name: Carrier(((node, size),), motion[assembly.slices[body.name]]) for body in bodies}
     readings = _add_readings(mbs, assembly, node, motion, equations.gains)
@@ -135,6 +139,25 @@ def _add_readings(mbs: Any, assembly: Assembly, node: int, motion: Array, gains:
                 if np.any(row):
                     readings[name].append(Term.linear(number, row))
     return readings
+
+
+def _add_curvature(mbs: Any, node: int, tangent: Tangent, rows: Array) -> None:
+    """Add what a force law resists beyond its tangents, which the modes hold; rows: on the coordinates, (k, size)."""
+    law, stiffness, damping = tangent.law, tangent.stiffness, tangent.damping
+
+    def force(_mbs: Any, _t: float, _item: int, q: Any, rates: Any) -> Array:
+        value, rate = rows @ np.asarray(q), rows @ np.asarray(rates)
+        return rows.T @ (stiffness @ value + damping @ rate - law.resistance(value, rate))
+
+    def jacobian(_mbs: Any, _t: float, _item: int, q: Any, rates: Any, by_q: float, by_rates: float) -> Array:
+        by_value, by_rate = law.tangents(rows @ np.asarray(q), rows @ np.asarray(rates))
+        return rows.T @ (by_q * (by_value - stiffness) + by_rates * (by_rate - damping)) @ rows
+
+    mbs.AddObject(
+        eii.ObjectGenericODE2(
+            nodeNumbers=[node], massMatrix=NOTHING, forceUserFunction=force, jacobianUserFunction=jacobian
+        )
+    )
 
 
 def _sparse(matrix: Array) -> Any:

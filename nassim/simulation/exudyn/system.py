@@ -160,16 +160,21 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None,
         body_nodes[flexible.name] = _flexible_nodes(flexible, assembly.frames[flexible.name], node, carrier, number)
         grips.update({(f"{flexible.name}.{point}", offset): grip for (point, offset), grip in found.items()})
         pilots.update({f"{flexible.name}.{p}": three for (p, offset), three in of_body.items() if not any(offset)})
-    bodies = {body.name: _as_rigid(body, assembly) for body in scene.bodies if not body.deforms}
+    bodies = {body.name: _as_rigid(body, assembly) for body in scene.bodies if body.is_rigid}
     for leader, names in welds.groups.items():
         one = as_one([bodies[name] for name in names])
-        number, item = _add_rigid(mbs, one, twists.get(leader, np.zeros(6)))
+        rigid_node, item = _add_rigid(mbs, one, twists.get(leader, np.zeros(6)))
         for name in names:
             rigid[name], objects[name] = part_of(one, bodies[name]), item
-            if number is not None:
-                nodes[name] = number
+            if rigid_node is not None:
+                nodes[name] = rigid_node
                 state = partial(euler_state, assembly.scene.split(f"{name}.")[0], one.position, start=NO_ROTATION)
-                body_nodes[name] = BodyNodes(item, ((number, 7),), state)
+                body_nodes[name] = BodyNodes(item, ((rigid_node, 7),), state)
+    for other in scene.bodies:
+        if not (other.is_rigid or other.deforms):
+            body_nodes[other.name] = _add_linear_body(mbs, scene, other)
+            nodes_of = body_nodes[other.name].nodes
+            carriers[other.name] = Carrier(nodes_of, np.eye(len(other.mass_matrix)))
     own = [name for name in nodes if welds.leaders.get(name, name) == name]
     # A linear body carries its weight itself.
     linear = [body.name for body in scene.flexible_bodies if body.fidelity == "linear"]
@@ -179,6 +184,21 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None,
             mbs.AddLoad(eii.LoadMassProportional(markerNumber=marker, loadVector=list(scene.gravity)))
     _couple(mbs, assembly, carriers, mass, damping)
     return Items(mbs, scene, nodes, own, welds.joints, objects, rigid, carriers, grips, pilots, body_nodes)
+
+
+def _add_linear_body(mbs: Any, scene: Scene, body: Body) -> BodyNodes:
+    """Add a body of another formulation, by its own linear equations; general items hold and drive its points."""
+    n = len(body.mass_matrix)
+    node = mbs.AddNode(modal_node(n))
+    number = mbs.AddObject(
+        eii.ObjectGenericODE2(
+            nodeNumbers=[node],
+            massMatrix=body.mass_matrix,
+            stiffnessMatrix=np.zeros((n, n)) if body.strain is None else body.strain.stiffness,
+            forceVector=body.weight(scene.gravity),
+        )
+    )
+    return BodyNodes(number, ((node, n),), partial(LinearState, body))
 
 
 def _flexible_nodes(body: FlexibleBody, frame: FloatingFrame, node: int, carrier: Carrier, number: int) -> BodyNodes:
@@ -194,6 +214,7 @@ def _as_rigid(body: Body, assembly: Assembly) -> RigidBody:
     """A body without deformation, along the world's axes."""
     if isinstance(body, RigidBody):
         return body.along_world
+    assert isinstance(body, FlexibleBody)
     frame, turn = assembly.frames[body.name], body.rotation
     c = frame.center_of_mass
     inertia = turn @ (frame.inertia - frame.mass * (c @ c * np.eye(3) - np.outer(c, c))) @ turn.T

@@ -36,7 +36,7 @@ class Welds:
 def find_welds(assembly: Assembly) -> Welds:
     """What is one in a scene: bodies without deformation that joints hold together in all six directions."""
     moves = {body.name: body.moves for body in assembly.scene.bodies}
-    leaders, joints = {body.name: body.name for body in assembly.scene.bodies if not body.deforms}, []
+    leaders, joints = {body.name: body.name for body in assembly.scene.bodies if body.is_rigid}, []
     for joint in assembly.scene.terms_of(Constraint):
         a, b = (leaders.get(path.partition(".")[0]) for path in joint.points[:2])
         # What other joints hold already is not enforced by this one, and what a drive moves not held at rest.

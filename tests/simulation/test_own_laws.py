@@ -1,0 +1,409 @@
+"""Laws, measures and bodies written here alone: a cubic spring, a screw, a chain of masses; general and faster items."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+import scipy
+from conftest import lattice
+from scipy.spatial.transform import Rotation
+
+from nassim import (
+    Bushing,
+    Encoder,
+    FlexibleBody,
+    PointForce,
+    RigidBody,
+    Scene,
+    SpringDamper,
+    TimeHistory,
+    Vibrometer,
+    craig_bampton,
+    linearize,
+    simulate,
+)
+from nassim.bodies.strain import Strain
+from nassim.scene import (
+    AngleSensor,
+    Body,
+    Combination,
+    Connection,
+    Constraint,
+    Displacement,
+    Distance,
+    ForceElement,
+    NonlinearSpring,
+    Path,
+    RelativePose,
+    RotationAngle,
+    Spring,
+    cylindrical,
+)
+from nassim.scene.measures import PointVelocity
+from nassim.simulation.states import RigidState
+
+ODD = Rotation.from_rotvec([0.5, -0.7, 0.4]).as_matrix()
+GROUND = RigidBody("ground", {"o": np.zeros(3), "p": [0.2, -0.1, 0.3]}, fixed=True)
+
+
+def free_run(scene, duration, time_step, **options):
+    time = time_step * np.arange(round(duration / time_step) + 1)
+    still = TimeHistory(time, np.zeros((len(scene.inputs), len(time))), scene.inputs, ("",) * len(scene.inputs))
+    record = simulate(scene, still, time_step=time_step, progress=False, **options)
+    return dict(zip(record.names, record.values, strict=True)), time
+
+
+@dataclass(frozen=True)
+class Cubic(ForceElement):
+    """A spring whose force grows with the cube of the stretch of a line."""
+
+    a: Path
+    b: Path
+    stiffness: float = 0.0
+    cubic: float = 0.0
+
+    def terms(self, scene):
+        """One law."""
+        return (NonlinearSpring(Distance(self.a, self.b), force=lambda v, _: self.stiffness * v + self.cubic * v**3),)
+
+
+def swinging(**options):
+    """A point mass on two cubic springs, in large motion."""
+    ball = RigidBody("ball", {"c": np.zeros(3)}, 0.5, 1e-3 * np.diag([1.0, 2.0, 2.5]), (0.1, 0.2, -0.4))
+    springs = (Cubic("one", "ground.o", "ball.c", 200.0, 4e4), Cubic("two", "ball.c", "ground.p", 150.0, 9e4))
+    sensors = tuple(Encoder(axis, "ground.o", "ball.c", axis) for axis in "xyz")
+    return Scene("swing", (GROUND, ball), springs=springs, sensors=sensors, gravity=(1.0, -2.0, -9.81), **options)
+
+
+def test_a_cubic_spring_in_large_motion_is_an_own_integration():
+    scene = swinging()
+    ball = scene.bodies[1]
+    anchors = [np.zeros(3), np.array([0.2, -0.1, 0.3])]
+    lengths = [np.linalg.norm(ball.position - anchor) for anchor in anchors]
+
+    def rates(_t, y):
+        force = ball.mass * np.asarray(scene.gravity)
+        for anchor, length, (k, c) in zip(anchors, lengths, ((200.0, 4e4), (150.0, 9e4)), strict=True):
+            apart = y[:3] - anchor
+            stretch = np.linalg.norm(apart) - length
+            force = force - (k * stretch + c * stretch**3) * apart / np.linalg.norm(apart)
+        return np.concatenate([y[3:], force / ball.mass])
+
+    found, time = free_run(scene, 0.6, 5e-4, start="released")
+    solution = scipy.integrate.solve_ivp(
+        rates, (0, 0.6), [*ball.position, 0, 0, 0], t_eval=time, rtol=1e-10, atol=1e-12
+    )
+    moved = solution.y[:3] - ball.position[:, None]
+    assert np.abs(moved).max() > 0.1
+    for axis, expected in zip("xyz", moved, strict=True):
+        np.testing.assert_allclose(found[axis], expected, rtol=0, atol=5e-5)
+
+
+def bar_on_a_cubic_spring(force, fidelity="linear"):
+    body = craig_bampton(lattice(stiffness=1e5), n_modes=2, progress=False)
+    bar = FlexibleBody("bar", body, -ODD @ body.point("left").position, ODD, fidelity)
+    hook = RigidBody("hook", {"o": np.zeros(3)}, fixed=True, position=bar.point_position("right") + [0.0, 0.0, 0.05])
+    holds = (Bushing("foot", "ground.o", "bar.left", [1e4, 2e4, 3e4, 20.0, 30.0, 40.0]),)
+    return Scene("bar", (GROUND, hook, bar), springs=(*holds, force), gravity=(0, 0, -200.0), damping_ratio=0.0)
+
+
+@dataclass(frozen=True)
+class Hook(ForceElement):
+    """A law along z between hook and bar."""
+
+    law: object = None
+
+    def terms(self, scene):
+        """One law."""
+        along = Displacement.between("hook.o", "bar.right", np.array([0.0, 0.0, 1.0]))
+        return (NonlinearSpring(along, force=self.law),)
+
+
+def test_a_cubic_spring_is_linearised_about_its_equilibrium():
+    """As a linear spring of its tangent, found by bisection of the force that both carry."""
+    law = Hook("hook", lambda v, _: 2e3 * v + 3e9 * v**3)
+    loaded = linearize(bar_on_a_cubic_spring(law))
+
+    def sag(stretch):
+        """Of the bar's end, pulled by the law's force at a stretch."""
+        scene = bar_on_a_cubic_spring(Hook("hook", lambda v, _: 0.0 * v))
+        along = Encoder("z", "hook.o", "bar.right", "z")
+        scene = replace(scene, sensors=(along,), actuators=(PointForce("f", "bar.right", "z", "f"),))
+        a, b, c, _ = linearize(scene).matrices
+        weight = nassim_weight(scene)
+        return float(c[0] @ np.linalg.solve(-a, weight - b[:, 0] * (2e3 * stretch + 3e9 * stretch**3)))
+
+    stretch = scipy.optimize.brentq(lambda v: sag(v) - v, -0.05, 0.0, xtol=1e-15)
+    tangent = 2e3 + 9e9 * stretch**2
+    assert tangent > 3 * 2e3
+    along = SpringDamper("hook", "hook.o", "bar.right", "z", tangent)
+    expected = linearize(bar_on_a_cubic_spring(along))
+    np.testing.assert_allclose(np.sort(loaded.poles().imag), np.sort(expected.poles().imag), rtol=1e-7, atol=1e-6)
+
+
+def nassim_weight(scene):
+    """Rates of the states by gravity."""
+    from nassim.simulation.linearization import state_space
+    from nassim.simulation.small_motion import assemble
+
+    return state_space(assemble(scene))[1][:, -1]
+
+
+def test_a_nonlinear_spring_in_small_motion_follows_its_law_beyond_the_tangent():
+    """Decays in small motion (one object of modes) and beside floating frames (general items)."""
+    law = Hook("hook", lambda v, w: 2e3 * v + 3e10 * v**3 + 2.0 * w)
+    runs = []
+    for fidelity in ("linear", "ffrf"):
+        scene = replace(
+            bar_on_a_cubic_spring(law, fidelity),
+            sensors=(Encoder("z", "hook.o", "bar.right", "z"),),
+            actuators=(PointForce("f", "bar.right", (0.6, 0.0, 0.8), "f"),),
+        )
+        time = 1e-4 * np.arange(301)
+        pulse = TimeHistory(time, 20.0 * np.sin(np.pi * np.minimum(time / 2e-3, 1.0))[None] ** 2, ("f",), ("N",))
+        record = simulate(scene, pulse, time_step=1e-4, progress=False)
+        runs.append(record.values[record.names.index("z")])
+    assert np.ptp(runs[0]) > 1e-4
+    np.testing.assert_allclose(runs[0], runs[1], rtol=0, atol=0.01 * np.ptp(runs[0]))
+    with pytest.raises(ValueError, match='method "exact" steps linear models: .* NonlinearSpring between hook.o'):
+        simulate(replace(bar_on_a_cubic_spring(law), loops=()), TimeHistory(np.arange(3) * 1e-3, np.zeros((0, 3)), (), ()),
+                 time_step=1e-3, method="exact", progress=False)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Screw(Connection):
+    """A nut on a spindle: a joint's slide follows its rotation."""
+
+    a: Path
+    b: Path
+    axis: tuple
+    lead: float
+
+    def terms(self, scene):
+        """The slide less the lead times the turns is zero."""
+        axis = np.asarray(self.axis) / np.linalg.norm(self.axis)
+        slide = Displacement.between(self.a, self.b, axis, axes_of=self.a)
+        parts = ((1.0, slide), (-self.lead / (2 * np.pi), RotationAngle(self.b, axis, self.a)))
+        return (Constraint(self.name, Combination(parts)),)
+
+
+def test_a_screw_couples_rotation_to_translation():
+    """A nut on an inclined spindle, let go: as a mass m + J (2 pi / lead)^2 on the way down."""
+    axis, lead, mass, inertia = np.array([0.48, -0.6, 0.64]), 0.3, 0.7, 2e-3
+    axes = np.linalg.qr(np.column_stack([axis, np.eye(3)[:, :2]]))[0]
+    moments = axes @ np.diag([inertia, 3e-3, 2.5e-3]) @ axes.T
+    nut = RigidBody("nut", {"m": np.zeros(3)}, mass, 0.5 * (moments + moments.T))
+    joints = (
+        cylindrical("guide", "ground.o", "nut.m", tuple(axis)),
+        Screw("screw", "ground.o", "nut.m", tuple(axis), lead),
+    )
+    sensors = (
+        Encoder("slide", "ground.o", "nut.m", tuple(axis)),
+        AngleSensor("turn", "ground.o", "nut.m", tuple(axis)),
+    )
+    scene = Scene("screw", (GROUND, nut), joints, sensors=sensors, gravity=(0.0, 0.0, -9.81))
+    found, time = free_run(scene, 1.0, 1e-3, start="released")
+    acceleration = mass * -9.81 * axis[2] / (mass + inertia * (2 * np.pi / lead) ** 2)
+    expected = 0.5 * acceleration * time**2
+    assert np.abs(expected[-1]) > 2 * lead
+    np.testing.assert_allclose(found["slide"], expected, rtol=0, atol=2e-3 * np.abs(expected).max())
+    np.testing.assert_allclose(found["turn"], 2 * np.pi / lead * found["slide"], rtol=0, atol=1e-6)
+    spring = SpringDamper("k", "ground.o", "nut.m", tuple(axis), 400.0)
+    poles = linearize(replace(scene, springs=(spring,), gravity=np.zeros(3))).poles()
+    frequency = np.sqrt(400.0 / (mass + inertia * (2 * np.pi / lead) ** 2))
+    np.testing.assert_allclose(np.sort(np.abs(poles.imag)), [frequency, frequency], rtol=1e-9)
+
+
+@dataclass(frozen=True)
+class Chain(Body):
+    """Equal masses on a line with springs between them: a formulation of its own."""
+
+    name: str
+    n: int
+    mass: float
+    stiffness: float
+    direction: tuple = (0.0, 0.0, 1.0)
+    position: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def point_names(self):
+        return tuple(f"m{k}" for k in range(self.n))
+
+    @property
+    def mass_matrix(self):
+        return self.mass * np.eye(self.n)
+
+    @property
+    def strain(self):
+        rows = np.diff(np.eye(self.n), axis=0)
+        sizes = np.sqrt(2 / self.mass)
+        return Strain(rows / sizes, np.sqrt(self.stiffness) * rows)
+
+    def weight(self, gravity):
+        return self.mass * np.full(self.n, gravity @ self.direction)
+
+    def motion(self, point):
+        result = np.zeros((6, self.n))
+        result[:3, self.point_names.index(point)] = self.direction
+        return result
+
+    def point_position(self, point):
+        return self.position + 0.1 * self.point_names.index(point) * np.asarray(self.direction)
+
+    @property
+    def rigid_inertia(self):
+        return self.n * self.mass, self.position, self.n * self.mass * np.eye(3)
+
+
+@pytest.mark.parametrize("method", ["exact", "generalized_alpha", "ffrf"])
+def test_a_body_formulation_of_its_own_runs_in_every_engine(method):
+    """A chain between a wall and a bar, against its own matrices where the bar is rigidly light and, in all, exact."""
+    n, mass, stiffness = 4, 0.2, 3e4
+    direction = np.array([0.6, 0.0, 0.8])
+    chain = Chain("chain", n, mass, stiffness, tuple(direction), np.array([0.1, 0.0, 0.0]))
+    body = craig_bampton(lattice(stiffness=1e5), n_modes=2, progress=False)
+    start = chain.point_position("m3") + [0.05, 0.02, 0.0]
+    bar = FlexibleBody(
+        "bar", body, start - ODD @ body.point("left").position, ODD, "ffrf" if method == "ffrf" else "linear"
+    )
+    foot = RigidBody("foot", {"o": np.zeros(3)}, fixed=True, position=bar.point_position("right"))
+    springs = (
+        SpringDamper("wall", "ground.o", "chain.m0", tuple(direction), 2e4, 1.0),
+        SpringDamper("link", "chain.m3", "bar.left", tuple(direction), 1e4, 2.0),
+        Bushing("foot", "foot.o", "bar.right", [4e4, 5e4, 3e4, 20.0, 30.0, 40.0], 0.02 * np.ones(6)),
+    )
+    scene = Scene(
+        "chain",
+        (GROUND, foot, chain, bar),
+        springs=springs,
+        actuators=(PointForce("push", "chain.m1", tuple(direction), "push"),),
+        sensors=(Encoder("m2", "ground.o", "chain.m2", tuple(direction)), Vibrometer("v", "bar.left", "z")),
+        damping_ratio=0.0,
+    )
+    time = 1e-4 * np.arange(401)
+    pulse = TimeHistory(time, np.sin(np.pi * np.minimum(time / 2e-3, 1.0))[None] ** 2, ("push",), ("N",))
+    options = {"method": "exact"} if method == "exact" else {}
+    found = simulate(scene, pulse, time_step=1e-4, progress=False, **options)
+    model = linearize(scene)
+    whole = np.zeros((len(model.A) + 2,) * 2)
+    whole[: len(model.A), : len(model.A)], whole[: len(model.A), -2:-1], whole[-2, -1] = model.A, model.B, 1.0
+    phi = scipy.linalg.expm(whole * 1e-4)
+    state, expected = np.zeros(len(model.A)), []
+    for now, following in zip(pulse.values[0], [*pulse.values[0][1:], 0.0], strict=True):
+        expected.append(model.C @ state)
+        state = (phi @ [*state, now, (following - now) / 1e-4])[: len(state)]
+    for name, values in zip(("m2", "v"), np.transpose(expected), strict=True):
+        size = np.abs(values).max()
+        atol = (1e-8 if method == "exact" else 0.02) * size
+        np.testing.assert_allclose(found.values[found.names.index(name)], values, rtol=0, atol=atol)
+    if method == "exact":
+        light = replace(scene, bodies=scene.bodies[:3], springs=springs[:1], sensors=scene.sensors[:1])
+        matrix = stiffness * np.diff(np.eye(n), axis=0).T @ np.diff(np.eye(n), axis=0)
+        matrix[0, 0] += 2e4
+        frequency = np.sqrt(np.linalg.eigvalsh(matrix / mass))
+        poles = np.abs(linearize(light).poles())
+        np.testing.assert_allclose(np.unique(poles.round(6)), np.unique(frequency.round(6)), rtol=1e-6)
+
+
+MEASURES = {
+    "displacement": Displacement((("a.p", np.array([1.0, -2, 0.5])), ("b.q", np.array([-0.3, 0.4, 2])))),
+    "turning": Displacement.between("a.p", "b.q", np.array([0.6, 0.0, 0.8]), axes_of="b.q"),
+    "distance": Distance("a.p", "b.q"),
+    "angle": RotationAngle("b.q", np.array([0.3, 0.4, -1.2]), "a.p"),
+    "angle of the world": RotationAngle("b.q", np.array([0.3, 0.4, -1.2])),
+    "vector": RelativePose("a.p", "b.q", ODD),
+    "quaternion": RelativePose("a.p", "b.q", ODD, "quaternion"),
+    "matrix": RelativePose("a.p", "b.q", ODD, "matrix"),
+    "combination": Combination(((2.0, Distance("a.p", "b.q")), (-0.3, RotationAngle("b.q", np.eye(3)[1], "a.p")))),
+}
+
+
+@pytest.mark.parametrize("name", MEASURES)
+def test_jacobians_are_the_derivatives_of_values(name):
+    """In a configuration far from the reference, along every motion of both bodies."""
+    measure, random = MEASURES[name], np.random.default_rng(3)
+    bodies = [
+        RigidBody(
+            label, {"p": random.normal(size=3), "q": random.normal(size=3)}, 1.0, np.eye(3), random.normal(size=3)
+        )
+        for label in "ab"
+    ]
+    twists = [np.concatenate([random.normal(size=3), random.normal(size=3) * 0.6]) for _ in bodies]
+
+    def states(k=0, step=np.zeros(6)):
+        """With a small twist after the finite motion of body k."""
+        result = {}
+        for j, (body, twist) in enumerate(zip(bodies, twists, strict=True)):
+            moved = Rotation.from_rotvec(twist[3:]).as_matrix(), twist[:3]
+            if j == k:
+                after = Rotation.from_rotvec(step[3:]).as_matrix()
+                moved = after @ moved[0], after @ moved[1] + step[:3]
+            result[body.name] = RigidState(body, np.concatenate([moved[1], Rotation.from_matrix(moved[0]).as_rotvec()]))
+        return result
+
+    _, rows = measure.evaluate(states())
+    size = max(np.abs(row).max() for row in rows.values())
+    for k, label in enumerate(measure.bodies if len(measure.bodies) > 1 else ()):
+        index = [body.name for body in bodies].index(label)
+        for j, unit in enumerate(np.eye(6)):
+            ahead, behind = (measure.evaluate(states(index, sign * 1e-6 * unit))[0] for sign in (1, -1))
+            np.testing.assert_allclose(rows[label][:, j], (ahead - behind) / 2e-6, rtol=0, atol=2e-8 * size, err_msg=k)
+
+
+@dataclass(frozen=True)
+class Tie(ForceElement):
+    """A given term."""
+
+    term: object = None
+
+    def terms(self, scene):
+        """It."""
+        return (self.term,)
+
+
+FASTER = {
+    "distance": Spring(Distance("ground.p", "block.c"), 300.0, 0.4),
+    "axis": Spring(Displacement.between("ground.p", "block.c", np.array([0.0, 1.0, 0.0])), 300.0, 0.4),
+    "oblique": Spring(Displacement.between("ground.p", "block.c", np.array([0.6, 0.0, 0.8])), 300.0, 0.4),
+    "turning": Spring(
+        Displacement.between("bar.right", "block.c", np.array([0.6, 0.0, 0.8]), axes_of="block.c"), 9.0, 0.4
+    ),
+    "bushing": Spring(RelativePose("bar.right", "block.c", ODD), np.diag([90.0, 50, 70, 2, 3, 4]), 0.02 * np.eye(6)),
+    "bearing": Spring(
+        RelativePose("ground.p", "block.c", ODD, "quaternion"), np.diag([90.0, 50, 70, 2, 3, 0]), 0.02 * np.eye(6)
+    ),
+    "damper": Spring(
+        PointVelocity((("bar.right", -ODD[0]), ("block.c", ODD[0])), "bar.right", angular=True), 0.0, 0.02
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FASTER)
+def test_faster_items_are_the_general_ones(name, monkeypatch):
+    """A block released beside a flexible bar that swings: large motion, bodies turned about odd axes."""
+    from nassim.simulation.exudyn import springs
+
+    body = craig_bampton(lattice(stiffness=1e5), n_modes=2, progress=False)
+    bar = FlexibleBody("bar", body, -ODD @ body.point("left").position, ODD, angular_velocity=(1.0, -2.0, 3.0))
+    block = RigidBody(
+        "block", {"c": [0.03, -0.02, 0.05]}, 0.3, 1e-3 * np.diag([1.0, 2.0, 2.5]), (0.3, 0.2, -0.1), rotation=ODD
+    )
+    sensors = (
+        *(Encoder(axis, "ground.o", "block.c", axis) for axis in "xyz"),
+        Encoder("end", "ground.o", "bar.right", "x"),
+    )
+    scene = Scene(
+        "tied",
+        (GROUND, bar, block),
+        springs=(Tie("tie", FASTER[name]),),
+        sensors=sensors,
+        gravity=(0, 1, -9.81),
+        damping_ratio=0.0,
+    )
+    found, _ = free_run(scene, 0.1, 1e-3, start="released", spectral_radius=0.9)
+    monkeypatch.setattr(springs, "FASTER", {})
+    expected, _ = free_run(scene, 0.1, 1e-3, start="released", spectral_radius=0.9)
+    free, _ = free_run(replace(scene, springs=()), 0.1, 1e-3, start="released", spectral_radius=0.9)
+    for output in found:
+        np.testing.assert_allclose(found[output], expected[output], rtol=0, atol=2e-6 * np.ptp(expected[output]))
+    assert any(np.abs(free[o] - found[o]).max() > 1e-4 * np.ptp(found[o]) for o in found)
