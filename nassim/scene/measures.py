@@ -114,7 +114,7 @@ class Measure(ABC):
 
     @property
     def deviation(self) -> "Measure":
-        """Measure of small deviations from a steady rotation of its bodies against each other; itself where it is one."""
+        """Measure of small deviations from a steady rotation of its bodies against each other."""
         return self
 
     def rotation_axis(self, component: str) -> Array | None:
@@ -346,7 +346,7 @@ class RelativePose(PointMeasure):
         first, second, eye, none = a @ self.axes, b @ self.axes, np.eye(3), np.zeros((3, 3))
         relative_spin = np.hstack([none, -eye, none, eye])
         if self.rotation == MATRIX:
-            x, y, z = first.T
+            x, y, _ = first.T
             pairs = ((-1, y, second[:, 2]), (1, x, second[:, 2]), (-1, x, second[:, 1]))
             rotation = np.array([sign * u @ v for sign, u, v in pairs])
             rates = np.array([sign * np.cross(v, u) for sign, u, v in pairs]) @ relative_spin

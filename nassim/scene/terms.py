@@ -6,7 +6,6 @@ refuses it by name (`nassim.simulation.capabilities`), and one that does not kno
 """
 
 import math
-from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -70,13 +69,13 @@ class ForceLaw(Term):
 
     measure: Measure
 
-    @abstractmethod
     def resistance(self, value: Array, rate: Array) -> Array:
         """Evaluate the generalised force against the measure, (k,), of its value and rate, (k,) each."""
+        raise NotImplementedError(f"{type(self).__name__} has no method `resistance`")
 
-    @abstractmethod
     def tangents(self, value: Array, rate: Array) -> tuple[Array, Array]:
         """Evaluate the derivatives of the resistance by value and by rate, (k, k) each."""
+        raise NotImplementedError(f"{type(self).__name__} has no method `tangents`")
 
     @property
     def is_linear(self) -> bool:

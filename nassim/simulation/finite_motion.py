@@ -1,10 +1,9 @@
 """Geometric stiffness: what forces in springs and joints add to small motion, because their directions rotate.
 
-A body is carried by a frame, a rigid body by its centre of mass, a reduced one by its floating frame. With theta the
-rotation vector of the frame and everything else linear in the coordinates, a point at r from the frame's origin moves
-with the frame and, beside it, by the deformation d and the rotation e that rotate along: it goes to p + R(theta) (r + d)
-and is rotated by R(theta) exp(e). So does Exudyn's floating frame. The stiffness of a force f in a measure with the
-Jacobian J is the derivative of J^T f by the coordinates.
+A body is carried by a frame, a rigid body by its centre of mass, a reduced one by its floating frame. The rotation
+vector theta of the frame, and the deformation d and rotation e of each point beside it, are linear in the coordinates:
+a point at r from the frame's origin p goes to p + R(theta) (r + d) and is rotated by R(theta) exp(e), as in Exudyn's
+floating frame. The stiffness of a force f in a measure with the Jacobian J is the derivative of J^T f by the coordinates.
 """
 
 from collections.abc import Mapping

@@ -1,7 +1,7 @@
 """States of bodies: where their points are and how they move, in the coordinates of each engine.
 
-The linear engine works in the reference configuration, the start of a run finds rigid motions, and Exudyn has frames that
-rotate and carry small deformation, for rigid bodies and floating frames, or bodies whose points move linearly.
+The linear engine works in the reference configuration, the start of a run finds rigid motions, and Exudyn has frames
+that rotate and carry small deformation, for rigid bodies and floating frames, or bodies whose points move linearly.
 
 In a frame with position p and rotation R, a point at r from the frame's origin, with displacement d and rotation vector
 e by deformation, is at p + R (r + d) and rotated by R exp(e).

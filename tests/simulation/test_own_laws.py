@@ -1,4 +1,4 @@
-"""Laws, measures and bodies written here alone: a cubic spring, a screw, a chain of masses; general and faster items."""
+"""Laws, measures and bodies written here alone: a cubic spring, a screw, a chain of masses; faster items."""
 
 from dataclasses import dataclass, field, replace
 
@@ -44,6 +44,8 @@ from nassim.simulation.states import RigidState
 
 ODD = Rotation.from_rotvec([0.5, -0.7, 0.4]).as_matrix()
 GROUND = RigidBody("ground", {"o": np.zeros(3), "p": [0.2, -0.1, 0.3]}, fixed=True)
+
+STILL = np.zeros(6)
 
 
 def free_run(scene, duration, time_step, **options):
@@ -102,7 +104,7 @@ def test_a_cubic_spring_in_large_motion_is_an_own_integration():
 def bar_on_a_cubic_spring(force, fidelity="linear"):
     body = craig_bampton(lattice(stiffness=1e5), n_modes=2, progress=False)
     bar = FlexibleBody("bar", body, -ODD @ body.point("left").position, ODD, fidelity)
-    hook = RigidBody("hook", {"o": np.zeros(3)}, fixed=True, position=bar.point_position("right") + [0.0, 0.0, 0.05])
+    hook = RigidBody("hook", {"o": np.zeros(3)}, fixed=True, position=bar.point_position("right") + 0.05 * np.eye(3)[2])
     holds = (Bushing("foot", "ground.o", "bar.left", [1e4, 2e4, 3e4, 20.0, 30.0, 40.0]),)
     return Scene("bar", (GROUND, hook, bar), springs=(*holds, force), gravity=(0, 0, -200.0), damping_ratio=0.0)
 
@@ -158,6 +160,7 @@ def test_a_nonlinear_spring_in_small_motion_follows_its_law_beyond_the_tangent()
             bar_on_a_cubic_spring(law, fidelity),
             sensors=(Encoder("z", "hook.o", "bar.right", "z"),),
             actuators=(PointForce("f", "bar.right", (0.6, 0.0, 0.8), "f"),),
+            gravity=np.zeros(3),
         )
         time = 1e-4 * np.arange(301)
         pulse = TimeHistory(time, 20.0 * np.sin(np.pi * np.minimum(time / 2e-3, 1.0))[None] ** 2, ("f",), ("N",))
@@ -165,9 +168,9 @@ def test_a_nonlinear_spring_in_small_motion_follows_its_law_beyond_the_tangent()
         runs.append(record.values[record.names.index("z")])
     assert np.ptp(runs[0]) > 1e-4
     np.testing.assert_allclose(runs[0], runs[1], rtol=0, atol=0.01 * np.ptp(runs[0]))
-    with pytest.raises(ValueError, match='method "exact" steps linear models: .* NonlinearSpring between hook.o'):
-        simulate(replace(bar_on_a_cubic_spring(law), loops=()), TimeHistory(np.arange(3) * 1e-3, np.zeros((0, 3)), (), ()),
-                 time_step=1e-3, method="exact", progress=False)  # fmt: skip
+    nothing = TimeHistory(np.arange(3) * 1e-3, np.zeros((0, 3)), (), ())
+    with pytest.raises(ValueError, match=r'method "exact" steps linear models: .* NonlinearSpring between hook\.o'):
+        simulate(bar_on_a_cubic_spring(law), nothing, time_step=1e-3, method="exact", progress=False)
 
 
 @dataclass(frozen=True)
@@ -202,7 +205,7 @@ def test_a_screw_couples_rotation_to_translation():
         AngleSensor("turn", "ground.o", "nut.m", tuple(axis)),
     )
     scene = Scene("screw", (GROUND, nut), joints, sensors=sensors, gravity=(0.0, 0.0, -9.81))
-    found, time = free_run(scene, 1.0, 1e-3, start="released")
+    found, time = free_run(scene, 1.0, 1e-3, start="released", spectral_radius=0.9)
     acceleration = mass * -9.81 * axis[2] / (mass + inertia * (2 * np.pi / lead) ** 2)
     expected = 0.5 * acceleration * time**2
     assert np.abs(expected[-1]) > 2 * lead
@@ -211,7 +214,7 @@ def test_a_screw_couples_rotation_to_translation():
     spring = SpringDamper("k", "ground.o", "nut.m", tuple(axis), 400.0)
     poles = linearize(replace(scene, springs=(spring,), gravity=np.zeros(3))).poles()
     frequency = np.sqrt(400.0 / (mass + inertia * (2 * np.pi / lead) ** 2))
-    np.testing.assert_allclose(np.sort(np.abs(poles.imag)), [frequency, frequency], rtol=1e-9)
+    np.testing.assert_allclose(np.abs(poles), [frequency, frequency], rtol=1e-9)
 
 
 @dataclass(frozen=True)
@@ -262,7 +265,7 @@ def test_a_body_formulation_of_its_own_runs_in_every_engine(method):
     direction = np.array([0.6, 0.0, 0.8])
     chain = Chain("chain", n, mass, stiffness, tuple(direction), np.array([0.1, 0.0, 0.0]))
     body = craig_bampton(lattice(stiffness=1e5), n_modes=2, progress=False)
-    start = chain.point_position("m3") + [0.05, 0.02, 0.0]
+    start = chain.point_position("m3") + 0.05 * np.eye(3)[0]
     bar = FlexibleBody(
         "bar", body, start - ODD @ body.point("left").position, ODD, "ffrf" if method == "ffrf" else "linear"
     )
@@ -297,7 +300,9 @@ def test_a_body_formulation_of_its_own_runs_in_every_engine(method):
         atol = (1e-8 if method == "exact" else 0.02) * size
         np.testing.assert_allclose(found.values[found.names.index(name)], values, rtol=0, atol=atol)
     if method == "exact":
-        light = replace(scene, bodies=scene.bodies[:3], springs=springs[:1], sensors=scene.sensors[:1])
+        light = replace(
+            scene, bodies=scene.bodies[:3], springs=(replace(springs[0], damping=0.0),), sensors=scene.sensors[:1]
+        )
         matrix = stiffness * np.diff(np.eye(n), axis=0).T @ np.diff(np.eye(n), axis=0)
         matrix[0, 0] += 2e4
         frequency = np.sqrt(np.linalg.eigvalsh(matrix / mass))
@@ -330,7 +335,7 @@ def test_jacobians_are_the_derivatives_of_values(name):
     ]
     twists = [np.concatenate([random.normal(size=3), random.normal(size=3) * 0.6]) for _ in bodies]
 
-    def states(k=0, step=np.zeros(6)):
+    def states(k=0, step=STILL):
         """With a small twist after the finite motion of body k."""
         result = {}
         for j, (body, twist) in enumerate(zip(bodies, twists, strict=True)):
@@ -370,7 +375,9 @@ FASTER = {
     ),
     "bushing": Spring(RelativePose("bar.right", "block.c", ODD), np.diag([90.0, 50, 70, 2, 3, 4]), 0.02 * np.eye(6)),
     "bearing": Spring(
-        RelativePose("ground.p", "block.c", ODD, "quaternion"), np.diag([90.0, 50, 70, 2, 3, 0]), 0.02 * np.eye(6)
+        RelativePose("ground.p", "block.c", ODD, "quaternion"),
+        np.diag([90.0, 50, 70, 2, 3, 0]),
+        np.diag([0.02] * 5 + [0.0]),
     ),
     "damper": Spring(
         PointVelocity((("bar.right", -ODD[0]), ("block.c", ODD[0])), "bar.right", angular=True), 0.0, 0.02

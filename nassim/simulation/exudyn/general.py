@@ -26,11 +26,13 @@ class BodyNodes:
     Attributes:
         number: of its object; nodes: their numbers and numbers of coordinates.
         state: of the body by all these coordinates, (n,), which are counted from the reference configuration.
+        reference: the coordinates in the reference configuration, (n,), which Exudyn adds in constraints.
     """
 
     number: int
     nodes: tuple[tuple[int, int], ...]
     state: Callable[[Array], BodyState]
+    reference: Array
 
     @property
     def n_coordinates(self) -> int:
@@ -132,27 +134,29 @@ def add_general_constraint(
     """Add any constraint between one or two moving bodies.
 
     Args:
-        mbs: Exudyn's system; evaluate: of the constraint's measure.
-        term: the constraint; components: those of the measure that are held.
+        mbs: Exudyn's system.
+        evaluate: evaluator of the constraint's measure.
+        term: the constraint.
+        components: those of the measure that are held.
         target: of time [s], values of the held components, (components,).
     """
     names = evaluate.names
     objects = list(dict.fromkeys(evaluate.bodies[name].number for name in names))
     if len(objects) > 2 or len(objects) < len(names):
         raise ValueError(
-            f"constraint {term.name!r}: in large motion Exudyn constrains two bodies at a time, and its measure depends "
-            f"on {', '.join(names)}: use a stiff Spring on the measure, or bodies in small motion"
+            f"constraint {term.name!r}: in large motion Exudyn constrains two bodies at a time, and its measure "
+            f"depends on {', '.join(names)}: use a stiff Spring on the measure, or bodies in small motion"
         )
     markers = [mbs.AddMarker(eii.MarkerObjectODE2Coordinates(objectNumber=number)) for number in objects]
     if len(objects) == 1:
         ground = mbs.AddNode(eii.NodePointGround())
         markers.append(mbs.AddMarker(eii.MarkerNodeCoordinates(nodeNumber=ground)))
-    held = term.rows(components)
+    held, start = term.rows(components), np.concatenate([evaluate.bodies[name].reference for name in names])
+    n = len(start)
 
     def rows_at(q: Any) -> tuple[Array, Array]:
         every = np.asarray(q)
-        n = sum(evaluate.bodies[name].n_coordinates for name in names)
-        value, rows = evaluate(every[:n], keep=True)
+        value, rows = evaluate(every[:n] - start, keep=True)
         return value[held], np.hstack([rows[held], np.zeros((len(held), len(every) - n))])
 
     def gap(_mbs: Any, t: float, _item: int, q: Any, rates: Any, velocity_level: bool) -> Array:
@@ -178,7 +182,8 @@ def general_term(mbs: Any, evaluate: Evaluator, read: Callable[[Array, Array], f
     """Make a summand of an output from any measure.
 
     Args:
-        mbs: Exudyn's system; evaluate: of the measure.
+        mbs: Exudyn's system.
+        evaluate: evaluator of the measure.
         read: of value and rate, (k,) each, for derivatives 0 and 1; of acceleration, twice, for 2.
         derivative: the highest that counts.
     """

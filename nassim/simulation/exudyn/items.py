@@ -112,6 +112,7 @@ class Items:
         return all(self.has_marker(path) for path in measure.points)
 
     def has_marker(self, path: str) -> bool:
+        """Whether a rigid marker can be put on a point."""
         return path.partition(".")[0] in self.rigid or (path, (0.0, 0.0, 0.0)) in self.grips
 
     def node_of(self, path: str) -> int:

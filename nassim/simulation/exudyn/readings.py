@@ -30,7 +30,7 @@ KEPT = {"storeInternal": True, "writeToFile": False}
 
 
 def add_output(items: Items, term: Output) -> list[Term]:
-    """Add what an output is read from: by a faster reading of its measure where there is one, else by the general one."""
+    """Add what an output is read from: the faster reading of its measure where there is one, else the general one."""
     measure, evaluate = term.measure, items.evaluator(term.measure)
     if not evaluate.names:
         return []

@@ -220,14 +220,23 @@ def _pull_of_six(first: int, stiffness: Array, damping: Array, *, both: bool, be
         if damped:
             speed, turning = more[:2]
             grows = speed
-            if both:
+            if both or bearing:
                 local = mbs.GetMarkerOutput(first, Kind.AngularVelocityLocal)
                 spin = [w + t / 2 for w, t in zip(local, turning, strict=True)]
                 grows = [v - c for v, c in zip(speed, _cross(spin, displacement), strict=True)]
-            result = result + damping @ [*grows, *turning]
+            result = result + damping @ [*grows, *_along(turned, angle, turning)]
+        result[3:] = _along(turned, angle, result[3:])
         return result
 
     return pull
+
+
+def _along(turned: Vector, angle: float, vector: Vector) -> Vector:
+    """Rate of twice a quaternion's vector part by an angular velocity, or the reverse for moments; axes halfway."""
+    if angle <= 1e-6:
+        return vector
+    less = (1 - np.cos(angle / 2)) * _dot(turned, vector) / angle**2
+    return [v - less * r for v, r in zip(vector, turned, strict=True)]
 
 
 def _pulls_along(markers: tuple[int, int], along: Array, stiffness: float, damping: float) -> tuple[Wrench, Wrench]:

@@ -168,8 +168,10 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None,
             rigid[name], objects[name] = part_of(one, bodies[name]), item
             if rigid_node is not None:
                 nodes[name] = rigid_node
-                state = partial(euler_state, assembly.scene.split(f"{name}.")[0], one.position, start=NO_ROTATION)
-                body_nodes[name] = BodyNodes(item, ((rigid_node, 7),), state)
+                euler = partial(euler_state, assembly.scene.split(f"{name}.")[0], one.position, start=NO_ROTATION)
+                body_nodes[name] = BodyNodes(
+                    item, ((rigid_node, 7),), euler, np.concatenate([one.position, NO_ROTATION])
+                )
     for other in scene.bodies:
         if not (other.is_rigid or other.deforms):
             body_nodes[other.name] = _add_linear_body(mbs, scene, other)
@@ -198,16 +200,19 @@ def _add_linear_body(mbs: Any, scene: Scene, body: Body) -> BodyNodes:
             forceVector=body.weight(scene.gravity),
         )
     )
-    return BodyNodes(number, ((node, n),), partial(LinearState, body))
+    return BodyNodes(number, ((node, n),), partial(LinearState, body), np.zeros(n))
 
 
 def _flexible_nodes(body: FlexibleBody, frame: FloatingFrame, node: int, carrier: Carrier, number: int) -> BodyNodes:
     if body.fidelity == "linear":
-        return BodyNodes(number, carrier.nodes, partial(LinearState, body, change=carrier.coordinates))
+        state = partial(LinearState, body, change=carrier.coordinates)
+        places = [np.concatenate([body.point_position(point), np.zeros(3)]) for point in body.reduced.point_names]
+        return BodyNodes(number, carrier.nodes, state, np.concatenate([*places, np.zeros(body.reduced.n_modes)]))
     start = np.array(RotationMatrix2EulerParameters(body.rotation))
     at, deforms = body.point_position(frame.point), carrier.coordinates
-    state = partial(euler_state, body, at, start=start, deforms=deforms)
-    return BodyNodes(number, ((node, 7), *carrier.nodes), state)
+    euler = partial(euler_state, body, at, start=start, deforms=deforms)
+    reference = np.concatenate([at, start, np.zeros(deforms.shape[1])])
+    return BodyNodes(number, ((node, 7), *carrier.nodes), euler, reference)
 
 
 def _as_rigid(body: Body, assembly: Assembly) -> RigidBody:

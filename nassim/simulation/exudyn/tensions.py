@@ -76,7 +76,7 @@ def _of_six(items: Items, law: Spring, measure: RelativePose, k: int) -> Term:
             counted = turned * np.sinc(angle / (2 * np.pi))
         halfway = first @ Rotation.from_rotvec(turned / 2).as_matrix()
         # As the connector: beside the ground it takes the difference of velocities as it is.
-        grows = speed - both * np.cross((spins[0] + spins[1]) / 2, apart)
+        grows = speed - (both or measure.rotation == QUATERNION) * np.cross((spins[0] + spins[1]) / 2, apart)
         moved, rates = (
             np.hstack([np.einsum("nji,nj->ni", halfway, shift), turn])
             for shift, turn in ((apart, counted), (grows, np.einsum("nji,nj->ni", halfway, spins[1] - spins[0])))
