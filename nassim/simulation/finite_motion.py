@@ -3,7 +3,7 @@
 A body is carried by a frame, a rigid body by its centre of mass, a reduced one by its floating frame. The rotation
 vector theta of the frame, and the deformation d and rotation e of each point beside it, are linear in the coordinates:
 a point at r from the frame's origin p goes to p + R(theta) (r + d) and is rotated by R(theta) exp(e), as in Exudyn's
-floating frame. The stiffness of a force f in a measure with the Jacobian J is the derivative of J^T f by the coordinates.
+floating frame. A force f in a measure with the Jacobian J has the stiffness d(J^T f)/dq.
 """
 
 from collections.abc import Mapping

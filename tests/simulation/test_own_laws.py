@@ -374,11 +374,6 @@ FASTER = {
         Displacement.between("bar.right", "block.c", np.array([0.6, 0.0, 0.8]), axes_of="block.c"), 9.0, 0.4
     ),
     "bushing": Spring(RelativePose("bar.right", "block.c", ODD), np.diag([90.0, 50, 70, 2, 3, 4]), 0.02 * np.eye(6)),
-    "bearing": Spring(
-        RelativePose("ground.p", "block.c", ODD, "quaternion"),
-        np.diag([90.0, 50, 70, 2, 3, 0]),
-        np.diag([0.02] * 5 + [0.0]),
-    ),
     "damper": Spring(
         PointVelocity((("bar.right", -ODD[0]), ("block.c", ODD[0])), "bar.right", angular=True), 0.0, 0.02
     ),

@@ -18,7 +18,7 @@ from nassim.base.checks import Array
 from nassim.base.rigid_motion import axes_along
 from nassim.scene.measures import (
     MATRIX,
-    QUATERNION,
+    VECTOR,
     BodyCoordinates,
     Displacement,
     Distance,
@@ -184,7 +184,7 @@ def _add_rotation_damper(items: Items, law: Spring, measure: PointVelocity) -> b
 
 def _add_bushing(items: Items, law: Spring, measure: RelativePose) -> bool:
     """A spring on a relative pose: where its points lie apart, a's body reaches rigidly to the place of b."""
-    if measure.rotation == MATRIX or not items.has_markers(measure):
+    if measure.rotation != VECTOR or not items.has_markers(measure):
         return False
     markers = (
         items.marker(measure.a, axes=measure.axes, at=items.scene.point_position(measure.b)),
@@ -192,11 +192,8 @@ def _add_bushing(items: Items, law: Spring, measure: RelativePose) -> bool:
     )
     stiffness, damping = law.matrices
     options: dict[str, Any] = {"stiffness": stiffness, "damping": damping}
-    both = items.moves(measure.a) and items.moves(measure.b)
-    if measure.rotation == QUATERNION or (np.any(damping) and both):
-        options["springForceTorqueUserFunction"] = _pull_of_six(
-            markers[0], stiffness, damping, both=both, bearing=measure.rotation == QUATERNION
-        )
+    if np.any(damping) and items.moves(measure.a) and items.moves(measure.b):
+        options["springForceTorqueUserFunction"] = _pull_of_six(markers[0], stiffness, damping)
     _connect(items, markers, useIntrinsicFormulation=True, **options)
     return True
 
@@ -205,38 +202,20 @@ def _connect(items: Items, markers: tuple[int, int], **options: Any) -> None:
     items.mbs.AddObject(eii.ObjectConnectorRigidBodySpringDamper(markerNumbers=list(markers), **options))
 
 
-def _pull_of_six(first: int, stiffness: Array, damping: Array, *, both: bool, bearing: bool) -> Wrench:
+def _pull_of_six(first: int, stiffness: Array, damping: Array) -> Wrench:
     """What pulls at the first marker, (6,), as Exudyn asks for it, for a small motion of the second against the first.
 
-    It is given displacement, rotation vector, and the differences of velocities and of angular velocities.
-    both: whether both bodies move; bearing: whether the rotation counts as twice the vector part of its quaternion
+    It is given displacement, turn, and the differences of velocities and of angular velocities.
     """
-    damped = bool(np.any(damping))
 
     def pull(mbs: Any, _t: float, _n: int, displacement: Vector, turned: Vector, *more: Vector) -> Array:
-        angle = float(np.sqrt(_dot(turned, turned))) if bearing else 0.0
-        share = 2 * np.sin(angle / 2) / angle if angle > 1e-6 else 1.0
-        result: Array = stiffness @ [*displacement, *(share * r for r in turned)]
-        if damped:
-            speed, turning = more[:2]
-            grows = speed
-            if both or bearing:
-                local = mbs.GetMarkerOutput(first, Kind.AngularVelocityLocal)
-                spin = [w + t / 2 for w, t in zip(local, turning, strict=True)]
-                grows = [v - c for v, c in zip(speed, _cross(spin, displacement), strict=True)]
-            result = result + damping @ [*grows, *_along(turned, angle, turning)]
-        result[3:] = _along(turned, angle, result[3:])
+        speed, turning = more[:2]
+        spin = [w + t / 2 for w, t in zip(mbs.GetMarkerOutput(first, Kind.AngularVelocityLocal), turning, strict=True)]
+        grows = [v - c for v, c in zip(speed, _cross(spin, displacement), strict=True)]
+        result: Array = stiffness @ [*displacement, *turned] + damping @ [*grows, *turning]
         return result
 
     return pull
-
-
-def _along(turned: Vector, angle: float, vector: Vector) -> Vector:
-    """Rate of twice a quaternion's vector part by an angular velocity, or the reverse for moments; axes halfway."""
-    if angle <= 1e-6:
-        return vector
-    less = (1 - np.cos(angle / 2)) * _dot(turned, vector) / angle**2
-    return [v - less * r for v, r in zip(vector, turned, strict=True)]
 
 
 def _pulls_along(markers: tuple[int, int], along: Array, stiffness: float, damping: float) -> tuple[Wrench, Wrench]:

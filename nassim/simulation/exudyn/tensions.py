@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
-from nassim.scene.measures import MATRIX, QUATERNION, Displacement, RelativePose
+from nassim.scene.measures import VECTOR, Displacement, RelativePose
 from nassim.scene.terms import ForceLaw, Output, Spring, SpringForce
 from nassim.simulation.exudyn.general import general_term
 from nassim.simulation.exudyn.items import Items
@@ -23,7 +23,7 @@ def add_spring_force(items: Items, term: SpringForce) -> list[Term]:
     law, measure = term.spring, term.spring.measure
     k = measure.components.index(term.component)
     if isinstance(law, Spring) and items.has_markers(measure):
-        if isinstance(measure, RelativePose) and measure.rotation != MATRIX:
+        if isinstance(measure, RelativePose) and measure.rotation == VECTOR:
             return [_of_six(items, law, measure, k)]
         if isinstance(measure, Displacement) and items.moves(measure.axes_of) and len(measure.weights) == 2:
             return [_along(items, law, measure)]
@@ -70,16 +70,12 @@ def _of_six(items: Items, law: Spring, measure: RelativePose, k: int) -> Term:
     def value(*columns: Array) -> Array:
         apart, speed, (first, second), spins = _relative(columns)
         turned = Rotation.from_matrix(np.einsum("nji,njk->nik", first, second)).as_rotvec()
-        counted = turned
-        if measure.rotation == QUATERNION:
-            angle = np.linalg.norm(turned, axis=1, keepdims=True)
-            counted = turned * np.sinc(angle / (2 * np.pi))
         halfway = first @ Rotation.from_rotvec(turned / 2).as_matrix()
         # As the connector: beside the ground it takes the difference of velocities as it is.
-        grows = speed - (both or measure.rotation == QUATERNION) * np.cross((spins[0] + spins[1]) / 2, apart)
+        grows = speed - both * np.cross((spins[0] + spins[1]) / 2, apart)
         moved, rates = (
             np.hstack([np.einsum("nji,nj->ni", halfway, shift), turn])
-            for shift, turn in ((apart, counted), (grows, np.einsum("nji,nj->ni", halfway, spins[1] - spins[0])))
+            for shift, turn in ((apart, turned), (grows, np.einsum("nji,nj->ni", halfway, spins[1] - spins[0])))
         )
         result: Array = moved @ stiffness[k] + rates @ damping[k]
         return result
