@@ -8,6 +8,8 @@ from conftest import lattice
 from superelements import SAMPLE, grounded_at, joint_like, rounded, sample, with_matrices
 
 from nassim import craig_bampton
+from nassim.base.rigid_motion import rigid_transfer
+from nassim.exchange.acceptance import repair, to_body
 from nassim.exchange.inspection import Finding, as_superelement, check
 from nassim.exchange.row_order import guess_order, order_misfit
 from nassim.exchange.superelement import read_superelement, superelement
@@ -142,6 +144,93 @@ def test_coordinates_in_another_unit_than_the_matrices_are_found():
         assert found.verdict == "fault"
         assert word in found.text
         assert found.figures["coordinate_factor"] == pytest.approx(1 / factor)
+
+
+def beam_of_nodes(points):
+    """A chain of springs between nodes, each with a lump, with coupled and unequal stiffnesses; no symmetry."""
+    rng, r = np.random.default_rng(3), len(points)
+    stiffness, mass = np.zeros((6 * r, 6 * r)), np.zeros((6 * r, 6 * r))
+    for a, b in zip(range(r - 1), range(1, r), strict=True):
+        relative = np.zeros((6, 6 * r))
+        relative[:, 6 * b : 6 * b + 6] = np.eye(6)
+        relative[:, 6 * a : 6 * a + 6] = -rigid_transfer(points[b] - points[a])
+        root = rng.normal(size=(6, 6)) * np.array([3e3] * 3 + [40.0] * 3)
+        stiffness += relative.T @ (root.T @ root + np.diag([2e7] * 3 + [3e3] * 3)) @ relative
+    for k in range(r):
+        mass[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] = np.diag([0.2 + 0.05 * k] * 3 + [1e-4, 1.5e-4, 2e-4])
+    return superelement(stiffness, mass, points)
+
+
+POINTS = np.array([[0.0, 0.01, 0.02], [0.05, -0.02, 0.01], [0.11, 0.03, -0.02], [0.15, 0.0, 0.06], [0.22, 0.04, 0.0]])
+
+
+def in_degrees(body):
+    """The same body whose rotations are in degrees: one degree is pi / 180 of the motion of one radian."""
+    unit = np.ones(len(body.mass_matrix))
+    unit[[6 * k + i for k in range(len(body.positions)) for i in (3, 4, 5)]] = np.pi / 180
+    return with_matrices(body, lambda matrix: unit[:, None] * matrix * unit)
+
+
+MOVED = np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0], [12e-3, 0, 16e-3], [0, 0, 0]])
+TURNED_AXES = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+MISFITS = {
+    "shuffled": (lambda body: replace(body, positions=POINTS[[2, 0, 3, 4, 1]]), "they fit in the order node_2 node_5"),
+    "one 20 mm off": (lambda body: replace(body, positions=POINTS + MOVED), r"node_4 is given 20 mm from \(150.000, "),
+    "degrees": (in_degrees, "rotations seem to be in degrees"),
+    "turned": (lambda body: replace(body, positions=POINTS @ TURNED_AXES.T), "coordinates are turned or mirrored"),
+    "of another body": (lambda body: replace(body, positions=POINTS**2 * 7), "of other nodes or of another body"),
+    "K in kN/m": (lambda body: replace(body, stiffness_matrix=1e-3 * body.stiffness_matrix), "looks like m-kN-kg"),
+    "one node's axes turned": (
+        lambda body: with_matrices(body, lambda m: turned_node(m, 2)),
+        "along other axes than the body's",
+    ),
+}
+
+
+def turned_node(matrix, node):
+    change = np.eye(len(matrix))
+    for start in (6 * node, 6 * node + 3):
+        change[start : start + 3, start : start + 3] = TURNED_AXES
+    return change @ matrix @ change.T
+
+
+@pytest.mark.parametrize("name", MISFITS)
+def test_coordinates_that_do_not_fit_are_refused_with_the_likeliest_cause(name, capsys):
+    """Where nodes lie follows from the motions that K does not resist, without a look at the coordinates."""
+    sound = beam_of_nodes(POINTS)
+    assert not check(sound).faults
+    spoil, cause = MISFITS[name]
+    spoilt = spoil(sound)
+    option = "any_size" if name == "K in kN/m" else "any_coordinates"
+    with pytest.raises(ValueError, match=f"not fit for use: .*{cause}.* confirm by {option}=True"):
+        to_body(spoilt)
+    if name in ("K in kN/m", "one 20 mm off", "shuffled"):
+        assert to_body(spoilt, **{option: True}).name == spoilt.name
+    if option == "any_coordinates":
+        with pytest.raises(ValueError, match="cannot be repaired: row order"):
+            repair(spoilt)
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.9, "ok"), (1.1, "fault")])
+def test_a_node_may_lie_one_percent_of_the_size_away(share, verdict):
+    body = beam_of_nodes(POINTS)
+    size = check(body)["units"].figures["size_m"]
+    moved = POINTS + share * 0.01 * size * np.outer([0, 1, 0, 0, 0], [0.6, 0.0, 0.8])
+    found = check(replace(body, positions=moved))["row order"]
+    assert found.verdict == verdict
+    assert ("node_2 is given" in found.text) == (verdict == "fault")
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_the_least_plausible_stiffness(share):
+    """2e-4 of that of a steel cube of the same mass: the largest of a node in translation."""
+    body = beam_of_nodes(POINTS)
+    mass = check(body)["mass"].figures["kg"]
+    largest = max(np.diag(body.stiffness_matrix)[6 * k + i] for k in range(5) for i in range(3))
+    factor = share * 2e-4 * 2e11 * (mass / 7800.0) ** (1 / 3) / largest
+    found = check(replace(body, stiffness_matrix=factor * body.stiffness_matrix))["units"]
+    assert (found.verdict == "fault") == (share < 1)
+    assert found.figures["stiffness_over_steel"] == pytest.approx(2e-4 * share, rel=1e-9)
 
 
 def faults(body):
