@@ -15,6 +15,7 @@ from nassim.base.checks import Array
 from nassim.base.progress import stage
 from nassim.scene.bodies import FlexibleBody
 from nassim.simulation.buckling import axial_rows
+from nassim.simulation.exudyn.equilibrium import find_stable_equilibrium
 from nassim.simulation.exudyn.filtering import Filtering
 from nassim.simulation.exudyn.springs import rounding
 from nassim.simulation.exudyn.state import System, find_accelerations
@@ -67,7 +68,11 @@ def solve_static(system: System) -> None:
     # Full pivoting leaves motions without stiffness alone, and does not converge where a force acts on one.
     settings.linearSolver.solverType = exu.LinearSolverType.EigenDense
     settings.linearSolver.ignoreSingularJacobian = True
-    if not _solved(system, settings):
+    if _solved(system, settings):
+        return
+    settings = _settings(system)
+    settings.staticSolver.useLoadFactor = False
+    if not find_stable_equilibrium(system.mbs, settings):
         raise RuntimeError(NO_EQUILIBRIUM)
 
 
