@@ -2,6 +2,9 @@ from .accuracy import (
     integrator_error as integrator_error,
 )
 from .accuracy import (
+    numerical_damping as numerical_damping,
+)
+from .accuracy import (
     period_errors as period_errors,
 )
 from .accuracy import (
