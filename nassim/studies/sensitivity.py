@@ -158,9 +158,9 @@ def _check_own_shares(shares: Mapping[str, float], result: str) -> None:
     dependent = [repr(name) for name, share in shares.items() if share < NONE]
     if dependent:
         raise ValueError(
-            f"parameters {', '.join(dependent)} follow from each other in the runs with a result {result!r} (own shares "
-            f"of their variance below {NONE:g}): no plane tells their effects apart; vary them independently, or leave "
-            "all but one of them out of the dataset"
+            f"parameters {', '.join(dependent)} follow from each other in the runs with a result {result!r}, by own "
+            f"shares of their variance below {NONE:g}: no plane tells their effects apart; vary them independently, or "
+            "leave all but one of them out of the dataset"
         )
     weak = {name: share for name, share in shares.items() if share < LITTLE}
     if weak:
