@@ -34,6 +34,9 @@ from . import (
 from . import (
     systems as systems,
 )
+from . import (
+    viewer as viewer,
+)
 from .base.nouns import (
     register as register,
 )
