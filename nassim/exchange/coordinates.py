@@ -4,12 +4,17 @@ The motions that a free body does not resist are its rigid ones. How they move o
 two lie: u_k = u_0 + r x (p_k - p_0). No coordinates of a file enter that.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import scipy
 
 from nassim.base.checks import Array
+from nassim.exchange.row_order import FITS, order_misfit
 from nassim.exchange.superelement import Superelement
 
+COORDINATE_UNITS = {1e-3: "mm", 1e3: "m, and the matrices' length mm", 0.0254: "inches", 1 / 0.0254: "m, not inches"}
+DEGREE = np.pi / 180
 FREE = 0.1
 """Highest frequency of the six rigid motions over the lowest elastic one, up to which K tells the rigid motions."""
 AWAY = 0.01
@@ -75,3 +80,27 @@ def explain_misfit(body: Superelement, told: Array, size: float) -> str:
     if np.abs(distances[0] - distances[1]).max() <= near:
         return "the coordinates are turned or mirrored: along other axes than the rows"
     return "the coordinates are of other nodes or of another body"
+
+
+def other_units(body: Superelement, misfit: float) -> tuple[str, dict[str, float]] | None:
+    """Units of coordinates or rotations in which these fit the matrices: in words, and the factor as a figure."""
+    for factor, unit in COORDINATE_UNITS.items():
+        if _fit(replace(body, positions=factor * body.positions), misfit):
+            text = f"the coordinates seem to be in {unit}: they fit when multiplied by {factor:g}"
+            return text, {"coordinate_factor": factor}
+    if _fit(from_degrees(body), misfit):
+        return f"rotations seem to be in degrees: they fit when multiplied by {DEGREE:.5g}", {}
+    return None
+
+
+def _fit(body: Superelement, misfit: float) -> bool:
+    """Whether a body read otherwise passes the rigid-motion test, and much better than as given."""
+    return order_misfit(body) <= min(FITS, 0.2 * misfit)
+
+
+def from_degrees(body: Superelement) -> Superelement:
+    """The body if its matrices are those of rotations in degrees."""
+    unit = np.ones(len(body.mass_matrix))
+    unit[: 6 * len(body.positions)] = np.tile([1.0] * 3 + [DEGREE] * 3, len(body.positions))
+    scale = np.outer(unit, unit)
+    return replace(body, stiffness_matrix=body.stiffness_matrix / scale, mass_matrix=body.mass_matrix / scale)

@@ -1,7 +1,7 @@
 """Inspection of reduced bodies: what their matrices say in physical terms, with a verdict per line."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import KW_ONLY, dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field
 from itertools import combinations
 
 import numpy as np
@@ -11,7 +11,13 @@ from nassim.base.checks import Array, freeze, frozen_mapping, known
 from nassim.base.progress import wrapped
 from nassim.bodies.inertia import RigidInertia, free_of_rigid_motions, rigid_inertia
 from nassim.bodies.reduced_body import ReducedBody
-from nassim.exchange.coordinates import explain_misfit, told_positions, unresisted_motions
+from nassim.exchange.coordinates import (
+    explain_misfit,
+    from_degrees,
+    other_units,
+    told_positions,
+    unresisted_motions,
+)
 from nassim.exchange.row_order import FITS, guess_order, order_misfit, rigid_residual
 from nassim.exchange.superelement import Superelement
 from nassim.exchange.unit_systems import Looks, likeliest_first, likely_units, relative_stiffness
@@ -23,8 +29,6 @@ SPIN = 1 / 30
 """Angular velocity over the lowest elastic frequency from which unknown integrals matter: `nassim.bodies.inertia`."""
 NO_INERTIA = 1e-30
 """Diagonal entries of M below this share of its largest mean a motion without inertia."""
-COORDINATE_UNITS = {1e-3: "mm", 1e3: "m, and the matrices' length mm", 0.0254: "inches", 1 / 0.0254: "m, not inches"}
-DEGREE = np.pi / 180
 
 
 @dataclass(frozen=True)
@@ -209,9 +213,9 @@ def _row_order(n: _Numbers) -> Finding:
     figures = {"misfit": misfit}
     if misfit <= FITS and not away:
         return Finding("row order", "ok", "per node ux uy uz rx ry rz, as given", figures)
-    other_units = _other_units(n.body, misfit)
-    if other_units:
-        return Finding("row order", "fault", f"the order is right, but {other_units[0]}", figures | other_units[1])
+    units = other_units(n.body, misfit)
+    if units:
+        return Finding("row order", "fault", f"the order is right, but {units[0]}", figures | units[1])
     guess = guess_order(n.body)
     if guess is not None:
         text = f"wrong (misfit {misfit:.2g}); the rows fit when read as: {guess.text} (misfit {guess.misfit:.1e})"
@@ -230,30 +234,6 @@ def _row_order(n: _Numbers) -> Finding:
     if n.body.units[:2] != "m-":
         text += '; or another order, found only when the file is read in units "m-..."'
     return Finding("row order", "warning", text, figures)
-
-
-def _other_units(body: Superelement, misfit: float) -> tuple[str, dict[str, float]] | None:
-    """Units of coordinates or rotations in which these fit the matrices: in words, and the factor as a figure."""
-    for factor, unit in COORDINATE_UNITS.items():
-        if _fit(replace(body, positions=factor * body.positions), misfit):
-            text = f"the coordinates seem to be in {unit}: they fit when multiplied by {factor:g}"
-            return text, {"coordinate_factor": factor}
-    if _fit(_from_degrees(body), misfit):
-        return f"rotations seem to be in degrees: they fit when multiplied by {DEGREE:.5g}", {}
-    return None
-
-
-def _fit(body: Superelement, misfit: float) -> bool:
-    """Whether a body read otherwise passes the rigid-motion test, and much better than as given."""
-    return order_misfit(body) <= min(FITS, 0.2 * misfit)
-
-
-def _from_degrees(body: Superelement) -> Superelement:
-    """The body if its matrices are those of rotations in degrees."""
-    unit = np.ones(len(body.mass_matrix))
-    unit[: 6 * len(body.positions)] = np.tile([1.0] * 3 + [DEGREE] * 3, len(body.positions))
-    scale = np.outer(unit, unit)
-    return replace(body, stiffness_matrix=body.stiffness_matrix / scale, mass_matrix=body.mass_matrix / scale)
 
 
 def _mass(n: _Numbers) -> Finding:
@@ -321,7 +301,7 @@ def _units(n: _Numbers) -> Finding:
         return Finding("units", "ok", text + ": plausible", looks.figures)
     text += f"; {' and '.join(strange)} not plausible"
     likely = likely_units(looks, n.body.units)
-    in_radians = _from_degrees(n.body)
+    in_radians = from_degrees(n.body)
     if order_misfit(in_radians) <= FITS:
         stiffness, mass = (0.5 * (m + m.T) for m in (in_radians.stiffness_matrix, in_radians.mass_matrix))
         reread = _looks(_numbers(in_radians, stiffness, mass))

@@ -282,6 +282,15 @@ sweep(function, grid={{"n": range(40)}}, folder={folder!r}, n_processes=2, progr
 """
 
 
+def test_runs_write_nothing_to_the_terminal(capfd):
+    """Warnings stand in the results; of a process that ends, so does its last line."""
+    found = quiet(tiny_functions.outspoken, grid={"n": [1, 2, 3]}, n_processes=1)
+    assert capfd.readouterr() == ("", "")
+    assert found.status.values.tolist() == ["ok", "ok", "lost"]
+    assert found.message.values.tolist()[:2] == ["warning: run 1 is odd", "warning: run 2 is odd"]
+    assert found.message.values[2].endswith("the last time with status 5, having written 'written too'")
+
+
 def orphans():
     """Children whose study was killed; they leave as soon as they notice."""
     commands = [
