@@ -303,3 +303,68 @@ def test_no_moment_of_inertia_exceeds_the_sum_of_the_others(moment, verdict):
     """A rigid body of one node, whose moments are 1, 1 and another: at 2 it is a flat plate, beyond it cannot be."""
     body = superelement(np.zeros((6, 6)), np.diag([1.0, 1, 1, 1, 1, moment]), np.zeros((1, 3)))
     assert check(body)["inertia"].verdict == verdict
+
+
+def verdict_of(body, name):
+    return check(body)[name].verdict
+
+
+def skewed(body, letter, share):
+    """An entry off its mirror image by a share of the largest."""
+    matrix = np.array(getattr(body, letter))
+    matrix[0, 1] += share * np.abs(matrix).max()
+    return replace(body, **{letter: matrix})
+
+
+def on_a_soft_ground(body, share):
+    """All rigid motions at a frequency that is this share of the lowest elastic one, which the ground raises too."""
+    first = 2 * np.pi * check(body)["rigid motions"].figures["first_elastic_Hz"]
+    return replace(
+        body, stiffness_matrix=body.stiffness_matrix + share**2 / (1 - share**2) * first**2 * body.mass_matrix
+    )
+
+
+def lump(along, moments=(1.0, 1.0, 1.0)):
+    return superelement(np.zeros((6, 6)), np.diag([*along, *moments]), np.zeros((1, 3)))
+
+
+def with_a_mode(mass, coupling):
+    """A unit mode whose mass differs from one, or that is tied to a node, by so much."""
+    sound = beam_of_nodes(POINTS[:2])
+    stiffness, masses = np.zeros((2, 13, 13))
+    stiffness[:12, :12], masses[:12, :12] = sound.stiffness_matrix, sound.mass_matrix
+    stiffness[12, 12], masses[12, 12] = 1e8, 1 + mass
+    stiffness[2, 12] = stiffness[12, 2] = coupling * np.sqrt(1e8 * stiffness[2, 2])
+    return superelement(stiffness, masses, POINTS[:2])
+
+
+BEAM = beam_of_nodes(POINTS)
+LIMITS = {
+    "symmetry of K, warned of": (lambda x: skewed(BEAM, "stiffness_matrix", 1e-12 * x), "symmetry", "ok", "warning"),
+    "symmetry of M, warned of": (lambda x: skewed(BEAM, "mass_matrix", 1e-12 * x), "symmetry", "ok", "warning"),
+    "symmetry of K": (lambda x: skewed(BEAM, "stiffness_matrix", 1e-9 * x), "symmetry", "warning", "fault"),
+    "symmetry of M": (lambda x: skewed(BEAM, "mass_matrix", 1e-9 * x), "symmetry", "warning", "fault"),
+    "rigid motions, warned of": (lambda x: on_a_soft_ground(BEAM, 1e-2 * x), "rigid motions", "ok", "warning"),
+    "rigid motions": (lambda x: on_a_soft_ground(BEAM, 0.1 * x), "rigid motions", "warning", "fault"),
+    "rows": (lambda x: lump([1 + 0.03 * x / (1 - 0.01 * x), 1, 1], [1, 1.2, 1.4]), "row order", "ok", "warning"),
+    "mass": (lambda x: lump([1 + 0.3 * x / (1 - 0.1 * x), 1, 1]), "mass", "ok", "fault"),
+    "inertia": (lambda x: lump([1, 1, 1], [1, 1, 2 * (1 + 2e-3 * x)]), "inertia", "ok", "fault"),
+    "modal masses": (lambda x: with_a_mode(1e-3 * x, 0.0), "modal rows", "ok", "warning"),
+    "coupling of modes": (lambda x: with_a_mode(0.0, 1e-3 * x), "modal rows", "ok", "warning"),
+}
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_verdicts_change_at_their_limits(name):
+    make, finding, below, above = LIMITS[name]
+    assert [verdict_of(make(share), finding) for share in (0.9, 1.1)] == [below, above]
+
+
+def test_nodes_within_a_millionth_of_the_size_are_in_one_place():
+    def of(distance):
+        places = np.vstack([POINTS[:4], POINTS[3] + distance * np.array([0.6, 0.0, 0.8])])
+        return check(replace(BEAM, positions=places))
+
+    size = of(0.0)["units"].figures["size_m"]
+    assert "in one place: node_4 and node_5" in of(0.9e-6 * size)["nodes"].text
+    assert "in one place" not in of(1.1e-6 * size)["nodes"].text

@@ -1,5 +1,6 @@
 """Units of foreign files: against definitions, and a body built anew in each of them."""
 
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -153,3 +154,16 @@ def test_prefixes_are_the_powers_of_ten_of_the_si(prefix, base):
     ):
         factor, found = to_si(unit)
         assert (factor, found) == (pytest.approx(10.0**exponent, rel=1e-12), si)
+
+
+PLAUSIBLE = {"mass": (1e-7, 1e6), "size": (1e-4, 100.0), "speed": (0.1, 2e4), "density": (10.0, 3e4)}
+SOUND = Looks(1.0, 0.1, 100.0, 5000.0, 0.01)
+
+
+@pytest.mark.parametrize("name", PLAUSIBLE)
+def test_what_bodies_in_machines_have(name):
+    low, high = PLAUSIBLE[name]
+    told = {"speed": "wave speed"}.get(name, name)
+    for value, strange in ((0.9 * low, True), (1.1 * low, False), (0.9 * high, False), (1.1 * high, True)):
+        assert replace(SOUND, **{name: value}).implausible == [told] * strange
+    assert replace(SOUND, stiffness=np.nan, density=np.nan).implausible == []
