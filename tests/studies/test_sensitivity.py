@@ -1,5 +1,6 @@
 """Sensitivities against closed forms: Ishigami's function, a bench's frequency, linear functions."""
 
+import functools
 import re
 import warnings
 
@@ -91,6 +92,15 @@ def test_one_parameter_brings_all_and_what_stays_brings_nothing():
     assert found.total.sel(result="f").values == pytest.approx([1.0], abs=0.05)
     assert np.all(np.isnan(found.first_order.sel(result="still")))
     assert np.all(np.isnan(found.total_interval.sel(result="still")))
+
+
+def test_named_results_alone_are_analysed(three_angles):
+    data = study(three_angles, f=ishigami, g=lambda x, y, z: x + 2 * y, h=lambda x, y, z: z)
+    for analysis in (functools.partial(sobol_indices, n_resamples=2), correlations, linear_effects):
+        assert analysis(data).result.values.tolist() == ["f", "g", "h"]
+        named = analysis(data, results=["h", "f"])
+        assert named.result.values.tolist() == ["h", "f"]
+        assert named.identical(analysis(data[["h", "f"]]))
 
 
 def test_the_same_seed_gives_the_same_intervals(three_angles):
