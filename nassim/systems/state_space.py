@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from nassim.base.checks import Array
 
+EPSILON = float(np.finfo(float).eps)
 WELL_CONDITIONED = 1e6
 """Condition of unit eigenvectors below which they span."""
 CHECKED = 8
@@ -16,7 +17,7 @@ AGREED = 1e-9
 """Difference of that sum from a direct solve, over the response, up to which it is used."""
 NOTHING = 1e-14
 """Relative change of A's rows: a response that is no larger than its effect is rounding."""
-ROUNDING = float(np.finfo(float).eps) ** 0.75
+ROUNDING = EPSILON**0.75
 """Of a system whose numbers are near 1, what counts as zero in a rank."""
 SWEEPS = 3
 StateSpace = tuple[Array, Array, Array, Array]
@@ -169,7 +170,8 @@ def _modes(parts: Parts) -> tuple[Parts, NDArray[np.bool_]]:
 def _agrees(parts: Parts, modes: Parts, points: Array) -> NDArray[np.bool_]:
     """Which parts' sums over eigenvectors equal a direct solve, at both ends and at the points closest to poles, (p,).
 
-    Of each response, its own size there counts, unless it is nothing but rounding in both, as symmetry makes it.
+    Of each response, its own size there counts, unless it is nothing but rounding in both, as symmetry makes it. What
+    the sum's terms lose where they cancel counts as a difference, as in the sum at all points they may round otherwise.
     """
     (a, b, c), (poles, drives, shows) = parts, modes
     if not len(points):
@@ -184,11 +186,13 @@ def _agrees(parts: Parts, modes: Parts, points: Array) -> NDArray[np.bool_]:
     adjoint = _solved(a[:, None].swapaxes(2, 3), c[:, None].swapaxes(2, 3), at)
     with np.errstate(divide="ignore", invalid="ignore"):
         expected = c[:, None] @ states
-        found = (shows[:, None] / (at - poles[:, None, None])) @ drives[:, None]
+        terms = shows[:, None] / (at - poles[:, None, None])
+        found, lost = terms @ drives[:, None], EPSILON * (np.abs(terms) @ np.abs(drives[:, None]))
         by_rows = np.abs(adjoint).swapaxes(2, 3) @ np.linalg.norm(a, axis=2)[:, None, :, None]
         rounding = NOTHING * by_rows * np.linalg.norm(states, axis=2, keepdims=True)
-        same = np.abs(found - expected) <= AGREED * np.abs(expected)
-    result: NDArray[np.bool_] = np.all(same | (np.maximum(np.abs(found), np.abs(expected)) <= rounding), axis=(1, 2, 3))
+        same = np.abs(found - expected) + lost <= AGREED * np.abs(expected)
+        nothing = np.maximum(np.abs(found), np.abs(expected)) + lost <= rounding
+    result: NDArray[np.bool_] = np.all(same | nothing, axis=(1, 2, 3))
     return result
 
 
