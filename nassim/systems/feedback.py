@@ -96,7 +96,8 @@ def close_loop(
     drive = np.zeros((len(model.inputs), len(columns)))
     drive[columns, range(len(columns))] = finite("gain", gain)
     loop = np.eye(len(rows)) - d[rows] @ drive @ k.D
-    if np.linalg.cond(loop) > 1 / SAME:
+    sizes = np.linalg.svd(loop, compute_uv=False)
+    if sizes[-1] < SAME * max(1.0, sizes[0]):
         raise ValueError("the loop has no solution within a sample: direct feedthrough times gain is 1; add a delay")
     # What the controller reads, y = y_x x + y_k x_k + y_u u, and what it adds to the model's inputs.
     y_x, y_k, y_u = (np.linalg.solve(loop, part) for part in (c[rows], d[rows] @ drive @ k.C, d[rows]))

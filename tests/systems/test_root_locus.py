@@ -98,7 +98,7 @@ def test_branches_hold_the_closed_loops_poles_and_stay_whole(model):
 
 @pytest.mark.parametrize("gains", [[0.0, 0.7, 1.5, 2.5, 3.5], [0.0, 0.2, 1.6, 1.7, 3.0, 3.01, 9.0]])
 def test_branches_that_cross_go_straight_on(gains):
-    """One pole moves to the right, another one up; between two gains, evenly spaced or not, both pass the same place."""
+    """One pole moves to the right, another one up; between two gains, however spaced, both pass the same place."""
     turn = np.array([[0.0, 1.0], [-1.0, 0.0]])
     state = scipy.linalg.block_diag(20 * turn - 3 * np.eye(2), 18 * turn - np.eye(2))
     names = tuple("abcd"), tuple("efgh")
