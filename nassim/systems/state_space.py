@@ -66,9 +66,14 @@ def _balanced(state: Array) -> tuple[Array, Array]:
     """A in other units of its states, (n, n), in which its rows are as large as its columns; and these units, (n,)."""
     if not len(state):  # SciPy before 1.14 takes no empty matrices.
         return state, np.zeros(0)
+    # A state that no other moves, or that moves no other, cannot be balanced: its own little rate must not try.
+    guide, rates = np.array(state), np.diag(state)
+    rows, columns = (np.linalg.norm(state - np.diag(rates), axis=axis) for axis in (1, 0))
+    lone = (rows == 0) | (columns == 0)
+    np.fill_diagonal(guide, np.where(lone, np.maximum(np.abs(rates), rows + columns), rates))
     with np.errstate(invalid="ignore"):  # SciPy casts units, which may be large, to indices, which nobody asked for.
-        balanced, (scale, _) = scipy.linalg.matrix_balance(state, permute=False, separate=True)
-    return balanced, scale
+        _, (scale, _) = scipy.linalg.matrix_balance(guide, permute=False, separate=True)
+    return state * scale / scale[:, None], scale
 
 
 def tustin(system: StateSpace, time_step: float, *, prewarp: float = 0.0) -> StateSpace:

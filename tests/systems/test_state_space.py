@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from nassim.systems.state_space import discretize, repeated, transfer_matrix, uncoupled
+from nassim.systems.state_space import discretize, repeated, transfer_matrix, transmission_zeros, uncoupled
 
 RANDOM = np.random.default_rng(3)
 MODE = np.array([[0.0, 1.0], [-(300.0**2), -6.0]])
@@ -101,6 +101,14 @@ def test_a_free_mass_with_hardly_any_damper(loss):
     a = np.array([[0.0, 1.0], [0.0, -loss]])
     found = transfer_matrix((a, np.eye(2)[:, 1:], np.eye(2)[:1], np.zeros((1, 1))), points)
     np.testing.assert_allclose(found[0, 0], 1 / (points * (points + loss)), rtol=1e-9)
+
+
+@pytest.mark.parametrize("loss", [0.0, 1e-17, 1e-14, 1e-8, 1.0])
+def test_zero_of_a_free_mass_with_hardly_any_damper(loss):
+    """Position and half of the velocity read together: -2, whatever brakes."""
+    a = np.array([[0.0, 1.0], [0.0, -loss]])
+    found = transmission_zeros((a, np.eye(2)[:, 1:], np.array([[1.0, 0.5]]), np.zeros((1, 1))))
+    assert found == pytest.approx([-2.0], rel=1e-12)
 
 
 def test_free_carriages_with_damped_payloads():
