@@ -11,6 +11,8 @@ z along the axis and W the speed, the motion v of a body is described in the tur
 Dampers resist the rate that the side of their axes sees. Ties are joints, as rows that vanish, or springs.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -19,6 +21,7 @@ from scipy.spatial.transform import Rotation
 from nassim import (
     AngleSensor,
     Bushing,
+    Drive,
     Encoder,
     FlexibleBody,
     Joint,
@@ -33,6 +36,7 @@ from nassim import (
     linearize,
 )
 from nassim.base.rigid_motion import axes_along, rigid_transfer, skew
+from nassim.simulation import spinning_equilibrium
 
 EYE = np.eye(3)
 AXIS, POINT, SPEED = np.array([2.0, -1.0, 2.0]) / 3, np.array([0.3, -0.2, 0.1]), 170.0
@@ -327,3 +331,56 @@ def test_modal_damping_of_a_rotor_does_not_stand():
     with pytest.warns(UserWarning, match="damping_ratio acts through deformation only"):
         found = found_of(scene, "standing")
     assert_same(found, undamped.frfs()[1])
+
+
+STATOR = {"m": 5.0, "k": 3e5, "c": 400.0}
+"""Of a foundation: its mass, and what holds and damps it across the axis."""
+
+
+def unbalanced(*, lopsided=0.0):
+    """A rotor whose centre lies beside its axis, in a hinge of a stator on one damped bushing; all in one plane."""
+    offset, at = 2e-4 * AXES[:, 0], {"on": np.zeros(3), "rim": 0.1 * AXES[:, 1]}
+    inertia = AXES @ np.diag([0.05, 0.05 * (1 + lopsided), 0.08]) @ AXES.T
+    ground = RigidBody("ground", {"on": np.zeros(3)}, fixed=True, position=POINT)
+    stator = RigidBody("stator", at, STATOR["m"], inertia, POINT)
+    rotor = RigidBody("rotor", {"on": -offset}, 2.0, inertia, POINT + offset)
+    figures = np.array([STATOR["k"], STATOR["k"], 1e6, 4e3, 4e3, 4e3])
+    damping = np.array([STATOR["c"], STATOR["c"], 0, 0, 0, 0])
+    springs = (Bushing("feet", "ground.on", "stator.on", figures, damping, AXES),)
+    hinge = Joint("hinge", "stator.on", "rotor.on", ("rz",), AXES)
+    way = tuple(Encoder(f"{k}", "ground.on", "rotor.on", tuple(AXES[:, k]), frame="rotor.on") for k in range(2))
+    return Scene("unbalanced", (ground, stator, rotor), (hinge,), sensors=way, springs=springs, damping_ratio=0.0)
+
+
+def test_a_foundation_that_stands_damps_an_unbalance():
+    """Whirl (k + i c W - m W^2) u = e m W^2 as the rotor sees it, with a ring that hangs between both sides.
+
+    Whether the ring turns has to be said, and does not matter to its whirl.
+    """
+    scene, hung = unbalanced(), 2e5
+    ring = RigidBody("ring", {"on": np.zeros(3)}, 0.5, 1e-3 * np.eye(3), POINT)
+    ties = tuple(Bushing(b, f"{b}.on", "ring.on", [hung / 2] * 3 + [0] * 3) for b in ("stator", "rotor"))
+    drive = (Drive("motor", "hinge", "rz", speed=SPEED),)
+    scene = replace(scene, bodies=(*scene.bodies, ring), springs=(*scene.springs, *ties), actuators=drive)
+    dynamic = np.array(
+        [[STATOR["k"] + 1j * STATOR["c"] * SPEED - 7.0 * SPEED**2 + hung, -hung], [-hung, hung - 0.5 * SPEED**2]]
+    )
+    expected = np.linalg.solve(dynamic, [2e-4 * 2.0 * SPEED**2, 0.0])[0]
+    assert abs(expected.imag) > 0.1 * abs(expected.real)
+    for standing in (["ground", "stator"], ["ground", "stator", "ring"]):
+        found = spinning_equilibrium(scene, standing=standing)
+        assert found["0"] + 1j * found["1"] == pytest.approx(expected, rel=1e-6)
+    with pytest.raises(ValueError, match="say which bodies stand"):
+        spinning_equilibrium(scene)
+
+
+def test_an_equilibrium_in_either_frame():
+    """A stator that differs across the axis has one as it stands, without unbalance at zero; the rotor refuses it."""
+    uneven = unbalanced(lopsided=0.2)
+    ground, stator, rotor = uneven.bodies
+    even = replace(rotor, position=POINT, points={"on": np.zeros(3)}, inertia=unbalanced().bodies[2].inertia)
+    scene = replace(uneven, bodies=(ground, stator, even), sensors=(Encoder("0", "ground.on", "rotor.on", "x"),))
+    spin = {"angular_velocity": SPEED * AXIS, "axis_point": POINT, "standing": ["ground", "stator"]}
+    assert spinning_equilibrium(scene, **spin, frame="standing") == pytest.approx({"0": 0.0}, abs=1e-12)
+    with pytest.raises(ValueError, match="body 'stator': as the turning frame sees it"):
+        spinning_equilibrium(scene, **spin)
