@@ -26,9 +26,9 @@ def block():
 
 
 def test_loops_of_a_joined_scene_run():
-    """One of two masses is held by a loop that reads the other: their springs' matrix gets an entry beside the diagonal.
+    """Two masses, each held by a loop that reads the other, which couples them.
 
-    A loop that feeds a back to b and one that feeds b back to a, K = [[k, g], [g, k]]: k + g and k - g over m.
+    K = [[k, g], [g, k]] has the eigenvalues k + g and k - g.
     """
     gain, rate = 0.4 * STIFFNESS, 1e5
     loops = tuple(
