@@ -1,11 +1,30 @@
 """Optional arguments of scenes' verbs that no other test would miss."""
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 import pytest
+from conftest import lattice
 
-from nassim import Encoder, Loop, PointForce, RigidBody, Scene, SpringDamper, joined, placed
-from nassim.simulation import linearize_closed
-from nassim.systems import proportional
+from nassim import (
+    Bushing,
+    Encoder,
+    FlexibleBody,
+    Loop,
+    PointForce,
+    RigidBody,
+    Scene,
+    SpringDamper,
+    craig_bampton,
+    fixed,
+    frequency_response,
+    joined,
+    linearize,
+    placed,
+)
+from nassim.scene import Filter, Reading, Row, Sensor
+from nassim.simulation import linearize_closed, trim_scene
+from nassim.systems import damping, proportional
 
 MASS, STIFFNESS, GAIN = 2.0, 3e4, 5e4
 
@@ -40,3 +59,73 @@ def test_loops_of_a_joined_scene_run():
     for k in (STIFFNESS + gain, STIFFNESS - gain):
         nearest = poles[np.argmin(np.abs(poles - 1j * np.sqrt(k / MASS)))]
         assert nearest.imag == pytest.approx(np.sqrt(k / MASS), rel=1e-4)
+
+
+@pytest.fixture(scope="module")
+def bar():
+    return craig_bampton(lattice(), n_modes=2, progress=False)
+
+
+def clamped(bar, ratios, **options):
+    """Two equal bars, each clamped at its left end, with damping ratios of their own."""
+    places = {"a": np.zeros(3), "b": np.array([0.0, 0.5, 0.0])}
+    left = bar.point("left").position
+    ground = RigidBody("ground", {name: place + left for name, place in places.items()}, fixed=True)
+    bodies = [
+        FlexibleBody(n, bar, places[n], fidelity="linear", damping_ratio=r) for n, r in zip("ab", ratios, strict=True)
+    ]
+    joints = tuple(fixed(name, f"ground.{name}", f"{name}.left") for name in places)
+    return Scene("bars", (ground, *bodies), joints, **options)
+
+
+@pytest.mark.parametrize("ratios", [(0.02, None), (None, 0.02)])
+def test_one_body_with_damping_of_its_own_is_enough(bar, ratios):
+    """The other bar's modes then have none, where a scene without any such body has the usual one per cent."""
+    frequency, found = damping(linearize(clamped(bar, ratios)))
+    np.testing.assert_allclose(np.sort(found[:2]), [0.0, 0.02], atol=1e-9)
+    assert frequency[0] == pytest.approx(frequency[1], rel=1e-3)
+    assert damping(linearize(clamped(bar, (None, None))))[1][:2] == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("order", [slice(None), slice(None, None, -1)])
+def test_both_ends_of_a_bushing_stay_when_bodies_are_trimmed(bar, order):
+    """Of two clamped bars whose free ends a bushing ties: near its static response, nothing is lost."""
+    ends = ("a.right", "b.right")[order]
+    figures = [4e4, 5e4, 6e4, 3.0, 2.0, 1.0]
+    scene = clamped(bar, (None, None), cutoff_frequency=1e3, springs=(Bushing("tie", *ends, figures),))
+    push, read = (
+        PointForce("push", "a.right", (0.2, 0.5, -0.4), "push"),
+        Encoder("way", "b.left", "b.right", (0.4, -0.2, 0.8)),
+    )
+    scene = replace(scene, actuators=(push,), sensors=(read,))
+    kept = {body.name: body.reduced.point_names for body in trim_scene(scene).flexible_bodies}
+    assert kept == {"a": ("left", "right"), "b": ("left", "right")}
+    whole, trimmed = (
+        frequency_response(linearize(each), np.array([0.0, 20.0])).values
+        for each in (replace(scene, cutoff_frequency=None), scene)
+    )
+    np.testing.assert_allclose(trimmed, whole, rtol=1e-3)
+    assert abs(whole[0, 0, 0]) > 1e-9
+
+
+@dataclass(frozen=True)
+class Mixture(Sensor):
+    """Accelerations of two points through a low-pass, one of them against inertial space."""
+
+    point: str = "block.p"
+    second: bool = True
+
+    def says(self, scene):
+        """Two readings of one output, and a filter."""
+        row = Row.of_point(self.point, np.array([0.6, 0.0, 0.8]))
+        return (
+            Reading(self.name, "m/s2", row, derivative=2),
+            Reading(self.name, "m/s2", row, derivative=2, inertial=self.second),
+            Filter(self.name, "low", 100.0),
+        )
+
+
+def test_a_filter_starts_on_one_kind_of_value():
+    Scene("s", block().bodies, sensors=(Mixture("mixed", second=False),), springs=block().springs)
+    with pytest.raises(ValueError, match="output 'mixed' adds readings of several derivatives and passes a filter"):
+        Scene("s", block().bodies, sensors=(Mixture("mixed"),), springs=block().springs)
