@@ -1,22 +1,32 @@
 """Optional arguments within runs that no other test would miss."""
 
 import warnings
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 from conftest import lattice
 
 from nassim import (
+    Accelerometer,
     Encoder,
     FlexibleBody,
+    GroundAcceleration,
+    Loop,
     PointForce,
     RigidBody,
     Scene,
     SpringDamper,
     TimeHistory,
     craig_bampton,
+    frequency_response,
+    linearize,
     simulate,
 )
+from nassim.scene import Reading, Row, Sensor
+from nassim.simulation.running_loops import runaway
+from nassim.simulation.sampling import sampled
+from nassim.systems import proportional
 
 
 def block():
@@ -60,3 +70,55 @@ def test_a_spin_is_told_once_a_run():
         warnings.simplefilter("always")
         simulate(scene, TimeHistory(time, np.zeros((0, 6)), (), ()), time_step=1e-5, progress=False)
     assert sum("centrifugal stiffening" in str(one.message) for one in told) == 1
+
+
+def test_a_pulse_counts_by_its_share_of_the_run():
+    """One between two steps, small beside what the record holds after the end of a short run."""
+    time = np.arange(20001) * 1e-4
+    values = (0.02 + time**2) * np.sin(20 * time)
+    values[503] += 0.3
+    record = TimeHistory(time, values[None], ("push",), ("N",))
+    found = sampled(block(), record, time_step=1e-3, duration=None)
+    np.testing.assert_allclose(found["push"], values[::10], atol=1e-12)
+    with pytest.raises(ValueError, match="straight lines between the steps lose"):
+        sampled(block(), record, time_step=1e-3, duration=0.1)
+
+
+@dataclass(frozen=True)
+class Relative(Sensor):
+    """Acceleration of the block against the ground's point, each against inertial space."""
+
+    def says(self, scene):
+        """One reading of two points."""
+        row = Row.between("ground.p", "block.p", np.array([0.6, 0.0, 0.8]))
+        return (Reading(self.name, "m/s2", row, derivative=2, inertial=True),)
+
+
+def test_the_ground_s_own_acceleration_is_no_relative_one():
+    """What a sensor of one point reads beside the relative motion is the share of the ground along its axis."""
+    scene = replace(
+        block(),
+        actuators=(GroundAcceleration("shake", (0.0, 0.28, 0.96), "shake"),),
+        sensors=(
+            Relative("apart"),
+            Accelerometer("whole", "block.p", (0.6, 0.0, 0.8)),
+            Encoder("way", "ground.p", "block.p", (0.6, 0.0, 0.8)),
+        ),
+    )
+    frequency = np.array([3.0, 11.0, 40.0])
+    apart, whole, way = frequency_response(linearize(scene), frequency).values[:, 0]
+    np.testing.assert_allclose(apart, -((2 * np.pi * frequency) ** 2) * way, rtol=1e-9)
+    np.testing.assert_allclose(whole, apart + 0.8 * 0.96, rtol=1e-9)
+
+
+def test_a_loop_that_runs_away_is_told_by_what_has_grown():
+    """Not by the signal that is largest, which may be in another unit and steady."""
+    scene = replace(
+        block(),
+        sensors=(Encoder("large", "ground.p", "block.p", "x"), Encoder("growing", "ground.p", "block.p", "z")),
+        loops=(Loop("loop", proportional([[1.0, 1.0]], sample_rate=1e3), ("large", "growing"), "push"),),
+    )
+    time = np.arange(801) * 1e-3
+    outputs = np.column_stack([50 + np.sin(99 * time), 1e-6 * np.exp(8 * time) * np.sin(70 * time)])
+    said = runaway(scene, "block", outputs, 1e-3)
+    assert "at t = 0.8 s 'growing' has grown to" in said
