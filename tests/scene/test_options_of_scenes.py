@@ -23,7 +23,7 @@ from nassim import (
     placed,
 )
 from nassim.scene import Filter, Reading, Row, Sensor
-from nassim.simulation import linearize_closed, trim_scene
+from nassim.simulation import linearize_closed, mode_motion, trim_scene, truncation_error
 from nassim.systems import damping, proportional
 
 MASS, STIFFNESS, GAIN = 2.0, 3e4, 5e4
@@ -129,3 +129,38 @@ def test_a_filter_starts_on_one_kind_of_value():
     Scene("s", block().bodies, sensors=(Mixture("mixed", second=False),), springs=block().springs)
     with pytest.raises(ValueError, match="output 'mixed' adds readings of several derivatives and passes a filter"):
         Scene("s", block().bodies, sensors=(Mixture("mixed"),), springs=block().springs)
+
+
+def test_a_frame_that_nothing_else_holds_stays_when_a_body_is_trimmed(bar):
+    scene = clamped(bar, (None, None), cutoff_frequency=1e3)
+    riding = replace(scene, bodies=(scene.bodies[0], replace(scene.bodies[1], frame="right"), scene.bodies[2]))
+    kept = {body.name: (body.reduced.point_names, body.frame) for body in trim_scene(riding).flexible_bodies}
+    assert kept == {"a": (("left", "right"), "right"), "b": (("left",), "left")}
+    frequency = damping(linearize(riding))[0]
+    assert frequency[:4] == pytest.approx(damping(linearize(scene))[0][:4], rel=1e-2)
+
+
+def test_what_a_cutoff_leaves_out_counts_as_truncation(bar):
+    """The better model is the one with all that the bodies know, not one trimmed again."""
+    push, read = PointForce("push", "a.right", "y", "push"), Encoder("way", "ground.a", "a.right", "y")
+    whole = replace(clamped(bar, (None, None)), actuators=(push,), sensors=(read,))
+    first = damping(linearize(whole))[0][0]
+    scene, frequency = replace(whole, cutoff_frequency=1.2 * first), first * np.array([0.1, 0.6, 3.0])
+    richest = [replace(b, reduced=b.reduced.enriched) if b.name in "ab" else b for b in whole.bodies]
+    exact = frequency_response(linearize(replace(whole, bodies=tuple(richest))), frequency).values
+    expected = np.abs(frequency_response(linearize(scene), frequency).values / exact - 1)
+    np.testing.assert_allclose(truncation_error(scene, frequency), expected, rtol=1e-6)
+    assert expected[0, 0, -1] > 1e-3
+
+
+def test_modes_are_counted_by_their_natural_frequency():
+    """As `damping` lists them: one that swings more slowly because it is nearly critical comes by its stiffness."""
+    scene = block()
+    axis, across = scene.springs[0].axis, (0.8, 0.0, -0.6)
+    spring = SpringDamper("along", "ground.p", "block.p", axis, 1.2e4 * MASS, 2 * 0.8 * np.sqrt(1.2e4) * MASS)
+    other = SpringDamper("across", "ground.p", "block.p", across, 1e4 * MASS)
+    damped = replace(scene, springs=(spring, other))
+    first, second = (mode_motion(damped, number)[0] for number in (1, 2))
+    assert first == pytest.approx(100j, rel=1e-9)
+    assert second == pytest.approx(np.sqrt(1.2e4) * (-0.8 + 0.6j), rel=1e-9)
+    assert second.imag < first.imag

@@ -273,7 +273,7 @@ def assert_same(found, expected, share=1e-7):
 
 JOINTS = ["x y z rx ry", "x y rx ry", "x y z", "z rx ry", "x y", "rx ry", "z", "x", "rx", "x z"]
 CASES = [(held, "joint", owner) for held in JOINTS for owner in ("turning", "standing")]
-CASES += [(held, "bushing", owner) for held in JOINTS[:7] for owner in ("turning", "standing")]
+CASES += [(held, "bushing", owner) for held in JOINTS for owner in ("turning", "standing")]
 CASES += [(held, "spring", owner) for held in ("x y z", "x y", "z", "x", "x z") for owner in ("turning", "standing")]
 
 
@@ -289,12 +289,15 @@ def found_of(scene, frame):
 @pytest.mark.parametrize("frame", ["turning", "standing"])
 @pytest.mark.parametrize(("held", "means", "owner"), CASES)
 def test_every_tie_across_a_spindle(held, means, owner, frame, grounded):
-    """What is not alike across the axis is constant as its owner sees it, and is refused by name in the other frame."""
+    """What is not alike across the axis is constant as its owner sees it, and is refused by name in the other frame.
+
+    Axes of bushings turn halfway, so no frame sees those constant.
+    """
     machine = Machine(frame, grounded=grounded)
     machine.tie(held.split(), owner, means)
     scene, expected = machine.frfs()
     alike = all((a in held.split()) == (b in held.split()) for a, b in (("x", "y"), ("rx", "ry")))
-    if alike or frame == owner:
+    if alike or (frame == owner and means != "bushing"):
         assert_same(found_of(scene, frame), expected)
         return
     with pytest.raises(

@@ -2,6 +2,8 @@
 
 import warnings
 from dataclasses import dataclass, replace
+from itertools import combinations
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,21 +11,26 @@ from conftest import lattice
 
 from nassim import (
     Accelerometer,
+    AngleSensor,
     Encoder,
     FlexibleBody,
     GroundAcceleration,
     Loop,
     PointForce,
+    PointTorque,
     RigidBody,
     Scene,
     SpringDamper,
     TimeHistory,
     craig_bampton,
+    fixed,
     frequency_response,
     linearize,
     simulate,
+    static_response,
 )
 from nassim.scene import Reading, Row, Sensor
+from nassim.simulation.buckling import _geometric_stiffness
 from nassim.simulation.running_loops import runaway
 from nassim.simulation.sampling import sampled
 from nassim.systems import proportional
@@ -122,3 +129,41 @@ def test_a_loop_that_runs_away_is_told_by_what_has_grown():
     outputs = np.column_stack([50 + np.sin(99 * time), 1e-6 * np.exp(8 * time) * np.sin(70 * time)])
     said = runaway(scene, "block", outputs, 1e-3)
     assert "at t = 0.8 s 'growing' has grown to" in said
+
+
+def test_a_twist_is_deformation_too():
+    """A floating body that is twisted by 0.02 rad, with hardly any displacement of its points."""
+    reduced = craig_bampton(lattice(), n_modes=1, progress=False)
+    ground = RigidBody("ground", {"p": reduced.point("left").position}, fixed=True)
+    torque = PointTorque("torque", "bar.right", "x", "torque")
+    turn = AngleSensor("turn", "ground.p", "bar.right", "x")
+    scene = Scene(
+        "bar", (ground, FlexibleBody("bar", reduced)), (fixed("foot", "ground.p", "bar.left"),), (torque,), (turn,)
+    )
+    compliance = float(-linearize(scene).C[0] @ np.linalg.solve(linearize(scene).A, linearize(scene).B[:, 0]))
+    with pytest.warns(UserWarning, match=r"body 'bar' is deformed by up to 0?.*% of its size and 0\.02 rad"):
+        static_response(scene, {"torque": 0.02 / compliance})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = static_response(scene, {"torque": 0.009 / compliance})
+    assert found["turn"] == pytest.approx(0.009, rel=1e-3)
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1), (1, 2, 0), (2, 1, 0)])
+def test_the_order_of_its_points_does_not_matter_to_a_body_s_buckling(order):
+    """A mode with all points held is softened by the line with the most pressure over its length, wherever that is."""
+    places = np.array([[0.0, 0.0, 0.0], [0.3, 0.1, 0.0], [0.1, 0.4, 0.2]])
+    tension = {(0, 1): -50.0, (0, 2): -400.0, (1, 2): 30.0}
+
+    def softened(order):
+        points = [SimpleNamespace(position=places[k]) for k in order]
+        mass, n = np.eye(19), 19
+        mass[18, 18] = 1.0
+        body = SimpleNamespace(remote_points=points, stiffness_matrix=np.zeros((n, n)), mass_matrix=mass, mass=2.5)
+        lines = [tension[tuple(sorted((order[i], order[j])))] for i, j in combinations(range(3), 2)]
+        return _geometric_stiffness(body, lines)
+
+    there = np.concatenate([*(6 * order.index(k) + np.arange(6) for k in range(3)), [18]])
+    found = softened(order)[np.ix_(there, there)]
+    np.testing.assert_allclose(found, softened((0, 1, 2)), atol=1e-9)
+    assert found[18, 18] == pytest.approx(-12.3 * 400 / np.linalg.norm(places[2]) / 2.5)
