@@ -25,6 +25,7 @@ from nassim import (
     Encoder,
     FlexibleBody,
     Joint,
+    Loop,
     PointForce,
     PointTorque,
     ReducedBody,
@@ -36,7 +37,8 @@ from nassim import (
     linearize,
 )
 from nassim.base.rigid_motion import axes_along, rigid_transfer, skew
-from nassim.simulation import spinning_equilibrium
+from nassim.simulation import linearize_closed, spinning_equilibrium
+from nassim.systems import proportional
 
 EYE = np.eye(3)
 AXIS, POINT, SPEED = np.array([2.0, -1.0, 2.0]) / 3, np.array([0.3, -0.2, 0.1]), 170.0
@@ -387,3 +389,18 @@ def test_an_equilibrium_in_either_frame():
     assert spinning_equilibrium(scene, **spin, frame="standing") == pytest.approx({"0": 0.0}, abs=1e-12)
     with pytest.raises(ValueError, match="body 'stator': as the turning frame sees it"):
         spinning_equilibrium(scene, **spin)
+
+
+@pytest.mark.parametrize("frame", ["turning", "standing"])
+def test_a_loop_across_a_spindle(frame):
+    """A weak sampled loop along the axis moves a pole as its gain times the transfer function's residue."""
+    machine = Machine(frame)
+    machine.tie(HINGE, frame, "joint")
+    scene, _ = machine.frfs()
+    rate, gain = 2e4, 10.0
+    loop = Loop("loop", proportional(gain, sample_rate=rate, delay=0), "gap", "lift")
+    spin = {"angular_velocity": SPEED * AXIS, "axis_point": POINT, "standing": ["ground", "stator"], "frame": frame}
+    closed = linearize_closed(replace(scene, loops=(loop,)), continuous=True, delay_order=0, **spin)
+    a, b, c, _ = linearize(scene, **spin).matrices
+    rows, columns = [closed.outputs.index("gap")], [closed.inputs.index("lift")]
+    np.testing.assert_allclose(closed.poles(), np.linalg.eigvals(a + gain * b[:, columns] @ c[rows]), rtol=1e-9)

@@ -27,6 +27,7 @@ from nassim import (
     frequency_response,
     linearize,
     simulate,
+    simulate_motion,
     static_response,
 )
 from nassim.scene import Reading, Row, Sensor
@@ -167,3 +168,31 @@ def test_the_order_of_its_points_does_not_matter_to_a_body_s_buckling(order):
     found = softened(order)[np.ix_(there, there)]
     np.testing.assert_allclose(found, softened((0, 1, 2)), atol=1e-9)
     assert found[18, 18] == pytest.approx(-12.3 * 400 / np.linalg.norm(places[2]) / 2.5)
+
+
+@pytest.mark.filterwarnings("ignore:damping_ratio acts")
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"method": "exact", "hold_order": 0, "duration": 0.05, "outputs": ["way"]},
+        {"method": "exact", "start": "released", "outputs": ["side", "way"]},
+        {"spectral_radius": 0.3, "duration": 0.04},
+    ],
+)
+def test_a_run_with_its_motion_is_the_run(options, capsys):
+    """The same record by the same options, each of which matters, and the motion of the body that it reads."""
+    side = Encoder("side", "ground.p", "block.p", "x")
+    scene = replace(block(), sensors=(*block().sensors, side), gravity=np.array([1.0, 0.0, -9.0]))
+    given = {"time_step": 2e-3, "progress": False} | options
+    history = record(200, 5e-4)
+    plain = simulate(scene, history, **given)
+    assert plain.names == ("push", *options.get("outputs", ("way", "side")))
+    assert plain.duration == pytest.approx(options.get("duration", 0.1))
+    found, motion = simulate_motion(scene, history, frames=5, **given)
+    assert found.names == plain.names
+    np.testing.assert_array_equal(found.values, plain.values)
+    np.testing.assert_allclose(motion.positions["block"][:, 2], np.interp(motion.time, plain.time, plain["way"]))
+    assert not capsys.readouterr().out
+    for option in options.keys() - {"method", "duration", "outputs"}:
+        other = simulate(scene, history, **{k: v for k, v in given.items() if k != option})
+        assert np.abs(other["way"] - plain["way"]).max() > 1e-6 * np.abs(plain["way"]).max()
