@@ -12,6 +12,7 @@ from conftest import lattice
 from nassim import (
     Accelerometer,
     AngleSensor,
+    Drive,
     Encoder,
     FlexibleBody,
     GroundAcceleration,
@@ -26,6 +27,7 @@ from nassim import (
     fixed,
     frequency_response,
     linearize,
+    prismatic,
     simulate,
     simulate_motion,
     static_response,
@@ -196,3 +198,25 @@ def test_a_run_with_its_motion_is_the_run(options, capsys):
     for option in options.keys() - {"method", "duration", "outputs"}:
         other = simulate(scene, history, **{k: v for k, v in given.items() if k != option})
         assert np.abs(other["way"] - plain["way"]).max() > 1e-6 * np.abs(plain["way"]).max()
+
+
+def test_what_hangs_on_a_drive_starts_to_move_along():
+    """An input that begins with a rate: a floating body goes along from the first step, and does not ring."""
+    axis, speed = np.array([0.6, 0.0, 0.8]), 0.03
+    bar = FlexibleBody("bar", craig_bampton(lattice(stiffness=1e4), n_modes=1, progress=False))
+    place = bar.point_position("left")
+    ground = RigidBody("ground", {"p": place}, fixed=True)
+    scene = Scene(
+        "stage",
+        (ground, RigidBody("carriage", {"p": np.zeros(3)}, 2.0, np.eye(3), place), bar),
+        (prismatic("slide", "ground.p", "carriage.p", axis), fixed("foot", "carriage.p", "bar.left")),
+        (Drive("motor", "slide", "z", "way"),),
+        (Encoder("apart", "bar.left", "bar.right", axis),),
+        damping_ratio=0.0,
+    )
+    time, found = np.arange(201) * 1e-4, []
+    for start in (speed * time, speed * np.maximum(time - 5e-4, 0.0)):
+        run = simulate(scene, TimeHistory(time, start[None], ("way",), ("m",)), time_step=1e-4, progress=False)
+        found.append(np.abs(run["apart"]).max())
+    assert found[0] < 1e-6 * found[1]
+    assert found[1] > 1e-6
