@@ -404,3 +404,20 @@ def test_a_loop_across_a_spindle(frame):
     a, b, c, _ = linearize(scene, **spin).matrices
     rows, columns = [closed.outputs.index("gap")], [closed.inputs.index("lift")]
     np.testing.assert_allclose(closed.poles(), np.linalg.eigvals(a + gain * b[:, columns] @ c[rows]), rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("frame", "cure"),
+    [
+        ("turning", r'take the axis, or a direction whose frame is a point that turns: frame="body\.point"'),
+        ("standing", "take the axis, or a direction whose frame is the world or a point that stands"),
+    ],
+)
+def test_a_signal_across_the_axis_is_told_which_frame_serves(frame, cure):
+    machine = Machine(frame)
+    machine.tie(HINGE, frame, "joint")
+    other = "ground.on" if frame == "turning" else "disc.on"
+    across = Encoder("across", "ground.on", "disc.on", tuple(AXES[:, 0]), frame=other)
+    scene = replace(machine.frfs()[0], sensors=(across,))
+    with pytest.raises(ValueError, match=f"output 'across': as the {frame} frame sees it, .*; {cure}$"):
+        found_of(scene, frame)

@@ -126,3 +126,21 @@ def test_one_thing_sets_the_spin():
     spinning_equilibrium(scene)
     with pytest.raises(ValueError, match="has a drive that sets the spin; give no angular_velocity"):
         linearize(scene, angular_velocity=(0, 0, 3.0))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"method": "exact", "spectral_radius": 0.9}, "method 'exact' has none, leave it out"),
+        ({"spectral_radius": 1.1}, r"must lie in 0 \.\.\. 1, got 1\.1"),
+        ({"spectral_radius": -0.1}, r"must lie in 0 \.\.\. 1, got -0\.1"),
+        ({"method": "explicit", "hold_order": 1}, "holds inputs from step to step; hold_order=1 needs another method"),
+        ({"hold_order": 0}, 'hold_order=0 needs "exact"'),
+        ({"method": "exact", "hold_order": 2}, "hold_order must be 0 or 1, got 2"),
+    ],
+)
+def test_options_belong_to_their_method(options, message):
+    time = np.arange(11) * 1e-3
+    history = TimeHistory(time, np.zeros((1, 11)), ("push",), ("N",))
+    with pytest.raises(ValueError, match=message):
+        simulate(held(), history, time_step=1e-3, progress=False, **options)
