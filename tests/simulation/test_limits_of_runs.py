@@ -23,6 +23,7 @@ from nassim import (
     simulate,
 )
 from nassim.simulation import spinning_equilibrium
+from nassim.simulation.starting_motion import steady_twists
 
 GROUND = RigidBody("ground", {"p": np.zeros(3)}, fixed=True)
 BLOCK = RigidBody("block", {"p": np.zeros(3), "q": np.array([0.1, 0.2, 0.3])}, 2.0, np.diag([0.02, 0.03, 0.04]))
@@ -144,3 +145,12 @@ def test_options_belong_to_their_method(options, message):
     history = TimeHistory(time, np.zeros((1, 11)), ("push",), ("N",))
     with pytest.raises(ValueError, match=message):
         simulate(held(), history, time_step=1e-3, progress=False, **options)
+
+
+def test_either_side_of_a_spindle_may_be_the_one_that_stands():
+    """A drive turns b against a: with the ground as b, what turns is a, the other way."""
+    for ends, sign in ((("ground.p", "block.p"), 1.0), (("block.p", "ground.p"), -1.0)):
+        hinge = revolute("hinge", *ends, (0.6, 0.0, 0.8))
+        scene = Scene("r", (GROUND, BLOCK), (hinge,), (Drive("motor", "hinge", "rz", speed=3.0),), held().sensors)
+        twist = steady_twists(scene)["block"]
+        np.testing.assert_allclose(twist[3:], sign * 3.0 * np.array([0.6, 0.0, 0.8]))
