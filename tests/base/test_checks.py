@@ -7,6 +7,7 @@ import pytest
 
 from nassim import RigidBody, Scene, SpringDamper
 from nassim.base.checks import above_zero, not_negative, positive, unique
+from nassim.base.progress import tell
 
 
 @pytest.mark.parametrize(
@@ -39,3 +40,11 @@ def test_a_warning_points_at_the_line_that_made_the_scene():
         warnings.simplefilter("always")
         Scene("s", (ground, block), springs=(spring,), damping_ratio=2.0)
     assert [one.filename for one in told] == [__file__]
+
+
+def test_notes_are_indented_as_asked(capsys):
+    tell("first")
+    tell("second", indent="")
+    first, second = capsys.readouterr().out.splitlines()
+    assert first.lstrip() == "first" != first
+    assert second == "second"

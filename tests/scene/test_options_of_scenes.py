@@ -164,3 +164,36 @@ def test_modes_are_counted_by_their_natural_frequency():
     assert first == pytest.approx(100j, rel=1e-9)
     assert second == pytest.approx(np.sqrt(1.2e4) * (-0.8 + 0.6j), rel=1e-9)
     assert second.imag < first.imag
+
+
+@dataclass(frozen=True)
+class Claim(Sensor):
+    """Reads the block, and claims an electrical port."""
+
+    port: str = "block.port"
+
+    def says(self, scene):
+        """A displacement."""
+        return (Reading(self.name, "m", Row.of_point("block.p", np.array([0.0, 0.0, 1.0]))),)
+
+    @property
+    def claims(self):
+        """Its port."""
+        return (self.port,)
+
+
+def test_a_port_belongs_to_one_part():
+    scene = block()
+    replace(scene, sensors=(Claim("a"), Claim("b", "block.other")))
+    with pytest.raises(
+        ValueError, match=r"electrical port 'block\.port' is used more than once; drive it or measure it"
+    ):
+        replace(scene, sensors=(Claim("a"), Claim("b")))
+
+
+def test_a_loop_has_the_signals_of_its_controller():
+    two = proportional([[1.0, 2.0]], sample_rate=1e3)
+    Loop("l", two, ("a", "b"), "u")
+    for measured, driven in ((("a",), ("u",)), (("a", "b"), ("u", "v")), (("a", "b", "c"), ("u",))):
+        with pytest.raises(ValueError, match=r"loop 'l': its controller has 2 input\(s\) and 1 output\(s\), but it"):
+            Loop("l", two, measured, driven)
