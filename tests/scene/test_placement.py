@@ -394,8 +394,9 @@ def test_joined_scenes_agree_or_are_told(soft, figure, other):
 
 def test_ratios_by_mode_belong_to_a_part(soft):
     by_mode = placed(replace(strut(soft), damping_ratio=[0.01, 0.02]), "a")
-    with pytest.raises(ValueError, match="ratios by mode"):
-        joined("whole", by_mode)
+    for scenes in ((by_mode,), (placed(strut(soft), "b", position=PLACE), by_mode)):
+        with pytest.raises(ValueError, match="ratios by mode"):
+            joined("whole", *scenes)
     assert joined("whole", by_mode, damping_ratio=0.03).damping_ratio == 0.03
 
 
