@@ -26,11 +26,13 @@ from nassim import (
     craig_bampton,
     simulate,
 )
+from nassim.scene.drives import Drive
 from nassim.scene.joints import prismatic
 from nassim.simulation import SimulationInterrupted, exact_steps
 from nassim.simulation.exudyn import solver
 from nassim.simulation.reach import MARGIN, Reach, find_reach
 from nassim.simulation.small_motion import assemble
+from nassim.simulation.starting_motion import starting_energy
 from nassim.simulation.stopped_runs import Stopped
 from nassim.systems.controllers import Controller
 
@@ -209,3 +211,37 @@ def test_reach_in_closed_form():
     energy += 0.7 * SPEED**2 * arm @ arm
     expected = speed.size + MARGIN * np.sqrt(energy / 0.7) * time
     assert speed.at(n - 1)["wheel"] == pytest.approx(expected, rel=2e-3)
+
+
+class Lagging(PointForce):
+    """A force behind an amplifier."""
+
+    def says(self, scene):
+        return tuple(replace(word, bandwidth=50.0) for word in super().says(scene))
+
+
+def test_reach_of_what_drives_move():
+    """What a drive carries goes as fast, a turn as fast as the size of the scene lets it; commands to their limit."""
+    n, rate = 1001, 3.0
+    time = (n - 1) * STEP
+    ramp = rate * STEP * np.arange(n)[None]
+    scene = replace(wheel(0.0), loops=())
+    turned = replace(scene, actuators=(Drive("motor", "hinge", "rz", "angle in"),))
+    reach = find_reach(assemble(turned), ramp, STEP)
+    path = MARGIN * rate * reach.size * time
+    assert reach.at(n - 1)["wheel"] == pytest.approx(reach.size + path, rel=2e-3)
+    spun = find_reach(assemble(replace(scene, actuators=(Drive("motor", "hinge", "rz", speed=rate),))), ramp[:0], STEP)
+    own = np.sqrt(2 * starting_energy(wheel(rate)) / 0.7)
+    assert spun.at(len(spun.path) - 1)["wheel"] == pytest.approx(reach.size + path + MARGIN * own * time, rel=2e-3)
+    limited = Loop("hold", replace(carriage(0.0).loops[0].controller, limit=2.0), "angle", "angle in")
+    assert find_reach(assemble(replace(turned, loops=(limited,))), ramp, STEP).size == pytest.approx(3 * reach.size)
+
+    slid = replace(carriage(0.0), actuators=(Drive("motor", "guide", "z", "x in"),), loops=())
+    moved = find_reach(assemble(slid), ramp, STEP)
+    assert moved.at(n - 1)["carriage"] == pytest.approx(moved.size + MARGIN * rate * time, rel=2e-3)
+    lagging = (Lagging("force", "carriage.c", NORMAL, "force"),)
+    late, prompt = (
+        find_reach(assemble(s), np.ones((1, n)), STEP).path
+        for s in (replace(carriage(0.0), actuators=lagging), carriage(0.0))
+    )
+    np.testing.assert_allclose(late, prompt, rtol=1e-12)
