@@ -58,7 +58,7 @@ def find_reach(assembly: Assembly, inputs: Array, time_step: float) -> Reach:
     scene = assembly.scene
     bodies = [body for body in scene.bodies if body.moves]
     masses = {body.name: body.rigid_inertia[0] for body in bodies}
-    mass, size = float(np.sum([*masses.values()])), _size(assembly, bodies)
+    mass, size = float(np.sum([*masses.values()])), scene_size(assembly)
     limits = np.zeros(len(scene.inputs))
     for loop in scene.loops:
         if np.isfinite(loop.controller.limit):
@@ -78,8 +78,9 @@ def find_reach(assembly: Assembly, inputs: Array, time_step: float) -> Reach:
     return Reach(size, time_step * np.cumsum(momentum), masses)
 
 
-def _size(assembly: Assembly, bodies: list[Body]) -> float:
-    """Size of a scene: of the box around all its points and centres of mass, and around its largest body [m]."""
+def scene_size(assembly: Assembly) -> float:
+    """Return the size of a scene: of the box around all its points and centres of mass, and of its largest body [m]."""
+    bodies = [body for body in assembly.scene.bodies if body.moves]
     places = [body.rigid_inertia[1] for body in bodies]
     for body in assembly.scene.bodies:
         names = body.points if isinstance(body, RigidBody) else body.reduced.all_point_names

@@ -18,8 +18,9 @@ from nassim.simulation.buckling import axial_rows
 from nassim.simulation.exudyn.filtering import Filtering
 from nassim.simulation.exudyn.springs import rounding
 from nassim.simulation.exudyn.state import System, find_accelerations
+from nassim.simulation.exudyn.turning import solve_hanging
 from nassim.simulation.exudyn.watch import Watch
-from nassim.simulation.reach import find_reach
+from nassim.simulation.reach import find_reach, scene_size
 from nassim.simulation.running_loops import runaway, start_loops
 from nassim.simulation.small_motion import NO_EQUILIBRIUM
 from nassim.simulation.stopped_runs import Stopped
@@ -69,8 +70,13 @@ def solve_static(system: System) -> None:
     # Full pivoting leaves motions without stiffness alone, and does not converge where a force acts on one.
     settings.linearSolver.solverType = exu.LinearSolverType.EigenDense
     settings.linearSolver.ignoreSingularJacobian = True
-    if not _solved(system, settings):
-        raise RuntimeError(NO_EQUILIBRIUM)
+    if _solved(system, settings):
+        return
+    # Exudyn's joints do not tell Newton's rule what the forces in them do when they turn: a weight's own stiffness.
+    try:
+        solve_hanging(system, scene_size(system.assembly))
+    except RuntimeError:
+        raise RuntimeError(NO_EQUILIBRIUM) from None
 
 
 def _solved(system: System, settings: Any) -> bool:
