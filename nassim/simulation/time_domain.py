@@ -119,13 +119,28 @@ def simulate_motion(
     start: str = "equilibrium",
     progress: bool = True,
 ) -> tuple[TimeHistory, Motion]:
-    """As `simulate`, of which it has all other arguments, and how the bodies moved, to be seen.
+    """Simulate, and also return the bodies' motion at chosen times.
 
-    frames: at how many time steps the motion is kept, evenly spread from the start to the end, or at which times [s],
-        each moved to the nearest step; a vibration looks as it is only where there are some ten in each of its periods
+    Args:
+        scene: as of `simulate`, like all other arguments but one.
+        excitation: as of `simulate`.
+        time_step: as of `simulate` [s].
+        frames: at how many time steps the motion is kept, evenly spread from the start to the end, or at which times
+            [s], each moved to the nearest step; a vibration looks as it is only where there are some ten in each of its
+            periods.
+        duration: as of `simulate` [s].
+        outputs: as of `simulate`.
+        method: as of `simulate`.
+        spectral_radius: as of `simulate`.
+        hold_order: as of `simulate`.
+        start: as of `simulate`.
+        progress: as of `simulate`.
 
-    Returns what `simulate` does and the motion of all bodies of the scene, fixed ones too, in the world's frame. Raises
-    ValueError for frames that the run does not have as well.
+    Returns what `simulate` does and the motion of all bodies of the scene, fixed ones too, in the world's frame.
+
+    Raises:
+        ValueError: as `simulate`, and for frames that the run does not have.
+        RuntimeError: as `simulate`; the exceptions of runs that end early keep the record, but no motion.
     """
     record, motion = _simulate(
         scene, excitation, time_step, duration, outputs, method, spectral_radius, hold_order, start, frames, progress

@@ -133,7 +133,8 @@ def solve_dynamic(
         message = _ending(system, watch, steps, failure, spectral_radius, time_step, interrupted=bool(interrupts))
         if message:
             readings = np.vstack([_recorded(system, steps.begun), steps.commands[: steps.begun].T])
-            raise Stopped(message, readings, watch.trust.sample, interrupted=bool(interrupts)) from failure
+            cause = None if interrupts or watch.lost else failure
+            raise Stopped(message, readings, watch.trust.sample, interrupted=bool(interrupts)) from cause
         steps.end()
         if look:
             look(n_steps)
