@@ -1,32 +1,41 @@
 """Every optional argument of the verbs that run a scene: what it is by default, and that it changes what it should."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import lattice
 from test_large_motion import GRAVITY, INERTIA, NORMAL, SKEWED, ground
+from test_rotors import AXIS, rigid_machine
 
 from nassim import (
     Encoder,
     FlexibleBody,
     Joint,
+    Loop,
     PointForce,
     RigidBody,
     Scene,
     SpringDamper,
     TimeHistory,
     craig_bampton,
+    linearize,
     simulate,
     static_response,
 )
 from nassim.scene.joints import prismatic
+from nassim.scene.mechanics import Bushing
 from nassim.simulation import (
     exudyn_eigenfrequencies,
     integrator_error,
+    linearize_closed,
     mode_motion,
     period_errors,
     scene_modes,
     simulate_motion,
+    spinning_equilibrium,
 )
+from nassim.systems.controllers import Controller
 
 STEP = 1e-3
 PLACE = np.array([0.05, -0.02, 0.03])
@@ -139,3 +148,43 @@ def test_the_spectral_radius_of_errors(scene):
     )
     np.testing.assert_array_equal(default, one)
     assert np.any(np.abs(default - half) > 1e-6)
+
+
+def test_what_stands_and_whose_frame_in_closed_loops_and_at_rest():
+    """A loop that does nothing leaves the poles of the scene; a load that stands beside the axis is not flung out."""
+    scene, spin = rigid_machine(40.0, k=(4e5, 4e5), arms=3)
+    idle = Controller(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[0.0]], 1e4)
+    scene = replace(
+        scene,
+        actuators=(PointForce("push", "foundation.low", AXIS, "push"),),
+        sensors=(Encoder("lift", "ground.top", "foundation.low", AXIS),),
+        loops=(Loop("idle", idle, "lift", "push"),),
+    )
+    for frame in ("turning", "standing"):
+        expected = linearize(scene, **spin, frame=frame).poles()
+        found = linearize_closed(scene, **spin, frame=frame).poles()
+        assert max(np.abs(found - pole).min() for pole in expected) < 1e-5
+
+    place = np.array([0.1, 0.0, 0.0])
+    bodies = (
+        ground(o=np.zeros(3), side=place),
+        RigidBody("load", {"c": (0, 0, 0)}, 2.0, INERTIA, place),
+        RigidBody("rotor", {"c": (0, 0, 0)}, 3.0, np.diag([2e-3, 2e-3, 3e-3])),
+    )
+    machine = Scene(
+        "machine",
+        bodies,
+        (prismatic("guide", "ground.side", "load.c", "x"),),
+        sensors=(Encoder("x", "ground.side", "load.c", "x"),),
+        springs=(
+            SpringDamper("spring", "ground.side", "load.c", "x", 1e5, frame="ground.side"),
+            Bushing("bearing", "ground.o", "rotor.c", [1e6, 1e6, 1e6, 100.0, 100.0, 0.0]),
+        ),
+        damping_ratio=0.0,
+    )
+    turning = {"angular_velocity": (0, 0, 30.0), "frame": "standing"}
+    flung = spinning_equilibrium(machine, angular_velocity=(0, 0, 30.0))["x"]
+    assert flung == pytest.approx(2.0 * 900.0 * 0.1 / (1e5 - 2.0 * 900.0), rel=1e-9)
+    assert spinning_equilibrium(machine, **turning, standing=("ground", "load"))["x"] == pytest.approx(0.0, abs=1e-15)
+    with pytest.raises(ValueError, match="load"):  # what stands is not the same in all directions
+        spinning_equilibrium(machine, angular_velocity=(0, 0, 30.0), standing=("ground", "load"))
