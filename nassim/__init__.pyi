@@ -223,6 +223,9 @@ from .simulation.linearization import (
 from .simulation.scene_body import (
     reduce_scene as reduce_scene,
 )
+from .simulation.stopped_runs import (
+    SimulationError as SimulationError,
+)
 from .simulation.time_domain import (
     simulate as simulate,
 )

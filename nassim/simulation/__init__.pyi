@@ -49,6 +49,12 @@ from .spinning import (
 from .spinning import (
     spinning as spinning,
 )
+from .stopped_runs import (
+    SimulationError as SimulationError,
+)
+from .stopped_runs import (
+    SimulationInterrupted as SimulationInterrupted,
+)
 from .swinging import (
     mode_motion as mode_motion,
 )

@@ -152,7 +152,9 @@ def _turning(items: Items, word: Reading, row: Row) -> Term:
             result += np.einsum("nji,nj,i->n", axes, _mean(columns, place, np.zeros(3)), w)
         return word.gain * result
 
-    return Term(tuple(probes.numbers), value)
+    counted = turns and not word.derivative
+    period = 2 * np.pi * abs(word.gain) * float(np.linalg.norm(turns[-1][1])) if counted else 0.0
+    return Term(tuple(probes.numbers), value, period=period)
 
 
 def _angle(columns: Sequence[Array], places: Sequence[slice | None], weights: Sequence[Array]) -> Array:
