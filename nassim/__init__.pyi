@@ -34,6 +34,9 @@ from . import (
 from . import (
     systems as systems,
 )
+from . import (
+    viewer as viewer,
+)
 from .base.nouns import (
     register as register,
 )
@@ -219,6 +222,9 @@ from .simulation.linearization import (
 )
 from .simulation.scene_body import (
     reduce_scene as reduce_scene,
+)
+from .simulation.stopped_runs import (
+    SimulationError as SimulationError,
 )
 from .simulation.time_domain import (
     simulate as simulate,

@@ -215,6 +215,17 @@ def test_linear_systems_and_files_need_neither_mesher_nor_simulator():
     assert run_without(HEAVY, "import nassim; nassim.build_fe_model").returncode != 0
 
 
+def test_every_sub_package_is_an_attribute_loaded_when_used():
+    """In a fresh process, where nothing else has imported it."""
+    packages = sorted(path.parent.name for path in (ROOT / "nassim").glob("*/__init__.py"))
+    code = (
+        f"import nassim, sys; before = [f'nassim.{{p}}' in sys.modules for p in {packages}]; "
+        f"print(any(before), all(getattr(nassim, p).__name__ == 'nassim.' + p for p in {packages}))"
+    )
+    assert run_without(HEAVY, code).stdout.split() == ["False", "True"]
+    assert set(packages) <= set(nassim.__all__)
+
+
 def test_pages_need_neither_mesher_nor_simulator_nor_picture_library():
     run = run_without(HEAVY, "from nassim.viewer import view_body, view_motion, view_scene, write_page")
     assert run.returncode == 0, run.stderr

@@ -18,6 +18,7 @@ from nassim.plotting import (
     plot_modal_fit,
     plot_noise_budget,
     plot_pareto,
+    plot_root_locus,
     plot_scatter,
     plot_sobol,
     plot_time_history,
@@ -26,6 +27,7 @@ from nassim.plotting import (
     save_figure,
 )
 from nassim.systems.noise_budget import NoiseBudget
+from nassim.systems.root_locus import RootLocus
 
 
 @pytest.fixture(autouse=True)
@@ -159,7 +161,7 @@ def test_a_budget_of_one_of_several_outputs():
     assert density.get_lines()[0].get_ydata() == pytest.approx(4e-9)
     assert cumulative.get_lines()[1].get_ydata() == pytest.approx(3e-9 * np.sqrt([2, 1]))
     assert cumulative.get_ylabel() == "rms above the frequency [m]"
-    assert cumulative.get_ylim()[1] > 1e-6
+    assert 1e-6 < cumulative.get_ylim()[1] < 1e-5
     assert {density.get_xscale(), density.get_yscale(), cumulative.get_yscale()} == {"log"}
 
 
@@ -309,3 +311,57 @@ def test_shares_of_several_results_stand_in_one_order():
 def test_a_figure_of_rows_of_axes_is_written(plane, tmp_path):
     path = save_figure(plot_scatter(plane, studies.correlations(plane)), tmp_path / "scatter.png")
     assert path.stat().st_size > 10_000
+
+
+def a_fit():
+    lines = np.linspace(20.0, 200.0, 50)
+    recorded = FRF(lines, two_modes(lines)[None, None], ("b",), ("u",))
+    return ModalFit(
+        input="u", outputs=("b",), frequency=[50.0, 120.0], damping_ratio=[0.02, 0.01], gains=[[3.0, -1.0]],
+        covariance=np.eye(6), residual_terms=np.zeros((1, 0)), residual_powers=[], recorded=recorded,
+        noise=np.ones((1, 50)), criterion=[0.0], how={},
+    )  # fmt: skip
+
+
+LOCUS = RootLocus(np.array([0.0, 1.0]), np.array([[-1 + 9j, -1 - 9j], [-2 + 9j, -2 - 9j]]), np.array([5j, -5j]))
+HISTORY = TimeHistory(np.arange(3.0), np.zeros((1, 3)), ("a",), ("V",))
+SIX = Superelement("s", stiffness_matrix=np.eye(6), mass_matrix=np.eye(6), positions=np.zeros((1, 3)), names=("a",))
+BUDGET = NoiseBudget(np.array([1.0, 2.0]), np.ones((1, 1, 2)), ("y",), ("n",), ("m",))
+IN_A_FIGURE = {
+    "frf": lambda _, **into: plot_frf([delayed(0.0)], output="y", input="u", unit="1", **into),
+    "error": lambda _, **into: plot_frf_error([delayed(1e-3)], [delayed(0.0)], output="y", input="u", **into),
+    "fit": lambda _, **into: plot_modal_fit(a_fit(), [], output="b", unit="m/N", **into),
+    "history": lambda _, **into: plot_time_history(HISTORY, **into),
+    "budget": lambda _, **into: plot_noise_budget(BUDGET, output="y", **into),
+    "inspection": lambda _, **into: plot_inspection({"s": SIX}, **into),
+    "scatter": lambda plane, **into: plot_scatter(plane, studies.correlations(plane), **into),
+    "sobol": lambda plane, **into: plot_sobol(studies.sobol_indices(plane, n_resamples=2), **into),
+}
+IN_AXES = {
+    "pareto": lambda _, **into: plot_pareto({"order 2": [(3.0, 0.1, "2 mm")]}, "s", "-", **into),
+    "tornado": lambda plane, **into: plot_tornado(studies.linear_effects(plane), result="f_m", **into),
+    "locus": lambda _, **into: plot_root_locus(LOCUS, frequency=3.0, **into),
+}
+
+
+@pytest.mark.parametrize("name", [*IN_A_FIGURE, *IN_AXES])
+def test_pictures_are_drawn_where_they_are_asked_for(plane, name):
+    """Half of a figure, or the axes at hand, and nowhere else; by default in a new figure."""
+    halves = plt.figure().subfigures(1, 2)
+    if name in IN_AXES:
+        ax = halves[1].subplots()
+        assert IN_AXES[name](plane, ax=ax) is ax
+        assert ax.has_data()
+    else:
+        drawn = np.ravel(np.array(IN_A_FIGURE[name](plane, figure=halves[1]), dtype=object))
+        assert set(drawn) <= set(halves[1].axes)
+    assert halves[0].axes == []
+    assert len(plt.get_fignums()) == 1
+    {**IN_A_FIGURE, **IN_AXES}[name](plane)
+    assert len(plt.get_fignums()) == 2
+
+
+def test_frfs_of_named_labels_are_points():
+    axes = plot_frf([delayed(0.0), delayed(1e-3)], output="y", input="u", unit="1", markers=["late by 0.001 s"])
+    for ax in axes:
+        assert [(line.get_linestyle(), line.get_marker()) for line in ax.get_lines()] == [("-", "None"), ("None", "o")]

@@ -21,6 +21,11 @@ ALONE = 0.01
 """Residual of all other rows over that of one node's, below which that node's rows are the damaged ones."""
 ROUNDING = 1e-2
 """Negative eigenvalues above this share of the positive ones are no rounding and are not repaired."""
+CONFIRMED_BY = {
+    "units": "; read it in its own units, or confirm by any_size=True",
+    "row order": "; correct the file or what reads it, or confirm by any_coordinates=True",
+}
+"""What to do about faults that `to_body` accepts when told to."""
 SHOWN = 10
 """Elastic frequencies that a repair's text names, beside the one that moved most."""
 
@@ -110,21 +115,23 @@ def repair(body: Body) -> Repair[Body]:
     return report
 
 
-def to_body(body: Superelement, *, any_size: bool = False) -> ReducedBody:
+def to_body(body: Superelement, *, any_size: bool = False, any_coordinates: bool = False) -> ReducedBody:
     """Accept a superelement as a body for scenes.
 
-    any_size: accept a mass, size, wave speed or density that no body in a machine has; it mostly means wrong units
+    any_size: accept a mass, size, wave speed, density or stiffness that no body in a machine has; it mostly means
+        wrong units
+    any_coordinates: accept rows and node coordinates that do not fit each other (the finding "row order")
 
     Mass, centre of mass, inertia and response in small motion are those of the matrices. Large motion asks for more
     than matrices tell: `nassim.bodies.inertia` says how that is estimated. The body has no surface to draw.
     Raises ValueError naming the source and all faults that `check` finds.
     """
     report = check(body)
-    faults = [finding for finding in report.faults if not (any_size and finding.name == "units")]
+    confirmed = {"units": any_size, "row order": any_coordinates}
+    faults = [finding for finding in report.faults if not confirmed.get(finding.name)]
     if faults:
-        found = "; ".join(f"{finding.name}: {finding.text}" for finding in faults)
-        help = "; read it in its own units, or confirm by any_size=True" if faults[-1].name == "units" else ""
-        raise ValueError(f"{body.source}: not fit for use: {found}{help}")
+        found = "; ".join(f"{finding.name}: {finding.text}{CONFIRMED_BY.get(finding.name, '')}" for finding in faults)
+        raise ValueError(f"{body.source}: not fit for use: {found}")
     mass = 0.5 * (body.mass_matrix + body.mass_matrix.T)
     return ReducedBody(
         body.name,

@@ -9,12 +9,18 @@ import scipy
 
 from nassim.base.checks import Array, freeze, frozen_mapping, known
 from nassim.base.progress import wrapped
-from nassim.base.rigid_motion import rigid_motions
 from nassim.bodies.inertia import RigidInertia, free_of_rigid_motions, rigid_inertia
 from nassim.bodies.reduced_body import ReducedBody
+from nassim.exchange.coordinates import (
+    explain_misfit,
+    from_degrees,
+    other_units,
+    told_positions,
+    unresisted_motions,
+)
 from nassim.exchange.row_order import FITS, guess_order, order_misfit, rigid_residual
 from nassim.exchange.superelement import Superelement
-from nassim.exchange.unit_systems import Looks, likely_units
+from nassim.exchange.unit_systems import Looks, likeliest_first, likely_units, relative_stiffness
 
 VERDICTS = ("ok", "warning", "fault")
 TRUST = 1.5
@@ -23,7 +29,6 @@ SPIN = 1 / 30
 """Angular velocity over the lowest elastic frequency from which unknown integrals matter: `nassim.bodies.inertia`."""
 NO_INERTIA = 1e-30
 """Diagonal entries of M below this share of its largest mean a motion without inertia."""
-COORDINATE_UNITS = {1e-3: "mm", 1e3: "m, and the matrices' length mm", 0.0254: "inches", 1 / 0.0254: "m, not inches"}
 
 
 @dataclass(frozen=True)
@@ -202,27 +207,33 @@ def _rigid_motions(n: _Numbers) -> Finding:
 
 
 def _row_order(n: _Numbers) -> Finding:
-    misfit = order_misfit(n.body)
-    if misfit <= FITS:
-        return Finding("row order", "ok", "per node ux uy uz rx ry rz, as given", {"misfit": misfit})
-    for factor, unit in COORDINATE_UNITS.items():
-        scaled = rigid_motions(factor * n.body.positions, len(n.mass))
-        fits = max(rigid_residual(n.stiffness, scaled).max(), rigid_inertia(n.mass, scaled).misfit)
-        if fits <= min(FITS, 0.2 * misfit):
-            text = (
-                f"the order is right, but the coordinates seem to be in {unit}: they fit when multiplied by {factor:g}"
-            )
-            return Finding("row order", "fault", text, {"misfit": misfit, "coordinate_factor": factor})
+    misfit, free = order_misfit(n.body), unresisted_motions(n.stiffness, n.mass)
+    told = None if free is None else told_positions(free, len(n.body.positions))
+    away = "" if told is None else explain_misfit(n.body, told, _size(n))
+    figures = {"misfit": misfit}
+    if misfit <= FITS and not away:
+        return Finding("row order", "ok", "per node ux uy uz rx ry rz, as given", figures)
+    units = other_units(n.body, misfit)
+    if units:
+        return Finding("row order", "fault", f"the order is right, but {units[0]}", figures | units[1])
     guess = guess_order(n.body)
-    if guess is None:
-        text = f"misfit of rigid motions {misfit:.2g}, and no other order of rows fits better: errors in the numbers"
-        if n.body.units[:2] != "m-":
-            text += '; or another order, found only when the file is read in units "m-..."'
-        return Finding("row order", "warning", text, {"misfit": misfit})
-    text = f"wrong (misfit {misfit:.2g}); the rows fit when read as: {guess.text} (misfit {guess.misfit:.1e})"
-    if guess.alternatives:
-        text += f"; {guess.alternatives} other order(s) fit as well"
-    return Finding("row order", "fault", text, {"misfit": misfit, "guess_misfit": guess.misfit})
+    if guess is not None:
+        text = f"wrong (misfit {misfit:.2g}); the rows fit when read as: {guess.text} (misfit {guess.misfit:.1e})"
+        if guess.alternatives:
+            text += f"; {guess.alternatives} other order(s) fit as well"
+        return Finding("row order", "fault", text, figures | {"guess_misfit": guess.misfit})
+    if away:
+        return Finding("row order", "fault", f"misfit of rigid motions {misfit:.2g}: {away}", figures)
+    text = f"misfit of rigid motions {misfit:.2g}, and no other order of rows fits better"
+    if free is not None and told is None:
+        text += (
+            ", though K resists no six motions: rows of other nodes, or along other axes than the body's (orientations)"
+        )
+        return Finding("row order", "fault", text, figures)
+    text += ": errors in the numbers"
+    if n.body.units[:2] != "m-":
+        text += '; or another order, found only when the file is read in units "m-..."'
+    return Finding("row order", "warning", text, figures)
 
 
 def _mass(n: _Numbers) -> Finding:
@@ -276,14 +287,26 @@ def _size(n: _Numbers) -> float:
     return float(max(np.sqrt(max(n.rigid.box[-1], 0.0)), np.ptp(n.body.positions, axis=0).max()))
 
 
+def _looks(n: _Numbers) -> Looks:
+    translations = np.diag(n.stiffness)[: 6 * len(n.body.positions)].reshape(-1, 6)[:, :3]
+    stiffness = relative_stiffness(float(translations.max()), n.rigid.mass)
+    return Looks(n.rigid.mass, _size(n), n.first * _size(n), n.rigid.box_density, stiffness)
+
+
 def _units(n: _Numbers) -> Finding:
-    looks = Looks(n.rigid.mass, _size(n), n.first * _size(n), n.rigid.box_density)
+    looks = _looks(n)
     text = f"{n.body.units}: {looks}"
     strange = looks.implausible
     if not strange:
         return Finding("units", "ok", text + ": plausible", looks.figures)
     text += f"; {' and '.join(strange)} not plausible"
     likely = likely_units(looks, n.body.units)
+    in_radians = from_degrees(n.body)
+    if order_misfit(in_radians) <= FITS:
+        stiffness, mass = (0.5 * (m + m.T) for m in (in_radians.stiffness_matrix, in_radians.mass_matrix))
+        reread = _looks(_numbers(in_radians, stiffness, mass))
+        if not reread.implausible:
+            likely = likeliest_first([*likely, (f"{n.body.units} with rotations in degrees", reread)])
     if likely:
         text += "; looks like " + ", or else ".join(f"{units} ({reread})" for units, reread in likely[:3])
     return Finding("units", "fault", text, looks.figures)

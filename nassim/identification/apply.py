@@ -102,8 +102,9 @@ def apply_identification(
         is the factor of the actuators at the fit's input; that ratio of another output, over this factor, is the
         factor of its sensor
     distance: relative difference in frequency up to which an identified mode is one of the scene's
-    factor: largest ratio, either way, of their gains: at the trusted output or, where the mode does not show there, at
-        the output where it shows most. So a resonance of cables or of the table close by is not taken for the mode
+    factor: largest ratio, either way, of their gains, which have the same sign: at the trusted output or, where the
+        mode does not show there, at the output where it shows most. So a resonance of cables or of the table close by
+        is not taken for the mode
     unmeasured_damping_ratio: of the scene's other modes (default: as they are)
 
     Static response is the sum of all modal gains in the band, unmodelled resonances included: masses, even unknown
@@ -111,8 +112,9 @@ def apply_identification(
     scene stay as they are.
 
     Raises ValueError for unknown names, for outputs of the scene that do not respond to the input, for scenes with
-    damping that is not modal (bodies' own, dampers, resistances, bandwidths, loops), when no mode matches, and when a
-    match is not unique: two modes of the scene that the outputs see near one identified, or two identified near one.
+    damping that is not modal (bodies' own, dampers, resistances, bandwidths, loops), when no mode matches (a reversed
+    polarity is named), and when a match is not unique: two modes of the scene that the outputs see near one identified,
+    or two identified near one.
     """
     positive("distance", distance)
     if not finite("factor", factor) > 1:
@@ -135,6 +137,9 @@ def apply_identification(
     visible = np.abs(gains) > VISIBLE * np.abs(gains).max(axis=1, keepdims=True)
     alike = _alike(fit.gains, gains, visible, fit.outputs.index(trusted), factor)
     matches = _match(fit.frequency, assembly.frequency, alike, distance, factor)
+    if np.all(matches < 0):
+        opposite = _alike(-fit.gains, gains, visible, fit.outputs.index(trusted), factor)
+        raise ValueError(_no_match(fit.frequency, assembly.frequency, alike, opposite, distance, factor))
 
     n_free = np.count_nonzero(assembly.free)  # a scene counts its elastic modes only
     ratios = assembly.damping.ratio.copy()
@@ -171,9 +176,9 @@ def _alike(identified: Array, gains: Array, visible: Array, base: int, factor: f
     share = np.abs(gains) / np.abs(gains).max(axis=1, keepdims=True)
     row = np.where(visible[base], base, share.argmax(axis=0))
     columns = np.arange(gains.shape[1])
-    larger, smaller = factor * np.abs(identified[row].T), np.abs(identified[row].T) / factor
     size = np.abs(gains[row, columns])
-    result: Array = visible.any(axis=0) & (smaller <= size) & (size <= larger)
+    found = identified[row].T * np.sign(gains[row, columns])
+    result: Array = visible.any(axis=0) & (found <= factor * size) & (size <= factor * found)
     return result
 
 
@@ -197,15 +202,27 @@ def _match(identified: Array, frequency: Array, alike: Array, distance: float, f
                 f"identified modes at {', '.join(f'{x:.4g}' for x in rivals)} Hz are all within {100 * distance:g} % "
                 f"of the scene's mode at {frequency[mode]:.4g} Hz: lessen the distance"
             )
-    if np.all(result < 0):
-        found = ", ".join(f"{x:.4g}" for x in identified)
-        seen = ", ".join(f"{x:.4g}" for x in frequency[alike.any(axis=0)][:5])
-        raise ValueError(
-            f"no identified mode ({found} Hz) lies within {100 * distance:g} % of a mode that the scene's outputs see "
-            f"with a gain within {factor:g} times its own ({seen or 'none'} Hz): check units, the scene's masses, or "
-            "give a larger distance or factor"
-        )
     return result
+
+
+def _no_match(
+    identified: Array, frequency: Array, alike: Array, opposite: Array, distance: float, factor: float
+) -> str:
+    """Why no mode matches; alike, opposite: by gain and by gain of the other sign, (identified, modes)."""
+    found = ", ".join(f"{x:.4g}" for x in identified)
+    seen = ", ".join(f"{x:.4g}" for x in frequency[alike.any(axis=0)][:5])
+    near = np.abs(frequency / identified[:, None] - 1) <= distance
+    reversed_ones = ", ".join(f"{x:.4g}" for x in frequency[(opposite & near).any(axis=0)][:5])
+    text = (
+        f"no identified mode ({found} Hz) lies within {100 * distance:g} % of a mode that the scene's outputs see "
+        f"with a gain within {factor:g} times its own ({seen or 'none'} Hz): "
+    )
+    if reversed_ones:
+        return text + (
+            f"that of the scene at {reversed_ones} Hz has the opposite sign: correct the polarity of the actuator or "
+            "of the sensor, in the record or in the scene"
+        )
+    return text + "check units, the scene's masses, or give a larger distance or factor"
 
 
 def _scale(scene: Scene, fit: ModalFit, static: Array, trusted: str) -> tuple[Scene, list[Change]]:

@@ -17,6 +17,8 @@ from nassim.scene.terms import Constraint, Spring
 
 TOUCH_TOLERANCE = 1e-9
 """Largest gap [m] between the two points of a joint."""
+ROUNDING = 1e-12
+"""What rounding adds to a gap [m] where a scene is placed up to kilometres away; a gap at the tolerance stays one."""
 Damping = float | Mapping[str, float] | tuple[float, ...]
 PERPENDICULAR = 1e-9
 
@@ -64,7 +66,7 @@ class Joint(Connection):
         if isinstance(body, RigidBody) and scene.split(self.b)[0] is body:
             raise ValueError(f"joint {self.name!r}: {self.a!r} and {self.b!r} belong to one rigid body")
         gap = float(np.linalg.norm(scene.point_position(self.b) - scene.point_position(self.a)))
-        if gap > TOUCH_TOLERANCE:
+        if gap > TOUCH_TOLERANCE + ROUNDING:
             raise ValueError(
                 f"joint {self.name!r}: {self.a!r} and {self.b!r} are {gap:.3g} m apart; they must coincide to "
                 f"{TOUCH_TOLERANCE:g} m: move one of the bodies"

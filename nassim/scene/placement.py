@@ -42,6 +42,8 @@ def placed(scene: Scene, name: str, *, position: ArrayLike = (0, 0, 0), rotation
     if "." in name:
         raise ValueError(f"scene {name!r}: no dot in its name, because points are written 'body.point'")
     turn = np.eye(3) if rotation is None else proper_rotation(f"scene {name!r}: rotation", rotation)
+    # To rounding a rotation: those of parts, turned, would else leave the tolerance that they kept.
+    turn = turn @ (1.5 * np.eye(3) - 0.5 * turn.T @ turn)
     place = _Place(name, finite_array(f"scene {name!r}: position", position, (3,)), turn)
     there: dict[str, Any] = {kind: tuple(map(place.moved, getattr(scene, kind))) for kind in KINDS}
     try:
@@ -58,8 +60,8 @@ def placed(scene: Scene, name: str, *, position: ArrayLike = (0, 0, 0), rotation
 
 
 _ANNOTATE = (
-    "fields that name points, inputs and outputs, or that hold directions, axes and places of the world need their "
-    "annotation: Path, Signal, Direction, Axes, Position of nassim.scene.measures"
+    "in a class of your own, fields that name points, inputs and outputs, or that hold directions, axes and places of "
+    "the world need their annotation: Path, Signal, Direction, Axes, Position of nassim.scene.measures"
 )
 
 

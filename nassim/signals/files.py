@@ -19,7 +19,7 @@ SAME_STEP = 0.01
 """Deviation from equal sampling, in steps, that counts as rounding of the printed times."""
 UFF_SUFFIXES = (".uff", ".unv", ".58")
 HEADER = re.compile(r"^\s*(?P<name>[^\[\]]*?)\s*\[\s*(?P<unit>[^\[\]]+?)\s*\]\s*$")
-FRF_COLUMN = re.compile(r"^(?P<output>[^/]+)/(?P<input>[^/]+) (?P<part>real|imag)$")
+FRF_COLUMN = re.compile(r"^(?P<pair>[^/]+(/[^/]+)+) (?P<part>real|imag)$")
 
 
 def read_record(path: str | Path, *, names: Sequence[str] | None = None) -> TimeHistory:
@@ -78,7 +78,9 @@ def read_frf(path: str | Path, *, label: str = "recorded") -> FRF:
     path: a CSV file whose first line names its columns and their units, real and imaginary part of every output over
         every input, and the coherence where known, such as `frequency [Hz], encoder/actuator_voltage real [um/V],
         encoder/actuator_voltage imag [um/V], encoder coherence [-]`; or a UFF file (.uff, .unv) whose data sets 58 are
-        frequency response functions, and coherences
+        frequency response functions, and coherences. Names may hold slashes, as those of placed scenes do
+        (`strut_1/encoder/strut_1/voltage real [um/V]`); where it is open which slash divides them, write it with
+        blanks around: `encoder / strut_1/voltage real [um/V]`
     label: what a legend calls it
 
     Raises FileNotFoundError, and ValueError as `read_record`; UFF files need the package pyuff (RuntimeError).
@@ -94,10 +96,15 @@ def read_frf(path: str | Path, *, label: str = "recorded") -> FRF:
             f"{path}, line {table.header}: no column is named like 'output/input real [unit]'; columns: "
             + ", ".join(table.names)
         )
-    outputs, inputs = (tuple(dict.fromkeys(match[kind].strip() for match in found)) for kind in ("output", "input"))
+    seen = {name.removesuffix(" coherence") for name in table.names if name.endswith(" coherence")}
+    try:
+        pairs = _pairs([match["pair"] for match in found], seen)
+    except ValueError as error:
+        raise ValueError(f"{path}, line {table.header}: {error}") from error
+    outputs, inputs = (tuple(dict.fromkeys(pair[k] for pair in pairs)) for k in (0, 1))
 
     def response(output: str, input: str) -> Array:
-        real, imaginary = (f"{output}/{input} {part}" for part in ("real", "imag"))
+        real, imaginary = (f"{pairs.get((output, input), f'{output}/{input}')} {part}" for part in ("real", "imag"))
         if table.units.get(real) != table.units.get(imaginary, table.units.get(real)):
             raise ValueError(f"{path}, line {table.header}: {real!r} and {imaginary!r} have units of different kinds")
         result: Array = table.column(real) + 1j * table.column(imaginary)
@@ -108,6 +115,46 @@ def read_frf(path: str | Path, *, label: str = "recorded") -> FRF:
     if any(name.endswith(" coherence") for name in table.names):
         coherence = np.stack([table.column(f"{output} coherence", "-") for output in outputs])
     return _frf(path, frequency, values, outputs, inputs, coherence, label, table.lines)
+
+
+def _pairs(texts: Sequence[str], seen: set[str]) -> dict[tuple[str, str], str]:
+    """Texts "output/input" by the output and input that they name, whose names may hold slashes.
+
+    seen: outputs that have a coherence
+    A slash with blanks around divides them. Else every output must have every input, outputs with coherence are
+    outputs, and the two names of the first text have as many slashes. Raises ValueError where that leaves a choice.
+    """
+    divided = {text: _splits(text) for text in texts}
+    first = divided[texts[0]]
+    readings = []
+    for output, input in first:
+        outputs = {pair[0] for pairs in divided.values() for pair in pairs if pair[1] == input}
+        inputs = {pair[1] for pairs in divided.values() for pair in pairs if pair[0] == output}
+        found = {
+            pair: text for text, pairs in divided.items() for pair in pairs if pair[0] in outputs and pair[1] in inputs
+        }
+        if len(found) == len(divided) == len(outputs) * len(inputs):
+            readings.append((len(outputs - seen) if seen else 0, _unevenness((output, input)), found))
+    if not readings:  # what is missing will be told
+        return {min(pairs, key=_unevenness): text for text, pairs in divided.items()}
+    best = min(reading[:2] for reading in readings)
+    chosen = [reading[2] for reading in readings if reading[:2] == best]
+    if len(chosen) > 1:
+        choices = " or ".join(repr(" / ".join(next(iter(pairs)))) for pairs in chosen)
+        raise ValueError(f"{texts[0]!r} may be {choices}: write the slash between output and input with blanks around")
+    return chosen[0]
+
+
+def _unevenness(pair: tuple[str, str]) -> int:
+    return abs(pair[0].count("/") - pair[1].count("/"))
+
+
+def _splits(text: str) -> list[tuple[str, str]]:
+    """An output and an input for every slash that may be between them; for those with blanks around alone."""
+    divider = " / " if " / " in text else "/"
+    parts = text.split(divider)
+    pairs = [(divider.join(parts[:k]).strip(), divider.join(parts[k:]).strip()) for k in range(1, len(parts))]
+    return [pair for pair in pairs if all(pair)]
 
 
 def read_measurement(path: str | Path) -> TimeHistory | FRF:

@@ -7,7 +7,7 @@ makes steps keep periods, of which `accuracy` tells what is left. `scene_body` m
 controllers do is in `running_loops`, one by one, and in `closed_steps`, all in one with the scene.
 
 To add an engine, realise the words of `nassim.scene.part` in a room of its own; to add a check before or a warning
-after a run, open `time_domain` and `guards`.
+after a run, open `run_checks` and `guards`; `reach` bounds motion, `stopped_runs` has what a run raises.
 """
 
 import lazy_loader

@@ -2,6 +2,9 @@ from .accuracy import (
     integrator_error as integrator_error,
 )
 from .accuracy import (
+    numerical_damping as numerical_damping,
+)
+from .accuracy import (
     period_errors as period_errors,
 )
 from .accuracy import (
@@ -45,6 +48,12 @@ from .spinning import (
 )
 from .spinning import (
     spinning as spinning,
+)
+from .stopped_runs import (
+    SimulationError as SimulationError,
+)
+from .stopped_runs import (
+    SimulationInterrupted as SimulationInterrupted,
 )
 from .swinging import (
     mode_motion as mode_motion,

@@ -38,7 +38,8 @@ def truncation_error(scene: Scene, frequency: Array) -> Array:
 def integrator_error(frequency: float, time_step: float, *, spectral_radius: float = 1.0) -> tuple[float, float]:
     """What generalized-alpha alone does to an undamped mode: relative lengthening of its period, damping ratio [-].
 
-    Simulations make up for the first where they can, see `period_errors`, and leave the second.
+    The period is 2 pi over the size of the mode's pole. Simulations make up for its lengthening where they can, which
+    makes the damping larger: see `period_errors` and `numerical_damping` for what is left in a scene.
 
     frequency: of the mode [Hz]; time_step [s]; spectral_radius: as in `simulate`
 
@@ -64,17 +65,34 @@ def period_errors(scene: Scene | Assembly, time_step: float, *, spectral_radius:
     drives follow inputs. Motion forced at a frequency f far above a mode stays too small, by (2 pi f h)^2 / 6.
     """
     assembly = scene if isinstance(scene, Assembly) else assemble(scene)
-    steps, frequency = Steps(time_step, spectral_radius), assembly.frequency
+    stepped, _ = _stepped_modes(assembly, Steps(time_step, spectral_radius))
+    result: Array = np.where(assembly.free, 0.0, stepped / np.where(assembly.free, 1.0, assembly.frequency) - 1)
+    return result
+
+
+def numerical_damping(scene: Scene | Assembly, time_step: float, *, spectral_radius: float = 1.0) -> Array:
+    """Damping ratio that generalized-alpha adds to each undamped mode of a scene, (n,) [-]; 0 if free.
+
+    More than `integrator_error` tells of the rule alone: what makes up for the lengthening of periods takes mass from
+    modes, which are then as fast, in steps, as modes above them.
+    """
+    assembly = scene if isinstance(scene, Assembly) else assemble(scene)
+    return _stepped_modes(assembly, Steps(time_step, spectral_radius))[1]
+
+
+def _stepped_modes(assembly: Assembly, steps: Steps) -> tuple[Array, Array]:
+    """Frequencies [Hz] and damping ratios with which undamped modes run in steps, (n,) each."""
+    frequency = assembly.frequency
     if assembly.scene.in_small_motion:
         mass = np.diag(small_motion_factors(assembly, steps)[0])
     else:
         deformation = assembly.damping.deformation @ assembly.shapes
         mass = np.eye(len(frequency)) + deformation.T @ compensated(assembly, steps)[1] @ deformation
     model, _ = eigenmodes(np.diag((2 * np.pi * frequency) ** 2), mass)
-    longer = [integrator_error(f, time_step, spectral_radius=spectral_radius)[0] if f else 0.0 for f in model]
-    stepped = model / (1 + np.array(longer))
-    result: Array = np.where(assembly.free, 0.0, stepped / np.where(assembly.free, 1.0, frequency) - 1)
-    return result
+    options = {"spectral_radius": steps.spectral_radius}
+    errors = [integrator_error(f, steps.time_step, **options) if f else (0.0, 0.0) for f in model]
+    longer, damping = np.reshape(errors, (-1, 2)).T
+    return model / (1 + longer), np.where(assembly.free, 0.0, damping)
 
 
 def describe_steps(assembly: Assembly, steps: Steps, highest: float) -> str:
@@ -83,7 +101,6 @@ def describe_steps(assembly: Assembly, steps: Steps, highest: float) -> str:
     if not below.any():
         return ""
     errors = period_errors(assembly, steps.time_step, spectral_radius=steps.spectral_radius)[below]
-    fastest = float(assembly.frequency[below].max())
-    _, damping = integrator_error(fastest, steps.time_step, spectral_radius=steps.spectral_radius)
+    damping = numerical_damping(assembly, steps.time_step, spectral_radius=steps.spectral_radius)[below].max()
     damped = f" and damp them by up to {100 * damping:.2g} % of critical" if damping > 0 else ""
     return f"the steps shift modes up to {highest:.4g} Hz by up to {100 * np.abs(errors).max():.2g} %{damped}"

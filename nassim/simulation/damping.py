@@ -15,6 +15,8 @@ from nassim.scene.terms import Constraint, ForceLaw
 
 LOST_DAMPING = 0.01
 """Share of a mode's damping whose loss is worth a warning."""
+ROUNDING = 1e-9
+"""Share of what a mode's damping could add up to that is rounding."""
 
 
 @dataclass(frozen=True)
@@ -56,8 +58,14 @@ class Damping:
 
     @property
     def of_modes(self) -> Array:
-        """The damping matrix in the modes' amplitudes, (n, n) [1/s]."""
-        result: Array = np.diag(4 * np.pi * self.ratio * self.frequency) + self.shapes.T @ self.beside @ self.shapes
+        """The damping matrix in the modes' amplitudes, (n, n) [1/s]; exactly 0 for modes that nothing damps.
+
+        Of rigid-body motion that moves no damper, rounding would make poles that creep, and that couple to others.
+        """
+        beside = self.shapes.T @ self.beside @ self.shapes
+        size = np.sqrt(np.diag(np.abs(self.shapes).T @ np.abs(self.beside) @ np.abs(self.shapes)))
+        damped = np.any(np.abs(beside) > ROUNDING * np.outer(size, size), axis=1)
+        result: Array = np.diag(4 * np.pi * self.ratio * self.frequency) + beside * np.outer(damped, damped)
         return result
 
     def on_deformation(self) -> Array:

@@ -15,8 +15,10 @@ from nassim.base.checks import Array
 from nassim.base.progress import Advance, silent
 from nassim.simulation.closed_steps import ClosedSteps, Plant, closed_steps
 from nassim.simulation.linearization import state_space
-from nassim.simulation.running_loops import check_runaway
+from nassim.simulation.reach import find_reach
+from nassim.simulation.running_loops import runaway, see_runaway
 from nassim.simulation.small_motion import NO_EQUILIBRIUM, Assembly
+from nassim.simulation.stopped_runs import Stopped, Trust
 from nassim.systems.state_space import StateSpace, discretize, repeated
 
 CHECKS = 200
@@ -52,7 +54,7 @@ def exact_response(
 
     Returns the outputs (outputs, n_samples), the loops' commands (commands, n_samples), and all coordinates at some
     200 times and at the kept samples, shape (n_all, n_times) each. Raises RuntimeError when gravity does work on a free
-    motion and when a loop runs away.
+    motion, and Stopped when a loop runs away.
     """
     plant, start, risen = _plant(assembly, time_step, hold_order, released)
     closed = closed_steps(plant, assembly.scene, time_step)
@@ -64,15 +66,20 @@ def exact_response(
     start = start - risen @ _samples(inputs, 0, 1, n_in)[0]
     rows = np.empty((n_out + len(assembly.scene.commands), n_samples))
     read = _reader(assembly, closed, risen, inputs)
-    seen, at_kept = [], []
+    seen, at_kept, trust = [], [], Trust()
+    reach = find_reach(assembly, inputs, time_step) if assembly.scene.loops else None
     for begin, states, found in pieces(closed, start, inputs, block):
         end = min(n_samples, begin + len(found))
         rows[:, begin:end] = found[: end - begin].T
         for k in range(-(begin // block) % stride, len(states), stride):
             now = begin + k * block
             seen.append(read(states[k, None], now)[0])
-            if assembly.scene.loops:
-                check_runaway(assembly, seen[-1], rows[:n_out, : now + 1].T, time_step)
+            if reach:
+                happened, sound = see_runaway(assembly, reach, seen[-1], now)
+                trust.see(now, sound=sound)
+                if happened:
+                    said = runaway(assembly.scene, happened, rows[:n_out, : now + 1].T, time_step)
+                    raise Stopped(said, rows[:, : now + 1], trust.sample)
         wanted = [sample for sample in kept if begin <= sample < end]
         for k in sorted({(sample - begin) // block for sample in wanted}):
             now = begin + k * block

@@ -9,11 +9,10 @@ from nassim.base.checks import Array
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Output, OutputFilter
 from nassim.simulation.exudyn.state import System
+from nassim.simulation.running_loops import SMALL_MOTION
 from nassim.simulation.small_motion import Assembly
 from nassim.simulation.spinning import STIFFENING, stiffening
 
-SMALL_MOTION = 0.01
-"""Rotation [rad], and deformation over size, up to which small motion holds: the error is about half of its square."""
 RINGING = 0.8
 """Spectral radius above which accelerations in large motion may ring."""
 STILL = 1e-6
@@ -90,6 +89,12 @@ def warn_of_spin(scene: Scene, speeds: Mapping[str, float], told: Collection[str
                 stacklevel=5,
             )
     return found
+
+
+def warn_of_drift(said: str) -> None:
+    """Warn of a run whose velocities have parted from the constraints; said: of it, empty where they have not."""
+    if said:
+        warnings.warn(f"{said}; do not trust what comes after that time", stacklevel=5)
 
 
 def warn_of_ringing(scene: Scene, spectral_radius: float, time_step: float) -> None:

@@ -183,8 +183,8 @@ def _follow_drives(
         at_once = product(rows, a.following.beyond)
         seen, direct = at_once @ lagging, at_once @ taken
         seen[:, :n] += rows @ a.basis @ a.shapes
-        for step in range(order):
-            _refuse_derivatives(a, direct, step)
+        for _ in range(order):
+            _refuse_derivatives(a, direct)
             seen, direct = seen @ state, product(cleared(seen, size), cleared(drives, pushed))
         readings += seen
         feedthrough += direct
@@ -231,15 +231,19 @@ def _moved_by_drives(a: Assembly, spin: Spinning | None, state: Array) -> Array:
     return result
 
 
-def _refuse_derivatives(a: Assembly, direct: Array, step: int) -> None:
+def _refuse_derivatives(a: Assembly, direct: Array) -> None:
     """ValueError where outputs read a derivative of what inputs make at once, direct, (outputs, inputs + 1)."""
-    for output, row in zip(a.scene.outputs, direct, strict=True):
+    lagging = {a.following.inputs[k] for k in a.following.lags}
+    for output, row, accelerations in zip(a.scene.outputs, direct, a.acceleration_matrix, strict=True):
         if np.any(row):
-            name = a.scene.inputs[int(np.argmax(np.abs(row)))]
-            kind, given = (("a velocity", "derivative"), ("an acceleration", "derivatives"))[step]
+            place = int(np.argmax(np.abs(row)))
+            kind = "an acceleration" if np.any(accelerations) else "a velocity"
+            cure = "give the drive a bandwidth, or read a displacement"
+            if place in lagging:
+                cure = "the drive's bandwidth, of first order, smooths velocities: read one, or a displacement"
             raise ValueError(
-                f"output {output!r} reads {kind} that follows the {given} of input {name!r} at once, which no linear "
-                "model of these inputs holds: give the drive a bandwidth, or read a displacement"
+                f"output {output!r} reads {kind} that follows a derivative of input {a.scene.inputs[place]!r} at once, "
+                f"which no linear model of these inputs holds: {cure}; or simulate by generalized_alpha"
             )
 
 

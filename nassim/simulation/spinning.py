@@ -264,5 +264,8 @@ def _warn_of_stress(assembly: Assembly, coordinates: Array, rate: float, parted:
                 f"imported matrices: its frequencies may be off by up to some {rate:.3g} Hz",
                 stacklevel=5,
             )
-    tensions = {b.name: axial_forces(b.reduced, coordinates[assembly.slices[b.name], None])[:, 0] for b in bodies}
+    tensions = {
+        body.name: axial_forces(body.reduced, coordinates[assembly.slices[body.name], None])[:, 0]
+        for body in assembly.scene.deformable_bodies
+    }
     warn_of_buckling(assembly, tensions)

@@ -191,9 +191,9 @@ def check_constant(view: SeenScene) -> None:
 
 
 def damps_both(view: SeenScene) -> bool:
-    """Whether a damping of the scene's modes would be one of what stands and of what turns at once."""
+    """Whether a damping of the scene's modes would be one of what stands and of what turns at once, or of guests."""
     standing = view.parted.standing
-    if any(name in standing for name in view.assembly.slices):
+    if any(name in standing or view.parted.is_guest(name) for name in view.assembly.slices):
         return True
     laws = (term for term in view.assembly.terms if isinstance(term, ForceLaw))
     return any(name in standing for law in laws for name in law.measure.bodies)

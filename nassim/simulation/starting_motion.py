@@ -74,6 +74,20 @@ def starting_twists(scene: Scene, rates: Mapping[str, float] | None = None) -> d
     return {name: found[place] for name, place in places.items()}
 
 
+def starting_energy(scene: Scene) -> float:
+    """Return the kinetic energy of a scene's bodies at the start [J], with all bodies rigid."""
+    twists, bodies = starting_twists(scene), _moving(scene)
+    return 0.5 * float(sum(twists[name] @ _mass(body) @ twists[name] for name, body in bodies.items()))
+
+
+def turns_freely(scene: Scene) -> bool:
+    """Return whether joints leave a rotation free to some body, with all bodies rigid and without springs."""
+    bodies = _moving(scene)
+    places = {name: slice(6 * k, 6 * k + 6) for k, name in enumerate(bodies)}
+    motions = _null_space(_all_rows(scene, places)).reshape(len(bodies), 6, -1)
+    return bool(np.abs(motions[:, 3:]).max(initial=0.0) > FOLLOWED)
+
+
 def steady_twists(scene: Scene, rates: Mapping[str, float] | None = None) -> dict[str, Array] | None:
     """Twists of all moving bodies that turn on as they start, each standing still on its turntable, by body name.
 

@@ -9,7 +9,6 @@ from nassim.base.checks import Array, finite, known
 from nassim.base.progress import stage, tell
 from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
-from nassim.scene.terms import Constraint, ForceLaw, Output, PrescribedMotion
 from nassim.signals.time_history import TimeHistory, occupied_bandwidth
 from nassim.simulation.accuracy import describe_steps
 from nassim.simulation.buckling import axial_forces, warn_of_buckling
@@ -23,24 +22,24 @@ from nassim.simulation.exudyn.turning import solve_turning
 from nassim.simulation.following import Following
 from nassim.simulation.guards import (
     warn_of_changed_modes,
+    warn_of_drift,
     warn_of_far_equilibrium,
     warn_of_motion,
     warn_of_ringing,
     warn_of_spin,
 )
-from nassim.simulation.linearization import linearize, state_space
+from nassim.simulation.linearization import state_space
 from nassim.simulation.recording import frame_steps, recorded_motion, traced
-from nassim.simulation.running_loops import samples_per_period
+from nassim.simulation.run_checks import check_drives, check_exact, check_loops, check_options, check_stability
 from nassim.simulation.sampling import sampled
 from nassim.simulation.small_motion import assemble, motion_size
-from nassim.simulation.starting_motion import looks_the_same, starting_twists, steady_twists
+from nassim.simulation.starting_motion import looks_the_same, starting_twists, steady_twists, turns_freely
+from nassim.simulation.stopped_runs import Stopped
 
 METHODS = ("generalized_alpha", "exact", "explicit")
-STABLE_ANGLE = 2.6
-"""Angle [rad] per step up to which Runge and Kutta's rule of order 4 is stable for every damping."""
 STARTS = ("equilibrium", "released")
 TURNING_RADIUS = 0.9
-"""Spectral radius where drives turn joints: at 1, what rounding leaves open in joints that turn grows step by step."""
+"""Spectral radius where bodies can turn far: for up to 0.1 rad in a step."""
 STEADY = 1e-3
 """Change of a drive's speed from step to step, over the speed, up to which the speed is one to start at."""
 
@@ -60,32 +59,45 @@ def simulate(
 ) -> TimeHistory:
     """Simulate a scene and record its inputs and outputs together at every time step.
 
-    excitation: one signal per input of the scene, but for inputs that only a loop drives; between its samples it
-        runs straight; in the inputs' units, in others that convert to them ("mV", "kN"), or without
-    time_step: of the integrator [s]; duration: a whole number of steps [s] (default: those within the excitation)
-    outputs: names (default: all of the scene, then what its loops put out)
-    method: "generalized_alpha", Exudyn's implicit integrator, for every scene; "exact", the exact discrete-time
-        solution for small motion, a hundred times as fast, of scenes in which no body is "ffrf" and nothing spins: by
-        it, rigid bodies alone are in small motion too; "explicit", the Runge-Kutta rule of order 4, for scenes in small
-        motion (see `Scene.in_small_motion`), which holds inputs like hold_order 0
-    spectral_radius: of generalized-alpha only, numerical damping at infinite frequency, 1 (none, the trapezoidal
-        rule, the default but for 0.9 where drives turn joints) ... 0; what the rule does to periods is made up for mode
-        by mode, see `nassim.simulation.period_errors`
-    hold_order: of the exact method, 1 for inputs that run straight between time steps, the default, 0 for inputs that
-        keep their value
-    start: what gravity and spin have done before: "equilibrium", the scene hangs at rest in static equilibrium, and
-        what a drive turns at constant speed from the start is at rest on its turntable, under centrifugal forces too;
-        "released", it is as drawn, unloaded, and falls from the first step on: a pendulum let go at an angle. Bodies
-        with an angular_velocity turn from the start in both.
-    progress: show a bar; Ctrl-C stops the run at the end of a step
+    Args:
+        scene: what is simulated.
+        excitation: one signal per input of the scene, but for inputs that only a loop drives; between its samples it
+            runs straight; in the inputs' units, in others that convert to them ("mV", "kN"), or without.
+        time_step: of the integrator [s].
+        duration: a whole number of steps [s] (default: those within the excitation).
+        outputs: names (default: all of the scene, then what its loops put out).
+        method: "generalized_alpha", Exudyn's implicit integrator, for every scene; "exact", the exact discrete-time
+            solution for small motion, a hundred times as fast, of scenes in which no body is "ffrf" and nothing spins:
+            by it, rigid bodies alone are in small motion too; "explicit", the Runge-Kutta rule of order 4, for scenes
+            in small motion (see `Scene.in_small_motion`), which holds inputs like hold_order 0.
+        spectral_radius: of generalized-alpha only, numerical damping at infinite frequency, 1 (none, the trapezoidal
+            rule) ... 0. The default is 1 in small motion and where joints let no body turn with all bodies rigid, and
+            0.9 for all other scenes: at 1 rounding grows in whatever turns far, until the run fails. A radius r holds
+            for turns of up to -ln(r) rad in a step: 0.1 at 0.9, 60 steps a turn. It damps a mode of 20 steps a period
+            by 2e-6 of critical, see `nassim.simulation.integrator_error`; what the rule does to periods is made up for
+            mode by mode, see `nassim.simulation.period_errors`.
+        hold_order: of the exact method, 1 for inputs that run straight between time steps, the default, 0 for inputs
+            that keep their value.
+        start: what gravity and spin have done before: "equilibrium", the scene hangs at rest in static equilibrium, and
+            what a drive turns at constant speed from the start is at rest on its turntable, under centrifugal forces
+            too; "released", it is as drawn, unloaded, and falls from the first step on: a pendulum let go at an angle.
+            Bodies with an angular_velocity turn from the start in both.
+        progress: show a bar; Ctrl-C stops the run at the end of a step.
 
     Returns the signals of `excitation` at the time steps, counted from its first sample, then the outputs. Warns of
     rotations and deformations beyond the range of small motion, of bodies that move far against each other while the
-    scene has a damping_ratio, of spin whose centrifugal stiffening is not modelled, and of preload above a tenth of a
-    body's buckling load. Raises ValueError for unknown names, for a scene or an option that the method does not fit,
-    for steps between which something of the excitation is lost (fewer than 8 in its shortest period, pulses shorter
-    than one), and for a spinning equilibrium that is unstable where no loop may hold it; RuntimeError when there is no
-    equilibrium to start from and when the integration fails or diverges.
+    scene has a damping_ratio, of spin whose centrifugal stiffening is not modelled, of preload above a tenth of a
+    body's buckling load, and of turns too fast for the steps.
+
+    Raises:
+        ValueError: for unknown names, for a scene or an option that the method does not fit, for steps between which
+            something of the excitation is lost (fewer than 8 in its shortest period, pulses shorter than one), and for
+            a spinning equilibrium that is unstable where no loop may hold it.
+        RuntimeError: when there is no equilibrium to start from.
+        SimulationError: a RuntimeError whose `record` has what was recorded, when the integration fails or diverges and
+            when a loop runs away: a body then is deformed by a tenth of its size, or farther away than the scene's
+            size, forces, speeds and drives account for (`nassim.simulation.reach`).
+        SimulationInterrupted: a KeyboardInterrupt with the same `record`, after Ctrl-C; the exact method has none.
     """
     return _simulate(
         scene, excitation, time_step, duration, outputs, method, spectral_radius, hold_order, start, None, progress
@@ -106,13 +118,28 @@ def simulate_motion(
     start: str = "equilibrium",
     progress: bool = True,
 ) -> tuple[TimeHistory, Motion]:
-    """As `simulate`, of which it has all other arguments, and how the bodies moved, to be seen.
+    """Simulate, and also return the bodies' motion at chosen times.
 
-    frames: at how many time steps the motion is kept, evenly spread from the start to the end, or at which times [s],
-        each moved to the nearest step; a vibration looks as it is only where there are some ten in each of its periods
+    Args:
+        scene: as of `simulate`, like all other arguments but one.
+        excitation: as of `simulate`.
+        time_step: as of `simulate` [s].
+        frames: at how many time steps the motion is kept, evenly spread from the start to the end, or at which times
+            [s], each moved to the nearest step; a vibration looks as it is only where there are some ten in each of its
+            periods.
+        duration: as of `simulate` [s].
+        outputs: as of `simulate`.
+        method: as of `simulate`.
+        spectral_radius: as of `simulate`.
+        hold_order: as of `simulate`.
+        start: as of `simulate`.
+        progress: as of `simulate`.
 
-    Returns what `simulate` does and the motion of all bodies of the scene, fixed ones too, in the world's frame. Raises
-    ValueError for frames that the run does not have as well.
+    Returns what `simulate` does and the motion of all bodies of the scene, fixed ones too, in the world's frame.
+
+    Raises:
+        ValueError: as `simulate`, and for frames that the run does not have.
+        RuntimeError: as `simulate`; the exceptions of runs that end early keep the record, but no motion.
     """
     record, motion = _simulate(
         scene, excitation, time_step, duration, outputs, method, spectral_radius, hold_order, start, frames, progress
@@ -140,11 +167,8 @@ def _simulate(
     names = available if outputs is None else tuple(outputs)
     for name in names:
         known("output", name, available)
-    _check_options(method, spectral_radius, hold_order)
-    joints = {joint.name: joint.measure for joint in scene.terms_of(Constraint)}
-    driven = scene.terms_of(PrescribedMotion)
-    turns = any(joints[drive.constraint].rotation_axis(drive.component) is not None for drive in driven)
-    radius = (TURNING_RADIUS if turns else 1.0) if spectral_radius is None else spectral_radius
+    check_options(method, spectral_radius, hold_order)
+    radius = _default_radius(scene) if spectral_radius is None else spectral_radius
     excitation = sampled(scene, excitation, time_step=time_step, duration=duration)
     n_steps = len(excitation.time) - 1
     kept = np.zeros(0, dtype=int) if frames is None else frame_steps(frames, n_steps, time_step)
@@ -152,30 +176,43 @@ def _simulate(
     looped = {name for loop in scene.loops for name in loop.driven}
     signals = {name: np.zeros(n_steps + 1) for name in looped}
     signals |= dict(zip(excitation.names, excitation.values, strict=True))
-    _check_loops(scene, time_step)
-    _check_drives(scene, signals)
+    check_loops(scene, time_step)
+    check_drives(scene, signals)
     if method == "generalized_alpha" and not scene.in_small_motion:
         warn_of_ringing(scene, radius, time_step)
     released = start == "released"
-    if method == "exact":
-        order = 1 if hold_order is None else hold_order
-        readings, motion = _solve_exactly(scene, signals, n_steps, time_step, order, released, kept, progress)
-    else:
-        if method == "explicit":
-            _check_stability(scene, time_step)
-        steps = Steps(time_step, radius) if method == "generalized_alpha" else None
-        told = occupied_bandwidth(excitation) if progress else 0.0
-        readings, motion = _integrate(scene, signals, n_steps, time_step, steps, released, kept, progress, told)
+    try:
+        if method == "exact":
+            order = 1 if hold_order is None else hold_order
+            readings, motion = _solve_exactly(scene, signals, n_steps, time_step, order, released, kept, progress)
+        else:
+            if method == "explicit":
+                check_stability(scene, time_step)
+            steps = Steps(time_step, radius) if method == "generalized_alpha" else None
+            told = occupied_bandwidth(excitation) if progress else 0.0
+            readings, motion = _integrate(scene, signals, n_steps, time_step, steps, released, kept, progress, told)
+    except Stopped as stop:
+        record = _record(scene, excitation, names, stop.readings) if stop.readings.shape[1] > 1 else None
+        raise stop.told(record, time_step) from stop.__cause__
+    return _record(scene, excitation, names, readings), motion
+
+
+def _default_radius(scene: Scene) -> float:
+    return TURNING_RADIUS if not scene.in_small_motion and turns_freely(scene) else 1.0
+
+
+def _record(scene: Scene, excitation: TimeHistory, names: Sequence[str], readings: Array) -> TimeHistory:
+    """The excitation and what is asked for of outputs and commands, (outputs + commands, n), of the first n samples."""
     units = [*scene.output_units]
     units += [scene.input_unit(name) for loop in scene.loops for name in loop.driven]
     chosen = [(*scene.outputs, *scene.commands).index(name) for name in names]
-    record = TimeHistory(
-        excitation.time,
-        np.vstack([excitation.values, readings[chosen]]),
+    n_samples = readings.shape[1]
+    return TimeHistory(
+        excitation.time[:n_samples],
+        np.vstack([excitation.values[:, :n_samples], readings[chosen]]),
         (*excitation.names, *names),
         (*excitation.units, *(units[k] for k in chosen)),
     )
-    return record, motion
 
 
 def _integrate(
@@ -205,20 +242,22 @@ def _integrate(
     if not released and _settle(system, steady):
         warn_of_far_equilibrium(system)
     frames = Frames(system, kept)
-    largest, slackest, shifts, speeds, commands = solve_dynamic(
+    radius = steps.spectral_radius if steps else 1.0
+    watch, commands = solve_dynamic(
         system,
         signals,
         n_steps=n_steps,
         time_step=time_step,
-        spectral_radius=steps.spectral_radius if steps else 1.0,
+        spectral_radius=radius,
         progress=progress,
         explicit=steps is None,
         look=frames if len(kept) else None,
     )
-    warn_of_spin(scene, speeds, told)
-    warn_of_motion(system.assembly, largest)
-    warn_of_buckling(system.assembly, slackest)
-    warn_of_changed_modes(system.assembly, shifts)
+    warn_of_spin(scene, watch.speeds, told)
+    warn_of_motion(system.assembly, watch.largest)
+    warn_of_buckling(system.assembly, watch.slackest)
+    warn_of_changed_modes(system.assembly, watch.shifts)
+    warn_of_drift(watch.describe_drift(time_step, radius))
     readings = [np.broadcast_to(system.recorded(name), (n_steps + 1,)) for name in scene.outputs]
     motion = frames.motion(kept * time_step) if len(kept) else None
     return np.vstack([np.reshape(readings, (len(scene.outputs), n_steps + 1)), commands]), motion
@@ -260,7 +299,7 @@ def _solve_exactly(
     kept: Array,
     progress: bool,
 ) -> tuple[Array, Motion | None]:
-    _check_exact(scene)
+    check_exact(scene)
     assembly = assemble(scene)
     driven = np.reshape([signals[name] for name in scene.inputs], (len(scene.inputs), n_steps + 1))
     with stage("simulate", total=n_steps, unit="steps", enabled=progress) as advance:
@@ -312,88 +351,3 @@ def exudyn_eigenfrequencies(scene: Scene, *, n_modes: int | None = None) -> Arra
     assembly = assemble(scene)
     still = Following.none(*assembly.basis.shape)
     return eigenfrequencies(build_system(replace(assembly, circuits=(), following=still)))[:n_modes]
-
-
-def _check_options(method: str, spectral_radius: float | None, hold_order: int | None) -> None:
-    if spectral_radius is not None:
-        if not 0.0 <= spectral_radius <= 1.0:
-            raise ValueError(f"spectral_radius must lie in 0 ... 1, got {spectral_radius:g}")
-        if method != "generalized_alpha":
-            raise ValueError(f'spectral_radius is of "generalized_alpha"; method {method!r} has none, leave it out')
-    if hold_order is not None:
-        if hold_order not in (0, 1):
-            raise ValueError(f"hold_order must be 0 or 1, got {hold_order!r}")
-        if method == "generalized_alpha" and hold_order == 0:
-            raise ValueError(
-                'generalized_alpha takes inputs as straight between time steps; hold_order=0 needs "exact"'
-            )
-        if method == "explicit" and hold_order == 1:
-            raise ValueError('"explicit" holds inputs from step to step; hold_order=1 needs another method')
-
-
-def _check_loops(scene: Scene, time_step: float) -> None:
-    for loop in scene.loops:
-        samples_per_period(loop, time_step)
-    at_once = scene.prescribed or any(output.derivative == 2 for output in scene.terms_of(Output))
-    if not scene.loops or not at_once:
-        return
-    measured = {name for loop in scene.loops for name in loop.measured}
-    sensors = [s for s in scene.sensors if any(isinstance(t, Output) and t.name in measured for t in s.terms(scene))]
-    model = linearize(replace(scene, sensors=tuple(sensors), loops=()))
-    for loop in scene.loops:
-        rows, columns = map(model.outputs.index, loop.measured), list(map(model.inputs.index, loop.driven))
-        for row in rows:
-            if np.any(model.D[row, columns]):
-                raise ValueError(
-                    f"loop {loop.name!r} measures {model.outputs[row]!r}, which follows what the loop drives at once, "
-                    "so whether a sample sees its command is open: give the actuator, drive or sensor a bandwidth"
-                )
-
-
-def _check_drives(scene: Scene, signals: Mapping[str, Array]) -> None:
-    for drive in scene.prescribed:
-        if signals[drive.input][0]:
-            raise ValueError(
-                f"input {drive.input!r} drives joint {drive.constraint!r} from where it is drawn: it must start at 0, "
-                f"not at {signals[drive.input][0]:g} {drive.unit}"
-            )
-
-
-def _check_small_motion(scene: Scene, method: str) -> None:
-    if not scene.in_small_motion:
-        kinds = ", ".join(f"{body.name} {body.fidelity}" for body in scene.flexible_bodies) or "none"
-        raise ValueError(
-            f'method "{method}" is for small motion: it needs a flexible body of fidelity "linear" and none of "ffrf", '
-            f"nor one that spins; the scene has: {kinds}"
-        )
-
-
-def _check_exact(scene: Scene) -> None:
-    floating = [body.name for body in scene.flexible_bodies if body.fidelity == "ffrf"]
-    if floating or not scene.at_rest:
-        found = f'body {floating[0]!r} has fidelity "ffrf"' if floating else "something spins"
-        raise ValueError(
-            f'method "exact" is for small motion: in scene {scene.name!r}, {found}; take generalized_alpha'
-        )
-    bent = [law for law in scene.terms_of(ForceLaw) if not law.is_linear]
-    if bent:
-        raise ValueError(
-            f'method "exact" steps linear models: in scene {scene.name!r}, a {type(bent[0]).__name__} between '
-            f"{', '.join(bent[0].measure.points)} is not linear; take generalized_alpha"
-        )
-
-
-def _check_stability(scene: Scene, time_step: float) -> None:
-    _check_small_motion(scene, "explicit")
-    assembly = assemble(scene)
-    if assembly.circuits:
-        raise ValueError('method "explicit" cannot integrate the charge of a sensor with a resistance; take another')
-    if assembly.following.inputs:
-        raise ValueError('method "explicit" cannot let joints follow inputs; take another, or let a force act there')
-    fastest = float(assembly.frequency[-1])
-    limit = STABLE_ANGLE / (2 * np.pi * fastest)
-    if time_step > limit:
-        raise ValueError(
-            f"time_step {time_step:g} s is beyond the explicit rule's limit of {limit:.3g} s, set by the fastest mode "
-            f"of {fastest:.4g} Hz: take a shorter one, a cutoff_frequency, or an implicit or the exact method"
-        )

@@ -13,6 +13,7 @@ import queue
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 from typing import Any
 
@@ -24,6 +25,8 @@ ATTEMPTS = 3
 """Processes that may end under a run before it counts as lost."""
 IDLE = 60.0
 """Time without a run after which a child leaves [s]."""
+LAST = 2000
+"""Bytes at the end of what a child wrote in which its last line is looked for."""
 PARTING = 5.0
 """Time that a child has to end after it has closed its pipes [s]."""
 THREADS = {
@@ -61,18 +64,18 @@ class Children:
 
         Raises CannotLoad where no child lives to load the function, saying why.
         """
-        code, loaded = 0, False
+        why, loaded = "", False
         for _ in range(ATTEMPTS):
             try:
                 child = self._take()
             except _Died as death:
-                code = death.code
+                why = death.why
                 continue
             loaded = True
             try:
                 outcome = child.run(request, time_limit)
             except _Died as death:
-                code = death.code
+                why = death.why
                 self._remove(child)
                 continue
             if outcome.status == TIMED_OUT:
@@ -82,8 +85,8 @@ class Children:
                     self._idle.append(child)
             return outcome
         if not loaded:
-            raise CannotLoad(f"child processes end as they load it, the last one {_why(code)}")
-        return Outcome(LOST, f"its process ended {ATTEMPTS} times, the last time {_why(code)}")
+            raise CannotLoad(f"child processes end as they load it, the last one {why}")
+        return Outcome(LOST, f"its process ended {ATTEMPTS} times, the last time {why}")
 
     def close(self) -> None:
         """Kill all children; runs that are under way end as lost, later ones are refused."""
@@ -115,11 +118,11 @@ class Children:
 
 
 class _Died(Exception):
-    """A child ended with an exit status."""
+    """A child ended with an exit status; said: the last line that it wrote to standard error."""
 
-    def __init__(self, code: int) -> None:
-        super().__init__(code)
-        self.code = code
+    def __init__(self, code: int, said: str = "") -> None:
+        super().__init__(code, said)
+        self.why = _why(code) + (f", having written {said!r}" if said else "")
 
 
 class _Child:
@@ -129,7 +132,11 @@ class _Child:
         code = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; serve()"
         pipe = subprocess.PIPE
         environment = {**KEPT_MEMORY, **os.environ, **THREADS}
-        self._process = subprocess.Popen([sys.executable, "-c", code], stdin=pipe, stdout=pipe, env=environment)
+        # What libraries write of their own accord is not for the terminal; of a child that dies it tells why.
+        self._written = tempfile.TemporaryFile("ab+")  # noqa: SIM115 -- closed with the pipes
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", code], stdin=pipe, stdout=pipe, stderr=self._written, env=environment
+        )
         if problem := self._ask(payload, None):
             self.kill()
             raise CannotLoad(problem)
@@ -155,9 +162,16 @@ class _Child:
                 process.kill()
         self._process.kill()
 
+    def _last_line(self) -> str:
+        with contextlib.suppress(OSError, ValueError):
+            self._written.seek(max(0, self._written.seek(0, os.SEEK_END) - LAST))
+            lines = [line.strip() for line in self._written.read().decode(errors="replace").splitlines()]
+            return next((line for line in reversed(lines) if line), "")
+        return ""
+
     def _end(self) -> int:
         code = self._process.wait()
-        for pipe in (self._process.stdin, self._process.stdout):
+        for pipe in (self._process.stdin, self._process.stdout, self._written):
             with contextlib.suppress(OSError):  # what was not sent yet has nowhere to go
                 if pipe:
                     pipe.close()
@@ -178,14 +192,17 @@ class _Child:
             self._process.stdin.flush()
             if timer:
                 timer.start()
-            return pickle.load(self._process.stdout)
+            answer = pickle.load(self._process.stdout)
+            self._written.truncate(0)
+            return answer
         except (EOFError, OSError, pickle.UnpicklingError) as error:
             if late.is_set():
                 return Outcome(TIMED_OUT, f"stopped at its time limit of {time_limit:g} s", wall_time=time_limit or 0.0)
             with contextlib.suppress(subprocess.TimeoutExpired):
                 self._process.wait(PARTING)
             self._process.kill()
-            raise _Died(self._end()) from error
+            said = self._last_line()
+            raise _Died(self._end(), said) from error
         finally:
             if timer:
                 timer.cancel()

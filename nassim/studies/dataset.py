@@ -1,7 +1,8 @@
 """The results of a study as one xarray.Dataset: named dimensions, coordinates with units, a status for every run."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,8 @@ def to_dataset(plan: Plan, records: Records, units: Mapping[str, str], attribute
     """The runs of a plan as an xarray.Dataset; NaN where there is no number.
 
     Where runs gave results of several layouts, the most frequent one counts (of equals, that of the earlier run); the
-    others have the status "other shape" and a message. Warns of units of what is not there, and if no run is of use.
+    others have the status "other shape" and a message. Real numbers become complex ones where other runs have such.
+    Warns of units of what is not there, and if no run is of use.
     """
     import xarray as xr  # noqa: PLC0415 -- of the extra `studies`
 
@@ -28,14 +30,16 @@ def to_dataset(plan: Plan, records: Records, units: Mapping[str, str], attribute
     runs = [records.runs[key] for key in keys]
     status = [run.status for run in runs]
     message = [run.message for run in runs]
-    frequent = Counter(run.layout for run in runs if run.layout).most_common(1)
-    chosen = frequent[0][0] if frequent else ""
-    layout = records.layouts[chosen] if chosen else Layout({}, {})
+    shapes = {digest: _as_real(layout) for digest, layout in records.layouts.items()}
+    family = {digest: shape.digest() for digest, shape in shapes.items()}
+    frequent = Counter(family[run.layout] for run in runs if run.layout).most_common(1)
+    chosen = {digest for digest in family if frequent and family[digest] == frequent[0][0]}
+    layout = _common([records.layouts[run.layout] for run in runs if run.layout in chosen])
     for place, run in enumerate(runs):
-        if run.layout not in ("", chosen):
+        if run.layout and run.layout not in chosen:
             status[place] = OTHER_SHAPE
-            message[place] = _difference(layout, records.layouts[run.layout])
-    wanted = [place for place, run in enumerate(runs) if run.layout == chosen and chosen]
+            message[place] = _difference(_as_real(layout), shapes[run.layout])
+    wanted = [place for place, run in enumerate(runs) if run.layout in chosen]
     arrays = _filled(len(plan), layout, records, {place: keys[place] for place in wanted})
 
     variables: dict[str, tuple[tuple[str, ...], Array]] = {
@@ -68,6 +72,22 @@ def _filled(n_runs: int, layout: Layout, records: Records, keys: Mapping[int, st
     return arrays
 
 
+def _as_real(layout: Layout) -> Layout:
+    """The layout without regard to which quantities are complex."""
+    return replace(layout, quantities={name: replace(q, complex=False) for name, q in layout.quantities.items()})
+
+
+def _common(layouts: Sequence[Layout]) -> Layout:
+    """Layouts that differ in what is complex as one, complex where any of them is; an empty one of none."""
+    if not layouts:
+        return Layout({}, {})
+    quantities = {
+        name: replace(quantity, complex=any(layout.quantities[name].complex for layout in layouts))
+        for name, quantity in layouts[0].quantities.items()
+    }
+    return replace(layouts[0], quantities=quantities)
+
+
 def _difference(usual: Layout, other: Layout) -> str:
     """How a layout differs from that of most runs."""
     names = [*usual.quantities, *(name for name in other.quantities if name not in usual.quantities)]
@@ -82,5 +102,4 @@ def _difference(usual: Layout, other: Layout) -> str:
 def _told(quantity: Quantity | None) -> str:
     if quantity is None:
         return "absent"
-    kind = "complex" if quantity.complex else "real"
-    return f"{kind}, {' x '.join(map(str, quantity.shape)) or 'a number'}"
+    return " x ".join(map(str, quantity.shape)) or "a number"

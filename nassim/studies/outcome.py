@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from nassim.base.notices import collected
 from nassim.studies.results import Layout, flattened
 
 OK, FAILED, DIVERGED, TIMED_OUT, LOST, OTHER_SHAPE = "ok", "failed", "diverged", "timed out", "lost", "other shape"
@@ -23,7 +24,8 @@ class Outcome:
 
     status: "ok"; "failed" (it raised, or returned what no study takes), "diverged" (there is NaN in what it returned),
         "timed out", "lost" (its process ended, time and again)
-    message: why, in a line; details: the traceback; wall_time: that the function took [s], 0 where nobody knows
+    message: why, in a line; of a run that is ok, nassim's warnings; details: the traceback
+    wall_time: that the function took [s], 0 where nobody knows
     layout, data: of what it returned, see `results`; None and nothing unless it returned
     """
 
@@ -46,7 +48,8 @@ class Task:
         """Carry out a run; raises nothing but KeyboardInterrupt."""
         start = time.perf_counter()
         try:
-            result = self.function(**parameters)
+            with collected() as notices:
+                result = self.function(**parameters)
             wall_time = time.perf_counter() - start
             layout, data = flattened(result, self.taken)
         except KeyboardInterrupt:
@@ -57,5 +60,7 @@ class Task:
             message = " ".join(f"{type(error).__name__}: {error}".split())[:LONGEST_MESSAGE]
             return Outcome(FAILED, message, text, wall_time)
         empty = [name for name, numbers in layout.arrays(data).items() if np.isnan(numbers).any()]
-        status, message = (DIVERGED, f"there is NaN in {', '.join(empty)}"[:LONGEST_MESSAGE]) if empty else (OK, "")
-        return Outcome(status, message, "", wall_time, layout, data)
+        status, message = OK, "; ".join(f"warning: {text}" for text in dict.fromkeys(notices.warnings))
+        if empty:
+            status, message = DIVERGED, f"there is NaN in {', '.join(empty)}"
+        return Outcome(status, message[:LONGEST_MESSAGE], "", wall_time, layout, data)

@@ -10,11 +10,17 @@ import numpy as np
 import scipy
 
 from nassim.base.checks import Array, known
+from nassim.base.notices import warn
 from nassim.studies.results import OWN, RUN
 from nassim.studies.samples import Samples
 
 if TYPE_CHECKING:
     import xarray as xr
+
+LITTLE = 0.1
+"""Share of a parameter's variance of its own below which its effect scatters over three times as much: a warning."""
+NONE = 1e-8
+"""Share below which a parameter follows from the others, so that nothing tells their effects apart."""
 
 
 def sobol_indices(
@@ -98,18 +104,21 @@ def linear_effects(
     results: names (default: all of one number a run); coverage: share of a parameter's values that its range holds, as
         many left out below as above
 
-    Returns over (result, parameter) `effect`, the change from the range's lower to its upper end, in the result's unit;
+    Returns over (result, parameter) `effect`, the change from the range's lower to its upper end, in the result's unit,
+    and `own_share`, the share of the parameter's variance that follows from no other one's [-], 1 for independent ones;
     over result `mean`, of the runs, and `explained`, the share of the variance that the plane has too [-]: where it is
     far below one, look at `sobol_indices`. Runs without a result are left out for that result.
 
-    Raises ValueError for unknown results, and where fewer runs than two more than parameters have a result.
+    Warns of parameters whose own share is below 0.1. Raises ValueError for unknown results, where fewer runs than two
+    more than parameters have a result, and for parameters that follow from each other, of which none has an effect of
+    its own.
     """
     if not 0 < coverage <= 1:
         raise ValueError(f"coverage must lie in 0 ... 1 (0 excluded), got {coverage:g}")
     parameters, values = _parameters(dataset), _results(dataset, results)
     low, high = np.quantile(parameters.values, [0.5 - 0.5 * coverage, 0.5 + 0.5 * coverage], axis=0)
     places = (parameters.values - low) / np.where(high > low, high - low, np.inf)
-    figures: dict[str, list[Any]] = {"effect": [], "mean": [], "explained": []}
+    figures: dict[str, list[Any]] = {"effect": [], "own_share": [], "mean": [], "explained": []}
     for name, value in values.items():
         there = np.isfinite(value)
         if there.sum() < len(parameters.names) + 2:
@@ -117,6 +126,8 @@ def linear_effects(
                 f"{there.sum()} runs have a result {name!r}; for {len(parameters.names)} parameters a plane needs "
                 f"{len(parameters.names) + 2}"
             )
+        figures["own_share"].append(_own_shares(places[there]))
+        _check_own_shares(dict(zip(parameters.names, figures["own_share"][-1], strict=True)), name)
         columns = np.column_stack([np.ones(there.sum()), places[there]])
         plane = np.linalg.lstsq(columns, value[there], rcond=None)[0]
         figures["effect"].append(plane[1:])
@@ -124,8 +135,41 @@ def linear_effects(
         left = np.var(value[there] - columns @ plane)
         figures["explained"].append(1 - left / np.var(value[there]) if np.ptp(value[there]) > 0 else np.nan)
     axes = {"result": list(values), "parameter": list(parameters.names)}
-    dims = {"effect": ("result", "parameter"), "mean": ("result",), "explained": ("result",)}
+    both = ("result", "parameter")
+    dims = {"effect": both, "own_share": both, "mean": ("result",), "explained": ("result",)}
     return _labelled({key: (dims[key], np.array(rows)) for key, rows in figures.items()}, axes, coverage=coverage)
+
+
+def _own_shares(values: Array) -> Array:
+    """Share of each column's variance, (n, parameters), that no combination of the others has; NaN if there is none."""
+    centred = values - values.mean(axis=0)
+    sizes = np.where(np.ptp(values, axis=0) > 0, np.linalg.norm(centred, axis=0), np.nan)
+    unit = np.nan_to_num(centred / sizes)
+    shares = []
+    for k, size in enumerate(sizes):
+        others = np.delete(unit, k, axis=1)
+        left = unit[:, k] - others @ np.linalg.lstsq(others, unit[:, k], rcond=None)[0]
+        shares.append(float(left @ left) if np.isfinite(size) else np.nan)
+    return np.array(shares)
+
+
+def _check_own_shares(shares: Mapping[str, float], result: str) -> None:
+    """Raise ValueError or warn of parameters that do not vary independently in the runs with a result."""
+    dependent = [repr(name) for name, share in shares.items() if share < NONE]
+    if dependent:
+        raise ValueError(
+            f"parameters {', '.join(dependent)} follow from each other in the runs with a result {result!r}, by own "
+            f"shares of their variance below {NONE:g}: no plane tells their effects apart; vary them independently, or "
+            "leave all but one of them out of the dataset"
+        )
+    weak = {name: share for name, share in shares.items() if share < LITTLE}
+    if weak:
+        told = ", ".join(f"{name!r} {100 * share:.2g} %" for name, share in weak.items())
+        warn(
+            f"parameters hardly vary independently in the runs with a result {result!r}; own shares of their variance: "
+            f"{told}. Their effects scatter {min(weak.values()) ** -0.5:.2g} times as much as they otherwise would",
+            stacklevel=3,
+        )
 
 
 def _labelled(

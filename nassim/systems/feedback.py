@@ -96,7 +96,8 @@ def close_loop(
     drive = np.zeros((len(model.inputs), len(columns)))
     drive[columns, range(len(columns))] = finite("gain", gain)
     loop = np.eye(len(rows)) - d[rows] @ drive @ k.D
-    if np.linalg.cond(loop) > 1 / SAME:
+    sizes = np.linalg.svd(loop, compute_uv=False)
+    if sizes[-1] < SAME * max(1.0, sizes[0]):
         raise ValueError("the loop has no solution within a sample: direct feedthrough times gain is 1; add a delay")
     # What the controller reads, y = y_x x + y_k x_k + y_u u, and what it adds to the model's inputs.
     y_x, y_k, y_u = (np.linalg.solve(loop, part) for part in (c[rows], d[rows] @ drive @ k.C, d[rows]))
@@ -230,10 +231,12 @@ def singular_values(frf: FRF) -> Array:
 
 @dataclass(frozen=True)
 class Margins:
-    """How far an open loop stays from instability; meaningful where the closed loop is stable.
+    """How far an open loop stays from instability, or how far beyond it is.
 
-    gain_margin: factor by which the gain may grow [-]; inf where no factor destabilises
-    phase_margin: by which the phase may change where |L| = 1 [deg]; inf where the loop never crosses 1
+    gain_margin: factor by which the gain may grow [-]; inf where no factor destabilises. Of an unstable loop that
+        passes beyond -1, below 1: the factor by which it has to change
+    phase_margin: by which the phase may change where |L| = 1 [deg]; inf where the loop never crosses 1. Negative of an
+        unstable loop: the phase that it lacks there
     modulus_margin: least distance |1 + L| from the critical point [-], the inverse of the largest sensitivity
     gain_margin_frequency, phase_margin_frequency, modulus_margin_frequency: where [Hz]; nan with an infinite margin
     """
@@ -250,8 +253,12 @@ def margins(loop: FRF) -> Margins:
     """Margins of an open loop with one signal, the smallest of each kind within its frequencies.
 
     Crossings are interpolated between frequencies; the modulus margin is read at them: take them close at resonances.
-    Source: K. J. Astrom, R. M. Murray, Feedback Systems, 2nd ed. (2021), sec. 10.3. Raises ValueError for a loop with
-    several signals; close the others first.
+    Whether the closed loop is stable is told by Nyquist's criterion within the frequencies, for an open loop without
+    growing poles. They should begin below the slowest dynamics: a loop that begins beyond -1 with Im L >= 0 counts as
+    having passed -180 deg below.
+
+    Source: K. J. Astrom, R. M. Murray, Feedback Systems, 2nd ed. (2021), sec. 10.2 and 10.3. Raises ValueError for a
+    loop with several signals; close the others first.
     """
     if loop.values.shape[:2] != (1, 1):
         raise ValueError(
@@ -259,15 +266,22 @@ def margins(loop: FRF) -> Margins:
             "loop_at_a_time does"
         )
     f, values = loop.frequency, loop.values[0, 0]
-    gain, gain_at = math.inf, math.nan
-    for frequency, value in _crossings(f, values, values.imag):
-        if -1 < value.real < 0 and -1 / value.real < gain:
-            gain, gain_at = -1 / value.real, frequency
-    phase, phase_at = math.inf, math.nan
-    for frequency, value in _crossings(f, values, np.abs(values) - 1):
-        angle = abs(math.degrees(np.angle(-value)))
-        if angle < phase:
-            phase, phase_at = angle, frequency
+    on_axis = _crossings(f, values, values.imag)
+    beyond = [(-1 / value.real, at, 1 if rises else -1) for at, value, rises in on_axis if value.real < -1]
+    begun = bool(values[0].real < -1 and values[0].imag >= 0)
+    unstable = begun + sum(turn for *_, turn in beyond) > 0
+    growing = [(-1 / value.real, at) for at, value, _ in on_axis if -1 < value.real < 0]
+    falling = [(factor, at) for factor, at, turn in beyond if turn > 0] if unstable else []
+    gain, gain_at = min(falling or growing, default=(math.inf, math.nan))
+    # Where |L| rises through 1, it is the lead that destabilises. Of an unstable loop the phase lacks up to a turn.
+    angles = [
+        (math.degrees(np.angle(-value)) * (-1 if rises else 1), at)
+        for at, value, rises in _crossings(f, values, np.abs(values) - 1)
+    ]
+    if unstable:
+        phase, phase_at = max(((a if a < 0 else a - 360, at) for a, at in angles), default=(-math.inf, math.nan))
+    else:
+        phase, phase_at = min(((abs(a), at) for a, at in angles), default=(math.inf, math.nan))
     distance = np.abs(1 + values)
     nearest = int(np.argmin(distance))
     return Margins(
@@ -280,13 +294,14 @@ def margins(loop: FRF) -> Margins:
     )
 
 
-def _crossings(frequency: Array, values: Array, level: Array) -> list[tuple[float, complex]]:
-    """Frequencies and values where a real level changes its sign, by straight lines between frequencies."""
+def _crossings(frequency: Array, values: Array, level: Array) -> list[tuple[float, complex, bool]]:
+    """Where a real level changes its sign: frequency, value, by straight lines between frequencies, and if it rises."""
     before = np.flatnonzero((level[:-1] < 0) != (level[1:] < 0))
     share = level[before] / (level[before] - level[before + 1])
     where = frequency[before] + share * np.diff(frequency)[before]
     crossing = values[before] + share * np.diff(values)[before]
-    return [(float(f), complex(v)) for f, v in zip(where, crossing, strict=True)]
+    rises = level[before] < 0
+    return [(float(f), complex(v), bool(up)) for f, v, up in zip(where, crossing, rises, strict=True)]
 
 
 def _indices(model: LinearModel, measured: Names, driven: Names) -> tuple[list[int], list[int]]:

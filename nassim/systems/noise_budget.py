@@ -18,6 +18,12 @@ AT_REST = 1e-8
 """Share of the fastest pole below which a pole counts as at rest."""
 FINENESS = 0.12
 """Distance of two frequencies at a pole over the resonance's half width; the rms is then good to a thousandth."""
+PROBES = 128
+"""Points between two frequencies at which a spectrum given as a function is looked at for lines."""
+RESOLVED = 1e-5
+"""Share of an output's mean square that a line may add unseen between two frequencies."""
+FINEST = 1e-9
+"""Distance of two frequencies, relative to them, below which nothing is resolved any more."""
 TOLD = 0.02
 """Error of an output's rms by the frequencies' distances, above which a budget warns."""
 
@@ -120,12 +126,14 @@ def noise_budget(
         `nassim.signals.spectra`), a value at each frequency, (n,), or a number for white noise. Inputs without one are
         quiet. Of a sampled model they are spectra of the samples, up to half the sample rate.
     frequency: (n,), ascending [Hz]; its ends are the band, and points are added where it is too coarse for the
-        model's resonances, and those of tables: the budget's own `frequency` has them all
+        model's resonances and for lines of spectra that are functions, and those of tables: the budget's own
+        `frequency` has them all. A function's line may be missed that is narrower than a hundredth of the distance of
+        two frequencies: give frequencies at it.
     outputs: one name or several; None for all
 
     Disturbances that are correlated: make them one input (`nassim.systems.with_inputs`). Warns where the frequencies
-    are too coarse nevertheless, as for a spectrum with lines. Raises ValueError for unknown names, for an unstable
-    model, and for undamped poles in the band, at which the mean square has no bound.
+    are too coarse nevertheless, as for a table with lines. Raises ValueError for unknown names, for an unstable model,
+    and for undamped poles in the band, at which the mean square has no bound.
     """
     given = _band(frequency, model.time_step)
     if not spectra:
@@ -137,7 +145,6 @@ def noise_budget(
     rows = [model.outputs.index(known("output", name, model.outputs)) for name in chosen]
     columns = [model.inputs.index(name) for name in inputs]
     points = _with_resonances(model, _with_tables(spectra, given))
-    densities = np.array([spectrum_values(name, spectra[name], given, points) for name in inputs])
     units = tuple(model.units[k] for k in rows) if model.units else ()
     part = LinearModel(
         model.A,
@@ -149,8 +156,13 @@ def noise_budget(
         units,
         model.time_step,
     )
-    gain = np.abs(frequency_response(part, points).values)
-    budget = NoiseBudget(points, gain**2 * densities, chosen, inputs, units)
+    gain = np.abs(frequency_response(part, points).values) ** 2
+    lines = [_with_lines(name, spectra[name], points, gain[:, k]) for k, name in enumerate(inputs)]
+    every = np.unique(np.concatenate(lines))
+    if len(every) > len(points):
+        gain = np.abs(frequency_response(part, every).values) ** 2
+    densities = np.array([spectrum_values(name, spectra[name], given, every) for name in inputs])
+    budget = NoiseBudget(every, gain * densities, chosen, inputs, units)
     _warn_if_coarse(budget)
     return budget
 
@@ -223,6 +235,41 @@ def _with_resonances(model: LinearModel, frequency: Array) -> Array:
             points.append(near[np.hypot(widths, near[:, None] - centres).argmin(axis=1) == pole])
     every = np.unique(np.concatenate(points))
     return every[(every >= frequency[0]) & (every <= frequency[-1])]
+
+
+def _with_lines(name: str, spectrum: Spectrum | ArrayLike, points: Array, gain: Array) -> Array:
+    """Frequencies (n,) and those that a spectrum given as a function needs besides, [Hz].
+
+    gain: of the mean squares that it makes, (outputs, n), which runs straight between the frequencies
+    """
+    if not callable(spectrum) or isinstance(spectrum, TabulatedSpectrum):
+        return points
+
+    def density(frequency: Array) -> Array:
+        between = np.array([np.interp(frequency, points, row) for row in gain])
+        return between * spectrum_values(name, spectrum, points, frequency)
+
+    probes = points[:-1, None] + np.diff(points)[:, None] * np.arange(PROBES) / PROBES
+    fine = np.append(probes, points[-1])
+    values = density(fine)
+    allowed = RESOLVED * _strips(fine, values).sum(axis=1, keepdims=True)
+    every, starts, step = points, np.arange(0, len(fine) - 1, PROBES), PROBES
+    while step > 1:  # halve intervals between the probes
+        inside = values[:, starts[:, None] + np.arange(step + 1)]
+        straight = inside[..., :1] + (inside[..., -1:] - inside[..., :1]) * np.arange(step + 1) / step
+        unseen = np.abs(inside - straight).mean(axis=2) * (fine[starts + step] - fine[starts])
+        starts, step = starts[np.any(unseen > allowed, axis=0)], step // 2
+        every = np.append(every, fine[starts + step])
+        starts = np.append(starts, starts + step)
+    low, high = fine[starts], fine[starts + 1]
+    while len(low):  # and where that is not enough, between two of them
+        middle = (low + high) / 2
+        unseen = np.abs(density(middle) - (density(low) + density(high)) / 2) * (high - low)
+        split = np.any(unseen > allowed, axis=0) & (high - low > FINEST * high)
+        low, middle, high = low[split], middle[split], high[split]
+        every = np.append(every, middle)
+        low, high = np.append(low, middle), np.append(middle, high)
+    return every
 
 
 def _warn_if_coarse(budget: NoiseBudget) -> None:

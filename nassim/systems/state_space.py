@@ -1,16 +1,29 @@
 """Matrices of linear systems: from continuous to sampled and back, over many samples, their frequency response."""
 
+import contextlib
+
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from nassim.base.checks import Array
 
-WELL_CONDITIONED = 1e8
-ROUNDING = float(np.finfo(float).eps) ** 0.75
+EPSILON = float(np.finfo(float).eps)
+WELL_CONDITIONED = 1e6
+"""Condition of unit eigenvectors below which they span."""
+CHECKED = 8
+"""Poles of a part, those with the closest points, at which its sum over eigenvectors is checked."""
+AGREED = 1e-9
+"""Difference of that sum from a direct solve, over the response, up to which it is used."""
+NOTHING = 1e-14
+"""Relative change of A's rows: a response that is no larger than its effect is rounding."""
+ROUNDING = EPSILON**0.75
 """Of a system whose numbers are near 1, what counts as zero in a rank."""
 SWEEPS = 3
 StateSpace = tuple[Array, Array, Array, Array]
 """A (n, n), B (n, inputs), C (outputs, n), D (outputs, inputs)."""
+Parts = tuple[Array, Array, Array]
+"""A, B and C of systems, which may have leading axes; or their poles, drives and shows."""
 
 
 def uncoupled(state: Array) -> list[Array]:
@@ -53,8 +66,14 @@ def _balanced(state: Array) -> tuple[Array, Array]:
     """A in other units of its states, (n, n), in which its rows are as large as its columns; and these units, (n,)."""
     if not len(state):  # SciPy before 1.14 takes no empty matrices.
         return state, np.zeros(0)
-    balanced, (scale, _) = scipy.linalg.matrix_balance(state, permute=False, separate=True)
-    return balanced, scale
+    # A state that no other moves, or that moves no other, cannot be balanced: its own little rate must not try.
+    guide, rates = np.array(state), np.diag(state)
+    rows, columns = (np.linalg.norm(state - np.diag(rates), axis=axis) for axis in (1, 0))
+    lone = (rows == 0) | (columns == 0)
+    np.fill_diagonal(guide, np.where(lone, np.maximum(np.abs(rates), rows + columns), rates))
+    with np.errstate(invalid="ignore"):  # SciPy casts units, which may be large, to indices, which nobody asked for.
+        _, (scale, _) = scipy.linalg.matrix_balance(guide, permute=False, separate=True)
+    return state * scale / scale[:, None], scale
 
 
 def tustin(system: StateSpace, time_step: float, *, prewarp: float = 0.0) -> StateSpace:
@@ -116,36 +135,87 @@ def _beside(matrix: Array, n_columns: int) -> Array:
 def transfer_matrix(system: StateSpace, points: Array) -> Array:
     """C (s - A)^-1 B + D at complex points s (or z), shape (n,): complex (outputs, inputs, n); infinite at poles.
 
-    By the eigenvectors of A's uncoupled parts and one product of matrices, which costs milliseconds; parts whose
-    eigenvectors do not span (a double pole at one place, as of rigid motion without damping, or of delays) by a solve
-    per point.
+    The response is a sum over the eigenvectors of A's uncoupled parts, which costs milliseconds. Each part's sum is
+    compared with a direct solve at the ends and near poles. A part whose eigenvectors do not span (a double pole at one
+    place, as of rigid-body motion with or without little damping, or of delays), or whose sum differs, is solved
+    directly at every point.
     """
     a, b, c, d = system
     balanced, scale = _balanced(a)
     b, c = b / scale[:, None], c * scale
     result = np.broadcast_to(d.reshape(-1, 1), (d.size, len(points))).astype(complex)
     for index in uncoupled(a):
-        parts = balanced[index[:, :, None], index[:, None]]
-        poles, vectors = np.linalg.eig(parts)
-        spanned = np.linalg.cond(vectors / np.linalg.norm(vectors, axis=1, keepdims=True)) < WELL_CONDITIONED
-        for part, states in zip(parts[~spanned], index[~spanned], strict=True):
-            result += _solved((part, b[states], c[:, states]), points)
-        drives = np.linalg.solve(vectors[spanned], b[index[spanned]].astype(complex)).reshape(-1, b.shape[1])
-        shows = (c[:, index[spanned]][:, :, None] @ vectors[spanned]).reshape(len(c), -1)
+        parts = balanced[index[:, :, None], index[:, None]], b[index], c[:, index].swapaxes(0, 1)
+        modes, spanned = _modes(parts)
+        right = spanned & _agrees(parts, modes, points)
+        for state, inputs, outputs in zip(*(matrices[~right] for matrices in parts), strict=True):
+            with np.errstate(invalid="ignore"):
+                result += (outputs @ _solved(state, inputs, points[:, None, None])).reshape(len(points), -1).T
+        poles, drives, shows = (of[right] for of in modes)
+        # Sums over all parts and their poles at once: (outputs * inputs, poles) times (poles, points).
+        terms = np.einsum("pon,pni->oipn", shows, drives).reshape(d.size, -1)
         with np.errstate(divide="ignore", invalid="ignore"):
-            gains = 1.0 / (points - poles[spanned].reshape(-1, 1))
-            result += (shows[:, None] * drives.T).reshape(d.size, -1) @ gains
+            result += terms @ (1.0 / (points - poles.reshape(-1, 1)))
     return result.reshape(*d.shape, len(points))
 
 
-def _solved(part: tuple[Array, Array, Array], points: Array) -> Array:
-    """C (s - A)^-1 B by a solve per point, (outputs * inputs, n)."""
-    a, b, c = part
+def _modes(parts: Parts) -> tuple[Parts, NDArray[np.bool_]]:
+    """Poles (p, n) of p parts, their drives (p, n, inputs) and shows (p, outputs, n), and whether eigenvectors span.
+
+    Unit eigenvectors tell that by their condition; after a scaling of their rows, parallel ones may look different.
+    """
+    a, b, c = parts
+    poles, vectors = np.linalg.eig(a)
+    spanned = np.linalg.cond(vectors) < WELL_CONDITIONED
+    drives = np.zeros(b.shape, complex)
+    drives[spanned] = np.linalg.solve(vectors[spanned], b[spanned].astype(complex))
+    return (poles, drives, c @ vectors), spanned
+
+
+def _agrees(parts: Parts, modes: Parts, points: Array) -> NDArray[np.bool_]:
+    """Which parts' sums over eigenvectors equal a direct solve, at both ends and at the points closest to poles, (p,).
+
+    Of each response, its own size there counts, unless it is nothing but rounding in both, as symmetry makes it. What
+    the sum's terms lose where they cancel counts as a difference, as in the sum at all points they may round otherwise.
+    """
+    (a, b, c), (poles, drives, shows) = parts, modes
+    if not len(points):
+        return np.ones(len(a), dtype=bool)
+    distance = np.abs(points - poles[..., None])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        closest = np.argsort(distance.min(axis=2) / np.abs(poles), axis=1)[:, :CHECKED]
+    near = np.take_along_axis(distance.argmin(axis=2), closest, axis=1)
+    ends = np.broadcast_to([0, len(points) - 1], (len(a), 2))
+    at = points[np.hstack([ends, near])][..., None, None]
+    states = _solved(a[:, None], b[:, None], at)
+    adjoint = _solved(a[:, None].swapaxes(2, 3), c[:, None].swapaxes(2, 3), at)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        expected = c[:, None] @ states
+        terms = shows[:, None] / (at - poles[:, None, None])
+        found, lost = terms @ drives[:, None], EPSILON * (np.abs(terms) @ np.abs(drives[:, None]))
+        by_rows = np.abs(adjoint).swapaxes(2, 3) @ np.linalg.norm(a, axis=2)[:, None, :, None]
+        rounding = NOTHING * by_rows * np.linalg.norm(states, axis=2, keepdims=True)
+        same = np.abs(found - expected) + lost <= AGREED * np.abs(expected)
+        nothing = np.maximum(np.abs(found), np.abs(expected)) + lost <= rounding
+    result: NDArray[np.bool_] = np.all(same | nothing, axis=(1, 2, 3))
+    return result
+
+
+def _solved(state: Array, inputs: Array, points: Array) -> Array:
+    """(s - A)^-1 B by a solve per point, (..., n, inputs), infinite at poles.
+
+    points: (..., 1, 1), whose leading axes are broadcast with those of A and B
+    """
+    matrices = points * np.eye(state.shape[-1]) - state
+    forces = np.broadcast_to(inputs, (*matrices.shape[:-1], inputs.shape[-1])).astype(complex)
     try:
-        states = np.linalg.solve(points[:, None, None] * np.eye(len(a)) - a, b.astype(complex)[None])
+        result: Array = np.linalg.solve(matrices, forces)
     except np.linalg.LinAlgError:
-        return np.full((len(c) * b.shape[1], len(points)), np.inf + 0j)
-    return (c @ states).reshape(len(points), -1).T
+        result = np.full(forces.shape, np.inf + 0j)
+        for k in np.ndindex(matrices.shape[:-2]):
+            with contextlib.suppress(np.linalg.LinAlgError):
+                result[k] = np.linalg.solve(matrices[k], forces[k])
+    return result
 
 
 def transmission_zeros(system: StateSpace) -> Array:

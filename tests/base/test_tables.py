@@ -19,6 +19,12 @@ def test_a_table_that_fits():
     ]
 
 
+def test_a_table_as_wide_as_the_lines_fits():
+    width = max(map(len, text_table(ROWS).splitlines()))
+    assert text_table(ROWS, width=width) == text_table(ROWS)
+    assert text_table(ROWS, width=width - 1) != text_table(ROWS)
+
+
 def test_headings_take_no_more_lines_than_they_must():
     assert text_table(ROWS, width=48).splitlines() == [
         "              frequency  damping     gain of",

@@ -68,6 +68,29 @@ def test_a_force_that_no_ceramic_bears_is_refused():
     assert replace(SHEET, area=2.1e-6).area == 2.1e-6
 
 
+STRONG = {"blocked_force": 500e6 * 25e-6, "stiffness": 500e6 * 25e-6 / 20e-6, "capacitance": 1.0}
+LONG = {"free_stroke": 5e-3 * 20e-3, "stiffness": 1000.0 / (5e-3 * 20e-3)}
+LEAST = 50e6 * (20e-6 / 200.0) ** 2
+LIMITS = {
+    "stroke over length": (lambda share: {**LONG, "length": 20e-3 / share}, "ceramics reach 0.2 %"),
+    "stress": (lambda share: {**STRONG, "area": 25e-6 / share}, "ceramics give 30 to 50"),
+    "stiffness, high": (lambda share: {"stiffness": share * 100e6, "capacitance": 1.0}, "does not go with"),
+    "stiffness, low": (lambda share: {"stiffness": 25e6 / share}, "does not go with"),
+    "capacitance": (lambda share: {"capacitance": LEAST / share}, "more energy than it takes"),
+    "across": (lambda share: {"transverse_ratio": -0.6 * share}, "from -0.6 to 0"),
+}
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_data_sheets_are_taken_up_to_their_limits(name):
+    change, message = LIMITS[name]
+    replace(SHEET, **change(0.9))
+    with pytest.raises(ValueError, match=message):
+        replace(SHEET, **change(1.1))
+    with pytest.raises(ValueError, match=r"from -0\.6 to 0"):
+        replace(SHEET, transverse_ratio=0.01)
+
+
 @pytest.mark.parametrize(("factor", "verdict"), [(0.5, "low: are there"), (0.7, "usual"), (0.9, "high: stroke")])
 def test_the_coupling_factor_is_compared_with_those_of_ceramics(factor, verdict):
     """k33^2 = k d^2 / C, so the capacitance says which."""

@@ -8,6 +8,8 @@ from conftest import lattice
 from superelements import SAMPLE, grounded_at, joint_like, rounded, sample, with_matrices
 
 from nassim import craig_bampton
+from nassim.base.rigid_motion import rigid_transfer
+from nassim.exchange.acceptance import repair, to_body
 from nassim.exchange.inspection import Finding, as_superelement, check
 from nassim.exchange.row_order import guess_order, order_misfit
 from nassim.exchange.superelement import read_superelement, superelement
@@ -144,6 +146,93 @@ def test_coordinates_in_another_unit_than_the_matrices_are_found():
         assert found.figures["coordinate_factor"] == pytest.approx(1 / factor)
 
 
+def beam_of_nodes(points):
+    """A chain of springs between nodes, each with a lump, with coupled and unequal stiffnesses; no symmetry."""
+    rng, r = np.random.default_rng(3), len(points)
+    stiffness, mass = np.zeros((6 * r, 6 * r)), np.zeros((6 * r, 6 * r))
+    for a, b in zip(range(r - 1), range(1, r), strict=True):
+        relative = np.zeros((6, 6 * r))
+        relative[:, 6 * b : 6 * b + 6] = np.eye(6)
+        relative[:, 6 * a : 6 * a + 6] = -rigid_transfer(points[b] - points[a])
+        root = rng.normal(size=(6, 6)) * np.array([3e3] * 3 + [40.0] * 3)
+        stiffness += relative.T @ (root.T @ root + np.diag([2e7] * 3 + [3e3] * 3)) @ relative
+    for k in range(r):
+        mass[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] = np.diag([0.2 + 0.05 * k] * 3 + [1e-4, 1.5e-4, 2e-4])
+    return superelement(stiffness, mass, points)
+
+
+POINTS = np.array([[0.0, 0.01, 0.02], [0.05, -0.02, 0.01], [0.11, 0.03, -0.02], [0.15, 0.0, 0.06], [0.22, 0.04, 0.0]])
+
+
+def in_degrees(body):
+    """The same body whose rotations are in degrees: one degree is pi / 180 of the motion of one radian."""
+    unit = np.ones(len(body.mass_matrix))
+    unit[[6 * k + i for k in range(len(body.positions)) for i in (3, 4, 5)]] = np.pi / 180
+    return with_matrices(body, lambda matrix: unit[:, None] * matrix * unit)
+
+
+MOVED = np.array([[0, 0, 0], [0, 0, 0], [0, 0, 0], [12e-3, 0, 16e-3], [0, 0, 0]])
+TURNED_AXES = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+MISFITS = {
+    "shuffled": (lambda body: replace(body, positions=POINTS[[2, 0, 3, 4, 1]]), "they fit in the order node_2 node_5"),
+    "one 20 mm off": (lambda body: replace(body, positions=POINTS + MOVED), r"node_4 is given 20 mm from \(150.000, "),
+    "degrees": (in_degrees, "rotations seem to be in degrees"),
+    "turned": (lambda body: replace(body, positions=POINTS @ TURNED_AXES.T), "coordinates are turned or mirrored"),
+    "of another body": (lambda body: replace(body, positions=POINTS**2 * 7), "of other nodes or of another body"),
+    "K in kN/m": (lambda body: replace(body, stiffness_matrix=1e-3 * body.stiffness_matrix), "looks like m-kN-kg"),
+    "one node's axes turned": (
+        lambda body: with_matrices(body, lambda m: turned_node(m, 2)),
+        "along other axes than the body's",
+    ),
+}
+
+
+def turned_node(matrix, node):
+    change = np.eye(len(matrix))
+    for start in (6 * node, 6 * node + 3):
+        change[start : start + 3, start : start + 3] = TURNED_AXES
+    return change @ matrix @ change.T
+
+
+@pytest.mark.parametrize("name", MISFITS)
+def test_coordinates_that_do_not_fit_are_refused_with_the_likeliest_cause(name, capsys):
+    """Where nodes lie follows from the motions that K does not resist, without a look at the coordinates."""
+    sound = beam_of_nodes(POINTS)
+    assert not check(sound).faults
+    spoil, cause = MISFITS[name]
+    spoilt = spoil(sound)
+    option = "any_size" if name == "K in kN/m" else "any_coordinates"
+    with pytest.raises(ValueError, match=f"not fit for use: .*{cause}.* confirm by {option}=True"):
+        to_body(spoilt)
+    if name in ("K in kN/m", "one 20 mm off", "shuffled"):
+        assert to_body(spoilt, **{option: True}).name == spoilt.name
+    if option == "any_coordinates":
+        with pytest.raises(ValueError, match="cannot be repaired: row order"):
+            repair(spoilt)
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.9, "ok"), (1.1, "fault")])
+def test_a_node_may_lie_one_percent_of_the_size_away(share, verdict):
+    body = beam_of_nodes(POINTS)
+    size = check(body)["units"].figures["size_m"]
+    moved = POINTS + share * 0.01 * size * np.outer([0, 1, 0, 0, 0], [0.6, 0.0, 0.8])
+    found = check(replace(body, positions=moved))["row order"]
+    assert found.verdict == verdict
+    assert ("node_2 is given" in found.text) == (verdict == "fault")
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_the_least_plausible_stiffness(share):
+    """2e-4 of that of a steel cube of the same mass: the largest of a node in translation."""
+    body = beam_of_nodes(POINTS)
+    mass = check(body)["mass"].figures["kg"]
+    largest = max(np.diag(body.stiffness_matrix)[6 * k + i] for k in range(5) for i in range(3))
+    factor = share * 2e-4 * 2e11 * (mass / 7800.0) ** (1 / 3) / largest
+    found = check(replace(body, stiffness_matrix=factor * body.stiffness_matrix))["units"]
+    assert (found.verdict == "fault") == (share < 1)
+    assert found.figures["stiffness_over_steel"] == pytest.approx(2e-4 * share, rel=1e-9)
+
+
 def faults(body):
     return {finding.name for finding in check(body).faults}
 
@@ -214,3 +303,68 @@ def test_no_moment_of_inertia_exceeds_the_sum_of_the_others(moment, verdict):
     """A rigid body of one node, whose moments are 1, 1 and another: at 2 it is a flat plate, beyond it cannot be."""
     body = superelement(np.zeros((6, 6)), np.diag([1.0, 1, 1, 1, 1, moment]), np.zeros((1, 3)))
     assert check(body)["inertia"].verdict == verdict
+
+
+def verdict_of(body, name):
+    return check(body)[name].verdict
+
+
+def skewed(body, letter, share):
+    """An entry off its mirror image by a share of the largest."""
+    matrix = np.array(getattr(body, letter))
+    matrix[0, 1] += share * np.abs(matrix).max()
+    return replace(body, **{letter: matrix})
+
+
+def on_a_soft_ground(body, share):
+    """All rigid motions at a frequency that is this share of the lowest elastic one, which the ground raises too."""
+    first = 2 * np.pi * check(body)["rigid motions"].figures["first_elastic_Hz"]
+    return replace(
+        body, stiffness_matrix=body.stiffness_matrix + share**2 / (1 - share**2) * first**2 * body.mass_matrix
+    )
+
+
+def lump(along, moments=(1.0, 1.0, 1.0)):
+    return superelement(np.zeros((6, 6)), np.diag([*along, *moments]), np.zeros((1, 3)))
+
+
+def with_a_mode(mass, coupling):
+    """A unit mode whose mass differs from one, or that is tied to a node, by so much."""
+    sound = beam_of_nodes(POINTS[:2])
+    stiffness, masses = np.zeros((2, 13, 13))
+    stiffness[:12, :12], masses[:12, :12] = sound.stiffness_matrix, sound.mass_matrix
+    stiffness[12, 12], masses[12, 12] = 1e8, 1 + mass
+    stiffness[2, 12] = stiffness[12, 2] = coupling * np.sqrt(1e8 * stiffness[2, 2])
+    return superelement(stiffness, masses, POINTS[:2])
+
+
+BEAM = beam_of_nodes(POINTS)
+LIMITS = {
+    "symmetry of K, warned of": (lambda x: skewed(BEAM, "stiffness_matrix", 1e-12 * x), "symmetry", "ok", "warning"),
+    "symmetry of M, warned of": (lambda x: skewed(BEAM, "mass_matrix", 1e-12 * x), "symmetry", "ok", "warning"),
+    "symmetry of K": (lambda x: skewed(BEAM, "stiffness_matrix", 1e-9 * x), "symmetry", "warning", "fault"),
+    "symmetry of M": (lambda x: skewed(BEAM, "mass_matrix", 1e-9 * x), "symmetry", "warning", "fault"),
+    "rigid motions, warned of": (lambda x: on_a_soft_ground(BEAM, 1e-2 * x), "rigid motions", "ok", "warning"),
+    "rigid motions": (lambda x: on_a_soft_ground(BEAM, 0.1 * x), "rigid motions", "warning", "fault"),
+    "rows": (lambda x: lump([1 + 0.03 * x / (1 - 0.01 * x), 1, 1], [1, 1.2, 1.4]), "row order", "ok", "warning"),
+    "mass": (lambda x: lump([1 + 0.3 * x / (1 - 0.1 * x), 1, 1]), "mass", "ok", "fault"),
+    "inertia": (lambda x: lump([1, 1, 1], [1, 1, 2 * (1 + 2e-3 * x)]), "inertia", "ok", "fault"),
+    "modal masses": (lambda x: with_a_mode(1e-3 * x, 0.0), "modal rows", "ok", "warning"),
+    "coupling of modes": (lambda x: with_a_mode(0.0, 1e-3 * x), "modal rows", "ok", "warning"),
+}
+
+
+@pytest.mark.parametrize("name", LIMITS)
+def test_verdicts_change_at_their_limits(name):
+    make, finding, below, above = LIMITS[name]
+    assert [verdict_of(make(share), finding) for share in (0.9, 1.1)] == [below, above]
+
+
+def test_nodes_within_a_millionth_of_the_size_are_in_one_place():
+    def of(distance):
+        places = np.vstack([POINTS[:4], POINTS[3] + distance * np.array([0.6, 0.0, 0.8])])
+        return check(replace(BEAM, positions=places))
+
+    size = of(0.0)["units"].figures["size_m"]
+    assert "in one place: node_4 and node_5" in of(0.9e-6 * size)["nodes"].text
+    assert "in one place" not in of(1.1e-6 * size)["nodes"].text

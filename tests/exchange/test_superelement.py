@@ -1,6 +1,7 @@
 """Reading superelements: listings in all their variations, .mat and .npz files, units, orientations."""
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from nassim.exchange import mat_npz
 from nassim.exchange.ansys import nodal_frame
 from nassim.exchange.inspection import check
 from nassim.exchange.mat_npz import read_arrays
-from nassim.exchange.superelement import read_superelement, significant_digits, superelement
+from nassim.exchange.superelement import Superelement, read_superelement, significant_digits, superelement
 from nassim.exchange.unit_systems import unit_factors
 
 
@@ -389,3 +390,41 @@ def test_big_endian_mat_files_are_read(tmp_path):
     content = np.array([6, 8, 4, 0], ">u4").tobytes() + size + name + letters
     path.write_bytes(b"by hand".ljust(124) + b"\x01\x00MI" + np.array([14, len(content)], ">u4").tobytes() + content)
     assert read_arrays(path)["v"].tolist() == ["µz"]
+
+
+def test_every_argument_of_arrays_and_files_counts(raw, tmp_path):
+    """Names, orientations and the source that is told, given or left to the file."""
+    stiffness, mass, positions = raw
+    turn = nodal_frame(np.array([30.0, 0, 0]))
+    plain = superelement(stiffness, mass, positions)
+    assert (plain.name, plain.names, plain.source) == ("superelement", ("node_1", "node_2", "node_3"), "arrays")
+    given = superelement(stiffness, mass, positions, name="leg", names=["a", "b", "c"], source="mail of 3 May")
+    assert (given.name, given.names, given.source) == ("leg", ("a", "b", "c"), "mail of 3 May")
+    with pytest.raises(ValueError, match=r"mail of 3 May: positions"):
+        superelement(stiffness, mass, positions[:, :2], source="mail of 3 May")
+    path = tmp_path / "my part.npz"
+    np.savez(path, K=stiffness, M=mass, P=positions, names=["p", "q", "r"], orientations=[turn] * 3)
+    of_file, read = read_superelement(path), read_superelement(path, name="leg", names=["a", "b", "c"])
+    assert (of_file.name, of_file.names) == ("my_part", ("p", "q", "r"))
+    assert (read.name, read.names, read.source) == ("leg", ("a", "b", "c"), str(path))
+    straight = read_superelement(path, orientations=[np.eye(3)] * 3)
+    np.testing.assert_array_equal(straight.stiffness_matrix, plain.stiffness_matrix)
+    block = of_file.stiffness_matrix[:3, :3]
+    np.testing.assert_allclose(block, turn @ stiffness[:3, :3] @ turn.T, atol=1e-9 * np.abs(block).max())
+    texts = [matrix_text(stiffness), matrix_text(mass, title="MAT_M"), node_text(positions, turned={11: 30.0})]
+    listed, over = (
+        read_texts(tmp_path, *texts, master_text(3), units="m-N-kg", **options)
+        for options in ({}, {"orientations": [np.eye(3)] * 3, "names": ["a", "b", "c"], "name": "leg"})
+    )
+    assert np.abs(listed.stiffness_matrix - over.stiffness_matrix).max() > 0
+    np.testing.assert_array_equal(over.stiffness_matrix, plain.stiffness_matrix)
+    assert (listed.name, listed.names) == ("part0", ("node_11", "node_12", "node_13"))
+    assert (over.name, over.names) == ("leg", ("a", "b", "c"))
+
+
+def test_digits_are_counted_unless_they_are_told():
+    sound = {"stiffness_matrix": np.eye(6) * 1.25, "mass_matrix": np.eye(6), "positions": np.zeros((1, 3))}
+    counted, told = (Superelement("s", names=("a",), **sound, **options) for options in ({}, {"digits": 9}))
+    assert (counted.digits, told.digits) == (3, 9)
+    assert [check(body)["digits"].verdict for body in (counted, told)] == ["warning", "ok"]
+    assert check(replace(told, digits=8))["digits"].verdict == "warning"

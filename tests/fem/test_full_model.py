@@ -1,5 +1,7 @@
 """The full model's answers against dense eigenvalue and harmonic solutions of a model made by hand."""
 
+import functools
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -119,3 +121,27 @@ def test_solves_are_counted_and_end_when_nothing_changes(monkeypatch):
     )
     assert solution.n_solves == len(calls)
     assert 4 < solution.n_solves < model.n_dofs // 6
+
+
+def test_tolerance_boundary_conditions_and_most_solves_count():
+    """Guided along x as one that is held otherwise by hand; as loose as told; not one solve more than allowed."""
+    condensed = condense(lattice(), progress=False)
+    ask = functools.partial(
+        full_frequency_response,
+        condensed,
+        np.array([50.0, 600.0]),
+        inputs={"f": {"right.ux": 1.0}},
+        outputs={"x": {"right.ux": 1.0}, "y": {"right.uy": 1.0}},
+        damping_ratio=0.01,
+        fixed=["left"],
+        progress=False,
+    )
+    free, guided = ask(), ask(guided={"right": "x"})
+    assert np.abs(guided.frf.values[1]).max() < 1e-9 * np.abs(guided.frf.values[0]).max()
+    assert np.abs(free.frf.values[1]).max() > 1e-6 * np.abs(free.frf.values[0]).max()
+    loose = ask(tolerance=1e-3)
+    assert loose.n_solves < free.n_solves
+    most = loose.n_solves - 1
+    assert ask(tolerance=1e-3, max_solves=most).n_solves == loose.n_solves
+    with pytest.raises(RuntimeError, match=f"not converged to 1e-03 after {most - 1} solves"):
+        ask(tolerance=1e-3, max_solves=most - 1)

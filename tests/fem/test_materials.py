@@ -89,3 +89,28 @@ def test_moduli_in_mpa_and_densities_in_grams_per_cubic_centimetre_are_warned_of
         material = Material("slip", modulus, 0.3, density)
     assert (material.young_modulus, material.density) == (modulus, density)
     assert told[0].filename == __file__
+
+
+@pytest.mark.parametrize("limit", [0.5, 10.0, 30e3, 1e6])
+def test_limits_of_the_speed_of_sound(limit):
+    """Refused beyond the outer ones, warned of beyond the inner ones; density far from its own limit."""
+
+    def verdict(speed):
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            try:
+                Material("m", speed**2 * 1000.0, 0.3, 1000.0)
+            except ValueError:
+                return "refused"
+        return "warned" if told else "taken"
+
+    beyond, within = (verdict(limit * share) for share in ((0.9, 1.1) if limit < 100 else (1.1, 0.9)))
+    assert (within, beyond) == (("warned", "refused") if limit in (0.5, 1e6) else ("taken", "warned"))
+
+
+def test_the_lightest_density_without_a_warning():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Material("foam", 1e6, 0.3, 1.1 * 5.0)
+    with pytest.warns(UserWarning, match="make a speed of sound of"):
+        Material("foam", 1e6, 0.3, 0.9 * 5.0)

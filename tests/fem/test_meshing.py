@@ -1,6 +1,9 @@
 """Meshes: prisms on extruded bodies, sizes on faces, convergence rates, refused input."""
 
+import inspect
+import warnings
 from collections import Counter
+from types import SimpleNamespace
 
 import netgen.occ as occ
 import ngsolve as ng
@@ -10,7 +13,7 @@ from conftest import STEEL, make_bar, meshed
 
 from models.apa300ml import make_apa300ml
 from nassim import Material, RemotePoint, Solid, build_fe_model, condense, craig_bampton
-from nassim.fem import mesh_checks, meshing
+from nassim.fem import assembly, mesh_checks, meshing
 from nassim.fem.full_model import full_eigenfrequencies
 from nassim.fem.meshing import generate_mesh
 
@@ -231,6 +234,47 @@ def test_curved_faces_have_as_many_elements_per_radius_as_asked_for():
     missed = 1 - np.array(volumes) / (np.pi * 0.004**2 * 0.02)
     assert missed[1] < 2 * np.pi**2 / (3 * 15**2)
     assert missed[0] > 4 * missed[1]
+
+
+def test_a_model_asks_for_the_mesh_that_it_is_told(monkeypatch):
+    """Every argument of the mesh, and the mesher's own defaults where none is given."""
+    asked = []
+
+    def note(solid, **options):
+        asked.append(options)
+        raise InterruptedError
+
+    monkeypatch.setattr(assembly, "generate_mesh", note)
+    told = {"curvature": 1.5, "local_sizes": {"left": 0.001}, "extrude": "x", "layer_thickness": 0.002}
+    for options in (told, {}):
+        with pytest.raises(InterruptedError):
+            build_fe_model(make_rod(), element_size=0.02, progress=False, **options)
+    defaults = {name: p.default for name, p in inspect.signature(generate_mesh).parameters.items() if name in told}
+    assert asked == [{"element_size": 0.02, **told}, {"element_size": 0.02, **defaults}]
+
+
+def test_a_hundredth_of_the_volume_may_be_missed():
+    cube = ng.Mesh(occ.OCCGeometry(occ.Box((0, 0, 0), (1, 1, 1))).GenerateMesh(maxh=1.0))
+    for share in (0.9, -0.9, 1.1, -1.1):
+        body = SimpleNamespace(mass=1 / (1 + share / 100))
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            mesh_checks.check_volume(cube, SimpleNamespace(name="s", shape=SimpleNamespace(solids=[body])))
+        assert len(told) == (abs(share) > 1)
+
+
+@pytest.mark.parametrize(("thin", "warned"), [(9, False), (11, True)])
+def test_walls_are_thin_where_half_of_the_elements_reach_through(thin, warned):
+    """Twenty elements of two vertices, of which so many lie outside with both."""
+    pairs = [(0, 1)] * thin + [(0, 2)] * (20 - thin)
+    elements = {
+        kind: [SimpleNamespace(vertices=[SimpleNamespace(nr=n) for n in pair]) for pair in given]
+        for kind, given in ((ng.VOL, pairs), (ng.BND, [(0, 1)]))
+    }
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        mesh_checks.warn_of_thin_walls(SimpleNamespace(nv=3, Elements=elements.get), SimpleNamespace(name="s"))
+    assert len(told) == warned
 
 
 def test_each_trial_has_its_own_grading_and_size(monkeypatch):

@@ -182,16 +182,24 @@ def cube(length):
     return Solid("cube", occ.Box((0, 0, 0), (length,) * 3), {"": STEEL})
 
 
+MARGIN = 2e-7
+"""That OpenCASCADE adds to a box around a shape [m]."""
+
+
 def test_solid_below_a_thousandth_of_a_millimetre_is_refused():
     with pytest.raises(ValueError, match=r"solid 'cube' is 7e-07 m long; at least 1e-06 m .* the CAD file's unit"):
         cube(5e-7)
-    cube(2e-6)
+    with pytest.raises(ValueError, match="at least 1e-06 m"):
+        cube(0.9e-6 - MARGIN)
+    cube(1.1e-6 - MARGIN)
 
 
 def test_long_solid_is_warned_of_and_meshed():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         cube(9.9)
+    with pytest.warns(UserWarning, match="solid 'cube' is 10.1 m long"):
+        cube(10.1)
     with pytest.warns(UserWarning, match="solid 'cube' is 200 m long; shapes are in metres") as told:
         solid = cube(200.0)
     assert told[0].filename == __file__

@@ -1,5 +1,6 @@
 """Calibration: models in closed form, what data can determine, and the APA300ML's record."""
 
+import functools
 import json
 
 import numpy as np
@@ -120,6 +121,29 @@ def test_parameters_that_the_figures_cannot_tell_apart():
             sensitivity=[[1.0, 1.0], [1.0, 1.01]],
         )
     assert not calls, "refused before any long work"
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+@pytest.mark.parametrize("options", [{}, {"largest_deviation": 0.02}])
+def test_the_largest_deviation_of_a_parameter(options, share):
+    """One figure in proportion to the parameter: its tolerance is the parameter's deviation."""
+    target = Target("mass", 0.05, share * options.get("largest_deviation", 0.1))
+
+    def model(values):
+        return {"mass": 5.0 * values["width"]}
+
+    fit = functools.partial(calibrate, model, [WIDTH], [target], sensitivity=[[1.0]], **options)
+    if share > 1:
+        with pytest.raises(ValueError, match="cannot determine width"):
+            fit()
+    else:
+        assert fit().deviations == {"width": pytest.approx(target.tolerance)}
+
+
+def test_progress_is_told_once_per_evaluation():
+    told = []
+    sensitivities(cantilever, [WIDTH, HEIGHT], ["mass"], advance=lambda *_: told.append(1))
+    assert len(told) == 4
 
 
 def test_figures_that_do_not_depend_on_the_parameter():

@@ -590,9 +590,23 @@ def test_a_foreign_resonance_near_a_mode_leaves_its_damping_alone(small_bench, b
     alone = replace(shifted(fit, [frequency]), gains=0.01 * fit.gains)
     with pytest.raises(ValueError, match=r"no identified mode .* with a gain within 5 times its own"):
         apply_identification(small_bench, alone, trusted="encoder")
-    for sign in (1.0, -1.0):
-        apply_identification(small_bench, replace(alone, gains=sign * 0.25 * fit.gains), trusted="encoder")
+    for size in (0.25, 4.0):
+        apply_identification(small_bench, replace(alone, gains=size * fit.gains), trusted="encoder")
     apply_identification(small_bench, alone, trusted="encoder", factor=200.0)
+
+
+def test_a_resonance_of_opposite_sign_is_not_the_scenes_mode(small_bench, bench_fit):
+    """Beside the true one it is not modelled; alone it means a reversed polarity. Other sensors may be reversed."""
+    fit = bench_fit[0]
+    both = replace(shifted(fit, [96.0, fit.frequency[0]]), gains=np.column_stack([-0.5 * fit.gains, fit.gains]))
+    _, report = apply_identification(small_bench, both, trusted="encoder")
+    np.testing.assert_array_equal(report.unmodelled, [96.0])
+    with pytest.raises(ValueError, match=r"of the scene at 9\d\.\d+ Hz has the opposite sign: correct the polarity"):
+        apply_identification(small_bench, replace(fit, gains=-fit.gains), trusted="encoder")
+    updated, _ = apply_identification(small_bench, replace(fit, gains=fit.gains * [[-1], [1]]), trusted="encoder")
+    assert updated.sensors[0].voltage_per_elongation == pytest.approx(
+        -0.85 * small_bench.sensors[0].voltage_per_elongation, rel=5e-3
+    )
 
 
 def test_a_sensor_of_unknown_factor_does_not_hide_a_mode(small_bench, bench_fit):
@@ -615,7 +629,7 @@ def test_resonances_without_a_mode_are_reported_as_unmodelled(small_bench, bench
     [
         ([95.0, 100.0], {}, "identified modes at 95, 100 Hz are all within 10 % of the scene's mode at"),
         ([300.0], {}, r"no identified mode \(300 Hz\) lies within 10 %"),
-        ([15e3], {"distance": 0.5, "factor": 1e5}, "1.5e\\+04 Hz may be any of the scene's modes at"),
+        ([13.2e3], {"distance": 0.6, "factor": 1e5}, "1.32e\\+04 Hz may be any of the scene's modes at"),
         ([100.0], {"factor": 1.0}, "factor must be above 1, got 1"),
         ([100.0], {"trusted": "ruler"}, "unknown trusted output 'ruler'"),
         ([100.0], {"distance": 0.0}, "distance must be positive"),

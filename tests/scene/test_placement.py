@@ -7,6 +7,7 @@ from typing import Annotated, get_args, get_origin, get_type_hints
 import numpy as np
 import pytest
 from conftest import lattice
+from scipy.spatial.transform import Rotation
 
 import nassim
 from nassim import (
@@ -423,6 +424,27 @@ def test_joined_scenes_agree_or_are_told(soft, figure, other):
 
 def test_ratios_by_mode_belong_to_a_part(soft):
     by_mode = placed(replace(strut(soft), damping_ratio=[0.01, 0.02]), "a")
-    with pytest.raises(ValueError, match="ratios by mode"):
-        joined("whole", by_mode)
+    for scenes in ((by_mode,), (placed(strut(soft), "b", position=PLACE), by_mode)):
+        with pytest.raises(ValueError, match="ratios by mode"):
+            joined("whole", *scenes)
     assert joined("whole", by_mode, damping_ratio=0.03).damping_ratio == 0.03
+
+
+def apart(gap, axes=ODD):
+    """Two bodies whose points lie apart by a gap [m], in a direction that is none of the world's."""
+    base = RigidBody("base", {"p": (0.1, -0.2, 0.3)}, fixed=True)
+    block = RigidBody("block", {"p": np.zeros(3)}, 1.0, np.eye(3), base.points["p"] + gap * np.array([0.36, 0.48, 0.8]))
+    return Scene("gap", (base, block), (Joint("rail", "base.p", "block.p", "x", axes),))
+
+
+def test_a_joint_that_is_accepted_is_accepted_wherever_it_is_placed():
+    """Rounding of places metres away makes a gap at the tolerance larger or smaller."""
+    turns = Rotation.random(30, random_state=1).as_matrix()
+    for k, turn in enumerate(turns):
+        copy = placed(apart(1e-9), "copy", position=30.0 * turns[-k - 1][0], rotation=turn)
+        placed(copy, "again", position=-copy.bodies[0].point_position("p"))
+    with pytest.raises(ValueError, match=r"are 1\.1e-09 m apart; they must coincide to 1e-09 m"):
+        apart(1.1e-9)
+    # Axes typed with nine digits, in a scene that is turned by a matrix of as many.
+    rough = ODD @ (np.eye(3) + 0.45e-9 * np.diag([1, -1, 1]))
+    np.testing.assert_allclose(placed(apart(0.0, rough), "copy", rotation=rough).joints[0].axes, ODD @ ODD, atol=1e-9)

@@ -142,6 +142,43 @@ def test_faults_of_frfs(tmp_path, change, message):
     assert "file.csv" in str(fault.value)
 
 
+def table(*pairs, coherence=()):
+    """An FRF file of two lines in which output k over its input is k + 1, and of the coherences."""
+    columns = [f"{pair} {part} [m/N]" for pair in pairs for part in ("real", "imag")]
+    header = ["frequency [Hz]", *columns, *(f"{name} coherence [-]" for name in coherence)]
+    cells = [str(k + 1) if part else "0" for k in range(len(pairs)) for part in (1, 0)] + ["1"] * len(coherence)
+    return (
+        "\n".join(", ".join([*first, *rest]) for first, rest in ((header, []), (["1"], cells), (["2"], cells))) + "\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("pairs", "coherence", "outputs", "inputs"),
+    [
+        (["strut_1/enc/strut_1/V"], (), ["strut_1/enc"], ["strut_1/V"]),
+        (["a/enc/a/V", "a/enc/V", "enc/a/V", "enc/V"], (), ["a/enc", "enc"], ["a/V", "V"]),
+        (["enc/b/a/V", "enc/b/a/W"], ["enc"], ["enc"], ["b/a/V", "b/a/W"]),
+        (["enc / b/a/V"], (), ["enc"], ["b/a/V"]),
+        (["b/x/enc / V", "enc / V"], (), ["b/x/enc", "enc"], ["V"]),
+        (["a/x/u", "a/y/u", "b/x/u", "b/y/u"], ["a", "b"], ["a", "b"], ["x/u", "y/u"]),
+    ],
+)
+def test_names_of_placed_scenes_hold_slashes(tmp_path, pairs, coherence, outputs, inputs):
+    frf = read_frf(written(tmp_path, table(*pairs, coherence=coherence)))
+    assert (list(frf.outputs), list(frf.inputs)) == (outputs, inputs)
+    values = np.arange(1, len(pairs) + 1).reshape(len(outputs), len(inputs))
+    np.testing.assert_array_equal(frf.values, np.repeat(values[:, :, None], 2, axis=2))
+
+
+def test_a_slash_that_may_divide_or_not_is_refused(tmp_path):
+    with pytest.raises(
+        ValueError, match=r"'enc/a/V' may be 'enc / a/V' or 'enc/a / V': write the slash .* blanks around"
+    ):
+        read_frf(written(tmp_path, table("enc/a/V")))
+    with pytest.raises(ValueError, match=r"there is no 'b/enc/a/W real'"):
+        read_frf(written(tmp_path, table("a/enc/a/V", "a/enc/a/W", "b/enc/a/V")))
+
+
 def test_a_record_is_no_frf(tmp_path):
     with pytest.raises(ValueError, match=r"there is no 'frequency'; present: time"):
         read_frf(written(tmp_path, RECORD))

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from nassim import (
     Encoder,
     FlexibleBody,
+    Joint,
     PointForce,
     RigidBody,
     Scene,
@@ -21,7 +22,7 @@ from nassim import (
 )
 from nassim.base.modal import decay_poles
 from nassim.scene import Bushing, Drive, Loop, fixed, prismatic, revolute
-from nassim.simulation import assemble, compensation, period_errors
+from nassim.simulation import assemble, compensation, integrator_error, numerical_damping, period_errors
 from nassim.simulation.compensation import Steps, compensated
 from nassim.systems import proportional
 
@@ -116,6 +117,34 @@ def test_period_errors_are_those_of_a_run(link, seat):
     assert np.all(np.min(np.abs(found[:, None] / stepped - 1), axis=0) < 2e-4)
     plain = np.arctan(np.pi * STEP * frequency) / (np.pi * STEP)
     assert np.abs(plain / stepped - 1).max() > 5e-3, "so it matters"
+
+
+@pytest.mark.parametrize(("fidelity", "driven"), [("linear", False), ("ffrf", False), ("linear", True)])
+def test_numerical_damping_is_that_of_a_run(link, fidelity, driven):
+    """A heavy load on the link, radius 0, six steps in the first period: poles of a decay."""
+    left, right = (link.point(name).position for name in ("left", "right"))
+    base = RigidBody("base", {"rail": left, "end": right}, fixed=True)
+    load = RigidBody("load", {"p": np.zeros(3)}, 20.0, 1e-1 * np.diag([1.0, 1.2, 1.5]), right)
+    foot = prismatic("foot", "base.rail", "link.left", "x") if driven else fixed("foot", "base.rail", "link.left")
+    scene = Scene(
+        "slow",
+        (base, FlexibleBody("link", link, fidelity=fidelity), load),
+        (foot, fixed("b", "link.right", "load.p"), Joint("guide", "base.end", "load.p", free="x")),
+        (PointForce("f", "load.p", "x", "f"), *((Drive("motor", "foot", "z", "way"),) if driven else ())),
+        (Encoder("e", "base.end", "load.p", "x"),),
+        damping_ratio=0.0,
+    )
+    step = 1 / (6 * assemble(scene).frequency[0])
+    time = step * np.arange(60)
+    push = TimeHistory(
+        time, np.array([np.arange(60) < 3, np.zeros(60)])[: 1 + driven], scene.inputs, ("N", "m")[: 1 + driven]
+    )
+    run = simulate(scene, push, time_step=step, spectral_radius=0.0, progress=False)
+    (pole,) = (p for p in decay_poles(run.values[:, 8:40], step, n_poles=2) if p.imag > 0)
+    told = numerical_damping(scene, step, spectral_radius=0.0)[0]
+    assert -pole.real / abs(pole) == pytest.approx(told, rel=1e-3)
+    alone = integrator_error(1 / (6 * step), step, spectral_radius=0.0)[1]
+    assert told == pytest.approx(alone, rel=1e-6) if driven else told > 1.2 * alone
 
 
 @pytest.mark.parametrize("radius", [1.0, 0.8])

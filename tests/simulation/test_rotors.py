@@ -502,7 +502,9 @@ def test_a_force_sensor_of_a_bearing_is_named_where_its_reading_turns():
     rotor = RigidBody("rotor", {"p": np.zeros(3)}, 1.0, inertia)
     guide = Joint("guide", "ground.p", "rotor.p", free=("x", "y", "rz"))
     springs = tuple(SpringDamper(a, "ground.p", "rotor.p", a, 500.0) for a in "xy")
-    scene = Scene("r", (ground, rotor), (guide,), sensors=(ForceSensor("pull", "x"),), springs=springs)
+    scene = Scene(
+        "r", (ground, rotor), (guide,), sensors=(ForceSensor("pull", "x"),), springs=springs, damping_ratio=0.0
+    )
     spin = {"angular_velocity": (0, 0, 5.0), "standing": ["ground"]}
     linearize(scene, **spin, frame="standing")
     with pytest.raises(ValueError, match="output 'pull': as the turning frame sees it, this changes by"):

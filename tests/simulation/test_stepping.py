@@ -51,9 +51,9 @@ def test_a_look_sees_all_bodies_as_one_by_one(fidelities):
     system = build_system(assemble(chain(*fidelities)))
     seen = Watch(system)
     random, data, states = np.random.default_rng(3), system.mbs.systemData, []
-    for scale in (1e-6, 3e-6, 2e-6):
+    for sample, scale in enumerate((1e-6, 3e-6, 2e-6)):
         data.SetODE2Coordinates(scale * random.standard_normal(data.ODE2Size()), exu.ConfigurationType.Current)
-        seen.look()
+        seen.look(sample)
         states.append({name: system.deformation(name) for name in system.carriers})
     assert set(seen.largest) == set(system.carriers)
     for name in system.carriers:

@@ -27,6 +27,27 @@ def test_of_equally_frequent_layouts_that_of_the_earlier_run_counts(order, shape
     assert found.x.shape == shape
 
 
+def test_real_results_among_complex_ones_are_kept():
+    """A pole of a damped oscillator, which is real where the damping is above critical: NumPy's roots tell by type."""
+
+    def pole(ratio):
+        root = np.roots([1.0, 2 * ratio, 1.0])[0]
+        return {"pole": root, "size": abs(root), "n": [1] * (2 + (ratio > 2))}
+
+    for order in ([0.1, 0.2, 1.25, 3.0], [3.0, 1.25, 1.25, 0.2]):
+        found = quiet(pole, samples={"ratio": order})
+        expected = np.array([-r - np.emath.sqrt(r**2 - 1) for r in order])
+        assert [s for s, r in zip(found.status.values, order, strict=True) if r != 3.0] == ["ok"] * 3
+        assert found.status.values[order.index(3.0)] == "other shape"
+        assert found.message.values[order.index(3.0)] == "n is 3, in most runs 2"
+        kept = np.array(order) != 3.0
+        assert found.pole.dtype.kind == "c"
+        np.testing.assert_allclose(found.pole.values[kept].real, expected[kept].real, rtol=1e-9)
+        np.testing.assert_allclose(abs(found.pole.values[kept].imag), abs(expected[kept].imag), rtol=1e-9)
+        np.testing.assert_allclose(found["size"].values[kept], abs(expected[kept]), rtol=1e-9)
+    assert quiet(pole, samples={"ratio": [1.5, 1.25]}).pole.dtype.kind == "f"
+
+
 def test_an_axis_that_differs_is_named():
     def response(a):
         return FRF([1.0, 2.0, a], np.ones((1, 1, 3), complex), ("y",), ("u",))

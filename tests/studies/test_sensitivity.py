@@ -1,5 +1,9 @@
 """Sensitivities against closed forms: Ishigami's function, a bench's frequency, linear functions."""
 
+import functools
+import re
+import warnings
+
 import numpy as np
 import pytest
 import scipy
@@ -90,6 +94,15 @@ def test_one_parameter_brings_all_and_what_stays_brings_nothing():
     assert np.all(np.isnan(found.total_interval.sel(result="still")))
 
 
+def test_named_results_alone_are_analysed(three_angles):
+    data = study(three_angles, f=ishigami, g=lambda x, y, z: x + 2 * y, h=lambda x, y, z: z)
+    for analysis in (functools.partial(sobol_indices, n_resamples=2), correlations, linear_effects):
+        assert analysis(data).result.values.tolist() == ["f", "g", "h"]
+        named = analysis(data, results=["h", "f"])
+        assert named.result.values.tolist() == ["h", "f"]
+        assert named.identical(analysis(data[["h", "f"]]))
+
+
 def test_the_same_seed_gives_the_same_intervals(three_angles):
     data = study(three_angles, f=ishigami)
     first, again, other = (sobol_indices(data, n_resamples=20, seed=seed) for seed in (1, 1, 2))
@@ -136,6 +149,42 @@ def test_effects_are_those_of_the_plane():
     assert float(found["mean"].sel(result="f")) == pytest.approx(float(data.f.mean()))
     slopes = found.effect.sel(result="f").values[:2] / np.ptp(np.quantile([data.u, data.v], [0.1, 0.9], axis=1), axis=0)
     assert slopes == pytest.approx([3.0, -2.0], rel=1e-10)
+
+
+def together(own, n=200):
+    """u, w, and v that goes along with u: of its variance only a share is its own."""
+    drawn = np.random.default_rng(5).normal(size=(n, 3))
+    u, rest, w = scipy.linalg.orth(drawn - drawn.mean(axis=0)).T
+    v = np.sqrt(1 - own) * u + np.sqrt(own) * rest
+    columns = {"u": 2e-3 * u + 1, "v": 5e4 * v, "w": w}
+    data = {"f": ("run", 3 * columns["u"] - 1e-4 * columns["v"]), "g": ("run", np.r_[[np.nan] * 9, w[9:]])}
+    return xr.Dataset(data, {name: ("run", column) for name, column in columns.items()})
+
+
+def test_parameters_that_go_together_have_no_effects_of_their_own():
+    """Proportional ones: least squares would give each a half, with the plane explaining all."""
+    for own in (0.0, 0.9e-8):
+        refused_for(together(own), "parameters 'u', 'v' follow from each other in the runs with a", linear_effects)
+    refused_for(
+        together(0.5).assign_coords(v=lambda data: 7 - 3 * data.u + 1e-6 * data.w),
+        "'u', 'v', 'w' follow",
+        linear_effects,
+    )
+    with pytest.warns(UserWarning, match="hardly vary independently"):
+        linear_effects(together(1.1e-8), results=["f"])
+
+
+@pytest.mark.parametrize("own", [0.09, 0.11])
+def test_parameters_that_nearly_go_together_are_named_with_how_much(own):
+    data = together(own)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        found = linear_effects(data, results=["f"])
+    text = rf"'f'; own shares of their variance: 'u' {100 * own:.2g} %, 'v' {100 * own:.2g} %\. .* scatter 3\.3 times"
+    assert [bool(re.search(text, str(each.message))) for each in told] == ([True] if own < 0.1 else [])
+    np.testing.assert_allclose(found.own_share.values[0], [own, own, 1.0], rtol=1e-9)
+    spread = np.ptp(np.quantile([data.u, data.v], [0.05, 0.95], axis=1), axis=0)
+    np.testing.assert_allclose(found.effect.values[0], [*(spread * [3, -1e-4]), 0.0], atol=1e-12 * abs(spread[1]))
 
 
 def test_what_a_sweep_adds_and_what_has_no_number_counts_for_nothing():

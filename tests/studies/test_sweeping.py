@@ -124,7 +124,7 @@ def test_trouble_is_rows_with_a_status():
     assert message[3] == "RuntimeError: run 3 does not converge"
     assert message[4] == "stopped at its time limit of 2 s"
     assert found.wall_time[4] == 2.0
-    assert message[5] == "x is real, 3, in most runs real, a number"
+    assert message[5] == "x is 3, in most runs a number"
     assert message[6] == "there is NaN in x"
     assert message[7] == "its process ended 3 times, the last time with status 5"
     good = found.status == "ok"
@@ -280,6 +280,15 @@ signal.signal(signal.SIGINT, signal.default_int_handler)  # which shells let wha
 function = functools.partial(tiny_functions.slow, calls={calls!r})
 sweep(function, grid={{"n": range(40)}}, folder={folder!r}, n_processes=2, progress=False)
 """
+
+
+def test_runs_write_nothing_to_the_terminal(capfd):
+    """Warnings stand in the results; of a process that ends, so does its last line."""
+    found = quiet(tiny_functions.outspoken, grid={"n": [1, 2, 3]}, n_processes=1)
+    assert capfd.readouterr() == ("", "")
+    assert found.status.values.tolist() == ["ok", "ok", "lost"]
+    assert found.message.values.tolist()[:2] == ["warning: run 1 is odd", "warning: run 2 is odd"]
+    assert found.message.values[2].endswith("the last time with status 5, having written 'written too'")
 
 
 def orphans():

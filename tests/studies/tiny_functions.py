@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 import time
 
 import numpy as np
@@ -19,6 +20,7 @@ from nassim import (
     frequency_response,
     linearize,
 )
+from nassim.base.notices import warn
 from nassim.systems import damping
 
 
@@ -58,6 +60,18 @@ def troublesome(n):
     if n == 7:
         os._exit(5)
     return {"x": float(n)}
+
+
+def outspoken(n):
+    """Writes to the terminal by all ways that there are, warns, and ends its process at last."""
+    print("printed")
+    print("printed too", file=sys.stderr)
+    warn(f"run {n} is odd")
+    os.write(1, b"written\n")
+    os.write(2, b"written too\n\n")
+    if n == 3:
+        os._exit(5)
+    return n
 
 
 def count_calls(a, calls):

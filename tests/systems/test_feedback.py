@@ -247,6 +247,45 @@ def test_the_smallest_of_several_margins_counts():
     assert (found.gain_margin, found.gain_margin_frequency) == pytest.approx((1 / 0.7, 30.0), rel=1e-5)
 
 
+def of_polynomials(numerator, denominator, frequency):
+    s = 2j * np.pi * frequency
+    return FRF(frequency, (np.polyval(numerator, s) / np.polyval(denominator, s))[None, None], ("y",), ("y",))
+
+
+def test_margins_of_an_unstable_loop_are_negative_and_below_one():
+    """30 / (s (s + 1) (s / 5 + 1)): -5 at w^2 = 5, and |L| = 1 at a phase found by its arcs."""
+    found = margins(of_polynomials([30.0], [0.2, 1.2, 1.0, 0.0], np.geomspace(1e-2, 1e2, 20001)))
+    crossing = scipy.optimize.brentq(lambda w: w * np.hypot(w, 1) * np.hypot(w / 5, 1) - 30, 1.0, 10.0)
+    phase = 90 - np.degrees(np.arctan(crossing) + np.arctan(crossing / 5))
+    assert phase == pytest.approx(-30.67, abs=0.01)
+    assert (found.phase_margin, found.phase_margin_frequency) == pytest.approx((phase, crossing / 2 / np.pi), rel=1e-5)
+    assert (found.gain_margin, found.gain_margin_frequency) == pytest.approx((1 / 5, np.sqrt(5) / 2 / np.pi), rel=1e-5)
+
+
+def test_signs_of_margins_tell_stability():
+    """Random loops, with resonances, integrators and zeros on both sides, by the roots of 1 + L = 0."""
+    random, told = np.random.default_rng(8), {True: 0, False: 0}
+    for _ in range(200):
+        poles = np.concatenate([-(10 ** random.uniform(-1, 1, random.integers(1, 3))), np.zeros(random.integers(0, 3))])
+        for omega, ratio in zip(10 ** random.uniform(-1, 1, 2), 10 ** random.uniform(-1.5, -0.3, 2), strict=True):
+            poles = np.append(poles, omega * (-ratio + 1j * np.sqrt(1 - ratio**2) * np.array([1, -1])))
+        zeros = random.choice([-1, -1, -1, 1], 3) * 10 ** random.uniform(-1, 1, 3)
+        denominator = np.poly(poles).real
+        numerator = 10 ** random.uniform(-3, 1) * random.choice([-1, 1, 1]) * np.poly(zeros)
+        numerator *= np.sign(numerator[-1]) if np.any(poles == 0) else 1.0
+        found = margins(of_polynomials(numerator, denominator, np.geomspace(1e-5, 1e3, 20001)))
+        stable = bool(np.roots(np.polyadd(denominator, numerator)).real.max() < 0)
+        if np.isfinite(found.phase_margin):
+            assert (found.phase_margin > 0) == stable
+            told[stable] += 1
+        if np.isfinite(found.gain_margin):
+            for factor in (0.999, 1.001):
+                real = np.roots(np.polyadd(denominator, factor * found.gain_margin * numerator)).real
+                told[factor] = np.sum(real > 0)
+            assert told[0.999] != told[1.001], "a pole crosses there"
+    assert min(told[True], told[False]) > 40
+
+
 def test_margins_agree_with_the_closed_loop():
     plant, controller = sampled(one_mode(0.01), RATE), iff(60.0, delay=2)
     loop = open_loop(plant, controller, np.linspace(0.1, RATE / 2, 50001), **LOOP)

@@ -179,9 +179,7 @@ def test_the_error_of_wide_steps_is_estimated_and_told():
         actual = budget.rms()[0, 0] / np.sqrt(2 * np.arctan(away[-1])) - 1
         assert budget.integration_error[0, 0] == pytest.approx(actual, rel=0.2)
     with pytest.warns(UserWarning, match=r"too coarse .* rms of '\w+' may be off by \d+ %; take closer ones"):
-        noise_budget(
-            machine(0.01), {"floor": lambda f: np.exp(-((f - 50) ** 2))}, np.array([1.0, 48.0, 50.0, 52.0, 1e3])
-        )
+        noise_budget(machine(0.01), {"floor": [1e-9, 1e-9, 1.0, 1e-9, 1e-9]}, [1.0, 48.0, 50.0, 52.0, 1e3])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         noise_budget(machine(1e-5), {"floor": 1.0}, np.geomspace(0.1, 1e3, 60))
@@ -207,6 +205,19 @@ def test_lines_of_a_table_are_not_stepped_over():
     assert {33.0, 34.0, 2.0, 90.0, 89.0} <= set(budget.frequency)
     assert budget.frequency[[0, -1]] == pytest.approx([2.0, 90.0])
     assert budget.rms()[0, 0] ** 2 == pytest.approx(5.0, rel=0.01)
+
+
+@pytest.mark.parametrize(("place", "width"), [(47.31, 0.05), (3.217, 2e-3), (199.9, 0.2)])
+def test_lines_of_a_function_are_not_stepped_over(place, width):
+    """A line narrow beside all distances adds its area times the response there squared."""
+    model, area = machine(0.3), width * np.sqrt(np.pi)
+    quiet = noise_budget(model, {"floor": 1e-9}, BAND)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        budget = noise_budget(model, {"floor": lambda f: 1e-9 + np.exp(-(((f - place) / width) ** 2))}, BAND)
+    line = area * np.abs(frequency_response(model, [place]).values[:, 0, 0]) ** 2
+    assert budget.rms()[:, 0] ** 2 == pytest.approx(quiet.rms()[:, 0] ** 2 + line, rel=4e-3)
+    assert len(budget.frequency) < 4 * len(quiet.frequency)
 
 
 def test_one_disturbance_at_several_inputs_adds_amplitudes():

@@ -96,14 +96,15 @@ def test_branches_hold_the_closed_loops_poles_and_stay_whole(model):
         assert (unstable_poles(closed) == ()) == locus.stable[k]
 
 
-def test_branches_that_cross_go_straight_on():
-    """One pole moves to the right, another one up; between two gains both pass the same place."""
+@pytest.mark.parametrize("gains", [[0.0, 0.7, 1.5, 2.5, 3.5], [0.0, 0.2, 1.6, 1.7, 3.0, 3.01, 9.0]])
+def test_branches_that_cross_go_straight_on(gains):
+    """One pole moves to the right, another one up; between two gains, however spaced, both pass the same place."""
     turn = np.array([[0.0, 1.0], [-1.0, 0.0]])
     state = scipy.linalg.block_diag(20 * turn - 3 * np.eye(2), 18 * turn - np.eye(2))
     names = tuple("abcd"), tuple("efgh")
     plant = LinearModel(state, np.eye(4), np.eye(4), np.zeros((4, 4)), *names)
     controller = proportional(scipy.linalg.block_diag(np.eye(2), turn), sample_rate=RATE)
-    gains = np.array([0.0, 0.7, 1.5, 2.5, 3.5])
+    gains = np.array(gains)
     locus = root_locus(plant, controller, gains, measured=names[1], driven=names[0], delay_order=0)
     right, up = (locus.poles[:, np.argmin(np.abs(locus.poles[0] - start))] for start in (-3 + 20j, -1 + 18j))
     np.testing.assert_allclose(right, -3 + 20j + gains, atol=1e-9)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from nassim.systems.state_space import discretize, repeated, transfer_matrix, uncoupled
+from nassim.systems.state_space import discretize, repeated, transfer_matrix, transmission_zeros, uncoupled
 
 RANDOM = np.random.default_rng(3)
 MODE = np.array([[0.0, 1.0], [-(300.0**2), -6.0]])
@@ -86,6 +86,56 @@ def test_responses_are_infinite_at_poles(state):
     inputs, outputs = np.eye(len(state))[:, -1:], np.eye(len(state))[:1]
     value = transfer_matrix((state, inputs, outputs, np.zeros((1, 1))), np.array([state[0, 0] + 0j]))
     assert not np.isfinite(value).any()
+
+
+def test_only_the_pole_itself_is_infinite():
+    value = transfer_matrix((RIGID, np.eye(2)[:, 1:], np.eye(2)[:1], np.zeros((1, 1))), np.array([0, 2j, 5j]))
+    assert not np.isfinite(value[0, 0, 0])
+    np.testing.assert_allclose(value[0, 0, 1:], [-1 / 4, -1 / 25], rtol=1e-15)
+
+
+@pytest.mark.parametrize("loss", [0.0, 1e-17, 1e-14, 1e-11, 1e-8, 1e-4, 1.0])
+def test_a_free_mass_with_hardly_any_damper(loss):
+    """1 / (s (s + loss)): two poles at nearly one place, whose eigenvectors are as nearly parallel."""
+    points = 2j * np.pi * np.geomspace(1e-2, 1e4, 50)
+    a = np.array([[0.0, 1.0], [0.0, -loss]])
+    found = transfer_matrix((a, np.eye(2)[:, 1:], np.eye(2)[:1], np.zeros((1, 1))), points)
+    np.testing.assert_allclose(found[0, 0], 1 / (points * (points + loss)), rtol=1e-9)
+
+
+@pytest.mark.parametrize("loss", [0.0, 1e-17, 1e-14, 1e-8, 1.0])
+def test_zero_of_a_free_mass_with_hardly_any_damper(loss):
+    """Position and half of the velocity read together: -2, whatever brakes."""
+    a = np.array([[0.0, 1.0], [0.0, -loss]])
+    found = transmission_zeros((a, np.eye(2)[:, 1:], np.array([[1.0, 0.5]]), np.zeros((1, 1))))
+    assert found == pytest.approx([-2.0], rel=1e-12)
+
+
+def test_free_carriages_with_damped_payloads():
+    """In modal coordinates, as products of matrices leave them: rounding couples the free motion to the payload's."""
+    for _ in range(40):
+        carriage, payload, k, c = 10 ** RANDOM.uniform([-1, -1, 2, -1], [1, 2, 7, 2])
+        mass, pair = np.diag([carriage, payload]), np.array([[1.0, -1.0], [-1.0, 1.0]])
+        squares, shapes = scipy.linalg.eigh(k * pair, mass)
+        damper = shapes.T @ (c * pair) @ shapes
+        damper += 1e-16 * damper[1, 1] * RANDOM.normal(size=(2, 2))
+        a = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.diag([0.0, squares[1]]), -damper]])
+        b, c_ = np.vstack([np.zeros((2, 2)), shapes.T]), np.hstack([shapes, np.zeros((2, 2))])
+        s = 1j * np.sqrt(squares[1]) * np.geomspace(0.1, 1e2, 30)
+        spring, free = c * s + k, s**2 * (carriage * payload * s**2 + (carriage + payload) * (c * s + k))
+        expected = np.array([[payload * s**2 + spring, spring], [spring, carriage * s**2 + spring]]) / free
+        np.testing.assert_allclose(transfer_matrix((a, b, c_, np.zeros((2, 2))), s), expected, rtol=1e-8)
+
+
+def test_far_above_all_resonances_small_responses_keep_their_digits():
+    """A chain pushed at one end and read at the other: s^-8, the sum of eight terms of s^-1."""
+    n = 4
+    spring = 1e4 * (np.diag([2.0, 2.0, 2.0, 1.0]) - np.eye(n, k=1) - np.eye(n, k=-1))
+    a = np.block([[np.zeros((n, n)), np.eye(n)], [-spring, -1e-5 * spring]])
+    s = 1e2j * np.geomspace(0.1, 1e3, 40)
+    found = transfer_matrix((a, np.eye(2 * n)[:, n:][:, :1], np.eye(2 * n)[n - 1 : n], np.zeros((1, 1))), s)
+    expected = [np.linalg.solve(x**2 * np.eye(n) + (1 + 1e-5 * x) * spring, np.eye(n)[0])[-1] for x in s]
+    np.testing.assert_allclose(found[0, 0], expected, rtol=1e-8)
 
 
 def test_a_system_without_states_is_its_feedthrough():

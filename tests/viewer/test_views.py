@@ -216,6 +216,21 @@ def test_blocks_and_cylinders_have_their_volumes():
     assert np.ptp(surface.points[:, 2]) == 2.0
 
 
+def test_blocks_and_cylinders_lie_and_are_called_as_told():
+    turn = Rotation.from_rotvec([0.3, -0.8, 0.5]).as_matrix()
+    straight, turned = block((1, 2, 3)), block((1, 2, 3), (4, 5, 6), axes=turn, label="plate")
+    np.testing.assert_allclose(turned.points, straight.points @ turn.T + (4, 5, 6), atol=1e-12)
+    names = [set(shape.labels) for shape in (straight, turned, cylinder(1.0, 1.0), cylinder(1.0, 1.0, label="shaft"))]
+    assert names == [{"block"}, {"plate"}, {"cylinder"}, {"shaft"}]
+
+
+def test_looks_are_those_of_modes_and_motions_too():
+    looks = {"ground": block((0.2, 0.2, 0.02), label="table")}
+    for view in (view_scene_modes(machine(), n=1, looks=looks), view_motion(machine(), turning(), looks=looks)):
+        assert view.shape("ground").form.surface is looks["ground"]
+    assert len(view_scene_modes(machine(), n=1).shape("ground").form.surface.points) == 0
+
+
 def test_a_scene_shows_bodies_in_their_places_and_copies_share_one_form():
     view = view_scene(machine(), looks={"ground": block((0.2, 0.2, 0.02))})
     first, second = view.shape("bar_1"), view.shape("bar_2")

@@ -198,6 +198,8 @@ def general_term(mbs: Any, evaluate: Evaluator, read: Callable[[Array, Array], f
 
     def value(*columns: Array) -> Array:
         orders = [np.hstack(columns[k * n : (k + 1) * n]) for k in range(derivative + 1)]
+        if len(orders[0]) > 1:
+            evaluate.last = None  # a record counts its angles from its first sample
         result = []
         for sample in zip(*orders, strict=True):
             now, rows = evaluate(sample[0], keep=True)

@@ -203,7 +203,7 @@ def _of_angle(items: Items, term: Output, measure: RotationAngle) -> list[Term] 
         result: Array = term.gain * size * np.unwrap(angles)
         return result
 
-    return [Term(tuple(probes.numbers), value)]
+    return [Term(tuple(probes.numbers), value, period=2 * np.pi * abs(term.gain) * size)]
 
 
 FASTER: Mapping[type[Measure], Callable[[Items, Output, Any], list[Term] | None]] = {

@@ -18,9 +18,12 @@ from nassim.simulation.buckling import axial_rows
 from nassim.simulation.exudyn.filtering import Filtering
 from nassim.simulation.exudyn.springs import rounding
 from nassim.simulation.exudyn.state import System, find_accelerations
+from nassim.simulation.exudyn.turning import solve_hanging
 from nassim.simulation.exudyn.watch import Watch
+from nassim.simulation.reach import find_reach, scene_size
 from nassim.simulation.running_loops import runaway, start_loops
 from nassim.simulation.small_motion import NO_EQUILIBRIUM
+from nassim.simulation.stopped_runs import Stopped
 
 CHECKS = 200
 """How often a run looks at its state."""
@@ -67,19 +70,21 @@ def solve_static(system: System) -> None:
     # Full pivoting leaves motions without stiffness alone, and does not converge where a force acts on one.
     settings.linearSolver.solverType = exu.LinearSolverType.EigenDense
     settings.linearSolver.ignoreSingularJacobian = True
-    if not _solved(system, settings):
-        raise RuntimeError(NO_EQUILIBRIUM)
+    if _solved(system, settings):
+        return
+    # Exudyn's joints do not tell Newton's rule what the forces in them do when they turn: a weight's own stiffness.
+    try:
+        solve_hanging(system, scene_size(system.assembly))
+    except RuntimeError:
+        raise RuntimeError(NO_EQUILIBRIUM) from None
 
 
 def _solved(system: System, settings: Any) -> bool:
-    loud = exu.config.printToConsole
-    exu.config.printToConsole = False  # of failures nassim tells itself
     try:
-        system.mbs.SolveStatic(settings, updateInitialValues=True)
+        with _silent():
+            system.mbs.SolveStatic(settings, updateInitialValues=True)
     except Exception:
         return False
-    finally:
-        exu.config.printToConsole = loud
     return True
 
 
@@ -93,7 +98,7 @@ def solve_dynamic(
     progress: bool,
     explicit: bool = False,
     look: Callable[[int], None] | None = None,
-) -> tuple[dict[str, Array], dict[str, Array], dict[tuple[str, str], Array], dict[str, float], Array]:
+) -> tuple[Watch, Array]:
     """Integrate with a fixed step by generalized-alpha, or explicitly by Runge and Kutta's rule of order 4.
 
     The explicit rule holds each input from its time step to the next, and needs a system without constraints.
@@ -101,15 +106,13 @@ def solve_dynamic(
 
     inputs: values at the time steps, shape (n_steps + 1,) each, by name
 
-    Returns, as some 200 looks found them, the largest `motion_size` of the bodies, the least `axial_forces` of those
-    that deform, the largest of `System.shifting` of bodies tied together, by body or two, and how fast floating ones
-    turned; then what the scene's loops put out, shape (commands, n_steps + 1).
-    Ctrl-C ends the run after the step at hand with KeyboardInterrupt; RuntimeError, with time, body and likely cause,
-    when the integration fails or diverges.
+    Returns what some 200 looks at the run found, and what the scene's loops put out, shape (commands, n_steps + 1).
+    Raises Stopped, with time, body and likely cause, when the integration fails or diverges, and when Ctrl-C ends the
+    run after the step at hand.
     """
     settings = _fixed_steps(system, n_steps, time_step, spectral_radius)
-    watch = Watch(system)
     steps = _Steps(system, inputs, n_steps, time_step, explicit=explicit)
+    watch = Watch(system, find_reach(system.assembly, steps.inputs.T, time_step) if steps.commands.size else None)
     find_accelerations(system, settings)
     chunk = max(1, n_steps // CHECKS)
     with stage("simulate", total=n_steps, unit="steps", enabled=progress) as advance, _interrupts() as interrupts:
@@ -120,21 +123,23 @@ def solve_dynamic(
             steps.begin()
             if steps.begun % chunk == 0:
                 advance(chunk)
-                watch.look()
+                watch.look(steps.begun - 1)
             return not interrupts and not watch.lost
 
         system.mbs.SetPreStepUserFunction(before_step)
         failure = _integrate(system, settings, explicit=explicit)
-        if interrupts:
-            raise KeyboardInterrupt(f"simulation stopped at t = {steps.begun * time_step:g} s")
-        if not watch.lost:
-            watch.look()
-        _check_run(system, watch.lost, failure, steps.begun, time_step)
+        if not (interrupts or failure or watch.lost):
+            watch.look(n_steps)
+        message = _ending(system, watch, steps, failure, spectral_radius, time_step, interrupted=bool(interrupts))
+        if message:
+            readings = np.vstack([_recorded(system, steps.begun), steps.commands[: steps.begun].T])
+            cause = None if interrupts or watch.lost else failure
+            raise Stopped(message, readings, watch.trust.sample, interrupted=bool(interrupts)) from cause
         steps.end()
         if look:
             look(n_steps)
         advance(n_steps % chunk)
-    return watch.largest, watch.slackest, watch.shifts, watch.speeds, steps.commands.T
+    return watch, steps.commands.T
 
 
 class _Steps:
@@ -190,31 +195,49 @@ def _integrate(system: System, settings: Any, *, explicit: bool) -> Exception | 
     """Run Exudyn's solver; the error when it fails."""
     kind = exu.DynamicSolverType.RK44 if explicit else exu.DynamicSolverType.GeneralizedAlpha
     try:
-        with _uncounted_vectors():
+        with _uncounted_vectors(), _silent():
             system.mbs.SolveDynamic(settings, solverType=kind)
     except Exception as error:
         return error
     return None
 
 
-def _check_run(system: System, lost: list[str], failure: Exception | None, begun: int, time_step: float) -> None:
-    """Raise RuntimeError when a run has lost bodies or failed in its step number `begun`."""
-    scene = system.assembly.scene
-    if lost and scene.loops:
-        records = [system.recorded(name) for name in scene.outputs]
-        outputs = np.column_stack(np.broadcast_arrays(*(r[: begun if len(r) > 1 else 1] for r in records)))
-        raise RuntimeError(runaway(scene, lost[0], outputs, time_step))
-    if lost:
-        raise RuntimeError(
-            f"the run diverges: at t = {begun * time_step:g} s body {lost[0]!r} is deformed beyond its own size; "
-            "likely an excitation far too large, or a spectral_radius of 1 on a spinning body without damping: "
-            "take one below 1 or a smaller time_step"
+def _ending(
+    system: System,
+    watch: Watch,
+    steps: _Steps,
+    failure: Exception | None,
+    spectral_radius: float,
+    time_step: float,
+    *,
+    interrupted: bool,
+) -> str:
+    """Return why a run has ended in its step number `steps.begun`; empty for one that has come to its end."""
+    scene, now = system.assembly.scene, f"t = {steps.begun * time_step:g} s"
+    if interrupted:
+        return f"simulation stopped at {now}"
+    if watch.lost and scene.loops:
+        outputs = _recorded(system, steps.begun)[: len(scene.outputs)]
+        return runaway(scene, watch.lost[0][1], outputs.T, time_step)
+    if watch.lost:
+        return (
+            f"the run diverges: at {now} body {watch.lost[0][0]!r} is deformed beyond its own size; likely an "
+            f"excitation far too large, or a spectral_radius of {spectral_radius:g} on a spinning body without "
+            "damping: take a smaller one or a smaller time_step"
         )
     if failure is not None:
-        raise RuntimeError(
-            f"the integration failed at t = {begun * time_step:g} s; try a smaller time_step or a "
-            f"spectral_radius below 1. {failure}"
-        ) from failure
+        looped = ", or look for a loop that runs away (linearize_closed, unstable_poles)" if scene.loops else ""
+        likely = watch.describe_drift(time_step, spectral_radius) or "try a smaller time_step or spectral_radius"
+        return f"the integration failed at {now}; {likely}{looped}"
+    return ""
+
+
+def _recorded(system: System, n_samples: int) -> Array:
+    """Outputs of the samples that a run has, (outputs, n_samples)."""
+    names = system.assembly.scene.outputs
+    rows = [system.recorded(name) for name in names]
+    rows = [np.broadcast_to(row[:n_samples] if len(row) > 1 else row, (n_samples,)) for row in rows]
+    return np.reshape(rows, (len(names), n_samples))
 
 
 def axial_tension(system: System, body: FlexibleBody) -> Array:
@@ -239,6 +262,17 @@ def _follow(rate: float, time_step: float) -> Callable[[float, float], float]:
         return value
 
     return follow
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Exudyn prints what fails, which nassim tells itself."""
+    loud = exu.config.printToConsole
+    exu.config.printToConsole = False
+    try:
+        yield
+    finally:
+        exu.config.printToConsole = loud
 
 
 @contextmanager

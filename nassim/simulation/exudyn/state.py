@@ -89,11 +89,13 @@ class Term:
 
     sensors: Exudyn's numbers; value: makes of their columns, (n_samples, k) each, the summand, (n_samples,)
     weights: of the columns of one sensor, where the summand is their weighted sum
+    period: of a summand that counts turns on: what a whole turn adds to it, by which single samples are ambiguous; or 0
     """
 
     sensors: tuple[int, ...]
     value: Callable[..., Array]
     weights: Array | None = None
+    period: float = 0.0
 
     @classmethod
     def linear(cls, sensor: int, weights: Array) -> "Term":
@@ -114,6 +116,7 @@ class System:
     sparse: whether Exudyn's sparse solver is the faster one
     filtered: what a run lets pass, by output of `Assembly.filters`, (n_samples,) each
     turning: by inertial output, sensors of axes with which its directions turn, and these directions times gains, (3,)
+    counts: last values of terms that count turns on, by their `id`
     """
 
     container: Any
@@ -128,6 +131,7 @@ class System:
     sparse: bool = False
     filtered: dict[str, Array] = field(default_factory=dict)
     turning: dict[str, list[tuple[int, Array]]] = field(default_factory=dict)
+    counts: dict[int, float] = field(default_factory=dict)
 
     def apply(self, inputs: Mapping[str, float]) -> None:
         """Set the inputs, as if they had always been so."""
@@ -185,16 +189,22 @@ class System:
             for sensor, rows in sums:
                 values += rows.dot(np.atleast_1d(read(sensor)))
             for k, term in others:
-                values[k] += term.value(*(np.reshape(read(sensor), (1, -1)) for sensor in term.sensors))[0]
+                values[k] += self._present(term)
             return values
 
         return measure
 
     def measured(self, output: str) -> float:
         """Present value of one output, before its filter."""
-        read = self.mbs.GetSensorValues
-        terms = self.readings[output]
-        return sum(float(term.value(*(np.reshape(read(k), (1, -1)) for k in term.sensors))[0]) for term in terms)
+        return sum(self._present(term) for term in self.readings[output])
+
+    def _present(self, term: Term) -> float:
+        """Present value of a term; turns are counted on from the value before."""
+        value = float(term.value(*(np.reshape(self.mbs.GetSensorValues(k), (1, -1)) for k in term.sensors))[0])
+        if term.period:
+            value += term.period * round((self.counts.get(id(term), value) - value) / term.period)
+            self.counts[id(term)] = value
+        return value
 
     def at_rest(self, output: str) -> float:
         """Present value of one output, behind its filter, of a system that rests."""
@@ -235,6 +245,12 @@ class System:
         """How fast a body's frame turns [rad/s]."""
         rate = self.mbs.GetNodeOutput(self.nodes[name], exu.OutputVariableType.AngularVelocity)
         return float(np.linalg.norm(rate))
+
+    def distance(self, name: str) -> float:
+        """How far a body's frame, or the first point of one in small motion, is from where it is drawn [m]."""
+        if name in self.nodes:
+            return float(np.linalg.norm(self._pose(name, drawn=False)[1] - self._pose(name, drawn=True)[1]))
+        return float(np.linalg.norm(self.deformation(name)[:3]))
 
     def shifting(self, pairs: Sequence[tuple[str, str]]) -> Callable[[], Array]:
         """A function that tells how far each pair's first body has moved as seen from the other's frame, (pairs, 2).

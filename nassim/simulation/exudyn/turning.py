@@ -18,12 +18,15 @@ import scipy
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import skew
 from nassim.simulation.exudyn.state import System
+from nassim.simulation.small_motion import NO_EQUILIBRIUM
 from nassim.systems.linear_model import UnstablePole
 
 STEP = 1e-6
 """Of central differences: [m], [-] of Euler parameters, and of modes in their own unit."""
 CLOSE = 1e-9
 """Newton's last step over the speed of the turn, both as roots of energy."""
+LONGEST = 0.25
+"""Longest step over the same: some half a radian of a pendulum."""
 SHUT = 1e-12
 """What may be open at joints in the end [m], [-]."""
 ITERATIONS = 30
@@ -187,19 +190,56 @@ def solve_turning(system: System, twists: Mapping[str, Array]) -> tuple[Unstable
     Where the equilibrium is neutral, what moves freely stays where it is. Raises RuntimeError without one.
     """
     equations = _Equations.of(system, twists)
-    data = system.mbs.systemData
+    speed = max(float(np.linalg.norm(twist[3:])) for twist in twists.values())
+
+    def turning(x: Array) -> float:
+        rates = equations.rates(x)
+        return float(np.sqrt(rates @ equations.mass(x) @ rates))
+
+    return _come_to_rest(equations, speed, turning)
+
+
+def solve_hanging(system: System, size: float) -> None:
+    """Bring the system into a static equilibrium that its weight may stiffen, keep that as the initial state.
+
+    Args:
+        system: at rest, with gravity.
+        size: of its scene [m].
+
+    Where the equilibrium is neutral, what moves freely stays where it is. Raises RuntimeError without a stable one.
+    """
+    scene = system.assembly.scene
+    gravity = float(np.linalg.norm(scene.gravity))
+    if not gravity:
+        raise RuntimeError(NO_EQUILIBRIUM)
+    mass = sum(body.rigid_inertia[0] for body in scene.bodies if body.moves)
+    falling = float(np.sqrt(2 * mass * gravity * size))
+    equations = _Equations.of(system, {name: np.zeros(6) for name in system.nodes})
+    if _come_to_rest(equations, float(np.sqrt(gravity / size)), lambda _: falling):
+        raise RuntimeError(NO_EQUILIBRIUM)
+
+
+def _come_to_rest(equations: _Equations, speed: float, turning: Callable[[Array], float]) -> tuple[UnstablePole, ...]:
+    """Find where a system rests and keep that as its initial state; returns what grows there by itself.
+
+    Args:
+        equations: of the system.
+        speed: of the turn, or of what swings under its weight [rad/s].
+        turning: root of the energy of the turn, or of what falls, by coordinates.
+
+    Raises RuntimeError where it comes to no rest.
+    """
+    data = equations.system.mbs.systemData
     drawn = data.GetODE2Coordinates(exu.ConfigurationType.Reference)
     x = drawn + data.GetODE2Coordinates(exu.ConfigurationType.Initial)
-    speed = max(float(np.linalg.norm(twist[3:])) for twist in twists.values())
     for _ in range(ITERATIONS):
-        rates = equations.rates(x)
-        turning = float(np.sqrt(rates @ equations.mass(x) @ rates))
         if not np.all(np.isfinite(equations.left(x))):
             break
+        energy = turning(x)
         motion = _Motion.about(equations, x)
-        step, size = motion.step(speed, turning)
-        x = x + step
-        if size < CLOSE * turning and motion.opened < SHUT:
+        step, size = motion.step(speed, energy)
+        x = x + step * min(1.0, LONGEST * energy / max(size, np.finfo(float).tiny))
+        if size < CLOSE * energy and motion.opened < SHUT:
             for kind in (exu.ConfigurationType.Initial, exu.ConfigurationType.Current):
                 data.SetODE2Coordinates(x - drawn, kind)
                 data.SetODE2Coordinates_t(equations.rates(x), kind)

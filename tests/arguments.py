@@ -1,0 +1,44 @@
+"""Optional arguments of public verbs: each has the default that its signature documents, and changes what it should."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Argument:
+    """An optional argument of a verb.
+
+    call: the verb with all that it requires, taking further arguments by keyword
+    default: as documented; other: another value; law: whether results (before, after) are as `other` demands
+    """
+
+    call: Callable[..., Any]
+    name: str
+    default: Any
+    other: Any
+    law: Callable[[Any, Any], Any]
+
+    def check(self) -> None:
+        """Fail where the default is another one than documented, and where the argument does not do what it should."""
+        before = self.call()
+        assert same(before, self.call(**{self.name: self.default})), f"{self.name} is not {self.default!r} by default"
+        assert np.all(self.law(before, self.call(**{self.name: self.other}))), f"{self.name} does not do what it should"
+
+
+def table(calls: Mapping[str, Callable[..., Any]], rows: list[tuple[str, str, Any, Any, Any]]) -> dict[str, Argument]:
+    """Arguments by "verb: argument" from rows of verb, argument, default, other value and law."""
+    return {f"{verb}: {name}": Argument(calls[verb], name, *rest) for verb, name, *rest in rows}
+
+
+def same(a: Any, b: Any) -> bool:
+    """Whether results are equal to the last digits: numbers, arrays, tuples and data classes of these."""
+    if is_dataclass(a):
+        return all(same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
+    if isinstance(a, tuple | list):
+        return len(a) == len(b) and all(map(same, a, b))
+    if a is None or isinstance(a, str):
+        return a == b
+    return np.shape(a) == np.shape(b) and np.allclose(a, b, rtol=1e-13, atol=1e-300, equal_nan=True)

@@ -1,0 +1,50 @@
+"""Checks of input say the figure with its unit; warnings point at the user's line."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from nassim import RigidBody, Scene, SpringDamper
+from nassim.base.checks import above_zero, not_negative, positive, unique
+from nassim.base.progress import tell
+
+
+@pytest.mark.parametrize(
+    ("check", "value", "message"),
+    [
+        (positive, -2.0, r"length must be positive, got -2 mm$"),
+        (positive, 0.0, r"length must be positive, got 0 mm$"),
+        (not_negative, -1e-9, r"length must not be negative, got -1e-09 mm$"),
+        (above_zero, 0, r"length must be positive, got 0 mm; inf for none$"),
+    ],
+)
+def test_messages_have_the_unit(check, value, message):
+    with pytest.raises(ValueError, match=message):
+        check("length", value, "mm")
+    bare = message.replace(" mm", "")
+    with pytest.raises(ValueError, match=bare):
+        check("length", value)
+
+
+def test_names_that_occur_twice_are_named():
+    with pytest.raises(ValueError, match=r"body names must differ; used more than once: a, c$"):
+        unique("body", ["c", "a", "b", "a", "c"])
+
+
+def test_a_warning_points_at_the_line_that_made_the_scene():
+    ground = RigidBody("ground", {"p": np.zeros(3)}, fixed=True)
+    block = RigidBody("block", {"p": np.zeros(3)}, 1.0, np.eye(3))
+    spring = SpringDamper("k", "ground.p", "block.p", "z", 1e3)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        Scene("s", (ground, block), springs=(spring,), damping_ratio=2.0)
+    assert [one.filename for one in told] == [__file__]
+
+
+def test_notes_are_indented_as_asked(capsys):
+    tell("first")
+    tell("second", indent="")
+    first, second = capsys.readouterr().out.splitlines()
+    assert first.lstrip() == "first" != first
+    assert second == "second"

@@ -1,0 +1,31 @@
+"""Axes from directions, also from those that point against the world's."""
+
+import numpy as np
+import pytest
+
+from nassim.base.rigid_motion import axes_along, rigid_motions, rigid_transfer
+
+
+@pytest.mark.parametrize("z", [*np.eye(3), *-np.eye(3), (0.1, -0.9, 0.4), (-0.5, -0.6, 0.2), (0.2, 0.3, -4.0)])
+def test_axes_begin_in_the_plane_of_the_flattest_world_axis(z):
+    """The first of them is as near as it can be to the world's axis that is most nearly across z."""
+    axes = axes_along(z)
+    np.testing.assert_allclose(axes.T @ axes, np.eye(3), atol=1e-15)
+    assert np.linalg.det(axes) > 0
+    np.testing.assert_allclose(axes[:, 2], np.asarray(z) / np.linalg.norm(z), rtol=1e-15)
+    flattest = np.argmin(np.abs(z))
+    assert axes[flattest, 0] == pytest.approx(np.linalg.norm(np.cross(np.eye(3)[flattest], axes[:, 2])))
+    other = axes_along(z, x=(0.3, 0.2, 0.5))
+    assert np.cross(other[:, 2], (0.3, 0.2, 0.5)) @ other[:, 0] == pytest.approx(0, abs=1e-15)
+    assert other[:, 0] @ (0.3, 0.2, 0.5) > 0
+
+
+def test_rigid_motions_of_points():
+    """u = t + w x p and the rotation w at each point; what follows in the coordinates rests."""
+    places, twist = np.array([[0.1, -0.2, 0.3], [0.4, 0.5, -0.6]]), np.array([1.0, 2.0, 3.0, -0.3, 0.2, 0.7])
+    moved = rigid_motions(places, 14) @ twist
+    for k, place in enumerate(places):
+        np.testing.assert_allclose(moved[6 * k : 6 * k + 3], twist[:3] + np.cross(twist[3:], place))
+        np.testing.assert_allclose(moved[6 * k + 3 : 6 * k + 6], twist[3:])
+        np.testing.assert_allclose(rigid_transfer(place) @ twist, moved[6 * k : 6 * k + 6])
+    assert not moved[12:].any()

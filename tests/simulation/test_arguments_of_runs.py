@@ -1,0 +1,190 @@
+"""Every optional argument of the verbs that run a scene: what it is by default, and that it changes what it should."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import lattice
+from test_large_motion import GRAVITY, INERTIA, NORMAL, SKEWED, ground
+from test_rotors import AXIS, rigid_machine
+
+from nassim import (
+    Encoder,
+    FlexibleBody,
+    Joint,
+    Loop,
+    PointForce,
+    RigidBody,
+    Scene,
+    SpringDamper,
+    TimeHistory,
+    craig_bampton,
+    linearize,
+    simulate,
+    static_response,
+)
+from nassim.scene.joints import prismatic
+from nassim.scene.mechanics import Bushing
+from nassim.simulation import (
+    exudyn_eigenfrequencies,
+    integrator_error,
+    linearize_closed,
+    mode_motion,
+    period_errors,
+    scene_modes,
+    simulate_motion,
+    spinning_equilibrium,
+)
+from nassim.systems.controllers import Controller
+
+STEP = 1e-3
+PLACE = np.array([0.05, -0.02, 0.03])
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """In small motion: a mass on a guide and a spring under weight, a bar clamped beside it."""
+    bar = craig_bampton(lattice(stiffness=3e4), n_modes=1, progress=False)
+    mass = RigidBody("mass", {"c": (0, 0, 0)}, 2.0, INERTIA, rotation=SKEWED)
+    beside = FlexibleBody("bar", bar, PLACE - SKEWED @ bar.point("left").position, SKEWED, fidelity="linear")
+    return Scene(
+        "mass",
+        (ground(o=np.zeros(3), b=PLACE), mass, beside),
+        (prismatic("guide", "ground.o", "mass.c", NORMAL), Joint("clamp", "ground.b", "bar.left")),
+        (PointForce("push", "mass.c", NORMAL, "push"),),
+        (Encoder("x", "ground.o", "mass.c", NORMAL), Encoder("y", "ground.o", "bar.right", "y")),
+        (SpringDamper("spring", "ground.o", "mass.c", NORMAL, 2.0 * (2 * np.pi * 40.0) ** 2),),
+        gravity=GRAVITY,
+        damping_ratio=0.0,
+    )
+
+
+TIME = STEP * np.arange(61)
+PUSH = TimeHistory(TIME, [50 * np.sin(2 * np.pi * 30 * TIME) ** 2], ("push",), ("N",))
+OPTIONS = [
+    {"duration": 0.04},
+    {"outputs": ["y"]},
+    {"method": "exact"},
+    {"spectral_radius": 0.3},
+    {"method": "exact", "hold_order": 0},
+    {"start": "released"},
+]
+
+
+@pytest.mark.parametrize("options", OPTIONS, ids=str)
+def test_both_verbs_heed_every_option(scene, options):
+    """The one with motion gives the same record, and its motion is the record's."""
+    record = simulate(scene, PUSH, time_step=STEP, progress=False, **options)
+    again, motion = simulate_motion(scene, PUSH, time_step=STEP, frames=5, progress=False, **options)
+    assert again.names == record.names
+    np.testing.assert_allclose(again.values, record.values, rtol=1e-12, atol=1e-15)
+    if "x" in record.names:
+        moved = motion.positions["mass"] @ NORMAL
+        np.testing.assert_allclose(moved, record["x"][:: (len(record.time) - 1) // 4], rtol=1e-9, atol=1e-12)
+    others = {key: value for key, value in options.items() if key not in list(options)[-1:]}
+    plain = simulate(scene, PUSH, time_step=STEP, progress=False, **others)
+    if plain.values.shape == record.values.shape:
+        assert np.abs(plain.values - record.values).max() > 1e-4 * np.abs(plain.values[1]).max()
+    else:
+        assert {"duration", "outputs"} & set(options)
+        assert record.time[-1] == options.get("duration", TIME[-1])
+        assert record.names == ("push", *options.get("outputs", ["x", "y"]))
+
+
+def test_the_defaults(scene):
+    defaults = {"method": "generalized_alpha", "spectral_radius": 1.0, "start": "equilibrium", "duration": TIME[-1]}
+    default = simulate(scene, PUSH, time_step=STEP, progress=False)
+    given = simulate(scene, PUSH, time_step=STEP, progress=False, outputs=["x", "y"], **defaults)
+    assert default.names == given.names
+    np.testing.assert_array_equal(default.values, given.values)
+    straight, held = (
+        simulate(scene, PUSH, time_step=STEP, method="exact", progress=False, hold_order=order) for order in (1, 0)
+    )
+    exact = simulate(scene, PUSH, time_step=STEP, method="exact", progress=False)
+    np.testing.assert_array_equal(exact.values, straight.values)
+    assert np.any(exact.values != held.values)
+
+
+@pytest.mark.parametrize("verb", [simulate, simulate_motion])
+@pytest.mark.parametrize("progress", [True, False, None])
+def test_progress_is_shown_unless_it_is_not_wanted(scene, verb, progress, capfd):
+    options = {} if progress is None else {"progress": progress}
+    verb(scene, PUSH, time_step=STEP, **options, **({"frames": 2} if verb is simulate_motion else {}))
+    assert bool("".join(capfd.readouterr())) == (progress is not False)
+
+
+def test_a_number_of_modes(scene):
+    every, few = exudyn_eigenfrequencies(scene), exudyn_eigenfrequencies(scene, n_modes=2)
+    np.testing.assert_array_equal(few, every[:2])
+    assert len(every) > 2
+    frequency, shapes = scene_modes(scene)
+    first, some = scene_modes(scene, n=2)
+    np.testing.assert_array_equal(first, frequency[:2])
+    assert some["mass"].shape == (6, 2)
+    assert shapes["mass"].shape == (6, len(frequency))
+    _, default = mode_motion(scene, 1)
+    _, motion = mode_motion(scene, 1, frames=7)
+    assert len(motion.time) == 7
+    assert len(default.time) == 48
+
+
+def test_inputs_of_statics(scene):
+    """x = (F + m g . n) / k."""
+    stiffness = 2.0 * (2 * np.pi * 40.0) ** 2
+    weight = 2.0 * GRAVITY @ NORMAL
+    assert static_response(scene)["x"] == pytest.approx(weight / stiffness, rel=1e-9)
+    assert static_response(scene, {"push": 30.0})["x"] == pytest.approx((weight + 30.0) / stiffness, rel=1e-9)
+
+
+def test_the_spectral_radius_of_errors(scene):
+    """The rule's own error by default at 1: arctan; at another radius it damps."""
+    angle = 2 * np.pi * 40.0 * STEP
+    longer, damping = integrator_error(40.0, STEP)
+    assert longer == pytest.approx(angle / (2 * np.arctan(angle / 2)) - 1, rel=1e-9)
+    assert damping == 0.0
+    assert integrator_error(40.0, STEP, spectral_radius=0.5)[1] > 1e-4
+    default, one, half = (
+        period_errors(scene, 4e-3, **options) for options in ({}, {"spectral_radius": 1.0}, {"spectral_radius": 0.0})
+    )
+    np.testing.assert_array_equal(default, one)
+    assert np.any(np.abs(default - half) > 1e-6)
+
+
+def test_what_stands_and_whose_frame_in_closed_loops_and_at_rest():
+    """A loop that does nothing leaves the poles of the scene; a load that stands beside the axis is not flung out."""
+    scene, spin = rigid_machine(40.0, k=(4e5, 4e5), arms=3)
+    idle = Controller(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[0.0]], 1e4)
+    scene = replace(
+        scene,
+        actuators=(PointForce("push", "foundation.low", AXIS, "push"),),
+        sensors=(Encoder("lift", "ground.top", "foundation.low", AXIS),),
+        loops=(Loop("idle", idle, "lift", "push"),),
+    )
+    for frame in ("turning", "standing"):
+        expected = linearize(scene, **spin, frame=frame).poles()
+        found = linearize_closed(scene, **spin, frame=frame).poles()
+        assert max(np.abs(found - pole).min() for pole in expected) < 1e-5
+
+    place = np.array([0.1, 0.0, 0.0])
+    bodies = (
+        ground(o=np.zeros(3), side=place),
+        RigidBody("load", {"c": (0, 0, 0)}, 2.0, INERTIA, place),
+        RigidBody("rotor", {"c": (0, 0, 0)}, 3.0, np.diag([2e-3, 2e-3, 3e-3])),
+    )
+    machine = Scene(
+        "machine",
+        bodies,
+        (prismatic("guide", "ground.side", "load.c", "x"),),
+        sensors=(Encoder("x", "ground.side", "load.c", "x"),),
+        springs=(
+            SpringDamper("spring", "ground.side", "load.c", "x", 1e5, frame="ground.side"),
+            Bushing("bearing", "ground.o", "rotor.c", [1e6, 1e6, 1e6, 100.0, 100.0, 0.0]),
+        ),
+        damping_ratio=0.0,
+    )
+    turning = {"angular_velocity": (0, 0, 30.0), "frame": "standing"}
+    flung = spinning_equilibrium(machine, angular_velocity=(0, 0, 30.0))["x"]
+    assert flung == pytest.approx(2.0 * 900.0 * 0.1 / (1e5 - 2.0 * 900.0), rel=1e-9)
+    assert spinning_equilibrium(machine, **turning, standing=("ground", "load"))["x"] == pytest.approx(0.0, abs=1e-15)
+    with pytest.raises(ValueError, match="load"):  # what stands is not the same in all directions
+        spinning_equilibrium(machine, angular_velocity=(0, 0, 30.0), standing=("ground", "load"))

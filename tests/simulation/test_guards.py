@@ -1,0 +1,268 @@
+"""Every limit of a run's guards from both sides: at 0.9 of it nothing is told or refused, at 1.1 it is."""
+
+import warnings
+from dataclasses import replace
+
+import exudyn as exu
+import numpy as np
+import pytest
+from conftest import lattice
+from test_large_motion import INERTIA, NORMAL, SKEWED, ground
+from test_long_runs import ARM, wheel
+
+from nassim import (
+    Encoder,
+    FlexibleBody,
+    Joint,
+    Loop,
+    PointForce,
+    RigidBody,
+    Scene,
+    TimeHistory,
+    craig_bampton,
+)
+from nassim.scene.drives import Drive
+from nassim.scene.joints import revolute
+from nassim.scene.measures import Displacement
+from nassim.scene.part import Sensor
+from nassim.scene.terms import Output, OutputFilter
+from nassim.signals.time_history import occupied_bandwidth
+from nassim.simulation import buckling, guards, running_loops, time_domain
+from nassim.simulation.exudyn.system import build_system
+from nassim.simulation.exudyn.watch import Watch
+from nassim.simulation.reach import Reach
+from nassim.simulation.run_checks import check_stability
+from nassim.simulation.sampling import _check_loss, sampled
+from nassim.simulation.small_motion import assemble
+from nassim.simulation.spinning import _check_small, _warn_of_stress
+from nassim.systems.controllers import Controller
+
+SIDES = (0.9, 1.1)
+IDLE = Controller(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[0.0]], 1e3, delay=0)
+
+
+@pytest.fixture(scope="module")
+def bar():
+    return craig_bampton(lattice(), n_modes=1, progress=False)
+
+
+def clamped(bar, fidelity="ffrf", **parts):
+    """The bar turned, held at its left end, with a rigid body at its right one."""
+    left, right = (SKEWED @ bar.point(name).position for name in ("left", "right"))
+    body = FlexibleBody("bar", bar, -left, SKEWED, fidelity=fidelity)
+    load = RigidBody("load", {"c": (0, 0, 0)}, 0.5, INERTIA, right - left)
+    joints = Joint("clamp", "ground.o", "bar.left"), Joint("mount", "bar.right", "load.c")
+    return Scene("clamped", (ground(), body, load), joints, **parts)
+
+
+def told(function, *arguments, **options):
+    """How many warnings a call gives."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        function(*arguments, **options)
+    return len(caught)
+
+
+def both_sides(limit, tell, *, refused=None):
+    """tell(value) warns, or raises ValueError that matches, above the limit only."""
+    below, above = (side * limit for side in SIDES)
+    assert told(tell, below) == 0
+    if refused is None:
+        assert told(tell, above) == 1
+    else:
+        with pytest.raises(ValueError, match=refused):
+            tell(above)
+
+
+def test_small_motion_holds_to_a_hundredth(bar):
+    """Of rotation, but for a floating frame's own, and of deformation over size."""
+    for fidelity in ("linear", "ffrf"):
+        assembly = assemble(clamped(bar, fidelity))
+        both_sides(0.01, lambda x, a=assembly: guards.warn_of_motion(a, {"bar": (0.0, x)}))
+        both_sides(0.01, lambda x, a=assembly: guards.warn_of_motion(a, {"bar": (x, 0.0)}))
+        both_sides(0.01, lambda x, a=assembly: guards.warn_of_motion(a, {"load": (x, 0.0)}))
+
+
+def test_ratios_of_modes_hold_to_a_tenth_of_motion_between_bodies(bar):
+    """Of a radian, and of the size of the scene: the diagonal of the box around what moves."""
+    assembly = assemble(clamped(bar, damping_ratio=0.01))
+    left, right = np.zeros(3), SKEWED @ (bar.point("right").position - bar.point("left").position)
+    centre = SKEWED @ (bar.center_of_mass - bar.point("left").position)
+    size = np.linalg.norm(np.ptp([left, right, centre], axis=0))
+    pair = ("bar", "load")
+    both_sides(0.1, lambda x: guards.warn_of_changed_modes(assembly, {pair: np.array([x, 0.0])}))
+    both_sides(0.1 * size, lambda x: guards.warn_of_changed_modes(assembly, {pair: np.array([0.0, x])}))
+    undamped = assemble(clamped(bar, damping_ratio=0.0))
+    assert told(guards.warn_of_changed_modes, undamped, {pair: np.array([1.0, 1.0])}) == 0
+
+
+def turned_wheel(angle):
+    """The system of a wheel that is turned on its hinge, and the part of its coordinates that are Euler parameters."""
+    system = build_system(assemble(wheel()))
+    data, first = system.mbs.systemData, system.mbs.GetNodeODE2Index(system.nodes["wheel"]) + 3
+    place = slice(first, first + 4)
+    positions = np.zeros(data.ODE2Size())
+    turned = np.concatenate([[np.cos(angle / 2)], np.sin(angle / 2) * NORMAL])
+    positions[place] = turned - data.GetODE2Coordinates(exu.ConfigurationType.Reference)[place]
+    data.SetODE2Coordinates(positions)
+    return system, place
+
+
+def test_an_equilibrium_is_far_from_a_tenth_of_a_radian_on():
+    both_sides(0.1, lambda angle: guards.warn_of_far_equilibrium(turned_wheel(angle)[0]))
+
+
+def test_stiffening_by_spin_is_told_from_a_thousandth_on(bar):
+    """sqrt(1 + (rate / first)^2) - 1; of floating frames only, and once."""
+    scene = clamped(bar)
+    first = bar.eigenfrequencies(fixed=["left"])[0]
+
+    def speed(share):
+        return {"bar": 2 * np.pi * first * np.sqrt((1 + share) ** 2 - 1)}
+
+    both_sides(1e-3, lambda share: guards.warn_of_spin(scene, speed(share)))
+    assert told(guards.warn_of_spin, scene, speed(0.1), ["bar"]) == 0
+    assert told(guards.warn_of_spin, clamped(bar, "linear"), speed(0.1)) == 0
+
+    assembly = assemble(scene)
+    still = np.zeros(sum(place.stop - place.start for place in assembly.slices.values()))
+    both_sides(1e-3, lambda x: _warn_of_stress(assembly, still, speed(x)["bar"] / (2 * np.pi), None))
+
+
+def test_a_spinning_equilibrium_is_told_from_a_hundredth_on_and_refused_from_a_tenth(bar):
+    assembly = assemble(clamped(bar))
+    n = sum(place.stop - place.start for place in assembly.slices.values())
+    turned = np.zeros(n)
+    turned[assembly.slices["load"].start + 4] = 1.0
+    both_sides(0.01, lambda x: _check_small(assembly, x * turned))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        _check_small(assembly, 0.09 * turned)
+    with pytest.raises(ValueError, match="no small motion"):
+        _check_small(assembly, 0.11 * turned)
+
+
+def test_preload_is_told_from_a_tenth_of_buckling_on(bar):
+    assembly = assemble(clamped(bar))
+    unit, _ = buckling.buckling_share(assembly, {"bar": np.array([-1.0])})
+    assert unit > 0
+    both_sides(0.1, lambda share: buckling.warn_of_buckling(assembly, {"bar": np.array([-share / unit])}))
+
+
+def acceleration(cutoff=None):
+    """A mass whose acceleration is read, through a low-pass."""
+    body = RigidBody("mass", {"c": (0, 0, 0)}, 1.0, INERTIA)
+    reading = Output("a", "m/s2", Displacement((("mass.c", NORMAL),)), derivative=2)
+
+    class Accelerometer(Sensor):
+        def terms(self, scene):
+            filters = () if cutoff is None else (OutputFilter("a", "low", cutoff),)
+            return (reading, *filters)
+
+    return Scene("mass", (body,), sensors=(Accelerometer("a"),))
+
+
+def test_accelerations_ring_above_a_radius_of_four_fifths():
+    """Unless a low-pass below a tenth of the rate of steps takes that away."""
+    both_sides(0.8, lambda radius: guards.warn_of_ringing(acceleration(), radius, 1e-3))
+    both_sides(100.0, lambda corner: guards.warn_of_ringing(acceleration(corner), 1.0, 1e-3))
+
+
+def test_velocities_may_part_from_constraints_by_a_hundredth():
+    """Of a body that has turned by more than a tenth of a radian."""
+
+    def drifts(angle, share):
+        system, place = turned_wheel(angle)
+        data = system.mbs.systemData
+        along = (data.GetODE2Coordinates(exu.ConfigurationType.Reference) + data.GetODE2Coordinates())[place]
+        rates = np.concatenate([[-np.sin(angle / 2)], np.cos(angle / 2) * NORMAL])
+        speeds = np.zeros(data.ODE2Size())
+        speeds[place] = 7.0 * (np.sqrt(1 - share**2) * rates + share * along)
+        data.SetODE2Coordinates_t(speeds)
+        watch = Watch(system)
+        watch.look(0)
+        return bool(watch.describe_drift(1e-3, 1.0))
+
+    assert [drifts(1.0, side * 0.01) for side in SIDES] == [False, True]
+    assert [drifts(side * 0.1, 0.5) for side in SIDES] == [False, True]
+
+
+def test_a_run_is_lost_at_its_bounds(bar):
+    """Of rotation and of deformation: a tenth with a loop, whole ones without; to be trusted up to a hundredth."""
+    plain = clamped(bar, "linear", actuators=(PointForce("push", "load.c", "z", "push"),))
+    plain = replace(plain, sensors=(Encoder("z", "ground.o", "load.c"),))
+    looped = replace(plain, loops=(Loop("idle", IDLE, "z", "push"),))
+    for scene, bound in ((plain, 1.0), (looped, 0.1)):
+        system = build_system(assemble(scene))
+        carried = system.carriers["bar"].coordinates @ system.taken("bar")
+        unit = np.zeros(carried.shape[1])
+        unit[int(np.argmax(np.abs(carried[6 + 3])))] = 1.0  # of what turns the right end
+        data = system.mbs.systemData
+
+        def look(size, system=system, data=data, unit=unit):
+            watch = Watch(system)
+            data.SetODE2Coordinates(size * unit)
+            watch.look(1)
+            return watch
+
+        scale = 1.0 / max(float(sizes.max()) for sizes in look(1e-3).largest.values()) * 1e-3
+        assert [bool(look(side * bound * scale).lost) for side in SIDES] == [False, True]
+        assert [look(side * 0.01 * scale).trust.sample for side in SIDES] == [1, 0]
+
+    assembly = assemble(looped)
+    reach = Reach(1.0, np.zeros(2), {"bar": 1.0, "load": 1.0})
+    turned = np.zeros(len(assembly.basis))
+    turned[assembly.slices["load"].start + 4] = 1.0
+    seen = [running_loops.see_runaway(assembly, reach, side * 0.1 * turned, 1) for side in SIDES]
+    assert [bool(what) for what, _ in seen] == [False, True]
+    assert [running_loops.see_runaway(assembly, reach, side * 0.01 * turned, 1)[1] for side in SIDES] == [True, False]
+
+
+def test_the_explicit_rule_is_refused_beyond_its_limit(bar):
+    scene = clamped(bar, "linear")
+    fastest = assemble(scene).frequency[-1]
+    both_sides(
+        2.6 / (2 * np.pi * fastest), lambda h: check_stability(scene, h), refused="beyond the explicit rule's limit"
+    )
+
+
+def test_samples_fall_on_steps_within_a_millionth():
+    loop = Loop("idle", IDLE, "y", "u")
+    both_sides(
+        1e-6, lambda off: running_loops.samples_per_period(loop, 1e-3 / (4 * (1 + off))), refused="every 4 time steps"
+    )
+
+
+def test_excitations_have_eight_steps_a_period_and_lose_two_hundredths():
+    body = RigidBody("mass", {"c": (0, 0, 0)}, 1.0, INERTIA)
+    scene = Scene("mass", (body,), actuators=(PointForce("force", "mass.c", "z", "force"),))
+    fine = np.arange(40001) * 1e-5
+    sine = TimeHistory(fine, np.sin(2 * np.pi * 25.0 * fine)[None], ("force",), ("N",))
+    limit = 1 / (8 * occupied_bandwidth(sine))
+    both_sides(limit, lambda h: sampled(scene, sine, time_step=h, duration=None), refused="is too long: the excitation")
+
+    # A sine, and a pulse of one sample between two steps: straight lines lose the pulse.
+    slow = np.sin(2 * np.pi * 2.5 * fine)
+
+    def pulsed(share):
+        pulse = np.zeros(len(fine))
+        pulse[20050] = np.sqrt(share / (1 - share) * np.sum(slow**2))
+        _check_loss(TimeHistory(fine, [slow + pulse], ("force",), ("N",)), 1e-3, fine[-1])
+
+    both_sides(0.02, pulsed, refused="straight lines between the steps lose")
+
+
+def test_a_drive_starts_at_speed_when_it_goes_on_within_a_thousandth():
+    table = RigidBody("table", {"o": -ARM}, 0.7, INERTIA, ARM)
+    scene = Scene(
+        "table",
+        (ground(), table),
+        (revolute("spindle", "ground.o", "table.o", NORMAL),),
+        (Drive("motor", "spindle", "rz", "angle"),),
+    )
+
+    def steady(change):
+        signals = {"angle": 1e-3 * 5.0 * np.array([0.0, 1.0, 2.0 + change])}
+        return time_domain._starting_rates(scene, signals, 1e-3)[1]["angle"]
+
+    assert [steady(side * 1e-3) for side in SIDES] == [pytest.approx(5.0), 0.0]

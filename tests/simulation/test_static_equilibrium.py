@@ -1,0 +1,112 @@
+"""Equilibria in which weight stiffens or softens about as much as springs: against roots of the moment's equation."""
+
+import numpy as np
+import pytest
+import scipy.optimize
+from conftest import lattice
+from scipy.spatial.transform import Rotation
+
+from nassim import (
+    AngleSensor,
+    Bushing,
+    FlexibleBody,
+    RigidBody,
+    Scene,
+    SpringDamper,
+    craig_bampton,
+    revolute,
+    static_response,
+)
+
+MASS, ARM, GRAVITY = 2.0, 0.3, 9.81
+WEIGHT = MASS * GRAVITY * ARM
+UPWARDS = Rotation.from_rotvec([0.3, -0.5, 0.4]).as_matrix()
+"""Axes of the whole scene: gravity is along none of the world's."""
+
+
+def pendulum(angle, springs, **points):
+    """A mass at a hinge, drawn at an angle from upwards, in oblique axes; what the hinge says is its turn."""
+    centre = ARM * np.array([np.sin(angle), 0, np.cos(angle)])
+    turn = UPWARDS.T
+    ground = RigidBody("ground", {"o": np.zeros(3), "side": turn.T @ [0.5, 0, 0.1]}, fixed=True)
+    named = {"o": -centre, **{name: np.array(place) - centre for name, place in points.items()}}
+    body = RigidBody(
+        "mass",
+        {name: turn.T @ place for name, place in named.items()},
+        MASS,
+        turn.T @ np.diag([1e-3, 2e-3, 3e-3]) @ turn,
+        position=turn.T @ centre,
+    )
+    axis = turn.T @ [0, 1, 0]
+    hinge = revolute("hinge", "ground.o", "mass.o", axis=axis)
+    sensor = AngleSensor("turn", "ground.o", "mass.o", axis=axis)
+    return Scene(
+        "pendulum",
+        (ground, body),
+        (hinge,),
+        springs=springs,
+        sensors=(sensor,),
+        gravity=turn.T @ [0, 0, -GRAVITY],
+        damping_ratio=0.0,
+    )
+
+
+@pytest.mark.parametrize("ratio", [0.45, 0.55, 0.9])
+@pytest.mark.parametrize("angle", [0.02, 0.1, 1.6, 3.0])
+def test_a_pendulum_on_a_turning_spring(angle, ratio):
+    """Standing (0), beside and hanging (pi); ratio of the weight's largest stiffness to the spring's."""
+    stiffness = WEIGHT / ratio
+    axes = UPWARDS
+    spring = Bushing("spring", "ground.o", "mass.o", [0, 0, 0, 0, stiffness, 0], axes=axes)
+    expected = scipy.optimize.brentq(lambda turn: stiffness * turn - WEIGHT * np.sin(angle + turn), 0, np.pi)
+    assert static_response(pendulum(angle, (spring,)))["turn"] == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.mark.parametrize("ratio", [0.8, 5.0])
+def test_a_hanging_pendulum_on_a_spring_between_points(ratio):
+    """The spring is far softer than the weight at last; its line turns along with its end."""
+    angle, rate = 2.7, WEIGHT / ratio / ARM**2
+    spring = SpringDamper("spring", "ground.side", "mass.end", axis="line", stiffness=rate)
+    end, side = 0.8 * ARM * np.array([np.sin(angle), np.cos(angle)]), np.array([0.5, 0.1])
+
+    def moment(turn):
+        now = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) @ end
+        line = side - now
+        pull = rate * (np.linalg.norm(line) - np.linalg.norm(side - end)) * line / np.linalg.norm(line)
+        return now[1] * pull[0] - now[0] * pull[1] + WEIGHT * np.sin(angle + turn)
+
+    expected = scipy.optimize.brentq(moment, -0.5, 1.0)
+    found = static_response(pendulum(angle, (spring,), end=(end[0], 0.0, end[1])))["turn"]
+    assert abs(expected) > 0.02
+    assert found == pytest.approx(expected, rel=1e-6)
+
+
+def test_an_equilibrium_that_falls_over_is_none():
+    """Drawn hardly off the upright, on a spring too soft to hold it there; the stable one is far away."""
+    spring = Bushing("spring", "ground.o", "mass.o", [0, 0, 0, 0, WEIGHT / 3, 0], axes=UPWARDS)
+    with pytest.raises(RuntimeError, match="no static equilibrium"):
+        static_response(pendulum(0.02, (spring,)))
+
+
+@pytest.mark.parametrize("fidelity", ["rigid", "ffrf"])
+def test_a_bar_that_hangs_on_a_turning_spring(fidelity):
+    """A reduced body that is stiff beside its spring; its half length is the weight's arm."""
+    bar = craig_bampton(lattice(), n_modes=3, progress=False)
+    centre, start = bar.center_of_mass - bar.point("left").position, 0.25
+    weight = bar.mass * GRAVITY * np.linalg.norm(centre)
+    turn = Rotation.from_rotvec([0, np.pi / 2 - start, 0]).as_matrix()
+    place = -turn @ bar.point("left").position
+    base = RigidBody("base", {"o": np.zeros(3)}, fixed=True)
+    scene = Scene(
+        "bar",
+        (base, FlexibleBody("bar", bar, fidelity=fidelity, position=place, rotation=turn)),
+        (revolute("hinge", "base.o", "bar.left", axis="y"),),
+        springs=(Bushing("spring", "base.o", "bar.left", [0, 0, 0, 0, weight / 0.8, 0]),),
+        sensors=(AngleSensor("turn", "base.o", "bar.left", axis="y"),),
+        gravity=(0, 0, -GRAVITY),
+        damping_ratio=0.0,
+    )
+    arm = turn @ centre
+    angle = np.arctan2(arm[0], arm[2])
+    expected = scipy.optimize.brentq(lambda turn: turn / 0.8 - np.sin(angle + turn), -1, 1)
+    assert static_response(scene)["turn"] == pytest.approx(expected, rel=1e-3)

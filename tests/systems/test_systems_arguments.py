@@ -1,0 +1,304 @@
+"""What every optional argument of the verbs of linear systems does, and limits a tenth below and above."""
+
+import math
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from arguments import table
+from test_feedback import LOOP, POLE, RATE, iff, one_mode, two_modes
+
+from nassim.systems import (
+    Controller,
+    LinearModel,
+    NoiseBudget,
+    close_loop,
+    controller_from_control,
+    controller_model,
+    controller_response,
+    crossover_controller,
+    damping,
+    decoupled,
+    frequency_response,
+    iff_optimum,
+    integral_force_feedback,
+    largest_stable_gain,
+    lead,
+    loop_response,
+    noise_budget,
+    notch,
+    open_loop,
+    optimum_gain,
+    proportional,
+    root_locus,
+    sampled,
+    tustin,
+    unstable_poles,
+    with_outputs,
+    zeros,
+)
+
+F = np.array([3.0, 47.0, 310.0])
+S = 2j * RATE * np.tan(np.pi * F / RATE)
+"""What Tustin's rule makes of F."""
+ALONE = {"sample_rate": RATE}
+PLANT, PAIR = one_mode(0.02), two_modes()
+KEPT = iff(60.0, corner_frequency=5.0)
+GAINS = np.linspace(0.0, 40.0, 41)
+BUDGET = partial(NoiseBudget, [1.0, 2.0, 4.0], np.array([[[1.0, 3.0, 3.0]]]), ("y",), ("u",))
+FREE = LinearModel([[0.0, 1.0], [0.0, 0.0]], np.eye(2)[:, 1:], np.eye(2)[:1], [[0.0]], ("f",), ("x",))
+
+
+def is_now(name, value):
+    return lambda before, after: getattr(after, name) == value and getattr(before, name) != value
+
+
+def of(controller):
+    """Its response but for the delay."""
+    late = np.exp(2j * np.pi * F * controller.delay / RATE)
+    return controller_response(controller, F).values[0, 0] * late
+
+
+def are(*expected, rtol=1e-9):
+    return lambda *found: all(np.allclose(a, b, rtol=rtol, atol=0) for a, b in zip(found, expected, strict=True))
+
+
+def shows(of_result, *expected):
+    return lambda *found: are(*expected)(*map(of_result, found))
+
+
+def entry(frf):
+    return frf.values[0, 0]
+
+
+def says(*texts):
+    return lambda before, after: all(
+        text in table for text, table in zip(texts, (before, before, after, after), strict=True)
+    )
+
+
+def has_pole(z):
+    """Whether a controller has a pole in the plane of z that it did not have."""
+    return lambda *found: [np.isclose(np.linalg.eigvals(k.A), z, rtol=1e-9).any() for k in found] == [False, True]
+
+
+def sizes(before, after):
+    return lambda *found: tuple(len(model.A) for model in found) == (before, after)
+
+
+def closed(**options):
+    return close_loop(PLANT, KEPT, **LOOP, **options)
+
+
+def least_damped(_, after):
+    """Whether an optimum of delay order 2 has the damping of that loop."""
+    frequency, ratio = damping(closed(gain=after.gain, delay_order=2))
+    nearest = np.argmin(np.abs(frequency - after.frequency))
+    return np.isclose(ratio[nearest], after.damping_ratio, rtol=1e-6) and np.isclose(
+        frequency[nearest], after.frequency
+    )
+
+
+def at_the_edge(_, after):
+    growth = [closed(gain=factor * after, delay_order=2).poles().real.max() for factor in (0.9999, 1.0001)]
+    return growth[0] < 0 < growth[1]
+
+
+def tustin_of_lag(**options):
+    """1 / (s + 300) sampled by Tustin's rule, at 310 Hz."""
+    a, b, c, d = tustin((np.array([[-300.0]]), np.eye(1), np.eye(1), np.zeros((1, 1))), 1 / RATE, **options)
+    return (c @ b / (np.exp(2j * np.pi * 310.0 / RATE) - a) + d).item()
+
+
+def from_control(**options):
+    control = pytest.importorskip("control")
+    return controller_from_control(control.ss(-3.0, 1.0, 2.0, 0.0), sample_rate=RATE, **options)
+
+
+OMEGA = 2 * np.pi
+DELAYED = {
+    "integral_force_feedback": partial(integral_force_feedback, 5.0, **ALONE),
+    "proportional": partial(proportional, 5.0, **ALONE),
+    "lead": partial(lead, 47.0, phase=30.0, **ALONE),
+    "notch": partial(notch, 47.0, zero_damping=0.1, pole_damping=0.5, **ALONE),
+    "crossover_controller": partial(
+        crossover_controller, FREE, measured="x", driven="f", frequency=20.0, phase_margin=30.0, **ALONE
+    ),
+    "controller_from_control": from_control,
+    "Controller": partial(Controller, **dict(zip("ABCD", KEPT.matrices, strict=True)), **ALONE),
+}
+CALLS = {
+    **DELAYED,
+    "decoupled": partial(decoupled, KEPT, KEPT, measure=np.eye(2), drive=np.eye(2)),
+    "controller_response": partial(controller_response, KEPT, F),
+    "controller_model": partial(controller_model, KEPT, inputs="y", outputs="u"),
+    "close_loop": closed,
+    "open_loop": partial(open_loop, PLANT, KEPT, F, **LOOP),
+    "loop_response": partial(loop_response, frequency_response(PLANT, F), KEPT, **LOOP),
+    "root_locus": partial(root_locus, PLANT, KEPT, [0.0, 1.0], **LOOP),
+    "optimum_gain": partial(optimum_gain, PLANT, KEPT, GAINS, **LOOP, frequency=POLE),
+    "largest_stable_gain": partial(largest_stable_gain, PLANT, KEPT, GAINS, **LOOP),
+    "noise_budget": partial(noise_budget, PAIR, {"f1": 1.0}, F),
+    "NoiseBudget": BUDGET,
+    "rms": BUDGET().rms,
+    "table": BUDGET().table,
+    "tustin": tustin_of_lag,
+    "with_outputs": partial(with_outputs, replace(PAIR, units=("m", "m")), "sum", [[1.0, 1.0]], of=PAIR.outputs),
+    "frequency_response": partial(frequency_response, PAIR, F),
+    "LinearModel": partial(LinearModel, *PAIR.matrices, PAIR.inputs, PAIR.outputs),
+}
+G = frequency_response(PLANT, F).response("force", "stroke")
+K = of(KEPT) * np.exp(-2j * np.pi * F / RATE)
+PADE = frequency_response(controller_model(KEPT, inputs="y", outputs="u"), F).values[0, 0]
+HOLD = (1 - np.exp(-2j * np.pi * F / RATE)) / (2j * np.pi * F / RATE)
+ARGUMENTS = table(
+    CALLS,
+    [
+        *((verb, "delay", 1, 3, is_now("delay", 3)) for verb in DELAYED),
+        *((verb, "limit", math.inf, 4.0, is_now("limit", 4.0)) for verb in (*DELAYED, "decoupled")),
+        ("integral_force_feedback", "corner_frequency", 0.0, 20.0, shows(of, -5 / S, -5 / (S + 20 * OMEGA))),
+        ("integral_force_feedback", "high_pass", 0.0, 20.0, shows(of, -5 / S, -5 / (S + 20 * OMEGA))),
+        ("lead", "gain", 1.0, -3.0, lambda before, after: np.allclose(of(after), -3 * of(before))),
+        ("crossover_controller", "integral_frequency", 0.0, 2.0, has_pole(1.0)),
+        ("crossover_controller", "low_pass_frequency", 0.0, 200.0, has_pole((1 - 0.05 * OMEGA) / (1 + 0.05 * OMEGA))),
+        ("controller_response", "hold", False, True, lambda _, after: np.allclose(after.values[0, 0], K * HOLD)),
+        ("controller_response", "inputs", ("input_1",), ("y",), is_now("inputs", ("y",))),
+        ("controller_response", "outputs", ("output_1",), ("u",), is_now("outputs", ("u",))),
+        ("controller_response", "label", "controller", "here", is_now("label", "here")),
+        ("controller_model", "time_step", None, 1 / RATE, is_now("time_step", 1 / RATE)),
+        ("controller_model", "delay_order", 4, 2, sizes(5, 3)),
+        (
+            "close_loop",
+            "gain",
+            1.0,
+            2.5,
+            shows(
+                lambda model: frequency_response(model, F).response("force", "stroke"),
+                G / (1 - G * PADE),
+                G / (1 - 2.5 * G * PADE),
+            ),
+        ),
+        ("close_loop", "delay_order", 4, 2, sizes(7, 5)),
+        ("close_loop", "noise", False, True, is_now("inputs", ("stroke", "push", "force noise"))),
+        ("open_loop", "gain", 1.0, 2.5, shows(entry, -G * K * HOLD, -2.5 * G * K * HOLD)),
+        ("open_loop", "label", "open loop", "here", is_now("label", "here")),
+        ("loop_response", "gain", 1.0, 2.5, shows(entry, -G * K * HOLD, -2.5 * G * K * HOLD)),
+        ("loop_response", "hold", True, False, shows(entry, -G * K * HOLD, -G * K)),
+        ("loop_response", "label", "open loop", "here", is_now("label", "here")),
+        (
+            "root_locus",
+            "delay_order",
+            4,
+            2,
+            lambda before, after: (before.poles.shape[1], after.poles.shape[1]) == (7, 5),
+        ),
+        ("optimum_gain", "delay_order", 4, 2, least_damped),
+        ("largest_stable_gain", "delay_order", 4, 2, at_the_edge),
+        ("noise_budget", "outputs", ("v1", "v2"), "v2", is_now("outputs", ("v2",))),
+        ("NoiseBudget", "units", ("",), ("m",), is_now("units", ("m",))),
+        # Between 1 and 2 Hz from 1 to 3, then 3 up to 4 Hz.
+        ("rms", "low", 1.0, 2.0, are(np.sqrt([[2.0 + 6.0]]), np.sqrt([[6.0]]))),
+        ("rms", "high", 4.0, 3.0, are(np.sqrt([[2.0 + 6.0]]), np.sqrt([[2.0 + 3.0]]))),
+        ("table", "low", 1.0, 2.0, says("rms from 1 to 4 Hz", "2.83", "rms from 2 to 4 Hz", "2.45")),
+        ("table", "high", 4.0, 3.0, says("rms from 1 to 4 Hz", "2.83", "rms from 1 to 3 Hz", "2.24")),
+        ("tustin", "prewarp", 0.0, 310.0 * OMEGA, are(1 / (S[2] + 300), 1 / (310j * OMEGA + 300))),
+        ("with_outputs", "units", ("",), ("m",), is_now("units", ("m", "m", "m"))),
+        ("frequency_response", "label", "linear model", "here", is_now("label", "here")),
+        ("LinearModel", "units", (), ("m", "m"), is_now("units", ("m", "m"))),
+        ("LinearModel", "time_step", None, 0.1, is_now("time_step", 0.1)),
+    ],
+)
+
+
+@pytest.mark.parametrize("case", ARGUMENTS)
+def test_an_optional_argument_does_what_it_should(case):
+    ARGUMENTS[case].check()
+
+
+def test_zeros_of_some_inputs_and_outputs():
+    """With direct feedthrough D they are the eigenvalues of A - B D^-1 C."""
+    direct = np.array([[1e-4, -2e-5], [3e-5, 2e-4]])
+    plant = replace(PAIR, D=direct)
+    for rows, columns in (([0, 1], [0, 1]), ([0], [1]), ([1], [0])):
+        gone = PAIR.A - PAIR.B[:, columns] @ np.linalg.solve(direct[np.ix_(rows, columns)], PAIR.C[rows])
+        outputs, inputs = ([names[k] for k in which] for names, which in ((PAIR.outputs, rows), (PAIR.inputs, columns)))
+        found = zeros(plant, inputs=inputs, outputs=outputs) if len(rows) == 1 else zeros(plant)
+        assert np.sort_complex(found) == pytest.approx(np.sort_complex(np.linalg.eigvals(gone)), rel=1e-8)
+
+
+def first_order(*rates):
+    n = len(rates)
+    return LinearModel(np.diag(rates), np.ones((n, 1)), np.ones((1, n)), np.zeros((1, 1)), ("u",), ("y",))
+
+
+def nearly_undamped(ratio):
+    return replace(FREE, A=[[0.0, 1.0], [-9.0, -6.0 * ratio]])
+
+
+def at_another_rate(share):
+    return replace(sampled(PLANT, RATE), time_step=(1 + share) / RATE)
+
+
+def with_feedthrough(share):
+    """A loop whose direct feedthrough times gain is 1 but for a share."""
+    return close_loop(replace(FREE, D=[[1 - share]]), proportional(1.0, **ALONE, delay=0), measured="x", driven="f")
+
+
+BEST = iff_optimum(POLE, 40.0)
+LIMITS = {
+    "phase of a lead": (lambda x: lead(47.0, phase=90 * x, **ALONE), "phase must lie within"),
+    "phase of a lag": (lambda x: lead(47.0, phase=-90 * x, **ALONE), "phase must lie within"),
+    "lead at Nyquist": (lambda x: lead(RATE / 2 * x, phase=30, **ALONE), "below half"),
+    "notch at Nyquist": (lambda x: notch(RATE / 2 * x, zero_damping=0, pole_damping=1, **ALONE), "below half"),
+    "leak at Nyquist": (lambda x: integral_force_feedback(1.0, corner_frequency=RATE / 2 * x, **ALONE), "below half"),
+    "high-pass at Nyquist": (lambda x: integral_force_feedback(1.0, high_pass=RATE / 2 * x, **ALONE), "below half"),
+    "low-pass at Nyquist": (lambda x: DELAYED["crossover_controller"](low_pass_frequency=RATE / 2 * x), "below half"),
+    # A free mass needs as much lead as margin and delay, 0.036 deg at a crossover of a fifteen-thousandth of the rate.
+    "two leads": (
+        lambda x: crossover_controller(FREE, measured="x", driven="f", frequency=0.01, phase_margin=130 * x, **ALONE),
+        "no lead gives",
+    ),
+    "another rate": (lambda x: open_loop(at_another_rate(1e-9 * x), KEPT, F, **LOOP), "sampled at"),
+    "a loop at once": (lambda x: with_feedthrough(1e-9 / x), "no solution within a sample"),
+    "growing by rounding": (lambda x: noise_budget(first_order(1e-8 * x, -1.0), {"u": 1.0}, F), "unstable model"),
+    "at rest": (lambda x: noise_budget(first_order(-1e-8 / x, -1.0), {"u": 1.0}, [0.0, 1.0]), "pole at rest"),
+    "undamped": (lambda x: noise_budget(nearly_undamped(1e-9 / x), {"f": 1.0}, [0.1, 1.0]), "has no bound"),
+    "above half the rate": (
+        lambda x: noise_budget(sampled(PLANT, RATE), {"push": 1.0}, [1.0, RATE / 2 * (1 + 1e-9 * x)]),
+        "end at",
+    ),
+    "an aperiodic optimum": (lambda x: iff_optimum(3 * 40.0 * x, 40.0), "between one and three times"),
+    "an optimum beyond": (
+        lambda x: optimum_gain(
+            one_mode(), iff(BEST.gain), np.linspace(0, 1 / x, 41), **LOOP, frequency=POLE, delay_order=0
+        ),
+        "look further",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", LIMITS)
+def test_limits_lie_where_they_should(case):
+    make, message = LIMITS[case]
+    make(0.9)
+    with pytest.raises(ValueError, match=message):
+        make(1.1)
+
+
+def test_growth_that_is_no_rounding_is_told():
+    assert unstable_poles(first_order(0.9e-8, -1.0)) == ()
+    assert len(unstable_poles(first_order(1.1e-8, -1.0))) == 1
+
+
+def test_a_gain_that_destabilises_is_seen_within_the_given_ones():
+    edge = largest_stable_gain(PLANT, KEPT, GAINS, **LOOP)
+    for factor in (0.9, 1.1):
+        found = largest_stable_gain(PLANT, KEPT, factor * edge * np.linspace(0, 1, 9), **LOOP)
+        assert found == (math.inf if factor < 1 else pytest.approx(edge, rel=1e-6))
+
+
+def test_above_65_deg_two_leads_share_a_phase():
+    for margin, order in ((0.9 * 65, 1), (1.1 * 65, 2)):
+        shaped = crossover_controller(FREE, measured="x", driven="f", frequency=0.01, phase_margin=margin, **ALONE)
+        assert len(shaped.A) == order
