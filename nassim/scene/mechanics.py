@@ -108,8 +108,8 @@ class Bushing(ForceElement):
 
     @property
     def _is_bearing(self) -> bool:
-        """Whether a rotation about some axis is free, so that a shaft may turn about it."""
-        return 0 < np.linalg.matrix_rank(np.hstack([self.stiffness, self.damping])[3:]) < 3
+        """Whether the rotation about one axis is free, and tilt across it is held: a shaft may turn far about it."""
+        return int(np.linalg.matrix_rank(np.hstack([self.stiffness, self.damping])[3:])) == 2
 
     def describe(self) -> str:
         """Its points and the figures of its diagonal."""
