@@ -53,8 +53,12 @@ def linearize(
     sensors in it, for a part, by name, that changes the model as the scene turns, and for outputs that would need an
     input's derivative.
     """
-    a, b, c, d = state_space(*spun(scene, angular_velocity, axis_point, standing, frame))
-    return LinearModel(a, b[:, :-1], c, d[:, :-1], scene.inputs, scene.outputs, scene.output_units)
+    assembly, spin = spun(scene, angular_velocity, axis_point, standing, frame)
+    a, b, c, d = state_space(assembly, spin)
+    unsupported = np.tile(np.where(assembly.unsupported, assembly.frequency, 0.0), 2)
+    return LinearModel(
+        a, b[:, :-1], c, d[:, :-1], scene.inputs, scene.outputs, scene.output_units, unsupported=unsupported
+    )
 
 
 def spun(

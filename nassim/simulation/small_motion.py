@@ -94,6 +94,7 @@ class Assembly:
     circuits: electrical ports whose charge leaks through a resistance
     amplifiers: actuators with a bandwidth
     following: what drives that follow inputs do; the minimal coordinates are those of motion with these at rest
+    unsupported: modes beyond what the bodies' reductions hold, quasi-static in sampled models, bool (n,)
     """
 
     scene: Scene
@@ -117,6 +118,7 @@ class Assembly:
     circuits: tuple[Circuit, ...]
     amplifiers: tuple[Amplifier, ...]
     following: Following
+    unsupported: Array
 
     @property
     def free(self) -> Array:
@@ -178,7 +180,9 @@ class _Coordinates:
 
 def assemble(scene: Scene) -> Assembly:
     """Assemble a scene's mass and stiffness for small motion, and find its undamped eigenmodes."""
-    scene, words = _as_modelled(trim_scene(undrawn(scene) if scene.cutoff_frequency else scene))
+    scene = trim_scene(undrawn(scene) if scene.cutoff_frequency else scene)
+    limits = [body.reduced.valid_frequency for body in scene.deformable_bodies]  # without springs in ports
+    scene, words = _as_modelled(scene)
     frames = {body.name: floating_frame(body.reduced, scene.frame_point(body)) for body in scene.flexible_bodies}
     coordinates = _Coordinates.of(scene)
     strains, dampers = _strains(coordinates, words)
@@ -234,6 +238,7 @@ def assemble(scene: Scene) -> Assembly:
             coordinates.mass,
             dragged,
         ),
+        unsupported=_unsupported(scene, frequency, [body.within(modes) for body in strains[: len(limits)]], limits),
     )
 
 
@@ -308,6 +313,21 @@ def _strains(coordinates: _Coordinates, words: Sequence[Word]) -> tuple[list[Str
             strains += [spring_strain(d @ rows, k, coordinates.mass) for k, d in zip(sizes, directions.T, strict=True)]
             dampers += rows.T @ word.damping @ rows
     return strains, dampers
+
+
+def _unsupported(scene: Scene, frequency: Array, strains: Sequence[Strain], limits: Sequence[float]) -> Array:
+    """Modes that most strain energy puts into bodies beyond their limits [Hz], or those above the scene's, bool (n,).
+
+    strains: of the bodies that deform, per unit of the modes
+    """
+    if scene.quasi_static_above is not None:
+        above: Array = frequency > scene.quasi_static_above
+        return above
+    beyond = np.zeros(len(frequency))
+    for strain, limit in zip(strains, limits, strict=True):
+        beyond += (frequency > limit) * np.sum(strain.root**2, axis=0)
+    result: Array = beyond > 0.5 * (2 * np.pi * frequency) ** 2
+    return result
 
 
 def _deformation(coordinates: _Coordinates, frames: Mapping[str, FloatingFrame]) -> tuple[Array, Array, Array]:
