@@ -20,6 +20,7 @@ from nassim.simulation.exudyn.solver import axial_tension, eigenfrequencies, sol
 from nassim.simulation.exudyn.state import System
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.exudyn.turning import solve_turning
+from nassim.simulation.folding import warn_of_folding
 from nassim.simulation.following import Following
 from nassim.simulation.guards import (
     warn_of_changed_modes,
@@ -260,6 +261,8 @@ def _solve_exactly(
 ) -> tuple[Array, Motion | None]:
     _check_exact(scene)
     assembly = assemble(scene)
+    if scene.loops and np.any(assembly.unsupported):
+        warn_of_folding(linearize(scene), scene.loops)
     driven = np.reshape([signals[name] for name in scene.inputs], (len(scene.inputs), n_steps + 1))
     with stage("simulate", total=n_steps, unit="steps", enabled=progress) as advance:
         readings, commands, coordinates, at_kept = exact_response(

@@ -1,0 +1,80 @@
+"""Modes that fold: what a digital loop would make of lightly damped modes above half of its sample rate.
+
+Held and sampled, a mode of frequency f_m far above the sample rate rings at the frequency to which f_m folds. For a
+pole p, time step T and static gain R, its response there has the size R sin(theta / 2) / (1 - |exp(p T)|), with theta
+the angle per sample of the folded frequency. It follows from the step response 1 - Re exp(p k T) of a mode.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from nassim.base.checks import finite, known
+from nassim.systems.controllers import Controller
+from nassim.systems.feedback import controller_model
+from nassim.systems.linear_model import LinearModel, Names, names
+from nassim.systems.state_space import transfer_matrix
+
+ANGLES = np.geomspace(1e-3, np.pi, 300)
+"""Of folded frequencies, per sample [rad]."""
+BELONGS = 0.5
+"""Share of a pole in the states of unsupported modes, from which on it is one of them."""
+
+
+@dataclass(frozen=True)
+class FoldingMode:
+    """A mode that a sampled model takes as quasi-static, and what a loop would make of it if it rang.
+
+    frequency: of the mode [Hz]; folded: where it would appear below half of the sample rate [Hz], as uncertain as
+        the frequency
+    loop_gain: largest that it could give the loop, wherever it folds [-]; below 1 it cannot make the loop unstable
+        by itself
+    """
+
+    frequency: float
+    folded: float
+    loop_gain: float
+
+
+def folding_modes(
+    model: LinearModel, controller: Controller, *, measured: Names, driven: Names, gain: float = 1.0
+) -> tuple[FoldingMode, ...]:
+    """Find the unsupported modes that fold in a digital loop, the one with the largest loop gain first.
+
+    `sampled` takes them as quasi-static, so neither margins nor a largest stable gain know of their resonances. The
+    gain 1 / (largest loop gain) is safe whatever their frequencies are, with the damping that the model gives them.
+
+    Args:
+        model: continuous, with `LinearModel.unsupported` as `linearize` gives it.
+        controller: of the loop.
+        measured: output, or outputs, that it reads.
+        driven: input, or inputs, to which it adds.
+        gain: factor on the whole controller [-].
+
+    Raises:
+        ValueError: for a sampled model, and as `close_loop` for signals that do not fit.
+    """
+    if model.time_step is not None:
+        raise ValueError("folding_modes takes the continuous model: a sampled one has these modes no more")
+    rows = [model.outputs.index(known("output", name, model.outputs)) for name in names("measured signal", measured)]
+    columns = [model.inputs.index(known("input", name, model.inputs)) for name in names("driven signal", driven)]
+    rate, unsupported = controller.sample_rate, np.zeros(len(model.A), dtype=bool)
+    unsupported[: len(model.unsupported)] = model.unsupported > rate / 2
+    if not unsupported.any():
+        return ()
+    balanced, (scale, _) = scipy.linalg.matrix_balance(model.A, permute=False, separate=True)
+    poles, left, right = scipy.linalg.eig(balanced, left=True, right=True)
+    shares = np.abs(left * right)
+    own = (poles.imag > np.pi * rate) & (shares[unsupported].sum(axis=0) > BELONGS * shares.sum(axis=0))
+    k = controller_model(controller, inputs=measured, outputs=driven, time_step=1 / rate)
+    gains = finite("gain", gain) * transfer_matrix(k.matrices, np.exp(1j * ANGLES))
+    found = []
+    for pole, drives, shows in zip(poles[own], left[:, own].T.conj(), right[:, own].T, strict=True):
+        b = drives @ (model.B[:, columns] / scale[:, None]) / (drives @ shows)
+        c = (model.C[rows] * scale) @ shows
+        around = np.abs(np.einsum("u,uyf,y->f", b, gains, c)) * np.sin(ANGLES / 2)
+        size = 2 / abs(pole) / -np.expm1(pole.real / rate) * around.max()
+        frequency = float(abs(pole)) / (2 * np.pi)
+        found.append(FoldingMode(frequency, float(abs(frequency - rate * round(frequency / rate))), float(size)))
+    return tuple(sorted(found, key=lambda mode: -mode.loop_gain))
