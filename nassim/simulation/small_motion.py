@@ -39,6 +39,9 @@ NO_EQUILIBRIUM = (
     'by simulate(..., start="released")'
 )
 
+BEYOND = 0.5
+"""Share of strain energy in bodies that do not have all modes at a mode's frequency, above which it is unsupported."""
+
 
 @dataclass(frozen=True)
 class Circuit:
@@ -181,7 +184,7 @@ class _Coordinates:
 def assemble(scene: Scene) -> Assembly:
     """Assemble a scene's mass and stiffness for small motion, and find its undamped eigenmodes."""
     scene = trim_scene(undrawn(scene) if scene.cutoff_frequency else scene)
-    limits = [body.reduced.valid_frequency for body in scene.deformable_bodies]  # without springs in ports
+    valid = {body.name: body.reduced.valid_frequency for body in scene.flexible_bodies}  # without springs in ports
     scene, words = _as_modelled(scene)
     frames = {body.name: floating_frame(body.reduced, scene.frame_point(body)) for body in scene.flexible_bodies}
     coordinates = _Coordinates.of(scene)
@@ -238,7 +241,7 @@ def assemble(scene: Scene) -> Assembly:
             coordinates.mass,
             dragged,
         ),
-        unsupported=_unsupported(scene, frequency, [body.within(modes) for body in strains[: len(limits)]], limits),
+        unsupported=_unsupported(scene, valid, strains, frequency, modes),
     )
 
 
@@ -315,18 +318,20 @@ def _strains(coordinates: _Coordinates, words: Sequence[Word]) -> tuple[list[Str
     return strains, dampers
 
 
-def _unsupported(scene: Scene, frequency: Array, strains: Sequence[Strain], limits: Sequence[float]) -> Array:
-    """Modes that most strain energy puts into bodies beyond their limits [Hz], or those above the scene's, bool (n,).
+def _unsupported(
+    scene: Scene, valid: Mapping[str, float], strains: Sequence[Strain], frequency: Array, modes: Array
+) -> Array:
+    """Modes (n_all, n) that most strain energy puts into bodies beyond what is valid, or above the scene's limit, (n,).
 
-    strains: of the bodies that deform, per unit of the modes
+    valid: frequency up to which each flexible body has all modes [Hz]; strains: first those of the bodies that deform
     """
     if scene.quasi_static_above is not None:
         above: Array = frequency > scene.quasi_static_above
         return above
     beyond = np.zeros(len(frequency))
-    for strain, limit in zip(strains, limits, strict=True):
-        beyond += (frequency > limit) * np.sum(strain.root**2, axis=0)
-    result: Array = beyond > 0.5 * (2 * np.pi * frequency) ** 2
+    for body, strain in zip(scene.deformable_bodies, strains, strict=False):
+        beyond += (frequency > valid[body.name]) * np.sum((strain.root @ modes) ** 2, axis=0)
+    result: Array = beyond > BEYOND * (2 * np.pi * frequency) ** 2
     return result
 
 

@@ -87,9 +87,9 @@ def settling_response(system: StateSpace, settling: Array) -> StateSpace:
     settling: of an input that stays, (outputs, inputs). Where the system itself has direct feedthrough, both are seen
         at once. Elsewhere 3/2 of it is seen of the value that an input had until the sample, less 1/2 of the one before
 
-    These two weights are right in size and in delay for a mode that rings through several samples, at frequencies
-    far below the sample rate: as all else that answers a held input, it is half a sample late. No other response
-    of two samples is. Both values of each such input are further states, the last ones.
+    These two weights, of Adams' and Bashforth's rule of second order, are right in size and in delay for a mode that
+    rings through several samples, at frequencies far below the sample rate: as all else that answers a held input,
+    it is half a sample late. Both values of each such input are further states, the last ones.
     """
     a, b, c, d = system
     late = np.where(d == 0, settling, 0.0)

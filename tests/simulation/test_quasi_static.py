@@ -21,6 +21,7 @@ from nassim import (
     TimeHistory,
     condense,
     craig_bampton,
+    describe,
     estimate_frf,
     frequency_response,
     linearize,
@@ -177,6 +178,7 @@ def test_modes_are_static_by_where_their_energy_is(condensed, crude):
     np.testing.assert_array_equal(assembly.unsupported, share > 0.5)
     beyond = assembly.frequency > crude.valid_frequency
     assert 0 < np.count_nonzero(assembly.unsupported) < np.count_nonzero(beyond)
+    assert f"complete up to {crude.valid_frequency:.4g} Hz" in describe(scene)
     chosen = assemble(replace(scene, quasi_static_above=500.0))
     np.testing.assert_array_equal(chosen.unsupported, chosen.frequency > 500.0)
     assert not assemble(replace(scene, quasi_static_above=np.inf)).unsupported.any()
