@@ -18,6 +18,7 @@ from nassim import (
     PointForce,
     RigidBody,
     Scene,
+    SpringDamper,
     TimeHistory,
     condense,
     craig_bampton,
@@ -34,6 +35,7 @@ from nassim.fem.modes import fixed_interface_modes
 from nassim.scene.placement import joined, placed
 from nassim.signals.excitations import band_limited_noise
 from nassim.simulation import linearize_closed, static_response
+from nassim.simulation.exact_steps import exact_response
 from nassim.simulation.small_motion import assemble
 from nassim.systems import (
     folding_modes,
@@ -154,6 +156,8 @@ def test_gains_vary_smoothly_with_the_sample_rate_and_folding_modes_tell_which_a
         assert loops[0][0].frequency == pytest.approx(high)
         assert loops[0][0].folded == pytest.approx(min(high % 8e3, 8e3 - high % 8e3), rel=1e-6)
     assert folding_modes(two_modes(13e3), iff(27e3), **WIRES) == ()
+    one, three = (folding_modes(two_modes(13e3), iff(8e3), gain=gain, **WIRES)[0].loop_gain for gain in (1.0, 3.0))
+    assert three == pytest.approx(3 * one)
     with pytest.raises(ValueError, match="takes the continuous model"):
         folding_modes(sampled(two_modes(13e3), 8e3), iff(8e3), **WIRES)
 
@@ -225,6 +229,15 @@ def test_exact_runs_between_samples(crude):
     np.testing.assert_array_equal(fine.values, usual.values)
 
 
+def test_bodies_move_as_outputs_read(crude):
+    """With a damper that couples the modes, so that those that are quasi-static follow the slow ones too."""
+    damper = SpringDamper("damper", "ground.eye", "lattice.right", "x", damping=4.0)
+    a = assemble(held(crude, quasi_static_above=900.0, springs=(damper,)))
+    forces = np.random.default_rng(2).normal(size=(2, 40)).cumsum(axis=1)
+    outputs, _, _, coordinates = exact_response(a, forces, 1e-3, kept=[0, 7, 31])
+    np.testing.assert_allclose(a.output_matrix @ coordinates, outputs[:, [0, 7, 31]], rtol=1e-9)
+
+
 def looped(body, rate, share, *, delay=1, **options):
     """A proportional loop of a share of the lattice's stiffness against its end's displacement."""
     stiffness = 1 / static_response(held(body), {"force": 1.0})["along"]
@@ -264,10 +277,11 @@ def test_equilibrium_is_whole(crude):
     """Statics lose nothing: against Exudyn's equilibrium, before, during and after a constant push."""
     scene = held(crude, gravity=(3.0, -8.0, 5.0), quasi_static_above=500.0, damping_ratio=0.2)
     time = np.arange(200) / 1e3
-    record = simulate(scene, TimeHistory(time, np.zeros((2, 200)), ("force", "side")), time_step=1e-3, **EXACT)
-    at_rest = static_response(scene)
-    for name in ("along", "across"):
-        np.testing.assert_allclose(record[name], at_rest[name], rtol=1e-6)
+    still, at_rest = TimeHistory(time, np.zeros((2, 200)), ("force", "side")), static_response(scene)
+    for order in (0, 1):
+        record = simulate(scene, still, time_step=1e-3, hold_order=order, **EXACT)
+        for name in ("along", "across"):
+            np.testing.assert_allclose(record[name], at_rest[name], rtol=1e-6)
     pushed = simulate(
         replace(scene, gravity=np.zeros(3)),
         TimeHistory(time, [np.full(200, 3.0), np.zeros(200)], ("force", "side")),
@@ -320,7 +334,9 @@ RATES = np.array([8e3, 10e3, 12e3, 15e3, 18e3, 20e3, 25e3, 30e3])
 
 def test_gains_of_the_bench_with_ports_vary_smoothly_with_the_sample_rate(apa_with_ports):
     """Load shapes of the stacks at 11 to 194 kHz no longer decide; where they might, `folding_modes` tells."""
-    plant = linearize(make_bench(apa=apa_with_ports, fidelity="linear", resistance=np.inf))
+    scene = make_bench(apa=apa_with_ports, fidelity="linear", resistance=np.inf)
+    assembly, plant = assemble(scene), linearize(scene)
+    np.testing.assert_array_equal(assembly.unsupported, assembly.frequency > apa_with_ports.valid_frequency)
     smooth = np.array([edge(plant, rate) for rate in RATES]) / RATES
     assert np.ptp(smooth) < 0.1 * smooth.mean()
     folded = np.array([edge(replace(plant, unsupported=[]), rate) for rate in RATES]) / RATES
