@@ -42,8 +42,9 @@ def folding_modes(
 ) -> tuple[FoldingMode, ...]:
     """Find the unsupported modes that fold in a digital loop, the one with the largest loop gain first.
 
-    `sampled` takes them as quasi-static, so neither margins nor a largest stable gain know of their resonances. The
-    gain 1 / (largest loop gain) is safe whatever their frequencies are, with the damping that the model gives them.
+    `sampled` takes them as quasi-static, so neither margins nor a largest stable gain know of their resonances. Up to
+    the gain 1 / (largest loop gain), none of them alone makes the loop unstable, whatever its frequency is, with the
+    damping that the model gives it.
 
     Args:
         model: continuous, with `LinearModel.unsupported` as `linearize` gives it.

@@ -55,7 +55,10 @@ class LinearModel:
             unsupported=finite_array("unsupported", self.unsupported, (None,)),
         )
         if len(self.unsupported) > n:
-            raise ValueError(f"unsupported has {len(self.unsupported)} frequencies for {n} states")
+            raise ValueError(
+                f"unsupported has {len(self.unsupported)} frequencies for {n} states; give those of the first states, "
+                "or () for none"
+            )
 
     @property
     def matrices(self) -> StateSpace:

@@ -348,16 +348,20 @@ def test_the_bench_with_ports_against_many_more_modes_and_the_full_model(apa_wit
     """A reduction with all modes up to 58 kHz, of which the first 40 or so fold, and the FE model without reduction.
 
     The true edge is where these modes put it, with the damping that is assumed of them: not below the safe gain, not
-    above the smooth one by more than a quarter. What a run identifies of V/V is right, where it was degrees off.
+    above the smooth one by more than a quarter. Behind an amplifier of 1 kHz both agree to 12 %. What a run identifies
+    of V/V is right, where it was degrees off.
     """
     scene = make_bench(apa=apa_with_ports, fidelity="linear", resistance=np.inf)
     rich = craig_bampton(apa_with_ports_condensed, n_modes=60, progress=False)
     plant = linearize(scene)
-    reference = linearize(make_bench(apa=rich, fidelity="linear", resistance=np.inf, damping_ratio=0.01))
-    edges, smooth = (np.array([edge(model, rate) for rate in RATES]) for model in (reference, plant))
+    reference = make_bench(apa=rich, fidelity="linear", resistance=np.inf)
+    edges, smooth = (np.array([edge(model, rate) for rate in RATES]) for model in (linearize(reference), plant))
     safe = np.array([1 / folding_modes(plant, iff(rate), **WIRES)[0].loop_gain for rate in RATES])
     assert np.all(safe < edges)
     assert np.all(edges < 1.25 * smooth)
+    slower = [replace(s, actuators=(replace(s.actuators[0], bandwidth=1e3),)) for s in (reference, scene)]
+    edges, smooth = (np.array([edge(linearize(s), rate) for rate in RATES]) for s in slower)
+    np.testing.assert_allclose(smooth, edges, rtol=0.12)
     rate = 22e3
     noise = band_limited_noise(4.0, rate, cutoff_frequency=1550.0, rms=0.1)
     points = np.array([1500.0, 2000.0])
