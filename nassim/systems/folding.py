@@ -18,13 +18,15 @@ from nassim.systems.state_space import transfer_matrix
 
 ANGLES = np.geomspace(1e-3, np.pi, 300)
 """Of folded frequencies, per sample [rad]."""
+SAME = 1e-3
+"""Relative difference of two frequencies of modes that fold to one place, as of six struts alike."""
 BELONGS = 0.5
 """Share of a pole in the states of unsupported modes, from which on it is one of them."""
 
 
 @dataclass(frozen=True)
 class FoldingMode:
-    """A mode that a sampled model takes as quasi-static, and what a loop would make of it if it rang.
+    """A mode, or several of one frequency, that is quasi-static in a sampled model, and what a loop would make of it.
 
     frequency: of the mode [Hz]; folded: where it would appear below half of the sample rate [Hz], as uncertain as
         the frequency
@@ -62,20 +64,24 @@ def folding_modes(
     columns = [model.inputs.index(known("input", name, model.inputs)) for name in names("driven signal", driven)]
     rate, unsupported = controller.sample_rate, np.zeros(len(model.A), dtype=bool)
     unsupported[: len(model.unsupported)] = model.unsupported > rate / 2
-    if not unsupported.any():
-        return ()
     balanced, (scale, _) = scipy.linalg.matrix_balance(model.A, permute=False, separate=True)
     poles, left, right = scipy.linalg.eig(balanced, left=True, right=True)
     shares = np.abs(left * right)
     own = (poles.imag > np.pi * rate) & (shares[unsupported].sum(axis=0) > BELONGS * shares.sum(axis=0))
+    if not own.any():
+        return ()
     k = controller_model(controller, inputs=measured, outputs=driven, time_step=1 / rate)
     gains = finite("gain", gain) * transfer_matrix(k.matrices, np.exp(1j * ANGLES))
+    poles, left, right = poles[own], left[:, own].T.conj(), right[:, own]
+    drives = left @ (model.B[:, columns] / scale[:, None]) / np.sum(left.T * right, axis=0)[:, None]
+    shows, order = (model.C[rows] * scale) @ right, np.argsort(np.abs(poles))
+    frequency = np.abs(poles[order]) / (2 * np.pi)
     found = []
-    for pole, drives, shows in zip(poles[own], left[:, own].T.conj(), right[:, own].T, strict=True):
-        b = drives @ (model.B[:, columns] / scale[:, None]) / (drives @ shows)
-        c = (model.C[rows] * scale) @ shows
-        around = np.abs(np.einsum("u,uyf,y->f", b, gains, c)) * np.sin(ANGLES / 2)
+    for group in np.split(order, np.flatnonzero(np.diff(frequency) > SAME * frequency[1:]) + 1):
+        loops = np.einsum("uyf,yk,kv->fuv", gains, shows[:, group], drives[group])
+        around = np.abs(np.linalg.eigvals(loops)).max(axis=1) * np.sin(ANGLES / 2)
+        pole = poles[group[0]]
         size = 2 / abs(pole) / -np.expm1(pole.real / rate) * around.max()
-        frequency = float(abs(pole)) / (2 * np.pi)
-        found.append(FoldingMode(frequency, float(abs(frequency - rate * round(frequency / rate))), float(size)))
+        at = float(abs(pole)) / (2 * np.pi)
+        found.append(FoldingMode(at, abs(at - rate * round(at / rate)), float(size)))
     return tuple(sorted(found, key=lambda mode: -mode.loop_gain))

@@ -150,14 +150,27 @@ def test_gains_vary_smoothly_with_the_sample_rate_and_folding_modes_tell_which_a
     assert max(edges[13e3] / rates) > 1.8 * min(edges[13e3] / rates)
     for high, found in edges.items():
         loops = [folding_modes(two_modes(high), iff(rate), **WIRES) for rate in rates]
-        safe = np.array([1 / mode.loop_gain for ((mode),) in loops])
+        safe = np.array([1 / mode.loop_gain for (mode,) in loops])
         assert np.all(found > 0.95 * safe)
         assert np.min(found / safe) < 1.5
         assert loops[0][0].frequency == pytest.approx(high)
         assert loops[0][0].folded == pytest.approx(min(high % 8e3, 8e3 - high % 8e3), rel=1e-6)
     assert folding_modes(two_modes(13e3), iff(27e3), **WIRES) == ()
+    assert folding_modes(two_modes(13e3, ratio=1.5), iff(8e3), **WIRES) == (), "what does not ring does not fold"
     one, three = (folding_modes(two_modes(13e3), iff(8e3), gain=gain, **WIRES)[0].loop_gain for gain in (1.0, 3.0))
     assert three == pytest.approx(3 * one)
+    model = two_modes(13e3)
+    state, turn = np.zeros((6, 6)), [0.6, 0.8]
+    state[:4, :4], state[4, 5], state[5, 4:] = model.A, 1.0, model.A[3, 1::2]
+    twice = replace(
+        model,
+        A=state,
+        B=np.vstack([model.B[:3], turn[0] * model.B[3:], [[0.0]], turn[1] * model.B[3:]]),
+        C=np.hstack([model.C * [[1.0, turn[0], 1.0, 1.0]], turn[1] * model.C[:, 1:2], [[0.0]]]),
+        unsupported=[*model.unsupported, 13e3, 13e3],
+    )
+    (pair,) = folding_modes(twice, iff(8e3), **WIRES)
+    assert pair.loop_gain == pytest.approx(one), "modes of one frequency are one, however their shapes are turned"
     with pytest.raises(ValueError, match="takes the continuous model"):
         folding_modes(sampled(two_modes(13e3), 8e3), iff(8e3), **WIRES)
 
