@@ -65,7 +65,8 @@ def quasi_static(state: Array, inputs: Array, fast: Array) -> tuple[Array, Array
     state: A, (n, n); inputs: B, (n, m); fast: which states follow, bool (n,)
 
     Returns A' (k, k) and B' (k, m) of the other states x', and what all states are, x = X x' + U u: X (n, k), U (n, m).
-    Constant inputs give what they gave. At a frequency f the part of a mode at f_m is off by the share (f / f_m)^2.
+    Constant inputs give what they gave. At a frequency f the part of a mode at f_m with a damping ratio of zeta is off
+    by the share (f / f_m)^2 in size, and by 2 zeta f / f_m in phase.
     Source: as residual flexibility R. H. MacNeal, A hybrid method of component mode synthesis, Computers & Structures 1
     (1971) 581-601; of any states P. Kokotovic, H. K. Khalil, J. O'Reilly, Singular Perturbation Methods in Control
     (1986), sec. 1.2.
