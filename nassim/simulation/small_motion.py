@@ -29,6 +29,7 @@ from nassim.scene.scene import Scene
 from nassim.simulation.constraints import constraint_rows, null_space
 from nassim.simulation.damping import Damping, own_damping
 from nassim.simulation.filters import ground_accelerations, output_filters
+from nassim.simulation.folding import unsupported_modes
 from nassim.simulation.following import Following, follow, followed_motion
 from nassim.simulation.rows import bushing_rows, shares
 from nassim.simulation.trimming import trim_scene, undrawn
@@ -38,9 +39,6 @@ NO_EQUILIBRIUM = (
     "no static equilibrium: can a body move freely? Add joints, leave gravity out, or let the scene go as it is drawn "
     'by simulate(..., start="released")'
 )
-
-BEYOND = 0.5
-"""Share of strain energy in bodies that do not have all modes at a mode's frequency, above which it is unsupported."""
 
 
 @dataclass(frozen=True)
@@ -241,7 +239,7 @@ def assemble(scene: Scene) -> Assembly:
             coordinates.mass,
             dragged,
         ),
-        unsupported=_unsupported(scene, valid, strains, frequency, modes),
+        unsupported=unsupported_modes(scene, valid, strains, frequency, modes),
     )
 
 
@@ -316,23 +314,6 @@ def _strains(coordinates: _Coordinates, words: Sequence[Word]) -> tuple[list[Str
             strains += [spring_strain(d @ rows, k, coordinates.mass) for k, d in zip(sizes, directions.T, strict=True)]
             dampers += rows.T @ word.damping @ rows
     return strains, dampers
-
-
-def _unsupported(
-    scene: Scene, valid: Mapping[str, float], strains: Sequence[Strain], frequency: Array, modes: Array
-) -> Array:
-    """Modes (n_all, n) that most strain energy puts into bodies beyond what is valid, or above the scene's limit, (n,).
-
-    valid: frequency up to which each flexible body has all modes [Hz]; strains: first those of the bodies that deform
-    """
-    if scene.quasi_static_above is not None:
-        above: Array = frequency > scene.quasi_static_above
-        return above
-    beyond = np.zeros(len(frequency))
-    for body, strain in zip(scene.deformable_bodies, strains, strict=False):
-        beyond += (frequency > valid[body.name]) * np.sum((strain.root @ modes) ** 2, axis=0)
-    result: Array = beyond > BEYOND * (2 * np.pi * frequency) ** 2
-    return result
 
 
 def _deformation(coordinates: _Coordinates, frames: Mapping[str, FloatingFrame]) -> tuple[Array, Array, Array]:
