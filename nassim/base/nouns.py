@@ -25,6 +25,7 @@ NOUNS: dict[str, str] = {
     "FRF": "nassim.signals.frf",
     "Finding": "nassim.exchange.inspection",
     "FlexibleBody": "nassim.scene.bodies",
+    "FoldingMode": "nassim.systems.folding",
     "ForceSensor": "nassim.scene.instruments",
     "FloatingFrame": "nassim.bodies.floating_frame",
     "Geophone": "nassim.scene.instruments",

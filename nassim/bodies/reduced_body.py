@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from nassim.bodies.strain import Strain, body_strain, strained_modes
 
 SATURATION = 1.7
 """Whole error of a mesh over the share of it that elements one order higher remove."""
+LEFT_OUT = 0.05
+"""Relative difference of a fixed-interface mode from that of the enriched body, above which it is another mode."""
 
 
 @dataclass(frozen=True)
@@ -173,6 +176,21 @@ class ReducedBody:
     def strain(self) -> Strain:
         """The strains that resist the body's motions."""
         return body_strain(self.stiffness_matrix, self.mass_matrix, self.positions)
+
+    @cached_property
+    def valid_frequency(self) -> float:
+        """Frequency of the first fixed-interface mode that the body leaves out [Hz]; inf where it knows of none.
+
+        Above it the body's coordinates hold static shapes, of remote points and loads, but not all modes. Known from
+        the `enriched` form, so not of a body that has none.
+        """
+        if self.enriched is None:
+            return np.inf
+        own, whole = (body.eigenfrequencies(fixed=self.point_names) for body in (self, self.enriched))
+        # More freedom raises no frequency: each is at least the enriched body's of the same number.
+        own = np.append(own, np.full(max(0, len(whole) - len(own)), np.inf))[: len(whole)]
+        left_out = whole[own > (1 + LEFT_OUT) * whole]
+        return float(left_out[0]) if len(left_out) else np.inf
 
     @property
     def positions(self) -> Array:

@@ -77,12 +77,14 @@ def joined(
     damping_ratio: ArrayLike | None = None,
     gravity: ArrayLike | None = None,
     cutoff_frequency: float | None = None,
+    quasi_static_above: float | None = None,
 ) -> Scene:
     """One scene of all bodies and parts of several, and what connects them.
 
     bodies, joints, actuators, sensors, springs, loops: beside those of the scenes; they may name the scenes' points
         and signals
-    damping_ratio, gravity, cutoff_frequency: of the whole, see `Scene`; where None, all scenes must have the same
+    damping_ratio, gravity, cutoff_frequency, quasi_static_above: of the whole, see `Scene`; where None, all scenes must
+        have the same
 
     A ground acceleration in any of the scenes accelerates the ground of all.
     Raises ValueError for names, of inputs too, that two of the scenes share or that are added again, for ratios by
@@ -105,6 +107,7 @@ def joined(
         damping_ratio=_agreed(scenes, "damping_ratio", damping_ratio),
         gravity=_agreed(scenes, "gravity", gravity),
         cutoff_frequency=_agreed(scenes, "cutoff_frequency", cutoff_frequency),
+        quasi_static_above=_agreed(scenes, "quasi_static_above", quasi_static_above),
     )
 
 

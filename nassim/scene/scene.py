@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nassim.base.checks import Array, finite_array, freeze, instances, known, positive, unique
+from nassim.base.checks import Array, above_zero, finite_array, freeze, instances, known, positive, unique
 from nassim.base.modal import damping_ratios
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.loop import Loop
@@ -57,6 +57,9 @@ class Scene:
         all inputs at zero; controllers start at rest, on the offsets that their signals then have
     cutoff_frequency: what flexible bodies need below it is modelled only, see `trim_scene`; take three times the
         highest frequency of interest [Hz]; None models all of each body
+    quasi_static_above: modes above it that lie above half of a sample rate too are quasi-static in sampled models and
+        exact runs: they follow at once instead of folding below half of the rate [Hz]. None: those of which most
+        strain energy is in bodies whose modes end below (`ReducedBody.valid_frequency`); math.inf: no mode is
 
     Raises ValueError for unknown names, for joints whose points do not touch, and for whatever else a part finds wrong.
     """
@@ -71,10 +74,12 @@ class Scene:
     damping_ratio: ArrayLike | None = None
     gravity: Array = field(default_factory=lambda: np.zeros(3))
     cutoff_frequency: float | None = None
+    quasi_static_above: float | None = None
 
     def __post_init__(self) -> None:
         unique("scene", (self.name,))
         positive("cutoff_frequency", 1.0 if self.cutoff_frequency is None else self.cutoff_frequency, "Hz")
+        above_zero("quasi_static_above", 1.0 if self.quasi_static_above is None else self.quasi_static_above, "Hz")
         ratio = self.damping_ratio
         if ratio is not None:
             ratio = damping_ratios("damping_ratio", ratio, stacklevel=3)

@@ -1,13 +1,13 @@
 """A scene from sample to sample, its digital controllers included: one system that is linear but for the converters.
 
 Its states are the scene's, then the commands that are held, then of each loop the controller's own and the commands
-that wait. Before the converters stand the *raw* values: the outputs that all loops measure, then what their controllers
-compute of their states. A sample is then a conversion of these and one product with a matrix; without converters it is
-linear, and so are many samples at once.
+that wait, and where modes are quasi-static the commands that were held before. Ahead of the converters stand the *raw*
+values: the outputs that all loops measure, then what their controllers compute of their states. A sample is then a
+conversion of these and one product with a matrix; without converters it is linear, and so are many samples at once.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import reduce
 from itertools import pairwise
@@ -18,7 +18,7 @@ from nassim.base.checks import Array
 from nassim.scene.loop import Loop
 from nassim.scene.scene import Scene
 from nassim.simulation.running_loops import converter, samples_per_period
-from nassim.systems.state_space import StateSpace, followed
+from nassim.systems.state_space import EARLIER, StateSpace, followed
 
 
 @dataclass(frozen=True)
@@ -27,18 +27,21 @@ class Plant:
 
     matrices: A, B, C and D, for all that acts but commands
     pushed, shown: G (n, commands) and E (outputs, commands); outputs show the commands that are held until the sample
+    settling: the part of E that quasi-static modes add, which a sample of the command's own loop shows as
+        `nassim.systems.state_space.settling_response` does
     """
 
     matrices: StateSpace
     pushed: Array
     shown: Array
+    settling: Array
 
 
 @dataclass(frozen=True)
 class _Wiring:
     """Where a loop's signals are: outputs that it measures; among states and raw values all others.
 
-    period: in time steps; held, own, waiting: states; seen, computed: raw values
+    period: in time steps; held, own, waiting, before: states; seen, computed: raw values
     """
 
     loop: Loop
@@ -47,6 +50,7 @@ class _Wiring:
     held: slice
     own: slice
     waiting: slice
+    before: slice
     seen: slice
     computed: slice
 
@@ -113,7 +117,10 @@ class ClosedSteps:
             step.dot(row, following)
             following += pushes[k]
         states = values[:, :n]
-        outputs = states[:-1] @ self._shown.T + inputs @ self.plant.matrices[3].T
+        outputs = states[:-1] @ self._shown(()).T + inputs @ self.plant.matrices[3].T
+        for wiring in self.wirings:
+            taken = slice(-first % wiring.period, None, wiring.period)
+            outputs[taken] += states[:-1][taken] @ _earlier(self.plant, wiring, n).T
         return states, np.hstack([outputs, self._held(states[1:])])
 
     def within_limits(self, states: Array, rows: Array) -> int:
@@ -153,6 +160,7 @@ class ClosedSteps:
             if now:
                 c = wiring.loop.controller
                 line = np.vstack([states[wiring.waiting], converted[wiring.computed]])
+                after[wiring.before] = states[wiring.held][: wiring.before.stop - wiring.before.start]
                 after[wiring.held], after[wiring.waiting] = line[: len(c.C)], line[len(c.C) :]
                 after[wiring.own] = c.A @ states[wiring.own] + c.B @ converted[wiring.seen]
         after[: len(a)] = self.plant.pushed @ self._held(after.T).T
@@ -166,7 +174,8 @@ class ClosedSteps:
         moved = self._moved(due)
         converted = moved[:, self.n :] @ ideal
         state, taken = moved[:, : self.n] + converted @ self.reading, self._taken + converted @ self.through
-        rows = np.vstack([self._shown, self._held(state.T).T])
+        shown = self._shown([wiring for wiring, now in zip(self.wirings, due, strict=True) if now])
+        rows = np.vstack([shown, self._held(state.T).T])
         return state, taken, rows, np.vstack([self.plant.matrices[3], self._held(taken.T).T])
 
     def _with_raw(self, states: Array) -> Array:
@@ -184,32 +193,31 @@ class ClosedSteps:
         b = self.plant.matrices[1]
         return np.vstack([b, np.zeros((self.n - len(b), b.shape[1]))])
 
-    @property
-    def _shown(self) -> Array:
-        """What the outputs show of the states, (outputs, n)."""
-        c = np.hstack([self.plant.matrices[2], self.plant.shown])
-        return np.hstack([c, np.zeros((len(c), self.n - c.shape[1]))])
+    def _shown(self, due: Iterable[_Wiring]) -> Array:
+        """What the outputs show of the states when some loops are due, (outputs, n)."""
+        return _shown(self.plant, due, self.n)
 
 
 def closed_steps(plant: Plant, scene: Scene, time_step: float) -> ClosedSteps:
     """A scene's loops wired to it; time_step [s]. Raises ValueError for sample rates that do not fit the time step."""
-    (a, _, c, d), loops = plant.matrices, scene.loops
+    (a, _, _, d), loops = plant.matrices, scene.loops
     n_seen, n_driven = [len(loop.measured) for loop in loops], [len(loop.driven) for loop in loops]
     commands, raw = len(a) + sum(n_driven), sum(n_seen + n_driven)
     held, own = _slices(len(a), n_driven), _slices(commands, [len(loop.controller.A) for loop in loops])
     n_own = commands + sum(len(loop.controller.A) for loop in loops)
     waiting = _slices(n_own, [loop.controller.delay * len(loop.driven) for loop in loops])
-    n = n_own + sum(loop.controller.delay * len(loop.driven) for loop in loops)
+    n_waiting = n_own + sum(loop.controller.delay * len(loop.driven) for loop in loops)
+    n_before = [k * bool(plant.settling.any()) for k in n_driven]
+    before, n = _slices(n_waiting, n_before), n_waiting + sum(n_before)
     rows = [[scene.outputs.index(name) for name in loop.measured] for loop in loops]
     periods = [samples_per_period(loop, time_step) for loop in loops]
-    places = zip(
-        loops, periods, rows, held, own, waiting, _slices(0, n_seen), _slices(sum(n_seen), n_driven), strict=True
-    )
+    seen, computed = _slices(0, n_seen), _slices(sum(n_seen), n_driven)
+    places = zip(loops, periods, rows, held, own, waiting, before, seen, computed, strict=True)
     wirings = tuple(_Wiring(*place) for place in places)
 
     measured = [row for wiring in wirings for row in wiring.measured]
     reading, through = np.zeros((raw, n)), np.zeros((raw, d.shape[1]))
-    reading[: len(measured), :commands] = np.hstack([c, plant.shown])[measured]
+    reading[: len(measured)] = _shown(plant, wirings, n)[measured]
     through[: len(measured)] = d[measured]
     direct = np.zeros((sum(n_driven), sum(n_seen)))
     for wiring in wirings:
@@ -217,6 +225,25 @@ def closed_steps(plant: Plant, scene: Scene, time_step: float) -> ClosedSteps:
         reading[wiring.computed, wiring.own] = controller.C
         direct[wiring.computed.start - sum(n_seen) : wiring.computed.stop - sum(n_seen), wiring.seen] = controller.D
     return ClosedSteps(plant, wirings, reading, through, direct)
+
+
+def _shown(plant: Plant, due: Iterable[_Wiring], n: int) -> Array:
+    """What the outputs show of all n states when some loops are due, (outputs, n)."""
+    c = np.hstack([plant.matrices[2], plant.shown])
+    result = np.hstack([c, np.zeros((len(c), n - c.shape[1]))])
+    for wiring in due:
+        result += _earlier(plant, wiring, n)
+    return result
+
+
+def _earlier(plant: Plant, wiring: _Wiring, n: int) -> Array:
+    """What a sample shows beside of a loop's last command and the one before, of all n states, (outputs, n)."""
+    result = np.zeros((len(plant.settling), n))
+    if wiring.before.stop > wiring.before.start:
+        first = len(plant.matrices[0])
+        weights = EARLIER * plant.settling[:, wiring.held.start - first : wiring.held.stop - first]
+        result[:, wiring.held], result[:, wiring.before] = weights, -weights
+    return result
 
 
 def _slices(start: int, sizes: Sequence[int]) -> list[slice]:

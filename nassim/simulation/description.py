@@ -74,7 +74,9 @@ def _body(scene: Scene, body: Body, fewer: Mapping[str, FlexibleBody]) -> list[s
 def _flexible(scene: Scene, body: FlexibleBody, fewer: FlexibleBody) -> list[str]:
     n, points, p = len(fewer.mass_matrix), fewer.reduced.point_names, fewer.reduced.n_modes
     kind = "floating frame" if body.fidelity == "ffrf" else "linear"
-    lines = [f"{kind}, {n} coordinates: {', '.join(points)} x 6 + {p} modes and load shapes"]
+    limit = fewer.reduced.valid_frequency
+    complete = f", complete up to {limit:.4g} Hz" if np.isfinite(limit) else ""
+    lines = [f"{kind}, {n} coordinates: {', '.join(points)} x 6 + {p} modes and load shapes{complete}"]
     if len(body.mass_matrix) > n:
         idle = ", ".join(name for name in body.reduced.point_names if name not in points) or "none"
         lines.append(

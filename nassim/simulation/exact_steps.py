@@ -13,13 +13,14 @@ import scipy
 
 from nassim.base.checks import Array
 from nassim.base.progress import Advance, silent
+from nassim.scene.scene import Scene
 from nassim.simulation.closed_steps import ClosedSteps, Plant, closed_steps
 from nassim.simulation.linearization import state_space
 from nassim.simulation.reach import find_reach
 from nassim.simulation.running_loops import runaway, see_runaway
 from nassim.simulation.small_motion import NO_EQUILIBRIUM, Assembly
 from nassim.simulation.stopped_runs import Stopped, Trust
-from nassim.systems.state_space import StateSpace, discretize, repeated
+from nassim.systems.state_space import StateSpace, discretize, quasi_static, repeated, settling_response
 
 CHECKS = 200
 """Blocks at least, where the run has so many samples: all coordinates are looked at when one begins."""
@@ -56,7 +57,7 @@ def exact_response(
     200 times and at the kept samples, shape (n_all, n_times) each. Raises RuntimeError when gravity does work on a free
     motion, and Stopped when a loop runs away.
     """
-    plant, start, risen = _plant(assembly, time_step, hold_order, released)
+    plant, start, risen, all_coordinates = _plant(assembly, time_step, hold_order, released)
     closed = closed_steps(plant, assembly.scene, time_step)
     n_samples, n_out = inputs.shape[1], len(plant.shown)
     block = _block(closed, n_samples)
@@ -65,7 +66,7 @@ def exact_response(
     n_in = risen.shape[1]
     start = start - risen @ _samples(inputs, 0, 1, n_in)[0]
     rows = np.empty((n_out + len(assembly.scene.commands), n_samples))
-    read = _reader(assembly, closed, risen, inputs)
+    read = _reader(assembly.scene, closed, risen, inputs, all_coordinates)
     seen, at_kept, trust = [], [], Trust()
     reach = find_reach(assembly, inputs, time_step) if assembly.scene.loops else None
     for begin, states, found in pieces(closed, start, inputs, block):
@@ -91,40 +92,74 @@ def exact_response(
     return rows[:n_out], rows[n_out:], np.array(seen).T, all_kept.T
 
 
-def _plant(assembly: Assembly, h: float, hold_order: int, released: bool) -> tuple[Plant, Array, Array]:
+def _plant(
+    assembly: Assembly, h: float, hold_order: int, released: bool
+) -> tuple[Plant, Array, Array, tuple[Array, Array]]:
     """A scene from sample to sample, its state at the start, and what the inputs' present value adds to a state.
 
     Gravity, where it acts, is the last input, of one. For hold_order 1, x_1 = P x_0 + G u_0 + H (u_1 - u_0), the state
-    is x - H u.
+    is x - H u. Quasi-static modes are no states: see `nassim.systems.sampled`.
+
+    Returns also all coordinates per unit of the states x, (n_all, n), and of the inputs beside, (n_all, inputs).
     """
     state, drives, readings, feedthrough = state_space(assembly)
+    by_states, by_inputs = _all_coordinates(assembly, *drives.shape)
     if not np.any(assembly.weight):
-        drives, feedthrough = drives[:, :-1], feedthrough[:, :-1]
-    phi, held, risen = discretize(state, drives, h)
+        drives, feedthrough, by_inputs = drives[:, :-1], feedthrough[:, :-1], by_inputs[:, :-1]
+    n = 2 * len(assembly.frequency)
+    fast, held_by_stiffness = np.zeros(len(state), dtype=bool), np.ones(len(state), dtype=bool)
+    fast[:n], held_by_stiffness[:n] = np.tile(_quasi_static_modes(assembly, h), 2), np.tile(~assembly.free, 2)
+    state, drives, kept, taken = quasi_static(state, drives, fast)
+    readings, settling = readings @ kept, readings @ taken
+    by_states, by_inputs = by_states @ kept, by_inputs + by_states @ taken
     start = np.zeros(len(state))
     if np.any(assembly.weight) and not released:
         _check_equilibrium(assembly)
-        held_by_stiffness = np.ones(len(start), dtype=bool)
-        held_by_stiffness[: 2 * len(assembly.frequency)] = np.tile(~assembly.free, 2)
-        part = np.ix_(held_by_stiffness, held_by_stiffness)
-        start[held_by_stiffness] = np.linalg.solve(state[part], -drives[held_by_stiffness, -1])
-    risen = risen * (hold_order == 1)
-    matrices = phi, held - risen + phi @ risen, readings, feedthrough + readings @ risen
+        part = held_by_stiffness[~fast]
+        start[part] = np.linalg.solve(state[np.ix_(part, part)], -drives[part, -1])
+    phi, held, risen = discretize(state, drives, h)
     scene = assembly.scene
     driven = [scene.inputs.index(name) for loop in scene.loops for name in loop.driven]
-    return Plant(matrices, held[:, driven], feedthrough[:, driven]), start, risen
+    pushed, shown = held[:, driven], (feedthrough + settling)[:, driven]
+    followed = np.where(feedthrough == 0, settling, 0.0)[:, driven]
+    if hold_order == 1:
+        matrices = phi, held - risen + phi @ risen, readings, feedthrough + settling + readings @ risen
+    else:
+        constant = np.arange(len(drives.T)) >= len(scene.inputs)
+        at_once, late = np.where(constant, settling, 0.0), np.where(constant, 0.0, settling)
+        matrices = settling_response((phi, held, readings, feedthrough + at_once), late)
+        more = len(matrices[0]) - len(phi)
+        start, pushed = np.pad(start, (0, more)), np.pad(pushed, ((0, more), (0, 0)))
+        risen, by_states = np.zeros_like(matrices[1]), np.pad(by_states, ((0, 0), (0, more)))
+    return Plant(matrices, pushed, shown, followed), start, risen, (by_states, by_inputs)
 
 
-def _reader(assembly: Assembly, closed: ClosedSteps, risen: Array, inputs: Array) -> Callable[[Array, int], Array]:
-    """A function of states (k, n), of the scene with its controllers, from a sample on: all coordinates, (k, n_all)."""
-    modes, following, (n, n_in) = assembly.basis @ assembly.shapes, assembly.following, risen.shape
-    plain = n - sum(len(system[0]) for system in assembly.filters.values())
-    by_states, by_inputs = np.zeros((len(modes), closed.n)), following.beyond @ following.taken(n_in)
+def _quasi_static_modes(assembly: Assembly, time_step: float) -> Array:
+    """Modes that nobody answers for and that would fold, at the time steps or at the samples of a loop, bool (n,)."""
+    rates = [1 / time_step, *(loop.controller.sample_rate for loop in assembly.scene.loops)]
+    result: Array = assembly.unsupported & (assembly.frequency > min(rates) / 2)
+    return result
+
+
+def _all_coordinates(assembly: Assembly, n_states: int, n_inputs: int) -> tuple[Array, Array]:
+    """All coordinates per unit of the states of `state_space`, (n_all, n_states), and of its inputs beside."""
+    modes, following = assembly.basis @ assembly.shapes, assembly.following
+    plain = n_states - sum(len(system[0]) for system in assembly.filters.values())
+    by_states = np.zeros((len(modes), n_states))
     by_states[:, :plain] = following.beyond @ following.lagging(plain)
     by_states[:, : modes.shape[1]] += modes
-    by_inputs += by_states[:, :n] @ risen
-    driven = [assembly.scene.inputs.index(name) for loop in assembly.scene.loops for name in loop.driven]
-    by_states[:, n : n + len(driven)] = (following.beyond @ following.taken(n_in))[:, driven]  # commands that are held
+    return by_states, following.beyond @ following.taken(n_inputs)
+
+
+def _reader(
+    scene: Scene, closed: ClosedSteps, risen: Array, inputs: Array, all_coordinates: tuple[Array, Array]
+) -> Callable[[Array, int], Array]:
+    """A function of states (k, n), of the scene with its controllers, from a sample on: all coordinates, (k, n_all)."""
+    (by_scene, by_inputs), (n, n_in) = all_coordinates, risen.shape
+    driven = [scene.inputs.index(name) for loop in scene.loops for name in loop.driven]
+    by_states = np.zeros((len(by_scene), closed.n))
+    by_states[:, :n], by_states[:, n : n + len(driven)] = by_scene, by_inputs[:, driven]  # commands that are held
+    by_inputs = by_inputs + by_scene @ risen
     return lambda states, first: states @ by_states.T + _samples(inputs, first, first + len(states), n_in) @ by_inputs.T
 
 

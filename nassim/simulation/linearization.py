@@ -10,6 +10,7 @@ from nassim.base.checks import Array, finite_array, known, unique
 from nassim.scene.measures import body_of
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint, Output
+from nassim.simulation.folding import warn_of_folding
 from nassim.simulation.following import cleared, product
 from nassim.simulation.sides import stator_bodies
 from nassim.simulation.small_motion import Assembly, assemble
@@ -54,8 +55,12 @@ def linearize(
     sensors in it, for a part, by name, that changes the model as the scene turns, and for outputs that would need an
     input's derivative.
     """
-    a, b, c, d = state_space(*spun(scene, angular_velocity, axis_point, standing, frame))
-    return LinearModel(a, b[:, :-1], c, d[:, :-1], scene.inputs, scene.outputs, scene.output_units)
+    assembly, spin = spun(scene, angular_velocity, axis_point, standing, frame)
+    a, b, c, d = state_space(assembly, spin)
+    unsupported = np.tile(np.where(assembly.unsupported, assembly.frequency, 0.0), 2)
+    return LinearModel(
+        a, b[:, :-1], c, d[:, :-1], scene.inputs, scene.outputs, scene.output_units, unsupported=unsupported
+    )
 
 
 def spun(
@@ -268,8 +273,8 @@ def linearize_closed(
 
     The model is sampled at the loops' rate: what a simulation without saturation does at its samples, exactly, with the
     excitation held between them. continuous: the continuous equivalent instead, with delay and hold by Pade's
-    approximation of delay_order. Raises ValueError for a scene without loops, for an unknown one, and for several rates
-    unless continuous.
+    approximation of delay_order. The sampled model warns of modes that are quasi-static in it and could make a loop
+    unstable. Raises ValueError for a scene without loops, for an unknown one, and for several rates unless continuous.
     """
     if not scene.loops:
         raise ValueError(f"scene {scene.name!r} has no loops; linearize serves")
@@ -283,6 +288,7 @@ def linearize_closed(
         )
     model = linearize(scene, angular_velocity=angular_velocity, axis_point=axis_point, standing=standing, frame=frame)
     if not continuous:
+        warn_of_folding(model, closed)
         model = sampled(model, rates.pop())
     for loop in closed:
         model = close_loop(

@@ -27,6 +27,7 @@ from nassim.scene.terms import (
 from nassim.simulation.constraints import constraint_rows, null_space
 from nassim.simulation.damping import Damping, own_damping
 from nassim.simulation.filters import ground_accelerations, output_filters
+from nassim.simulation.folding import unsupported_modes
 from nassim.simulation.following import Following, follow, followed_motion
 from nassim.simulation.states import ReferenceState
 from nassim.simulation.trimming import trim_scene, undrawn
@@ -97,6 +98,7 @@ class Assembly:
     circuits: electrical ports whose charge leaks through a resistance
     amplifiers: actuators with a bandwidth
     following: what drives that follow inputs do; the minimal coordinates are those of motion with these at rest
+    unsupported: modes beyond what the bodies' reductions hold, quasi-static in sampled models, bool (n,)
     """
 
     scene: Scene
@@ -122,6 +124,7 @@ class Assembly:
     circuits: tuple[Circuit, ...]
     amplifiers: tuple[Amplifier, ...]
     following: Following
+    unsupported: Array
 
     @property
     def free(self) -> Array:
@@ -278,7 +281,9 @@ def _nonlinear_equilibrium(coordinates: Coordinates, laws: Sequence[tuple[ForceL
 
 def assemble(scene: Scene) -> Assembly:
     """Assemble a scene's mass and stiffness for small motion, and find its undamped eigenmodes."""
-    scene, terms = _as_modelled(trim_scene(undrawn(scene) if scene.cutoff_frequency else scene))
+    scene = trim_scene(undrawn(scene) if scene.cutoff_frequency else scene)
+    valid = {body.name: body.reduced.valid_frequency for body in scene.flexible_bodies}  # without springs in ports
+    scene, terms = _as_modelled(scene)
     frames = {body.name: floating_frame(body.reduced, scene.frame_point(body)) for body in scene.flexible_bodies}
     coordinates = Coordinates.of(scene)
     held, moved, enforced = constraint_rows(
@@ -337,6 +342,7 @@ def assemble(scene: Scene) -> Assembly:
             coordinates.mass,
             dragged,
         ),
+        unsupported=unsupported_modes(scene, valid, strains, frequency, modes),
     )
 
 

@@ -19,6 +19,7 @@ from nassim.simulation.exudyn.solver import axial_tension, eigenfrequencies, sol
 from nassim.simulation.exudyn.state import System
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.exudyn.turning import solve_turning
+from nassim.simulation.folding import warn_of_folding
 from nassim.simulation.following import Following
 from nassim.simulation.guards import (
     warn_of_changed_modes,
@@ -28,7 +29,7 @@ from nassim.simulation.guards import (
     warn_of_ringing,
     warn_of_spin,
 )
-from nassim.simulation.linearization import state_space
+from nassim.simulation.linearization import linearize, state_space
 from nassim.simulation.recording import frame_steps, recorded_motion, traced
 from nassim.simulation.run_checks import check_drives, check_exact, check_loops, check_options, check_stability
 from nassim.simulation.sampling import sampled
@@ -301,6 +302,8 @@ def _solve_exactly(
 ) -> tuple[Array, Motion | None]:
     check_exact(scene)
     assembly = assemble(scene)
+    if scene.loops and np.any(assembly.unsupported):
+        warn_of_folding(linearize(scene), scene.loops)
     driven = np.reshape([signals[name] for name in scene.inputs], (len(scene.inputs), n_steps + 1))
     with stage("simulate", total=n_steps, unit="steps", enabled=progress) as advance:
         readings, commands, coordinates, at_kept = exact_response(

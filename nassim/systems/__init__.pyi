@@ -61,6 +61,12 @@ from .feedback import (
 from .feedback import (
     singular_values as singular_values,
 )
+from .folding import (
+    FoldingMode as FoldingMode,
+)
+from .folding import (
+    folding_modes as folding_modes,
+)
 from .linear_model import (
     LinearModel as LinearModel,
 )

@@ -1,13 +1,20 @@
 """Linear models with named inputs and outputs, continuous or sampled: poles, damping, frequency response."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from nassim.base.checks import Array, finite_array, freeze, known, positive, unique
 from nassim.signals.frf import FRF
-from nassim.systems.state_space import StateSpace, discretize, transfer_matrix, transmission_zeros
+from nassim.systems.state_space import (
+    StateSpace,
+    discretize,
+    quasi_static,
+    settling_response,
+    transfer_matrix,
+    transmission_zeros,
+)
 
 ROUNDING = 1e-8
 """Growth rates below this share of the fastest pole are rounding: rigid motion's double pole has them."""
@@ -22,6 +29,8 @@ class LinearModel:
     units: of the outputs
     time_step: [s] of a sampled model, x_(k+1) = A x_k + B u_k, whose inputs keep each sample's value until the next;
         None for a continuous one
+    unsupported: frequency [Hz] of the mode that a state belongs to where the model's maker does not answer for that
+        mode, 0 for other states, (k,) of the first k states; see `sampled`
     """
 
     A: Array
@@ -32,6 +41,7 @@ class LinearModel:
     outputs: tuple[str, ...]
     units: tuple[str, ...] = ()
     time_step: float | None = None
+    unsupported: Array = field(default_factory=lambda: np.zeros(0), repr=False)
 
     def __post_init__(self) -> None:
         n, n_in, n_out = len(self.A), len(self.inputs), len(self.outputs)
@@ -42,7 +52,13 @@ class LinearModel:
             C=finite_array("C", self.C, (n_out, n)),
             D=finite_array("D", self.D, (n_out, n_in)),
             time_step=None if self.time_step is None else positive("time_step", self.time_step, "s"),
+            unsupported=finite_array("unsupported", self.unsupported, (None,)),
         )
+        if len(self.unsupported) > n:
+            raise ValueError(
+                f"unsupported has {len(self.unsupported)} frequencies for {n} states; give those of the first states, "
+                "or () for none"
+            )
 
     @property
     def matrices(self) -> StateSpace:
@@ -89,13 +105,21 @@ class UnstablePole:
 def sampled(model: LinearModel, sample_rate: float) -> LinearModel:
     """A continuous model from sample to sample [Hz], exact for inputs that keep each sample's value until the next.
 
+    Modes that the model's maker does not answer for (`LinearModel.unsupported`; of a scene see
+    `Scene.quasi_static_above`) are quasi-static where they lie above half of the sample rate: they would fold below it,
+    to where their uncertain frequencies put them. What they add to outputs follows from the last two values of the
+    inputs (`nassim.systems.state_space.settling_response`), which are further states, the last ones.
     Raises ValueError for a model that is sampled already.
     """
     if model.time_step is not None:
         raise ValueError(f"the model is sampled already, every {model.time_step:g} s; sample the continuous one")
     time_step = 1 / positive("sample_rate", sample_rate, "Hz")
-    state, held, _ = discretize(model.A, model.B, time_step)
-    return replace(model, A=state, B=held, time_step=time_step)
+    fast = np.zeros(len(model.A), dtype=bool)
+    fast[: len(model.unsupported)] = model.unsupported > sample_rate / 2
+    slow, drives, kept, taken = quasi_static(model.A, model.B, fast)
+    state, held, _ = discretize(slow, drives, time_step)
+    a, b, c, d = settling_response((state, held, model.C @ kept, model.D), model.C @ taken)
+    return replace(model, A=a, B=b, C=c, D=d, time_step=time_step, unsupported=np.zeros(0))
 
 
 def frequency_response(model: LinearModel, frequency: Array, *, label: str = "linear model") -> FRF:

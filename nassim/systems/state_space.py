@@ -20,6 +20,8 @@ NOTHING = 1e-14
 ROUNDING = EPSILON**0.75
 """Of a system whose numbers are near 1, what counts as zero in a rank."""
 SWEEPS = 3
+EARLIER = 0.5
+"""Weight of an input's last value but one in what has settled to its values, see `settling_response`."""
 StateSpace = tuple[Array, Array, Array, Array]
 """A (n, n), B (n, inputs), C (outputs, n), D (outputs, inputs)."""
 Parts = tuple[Array, Array, Array]
@@ -74,6 +76,54 @@ def _balanced(state: Array) -> tuple[Array, Array]:
     with np.errstate(invalid="ignore"):  # SciPy casts units, which may be large, to indices, which nobody asked for.
         _, (scale, _) = scipy.linalg.matrix_balance(guide, permute=False, separate=True)
     return state * scale / scale[:, None], scale
+
+
+def quasi_static(state: Array, inputs: Array, fast: Array) -> tuple[Array, Array, Array, Array]:
+    """Let some states of dx/dt = A x + B u follow at once, in balance with the others and the inputs.
+
+    state: A, (n, n); inputs: B, (n, m); fast: which states follow, bool (n,)
+
+    Returns A' (k, k) and B' (k, m) of the other states x', and what all states are, x = X x' + U u: X (n, k), U (n, m).
+    Constant inputs give what they gave. At a frequency f the part of a mode at f_m with a damping ratio of zeta is off
+    by the share (f / f_m)^2 in size, and by 2 zeta f / f_m in phase.
+    Source: as residual flexibility R. H. MacNeal, A hybrid method of component mode synthesis, Computers & Structures 1
+    (1971) 581-601; of any states P. Kokotovic, H. K. Khalil, J. O'Reilly, Singular Perturbation Methods in Control
+    (1986), sec. 1.2.
+    """
+    n, slow = len(state), np.flatnonzero(~fast)
+    kept, taken = np.eye(n)[:, slow], np.zeros_like(inputs)
+    if len(slow) == n:
+        return state, inputs, kept, taken
+    balanced, scale = _balanced(state)
+    by_others = np.hstack([balanced[np.ix_(fast, slow)] / scale[slow], inputs[fast] / scale[fast, None]])
+    followed_by = -scale[fast, None] * np.linalg.solve(balanced[np.ix_(fast, fast)], by_others)
+    kept[fast], taken[fast] = np.split(followed_by, [len(slow)], axis=1)
+    return state[slow] @ kept, inputs[slow] + state[slow] @ taken, kept, taken
+
+
+def settling_response(system: StateSpace, settling: Array) -> StateSpace:
+    """A sampled system with a part of its outputs that follows the inputs between samples.
+
+    settling: of an input that stays, (outputs, inputs). Where the system itself has direct feedthrough, both are seen
+        at once. Elsewhere 3/2 of it is seen of the value that an input had until the sample, less 1/2 of the one before
+
+    These two weights, of Adams' and Bashforth's rule of second order, are right in size and in delay for a mode that
+    rings through several samples, at frequencies far below the sample rate: as all else that answers a held input,
+    it is half a sample late. Both values of each such input are further states, the last ones.
+    """
+    a, b, c, d = system
+    late = np.where(d == 0, settling, 0.0)
+    inputs = np.eye(b.shape[1])[late.any(axis=0)]
+    n, m = len(a), len(inputs)
+    state = np.zeros((n + 2 * m, n + 2 * m))
+    state[:n, :n], state[n + m :, n : n + m] = a, np.eye(m)
+    seen = late @ inputs.T
+    return (
+        state,
+        np.vstack([b, inputs, np.zeros_like(inputs)]),
+        np.hstack([c, (1 + EARLIER) * seen, -EARLIER * seen]),
+        d + np.where(d == 0, 0.0, settling),
+    )
 
 
 def tustin(system: StateSpace, time_step: float, *, prewarp: float = 0.0) -> StateSpace:

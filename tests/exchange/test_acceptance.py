@@ -231,7 +231,9 @@ def test_our_own_36_coordinates_come_back_with_the_same_frfs(apa, ending, tmp_pa
     found = frequency_response(linearize(new), frequency).values
     assert np.abs(found / reference - 1).max() < 1e-9
     noise = band_limited_noise(0.05, 1e4, cutoff_frequency=300.0, rms=0.1)
-    histories = [simulate(scene, noise, time_step=1e-4, method="exact", progress=False) for scene in (old, new)]
+    # With all modes in both: how far they can be trusted is no part of the matrices.
+    scenes = [replace(scene, quasi_static_above=np.inf) for scene in (old, new)]
+    histories = [simulate(scene, noise, time_step=1e-4, method="exact", progress=False) for scene in scenes]
     scale = np.abs(histories[0].values).max(axis=1, keepdims=True)
     assert np.abs((histories[1].values - histories[0].values) / scale).max() < 1e-9
 

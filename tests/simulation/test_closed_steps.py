@@ -23,7 +23,8 @@ def plant(seed=0, n=5, n_in=2, size=0.97):
     a = random.normal(size=(n, n))
     a *= size / np.abs(np.linalg.eigvals(a)).max()
     matrices = a, random.normal(size=(n, n_in)), random.normal(size=(3, n)), random.normal(size=(3, n_in))
-    return Plant(matrices, random.normal(size=(n, n_in)), 0.1 * random.normal(size=(3, n_in)))
+    pushed, shown = random.normal(size=(n, n_in)), 0.1 * random.normal(size=(3, n_in))
+    return Plant(matrices, pushed, shown, np.zeros_like(shown))
 
 
 def controller(seed, n, n_out=1, n_in=1, *, every=1, **options):
@@ -41,14 +42,18 @@ def scene(*loops):
 def sample_by_sample(plant, loops, inputs, start):
     """As the docstring of `Plant` says, each controller for itself."""
     (a, b, c, d), x = plant.matrices, start
+    before = np.zeros(plant.pushed.shape[1])
     controllers, held, rows = [start_controller(loop) for loop in loops], np.zeros(plant.pushed.shape[1]), []
     for k, u in enumerate(inputs.T):
-        y = c @ x + d @ u + plant.shown @ held
-        commands, place = held.copy(), 0
+        settled = c @ x + d @ u + plant.shown @ held
+        changes, commands, place = plant.settling * (held - before) / 2, held.copy(), 0
+        y, seen = settled.copy(), settled + changes.sum(axis=1)
         for loop, step in zip(loops, controllers, strict=True):
             own = slice(place, place := place + len(loop.driven))
             if k % round(RATE / loop.controller.sample_rate) == 0:
-                commands[own] = step(y[[OUTPUTS.index(name) for name in loop.measured]])[0]
+                y += changes[:, own].sum(axis=1)
+                commands[own] = step(seen[[OUTPUTS.index(name) for name in loop.measured]])[0]
+                before[own] = held[own]
         held = commands
         rows.append(np.concatenate([y, held]))
         x = a @ x + b @ u + plant.pushed @ held
@@ -62,6 +67,8 @@ def run(plant, loops, inputs, start, block):
         assert len(found) == block * len(states)
         begins.append(begin)
         rows.append(found)
+        if plant.settling.any():
+            continue
         # A block's first sample follows from the state when it begins.
         outputs = states[:, : len(start)] @ plant.matrices[2].T
         outputs += states[:, len(start) : len(start) + plant.pushed.shape[1]] @ plant.shown.T
@@ -73,10 +80,10 @@ def run(plant, loops, inputs, start, block):
     return np.concatenate(rows)[: inputs.shape[1]]
 
 
-def compare(loops, n_samples, block=8, *, size=1.0, start=True, seed=0):
-    here = plant(seed)
-    here = replace(here, pushed=here.pushed[:, : len(scene(*loops).commands)])
-    here = replace(here, shown=here.shown[:, : len(scene(*loops).commands)])
+def compare(loops, n_samples, block=8, *, size=1.0, start=True, seed=0, settling=0.0):
+    here, n = plant(seed), len(scene(*loops).commands)
+    shown = here.shown[:, :n]
+    here = replace(here, pushed=here.pushed[:, :n], shown=shown, settling=settling * shown)
     random = np.random.default_rng(9)
     inputs, at_start = size * random.normal(size=(2, n_samples)), start * random.normal(size=5)
     expected = sample_by_sample(here, loops, inputs, at_start)
@@ -106,6 +113,17 @@ def test_loops_of_several_rates_and_delays(every, delay):
         Loop("two", controller(4, 3, every=every[1], delay=0), "b", "v"),
     )
     compare(loops, 101, block=12)
+
+
+@pytest.mark.parametrize("limit", [np.inf, 1e-3])
+@pytest.mark.parametrize("every", [(1, 1), (2, 1), (2, 6)])
+def test_samples_show_what_quasi_static_modes_make_of_the_last_two_commands(every, limit):
+    """At its own samples 3/2 of the last command less 1/2 of the one before, between them the last."""
+    loops = (
+        Loop("slow", controller(1, 2, every=every[0], delay=1, limit=limit), "a", "u"),
+        Loop("fast", controller(2, 1, n_in=2, every=every[1]), ("b", "c"), "v"),
+    )
+    compare(loops, 101, block=12, settling=np.array([[0.7], [1.0], [0.4]]))
 
 
 def test_loops_that_are_due_together_too_rarely_go_by_samples():

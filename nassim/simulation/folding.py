@@ -1,0 +1,52 @@
+"""Modes beyond the bodies' reductions: which they are, and a warning of loops that they could make unstable."""
+
+import warnings
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from nassim.base.checks import Array
+from nassim.bodies.strain import Strain
+from nassim.scene.loop import Loop
+from nassim.scene.scene import Scene
+from nassim.systems.folding import folding_modes
+from nassim.systems.linear_model import LinearModel
+
+BEYOND = 0.5
+"""Share of strain energy in bodies that do not have all modes at a mode's frequency, above which it is unsupported."""
+
+
+def unsupported_modes(
+    scene: Scene, valid: Mapping[str, float], strains: Sequence[Strain], frequency: Array, modes: Array
+) -> Array:
+    """Modes (n_all, n) that most strain energy puts into bodies beyond what is valid, or above the scene's limit, (n,).
+
+    valid: frequency up to which each flexible body has all modes [Hz]; strains: first those of the bodies that deform
+    """
+    if scene.quasi_static_above is not None:
+        above: Array = frequency > scene.quasi_static_above
+        return above
+    beyond = np.zeros(len(frequency))
+    for body, strain in zip(scene.deformable_bodies, strains, strict=False):
+        beyond += (frequency > valid[body.name]) * np.sum((strain.root @ modes) ** 2, axis=0)
+    result: Array = beyond > BEYOND * (2 * np.pi * frequency) ** 2
+    return result
+
+
+def warn_of_folding(model: LinearModel, loops: Sequence[Loop]) -> None:
+    """Warn of modes that are quasi-static in a sampled model and could make a loop unstable where they fold.
+
+    model: continuous, with the loops open
+    """
+    for loop in loops:
+        modes = folding_modes(model, loop.controller, measured=loop.measured, driven=loop.driven)
+        worst = [mode for mode in modes if mode.loop_gain > 1]
+        if worst:
+            listed = ", ".join(f"{mode.frequency:.4g} (folds to {mode.folded:.4g})" for mode in worst[:4])
+            warnings.warn(
+                f"loop {loop.name!r} may be unstable on modes that are quasi-static in this model, as they lie beyond "
+                f"what the bodies' reductions hold: at {listed} Hz. If they are as little damped as the scene says, "
+                f"the loop's gain on them is up to {worst[0].loop_gain:.3g}: give the actuator a bandwidth, or lower "
+                f"the gain by that factor, or reduce the bodies with more modes",
+                stacklevel=3,
+            )
