@@ -19,7 +19,7 @@ from nassim.scene.measures import Measure, PointMeasure, Pose, inverse_right_jac
 from nassim.scene.terms import Constraint
 from nassim.simulation.small_motion import Assembly
 
-STEP = 2e-3
+STEP = 5e-4
 """Rotation [rad], and displacement over the size of the scene, of difference quotients of fourth order."""
 
 
