@@ -34,7 +34,7 @@ from nassim.scene import (
     Sensor,
     Signal,
 )
-from nassim.simulation.small_motion import assemble
+from nassim.simulation.model.assembly import assemble
 
 SIX = ("ux", "uy", "uz", "rx", "ry", "rz")
 DAMPING_RATIO, DAMPING_FREQUENCY = 0.02, 100.0

@@ -37,7 +37,7 @@ from . import (
 from . import (
     viewer as viewer,
 )
-from .base.nouns import (
+from .base.file_registry import (
     register as register,
 )
 from .base.storage import (
@@ -61,15 +61,6 @@ from .bodies.projection import (
 from .bodies.reduced_body import (
     ReducedBody as ReducedBody,
 )
-from .exchange.acceptance import (
-    Repair as Repair,
-)
-from .exchange.acceptance import (
-    repair as repair,
-)
-from .exchange.acceptance import (
-    to_body as to_body,
-)
 from .exchange.export import (
     export_body as export_body,
 )
@@ -78,6 +69,15 @@ from .exchange.inspection import (
 )
 from .exchange.inspection import (
     check as check,
+)
+from .exchange.repairing import (
+    Repair as Repair,
+)
+from .exchange.repairing import (
+    repair as repair,
+)
+from .exchange.repairing import (
+    to_body as to_body,
 )
 from .exchange.superelement import (
     Superelement as Superelement,
@@ -211,32 +211,32 @@ from .signals.frf import (
 from .signals.time_history import (
     TimeHistory as TimeHistory,
 )
-from .simulation.accuracy import (
-    truncation_error as truncation_error,
-)
-from .simulation.description import (
-    describe as describe,
-)
-from .simulation.linearization import (
+from .simulation.linear.linearization import (
     linearize as linearize,
 )
-from .simulation.scene_body import (
-    reduce_scene as reduce_scene,
-)
-from .simulation.stopped_runs import (
+from .simulation.linear.stopped_runs import (
     SimulationError as SimulationError,
 )
-from .simulation.time_domain import (
+from .simulation.model.accuracy import (
+    truncation_error as truncation_error,
+)
+from .simulation.model.description import (
+    describe as describe,
+)
+from .simulation.model.scene_body import (
+    reduce_scene as reduce_scene,
+)
+from .simulation.model.trimming import (
+    trim_scene as trim_scene,
+)
+from .simulation.run.simulate import (
     simulate as simulate,
 )
-from .simulation.time_domain import (
+from .simulation.run.simulate import (
     simulate_motion as simulate_motion,
 )
-from .simulation.time_domain import (
+from .simulation.run.simulate import (
     static_response as static_response,
-)
-from .simulation.trimming import (
-    trim_scene as trim_scene,
 )
 from .systems.controllers import (
     Controller as Controller,

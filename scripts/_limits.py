@@ -10,9 +10,9 @@ import numpy as np
 from nassim import FEModel, Scene
 from nassim.fem.condensation import expanded_dofs
 from nassim.simulation import assemble
-from nassim.simulation.compensation import Steps
 from nassim.simulation.exudyn.state import find_accelerations
 from nassim.simulation.exudyn.system import build_system
+from nassim.simulation.model.period_correction import Steps
 
 BLOCK = 64
 """Samples in a block of exact steps."""

@@ -21,7 +21,7 @@ from nassim import FEModel, Material, RemotePoint, Solid, build_fe_model, conden
 from nassim.fem.assembly import assemble_mesh
 from nassim.fem.fe_model import make_coupling
 from nassim.fem.meshing import generate_mesh
-from nassim.simulation import compensation
+from nassim.simulation.model import period_correction as compensation
 
 MOST_WORKERS = 8
 """Each imports everything and reduces the APA for itself, so more of them gain little."""

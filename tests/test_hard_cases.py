@@ -32,8 +32,8 @@ from nassim.fem.full_model import full_eigenfrequencies
 from nassim.signals.excitations import sine_dwell
 from nassim.simulation.exudyn.solver import solve_dynamic
 from nassim.simulation.exudyn.system import build_system
-from nassim.simulation.small_motion import assemble
-from nassim.simulation.time_domain import exudyn_eigenfrequencies
+from nassim.simulation.model.assembly import assemble
+from nassim.simulation.run.simulate import exudyn_eigenfrequencies
 
 STEP = 1e-4
 

@@ -1,3 +1,9 @@
+from .eta import (
+    whole_run as whole_run,
+)
+from .file_registry import (
+    register as register,
+)
 from .modal import (
     decay_poles as decay_poles,
 )
@@ -9,9 +15,6 @@ from .modal import (
 )
 from .modal import (
     modal_damping_matrix as modal_damping_matrix,
-)
-from .nouns import (
-    register as register,
 )
 from .progress import (
     stage as stage,
@@ -27,9 +30,6 @@ from .rigid_motion import (
 )
 from .rigid_motion import (
     unit_vector as unit_vector,
-)
-from .run_time import (
-    whole_run as whole_run,
 )
 from .storage import (
     cache_directory as cache_directory,

@@ -18,9 +18,9 @@ import h5py
 import numpy as np
 import psutil
 
-from nassim.base.notices import warn
-from nassim.base.nouns import find, is_noun, upgraded
+from nassim.base.file_registry import find, is_noun, upgraded
 from nassim.base.progress import tell
+from nassim.base.warning_log import warn
 
 FORMAT_VERSION = 3
 """Format 1, of nassim 0.1, had no seal; 1 and 2 named a noun by its module too, as in "nassim.signals:TimeHistory"."""
@@ -36,7 +36,7 @@ def save(obj: object, path: str | Path) -> Path:
     """Write a noun (TimeHistory, FRF, ReducedBody, ..., `register`ed ones) to an HDF5 file that begins with a checksum.
 
     The file appears whole or not at all: it is made in memory, written under another name and then moved in place.
-    Raises ValueError for dataclasses that are not in `nassim.base.nouns` and for other objects that no file holds,
+    Raises ValueError for dataclasses that are not in `nassim.base.file_registry` and for other objects that no file holds,
     OSError naming the file when it cannot be written.
     """
     # HDF5 writing to a full disk would end the interpreter.

@@ -13,7 +13,7 @@ from nassim.base.checks import Array, known, not_negative, positive
 from nassim.base.modal import eigenmodes
 from nassim.bodies.readouts import PassivePoint, Picture, by_name
 from nassim.bodies.reduced_body import ReducedBody
-from nassim.bodies.strain import lets_go, without_rounding
+from nassim.bodies.strain import has_rigid_modes, without_rounding
 
 DEPENDENT = 1e-10
 """Load shapes with less than this share of the largest one's energy add nothing, nor what modes leave of one with less
@@ -87,7 +87,7 @@ def project(body: ReducedBody, change: Array, *, points: Sequence[str]) -> Reduc
     readouts = [*left, *(readout for name, readout in body.readouts.items() if name not in points)]
     released = body.released_stiffness
     stiffness, kept = _congruent(body.stiffness_matrix, change), tuple(body.point(name) for name in points)
-    if kept and lets_go(body.stiffness_matrix, body.mass_matrix, body.positions):
+    if kept and has_rigid_modes(body.stiffness_matrix, body.mass_matrix, body.positions):
         stiffness = without_rounding(stiffness, np.array([point.position for point in kept]))
     return replace(
         body,

@@ -64,7 +64,7 @@ def body_strain(stiffness: Array, mass: Array, positions: Array) -> Strain:
     """
     n = len(mass)
     relative = np.eye(n)
-    if lets_go(stiffness, mass, positions):
+    if has_rigid_modes(stiffness, mass, positions):
         relative, stiffness = _beside_first(positions, n), stiffness[6:, 6:]
     kinds, weights = stiffness_root(stiffness, n_points=len(stiffness) - n + 6 * len(positions))
     rows = kinds @ relative
@@ -125,7 +125,7 @@ def stiffness_root(stiffness: Array, *, n_points: int) -> tuple[Array, Array]:
     return kinds, np.sqrt(values[kept])[:, None] * kinds
 
 
-def lets_go(stiffness: Array, mass: Array, positions: Array) -> bool:
+def has_rigid_modes(stiffness: Array, mass: Array, positions: Array) -> bool:
     """Whether rigid motions cause no forces beyond rounding of the largest that any motion causes.
 
     The forces are not compared with their own terms: of a body with one point, these are rounding too.

@@ -1,12 +1,3 @@
-from .acceptance import (
-    Repair as Repair,
-)
-from .acceptance import (
-    repair as repair,
-)
-from .acceptance import (
-    to_body as to_body,
-)
 from .export import (
     body_damping as body_damping,
 )
@@ -30,6 +21,15 @@ from .inspection import (
 )
 from .inspection import (
     check as check,
+)
+from .repairing import (
+    Repair as Repair,
+)
+from .repairing import (
+    repair as repair,
+)
+from .repairing import (
+    to_body as to_body,
 )
 from .superelement import (
     Superelement as Superelement,

@@ -10,9 +10,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from nassim.base.checks import Array
-from nassim.base.exclusive import exclusive
-from nassim.base.notices import collected
+from nassim.base.library_lock import exclusive
 from nassim.base.progress import stage, tell
+from nassim.base.warning_log import collected
 from nassim.bodies.interface import RemotePoint
 from nassim.fem.fe_model import Coupling, FEModel, Refinement, make_coupling
 from nassim.fem.materials import Material

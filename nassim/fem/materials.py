@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nassim.base.checks import finite, freeze, positive
-from nassim.base.notices import warn
+from nassim.base.warning_log import warn
 
 POSSIBLE_SPEEDS = (0.5, 1e6)
 """Speeds of sound [m/s] outside which a modulus or density is in other units: jelly has 1, steel in GPa would have 0.2,

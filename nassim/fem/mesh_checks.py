@@ -6,7 +6,7 @@ import ngsolve as ng
 import numpy as np
 import psutil
 
-from nassim.base.notices import warn
+from nassim.base.warning_log import warn
 from nassim.fem.solid import Solid
 from nassim.fem.solver import factor_memory
 

@@ -15,8 +15,8 @@ import numpy as np
 from netgen.libngpy._meshing import NgException, _SetTerminate
 
 from nassim.base.checks import known, positive
-from nassim.base.exclusive import exclusive
-from nassim.base.notices import note, warn
+from nassim.base.library_lock import exclusive
+from nassim.base.warning_log import note, warn
 from nassim.fem.solid import Solid, face_names
 
 AXES = {"x": occ.X, "y": occ.Y, "z": occ.Z}

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from nassim.base.checks import Array, positive, unique
-from nassim.base.exclusive import exclusive
-from nassim.base.notices import collected
+from nassim.base.library_lock import exclusive
 from nassim.base.progress import stage, tell
+from nassim.base.warning_log import collected
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.projection import keep_modes
 from nassim.bodies.readouts import Picture, Readout, by_name

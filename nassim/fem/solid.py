@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, known, unique
-from nassim.base.exclusive import exclusive
-from nassim.base.notices import warn
+from nassim.base.library_lock import exclusive
+from nassim.base.warning_log import warn
 from nassim.bodies.interface import RemotePoint
 from nassim.bodies.piezo import ElectricalPort
 from nassim.bodies.readouts import SURFACE

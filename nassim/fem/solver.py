@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from nassim.base.checks import Array, known
-from nassim.base.exclusive import exclusive
+from nassim.base.library_lock import exclusive
 from nassim.base.progress import Advance, silent
 from nassim.fem.sparse import SymmetricMatrix
 

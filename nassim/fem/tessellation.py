@@ -4,7 +4,7 @@ import netgen.occ as occ
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.base.exclusive import exclusive
+from nassim.base.library_lock import exclusive
 from nassim.bodies.readouts import Surface
 from nassim.fem.solid import Solid
 

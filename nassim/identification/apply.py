@@ -11,7 +11,7 @@ from nassim.identification.modal_fit import ModalFit
 from nassim.scene.part import Actuator, Sensor
 from nassim.scene.scene import Scene
 from nassim.scene.terms import AppliedForce, BaseAcceleration
-from nassim.simulation.small_motion import Assembly, assemble
+from nassim.simulation.model.assembly import Assembly, assemble
 
 Kind = TypeVar("Kind", Actuator, Sensor)
 
@@ -124,7 +124,7 @@ def apply_identification(
         known("output", output, scene.outputs)
     known("trusted output", trusted, fit.outputs)
     assembly = assemble(scene)
-    if not assembly.falls_into_modes or scene.loops:
+    if not assembly.modes_uncoupled or scene.loops:
         raise ValueError(
             "damping ratios are written into a scene whose damping is all modal: take out bodies' own damping_ratio, "
             "dampers, resistances at ports, amplifiers' bandwidths, loops and drives that follow inputs"

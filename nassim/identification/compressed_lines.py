@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 
 from nassim.base.checks import Array
-from nassim.identification.lines import Lines
+from nassim.identification.spectral_lines import Lines
 
 MANY = 20_000
 """Lines of a record from which on they are compressed."""

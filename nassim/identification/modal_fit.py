@@ -12,7 +12,6 @@ from nassim.base.checks import Array, finite, finite_array, freeze, frozen_mappi
 from nassim.base.progress import wrapped
 from nassim.base.tables import text_table
 from nassim.identification.compressed_lines import compressed
-from nassim.identification.lines import Lines
 from nassim.identification.pole_fit import (
     DAMPING_RANGE,
     Solution,
@@ -24,6 +23,7 @@ from nassim.identification.pole_fit import (
     twins,
 )
 from nassim.identification.spectra import lines_of_frf, lines_of_record
+from nassim.identification.spectral_lines import Lines
 from nassim.signals.frf import FRF
 from nassim.signals.time_history import TimeHistory
 

@@ -21,7 +21,7 @@ import scipy
 from nassim.base.checks import Array
 from nassim.base.modal import mac
 from nassim.identification.compressed_lines import MANY, compressed
-from nassim.identification.lines import Lines
+from nassim.identification.spectral_lines import Lines
 
 DAMPING_RANGE = (1e-5, 0.5)
 """Damping ratios between which a pole counts as a resonance."""

@@ -4,7 +4,7 @@ import numpy as np
 import scipy
 
 from nassim.base.checks import Array, finite_array
-from nassim.identification.lines import Lines
+from nassim.identification.spectral_lines import Lines
 from nassim.signals.frf import FRF
 from nassim.signals.time_history import TimeHistory, fast_length
 

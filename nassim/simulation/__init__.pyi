@@ -1,75 +1,75 @@
-from .accuracy import (
-    integrator_error as integrator_error,
-)
-from .accuracy import (
-    numerical_damping as numerical_damping,
-)
-from .accuracy import (
-    period_errors as period_errors,
-)
-from .accuracy import (
-    truncation_error as truncation_error,
-)
-from .damping import (
-    Damping as Damping,
-)
-from .description import (
-    describe as describe,
-)
-from .linearization import (
+from .linear.linearization import (
     linearize as linearize,
 )
-from .linearization import (
+from .linear.linearization import (
     linearize_closed as linearize_closed,
 )
-from .linearization import (
+from .linear.linearization import (
     spinning_equilibrium as spinning_equilibrium,
 )
-from .linearization import (
+from .linear.linearization import (
     state_space as state_space,
 )
-from .recording import (
-    scene_modes as scene_modes,
-)
-from .recording import (
-    traced as traced,
-)
-from .scene_body import (
-    reduce_scene as reduce_scene,
-)
-from .small_motion import (
-    Assembly as Assembly,
-)
-from .small_motion import (
-    assemble as assemble,
-)
-from .spinning import (
-    Spinning as Spinning,
-)
-from .spinning import (
-    spinning as spinning,
-)
-from .stopped_runs import (
-    SimulationError as SimulationError,
-)
-from .stopped_runs import (
-    SimulationInterrupted as SimulationInterrupted,
-)
-from .swinging import (
+from .linear.mode_motion import (
     mode_motion as mode_motion,
 )
-from .time_domain import (
+from .linear.stopped_runs import (
+    SimulationError as SimulationError,
+)
+from .linear.stopped_runs import (
+    SimulationInterrupted as SimulationInterrupted,
+)
+from .loaded.spinning import (
+    Spinning as Spinning,
+)
+from .loaded.spinning import (
+    spinning as spinning,
+)
+from .model.accuracy import (
+    integrator_error as integrator_error,
+)
+from .model.accuracy import (
+    numerical_damping as numerical_damping,
+)
+from .model.accuracy import (
+    period_errors as period_errors,
+)
+from .model.accuracy import (
+    truncation_error as truncation_error,
+)
+from .model.assembly import (
+    Assembly as Assembly,
+)
+from .model.assembly import (
+    assemble as assemble,
+)
+from .model.damping import (
+    Damping as Damping,
+)
+from .model.description import (
+    describe as describe,
+)
+from .model.recorded_motion import (
+    scene_modes as scene_modes,
+)
+from .model.recorded_motion import (
+    traced as traced,
+)
+from .model.scene_body import (
+    reduce_scene as reduce_scene,
+)
+from .model.trimming import (
+    trim_scene as trim_scene,
+)
+from .run.simulate import (
     exudyn_eigenfrequencies as exudyn_eigenfrequencies,
 )
-from .time_domain import (
+from .run.simulate import (
     simulate as simulate,
 )
-from .time_domain import (
+from .run.simulate import (
     simulate_motion as simulate_motion,
 )
-from .time_domain import (
+from .run.simulate import (
     static_response as static_response,
-)
-from .trimming import (
-    trim_scene as trim_scene,
 )

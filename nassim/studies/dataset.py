@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.base.notices import warn
+from nassim.base.warning_log import warn
 from nassim.studies.outcome import DIVERGED, OK, OTHER_SHAPE
 from nassim.studies.plan import Plan, run_key
-from nassim.studies.records import Records
 from nassim.studies.results import MESSAGE, STATUS, WALL_TIME, Layout, Quantity
+from nassim.studies.run_store import Records
 
 EMPTY = {False: np.nan, True: complex(np.nan, np.nan)}
 

@@ -12,9 +12,9 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from nassim.base.notices import warn
-from nassim.studies.children import THREADS, CannotLoad, Children, run_in_child
+from nassim.base.warning_log import warn
 from nassim.studies.outcome import LOST, Outcome, Task
+from nassim.studies.workers import THREADS, CannotLoad, Children, run_in_child
 
 TICK, PATIENCE = 1.0, 30
 """Time between two looks for results [s], and after how many of them without any it is told that nobody works."""

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from nassim.base.storage import fingerprint
-from nassim.studies.content import code_text, content
+from nassim.studies.hashing import code_text, content
 from nassim.studies.outcome import Task
 from nassim.studies.plan import Parameters, run_seed
 

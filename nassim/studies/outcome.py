@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from nassim.base.notices import collected
+from nassim.base.warning_log import collected
 from nassim.studies.results import Layout, flattened
 
 OK, FAILED, DIVERGED, TIMED_OUT, LOST, OTHER_SHAPE = "ok", "failed", "diverged", "timed out", "lost", "other shape"

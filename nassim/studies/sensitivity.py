@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from nassim.base.checks import Array, known
-from nassim.base.notices import warn
+from nassim.base.warning_log import warn
 from nassim.studies.results import OWN, RUN
 from nassim.studies.samples import Samples
 

@@ -13,8 +13,8 @@ from nassim.studies.executors import Outcomes, Requests, on_executor, on_this_ma
 from nassim.studies.job import Function, Job, identity, label, make_job, packed
 from nassim.studies.outcome import OK, UNFINISHED
 from nassim.studies.plan import Plan, make_plan, run_key
-from nassim.studies.records import Records, opened
 from nassim.studies.results import STATUS
+from nassim.studies.run_store import Records, opened
 from nassim.studies.samples import Samples
 
 if TYPE_CHECKING:

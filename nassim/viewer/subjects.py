@@ -12,7 +12,7 @@ from nassim.bodies.reduced_body import ReducedBody
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
-from nassim.simulation.recording import scene_modes
+from nassim.simulation.model.recorded_motion import scene_modes
 from nassim.viewer.forms import MATERIALS, body_form, bushing_sides, label_colors, scene_form
 from nassim.viewer.marks import point_mark, scene_marks
 from nassim.viewer.views import Form, Mode, Shape, View

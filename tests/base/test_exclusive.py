@@ -18,7 +18,7 @@ import pytest
 from conftest import make_bar
 
 from nassim import build_fe_model, craig_bampton
-from nassim.base.exclusive import exclusive
+from nassim.base.library_lock import exclusive
 from nassim.fem.meshing import generate_mesh
 
 HERE = Path(__file__).parent

@@ -28,7 +28,7 @@ from nassim import (
     register,
     save,
 )
-from nassim.base import nouns
+from nassim.base import file_registry as nouns
 from nassim.base.storage import fingerprint
 from nassim.scene.part import Part
 
@@ -45,7 +45,7 @@ NOT_DATA = {
     *(
         "Amplifier",
         "CADBody",
-        "Carrier",
+        "FlexibleCoordinates",
         "Cell",
         "Charge",
         "Circuit",
@@ -54,9 +54,9 @@ NOT_DATA = {
         "Coupling",
         "Curve",
         "Damping",
-        "Push",
+        "InputChannel",
         "FiniteMotion",
-        "Following",
+        "PrescribedMotions",
         "Frame",
         "InertiaTerms",
         "Point",
@@ -64,14 +64,14 @@ NOT_DATA = {
         "Listing",
         "Looks",
         "Notices",
-        "Parted",
+        "RotorPartition",
         "Plant",
-        "SeenScene",
+        "FrameView",
         "Solution",
         "Spinning",
         "Steps",
         "Term",
-        "Welds",
+        "RigidGroups",
     ),
     # what there is to see: a page or a picture keeps it
     *("Block", "Form", "Mark", "Mode", "Shape", "View"),

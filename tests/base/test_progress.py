@@ -3,8 +3,8 @@
 import pytest
 
 from nassim.base import progress
+from nassim.base.eta import whole_run
 from nassim.base.progress import course, stage, tell
-from nassim.base.run_time import whole_run
 
 
 def test_a_stage_prints_its_name_and_time(capsys):

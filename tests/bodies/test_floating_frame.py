@@ -10,7 +10,7 @@ from nassim.bodies.floating_frame import floating_frame
 from nassim.fem.modes import fixed_interface_modes
 from nassim.simulation.exudyn.solver import solve_dynamic
 from nassim.simulation.exudyn.system import build_system
-from nassim.simulation.small_motion import assemble
+from nassim.simulation.model.assembly import assemble
 
 
 def test_integrals_equal_exudyns_own_formulas():

@@ -14,7 +14,7 @@ from nassim.bodies.inertia import completed_gram, rigid_inertia
 from nassim.bodies.projection import trim_body
 from nassim.simulation.exudyn.solver import solve_dynamic
 from nassim.simulation.exudyn.system import build_system
-from nassim.simulation.small_motion import assemble
+from nassim.simulation.model.assembly import assemble
 
 KNOWN = (
     "mass",

@@ -9,13 +9,13 @@ from superelements import SAMPLE, grounded_at, joint_like, rounded, sample, with
 
 from models.bench import make_bench, make_passive_bench
 from nassim import craig_bampton, frequency_response, linearize, load, save, simulate, static_response
-from nassim.exchange.acceptance import repair, to_body
 from nassim.exchange.export import export_body
 from nassim.exchange.inspection import as_superelement, check
+from nassim.exchange.repairing import repair, to_body
 from nassim.exchange.superelement import read_superelement
 from nassim.signals.excitations import band_limited_noise
-from nassim.simulation.small_motion import assemble
-from nassim.simulation.time_domain import exudyn_eigenfrequencies
+from nassim.simulation.model.assembly import assemble
+from nassim.simulation.run.simulate import exudyn_eigenfrequencies
 
 SAMPLE_FREQUENCIES = [398.9, 664.9, 1107.9, 1846.5, 2171.3]
 """Of the beam model that the sample was made from, before its matrices were cut to four digits [Hz]."""

@@ -9,8 +9,8 @@ from superelements import SAMPLE, grounded_at, joint_like, rounded, sample, with
 
 from nassim import craig_bampton
 from nassim.base.rigid_motion import rigid_transfer
-from nassim.exchange.acceptance import repair, to_body
 from nassim.exchange.inspection import Finding, as_superelement, check
+from nassim.exchange.repairing import repair, to_body
 from nassim.exchange.row_order import guess_order, order_misfit
 from nassim.exchange.superelement import read_superelement, superelement
 

@@ -21,8 +21,8 @@ import scipy.sparse
 
 resource = pytest.importorskip("resource")  # not on Windows
 
-from nassim.exchange.acceptance import repair, to_body
 from nassim.exchange.inspection import check
+from nassim.exchange.repairing import repair, to_body
 from nassim.exchange.superelement import read_superelement
 
 SAMPLE = Path(__file__).parents[1] / "data" / "ansys_listing"

@@ -7,8 +7,8 @@ import pytest
 
 from nassim.identification import compressed_lines
 from nassim.identification.compressed_lines import MANY, compressed
-from nassim.identification.lines import Lines
 from nassim.identification.pole_fit import fit_poles, strongest_pole
+from nassim.identification.spectral_lines import Lines
 
 POLES = np.array([[61.0, 0.004], [150.0, 0.03], [151.5, 0.0005]])
 VALUES = np.array([[1.0, -0.3, 0.02], [0.2, 0.5, -0.01]])

@@ -9,12 +9,12 @@ import scipy.signal
 
 from models.bench import make_bench
 from nassim import FRF, RigidBody, TimeHistory, estimate_frf, frequency_response, linearize, load, save, simulate
-from nassim.base.nouns import upgraded
+from nassim.base.file_registry import upgraded
 from nassim.identification.apply import apply_identification, modal_gains
 from nassim.identification.modal_fit import ModalFit, identify_modes
 from nassim.scene import Displacement, Output, Sensor
 from nassim.signals.excitations import band_limited_noise, multisine
-from nassim.simulation.small_motion import assemble
+from nassim.simulation.model.assembly import assemble
 
 FREQUENCY, RATIO = np.array([98.0, 286.0]), np.array([0.01, 0.007])
 GAINS = np.array([[-4.4, 0.3], [2e-5, -2e-6]])

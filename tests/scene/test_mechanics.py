@@ -15,7 +15,7 @@ from nassim.scene.joints import (
     universal,
 )
 from nassim.scene.mechanics import AngleSensor, Bushing, GroundAcceleration, LinearActuator, PointTorque, Pose
-from nassim.simulation.small_motion import assemble
+from nassim.simulation.model.assembly import assemble
 
 MIRROR = np.diag([1.0, 1.0, -1.0])
 SHEARED = np.eye(3) + 0.1 * np.eye(3, k=1)

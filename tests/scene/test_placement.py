@@ -41,7 +41,7 @@ from nassim import (
     save,
     simulate,
 )
-from nassim.base.nouns import NOUNS, find
+from nassim.base.file_registry import NOUNS, find
 from nassim.base.rigid_motion import unit_vector
 from nassim.scene import (
     AppliedForce,

@@ -23,8 +23,8 @@ from nassim import (
     craig_bampton,
 )
 from nassim.bodies.projection import trim_body
-from nassim.simulation.description import describe
-from nassim.simulation.small_motion import assemble
+from nassim.simulation.model.assembly import assemble
+from nassim.simulation.model.description import describe
 
 LENGTH, MASS = 0.1, 2.0
 NOTHING = {"mass_matrix": np.zeros((0, 0)), "stiffness_matrix": np.zeros((0, 0)), "gram": np.zeros((4, 4))}

@@ -26,11 +26,11 @@ from nassim import (
     simulate,
 )
 from nassim.base.modal import decay_poles
-from nassim.simulation.damping import tied_bodies
-from nassim.simulation.description import describe
 from nassim.simulation.exudyn.solver import solve_dynamic
 from nassim.simulation.exudyn.system import build_system
-from nassim.simulation.small_motion import assemble
+from nassim.simulation.model.assembly import assemble
+from nassim.simulation.model.damping import tied_bodies
+from nassim.simulation.model.description import describe
 
 INERTIA = np.array([[4e-6, 5e-7, -3e-7], [5e-7, 5e-6, 4e-7], [-3e-7, 4e-7, 3e-6]])
 HAND = 0.05

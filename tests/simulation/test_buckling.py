@@ -21,8 +21,8 @@ from nassim import (
     simulate,
     static_response,
 )
-from nassim.simulation.buckling import FACTOR, axial_forces, buckling_share
-from nassim.simulation.small_motion import assemble
+from nassim.simulation.model.assembly import assemble
+from nassim.simulation.model.buckling import FACTOR, axial_forces, buckling_share
 
 LENGTH, SIDE = 0.2, 4e-3
 BENDING = STEEL.young_modulus * SIDE**4 / 12

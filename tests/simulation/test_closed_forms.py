@@ -26,8 +26,8 @@ from nassim import (
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.bodies.inertia import RigidInertia
 from nassim.scene.joints import cylindrical, fixed, planar, prismatic, revolute, spherical, universal
-from nassim.simulation.small_motion import assemble, motion_size
-from nassim.simulation.time_domain import exudyn_eigenfrequencies
+from nassim.simulation.model.assembly import assemble, motion_size
+from nassim.simulation.run.simulate import exudyn_eigenfrequencies
 from nassim.systems.linear_model import damping
 from nassim.systems.state_space import discretize
 

@@ -23,7 +23,7 @@ from nassim import (
 from nassim.base.modal import decay_poles
 from nassim.scene import Bushing, Drive, Loop, fixed, prismatic, revolute
 from nassim.simulation import assemble, compensation, integrator_error, numerical_damping, period_errors
-from nassim.simulation.compensation import Steps, compensated
+from nassim.simulation.model.period_correction import Steps, compensated
 from nassim.systems import proportional
 
 STEP = 2e-4

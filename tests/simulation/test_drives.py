@@ -29,8 +29,8 @@ from nassim import (
     universal,
 )
 from nassim.base import decay_poles
-from nassim.simulation.accuracy import integrator_error
-from nassim.simulation.starting_motion import starting_twists, steady_twists
+from nassim.simulation.model.accuracy import integrator_error
+from nassim.simulation.model.initial_velocities import initial_twists, steady_twists
 
 AXIS = np.array([2.0, -1.0, 2.0]) / 3
 
@@ -99,7 +99,7 @@ def test_constant_speed_starts_without_a_jolt():
     time = np.linspace(0.0, 1.0, 3001)
     run = simulate(scene, TimeHistory(time, np.zeros((0, 3001)), (), ()), time_step=1 / 3000, progress=False)
     np.testing.assert_allclose(run.values[0], 30.0 * time, atol=1e-7)
-    twist = starting_twists(scene)["arm"]
+    twist = initial_twists(scene)["arm"]
     np.testing.assert_allclose(twist[3:], 30.0 * AXIS, atol=1e-12)
     np.testing.assert_allclose(twist[:3], -np.cross(30.0 * AXIS, [0.1, 0.2, 0.3]), atol=1e-12)
     np.testing.assert_allclose(steady_twists(scene)["arm"], twist, atol=1e-12)

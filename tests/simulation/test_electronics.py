@@ -37,7 +37,7 @@ from nassim.bodies.piezo import PortCoupling
 from nassim.fem.fe_model import make_coupling
 from nassim.scene.part import Sensor
 from nassim.scene.terms import OutputFilter
-from nassim.simulation.time_domain import exudyn_eigenfrequencies
+from nassim.simulation.run.simulate import exudyn_eigenfrequencies
 
 CAPACITANCE = 1e-6
 TURN = np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]])

@@ -29,14 +29,14 @@ from nassim import (
 from nassim.base.modal import decay_poles
 from nassim.bodies.projection import trim_body
 from nassim.signals.excitations import band_limited_noise, sine_dwell
-from nassim.simulation.accuracy import integrator_error
-from nassim.simulation.description import describe
-from nassim.simulation.exact_steps import exact_response
 from nassim.simulation.exudyn.system import build_system
-from nassim.simulation.following import Following
-from nassim.simulation.small_motion import assemble
-from nassim.simulation.time_domain import exudyn_eigenfrequencies
-from nassim.simulation.trimming import trim_scene
+from nassim.simulation.linear.exact_steps import exact_response
+from nassim.simulation.model.accuracy import integrator_error
+from nassim.simulation.model.assembly import assemble
+from nassim.simulation.model.description import describe
+from nassim.simulation.model.prescribed_motion import PrescribedMotions
+from nassim.simulation.model.trimming import trim_scene
+from nassim.simulation.run.simulate import exudyn_eigenfrequencies
 
 STEP = 1e-4
 
@@ -184,7 +184,7 @@ def test_exact_solution_of_one_mass_on_a_spring(stiff_bar, ratio):
         system = [[0, 1], [-(w**2), -2 * ratio * w]], [[0], [drive]], [[1, 0]], [[0]]
         expected += reading * scipy.signal.lsim(system, inputs[0], np.arange(200) * step, interp=True)[1]
     few = {"frequency": assembly.frequency[:3], "shapes": assembly.shapes[:, :3]}
-    of_few = {"following": Following.none(len(shape), 3), "unsupported": np.zeros(3, dtype=bool)}
+    of_few = {"following": PrescribedMotions.none(len(shape), 3), "unsupported": np.zeros(3, dtype=bool)}
     rest = replace(
         assembly, **few, **of_few, damping=replace(assembly.damping, **few, ratio=assembly.damping.ratio[:3])
     )

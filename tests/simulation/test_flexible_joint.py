@@ -23,7 +23,7 @@ from nassim import (
     static_response,
 )
 from nassim.exchange import to_body
-from nassim.simulation.small_motion import assemble
+from nassim.simulation.model.assembly import assemble
 
 STIFFNESS = np.array([12.71e6, 12.71e6, 93.96e6, 4.83, 4.83, 260.2])
 """Of a joint, its own z along the strut [N/m], [N m/rad]."""

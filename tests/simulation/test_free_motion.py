@@ -32,7 +32,7 @@ from nassim.bodies.projection import trim_body
 from nassim.bodies.strain import strained_modes
 from nassim.exchange.export import body_damping, body_state_space
 from nassim.identification.apply import modal_gains
-from nassim.simulation.small_motion import assemble
+from nassim.simulation.model.assembly import assemble
 from nassim.systems.linear_model import damping
 
 MASS = 100.0

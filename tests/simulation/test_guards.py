@@ -28,13 +28,13 @@ from nassim.scene.part import Sensor
 from nassim.scene.terms import Output, OutputFilter
 from nassim.signals.time_history import occupied_bandwidth
 from nassim.simulation import buckling, guards, running_loops, time_domain
+from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.system import build_system
-from nassim.simulation.exudyn.watch import Watch
-from nassim.simulation.reach import Reach
-from nassim.simulation.run_checks import check_stability
-from nassim.simulation.sampling import _check_loss, sampled
-from nassim.simulation.small_motion import assemble
-from nassim.simulation.spinning import _check_small, _warn_of_stress
+from nassim.simulation.loaded.spinning import _check_small, _warn_of_stress
+from nassim.simulation.model.assembly import assemble
+from nassim.simulation.model.reach import Reach
+from nassim.simulation.run.checks import check_stability
+from nassim.simulation.run.excitation import _check_loss, sampled
 from nassim.systems.controllers import Controller
 
 SIDES = (0.9, 1.1)
@@ -179,7 +179,7 @@ def test_velocities_may_part_from_constraints_by_a_hundredth():
         speeds = np.zeros(data.ODE2Size())
         speeds[place] = 7.0 * (np.sqrt(1 - share**2) * rates + share * along)
         data.SetODE2Coordinates_t(speeds)
-        watch = Watch(system)
+        watch = Monitor(system)
         watch.look(0)
         return bool(watch.describe_drift(1e-3, 1.0))
 
@@ -200,7 +200,7 @@ def test_a_run_is_lost_at_its_bounds(bar):
         data = system.mbs.systemData
 
         def look(size, system=system, data=data, unit=unit):
-            watch = Watch(system)
+            watch = Monitor(system)
             data.SetODE2Coordinates(size * unit)
             watch.look(1)
             return watch

@@ -23,7 +23,7 @@ from nassim import (
     simulate,
 )
 from nassim.simulation import spinning_equilibrium
-from nassim.simulation.starting_motion import steady_twists
+from nassim.simulation.model.initial_velocities import steady_twists
 
 GROUND = RigidBody("ground", {"p": np.zeros(3)}, fixed=True)
 BLOCK = RigidBody("block", {"p": np.zeros(3), "q": np.array([0.1, 0.2, 0.3])}, 2.0, np.diag([0.02, 0.03, 0.04]))

@@ -23,7 +23,7 @@ from nassim.scene.measures import Distance
 from nassim.scene.mechanics import Bushing
 from nassim.scene.part import Actuator
 from nassim.scene.terms import AppliedForce
-from nassim.simulation.time_domain import simulate_motion
+from nassim.simulation.run.simulate import simulate_motion
 
 STEP = 1e-4
 MASSES = 0.8, 0.5

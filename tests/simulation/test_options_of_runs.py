@@ -33,9 +33,9 @@ from nassim import (
     static_response,
 )
 from nassim.scene import Displacement, Output, Sensor
-from nassim.simulation.buckling import _geometric_stiffness
-from nassim.simulation.running_loops import runaway
-from nassim.simulation.sampling import sampled
+from nassim.simulation.linear.digital_controllers import runaway
+from nassim.simulation.model.buckling import _geometric_stiffness
+from nassim.simulation.run.excitation import sampled
 from nassim.systems import proportional
 
 

@@ -40,7 +40,7 @@ from nassim.scene import (
     cylindrical,
 )
 from nassim.scene.measures import PointVelocity
-from nassim.simulation.states import RigidState
+from nassim.simulation.model.states import RigidState
 
 ODD = Rotation.from_rotvec([0.5, -0.7, 0.4]).as_matrix()
 GROUND = RigidBody("ground", {"o": np.zeros(3), "p": [0.2, -0.1, 0.3]}, fixed=True)
@@ -145,8 +145,8 @@ def test_a_cubic_spring_is_linearised_about_its_equilibrium():
 
 def nassim_weight(scene):
     """Rates of the states by gravity."""
-    from nassim.simulation.linearization import state_space
-    from nassim.simulation.small_motion import assemble
+    from nassim.simulation.linear.linearization import state_space
+    from nassim.simulation.model.assembly import assemble
 
     return state_space(assemble(scene))[1][:, -1]
 

@@ -44,7 +44,7 @@ from nassim.fem import glue
 from nassim.fem.full_model import full_frequency_response
 from nassim.signals.excitations import band_limited_noise
 from nassim.simulation import reduce_scene
-from nassim.simulation.time_domain import exudyn_eigenfrequencies
+from nassim.simulation.run.simulate import exudyn_eigenfrequencies
 
 SHEET = {
     "free_stroke": 20e-6,

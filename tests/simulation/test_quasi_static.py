@@ -35,8 +35,8 @@ from nassim.fem.modes import fixed_interface_modes
 from nassim.scene.placement import joined, placed
 from nassim.signals.excitations import band_limited_noise
 from nassim.simulation import linearize_closed, static_response
-from nassim.simulation.exact_steps import exact_response
-from nassim.simulation.small_motion import assemble
+from nassim.simulation.linear.exact_steps import exact_response
+from nassim.simulation.model.assembly import assemble
 from nassim.systems import (
     folding_modes,
     integral_force_feedback,

@@ -32,7 +32,7 @@ from nassim.scene.measures import Displacement
 from nassim.scene.part import Sensor
 from nassim.scene.terms import Output, OutputFilter
 from nassim.simulation import mode_motion, scene_modes, traced
-from nassim.simulation.recording import frame_steps
+from nassim.simulation.model.recorded_motion import frame_steps
 
 
 def turn(*vector):

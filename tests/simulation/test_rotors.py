@@ -38,7 +38,7 @@ from nassim.base.rigid_motion import axes_along, rigid_transfer, skew
 from nassim.scene.measures import PointVelocity
 from nassim.scene.part import ForceElement
 from nassim.scene.terms import Spring
-from nassim.simulation.linearization import spinning_equilibrium
+from nassim.simulation.linear.linearization import spinning_equilibrium
 from nassim.systems.linear_model import unstable_poles
 
 AXIS = np.array([2.0, -1.0, 2.0]) / 3

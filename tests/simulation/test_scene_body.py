@@ -36,7 +36,7 @@ from nassim.bodies.readouts import Picture, Surface, by_name
 from nassim.scene.measures import Displacement
 from nassim.scene.part import ForceElement
 from nassim.scene.terms import Spring
-from nassim.simulation.small_motion import assemble
+from nassim.simulation.model.assembly import assemble
 from nassim.systems import damping
 
 OBLIQUE, ODD = axes_along((1.0, -2.0, 0.7), (0.3, 0.2, 1.0)), axes_along((-0.4, 1.0, 0.8), (1.0, 0.3, -0.2))

@@ -37,10 +37,10 @@ from nassim.scene.measures import Displacement
 from nassim.scene.mechanics import PointTorque
 from nassim.scene.part import Actuator, ForceElement, Sensor
 from nassim.scene.terms import AppliedForce, Output, Spring
-from nassim.simulation.finite_motion import frames
-from nassim.simulation.linearization import linearize_closed, spinning_equilibrium
-from nassim.simulation.small_motion import assemble
-from nassim.simulation.spinning import inertia_terms, spinning
+from nassim.simulation.linear.linearization import linearize_closed, spinning_equilibrium
+from nassim.simulation.loaded.geometric_stiffness import frames
+from nassim.simulation.loaded.spinning import inertia_terms, spinning
+from nassim.simulation.model.assembly import assemble
 from nassim.systems.linear_model import damping
 
 

@@ -26,8 +26,8 @@ from nassim import (
 )
 from nassim.bodies.piezo import PortCoupling
 from nassim.scene.mechanics import AngleSensor, Bushing
-from nassim.simulation.linearization import spinning_equilibrium
-from nassim.simulation.starting_motion import steady_twists
+from nassim.simulation.linear.linearization import spinning_equilibrium
+from nassim.simulation.model.initial_velocities import steady_twists
 
 AXIS = np.array([2.0, -1.0, 2.0]) / 3
 ACROSS = np.cross(AXIS, [0.0, 0.6, 0.8]) / np.linalg.norm(np.cross(AXIS, [0.0, 0.6, 0.8]))

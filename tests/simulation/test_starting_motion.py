@@ -25,8 +25,8 @@ from nassim import (
     simulate,
 )
 from nassim.simulation.exudyn.system import build_system
-from nassim.simulation.small_motion import assemble
-from nassim.simulation.starting_motion import starting_twists
+from nassim.simulation.model.assembly import assemble
+from nassim.simulation.model.initial_velocities import initial_twists
 
 OUTPUT = exu.OutputVariableType
 
@@ -143,7 +143,7 @@ def test_a_jointed_free_body_is_thrown_as_by_a_blow(bar):
     second = RigidBody("second", {"hinge": (-arm, 0, 0)}, mass, inertia * np.eye(3), (LENGTH + arm, 0, 0))
     body = FlexibleBody("bar", bar, angular_velocity=np.array([0, 0, spin]))
     scene = Scene("thrown", (body, second), (Joint("hinge", "bar.right", "second.hinge", free="rz"),))
-    twists = starting_twists(scene)
+    twists = initial_twists(scene)
     blow = spin * LENGTH / 2 / (1 / MASS + 1 / mass + arm**2 / inertia)
     assert np.allclose(twists["bar"][3:], [0, 0, spin], rtol=1e-12)
     assert np.allclose(twists["second"][3:], [0, 0, -blow * arm / inertia], rtol=1e-9)
@@ -163,7 +163,7 @@ def test_a_turned_body_is_thrown_by_its_inertia(bar, fidelity):
     body = FlexibleBody("bar", bar, angular_velocity=spin)
     joint = Joint("ball", "bar.right", "second.left", free=("rx", "ry", "rz"))
     scene = Scene("thrown", (body, second), (joint,))
-    twists = starting_twists(scene)
+    twists = initial_twists(scene)
 
     masses = model.scalar_mass_matrix.diagonal()
     spots = place + model.fields[1:].T @ TURN.T
@@ -188,7 +188,7 @@ def test_a_turned_body_is_thrown_by_its_inertia(bar, fidelity):
 
 
 def test_a_free_body_turns_about_its_centre_of_mass(bar):
-    twist = starting_twists(Scene("free", (FlexibleBody("bar", bar, angular_velocity=np.array([1.0, 2.0, 3.0])),)))
+    twist = initial_twists(Scene("free", (FlexibleBody("bar", bar, angular_velocity=np.array([1.0, 2.0, 3.0])),)))
     assert np.allclose(twist["bar"][:3] + np.cross([1, 2, 3], [LENGTH / 2, 0, 0]), 0.0, atol=1e-12)
 
 

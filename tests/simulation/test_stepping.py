@@ -19,11 +19,11 @@ from nassim import (
     revolute,
     simulate,
 )
-from nassim.simulation.buckling import axial_forces
+from nassim.simulation.exudyn.monitor import Monitor
+from nassim.simulation.exudyn.rigid_groups import find_rigid_groups
 from nassim.simulation.exudyn.system import build_system
-from nassim.simulation.exudyn.watch import Watch
-from nassim.simulation.exudyn.welding import find_welds
-from nassim.simulation.small_motion import assemble, motion_size
+from nassim.simulation.model.assembly import assemble, motion_size
+from nassim.simulation.model.buckling import axial_forces
 
 
 def chain(*fidelities):
@@ -49,7 +49,7 @@ def chain(*fidelities):
 @pytest.mark.parametrize("fidelities", [("linear", "linear"), ("ffrf", "linear"), ("linear", "ffrf"), ("ffrf", "ffrf")])
 def test_a_look_sees_all_bodies_as_one_by_one(fidelities):
     system = build_system(assemble(chain(*fidelities)))
-    seen = Watch(system)
+    seen = Monitor(system)
     random, data, states = np.random.default_rng(3), system.mbs.systemData, []
     for sample, scale in enumerate((1e-6, 3e-6, 2e-6)):
         data.SetODE2Coordinates(scale * random.standard_normal(data.ODE2Size()), exu.ConfigurationType.Current)
@@ -132,9 +132,9 @@ def test_bodies_that_rigid_joints_hold_together_swing_as_one():
 def test_only_what_holds_in_all_directions_is_one():
     """A joint that a drive would turn, one that leaves a turn free and one to a body that deforms stay joints."""
     scene = chain("ffrf", "rigid")
-    welds = find_welds(assemble(scene))
+    welds = find_rigid_groups(assemble(scene))
     assert welds.joints == {"mount"}
     assert welds.groups == {"ground": ["ground"], "bar1": ["bar1", "block"]}
     free = Joint("mount", "bar1.right", "block.left", free=("rx",))
     hinged = Scene("hinged", scene.bodies, (*scene.joints[:-1], free))
-    assert find_welds(assemble(hinged)).joints == frozenset()
+    assert find_rigid_groups(assemble(hinged)).joints == frozenset()

@@ -30,10 +30,10 @@ from nassim.scene.drives import Drive
 from nassim.scene.joints import prismatic
 from nassim.simulation import SimulationInterrupted, exact_steps
 from nassim.simulation.exudyn import solver
-from nassim.simulation.reach import MARGIN, Reach, find_reach
-from nassim.simulation.small_motion import assemble
-from nassim.simulation.starting_motion import starting_energy
-from nassim.simulation.stopped_runs import Stopped
+from nassim.simulation.linear.stopped_runs import Stopped
+from nassim.simulation.model.assembly import assemble
+from nassim.simulation.model.initial_velocities import starting_energy
+from nassim.simulation.model.reach import MARGIN, Reach, find_reach
 from nassim.systems.controllers import Controller
 
 MASS = 2.0

@@ -21,8 +21,8 @@ from nassim import (
     static_response,
 )
 from nassim.signals.excitations import multisine, sine_dwell, step
-from nassim.simulation.small_motion import assemble
-from nassim.simulation.time_domain import exudyn_eigenfrequencies
+from nassim.simulation.model.assembly import assemble
+from nassim.simulation.run.simulate import exudyn_eigenfrequencies
 
 
 def quiet(duration, sample_rate=1e4):

@@ -26,8 +26,8 @@ from nassim import (
     simulate,
     static_response,
 )
-from nassim.simulation.small_motion import assemble
-from nassim.simulation.time_domain import exudyn_eigenfrequencies
+from nassim.simulation.model.assembly import assemble
+from nassim.simulation.run.simulate import exudyn_eigenfrequencies
 
 
 def turn(axis, angle):

@@ -31,7 +31,7 @@ from nassim import (
     universal,
 )
 from nassim.simulation.exudyn import solver
-from nassim.simulation.small_motion import assemble
+from nassim.simulation.model.assembly import assemble
 
 
 def turn(axis, angle):

@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from nassim.studies import executors, sweep, sweeping
 from nassim.studies.outcome import Outcome
-from nassim.studies.records import Records
+from nassim.studies.run_store import Records
 
 quiet = functools.partial(sweep, progress=False)
 THREADS = (

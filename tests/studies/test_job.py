@@ -14,7 +14,7 @@ import pytest
 import tiny_functions
 
 from nassim import TimeHistory
-from nassim.studies.content import content
+from nassim.studies.hashing import content
 from nassim.studies.job import identity, label, make_job, packed
 
 LOCK = threading.Lock()

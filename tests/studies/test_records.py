@@ -8,11 +8,11 @@ import psutil
 import pytest
 
 from nassim import TimeHistory
-from nassim.studies import records
+from nassim.studies import run_store as records
 from nassim.studies.outcome import Outcome
 from nassim.studies.plan import run_key
-from nassim.studies.records import opened
 from nassim.studies.results import flattened
+from nassim.studies.run_store import opened
 
 STUDY = {"function": "module.function", "source": "12ab", "inputs": {"body": "34cd"}, "seed": 5}
 KEYS = [run_key({"a": a}) for a in range(3)]

@@ -22,8 +22,8 @@ from conftest import lattice
 
 from nassim import craig_bampton
 from nassim.studies import Samples, sweep
-from nassim.studies.children import THREADS
 from nassim.studies.executors import IN_FLIGHT
+from nassim.studies.workers import THREADS
 
 HERE = Path(__file__).parent
 quiet = functools.partial(sweep, progress=False)
@@ -374,7 +374,7 @@ def test_without_the_extra_studies_it_is_named():
 
 def test_runs_of_another_version_are_told_where_the_study_is_called(tmp_path, monkeypatch):
     quiet(tiny_functions.product, grid={"a": [1.0]}, folder=tmp_path, executor="serial")
-    monkeypatch.setattr("nassim.studies.records.code_fingerprint", lambda: "another")
+    monkeypatch.setattr("nassim.studies.run_store.code_fingerprint", lambda: "another")
     with pytest.warns(UserWarning, match="another version of nassim") as caught:
         sweep(tiny_functions.product, grid={"a": [1.0]}, folder=tmp_path, executor="serial", progress=False)
     assert caught[0].filename == __file__

@@ -20,7 +20,7 @@ from nassim import (
     frequency_response,
     linearize,
 )
-from nassim.base.notices import warn
+from nassim.base.warning_log import warn
 from nassim.systems import damping
 
 

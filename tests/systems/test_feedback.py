@@ -5,7 +5,7 @@ import pytest
 import scipy.signal
 
 from nassim.signals.frf import FRF
-from nassim.simulation.linearization import linearize
+from nassim.simulation.linear.linearization import linearize
 from nassim.systems.controllers import Controller, integral_force_feedback, notch, proportional, series
 from nassim.systems.feedback import close_loop, controller_model, loop_response, margins, open_loop, sensitivity
 from nassim.systems.linear_model import LinearModel, damping, frequency_response, sampled, unstable_poles

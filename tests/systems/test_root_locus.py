@@ -8,7 +8,7 @@ import scipy.linalg
 from test_feedback import LOOP, POLE, RATE, ZERO, iff, one_mode, two_modes
 
 from nassim.plotting import plot_root_locus, save_figure
-from nassim.simulation.linearization import linearize
+from nassim.simulation.linear.linearization import linearize
 from nassim.systems.controllers import decentralised, integral_force_feedback, proportional
 from nassim.systems.feedback import close_loop
 from nassim.systems.linear_model import LinearModel, damping, frequency_response, sampled, unstable_poles

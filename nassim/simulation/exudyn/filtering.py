@@ -7,7 +7,7 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.scene.terms import BaseAcceleration
 from nassim.simulation.exudyn.state import System
-from nassim.simulation.filters import start_filter
+from nassim.simulation.model.filters import start_filter
 
 
 class Filtering:

@@ -7,7 +7,7 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.scene.motion import Motion
 from nassim.simulation.exudyn.state import System
-from nassim.simulation.recording import recorded_motion
+from nassim.simulation.model.recorded_motion import recorded_motion
 
 
 class Frames:

@@ -23,14 +23,14 @@ from nassim.scene.measures import (
 from nassim.scene.scene import Scene
 from nassim.scene.terms import AppliedForce, BaseAcceleration, Constraint, PrescribedMotion
 from nassim.simulation.exudyn.general import BodyNodes, Evaluator, add_general_actuator, add_general_constraint
-from nassim.simulation.exudyn.state import Carrier, Push, add_forces
-from nassim.simulation.states import ReferenceState
+from nassim.simulation.exudyn.state import FlexibleCoordinates, InputChannel, add_forces
+from nassim.simulation.model.states import ReferenceState
 
 TOUCHING = 1e-12
 """Distance [m] up to which two points lie in one place."""
 Place = tuple[str, tuple[float, float, float]]
 """A point, and the offset [m] from it of a place that goes with it rigidly; world frame at the start."""
-Grip = Callable[[Array], int]
+MarkerFactory = Callable[[Array], int]
 """Adds a rigid marker with axes, (3, 3), as columns; world frame at the start."""
 
 
@@ -53,8 +53,8 @@ class Items:
     welded: frozenset[str]
     objects: Mapping[str, int]
     rigid: Mapping[str, RigidBody]
-    carriers: Mapping[str, Carrier]
-    grips: Mapping[Place, Grip]
+    carriers: Mapping[str, FlexibleCoordinates]
+    grips: Mapping[Place, MarkerFactory]
     pilots: Mapping[str, tuple[int, list[int]]]
     body_nodes: Mapping[str, BodyNodes]
     markers: dict[str, int] = field(default_factory=dict)
@@ -139,32 +139,32 @@ def frame_at(position: Array, axes: Array) -> Array:
     return result
 
 
-def add_force(items: Items, term: AppliedForce) -> list[Push]:
+def add_force(items: Items, term: AppliedForce) -> list[InputChannel]:
     """Add what an input pushes through: a line, coordinates of bodies, loads at points, or any measure."""
     rate, gain, measure = 2 * np.pi * term.bandwidth, term.gain, term.measure
     if isinstance(measure, Distance) and items.has_markers(measure):
         markers = [items.marker(path) for path in measure.points]
         number = items.mbs.AddObject(eii.ObjectConnectorSpringDamper(markerNumbers=markers, force=0.0))
-        return [Push(number, term.input, np.array(-gain), "force", rate)]
+        return [InputChannel(number, term.input, np.array(-gain), "force", rate)]
     nodes, loads = on_coordinates(items, measure), on_points(items, measure)
     if nodes is None or loads is None or not _is_load(measure):
         strength = add_general_actuator(items.mbs, items.evaluator(measure), term)
-        return [Push(-1, term.input, np.ones(1), rate=rate, offset=strength)]
+        return [InputChannel(-1, term.input, np.ones(1), rate=rate, offset=strength)]
     drives = []
     if nodes:
         # Forces in balance inside a body do no work on its frame, so they act on coordinates of deformation only.
         forces = gain * np.concatenate([row for _, row in nodes])
         number = add_forces(items.mbs, [node for node, _ in nodes], len(forces))
-        drives.append(Push(number, term.input, forces, "forceVector", rate))
+        drives.append(InputChannel(number, term.input, forces, "forceVector", rate))
     for path, weights in loads:
         angular = isinstance(measure, PointVelocity) and measure.angular
         load, own = (eii.LoadTorqueVector if angular else eii.LoadForceVector), bool(_axes_of(measure))
         number = items.mbs.AddLoad(load(markerNumber=items.marker(path), loadVector=[0.0] * 3, bodyFixed=own))
-        drives.append(Push(number, term.input, gain * weights, "loadVector", rate))
+        drives.append(InputChannel(number, term.input, gain * weights, "loadVector", rate))
     return drives
 
 
-def add_base_acceleration(items: Items, term: BaseAcceleration) -> list[Push]:
+def add_base_acceleration(items: Items, term: BaseAcceleration) -> list[InputChannel]:
     """Add a uniform acceleration of every body that moves, against that of the base."""
     drives = []
     others = [name for name in items.body_nodes if name not in items.nodes]
@@ -173,17 +173,17 @@ def add_base_acceleration(items: Items, term: BaseAcceleration) -> list[Push]:
             numbers = [number for number, _ in items.carriers[name].nodes]
             weight = items.scene.split(f"{name}.")[0].weight(-term.direction)
             forces = items.carriers[name].coordinates.T @ weight
-            drives.append(Push(add_forces(items.mbs, numbers, len(forces)), term.input, forces))
+            drives.append(InputChannel(add_forces(items.mbs, numbers, len(forces)), term.input, forces))
         else:
             marker = items.mbs.AddMarker(eii.MarkerBodyMass(bodyNumber=items.objects[name]))
             number = items.mbs.AddLoad(eii.LoadMassProportional(markerNumber=marker, loadVector=[0.0, 0.0, 0.0]))
-            drives.append(Push(number, term.input, -term.direction, "loadVector"))
+            drives.append(InputChannel(number, term.input, -term.direction, "loadVector"))
     return drives
 
 
 def add_constraint(
     items: Items, term: Constraint, held: tuple[str, ...], driven: Sequence[PrescribedMotion]
-) -> list[Push]:
+) -> list[InputChannel]:
     """Add a constraint that holds the given ones of its components, where those that are driven follow their drives."""
     measure = term.measure
     is_joint = isinstance(measure, RelativePose) and measure.rotation == MATRIX and items.has_markers(measure)
@@ -207,7 +207,9 @@ def add_constraint(
     return pushes
 
 
-def _prescribed(term: Constraint, driven: Sequence[PrescribedMotion]) -> tuple[Callable[[float], Array], list[Push]]:
+def _prescribed(
+    term: Constraint, driven: Sequence[PrescribedMotion]
+) -> tuple[Callable[[float], Array], list[InputChannel]]:
     """Values of all components of a constraint's measure by time, and what inputs set them."""
     n = len(term.measure.components)
     speeds, offsets, pushes = np.zeros(n), [np.zeros(n)], []
@@ -216,7 +218,7 @@ def _prescribed(term: Constraint, driven: Sequence[PrescribedMotion]) -> tuple[C
         speeds += drive.speed * unit
         if drive.input:
             offsets.append(np.zeros(n))
-            pushes.append(Push(-1, drive.input, unit, rate=2 * np.pi * drive.bandwidth, offset=offsets[-1]))
+            pushes.append(InputChannel(-1, drive.input, unit, rate=2 * np.pi * drive.bandwidth, offset=offsets[-1]))
 
     def offset(time: float) -> Array:
         result: Array = np.sum(offsets, axis=0) + speeds * time
@@ -227,7 +229,7 @@ def _prescribed(term: Constraint, driven: Sequence[PrescribedMotion]) -> tuple[C
 
 def _joint_motion(
     term: Constraint, marker: int, driven: Sequence[PrescribedMotion]
-) -> tuple[dict[str, Any], list[Push]]:
+) -> tuple[dict[str, Any], list[InputChannel]]:
     """How a joint moves by its drives, as Exudyn's function of time, and what their inputs set."""
     value, pushes = _prescribed(term, driven)
     shifts = any(term.measure.rotation_axis(drive.component) is None for drive in driven)

@@ -9,11 +9,19 @@ import exudyn.itemInterface as eii
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.simulation.compensation import Steps, small_motion_factors
 from nassim.simulation.exudyn.general import NOTHING
-from nassim.simulation.exudyn.state import COORDINATES, Carrier, Charge, Push, System, Term, modal_node
-from nassim.simulation.following import product
-from nassim.simulation.small_motion import Assembly, Tangent
+from nassim.simulation.exudyn.state import (
+    COORDINATES,
+    Charge,
+    FlexibleCoordinates,
+    InputChannel,
+    System,
+    Term,
+    modal_node,
+)
+from nassim.simulation.model.assembly import Assembly, Tangent
+from nassim.simulation.model.period_correction import Steps, small_motion_factors
+from nassim.simulation.model.prescribed_motion import product
 
 
 @dataclass(frozen=True)
@@ -60,7 +68,7 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
     """The system of a scene in small motion: one object in modal coordinates, so joints need no multipliers.
 
     What the modes do not share is zero, so a step takes time in proportion to their number. With drives that follow
-    inputs the amplitudes are a of `nassim.simulation.following`, and the motions of the drives are coordinates too, as
+    inputs the amplitudes are a of `nassim.simulation.model.prescribed_motion`, and the motions of the drives are coordinates too, as
     are charges of ports that leak. All forces are this one object's.
 
     rates: of these inputs at the start; steps: whose error in periods is made up for
@@ -94,7 +102,7 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
         if not tangent.law.is_linear:
             _add_curvature(mbs, node, tangent, tangent.rows @ motion)
     bodies = [body for body in scene.bodies if body.name in assembly.slices]
-    carriers = {body.name: Carrier(((node, size),), motion[assembly.slices[body.name]]) for body in bodies}
+    carriers = {body.name: FlexibleCoordinates(((node, size),), motion[assembly.slices[body.name]]) for body in bodies}
     readings = _add_readings(mbs, assembly, node, motion, equations.gains)
     mbs.Assemble()
     return System(
@@ -111,7 +119,7 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
     )
 
 
-def _pushes(assembly: Assembly, number: int, modes: Array, held: Array) -> tuple[Push, ...]:
+def _pushes(assembly: Assembly, number: int, modes: Array, held: Array) -> tuple[InputChannel, ...]:
     """What inputs push: modes, themselves and through amplifiers, and rows of drives' motions; held: of all rows."""
     scene, following, n = assembly.scene, assembly.following, modes.shape[1]
     beyond = np.zeros((len(held) - n, len(scene.inputs)))
@@ -119,7 +127,7 @@ def _pushes(assembly: Assembly, number: int, modes: Array, held: Array) -> tuple
     found = [(name, forces[:, k], np.inf) for k, name in enumerate(scene.inputs)]
     found += [(scene.inputs[a.input], np.append(modes.T @ a.forces, beyond[:, 0]), a.rate) for a in assembly.amplifiers]
     found += [(scene.inputs[k], held[n + j], following.rates[j]) for j, k in enumerate(following.inputs)]
-    return tuple(Push(number, name, row, rate=rate) for name, row, rate in found if np.any(row))
+    return tuple(InputChannel(number, name, row, rate=rate) for name, row, rate in found if np.any(row))
 
 
 def _add_readings(mbs: Any, assembly: Assembly, node: int, motion: Array, gains: Array) -> dict[str, list[Term]]:

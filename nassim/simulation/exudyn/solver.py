@@ -14,16 +14,16 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.base.progress import stage
 from nassim.scene.bodies import FlexibleBody
-from nassim.simulation.buckling import axial_rows
 from nassim.simulation.exudyn.filtering import Filtering
+from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.springs import rounding
 from nassim.simulation.exudyn.state import System, find_accelerations
 from nassim.simulation.exudyn.turning import solve_hanging
-from nassim.simulation.exudyn.watch import Watch
-from nassim.simulation.reach import find_reach, scene_size
-from nassim.simulation.running_loops import runaway, start_loops
-from nassim.simulation.small_motion import NO_EQUILIBRIUM
-from nassim.simulation.stopped_runs import Stopped
+from nassim.simulation.linear.digital_controllers import runaway, start_loops
+from nassim.simulation.linear.stopped_runs import Stopped
+from nassim.simulation.model.assembly import NO_EQUILIBRIUM
+from nassim.simulation.model.buckling import axial_rows
+from nassim.simulation.model.reach import find_reach, scene_size
 
 CHECKS = 200
 """How often a run looks at its state."""
@@ -98,7 +98,7 @@ def solve_dynamic(
     progress: bool,
     explicit: bool = False,
     look: Callable[[int], None] | None = None,
-) -> tuple[Watch, Array]:
+) -> tuple[Monitor, Array]:
     """Integrate with a fixed step by generalized-alpha, or explicitly by Runge and Kutta's rule of order 4.
 
     The explicit rule holds each input from its time step to the next, and needs a system without constraints.
@@ -112,7 +112,7 @@ def solve_dynamic(
     """
     settings = _fixed_steps(system, n_steps, time_step, spectral_radius)
     steps = _Steps(system, inputs, n_steps, time_step, explicit=explicit)
-    watch = Watch(system, find_reach(system.assembly, steps.inputs.T, time_step) if steps.commands.size else None)
+    watch = Monitor(system, find_reach(system.assembly, steps.inputs.T, time_step) if steps.commands.size else None)
     find_accelerations(system, settings)
     chunk = max(1, n_steps // CHECKS)
     with stage("simulate", total=n_steps, unit="steps", enabled=progress) as advance, _interrupts() as interrupts:
@@ -204,7 +204,7 @@ def _integrate(system: System, settings: Any, *, explicit: bool) -> Exception | 
 
 def _ending(
     system: System,
-    watch: Watch,
+    watch: Monitor,
     steps: _Steps,
     failure: Exception | None,
     spectral_radius: float,

@@ -30,7 +30,7 @@ from nassim.scene.scene import Scene
 from nassim.scene.terms import ForceLaw, Spring
 from nassim.simulation.exudyn.general import add_general_force
 from nassim.simulation.exudyn.items import Items, on_coordinates
-from nassim.simulation.states import ReferenceState
+from nassim.simulation.model.states import ReferenceState
 
 Vector = Sequence[float] | Array
 Wrench = Callable[..., Vector]

@@ -12,8 +12,8 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.scene.bodies import Body
-from nassim.simulation.filters import static_gain
-from nassim.simulation.small_motion import Assembly, Circuit
+from nassim.simulation.model.assembly import Assembly, Circuit
+from nassim.simulation.model.filters import static_gain
 
 COORDINATES = (
     exu.OutputVariableType.Coordinates,
@@ -24,7 +24,7 @@ COORDINATES = (
 
 
 @dataclass(frozen=True)
-class Carrier:
+class FlexibleCoordinates:
     """Where Exudyn keeps the deformation of a flexible body.
 
     nodes: nodes and their numbers of coordinates, whose sum is m
@@ -42,7 +42,7 @@ class Carrier:
 
 
 @dataclass(frozen=True)
-class Push:
+class InputChannel:
     """How an input acts on an Exudyn system.
 
     number: of a load or an object, to which other inputs may add; parameter: of it, that carries the forces
@@ -123,8 +123,8 @@ class System:
     mbs: Any
     assembly: Assembly
     nodes: dict[str, int]
-    carriers: dict[str, Carrier]
-    drives: tuple[Push, ...]
+    carriers: dict[str, FlexibleCoordinates]
+    drives: tuple[InputChannel, ...]
     readings: dict[str, list[Term]]
     massless: Mapping[int, Any]
     beside: Mapping[int, Array] = field(default_factory=dict)

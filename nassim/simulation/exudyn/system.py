@@ -30,11 +30,10 @@ from nassim.scene.terms import (
 from nassim.scene.terms import (
     Term as SceneTerm,
 )
-from nassim.simulation.compensation import Steps, compensated
 from nassim.simulation.exudyn.general import BodyNodes
 from nassim.simulation.exudyn.items import (
-    Grip,
     Items,
+    MarkerFactory,
     Place,
     add_base_acceleration,
     add_constraint,
@@ -43,14 +42,15 @@ from nassim.simulation.exudyn.items import (
     offset_of,
 )
 from nassim.simulation.exudyn.modal import small_motion_system
-from nassim.simulation.exudyn.readings import add_axes, add_output
+from nassim.simulation.exudyn.outputs import add_axes, add_output
+from nassim.simulation.exudyn.rigid_groups import as_one, find_rigid_groups, part_of
+from nassim.simulation.exudyn.spring_forces import add_spring_force
 from nassim.simulation.exudyn.springs import PILOT_RADIUS, add_force_law, reaches
-from nassim.simulation.exudyn.state import Carrier, Push, System, Term, add_circuit, modal_node
-from nassim.simulation.exudyn.tensions import add_spring_force
-from nassim.simulation.exudyn.welding import as_one, find_welds, part_of
-from nassim.simulation.small_motion import Assembly
-from nassim.simulation.starting_motion import check_implied, starting_twists
-from nassim.simulation.states import LinearState, euler_state
+from nassim.simulation.exudyn.state import FlexibleCoordinates, InputChannel, System, Term, add_circuit, modal_node
+from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.initial_velocities import check_implied, initial_twists
+from nassim.simulation.model.period_correction import Steps, compensated
+from nassim.simulation.model.states import LinearState, euler_state
 
 NO_ROTATION = np.array([1.0, 0.0, 0.0, 0.0])
 """Euler parameters."""
@@ -60,17 +60,17 @@ LARGE = 80
 PILOT_DIRECTIONS = np.array([[2, -1, -1], [-1, 2, -1], [-1, -1, 2]]) / np.sqrt(6)
 
 
-Added = tuple[int, Carrier, int, dict[Place, Grip], dict[Place, tuple[int, list[int]]]]
+Added = tuple[int, FlexibleCoordinates, int, dict[Place, MarkerFactory], dict[Place, tuple[int, list[int]]]]
 """Rigid node of a body, its carrier, its object, grips and pilots."""
 
 
 def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, steps: Steps | None = None) -> System:
     """Build the Exudyn system of an assembled scene, with all inputs at zero.
 
-    rates: at the start, of inputs that drives follow, see `starting_twists`
+    rates: at the start, of inputs that drives follow, see `initial_twists`
     steps: whose error in periods is made up for; None: of none
 
-    Raises ValueError for joints and angular velocities that do not go together: `nassim.simulation.starting_motion`.
+    Raises ValueError for joints and angular velocities that do not go together: `nassim.simulation.model.initial_velocities`.
     """
     if assembly.scene.in_small_motion and len(assembly.mass):
         return small_motion_system(assembly, rates or {}, steps)
@@ -80,7 +80,7 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, s
     container = exu.SystemContainer()
     mbs = container.AddSystem()
     items = _add_bodies(mbs, assembly, rates, added)
-    drives: list[Push] = []
+    drives: list[InputChannel] = []
     readings: dict[str, list[Term]] = {output: [] for output in assembly.scene.outputs}
     turning: dict[str, list[tuple[int, Array]]] = {output: [] for output in assembly.scene.outputs}
     for term in assembly.terms:
@@ -115,7 +115,7 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, s
     )
 
 
-def _realise(items: Items, term: SceneTerm, assembly: Assembly) -> list[Push]:
+def _realise(items: Items, term: SceneTerm, assembly: Assembly) -> list[InputChannel]:
     """Add what a term does; returns what an input then drives.
 
     Shunts are circuits of the assembly, filters are the assembly's, prescribed motions belong to their constraints.
@@ -135,12 +135,12 @@ def _realise(items: Items, term: SceneTerm, assembly: Assembly) -> list[Push]:
 
 def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None, added: Array) -> Items:
     """Add the bodies with their weight, the mass added on their deformation, (m, m), and the damping between them."""
-    scene, welds = assembly.scene, find_welds(assembly)
-    twists = starting_twists(scene, rates)
+    scene, welds = assembly.scene, find_rigid_groups(assembly)
+    twists = initial_twists(scene, rates)
     damping, mass = _by_bodies(assembly, assembly.damping.on_deformation()), _by_bodies(assembly, added)
     nodes: dict[str, int] = {}
-    carriers: dict[str, Carrier] = {}
-    grips: dict[Place, Grip] = {}
+    carriers: dict[str, FlexibleCoordinates] = {}
+    grips: dict[Place, MarkerFactory] = {}
     objects: dict[str, int] = {}
     rigid: dict[str, RigidBody] = {}
     pilots: dict[str, tuple[int, list[int]]] = {}
@@ -176,7 +176,7 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None,
         if not (other.is_rigid or other.deforms):
             body_nodes[other.name] = _add_linear_body(mbs, scene, other)
             nodes_of = body_nodes[other.name].nodes
-            carriers[other.name] = Carrier(nodes_of, np.eye(len(other.mass_matrix)))
+            carriers[other.name] = FlexibleCoordinates(nodes_of, np.eye(len(other.mass_matrix)))
     own = [name for name in nodes if welds.leaders.get(name, name) == name]
     # A linear body carries its weight itself.
     linear = [body.name for body in scene.flexible_bodies if body.fidelity == "linear"]
@@ -203,7 +203,9 @@ def _add_linear_body(mbs: Any, scene: Scene, body: Body) -> BodyNodes:
     return BodyNodes(number, ((node, n),), partial(LinearState, body), np.zeros(n))
 
 
-def _flexible_nodes(body: FlexibleBody, frame: FloatingFrame, node: int, carrier: Carrier, number: int) -> BodyNodes:
+def _flexible_nodes(
+    body: FlexibleBody, frame: FloatingFrame, node: int, carrier: FlexibleCoordinates, number: int
+) -> BodyNodes:
     if body.fidelity == "linear":
         state = partial(LinearState, body, change=carrier.coordinates)
         places = [np.concatenate([body.point_position(point), np.zeros(3)]) for point in body.reduced.point_names]
@@ -264,7 +266,7 @@ def _add_linear(
             forceVector=mass @ fall @ scene.gravity,
         )
     )
-    carrier = Carrier(tuple(zip(numbers, counts, strict=True)), to_body)
+    carrier = FlexibleCoordinates(tuple(zip(numbers, counts, strict=True)), to_body)
     return numbers[reduced.point_names.index(frame.point)], carrier, number, grips, {}
 
 
@@ -318,11 +320,11 @@ def _add_floating(
             weightingFactors=[1 / 3] * 3,
         )
         pilots[place] = number, three
-    carrier = Carrier(((modes, n),), np.eye(len(body.reduced.mass_matrix))[:, frame.flexible])
+    carrier = FlexibleCoordinates(((modes, n),), np.eye(len(body.reduced.mass_matrix))[:, frame.flexible])
     return node, carrier, number, grips, pilots
 
 
-def _grip(mbs: Any, rotation: Array, marker: Callable[..., Any], **of_place: Any) -> Grip:
+def _grip(mbs: Any, rotation: Array, marker: Callable[..., Any], **of_place: Any) -> MarkerFactory:
     """Adds markers to what is turned against the world's axes at the start, in which their own axes are given."""
     return lambda axes: int(mbs.AddMarker(marker(localHT=frame_at(np.zeros(3), rotation.T @ axes), **of_place)))
 
@@ -380,7 +382,9 @@ def _by_bodies(assembly: Assembly, full: Array) -> Blocks:
     return {(a, b): full[places[a], places[b]] for a in places for b in places}
 
 
-def _couple(mbs: Any, assembly: Assembly, carriers: dict[str, Carrier], mass: Blocks, damping: Blocks) -> None:
+def _couple(
+    mbs: Any, assembly: Assembly, carriers: dict[str, FlexibleCoordinates], mass: Blocks, damping: Blocks
+) -> None:
     """Mass and damping between the deformations of several flexible bodies, which modes of their assembly need."""
     bodies = assembly.scene.deformable_bodies
     rows = [assembly.frames[b.name].deformation(b.reduced) @ carriers[b.name].coordinates for b in bodies]

@@ -18,7 +18,7 @@ import scipy
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import skew
 from nassim.simulation.exudyn.state import System
-from nassim.simulation.small_motion import NO_EQUILIBRIUM
+from nassim.simulation.model.assembly import NO_EQUILIBRIUM
 from nassim.systems.linear_model import UnstablePole
 
 STEP = 1e-6
@@ -185,7 +185,7 @@ class _Motion:
 def solve_turning(system: System, twists: Mapping[str, Array]) -> tuple[UnstablePole, ...]:
     """Bring the system to rest on its turntable, keep that as the initial state; returns what grows there by itself.
 
-    twists: of all moving bodies, constant, see `nassim.simulation.starting_motion.steady_twists`
+    twists: of all moving bodies, constant, see `nassim.simulation.model.initial_velocities.steady_twists`
 
     Where the equilibrium is neutral, what moves freely stays where it is. Raises RuntimeError without one.
     """

@@ -1,0 +1,160 @@
+"""What is seen of a running Exudyn system whenever it is looked at."""
+
+from typing import Any
+
+import exudyn as exu
+import numpy as np
+import scipy
+
+from nassim.base.checks import Array
+from nassim.scene.bodies import FlexibleBody
+from nassim.simulation.exudyn.state import System
+from nassim.simulation.linear.digital_controllers import RUNAWAY, SMALL_MOTION, deformed, too_far
+from nassim.simulation.linear.stopped_runs import Trust
+from nassim.simulation.model.assembly import motion_rows
+from nassim.simulation.model.buckling import axial_rows
+from nassim.simulation.model.damping import tied_bodies
+from nassim.simulation.model.reach import Reach
+
+LOST = 1.0
+"""A deformation of this share of the body's size, or this rotation [rad] by deformation, means that a run diverges."""
+DRIFT = 1e-2
+"""Share of a body's fastest turn by which its turn may part from the constraint on its Euler parameters."""
+TURNED = 0.1
+"""Rotation [rad] of a body above which that is told from rounding."""
+
+
+class Monitor:
+    """What is seen of a run whenever it is looked at.
+
+    shifts: of every two bodies tied together, as `System.shifting` tells; speeds: of floating bodies [rad/s]
+    lost: bodies that are deformed beyond what a run may do, or farther away than they can get, and what has happened
+    trust: until when the run is sound; drifting: the body that first was not by its velocities, and its sample
+    """
+
+    def __init__(self, system: System, reach: Reach | None = None) -> None:
+        """reach: how far bodies can get; None where that has no bound."""
+        scene = system.assembly.scene
+        self.reach, self.trust = reach, Trust()
+        self.system = system
+        self.threshold = RUNAWAY if scene.loops else LOST
+        self.names = list(system.carriers)
+        self.sizes = np.zeros((len(self.names), 2))
+        self.rows, self.starts, self.places = self._gather()
+        self.tensions = self._seen()[self.starts[-1] :]
+        self.shifts = {pair: np.zeros(2) for pair in tied_bodies(scene) if set(pair) <= set(system.nodes)}
+        self.shifting = system.shifting(list(self.shifts))
+        self.speeds = {body.name: 0.0 for body in scene.flexible_bodies if body.fidelity == "ffrf" and system.nodes}
+        self.lost: list[tuple[str, str]] = []
+        self.drifting: tuple[str, int] | None = None
+        self.turning = _Turning(system)
+
+    def _gather(self) -> tuple[Any, Array, dict[str, slice]]:
+        """What is seen per unit of all of Exudyn's coordinates, sparse: one product, no calls for each body.
+
+        First, by body, the rotations and the displacements, each with a row of zeros so that there is one, then the
+        axial forces of bodies that deform. Beside it where each of the former begins, and the latter do, (2 n + 1,),
+        and where among these each body has its own.
+        """
+        system, bodies = self.system, {body.name: body for body in self.system.assembly.scene.bodies}
+        size = system.mbs.systemData.ODE2Size()
+        motions, tensions, places, end = [np.zeros((0, size))], [np.zeros((0, size))], {}, 0
+        for name in self.names:
+            body, carried = bodies[name], system.carriers[name].coordinates @ system.taken(name)
+            motions += [np.vstack([rows @ carried, np.zeros((1, size))]) for rows in motion_rows(system.assembly, name)]
+            if isinstance(body, FlexibleBody):
+                tensions.append(axial_rows(body.reduced) @ carried)
+                places[name] = slice(end, end + len(tensions[-1]))
+                end = places[name].stop
+        starts = np.cumsum([len(rows) for rows in motions])
+        return scipy.sparse.csr_array(np.vstack([*motions, *tensions])), starts, places
+
+    def _seen(self) -> Array:
+        result: Array = self.rows @ self.system.mbs.systemData.GetODE2Coordinates()
+        return result
+
+    @property
+    def largest(self) -> dict[str, Array]:
+        """Largest `motion_size` of each body, (2,)."""
+        return dict(zip(self.names, self.sizes, strict=True))
+
+    @property
+    def slackest(self) -> dict[str, Array]:
+        """Least `axial_forces` of each body that deforms."""
+        return {name: self.tensions[place] for name, place in self.places.items()}
+
+    def look(self, sample: int) -> None:
+        """Compare the present state, that of a sample, with the earlier ones."""
+        system, sound = self.system, True
+        if self.names:
+            seen, end = self._seen(), self.starts[-1]
+            sizes = np.maximum.reduceat(np.abs(seen[:end]), self.starts[:-1]).reshape(-1, 2)
+            self.lost += [
+                (self.names[k], deformed(self.names[k]))
+                for k in np.flatnonzero(~np.all(sizes < self.threshold, axis=1))
+            ]
+            sound = bool(np.all(sizes <= SMALL_MOTION))
+            np.maximum(self.sizes, sizes, out=self.sizes)
+            np.minimum(self.tensions, seen[end:], out=self.tensions)
+        if self.reach:
+            for name, allowed in self.reach.at(sample).items():
+                distance = system.distance(name)
+                if not distance < allowed:
+                    self.lost.append((name, too_far(name, distance, allowed)))
+        if self.shifts:
+            for pair, now in zip(self.shifts, self.shifting(), strict=True):
+                self.shifts[pair] = np.maximum(self.shifts[pair], now)
+        for name in self.speeds:
+            self.speeds[name] = max(self.speeds[name], system.speed(name))
+        drifting = self.turning.drifting()
+        if drifting and not self.drifting:
+            self.drifting = drifting, sample
+        self.trust.see(sample, sound=sound and not self.lost and not self.drifting)
+
+    def describe_drift(self, time_step: float, spectral_radius: float) -> str:
+        """Return what to say of velocities that part from the constraints; empty where none do."""
+        if not self.drifting:
+            return ""
+        name, sample = self.drifting
+        bears = -float(np.log(spectral_radius)) if spectral_radius else np.inf
+        return (
+            f"body {name!r} has velocities that part from its constraints, from t = {sample * time_step:g} s on: it "
+            f"turns by up to {time_step * self.turning.fastest_turn(name):.2g} rad in a step, and a spectral_radius of "
+            f"{spectral_radius:g} holds for {abs(bears):.2g} rad; take a smaller time_step or a smaller spectral_radius"
+        )
+
+
+class _Turning:
+    """How well bodies' velocities keep the constraint on their Euler parameters, e e' = 0.
+
+    Generalized-alpha enforces constraints on positions. At a spectral radius r, what rounding leaves of velocities that
+    violate them changes sign and shrinks to r in a step, but grows by the angle [rad] by which the constraints turn in
+    it: as bodies do at joints, and half as far for Euler parameters alone. So a radius holds for turns of -ln(r).
+    """
+
+    def __init__(self, system: System) -> None:
+        scene = system.assembly.scene
+        linear = {body.name for body in scene.flexible_bodies if body.fidelity == "linear"}
+        self.data = system.mbs.systemData
+        self.names = [name for name in system.nodes if name not in linear]
+        firsts = [system.mbs.GetNodeODE2Index(system.nodes[name]) + 3 for name in self.names]
+        self.places = np.reshape(firsts, (-1, 1)).astype(int) + np.arange(4)
+        self.reference = self.data.GetODE2Coordinates(exu.ConfigurationType.Reference)
+        self.fastest, self.turned = np.zeros(len(self.names)), np.zeros(len(self.names), dtype=bool)
+
+    def fastest_turn(self, name: str) -> float:
+        """Return the fastest angular speed of a body that was seen [rad/s]."""
+        return 2 * float(self.fastest[self.names.index(name)])
+
+    def drifting(self) -> str:
+        """Name of a body that has turned, and whose velocities have parted from the constraint; empty without one."""
+        if not self.names:
+            return ""
+        parameters = (self.reference + self.data.GetODE2Coordinates())[self.places]
+        rates = self.data.GetODE2Coordinates_t()[self.places]
+        self.fastest = np.maximum(self.fastest, np.linalg.norm(rates, axis=1))
+        cosines = np.abs(np.sum(parameters * self.reference[self.places], axis=1))
+        self.turned |= ~(cosines > np.cos(TURNED / 2))
+        apart = np.abs(np.sum(parameters * rates, axis=1))
+        parted = self.turned & ~(apart <= DRIFT * self.fastest)
+        return self.names[int(np.argmax(parted))] if parted.any() else ""

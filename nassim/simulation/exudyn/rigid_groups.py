@@ -1,0 +1,71 @@
+"""Rigid bodies that rigid connections make one: Exudyn then moves fewer, and has no joint to close between them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from nassim.base.checks import Array
+from nassim.base.rigid_motion import skew
+from nassim.scene.bodies import RigidBody
+from nassim.scene.measures import RelativePose
+from nassim.scene.terms import Constraint
+from nassim.simulation.model.assembly import Assembly
+
+
+@dataclass(frozen=True)
+class RigidGroups:
+    """Which bodies without deformation are one.
+
+    leaders: of each by name the one that stands for all that are one with it; a fixed one where there is any
+    joints: names of the rigid connections between them
+    """
+
+    leaders: Mapping[str, str]
+    joints: frozenset[str]
+
+    @property
+    def groups(self) -> dict[str, list[str]]:
+        """The bodies that are one, by the one that stands for them."""
+        found: dict[str, list[str]] = {}
+        for name, leader in self.leaders.items():
+            found.setdefault(leader, []).append(name)
+        return found
+
+
+def find_rigid_groups(assembly: Assembly) -> RigidGroups:
+    """What is one in a scene: bodies without deformation that joints hold together in all six directions."""
+    moves = {body.name: body.moves for body in assembly.scene.bodies}
+    leaders, joints = {body.name: body.name for body in assembly.scene.bodies if body.is_rigid}, []
+    for joint in assembly.scene.terms_of(Constraint):
+        a, b = (leaders.get(path.partition(".")[0]) for path in joint.points[:2])
+        # What other joints hold already is not enforced by this one, and what a drive moves not held at rest.
+        pose = isinstance(joint.measure, RelativePose)
+        rigid = pose and len(joint.held) == len(assembly.enforced[joint.name]) == len(joint.measure.components)
+        if rigid and a is not None and b is not None:
+            first, second = sorted((a, b), key=lambda name: moves[name])
+            leaders = {name: first if leader == second else leader for name, leader in leaders.items()}
+            joints.append(joint.name)
+    return RigidGroups(leaders, frozenset(joints))
+
+
+def as_one(bodies: Sequence[RigidBody]) -> RigidBody:
+    """Bodies along the world's axes as one; with a fixed one among them, that."""
+    alone = [body for body in bodies if body.fixed] or bodies
+    if len(alone) == 1:
+        return alone[0]
+    each = [body.rigid_inertia for body in bodies]
+    mass = sum(heavy for heavy, _, _ in each)
+    centre = np.sum([heavy * place for heavy, place, _ in each], axis=0) / mass
+    inertia = np.sum([own + _of_a_mass(heavy, place - centre) for heavy, place, own in each], axis=0)
+    return RigidBody(bodies[0].name, {}, mass, 0.5 * (inertia + inertia.T), centre)
+
+
+def _of_a_mass(mass: float, arm: Array) -> Array:
+    result: Array = mass * skew(arm) @ skew(arm).T
+    return result
+
+
+def part_of(one: RigidBody, body: RigidBody) -> RigidBody:
+    """Several bodies as one, with the points of one of them."""
+    return replace(one, points={name: body.point_position(name) - one.position for name in body.points})

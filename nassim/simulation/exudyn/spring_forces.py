@@ -1,0 +1,93 @@
+"""What springs and dampers pull with, from the motions of their points, as their connectors do in large motion."""
+
+from collections.abc import Sequence
+
+import exudyn as exu
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from nassim.base.checks import Array
+from nassim.scene.measures import VECTOR, Displacement, RelativePose
+from nassim.scene.terms import ForceLaw, Output, Spring, SpringForce
+from nassim.simulation.exudyn.general import general_term
+from nassim.simulation.exudyn.items import Items
+from nassim.simulation.exudyn.outputs import add_output
+from nassim.simulation.exudyn.state import Term
+
+Kind = exu.OutputVariableType
+MOTIONS = (Kind.Position, Kind.RotationMatrix, Kind.Velocity, Kind.AngularVelocity)
+
+
+def add_spring_force(items: Items, term: SpringForce) -> list[Term]:
+    """Add what an output records the pull of a spring and its damper by."""
+    law, measure = term.spring, term.spring.measure
+    k = measure.components.index(term.component)
+    if isinstance(law, Spring) and items.has_markers(measure):
+        if isinstance(measure, RelativePose) and measure.rotation == VECTOR:
+            return [_of_six(items, law, measure, k)]
+        if isinstance(measure, Displacement) and items.moves(measure.axes_of) and len(measure.weights) == 2:
+            return [_along(items, law, measure)]
+    if isinstance(law, Spring) and len(measure.components) == 1:
+        pulls = enumerate(float(matrix[0, 0]) for matrix in law.matrices)
+        outputs = [Output(term.name, term.unit, measure, gain, derivative) for derivative, gain in pulls if gain]
+        return [part for output in outputs for part in add_output(items, output)]
+    return [_general(items, law, k)]
+
+
+def _general(items: Items, law: ForceLaw, k: int) -> Term:
+    evaluate = items.evaluator(law.measure)
+    return general_term(items.mbs, evaluate, lambda value, rate: float(law.resistance(value, rate)[k]), 1)
+
+
+def _along(items: Items, law: Spring, measure: Displacement) -> Term:
+    """Along axes that turn with one of two points; the damper brakes what grows along these."""
+    (a, _), (b, along) = measure.weights
+    stiffness, damping = (float(matrix[0, 0]) for matrix in law.matrices)
+    markers = items.marker(a), items.marker(b)
+    frame = (a, b).index(measure.axes_of)
+    start = along @ (items.scene.point_position(b) - items.scene.point_position(a))
+
+    def value(*columns: Array) -> Array:
+        apart, speed, axes, spins = _relative(columns)
+        grows = speed - np.cross(spins[frame], apart)
+        stretched = np.einsum("nji,nj,i->n", axes[frame], apart, along) - start
+        rate = np.einsum("nji,nj,i->n", axes[frame], grows, along)
+        result: Array = stiffness * stretched + damping * rate
+        return result
+
+    return Term(_sensors(items, markers), value)
+
+
+def _of_six(items: Items, law: Spring, measure: RelativePose, k: int) -> Term:
+    """One of six, along axes halfway between the two points, at the place of b."""
+    axes, (stiffness, damping) = measure.axes, law.matrices
+    markers = (
+        items.marker(measure.a, axes=axes, at=items.scene.point_position(measure.b)),
+        items.marker(measure.b, axes=axes),
+    )
+    both = items.moves(measure.a) and items.moves(measure.b)
+
+    def value(*columns: Array) -> Array:
+        apart, speed, (first, second), spins = _relative(columns)
+        turned = Rotation.from_matrix(np.einsum("nji,njk->nik", first, second)).as_rotvec()
+        halfway = first @ Rotation.from_rotvec(turned / 2).as_matrix()
+        # As the connector: beside the ground it takes the difference of velocities as it is.
+        grows = speed - both * np.cross((spins[0] + spins[1]) / 2, apart)
+        moved, rates = (
+            np.hstack([np.einsum("nji,nj->ni", halfway, shift), turn])
+            for shift, turn in ((apart, turned), (grows, np.einsum("nji,nj->ni", halfway, spins[1] - spins[0])))
+        )
+        result: Array = moved @ stiffness[k] + rates @ damping[k]
+        return result
+
+    return Term(_sensors(items, markers), value)
+
+
+def _sensors(items: Items, markers: Sequence[int]) -> tuple[int, ...]:
+    return tuple(items.sensor(marker, kind) for marker in markers for kind in MOTIONS)
+
+
+def _relative(columns: Sequence[Array]) -> tuple[Array, Array, tuple[Array, Array], tuple[Array, Array]]:
+    """Of the second point against the first: place and velocity, (n, 3); axes (n, 3, 3) and spins (n, 3) of both."""
+    (p, r, v, w), (q, s, u, x) = columns[:4], columns[4:]
+    return q - p, u - v, (r.reshape(-1, 3, 3), s.reshape(-1, 3, 3)), (w, x)

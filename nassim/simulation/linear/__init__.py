@@ -1,0 +1,1 @@
+"""Linear models: linearisation, exact steps, sampled closed loops."""

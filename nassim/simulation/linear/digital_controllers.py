@@ -1,0 +1,192 @@
+"""What a digital controller does with every sample: convert, compute, saturate, wait, convert."""
+
+import math
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from nassim.base.checks import Array
+from nassim.scene.loop import Loop
+from nassim.scene.scene import Scene
+from nassim.simulation.model.assembly import Assembly, motion_size
+from nassim.simulation.model.reach import Reach
+
+RUNAWAY = 0.1
+"""A deformation of this share of a body's size, or this rotation [rad], means that a loop runs away."""
+SMALL_MOTION = 0.01
+"""Rotation [rad], and deformation over size, up to which small motion holds: the error is about half of its square."""
+WHOLE = 1.5 * 2.0**52
+"""Added and taken away, it rounds a number to the nearest whole one, ties to even, and lets infinite ones pass."""
+
+
+def samples_per_period(loop: Loop, time_step: float) -> int:
+    """Time steps in one sample period of a loop; ValueError when that is not a whole number."""
+    steps = 1 / (loop.controller.sample_rate * time_step)
+    whole = round(steps)
+    if whole < 1 or abs(steps - whole) > 1e-6 * whole:
+        raise ValueError(
+            f"loop {loop.name!r} samples at {loop.controller.sample_rate:g} Hz, every {steps:.6g} time steps of "
+            f"{time_step:g} s; take time_step = {1 / loop.controller.sample_rate:g} s over a whole number"
+        )
+    return whole
+
+
+def start_controller(*loops: Loop) -> Callable[[Array], tuple[Array, Array]]:
+    """Controllers at rest of loops with one delay: a function that takes what they measure at a sample, (measured,).
+
+    It returns what the loops then add to their inputs until the next sample, (driven,), and what from then on as far as
+    that is known already: with a delay of at least one sample it is, without one it is taken as the same.
+    """
+    a, b, c, d = (block_diag(*(getattr(loop.controller, name) for loop in loops)) for name in "ABCD")
+    whole, n = np.block([[a, b], [c, d]]), len(a)
+    now = np.zeros(n + d.shape[1])  # states, then what is seen
+    see = _converters([(loop.input_step, loop.input_limit) for loop in loops for _ in loop.measured])
+    put_out = _converters([(loop.output_step, loop.controller.limit) for loop in loops for _ in loop.driven])
+    waiting = deque(np.zeros((loops[0].controller.delay, len(d))))
+
+    def step(measured: Array) -> tuple[Array, Array]:
+        now[n:] = see(measured)
+        after = whole.dot(now)
+        now[:n] = after[:n]
+        waiting.append(put_out(after[n:]))
+        acting = waiting.popleft()
+        return acting, waiting[0] if waiting else acting
+
+    return step
+
+
+def _converters(each: list[tuple[float, float]]) -> Callable[[Array], Array]:
+    """What converters of these resolutions and ranges make of their values."""
+    if not any(step or limit < math.inf for step, limit in each):
+        return lambda values: values
+    converters = [converter(step, limit) for step, limit in each]
+    return lambda values: np.array([of(value) for of, value in zip(converters, values.tolist(), strict=True)])
+
+
+def converter(step: float, limit: float) -> Callable[[float], float]:
+    """What a converter of this resolution (0: none) and range makes of a value.
+
+    For numbers, not arrays: a sample has few values, which NumPy's calls would take several times as long for.
+    """
+    if not step:
+        return lambda value: min(max(value, -limit), limit)
+    most = math.floor(limit / step) if limit < math.inf else math.inf
+    return lambda value: step * min(max(value / step + WHOLE - WHOLE, -most), most)
+
+
+Step = Callable[[int, Callable[[], Array]], tuple[Array, Array, Array]]
+
+
+def start_loops(scene: Scene, time_step: float) -> Step:
+    """All loops of a scene at rest: a function step(n, measure) to be called at every time step n = 0, 1, ...
+
+    measure: returns the scene's outputs at that time, (outputs,); called only where a loop takes a sample
+
+    The function returns what the loops add to the scene's inputs until the next step, (inputs,); what of it acts at the
+    end of that step, for a rule that takes forces at both ends of one; and their commands in the order of
+    `Scene.commands`. Where a command jumps, the rule has the mean of both its values there: known before by a delay,
+    or else, as the rule has taken the old value there already, with the missing half of the jump a step later.
+    """
+    inputs, outputs, driven = scene.inputs, scene.outputs, [name for loop in scene.loops for name in loop.driven]
+    taken = np.zeros((len(driven), len(inputs)))
+    taken[np.arange(len(driven)), [inputs.index(name) for name in driven]] = 1.0
+    periods = [samples_per_period(loop, time_step) for loop in scene.loops]
+    ends = np.cumsum([0, *(len(loop.driven) for loop in scene.loops)])
+    alike: dict[tuple[int, int], list[int]] = {}
+    for k, (loop, period) in enumerate(zip(scene.loops, periods, strict=True)):
+        alike.setdefault((period, loop.controller.delay), []).append(k)
+    groups = [
+        (
+            period,
+            delay == 0,
+            start_controller(*(scene.loops[k] for k in chosen)),
+            np.array([outputs.index(name) for k in chosen for name in scene.loops[k].measured]),
+            _span([place for k in chosen for place in range(ends[k], ends[k + 1])]),
+        )
+        for (period, delay), chosen in alike.items()
+    ]
+    held, next_one, both = np.zeros(len(driven)), np.zeros(len(driven)), np.zeros((2, len(driven)))
+
+    def step(n: int, measure: Callable[[], Array]) -> tuple[Array, Array, Array]:
+        found, end = None, both[1]
+        for period, at_once, control, measured, places in groups:
+            late: Array | float = 0.0
+            if n % period == 0:
+                found = measure() if found is None else found
+                now, next_one[places] = control(found[measured])
+                late = (now - held[places]) / 2 if at_once else 0.0
+                held[places] = now
+            now = held[places]
+            end[places] = late + ((now + next_one[places]) / 2 if (n + 1) % period == 0 else now)
+        both[0] = held
+        on_inputs = both.dot(taken)
+        return on_inputs[0], on_inputs[1], held.copy()
+
+    return step
+
+
+def _span(places: list[int]) -> Array | slice:
+    """Places in an array, as a slice where they follow each other: that costs less at every step."""
+    whole = slice(places[0], places[-1] + 1)
+    return whole if places == list(range(whole.start, whole.stop)) else np.array(places)
+
+
+def see_runaway(assembly: Assembly, reach: Reach, coordinates: Array, sample: int) -> tuple[str, bool]:
+    """Look for a body that a loop has driven beyond what it can bear, or beyond where it can get.
+
+    Args:
+        assembly: the scene.
+        reach: how far its bodies can get.
+        coordinates: of all bodies now, shape (n_all,).
+        sample: number of the present sample.
+
+    Returns what has happened to such a body, empty without one, and whether the model holds for all bodies.
+    """
+    sound, allowed = True, reach.at(sample)
+    for name, place in assembly.slices.items():
+        own = coordinates[place]
+        largest = motion_size(assembly, name, own[:, None])
+        if not np.all(largest < RUNAWAY):
+            return deformed(name), False
+        if not np.linalg.norm(own[:3]) < allowed[name]:
+            return too_far(name, float(np.linalg.norm(own[:3])), allowed[name]), False
+        sound &= bool(np.all(largest <= SMALL_MOTION))
+    return "", sound
+
+
+def deformed(body: str) -> str:
+    """Return what to say of a body that a loop has deformed."""
+    return f"body {body!r} is deformed by more than {100 * RUNAWAY:g} % of its size or turned by {RUNAWAY:g} rad"
+
+
+def too_far(body: str, distance: float, allowed: float) -> str:
+    """Return what to say of a body that a loop has moved too far; both [m]."""
+    return (
+        f"body {body!r} has moved by {distance:.3g} m, where the scene's size, forces, speeds and drives account for "
+        f"{allowed:.3g} m at most"
+    )
+
+
+def runaway(scene: Scene, happened: str, outputs: Array, time_step: float) -> str:
+    """Return what to say of a loop that runs away: when, which of its signals has grown most, and by how much.
+
+    Args:
+        scene: the scene.
+        happened: what has happened to a body.
+        outputs: of the scene from the start until now, shape (n_samples, outputs).
+        time_step: [s].
+    """
+    n = len(outputs)
+    recent, before = outputs[-max(1, n // 8) :], outputs[: max(1, n // 2)]
+    size = np.abs(recent).max(axis=0)
+    growth = size / np.maximum(np.abs(before).max(axis=0), np.finfo(float).tiny)
+    measured = [scene.outputs.index(name) for loop in scene.loops for name in loop.measured]
+    worst = max(measured, key=lambda k: growth[k])
+    names = ", ".join(repr(loop.name) for loop in scene.loops)
+    return (
+        f"the closed loop runs away: at t = {(n - 1) * time_step:g} s {scene.outputs[worst]!r} has grown to "
+        f"{size[worst]:.3g} {scene.output_units[worst]} and {happened}. Unstable, unless the excitation is far too "
+        f"large: check the sign, gain and delay of loop {names} on the linear model (linearize_closed, unstable_poles)"
+    )

@@ -1,0 +1,304 @@
+"""The linear model of a scene: small motion about its start, at rest or spinning, with loops open or closed."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nassim.base.checks import Array, finite_array, known, unique
+from nassim.scene.measures import body_of
+from nassim.scene.scene import Scene
+from nassim.scene.terms import Constraint, Output
+from nassim.simulation.loaded.rotor_frame import FRAMES, FrameView, RotorPartition, check_constant, damps_both
+from nassim.simulation.loaded.rotor_stator import stator_bodies
+from nassim.simulation.loaded.spinning import Spinning, spinning
+from nassim.simulation.model.assembly import Assembly, assemble
+from nassim.simulation.model.prescribed_motion import cleared, product
+from nassim.simulation.model.unsupported_modes import warn_of_folding
+from nassim.systems.feedback import DELAY_ORDER, close_loop
+from nassim.systems.linear_model import LinearModel, sampled, unstable_poles
+from nassim.systems.state_space import StateSpace
+
+STANDING = (0.0, 0.0, 0.0)
+"""No angular velocity, and the origin."""
+
+
+def linearize(
+    scene: Scene,
+    *,
+    angular_velocity: ArrayLike = STANDING,
+    axis_point: ArrayLike = STANDING,
+    standing: Sequence[str] | None = None,
+    frame: str = "turning",
+) -> LinearModel:
+    """The scene's linear model about its start, with the damping of its modes, bodies and dampers.
+
+    A drive of constant speed sets what turns, and how fast; all else stands, as the ground does.
+
+    angular_velocity: constant, of a scene that turns as a whole, fixed bodies too, (3,) [rad/s]; axis_point: a point of
+        its axis, (3,) [m]. The scene is then as seen from the table that turns: its axes turn, signals read motion
+        against the table, the model is about the equilibrium under centrifugal forces, and damping is of the parts
+        that turn. See `nassim.simulation.loaded.spinning` for what it holds and leaves out.
+    standing: names of all bodies that stand, fixed ones too, while the others turn; None: with a drive those that are
+        tied to the ground rather than to what it turns, without one no body
+    frame: whose motion the states are where a part stands, "turning" or "standing". The world's axes stand, those of a
+        point turn with its body; readings of a turn are what it deviates from the steady one. The other side must be
+        rigid and the same in all directions across the axis, see `nassim.simulation.loaded.rotor_frame`; the scene's
+        damping_ratio is then, as in floating frames, one of the bodies' deformation
+
+    The states are the minimal coordinates' modal amplitudes, of the scene at rest, and their rates, then the charges of
+    ports that leak (as volts), the outputs of amplifiers and drives with a bandwidth and the states of sensors'
+    filters; with drives that follow inputs, amplitudes are those of `nassim.simulation.model.prescribed_motion`. The scene's loops
+    are open. Gravity's effect on stiffness and a body's own angular_velocity are not part of it. A model may be
+    unstable: `unstable_poles` tells. Raises ValueError for a spin without an equilibrium near the start, for inertial
+    sensors in it, for a part, by name, that changes the model as the scene turns, and for outputs that would need an
+    input's derivative.
+    """
+    assembly, spin = spun(scene, angular_velocity, axis_point, standing, frame)
+    a, b, c, d = state_space(assembly, spin)
+    unsupported = np.tile(np.where(assembly.unsupported, assembly.frequency, 0.0), 2)
+    return LinearModel(
+        a, b[:, :-1], c, d[:, :-1], scene.inputs, scene.outputs, scene.output_units, unsupported=unsupported
+    )
+
+
+def spun(
+    scene: Scene, angular_velocity: ArrayLike, axis_point: ArrayLike, standing: Sequence[str] | None, frame: str
+) -> tuple[Assembly, Spinning]:
+    """An assembled scene, with the damping that it has at speed, and what its spin adds; arguments as of `linearize`.
+
+    Raises ValueError for several drives of constant speed, and for one that shifts.
+    """
+    assembly = assemble(scene)
+    known("frame", frame, FRAMES)
+    stand = frozenset(known("body", name, [body.name for body in scene.bodies]) for name in standing or ())
+    if scene.speeds:
+        if np.any(angular_velocity):
+            raise ValueError(f"scene {scene.name!r} has a drive that sets the spin; give no angular_velocity")
+        (drive, *others) = scene.speeds
+        joint = next(joint for joint in scene.terms_of(Constraint) if joint.name == drive.constraint)
+        axis = joint.measure.rotation_axis(drive.component)
+        if others or axis is None:
+            raise ValueError(f"scene {scene.name!r}: a linear model is about one drive that turns at constant speed")
+        stand = stand if standing is not None else stator_bodies(assembly, joint, axis)
+        ends = [body_of(path) in stand for path in joint.points[:2]]
+        if sum(ends) != 1:
+            raise ValueError(f"joint {joint.name!r}: a drive of constant speed turns one side, and the other stands")
+        angular_velocity = (1.0 if ends[0] else -1.0) * drive.speed * axis
+        axis_point = scene.point_position(joint.points[0])
+    elif not np.any(angular_velocity) or not stand:
+        return assembly, spinning(assembly, angular_velocity, axis_point)
+    velocity = finite_array("angular_velocity", np.asarray(angular_velocity, dtype=float), (3,))
+    parted = RotorPartition(
+        velocity, finite_array("axis_point", np.asarray(axis_point, dtype=float), (3,)), stand, frame
+    )
+    view = FrameView(assembly, parted)
+    check_constant(view)
+    if damps_both(view):
+        assembly = replace(assembly, damping=assembly.damping.of_deformation)
+    return assembly, spinning(assembly, parted.velocity, parted.point, parted)
+
+
+def spinning_equilibrium(
+    scene: Scene,
+    *,
+    angular_velocity: ArrayLike = STANDING,
+    axis_point: ArrayLike = STANDING,
+    standing: Sequence[str] | None = None,
+    frame: str = "turning",
+) -> dict[str, float]:
+    """Outputs of a scene at rest on a table that turns: what centrifugal forces do, without gravity and inputs.
+
+    Arguments as of `linearize`; loops are open. Raises ValueError where there is no equilibrium within small motion,
+    and where it is unstable.
+    """
+    assembly, spin = spun(scene, angular_velocity, axis_point, standing, frame)
+    state, _, readings, _ = state_space(assembly, spin)
+    growing = unstable_poles(
+        LinearModel(state, np.zeros((len(state), 0)), np.zeros((0, len(state))), np.zeros((0, 0)), (), ())
+    )
+    if growing:
+        raise ValueError(f"the spinning equilibrium of scene {scene.name!r} is unstable: {growing[0]}; spin slower")
+    at_rest = np.zeros(len(state))
+    at_rest[: len(spin.equilibrium)] = np.linalg.solve(assembly.shapes, spin.equilibrium)
+    for j, circuit in enumerate(assembly.circuits, start=2 * len(spin.equilibrium)):
+        at_rest[j] = circuit.forces @ assembly.basis @ spin.equilibrium / circuit.capacitance
+    # Accelerations of what rests vanish but for rounding.
+    modes, n = assembly.basis @ assembly.shapes, len(spin.equilibrium)
+    values: Array = (readings - assembly.acceleration_matrix @ modes @ state[n : 2 * n]) @ at_rest
+    return dict(zip(scene.outputs, map(float, values), strict=True))
+
+
+def state_space(assembly: Assembly, spin: Spinning | None = None) -> StateSpace:
+    """A, B, C and D of an assembled scene; the last column of B and D is gravity, a constant input of one.
+
+    spin: of a scene that turns, in whose frame gravity is constant along the axis only
+    States: modal amplitudes and their rates, then the charges of circuits (as volts), the amplifiers' outputs, those of
+    the drives' servos and what filters of outputs keep. With drives that follow inputs, amplitudes and rates are a and
+    b of `nassim.simulation.model.prescribed_motion`. Raises ValueError for outputs that would need a derivative of such an input.
+    """
+    a = assembly
+    omega = 2 * np.pi * a.frequency
+    n, n_in, n_out = len(omega), a.input_matrix.shape[1], len(a.output_matrix)
+    modes = a.basis @ a.shapes
+    plain = 2 * n + len(a.circuits) + len(a.amplifiers) + len(a.following.lags)
+    size = plain + sum(len(system[0]) for system in a.filters.values())
+    state, drives = np.zeros((size, size)), np.zeros((size, n_in + 1))
+    readings, feedthrough = np.zeros((n_out, size)), np.zeros((n_out, n_in + 1))
+    velocity = slice(n, 2 * n)
+    state[:n, velocity] = np.eye(n)
+    state[velocity, :n] = -np.diag(omega**2)
+    state[velocity, velocity] = -a.damping.of_modes
+    if spin is not None:
+        _refuse_inertial(a, spin)
+        state[velocity, :n] -= a.shapes.T @ spin.stiffness @ a.shapes
+        state[velocity, velocity] -= a.shapes.T @ spin.gyroscopic @ a.shapes
+    drives[velocity, :n_in], drives[velocity, n_in] = modes.T @ a.input_matrix, modes.T @ a.weight
+    for j, circuit in enumerate(a.circuits, start=2 * n):
+        pull = modes.T @ circuit.forces
+        rate = 1 / (circuit.resistance * circuit.capacitance)
+        state[velocity, j] = pull
+        state[j, :n] = rate * pull / circuit.capacitance
+        state[j, j] = -rate
+        readings[a.scene.outputs.index(circuit.output), j] = circuit.gain
+    for j, amplifier in enumerate(a.amplifiers, start=2 * n + len(a.circuits)):
+        state[velocity, j] = modes.T @ amplifier.forces
+        state[j, j] = -amplifier.rate
+        drives[j, amplifier.input] = amplifier.rate
+    for j, k in enumerate(a.following.lags, start=plain - len(a.following.lags)):
+        state[j, j], drives[j, a.following.inputs[k]] = -a.following.rates[k], a.following.rates[k]
+    _follow_drives(a, spin, state, drives, readings, feedthrough, plain)
+    feedthrough[:, :n_in] += a.ground_matrix
+    _filter(a, state, drives, readings, feedthrough)
+    return state, drives, readings, feedthrough
+
+
+def _follow_drives(
+    a: Assembly, spin: Spinning | None, state: Array, drives: Array, readings: Array, feedthrough: Array, plain: int
+) -> None:
+    """Let all move by what drives follow, and read it; plain: number of states before those of filters."""
+    n = len(a.frequency)
+    lagging, taken = np.zeros((len(a.following.inputs), len(state))), a.following.taken(drives.shape[1])
+    lagging[:, :plain] = a.following.lagging(plain)
+    moved = _moved_by_drives(a, spin, state)
+    state += moved @ lagging
+    drives += moved @ taken
+    pushed = np.append(np.linalg.norm(a.input_matrix / a.scale[:, None], axis=0), 0.0)
+    for order, rows in enumerate((a.output_matrix, a.velocity_matrix, a.acceleration_matrix)):
+        size = np.linalg.norm(rows / a.scale, axis=1, keepdims=True)
+        at_once = product(rows, a.following.beyond)
+        seen, direct = at_once @ lagging, at_once @ taken
+        seen[:, :n] += rows @ a.basis @ a.shapes
+        for _ in range(order):
+            _refuse_derivatives(a, direct)
+            seen, direct = seen @ state, product(cleared(seen, size), cleared(drives, pushed))
+        readings += seen
+        feedthrough += direct
+
+
+def _refuse_inertial(a: Assembly, spin: Spinning) -> None:
+    """ValueError for filtered outputs and inertial ones in a frame that turns, where the table's turn counts too."""
+    read = [*a.filters, *(term.name for term in a.terms if isinstance(term, Output) and term.inertial)]
+    if read and np.any(spin.gyroscopic):
+        raise ValueError(
+            f"output {read[0]!r} reads motion against inertial space, or through a filter, which a linear model of a "
+            "scene that spins does not know: simulate in time, or read velocity against the table (Vibrometer)"
+        )
+
+
+def _filter(a: Assembly, state: Array, drives: Array, readings: Array, feedthrough: Array) -> None:
+    """Let outputs pass their filters, whose states are the last ones."""
+    end = len(state) - sum(len(system[0]) for system in a.filters.values())
+    for output, (fa, fb, fc, fd) in a.filters.items():
+        k, place = a.scene.outputs.index(output), slice(end, end + len(fa))
+        state[place], drives[place] = np.outer(fb[:, 0], readings[k]), np.outer(fb[:, 0], feedthrough[k])
+        state[place, place] = fa
+        readings[k] *= fd[0, 0]
+        readings[k, place] = fc[0]
+        feedthrough[k] *= fd[0, 0]
+        end = place.stop
+
+
+def _moved_by_drives(a: Assembly, spin: Spinning | None, state: Array) -> Array:
+    """Rates of all states per unit of the drives' motions, (size, d), with the system matrix as it is without them."""
+    n, following = len(a.frequency), a.following
+    position, velocity = slice(n), slice(n, 2 * n)
+    drag, pull = following.drag, np.zeros_like(following.drag)
+    if spin is not None:
+        drag, pull = drag + a.shapes.T @ spin.drag, a.shapes.T @ spin.pull
+    result = np.zeros((len(state), drag.shape[1]))
+    # Modes of machines side by side hold a little of each other, by rounding, which must not look like following.
+    sizes = np.linalg.norm(state[velocity, velocity], axis=0)
+    damping = cleared(-state[velocity, velocity], np.maximum.outer(sizes, sizes))
+    result[position] = slip = product(np.hstack([damping, -np.eye(n)]), np.vstack([following.momentum, drag]))
+    result[velocity] = -damping @ slip - state[velocity, position] @ following.momentum - pull
+    for j, circuit in enumerate(a.circuits, start=2 * n):
+        result[j] = circuit.forces @ following.beyond / (circuit.resistance * circuit.capacitance**2)
+    return result
+
+
+def _refuse_derivatives(a: Assembly, direct: Array) -> None:
+    """ValueError where outputs read a derivative of what inputs make at once, direct, (outputs, inputs + 1)."""
+    lagging = {a.following.inputs[k] for k in a.following.lags}
+    for output, row, accelerations in zip(a.scene.outputs, direct, a.acceleration_matrix, strict=True):
+        if np.any(row):
+            place = int(np.argmax(np.abs(row)))
+            kind = "an acceleration" if np.any(accelerations) else "a velocity"
+            cure = "give the drive a bandwidth, or read a displacement"
+            if place in lagging:
+                cure = "the drive's bandwidth, of first order, smooths velocities: read one, or a displacement"
+            raise ValueError(
+                f"output {output!r} reads {kind} that follows a derivative of input {a.scene.inputs[place]!r} at once, "
+                f"which no linear model of these inputs holds: {cure}; or simulate by generalized_alpha"
+            )
+
+
+def linearize_closed(
+    scene: Scene,
+    *,
+    loops: Sequence[str] | None = None,
+    noise: bool = False,
+    continuous: bool = False,
+    delay_order: int = DELAY_ORDER,
+    angular_velocity: ArrayLike = STANDING,
+    axis_point: ArrayLike = STANDING,
+    standing: Sequence[str] | None = None,
+    frame: str = "turning",
+) -> LinearModel:
+    """The linear model of a scene with its loops closed, their converters and limits left out.
+
+    loops: names of those to close (None: all), the others stay open, to be designed or cut: with one loop left out,
+        `nassim.systems.open_loop` of its controller is that loop while the others run
+    noise: give it inputs for the noise of what loops measure, see `nassim.systems.close_loop`
+    angular_velocity, axis_point, standing, frame: of a scene that turns, see `linearize`
+
+    The model is sampled at the loops' rate: what a simulation without saturation does at its samples, exactly, with the
+    excitation held between them. continuous: the continuous equivalent instead, with delay and hold by Pade's
+    approximation of delay_order. The sampled model warns of modes that are quasi-static in it and could make a loop
+    unstable. Raises ValueError for a scene without loops, for an unknown one, and for several rates unless continuous.
+    """
+    if not scene.loops:
+        raise ValueError(f"scene {scene.name!r} has no loops; linearize serves")
+    known_loops = [loop.name for loop in scene.loops]
+    wanted = known_loops if loops is None else [known("loop", n, known_loops) for n in unique("loop", loops)]
+    closed = [loop for loop in scene.loops if loop.name in wanted]
+    rates = {loop.controller.sample_rate for loop in closed or scene.loops}
+    if len(rates) > 1 and not continuous:
+        raise ValueError(
+            f"the loops of scene {scene.name!r} have several sample rates; only the continuous model has all"
+        )
+    model = linearize(scene, angular_velocity=angular_velocity, axis_point=axis_point, standing=standing, frame=frame)
+    if not continuous:
+        warn_of_folding(model, closed)
+        model = sampled(model, rates.pop())
+    for loop in closed:
+        model = close_loop(
+            model,
+            loop.controller,
+            measured=loop.measured,
+            driven=loop.driven,
+            delay_order=delay_order,
+            noise=noise,
+        )
+    return model

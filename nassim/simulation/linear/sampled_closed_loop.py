@@ -1,0 +1,251 @@
+"""A scene from sample to sample, its digital controllers included: one system that is linear but for the converters.
+
+Its states are the scene's, then the commands that are held, then of each loop the controller's own and the commands
+that wait, and where modes are quasi-static the commands that were held before. Ahead of the converters stand the *raw*
+values: the outputs that all loops measure, then what their controllers compute of their states. A sample is then a
+conversion of these and one product with a matrix; without converters it is linear, and so are many samples at once.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import reduce
+from itertools import pairwise
+
+import numpy as np
+
+from nassim.base.checks import Array
+from nassim.scene.loop import Loop
+from nassim.scene.scene import Scene
+from nassim.simulation.linear.digital_controllers import converter, samples_per_period
+from nassim.systems.state_space import EARLIER, StateSpace, followed
+
+
+@dataclass(frozen=True)
+class Plant:
+    """A scene without its controllers: x_1 = A x_0 + B u_0 + G c_0 and y_0 = C x_0 + D u_0 + E c_(-1).
+
+    matrices: A, B, C and D, for all that acts but commands
+    pushed, shown: G (n, commands) and E (outputs, commands); outputs show the commands that are held until the sample
+    settling: the part of E that quasi-static modes add, which a sample of the command's own loop shows as
+        `nassim.systems.state_space.settling_response` does
+    """
+
+    matrices: StateSpace
+    pushed: Array
+    shown: Array
+    settling: Array
+
+
+@dataclass(frozen=True)
+class _Wiring:
+    """Where a loop's signals are: outputs that it measures; among states and raw values all others.
+
+    period: in time steps; held, own, waiting, before: states; seen, computed: raw values
+    """
+
+    loop: Loop
+    period: int
+    measured: list[int]
+    held: slice
+    own: slice
+    waiting: slice
+    before: slice
+    seen: slice
+    computed: slice
+
+
+@dataclass(frozen=True)
+class ClosedSteps:
+    """A scene with its controllers from sample to sample.
+
+    reading, through: raw values of the states, (raw, n), and of the inputs, (raw, inputs)
+    direct: D of all controllers, (computed, seen)
+    steps: what a sample does to states and raw values, by which loops are due; filled when used
+    """
+
+    plant: Plant
+    wirings: tuple[_Wiring, ...]
+    reading: Array
+    through: Array
+    direct: Array
+    steps: dict[tuple[bool, ...], Array] = field(default_factory=dict)
+
+    @property
+    def period(self) -> int:
+        """Samples after which all loops are due together again."""
+        return math.lcm(*(wiring.period for wiring in self.wirings))
+
+    @property
+    def quantised(self) -> bool:
+        """Whether a converter has a resolution; without one, all is linear within the limits."""
+        return any(wiring.loop.input_step or wiring.loop.output_step for wiring in self.wirings)
+
+    @property
+    def n(self) -> int:
+        """Number of states."""
+        return self.reading.shape[1]
+
+    def linear(self) -> StateSpace:
+        """Without converters over a period: of the inputs, the outputs and then the commands, of all its samples."""
+        return reduce(followed, (self._linear(self._due(k)) for k in range(self.period)))
+
+    def by_samples(self, state: Array, inputs: Array, first: int) -> tuple[Array, Array]:
+        """Through the converters: states at all samples and after them, (k + 1, n); outputs and commands, (k, rows).
+
+        state: at the start, (n,); inputs: (k, inputs); first: number of the first sample since the start of the run
+        """
+        n, split, period = self.n, self.n + self.direct.shape[1], self.period
+        sees = [converter(w.loop.input_step, w.loop.input_limit) for w in self.wirings for _ in w.measured]
+        puts = [converter(w.loop.output_step, w.loop.controller.limit) for w in self.wirings for _ in w.loop.driven]
+        values = np.empty((len(inputs) + 1, n + len(self.reading)))
+        values[0] = np.concatenate([state, self.reading @ state + self.through @ inputs[0]])
+        pushes = inputs @ self._with_raw(self._taken).T
+        pushes[:-1, n:] += inputs[1:] @ self.through.T
+        steps: dict[int, tuple[Array, bool]] = {}
+        for k, row in enumerate(values[:-1]):
+            phase = (first + k) % period
+            if phase not in steps:
+                due = self._due(phase)
+                steps[phase] = self._step(due), any(due)
+            step, busy = steps[phase]
+            if busy:
+                row[n:split] = [see(value) for see, value in zip(sees, row[n:split].tolist(), strict=True)]
+                computed = row[split:] + self.direct.dot(row[n:split])
+                row[split:] = [put(value) for put, value in zip(puts, computed.tolist(), strict=True)]
+            following = values[k + 1]
+            step.dot(row, following)
+            following += pushes[k]
+        states = values[:, :n]
+        outputs = states[:-1] @ self._shown(()).T + inputs @ self.plant.matrices[3].T
+        for wiring in self.wirings:
+            taken = slice(-first % wiring.period, None, wiring.period)
+            outputs[taken] += states[:-1][taken] @ _earlier(self.plant, wiring, n).T
+        return states, np.hstack([outputs, self._held(states[1:])])
+
+    def within_limits(self, states: Array, rows: Array) -> int:
+        """How many blocks of samples come before the first in which a converter meets its limit.
+
+        states: after each block, (blocks, n); rows: outputs and commands, (blocks, k, rows)
+        """
+        inside = np.ones(len(states), dtype=bool)
+        commands = len(self.plant.shown) - len(self.plant.pushed)  # from a place among states to that in rows
+        for wiring in self.wirings:
+            limit = wiring.loop.controller.limit
+            own = slice(wiring.held.start + commands, wiring.held.stop + commands)
+            for values, bound in (
+                (rows[:, :, wiring.measured], wiring.loop.input_limit),
+                (rows[:, :, own], limit),
+                (states[:, None, wiring.waiting], limit),
+            ):
+                if bound < np.inf:  # not >, as what is no number meets every limit
+                    inside &= np.all(np.abs(values) <= bound, axis=(1, 2))
+        return len(inside) if inside.all() else int(np.argmin(inside))
+
+    def _step(self, due: tuple[bool, ...]) -> Array:
+        if due not in self.steps:
+            self.steps[due] = self._with_raw(self._moved(due))
+        return self.steps[due]
+
+    def _due(self, sample: int) -> tuple[bool, ...]:
+        return tuple([sample % wiring.period == 0 for wiring in self.wirings])
+
+    def _moved(self, due: tuple[bool, ...]) -> Array:
+        """States after a sample, but for the inputs' effect, of those before and converted values, (n, n + raw)."""
+        a, *_ = self.plant.matrices
+        before = np.eye(self.n + len(self.reading))
+        states, converted = before[: self.n], before[self.n :]
+        after = states.copy()
+        for wiring, now in zip(self.wirings, due, strict=True):
+            if now:
+                c = wiring.loop.controller
+                line = np.vstack([states[wiring.waiting], converted[wiring.computed]])
+                after[wiring.before] = states[wiring.held][: wiring.before.stop - wiring.before.start]
+                after[wiring.held], after[wiring.waiting] = line[: len(c.C)], line[len(c.C) :]
+                after[wiring.own] = c.A @ states[wiring.own] + c.B @ converted[wiring.seen]
+        after[: len(a)] = self.plant.pushed @ self._held(after.T).T
+        after[: len(a), : len(a)] += a
+        return after
+
+    def _linear(self, due: tuple[bool, ...]) -> StateSpace:
+        """One sample without converters."""
+        ideal = np.eye(len(self.reading))
+        ideal[len(ideal) - len(self.direct) :, : self.direct.shape[1]] = self.direct
+        moved = self._moved(due)
+        converted = moved[:, self.n :] @ ideal
+        state, taken = moved[:, : self.n] + converted @ self.reading, self._taken + converted @ self.through
+        shown = self._shown([wiring for wiring, now in zip(self.wirings, due, strict=True) if now])
+        rows = np.vstack([shown, self._held(state.T).T])
+        return state, taken, rows, np.vstack([self.plant.matrices[3], self._held(taken.T).T])
+
+    def _with_raw(self, states: Array) -> Array:
+        """Beside states, (n, k), the raw values that belong to them, (n + raw, k)."""
+        return np.vstack([states, self.reading @ states])
+
+    def _held(self, states: Array) -> Array:
+        """The commands that are held, of states (..., n)."""
+        start, commands = self.plant.pushed.shape
+        return states[..., start : start + commands]
+
+    @property
+    def _taken(self) -> Array:
+        """What the inputs do to the states, (n, inputs)."""
+        b = self.plant.matrices[1]
+        return np.vstack([b, np.zeros((self.n - len(b), b.shape[1]))])
+
+    def _shown(self, due: Iterable[_Wiring]) -> Array:
+        """What the outputs show of the states when some loops are due, (outputs, n)."""
+        return _shown(self.plant, due, self.n)
+
+
+def closed_steps(plant: Plant, scene: Scene, time_step: float) -> ClosedSteps:
+    """A scene's loops wired to it; time_step [s]. Raises ValueError for sample rates that do not fit the time step."""
+    (a, _, _, d), loops = plant.matrices, scene.loops
+    n_seen, n_driven = [len(loop.measured) for loop in loops], [len(loop.driven) for loop in loops]
+    commands, raw = len(a) + sum(n_driven), sum(n_seen + n_driven)
+    held, own = _slices(len(a), n_driven), _slices(commands, [len(loop.controller.A) for loop in loops])
+    n_own = commands + sum(len(loop.controller.A) for loop in loops)
+    waiting = _slices(n_own, [loop.controller.delay * len(loop.driven) for loop in loops])
+    n_waiting = n_own + sum(loop.controller.delay * len(loop.driven) for loop in loops)
+    n_before = [k * bool(plant.settling.any()) for k in n_driven]
+    before, n = _slices(n_waiting, n_before), n_waiting + sum(n_before)
+    rows = [[scene.outputs.index(name) for name in loop.measured] for loop in loops]
+    periods = [samples_per_period(loop, time_step) for loop in loops]
+    seen, computed = _slices(0, n_seen), _slices(sum(n_seen), n_driven)
+    places = zip(loops, periods, rows, held, own, waiting, before, seen, computed, strict=True)
+    wirings = tuple(_Wiring(*place) for place in places)
+
+    measured = [row for wiring in wirings for row in wiring.measured]
+    reading, through = np.zeros((raw, n)), np.zeros((raw, d.shape[1]))
+    reading[: len(measured)] = _shown(plant, wirings, n)[measured]
+    through[: len(measured)] = d[measured]
+    direct = np.zeros((sum(n_driven), sum(n_seen)))
+    for wiring in wirings:
+        controller = wiring.loop.controller
+        reading[wiring.computed, wiring.own] = controller.C
+        direct[wiring.computed.start - sum(n_seen) : wiring.computed.stop - sum(n_seen), wiring.seen] = controller.D
+    return ClosedSteps(plant, wirings, reading, through, direct)
+
+
+def _shown(plant: Plant, due: Iterable[_Wiring], n: int) -> Array:
+    """What the outputs show of all n states when some loops are due, (outputs, n)."""
+    c = np.hstack([plant.matrices[2], plant.shown])
+    result = np.hstack([c, np.zeros((len(c), n - c.shape[1]))])
+    for wiring in due:
+        result += _earlier(plant, wiring, n)
+    return result
+
+
+def _earlier(plant: Plant, wiring: _Wiring, n: int) -> Array:
+    """What a sample shows beside of a loop's last command and the one before, of all n states, (outputs, n)."""
+    result = np.zeros((len(plant.settling), n))
+    if wiring.before.stop > wiring.before.start:
+        first = len(plant.matrices[0])
+        weights = EARLIER * plant.settling[:, wiring.held.start - first : wiring.held.stop - first]
+        result[:, wiring.held], result[:, wiring.before] = weights, -weights
+    return result
+
+
+def _slices(start: int, sizes: Sequence[int]) -> list[slice]:
+    """One behind the other."""
+    return [slice(int(a), int(b)) for a, b in pairwise(start + np.cumsum([0, *sizes]))]

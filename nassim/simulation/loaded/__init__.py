@@ -1,0 +1,1 @@
+"""States that bear loads: geometric stiffness, spin, rotor and stator."""

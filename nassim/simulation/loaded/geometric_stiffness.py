@@ -1,0 +1,190 @@
+"""Geometric stiffness: what forces in springs and joints add to small motion, because their directions rotate.
+
+A body is carried by a frame, a rigid body by its centre of mass, a reduced one by its floating frame. The rotation
+vector theta of the frame, and the deformation d and rotation e of each point beside it, are linear in the coordinates:
+a point at r from the frame's origin p goes to p + R(theta) (r + d) and is rotated by R(theta) exp(e), as in Exudyn's
+floating frame. A force f in a measure with the Jacobian J has the stiffness d(J^T f)/dq.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from nassim.base.checks import Array
+from nassim.base.rigid_motion import rigid_transfer
+from nassim.scene.bodies import FlexibleBody
+from nassim.scene.measures import Measure, PointMeasure, Pose, inverse_right_jacobian
+from nassim.scene.terms import Constraint
+from nassim.simulation.model.assembly import Assembly
+
+STEP = 5e-4
+"""Rotation [rad], and displacement over the size of the scene, of difference quotients of fourth order."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What carries a body.
+
+    position: of its origin at the start, world frame, (3,) [m]
+    motion: of its origin along the world's axes per unit of all coordinates, (6, n_all)
+    """
+
+    position: Array
+    motion: Array
+
+    @property
+    def turn(self) -> Array:
+        """Its rotation, (3, n_all)."""
+        return self.motion[3:]
+
+
+def frames(assembly: Assembly) -> dict[str, Frame]:
+    """What carries each moving body, by name."""
+    scene, result = assembly.scene, {}
+    for name, place in assembly.slices.items():
+        body, _ = scene.split(f"{name}.")
+        motion = np.zeros((6, len(assembly.basis)))
+        if isinstance(body, FlexibleBody):
+            point = scene.frame_point(body)
+            motion[:, place] = body.motion(point)
+            result[name] = Frame(body.point_position(point), motion)
+        else:
+            motion[:, place] = np.eye(6)
+            result[name] = Frame(body.position, motion)
+    return result
+
+
+@dataclass(frozen=True)
+class GeometricStiffness:
+    """Stiffness that forces in an assembly's springs and joints make.
+
+    held: rows on all coordinates that vanish, (m, n_all): of the joints, as `Assembly.enforced` says, then those of
+        bodies that keep their shape, in which nothing is of second order
+    """
+
+    assembly: Assembly
+    frames: Mapping[str, Frame]
+    held: Array
+
+    @classmethod
+    def of(cls, assembly: Assembly) -> "GeometricStiffness":
+        """Of an assembled scene."""
+        size = len(assembly.basis)
+        rows = [np.zeros((0, size))]
+        for joint in _joints(assembly):
+            rows.append(assembly.coordinates.jacobian(joint.measure)[joint.rows(assembly.enforced[joint.name])])
+        for body in assembly.scene.flexible_bodies:
+            if not body.deforms:
+                kept = assembly.frames[body.name].deformation(body.reduced)
+                rows.append(np.zeros((len(kept), size)))
+                rows[-1][:, assembly.slices[body.name]] = kept
+        return cls(assembly, frames(assembly), np.vstack(rows))
+
+    def of_joints(self, forces: Array) -> Array:
+        """Stiffness of constraint forces on all coordinates, (n_all,), as the joints' axes and arms rotate."""
+        result = np.zeros((len(forces), len(forces)))
+        if not len(self.held):
+            return result
+        multipliers, first = _shares_of(self.held, forces), 0
+        for joint in _joints(self.assembly):
+            components = self.assembly.enforced[joint.name]
+            force = np.zeros(len(joint.measure.components))
+            force[joint.rows(components)] = multipliers[first : first + len(components)]
+            first += len(components)
+            result += self._of(joint.measure, force)
+        return result
+
+    def of_springs(self, coordinates: Array) -> Array:
+        """Stiffness of what springs bear at given coordinates, (n_all,), as their arms and directions rotate."""
+        result = np.zeros((len(coordinates), len(coordinates)))
+        for tangent in self.assembly.tangents:
+            force = tangent.law.resistance(tangent.rows @ coordinates, np.zeros(len(tangent.rows)))
+            result += self._of(tangent.law.measure, force)
+        return result
+
+    def _of(self, measure: Measure, force: Array) -> Array:
+        result = np.zeros((len(self.assembly.basis),) * 2)
+        if np.any(force):
+            for factor, part in measure.point_measures:
+                result += self._of_points(part, factor * force)
+        return result
+
+    def _of_points(self, measure: PointMeasure, force: Array) -> Array:
+        """Stiffness of a force in a measure of points, symmetric, (n_all, n_all)."""
+        scene = self.assembly.scene
+        reference = [scene.point_position(path) for path in measure.points]
+        motion = np.vstack([self._motion(path) for path in measure.points])
+        arms = [place - self._frame(path).position for path, place in zip(measure.points, reference, strict=True)]
+        n = len(motion)
+        # Lengths in units of the arms and distances, so that one step fits displacements and rotations.
+        size = max(float(np.ptp(reference, axis=0).max()), *(float(np.linalg.norm(arm)) for arm in arms), 1e-6)
+        scale = np.tile(np.repeat([size, 1.0], 3), n // 6)
+
+        def forces(moved: Array) -> Array:
+            charts = [_chart(*chart) for chart in zip(reference, arms, np.split(moved, n // 12), strict=True)]
+            rows = measure.at([pose for pose, _ in charts], reference)[1]
+            parts = [
+                block @ jacobian for block, (_, jacobian) in zip(np.split(rows, n // 12, axis=1), charts, strict=True)
+            ]
+            result: Array = force @ np.hstack(parts)
+            return result
+
+        columns = []
+        for k in range(n):
+            step = STEP * scale[k] * np.eye(n)[k]
+            near, far = (forces(m * step) - forces(-m * step) for m in (1, 2))
+            columns.append((8 * near - far) / (12 * step[k]))
+        bends = np.array(columns)
+        result: Array = motion.T @ (0.5 * (bends + bends.T)) @ motion
+        return result
+
+    def _frame(self, path: str) -> Frame:
+        body, _ = self.assembly.scene.split(path)
+        if body.moves:
+            return self.frames[body.name]
+        return Frame(self.assembly.scene.point_position(path), np.zeros((6, len(self.assembly.basis))))
+
+    def _motion(self, path: str) -> Array:
+        """Small motion of a point's frame, then of the point, (12, n_all)."""
+        return np.vstack([self._frame(path).motion, self.assembly.coordinates.motion(path)])
+
+
+def _chart(reference: Array, arm: Array, moved: Array) -> tuple[Pose, Array]:
+    """Pose of a point by the small motions of its frame and of itself, (12,), and its velocities by theirs, (6, 12)."""
+    frame, point = moved[:6], moved[6:]
+    theta = frame[3:]
+    rotation = Rotation.from_rotvec(theta).as_matrix()
+    beside = np.hstack([-rigid_transfer(arm), np.eye(6)])  # deformation d and e, linear in the small motions
+    d, e = np.split(beside @ moved, 2)
+    position = reference - arm + frame[:3] + rotation @ (arm + d)
+    jacobian = np.zeros((6, 12))
+    left = np.linalg.inv(inverse_right_jacobian(-theta))
+    jacobian[:, :6] = rigid_transfer(rotation @ (arm + d)) @ np.block(
+        [[np.eye(3), np.zeros((3, 3))], [np.zeros((3, 3)), left]]
+    )
+    jacobian[:3] += rotation @ beside[:3]
+    jacobian[3:] += rotation @ np.linalg.inv(inverse_right_jacobian(-e)) @ beside[3:]
+    assert len(point) == 6
+    return (position, rotation @ Rotation.from_rotvec(e).as_matrix()), jacobian
+
+
+def spring_forces(assembly: Assembly, coordinates: Array) -> Array:
+    """Resistance of springs, (n_all,), at given coordinates, (n_all,)."""
+    result = np.zeros(len(coordinates))
+    for tangent in assembly.tangents:
+        rows = tangent.rows
+        result += rows.T @ tangent.law.resistance(rows @ coordinates, np.zeros(len(rows)))
+    return result
+
+
+def _joints(assembly: Assembly) -> list[Constraint]:
+    return [term for term in assembly.terms if isinstance(term, Constraint)]
+
+
+def _shares_of(rows: Array, forces: Array) -> Array:
+    """Multipliers (m,) of rows (m, n) that add up to forces (n,)."""
+    sizes = np.linalg.norm(rows, axis=1)
+    result: Array = np.linalg.lstsq((rows / sizes[:, None]).T, forces, rcond=None)[0] / sizes
+    return result

@@ -1,0 +1,152 @@
+"""Rotor and stator: on which side of a spindle each body is, by what ties it to others."""
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from nassim.base.checks import Array
+from nassim.base.rigid_motion import rigid_motions
+from nassim.scene.bodies import FlexibleBody
+from nassim.scene.measures import Measure, body_of
+from nassim.scene.terms import (
+    AppliedForce,
+    BaseAcceleration,
+    Constraint,
+    ForceLaw,
+    Output,
+    OutputFilter,
+    PrescribedMotion,
+    Shunt,
+    Spring,
+    SpringForce,
+    Term,
+)
+from nassim.simulation.model.assembly import Assembly, Coordinates
+from nassim.simulation.model.states import ReferenceState
+
+Tie = Constraint | ForceLaw
+"""What holds or resists."""
+BORNE = 1e-9
+"""Share of a row's size by which a rotation about the axis may change its measure."""
+
+
+def term_rows(coordinates: Coordinates, term: Term, states: Mapping[str, ReferenceState] | None = None) -> Array:
+    """Evaluate the rows of a term on all coordinates, (m, n_all); states: other than of the reference."""
+    if isinstance(term, (PrescribedMotion, OutputFilter)):
+        return np.zeros((0, len(coordinates.mass)))
+    if isinstance(term, SpringForce):
+        return term_rows(coordinates, term.spring, states)
+    if isinstance(term, BaseAcceleration):
+        return coordinates.weight(term.direction, states)[None]
+    assert isinstance(term, (AppliedForce, Output, ForceLaw, Shunt, Constraint))
+    measure = term.measure if states is None else term.measure.deviation
+    rows = coordinates.jacobian(measure, states)
+    return rows[term.rows(term.held)] if isinstance(term, Constraint) else rows
+
+
+def rotation_about(assembly: Assembly, names: Iterable[str], axis: Array, point: Array) -> Array:
+    """Coordinates of a unit rotation of some bodies about the axis, all others at rest, (n_all,)."""
+    unit, scene = axis / np.linalg.norm(axis), assembly.scene
+    result = np.zeros(len(assembly.basis))
+    for name in names:
+        body, _ = scene.split(f"{name}.")
+        twist = np.concatenate([np.cross(unit, body.position - point), unit])
+        if isinstance(body, FlexibleBody):
+            places = np.array([p.position for p in body.reduced.remote_points])
+            twist = rigid_motions(places, len(body.mass_matrix)) @ np.kron(np.eye(2), body.rotation.T) @ twist
+        result[assembly.slices[name]] = twist
+    return result
+
+
+def stator_bodies(assembly: Assembly, joint: Constraint, axis: Array) -> frozenset[str]:
+    """Names of the bodies that stand while a joint is driven about its axis, (3,).
+
+    Bodies stand, or rotate, with those that they are tied to by what resists a rotation about the axis; what is tied to
+    one side only, otherwise, goes with that side.
+
+    Raises:
+        ValueError: for a body whose ties do not tell its side.
+    """
+    scene, point = assembly.scene, assembly.scene.point_position(joint.points[0])
+    groups = {body.name: body.name if body.moves else "" for body in scene.bodies}
+    loose: list[set[str]] = []
+    for term in assembly.terms:
+        if isinstance(term, Tie):
+            ends = term.measure.bodies
+            names = [name for name in ends if name in assembly.slices]
+            if any(resists(assembly, term, rotation_about(assembly, [name], axis, point)) for name in names):
+                first, *others = (groups[name] for name in ends)
+                groups = {name: first if group in others else group for name, group in groups.items()}
+            else:
+                loose.append(set(ends))
+    ground = next((groups[body.name] for body in scene.bodies if not body.moves), "")
+    driven = [groups[body_of(path)] for path in joint.points[:2]]
+    if driven.count(ground) != 1:
+        raise ValueError(
+            f"joint {joint.name!r}: a drive of constant speed needs a fixed body on one side, or one that is tied to "
+            "such a body by what resists the turn; and no such tie on the other side. Or say which bodies stand: "
+            "linearize(..., standing=[...])"
+        )
+    rotor = driven[1 - driven.index(ground)]
+    sides = {group: group for group in groups.values()}
+    while True:
+        found = dict(sides)
+        for group in set(sides.values()) - {ground, rotor}:
+            members = {name for name in groups if sides[groups[name]] == group}
+            met = {sides[groups[name]] for ends in loose if ends & members for name in ends} - {group}
+            if {ground, rotor} <= met:
+                raise ValueError(
+                    f"body {min(members)!r} is tied to what turns and to what stands, so it is not known whether it "
+                    "turns: say which bodies stand, fixed ones too: linearize(..., standing=[...])"
+                )
+            if met:
+                to = met.pop()
+                found = {key: to if side == group else side for key, side in sides.items()}
+                break
+        if found == sides:
+            return frozenset(name for name in groups if sides[groups[name]] != rotor)
+        sides = found
+
+
+def resists(assembly: Assembly, term: Tie, rotation: Array) -> bool:
+    """Whether a tie holds, or resists, a rotation, (n_all,); a spring along a driven component resists nothing."""
+    rows = term_rows(assembly.coordinates, term)
+    if isinstance(term, Spring):
+        if len(rows) == 1 and _has_drive(assembly, term.measure, rows):
+            return False
+        both = np.vstack(term.matrices)
+        rows = both / np.maximum(np.abs(both).max(axis=1, keepdims=True), 1e-300) @ rows
+    met = np.abs(rows @ rotation)
+    # What lies on the axis moves by rounding alone, hence the millimetre beside.
+    return bool(np.any(met > BORNE * (np.abs(rows) @ (np.abs(rotation) + 1e-3))))
+
+
+def label_of(term: Term) -> str:
+    """Name a term, for messages."""
+    if isinstance(term, Constraint):
+        return f"joint {term.name!r}"
+    if isinstance(term, (BaseAcceleration, AppliedForce)):
+        return f"input {term.input!r}"
+    if isinstance(term, (Output, SpringForce)):
+        return f"output {term.name!r}"
+    if isinstance(term, Shunt):
+        return f"output {term.output!r}"
+    if isinstance(term, ForceLaw):
+        return f"what ties {' and '.join(dict.fromkeys(term.measure.points))}"
+    return type(term).__name__
+
+
+def _has_drive(assembly: Assembly, measure: Measure, rows: Array) -> bool:
+    """Whether a scalar measure is between a joint's points, along what the joint or its drive holds."""
+    for joint in assembly.terms:
+        if isinstance(joint, Constraint) and set(joint.points) == set(measure.points):
+            driven = [
+                t.component for t in assembly.terms if isinstance(t, PrescribedMotion) if t.constraint == joint.name
+            ]
+            held = assembly.coordinates.jacobian(joint.measure)[joint.rows((*joint.held, *driven))]
+            scale = 1 / np.sqrt(np.diag(assembly.coordinates.mass))
+            rest = (rows * scale).T
+            rest = rest - (held * scale).T @ np.linalg.lstsq((held * scale).T, rest, rcond=BORNE)[0]
+            if np.linalg.norm(rest) <= BORNE * np.linalg.norm(rows * scale) and len(held):
+                return True
+    return False

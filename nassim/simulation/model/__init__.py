@@ -1,0 +1,1 @@
+"""Coordinates, bodies' equations, measures on coordinates, constraints, damping, trimming: a scene's model."""

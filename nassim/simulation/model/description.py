@@ -1,0 +1,130 @@
+"""What a scene models, with how many coordinates, and what it leaves out, as text."""
+
+import re
+from collections.abc import Mapping
+
+import numpy as np
+
+from nassim.base.checks import Array
+from nassim.base.progress import wrapped
+from nassim.scene.bodies import Body, FlexibleBody
+from nassim.scene.scene import Scene
+from nassim.scene.terms import AppliedForce, ForceLaw, Output, Shunt
+from nassim.simulation.model.damping import damps, held_alone
+from nassim.simulation.model.trimming import trim_scene
+
+
+def describe(scene: Scene) -> str:
+    """What is modelled of each body, with how many coordinates, what is left out and why; the wiring; as text.
+
+    Scenes that were placed in this one and read the same, such as six struts, are told once.
+    """
+    fewer = {body.name: body for body in trim_scene(scene).flexible_bodies}
+    entries = [(_placed_in(body.name), _body(scene, body, fewer)) for body in scene.bodies]
+    entries += [(_placed_in(part.name), [*filter(None, [part.describe()])]) for part in scene.parts if not part.claims]
+    alike = _alike(scene, entries)
+    told = {name for others in alike.values() for name in others}
+    often = {first: f" (x {1 + len(others)})" for first, others in alike.items()}
+    inputs, outputs = (
+        ", ".join(f"{name}{often.get(_placed_in(name), '')}" for name in names if _placed_in(name) not in told)
+        for names in (scene.inputs, scene.outputs)
+    )
+    lines = [f"scene {scene.name!r}: inputs {inputs or 'none'}; outputs {outputs}"]
+    for first, others in alike.items():
+        lines.append(f"  {first}/, and the same again {', '.join(f'{other}/' for other in others)}:")
+        lines += [f"    {_within(line, first)}" for name, text in entries if name == first for line in text]
+    rest = [line for name, text in entries if name not in told and name not in alike for line in text]
+    return "\n".join(map(_folded, [*lines, *(f"  {line}" for line in (*rest, *_rest(scene)))]))
+
+
+def _folded(line: str) -> str:
+    return wrapped(line, next_indent=" " * (len(line) - len(line.lstrip()) + 6))
+
+
+def _placed_in(name: str) -> str:
+    """Name of the placed scene that a body, part or signal belongs to; empty for the scene's own."""
+    return name.rpartition("/")[0]
+
+
+def _within(line: str, placed: str) -> str:
+    """A line as the placed scene itself would write it."""
+    return re.sub(rf"(?<!\S){re.escape(placed)}/", "", line)
+
+
+def _alike(scene: Scene, entries: list[tuple[str, list[str]]]) -> dict[str, list[str]]:
+    """Placed scene -> those that read as it does, for those that some do."""
+    found: dict[tuple[str, ...], list[str]] = {}
+    for placed in dict.fromkeys(name for name, _ in entries if name):
+        lines = [line for name, text in entries if name == placed for line in text]
+        lines += [name for name in (*scene.inputs, *scene.outputs) if _placed_in(name) == placed]
+        found.setdefault(tuple(_within(line, placed) for line in lines), []).append(placed)
+    return {first: others for first, *others in found.values() if others}
+
+
+def _body(scene: Scene, body: Body, fewer: Mapping[str, FlexibleBody]) -> list[str]:
+    if isinstance(body, FlexibleBody) and body.deforms:
+        first, *more = _flexible(scene, body, fewer[body.name])
+        return [f"{body.name}: {first}", *(f"  {line}" for line in (*more, *_ports(scene, body)))]
+    if not body.moves:
+        return [f"{body.name}: fixed"]
+    reason = "; the others left out by its fidelity" if isinstance(body, FlexibleBody) else ""
+    return [f"{body.name}: rigid, 6 coordinates{reason}"]
+
+
+def _flexible(scene: Scene, body: FlexibleBody, fewer: FlexibleBody) -> list[str]:
+    n, points, p = len(fewer.mass_matrix), fewer.reduced.point_names, fewer.reduced.n_modes
+    kind = "floating frame" if body.fidelity == "ffrf" else "linear"
+    limit = fewer.reduced.valid_frequency
+    complete = f", complete up to {limit:.4g} Hz" if np.isfinite(limit) else ""
+    lines = [f"{kind}, {n} coordinates: {', '.join(points)} x 6 + {p} modes and load shapes{complete}"]
+    if len(body.mass_matrix) > n:
+        idle = ", ".join(name for name in body.reduced.point_names if name not in points) or "none"
+        lines.append(
+            f"left out: {len(body.mass_matrix) - n} coordinates: points that no joint holds ({idle}) and modes above "
+            f"{scene.cutoff_frequency:g} Hz; static answers to the stacks are kept"
+        )
+    used = {scene.frame_point(body), *_used_points(scene, body)}
+    idle_points = [name for name in points if name not in used]
+    if idle_points and scene.cutoff_frequency is None:
+        lines.append(f"nothing uses {', '.join(idle_points)}: a cutoff_frequency would condense them")
+    if body.damping_ratio is not None:
+        held = " and ".join(f"{point} clamped" for point in held_alone(scene, body)) or "free"
+        lines.append(f"own damping: {_ratios(np.atleast_1d(body.damping_ratio))}, {held}")
+    return lines
+
+
+def _used_points(scene: Scene, body: FlexibleBody) -> set[str]:
+    measures = scene.measures_of(AppliedForce, Output, ForceLaw)
+    paths = [path for measure in measures for path in measure.points if scene.split(path)[0] is body]
+    return {*scene.held_points(body), *(path.partition(".")[2] for path in paths)}
+
+
+def _ports(scene: Scene, body: FlexibleBody) -> list[str]:
+    wired = {path: part.describe() for part in scene.parts for path in part.claims}
+    names = [port.name for port in body.reduced.ports]
+    return [f"port {name}: {wired.get(f'{body.name}.{name}', 'short-circuited')}" for name in names]
+
+
+def _rest(scene: Scene) -> list[str]:
+    """Damping, gravity and loops."""
+    bodies = any(body.damping_ratio is not None for body in scene.deformable_bodies)
+    modes = _ratios(scene.mode_ratios) + ("; the bodies' own beside it" if bodies else "")
+    dampers = any(damps(term) for term in scene.terms_of(ForceLaw))
+    beside = dampers or scene.terms_of(Shunt) or scene.loops
+    pull = " ".join(f"{g:g}" for g in scene.gravity)
+    return [
+        f"damping: {modes}" + ("; dampers and loops beside it" if beside else ""),
+        f"gravity: {pull} m/s2" if np.any(scene.gravity) else "gravity: none",
+        *(
+            f"loop {loop.name}: {', '.join(loop.measured)} to {', '.join(loop.driven)} at "
+            f"{loop.controller.sample_rate:g} Hz, {loop.controller.delay} sample(s) of delay"
+            for loop in scene.loops
+        ),
+    ]
+
+
+def _ratios(ratios: Array) -> str:
+    percent = [f"{100 * ratio:g} %" for ratio in ratios]
+    if len(percent) > 1:
+        return f"{', '.join(percent)} of critical in the first elastic modes, {percent[-1]} in all others"
+    return f"{percent[0]} of critical in every elastic mode" if np.any(ratios) else "none in modes"

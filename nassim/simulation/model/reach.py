@@ -1,0 +1,107 @@
+"""How far bodies can get in a run: a bound that follows from the scene and its excitation.
+
+Let p = sqrt(2 E), with E the energy of a scene. Forces f add at most f v to it per unit of time, and joints, springs
+and dampers nothing, so p' <= |M^(-1/2) f|, and a body of mass m moves by at most the integral of p / sqrt(m). This
+holds in large motion too, for forces and torques as they act on the bodies moved as rigid ones: weight, inputs, ground
+acceleration and commands up to the limits of their converters. Drives move what they carry at their own speed, and can
+throw it as fast. Forces within a body move other bodies by its deformation only, which has bounds of its own.
+
+A loop without a limit may add energy, but one that works does not bring a body many times as far as what excites it
+could alone, unless that is less than the size of the scene. So a loop runs away when it brings a body farther than the
+scene is large and `MARGIN` times as far as that bound.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from nassim.base.checks import Array
+from nassim.base.rigid_motion import rigid_motions
+from nassim.scene.bodies import Body, FlexibleBody
+from nassim.scene.terms import Constraint, PrescribedMotion
+from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.initial_velocities import starting_energy
+
+MARGIN = 10.0
+"""How many times as far as without loops a body may get before a loop runs away."""
+
+
+@dataclass(frozen=True)
+class Reach:
+    """Bounds of all moving bodies' displacements.
+
+    size: of the scene [m]; path: the integral of p until each sample, (n_samples,) [m kg^(1/2)]
+    masses: of the bodies, by name [kg]
+    """
+
+    size: float
+    path: Array
+    masses: Mapping[str, float]
+
+    def at(self, sample: int) -> dict[str, float]:
+        """Return what bodies may have moved by at a sample, by name [m]."""
+        path = MARGIN * float(self.path[min(sample, len(self.path) - 1)])
+        return {name: self.size + path / np.sqrt(mass) for name, mass in self.masses.items()}
+
+
+def find_reach(assembly: Assembly, inputs: Array, time_step: float) -> Reach:
+    """Find how far bodies can get.
+
+    Args:
+        assembly: the scene.
+        inputs: the excitation at all time steps, shape (inputs, n_samples).
+        time_step: [s].
+
+    Returns the bounds.
+    """
+    scene = assembly.scene
+    bodies = [body for body in scene.bodies if body.moves]
+    masses = {body.name: body.rigid_inertia[0] for body in bodies}
+    mass, size = float(np.sum([*masses.values()])), scene_size(assembly)
+    limits = np.zeros(len(scene.inputs))
+    for loop in scene.loops:
+        if np.isfinite(loop.controller.limit):
+            limits[[scene.inputs.index(name) for name in loop.driven]] += loop.controller.limit
+    forces = (np.abs(inputs) + limits[:, None]).T @ _strengths(assembly, bodies)
+    forces = forces + np.sqrt(mass) * float(np.linalg.norm(scene.gravity))
+    speeds = np.zeros(inputs.shape[1])
+    joints = {joint.name: joint.measure for joint in scene.terms_of(Constraint)}
+    for drive in scene.terms_of(PrescribedMotion):
+        lever = 1.0 if joints[drive.constraint].rotation_axis(drive.component) is None else size
+        speeds += lever * abs(drive.speed)
+        if drive.input:
+            k = scene.inputs.index(drive.input)
+            speeds += lever * np.abs(np.gradient(inputs[k], time_step))
+            size += lever * float(limits[k])
+    momentum = np.sqrt(2 * starting_energy(scene)) + time_step * np.cumsum(forces)
+    momentum += np.sqrt(mass) * np.maximum.accumulate(speeds)
+    return Reach(size, time_step * np.cumsum(momentum), masses)
+
+
+def scene_size(assembly: Assembly) -> float:
+    """Return the size of a scene: of the box around all its points and centres of mass, and of its largest body [m]."""
+    bodies = [body for body in assembly.scene.bodies if body.moves]
+    places = [body.rigid_inertia[1] for body in bodies]
+    for body in assembly.scene.bodies:
+        places += [body.point_position(name) for name in body.point_names]
+    radii = [np.sqrt(np.trace(inertia) / mass) for mass, _, inertia in (body.rigid_inertia for body in bodies)]
+    return float(np.linalg.norm(np.ptp(places, axis=0)) + max(radii, default=0.0))
+
+
+def _strengths(assembly: Assembly, bodies: list[Body]) -> Array:
+    """|M^(-1/2) f| of the bodies moved as rigid ones per unit of each input, (inputs,)."""
+    forces = assembly.input_matrix.copy()
+    for amplifier in assembly.amplifiers:
+        forces[:, amplifier.input] += amplifier.forces
+    squares = np.zeros(forces.shape[1])
+    for body in bodies:
+        rigid = np.eye(len(body.mass_matrix))
+        if isinstance(body, FlexibleBody):
+            points = np.array([p.position for p in body.reduced.remote_points]) - body.reduced.center_of_mass
+            rigid = rigid_motions(points, len(body.mass_matrix))
+        acting = rigid.T @ forces[assembly.slices[body.name]]
+        inverse = np.linalg.pinv(rigid.T @ body.mass_matrix @ rigid, rcond=1e-9, hermitian=True)
+        squares += np.sum(acting * (inverse @ acting), axis=0)
+    result: Array = np.sqrt(squares)
+    return result

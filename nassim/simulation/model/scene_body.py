@@ -1,0 +1,221 @@
+"""A whole scene as one flexible body: Craig-Bampton of what is assembled already.
+
+Coordinates are the scene's own eigenmodes first, in which mass is one and stiffness the squared frequencies, then the
+motions of the points that stay and the modes with these held.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+import scipy
+
+from nassim.base.checks import Array, unique
+from nassim.base.warning_log import warn
+from nassim.bodies.inertia import completed_gram
+from nassim.bodies.interface import RemotePoint
+from nassim.bodies.piezo import PortCoupling
+from nassim.bodies.projection import trim_body
+from nassim.bodies.readouts import PassivePoint, Picture, Readout, Surface, by_name
+from nassim.bodies.reduced_body import ReducedBody
+from nassim.bodies.strain import has_rigid_modes, without_rounding
+from nassim.scene.bodies import Body, FlexibleBody
+from nassim.scene.measures import Displacement, PointVelocity
+from nassim.scene.scene import Scene
+from nassim.scene.terms import ForceLaw, PrescribedMotion
+from nassim.simulation.model.assembly import Assembly, assemble
+from nassim.simulation.model.damping import damps
+
+DEPENDENT = 1e-9
+
+
+def reduce_scene(
+    scene: Scene,
+    name: str,
+    *,
+    points: Mapping[str, str],
+    passive: Mapping[str, str] | None = None,
+    cutoff_frequency: float | None = None,
+) -> ReducedBody:
+    """Bodies, joints and springs of a scene as one body, whose frame is the scene's, for `FlexibleBody`.
+
+    name: of the body
+    points: remote points of the new body, by the scene's "body.point": {"bottom": "foot.low", "top": "head.high"}; the
+        motions of all must be independent, as of points on different bodies between which something can deform
+    passive: points that only move along, for encoders and the like, in the same way
+    cutoff_frequency: modes with all points held above it are left out [Hz], as `trim_body` does: static answers at the
+        points and to voltages stay exact, and `enriched` is the whole. Default: the scene's; None there too: all modes
+
+    Electrical ports keep their names, or are "body/port" where two bodies have the same; none is wired yet: what the
+    scene's actuators, sensors and gravity do is left out, and so is all damping: give the `FlexibleBody` a
+    damping_ratio. A warning tells of dampers among the springs.
+
+    With all modes, small motion is exactly the scene's. In a floating frame, deformation is small beside it: what its
+    square does is left out, as where a preload between two parts stiffens them. Large motion has all integrals that it
+    needs where those of all bodies are complete.
+
+    Raises ValueError for what one body cannot be: a scene with fixed bodies, drives, loops or spinning bodies, springs
+    along axes of the world (they would not turn with it), bodies that move freely against each other, and points
+    that are unknown or do not move independently.
+    """
+    _check(scene)
+    cutoff = scene.cutoff_frequency if cutoff_frequency is None else cutoff_frequency
+    assembly = assemble(replace(scene, actuators=(), sensors=(), cutoff_frequency=None, damping_ratio=0.0))
+    _check_whole(assembly)
+    body = _whole(assembly, name, dict(points), dict(passive or {}))
+    if cutoff is None or not body.n_modes:
+        return body
+    return trim_body(body, points=points, loads=np.zeros((len(body.mass_matrix), 0)), cutoff_frequency=cutoff)
+
+
+def _check(scene: Scene) -> None:
+    label = f"scene {scene.name!r} cannot be one body"
+    for kind, found in (
+        ("fixed bodies", [body.name for body in scene.bodies if not body.moves]),
+        ("loops", [loop.name for loop in scene.loops]),
+        ("drives of joints", [term.constraint for term in scene.terms_of(PrescribedMotion)]),
+        ("spinning bodies", [body.name for body in scene.bodies if np.any(body.angular_velocity)]),
+    ):
+        if found:
+            raise ValueError(f"{label}: it has {kind} ({', '.join(found)}); reduce it without and add them to the new")
+    damped = []
+    for part in (*scene.joints, *scene.springs):
+        for term in part.terms(scene):
+            if not isinstance(term, ForceLaw):
+                continue
+            if isinstance(term.measure, (Displacement, PointVelocity)) and not term.measure.axes_of:
+                raise ValueError(
+                    f"{label}: spring {part.name!r} acts along an axis of the world, which would not turn with the "
+                    'body; give it frame="body.point", or the axis "line"'
+                )
+            if not term.is_linear:
+                raise ValueError(f"{label}: spring {part.name!r} is not linear; add it to the new body")
+            if damps(term):
+                damped.append(part.name)
+    if damped:
+        warn(
+            f"the dampers of {', '.join(damped)} are not part of the body that scene {scene.name!r} becomes; give "
+            "FlexibleBody a damping_ratio instead",
+            stacklevel=3,
+        )
+
+
+def _check_whole(assembly: Assembly) -> None:
+    free = int(np.sum(assembly.free))
+    if free != 6:
+        raise ValueError(
+            f"scene {assembly.scene.name!r} cannot be one body: it has {free} free motions and a body has 6; "
+            + ("join its bodies, or hold them by springs" if free > 6 else "something ties it to the world")
+        )
+
+
+def _whole(assembly: Assembly, name: str, points: dict[str, str], passive: dict[str, str]) -> ReducedBody:
+    """The body with all modes."""
+    if not unique("remote point", (*points, *passive))[: len(points)]:
+        raise ValueError(f"body {name!r} needs at least one point, on which its frame rides")
+    shapes, omega = assembly.basis @ assembly.shapes, 2 * np.pi * assembly.frequency
+    interface = _motions(assembly, points) @ shapes
+    condensed, stiffness = _condensed(omega, interface, f"the points {', '.join(points)} of body {name!r}")
+    remote = tuple(_point(assembly.scene, *item) for item in points.items())
+    places = np.array([point.position for point in remote])
+    if not has_rigid_modes(stiffness, condensed.T @ condensed, places):
+        raise ValueError(f"scene {assembly.scene.name!r} cannot be one body: something ties it to the world")
+    change = shapes @ condensed
+    along = [PassivePoint(_point(assembly.scene, *p), _motions(assembly, dict([p])) @ change) for p in passive.items()]
+    return ReducedBody(
+        name,
+        remote_points=remote,
+        mass_matrix=_symmetric(condensed.T @ condensed),
+        stiffness_matrix=without_rounding(stiffness, places),
+        gram=_gram(assembly, change),
+        readouts=by_name([*along, *_readouts(assembly, change)]),
+        record={"scene": assembly.scene.name, "bodies": ", ".join(body.name for body in assembly.scene.bodies)},
+        full_integrals=all(body.reduced.full_integrals for body in assembly.scene.deformable_bodies),
+    )
+
+
+def _condensed(omega: Array, interface: Array, label: str) -> tuple[Array, Array]:
+    """Change from the eigenmodes to the points' motions and the modes with these held, and the stiffness, (n, n) each.
+
+    omega: of the eigenmodes [rad/s]; interface: motions of the points per unit of them, (6 r, n)
+    """
+    size = np.linalg.norm(interface, axis=1)
+    _, independent, turned = np.linalg.svd(interface / np.where(size > 0, size, 1.0)[:, None])
+    if len(independent) < len(interface) or independent[-1] < DEPENDENT:
+        raise ValueError(f"{label} do not move independently; keep one of those that move together and pass the others")
+    m = len(interface)
+    held = turned[m:].T
+    # Modes and static shapes from strains, not from their squares: soft joints stay exact beside stiff plates.
+    stretch, frequency, combinations = np.linalg.svd(omega[:, None] * held, full_matrices=False)
+    modes = held @ combinations[::-1].T
+    follow = np.linalg.pinv(interface / size[:, None]) / size
+    relaxed = follow - modes @ ((stretch[:, ::-1] / frequency[::-1]).T @ (omega[:, None] * follow))
+    strain = omega[:, None] * relaxed
+    stiffness = scipy.linalg.block_diag(_symmetric(strain.T @ strain), np.diag(frequency[::-1] ** 2))
+    return np.hstack([relaxed, modes]), stiffness
+
+
+def _gram(assembly: Assembly, change: Array) -> Array:
+    """Integrals over all bodies, in the scene's frame."""
+    size = 4 + 3 * change.shape[1]
+    total = np.zeros((size, size))
+    for body, rows in _parts(assembly, change):
+        if isinstance(body, FlexibleBody):
+            gram, place, axes = body.reduced.gram, body.position, body.rotation
+        else:
+            gram, place, axes = completed_gram(body.mass_matrix, np.zeros((1, 3))), body.position, np.eye(3)
+        fields = np.zeros((len(gram), size))
+        fields[0, 0], fields[0, 1:4], fields[1:4, 1:4] = 1.0, place, axes.T
+        fields[4:, 4:] = np.kron(rows, axes.T)
+        total += fields.T @ gram @ fields
+    return _symmetric(total)
+
+
+def _readouts(assembly: Assembly, change: Array) -> Iterator[Readout]:
+    """What the bodies read out, but for points, which `reduce_scene` is told."""
+    parts = [(body, rows) for body, rows in _parts(assembly, change) if isinstance(body, FlexibleBody)]
+    ports = [port.name for body, _ in parts for port in body.reduced.ports]
+    pictures = []
+    for body, rows in parts:
+        for readout in body.reduced.readouts.values():
+            if isinstance(readout, Picture):
+                points = body.position + readout.surface.points @ body.rotation.T
+                pictures.append((replace(readout.surface, points=points), body.rotation @ (readout.modes @ rows)))
+            elif isinstance(readout, PortCoupling):
+                name = f"{body.name}/{readout.name}" if ports.count(readout.name) > 1 else readout.name
+                place = None if readout.place is None else body.position + body.rotation @ readout.place
+                yield replace(readout.projected(rows), name=name, place=place)
+            elif not isinstance(readout, PassivePoint):
+                yield readout.projected(rows)
+    if pictures:
+        starts = np.cumsum([0, *(len(surface.points) for surface, _ in pictures)])
+        surface = Surface(
+            points=np.vstack([surface.points for surface, _ in pictures]),
+            triangles=np.vstack([s.triangles + k for (s, _), k in zip(pictures, starts, strict=False)]),
+            edges=np.vstack([s.edges + k for (s, _), k in zip(pictures, starts, strict=False)]),
+            labels=tuple(label for surface, _ in pictures for label in surface.labels),
+        )
+        yield Picture(surface, np.concatenate([modes for _, modes in pictures]))
+
+
+def _parts(assembly: Assembly, change: Array) -> Iterator[tuple[Body, Array]]:
+    """Each body and its coordinates per unit of the new ones."""
+    for body in assembly.scene.bodies:
+        yield body, change[assembly.slices[body.name]]
+
+
+def _motions(assembly: Assembly, points: dict[str, str]) -> Array:
+    """Of the points, along the scene's axes, per unit of all coordinates, (6 r, n_all)."""
+    rows = np.zeros((6 * len(points), len(assembly.basis)))
+    for k, path in enumerate(points.values()):
+        body, point = assembly.scene.split(path)
+        rows[6 * k : 6 * k + 6, assembly.slices[body.name]] = body.motion(point)
+    return rows
+
+
+def _point(scene: Scene, name: str, path: str) -> RemotePoint:
+    return RemotePoint(name, (), scene.point_position(path))
+
+
+def _symmetric(matrix: Array) -> Array:
+    return 0.5 * (matrix + matrix.T)

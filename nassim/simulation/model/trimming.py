@@ -1,0 +1,72 @@
+"""Scenes with no more of each body than they need below a cut-off frequency."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from nassim.base.checks import Array
+from nassim.bodies.projection import keep_ports, trim_body, without_picture
+from nassim.scene.bodies import Body, FlexibleBody
+from nassim.scene.measures import Measure
+from nassim.scene.scene import Scene
+from nassim.scene.terms import AppliedForce, ForceLaw, Output, Shunt, Term
+from nassim.simulation.model.damping import held_alone
+from nassim.simulation.model.states import ReferenceState
+
+
+def trim_scene(scene: Scene) -> Scene:
+    """The scene with bodies reduced further to what its parts need below its cut-off frequency.
+
+    Remote points that nothing holds are no coordinates any more; static answers to the stacks stay exact.
+    Without a cut-off frequency it is the same scene. Raises ValueError for a body with damping ratios of modes
+    above it, which would be those of other modes.
+    """
+    if scene.cutoff_frequency is None:
+        return scene
+    bodies = tuple(_trimmed(scene, body, scene.cutoff_frequency) for body in scene.bodies)
+    return replace(scene, bodies=bodies, cutoff_frequency=None)
+
+
+def undrawn(scene: Scene) -> Scene:
+    """The scene without its bodies' surfaces, whose motion costs more than all else there is to trim."""
+    flexible = [body for body in scene.bodies if isinstance(body, FlexibleBody)]
+    plain = {body.name: replace(body, reduced=without_picture(body.reduced)) for body in flexible}
+    return replace(scene, bodies=tuple(plain.get(body.name, body) for body in scene.bodies))
+
+
+def _trimmed(scene: Scene, body: Body, cutoff_frequency: float) -> Body:
+    if not body.deforms:
+        return body
+    assert isinstance(body, FlexibleBody)
+    below = body.reduced.eigenfrequencies(fixed=held_alone(scene, body)) < cutoff_frequency
+    given = () if body.damping_ratio is None else np.atleast_1d(body.damping_ratio)
+    if len(given) > np.count_nonzero(below) + 1:
+        raise ValueError(
+            f"body {body.name!r} has damping ratios of each of its modes, of which cutoff_frequency takes those from "
+            f"{cutoff_frequency:g} Hz and leaves it with others: trim it before, by trim_body of nassim.bodies, and "
+            "then give it its damping"
+        )
+    used = {path.partition(".")[2] for part in scene.parts for path in part.claims if scene.split(path)[0] is body}
+    reduced = keep_ports(body.reduced, used)
+    points = {scene.frame_point(body), *scene.held_points(body)}
+    loads = _loads(scene, body.name, [port.forces for port in reduced.ports])
+    trimmed = trim_body(reduced, points=points, loads=loads, cutoff_frequency=cutoff_frequency)
+    return replace(body, reduced=trimmed, frame=scene.frame_point(body))
+
+
+def _loads(scene: Scene, name: str, ports: Sequence[Array]) -> Array:
+    """Rows on a body's own coordinates that something pushes, holds or reads, (n, k), without those of its ports."""
+    found, states = list(ports), {body.name: ReferenceState(body) for body in scene.bodies}
+    for measure in _measures(scene.terms):
+        if name in measure.bodies:
+            for row in measure.evaluate(states)[1][name]:
+                if not any(np.array_equal(row, other) for other in found):
+                    found.append(row)
+    n = len(scene.split(f"{name}.")[0].mass_matrix)
+    return np.column_stack([np.zeros((n, 0)), *found[len(ports) :]])
+
+
+def _measures(terms: Sequence[Term]) -> list[Measure]:
+    """Measures of terms that push, resist or record; joints' points are kept whole."""
+    return [term.measure for term in terms if isinstance(term, (AppliedForce, ForceLaw, Output, Shunt))]

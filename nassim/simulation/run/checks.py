@@ -1,0 +1,106 @@
+"""What is checked before a run in time: whether method, options, loops and drives fit each other and the scene."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from nassim.base.checks import Array
+from nassim.scene.scene import Scene
+from nassim.scene.terms import ForceLaw, Output
+from nassim.simulation.linear.digital_controllers import samples_per_period
+from nassim.simulation.linear.linearization import linearize
+from nassim.simulation.model.assembly import assemble
+
+STABLE_ANGLE = 2.6
+"""Angle [rad] per step up to which Runge and Kutta's rule of order 4 is stable for every damping."""
+
+
+def check_options(method: str, spectral_radius: float | None, hold_order: int | None) -> None:
+    """Raise ValueError for options that a method does not have."""
+    if spectral_radius is not None:
+        if not 0.0 <= spectral_radius <= 1.0:
+            raise ValueError(f"spectral_radius must lie in 0 ... 1, got {spectral_radius:g}")
+        if method != "generalized_alpha":
+            raise ValueError(f'spectral_radius is of "generalized_alpha"; method {method!r} has none, leave it out')
+    if hold_order is not None:
+        if hold_order not in (0, 1):
+            raise ValueError(f"hold_order must be 0 or 1, got {hold_order!r}")
+        if method == "generalized_alpha" and hold_order == 0:
+            raise ValueError(
+                'generalized_alpha takes inputs as straight between time steps; hold_order=0 needs "exact"'
+            )
+        if method == "explicit" and hold_order == 1:
+            raise ValueError('"explicit" holds inputs from step to step; hold_order=1 needs another method')
+
+
+def check_loops(scene: Scene, time_step: float) -> None:
+    """Raise ValueError for loops whose sample rates do not fit the steps, or that measure at once what they drive."""
+    for loop in scene.loops:
+        samples_per_period(loop, time_step)
+    at_once = scene.prescribed or any(output.derivative == 2 for output in scene.terms_of(Output))
+    if not scene.loops or not at_once:
+        return
+    measured = {name for loop in scene.loops for name in loop.measured}
+    sensors = [s for s in scene.sensors if any(isinstance(t, Output) and t.name in measured for t in s.terms(scene))]
+    model = linearize(replace(scene, sensors=tuple(sensors), loops=()))
+    for loop in scene.loops:
+        rows, columns = map(model.outputs.index, loop.measured), list(map(model.inputs.index, loop.driven))
+        for row in rows:
+            if np.any(model.D[row, columns]):
+                raise ValueError(
+                    f"loop {loop.name!r} measures {model.outputs[row]!r}, which follows what the loop drives at once, "
+                    "so whether a sample sees its command is open: give the actuator, drive or sensor a bandwidth"
+                )
+
+
+def check_drives(scene: Scene, signals: Mapping[str, Array]) -> None:
+    """Raise ValueError for an input that drives a joint from elsewhere than where it is drawn."""
+    for drive in scene.prescribed:
+        if signals[drive.input][0]:
+            raise ValueError(
+                f"input {drive.input!r} drives joint {drive.constraint!r} from where it is drawn: it must start at 0, "
+                f"not at {signals[drive.input][0]:g} {drive.unit}"
+            )
+
+
+def _check_small_motion(scene: Scene, method: str) -> None:
+    if not scene.in_small_motion:
+        kinds = ", ".join(f"{body.name} {body.fidelity}" for body in scene.flexible_bodies) or "none"
+        raise ValueError(
+            f'method "{method}" is for small motion: it needs a flexible body of fidelity "linear" and none of "ffrf", '
+            f"nor one that spins; the scene has: {kinds}"
+        )
+
+
+def check_exact(scene: Scene) -> None:
+    """Raise ValueError for a scene that the exact method does not fit."""
+    floating = [body.name for body in scene.flexible_bodies if body.fidelity == "ffrf"]
+    if floating or not scene.at_rest:
+        found = f'body {floating[0]!r} has fidelity "ffrf"' if floating else "something spins"
+        raise ValueError(
+            f'method "exact" is for small motion: in scene {scene.name!r}, {found}; take generalized_alpha'
+        )
+    for law in scene.terms_of(ForceLaw):
+        if not law.is_linear:
+            raise ValueError(
+                f'method "exact" steps linear models: in scene {scene.name!r}, a {type(law).__name__} between '
+                f"{', '.join(law.measure.points)} is not linear; take generalized_alpha"
+            )
+
+
+def check_stability(scene: Scene, time_step: float) -> None:
+    """Raise ValueError for a scene or steps that the explicit rule does not fit."""
+    _check_small_motion(scene, "explicit")
+    assembly = assemble(scene)
+    if assembly.circuits:
+        raise ValueError('method "explicit" cannot integrate the charge of a sensor with a resistance; take another')
+    if assembly.following.inputs:
+        raise ValueError('method "explicit" cannot let joints follow inputs; take another, or let a force act there')
+    fastest = float(assembly.frequency[-1])
+    limit = STABLE_ANGLE / (2 * np.pi * fastest)
+    if time_step > limit:
+        raise ValueError(
+            f"time_step {time_step:g} s is beyond the explicit rule's limit of {limit:.3g} s, set by the fastest mode "
+            f"of {fastest:.4g} Hz: take a shorter one, a cutoff_frequency, or an implicit or the exact method"
+        )

@@ -1,0 +1,356 @@
+"""Time-domain simulation and static equilibrium of scenes."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from nassim.base.checks import Array, finite, known
+from nassim.base.progress import stage, tell
+from nassim.scene.motion import Motion
+from nassim.scene.scene import Scene
+from nassim.signals.time_history import TimeHistory, occupied_bandwidth
+from nassim.simulation.exudyn.frames import Frames
+from nassim.simulation.exudyn.solver import axial_tension, eigenfrequencies, solve_dynamic, solve_static
+from nassim.simulation.exudyn.state import System
+from nassim.simulation.exudyn.system import build_system
+from nassim.simulation.exudyn.turning import solve_turning
+from nassim.simulation.linear.exact_steps import exact_response
+from nassim.simulation.linear.linearization import linearize, state_space
+from nassim.simulation.linear.stopped_runs import Stopped
+from nassim.simulation.model.accuracy import describe_steps
+from nassim.simulation.model.assembly import assemble, motion_size
+from nassim.simulation.model.buckling import axial_forces, warn_of_buckling
+from nassim.simulation.model.initial_velocities import initial_twists, looks_the_same, steady_twists, turns_freely
+from nassim.simulation.model.period_correction import Steps
+from nassim.simulation.model.prescribed_motion import PrescribedMotions
+from nassim.simulation.model.recorded_motion import frame_steps, recorded_motion, traced
+from nassim.simulation.model.unsupported_modes import warn_of_folding
+from nassim.simulation.run.checks import check_drives, check_exact, check_loops, check_options, check_stability
+from nassim.simulation.run.excitation import sampled
+from nassim.simulation.run.warnings_of_runs import (
+    warn_of_changed_modes,
+    warn_of_drift,
+    warn_of_far_equilibrium,
+    warn_of_motion,
+    warn_of_ringing,
+    warn_of_spin,
+)
+
+METHODS = ("generalized_alpha", "exact", "explicit")
+STARTS = ("equilibrium", "released")
+TURNING_RADIUS = 0.9
+"""Spectral radius where bodies can turn far: for up to 0.1 rad in a step."""
+STEADY = 1e-3
+"""Change of a drive's speed from step to step, over the speed, up to which the speed is one to start at."""
+
+
+def simulate(
+    scene: Scene,
+    excitation: TimeHistory,
+    *,
+    time_step: float,
+    duration: float | None = None,
+    outputs: Sequence[str] | None = None,
+    method: str = "generalized_alpha",
+    spectral_radius: float | None = None,
+    hold_order: int | None = None,
+    start: str = "equilibrium",
+    progress: bool = True,
+) -> TimeHistory:
+    """Simulate a scene and record its inputs and outputs together at every time step.
+
+    Args:
+        scene: what is simulated.
+        excitation: one signal per input of the scene, but for inputs that only a loop drives; between its samples it
+            runs straight; in the inputs' units, in others that convert to them ("mV", "kN"), or without.
+        time_step: of the integrator [s].
+        duration: a whole number of steps [s] (default: those within the excitation).
+        outputs: names (default: all of the scene, then what its loops put out).
+        method: "generalized_alpha", Exudyn's implicit integrator, for every scene; "exact", the exact discrete-time
+            solution for small motion, a hundred times as fast, of scenes in which no body is "ffrf" and nothing spins:
+            by it, rigid bodies alone are in small motion too; "explicit", the Runge-Kutta rule of order 4, for scenes
+            in small motion (see `Scene.in_small_motion`), which holds inputs like hold_order 0.
+        spectral_radius: of generalized-alpha only, numerical damping at infinite frequency, 1 (none, the trapezoidal
+            rule) ... 0. The default is 1 in small motion and where joints let no body turn with all bodies rigid, and
+            0.9 for all other scenes: at 1 rounding grows in whatever turns far, until the run fails. A radius r holds
+            for turns of up to -ln(r) rad in a step: 0.1 at 0.9, 60 steps a turn. It damps a mode of 20 steps a period
+            by 2e-6 of critical, see `nassim.simulation.integrator_error`; what the rule does to periods is made up for
+            mode by mode, see `nassim.simulation.period_errors`.
+        hold_order: of the exact method, 1 for inputs that run straight between time steps, the default, 0 for inputs
+            that keep their value.
+        start: what gravity and spin have done before: "equilibrium", the scene hangs at rest in static equilibrium, and
+            what a drive turns at constant speed from the start is at rest on its turntable, under centrifugal forces
+            too; "released", it is as drawn, unloaded, and falls from the first step on: a pendulum let go at an angle.
+            Bodies with an angular_velocity turn from the start in both.
+        progress: show a bar; Ctrl-C stops the run at the end of a step.
+
+    Returns the signals of `excitation` at the time steps, counted from its first sample, then the outputs. Warns of
+    rotations and deformations beyond the range of small motion, of bodies that move far against each other while the
+    scene has a damping_ratio, of spin whose centrifugal stiffening is not modelled, of preload above a tenth of a
+    body's buckling load, and of turns too fast for the steps.
+
+    Raises:
+        ValueError: for unknown names, for a scene or an option that the method does not fit, for steps between which
+            something of the excitation is lost (fewer than 8 in its shortest period, pulses shorter than one), and for
+            a spinning equilibrium that is unstable where no loop may hold it.
+        RuntimeError: when there is no equilibrium to start from.
+        SimulationError: a RuntimeError whose `record` has what was recorded, when the integration fails or diverges and
+            when a loop runs away: a body then is deformed by a tenth of its size, or farther away than the scene's
+            size, forces, speeds and drives account for (`nassim.simulation.model.reach`).
+        SimulationInterrupted: a KeyboardInterrupt with the same `record`, after Ctrl-C; the exact method has none.
+    """
+    return _simulate(
+        scene, excitation, time_step, duration, outputs, method, spectral_radius, hold_order, start, None, progress
+    )[0]
+
+
+def simulate_motion(
+    scene: Scene,
+    excitation: TimeHistory,
+    *,
+    time_step: float,
+    frames: int | Array,
+    duration: float | None = None,
+    outputs: Sequence[str] | None = None,
+    method: str = "generalized_alpha",
+    spectral_radius: float | None = None,
+    hold_order: int | None = None,
+    start: str = "equilibrium",
+    progress: bool = True,
+) -> tuple[TimeHistory, Motion]:
+    """Simulate, and also return the bodies' motion at chosen times.
+
+    Args:
+        scene: as of `simulate`, like all other arguments but one.
+        excitation: as of `simulate`.
+        time_step: as of `simulate` [s].
+        frames: at how many time steps the motion is kept, evenly spread from the start to the end, or at which times
+            [s], each moved to the nearest step; a vibration looks as it is only where there are some ten in each of its
+            periods.
+        duration: as of `simulate` [s].
+        outputs: as of `simulate`.
+        method: as of `simulate`.
+        spectral_radius: as of `simulate`.
+        hold_order: as of `simulate`.
+        start: as of `simulate`.
+        progress: as of `simulate`.
+
+    Returns what `simulate` does and the motion of all bodies of the scene, fixed ones too, in the world's frame.
+
+    Raises:
+        ValueError: as `simulate`, and for frames that the run does not have.
+        RuntimeError: as `simulate`; the exceptions of runs that end early keep the record, but no motion.
+    """
+    record, motion = _simulate(
+        scene, excitation, time_step, duration, outputs, method, spectral_radius, hold_order, start, frames, progress
+    )
+    assert motion is not None
+    return record, motion
+
+
+def _simulate(
+    scene: Scene,
+    excitation: TimeHistory,
+    time_step: float,
+    duration: float | None,
+    outputs: Sequence[str] | None,
+    method: str,
+    spectral_radius: float | None,
+    hold_order: int | None,
+    start: str,
+    frames: int | Array | None,
+    progress: bool,
+) -> tuple[TimeHistory, Motion | None]:
+    known("method", method, METHODS)
+    known("start", start, STARTS)
+    available = (*scene.outputs, *scene.commands)
+    names = available if outputs is None else tuple(outputs)
+    for name in names:
+        known("output", name, available)
+    check_options(method, spectral_radius, hold_order)
+    radius = _default_radius(scene) if spectral_radius is None else spectral_radius
+    excitation = sampled(scene, excitation, time_step=time_step, duration=duration)
+    n_steps = len(excitation.time) - 1
+    kept = np.zeros(0, dtype=int) if frames is None else frame_steps(frames, n_steps, time_step)
+    scene = scene if frames is None else traced(scene)
+    looped = {name for loop in scene.loops for name in loop.driven}
+    signals = {name: np.zeros(n_steps + 1) for name in looped}
+    signals |= dict(zip(excitation.names, excitation.values, strict=True))
+    check_loops(scene, time_step)
+    check_drives(scene, signals)
+    if method == "generalized_alpha" and not scene.in_small_motion:
+        warn_of_ringing(scene, radius, time_step)
+    released = start == "released"
+    try:
+        if method == "exact":
+            order = 1 if hold_order is None else hold_order
+            readings, motion = _solve_exactly(scene, signals, n_steps, time_step, order, released, kept, progress)
+        else:
+            if method == "explicit":
+                check_stability(scene, time_step)
+            steps = Steps(time_step, radius) if method == "generalized_alpha" else None
+            told = occupied_bandwidth(excitation) if progress else 0.0
+            readings, motion = _integrate(scene, signals, n_steps, time_step, steps, released, kept, progress, told)
+    except Stopped as stop:
+        record = _record(scene, excitation, names, stop.readings) if stop.readings.shape[1] > 1 else None
+        raise stop.told(record, time_step) from stop.__cause__
+    return _record(scene, excitation, names, readings), motion
+
+
+def _default_radius(scene: Scene) -> float:
+    return TURNING_RADIUS if not scene.in_small_motion and turns_freely(scene) else 1.0
+
+
+def _record(scene: Scene, excitation: TimeHistory, names: Sequence[str], readings: Array) -> TimeHistory:
+    """The excitation and what is asked for of outputs and commands, (outputs + commands, n), of the first n samples."""
+    units = [*scene.output_units]
+    units += [scene.input_unit(name) for loop in scene.loops for name in loop.driven]
+    chosen = [(*scene.outputs, *scene.commands).index(name) for name in names]
+    n_samples = readings.shape[1]
+    return TimeHistory(
+        excitation.time[:n_samples],
+        np.vstack([excitation.values[:, :n_samples], readings[chosen]]),
+        (*excitation.names, *names),
+        (*excitation.units, *(units[k] for k in chosen)),
+    )
+
+
+def _integrate(
+    scene: Scene,
+    signals: Mapping[str, Array],
+    n_steps: int,
+    time_step: float,
+    steps: Steps | None,
+    released: bool,
+    kept: Array,
+    progress: bool,
+    told_frequency: float,
+) -> tuple[Array, Motion | None]:
+    """Run Exudyn with steps of generalized-alpha, None: with the explicit rule; told_frequency: of what is printed.
+
+    Returns outputs and commands, and the motion at the steps that are kept, if any.
+    """
+    rates, steady = _starting_rates(scene, signals, time_step)
+    twists = initial_twists(scene, rates)
+    told = warn_of_spin(scene, {name: float(np.linalg.norm(twist[3:])) for name, twist in twists.items()})
+    assembly = assemble(scene)
+    if scene.in_small_motion:
+        state_space(assembly)  # refuses outputs that need a derivative of what a drive follows
+    if steps and (line := describe_steps(assembly, steps, told_frequency)):
+        tell(line)
+    system = build_system(assembly, rates, steps)
+    if not released and _settle(system, steady):
+        warn_of_far_equilibrium(system)
+    frames = Frames(system, kept)
+    radius = steps.spectral_radius if steps else 1.0
+    watch, commands = solve_dynamic(
+        system,
+        signals,
+        n_steps=n_steps,
+        time_step=time_step,
+        spectral_radius=radius,
+        progress=progress,
+        explicit=steps is None,
+        look=frames if len(kept) else None,
+    )
+    warn_of_spin(scene, watch.speeds, told)
+    warn_of_motion(system.assembly, watch.largest)
+    warn_of_buckling(system.assembly, watch.slackest)
+    warn_of_changed_modes(system.assembly, watch.shifts)
+    warn_of_drift(watch.describe_drift(time_step, radius))
+    readings = [np.broadcast_to(system.recorded(name), (n_steps + 1,)) for name in scene.outputs]
+    motion = frames.motion(kept * time_step) if len(kept) else None
+    return np.vstack([np.reshape(readings, (len(scene.outputs), n_steps + 1)), commands]), motion
+
+
+def _starting_rates(
+    scene: Scene, signals: Mapping[str, Array], time_step: float
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Rates at the start of inputs that drives follow, and those with which they go on through two steps."""
+    steps = {drive.input: np.diff(signals[drive.input][:3]) / time_step for drive in scene.prescribed}
+    rates = {name: float(step[0]) for name, step in steps.items()}
+    return rates, {name: rate * (abs(steps[name][-1] - rate) <= STEADY * abs(rate)) for name, rate in rates.items()}
+
+
+def _settle(system: System, rates: Mapping[str, float]) -> bool:
+    """Bring a system into equilibrium, at rest or turning steadily; whether there is anything that moves it there."""
+    scene = system.assembly.scene
+    twists = steady_twists(scene, rates)
+    if twists is None:
+        if np.any(scene.gravity):
+            solve_static(system)
+        return bool(np.any(scene.gravity))
+    growing = solve_turning(system, twists)
+    if growing and not scene.loops and looks_the_same(scene, twists):
+        raise ValueError(
+            f"the spinning equilibrium of scene {scene.name!r} to start from is unstable: {growing[0]}; change the "
+            'speed, or let the scene go as it is drawn by simulate(..., start="released")'
+        )
+    return True
+
+
+def _solve_exactly(
+    scene: Scene,
+    signals: Mapping[str, Array],
+    n_steps: int,
+    time_step: float,
+    hold_order: int,
+    released: bool,
+    kept: Array,
+    progress: bool,
+) -> tuple[Array, Motion | None]:
+    check_exact(scene)
+    assembly = assemble(scene)
+    if scene.loops and np.any(assembly.unsupported):
+        warn_of_folding(linearize(scene), scene.loops)
+    driven = np.reshape([signals[name] for name in scene.inputs], (len(scene.inputs), n_steps + 1))
+    with stage("simulate", total=n_steps, unit="steps", enabled=progress) as advance:
+        readings, commands, coordinates, at_kept = exact_response(
+            assembly, driven, time_step, hold_order=hold_order, released=released, kept=kept.tolist(), advance=advance
+        )
+    warn_of_motion(
+        assembly, {name: motion_size(assembly, name, coordinates[place]) for name, place in assembly.slices.items()}
+    )
+    warn_of_buckling(
+        assembly,
+        {
+            body.name: axial_forces(body.reduced, coordinates[assembly.slices[body.name]]).min(axis=1)
+            for body in assembly.scene.deformable_bodies
+        },
+    )
+    own = {name: at_kept[place].T for name, place in assembly.slices.items()}
+    motion = recorded_motion(assembly, kept * time_step, own, {}) if len(kept) else None
+    return np.vstack([readings, commands]), motion
+
+
+def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> dict[str, float]:
+    """Outputs of a scene in static equilibrium under constant inputs and its gravity, by Exudyn's equations.
+
+    Of a scene with a drive of constant speed, as it turns: see `simulate`. Loops are open. Warns of motion and preload
+    as `simulate` does. Raises ValueError for unknown inputs and an unstable equilibrium, RuntimeError when there is
+    none (a body that can move freely).
+    """
+    values = {name: 0.0 for name in scene.inputs}
+    for name, value in (inputs or {}).items():
+        values[known("input", name, scene.inputs)] = finite(f"input {name!r}", value)
+    system = build_system(assemble(scene))
+    system.apply(values)
+    if not _settle(system, {}):
+        solve_static(system)
+    assembly = system.assembly
+    warn_of_motion(
+        assembly, {name: motion_size(assembly, name, system.deformation(name)[:, None]) for name in system.carriers}
+    )
+    warn_of_buckling(assembly, {body.name: axial_tension(system, body) for body in assembly.scene.deformable_bodies})
+    return {name: system.at_rest(name) for name in scene.outputs}
+
+
+def exudyn_eigenfrequencies(scene: Scene, *, n_modes: int | None = None) -> Array:
+    """Undamped eigenfrequencies [Hz] of a scene as Exudyn linearises it about its start, ascending, (n_modes,).
+
+    Measured electrical ports keep their charge, whatever their resistance.
+    """
+    assembly = assemble(scene)
+    still = PrescribedMotions.none(*assembly.basis.shape)
+    return eigenfrequencies(build_system(replace(assembly, circuits=(), following=still)))[:n_modes]

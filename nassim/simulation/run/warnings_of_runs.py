@@ -1,0 +1,109 @@
+"""What a run in time warns of: motion beyond what holds, preload, spin, damping that belongs elsewhere, ringing."""
+
+import warnings
+from collections.abc import Collection, Mapping
+
+import numpy as np
+
+from nassim.base.checks import Array
+from nassim.scene.scene import Scene
+from nassim.scene.terms import Output, OutputFilter
+from nassim.simulation.exudyn.state import System
+from nassim.simulation.linear.digital_controllers import SMALL_MOTION
+from nassim.simulation.loaded.spinning import STIFFENING, stiffening
+from nassim.simulation.model.assembly import Assembly
+
+RINGING = 0.8
+"""Spectral radius above which accelerations in large motion may ring."""
+STILL = 1e-6
+"""Rate [Hz] below which nothing spins: a turn in eleven days."""
+CALM = 0.1
+"""Corner of a low-pass over the rate of steps, below which 4 % or less of such ringing pass."""
+FAR = 0.1
+"""Rotation [rad], or displacement over size, from the scene as drawn that is worth a word: ratios of modes that are
+realised as it is drawn are then wrong by some 3 % in an elbow of two bars."""
+
+
+def warn_of_motion(assembly: Assembly, largest: Mapping[str, Array]) -> None:
+    """Warn of motion beyond what small motion and reduced bodies hold for; largest: `motion_size` by body."""
+    for name, (rotation, deformation) in largest.items():
+        floating = any(b.name == name and b.fidelity == "ffrf" for b in assembly.scene.flexible_bodies)
+        if rotation > SMALL_MOTION and not floating:
+            warnings.warn(
+                f"body {name!r} turned by up to {rotation:.2g} rad, where small motion is wrong by some "
+                f'{50 * rotation**2:.2g} %: give flexible bodies fidelity "ffrf"',
+                stacklevel=5,
+            )
+        if max(deformation, rotation * floating) > SMALL_MOTION:
+            warnings.warn(
+                f"body {name!r} is deformed by up to {100 * deformation:.2g} % of its size and {rotation:.2g} rad; "
+                "reduced bodies hold for small deformation only, whatever their fidelity",
+                stacklevel=5,
+            )
+
+
+def warn_of_changed_modes(assembly: Assembly, shifts: Mapping[tuple[str, str], Array]) -> None:
+    """Warn of a scene that leaves the position in which its modes have their ratios."""
+    if not (assembly.scene.deformable_bodies and np.any(assembly.damping.ratio)):
+        return
+    bodies = [body for body in assembly.scene.bodies if body.moves]
+    places = [body.rigid_inertia[1] for body in bodies]
+    for body in bodies:
+        places += [body.point_position(name) for name in body.point_names]
+    size = float(np.linalg.norm(np.ptp(places, axis=0)))
+    for (name, other), (turn, displacement) in shifts.items():
+        if turn > FAR or displacement > FAR * size:
+            warnings.warn(
+                f"body {name!r} moved by up to {turn:.2g} rad and {displacement:.2g} m as seen from {other!r}, and the "
+                "scene's damping_ratio is that of its modes as it is drawn: elsewhere they have other ratios. Give "
+                "flexible bodies a damping_ratio of their own, which holds in every position, and the scene 0",
+                stacklevel=5,
+            )
+            return
+
+
+def warn_of_far_equilibrium(system: System) -> None:
+    """Warn of a run that starts far from where its scene is drawn."""
+    name, angle = max(((name, system.turn(name)) for name in system.nodes), key=lambda item: item[1], default=("", 0.0))
+    if angle > FAR:
+        warnings.warn(
+            f"the run starts in static equilibrium, with body {name!r} turned by {angle:.2g} rad from where it is "
+            'drawn; to let it go as it is drawn, give start="released"',
+            stacklevel=5,
+        )
+
+
+def warn_of_spin(scene: Scene, speeds: Mapping[str, float], told: Collection[str] = ()) -> list[str]:
+    """Warn of bodies whose speed [rad/s] takes a stiffening that is left out; returns those not told before."""
+    found = []
+    for body in scene.flexible_bodies:
+        rate = speeds.get(body.name, 0.0) / (2 * np.pi)
+        if body.fidelity != "ffrf" or rate < STILL or body.name in told:
+            continue
+        first, rise = stiffening(scene, body, rate)
+        if rise > STIFFENING:
+            found.append(body.name)
+            warnings.warn(
+                f"body {body.name!r} turns at {rate:.3g} Hz, its first frequency is {first:.4g} Hz: centrifugal "
+                f"stiffening, which the floating frame leaves out, would raise that by some {100 * rise:.2g} % or more",
+                stacklevel=5,
+            )
+    return found
+
+
+def warn_of_drift(said: str) -> None:
+    """Warn of a run whose velocities have parted from the constraints; said: of it, empty where they have not."""
+    if said:
+        warnings.warn(f"{said}; do not trust what comes after that time", stacklevel=5)
+
+
+def warn_of_ringing(scene: Scene, spectral_radius: float, time_step: float) -> None:
+    """Warn of accelerations that are read from steps which let them ring."""
+    calmed = {f.output for f in scene.terms_of(OutputFilter) if f.passes != "high" and f.frequency * time_step < CALM}
+    read = [term.name for term in scene.terms_of(Output) if term.derivative == 2 and term.name not in calmed]
+    if read and spectral_radius > RINGING:
+        warnings.warn(
+            f"output {read[0]!r} reads an acceleration in large motion, which rings from step to step at "
+            f"spectral_radius {spectral_radius:g} by what Newton's iterations leave; take {RINGING:g} or less",
+            stacklevel=4,
+        )

@@ -1,0 +1,247 @@
+"""What became of a study's runs: in memory, or in a folder that outlives the study and lets it go on.
+
+A folder holds `study.json` (what the study is), `manifest.jsonl` (a line of JSON per layout and per finished run) and
+`results.bin` (the runs' numbers one after the other; the manifest says where). The numbers of a run are written before
+its line, so whatever kills the study, a run is there whole or not at all. A last line that was cut is dropped.
+"""
+
+import io
+import json
+import os
+import platform
+import time
+import zlib
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import psutil
+
+from nassim.base.storage import code_fingerprint, written_whole
+from nassim.base.warning_log import warn
+from nassim.studies.outcome import Outcome
+from nassim.studies.plan import Parameters
+from nassim.studies.results import Axis, Layout, Quantity
+
+FORMAT = 1
+STUDY, MANIFEST, RESULTS, LOCK = "study.json", "manifest.jsonl", "results.bin", "in_use.json"
+CALM = 1.0
+"""Time from one forcing of the files to the disk to the next [s]; a power failure loses no more than that."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """What is kept in mind of a finished run: its outcome, and where its numbers begin."""
+
+    status: str
+    message: str
+    wall_time: float
+    layout: str
+    offset: int
+
+
+class Records:
+    """The finished runs of a study by name; numbers stay in the file, or in one buffer without a folder."""
+
+    def __init__(self, results: BinaryIO, manifest: BinaryIO | None = None) -> None:
+        self.runs: dict[str, Record] = {}
+        self.layouts: dict[str, Layout] = {}
+        self._results, self._manifest = results, manifest
+        self._forced = time.monotonic()
+
+    def add(self, key: str, parameters: Parameters, outcome: Outcome) -> None:
+        """Keep what became of a run, in place of what became of it before."""
+        layout = outcome.layout.digest() if outcome.layout else ""
+        if outcome.layout and layout not in self.layouts:
+            self.layouts[layout] = outcome.layout
+            self._write({"layout": layout, **as_json(outcome.layout)})
+        offset = self._results.seek(0, os.SEEK_END)
+        self._results.write(outcome.data)
+        self._results.flush()
+        self.runs[key] = Record(outcome.status, outcome.message, outcome.wall_time, layout, offset)
+        line = {"run": key, "parameters": parameters, "status": outcome.status, "wall_time_s": outcome.wall_time}
+        place = {"of_layout": layout, "offset": offset, "crc32": zlib.crc32(outcome.data)}
+        told = {"message": outcome.message, "details": outcome.details}
+        self._write({**line, **{name: value for name, value in {**place, **told}.items() if value != ""}})
+
+    def numbers(self, key: str) -> dict[str, Any]:
+        """The numbers of a run that returned, by name."""
+        record = self.runs[key]
+        layout = self.layouts[record.layout]
+        return layout.arrays(self._read(record.offset, layout))
+
+    def resume(self) -> None:
+        """Read what a folder holds; runs whose numbers are not whole do not count.
+
+        Raises ValueError for a line that is no line of a manifest, unless it is a last one that was cut.
+        """
+        assert self._manifest
+        end = self._manifest.seek(0)
+        for number, line in enumerate(self._manifest, 1):
+            try:
+                entry = json.loads(line) if line.endswith(b"\n") else None
+                if entry is None:
+                    break
+                self._enter(entry)
+            except (ValueError, LookupError, TypeError, AttributeError) as error:
+                problem = f"line {number} of {self._manifest.name} is damaged ({error})"
+                raise ValueError(f"{problem}; remove that line, and its run is repeated") from error
+            end += len(line)
+        self._manifest.truncate(end)
+
+    def _enter(self, entry: dict[str, Any]) -> None:
+        if "layout" in entry:
+            self.layouts[entry["layout"]] = layout_of(entry)
+            return
+        name = entry.get("of_layout", "")
+        data = self._read(entry["offset"], self.layouts[name]) if name else b""
+        if zlib.crc32(data) != entry["crc32"]:
+            self.runs.pop(entry["run"], None)
+            return
+        record = Record(entry["status"], entry.get("message", ""), entry["wall_time_s"], name, entry["offset"])
+        self.runs[entry["run"]] = record
+
+    def _read(self, offset: int, layout: Layout) -> bytes:
+        self._results.seek(offset)
+        return self._results.read(sum(quantity.size for quantity in layout.quantities.values()))
+
+    def _write(self, entry: dict[str, Any]) -> None:
+        if self._manifest is None:
+            return
+        self._manifest.seek(0, os.SEEK_END)
+        self._manifest.write(json.dumps(entry).encode() + b"\n")
+        self._manifest.flush()
+        if time.monotonic() - self._forced > CALM:
+            self.force()
+
+    def force(self) -> None:
+        """Have the files written to the disk, numbers before the lines that tell of them."""
+        for file in (self._results, self._manifest):
+            if file is not None and not isinstance(file, io.BytesIO):
+                os.fsync(file.fileno())
+        self._forced = time.monotonic()
+
+
+def as_json(layout: Layout) -> dict[str, Any]:
+    """A layout as JSON knows it."""
+    return {
+        "quantities": {name: asdict(quantity) for name, quantity in layout.quantities.items()},
+        "axes": {name: asdict(axis) for name, axis in layout.axes.items()},
+    }
+
+
+def layout_of(entry: dict[str, Any]) -> Layout:
+    """The layout that `as_json` wrote."""
+    quantities = {
+        name: Quantity(tuple(q["dims"]), tuple(q["shape"]), q["complex"]) for name, q in entry["quantities"].items()
+    }
+    axes = {name: Axis(a["along"], tuple(a["values"]), a["unit"]) for name, a in entry["axes"].items()}
+    return Layout(quantities, axes)
+
+
+@contextmanager
+def opened(folder: Path | None, study: dict[str, Any]) -> Iterator[Records]:
+    """The records of a study: those that its folder holds, or none yet.
+
+    study: what the folder must be of, see `job.identity`. Raises ValueError for a folder of another study, saying what
+    differs, for one that holds other files, and for one in use; OSError where it cannot be written.
+    """
+    if folder is None:
+        yield Records(io.BytesIO())
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    with ExitStack() as stack:
+        stack.enter_context(_locked(folder / LOCK))
+        _check_study(folder, study)
+        files = []
+        for name in (RESULTS, MANIFEST):
+            (folder / name).touch()
+            files.append(stack.enter_context((folder / name).open("r+b")))
+        records = Records(*files)
+        records.resume()
+        try:
+            yield records
+        finally:
+            records.force()
+
+
+def _check_study(folder: Path, study: dict[str, Any]) -> None:
+    """Write what a study is, or compare; warns where another nassim began it."""
+    path = folder / STUDY
+    code = code_fingerprint()[:16]
+    if not path.exists():
+        if others := sorted(p.name for p in folder.iterdir() if p.name != LOCK and not p.name.startswith("nassim-")):
+            raise ValueError(f"{folder} is no folder of a study: it holds {', '.join(others[:5])}; give a new one")
+        with written_whole(path) as temporary:
+            text = json.dumps({"format": FORMAT, **study, "code": code}, indent=2)
+            temporary.write_text(f"{text}\n", encoding="utf-8")
+        return
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        differences = list(_differences(found, study))
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
+        raise ValueError(f"{path} is damaged ({error!r}); give the study a new folder") from error
+    if differences:
+        raise ValueError(f"{folder} holds another study: {'; '.join(differences)}. Give this one a folder of its own")
+    if found.get("code") != code:
+        warn(
+            f"the runs in {folder} were computed by another version of nassim or of the libraries beneath; they are "
+            "not repeated (a new folder would do so)",
+            stacklevel=5,
+        )
+
+
+def _differences(found: dict[str, Any], study: dict[str, Any]) -> Iterator[str]:
+    if found["format"] != FORMAT:
+        yield f"its format is {found['format']}, this nassim writes {FORMAT}"
+    for name, what in (("function", "its function"), ("seed", "its seed")):
+        if found[name] != study[name]:
+            yield f"{what} is {found[name]}, not {study[name]}"
+    if found["function"] == study["function"] and found["source"] != study["source"]:
+        yield "the function's source has changed"
+    for name in sorted({*found["inputs"], *study["inputs"]}):
+        here, there = study["inputs"].get(name), found["inputs"].get(name)
+        if here != there:
+            yield f"{name!r}, which the function carries, " + (
+                "is new" if there is None else "is gone" if here is None else "has changed"
+            )
+
+
+@contextmanager
+def _locked(path: Path) -> Iterator[None]:
+    """Let one study at a time write to a folder; one that was killed holds it no longer."""
+    process = psutil.Process()
+    own = {"host": platform.node(), "process": process.pid, "begun": process.create_time()}
+    for _ in range(2):
+        try:
+            with path.open("x", encoding="utf-8") as file:
+                json.dump(own, file)
+            break
+        except FileExistsError:
+            holder = _holder(path)
+            if holder is not None:
+                raise ValueError(
+                    f"{path.parent} is in use by process {holder['process']} on {holder['host']}; if that has ended, "
+                    f"remove {path}"
+                ) from None
+            path.unlink(missing_ok=True)
+    else:
+        raise ValueError(f"another study begins in {path.parent} at this moment; give this one a folder of its own")
+    try:
+        yield
+    finally:
+        path.unlink(missing_ok=True)
+
+
+def _holder(path: Path) -> dict[str, Any] | None:
+    """Who holds a folder, unless it is a process of this computer that is gone."""
+    try:
+        holder: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        if holder["host"] != platform.node():
+            return holder
+        alive = psutil.Process(holder["process"]).create_time() == holder["begun"]
+    except (OSError, ValueError, LookupError, psutil.Error):
+        return None
+    return holder if alive else None
