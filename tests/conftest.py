@@ -180,6 +180,12 @@ def bench(apa):
 
 
 @pytest.fixture
+def told(capsys):
+    """What was printed since the last call, as one line: nassim folds what it prints to the terminal's width."""
+    return lambda: " ".join(capsys.readouterr().out.split())
+
+
+@pytest.fixture
 def plain_steps(monkeypatch):
     """Steps of generalized-alpha alone, whose error in periods is not made up for."""
     monkeypatch.setattr(compensation, "FASTEST", 1e-4)

@@ -146,13 +146,13 @@ THIN = "solid 'bar': 100 % of the elements reach from surface to surface"
 
 
 @pytest.mark.usefixtures("cache")
-def test_warnings_are_repeated_when_the_body_is_loaded(tmp_path, capsys):
+def test_warnings_are_repeated_when_the_body_is_loaded(tmp_path, told):
     for made in (True, False, False):
-        with pytest.warns(UserWarning, match=THIN) as told:
+        with pytest.warns(UserWarning, match=THIN) as warned:
             body = cached("bar", "0", reduced_thin_bar)
-        assert len(told) == 1
+        assert len(warned) == 1
         assert body.record["warnings"].startswith(THIN)
-        assert ("saved to" if made else "loaded from") in capsys.readouterr().out
+        assert ("saved to" if made else "loaded from") in told()
     again = load(save(body, tmp_path / "body.h5"))
     assert again.record["warnings"] == body.record["warnings"]
 
