@@ -5,7 +5,7 @@ import pytest
 from conftest import make_bar
 
 from models import apa300ml
-from models.apa300ml import STACK, APAGeometry, axial_stiffness, make_apa300ml, reduced_apa300ml
+from models.apa300ml import PORTS, STACK, APAGeometry, axial_stiffness, make_apa300ml, reduced_apa300ml
 from models.bench import SENSOR_RESISTANCE, force_pair, formula_frequency, full_bench_response, make_bench
 from models.bench_figures import (
     figures_by_circuit,
@@ -75,6 +75,19 @@ def test_reduction_is_cached_and_recomputed_when_an_input_changes(tmp_path, monk
     rebuilt = reduced_apa300ml(**options)
     assert "damaged and will be rebuilt" in told()
     assert np.allclose(rebuilt.stiffness_matrix, first.stiffness_matrix, rtol=1e-6, atol=1.0)
+
+
+def test_a_condensed_model_at_hand_is_what_is_reduced(tmp_path, monkeypatch, apa_with_ports, apa_with_ports_condensed):
+    """Nothing is meshed again; one of another order or of other ports is refused."""
+    reduced = []
+    monkeypatch.setattr(apa300ml, "craig_bampton", lambda model, **_: reduced.append(model) or apa_with_ports)
+    monkeypatch.setenv("NASSIM_CACHE", str(tmp_path))
+    options = {"element_size": 8e-3, "order": 2, "ports": PORTS, "mesh": {}, "condensed": apa_with_ports_condensed}
+    reduced_apa300ml(**options, progress=False)
+    assert reduced == [apa_with_ports_condensed]
+    for other in ({"order": 3}, {"ports": PORTS[:1]}):
+        with pytest.raises(ValueError, match="build it with the same arguments"):
+            reduced_apa300ml(**options | other, progress=False)
 
 
 def test_bench_names(bench):
