@@ -14,7 +14,7 @@ import pytest
 import scipy
 import xarray as xr
 
-from models.apa300ml import calibration
+from models.apa300ml import COARSE, calibration, reduced_apa300ml
 from nassim import FRF, LinearModel, TimeHistory, frequency_response, linearize, load
 from nassim.simulation import linearize_closed
 from nassim.systems import decentralised, integral_force_feedback
@@ -59,6 +59,12 @@ def run_here(script, tmp_path, monkeypatch, capsys):
         return json.loads((folder / "summary.json").read_text())
 
     return run_main
+
+
+@pytest.fixture
+def coarse_actuators(monkeypatch):
+    """Actuators are coarse unless a script says otherwise: reduced once for all scripts and all processes of a run."""
+    monkeypatch.setattr(reduced_apa300ml, "__kwdefaults__", reduced_apa300ml.__kwdefaults__ | COARSE)
 
 
 @pytest.mark.parametrize("name", SCRIPTS)
@@ -422,11 +428,8 @@ def test_scripts_stay_short(path):
         ("identify_damping.py", [], ["damping_ratio_std", "unmodelled_Hz", "errors_in_percent"], ["fit.png"]),
     ],
 )
-def test_script_writes_its_results(name, options, figures, pictures, tmp_path):
-    result = run(f"scripts/{name}", "--output", tmp_path, *options)
-    assert result.returncode == 0, result.stderr
-    assert too_wide(result.stdout) == []
-    summary = json.loads((tmp_path / "summary.json").read_text())
+def test_script_writes_its_results(name, options, figures, pictures, run_here, coarse_actuators, tmp_path):
+    summary = run_here(Path(name).stem, *options)
     assert summary["command"].split()[:2] == ["python", f"scripts/{name}"]
     for figure in figures:
         assert figure in summary
