@@ -65,6 +65,20 @@ def run_here(script, tmp_path, monkeypatch, capsys):
 
 
 @pytest.fixture
+def refused(script, monkeypatch, capsys):
+    """Runs a script that ends with status 2; returns the lines that it told."""
+
+    def run_main(name, *options):
+        monkeypatch.setattr(sys, "argv", [f"{name}.py", *map(str, options)])
+        with pytest.raises(SystemExit) as stop:
+            script("_arguments").run(script(name).main)
+        assert stop.value.code == 2
+        return capsys.readouterr().err.splitlines()
+
+    return run_main
+
+
+@pytest.fixture
 def coarse_actuators(monkeypatch):
     """Actuators are coarse unless a script says otherwise: reduced once for all scripts and all processes of a run."""
     monkeypatch.setattr(reduced_apa300ml, "__kwdefaults__", reduced_apa300ml.__kwdefaults__ | COARSE)
@@ -499,27 +513,23 @@ def test_calibration_writes_its_results(run_here, monkeypatch):
     assert summary["sensitivities"]["axial_stiffness"] == pytest.approx(powers, rel=1e-2)
 
 
-def test_import_body_puts_a_body_of_two_ends_on_the_bench(tmp_path):
+def test_import_body_puts_a_body_of_two_ends_on_the_bench(tmp_path, run_here):
     from conftest import lattice
 
     from nassim import craig_bampton
     from nassim.exchange import export_body
 
     path = export_body(craig_bampton(lattice(), n_modes=12, progress=False), tmp_path / "box.mat")
-    result = run("scripts/import_body.py", path, "--output", tmp_path, "--no-plot")
-    assert result.returncode == 0, result.stderr
-    summary = json.loads((tmp_path / "summary.json").read_text())
+    summary = run_here("import_body", str(path), "--no-plot")
     assert summary["verdict"] == "ok"
     assert summary["bench_ffrf_Hz"] == pytest.approx(summary["bench_linear_Hz"], rel=1e-6)
     assert summary["bench_ffrf_sag_m"] < 0
 
 
-def test_import_body_refuses_in_words(tmp_path):
+def test_import_body_refuses_in_words(tmp_path, refused):
     (tmp_path / "bad.mat").write_bytes(b"no matrices in here")
-    result = run("scripts/import_body.py", tmp_path / "bad.mat", "--output", tmp_path, "--no-plot")
-    assert result.returncode == 2
-    assert "bad.mat: damaged or of another format" in result.stderr
-    assert "Traceback" not in result.stderr
+    (line,) = refused("import_body", tmp_path / "bad.mat", "--output", tmp_path, "--no-plot")
+    assert "bad.mat: damaged or of another format" in line
 
 
 def test_a_race_tells_limits_peers_and_differences(script, monkeypatch):
@@ -695,10 +705,8 @@ def test_six_loops_damp_what_spins_as_predicted(script):
     assert np.delete(error(0.1), 2).min() > 1.0  # without damping
 
 
-def test_what_spins_is_not_simulated_in_small_motion(tmp_path):
-    result = run("scripts/hexapod_damping.py", "--spindle-rpm", "60", "--output", tmp_path / "out")
-    assert result.returncode == 2
-    assert result.stderr.splitlines() == [
+def test_what_spins_is_not_simulated_in_small_motion(tmp_path, refused):
+    assert refused("hexapod_damping", "--spindle-rpm", "60", "--output", tmp_path / "out") == [
         "hexapod_damping.py: argument --spindle-rpm: what turns is simulated in floating frames; add --method ffrf; "
         "see --help"
     ]
@@ -787,14 +795,12 @@ def test_damping_of_known_decays(script):
     assert found["most_predicted"] == pytest.approx(80 / abs(poles[-1]))
 
 
-def test_identification_that_fails_writes_nothing(tmp_path):
+def test_identification_that_fails_writes_nothing(tmp_path, refused):
     record = tmp_path / "record.csv"
     rows = "\n".join(f"{1e-3 * k:.3f}, {k % 7}, {k % 5}, {k % 3}" for k in range(2000))
     record.write_text("time [s], actuator_voltage [V], sensor_voltage [V], encoder [um]\n" + rows)
-    result = run("scripts/identify_damping.py", record, "--output", tmp_path / "out", "--band", "600", "700")
-    assert result.returncode == 2
-    assert "band 600 ... 700 Hz must ascend within" in result.stderr
-    assert "Traceback" not in result.stderr
+    (line,) = refused("identify_damping", record, "--output", tmp_path / "out", "--band", "600", "700")
+    assert "band 600 ... 700 Hz must ascend within" in line
     assert not (tmp_path / "out").exists()
 
 
