@@ -102,6 +102,7 @@ def found(tmp_path_factory):
     return dict(zip(CASES, json.loads(done.stdout.splitlines()[-1]), strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("names", "source", "extrude"), CASES)
 def test_every_name_means_itself(found, names, source, extrude):
     solid = found[names, source, extrude]
