@@ -157,6 +157,7 @@ def test_unknown_figures_and_bad_numbers():
         sensitivities(lambda _: {"stiffness": np.nan}, [WIDTH], ["stiffness"])
 
 
+@pytest.mark.slow
 def test_a_changed_ceramic_keeps_the_mesh():
     """Two moduli on one mesh and a mesh of its own: the first differ smoothly, so differences mean something."""
     model = make_model(element_size=12e-3, order=1)
@@ -231,6 +232,7 @@ def test_calibrated_apa_on_its_default_mesh(apa_prisms):
     assert 1.01 < not_calibrated / stiffness < 1.015
 
 
+@pytest.mark.slow
 def test_open_stacks_are_stiffer_by_what_the_beam_model_says(apa_tetrahedra):
     """All three stacks open: each is 1 / (1 - k33^2) as stiff; the rest of the actuator stays as it is."""
     fe_model = meshed(apa_tetrahedra, variant({}), 2)
