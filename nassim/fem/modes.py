@@ -96,7 +96,7 @@ def left_out_vectors(
         vectors -= modes @ (modes.T @ (mass @ vectors))
         # The rest of a solution that lies in the modes is rounding, which must not be scaled to unit mass.
         left = np.einsum("ij,ij->j", vectors, mass @ vectors) > ROUNDING * whole
-        vectors, n_loads = vectors[:, left], np.count_nonzero(left[: loads.shape[1]])
+        vectors, n_loads = vectors[:, left], int(np.count_nonzero(left[: loads.shape[1]]))
         gram = vectors.T @ (mass @ vectors)
         stiffness = vectors.T @ (condensed.fe_model.stiffness @ vectors)
         combinations = _independent(0.5 * (gram + gram.T), n_loads)
