@@ -1,4 +1,4 @@
-"""Shared fixtures: small models made by hand, and the real APA, reduced once per process; how tests are spread."""
+"""Shared fixtures: small models made by hand, and the real APA, reduced once for all; how tests are spread."""
 
 import os
 from pathlib import Path
@@ -15,16 +15,16 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from models.apa300ml import PORTS, PRISMS, STACK, make_apa300ml
+from models.apa300ml import COARSE, PORTS, PRISMS, STACK, make_apa300ml, reduced_apa300ml
 from models.bench import AMPLIFIER_GAIN, make_bench, sensor_span_constant
-from nassim import FEModel, Material, RemotePoint, Solid, build_fe_model, condense, craig_bampton
+from nassim import FEModel, Material, RemotePoint, Solid, build_fe_model, condense
 from nassim.fem.assembly import assemble_mesh
 from nassim.fem.fe_model import make_coupling
 from nassim.fem.meshing import generate_mesh
 from nassim.simulation.model import period_correction as compensation
 
 MOST_WORKERS = 8
-"""Each imports everything and reduces the APA for itself, so more of them gain little."""
+"""Each imports everything and condenses the APA for itself, so more of them gain little."""
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -156,9 +156,9 @@ def apa_condensed(apa_model):
 
 
 @pytest.fixture(scope="session")
-def apa(apa_condensed):
-    """The APA300ML on a mesh of order 2, which is coarser than the default and three times as fast."""
-    return craig_bampton(apa_condensed, progress=False)
+def apa():
+    """The APA300ML on a mesh of order 2, which is coarser than the default and three times as fast: of `apa_model`."""
+    return reduced_apa300ml(element_size=5e-3, order=2, mesh={}, progress=False)
 
 
 @pytest.fixture(scope="session")
@@ -168,15 +168,21 @@ def apa_with_ports_condensed():
 
 
 @pytest.fixture(scope="session")
-def apa_with_ports(apa_with_ports_condensed):
-    """The APA300ML with its electrical ports, on a coarse mesh."""
-    return craig_bampton(apa_with_ports_condensed, progress=False)
+def apa_with_ports():
+    """The APA300ML with its electrical ports, on a coarse mesh: that of `apa_with_ports_condensed` and of scripts."""
+    return reduced_apa300ml(ports=PORTS, **COARSE, progress=False)
 
 
 @pytest.fixture(scope="session")
 def bench(apa):
     """With a pair of forces for the stacks: no circuits, which most tests do without."""
     return make_bench(apa=apa)
+
+
+@pytest.fixture
+def told(capsys):
+    """What was printed since the last call, as one line: nassim folds what it prints to the terminal's width."""
+    return lambda: " ".join(capsys.readouterr().out.split())
 
 
 @pytest.fixture

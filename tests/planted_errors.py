@@ -144,7 +144,7 @@ def run_tests(place: Path, tests: Sequence[str], *options: str) -> tuple[int, st
     # The copy's own modules, and no bytecode: a patch may keep a file's size and time.
     own = {"PYTHONPATH": str(place), "PYTHONDONTWRITEBYTECODE": "1", "MPLBACKEND": "Agg"}
     ids = [f"tests/{test}" for test in dict.fromkeys(tests)]
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--tb=line", *options, *ids]
+    command = [sys.executable, "-m", "pytest", "-m", "", "-q", "-p", "no:cacheprovider", "--tb=line", *options, *ids]
     run = subprocess.run(
         command, cwd=place, env=os.environ | own, capture_output=True, text=True, timeout=PATIENCE, check=False
     )

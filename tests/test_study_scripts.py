@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from models.apa300ml import APAGeometry
+from models.apa300ml import COARSE, PORTS, APAGeometry, reduced_apa300ml
 from nassim import linearize
 from nassim.studies import saltelli_points, sweep
 from nassim.systems import damping
@@ -36,7 +36,7 @@ def summary_of(script, tmp_path, monkeypatch):
         monkeypatch.setattr(module, "sweep", functools.partial(sweep, executor="serial", progress=False))
         for other, function in others.items():
             monkeypatch.setattr(module, other, function)
-        monkeypatch.setattr(sys, "argv", [f"{name}.py", "--output", str(tmp_path), "--no-plot", *options])
+        monkeypatch.setattr(sys, "argv", [f"{name}.py", "--output", str(tmp_path), *options])
         module.main()
         return json.loads((tmp_path / "summary.json").read_text())
 
@@ -104,7 +104,8 @@ def test_the_spread_of_runs(script):
     assert rows["zero"]["deviation"] == 0.0
 
 
-def test_the_tolerance_study_tells_effects_in_per_cent(summary_of):
+@pytest.mark.slow
+def test_the_tolerance_study_tells_effects_in_per_cent(summary_of, tmp_path):
     """Of figures in proportion to one parameter: 1.645 deviations up and down, and nine tenths of what glue spreads."""
 
     def figures(depth, arm_thickness, glue_modulus, *, mesh, **others):
@@ -123,6 +124,19 @@ def test_the_tolerance_study_tells_effects_in_per_cent(summary_of):
     assert found["rank_correlations"]["arm_thickness"]["zero"] == pytest.approx(-1.0)
     assert found["figures"]["pole"]["explained"] == pytest.approx(1.0)
     assert found["refined"]["stroke"]["offset_percent"] == pytest.approx(10.0)
+    assert {"tornado.png", "scatter.png"} < {path.name for path in tmp_path.iterdir()}
+
+
+@pytest.mark.slow
+def test_a_run_of_the_tolerances_on_a_coarse_mesh(script):
+    """All parameters in the middle: near the actuator without glue, which is stiffer and stronger by some per cent."""
+    tolerances = script("_tolerances")
+    middle = {name: law.mean() for name, (law, _) in tolerances.TOLERANCES.items()}
+    found = tolerances.apa_figures(**middle, mesh={"element_size": 8e-3, "order": 2})
+    without = tolerances.actuator_figures(reduced_apa300ml(ports=PORTS, **COARSE, progress=False))
+    assert found["axial_stiffness"] == pytest.approx(without.shorted_stiffness, rel=0.03)
+    assert found["pole"] == pytest.approx(without.pole, rel=0.03)
+    assert 0.5 < found["lateral_x"] / found["lateral_y"] < 2.0
 
 
 def test_tolerances_of_the_hexapod_are_those_assumed(script):
@@ -184,7 +198,8 @@ def test_growth_is_that_of_the_fastest(script, monkeypatch):
     assert found == pytest.approx({"damping_ratio": -2 / np.hypot(2, 50), "growth": 2.0})
 
 
-def test_the_hexapod_study_tells_shares_and_the_best_that_is_stable(summary_of, script):
+@pytest.mark.slow
+def test_the_hexapod_study_tells_shares_and_the_best_that_is_stable(summary_of, script, tmp_path):
     """Gains of 5, 50, 500, 5000, of which two are stable, and more damp more.
 
     Figures add up from two sources, half of the variance each, but one, their product: all of it by both together.
@@ -217,6 +232,7 @@ def test_the_hexapod_study_tells_shares_and_the_best_that_is_stable(summary_of, 
     independent = sum(sources(saltelli_points(runs.JOINTS | runs.TILTS, 64, seed=0)))[:128]
     row = found["tolerances"]["shift_x"]
     assert [row["mean"], row["highest"]] == pytest.approx([independent.mean(), independent.max()])
+    assert {"damping.png", "tolerances.png", "sobol.png"} < {path.name for path in tmp_path.iterdir()}
 
 
 def test_the_busiest_process_sets_how_many_workers_are_of_use(script):

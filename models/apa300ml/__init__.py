@@ -18,6 +18,7 @@ import netgen.occ as occ
 import numpy as np
 
 from nassim import (
+    Condensation,
     ElectricalPort,
     Material,
     PiezoStack,
@@ -175,6 +176,7 @@ def reduced_apa300ml(
     ports: Sequence[ElectricalPort] = (),
     ceramic: Material = PZT,
     mesh: Mapping[str, Any] = MappingProxyType(PRISMS),
+    condensed: Condensation | None = None,
     progress: bool = True,
 ) -> ReducedBody:
     """The APA300ML reduced by Craig-Bampton: 5 x 6 + 6 = 36 coordinates.
@@ -184,10 +186,19 @@ def reduced_apa300ml(
     ports: electrical ports of its stacks, such as `PORTS`; each adds a coordinate
     ceramic: its modulus is calibrated to the vendor's stiffness; PZT_TABLE_1 is the paper's
     mesh: further arguments of `build_fe_model`; {} for tetrahedra throughout
+    condensed: the condensed FE model of all these arguments, where it is at hand; made here otherwise
 
     Loaded from the cache when it was made before from the same geometry, materials, points, ports and mesh, by the same
     solver, the same code and the same versions of the libraries.
+    Raises ValueError for a condensed model of another element order or of other ports.
     """
+    if condensed is not None:
+        found = (condensed.fe_model.order, tuple(port.name for port in condensed.fe_model.ports))
+        if found != (order, tuple(port.name for port in ports)):
+            raise ValueError(
+                f"condensed is of order {found[0]} with ports {found[1]}, not what order={order} and ports ask for; "
+                "build it with the same arguments"
+            )
     solid = make_apa300ml(geometry, ceramic=ceramic, coupling=coupling, stack_coupling=stack_coupling, ports=ports)
     key = fingerprint(
         shape_bytes(solid.shape),
@@ -201,8 +212,8 @@ def reduced_apa300ml(
     )
 
     def build() -> ReducedBody:
-        fe_model = build_fe_model(solid, element_size=element_size, order=order, progress=progress, **mesh)
-        return craig_bampton(fe_model, n_modes=n_modes, progress=progress)
+        model = condensed or build_fe_model(solid, element_size=element_size, order=order, progress=progress, **mesh)
+        return craig_bampton(model, n_modes=n_modes, progress=progress)
 
     return cached(solid.name, key, build, progress=progress)
 

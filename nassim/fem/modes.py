@@ -27,6 +27,8 @@ LANCZOS_TOLERANCE = 1e-6
 """Relative residual at which a mode counts as found: its frequency is then off by about the square of that."""
 DEPENDENT = 1e-10
 """Directions of left-out vectors with less than this share of their mass are rounding."""
+ROUNDING = 1e-16
+"""A solution of which the modes leave less than this share of its mass lies in the modes, for example by symmetry."""
 
 
 def check_n_modes(n_modes: int, n_dofs: int) -> None:
@@ -90,10 +92,14 @@ def left_out_vectors(
         vectors = condensed.solve_fixed(np.hstack([loads, inertia @ directions]), advance=advance)
         # The modes are good to LANCZOS_TOLERANCE but orthogonal to the last digit, and what they leave may be small:
         # so neither K X = M Psi nor K phi = lambda M phi is made use of, only products with K and M themselves.
+        whole = np.einsum("ij,ij->j", vectors, mass @ vectors)
         vectors -= modes @ (modes.T @ (mass @ vectors))
+        # The rest of a solution that lies in the modes is rounding, which must not be scaled to unit mass.
+        left = np.einsum("ij,ij->j", vectors, mass @ vectors) > ROUNDING * whole
+        vectors, n_loads = vectors[:, left], int(np.count_nonzero(left[: loads.shape[1]]))
         gram = vectors.T @ (mass @ vectors)
         stiffness = vectors.T @ (condensed.fe_model.stiffness @ vectors)
-        combinations = _independent(0.5 * (gram + gram.T), loads.shape[1])
+        combinations = _independent(0.5 * (gram + gram.T), n_loads)
         ritz, shapes = eigenmodes(combinations.T @ stiffness @ combinations, combinations.T @ gram @ combinations)
         return ritz, vectors @ (combinations @ shapes)
 

@@ -24,7 +24,7 @@ def plot_frf(
 ) -> Sequence[Any]:
     """Bode plot of one entry of several FRFs, with the coherence below where one of them has it.
 
-    unit: of the magnitude; markers: labels of FRFs drawn as points instead of lines
+    unit: of the magnitude; markers: labels of FRFs drawn as some 50 points instead of lines
     figure: matplotlib figure or subfigure to draw in (default: a new one)
 
     Returns the Axes: magnitude, phase and, with any coherence, coherence.
@@ -39,7 +39,7 @@ def plot_frf(
         if frf.coherence is not None:  # estimated: broad, so that the model's line stays visible on top
             style.update(lw=3.5, alpha=0.5)
         if frf.label in markers:
-            style.update(ls="", marker="o", ms=4, mfc="none")
+            style.update(ls="", marker="o", ms=4, mfc="none", markevery=max(len(frf.frequency) // 50, 1))
         axes[0].loglog(frf.frequency, np.abs(response), **style)
         axes[1].semilogx(frf.frequency, _phase(response), **style)
         if frf.coherence is not None:

@@ -83,9 +83,12 @@ CHANGES = {
 
 
 def test_every_argument_changes_the_key(key):
-    """Each given change has another key than the default and than every other change; progress has not."""
+    """Each given change has another key than the default and than every other change.
+
+    Progress has not, nor has a condensed model at hand, which is of the same arguments.
+    """
     given = set(inspect.signature(reduced_apa300ml).parameters)
-    assert given == {*CHANGES, "progress"}, "a new argument needs its changes here"
+    assert given == {*CHANGES, "condensed", "progress"}, "a new argument needs its changes here"
     found = [key(), *(key(**{name: value}) for name, values in CHANGES.items() for value in values)]
     assert len(set(found)) == len(found)
     assert key() == key(progress=False) == key(APAGeometry()) == found[0]
@@ -146,13 +149,13 @@ THIN = "solid 'bar': 100 % of the elements reach from surface to surface"
 
 
 @pytest.mark.usefixtures("cache")
-def test_warnings_are_repeated_when_the_body_is_loaded(tmp_path, capsys):
+def test_warnings_are_repeated_when_the_body_is_loaded(tmp_path, told):
     for made in (True, False, False):
-        with pytest.warns(UserWarning, match=THIN) as told:
+        with pytest.warns(UserWarning, match=THIN) as warned:
             body = cached("bar", "0", reduced_thin_bar)
-        assert len(told) == 1
+        assert len(warned) == 1
         assert body.record["warnings"].startswith(THIN)
-        assert ("saved to" if made else "loaded from") in capsys.readouterr().out
+        assert ("saved to" if made else "loaded from") in told()
     again = load(save(body, tmp_path / "body.h5"))
     assert again.record["warnings"] == body.record["warnings"]
 

@@ -55,6 +55,7 @@ def in_two_threads():
     print("equal")
 
 
+@pytest.mark.slow
 def test_two_reductions_in_two_threads_equal_those_one_after_the_other():
     done = run("in_two_threads()")
     assert (done.returncode, done.stdout) == (0, "equal\n"), done.stderr
@@ -131,6 +132,7 @@ def mesh_for_long():
         print("stopped", generate_mesh(solid, element_size=0.02).ne, flush=True)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="processes get no Ctrl-C from others there")
 def test_ctrl_c_stops_netgen_and_leaves_it_in_order():
     """The mesh would take minutes; the one after it is as ever."""

@@ -407,12 +407,12 @@ class Builder:
         return record(self.calls)
 
 
-def test_cached_computes_once_and_says_so(cache, capsys):
+def test_cached_computes_once_and_says_so(cache, told):
     build = Builder()
     first = cached("part", fingerprint(1), build)
-    assert "part: saved to" in capsys.readouterr().out
+    assert "part: saved to" in told()
     second = cached("part", fingerprint(1), build)
-    assert f"part: loaded from {cache}" in " ".join(capsys.readouterr().out.split())
+    assert f"part: loaded from {cache}" in told()
     assert build.calls == 1
     assert_same(first, second)
 
@@ -437,15 +437,15 @@ def test_cached_keeps_silent_when_asked(capsys):
     assert capsys.readouterr().out == ""
 
 
-def test_damaged_cache_is_reported_and_rebuilt(cache, capsys):
+def test_damaged_cache_is_reported_and_rebuilt(cache, told):
     build = Builder()
     cached("part", fingerprint(1), build)
     (file,) = cache.iterdir()
     file.write_bytes(file.read_bytes()[:500])
     assert_same(cached("part", fingerprint(1), build), record(2))
-    out = capsys.readouterr().out
-    assert "damaged and will be rebuilt" in out
-    assert file.name in out
+    damaged = told()
+    assert "damaged and will be rebuilt" in damaged
+    assert file.name in damaged
     assert_same(load(file), record(2))
 
 

@@ -89,6 +89,7 @@ def test_surface_of_prisms_is_closed():
     assert np.all(np.unique(edges, axis=0, return_counts=True)[1] == 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("coupling", ["rbe2", "rbe3"])
 def test_apa_is_meshed_with_prisms_around_its_holes(coupling, apa_prisms):
     """Curved prisms hold rotations not quite exactly; the condensed body turns freely all the same."""

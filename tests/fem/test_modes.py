@@ -127,18 +127,18 @@ def test_ritz_values_are_those_of_the_stiffness(case, n_modes):
 
 
 def test_where_hardly_anything_is_left_out_the_vectors_are_still_stiff():
-    """A symmetric bar of few elements, nearly all of whose inertia the modes hold: no vector may fall to 0 Hz."""
+    """A symmetric bar of few elements, nearly all of whose inertia the modes hold, by symmetry all of one motion's."""
     solid = make_bar(material=Material("cork", 1e9, 0.0, 200.0))
     model = build_fe_model(solid, element_size=0.005, order=2, extrude="x", layer_thickness=0.05, progress=False)
     condensed = condense(model, progress=False)
     frequency, modes = fixed_interface_modes(condensed, n_modes=8)
     ritz, vectors = left_out_vectors(condensed, frequency, modes)
     following = fixed_interface_modes(condensed, n_modes=8 + len(ritz))[0][8:]
-    # What is left is 1e-5 of the solutions that it is the rest of: rounding makes the first one up to 1 % low.
-    assert np.all(ritz > following * (1 - 0.03))
+    # Courant's principle, but for rounding: what is left is 1e-5 of the solutions that it is the rest of.
+    assert np.all(ritz > following * (1 - 1e-6))
     energy = np.einsum("ij,ij->j", vectors, model.stiffness_matrix @ vectors)
     assert np.allclose(ritz, np.sqrt(energy) / (2 * np.pi), rtol=1e-6)
-    assert craig_bampton(condensed, n_modes=8, progress=False).truncation_errors()[6:].min() >= 0.0
+    assert craig_bampton(condensed, n_modes=8, progress=False).truncation_errors()[6:].min() > -1e-12
 
 
 def test_without_modes_the_whole_sum_is_reproduced(case):

@@ -10,6 +10,7 @@ from conftest import meshed
 from models.apa300ml import (
     CALIBRATION,
     PAPER_FREQUENCY_FE,
+    PORTS,
     PZT,
     PZT_TABLE_1,
     STACK,
@@ -180,6 +181,7 @@ def test_unknown_figures_and_bad_numbers():
         sensitivities(lambda _: {"stiffness": np.nan}, [WIDTH], ["stiffness"])
 
 
+@pytest.mark.slow
 def test_a_changed_ceramic_keeps_the_mesh():
     """Two moduli on one mesh and a mesh of its own: the first differ smoothly, so differences mean something."""
     model = make_model(element_size=12e-3, order=1)
@@ -241,7 +243,7 @@ def test_calibrated_apa_on_its_default_mesh(apa_prisms):
     """Stiffness as fitted; of what was not, the first frequency clamped at the bottom does not follow from it."""
     record = json.loads(CALIBRATION.read_text())
     assert PZT.young_modulus == record["parameters"]["pzt_modulus"]
-    apa = reduced_apa300ml(progress=False)
+    apa = reduced_apa300ml(ports=PORTS, progress=False)  # that of other tests
     stiffness = 1 / apa.compliance(fixed=["bottom"])[8, 8]
     assert stiffness == pytest.approx(VENDOR_STIFFNESS, rel=5e-3)
     assert stiffness == pytest.approx(record["figures"]["axial_stiffness"], rel=1e-3)
@@ -254,6 +256,7 @@ def test_calibrated_apa_on_its_default_mesh(apa_prisms):
     assert 1.01 < not_calibrated / stiffness < 1.015
 
 
+@pytest.mark.slow
 def test_open_stacks_are_stiffer_by_what_the_beam_model_says(apa_tetrahedra):
     """All three stacks open: each is 1 / (1 - k33^2) as stiff; the rest of the actuator stays as it is."""
     fe_model = meshed(apa_tetrahedra, variant({}), 2)

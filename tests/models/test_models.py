@@ -5,7 +5,7 @@ import pytest
 from conftest import make_bar
 
 from models import apa300ml
-from models.apa300ml import STACK, APAGeometry, axial_stiffness, make_apa300ml, reduced_apa300ml
+from models.apa300ml import PORTS, STACK, APAGeometry, axial_stiffness, make_apa300ml, reduced_apa300ml
 from models.bench import SENSOR_RESISTANCE, force_pair, formula_frequency, full_bench_response, make_bench
 from models.bench_figures import (
     figures_by_circuit,
@@ -52,29 +52,42 @@ def test_impossible_dimensions(change):
         APAGeometry(**change)
 
 
-def test_reduction_is_cached_and_recomputed_when_an_input_changes(tmp_path, monkeypatch, capsys):
+def test_reduction_is_cached_and_recomputed_when_an_input_changes(tmp_path, monkeypatch, told):
     """With the mesh of a bar, which takes no time."""
     bar = build_fe_model(make_bar(), element_size=0.02, order=2, progress=False)
     monkeypatch.setattr(apa300ml, "build_fe_model", lambda solid, **_: bar)
     monkeypatch.setenv("NASSIM_CACHE", str(tmp_path))
     options = {"element_size": 8e-3, "order": 1, "mesh": {}}
     first = reduced_apa300ml(**options)
-    assert "saved to" in capsys.readouterr().out
+    assert "saved to" in told()
     again = reduced_apa300ml(**options)
-    out = capsys.readouterr().out
-    assert "loaded from" in out
-    assert "same inputs" in out
+    loaded = told()
+    assert "loaded from" in loaded
+    assert "same inputs" in loaded
     assert np.array_equal(first.stiffness_matrix, again.stiffness_matrix)
     assert again.surface.labels == first.surface.labels
     reduced_apa300ml(APAGeometry(arm_thickness=1.3e-3), **options)
-    assert "saved to" in capsys.readouterr().out
+    assert "saved to" in told()
     reduced_apa300ml(n_modes=4, **options)
-    assert "saved to" in capsys.readouterr().out
+    assert "saved to" in told()
     for file in tmp_path.glob("*.h5"):
         file.write_bytes(file.read_bytes()[:1000])
     rebuilt = reduced_apa300ml(**options)
-    assert "damaged and will be rebuilt" in capsys.readouterr().out
+    assert "damaged and will be rebuilt" in told()
     assert np.allclose(rebuilt.stiffness_matrix, first.stiffness_matrix, rtol=1e-6, atol=1.0)
+
+
+def test_a_condensed_model_at_hand_is_what_is_reduced(tmp_path, monkeypatch, apa_with_ports, apa_with_ports_condensed):
+    """Nothing is meshed again; one of another order or of other ports is refused."""
+    reduced = []
+    monkeypatch.setattr(apa300ml, "craig_bampton", lambda model, **_: reduced.append(model) or apa_with_ports)
+    monkeypatch.setenv("NASSIM_CACHE", str(tmp_path))
+    options = {"element_size": 8e-3, "order": 2, "ports": PORTS, "mesh": {}, "condensed": apa_with_ports_condensed}
+    reduced_apa300ml(**options, progress=False)
+    assert reduced == [apa_with_ports_condensed]
+    for other in ({"order": 3}, {"ports": PORTS[:1]}):
+        with pytest.raises(ValueError, match="build it with the same arguments"):
+            reduced_apa300ml(**options | other, progress=False)
 
 
 def test_bench_names(bench):

@@ -511,6 +511,7 @@ def test_struts_that_do_not_fit():
         make_nano_hexapod(strut, platform=DEFAULT_PLATFORM)
 
 
+@pytest.mark.slow
 def test_a_thick_flexible_plate_is_a_rigid_one(tmp_path, monkeypatch):
     """Six remote points at the joints' centres and one at M; the usual one has the real one's mass."""
     monkeypatch.setenv("NASSIM_CACHE", str(tmp_path))

@@ -261,6 +261,7 @@ def coupled_system(coarse, apa_with_ports_condensed):
     return condensed.averages, solve
 
 
+@pytest.mark.slow
 def test_static_answer_equals_the_coupled_fe_system(apa_with_ports, coupled_system):
     averages, solve = coupled_system
     u, voltage, charge = solve(np.zeros(averages.shape[1]), 1.0)
@@ -287,6 +288,7 @@ def test_a_voltage_does_not_push_on_rigid_motions(apa_with_ports):
         assert np.all(np.abs(port.forces @ rigid) < 1e-12 * terms)
 
 
+@pytest.mark.slow
 def test_reciprocity(apa_with_ports, coupled_system):
     """Displacement per volt equals charge per newton, in the FE system and in the reduced body."""
     averages, solve = coupled_system
