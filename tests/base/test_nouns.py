@@ -37,13 +37,19 @@ NOT_DATA = {
     # with matrices of SciPy, shapes, meshes, solvers or slices in them, which no file holds
     *("Assembly", "Condensation", "FEModel", "Factorization", "FullModel", "Refinement", "Solid"),
     *("SymmetricMatrix", "System", "Items"),
-    # what parts say, and the bases of parts
-    *("Row", "Force", "Field", "Reading", "Spring", "Leak", "Constraint", "Line", "SixSprings", "Follow"),
-    *("Filter", "Tension"),
+    # bases of parts
     *("Part", "Actuator", "Sensor", "ForceElement", "Connection"),
     # what one computation keeps for itself, and no user is given
     *(
         "Amplifier",
+        "BodyNodes",
+        "Evaluator",
+        "Coordinates",
+        "FrameState",
+        "LinearState",
+        "ReferenceState",
+        "RigidState",
+        "Tangent",
         "CADBody",
         "FlexibleCoordinates",
         "Cell",
@@ -55,11 +61,10 @@ NOT_DATA = {
         "Curve",
         "Damping",
         "InputChannel",
-        "FiniteMotion",
+        "GeometricStiffness",
         "PrescribedMotions",
         "Frame",
         "InertiaTerms",
-        "Point",
         "Lines",
         "Listing",
         "Looks",
@@ -70,7 +75,7 @@ NOT_DATA = {
         "Solution",
         "Spinning",
         "Steps",
-        "Term",
+        "Summand",
         "RigidGroups",
     ),
     # what there is to see: a page or a picture keeps it
@@ -89,8 +94,13 @@ NOT_DATA = {
 }
 
 
+NOT_DATA_MODULES = ("nassim.scene.measures", "nassim.scene.terms")  # made from parts, never saved
+
+
 def public_dataclasses():
     for module in pkgutil.walk_packages(nassim.__path__, "nassim."):
+        if module.name in NOT_DATA_MODULES:
+            continue
         for name, value in vars(importlib.import_module(module.name)).items():
             if isinstance(value, type) and is_dataclass(value) and value.__module__ == module.name and name[0] != "_":
                 yield name

@@ -14,7 +14,7 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.scene.measures import BodyState, Measure
 from nassim.scene.terms import AppliedForce, Constraint, ForceLaw
-from nassim.simulation.exudyn.state import COORDINATES, Term
+from nassim.simulation.exudyn.state import COORDINATES, Summand
 
 NOTHING = np.zeros((0, 0))
 
@@ -178,7 +178,7 @@ def add_general_constraint(
     )
 
 
-def general_term(mbs: Any, evaluate: Evaluator, read: Callable[[Array, Array], float], derivative: int = 0) -> Term:
+def general_term(mbs: Any, evaluate: Evaluator, read: Callable[[Array, Array], float], derivative: int = 0) -> Summand:
     """Make a summand of an output from any measure.
 
     Args:
@@ -211,4 +211,4 @@ def general_term(mbs: Any, evaluate: Evaluator, read: Callable[[Array, Array], f
             result.append(read(now, rate))
         return np.array(result)
 
-    return Term(tuple(sensors), value)
+    return Summand(tuple(sensors), value)

@@ -15,8 +15,8 @@ from nassim.simulation.exudyn.state import (
     Charge,
     FlexibleCoordinates,
     InputChannel,
+    Summand,
     System,
-    Term,
     modal_node,
 )
 from nassim.simulation.model.assembly import Assembly, Tangent
@@ -130,10 +130,10 @@ def _pushes(assembly: Assembly, number: int, modes: Array, held: Array) -> tuple
     return tuple(InputChannel(number, name, row, rate=rate) for name, row, rate in found if np.any(row))
 
 
-def _add_readings(mbs: Any, assembly: Assembly, node: int, motion: Array, gains: Array) -> dict[str, list[Term]]:
+def _add_readings(mbs: Any, assembly: Assembly, node: int, motion: Array, gains: Array) -> dict[str, list[Summand]]:
     """Add a sensor for each derivative that an output reads; gains: of circuits' outputs per charge, (c,)."""
     scene = assembly.scene
-    readings: dict[str, list[Term]] = {name: [] for name in scene.outputs}
+    readings: dict[str, list[Summand]] = {name: [] for name in scene.outputs}
     rows = [
         product(m, motion) for m in (assembly.output_matrix, assembly.velocity_matrix, assembly.acceleration_matrix)
     ]
@@ -145,7 +145,7 @@ def _add_readings(mbs: Any, assembly: Assembly, node: int, motion: Array, gains:
             number = mbs.AddSensor(sensor)
             for name, row in zip(scene.outputs, weights, strict=True):
                 if np.any(row):
-                    readings[name].append(Term.linear(number, row))
+                    readings[name].append(Summand.linear(number, row))
     return readings
 
 

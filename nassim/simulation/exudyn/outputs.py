@@ -21,7 +21,7 @@ from nassim.scene.measures import (
 from nassim.scene.terms import BaseAcceleration, Output
 from nassim.simulation.exudyn.general import general_term
 from nassim.simulation.exudyn.items import Items, on_coordinates, on_points
-from nassim.simulation.exudyn.state import COORDINATES, Term
+from nassim.simulation.exudyn.state import COORDINATES, Summand
 
 Kind = exu.OutputVariableType
 MOTIONS = (Kind.Displacement, Kind.Velocity, Kind.Acceleration)
@@ -29,7 +29,7 @@ MOTIONS = (Kind.Displacement, Kind.Velocity, Kind.Acceleration)
 KEPT = {"storeInternal": True, "writeToFile": False}
 
 
-def add_output(items: Items, term: Output) -> list[Term]:
+def add_output(items: Items, term: Output) -> list[Summand]:
     """Add what an output is read from: the faster reading of its measure where there is one, else the general one."""
     measure, evaluate = term.measure, items.evaluator(term.measure)
     if not evaluate.names:
@@ -51,7 +51,7 @@ def _general(gain: float, derivative: int) -> Callable[[Array, Array], float]:
     return lambda value, rate: gain * float((rate if derivative else value)[0])
 
 
-def _of_coordinates(items: Items, term: Output, measure: Measure) -> list[Term] | None:
+def _of_coordinates(items: Items, term: Output, measure: Measure) -> list[Summand] | None:
     """Weighted sums of coordinates, and of points along the world's axes."""
     nodes = on_coordinates(items, measure)
     if nodes is None:
@@ -59,14 +59,14 @@ def _of_coordinates(items: Items, term: Output, measure: Measure) -> list[Term] 
     result = []
     for node, share in nodes:
         sensor = eii.SensorNode(nodeNumber=node, outputVariableType=COORDINATES[term.derivative], **KEPT)
-        result.append(Term.linear(items.mbs.AddSensor(sensor), term.gain * share))
+        result.append(Summand.linear(items.mbs.AddSensor(sensor), term.gain * share))
     for path, weights in on_points(items, measure) or ():
         sensors = _sensors(items, path, MOTIONS[term.derivative])
-        result += [Term.linear(number, term.gain * weights / len(sensors)) for number in sensors]
+        result += [Summand.linear(number, term.gain * weights / len(sensors)) for number in sensors]
     return result
 
 
-def _of_displacement(items: Items, term: Output, measure: Displacement) -> list[Term] | None:
+def _of_displacement(items: Items, term: Output, measure: Displacement) -> list[Summand] | None:
     if on_points(items, measure) is None:
         return None
     if not measure.axes_of:
@@ -74,7 +74,7 @@ def _of_displacement(items: Items, term: Output, measure: Displacement) -> list[
     return None if term.derivative else [_along_axes(items, term, measure)]
 
 
-def _of_velocity(items: Items, term: Output, measure: PointVelocity) -> list[Term] | None:
+def _of_velocity(items: Items, term: Output, measure: PointVelocity) -> list[Summand] | None:
     if on_points(items, measure) is None or (measure.angular and term.derivative == 2):
         return None
     if not measure.axes_of and not measure.angular:
@@ -146,7 +146,7 @@ def _turn(columns: Sequence[Array], place: slice | None) -> Array:
     return columns[place.start].reshape(-1, 3, 3)
 
 
-def _along_line(items: Items, term: Output, measure: Distance) -> list[Term] | None:
+def _along_line(items: Items, term: Output, measure: Distance) -> list[Summand] | None:
     if term.derivative == 2 or not items.has_markers(measure):
         return None
     probes = _Probes(items)
@@ -164,10 +164,10 @@ def _along_line(items: Items, term: Output, measure: Distance) -> list[Term] | N
         result: Array = term.gain * np.einsum("ni,ni->n", v - u, b - a) / now
         return result
 
-    return [Term(tuple(probes.numbers), value)]
+    return [Summand(tuple(probes.numbers), value)]
 
 
-def _along_axes(items: Items, term: Output, measure: Displacement | PointVelocity) -> Term:
+def _along_axes(items: Items, term: Output, measure: Displacement | PointVelocity) -> Summand:
     """Along axes that turn with a point: places of points, or the vectors of their velocities and accelerations."""
     probes = _Probes(items)
     frame = probes.add(measure.axes_of, Kind.RotationMatrix) if measure.axes_of else None
@@ -184,10 +184,10 @@ def _along_axes(items: Items, term: Output, measure: Displacement | PointVelocit
             result += np.einsum("nji,nj,i->n", axes, _mean(columns, place, rest), w)
         return term.gain * (result - start)
 
-    return Term(tuple(probes.numbers), value)
+    return Summand(tuple(probes.numbers), value)
 
 
-def _of_angle(items: Items, term: Output, measure: RotationAngle) -> list[Term] | None:
+def _of_angle(items: Items, term: Output, measure: RotationAngle) -> list[Summand] | None:
     """Twist of point b against a, counted on beyond half a turn."""
     if term.derivative or not items.has_markers(measure):
         return None
@@ -203,10 +203,10 @@ def _of_angle(items: Items, term: Output, measure: RotationAngle) -> list[Term] 
         result: Array = term.gain * size * np.unwrap(angles)
         return result
 
-    return [Term(tuple(probes.numbers), value, period=2 * np.pi * abs(term.gain) * size)]
+    return [Summand(tuple(probes.numbers), value, period=2 * np.pi * abs(term.gain) * size)]
 
 
-FASTER: Mapping[type[Measure], Callable[[Items, Output, Any], list[Term] | None]] = {
+FASTER: Mapping[type[Measure], Callable[[Items, Output, Any], list[Summand] | None]] = {
     BodyCoordinates: _of_coordinates,
     Combination: _of_coordinates,
     Displacement: _of_displacement,

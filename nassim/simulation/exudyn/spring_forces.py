@@ -12,13 +12,13 @@ from nassim.scene.terms import ForceLaw, Output, Spring, SpringForce
 from nassim.simulation.exudyn.general import general_term
 from nassim.simulation.exudyn.items import Items
 from nassim.simulation.exudyn.outputs import add_output
-from nassim.simulation.exudyn.state import Term
+from nassim.simulation.exudyn.state import Summand
 
 Kind = exu.OutputVariableType
 MOTIONS = (Kind.Position, Kind.RotationMatrix, Kind.Velocity, Kind.AngularVelocity)
 
 
-def add_spring_force(items: Items, term: SpringForce) -> list[Term]:
+def add_spring_force(items: Items, term: SpringForce) -> list[Summand]:
     """Add what an output records the pull of a spring and its damper by."""
     law, measure = term.spring, term.spring.measure
     k = measure.components.index(term.component)
@@ -34,12 +34,12 @@ def add_spring_force(items: Items, term: SpringForce) -> list[Term]:
     return [_general(items, law, k)]
 
 
-def _general(items: Items, law: ForceLaw, k: int) -> Term:
+def _general(items: Items, law: ForceLaw, k: int) -> Summand:
     evaluate = items.evaluator(law.measure)
     return general_term(items.mbs, evaluate, lambda value, rate: float(law.resistance(value, rate)[k]), 1)
 
 
-def _along(items: Items, law: Spring, measure: Displacement) -> Term:
+def _along(items: Items, law: Spring, measure: Displacement) -> Summand:
     """Along axes that turn with one of two points; the damper brakes what grows along these."""
     (a, _), (b, along) = measure.weights
     stiffness, damping = (float(matrix[0, 0]) for matrix in law.matrices)
@@ -55,10 +55,10 @@ def _along(items: Items, law: Spring, measure: Displacement) -> Term:
         result: Array = stiffness * stretched + damping * rate
         return result
 
-    return Term(_sensors(items, markers), value)
+    return Summand(_sensors(items, markers), value)
 
 
-def _of_six(items: Items, law: Spring, measure: RelativePose, k: int) -> Term:
+def _of_six(items: Items, law: Spring, measure: RelativePose, k: int) -> Summand:
     """One of six, along axes halfway between the two points, at the place of b."""
     axes, (stiffness, damping) = measure.axes, law.matrices
     markers = (
@@ -80,7 +80,7 @@ def _of_six(items: Items, law: Spring, measure: RelativePose, k: int) -> Term:
         result: Array = moved @ stiffness[k] + rates @ damping[k]
         return result
 
-    return Term(_sensors(items, markers), value)
+    return Summand(_sensors(items, markers), value)
 
 
 def _sensors(items: Items, markers: Sequence[int]) -> tuple[int, ...]:

@@ -84,7 +84,7 @@ class _Carried:
 
 
 @dataclass(frozen=True)
-class Term:
+class Summand:
     """One summand of an output.
 
     sensors: Exudyn's numbers; value: makes of their columns, (n_samples, k) each, the summand, (n_samples,)
@@ -98,7 +98,7 @@ class Term:
     period: float = 0.0
 
     @classmethod
-    def linear(cls, sensor: int, weights: Array) -> "Term":
+    def linear(cls, sensor: int, weights: Array) -> "Summand":
         """A weighted sum of one sensor's columns."""
         return cls((sensor,), lambda columns: columns @ weights, weights)
 
@@ -125,7 +125,7 @@ class System:
     nodes: dict[str, int]
     carriers: dict[str, FlexibleCoordinates]
     drives: tuple[InputChannel, ...]
-    readings: dict[str, list[Term]]
+    readings: dict[str, list[Summand]]
     massless: Mapping[int, Any]
     beside: Mapping[int, Array] = field(default_factory=dict)
     sparse: bool = False
@@ -198,7 +198,7 @@ class System:
         """Present value of one output, before its filter."""
         return sum(self._present(term) for term in self.readings[output])
 
-    def _present(self, term: Term) -> float:
+    def _present(self, term: Summand) -> float:
         """Present value of a term; turns are counted on from the value before."""
         value = float(term.value(*(np.reshape(self.mbs.GetSensorValues(k), (1, -1)) for k in term.sensors))[0])
         if term.period:
@@ -332,7 +332,7 @@ class Charge:
         return cls(scale * forces, scale**2 * c, scale**2 * circuit.resistance * c**2, scale * circuit.gain)
 
 
-def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array) -> tuple[int, Term]:
+def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array) -> tuple[int, Summand]:
     """Add a port's charge; returns its object and the sensor of its output.
 
     forces: on the nodes' coordinates per volt. The mass is for the accelerations at the start, where w'' = 0;
@@ -354,7 +354,7 @@ def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array)
     )
     kind = exu.OutputVariableType.Coordinates
     sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kind, storeInternal=True, writeToFile=False)
-    return number, Term.linear(mbs.AddSensor(sensor), np.array([charge.gain]))
+    return number, Summand.linear(mbs.AddSensor(sensor), np.array([charge.gain]))
 
 
 def find_accelerations(system: System, settings: Any) -> None:

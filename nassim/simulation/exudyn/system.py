@@ -26,9 +26,7 @@ from nassim.scene.terms import (
     Output,
     PrescribedMotion,
     SpringForce,
-)
-from nassim.scene.terms import (
-    Term as SceneTerm,
+    Summand,
 )
 from nassim.simulation.exudyn.general import BodyNodes
 from nassim.simulation.exudyn.items import (
@@ -46,7 +44,7 @@ from nassim.simulation.exudyn.outputs import add_axes, add_output
 from nassim.simulation.exudyn.rigid_groups import as_one, find_rigid_groups, part_of
 from nassim.simulation.exudyn.spring_forces import add_spring_force
 from nassim.simulation.exudyn.springs import PILOT_RADIUS, add_force_law, reaches
-from nassim.simulation.exudyn.state import FlexibleCoordinates, InputChannel, System, Term, add_circuit, modal_node
+from nassim.simulation.exudyn.state import FlexibleCoordinates, InputChannel, Summand, System, add_circuit, modal_node
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.initial_velocities import check_implied, initial_twists
 from nassim.simulation.model.period_correction import Steps, compensated
@@ -81,7 +79,7 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, s
     mbs = container.AddSystem()
     items = _add_bodies(mbs, assembly, rates, added)
     drives: list[InputChannel] = []
-    readings: dict[str, list[Term]] = {output: [] for output in assembly.scene.outputs}
+    readings: dict[str, list[Summand]] = {output: [] for output in assembly.scene.outputs}
     turning: dict[str, list[tuple[int, Array]]] = {output: [] for output in assembly.scene.outputs}
     for term in assembly.terms:
         if isinstance(term, Output):
@@ -115,7 +113,7 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, s
     )
 
 
-def _realise(items: Items, term: SceneTerm, assembly: Assembly) -> list[InputChannel]:
+def _realise(items: Items, term: Term, assembly: Assembly) -> list[InputChannel]:
     """Add what a term does; returns what an input then drives.
 
     Shunts are circuits of the assembly, filters are the assembly's, prescribed motions belong to their constraints.
