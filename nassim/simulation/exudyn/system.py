@@ -26,7 +26,7 @@ from nassim.scene.terms import (
     Output,
     PrescribedMotion,
     SpringForce,
-    Summand,
+    Term,
 )
 from nassim.simulation.exudyn.general import BodyNodes
 from nassim.simulation.exudyn.items import (
