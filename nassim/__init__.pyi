@@ -253,6 +253,9 @@ from .systems.noise_budget import (
 from .systems.noise_budget import (
     noise_budget as noise_budget,
 )
+from .systems.python_controller import (
+    PythonController as PythonController,
+)
 
 __version__: str
 from .scene.mechanics import (

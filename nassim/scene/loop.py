@@ -6,19 +6,29 @@ from dataclasses import dataclass
 from nassim.base.checks import above_zero, freeze, not_negative, unique
 from nassim.scene.part import Signal
 from nassim.systems.controllers import Controller
+from nassim.systems.python_controller import PythonController
 
 
 @dataclass(frozen=True)
 class Loop:
-    """A digital controller between named outputs and inputs of a scene; what it computes adds to the excitation.
+    """A digital controller between named outputs and inputs of a scene. Its commands add to the excitation.
 
-    measured: outputs, in the order of the controller's inputs; driven: inputs, in the order of its outputs
-    input_step, input_limit: resolution and range of the analogue-to-digital converters, in the outputs' units
-    output_step: resolution of the digital-to-analogue converters, in the inputs' units; 0: none
+    Args:
+        name: of the loop; commands are recorded by it.
+        controller: a linear `Controller`, or a `PythonController` around any object with `output(measured, time)`.
+        measured: names of outputs, in the order of the controller's inputs.
+        driven: names of inputs, in the order of the controller's outputs.
+        input_step: resolution of the analogue-to-digital converters, in the outputs' units; 0 for none.
+        input_limit: range of the analogue-to-digital converters, in the outputs' units.
+        output_step: resolution of the digital-to-analogue converters, in the inputs' units; 0 for none.
+
+    Raises:
+        ValueError: for a controller of another kind, for numbers of signals that do not fit it, for names that repeat
+            and for steps and limits out of range.
     """
 
     name: str
-    controller: Controller
+    controller: Controller | PythonController
     measured: tuple[Signal, ...]
     driven: tuple[Signal, ...]
     input_step: float = 0.0
@@ -27,19 +37,37 @@ class Loop:
 
     def __post_init__(self) -> None:
         label = f"loop {self.name!r}"
-        if not isinstance(self.controller, Controller):
-            raise ValueError(f"{label}: controller must be a Controller, got a {type(self.controller).__name__}")
-        measured, driven = ((n,) if isinstance(n, str) else tuple(n) for n in (self.measured, self.driven))
-        n_out, n_in = self.controller.D.shape
-        if (len(driven), len(measured)) != (n_out, n_in):
+        if not isinstance(self.controller, Controller | PythonController):
             raise ValueError(
-                f"{label}: its controller has {n_in} input(s) and {n_out} output(s), but it measures {len(measured)} "
-                f"and drives {len(driven)} signal(s)"
+                f"{label}: controller must be a Controller or a PythonController, got a "
+                f"{type(self.controller).__name__}; PythonController takes any object with output(measured, time)"
             )
+        measured, driven = ((n,) if isinstance(n, str) else tuple(n) for n in (self.measured, self.driven))
+        if isinstance(self.controller, Controller):
+            n_out, n_in = self.controller.D.shape
+            if (len(driven), len(measured)) != (n_out, n_in):
+                raise ValueError(
+                    f"{label}: its controller has {n_in} input(s) and {n_out} output(s), but it measures "
+                    f"{len(measured)} and drives {len(driven)} signal(s)"
+                )
         for name in ("input_step", "output_step"):
             not_negative(f"{label}: {name}", getattr(self, name))
         above_zero(f"{label}: input_limit", self.input_limit)
         freeze(self, measured=unique(f"{label}: measured", measured), driven=unique(f"{label}: driven", driven))
+
+    @property
+    def linear_controller(self) -> Controller:
+        """Its controller, where that is linear.
+
+        Raises:
+            ValueError: for a controller that has no linear model.
+        """
+        if isinstance(self.controller, PythonController):
+            raise ValueError(
+                f"loop {self.name!r}: its controller, a {type(self.controller.law).__name__} in Python, has no linear "
+                "model: leave the loop open (`loops` of linearize_closed), or give it a Controller"
+            )
+        return self.controller
 
     @property
     def commands(self) -> tuple[str, ...]:

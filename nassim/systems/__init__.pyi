@@ -109,6 +109,9 @@ from .python_control import (
 from .python_control import (
     to_control as to_control,
 )
+from .python_controller import (
+    PythonController as PythonController,
+)
 from .root_locus import (
     Optimum as Optimum,
 )

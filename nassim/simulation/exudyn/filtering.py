@@ -1,13 +1,13 @@
 """Outputs of a running Exudyn system that pass filters, from step to step."""
 
-from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from nassim.base.checks import Array
 from nassim.scene.terms import BaseAcceleration
 from nassim.simulation.exudyn.state import System
-from nassim.simulation.model.filters import start_filter
+from nassim.simulation.model.filters import RunningFilter, start_filter
 
 
 class Filtering:
@@ -16,40 +16,54 @@ class Filtering:
     Filters start as if they had always read what they read first; but a scene at rest did not accelerate before.
     """
 
-    def __init__(self, system: System, samples: Array, time_step: float) -> None:
-        """samples: of all inputs at all time steps, (n_steps + 1, inputs)."""
+    def __init__(self, system: System, time_step: float) -> None:
         scene = system.assembly.scene
-        self.system, self.samples, self.time_step = system, samples, time_step
-        self.steps: dict[str, Callable[[float], float]] = {}
+        self.system, self.time_step = system, time_step
+        self.steps: dict[str, RunningFilter] = {}
+        self.passed = dict.fromkeys(system.assembly.filters, 0.0)
         self.at_rest = not scene.speeds and not any(np.any(body.angular_velocity) for body in scene.bodies)
         self.falls = np.zeros((3, len(scene.inputs)))
         for base in scene.terms_of(BaseAcceleration):
             self.falls[:, scene.inputs.index(base.input)] -= base.direction
-        self.now = 0
         self.outputs = scene.outputs
         self.read = system.measuring(dict.fromkeys(name for loop in scene.loops for name in loop.measured))
-        for output in system.assembly.filters:
-            system.filtered[output] = np.zeros(len(samples))
 
-    def step(self, n: int, added: Array) -> None:
-        """At time step n; added: by loops to the inputs, (inputs,)."""
-        system, self.now = self.system, n
-        for output, passed in system.filtered.items():
+    def step(self, inputs: Array) -> None:
+        """Filter at a time step; inputs: what is applied and what loops have added until then, (inputs,)."""
+        system = self.system
+        for output in self.passed:
             k, value = self.outputs.index(output), system.measured(output)
             share = system.assembly.ground_matrix[k]
             for sensor, weights in system.turning.get(output, ()):
                 axes = np.reshape(system.mbs.GetSensorValues(sensor), (3, 3))
                 share = share - (axes @ weights - weights) @ self.falls
-            value += float(sum(share[j] * (self.samples[n, j] + added[j]) for j in np.flatnonzero(share)))
-            if not n:
+            value += float(sum(share[j] * inputs[j] for j in np.flatnonzero(share)))
+            if output not in self.steps:
                 calm = self.at_rest and np.any(system.assembly.acceleration_matrix[k])
                 filtering = system.assembly.filters[output]
                 self.steps[output] = start_filter(filtering, self.time_step, 0.0 if calm else value)
-            passed[n] = self.steps[output](value)
+            self.passed[output] = self.steps[output](value)
 
     def measure(self) -> Array:
         """Present outputs that loops measure; the others stay 0, (outputs,)."""
         result = self.read()
-        for output, passed in self.system.filtered.items():
-            result[self.outputs.index(output)] = passed[self.now]
+        for output, passed in self.passed.items():
+            result[self.outputs.index(output)] = passed
         return result
+
+    def read_all(self) -> Array:
+        """Present outputs as a record has them, behind their filters, (outputs,)."""
+        return np.array([self.passed[o] if o in self.passed else self.system.measured(o) for o in self.outputs])
+
+    @property
+    def state(self) -> Any:
+        """What changes from step to step."""
+        return dict(self.passed), {output: step.state for output, step in self.steps.items()}
+
+    def restore(self, state: Any) -> None:
+        """Go back to a state."""
+        passed, states = state
+        self.passed = dict(passed)
+        for output, own in states.items():
+            self.steps[output] = start_filter(self.system.assembly.filters[output], self.time_step, 0.0)
+            self.steps[output].state = own

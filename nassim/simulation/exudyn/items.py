@@ -59,6 +59,7 @@ class Items:
     body_nodes: Mapping[str, BodyNodes]
     markers: dict[str, int] = field(default_factory=dict)
     sensors: dict[tuple[int, exu.OutputVariableType], int] = field(default_factory=dict)
+    evaluators: list[Evaluator] = field(default_factory=list)
 
     def marker(self, path: str, *, axes: Array | None = None, at: Array | None = None) -> int:
         """Rigid marker of a point.
@@ -105,7 +106,8 @@ class Items:
     def evaluator(self, measure: Measure) -> Evaluator:
         """Evaluator of a measure on Exudyn's coordinates."""
         fixed = {body.name: ReferenceState(body) for body in self.scene.bodies if not body.moves}
-        return Evaluator(measure, self.body_nodes, fixed)
+        self.evaluators.append(Evaluator(measure, self.body_nodes, fixed))
+        return self.evaluators[-1]
 
     def has_markers(self, measure: Measure) -> bool:
         """Whether rigid markers can be put on all points of a measure."""

@@ -21,7 +21,7 @@ from nassim.scene.measures import (
 from nassim.scene.terms import BaseAcceleration, Output
 from nassim.simulation.exudyn.general import general_term
 from nassim.simulation.exudyn.items import Items, on_coordinates, on_points
-from nassim.simulation.exudyn.state import COORDINATES, Summand
+from nassim.simulation.exudyn.state import COORDINATES, Summand, dot
 
 Kind = exu.OutputVariableType
 MOTIONS = (Kind.Displacement, Kind.Velocity, Kind.Acceleration)
@@ -157,11 +157,11 @@ def _along_line(items: Items, term: Output, measure: Distance) -> list[Summand] 
 
     def value(*columns: Array) -> Array:
         a, b = (_mean(columns, place, rest) for place, rest in zip(places, at, strict=True))
-        now = np.linalg.norm(b - a, axis=1)
+        now = np.sqrt(dot(b - a, b - a))
         if not term.derivative:
             return term.gain * (now - length)
         u, v = (_mean(columns, place, np.zeros(3)) for place in speeds)
-        result: Array = term.gain * np.einsum("ni,ni->n", v - u, b - a) / now
+        result: Array = term.gain * dot(v - u, b - a) / now
         return result
 
     return [Summand(tuple(probes.numbers), value)]
@@ -181,7 +181,7 @@ def _along_axes(items: Items, term: Output, measure: Displacement | PointVelocit
         axes = _turn(columns, frame)
         result = np.zeros(len(columns[0]))
         for place, (_, w), rest in zip(places, measure.weights, rests, strict=True):
-            result += np.einsum("nji,nj,i->n", axes, _mean(columns, place, rest), w)
+            result += dot(dot(axes, w), _mean(columns, place, rest))
         return term.gain * (result - start)
 
     return Summand(tuple(probes.numbers), value)
@@ -197,10 +197,10 @@ def _of_angle(items: Items, term: Output, measure: RotationAngle) -> list[Summan
     def value(*columns: Array) -> Array:
         now = _turn(columns, places[0])
         if measure.a:
-            now = np.einsum("nji,njk->nik", _turn(columns, places[1]), now)
+            now = np.swapaxes(_turn(columns, places[1]), 1, 2) @ now
         quaternion = Rotation.from_matrix(now).as_quat()
-        angles = 2 * np.arctan2(quaternion[:, :3] @ measure.axis / size, quaternion[:, 3])
-        result: Array = term.gain * size * np.unwrap(angles)
+        angles = 2 * np.arctan2(dot(quaternion[:, :3], measure.axis) / size, quaternion[:, 3])
+        result: Array = term.gain * size * (angles - 2 * np.pi * np.round(angles / (2 * np.pi)))
         return result
 
     return [Summand(tuple(probes.numbers), value, period=2 * np.pi * abs(term.gain) * size)]

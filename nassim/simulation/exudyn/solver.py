@@ -19,12 +19,14 @@ from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.springs import rounding
 from nassim.simulation.exudyn.state import System, find_accelerations
 from nassim.simulation.exudyn.turning import solve_hanging
-from nassim.simulation.linear.digital_controllers import runaway, start_loops
+from nassim.simulation.linear.digital_controllers import BadCommand, runaway, start_loops
 from nassim.simulation.linear.stopped_runs import Stopped
 from nassim.simulation.model.assembly import NO_EQUILIBRIUM
 from nassim.simulation.model.buckling import axial_rows
 from nassim.simulation.model.reach import find_reach, scene_size
 
+MANY = 10**9
+"""Steps that a run one by one may have."""
 CHECKS = 200
 """How often a run looks at its state."""
 
@@ -110,85 +112,227 @@ def solve_dynamic(
     Raises Stopped, with time, body and likely cause, when the integration fails or diverges, and when Ctrl-C ends the
     run after the step at hand.
     """
-    settings = _fixed_steps(system, n_steps, time_step, spectral_radius)
-    steps = _Steps(system, inputs, n_steps, time_step, explicit=explicit)
-    watch = Monitor(system, find_reach(system.assembly, steps.inputs.T, time_step) if steps.commands.size else None)
+    scene, settings = system.assembly.scene, _fixed_steps(system, n_steps, time_step, spectral_radius)
+    samples = np.column_stack([np.zeros((n_steps + 1, 0)), *(inputs[name] for name in scene.inputs)])
+    steps = _Steps(system, samples[0], time_step, explicit=explicit)
+    commands = np.zeros((n_steps + 1, len(scene.commands)))
+    system.filtered.update({output: np.zeros(n_steps + 1) for output in steps.filtering.passed})
+    watch = Monitor(system, find_reach(system.assembly, samples.T, time_step) if scene.commands else None)
     find_accelerations(system, settings)
     chunk = max(1, n_steps // CHECKS)
+
+    def sample() -> bool:
+        """Take the samples of filters and loops; whether the controllers have worked."""
+        n = steps.begun
+        if not steps.sample(samples[n]):
+            return False
+        commands[n] = steps.commands
+        for output, passed in steps.filtering.passed.items():
+            system.filtered[output][n] = passed
+        return True
+
     with stage("simulate", total=n_steps, unit="steps", enabled=progress) as advance, _interrupts() as interrupts:
 
         def before_step(_mbs: Any, _time: float) -> bool:
+            n = steps.begun
             if look:
-                look(steps.begun)
-            steps.begin()
+                look(n)
+            if not sample():
+                return False
+            steps.act(samples[n], samples[n + 1])
             if steps.begun % chunk == 0:
                 advance(chunk)
-                watch.look(steps.begun - 1)
+                watch.look(n)
             return not interrupts and not watch.lost
 
         system.mbs.SetPreStepUserFunction(before_step)
         failure = _integrate(system, settings, explicit=explicit)
-        if not (interrupts or failure or watch.lost):
+        if not (interrupts or failure or watch.lost or steps.bad):
             watch.look(n_steps)
-        message = _ending(system, watch, steps, failure, spectral_radius, time_step, interrupted=bool(interrupts))
-        if message:
-            readings = np.vstack([_recorded(system, steps.begun), steps.commands[: steps.begun].T])
-            cause = None if interrupts or watch.lost else failure
-            raise Stopped(message, readings, watch.trust.sample, interrupted=bool(interrupts)) from cause
-        steps.end()
+            sample()
+        told = _ending(system, watch, steps, failure, spectral_radius, interrupted=bool(interrupts))
+        if told:
+            n = steps.begun
+            outputs = _recorded(system, n)
+            if watch.lost and scene.loops and not steps.bad and not interrupts:
+                told = runaway(scene, watch.lost[0][1], outputs.T, time_step)
+            cause = steps.bad.__cause__ if steps.bad else None if interrupts or watch.lost else failure
+            readings = np.vstack([outputs, commands[:n].T])
+            raise Stopped(told, readings, watch.trust.sample, interrupted=bool(interrupts)) from cause
         if look:
             look(n_steps)
         advance(n_steps % chunk)
-    return watch, steps.commands.T
+    return watch, commands.T
+
+
+class SteppedRun:
+    """A run of Exudyn's generalized-alpha solver, step by step: the same to the last digit as by `solve_dynamic`.
+
+    Attributes:
+        row: outputs and commands now, shape (outputs + commands,).
+        count: number of steps done.
+    """
+
+    def __init__(self, system: System, inputs: Array, time_step: float, spectral_radius: float) -> None:
+        """Start a run.
+
+        Args:
+            system: in its state at the start.
+            inputs: at the start, shape (inputs,).
+            time_step: [s].
+            spectral_radius: see `nassim.simulation.integrator_error`.
+
+        Raises:
+            Stopped: when Exudyn finds no accelerations to start with, or a controller in Python fails.
+        """
+        self.system, self.count, self._inputs = system, 0, inputs
+        self._radius, self._time_step = spectral_radius, time_step
+        self._settings = _fixed_steps(system, MANY, time_step, spectral_radius)
+        self._steps = _Steps(system, inputs, time_step, explicit=False)
+        self.watch = Monitor(system)
+        find_accelerations(system, self._settings)
+        self._solver: Any = exu.MainSolverImplicitSecondOrder()
+        with _silent():
+            if not self._solver.InitializeSolver(system.mbs, self._settings):
+                raise Stopped("Exudyn finds no accelerations at the start", np.zeros((len(self._names), 0)), 0)
+        self._solver.it.currentStepSize = time_step
+        self._sample()
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        scene = self.system.assembly.scene
+        return *scene.outputs, *scene.commands
+
+    def _sample(self) -> None:
+        if not self._steps.sample(self._inputs):
+            self._stop(None)
+        self.row = np.concatenate([self._steps.filtering.read_all(), self._steps.commands])
+
+    def _stop(self, failure: Exception | None) -> None:
+        told = _ending(self.system, self.watch, self._steps, failure, self._radius, interrupted=False)
+        cause = self._steps.bad.__cause__ if self._steps.bad else failure
+        raise Stopped(told, np.zeros((len(self._names), 0)), self.watch.trust.sample) from cause
+
+    def step(self, inputs: Array) -> None:
+        """Go on by a step to these inputs, shape (inputs,).
+
+        Raises:
+            Stopped: when the step fails or a controller in Python does, without readings.
+        """
+        mbs, solver, settings = self.system.mbs, self._solver, self._settings
+        self._steps.act(self._inputs, inputs)
+        try:
+            with _silent():
+                # Exudyn's own loop over steps keeps this state; without it, Newton's restarts begin at a stale one.
+                data, start = mbs.systemData, exu.ConfigurationType.StartOfStep
+                data.SetSystemState(data.GetSystemState(), start)
+                data.SetODE2Coordinates_tt(data.GetODE2Coordinates_tt(), start)
+                solver.InitializeStep(mbs, settings)
+                if not solver.DiscontinuousIteration(mbs, settings):
+                    raise RuntimeError("Newton's iterations do not converge")
+                solver.FinishStep(mbs, settings)
+        except Exception as error:
+            self._stop(error)
+        self.count, self._inputs = self.count + 1, inputs
+        self._sample()
+
+    @property
+    def state(self) -> Any:
+        """A copy of all that changes from step to step.
+
+        From here on the solver goes with a new Jacobian, here and wherever the state is restored: an old one of an
+        earlier configuration, which Newton's iterations may use as well, cannot be had from Exudyn.
+        """
+        data, solver = self.system.mbs.systemData, self._solver
+        exudyn = (data.GetSystemState(), np.array(data.GetODE2Coordinates_tt()), np.array(solver.GetAAlgorithmic()))
+        solver.conv.jacobianUpdateRequested = True
+        own = self.system.turns, self._steps.state, solver.it.currentTime, self.count, self._inputs, self.row
+        return (*exudyn, *own)
+
+    def restore(self, state: Any) -> None:
+        """Go back to a state."""
+        system_state, accelerations, algorithmic, turns, steps, time, self.count, self._inputs, self.row = state
+        data, solver, settings = self.system.mbs.systemData, self._solver, self._settings
+        # Exudyn starts with the accelerations that it finds as those of its rule, which can be set in no other way.
+        for configuration in (exu.ConfigurationType.Initial, exu.ConfigurationType.Current):
+            data.SetSystemState(system_state, configuration)
+            data.SetODE2Coordinates_tt(algorithmic, configuration)
+        rule = settings.timeIntegration.generalizedAlpha
+        rule.computeInitialAccelerations = rule.resetAccelerations = False
+        settings.timeIntegration.startTime = time
+        solver.InitializeSolverInitialConditions(self.system.mbs, settings)
+        solver.it.currentTime, solver.it.currentStepSize = time, self._time_step
+        data.SetODE2Coordinates_tt(accelerations, exu.ConfigurationType.Current)
+        solver.conv.jacobianUpdateRequested = True
+        self.system.restore_turns(turns)
+        self._steps.restore(steps)
 
 
 class _Steps:
     """Sets, step by step, the inputs and what loops add to them, after outputs passed their filters.
 
-    begun: number of steps; commands: what the loops put out, (n_steps + 1, commands)
+    begun: number of steps begun; commands: what the loops put out at the last sample, (commands,)
+    bad: the failure of a controller in Python, which must not pass through Exudyn's callbacks
     """
 
-    def __init__(
-        self, system: System, inputs: Mapping[str, Array], n_steps: int, time_step: float, *, explicit: bool
-    ) -> None:
+    def __init__(self, system: System, start: Array, time_step: float, *, explicit: bool) -> None:
+        """start: the inputs at the start, (inputs,)."""
         scene = system.assembly.scene
-        self.system, self.explicit = system, explicit
+        self.system, self.explicit, self.time_step = system, explicit, time_step
         self.begun = 0
-        self.inputs = np.column_stack([np.zeros((n_steps + 1, 0)), *(inputs[name] for name in scene.inputs)])
-        self.commands = np.zeros((n_steps + 1, len(scene.commands)))
-        self.step_loops = start_loops(scene, time_step)
-        self.filtering = Filtering(system, self.inputs, time_step)
-        self.nothing = self.held = np.zeros(len(scene.inputs))
+        self.bad: BadCommand | None = None
+        self.commands = np.zeros(len(scene.commands))
+        self.loops = start_loops(scene, time_step)
+        self.filtering = Filtering(system, time_step)
+        self.held = self.end = np.zeros(len(scene.inputs))
         self.places = np.array([scene.inputs.index(drive.input) for drive in system.drives], dtype=int)
         rates = [drive.rate for drive in system.drives]
-        self.lagging = [(k, _follow(rate, time_step)) for k, rate in enumerate(rates) if np.isfinite(rate)]
-        starting = self.inputs[0, self.places]
-        starting[[k for k, _ in self.lagging]] = 0.0
+        self.lagging = {k: _Amplifier(rate, time_step) for k, rate in enumerate(rates) if np.isfinite(rate)}
+        starting = start[self.places]
+        starting[list(self.lagging)] = 0.0
+        self.acting = starting
         system.act(starting)
 
-    def begin(self) -> None:
-        """Set what acts during the next step."""
-        count, explicit = self.begun, self.explicit
-        held = end = self.nothing
-        self.filtering.step(count, self.held)
+    def sample(self, inputs: Array) -> bool:
+        """Let filters and loops take their samples at these inputs, (inputs,); whether the controllers have worked."""
+        self.filtering.step(inputs + self.held)
         if self.commands.size:
-            held, end, self.commands[count] = self.step_loops(count, self.filtering.measure)
-            self.held = held
-        before, after = self.inputs[count], self.inputs[count + 1 - explicit]
+            try:
+                self.held, self.end, self.commands = self.loops(self.begun, self.filtering.measure)
+            except BadCommand as bad:
+                self.bad = bad
+                return False
+        return True
+
+    def act(self, before: Array, after: Array) -> None:
+        """Set what acts during the next step, with inputs before and after it, (inputs,) each."""
+        held, explicit = self.held, self.explicit
         # The implicit rule takes forces at both ends of a step. A command that jumps there enters with its mean, else
         # the loop would have half a step of delay more.
-        values = (after + (held if explicit else end))[self.places]
-        for k, follow in self.lagging:
+        values = (before + held if explicit else after + self.end)[self.places]
+        for k, follow in self.lagging.items():
             place = self.places[k]
-            values[k] = follow(before[place] + held[place], after[place] + held[place])
+            values[k] = follow(before[place] + held[place], (before if explicit else after)[place] + held[place])
+        self.acting = values
         self.system.act(values)
-        self.begun = count + 1
+        self.begun += 1
 
-    def end(self) -> None:
-        """Take what passes filters and what loops put out at the end of the last step."""
-        self.filtering.step(self.begun, self.held)
-        if self.commands.size:
-            self.commands[self.begun] = self.step_loops(self.begun, self.filtering.measure)[2]
+    @property
+    def state(self) -> Any:
+        """A copy of all that changes from step to step."""
+        followed = {k: follow.value for k, follow in self.lagging.items()}
+        now = self.begun, self.acting.copy(), self.commands.copy(), self.held.copy(), self.end.copy()
+        return (*now, followed, self.loops.state, self.filtering.state)
+
+    def restore(self, state: Any) -> None:
+        """Go back to a state."""
+        self.begun, acting, commands, held, end, followed, loops, filtering = state
+        self.acting, self.commands, self.held, self.end = acting, commands, held, end
+        for k, value in followed.items():
+            self.lagging[k].value = value
+        self.loops.restore(loops)
+        self.filtering.restore(filtering)
+        self.system.act(acting)
 
 
 def _integrate(system: System, settings: Any, *, explicit: bool) -> Exception | None:
@@ -208,17 +352,15 @@ def _ending(
     steps: _Steps,
     failure: Exception | None,
     spectral_radius: float,
-    time_step: float,
     *,
     interrupted: bool,
 ) -> str:
     """Return why a run has ended in its step number `steps.begun`; empty for one that has come to its end."""
-    scene, now = system.assembly.scene, f"t = {steps.begun * time_step:g} s"
+    scene, now = system.assembly.scene, f"t = {steps.begun * steps.time_step:g} s"
     if interrupted:
         return f"simulation stopped at {now}"
-    if watch.lost and scene.loops:
-        outputs = _recorded(system, steps.begun)[: len(scene.outputs)]
-        return runaway(scene, watch.lost[0][1], outputs.T, time_step)
+    if steps.bad:
+        return str(steps.bad)
     if watch.lost:
         return (
             f"the run diverges: at {now} body {watch.lost[0][0]!r} is deformed beyond its own size; likely an "
@@ -227,7 +369,7 @@ def _ending(
         )
     if failure is not None:
         looped = ", or look for a loop that runs away (linearize_closed, unstable_poles)" if scene.loops else ""
-        likely = watch.describe_drift(time_step, spectral_radius) or "try a smaller time_step or spectral_radius"
+        likely = watch.describe_drift(steps.time_step, spectral_radius) or "try a smaller time_step or spectral_radius"
         return f"the integration failed at {now}; {likely}{looped}"
     return ""
 
@@ -246,22 +388,21 @@ def axial_tension(system: System, body: FlexibleBody) -> Array:
     return result
 
 
-def _follow(rate: float, time_step: float) -> Callable[[float, float], float]:
+class _Amplifier:
     """What an amplifier at rest puts out at the end of each time step, whose input runs straight between two values.
 
     rate: of its low-pass [1/s]
     """
-    x = rate * time_step
-    share = -float(np.expm1(-x))
-    slope = 1 - share / x
-    value = 0.0
 
-    def follow(before: float, after: float) -> float:
-        nonlocal value
-        value += share * (before - value) + slope * (after - before)
-        return value
+    def __init__(self, rate: float, time_step: float) -> None:
+        x = rate * time_step
+        self.share = -float(np.expm1(-x))
+        self.slope = 1 - self.share / x
+        self.value = 0.0
 
-    return follow
+    def __call__(self, before: float, after: float) -> float:
+        self.value += self.share * (before - self.value) + self.slope * (after - before)
+        return self.value
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from nassim.scene.terms import ForceLaw, Output, Spring, SpringForce
 from nassim.simulation.exudyn.general import general_term
 from nassim.simulation.exudyn.items import Items
 from nassim.simulation.exudyn.outputs import add_output
-from nassim.simulation.exudyn.state import Summand
+from nassim.simulation.exudyn.state import Summand, dot
 
 Kind = exu.OutputVariableType
 MOTIONS = (Kind.Position, Kind.RotationMatrix, Kind.Velocity, Kind.AngularVelocity)
@@ -50,8 +50,8 @@ def _along(items: Items, law: Spring, measure: Displacement) -> Summand:
     def value(*columns: Array) -> Array:
         apart, speed, axes, spins = _relative(columns)
         grows = speed - np.cross(spins[frame], apart)
-        stretched = np.einsum("nji,nj,i->n", axes[frame], apart, along) - start
-        rate = np.einsum("nji,nj,i->n", axes[frame], grows, along)
+        now = dot(axes[frame], along)
+        stretched, rate = dot(now, apart) - start, dot(now, grows)
         result: Array = stiffness * stretched + damping * rate
         return result
 
@@ -69,15 +69,16 @@ def _of_six(items: Items, law: Spring, measure: RelativePose, k: int) -> Summand
 
     def value(*columns: Array) -> Array:
         apart, speed, (first, second), spins = _relative(columns)
-        turned = Rotation.from_matrix(np.einsum("nji,njk->nik", first, second)).as_rotvec()
+        turned = Rotation.from_matrix(np.swapaxes(first, 1, 2) @ second).as_rotvec()
         halfway = first @ Rotation.from_rotvec(turned / 2).as_matrix()
         # As the connector: beside the ground it takes the difference of velocities as it is.
         grows = speed - both * np.cross((spins[0] + spins[1]) / 2, apart)
+        back = np.swapaxes(halfway, 1, 2)
         moved, rates = (
-            np.hstack([np.einsum("nji,nj->ni", halfway, shift), turn])
-            for shift, turn in ((apart, turned), (grows, np.einsum("nji,nj->ni", halfway, spins[1] - spins[0])))
+            np.hstack([dot(back, shift[:, None]), turn])
+            for shift, turn in ((apart, turned), (grows, dot(back, (spins[1] - spins[0])[:, None])))
         )
-        result: Array = moved @ stiffness[k] + rates @ damping[k]
+        result: Array = dot(moved, stiffness[k]) + dot(rates, damping[k])
         return result
 
     return Summand(_sensors(items, markers), value)

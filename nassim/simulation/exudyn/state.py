@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property, partial, reduce
 from typing import Any
 
 import exudyn as exu
@@ -87,7 +87,8 @@ class _Carried:
 class Summand:
     """One summand of an output.
 
-    sensors: Exudyn's numbers; value: makes of their columns, (n_samples, k) each, the summand, (n_samples,)
+    sensors: Exudyn's numbers; value: makes of their columns, (n_samples, k) each, the summand, (n_samples,), of each
+        sample the same to the last digit as of that sample alone
     weights: of the columns of one sensor, where the summand is their weighted sum
     period: of a summand that counts turns on: what a whole turn adds to it, by which single samples are ambiguous; or 0
     """
@@ -100,7 +101,8 @@ class Summand:
     @classmethod
     def linear(cls, sensor: int, weights: Array) -> "Summand":
         """A weighted sum of one sensor's columns."""
-        return cls((sensor,), lambda columns: columns @ weights, weights)
+        column = np.reshape(weights, (-1, 1))
+        return cls((sensor,), lambda columns: np.matmul(columns[:, None, :], column)[:, 0, 0], weights)
 
 
 @dataclass(frozen=True)
@@ -117,6 +119,7 @@ class System:
     filtered: what a run lets pass, by output of `Assembly.filters`, (n_samples,) each
     turning: by inertial output, sensors of axes with which its directions turn, and these directions times gains, (3,)
     counts: last values of terms that count turns on, by their `id`
+    evaluators: of measures by general items, whose angles are counted on
     """
 
     container: Any
@@ -132,6 +135,7 @@ class System:
     filtered: dict[str, Array] = field(default_factory=dict)
     turning: dict[str, list[tuple[int, Array]]] = field(default_factory=dict)
     counts: dict[int, float] = field(default_factory=dict)
+    evaluators: Sequence[Any] = ()
 
     def apply(self, inputs: Mapping[str, float]) -> None:
         """Set the inputs, as if they had always been so."""
@@ -165,6 +169,20 @@ class System:
             result.append(_Carried(np.array(places), forces, beside, setting))
         return result
 
+    @property
+    def turns(self) -> Any:
+        """How far angles have been counted on."""
+        return list(self.counts.items()), [evaluate.last for evaluate in self.evaluators]
+
+    def restore_turns(self, turns: Any) -> None:
+        """Count angles on from there; also from those of another system of the same scene."""
+        counts, lasts = turns
+        found = [term for name in self.assembly.scene.outputs for term in self.readings[name] if term.period]
+        self.counts.clear()
+        self.counts.update(zip(map(id, found), (value for _, value in counts), strict=False))
+        for evaluate, last in zip(self.evaluators, lasts, strict=True):
+            evaluate.last = last
+
     def measuring(self, outputs: Iterable[str]) -> Callable[[], Array]:
         """A function that returns present values of these outputs, before their filters, among all, (outputs,).
 
@@ -196,7 +214,7 @@ class System:
 
     def measured(self, output: str) -> float:
         """Present value of one output, before its filter."""
-        return sum(self._present(term) for term in self.readings[output])
+        return sum((self._present(term) for term in self.readings[output]), 0.0)
 
     def _present(self, term: Summand) -> float:
         """Present value of a term; turns are counted on from the value before."""
@@ -288,9 +306,25 @@ class System:
         if output in self.filtered:
             return self.filtered[output]
         read = self.mbs.GetSensorStoredData
-        terms = [term.value(*(read(k)[:, 1:] for k in term.sensors)) for term in self.readings[output]]
-        values: Array = np.sum(terms, axis=0) if terms else np.zeros(1)
+        terms = [_counted(term, term.value(*(read(k)[:, 1:] for k in term.sensors))) for term in self.readings[output]]
+        values: Array = reduce(np.add, terms, np.zeros(1))
         return values
+
+
+def dot(a: Array, b: Array) -> Array:
+    """Sum of products over the last axis of two arrays, one by one: no digit of a sample depends on the others."""
+    result: Array = a[..., 0] * b[..., 0]
+    for k in range(1, a.shape[-1]):
+        result = result + a[..., k] * b[..., k]
+    return result
+
+
+def _counted(term: Summand, values: Array) -> Array:
+    """A summand's samples, (n_samples,), with whole turns counted on from each to the next."""
+    if not term.period:
+        return values
+    turns = np.append(0.0, np.cumsum(np.round((values[:-1] - values[1:]) / term.period)))
+    return values + term.period * turns
 
 
 def _angle(rotation: Array) -> float:

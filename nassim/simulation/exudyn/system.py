@@ -110,6 +110,7 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, s
         massless,
         sparse=mbs.systemData.ODE2Size() > LARGE,
         turning=turning,
+        evaluators=items.evaluators,
     )
 
 

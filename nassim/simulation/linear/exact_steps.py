@@ -3,10 +3,11 @@
 With the inputs held or running straight between samples, the state goes from sample to sample by its matrix
 exponential. Blocks of samples go by one product of matrices each, with loops too as long as their controllers stay
 within limits, where they are linear. A block in which a limit is met goes sample by sample, and so does all where a
-converter has a resolution.
+converter has a resolution or a controller is in Python.
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import scipy
@@ -14,7 +15,7 @@ import scipy
 from nassim.base.checks import Array
 from nassim.base.progress import Advance, silent
 from nassim.scene.scene import Scene
-from nassim.simulation.linear.digital_controllers import runaway, see_runaway
+from nassim.simulation.linear.digital_controllers import BadCommand, runaway, see_runaway
 from nassim.simulation.linear.linearization import state_space
 from nassim.simulation.linear.sampled_closed_loop import ClosedSteps, Plant, closed_steps
 from nassim.simulation.linear.stopped_runs import Stopped, Trust
@@ -47,15 +48,23 @@ def exact_response(
     kept: Sequence[int] = (),
     advance: Advance = silent,
 ) -> tuple[Array, Array, Array, Array]:
-    """Outputs of an assembled scene from rest in its equilibrium under gravity, or released: unloaded at the start.
+    """Find the response of an assembled scene from rest in its equilibrium under gravity, or released.
 
-    inputs: shape (inputs, n_samples); hold_order: 0 for inputs that keep each sample's value until the next, 1 for
-    inputs that run straight between them; kept: numbers of samples, ascending, to return all coordinates of; advance:
-    called with the number of steps done
+    Args:
+        assembly: the scene.
+        inputs: shape (inputs, n_samples).
+        time_step: [s].
+        hold_order: 0 for inputs that keep each sample's value until the next, 1 for inputs that run straight.
+        released: whether the scene starts unloaded.
+        kept: numbers of samples, ascending, to return all coordinates of.
+        advance: called with the number of steps done.
 
-    Returns the outputs (outputs, n_samples), the loops' commands (commands, n_samples), and all coordinates at some
-    200 times and at the kept samples, shape (n_all, n_times) each. Raises RuntimeError when gravity does work on a free
-    motion, and Stopped when a loop runs away.
+    Returns the outputs, shape (outputs, n_samples), the loops' commands, shape (commands, n_samples), and all
+    coordinates at some 200 times and at the kept samples, shape (n_all, n_times) each.
+
+    Raises:
+        RuntimeError: when gravity does work on a free motion.
+        Stopped: when a loop runs away, and when a controller in Python fails.
     """
     plant, start, risen, all_coordinates = _plant(assembly, time_step, hold_order, released)
     closed = closed_steps(plant, assembly.scene, time_step)
@@ -69,7 +78,7 @@ def exact_response(
     read = _reader(assembly.scene, closed, risen, inputs, all_coordinates)
     seen, at_kept, trust = [], [], Trust()
     reach = find_reach(assembly, inputs, time_step) if assembly.scene.loops else None
-    for begin, states, found in pieces(closed, start, inputs, block):
+    for begin, states, found in _told(pieces(closed, start, inputs, block), rows, trust):
         end = min(n_samples, begin + len(found))
         rows[:, begin:end] = found[: end - begin].T
         for k in range(-(begin // block) % stride, len(states), stride):
@@ -85,11 +94,78 @@ def exact_response(
         for k in sorted({(sample - begin) // block for sample in wanted}):
             now = begin + k * block
             places = [sample - now for sample in wanted if now <= sample < now + block]
-            between, _ = closed.by_samples(states[k], _samples(inputs, now, now + places[-1] + 1, n_in), now)
-            at_kept.append(read(between[:-1], now)[places])
+            between = states[k, None]
+            if places[-1]:
+                between = closed.by_samples(states[k], _samples(inputs, now, now + places[-1] + 1, n_in), now)[0][:-1]
+            at_kept.append(read(between, now)[places])
         advance(end - max(begin, 1))  # to the first sample leads no step
     all_kept = np.vstack([np.zeros((0, len(assembly.basis))), *at_kept])
     return rows[:n_out], rows[n_out:], np.array(seen).T, all_kept.T
+
+
+def _told(found: Iterator[tuple[int, Array, Array]], rows: Array, trust: Trust) -> Iterator[tuple[int, Array, Array]]:
+    """Pieces of a run until a controller in Python fails, which raises Stopped with the rows until then."""
+    try:
+        yield from found
+    except BadCommand as bad:
+        rows[:, bad.sample - len(bad.rows) : bad.sample] = bad.rows.T
+        raise Stopped(str(bad), rows[:, : bad.sample], trust.sample) from bad.__cause__
+
+
+class ExactSteps:
+    """Exact steps of an assembled scene, one by one.
+
+    Attributes:
+        row: outputs and commands now, shape (outputs + commands,).
+        count: number of steps done.
+    """
+
+    def __init__(self, assembly: Assembly, inputs: Array, time_step: float, *, hold_order: int, released: bool) -> None:
+        """Start in equilibrium under gravity, or released.
+
+        Args:
+            assembly: the scene.
+            inputs: at the start, shape (inputs,).
+            time_step: [s].
+            hold_order: see `exact_response`.
+            released: see `exact_response`.
+        """
+        plant, start, self._risen, every = _plant(assembly, time_step, hold_order, released)
+        self.assembly, self._every, self.count = assembly, every, 0
+        self._closed = closed_steps(plant, assembly.scene, time_step)
+        start = start - self._risen @ self._beside(inputs)
+        self._now = np.concatenate([start, np.zeros(self._closed.n - len(start))])
+        self._sample(inputs)
+
+    def _beside(self, inputs: Array) -> Array:
+        """Inputs, and gravity's where there is one."""
+        return np.append(inputs, np.ones(self._risen.shape[1] - len(inputs)))
+
+    def _sample(self, inputs: Array) -> None:
+        self._inputs = inputs
+        states, rows = self._closed.by_samples(self._now, self._beside(inputs)[None], self.count)
+        self._next, self.row = states[1], rows[0]
+
+    def step(self, inputs: Array) -> None:
+        """Go on by a step to these inputs, shape (inputs,)."""
+        self._now, self.count = self._next, self.count + 1
+        self._sample(inputs)
+
+    def coordinates(self) -> Array:
+        """All coordinates now, shape (n_all,)."""
+        read = _reader(self.assembly.scene, self._closed, self._risen, self._inputs[:, None], self._every)
+        result: Array = read(self._now[None], 0)[0]
+        return result
+
+    @property
+    def state(self) -> Any:
+        """A copy of all that changes from step to step."""
+        return self.count, self._now, self._next, self._inputs, self.row, self._closed.laws
+
+    def restore(self, state: Any) -> None:
+        """Go back to a state."""
+        self.count, self._now, self._next, self._inputs, self.row, laws = state
+        self._closed = self._closed.with_laws(laws)
 
 
 def _plant(
@@ -184,6 +260,8 @@ def _samples(inputs: Array, begin: int, end: int, n: int) -> Array:
 
 def _block(closed: ClosedSteps, n_samples: int) -> int:
     """Samples in a block: a whole number of periods, unless these are too long."""
+    if closed.by_law:
+        return 1  # every state is then seen without asking a controller twice
     rows = len(closed.plant.matrices[3]) + closed.plant.pushed.shape[1]
     longest = min(BLOCK, n_samples // CHECKS, int(np.sqrt(ENTRIES / (rows * closed.through.shape[1] + 1))))
     periods = max(1, longest // closed.period)
@@ -216,7 +294,7 @@ def pieces(closed: ClosedSteps, start: Array, inputs: Array, block: int) -> Iter
 
 def _whole(closed: ClosedSteps, block: int) -> StateSpace | None:
     """A block of samples as one, None where that is not linear, and where loops make numbers overflow."""
-    if closed.quantised or block % closed.period:
+    if closed.nonlinear or block % closed.period:
         return None
     a, b, c, d = whole = repeated(closed.linear(), block // closed.period)
     if not all(np.isfinite(part).all() for part in whole):

@@ -276,13 +276,15 @@ def linearize_closed(
     The model is sampled at the loops' rate: what a simulation without saturation does at its samples, exactly, with the
     excitation held between them. continuous: the continuous equivalent instead, with delay and hold by Pade's
     approximation of delay_order. The sampled model warns of modes that are quasi-static in it and could make a loop
-    unstable. Raises ValueError for a scene without loops, for an unknown one, and for several rates unless continuous.
+    unstable. Raises ValueError for a scene without loops, for an unknown one, for one
+    whose controller has no linear model, and for several rates unless continuous.
     """
     if not scene.loops:
         raise ValueError(f"scene {scene.name!r} has no loops; linearize serves")
     known_loops = [loop.name for loop in scene.loops]
     wanted = known_loops if loops is None else [known("loop", n, known_loops) for n in unique("loop", loops)]
     closed = [loop for loop in scene.loops if loop.name in wanted]
+    controllers = [loop.linear_controller for loop in closed]
     rates = {loop.controller.sample_rate for loop in closed or scene.loops}
     if len(rates) > 1 and not continuous:
         raise ValueError(
@@ -292,10 +294,10 @@ def linearize_closed(
     if not continuous:
         warn_of_folding(model, closed)
         model = sampled(model, rates.pop())
-    for loop in closed:
+    for loop, controller in zip(closed, controllers, strict=True):
         model = close_loop(
             model,
-            loop.controller,
+            controller,
             measured=loop.measured,
             driven=loop.driven,
             delay_order=delay_order,

@@ -8,7 +8,8 @@ conversion of these and one product with a matrix; without converters it is line
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from copy import deepcopy
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from itertools import pairwise
 
@@ -17,7 +18,9 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.scene.loop import Loop
 from nassim.scene.scene import Scene
-from nassim.simulation.linear.digital_controllers import converter, samples_per_period
+from nassim.simulation.linear.digital_controllers import BadCommand, ask, converter, samples_per_period
+from nassim.systems.controllers import Controller
+from nassim.systems.python_controller import ControlLaw, PythonController
 from nassim.systems.state_space import EARLIER, StateSpace, followed
 
 
@@ -41,10 +44,13 @@ class Plant:
 class _Wiring:
     """Where a loop's signals are: outputs that it measures; among states and raw values all others.
 
+    controller: the loop's, without states and gains where that is in Python; law: what is asked there, of this run
     period: in time steps; held, own, waiting, before: states; seen, computed: raw values
     """
 
     loop: Loop
+    controller: Controller
+    law: ControlLaw | None
     period: int
     measured: list[int]
     held: slice
@@ -59,6 +65,7 @@ class _Wiring:
 class ClosedSteps:
     """A scene with its controllers from sample to sample.
 
+    time_step: [s]
     reading, through: raw values of the states, (raw, n), and of the inputs, (raw, inputs)
     direct: D of all controllers, (computed, seen)
     steps: what a sample does to states and raw values, by which loops are due; filled when used
@@ -66,6 +73,7 @@ class ClosedSteps:
 
     plant: Plant
     wirings: tuple[_Wiring, ...]
+    time_step: float
     reading: Array
     through: Array
     direct: Array
@@ -77,9 +85,14 @@ class ClosedSteps:
         return math.lcm(*(wiring.period for wiring in self.wirings))
 
     @property
-    def quantised(self) -> bool:
-        """Whether a converter has a resolution; without one, all is linear within the limits."""
-        return any(wiring.loop.input_step or wiring.loop.output_step for wiring in self.wirings)
+    def by_law(self) -> bool:
+        """Whether a controller is in Python, which every sample must ask once."""
+        return any(wiring.law for wiring in self.wirings)
+
+    @property
+    def nonlinear(self) -> bool:
+        """Whether a controller is in Python or a converter has a resolution; else all is linear within the limits."""
+        return self.by_law or any(wiring.loop.input_step or wiring.loop.output_step for wiring in self.wirings)
 
     @property
     def n(self) -> int:
@@ -91,17 +104,24 @@ class ClosedSteps:
         return reduce(followed, (self._linear(self._due(k)) for k in range(self.period)))
 
     def by_samples(self, state: Array, inputs: Array, first: int) -> tuple[Array, Array]:
-        """Through the converters: states at all samples and after them, (k + 1, n); outputs and commands, (k, rows).
+        """Go through the converters, sample by sample. What a sample gives is the same alone as among others.
 
-        state: at the start, (n,); inputs: (k, inputs); first: number of the first sample since the start of the run
+        Args:
+            state: at the first sample, shape (n,).
+            inputs: shape (k, inputs).
+            first: number of the first sample since the start of the run.
+
+        Returns states at all samples and after them, shape (k + 1, n), outputs and commands, shape (k, rows).
+
+        Raises:
+            BadCommand: when a controller in Python fails, with the rows until then.
         """
         n, split, period = self.n, self.n + self.direct.shape[1], self.period
         sees = [converter(w.loop.input_step, w.loop.input_limit) for w in self.wirings for _ in w.measured]
-        puts = [converter(w.loop.output_step, w.loop.controller.limit) for w in self.wirings for _ in w.loop.driven]
+        puts = [converter(w.loop.output_step, w.controller.limit) for w in self.wirings for _ in w.loop.driven]
         values = np.empty((len(inputs) + 1, n + len(self.reading)))
-        values[0] = np.concatenate([state, self.reading @ state + self.through @ inputs[0]])
-        pushes = inputs @ self._with_raw(self._taken).T
-        pushes[:-1, n:] += inputs[1:] @ self.through.T
+        values[0, :n] = state
+        pushes, through = _each(self._taken, inputs), _each(self.through, inputs)
         steps: dict[int, tuple[Array, bool]] = {}
         for k, row in enumerate(values[:-1]):
             phase = (first + k) % period
@@ -109,19 +129,47 @@ class ClosedSteps:
                 due = self._due(phase)
                 steps[phase] = self._step(due), any(due)
             step, busy = steps[phase]
+            row[n:] = 0.0
             if busy:
+                row[n:] = self.reading.dot(row[:n]) + through[k]
                 row[n:split] = [see(value) for see, value in zip(sees, row[n:split].tolist(), strict=True)]
                 computed = row[split:] + self.direct.dot(row[n:split])
+                try:
+                    self._ask(row, computed, first + k)
+                except BadCommand as bad:
+                    bad.rows, bad.sample = self._rows(values[: k + 1, :n], inputs[:k], first), first + k
+                    raise
                 row[split:] = [put(value) for put, value in zip(puts, computed.tolist(), strict=True)]
-            following = values[k + 1]
-            step.dot(row, following)
-            following += pushes[k]
+            values[k + 1, :n] = step.dot(row) + pushes[k]
         states = values[:, :n]
-        outputs = states[:-1] @ self._shown(()).T + inputs @ self.plant.matrices[3].T
+        return states, self._rows(states, inputs, first)
+
+    def _ask(self, row: Array, computed: Array, sample: int) -> None:
+        """Put the commands of controllers in Python that are due among the computed values, of a row of all values."""
+        raw, start = row[self.n :], self.direct.shape[1]
+        for wiring in self.wirings:
+            if wiring.law and sample % wiring.period == 0:
+                found = ask(wiring.loop, wiring.law, raw[wiring.seen], sample * self.time_step)
+                computed[wiring.computed.start - start : wiring.computed.stop - start] = found
+
+    def _rows(self, states: Array, inputs: Array, first: int) -> Array:
+        """Outputs and commands of k samples, (k, rows), by states at them and after, (k + 1, n), and inputs."""
+        outputs = _each(self._shown(()), states[:-1]) + _each(self.plant.matrices[3], inputs)
         for wiring in self.wirings:
             taken = slice(-first % wiring.period, None, wiring.period)
-            outputs[taken] += states[:-1][taken] @ _earlier(self.plant, wiring, n).T
-        return states, np.hstack([outputs, self._held(states[1:])])
+            outputs[taken] += _each(_earlier(self.plant, wiring, self.n), states[:-1][taken])
+        return np.hstack([outputs, self._held(states[1:])])
+
+    @property
+    def laws(self) -> list[ControlLaw]:
+        """Copies of the controllers in Python as they are now."""
+        return [deepcopy(wiring.law) for wiring in self.wirings if wiring.law]
+
+    def with_laws(self, laws: Sequence[ControlLaw]) -> "ClosedSteps":
+        """The same with copies of these controllers in Python."""
+        found = iter(laws)
+        wirings = tuple(replace(w, law=deepcopy(next(found))) if w.law else w for w in self.wirings)
+        return replace(self, wirings=wirings)
 
     def within_limits(self, states: Array, rows: Array) -> int:
         """How many blocks of samples come before the first in which a converter meets its limit.
@@ -131,7 +179,7 @@ class ClosedSteps:
         inside = np.ones(len(states), dtype=bool)
         commands = len(self.plant.shown) - len(self.plant.pushed)  # from a place among states to that in rows
         for wiring in self.wirings:
-            limit = wiring.loop.controller.limit
+            limit = wiring.controller.limit
             own = slice(wiring.held.start + commands, wiring.held.stop + commands)
             for values, bound in (
                 (rows[:, :, wiring.measured], wiring.loop.input_limit),
@@ -144,7 +192,7 @@ class ClosedSteps:
 
     def _step(self, due: tuple[bool, ...]) -> Array:
         if due not in self.steps:
-            self.steps[due] = self._with_raw(self._moved(due))
+            self.steps[due] = self._moved(due)
         return self.steps[due]
 
     def _due(self, sample: int) -> tuple[bool, ...]:
@@ -158,7 +206,7 @@ class ClosedSteps:
         after = states.copy()
         for wiring, now in zip(self.wirings, due, strict=True):
             if now:
-                c = wiring.loop.controller
+                c = wiring.controller
                 line = np.vstack([states[wiring.waiting], converted[wiring.computed]])
                 after[wiring.before] = states[wiring.held][: wiring.before.stop - wiring.before.start]
                 after[wiring.held], after[wiring.waiting] = line[: len(c.C)], line[len(c.C) :]
@@ -178,10 +226,6 @@ class ClosedSteps:
         rows = np.vstack([shown, self._held(state.T).T])
         return state, taken, rows, np.vstack([self.plant.matrices[3], self._held(taken.T).T])
 
-    def _with_raw(self, states: Array) -> Array:
-        """Beside states, (n, k), the raw values that belong to them, (n + raw, k)."""
-        return np.vstack([states, self.reading @ states])
-
     def _held(self, states: Array) -> Array:
         """The commands that are held, of states (..., n)."""
         start, commands = self.plant.pushed.shape
@@ -199,20 +243,31 @@ class ClosedSteps:
 
 
 def closed_steps(plant: Plant, scene: Scene, time_step: float) -> ClosedSteps:
-    """A scene's loops wired to it; time_step [s]. Raises ValueError for sample rates that do not fit the time step."""
+    """Wire a scene's loops to it, their controllers at rest.
+
+    Args:
+        plant: the scene without them.
+        scene: whose loops are wired.
+        time_step: [s].
+
+    Raises:
+        ValueError: for sample rates that do not fit the time step.
+    """
     (a, _, _, d), loops = plant.matrices, scene.loops
+    controllers = [_linear_part(loop) for loop in loops]
+    laws = [deepcopy(k.controller.law) if isinstance(k.controller, PythonController) else None for k in loops]
     n_seen, n_driven = [len(loop.measured) for loop in loops], [len(loop.driven) for loop in loops]
     commands, raw = len(a) + sum(n_driven), sum(n_seen + n_driven)
-    held, own = _slices(len(a), n_driven), _slices(commands, [len(loop.controller.A) for loop in loops])
-    n_own = commands + sum(len(loop.controller.A) for loop in loops)
-    waiting = _slices(n_own, [loop.controller.delay * len(loop.driven) for loop in loops])
-    n_waiting = n_own + sum(loop.controller.delay * len(loop.driven) for loop in loops)
+    held, own = _slices(len(a), n_driven), _slices(commands, [len(controller.A) for controller in controllers])
+    n_own = commands + sum(len(controller.A) for controller in controllers)
+    lines = [controller.delay * len(loop.driven) for loop, controller in zip(loops, controllers, strict=True)]
+    waiting, n_waiting = _slices(n_own, lines), n_own + sum(lines)
     n_before = [k * bool(plant.settling.any()) for k in n_driven]
     before, n = _slices(n_waiting, n_before), n_waiting + sum(n_before)
     rows = [[scene.outputs.index(name) for name in loop.measured] for loop in loops]
     periods = [samples_per_period(loop, time_step) for loop in loops]
     seen, computed = _slices(0, n_seen), _slices(sum(n_seen), n_driven)
-    places = zip(loops, periods, rows, held, own, waiting, before, seen, computed, strict=True)
+    places = zip(loops, controllers, laws, periods, rows, held, own, waiting, before, seen, computed, strict=True)
     wirings = tuple(_Wiring(*place) for place in places)
 
     measured = [row for wiring in wirings for row in wiring.measured]
@@ -221,10 +276,26 @@ def closed_steps(plant: Plant, scene: Scene, time_step: float) -> ClosedSteps:
     through[: len(measured)] = d[measured]
     direct = np.zeros((sum(n_driven), sum(n_seen)))
     for wiring in wirings:
-        controller = wiring.loop.controller
+        controller = wiring.controller
         reading[wiring.computed, wiring.own] = controller.C
         direct[wiring.computed.start - sum(n_seen) : wiring.computed.stop - sum(n_seen), wiring.seen] = controller.D
-    return ClosedSteps(plant, wirings, reading, through, direct)
+    return ClosedSteps(plant, wirings, time_step, reading, through, direct)
+
+
+def _linear_part(loop: Loop) -> Controller:
+    """A loop's controller, without states and gains in place of one in Python."""
+    given = loop.controller
+    if isinstance(given, Controller):
+        return given
+    n_in, n_out = len(loop.measured), len(loop.driven)
+    nothing = np.zeros((0, 0)), np.zeros((0, n_in)), np.zeros((n_out, 0)), np.zeros((n_out, n_in))
+    return Controller(*nothing, given.sample_rate, given.delay, given.limit)
+
+
+def _each(matrix: Array, rows: Array) -> Array:
+    """Product of a matrix with each of some rows, (k, m), by itself: no digit of one depends on the others."""
+    result: Array = np.matmul(matrix, rows[:, :, None])[:, :, 0]
+    return result
 
 
 def _shown(plant: Plant, due: Iterable[_Wiring], n: int) -> Array:

@@ -1,7 +1,5 @@
 """What outputs pass before they are read: low-passes, band-passes, high-passes, and the ground's own acceleration."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from nassim.base.checks import Array
@@ -69,21 +67,27 @@ def static_gain(system: StateSpace) -> float:
     return float((d - c @ np.linalg.solve(a, b))[0, 0]) if len(a) else float(d[0, 0])
 
 
-def start_filter(system: StateSpace, time_step: float, value: float) -> Callable[[float], float]:
-    """A filter to which a value has come since ever: a function to be called with what comes at every time step.
+class RunningFilter:
+    """A filter to which a value has come since ever, to be called with what comes at every time step."""
 
-    Between the time steps it runs straight. The function returns what passes.
-    """
-    a, b, c, d = system
-    phi, held, risen = discretize(a, b, time_step) if len(a) else (a, b, b)
-    state = -np.linalg.solve(a, b[:, 0]) * value if len(a) else np.zeros(0)
-    before: float | None = None
+    def __init__(self, system: StateSpace, time_step: float, value: float) -> None:
+        a, b, self._c, self._d = system
+        self._phi, self._held, self._risen = discretize(a, b, time_step) if len(a) else (a, b, b)
+        self.state: tuple[Array, float | None] = (
+            -np.linalg.solve(a, b[:, 0]) * value if len(a) else np.zeros(0),
+            None,
+        )
+        """States and what came last; arrays in it are never changed."""
 
-    def step(now: float) -> float:
-        nonlocal state, before
+    def __call__(self, now: float) -> float:
+        """Filter what comes, which runs straight between the time steps; returns what passes."""
+        state, before = self.state
         if before is not None:
-            state = phi @ state + held[:, 0] * before + risen[:, 0] * (now - before)
-        before = now
-        return float(c[0] @ state + d[0, 0] * now)
+            state = self._phi @ state + self._held[:, 0] * before + self._risen[:, 0] * (now - before)
+        self.state = state, now
+        return float(self._c[0] @ state + self._d[0, 0] * now)
 
-    return step
+
+def start_filter(system: StateSpace, time_step: float, value: float) -> RunningFilter:
+    """Start a filter to which a value has come since ever; time_step [s]."""
+    return RunningFilter(system, time_step, value)

@@ -11,6 +11,7 @@ from nassim.scene.loop import Loop
 from nassim.scene.scene import Scene
 from nassim.systems.folding import folding_modes
 from nassim.systems.linear_model import LinearModel
+from nassim.systems.python_controller import PythonController
 
 BEYOND = 0.5
 """Share of strain energy in bodies that do not have all modes at a mode's frequency, above which it is unsupported."""
@@ -39,7 +40,9 @@ def warn_of_folding(model: LinearModel, loops: Sequence[Loop]) -> None:
     model: continuous, with the loops open
     """
     for loop in loops:
-        modes = folding_modes(model, loop.controller, measured=loop.measured, driven=loop.driven)
+        if isinstance(loop.controller, PythonController):  # of no known gain
+            continue
+        modes = folding_modes(model, loop.linear_controller, measured=loop.measured, driven=loop.driven)
         worst = [mode for mode in modes if mode.loop_gain > 1]
         if worst:
             listed = ", ".join(f"{mode.frequency:.4g} (folds to {mode.folded:.4g})" for mode in worst[:4])
