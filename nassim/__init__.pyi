@@ -229,6 +229,9 @@ from .simulation.model.scene_body import (
 from .simulation.model.trimming import (
     trim_scene as trim_scene,
 )
+from .simulation.run.simulation import (
+    Simulation as Simulation,
+)
 from .simulation.run.simulate import (
     simulate as simulate,
 )

@@ -64,6 +64,12 @@ from .model.trimming import (
 from .run.simulate import (
     exudyn_eigenfrequencies as exudyn_eigenfrequencies,
 )
+from .run.simulation import (
+    Simulation as Simulation,
+)
+from .run.simulation import (
+    SimulationState as SimulationState,
+)
 from .run.simulate import (
     simulate as simulate,
 )

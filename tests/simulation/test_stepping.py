@@ -1,140 +1,388 @@
-"""What a run in Exudyn does at every step and every look, gathered so that it costs little, against one by one."""
+"""Runs that are stepped one by one: against `simulate`, against own loops over matrices, from saved states."""
 
-import exudyn as exu
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import scipy
 from conftest import lattice
 
 from nassim import (
+    AngleSensor,
     Encoder,
     FlexibleBody,
     Joint,
+    Loop,
     PointForce,
+    PythonController,
     RigidBody,
     Scene,
+    Simulation,
     SpringDamper,
     TimeHistory,
     craig_bampton,
-    fixed,
+    linearize,
     revolute,
     simulate,
 )
-from nassim.simulation.exudyn.monitor import Monitor
-from nassim.simulation.exudyn.rigid_groups import find_rigid_groups
-from nassim.simulation.exudyn.system import build_system
-from nassim.simulation.model.assembly import assemble, motion_size
-from nassim.simulation.model.buckling import axial_forces
+from nassim.scene.drives import Drive
+from nassim.scene.instruments import Accelerometer, Vibrometer
+from nassim.simulation import SimulationError
+from nassim.simulation.linear.linearization import linearize_closed
+from nassim.systems.controllers import Controller
+
+STEP = 1e-4
+ODD = np.array([[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]])
+WAYS = ("exact", "linear", "ffrf")
+ACROSS = (0.6, 0.0, 0.8)
 
 
-def chain(*fidelities):
-    """Bars end to end, the first clamped, and a block on the last."""
-    bar = craig_bampton(lattice(), n_modes=2, progress=False)
-    step = bar.point("right").position - bar.point("left").position
-    turned = np.array([[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]])
+class Scheduled:
+    """A velocity feedback whose gain grows with the position, with a deadband and a limit of its own."""
+
+    def __init__(self, gain=30.0, growth=3e7, deadband=2e-4, most=0.15):
+        self.gain, self.growth, self.deadband, self.most = gain, growth, deadband, most
+        self.before, self.calls = 0.0, []
+
+    def output(self, measured, time):
+        (position,) = measured
+        speed, self.before = (position - self.before) * 1e4, position
+        self.calls.append(time)
+        active = math.copysign(max(abs(speed) - self.deadband, 0.0), speed)
+        return np.clip(-(self.gain + self.growth * position**2) * active, -self.most, self.most)
+
+
+@pytest.fixture(scope="module")
+def bar():
+    return craig_bampton(lattice(stiffness=1e5), n_modes=2, progress=False)
+
+
+def scene(bar, way, *loops, **options):
+    """A bar in an odd direction, clamped, pushed and measured at its end, with a velocity sensor."""
     start = np.array([0.1, 0.2, 0.3])
-    bodies = [RigidBody("ground", {"left": start}, fixed=True)]
-    joints = []
-    for k, fidelity in enumerate(fidelities):
-        place = start + k * step - turned @ bar.point("left").position
-        bodies.append(FlexibleBody(f"bar{k}", bar, place, turned, fidelity))
-        before = "ground.left" if k == 0 else f"bar{k - 1}.right"
-        joints.append(Joint(f"joint{k}", before, f"bar{k}.left"))
-    end, ahead = start + len(fidelities) * step, np.array([0.01, 0.0, 0.0])
-    inertia = np.diag([1e-4, 2e-4, 2.5e-4])
-    bodies.append(RigidBody("block", {"left": -ahead}, 0.3, inertia, end + ahead))
-    joints.append(Joint("mount", f"bar{len(fidelities) - 1}.right", "block.left"))
-    return Scene("chain", tuple(bodies), tuple(joints))
-
-
-@pytest.mark.parametrize("fidelities", [("linear", "linear"), ("ffrf", "linear"), ("linear", "ffrf"), ("ffrf", "ffrf")])
-def test_a_look_sees_all_bodies_as_one_by_one(fidelities):
-    system = build_system(assemble(chain(*fidelities)))
-    seen = Monitor(system)
-    random, data, states = np.random.default_rng(3), system.mbs.systemData, []
-    for sample, scale in enumerate((1e-6, 3e-6, 2e-6)):
-        data.SetODE2Coordinates(scale * random.standard_normal(data.ODE2Size()), exu.ConfigurationType.Current)
-        seen.look(sample)
-        states.append({name: system.deformation(name) for name in system.carriers})
-    assert set(seen.largest) == set(system.carriers)
-    for name in system.carriers:
-        sizes = [motion_size(system.assembly, name, state[name][:, None]) for state in states]
-        np.testing.assert_allclose(seen.largest[name], np.max(sizes, axis=0), rtol=1e-12, atol=1e-20)
-    assert set(seen.slackest) == {body.name for body in system.assembly.scene.deformable_bodies}
-    for body in system.assembly.scene.deformable_bodies:
-        found = np.column_stack([axial_forces(body.reduced, state[body.name]) for state in states])
-        assert found.shape[0] > 0
-        expected = np.minimum(found.min(axis=1), 0.0)
-        np.testing.assert_allclose(seen.slackest[body.name], expected, atol=1e-9 * np.abs(found).max())
-
-
-def heavy(name, cloud, points):
-    """A rigid body of point masses (mass, place), with points at places, all in the world."""
-    masses, places = np.array([m for m, _ in cloud]), np.array([p for _, p in cloud])
-    centre = masses @ places / masses.sum()
-    inertia = sum(m * ((p - centre) @ (p - centre) * np.eye(3) - np.outer(p - centre, p - centre)) for m, p in cloud)
-    return RigidBody(name, {k: p - centre for k, p in points.items()}, masses.sum(), inertia, centre)
-
-
-def swing(bodies, joints, names):
-    """A spatial pendulum that a spring and a force make swing far; names: whose point "hinge", "tip" and "end" is."""
-    hinge, tip, end = names
+    body = FlexibleBody(
+        "bar", bar, start - ODD @ bar.point("left").position, ODD, "ffrf" if way == "ffrf" else "linear"
+    )
+    ground = RigidBody("ground", {"o": start, "e": body.point_position("right")}, fixed=True)
     return Scene(
-        "swing",
-        bodies,
-        (*joints, revolute("pin", "post.top", f"{hinge}.hinge", (1.0, 2.0, -0.5))),
-        (PointForce("push", f"{end}.end", (0.3, 1.0, 0.2), "force"),),
-        (Encoder("tip", "ground.tip", f"{tip}.tip", "line"), Encoder("height", "ground.tip", f"{end}.end", "z")),
-        (SpringDamper("spring", "post.foot", f"{tip}.tip", "line", 300.0, 2.0),),
-        damping_ratio=0.0,
-        gravity=np.array([0.0, 0.5, -9.81]),
+        "bar",
+        (ground, body),
+        (Joint("clamp", "ground.o", "bar.left"),),
+        springs=(SpringDamper("soft", "ground.e", "bar.right", "z", 200.0, 0.05),),
+        sensors=(Encoder("x", "ground.e", "bar.right", ACROSS), Vibrometer("v", "bar.right", ACROSS)),
+        actuators=(PointForce("f", "bar.right", ACROSS, "f"),),
+        damping_ratio=0.02,
+        loops=loops,
+        **options,
     )
 
 
-def test_bodies_that_rigid_joints_hold_together_swing_as_one():
-    """Clouds of masses in three bodies on a post, against one body of all masses and a post that is the ground."""
-    random = np.random.default_rng(7)
-    pin = np.array([0.4, 0.1, 0.3])
-    foot, tip, end, anchor = random.uniform(-0.2, 0.2, (4, 3))
-    clouds = [
-        [(m, p) for m, p in zip(random.uniform(0.1, 0.9, 5), spots, strict=True)]
-        for spots in random.uniform(-0.3, 0.3, (3, 5, 3))
-    ]
-    seams = random.uniform(-0.1, 0.1, (2, 3))
-    parts = (
-        heavy("arm", clouds[0], {"hinge": pin, "seam": seams[0]}),
-        heavy("head", clouds[1], {"seam": seams[0], "other": seams[1], "tip": tip}),
-        heavy("tail", clouds[2], {"other": seams[1], "end": end, "seam": seams[0]}),
-    )
-    ground = RigidBody("ground", {"tip": anchor, "top": pin}, fixed=True)
-    loose = heavy("post", clouds[0], {"top": pin, "foot": foot})
-    rigid = RigidBody("post", {"top": pin, "foot": foot}, fixed=True)
-    joints = (
-        fixed("first", "tail.other", "head.other"),
-        fixed("mast", "post.top", "ground.top"),
-        fixed("second", "arm.seam", "head.seam"),
-        fixed("again", "arm.seam", "tail.seam"),  # which the others hold already
-    )
-    together = heavy("all", [*clouds[0], *clouds[1], *clouds[2]], {"hinge": pin, "tip": tip, "end": end})
-    scenes = (
-        swing((*parts, loose, ground), joints, ("arm", "head", "tail")),
-        swing((together, rigid, ground), (), ("all", "all", "all")),
-    )
-    systems = [build_system(assemble(scene)) for scene in scenes]
-    assert [system.mbs.systemData.ODE2Size() for system in systems] == [7, 7]
-    time = np.arange(401) * 1e-3
-    push = TimeHistory(time, 3.0 * np.sin(20.0 * time)[None], ("force",), ("N",))
-    several, one = (simulate(scene, push, time_step=1e-3, progress=False, start="released") for scene in scenes)
-    assert np.abs(one["height"]).max() > 0.05
-    for output in ("tip", "height"):
-        np.testing.assert_allclose(several[output], one[output], atol=1e-8 * np.abs(one[output]).max())
+def excitation(n, name="f", unit="N", size=1.0):
+    time = STEP * np.arange(n + 1)
+    return TimeHistory(time, size * np.sin(300 * time + 3e5 * time**2)[None], (name,), (unit,))
 
 
-def test_only_what_holds_in_all_directions_is_one():
-    """A joint that a drive would turn, one that leaves a turn free and one to a body that deforms stay joints."""
-    scene = chain("ffrf", "rigid")
-    welds = find_rigid_groups(assemble(scene))
-    assert welds.joints == {"mount"}
-    assert welds.groups == {"ground": ["ground"], "bar1": ["bar1", "block"]}
-    free = Joint("mount", "bar1.right", "block.left", free=("rx",))
-    hinged = Scene("hinged", scene.bodies, (*scene.joints[:-1], free))
-    assert find_rigid_groups(assemble(hinged)).joints == frozenset()
+def options(way):
+    return {"method": "exact" if way == "exact" else "generalized_alpha"}
+
+
+def stepped(run, values, name="f"):
+    """Signals of a run that is stepped through values, from the present on, (n + 1, signals)."""
+    return np.array([[*run.outputs.values()]] + [[*run.step({name: value}).values()] for value in values])
+
+
+def scheduled_loop(law=None, **others):
+    return Loop("own", PythonController(law or Scheduled(), sample_rate=1e4, **others), "x", "f")
+
+
+def by_matrices(closed, push):
+    """Own time loop: matrix exponential of the linear model, straight inputs, the command held in a step."""
+    model = linearize(replace(closed, loops=()))
+    n = len(model.A)
+    whole = np.zeros((n + 2, n + 2))
+    whole[:n, :n], whole[:n, n], whole[n, n + 1] = model.A, model.B[:, 0], 1.0
+    phi, law, waiting, x, rows = scipy.linalg.expm(whole * STEP), Scheduled(), 0.0, np.zeros(n), []
+    row = model.outputs.index("x")
+    for k, now in enumerate(push):
+        following = push[min(k + 1, len(push) - 1)]
+        y = model.C @ x
+        command, waiting = waiting, float(law.output(y[[row]], k * STEP))
+        rows.append([*y, command])
+        x = (phi @ [*x, now + command, (following - now) / STEP])[:n]
+    return np.array(rows)
+
+
+@pytest.mark.parametrize(("way", "share"), [("exact", 1e-9), ("linear", 0.02), ("ffrf", 0.02)])
+def test_a_controller_in_python_against_an_own_loop_over_matrices(bar, way, share):
+    push = excitation(300)
+    closed = scene(bar, way, scheduled_loop())
+    expected = by_matrices(closed, push.values[0])
+    law = closed.loops[0].controller.law
+    record = simulate(closed, push, time_step=STEP, progress=False, **options(way))
+    assert law.calls == []  # the run has its own
+    opened = simulate(replace(closed, loops=()), push, time_step=STEP, progress=False, **options(way))
+    assert np.abs(opened["x"][-100:]).max() > 1.3 * np.abs(record["x"][-100:]).max()
+    commands = record["own"]
+    assert np.abs(commands).max() == 0.15
+    assert 0.02 < np.mean(np.abs(commands) == 0.15) < 0.9
+    for k, name in enumerate(("x", "v", "own")):
+        size = np.abs(expected[:, k]).max()
+        np.testing.assert_allclose(record[name], expected[:, k], rtol=0, atol=share * size)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_steps_one_by_one_are_those_of_simulate(bar, way):
+    push = excitation(150, size=0.5)
+    closed = scene(bar, way, scheduled_loop(delay=0), gravity=(0.0, 0.3, -0.2))
+    whole = simulate(closed, push, time_step=STEP, progress=False, **options(way))
+    with Simulation(closed, time_step=STEP, **options(way)) as run:
+        assert run.time == 0.0
+        assert run.outputs == {name: whole[name][0] for name in ("x", "v", "own")}
+        rows = stepped(run, push.values[0][1:])
+        assert run.time == pytest.approx(150 * STEP)
+    for name, row in zip(("x", "v", "own"), rows.T, strict=True):
+        np.testing.assert_array_equal(row, whole[name])
+    for name in whole.names:
+        np.testing.assert_array_equal(run.record[name], whole[name])
+    assert run.record.units == whole.units
+
+
+def test_exact_steps_one_by_one_without_laws_differ_by_rounding(bar):
+    """Here `simulate` takes many samples at once; with a linear loop at a slower rate, too."""
+    loop = Loop("p", Controller(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[-10.0]], 5e3), "x", "f")
+    push = excitation(700)
+    for order in (0, 1):
+        closed = scene(bar, "exact", loop)
+        whole = simulate(closed, push, time_step=STEP, progress=False, method="exact", hold_order=order)
+        with Simulation(closed, time_step=STEP, method="exact", hold_order=order) as run:
+            rows = stepped(run, push.values[0][1:])
+        for k, name in enumerate(("x", "v", "p")):
+            np.testing.assert_allclose(rows[:, k], whole[name], rtol=0, atol=1e-11 * np.abs(whole[name]).max())
+
+
+def turning_scene():
+    """A pendulum beside a motor that an amplifier drives, with all kinds of readings that are no sums of columns."""
+    ground = RigidBody("ground", {"o": np.zeros(3), "m": np.array([0.3, 0.0, 0.0])}, fixed=True)
+    arm = RigidBody(
+        "arm", {"o": np.array([0.0, 0.0, 0.2]), "e": np.array([0.05, 0.0, -0.1])}, 0.5, np.diag([2e-3, 3e-3, 2e-3])
+    )
+    arm = replace(arm, position=np.array([0.0, 0.0, -0.2]))
+    rotor = RigidBody("rotor", {"o": np.zeros(3)}, 0.2, np.diag([1e-3, 2e-3, 1e-3]), np.array([0.3, 0.0, 0.0]))
+    return Scene(
+        "turning",
+        (ground, arm, rotor),
+        (revolute("hinge", "ground.o", "arm.o", (0.0, 0.8, 0.6)), revolute("axle", "ground.m", "rotor.o", "y")),
+        springs=(SpringDamper("s", "arm.e", "rotor.o", "x", 3.0, 0.2),),
+        sensors=(
+            AngleSensor("a", "ground.o", "arm.o", (0.0, 0.8, 0.6)),
+            Accelerometer("acc", "arm.e", "x", bandwidth=300.0),
+            Encoder("d", "rotor.o", "arm.e", "z"),
+            AngleSensor("r", "ground.m", "rotor.o", "y"),
+        ),
+        actuators=(
+            PointForce("f", "arm.e", "x", "f", bandwidth=200.0),
+            Drive("motor", "axle", "ry", "angle"),
+            Drive("tick", "hinge", "rx", speed=0.0) if False else PointForce("g", "arm.e", "y", "f"),
+        ),
+        gravity=(0.0, 0.0, -9.81),
+    )
+
+
+def test_steps_in_large_motion_with_filters_amplifiers_and_drives():
+    n, rated = 300, 40.0
+    time = 1e-3 * np.arange(n + 1)
+    values = np.array([3 * np.sin(20 * time), rated * time])
+    push = TimeHistory(time, values, ("f", "angle"), ("N", "rad"))
+    some = turning_scene()
+    setting = {"time_step": 1e-3, "start": "released", "spectral_radius": 0.75}
+    whole = simulate(some, push, progress=False, **setting)
+    assert whole["r"][-1] > 4 * np.pi / 2
+    with Simulation(some, **setting, input_rates={"angle": rated}) as run:
+        for f, angle in values[:, 1:].T[:100]:
+            run.step({"f": f, "angle": angle})
+        saved = run.state
+        for f, angle in values[:, 101:].T:
+            run.step({"f": f, "angle": angle})
+    with Simulation(some, **setting) as other:
+        other.restore(saved)
+        for f, angle in values[:, 101:].T:
+            other.step({"f": f, "angle": angle})
+    for name in whole.names:
+        np.testing.assert_array_equal(run.record[name][:101], whole[name][:101])
+        np.testing.assert_array_equal(other.record[name], run.record[name])
+        # Reading the state costs what Newton's iterations leave.
+        np.testing.assert_allclose(run.record[name], whole[name], rtol=0, atol=1e-8 * np.abs(whole[name]).max())
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_restored_state_goes_on_to_the_last_bit(bar, way):
+    """In the same run and in another one; controllers of both kinds and filters with it."""
+    lag = Controller([[0.9]], [[0.1]], [[-5.0]], [[0.0]], 5e3, delay=2)
+    closed = scene(bar, way, scheduled_loop(delay=1), Loop("lag", lag, "x", "f"))
+    closed = replace(closed, sensors=(closed.sensors[0], Vibrometer("v", "bar.right", ACROSS, bandwidth=800.0)))
+    values = excitation(160).values[0]
+    with Simulation(closed, time_step=STEP, **options(way)) as run:
+        first = stepped(run, values[1:61])
+        saved = run.state
+        then = stepped(run, values[61:])
+        run.restore(saved)
+        assert run.time == pytest.approx(60 * STEP)
+        again = stepped(run, values[61:])
+    with Simulation(closed, time_step=STEP, **options(way)) as other:
+        stepped(other, -3 * values[1:20])
+        other.restore(saved)
+        elsewhere = stepped(other, values[61:])
+    np.testing.assert_array_equal(again, then)
+    np.testing.assert_array_equal(elsewhere, then)
+    np.testing.assert_array_equal(first[-1], then[0])
+    assert np.ptp(then[:, 0]) > 1e-6
+
+
+def test_two_runs_at_once(bar):
+    values = excitation(60).values[0]
+    with (
+        Simulation(scene(bar, "ffrf"), time_step=STEP) as one,
+        Simulation(scene(bar, "ffrf"), time_step=STEP) as two,
+        Simulation(scene(bar, "linear"), time_step=STEP),
+    ):
+        for value in values[1:]:
+            one.step({"f": value})
+            two.step({"f": -2 * value})
+    with Simulation(scene(bar, "ffrf"), time_step=STEP) as alone:
+        stepped(alone, values[1:])
+    np.testing.assert_array_equal(one.record["x"], alone.record["x"])
+    assert np.abs(two.record["x"]).max() > 1.5 * np.abs(one.record["x"]).max()
+
+
+def test_inputs_keep_their_value_and_start_where_told(bar):
+    with Simulation(scene(bar, "exact"), time_step=STEP, method="exact", inputs={"f": 2.0}) as run:
+        run.step()
+        run.step({"f": 3.0})
+        run.step({})
+    np.testing.assert_array_equal(run.record["f"], [2.0, 2.0, 3.0, 3.0])
+    whole = simulate(
+        scene(bar, "exact"),
+        TimeHistory(STEP * np.arange(4), np.array([[2.0, 2, 3, 3]]), ("f",), ("N",)),
+        time_step=STEP,
+        method="exact",
+        progress=False,
+    ) if False else None
+    assert whole is None
+
+
+def test_the_plain_rule_lengthens_periods(bar):
+    """A mode of 20 steps a period: by (pi / 20)^2 / 3 without the correction, not with it."""
+    free = replace(scene(bar, "linear"), damping_ratio=0.0, springs=())
+    frequency = np.min(np.abs(linearize(free).poles())) / (2 * np.pi)
+    step, n = 1 / (20 * frequency), 2000
+    start = {"f": 0.0}
+    found = {}
+    for corrected in (True, False):
+        with Simulation(free, time_step=step, period_correction=corrected) as run:
+            run.step({"f": 1.0})
+            run.step(start)
+            x = np.array([run.step()["x"] for _ in range(n)])
+        spectrum = np.abs(np.fft.rfft(x * np.hanning(n), 64 * n))
+        found[corrected] = np.argmax(spectrum) / (64 * n * step)
+    assert found[True] == pytest.approx(frequency, rel=2e-5)
+    assert found[False] == pytest.approx(frequency / (1 + (math.pi / 20) ** 2 / 3), rel=2e-4)
+    with pytest.raises(ValueError, match=r'period_correction is of "generalized_alpha"; method .exact. has none'):
+        Simulation(free, time_step=step, method="exact", period_correction=False)
+
+
+class Faulty:
+    """Works for a while."""
+
+    def __init__(self, value, after=20):
+        self.value, self.after = value, after
+
+    def output(self, measured, time):
+        if time < (self.after - 0.5) * STEP:
+            return 0.0
+        if isinstance(self.value, Exception):
+            raise self.value
+        return self.value
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        (math.nan, r"loop 'own': its controller, a Faulty in Python, returned \[nan\] at t = 0\.002 s; commands must"),
+        (np.zeros(2), r"returned an array of shape \(2,\) at t = 0\.002 s; it must return one command"),
+        (KeyError("gain"), r"raised KeyError at t = 0\.002 s: 'gain'"),
+    ],
+    ids=["nan", "shape", "error"],
+)
+def test_a_controller_that_fails_keeps_the_record(bar, way, value, told):
+    closed, push = scene(bar, way, scheduled_loop(Faulty(value))), excitation(50)
+    with pytest.raises(SimulationError, match=told) as caught:
+        simulate(closed, push, time_step=STEP, progress=False, **options(way))
+    assert len(caught.value.record.time) == 20
+    assert isinstance(caught.value.__cause__, KeyError if isinstance(value, KeyError) else type(None))
+    with Simulation(closed, time_step=STEP, **options(way)) as run:
+        stepped(run, push.values[0][1:20])
+        with pytest.raises(SimulationError, match=told) as again:
+            run.step({"f": push.values[0][20]})
+        with pytest.raises(RuntimeError, match=r"this Simulation cannot go on: it has failed at t = 0\.0019 s"):
+            run.step()
+    for name in ("x", "v", "own"):
+        np.testing.assert_array_equal(again.value.record[name], caught.value.record[name])
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_loop_that_runs_away_is_told(bar, way):
+    class Wrong:
+        def output(self, measured, time):
+            return 1e5 * (measured[0] + 1e-9)
+
+    with (
+        Simulation(scene(bar, way, scheduled_loop(Wrong())), time_step=STEP, **options(way)) as run,
+        pytest.raises(SimulationError, match="runs away|integration failed") as caught,
+    ):
+        for _ in range(3000):
+            run.step({"f": 0.01})
+    assert len(caught.value.record.time) > 20
+
+
+def test_what_a_simulation_refuses(bar):
+    some = scene(bar, "exact")
+    run = Simulation(some, time_step=STEP, method="exact")
+    with pytest.raises(RuntimeError, match=r"cannot go on: it has not begun: use it as `with Simulation"):
+        run.step()
+    with pytest.raises(ValueError, match="a run has a record after its first step"):
+        _ = run.record
+    with run:
+        for wrong, told in (({"g": 1.0}, "unknown input 'g'"), ({"f": math.nan}, "input 'f' must be")):
+            with pytest.raises(ValueError, match=told):
+                run.step(wrong)
+        run.step({"f": 1.0})
+        state = run.state
+    for late in (run.step, lambda: run.outputs, lambda: run.state, lambda: run.restore(state)):
+        with pytest.raises(RuntimeError, match="cannot go on: its block has ended"):
+            late()
+    with pytest.raises(RuntimeError, match="a Simulation runs once"):
+        run.__enter__()
+    with Simulation(some, time_step=2 * STEP, method="exact") as other:
+        with pytest.raises(ValueError, match="restore it in a run of the same scene and options"):
+            other.restore(state)
+        with pytest.raises(ValueError, match="restore takes a state that a Simulation gave, got a int"):
+            other.restore(1)
+    with pytest.raises(ValueError, match="unknown method 'explicit'"):
+        Simulation(some, time_step=STEP, method="explicit")
+    with pytest.raises(ValueError, match="unknown input 'h'"):
+        Simulation(some, time_step=STEP, inputs={"h": 1.0})
+
+
+def test_linear_models_refuse_controllers_in_python(bar):
+    closed = scene(bar, "linear", scheduled_loop())
+    with pytest.raises(ValueError, match=r"loop 'own': its controller, a Scheduled in Python, has no linear model"):
+        linearize_closed(closed)
+    with pytest.raises(ValueError, match=r"a PythonController \(Scheduled\) has no matrices, which linear models need"):
+        _ = closed.loops[0].controller.A
+    with pytest.raises(ValueError, match=r"law must be an object with a method output\(measured, time\), got a float"):
+        PythonController(3.0, sample_rate=1e4)
+    with pytest.raises(ValueError, match="controller must be a Controller or a PythonController, got a Scheduled"):
+        Loop("own", Scheduled(), "x", "f")
+    assert linearize(closed).inputs == ("f",)

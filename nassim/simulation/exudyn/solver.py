@@ -191,9 +191,10 @@ class SteppedRun:
         self._steps = _Steps(system, inputs, time_step, explicit=False)
         self.watch = Monitor(system)
         find_accelerations(system, self._settings)
-        self._solver: Any = exu.MainSolverImplicitSecondOrder()
+        solver: Any = exu.MainSolverImplicitSecondOrder()
+        self._solver = solver
         with _silent():
-            if not self._solver.InitializeSolver(system.mbs, self._settings):
+            if not solver.InitializeSolver(system.mbs, self._settings):
                 raise Stopped("Exudyn finds no accelerations at the start", np.zeros((len(self._names), 0)), 0)
         self._solver.it.currentStepSize = time_step
         self._sample()
@@ -362,16 +363,21 @@ def _ending(
     if steps.bad:
         return str(steps.bad)
     if watch.lost:
-        return (
-            f"the run diverges: at {now} body {watch.lost[0][0]!r} is deformed beyond its own size; likely an "
-            f"excitation far too large, or a spectral_radius of {spectral_radius:g} on a spinning body without "
-            "damping: take a smaller one or a smaller time_step"
-        )
+        return diverged(watch.lost[0][0], steps.begun * steps.time_step, spectral_radius)
     if failure is not None:
         looped = ", or look for a loop that runs away (linearize_closed, unstable_poles)" if scene.loops else ""
         likely = watch.describe_drift(steps.time_step, spectral_radius) or "try a smaller time_step or spectral_radius"
         return f"the integration failed at {now}; {likely}{looped}"
     return ""
+
+
+def diverged(body: str, time: float, spectral_radius: float) -> str:
+    """Return what to say of a run that diverges: which body is lost, and when [s]."""
+    return (
+        f"the run diverges: at t = {time:g} s body {body!r} is deformed beyond its own size; likely an "
+        f"excitation far too large, or a spectral_radius of {spectral_radius:g} on a spinning body without "
+        "damping: take a smaller one or a smaller time_step"
+    )
 
 
 def _recorded(system: System, n_samples: int) -> Array:

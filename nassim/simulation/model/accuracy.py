@@ -65,7 +65,11 @@ def period_errors(scene: Scene | Assembly, time_step: float, *, spectral_radius:
     drives follow inputs. Motion forced at a frequency f far above a mode stays too small, by (2 pi f h)^2 / 6.
     """
     assembly = scene if isinstance(scene, Assembly) else assemble(scene)
-    stepped, _ = _stepped_modes(assembly, Steps(time_step, spectral_radius))
+    return _period_errors(assembly, Steps(time_step, spectral_radius))
+
+
+def _period_errors(assembly: Assembly, steps: Steps) -> Array:
+    stepped, _ = _stepped_modes(assembly, steps)
     result: Array = np.where(assembly.free, 0.0, stepped / np.where(assembly.free, 1.0, assembly.frequency) - 1)
     return result
 
@@ -100,7 +104,6 @@ def describe_steps(assembly: Assembly, steps: Steps, highest: float) -> str:
     below = (assembly.frequency <= highest) & ~assembly.free
     if not below.any():
         return ""
-    errors = period_errors(assembly, steps.time_step, spectral_radius=steps.spectral_radius)[below]
-    damping = numerical_damping(assembly, steps.time_step, spectral_radius=steps.spectral_radius)[below].max()
+    errors, damping = _period_errors(assembly, steps)[below], _stepped_modes(assembly, steps)[1][below].max()
     damped = f" and damp them by up to {100 * damping:.2g} % of critical" if damping > 0 else ""
     return f"the steps shift modes up to {highest:.4g} Hz by up to {100 * np.abs(errors).max():.2g} %{damped}"

@@ -16,6 +16,7 @@ from itertools import combinations
 import numpy as np
 import scipy
 
+from nassim.base.callers import outside
 from nassim.base.checks import Array
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.simulation.model.assembly import Assembly
@@ -76,7 +77,7 @@ def warn_of_buckling(assembly: Assembly, tensions: Mapping[str, Array]) -> None:
         warnings.warn(
             f"the preload in body {name!r} is {share:.2g} of its buckling load (estimated, within a factor of "
             f"{FACTOR} for slender columns); it would {does}, but simulations leave its stiffness out",
-            stacklevel=5,
+            stacklevel=outside(),
         )
 
 

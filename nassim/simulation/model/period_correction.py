@@ -43,10 +43,14 @@ MASSLESS = 1e-12
 
 @dataclass(frozen=True)
 class Steps:
-    """Steps of generalized-alpha: time_step [s]; spectral_radius: see `nassim.simulation.integrator_error`."""
+    """Steps of generalized-alpha: time_step [s]; spectral_radius: see `nassim.simulation.integrator_error`.
+
+    corrected: whether masses and dampings make up for what the rule does to periods
+    """
 
     time_step: float
     spectral_radius: float = 1.0
+    corrected: bool = True
 
     @property
     def coefficients(self) -> tuple[float, float, float, float]:
@@ -61,6 +65,8 @@ class Steps:
         The rule's equations for q = z^n with z = exp(i omega h) make M a(z) + C h b(z) + K h^2 d(z) = 0, of which the
         imaginary part after division by b leaves M.
         """
+        if not self.corrected:
+            return np.ones(len(frequency)), np.ones(len(frequency))
         alpha_m, alpha_f, gamma, beta = self.coefficients
         x = np.clip(np.pi * frequency * self.time_step, 1e-4, FASTEST)
         z = np.exp(2j * x)
@@ -88,7 +94,7 @@ def compensated(assembly: Assembly, steps: Steps) -> tuple[Assembly, Array]:
     can leave the position in which these are their modes, free or driven, no more than bodies can spare everywhere.
     """
     damping, elastic = assembly.damping, ~assembly.free
-    if not damping.root.size or not elastic.any():
+    if not steps.corrected or not damping.root.size or not elastic.any():
         return assembly, np.zeros_like(damping.root)
     mass, growth = steps.factors(assembly.frequency)
     wanted, bent = 1 - mass[elastic], damping.root @ damping.deformation @ assembly.shapes[:, elastic]

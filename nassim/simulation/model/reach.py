@@ -55,28 +55,52 @@ def find_reach(assembly: Assembly, inputs: Array, time_step: float) -> Reach:
 
     Returns the bounds.
     """
-    scene = assembly.scene
-    bodies = [body for body in scene.bodies if body.moves]
-    masses = {body.name: body.rigid_inertia[0] for body in bodies}
-    mass, size = float(np.sum([*masses.values()])), scene_size(assembly)
-    limits = np.zeros(len(scene.inputs))
-    for loop in scene.loops:
-        if np.isfinite(loop.controller.limit):
-            limits[[scene.inputs.index(name) for name in loop.driven]] += loop.controller.limit
-    forces = (np.abs(inputs) + limits[:, None]).T @ _strengths(assembly, bodies)
-    forces = forces + np.sqrt(mass) * float(np.linalg.norm(scene.gravity))
-    speeds = np.zeros(inputs.shape[1])
-    joints = {joint.name: joint.measure for joint in scene.terms_of(Constraint)}
-    for drive in scene.terms_of(PrescribedMotion):
-        lever = 1.0 if joints[drive.constraint].rotation_axis(drive.component) is None else size
-        speeds += lever * abs(drive.speed)
-        if drive.input:
-            k = scene.inputs.index(drive.input)
-            speeds += lever * np.abs(np.gradient(inputs[k], time_step))
-            size += lever * float(limits[k])
-    momentum = np.sqrt(2 * starting_energy(scene)) + time_step * np.cumsum(forces)
-    momentum += np.sqrt(mass) * np.maximum.accumulate(speeds)
-    return Reach(size, time_step * np.cumsum(momentum), masses)
+    return GrowingReach(assembly, time_step).after(inputs)
+
+
+class GrowingReach:
+    """Finds how far bodies can get, from one piece of a run to the next."""
+
+    def __init__(self, assembly: Assembly, time_step: float) -> None:
+        scene = assembly.scene
+        bodies = [body for body in scene.bodies if body.moves]
+        self._scene, self._time_step = scene, time_step
+        self._masses = {body.name: body.rigid_inertia[0] for body in bodies}
+        self._mass, self._size = float(np.sum([*self._masses.values()])), scene_size(assembly)
+        self._limits = np.zeros(len(scene.inputs))
+        for loop in scene.loops:
+            if np.isfinite(loop.controller.limit):
+                self._limits[[scene.inputs.index(name) for name in loop.driven]] += loop.controller.limit
+        self._strengths = _strengths(assembly, bodies)
+        joints = {joint.name: joint.measure for joint in scene.terms_of(Constraint)}
+        self._drives = [
+            (drive, 1.0 if joints[drive.constraint].rotation_axis(drive.component) is None else self._size)
+            for drive in scene.terms_of(PrescribedMotion)
+        ]
+        self._momentum, self._speed, self._path = np.sqrt(2 * starting_energy(scene)), 0.0, 0.0
+
+    def after(self, inputs: Array) -> Reach:
+        """Return the bounds at the samples of a next piece of the run.
+
+        Args:
+            inputs: the excitation there, shape (inputs, n_samples).
+        """
+        scene, mass, size, time_step = self._scene, self._mass, self._size, self._time_step
+        forces = (np.abs(inputs) + self._limits[:, None]).T @ self._strengths
+        forces = forces + np.sqrt(mass) * float(np.linalg.norm(scene.gravity))
+        speeds = np.zeros(inputs.shape[1])
+        for drive, lever in self._drives:
+            speeds += lever * abs(drive.speed)
+            if drive.input:
+                k = scene.inputs.index(drive.input)
+                if inputs.shape[1] > 1:
+                    speeds += lever * np.abs(np.gradient(inputs[k], time_step))
+                size += lever * float(self._limits[k])
+        momentum = self._momentum + time_step * np.cumsum(forces)
+        fastest = np.maximum(np.maximum.accumulate(speeds), self._speed)
+        path = self._path + time_step * np.cumsum(momentum + np.sqrt(mass) * fastest)
+        self._momentum, self._speed, self._path = float(momentum[-1]), float(fastest[-1]), float(path[-1])
+        return Reach(size, path, self._masses)
 
 
 def scene_size(assembly: Assembly) -> float:

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from nassim.base.callers import outside
 from nassim.base.checks import Array
 from nassim.bodies.strain import Strain
 from nassim.scene.loop import Loop
@@ -51,5 +52,5 @@ def warn_of_folding(model: LinearModel, loops: Sequence[Loop]) -> None:
                 f"what the bodies' reductions hold: at {listed} Hz. If they are as little damped as the scene says, "
                 f"the loop's gain on them is up to {worst[0].loop_gain:.3g}: give the actuator a bandwidth, or lower "
                 f"the gain by that factor, or reduce the bodies with more modes",
-                stacklevel=3,
+                stacklevel=outside(),
             )

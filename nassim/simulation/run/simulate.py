@@ -6,41 +6,33 @@ from dataclasses import replace
 import numpy as np
 
 from nassim.base.checks import Array, finite, known
-from nassim.base.progress import stage, tell
+from nassim.base.progress import stage
 from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
 from nassim.signals.time_history import TimeHistory, occupied_bandwidth
 from nassim.simulation.exudyn.frames import Frames
 from nassim.simulation.exudyn.solver import axial_tension, eigenfrequencies, solve_dynamic, solve_static
-from nassim.simulation.exudyn.state import System
 from nassim.simulation.exudyn.system import build_system
-from nassim.simulation.exudyn.turning import solve_turning
 from nassim.simulation.linear.exact_steps import exact_response
-from nassim.simulation.linear.linearization import linearize, state_space
 from nassim.simulation.linear.stopped_runs import Stopped
-from nassim.simulation.model.accuracy import describe_steps
 from nassim.simulation.model.assembly import assemble, motion_size
-from nassim.simulation.model.buckling import axial_forces, warn_of_buckling
-from nassim.simulation.model.initial_velocities import initial_twists, looks_the_same, steady_twists, turns_freely
-from nassim.simulation.model.period_correction import Steps
+from nassim.simulation.model.buckling import warn_of_buckling
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
 from nassim.simulation.model.recorded_motion import frame_steps, recorded_motion, traced
-from nassim.simulation.model.unsupported_modes import warn_of_folding
-from nassim.simulation.run.checks import check_drives, check_exact, check_loops, check_options, check_stability
 from nassim.simulation.run.excitation import sampled
-from nassim.simulation.run.warnings_of_runs import (
-    warn_of_changed_modes,
-    warn_of_drift,
-    warn_of_far_equilibrium,
-    warn_of_motion,
-    warn_of_ringing,
-    warn_of_spin,
+from nassim.simulation.run.preparation import (
+    METHODS,
+    Options,
+    check_run,
+    exact_assembly,
+    settle,
+    signal_units,
+    start_system,
+    warn_after_exact_steps,
+    warn_after_steps,
 )
+from nassim.simulation.run.warnings_of_runs import warn_of_motion
 
-METHODS = ("generalized_alpha", "exact", "explicit")
-STARTS = ("equilibrium", "released")
-TURNING_RADIUS = 0.9
-"""Spectral radius where bodies can turn far: for up to 0.1 rad in a step."""
 STEADY = 1e-3
 """Change of a drive's speed from step to step, over the speed, up to which the speed is one to start at."""
 
@@ -56,6 +48,7 @@ def simulate(
     spectral_radius: float | None = None,
     hold_order: int | None = None,
     start: str = "equilibrium",
+    period_correction: bool = True,
     progress: bool = True,
 ) -> TimeHistory:
     """Simulate a scene and record its inputs and outputs together at every time step.
@@ -83,6 +76,10 @@ def simulate(
             what a drive turns at constant speed from the start is at rest on its turntable, under centrifugal forces
             too; "released", it is as drawn, unloaded, and falls from the first step on: a pendulum let go at an angle.
             Bodies with an angular_velocity turn from the start in both.
+        period_correction: of generalized-alpha only. True changes masses that the rule steps so that every mode keeps
+            its period: a mode of period T loses the share 2/3 (pi h / T)^2 of its mass at steps h and a spectral radius
+            of 1, and its damping is scaled to keep its ratio. Rigid-body mass, weight and stiffness stay as they are.
+            False is the plain rule with the true masses, which lengthens periods by (pi h / T)^2 / 3.
         progress: show a bar; Ctrl-C stops the run at the end of a step.
 
     Returns the signals of `excitation` at the time steps, counted from its first sample, then the outputs. Warns of
@@ -100,9 +97,9 @@ def simulate(
             size, forces, speeds and drives account for (`nassim.simulation.model.reach`).
         SimulationInterrupted: a KeyboardInterrupt with the same `record`, after Ctrl-C; the exact method has none.
     """
-    return _simulate(
-        scene, excitation, time_step, duration, outputs, method, spectral_radius, hold_order, start, None, progress
-    )[0]
+    known("method", method, METHODS)
+    options = Options(time_step, method, spectral_radius, hold_order, start, period_correction)
+    return _simulate(scene, excitation, options, duration, outputs, None, progress=progress)[0]
 
 
 def simulate_motion(
@@ -117,6 +114,7 @@ def simulate_motion(
     spectral_radius: float | None = None,
     hold_order: int | None = None,
     start: str = "equilibrium",
+    period_correction: bool = True,
     progress: bool = True,
 ) -> tuple[TimeHistory, Motion]:
     """Simulate, and also return the bodies' motion at chosen times.
@@ -134,6 +132,7 @@ def simulate_motion(
         spectral_radius: as of `simulate`.
         hold_order: as of `simulate`.
         start: as of `simulate`.
+        period_correction: as of `simulate`.
         progress: as of `simulate`.
 
     Returns what `simulate` does and the motion of all bodies of the scene, fixed ones too, in the world's frame.
@@ -142,9 +141,9 @@ def simulate_motion(
         ValueError: as `simulate`, and for frames that the run does not have.
         RuntimeError: as `simulate`; the exceptions of runs that end early keep the record, but no motion.
     """
-    record, motion = _simulate(
-        scene, excitation, time_step, duration, outputs, method, spectral_radius, hold_order, start, frames, progress
-    )
+    known("method", method, METHODS)
+    options = Options(time_step, method, spectral_radius, hold_order, start, period_correction)
+    record, motion = _simulate(scene, excitation, options, duration, outputs, frames, progress=progress)
     assert motion is not None
     return record, motion
 
@@ -152,24 +151,17 @@ def simulate_motion(
 def _simulate(
     scene: Scene,
     excitation: TimeHistory,
-    time_step: float,
+    options: Options,
     duration: float | None,
     outputs: Sequence[str] | None,
-    method: str,
-    spectral_radius: float | None,
-    hold_order: int | None,
-    start: str,
     frames: int | Array | None,
+    *,
     progress: bool,
 ) -> tuple[TimeHistory, Motion | None]:
-    known("method", method, METHODS)
-    known("start", start, STARTS)
-    available = (*scene.outputs, *scene.commands)
+    available, time_step = (*scene.outputs, *scene.commands), options.time_step
     names = available if outputs is None else tuple(outputs)
     for name in names:
         known("output", name, available)
-    check_options(method, spectral_radius, hold_order)
-    radius = _default_radius(scene) if spectral_radius is None else spectral_radius
     excitation = sampled(scene, excitation, time_step=time_step, duration=duration)
     n_steps = len(excitation.time) - 1
     kept = np.zeros(0, dtype=int) if frames is None else frame_steps(frames, n_steps, time_step)
@@ -177,35 +169,22 @@ def _simulate(
     looped = {name for loop in scene.loops for name in loop.driven}
     signals = {name: np.zeros(n_steps + 1) for name in looped}
     signals |= dict(zip(excitation.names, excitation.values, strict=True))
-    check_loops(scene, time_step)
-    check_drives(scene, signals)
-    if method == "generalized_alpha" and not scene.in_small_motion:
-        warn_of_ringing(scene, radius, time_step)
-    released = start == "released"
+    check_run(scene, options, signals)
     try:
-        if method == "exact":
-            order = 1 if hold_order is None else hold_order
-            readings, motion = _solve_exactly(scene, signals, n_steps, time_step, order, released, kept, progress)
+        if options.method == "exact":
+            readings, motion = _solve_exactly(scene, signals, n_steps, options, kept, progress=progress)
         else:
-            if method == "explicit":
-                check_stability(scene, time_step)
-            steps = Steps(time_step, radius) if method == "generalized_alpha" else None
-            told = occupied_bandwidth(excitation) if progress else 0.0
-            readings, motion = _integrate(scene, signals, n_steps, time_step, steps, released, kept, progress, told)
+            highest = occupied_bandwidth(excitation) if progress else 0.0
+            readings, motion = _integrate(scene, signals, n_steps, options, kept, highest, progress=progress)
     except Stopped as stop:
         record = _record(scene, excitation, names, stop.readings) if stop.readings.shape[1] > 1 else None
         raise stop.told(record, time_step) from stop.__cause__
     return _record(scene, excitation, names, readings), motion
 
 
-def _default_radius(scene: Scene) -> float:
-    return TURNING_RADIUS if not scene.in_small_motion and turns_freely(scene) else 1.0
-
-
 def _record(scene: Scene, excitation: TimeHistory, names: Sequence[str], readings: Array) -> TimeHistory:
     """The excitation and what is asked for of outputs and commands, (outputs + commands, n), of the first n samples."""
-    units = [*scene.output_units]
-    units += [scene.input_unit(name) for loop in scene.loops for name in loop.driven]
+    units = signal_units(scene)
     chosen = [(*scene.outputs, *scene.commands).index(name) for name in names]
     n_samples = readings.shape[1]
     return TimeHistory(
@@ -220,47 +199,33 @@ def _integrate(
     scene: Scene,
     signals: Mapping[str, Array],
     n_steps: int,
-    time_step: float,
-    steps: Steps | None,
-    released: bool,
+    options: Options,
     kept: Array,
+    highest: float,
+    *,
     progress: bool,
-    told_frequency: float,
 ) -> tuple[Array, Motion | None]:
-    """Run Exudyn with steps of generalized-alpha, None: with the explicit rule; told_frequency: of what is printed.
+    """Run Exudyn; highest: frequency up to which is told what steps do [Hz].
 
     Returns outputs and commands, and the motion at the steps that are kept, if any.
     """
-    rates, steady = _starting_rates(scene, signals, time_step)
-    twists = initial_twists(scene, rates)
-    told = warn_of_spin(scene, {name: float(np.linalg.norm(twist[3:])) for name, twist in twists.items()})
-    assembly = assemble(scene)
-    if scene.in_small_motion:
-        state_space(assembly)  # refuses outputs that need a derivative of what a drive follows
-    if steps and (line := describe_steps(assembly, steps, told_frequency)):
-        tell(line)
-    system = build_system(assembly, rates, steps)
-    if not released and _settle(system, steady):
-        warn_of_far_equilibrium(system)
+    rates, steady = _starting_rates(scene, signals, options.time_step)
+    system, told = start_system(scene, options, rates, steady, highest)
     frames = Frames(system, kept)
-    radius = steps.spectral_radius if steps else 1.0
+    steps = options.steps(scene)
     watch, commands = solve_dynamic(
         system,
         signals,
         n_steps=n_steps,
-        time_step=time_step,
-        spectral_radius=radius,
+        time_step=options.time_step,
+        spectral_radius=steps.spectral_radius if steps else 1.0,
         progress=progress,
         explicit=steps is None,
         look=frames if len(kept) else None,
     )
-    warn_of_spin(scene, watch.speeds, told)
-    warn_of_motion(system.assembly, watch.largest)
-    warn_of_buckling(system.assembly, watch.slackest)
-    warn_of_changed_modes(system.assembly, watch.shifts)
-    warn_of_drift(watch.describe_drift(time_step, radius))
+    warn_after_steps(system, watch, told, options)
     readings = [np.broadcast_to(system.recorded(name), (n_steps + 1,)) for name in scene.outputs]
-    motion = frames.motion(kept * time_step) if len(kept) else None
+    motion = frames.motion(kept * options.time_step) if len(kept) else None
     return np.vstack([np.reshape(readings, (len(scene.outputs), n_steps + 1)), commands]), motion
 
 
@@ -273,52 +238,22 @@ def _starting_rates(
     return rates, {name: rate * (abs(steps[name][-1] - rate) <= STEADY * abs(rate)) for name, rate in rates.items()}
 
 
-def _settle(system: System, rates: Mapping[str, float]) -> bool:
-    """Bring a system into equilibrium, at rest or turning steadily; whether there is anything that moves it there."""
-    scene = system.assembly.scene
-    twists = steady_twists(scene, rates)
-    if twists is None:
-        if np.any(scene.gravity):
-            solve_static(system)
-        return bool(np.any(scene.gravity))
-    growing = solve_turning(system, twists)
-    if growing and not scene.loops and looks_the_same(scene, twists):
-        raise ValueError(
-            f"the spinning equilibrium of scene {scene.name!r} to start from is unstable: {growing[0]}; change the "
-            'speed, or let the scene go as it is drawn by simulate(..., start="released")'
-        )
-    return True
-
-
 def _solve_exactly(
-    scene: Scene,
-    signals: Mapping[str, Array],
-    n_steps: int,
-    time_step: float,
-    hold_order: int,
-    released: bool,
-    kept: Array,
-    progress: bool,
+    scene: Scene, signals: Mapping[str, Array], n_steps: int, options: Options, kept: Array, *, progress: bool
 ) -> tuple[Array, Motion | None]:
-    check_exact(scene)
-    assembly = assemble(scene)
-    if scene.loops and np.any(assembly.unsupported):
-        warn_of_folding(linearize(scene), scene.loops)
+    assembly, time_step = exact_assembly(scene), options.time_step
     driven = np.reshape([signals[name] for name in scene.inputs], (len(scene.inputs), n_steps + 1))
     with stage("simulate", total=n_steps, unit="steps", enabled=progress) as advance:
         readings, commands, coordinates, at_kept = exact_response(
-            assembly, driven, time_step, hold_order=hold_order, released=released, kept=kept.tolist(), advance=advance
+            assembly,
+            driven,
+            time_step,
+            hold_order=options.order,
+            released=options.released,
+            kept=kept.tolist(),
+            advance=advance,
         )
-    warn_of_motion(
-        assembly, {name: motion_size(assembly, name, coordinates[place]) for name, place in assembly.slices.items()}
-    )
-    warn_of_buckling(
-        assembly,
-        {
-            body.name: axial_forces(body.reduced, coordinates[assembly.slices[body.name]]).min(axis=1)
-            for body in assembly.scene.deformable_bodies
-        },
-    )
+    warn_after_exact_steps(assembly, coordinates)
     own = {name: at_kept[place].T for name, place in assembly.slices.items()}
     motion = recorded_motion(assembly, kept * time_step, own, {}) if len(kept) else None
     return np.vstack([readings, commands]), motion
@@ -336,7 +271,7 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
         values[known("input", name, scene.inputs)] = finite(f"input {name!r}", value)
     system = build_system(assemble(scene))
     system.apply(values)
-    if not _settle(system, {}):
+    if not settle(system, {}):
         solve_static(system)
     assembly = system.assembly
     warn_of_motion(

@@ -5,6 +5,7 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
+from nassim.base.callers import outside
 from nassim.base.checks import Array
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Output, OutputFilter
@@ -32,13 +33,13 @@ def warn_of_motion(assembly: Assembly, largest: Mapping[str, Array]) -> None:
             warnings.warn(
                 f"body {name!r} turned by up to {rotation:.2g} rad, where small motion is wrong by some "
                 f'{50 * rotation**2:.2g} %: give flexible bodies fidelity "ffrf"',
-                stacklevel=5,
+                stacklevel=outside(),
             )
         if max(deformation, rotation * floating) > SMALL_MOTION:
             warnings.warn(
                 f"body {name!r} is deformed by up to {100 * deformation:.2g} % of its size and {rotation:.2g} rad; "
                 "reduced bodies hold for small deformation only, whatever their fidelity",
-                stacklevel=5,
+                stacklevel=outside(),
             )
 
 
@@ -57,7 +58,7 @@ def warn_of_changed_modes(assembly: Assembly, shifts: Mapping[tuple[str, str], A
                 f"body {name!r} moved by up to {turn:.2g} rad and {displacement:.2g} m as seen from {other!r}, and the "
                 "scene's damping_ratio is that of its modes as it is drawn: elsewhere they have other ratios. Give "
                 "flexible bodies a damping_ratio of their own, which holds in every position, and the scene 0",
-                stacklevel=5,
+                stacklevel=outside(),
             )
             return
 
@@ -69,7 +70,7 @@ def warn_of_far_equilibrium(system: System) -> None:
         warnings.warn(
             f"the run starts in static equilibrium, with body {name!r} turned by {angle:.2g} rad from where it is "
             'drawn; to let it go as it is drawn, give start="released"',
-            stacklevel=5,
+            stacklevel=outside(),
         )
 
 
@@ -86,7 +87,7 @@ def warn_of_spin(scene: Scene, speeds: Mapping[str, float], told: Collection[str
             warnings.warn(
                 f"body {body.name!r} turns at {rate:.3g} Hz, its first frequency is {first:.4g} Hz: centrifugal "
                 f"stiffening, which the floating frame leaves out, would raise that by some {100 * rise:.2g} % or more",
-                stacklevel=5,
+                stacklevel=outside(),
             )
     return found
 
@@ -94,7 +95,7 @@ def warn_of_spin(scene: Scene, speeds: Mapping[str, float], told: Collection[str
 def warn_of_drift(said: str) -> None:
     """Warn of a run whose velocities have parted from the constraints; said: of it, empty where they have not."""
     if said:
-        warnings.warn(f"{said}; do not trust what comes after that time", stacklevel=5)
+        warnings.warn(f"{said}; do not trust what comes after that time", stacklevel=outside())
 
 
 def warn_of_ringing(scene: Scene, spectral_radius: float, time_step: float) -> None:
@@ -105,5 +106,5 @@ def warn_of_ringing(scene: Scene, spectral_radius: float, time_step: float) -> N
         warnings.warn(
             f"output {read[0]!r} reads an acceleration in large motion, which rings from step to step at "
             f"spectral_radius {spectral_radius:g} by what Newton's iterations leave; take {RINGING:g} or less",
-            stacklevel=4,
+            stacklevel=outside(),
         )

@@ -1,0 +1,167 @@
+"""What comes before and after the steps of a run, whoever makes them: checks, systems, equilibrium, warnings."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nassim.base.checks import Array, known
+from nassim.base.progress import tell
+from nassim.scene.scene import Scene
+from nassim.simulation.exudyn.monitor import Monitor
+from nassim.simulation.exudyn.solver import solve_static
+from nassim.simulation.exudyn.state import System
+from nassim.simulation.exudyn.system import build_system
+from nassim.simulation.exudyn.turning import solve_turning
+from nassim.simulation.linear.linearization import linearize, state_space
+from nassim.simulation.model.accuracy import describe_steps
+from nassim.simulation.model.assembly import Assembly, assemble, motion_size
+from nassim.simulation.model.buckling import axial_forces, warn_of_buckling
+from nassim.simulation.model.initial_velocities import initial_twists, looks_the_same, steady_twists, turns_freely
+from nassim.simulation.model.period_correction import Steps
+from nassim.simulation.model.unsupported_modes import warn_of_folding
+from nassim.simulation.run.checks import check_drives, check_exact, check_loops, check_options, check_stability
+from nassim.simulation.run.warnings_of_runs import (
+    warn_of_changed_modes,
+    warn_of_drift,
+    warn_of_far_equilibrium,
+    warn_of_motion,
+    warn_of_ringing,
+    warn_of_spin,
+)
+
+METHODS = ("generalized_alpha", "exact", "explicit")
+STARTS = ("equilibrium", "released")
+TURNING_RADIUS = 0.9
+"""Spectral radius where bodies can turn far: for up to 0.1 rad in a step."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a run steps and starts; see `nassim.simulation.simulate`."""
+
+    time_step: float
+    method: str
+    spectral_radius: float | None
+    hold_order: int | None
+    start: str
+    period_correction: bool
+
+    def __post_init__(self) -> None:
+        known("start", self.start, STARTS)
+        check_options(self.method, self.spectral_radius, self.hold_order)
+        if not self.period_correction and self.method != "generalized_alpha":
+            raise ValueError(
+                f'period_correction is of "generalized_alpha"; method {self.method!r} has none, leave it out'
+            )
+
+    @property
+    def order(self) -> int:
+        """Hold order of the exact method."""
+        return 1 if self.hold_order is None else self.hold_order
+
+    @property
+    def released(self) -> bool:
+        """Whether the scene starts as drawn."""
+        return self.start == "released"
+
+    def radius(self, scene: Scene) -> float:
+        """Spectral radius; that of a scene where none is given."""
+        if self.spectral_radius is not None:
+            return self.spectral_radius
+        return TURNING_RADIUS if not scene.in_small_motion and turns_freely(scene) else 1.0
+
+    def steps(self, scene: Scene) -> Steps | None:
+        """Steps of generalized-alpha; None of other methods."""
+        if self.method != "generalized_alpha":
+            return None
+        return Steps(self.time_step, self.radius(scene), self.period_correction)
+
+
+def check_run(scene: Scene, options: Options, signals: Mapping[str, Array]) -> None:
+    """Check that a scene, its first inputs, shape (n,) each, and a method fit each other; warn of ringing."""
+    check_loops(scene, options.time_step)
+    check_drives(scene, signals)
+    if options.method == "exact":
+        check_exact(scene)
+    elif options.method == "explicit":
+        check_stability(scene, options.time_step)
+    elif not scene.in_small_motion:
+        warn_of_ringing(scene, options.radius(scene), options.time_step)
+
+
+def exact_assembly(scene: Scene) -> Assembly:
+    """Assemble a scene for exact steps; warn of modes that could make its loops unstable."""
+    assembly = assemble(scene)
+    if scene.loops and np.any(assembly.unsupported):
+        warn_of_folding(linearize(scene), scene.loops)
+    return assembly
+
+
+def start_system(
+    scene: Scene, options: Options, rates: Mapping[str, float], steady: Mapping[str, float], highest: float = 0.0
+) -> tuple[System, list[str]]:
+    """Build Exudyn's system of a scene and bring it to its start.
+
+    Args:
+        scene: what is simulated.
+        options: of the run.
+        rates: at the start, of inputs that prescribe motions.
+        steady: the same, 0 where they do not go on.
+        highest: frequency up to which a line tells what the steps do to modes [Hz].
+
+    Returns the system, and the bodies that a warning has told to spin fast.
+    """
+    twists = initial_twists(scene, rates)
+    told = warn_of_spin(scene, {name: float(np.linalg.norm(twist[3:])) for name, twist in twists.items()})
+    assembly, steps = assemble(scene), options.steps(scene)
+    if scene.in_small_motion:
+        state_space(assembly)  # refuses outputs that need a derivative of what a drive follows
+    if steps and (line := describe_steps(assembly, steps, highest)):
+        tell(line)
+    system = build_system(assembly, rates, steps)
+    if not options.released and settle(system, steady):
+        warn_of_far_equilibrium(system)
+    return system, told
+
+
+def settle(system: System, rates: Mapping[str, float]) -> bool:
+    """Bring a system into equilibrium, at rest or turning steadily; whether there is anything that moves it there."""
+    scene = system.assembly.scene
+    twists = steady_twists(scene, rates)
+    if twists is None:
+        if np.any(scene.gravity):
+            solve_static(system)
+        return bool(np.any(scene.gravity))
+    growing = solve_turning(system, twists)
+    if growing and not scene.loops and looks_the_same(scene, twists):
+        raise ValueError(
+            f"the spinning equilibrium of scene {scene.name!r} to start from is unstable: {growing[0]}; change the "
+            'speed, or let the scene go as it is drawn by simulate(..., start="released")'
+        )
+    return True
+
+
+def warn_after_steps(system: System, watch: Monitor, told: Sequence[str], options: Options) -> None:
+    """Warn of what looks at a run of Exudyn have found."""
+    assembly, scene = system.assembly, system.assembly.scene
+    warn_of_spin(scene, watch.speeds, told)
+    warn_of_motion(assembly, watch.largest)
+    warn_of_buckling(assembly, watch.slackest)
+    warn_of_changed_modes(assembly, watch.shifts)
+    steps = options.steps(scene)
+    warn_of_drift(watch.describe_drift(options.time_step, steps.spectral_radius if steps else 1.0))
+
+
+def warn_after_exact_steps(assembly: Assembly, coordinates: Array) -> None:
+    """Warn of motion and preload in exact steps; coordinates: all, at some times, (n_all, n_times)."""
+    places = assembly.slices.items()
+    warn_of_motion(assembly, {name: motion_size(assembly, name, coordinates[place]) for name, place in places})
+    bodies = assembly.scene.deformable_bodies
+    forces = {b.name: axial_forces(b.reduced, coordinates[assembly.slices[b.name]]).min(axis=1) for b in bodies}
+    warn_of_buckling(assembly, forces)
+
+
+def signal_units(scene: Scene) -> tuple[str, ...]:
+    """Units of a scene's outputs and its loops' commands."""
+    return *scene.output_units, *(scene.input_unit(name) for loop in scene.loops for name in loop.driven)

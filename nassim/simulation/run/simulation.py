@@ -1,0 +1,347 @@
+"""Runs that are stepped one time step at a time by their user."""
+
+from collections.abc import Mapping
+from copy import copy
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from nassim.base.checks import Array, finite, known, positive
+from nassim.scene.scene import Scene
+from nassim.signals.time_history import TimeHistory
+from nassim.simulation.exudyn.monitor import Monitor
+from nassim.simulation.exudyn.solver import SteppedRun, diverged
+from nassim.simulation.linear.digital_controllers import runaway, see_runaway
+from nassim.simulation.linear.exact_steps import ExactSteps
+from nassim.simulation.linear.stopped_runs import Stopped, Trust
+from nassim.simulation.model.reach import GrowingReach
+from nassim.simulation.run.preparation import (
+    Options,
+    check_run,
+    exact_assembly,
+    signal_units,
+    start_system,
+    warn_after_exact_steps,
+    warn_after_steps,
+)
+
+METHODS = ("generalized_alpha", "exact")
+LOOK = 50
+"""Steps from one look at the run to the next."""
+
+
+@dataclass(frozen=True, eq=False)
+class SimulationState:
+    """Saved state of a run, to be given to `Simulation.restore`. Its content is no interface."""
+
+    _count: int
+    _inputs: Array
+    _engine: Any
+    _rows: tuple[Array, ...]
+    _scene: Scene
+    _options: Options
+
+
+class Simulation:
+    """A run in time that is stepped by its user, as a context manager.
+
+    The scene is assembled and brought to its start once, when the block begins. The steps are those of `simulate`: in
+    generalized-alpha the outputs are the same to the last bit. In the exact method they are so where a controller is in
+    Python or a converter has a resolution; else `simulate` takes many samples at once, and the two differ by rounding.
+
+    Example:
+        >>> with Simulation(scene, time_step=1e-4) as run:
+        ...     for _ in range(1000):
+        ...         outputs = run.step({"force": -200.0 * run.outputs["velocity"]})
+
+    Args:
+        scene: what is simulated.
+        time_step: [s].
+        method: "generalized_alpha", Exudyn's implicit integrator, for every scene; "exact", the exact discrete-time
+            solution for small motion. See `simulate`.
+        spectral_radius: of generalized-alpha only, see `simulate`.
+        hold_order: of the exact method, 1 (default) for inputs that run straight between the steps, 0 for inputs that
+            keep the value of the last step.
+        start: "equilibrium" or "released", see `simulate`.
+        period_correction: of generalized-alpha only, see `simulate`.
+        inputs: values at the start, by name; 0 for others.
+        input_rates: rates at the start of inputs that prescribe motions, by name [unit of the input / s]; 0 for others.
+
+    Raises:
+        ValueError: for unknown names, and for a scene or an option that the method does not fit.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        time_step: float,
+        method: str = "generalized_alpha",
+        spectral_radius: float | None = None,
+        hold_order: int | None = None,
+        start: str = "equilibrium",
+        period_correction: bool = True,
+        inputs: Mapping[str, float] | None = None,
+        input_rates: Mapping[str, float] | None = None,
+    ) -> None:
+        known("method", method, METHODS)
+        step = positive("time_step", time_step, "s")
+        self._scene = scene
+        self._options = Options(step, method, spectral_radius, hold_order, start, period_correction)
+        self._names = (*scene.outputs, *scene.commands)
+        self._rates = self._values(input_rates or {})
+        self._inputs = np.zeros(len(scene.inputs))
+        self._inputs = self._merged(inputs)
+        self._engine: _ExactEngine | _ExudynEngine | None = None
+        self._rows: list[Array] = []
+        self._count, self._closed = 0, "it has not begun: use it as `with Simulation(...) as run:`"
+
+    def __enter__(self) -> Self:
+        """Assemble the scene and bring it to its start.
+
+        Raises:
+            RuntimeError: when there is no equilibrium to start from, or the run was begun before.
+            SimulationError: when a controller in Python fails at the start.
+        """
+        if self._engine or self._rows:
+            raise RuntimeError("a Simulation runs once; make another one")
+        self._start()
+        return self
+
+    def _start(self) -> None:
+        scene, options = self._scene, self._options
+        check_run(scene, options, {name: self._inputs[[k]] for k, name in enumerate(scene.inputs)})
+        make = _ExactEngine if options.method == "exact" else _ExudynEngine
+        try:
+            self._engine = make(scene, options, self._inputs, self._rates)
+        except Stopped as stop:
+            raise self._told(stop, None) from stop.__cause__
+        self._closed = ""
+        self._rows = [np.concatenate([self._inputs, self._engine.row])]
+
+    def __exit__(
+        self, kind: type[BaseException] | None, _error: BaseException | None, _traceback: TracebackType | None
+    ) -> None:
+        """End the run; warn, as `simulate` does, of motion beyond what the model holds for."""
+        engine, self._engine = self._engine, None
+        failed, self._closed = self._closed, self._closed or "its block has ended"
+        if engine and kind is None and not failed:
+            self._end(engine)
+
+    def _end(self, engine: "_ExactEngine | _ExudynEngine") -> None:
+        try:
+            self._look(engine, self._count % LOOK or 1)
+        except Stopped as stop:
+            raise self._told(stop, engine) from stop.__cause__
+        engine.warn()
+
+    @property
+    def time(self) -> float:
+        """Present time [s]."""
+        return self._count * self._options.time_step
+
+    @property
+    def outputs(self) -> dict[str, float]:
+        """Present values of the outputs and of the loops' commands, by name."""
+        self._running()
+        row = self._rows[-1][len(self._inputs) :]
+        return dict(zip(self._names, row.tolist(), strict=True))
+
+    @property
+    def record(self) -> TimeHistory:
+        """The inputs, outputs and commands from the start until now; it stays after the block.
+
+        Raises:
+            ValueError: before the second sample.
+        """
+        if len(self._rows) < 2:
+            raise ValueError("a run has a record after its first step")
+        scene = self._scene
+        units = (*(scene.input_unit(name) for name in scene.inputs), *signal_units(scene))
+        time = np.arange(len(self._rows)) * self._options.time_step
+        return TimeHistory(time, np.transpose(self._rows), (*scene.inputs, *self._names), units)
+
+    def step(self, inputs: Mapping[str, float] | None = None) -> dict[str, float]:
+        """Go on by one time step.
+
+        Args:
+            inputs: values at the end of the step, by name, to which they run straight from the present ones; inputs
+                that are not named keep their value. What loops command adds to them.
+
+        Returns the outputs and the loops' commands at the end of the step, by name.
+
+        Raises:
+            ValueError: for unknown inputs and values that are not finite; the run can go on.
+            RuntimeError: outside the block and after an error.
+            SimulationError: when the integration fails, a loop runs away or a controller in Python fails; its `record`
+                has what was recorded.
+        """
+        engine = self._running()
+        values = self._merged(inputs)
+        try:
+            engine.step(values)
+            self._inputs, self._count = values, self._count + 1
+            self._rows.append(np.concatenate([values, engine.row]))
+            if self._count % LOOK == 0:
+                self._look(engine, LOOK)
+        except Stopped as stop:
+            raise self._told(stop, engine) from stop.__cause__
+        except BaseException:  # such as Ctrl-C within a step
+            self._closed = "it was interrupted within a step"
+            raise
+        return self.outputs
+
+    @property
+    def state(self) -> SimulationState:
+        """The present state, with that of filters and controllers; what follows from it is the same to the last bit.
+
+        In large motion the solver takes a new Jacobian when a state is read. A run whose state is read therefore parts
+        from one whose state is not by what Newton's iterations leave, some 1e-14 of the coordinates.
+        """
+        engine = self._running()
+        return SimulationState(self._count, self._inputs, engine.state, tuple(self._rows), self._scene, self._options)
+
+    def restore(self, state: SimulationState) -> None:
+        """Go back to a state of this run, or of another one of the same scene with the same options.
+
+        Args:
+            state: as `state` has given it.
+
+        Raises:
+            ValueError: for a state of another scene or of other options.
+            RuntimeError: outside the block and after an error.
+        """
+        engine = self._running()
+        if not isinstance(state, SimulationState):
+            raise ValueError(f"restore takes a state that a Simulation gave, got a {type(state).__name__}")
+        if state._scene is not self._scene or state._options != self._options:
+            raise ValueError(
+                f"the state is of a run of scene {state._scene.name!r} with {state._options}; this run has scene "
+                f"{self._scene.name!r} and {self._options}: restore it in a run of the same scene and options"
+            )
+        self._count, self._inputs, self._rows = state._count, state._inputs, list(state._rows)
+        engine.restore(state._engine)
+
+    def _running(self) -> "_ExactEngine | _ExudynEngine":
+        if self._closed or self._engine is None:
+            raise RuntimeError(f"this Simulation cannot go on: {self._closed}")
+        return self._engine
+
+    def _look(self, engine: "_ExactEngine | _ExudynEngine", n: int) -> None:
+        """Look at the run after n steps without a look; raises Stopped where it has gone wrong."""
+        rows, scene, step = np.array(self._rows), self._scene, self._options.time_step
+        n_in = len(self._inputs)
+        body, happened = engine.look(rows[-n:, :n_in])
+        if happened and scene.loops:
+            raise Stopped(runaway(scene, happened, rows[:, n_in : n_in + len(scene.outputs)], step), rows.T, 0)
+        if happened:
+            raise Stopped(diverged(body, self.time, self._options.radius(scene)), rows.T, 0)
+
+    def _told(self, stop: Stopped, engine: "_ExactEngine | _ExudynEngine | None") -> BaseException:
+        """The public exception of a run that has stopped, with its record; the run cannot go on."""
+        self._closed, self._engine = f"it has failed at t = {self.time:g} s", None
+        n = [*(bool(np.isfinite(row).all()) for row in self._rows), False].index(False)
+        del self._rows[n:]
+        kept = Stopped(str(stop), np.transpose(self._rows), engine.trusted if engine else 0)
+        return kept.told(self.record if n > 1 else None, self._options.time_step)
+
+    def _merged(self, inputs: Mapping[str, float] | None) -> Array:
+        result = self._inputs.copy()
+        for name, value in self._values(inputs or {}).items():
+            result[self._scene.inputs.index(name)] = value
+        return result
+
+    def _values(self, given: Mapping[str, float]) -> dict[str, float]:
+        return {known("input", k, self._scene.inputs): finite(f"input {k!r}", v) for k, v in given.items()}
+
+
+class _ExudynEngine:
+    """Steps by Exudyn, with what is looked at from time to time."""
+
+    def __init__(self, scene: Scene, options: Options, inputs: Array, rates: Mapping[str, float]) -> None:
+        rates = {drive.input: rates.get(drive.input, 0.0) for drive in scene.prescribed}
+        self.options = options
+        self.system, self.told = start_system(scene, options, rates, rates)
+        self.run = SteppedRun(self.system, inputs, options.time_step, options.radius(scene))
+        self.reach = GrowingReach(self.system.assembly, options.time_step) if scene.commands else None
+        self.watch: Monitor = self.run.watch
+
+    @property
+    def row(self) -> Array:
+        return self.run.row
+
+    def step(self, inputs: Array) -> None:
+        self.run.step(inputs)
+
+    def look(self, inputs: Array) -> tuple[str, str]:
+        """Look at the run; inputs: since the last look, (n, inputs).
+
+        Returns the name of a body that is lost, and what has happened to it; empty without one.
+        """
+        if self.reach:
+            self.watch.reach = self.reach.after(inputs.T)
+        self.watch.look(self.run.count)
+        return self.watch.lost[0] if self.watch.lost else ("", "")
+
+    @property
+    def trusted(self) -> int:
+        """Number of the last sample to trust."""
+        return self.watch.trust.sample
+
+    def warn(self) -> None:
+        warn_after_steps(self.system, self.watch, self.told, self.options)
+
+    @property
+    def state(self) -> Any:
+        return self.run.state, copy(self.reach)
+
+    def restore(self, state: Any) -> None:
+        own, reach = state
+        self.run.restore(own)
+        self.reach = copy(reach)
+
+
+class _ExactEngine:
+    """Exact steps, with what is looked at from time to time."""
+
+    def __init__(self, scene: Scene, options: Options, inputs: Array, _rates: Mapping[str, float]) -> None:
+        self.assembly, self.options, self.trust = exact_assembly(scene), options, Trust()
+        step, order = options.time_step, options.order
+        self.run = ExactSteps(self.assembly, inputs, step, hold_order=order, released=options.released)
+        self.reach = GrowingReach(self.assembly, step) if scene.loops else None
+        self.seen: list[Array] = []
+
+    @property
+    def row(self) -> Array:
+        return self.run.row
+
+    def step(self, inputs: Array) -> None:
+        self.run.step(inputs)
+
+    def look(self, inputs: Array) -> tuple[str, str]:
+        """Look at the run; see `_ExudynEngine`."""
+        self.seen.append(self.run.coordinates())
+        if not self.reach:
+            return "", ""
+        happened, sound = see_runaway(self.assembly, self.reach.after(inputs.T), self.seen[-1], len(inputs))
+        self.trust.see(self.run.count, sound=sound)
+        return "", happened
+
+    @property
+    def trusted(self) -> int:
+        """Number of the last sample to trust."""
+        return self.trust.sample
+
+    def warn(self) -> None:
+        warn_after_exact_steps(self.assembly, np.transpose(self.seen))
+
+    @property
+    def state(self) -> Any:
+        return self.run.state, copy(self.reach)
+
+    def restore(self, state: Any) -> None:
+        own, reach = state
+        self.run.restore(own)
+        self.reach = copy(reach)
