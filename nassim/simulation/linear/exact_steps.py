@@ -143,7 +143,10 @@ class ExactSteps:
 
     def _sample(self, inputs: Array) -> None:
         self._inputs = inputs
-        states, rows = self._closed.by_samples(self._now, self._beside(inputs)[None], self.count)
+        try:
+            states, rows = self._closed.by_samples(self._now, self._beside(inputs)[None], self.count)
+        except BadCommand as bad:
+            raise Stopped(str(bad), np.zeros((0, 0)), 0) from bad.__cause__
         self._next, self.row = states[1], rows[0]
 
     def step(self, inputs: Array) -> None:
