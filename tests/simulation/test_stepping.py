@@ -183,7 +183,7 @@ def turning_scene():
         ),
         actuators=(
             PointForce("f", "arm.e", "x", "f"),
-            Drive("motor", "axle", "ry", "angle"),
+            Drive("motor", "axle", "rz", "angle"),
         ),
         gravity=(0.0, 0.0, -9.81),
     )
@@ -265,7 +265,7 @@ def test_inputs_keep_their_value_and_start_where_told(bar):
 def test_without_the_period_correction_steps_are_the_trapezoidal_rule(bar):
     """Against the rule on the linear model; with the correction, against exact steps, at 8 steps a period."""
     free = replace(scene(bar, "linear"), damping_ratio=0.0, springs=())
-    model, values = linearize(free), np.exp(-(((np.arange(161) - 12) / 4) ** 2))
+    model, values = linearize(free), np.exp(-(((np.arange(161) - 24) / 4) ** 2))
     step = 2 * np.pi / np.min(np.abs(model.poles())) / 8
     half, x, rows = np.eye(len(model.A)) * 2 / step, np.zeros(len(model.A)), []
     for now, following in zip(values, [*values[1:], 0.0], strict=True):
