@@ -229,9 +229,6 @@ from .simulation.model.scene_body import (
 from .simulation.model.trimming import (
     trim_scene as trim_scene,
 )
-from .simulation.run.simulation import (
-    Simulation as Simulation,
-)
 from .simulation.run.simulate import (
     simulate as simulate,
 )
@@ -240,6 +237,9 @@ from .simulation.run.simulate import (
 )
 from .simulation.run.simulate import (
     static_response as static_response,
+)
+from .simulation.run.simulation import (
+    Simulation as Simulation,
 )
 from .systems.controllers import (
     Controller as Controller,

@@ -64,12 +64,6 @@ from .model.trimming import (
 from .run.simulate import (
     exudyn_eigenfrequencies as exudyn_eigenfrequencies,
 )
-from .run.simulation import (
-    Simulation as Simulation,
-)
-from .run.simulation import (
-    SimulationState as SimulationState,
-)
 from .run.simulate import (
     simulate as simulate,
 )
@@ -78,4 +72,10 @@ from .run.simulate import (
 )
 from .run.simulate import (
     static_response as static_response,
+)
+from .run.simulation import (
+    Simulation as Simulation,
+)
+from .run.simulation import (
+    SimulationState as SimulationState,
 )

@@ -262,6 +262,7 @@ def test_inputs_keep_their_value_and_start_where_told(bar):
         run.step({})
     np.testing.assert_array_equal(run.record["f"], [2.0, 2.0, 3.0, 3.0])
 
+
 def test_without_the_period_correction_steps_are_the_trapezoidal_rule(bar):
     """Against the rule on the linear model; with the correction, against exact steps, at 8 steps a period."""
     free = replace(scene(bar, "linear"), damping_ratio=0.0, springs=())

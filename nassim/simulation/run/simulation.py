@@ -231,9 +231,9 @@ class Simulation:
 
     def _look(self, engine: "_ExactEngine | _ExudynEngine", n: int) -> None:
         """Look at the run after n steps without a look; raises Stopped where it has gone wrong."""
-        rows, scene, step = np.array(self._rows), self._scene, self._options.time_step
-        n_in = len(self._inputs)
-        body, happened = engine.look(rows[-n:, :n_in])
+        scene, step, n_in = self._scene, self._options.time_step, len(self._inputs)
+        body, happened = engine.look(np.array(self._rows[-n:])[:, :n_in])
+        rows = np.array(self._rows) if happened else np.zeros((0, 0))
         if happened and scene.loops:
             raise Stopped(runaway(scene, happened, rows[:, n_in : n_in + len(scene.outputs)], step), rows.T, 0)
         if happened:
