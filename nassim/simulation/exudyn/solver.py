@@ -104,13 +104,22 @@ def solve_dynamic(
     """Integrate with a fixed step by generalized-alpha, or explicitly by Runge and Kutta's rule of order 4.
 
     The explicit rule holds each input from its time step to the next, and needs a system without constraints.
-    look: called at every time step with its number 0 ... n_steps, when the system is in its state
 
-    inputs: values at the time steps, shape (n_steps + 1,) each, by name
+    Args:
+        system: in its state at the start.
+        inputs: values at the time steps, shape (n_steps + 1,) each, by name.
+        n_steps: number of steps.
+        time_step: [s].
+        spectral_radius: of generalized-alpha.
+        progress: whether to show a bar.
+        explicit: whether to step by the explicit rule.
+        look: called at every time step with its number 0 ... n_steps, when the system is in its state.
 
     Returns what some 200 looks at the run found, and what the scene's loops put out, shape (commands, n_steps + 1).
-    Raises Stopped, with time, body and likely cause, when the integration fails or diverges, and when Ctrl-C ends the
-    run after the step at hand.
+
+    Raises:
+        Stopped: with time, body and likely cause, when the integration fails or diverges or a controller in Python
+            fails, and when Ctrl-C ends the run after the step at hand.
     """
     scene, settings = system.assembly.scene, _fixed_steps(system, n_steps, time_step, spectral_radius)
     samples = np.column_stack([np.zeros((n_steps + 1, 0)), *(inputs[name] for name in scene.inputs)])

@@ -25,7 +25,11 @@ WHOLE = 1.5 * 2.0**52
 
 
 def samples_per_period(loop: Loop, time_step: float) -> int:
-    """Time steps in one sample period of a loop; ValueError when that is not a whole number."""
+    """Count the time steps in one sample period of a loop.
+
+    Raises:
+        ValueError: when that is not a whole number.
+    """
     steps = 1 / (loop.controller.sample_rate * time_step)
     whole = round(steps)
     if whole < 1 or abs(steps - whole) > 1e-6 * whole:

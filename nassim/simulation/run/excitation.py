@@ -16,12 +16,19 @@ LOST = 0.02
 
 
 def sampled(scene: Scene, excitation: TimeHistory, *, time_step: float, duration: float | None) -> TimeHistory:
-    """The excitation at the time steps 0, time_step, ... from its first sample on, in the units of the scene's inputs.
+    """Sample an excitation at the time steps of a run, in the units of the scene's inputs.
 
-    duration: a whole number of steps [s]; default: as many as the excitation has room for
+    Args:
+        scene: whose inputs it drives.
+        excitation: its first sample becomes time 0.
+        time_step: [s].
+        duration: a whole number of steps [s]; None for as many as the excitation has room for.
 
-    Raises ValueError for inputs that the scene does not know or, but for those of its loops, that the excitation lacks,
-    for other units, for a duration that does not fit, and for steps that are too long for what the excitation holds.
+    Returns the excitation at 0, time_step, ...
+
+    Raises:
+        ValueError: for inputs that the scene does not know, for inputs that the excitation lacks and no loop drives,
+            for other units, for a duration that does not fit, and for steps that are too long for the excitation.
     """
     looped = {name for loop in scene.loops for name in loop.driven}
     missing = set(scene.inputs) - set(excitation.names) - looped

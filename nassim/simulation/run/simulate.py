@@ -260,11 +260,20 @@ def _solve_exactly(
 
 
 def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> dict[str, float]:
-    """Outputs of a scene in static equilibrium under constant inputs and its gravity, by Exudyn's equations.
+    """Find the outputs of a scene in static equilibrium under constant inputs and gravity, by Exudyn's equations.
 
-    Of a scene with a drive of constant speed, as it turns: see `simulate`. Loops are open. Warns of motion and preload
-    as `simulate` does. Raises ValueError for unknown inputs and an unstable equilibrium, RuntimeError when there is
-    none (a body that can move freely).
+    A scene with a drive of constant speed is in equilibrium as it turns, see `simulate`. Loops are open. The function
+    warns of motion and preload as `simulate` does.
+
+    Args:
+        scene: what is loaded.
+        inputs: values by name; 0 for others.
+
+    Returns the outputs by name.
+
+    Raises:
+        ValueError: for unknown inputs and for an unstable equilibrium.
+        RuntimeError: when there is no equilibrium, as of a body that can move freely.
     """
     values = {name: 0.0 for name in scene.inputs}
     for name, value in (inputs or {}).items():
@@ -282,9 +291,15 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
 
 
 def exudyn_eigenfrequencies(scene: Scene, *, n_modes: int | None = None) -> Array:
-    """Undamped eigenfrequencies [Hz] of a scene as Exudyn linearises it about its start, ascending, (n_modes,).
+    """Find the undamped eigenfrequencies of a scene as Exudyn linearises it about its start.
 
     Measured electrical ports keep their charge, whatever their resistance.
+
+    Args:
+        scene: whose modes are found.
+        n_modes: how many are returned; None for all.
+
+    Returns the frequencies, ascending, shape (n_modes,) [Hz].
     """
     assembly = assemble(scene)
     still = PrescribedMotions.none(*assembly.basis.shape)
