@@ -1,5 +1,6 @@
 """Runs that are stepped one time step at a time by their user."""
 
+import math
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass
@@ -92,6 +93,7 @@ class Simulation:
         self._options = Options(step, method, spectral_radius, hold_order, start, period_correction)
         self._names = (*scene.outputs, *scene.commands)
         self._rates = self._values(input_rates or {})
+        self._places = {name: k for k, name in enumerate(scene.inputs)}
         self._inputs = np.zeros(len(scene.inputs))
         self._inputs = self._merged(inputs)
         self._engine: _ExactEngine | _ExudynEngine | None = None
@@ -249,8 +251,14 @@ class Simulation:
 
     def _merged(self, inputs: Mapping[str, float] | None) -> Array:
         result = self._inputs.copy()
-        for name, value in self._values(inputs or {}).items():
-            result[self._scene.inputs.index(name)] = value
+        for name, value in (inputs or {}).items():
+            place = self._places.get(name)
+            if place is None:
+                known("input", name, self._scene.inputs)
+            elif type(value) is float and math.isfinite(value):  # a step is short beside a full check
+                result[place] = value
+            else:
+                result[place] = finite(f"input {name!r}", value)
         return result
 
     def _values(self, given: Mapping[str, float]) -> dict[str, float]:
