@@ -121,7 +121,7 @@ class Items:
         """Node of a point of a body in small motion."""
         body, point = self.scene.split(path)
         assert isinstance(body, FlexibleBody)
-        return self.carriers[body.name].nodes[body.reduced.point_names.index(point)][0]
+        return self.flexible[body.name].nodes[body.reduced.point_names.index(point)][0]
 
     def moves(self, path: str) -> bool:
         """Whether a point's body does."""
@@ -172,9 +172,9 @@ def add_base_acceleration(items: Items, term: BaseAcceleration) -> list[InputCha
     others = [name for name in items.body_nodes if name not in items.nodes]
     for name in (*items.own, *others):
         if name not in items.nodes or items.fidelity(name) == "linear":
-            numbers = [number for number, _ in items.carriers[name].nodes]
+            numbers = [number for number, _ in items.flexible[name].nodes]
             weight = items.scene.split(f"{name}.")[0].weight(-term.direction)
-            forces = items.carriers[name].coordinates.T @ weight
+            forces = items.flexible[name].coordinates.T @ weight
             drives.append(InputChannel(add_forces(items.mbs, numbers, len(forces)), term.input, forces))
         else:
             marker = items.mbs.AddMarker(eii.MarkerBodyMass(bodyNumber=items.objects[name]))
@@ -286,7 +286,7 @@ def _parts(measure: Measure) -> tuple[tuple[float, Measure], ...]:
 
 
 def _scaled(items: Items, name: str, row: Array) -> list[tuple[int, Array]]:
-    return items.carriers[name].parts(row) if name in items.carriers else []
+    return items.flexible[name].parts(row) if name in items.flexible else []
 
 
 def _is_load(measure: Measure) -> bool:

@@ -231,18 +231,18 @@ class System:
 
     def deformation(self, name: str) -> Array:
         """Present coordinates of a flexible body that deforms, as `ReducedBody` orders them, shape (n,)."""
-        result: Array = self.carriers[name].coordinates @ self.carried(name)
+        result: Array = self.flexible[name].coordinates @ self.carried(name)
         return result
 
     def carried(self, name: str) -> Array:
         """Present coordinates that carry the deformation of a flexible body, shape (m,)."""
         kind = exu.OutputVariableType.Coordinates
-        nodes = self.carriers[name].nodes
+        nodes = self.flexible[name].nodes
         return np.concatenate([np.atleast_1d(self.mbs.GetNodeOutput(node, kind))[:count] for node, count in nodes])
 
     def taken(self, name: str) -> Array:
         """What carries the deformation of a flexible body, among all of Exudyn's coordinates, shape (m, all)."""
-        nodes, every = self.carriers[name].nodes, np.eye(self.mbs.systemData.ODE2Size())
+        nodes, every = self.flexible[name].nodes, np.eye(self.mbs.systemData.ODE2Size())
         firsts = [self.mbs.GetNodeODE2Index(node) for node, _ in nodes]
         return np.vstack([every[first : first + count] for first, (_, count) in zip(firsts, nodes, strict=True)])
 

@@ -41,13 +41,13 @@ from nassim.simulation.exudyn.items import (
 )
 from nassim.simulation.exudyn.modal import small_motion_system
 from nassim.simulation.exudyn.outputs import add_axes, add_output
-from nassim.simulation.exudyn.rigid_groups import as_one, find_rigid_groups, part_of
+from nassim.simulation.exudyn.rigid_groups import combine_bodies, find_rigid_groups, with_points_of
 from nassim.simulation.exudyn.spring_forces import add_spring_force
-from nassim.simulation.exudyn.springs import PILOT_RADIUS, add_force_law, reaches
+from nassim.simulation.exudyn.springs import VIRTUAL_NODE_RADIUS, add_force_law, reaches
 from nassim.simulation.exudyn.state import FlexibleCoordinates, InputChannel, Summand, System, add_circuit, modal_node
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.initial_velocities import check_implied, initial_twists
-from nassim.simulation.model.period_correction import Steps, compensated
+from nassim.simulation.model.period_correction import Steps, correct_periods
 from nassim.simulation.model.states import LinearState, euler_state
 
 NO_ROTATION = np.array([1.0, 0.0, 0.0, 0.0])
@@ -55,7 +55,7 @@ NO_ROTATION = np.array([1.0, 0.0, 0.0, 0.0])
 LARGE = 80
 """Coordinates from which on a sparse factorisation is the faster one."""
 # Corners of a regular triangle: equal weights on three pilots there, the fewest, give a remote point's motion exactly.
-PILOT_DIRECTIONS = np.array([[2, -1, -1], [-1, 2, -1], [-1, -1, 2]]) / np.sqrt(6)
+VIRTUAL_NODE_DIRECTIONS = np.array([[2, -1, -1], [-1, 2, -1], [-1, -1, 2]]) / np.sqrt(6)
 
 
 Added = tuple[int, FlexibleCoordinates, int, dict[Place, MarkerFactory], dict[Place, tuple[int, list[int]]]]
@@ -73,7 +73,7 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, s
     if assembly.scene.in_small_motion and len(assembly.mass):
         return small_motion_system(assembly, rates or {}, steps)
     size = len(assembly.damping.root)
-    assembly, added = compensated(assembly, steps) if steps else (assembly, np.zeros((size, size)))
+    assembly, added = correct_periods(assembly, steps) if steps else (assembly, np.zeros((size, size)))
     check_implied(assembly.scene, assembly.enforced)
     container = exu.SystemContainer()
     mbs = container.AddSystem()
@@ -91,8 +91,8 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, s
             drives += _realise(items, term, assembly)
     massless = {}
     for circuit in assembly.circuits:
-        forces = {name: circuit.forces[assembly.slices[name]] for name in items.carriers}
-        parts = [part for name, carrier in items.carriers.items() for part in carrier.parts(forces[name])]
+        forces = {name: circuit.forces[assembly.slices[name]] for name in items.flexible}
+        parts = [part for name, carrier in items.flexible.items() for part in carrier.parts(forces[name])]
         if parts:
             row = np.concatenate([piece for _, piece in parts])
             number, reading = add_circuit(mbs, circuit, [node for node, _ in parts], row)
@@ -104,7 +104,7 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, s
         mbs,
         assembly,
         dict(items.nodes),
-        dict(items.carriers),
+        dict(items.flexible),
         tuple(drives),
         readings,
         massless,
@@ -161,10 +161,10 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None,
         pilots.update({f"{flexible.name}.{p}": three for (p, offset), three in of_body.items() if not any(offset)})
     bodies = {body.name: _as_rigid(body, assembly) for body in scene.bodies if body.is_rigid}
     for leader, names in welds.groups.items():
-        one = as_one([bodies[name] for name in names])
+        one = combine_bodies([bodies[name] for name in names])
         rigid_node, item = _add_rigid(mbs, one, twists.get(leader, np.zeros(6)))
         for name in names:
-            rigid[name], objects[name] = part_of(one, bodies[name]), item
+            rigid[name], objects[name] = with_points_of(one, bodies[name]), item
             if rigid_node is not None:
                 nodes[name] = rigid_node
                 euler = partial(euler_state, assembly.scene.split(f"{name}.")[0], one.position, start=NO_ROTATION)
@@ -344,11 +344,11 @@ def _pilots(body: FlexibleBody, frame: FloatingFrame, places: Sequence[Place]) -
     Returns their positions (3 n_pilots,) and mode rows (3 n_pilots, n). At least one node must exist.
     """
     everyone = np.array([p.position for p in body.reduced.remote_points])
-    radius = PILOT_RADIUS * max(float(np.ptp(everyone, axis=0).max()), 1e-6)
+    radius = VIRTUAL_NODE_RADIUS * max(float(np.ptp(everyone, axis=0).max()), 1e-6)
     positions, rows = [], []
     for point, away in places:
         motion = body.reduced.motion(point)
-        for offset in body.rotation.T @ away + radius * PILOT_DIRECTIONS:
+        for offset in body.rotation.T @ away + radius * VIRTUAL_NODE_DIRECTIONS:
             positions.append(body.reduced.point(point).position - frame.origin + offset)
             rows.append((rigid_transfer(offset) @ motion[:, frame.flexible])[:3])
     return np.hstack(positions), np.vstack(rows)

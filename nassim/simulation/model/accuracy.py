@@ -10,7 +10,7 @@ from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.scene import Scene
 from nassim.simulation.linear.linearization import linearize
 from nassim.simulation.model.assembly import Assembly, assemble
-from nassim.simulation.model.period_correction import Steps, compensated, small_motion_factors
+from nassim.simulation.model.period_correction import Steps, correct_periods, small_motion_factors
 from nassim.systems.linear_model import frequency_response
 
 
@@ -70,7 +70,7 @@ def period_errors(scene: Scene | Assembly, time_step: float, *, spectral_radius:
 
 def _period_errors(assembly: Assembly, steps: Steps) -> Array:
     stepped, _ = _stepped_modes(assembly, steps)
-    result: Array = np.where(assembly.free, 0.0, stepped / np.where(assembly.free, 1.0, assembly.frequency) - 1)
+    result: Array = np.where(assembly.rigid_modes, 0.0, stepped / np.where(assembly.rigid_modes, 1.0, assembly.frequency) - 1)
     return result
 
 
@@ -91,17 +91,17 @@ def _stepped_modes(assembly: Assembly, steps: Steps) -> tuple[Array, Array]:
         mass = np.diag(small_motion_factors(assembly, steps)[0])
     else:
         deformation = assembly.damping.deformation @ assembly.shapes
-        mass = np.eye(len(frequency)) + deformation.T @ compensated(assembly, steps)[1] @ deformation
+        mass = np.eye(len(frequency)) + deformation.T @ correct_periods(assembly, steps)[1] @ deformation
     model, _ = eigenmodes(np.diag((2 * np.pi * frequency) ** 2), mass)
     options = {"spectral_radius": steps.spectral_radius}
     errors = [integrator_error(f, steps.time_step, **options) if f else (0.0, 0.0) for f in model]
     longer, damping = np.reshape(errors, (-1, 2)).T
-    return model / (1 + longer), np.where(assembly.free, 0.0, damping)
+    return model / (1 + longer), np.where(assembly.rigid_modes, 0.0, damping)
 
 
 def describe_steps(assembly: Assembly, steps: Steps, highest: float) -> str:
     """What a run's steps do to modes up to a frequency [Hz], in a line; empty where there are none."""
-    below = (assembly.frequency <= highest) & ~assembly.free
+    below = (assembly.frequency <= highest) & ~assembly.rigid_modes
     if not below.any():
         return ""
     errors, damping = _period_errors(assembly, steps)[below], _stepped_modes(assembly, steps)[1][below].max()

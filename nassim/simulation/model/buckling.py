@@ -54,7 +54,7 @@ def buckling_share(assembly: Assembly, tensions: Mapping[str, Array]) -> tuple[f
 
     Free motions are left out: what a weight does to a mechanism is no buckling.
     """
-    elastic = ~assembly.free
+    elastic = ~assembly.rigid_modes
     modes = assembly.basis @ (assembly.shapes / np.where(elastic, 2 * np.pi * assembly.frequency, 1.0))[:, elastic]
     softening = {}
     for body in assembly.scene.deformable_bodies:

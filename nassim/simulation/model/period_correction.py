@@ -26,7 +26,7 @@ from nassim.scene.terms import PrescribedMotion
 from nassim.simulation.model.assembly import Assembly
 
 FASTEST = 0.9
-"""Half a step's angle [rad] up to which a mode is compensated, 3.5 steps a period; faster ones get the same factor."""
+"""Half a step's angle [rad] up to which a mode is correct_periods, 3.5 steps a period; faster ones get the same factor."""
 ROUNDS = 5
 """In which modes that springs share in get from bodies what these must take over."""
 SAME = 1e-6
@@ -79,13 +79,13 @@ class Steps:
 
 def small_motion_factors(assembly: Assembly, steps: Steps) -> tuple[Array, Array]:
     """As `Steps.factors`, in small motion; 1 where drives follow inputs, whose inertia forces know the true masses."""
-    if assembly.following.inputs:
+    if assembly.prescribed.inputs:
         ones = np.ones(len(assembly.frequency))
         return ones, ones
     return steps.factors(assembly.frequency)
 
 
-def compensated(assembly: Assembly, steps: Steps) -> tuple[Assembly, Array]:
+def correct_periods(assembly: Assembly, steps: Steps) -> tuple[Assembly, Array]:
     """The scene with damping ratios for its steps, and the mass to add on the deformation of its bodies, (m, m).
 
     With d_j the deformation in mode j and a_j what its mass lacks, the mass is the inverse of the sum of d_j d_j^T
@@ -93,7 +93,7 @@ def compensated(assembly: Assembly, steps: Steps) -> tuple[Assembly, Array]:
     What modes then still lack is asked of the bodies again, as far as they bend: see `period_errors`. Of scenes that
     can leave the position in which these are their modes, free or driven, no more than bodies can spare everywhere.
     """
-    damping, elastic = assembly.damping, ~assembly.free
+    damping, elastic = assembly.damping, ~assembly.rigid_modes
     if not steps.corrected or not damping.root.size or not elastic.any():
         return assembly, np.zeros_like(damping.root)
     mass, growth = steps.factors(assembly.frequency)
@@ -108,7 +108,7 @@ def compensated(assembly: Assembly, steps: Steps) -> tuple[Assembly, Array]:
         asked = np.clip(asked * wanted / np.maximum(given, wanted / 10), wanted, MOST)
         taken = _inverse(bent, asked)
     taken = damping.root.T @ taken @ damping.root
-    if assembly.free.any() or assembly.scene.terms_of(PrescribedMotion):
+    if assembly.rigid_modes.any() or assembly.scene.terms_of(PrescribedMotion):
         taken = _borne(assembly, taken)
     return replace(assembly, damping=replace(damping, ratio=damping.ratio * growth)), -taken
 

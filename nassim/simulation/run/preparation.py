@@ -12,12 +12,12 @@ from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.solver import solve_static
 from nassim.simulation.exudyn.state import System
 from nassim.simulation.exudyn.system import build_system
-from nassim.simulation.exudyn.turning import solve_turning
+from nassim.simulation.exudyn.steady_state import solve_steady_rotation
 from nassim.simulation.linear.linearization import linearize, state_space
 from nassim.simulation.model.accuracy import describe_steps
 from nassim.simulation.model.assembly import Assembly, assemble, motion_size
 from nassim.simulation.model.buckling import axial_forces, warn_of_buckling
-from nassim.simulation.model.initial_velocities import initial_twists, looks_the_same, steady_twists, turns_freely
+from nassim.simulation.model.initial_velocities import initial_twists, is_axisymmetric, steady_rotation_twists, has_free_rotation
 from nassim.simulation.model.period_correction import Steps
 from nassim.simulation.model.unsupported_modes import warn_of_folding
 from nassim.simulation.run.checks import check_drives, check_exact, check_loops, check_options, check_stability
@@ -69,7 +69,7 @@ class Options:
         """Spectral radius; that of a scene where none is given."""
         if self.spectral_radius is not None:
             return self.spectral_radius
-        return TURNING_RADIUS if not scene.in_small_motion and turns_freely(scene) else 1.0
+        return TURNING_RADIUS if not scene.in_small_motion and has_free_rotation(scene) else 1.0
 
     def steps(self, scene: Scene) -> Steps | None:
         """Steps of generalized-alpha; None of other methods."""
@@ -128,13 +128,13 @@ def start_system(
 def settle(system: System, rates: Mapping[str, float]) -> bool:
     """Bring a system into equilibrium, at rest or turning steadily; whether there is anything that moves it there."""
     scene = system.assembly.scene
-    twists = steady_twists(scene, rates)
+    twists = steady_rotation_twists(scene, rates)
     if twists is None:
         if np.any(scene.gravity):
             solve_static(system)
         return bool(np.any(scene.gravity))
-    growing = solve_turning(system, twists)
-    if growing and not scene.loops and looks_the_same(scene, twists):
+    growing = solve_steady_rotation(system, twists)
+    if growing and not scene.loops and is_axisymmetric(scene, twists):
         raise ValueError(
             f"the spinning equilibrium of scene {scene.name!r} to start from is unstable: {growing[0]}; change the "
             'speed, or let the scene go as it is drawn by simulate(..., start="released")'

@@ -10,7 +10,7 @@ from nassim.base.progress import stage
 from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
 from nassim.signals.time_history import TimeHistory, occupied_bandwidth
-from nassim.simulation.exudyn.frames import Frames
+from nassim.simulation.exudyn.motion_recorder import MotionRecorder
 from nassim.simulation.exudyn.solver import axial_tension, eigenfrequencies, solve_dynamic, solve_static
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.linear.exact_steps import exact_response
@@ -18,7 +18,7 @@ from nassim.simulation.linear.stopped_runs import Stopped
 from nassim.simulation.model.assembly import assemble, motion_size
 from nassim.simulation.model.buckling import warn_of_buckling
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
-from nassim.simulation.model.recorded_motion import frame_steps, recorded_motion, traced
+from nassim.simulation.model.recorded_motion import recorded_steps, recorded_motion, traced
 from nassim.simulation.run.excitation import sampled
 from nassim.simulation.run.preparation import (
     METHODS,
@@ -164,7 +164,7 @@ def _simulate(
         known("output", name, available)
     excitation = sampled(scene, excitation, time_step=time_step, duration=duration)
     n_steps = len(excitation.time) - 1
-    kept = np.zeros(0, dtype=int) if frames is None else frame_steps(frames, n_steps, time_step)
+    kept = np.zeros(0, dtype=int) if frames is None else recorded_steps(frames, n_steps, time_step)
     scene = scene if frames is None else traced(scene)
     looped = {name for loop in scene.loops for name in loop.driven}
     signals = {name: np.zeros(n_steps + 1) for name in looped}
@@ -178,7 +178,7 @@ def _simulate(
             readings, motion = _integrate(scene, signals, n_steps, options, kept, highest, progress=progress)
     except Stopped as stop:
         record = _record(scene, excitation, names, stop.readings) if stop.readings.shape[1] > 1 else None
-        raise stop.told(record, time_step) from stop.__cause__
+        raise stop.public_error(record, time_step) from stop.__cause__
     return _record(scene, excitation, names, readings), motion
 
 
@@ -211,7 +211,7 @@ def _integrate(
     """
     rates, steady = _starting_rates(scene, signals, options.time_step)
     system, told = start_system(scene, options, rates, steady, highest)
-    frames = Frames(system, kept)
+    frames = MotionRecorder(system, kept)
     steps = options.steps(scene)
     watch, commands = solve_dynamic(
         system,
@@ -284,7 +284,7 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
         solve_static(system)
     assembly = system.assembly
     warn_of_motion(
-        assembly, {name: motion_size(assembly, name, system.deformation(name)[:, None]) for name in system.carriers}
+        assembly, {name: motion_size(assembly, name, system.deformation(name)[:, None]) for name in system.flexible}
     )
     warn_of_buckling(assembly, {body.name: axial_tension(system, body) for body in assembly.scene.deformable_bodies})
     return {name: system.at_rest(name) for name in scene.outputs}
@@ -303,4 +303,4 @@ def exudyn_eigenfrequencies(scene: Scene, *, n_modes: int | None = None) -> Arra
     """
     assembly = assemble(scene)
     still = PrescribedMotions.none(*assembly.basis.shape)
-    return eigenfrequencies(build_system(replace(assembly, circuits=(), following=still)))[:n_modes]
+    return eigenfrequencies(build_system(replace(assembly, circuits=(), prescribed=still)))[:n_modes]
