@@ -22,7 +22,8 @@ from nassim import (
 )
 from nassim.base.modal import decay_poles
 from nassim.scene import Bushing, Drive, Loop, fixed, prismatic, revolute
-from nassim.simulation import assemble, compensation, integrator_error, numerical_damping, period_errors
+from nassim.simulation import assemble, integrator_error, numerical_damping, period_errors
+from nassim.simulation.model import period_correction as compensation
 from nassim.simulation.model.period_correction import Steps, compensated
 from nassim.systems import proportional
 

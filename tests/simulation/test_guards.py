@@ -27,12 +27,15 @@ from nassim.scene.measures import Displacement
 from nassim.scene.part import Sensor
 from nassim.scene.terms import Output, OutputFilter
 from nassim.signals.time_history import occupied_bandwidth
-from nassim.simulation import buckling, guards, running_loops, time_domain
 from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.system import build_system
+from nassim.simulation.linear import digital_controllers as running_loops
 from nassim.simulation.loaded.spinning import _check_small, _warn_of_stress
+from nassim.simulation.model import buckling
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.reach import Reach
+from nassim.simulation.run import simulate as time_domain
+from nassim.simulation.run import warnings_of_runs as guards
 from nassim.simulation.run.checks import check_stability
 from nassim.simulation.run.excitation import _check_loss, sampled
 from nassim.systems.controllers import Controller

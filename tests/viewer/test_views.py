@@ -283,7 +283,7 @@ class Gauge(Sensor):
 def test_directions_along_a_bodys_own_axes_turn_with_it():
     scene = replace(machine(), sensors=(Gauge("gauge", "bar_1"),))
     (mark,) = (mark for mark in view_scene(scene).marks if mark.name == "gauge")
-    assert (mark.kind, mark.ends, mark.frame) == ("sensor", (("bar_1", "right"),), "bar_1")
+    assert (mark.kind, mark.ends, mark.frame) == ("sensor", (("bar_1", "left"), ("bar_1", "right")), "bar_1")
     assert mark.axes == pytest.approx(TURN[:, 2][None])
 
 
