@@ -269,14 +269,14 @@ def test_parts_of_one_kind_have_one_colour():
 
 @dataclass(frozen=True)
 class Gauge(Sensor):
-    """How far a body's right end is from where its frame has it, along the body's own z."""
+    """How far a body's ends are apart along their line."""
 
     name: str
     body: str
 
     def terms(self, scene):
         reduced = scene.split(f"{self.body}.right")[0].reduced
-        row = BodyCoordinates(self.body, reduced.motion("right")[2], (f"{self.body}.left", f"{self.body}.right"))
+        row = BodyCoordinates(self.body, reduced.motion("right")[0], (f"{self.body}.left", f"{self.body}.right"))
         return (Output(self.name, "m", row),)
 
 
@@ -284,7 +284,7 @@ def test_directions_along_a_bodys_own_axes_turn_with_it():
     scene = replace(machine(), sensors=(Gauge("gauge", "bar_1"),))
     (mark,) = (mark for mark in view_scene(scene).marks if mark.name == "gauge")
     assert (mark.kind, mark.ends, mark.frame) == ("sensor", (("bar_1", "left"), ("bar_1", "right")), "bar_1")
-    assert mark.axes == pytest.approx(TURN[:, 2][None])
+    assert mark.axes == pytest.approx(TURN[:, 0][None])
 
 
 def test_marks_stand_where_parts_are_and_point_where_they_act():
