@@ -2,7 +2,7 @@
 
 A force law makes a generalised force of a measure, an output records it, a constraint holds it. Every engine has one
 general way for each kind of law on any measure; for frequent pairs it has a faster one. An engine that cannot do a term
-refuses it by name (`nassim.simulation.capabilities`), and one that does not know it raises TypeError.
+refuses it by name (`nassim.simulation.model.capabilities`), and one that does not know it raises TypeError.
 """
 
 import math

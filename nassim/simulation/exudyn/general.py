@@ -142,11 +142,8 @@ def add_general_constraint(
     """
     names = evaluate.names
     objects = list(dict.fromkeys(evaluate.bodies[name].number for name in names))
-    if len(objects) > 2 or len(objects) < len(names):
-        raise ValueError(
-            f"constraint {term.name!r}: in large motion Exudyn constrains two bodies at a time, and its measure "
-            f"depends on {', '.join(names)}: use a stiff Spring on the measure, or bodies in small motion"
-        )
+    if len(objects) < len(names):
+        raise ValueError(f"constraint {term.name!r}: rigid joints make one body of {', '.join(names)}; leave it out")
     markers = [mbs.AddMarker(eii.MarkerObjectODE2Coordinates(objectNumber=number)) for number in objects]
     if len(objects) == 1:
         ground = mbs.AddNode(eii.NodePointGround())

@@ -34,11 +34,6 @@ def add_output(items: Items, term: Output) -> list[Summand]:
     measure, evaluate = term.measure, items.evaluator(term.measure)
     if not evaluate.names:
         return []
-    if not measure.has_value and not term.derivative:
-        raise ValueError(
-            f"output {term.name!r}: a {type(measure).__name__} has a value in small motion only; take derivative=1, or "
-            "a Displacement or a RotationAngle"
-        )
     faster = FASTER.get(type(measure))
     terms = faster(items, term, measure) if faster else None
     if terms is None:

@@ -46,6 +46,7 @@ from nassim.simulation.exudyn.spring_forces import add_spring_force
 from nassim.simulation.exudyn.springs import PILOT_RADIUS, add_force_law, reaches
 from nassim.simulation.exudyn.state import FlexibleCoordinates, InputChannel, Summand, System, add_circuit, modal_node
 from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.capabilities import LARGE_MOTION, check_capabilities
 from nassim.simulation.model.initial_velocities import check_implied, initial_twists
 from nassim.simulation.model.period_correction import Steps, compensated
 from nassim.simulation.model.states import LinearState, euler_state
@@ -72,6 +73,7 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, s
     """
     if assembly.scene.in_small_motion and len(assembly.mass):
         return small_motion_system(assembly, rates or {}, steps)
+    check_capabilities(assembly.scene, LARGE_MOTION)
     size = len(assembly.damping.root)
     assembly, added = compensated(assembly, steps) if steps else (assembly, np.zeros((size, size)))
     check_implied(assembly.scene, assembly.enforced)
