@@ -223,10 +223,10 @@ def test_a_screw_couples_rotation_to_translation():
         AngleSensor("turn", "ground.o", "nut.m", tuple(axis)),
     )
     scene = Scene("screw", (GROUND, nut), joints, sensors=sensors, gravity=(0.0, 0.0, -9.81))
-    found, time = free_run(scene, 1.0, 2e-3, start="released", spectral_radius=0.9)
+    found, time = free_run(scene, 0.6, 2e-3, start="released", spectral_radius=0.9)
     acceleration = mass * -9.81 * axis[2] / (mass + inertia * (2 * np.pi / lead) ** 2)
     expected = 0.5 * acceleration * time**2
-    assert np.abs(expected[-1]) > 2 * lead
+    assert np.abs(expected[-1]) > 1.5 * lead
     np.testing.assert_allclose(found["slide"], expected, rtol=0, atol=2e-3 * np.abs(expected).max())
     np.testing.assert_allclose(found["turn"], 2 * np.pi / lead * found["slide"], rtol=0, atol=1e-6)
     spring = SpringDamper("k", "ground.o", "nut.m", tuple(axis), 400.0)
