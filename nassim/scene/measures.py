@@ -100,9 +100,7 @@ class Measure(ABC):
 
     @property
     def within(self) -> str | None:
-        """Name of the body whose own coordinates the measure depends on, if there is exactly one and no other
-        dependence; else None.
-        """
+        """Name of the one body on whose own coordinates alone the measure depends; None where there is no such body."""
         return None
 
     @property
@@ -112,9 +110,7 @@ class Measure(ABC):
 
     @property
     def period(self) -> float | None:
-        """Increase of the value by a full rotation, by which an engine unwraps it; None where the value does not
-        wrap.
-        """
+        """Increase of the value by a full rotation, by which engines unwrap it; None where it does not wrap."""
         return None
 
     @property
@@ -123,9 +119,7 @@ class Measure(ABC):
         return self
 
     def rotation_axis(self, component: str) -> Array | None:
-        """Return the axis (3,) of a component that is a rotation of the second point against the first; None for
-        others.
-        """
+        """Return the axis (3,) of a component that is a rotation of the second point against the first, else None."""
         return None
 
     @property
@@ -356,7 +350,7 @@ class RelativePose(PointMeasure):
         return tuple(DIRECTIONS)
 
     def rotation_axis(self, component: str) -> Array | None:
-        """Axis of a rotation, (3,)."""
+        """Return the axis (3,) of a rotation component; None for a displacement."""
         return self.axes[:, "xyz".index(component[1])] if component.startswith("r") else None
 
     def at(self, poses: Sequence[Pose], reference: Sequence[Array]) -> tuple[Array, Array]:

@@ -155,9 +155,7 @@ class VoltageSensor(Sensor):
         )
 
     def terms(self, scene: Scene) -> tuple[Term, ...]:
-        """Return the voltage -b q / c of the charge b q, the equivalent spring 1 / c, and the shunt of the
-        resistance.
-        """
+        """Return the voltage -b q / c of the charge b q, the equivalent spring 1 / c, and the resistance's shunt."""
         body, port = _port(scene, self.port)
         charge, capacitance = BodyCoordinates(body, port.forces), port.blocked_capacitance + self.capacitance
         terms: tuple[Term, ...] = (

@@ -155,7 +155,7 @@ def _agreed(scenes: Sequence[Scene], figure: str, given: Any) -> Any:
     for scene, value in zip(scenes, values, strict=True):
         if not np.array_equal(value, values[0]):
             raise ValueError(
-                f"{figure} is {values[0]} in {scenes[0].name!r} and {value} in {scene.name!r}; give the value of the whole "
+                f"{figure} is {values[0]} in {scenes[0].name!r} and {value} in {scene.name!r}; give the whole's value "
                 f"by joined(..., {figure}=...)"
             )
     return values[0]
@@ -232,7 +232,7 @@ def _size(a: float | Array) -> float:
 
 
 def _figures(term: Any) -> tuple[Any, ...]:
-    """Return the fields of a term or a measure; a relative pose is written along the world's axes, as its own are
+    """Return the fields of a term or a measure; those of a relative pose along the world's axes, as its own are
     arbitrary.
     """
     pose = getattr(term, "measure", None)
@@ -247,7 +247,5 @@ def _figures(term: Any) -> tuple[Any, ...]:
 
 
 def _blocks(matrix: Array) -> tuple[Array, ...]:
-    """Return the four blocks (3, 3) of forces and moments by displacements and rotations, which differ by powers of
-    ten.
-    """
+    """Return the blocks (3, 3) of forces and moments by displacements and rotations, which differ by powers of ten."""
     return tuple(matrix[a : a + 3, b : b + 3] for a in (0, 3) for b in (0, 3))
