@@ -396,8 +396,7 @@ class BodyCoordinates(Measure):
 
     @classmethod
     def between(cls, body: "DeformableBody", a: str, b: str, direction: Array) -> "BodyCoordinates":
-        """Make the displacement of point b of a reduced body against point a along a direction of the body's axes,
-        (3,).
+        """Make the displacement of point b of a reduced body against point a along an axis (3,) of the body.
 
         A rigid motion of the body contributes to first order only, and nothing along the line through the points.
         """
@@ -490,10 +489,14 @@ def body_of(path: str) -> str:
 
 
 def inverse_right_jacobian(vector: Array) -> Array:
-    """Return J with v' = J omega for a rotation vector v, (3,), and the angular velocity omega along rotating axes, (3,
-    3).
+    """Return J with v' = J omega for a rotation vector v and the angular velocity omega along rotating axes.
 
-    Source: T. Barfoot, State Estimation for Robotics (2017), equation 7.75 with the sign of the right Jacobian.
+    Args:
+        vector: the rotation vector v, (3,) [rad].
+
+    Returns:
+        J, (3, 3). Source: T. Barfoot, State Estimation for Robotics (2017), equation 7.75 with the sign of the right
+            Jacobian.
     """
     square, cross = float(vector @ vector), skew(vector)
     angle = np.sqrt(square)

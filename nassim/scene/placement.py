@@ -232,8 +232,9 @@ def _size(a: float | Array) -> float:
 
 
 def _figures(term: Any) -> tuple[Any, ...]:
-    """Return the fields of a term or a measure; those of a relative pose along the world's axes, as its own are
-    arbitrary.
+    """Return the fields of a term or a measure; a relative pose is written along the world's axes.
+
+    Its own axes are arbitrary.
     """
     pose = getattr(term, "measure", None)
     if isinstance(pose, RelativePose) and isinstance(term, Spring):

@@ -105,7 +105,7 @@ def test_names_that_collide():
         ((Output("r", "m", UP), OutputFilter("r", "low", 1.0, 0.0)), "filter of output 'r': damping_ratio"),
         (
             (Output("r", "m", UP), Output("r", "m", UP, derivative=1), OutputFilter("r", "low", 1.0)),
-            "readings of several derivatives and passes a filter",
+            "outputs of several derivatives and passes a filter",
         ),
     ],
 )

@@ -91,7 +91,7 @@ def test_an_interrupted_run_keeps_what_it_had():
 def test_a_record_ends_before_what_is_no_number():
     stopped = Stopped("failed", np.array([[0.0, 1.0, 2.0, np.nan], [0.0, 1.0, 2.0, 3.0]]), 3)
     assert stopped.readings.shape == (2, 3)
-    assert stopped.told(None, 0.5).trusted_until == 1.0
+    assert stopped.public_error(None, 0.5).trusted_until == 1.0
 
 
 def carriage(gain, *, beside=None, limit=np.inf, sample_rate=1 / STEP, **parts):

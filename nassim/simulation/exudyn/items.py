@@ -39,10 +39,10 @@ class Items:
     """Exudyn's numbers of a scene's bodies, by name.
 
     rigid: bodies without deformation, along the world's axes, as parts of what is one with them
-    carriers: of bodies that deform; nodes: of all that move, which those that are one share
-    own: one of each that are one, and all others that move; welded: names of joints that need not be closed
-    grips: by the path of a point of a body that deforms, and an offset, what adds a rigid marker there
-    pilots: object and mesh nodes that make up a point of a floating body, by path
+    flexible: of bodies that deform; nodes: of all that move, which those that are one share
+    own: one of each that are one, and all others that move; rigid_joints: names of joints that need not be closed
+    marker_factories: by the path of a point of a body that deforms, and an offset, what adds a rigid marker there
+    virtual_nodes: object and mesh nodes that make up a point of a floating body, by path
     body_nodes: where Exudyn keeps the bodies that move, by name
     """
 
@@ -50,12 +50,12 @@ class Items:
     scene: Scene
     nodes: Mapping[str, int]
     own: Sequence[str]
-    welded: frozenset[str]
+    rigid_joints: frozenset[str]
     objects: Mapping[str, int]
     rigid: Mapping[str, RigidBody]
-    carriers: Mapping[str, FlexibleCoordinates]
-    grips: Mapping[Place, MarkerFactory]
-    pilots: Mapping[str, tuple[int, list[int]]]
+    flexible: Mapping[str, FlexibleCoordinates]
+    marker_factories: Mapping[Place, MarkerFactory]
+    virtual_nodes: Mapping[str, tuple[int, list[int]]]
     body_nodes: Mapping[str, BodyNodes]
     markers: dict[str, int] = field(default_factory=dict)
     sensors: dict[tuple[int, exu.OutputVariableType], int] = field(default_factory=dict)
@@ -78,8 +78,8 @@ class Items:
         if name in self.rigid:
             place = frame_at(self.rigid[name].points[point] + offset, axes)
             return int(self.mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=self.objects[name], localHT=place)))
-        if (path, offset) in self.grips:
-            return self.grips[path, offset](axes)
+        if (path, offset) in self.marker_factories:
+            return self.marker_factories[path, offset](axes)
         if any(offset):
             raise ValueError(
                 f'{path!r} belongs to a body of fidelity "linear", which beside floating frames reaches to no other '
@@ -113,13 +113,13 @@ class Items:
 
     def has_marker(self, path: str) -> bool:
         """Whether a rigid marker can be put on a point."""
-        return path.partition(".")[0] in self.rigid or (path, (0.0, 0.0, 0.0)) in self.grips
+        return path.partition(".")[0] in self.rigid or (path, (0.0, 0.0, 0.0)) in self.marker_factories
 
     def node_of(self, path: str) -> int:
         """Node of a point of a body in small motion."""
         body, point = self.scene.split(path)
         assert isinstance(body, FlexibleBody)
-        return self.carriers[body.name].nodes[body.reduced.point_names.index(point)][0]
+        return self.flexible[body.name].nodes[body.reduced.point_names.index(point)][0]
 
     def moves(self, path: str) -> bool:
         """Whether a point's body does."""
@@ -170,9 +170,9 @@ def add_base_acceleration(items: Items, term: BaseAcceleration) -> list[InputCha
     others = [name for name in items.body_nodes if name not in items.nodes]
     for name in (*items.own, *others):
         if name not in items.nodes or items.fidelity(name) == "linear":
-            numbers = [number for number, _ in items.carriers[name].nodes]
+            numbers = [number for number, _ in items.flexible[name].nodes]
             weight = items.scene.split(f"{name}.")[0].weight(-term.direction)
-            forces = items.carriers[name].coordinates.T @ weight
+            forces = items.flexible[name].coordinates.T @ weight
             drives.append(InputChannel(add_forces(items.mbs, numbers, len(forces)), term.input, forces))
         else:
             marker = items.mbs.AddMarker(eii.MarkerBodyMass(bodyNumber=items.objects[name]))
@@ -284,7 +284,7 @@ def _parts(measure: Measure) -> tuple[tuple[float, Measure], ...]:
 
 
 def _scaled(items: Items, name: str, row: Array) -> list[tuple[int, Array]]:
-    return items.carriers[name].parts(row) if name in items.carriers else []
+    return items.flexible[name].parts(row) if name in items.flexible else []
 
 
 def _is_load(measure: Measure) -> bool:

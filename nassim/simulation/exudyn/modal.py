@@ -42,7 +42,7 @@ class _Equations:
     @classmethod
     def of(cls, assembly: Assembly, motion: Array, steps: Steps | None) -> "_Equations":
         """motion: of all coordinates by amplitudes and drives, (n_all, n + d)."""
-        following, (n, d) = assembly.following, assembly.following.momentum.shape
+        following, (n, d) = assembly.prescribed, assembly.prescribed.momentum.shape
         size, squares = n + d + len(assembly.circuits), (2 * np.pi * assembly.frequency) ** 2
         mass, stiffness, damping = np.zeros((3, size, size))
         factors, growth = small_motion_factors(assembly, steps) if steps else np.ones((2, n))
@@ -73,7 +73,7 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
 
     rates: of these inputs at the start; steps: whose error in periods is made up for
     """
-    scene, following, (n, d) = assembly.scene, assembly.following, assembly.following.momentum.shape
+    scene, following, (n, d) = assembly.scene, assembly.prescribed, assembly.prescribed.momentum.shape
     container = exu.SystemContainer()
     mbs = container.AddSystem()
     modes = assembly.basis @ assembly.shapes
@@ -102,7 +102,7 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
         if not tangent.law.is_linear:
             _add_curvature(mbs, node, tangent, tangent.rows @ motion)
     bodies = [body for body in scene.bodies if body.name in assembly.slices]
-    carriers = {body.name: FlexibleCoordinates(((node, size),), motion[assembly.slices[body.name]]) for body in bodies}
+    flexible = {body.name: FlexibleCoordinates(((node, size),), motion[assembly.slices[body.name]]) for body in bodies}
     readings = _add_readings(mbs, assembly, node, motion, equations.gains)
     mbs.Assemble()
     return System(
@@ -110,7 +110,7 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
         mbs,
         assembly,
         {},
-        carriers,
+        flexible,
         _pushes(assembly, number, modes, np.diag(equations.massless)),
         readings,
         massless,
@@ -121,7 +121,7 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
 
 def _pushes(assembly: Assembly, number: int, modes: Array, held: Array) -> tuple[InputChannel, ...]:
     """What inputs push: modes, themselves and through amplifiers, and rows of drives' motions; held: of all rows."""
-    scene, following, n = assembly.scene, assembly.following, modes.shape[1]
+    scene, following, n = assembly.scene, assembly.prescribed, modes.shape[1]
     beyond = np.zeros((len(held) - n, len(scene.inputs)))
     forces = np.vstack([modes.T @ assembly.input_matrix, beyond])
     found = [(name, forces[:, k], np.inf) for k, name in enumerate(scene.inputs)]

@@ -38,7 +38,7 @@ class Monitor:
         self.reach, self.trust = reach, Trust()
         self.system = system
         self.threshold = RUNAWAY if scene.loops else LOST
-        self.names = list(system.carriers)
+        self.names = list(system.flexible)
         self.sizes = np.zeros((len(self.names), 2))
         self.rows, self.starts, self.places = self._gather()
         self.tensions = self._seen()[self.starts[-1] :]
@@ -60,7 +60,7 @@ class Monitor:
         size = system.mbs.systemData.ODE2Size()
         motions, tensions, places, end = [np.zeros((0, size))], [np.zeros((0, size))], {}, 0
         for name in self.names:
-            body, carried = bodies[name], system.carriers[name].coordinates @ system.taken(name)
+            body, carried = bodies[name], system.flexible[name].coordinates @ system.taken(name)
             motions += [np.vstack([rows @ carried, np.zeros((1, size))]) for rows in motion_rows(system.assembly, name)]
             if isinstance(body, FlexibleBody):
                 tensions.append(axial_rows(body.reduced) @ carried)

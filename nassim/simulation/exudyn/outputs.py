@@ -106,11 +106,11 @@ def _sensors(items: Items, path: str, kind: Kind) -> list[int]:
     if kind != Kind.Acceleration:
         sensor = eii.SensorMarker(markerNumber=items.marker(path), outputVariableType=kind, **KEPT)
         return [items.mbs.AddSensor(sensor)]
-    if path not in items.pilots:
+    if path not in items.virtual_nodes:
         node = items.nodes[name] if items.fidelity(path) == "ffrf" else items.node_of(path)
         sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kind, **KEPT)
         return [items.mbs.AddSensor(sensor)]
-    number, nodes = items.pilots[path]
+    number, nodes = items.virtual_nodes[path]
     return [
         items.mbs.AddSensor(
             eii.SensorSuperElement(bodyNumber=number, meshNodeNumber=node, outputVariableType=kind, **KEPT)

@@ -49,7 +49,7 @@ def find_rigid_groups(assembly: Assembly) -> RigidGroups:
     return RigidGroups(leaders, frozenset(joints))
 
 
-def as_one(bodies: Sequence[RigidBody]) -> RigidBody:
+def combine_bodies(bodies: Sequence[RigidBody]) -> RigidBody:
     """Bodies along the world's axes as one; with a fixed one among them, that."""
     alone = [body for body in bodies if body.fixed] or bodies
     if len(alone) == 1:
@@ -66,6 +66,6 @@ def _of_a_mass(mass: float, arm: Array) -> Array:
     return result
 
 
-def part_of(one: RigidBody, body: RigidBody) -> RigidBody:
+def with_points_of(one: RigidBody, body: RigidBody) -> RigidBody:
     """Several bodies as one, with the points of one of them."""
     return replace(one, points={name: body.point_position(name) - one.position for name in body.points})

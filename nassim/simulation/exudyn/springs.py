@@ -35,11 +35,11 @@ from nassim.simulation.model.states import ReferenceState
 Vector = Sequence[float] | Array
 Wrench = Callable[..., Vector]
 Kind = exu.OutputVariableType
-PILOT_RADIUS = 0.05
+VIRTUAL_NODE_RADIUS = 0.05
 """Distance of pilots, by whose places a flexible body's points turn, from these, over the size of the body."""
 
 
-def reaches(scene: Scene) -> list[tuple[str, Array]]:
+def extended_points(scene: Scene) -> list[tuple[str, Array]]:
     """Points that carry springs in the place of other points, and these places, world frame at the start."""
     found = []
     for law in scene.terms_of(ForceLaw):
@@ -74,7 +74,7 @@ def rounding(scene: Scene) -> float:
 
 def _sizes(scene: Scene, path: str) -> Array:
     """What rounds of a point's place [m] and turn, (6,); turns of flexible bodies are found from places beside it."""
-    return np.repeat([np.linalg.norm(scene.point_position(path)), 1 / PILOT_RADIUS], 3)
+    return np.repeat([np.linalg.norm(scene.point_position(path)), 1 / VIRTUAL_NODE_RADIUS], 3)
 
 
 def add_force_law(items: Items, law: ForceLaw) -> None:

@@ -108,7 +108,7 @@ class System:
     """Exudyn's numbers of what a scene consists of.
 
     mbs: the Exudyn system, kept alive by container; assembly: what it models
-    nodes: rigid-body node per moving body; carriers: per flexible body that deforms
+    nodes: rigid-body node per moving body; flexible: per flexible body that deforms
     drives: what the inputs act through
     readings: per output, what it is the sum of, before its filter
     massless: objects of whose coordinates some have no mass, and the mass matrix that `find_accelerations` leaves them
@@ -123,7 +123,7 @@ class System:
     mbs: Any
     assembly: Assembly
     nodes: dict[str, int]
-    carriers: dict[str, FlexibleCoordinates]
+    flexible: dict[str, FlexibleCoordinates]
     drives: tuple[InputChannel, ...]
     readings: dict[str, list[Summand]]
     massless: Mapping[int, Any]
@@ -213,18 +213,18 @@ class System:
 
     def deformation(self, name: str) -> Array:
         """Present coordinates of a flexible body that deforms, as `ReducedBody` orders them, shape (n,)."""
-        result: Array = self.carriers[name].coordinates @ self.carried(name)
+        result: Array = self.flexible[name].coordinates @ self.carried(name)
         return result
 
     def carried(self, name: str) -> Array:
         """Present coordinates that carry the deformation of a flexible body, shape (m,)."""
         kind = exu.OutputVariableType.Coordinates
-        nodes = self.carriers[name].nodes
+        nodes = self.flexible[name].nodes
         return np.concatenate([np.atleast_1d(self.mbs.GetNodeOutput(node, kind))[:count] for node, count in nodes])
 
     def taken(self, name: str) -> Array:
         """What carries the deformation of a flexible body, among all of Exudyn's coordinates, shape (m, all)."""
-        nodes, every = self.carriers[name].nodes, np.eye(self.mbs.systemData.ODE2Size())
+        nodes, every = self.flexible[name].nodes, np.eye(self.mbs.systemData.ODE2Size())
         firsts = [self.mbs.GetNodeODE2Index(node) for node, _ in nodes]
         return np.vstack([every[first : first + count] for first, (_, count) in zip(firsts, nodes, strict=True)])
 

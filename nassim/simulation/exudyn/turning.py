@@ -185,7 +185,7 @@ class _Motion:
 def solve_turning(system: System, twists: Mapping[str, Array]) -> tuple[UnstablePole, ...]:
     """Bring the system to rest on its turntable, keep that as the initial state; returns what grows there by itself.
 
-    twists: of all moving bodies, constant, see `nassim.simulation.model.initial_velocities.steady_twists`
+    twists: of all moving bodies, constant, see `nassim.simulation.model.initial_velocities.steady_rotation_twists`
 
     Where the equilibrium is neutral, what moves freely stays where it is. Raises RuntimeError without one.
     """

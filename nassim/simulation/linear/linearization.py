@@ -142,7 +142,7 @@ def state_space(assembly: Assembly, spin: Spinning | None = None) -> StateSpace:
     omega = 2 * np.pi * a.frequency
     n, n_in, n_out = len(omega), a.input_matrix.shape[1], len(a.output_matrix)
     modes = a.basis @ a.shapes
-    plain = 2 * n + len(a.circuits) + len(a.amplifiers) + len(a.following.lags)
+    plain = 2 * n + len(a.circuits) + len(a.amplifiers) + len(a.prescribed.lags)
     size = plain + sum(len(system[0]) for system in a.filters.values())
     state, drives = np.zeros((size, size)), np.zeros((size, n_in + 1))
     readings, feedthrough = np.zeros((n_out, size)), np.zeros((n_out, n_in + 1))
@@ -166,8 +166,8 @@ def state_space(assembly: Assembly, spin: Spinning | None = None) -> StateSpace:
         state[velocity, j] = modes.T @ amplifier.forces
         state[j, j] = -amplifier.rate
         drives[j, amplifier.input] = amplifier.rate
-    for j, k in enumerate(a.following.lags, start=plain - len(a.following.lags)):
-        state[j, j], drives[j, a.following.inputs[k]] = -a.following.rates[k], a.following.rates[k]
+    for j, k in enumerate(a.prescribed.lags, start=plain - len(a.prescribed.lags)):
+        state[j, j], drives[j, a.prescribed.inputs[k]] = -a.prescribed.rates[k], a.prescribed.rates[k]
     _follow_drives(a, spin, state, drives, readings, feedthrough, plain)
     feedthrough[:, :n_in] += a.ground_matrix
     _filter(a, state, drives, readings, feedthrough)
@@ -179,15 +179,15 @@ def _follow_drives(
 ) -> None:
     """Let all move by what drives follow, and read it; plain: number of states before those of filters."""
     n = len(a.frequency)
-    lagging, taken = np.zeros((len(a.following.inputs), len(state))), a.following.taken(drives.shape[1])
-    lagging[:, :plain] = a.following.lagging(plain)
+    lagging, taken = np.zeros((len(a.prescribed.inputs), len(state))), a.prescribed.taken(drives.shape[1])
+    lagging[:, :plain] = a.prescribed.lagging(plain)
     moved = _moved_by_drives(a, spin, state)
     state += moved @ lagging
     drives += moved @ taken
     pushed = np.append(np.linalg.norm(a.input_matrix / a.scale[:, None], axis=0), 0.0)
     for order, rows in enumerate((a.output_matrix, a.velocity_matrix, a.acceleration_matrix)):
         size = np.linalg.norm(rows / a.scale, axis=1, keepdims=True)
-        at_once = product(rows, a.following.beyond)
+        at_once = product(rows, a.prescribed.beyond)
         seen, direct = at_once @ lagging, at_once @ taken
         seen[:, :n] += rows @ a.basis @ a.shapes
         for _ in range(order):
@@ -222,7 +222,7 @@ def _filter(a: Assembly, state: Array, drives: Array, readings: Array, feedthrou
 
 def _moved_by_drives(a: Assembly, spin: Spinning | None, state: Array) -> Array:
     """Rates of all states per unit of the drives' motions, (size, d), with the system matrix as it is without them."""
-    n, following = len(a.frequency), a.following
+    n, following = len(a.frequency), a.prescribed
     position, velocity = slice(n), slice(n, 2 * n)
     drag, pull = following.drag, np.zeros_like(following.drag)
     if spin is not None:
@@ -240,7 +240,7 @@ def _moved_by_drives(a: Assembly, spin: Spinning | None, state: Array) -> Array:
 
 def _refuse_derivatives(a: Assembly, direct: Array) -> None:
     """ValueError where outputs read a derivative of what inputs make at once, direct, (outputs, inputs + 1)."""
-    lagging = {a.following.inputs[k] for k in a.following.lags}
+    lagging = {a.prescribed.inputs[k] for k in a.prescribed.lags}
     for output, row, accelerations in zip(a.scene.outputs, direct, a.acceleration_matrix, strict=True):
         if np.any(row):
             place = int(np.argmax(np.abs(row)))

@@ -48,7 +48,7 @@ class Stopped(RuntimeError):
         self.trusted = max(0, min(trusted, n_samples - 1))
         self.interrupted = interrupted
 
-    def told(self, record: TimeHistory | None, time_step: float) -> SimulationError | SimulationInterrupted:
+    def public_error(self, record: TimeHistory | None, time_step: float) -> SimulationError | SimulationInterrupted:
         """Return the public exception with the record that the readings make; time_step [s]."""
         until = self.trusted * time_step
         kept = f"this exception's `record` has what was recorded; trust it until t = {until:g} s"

@@ -148,7 +148,7 @@ def other_frame_terms(view: FrameView, name: str, coriolis: Array, stiffness: Ar
     return coriolis - 2 * mass @ drift, stiffness - coriolis @ drift + mass @ drift @ drift
 
 
-def turned_damping(view: FrameView) -> Array:
+def rotating_damping(view: FrameView) -> Array:
     """What dampers drive as their rows turn, on all coordinates, (n_all, n_all), not symmetric."""
     result = np.zeros((len(view.scale),) * 2)
     for term in view.assembly.terms:

@@ -32,7 +32,7 @@ from nassim.base.rigid_motion import skew
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.scene import Scene
 from nassim.simulation.loaded.geometric_stiffness import Frame, GeometricStiffness, spring_forces
-from nassim.simulation.loaded.rotor_frame import FrameView, RotorPartition, other_frame_terms, turned_damping
+from nassim.simulation.loaded.rotor_frame import FrameView, RotorPartition, other_frame_terms, rotating_damping
 from nassim.simulation.model.assembly import Assembly, motion_size
 from nassim.simulation.model.buckling import axial_forces, warn_of_buckling
 
@@ -91,7 +91,7 @@ def spinning(
     axis_point = finite_array("axis_point", np.asarray(point, dtype=float), (3,))
     n, size = len(assembly.frequency), len(assembly.basis)
     if not velocity.any():
-        still = np.zeros((n, len(assembly.following.inputs)))
+        still = np.zeros((n, len(assembly.prescribed.inputs)))
         return Spinning(np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), still, still)
     geometric = GeometricStiffness.of(assembly)
     force, gyroscopic, stiffness = np.zeros(size), np.zeros((size, size)), np.zeros((size, size))
@@ -107,7 +107,7 @@ def spinning(
         for name in filter(parted.in_other_frame, assembly.slices):
             own = (assembly.slices[name],) * 2
             gyroscopic[own], stiffness[own] = other_frame_terms(view, name, gyroscopic[own], stiffness[own])
-        stiffness += turned_damping(view)
+        stiffness += rotating_damping(view)
     rate = float(np.linalg.norm(velocity))
     elastic, borne = _borne(assembly, force)
     stiffness += geometric.of_springs(elastic) + geometric.of_joints(borne)
@@ -116,7 +116,7 @@ def spinning(
     coordinates = assembly.basis @ found
     _check_small(assembly, coordinates)
     _warn_of_stress(assembly, coordinates, rate / (2 * np.pi), parted)
-    basis, followed = assembly.basis, assembly.following.motion
+    basis, followed = assembly.basis, assembly.prescribed.motion
     gyroscopic, stiffness = basis.T @ gyroscopic, basis.T @ stiffness
     return Spinning(gyroscopic @ basis, stiffness @ basis, found, gyroscopic @ followed, stiffness @ followed)
 
@@ -187,7 +187,7 @@ def _borne(assembly: Assembly, force: Array) -> tuple[Array, Array]:
     Of first order in the forces only: then what follows is the same whichever way a scene is written, and a motion that
     costs nothing, as a turn about the axis, stays one that costs nothing. Free motions are let go: they take inertia.
     """
-    modes, elastic = assembly.basis @ assembly.shapes, ~assembly.free
+    modes, elastic = assembly.basis @ assembly.shapes, ~assembly.rigid_modes
     bent, loose = modes[:, elastic], modes[:, ~elastic]
     stiffness = np.diag((2 * np.pi * assembly.frequency[elastic]) ** 2)
     for circuit in assembly.circuits:
@@ -211,7 +211,7 @@ def _rest(assembly: Assembly, added: Array, force: Array, rate: float, largest: 
     rate: of the spin [rad/s]; largest: that a force on a mode of unit mass can be. Each mode is scaled to its own
     stiffness, free ones to that of the spin, which a stiff one would else drown in rounding.
     """
-    modes, free = assembly.basis @ assembly.shapes, assembly.free
+    modes, free = assembly.basis @ assembly.shapes, assembly.rigid_modes
     matrix = modes.T @ added @ modes
     for circuit in assembly.circuits:
         pull = modes.T @ circuit.forces

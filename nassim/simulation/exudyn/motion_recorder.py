@@ -10,14 +10,14 @@ from nassim.simulation.exudyn.state import System
 from nassim.simulation.model.recorded_motion import recorded_motion
 
 
-class Frames:
+class MotionRecorder:
     """Keeps a system's state at some steps; to be called at every step with its number."""
 
     def __init__(self, system: System, steps: Iterable[int]) -> None:
         scene = system.assembly.scene
         linear = {body.name for body in scene.flexible_bodies if body.fidelity == "linear"}
         self.system, self.steps = system, frozenset(map(int, steps))
-        self.deformations: dict[str, list[Array]] = {name: [] for name in system.carriers}
+        self.deformations: dict[str, list[Array]] = {name: [] for name in system.flexible}
         floating = [body for body in scene.bodies if body.name in system.nodes and body.name not in linear]
         self.poses: dict[str, list[tuple[Array, Array]]] = {body.name: [] for body in floating}
         self.bodies = floating
