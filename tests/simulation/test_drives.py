@@ -347,7 +347,7 @@ def test_what_drives_cannot_do_is_told_before_long_work():
             simulate(
                 replace(arm(input="turn"), joints=joints), history(time, turn=time), time_step=0.01, progress=False
             )
-    with pytest.raises(ValueError, match="output 'x': as the turning frame sees it, this changes by"):
+    with pytest.raises(ValueError, match="output 'x': in the turning frame, this changes by"):
         linearize(arm(speed=1.0))
 
 

@@ -95,7 +95,7 @@ def test_an_equilibrium_that_tilts_is_told_and_refused():
     for angle, expected in ((0.009, 0), (0.011, 1), (0.09, 1)):
         messages = told(lambda: linearize(tilted(angle), **spin))  # noqa: B023
         assert sum("the linear model is about that equilibrium" in message for message in messages) == expected
-    with pytest.raises(ValueError, match=r"body 'block' comes to rest turned by 0\.11 rad .* which is no small motion"):
+    with pytest.raises(ValueError, match=r"body 'block' comes to rest rotated by 0\.11 rad .* no small motion"):
         linearize(tilted(0.11), **spin)
 
 

@@ -1,4 +1,4 @@
-"""Where Exudyn's bodies are at some steps of a run."""
+"""Recording of the bodies' motion at some steps of an Exudyn run, for pictures."""
 
 from collections.abc import Iterable
 
@@ -11,7 +11,7 @@ from nassim.simulation.model.recorded_motion import recorded_motion
 
 
 class MotionRecorder:
-    """Keeps a system's state at some steps; to be called at every step with its number."""
+    """Recorder of a system's state at some steps; call it at every step with its number."""
 
     def __init__(self, system: System, steps: Iterable[int]) -> None:
         scene = system.assembly.scene
@@ -23,7 +23,7 @@ class MotionRecorder:
         self.bodies = floating
 
     def __call__(self, step: int) -> None:
-        """Keep the present state, if it is one of those to keep."""
+        """Record the present state at a step to be recorded."""
         if step in self.steps:
             for name, kept in self.deformations.items():
                 kept.append(self.system.deformation(name))
@@ -31,7 +31,7 @@ class MotionRecorder:
                 self.poses[body.name].append(self.system.pose(body))
 
     def motion(self, time: Array) -> Motion:
-        """What was kept; time: of the steps that were [s]."""
+        """Return the recorded motion; time: times of the recorded steps, (n,) [s]."""
         poses = {
             name: (np.array([place for place, _ in kept]), np.array([turn for _, turn in kept]))
             for name, kept in self.poses.items()

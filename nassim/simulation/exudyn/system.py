@@ -1,6 +1,6 @@
-"""A scene as an Exudyn system: bodies, markers, joints, loads and sensors.
+"""Construction of a scene's Exudyn system: bodies, markers, joints, loads and sensors.
 
-The one stateful thing of nassim; it is born and gone within one call of `simulate` or `static_response`.
+The system exists within one call of `simulate` or `static_response` only.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -51,24 +51,31 @@ from nassim.simulation.model.period_correction import Steps, correct_periods
 from nassim.simulation.model.states import LinearState, euler_state
 
 NO_ROTATION = np.array([1.0, 0.0, 0.0, 0.0])
-"""Euler parameters."""
+"""Euler parameters of no rotation."""
 LARGE = 80
-"""Coordinates from which on a sparse factorisation is the faster one."""
-# Corners of a regular triangle: equal weights on three virtual_nodes there, the fewest, give a remote point's motion exactly.
+"""Number of coordinates above which a sparse factorisation is faster."""
 VIRTUAL_NODE_DIRECTIONS = np.array([[2, -1, -1], [-1, 2, -1], [-1, -1, 2]]) / np.sqrt(6)
+"""Corners of a regular triangle: three virtual nodes, the fewest, whose equal weights give a point's motion exactly."""
 
 
 Added = tuple[int, FlexibleCoordinates, int, dict[Place, MarkerFactory], dict[Place, tuple[int, list[int]]]]
-"""Rigid node of a body, its deformation, its object, marker_factories and virtual_nodes."""
+"""Rigid node of a body, its flexible coordinates, its object, its marker factories and its virtual nodes."""
 
 
 def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, steps: Steps | None = None) -> System:
     """Build the Exudyn system of an assembled scene, with all inputs at zero.
 
-    rates: at the start, of inputs that drives follow, see `initial_twists`
-    steps: whose error in periods is made up for; None: of none
+    Args:
+        assembly: the assembled scene.
+        rates: initial rates of inputs that drives follow, see `initial_twists`.
+        steps: steps whose period error is corrected; None: no correction.
 
-    Raises ValueError for joints and angular velocities that do not go together: `nassim.simulation.model.initial_velocities`.
+    Returns:
+        The system.
+
+    Raises:
+        ValueError: for joints and angular velocities that contradict each other, see
+            `nassim.simulation.model.initial_velocities`.
     """
     if assembly.scene.in_small_motion and len(assembly.mass):
         return small_motion_system(assembly, rates or {}, steps)
@@ -80,11 +87,11 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, s
     items = _add_bodies(mbs, assembly, rates, added)
     drives: list[InputChannel] = []
     readings: dict[str, list[Summand]] = {output: [] for output in assembly.scene.outputs}
-    turning: dict[str, list[tuple[int, Array]]] = {output: [] for output in assembly.scene.outputs}
+    rotating_axes: dict[str, list[tuple[int, Array]]] = {output: [] for output in assembly.scene.outputs}
     for term in assembly.terms:
         if isinstance(term, Output):
             readings[term.name] += add_output(items, term)
-            turning[term.name] += add_axes(items, term)
+            rotating_axes[term.name] += add_axes(items, term)
         elif isinstance(term, SpringForce):
             readings[term.name] += add_spring_force(items, term)
         else:
@@ -109,12 +116,12 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, s
         readings,
         massless,
         sparse=mbs.systemData.ODE2Size() > LARGE,
-        turning=turning,
+        rotating_axes=rotating_axes,
     )
 
 
 def _realise(items: Items, term: Term, assembly: Assembly) -> list[InputChannel]:
-    """Add what a term does; returns what an input then drives.
+    """Add a term and return the channels of its input.
 
     Shunts are circuits of the assembly, filters are the assembly's, prescribed motions belong to their constraints.
     """
@@ -191,7 +198,7 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None,
 
 
 def _add_linear_body(mbs: Any, scene: Scene, body: Body) -> BodyNodes:
-    """Add a body of another formulation, by its own linear equations; general items hold and drive its points."""
+    """Add a body of another formulation by its own linear equations; general items hold and drive its points."""
     n = len(body.mass_matrix)
     node = mbs.AddNode(modal_node(n))
     number = mbs.AddObject(
@@ -208,6 +215,7 @@ def _add_linear_body(mbs: Any, scene: Scene, body: Body) -> BodyNodes:
 def _flexible_nodes(
     body: FlexibleBody, frame: FloatingFrame, node: int, coordinates: FlexibleCoordinates, number: int
 ) -> BodyNodes:
+    """Return the nodes of a flexible body."""
     if body.fidelity == "linear":
         state = partial(LinearState, body, change=coordinates.coordinates)
         places = [np.concatenate([body.point_position(point), np.zeros(3)]) for point in body.reduced.point_names]
@@ -220,7 +228,7 @@ def _flexible_nodes(
 
 
 def _as_rigid(body: Body, assembly: Assembly) -> RigidBody:
-    """A body without deformation, along the world's axes."""
+    """Return a body without deformation along the world's axes."""
     if isinstance(body, RigidBody):
         return body.along_world
     assert isinstance(body, FlexibleBody)
@@ -329,12 +337,12 @@ def _add_floating(
 
 
 def _marker_factory(mbs: Any, rotation: Array, marker: Callable[..., Any], **of_place: Any) -> MarkerFactory:
-    """Adds markers to what is turned against the world's axes at the start, in which their own axes are given."""
+    """Return a function that adds markers to a body of a given initial rotation, with axes of the world's frame."""
     return lambda axes: int(mbs.AddMarker(marker(localHT=frame_at(np.zeros(3), rotation.T @ axes), **of_place)))
 
 
 def _places(scene: Scene, body: FlexibleBody, frame_point: str) -> list[Place]:
-    """What takes part of a body, but for the point on which its frame rides: points, and places that they reach."""
+    """Return the points of a body that parts use, except the frame's, and the places to which points are extended."""
     named = scene.named_points(body)
     places = {(point, (0.0, 0.0, 0.0)) for point in body.reduced.all_point_names if point in named}
     for path, place in extended_points(scene):
@@ -344,9 +352,10 @@ def _places(scene: Scene, body: FlexibleBody, frame_point: str) -> list[Place]:
 
 
 def _virtual_nodes(body: FlexibleBody, frame: FloatingFrame, places: Sequence[Place]) -> tuple[Array, Array]:
-    """Virtual mesh nodes: three around each place, whose displacements are the rigid motion of the point it goes with.
+    """Return virtual mesh nodes: three around each place, whose displacements define the rigid motion of its point.
 
-    Returns their positions (3 n_pilots,) and mode rows (3 n_pilots, n). At least one node must exist.
+    Returns:
+        Their positions (3 n_nodes,) and mode rows (3 n_nodes, n). At least one node must exist.
     """
     everyone = np.array([p.position for p in body.reduced.remote_points])
     radius = VIRTUAL_NODE_RADIUS * max(float(np.ptp(everyone, axis=0).max()), 1e-6)
@@ -360,6 +369,7 @@ def _virtual_nodes(body: FlexibleBody, frame: FloatingFrame, places: Sequence[Pl
 
 
 def _add_rigid(mbs: Any, body: RigidBody, twist: Array) -> tuple[int | None, int]:
+    """Add a rigid body; return its node, None where fixed, and its object."""
     if body.fixed:
         return None, mbs.AddObject(eii.ObjectGround(referencePosition=list(body.position)))
     node = mbs.AddNode(
@@ -376,10 +386,11 @@ def _add_rigid(mbs: Any, body: RigidBody, twist: Array) -> tuple[int | None, int
 
 
 Blocks = dict[tuple[str, str], Array]
-"""Of a matrix on the deformation of all bodies, by the names of every two."""
+"""Blocks of a matrix on the deformation of all bodies, by the names of two bodies."""
 
 
 def _by_bodies(assembly: Assembly, full: Array) -> Blocks:
+    """Split a matrix on the deformation of all bodies into blocks."""
     bodies = assembly.scene.deformable_bodies
     ends = np.cumsum([0, *(len(assembly.frames[body.name].flexible) for body in bodies)])
     places = {body.name: slice(ends[k], ends[k + 1]) for k, body in enumerate(bodies)}
@@ -389,13 +400,13 @@ def _by_bodies(assembly: Assembly, full: Array) -> Blocks:
 def _couple(
     mbs: Any, assembly: Assembly, flexible: dict[str, FlexibleCoordinates], mass: Blocks, damping: Blocks
 ) -> None:
-    """Mass and damping between the deformations of several flexible bodies, which modes of their assembly need."""
+    """Add mass and damping between the deformations of several flexible bodies, as modes of their assembly require."""
     bodies = assembly.scene.deformable_bodies
     rows = [assembly.frames[b.name].deformation(b.reduced) @ flexible[b.name].coordinates for b in bodies]
 
     def between(blocks: Blocks) -> Array:
         if not any(np.any(block) for (a, b), block in blocks.items() if a != b):
-            return np.zeros((0, 0))  # what is empty costs no time at every step
+            return np.zeros((0, 0))  # an empty matrix costs no time at every step
         return np.block(
             [
                 [rows[i].T @ blocks[a.name, b.name] @ rows[j] * (i != j) for j, b in enumerate(bodies)]
@@ -410,6 +421,7 @@ def _couple(
 
 
 def _container(matrix: Array) -> Any:
+    """Return a matrix as Exudyn's dense container."""
     result = exu.MatrixContainer()
     result.SetWithDenseMatrix(matrix, useDenseMatrix=True)
     return result

@@ -34,8 +34,8 @@ from nassim.simulation.model.unsupported_modes import unsupported_modes
 from nassim.systems.state_space import StateSpace
 
 NO_EQUILIBRIUM = (
-    "no static equilibrium: can a body move freely? Add joints, leave gravity out, or start from the reference configuration "
-    'by simulate(..., start="released")'
+    "no static equilibrium: can a body move freely? Add joints, leave gravity out, or start from the reference "
+    'configuration by simulate(..., start="released")'
 )
 ITERATIONS = 100
 LEFT_OVER = 1e-11

@@ -248,9 +248,7 @@ def _spinning(body: Body) -> Array:
 
 
 def _driven(scene: Scene, places: Mapping[str, slice], rates: Mapping[str, float]) -> tuple[Array, Array]:
-    """Return the relative velocities of drives per unit of all twists, (drives, 6 n_bodies), and their required
-    values.
-    """
+    """Return the rows of drives on all twists, (drives, 6 n_bodies), and the drives' velocities, (drives,)."""
     joints = {joint.name: joint for joint in scene.terms_of(Constraint)}
     driven = scene.terms_of(PrescribedMotion)
     rows = [np.zeros((0, 6 * len(places)))]

@@ -13,8 +13,8 @@ from nassim.signals.time_history import TimeHistory, occupied_bandwidth
 from nassim.simulation.exudyn.motion_recorder import MotionRecorder
 from nassim.simulation.exudyn.solver import axial_tension, eigenfrequencies, solve_dynamic, solve_static
 from nassim.simulation.exudyn.state import System
+from nassim.simulation.exudyn.steady_state import solve_steady_rotation
 from nassim.simulation.exudyn.system import build_system
-from nassim.simulation.exudyn.turning import solve_turning
 from nassim.simulation.linear.exact_steps import exact_response
 from nassim.simulation.linear.linearization import linearize, state_space
 from nassim.simulation.linear.stopped_runs import Stopped
@@ -286,7 +286,7 @@ def _settle(system: System, rates: Mapping[str, float]) -> bool:
         if np.any(scene.gravity):
             solve_static(system)
         return bool(np.any(scene.gravity))
-    growing = solve_turning(system, twists)
+    growing = solve_steady_rotation(system, twists)
     if growing and not scene.loops and is_axisymmetric(scene, twists):
         raise ValueError(
             f"the spinning equilibrium of scene {scene.name!r} to start from is unstable: {growing[0]}; change the "
