@@ -375,7 +375,7 @@ def test_a_foundation_that_stands_damps_an_unbalance():
     for standing in (["ground", "stator"], ["ground", "stator", "ring"]):
         found = spinning_equilibrium(scene, standing=standing)
         assert found["0"] + 1j * found["1"] == pytest.approx(expected, rel=1e-6)
-    with pytest.raises(ValueError, match="say which bodies stand"):
+    with pytest.raises(ValueError, match="name all bodies of the stator"):
         spinning_equilibrium(scene)
 
 

@@ -28,8 +28,9 @@ from nassim import (
 )
 from nassim.scene.drives import Drive
 from nassim.scene.joints import prismatic
-from nassim.simulation import SimulationInterrupted, exact_steps
+from nassim.simulation import SimulationInterrupted
 from nassim.simulation.exudyn import solver
+from nassim.simulation.linear import exact_steps
 from nassim.simulation.linear.stopped_runs import Stopped
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.initial_velocities import starting_energy

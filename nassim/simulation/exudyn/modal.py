@@ -19,9 +19,10 @@ from nassim.simulation.exudyn.state import (
     System,
     modal_node,
 )
-from nassim.simulation.model.assembly import Assembly, Tangent
+from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.period_correction import Steps, small_motion_factors
 from nassim.simulation.model.prescribed_motion import product
+from nassim.simulation.model.tangents import Tangent
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ import scipy
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import skew
 from nassim.simulation.exudyn.state import System
-from nassim.simulation.model.assembly import NO_EQUILIBRIUM
+from nassim.simulation.model.tangents import NO_EQUILIBRIUM
 from nassim.systems.linear_model import UnstablePole
 
 DIFFERENCE_STEP = 1e-6
@@ -176,7 +176,7 @@ class _Motion:
         Raises:
             RuntimeError: if a force meets no stiffness.
         """
-        # Each motion is scaled to its own stiffness, soft ones to that of the spin, so that rounding does not hide them.
+        # Each motion is scaled to its own stiffness, soft ones to that of the spin, above rounding.
         softest = max(speed**2, SOFT * np.abs(self.squares).max(initial=0.0))
         scale = 1 / np.sqrt(np.maximum(np.abs(self.squares), softest))
         u, values, v = np.linalg.svd(scale[:, None] * self.stiffness * scale)

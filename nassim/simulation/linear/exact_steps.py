@@ -18,8 +18,9 @@ from nassim.simulation.linear.digital_controllers import runaway, see_runaway
 from nassim.simulation.linear.linearization import state_space
 from nassim.simulation.linear.sampled_closed_loop import ClosedSteps, Plant, closed_steps
 from nassim.simulation.linear.stopped_runs import Stopped, Trust
-from nassim.simulation.model.assembly import NO_EQUILIBRIUM, Assembly
+from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.reach import find_reach
+from nassim.simulation.model.tangents import NO_EQUILIBRIUM
 from nassim.systems.state_space import StateSpace, discretize, quasi_static, repeated, settling_response
 
 CHECKS = 200

@@ -233,7 +233,8 @@ def _check_other_frame_body(view: FrameView, name: str) -> None:
     if isinstance(body, FlexibleBody):
         raise ValueError(
             f"body {name!r} of the {'stator' if name in partition.standing else 'rotor'} is a reduced body, which a "
-            f"model in the {partition.frame} frame cannot rotate: describe it as a RigidBody, {OTHERWISE[partition.frame]}"
+            f"model in the {partition.frame} frame cannot rotate: describe it as a RigidBody, "
+            f"{OTHERWISE[partition.frame]}"
         )
     masses = [view.states(angle)[name].body.mass_matrix for angle in (0.0, *ANGLES)]
     change = max(float(np.linalg.norm((mass - masses[0])[3:, 3:])) for mass in masses)

@@ -21,7 +21,8 @@ from nassim.scene.terms import (
     SpringForce,
     Term,
 )
-from nassim.simulation.model.assembly import Assembly, Coordinates
+from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.states import ReferenceState
 
 Tie = Constraint | ForceLaw

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 import scipy
@@ -12,12 +11,10 @@ from nassim.base.modal import elastic_ratios
 from nassim.bodies.floating_frame import FloatingFrame, floating_frame
 from nassim.bodies.strain import Strain, joined, spring_strain, stiffness_root, strained_modes
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
-from nassim.scene.measures import Measure
 from nassim.scene.scene import Scene
 from nassim.scene.terms import (
     AppliedForce,
     BaseAcceleration,
-    ForceLaw,
     Output,
     Shunt,
     Spring,
@@ -25,21 +22,15 @@ from nassim.scene.terms import (
     Term,
 )
 from nassim.simulation.model.constraints import constraint_rows, null_space
+from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.damping import Damping, own_damping
 from nassim.simulation.model.filters import ground_accelerations, output_filters
 from nassim.simulation.model.prescribed_motion import PrescribedMotions, prescribed_motion_of, prescribed_motions
 from nassim.simulation.model.states import ReferenceState
+from nassim.simulation.model.tangents import Tangent, law_tangents, tangent_of
 from nassim.simulation.model.trimming import trim_scene, without_pictures
 from nassim.simulation.model.unsupported_modes import unsupported_modes
 from nassim.systems.state_space import StateSpace
-
-NO_EQUILIBRIUM = (
-    "no static equilibrium: can a body move freely? Add joints, leave gravity out, or start from the reference "
-    'configuration by simulate(..., start="released")'
-)
-ITERATIONS = 100
-LEFT_OVER = 1e-11
-"""Share of the weight that may be out of balance in static equilibrium."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +108,7 @@ class Assembly:
 
     scene: Scene
     terms: tuple[Term, ...]
-    coordinates: "Coordinates"
+    coordinates: Coordinates
     slices: dict[str, slice]
     enforced: dict[str, tuple[str, ...]]
     basis: Array
@@ -133,7 +124,7 @@ class Assembly:
     ground_matrix: Array
     filters: dict[str, StateSpace]
     weight: Array
-    tangents: tuple["Tangent", ...]
+    tangents: tuple[Tangent, ...]
     frames: dict[str, FloatingFrame]
     circuits: tuple[Circuit, ...]
     amplifiers: tuple[Amplifier, ...]
@@ -157,167 +148,6 @@ class Assembly:
         """Whether the undamped modes are uncoupled, outputs read displacements only and inputs act as forces only."""
         coupled = self.circuits or self.amplifiers or self.prescribed.inputs or np.any(self.damping.non_modal)
         return not (coupled or self.filters or np.any(self.velocity_matrix) or np.any(self.acceleration_matrix))
-
-
-@dataclass(frozen=True)
-class Coordinates:
-    """All coordinates of a scene's moving bodies in the reference configuration, and measures on them.
-
-    Attributes:
-        scene: the scene.
-        slices: slice of each moving body's coordinates among all, by name.
-        mass: mass matrix of all coordinates, (n_all, n_all).
-    """
-
-    scene: Scene
-    slices: dict[str, slice]
-    mass: Array
-
-    @classmethod
-    def of(cls, scene: Scene) -> "Coordinates":
-        """Number the coordinates of a scene."""
-        bodies = [body for body in scene.bodies if body.moves]
-        blocks = [body.mass_matrix for body in bodies]
-        ends = np.cumsum([0, *map(len, blocks)])
-        places = {body.name: slice(ends[k], ends[k + 1]) for k, body in enumerate(bodies)}
-        return cls(scene, places, scipy.linalg.block_diag(*blocks))
-
-    @cached_property
-    def states(self) -> dict[str, ReferenceState]:
-        """States of all bodies in the reference configuration, by name."""
-        return {body.name: ReferenceState(body) for body in self.scene.bodies}
-
-    def jacobian(self, measure: Measure, states: Mapping[str, ReferenceState] | None = None) -> Array:
-        """Evaluate a measure's rows on all coordinates.
-
-        Args:
-            measure: the measure, of k components.
-            states: states of the bodies, by name; default: the reference configuration.
-
-        Returns:
-            The rows, (k, n_all).
-        """
-        _, parts = measure.evaluate(self.states if states is None else states)
-        result = np.zeros((len(measure.components), len(self.mass)))
-        for name, rows in parts.items():
-            if name in self.slices:
-                result[:, self.slices[name]] = rows
-        return result
-
-    def motion(self, path: str) -> Array:
-        """Return the small motion of a point in the world's frame, (6, n_all)."""
-        body, point = self.scene.split(path)
-        rows = np.zeros((6, len(self.mass)))
-        if body.moves:
-            rows[:, self.slices[body.name]] = body.motion(point)
-        return rows
-
-    def weight(self, gravity: Array, states: Mapping[str, ReferenceState] | None = None) -> Array:
-        """Return the forces of a uniform gravity, world frame, (3,) [m/s2], on all coordinates, (n_all,)."""
-        result = np.zeros(len(self.mass))
-        for name, place in self.slices.items():
-            result[place] = (states or self.states)[name].weight(gravity)
-        return result
-
-
-@dataclass(frozen=True)
-class Tangent:
-    """A force law about the static equilibrium of small motion.
-
-    Attributes:
-        law: the force law.
-        rows: Jacobian of its measure on all coordinates, (k, n_all).
-        value: value of the measure, (k,).
-        stiffness: derivative of the resistance with respect to the value, (k, k).
-        damping: derivative of the resistance with respect to the rate, (k, k).
-    """
-
-    law: ForceLaw
-    rows: Array
-    value: Array
-    stiffness: Array
-    damping: Array
-
-    @classmethod
-    def of(cls, law: ForceLaw, rows: Array, coordinates: Array) -> "Tangent":
-        """Evaluate the tangent at given coordinates, (n_all,)."""
-        value = rows @ coordinates
-        return cls(law, rows, value, *law.tangents(value, np.zeros(len(value))))
-
-
-def law_tangents(coordinates: Coordinates, terms: Sequence[Term], basis: Array) -> list[Tangent]:
-    """Compute the tangents of force laws about the static equilibrium under gravity.
-
-    The equilibrium is at zero where all laws are linear.
-
-    Args:
-        coordinates: coordinates of the scene.
-        terms: terms of the parts.
-        basis: motions that the constraints leave, (n_all, n).
-
-    Returns:
-        The tangents, in the order of the laws.
-
-    Raises:
-        ValueError: if no equilibrium is found, and for a law whose tangent stiffness is negative there.
-    """
-    laws = [(term, coordinates.jacobian(term.measure)) for term in terms if isinstance(term, ForceLaw)]
-    at_rest = np.zeros(len(coordinates.mass))
-    if any(not law.is_linear for law, _ in laws):
-        at_rest = _nonlinear_equilibrium(coordinates, laws, basis)
-    result = [Tangent.of(law, rows, at_rest) for law, rows in laws]
-    for tangent in result:
-        least = float(np.linalg.eigvalsh(0.5 * (tangent.stiffness + tangent.stiffness.T))[0])
-        if least < -LEFT_OVER * np.abs(tangent.stiffness).max():
-            raise ValueError(
-                f"the {type(tangent.law).__name__} between {', '.join(tangent.law.measure.points)} pushes away from "
-                f"equilibrium, with a tangent of {least:.3g}: it has no model of small motion; simulate in large "
-                'motion (fidelity "ffrf", or rigid bodies alone)'
-            )
-    return result
-
-
-def tangent_of(coordinates: Coordinates, law: ForceLaw, tangents: Sequence[Tangent]) -> Tangent:
-    """Return the tangent of a law that another part states again; a law within a body is taken about zero."""
-    rows = coordinates.jacobian(law.measure)
-    for tangent in tangents:
-        if type(tangent.law) is type(law) and np.array_equal(tangent.rows, rows):
-            return Tangent(law, rows, tangent.value, *law.tangents(tangent.value, np.zeros(len(rows))))
-    return Tangent.of(law, rows, np.zeros(rows.shape[1]))
-
-
-def _nonlinear_equilibrium(coordinates: Coordinates, laws: Sequence[tuple[ForceLaw, Array]], basis: Array) -> Array:
-    """Find the coordinates at rest under gravity, (n_all,), by Newton's method with halved steps.
-
-    Rigid-body modes stay at zero.
-    """
-    scene, scale = coordinates.scene, 1 / np.sqrt(np.einsum("ij,ij->j", basis, coordinates.mass @ basis))
-    free, weight = basis * scale, coordinates.weight(scene.gravity)
-    elastic = np.zeros_like(coordinates.mass)
-    for body in scene.bodies:
-        if body.moves and body.strain is not None:
-            elastic[coordinates.slices[body.name], coordinates.slices[body.name]] = body.strain.stiffness
-
-    def left(q: Array) -> Array:
-        force = weight - elastic @ q
-        for law, rows in laws:
-            force = force - rows.T @ law.resistance(rows @ q, np.zeros(len(rows)))
-        result: Array = free.T @ force
-        return result
-
-    q, size = np.zeros(len(coordinates.mass)), float(np.linalg.norm(free.T @ weight))
-    for _ in range(ITERATIONS):
-        now = left(q)
-        stiffness = elastic + sum(t.rows.T @ t.stiffness @ t.rows for t in (Tangent.of(*law, q) for law in laws))
-        step = free @ np.linalg.lstsq(free.T @ stiffness @ free, now, rcond=LEFT_OVER)[0]
-        held = np.linalg.norm(free.T @ stiffness @ step)
-        if held <= LEFT_OVER * max(size, 1e-300):
-            return q
-        share = 1.0
-        while share > LEFT_OVER and np.linalg.norm(left(q + share * step)) >= np.linalg.norm(now):
-            share /= 2
-        q = q + share * step
-    raise ValueError(f"scene {scene.name!r}: {NO_EQUILIBRIUM}")
 
 
 def assemble(scene: Scene) -> Assembly:
