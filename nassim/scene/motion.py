@@ -10,7 +10,7 @@ from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, know
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.scene import Scene
 
-TURNED = 1e-6
+NOT_ORTHOGONAL = 1e-6
 """Largest entry of R^T R - I that rounding may leave in a rotation matrix."""
 
 
@@ -53,9 +53,9 @@ class Motion:
         coordinates = {k: finite_array(f"coordinates of {k!r}", v, (n, None)) for k, v in self.coordinates.items()}
         for name in coordinates:
             known("body", name, positions)
-        for name, turns in rotations.items():
-            off = np.abs(turns @ turns.transpose(0, 2, 1) - np.eye(3)).max()
-            if off > TURNED or np.linalg.det(turns).min() < 0:
+        for name, matrices in rotations.items():
+            off = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3)).max()
+            if off > NOT_ORTHOGONAL or np.linalg.det(matrices).min() < 0:
                 raise ValueError(f"rotations of {name!r} must be proper orthogonal matrices")
         freeze(
             self,
@@ -95,7 +95,8 @@ def seen_from(scene: Scene, motion: Motion, body: str) -> Motion:
     back = reference.rotation @ motion.rotations[body].transpose(0, 2, 1)
     moved = {name: places - motion.positions[body] for name, places in motion.positions.items()}
     places = {name: reference.position + np.einsum("nij,nj->ni", back, moved[name]) for name in moved}
-    return replace(motion, positions=places, rotations={name: back @ turns for name, turns in motion.rotations.items()})
+    rotations = {name: back @ matrices for name, matrices in motion.rotations.items()}
+    return replace(motion, positions=places, rotations=rotations)
 
 
 def point_motion(scene: Scene, motion: Motion, path: str) -> tuple[Array, Array]:
@@ -116,11 +117,11 @@ def point_motion(scene: Scene, motion: Motion, path: str) -> tuple[Array, Array]
     """
     body, point = scene.split(path)
     known("body of the motion", body.name, motion.positions)
-    place, turns = motion.positions[body.name], motion.rotations[body.name]
+    place, rotations = motion.positions[body.name], motion.rotations[body.name]
     if not isinstance(body, FlexibleBody):
         arm = body.rotation.T @ (body.point_position(point) - body.position)
-        return place + turns @ arm, turns
+        return place + rotations @ arm, rotations
     rows = body.reduced.motion(point)
     shifts = motion.coordinates.get(body.name, np.zeros((len(motion.time), rows.shape[1]))) @ rows.T
     arms = body.reduced.point(point).position + shifts[:, :3]
-    return place + np.einsum("nij,nj->ni", turns, arms), turns @ Rotation.from_rotvec(shifts[:, 3:]).as_matrix()
+    return place + np.einsum("nij,nj->ni", rotations, arms), rotations @ Rotation.from_rotvec(shifts[:, 3:]).as_matrix()

@@ -22,7 +22,8 @@ from nassim import (
 )
 from nassim.base.modal import decay_poles
 from nassim.scene import Bushing, Drive, Loop, fixed, prismatic, revolute
-from nassim.simulation import assemble, compensation, integrator_error, numerical_damping, period_errors
+from nassim.simulation import assemble, integrator_error, numerical_damping, period_errors
+from nassim.simulation.model import period_correction
 from nassim.simulation.model.period_correction import Steps, correct_periods
 from nassim.systems import proportional
 
@@ -82,7 +83,7 @@ def errors(scene, exactly, *, radius=1.0):
     exact = simulate(exactly, push, method="exact", **options)
     found = error(simulate(scene, push, spectral_radius=radius, **options), exact)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(compensation, "FASTEST", 1e-4)
+        patch.setattr(period_correction, "FASTEST", 1e-4)
         return found, error(simulate(scene, push, spectral_radius=radius, **options), exact)
 
 
@@ -198,7 +199,7 @@ def test_what_moves_far_has_positive_masses_everywhere(link):
         assembly = assemble(replace(scene, joints=(hinge, *scene.joints[1:])))
         assert assembly.rigid_modes.any()
         frames = [assembly.frames[name] for name in "ab"]
-        spare = scipy.linalg.block_diag(*map(compensation.in_free_flight, frames))
+        spare = scipy.linalg.block_diag(*map(period_correction.in_free_flight, frames))
         taken = scipy.linalg.eigh(-correct_periods(assembly, Steps(step))[1], spare, eigvals_only=True)
         assert -1e-9 < taken.min() < taken.max() < 0.9 + 1e-9
 

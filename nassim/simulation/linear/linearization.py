@@ -273,19 +273,19 @@ def _filter(a: Assembly, state: Array, drives: Array, readings: Array, feedthrou
 
 def _moved_by_drives(a: Assembly, spin: Spinning | None, state: Array) -> Array:
     """Return the rates of all states per unit of the drives' motions, (size, d)."""
-    n, following = len(a.frequency), a.prescribed
+    n, prescribed = len(a.frequency), a.prescribed
     position, velocity = slice(n), slice(n, 2 * n)
-    drag, pull = following.drag, np.zeros_like(following.drag)
+    drag, pull = prescribed.drag, np.zeros_like(prescribed.drag)
     if spin is not None:
         drag, pull = drag + a.shapes.T @ spin.drag, a.shapes.T @ spin.pull
     result = np.zeros((len(state), drag.shape[1]))
     # Rounding mixes modes of independent machines a little, which must not look like a prescribed motion.
     sizes = np.linalg.norm(state[velocity, velocity], axis=0)
     damping = cleared(-state[velocity, velocity], np.maximum.outer(sizes, sizes))
-    result[position] = slip = product(np.hstack([damping, -np.eye(n)]), np.vstack([following.momentum, drag]))
-    result[velocity] = -damping @ slip - state[velocity, position] @ following.momentum - pull
+    result[position] = slip = product(np.hstack([damping, -np.eye(n)]), np.vstack([prescribed.momentum, drag]))
+    result[velocity] = -damping @ slip - state[velocity, position] @ prescribed.momentum - pull
     for j, circuit in enumerate(a.circuits, start=2 * n):
-        result[j] = circuit.forces @ following.beyond / (circuit.resistance * circuit.capacitance**2)
+        result[j] = circuit.forces @ prescribed.beyond / (circuit.resistance * circuit.capacitance**2)
     return result
 
 

@@ -162,16 +162,16 @@ def _chart(reference: Array, arm: Array, moved: Array) -> tuple[Pose, Array]:
     frame, point = moved[:6], moved[6:]
     theta = frame[3:]
     rotation = Rotation.from_rotvec(theta).as_matrix()
-    beside = np.hstack([-rigid_transfer(arm), np.eye(6)])  # deformation d and e, linear in the small motions
-    d, e = np.split(beside @ moved, 2)
+    relative = np.hstack([-rigid_transfer(arm), np.eye(6)])  # deformation d and e, linear in the small motions
+    d, e = np.split(relative @ moved, 2)
     position = reference - arm + frame[:3] + rotation @ (arm + d)
     jacobian = np.zeros((6, 12))
     left = np.linalg.inv(inverse_right_jacobian(-theta))
     jacobian[:, :6] = rigid_transfer(rotation @ (arm + d)) @ np.block(
         [[np.eye(3), np.zeros((3, 3))], [np.zeros((3, 3)), left]]
     )
-    jacobian[:3] += rotation @ beside[:3]
-    jacobian[3:] += rotation @ np.linalg.inv(inverse_right_jacobian(-e)) @ beside[3:]
+    jacobian[:3] += rotation @ relative[:3]
+    jacobian[3:] += rotation @ np.linalg.inv(inverse_right_jacobian(-e)) @ relative[3:]
     assert len(point) == 6
     return (position, rotation @ Rotation.from_rotvec(e).as_matrix()), jacobian
 

@@ -60,40 +60,42 @@ class RotorPartition:
     Attributes:
         velocity: angular velocity of the rotor, (3,) [rad/s], not zero.
         point: a point of the axis, (3,) [m].
-        standing: names of the bodies of the stator.
+        stator: names of the bodies of the stator.
         frame: "turning" for the rotor's frame or "standing" for the stator's.
     """
 
     velocity: Array
     point: Array
-    standing: frozenset[str]
+    stator: frozenset[str]
     frame: str = "turning"
 
     def spin(self, name: str) -> Array:
         """Return the angular velocity of a body, (3,) [rad/s]."""
-        return np.zeros(3) if name in self.standing else self.velocity
+        return np.zeros(3) if name in self.stator else self.velocity
 
     def in_other_frame(self, name: str) -> bool:
         """Whether a body, or "" for the world with its axes, belongs to the side that does not describe the motion."""
-        return (not name or name in self.standing) == (self.frame == "turning")
+        return (not name or name in self.stator) == (self.frame == "turning")
 
     @property
-    def drift(self) -> Array:
+    def relative_velocity(self) -> Array:
         """Angular velocity V of the other side in the describing frame, (3,) [rad/s]."""
         return -self.velocity if self.frame == "turning" else self.velocity
 
-    def turn(self, angle: float) -> Array:
+    def rotation_at(self, angle: float) -> Array:
         """Return the rotation of the other side in the describing frame, (3, 3), at an angle [rad]."""
-        rotation: Array = Rotation.from_rotvec(angle * self.drift / np.linalg.norm(self.drift)).as_matrix()
+        rotation: Array = Rotation.from_rotvec(
+            angle * self.relative_velocity / np.linalg.norm(self.relative_velocity)
+        ).as_matrix()
         return rotation
 
-    def carried(self, body: Body, angle: float) -> Body:
+    def moved_body(self, body: Body, angle: float) -> Body:
         """Return a body in the describing frame once the other side has rotated by an angle [rad]."""
         if not self.in_other_frame(body.name):
             return body
-        turn = self.turn(angle)
-        place = self.point + turn @ (body.position - self.point)
-        return replace(body, position=place, rotation=turn @ body.rotation)  # type: ignore[type-var]  # a dataclass
+        rotation = self.rotation_at(angle)
+        place = self.point + rotation @ (body.position - self.point)
+        return replace(body, position=place, rotation=rotation @ body.rotation)  # type: ignore[type-var]  # a dataclass
 
 
 @dataclass(frozen=True)
@@ -114,10 +116,10 @@ class FrameView:
         """Return the states of all bodies, by name, written along the world's axes."""
         if angle not in self.seen:
             partition = self.partition
-            view = partition.turn(angle).T if partition.in_other_frame("") else None
+            view = partition.rotation_at(angle).T if partition.in_other_frame("") else None
             bodies = self.assembly.scene.bodies
             self.seen[angle] = {
-                body.name: ReferenceState(partition.carried(body, angle), body, view, partition.point)
+                body.name: ReferenceState(partition.moved_body(body, angle), body, view, partition.point)
                 for body in bodies
             }
         return self.seen[angle]
@@ -144,7 +146,7 @@ class FrameView:
     @property
     def rate(self) -> float:
         """Angular speed of the other side in the describing frame [rad/s]."""
-        return float(np.linalg.norm(self.partition.drift))
+        return float(np.linalg.norm(self.partition.relative_velocity))
 
     @cached_property
     def scale(self) -> Array:
@@ -166,8 +168,14 @@ def other_frame_terms(view: FrameView, name: str, coriolis: Array, stiffness: Ar
     Returns:
         Both in the describing frame, (6, 6) each.
     """
-    mass, drift = view.states(0.0)[name].body.mass_matrix, np.kron(np.eye(2), skew(view.partition.drift))
-    return coriolis - 2 * mass @ drift, stiffness - coriolis @ drift + mass @ drift @ drift
+    mass, relative_velocity = (
+        view.states(0.0)[name].body.mass_matrix,
+        np.kron(np.eye(2), skew(view.partition.relative_velocity)),
+    )
+    return (
+        coriolis - 2 * mass @ relative_velocity,
+        stiffness - coriolis @ relative_velocity + mass @ relative_velocity @ relative_velocity,
+    )
 
 
 def rotating_damping(view: FrameView) -> Array:
@@ -188,16 +196,16 @@ def check_constant(view: FrameView) -> None:
     assembly, partition = view.assembly, view.partition
     for name in filter(partition.in_other_frame, assembly.slices):
         _check_other_frame_body(view, name)
-    turn = rotation_about(assembly, assembly.slices.keys() - partition.standing, partition.velocity, partition.point)
+    rotation = rotation_about(assembly, assembly.slices.keys() - partition.stator, partition.velocity, partition.point)
     ties: dict[tuple[str, ...], list[Tie]] = {}
     for term in assembly.terms:
         if isinstance(term, Tie):
-            if resists(assembly, term, turn):
+            if resists(assembly, term, rotation):
                 raise ValueError(
                     f"{label_of(term)} resists the rotation of the rotor about its axis, against the stator or against "
                     "the world's axes: free that motion, put its points on the axis, or let its axes rotate with it"
                 )
-            sides = {name in partition.standing for name in term.measure.bodies}
+            sides = {name in partition.stator for name in term.measure.bodies}
             halfway = len(term.measure.components) > 1 and len(sides) > 1
             if isinstance(term, ForceLaw) and halfway and damps(term):
                 raise ValueError(
@@ -220,11 +228,11 @@ def check_constant(view: FrameView) -> None:
 
 def damps_both(view: FrameView) -> bool:
     """Whether a damping of the scene's modes would act on stator and rotor at once, or on bodies in the other frame."""
-    standing = view.partition.standing
-    if any(name in standing or view.partition.in_other_frame(name) for name in view.assembly.slices):
+    stator = view.partition.stator
+    if any(name in stator or view.partition.in_other_frame(name) for name in view.assembly.slices):
         return True
     laws = (term for term in view.assembly.terms if isinstance(term, ForceLaw))
-    return any(name in standing for law in laws for name in law.measure.bodies)
+    return any(name in stator for law in laws for name in law.measure.bodies)
 
 
 def _check_other_frame_body(view: FrameView, name: str) -> None:
@@ -232,14 +240,14 @@ def _check_other_frame_body(view: FrameView, name: str) -> None:
     body, _ = view.assembly.scene.split(f"{name}.")
     if isinstance(body, FlexibleBody):
         raise ValueError(
-            f"body {name!r} of the {'stator' if name in partition.standing else 'rotor'} is a reduced body, which a "
+            f"body {name!r} of the {'stator' if name in partition.stator else 'rotor'} is a reduced body, which a "
             f"model in the {partition.frame} frame cannot rotate: describe it as a RigidBody, "
             f"{OTHERWISE[partition.frame]}"
         )
     masses = [view.states(angle)[name].body.mass_matrix for angle in (0.0, *ANGLES)]
     change = max(float(np.linalg.norm((mass - masses[0])[3:, 3:])) for mass in masses)
     _check_change(partition, f"body {name!r}", change, float(np.linalg.norm(masses[0][3:, 3:])))
-    if name not in partition.standing:
+    if name not in partition.stator:
         unit = partition.velocity / np.linalg.norm(partition.velocity)
         beside = float(np.linalg.norm(np.cross(unit, body.position - partition.point)))
         if beside > SAME * np.sqrt(masses[0][3, 3] / masses[0][0, 0]):

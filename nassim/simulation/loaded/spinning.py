@@ -111,7 +111,7 @@ def spinning(
     moment = 0.0
     for name, place in assembly.slices.items():
         body, _ = assembly.scene.split(f"{name}.")
-        if partition is None or name not in partition.standing:
+        if partition is None or name not in partition.stator:
             terms = inertia_terms(body, geometric.frames[name], place, velocity, axis_point)
             gyroscopic[place, place], stiffness[place, place] = terms.coriolis, terms.stiffness
             force[place], moment = terms.force, moment + terms.moment
@@ -182,17 +182,17 @@ def inertia_terms(body: Body, frame: Frame, place: slice, velocity: Array, axis_
         The terms.
     """
     if isinstance(body, FlexibleBody):
-        turn, origin, gram = body.rotation, body.position, body.reduced.gram
+        rotation, origin, gram = body.rotation, body.position, body.reduced.gram
     else:
-        turn, origin, gram = np.eye(3), body.position, _rigid_gram(*body.rigid_inertia)
+        rotation, origin, gram = np.eye(3), body.position, _rigid_gram(*body.rigid_inertia)
     n = (len(gram) - 4) // 3
-    w, axis, arm = turn.T @ velocity, turn.T @ (axis_point - origin), turn.T @ (frame.position - origin)
+    w, axis, arm = rotation.T @ velocity, rotation.T @ (axis_point - origin), rotation.T @ (frame.position - origin)
     pull = w @ w * np.eye(3) - np.outer(w, w)  # a = pull @ (x - axis)
-    along, around = turn.T @ frame.motion[:3, place], turn.T @ frame.rotation[:, place]
+    along, around = rotation.T @ frame.motion[:3, place], rotation.T @ frame.rotation[:, place]
     # Integrals over the body of rho (x - axis) times 1, x and psi_j.
-    beside = np.hstack([-axis[:, None], np.eye(3)])
-    first, second = beside @ gram[:4, 0], beside @ gram[:4, 1:4] - np.outer(beside @ gram[:4, 0], arm)
-    fields = (beside @ gram[:4, 4:]).reshape(3, n, 3)
+    shift = np.hstack([-axis[:, None], np.eye(3)])
+    first, second = shift @ gram[:4, 0], shift @ gram[:4, 1:4] - np.outer(shift @ gram[:4, 0], arm)
+    fields = (shift @ gram[:4, 4:]).reshape(3, n, 3)
     pairs = gram[4:, 4:].reshape(n, 3, n, 3)
     whole, dyad = pull @ first, pull @ second
     moments = np.einsum("da,ajb->dbj", pull, fields)  # a_d psi_jb
@@ -203,7 +203,7 @@ def inertia_terms(body: Body, frame: Frame, place: slice, velocity: Array, axis_
         force=np.einsum("bbj->j", moments),
         coriolis=2 * np.einsum("jakb,ab->jk", pairs, skew(w)),
         stiffness=-np.einsum("jakb,ab->jk", pairs, pull) - half - half.T,
-        moment=float(np.einsum("ab,ab", pull, beside @ gram[:4, :4] @ beside.T)) / float(w @ w),
+        moment=float(np.einsum("ab,ab", pull, shift @ gram[:4, :4] @ shift.T)) / float(w @ w),
     )
 
 
@@ -288,8 +288,8 @@ def _check_small(assembly: Assembly, coordinates: Array) -> None:
 
 
 def _warn_of_stress(assembly: Assembly, coordinates: Array, rate: float, partition: RotorPartition | None) -> None:
-    standing = partition.standing if partition else ()
-    bodies = [body for body in assembly.scene.deformable_bodies if body.name not in standing]
+    stator = partition.stator if partition else ()
+    bodies = [body for body in assembly.scene.deformable_bodies if body.name not in stator]
     for body in bodies:
         first, rise = stiffening(assembly.scene, body, rate)
         if rise > STIFFENING:

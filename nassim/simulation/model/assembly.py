@@ -258,10 +258,13 @@ def motion_rows(assembly: Assembly, name: str) -> tuple[Array, Array]:
     if not isinstance(body, FlexibleBody):
         return np.vstack([body.motion(point)[3:] for point in body.point_names]), np.zeros((0, len(body.mass_matrix)))
     n_points = len(body.reduced.remote_points)
-    turns, shifts = 6 * np.arange(n_points)[:, None] + [3, 4, 5], 6 * np.arange(n_points - 1)[:, None] + [0, 1, 2]
+    rotations, displacements = (
+        6 * np.arange(n_points)[:, None] + [3, 4, 5],
+        6 * np.arange(n_points - 1)[:, None] + [0, 1, 2],
+    )
     middle = body.reduced.gram[1:4, 1:4] / body.reduced.mass - np.outer(*[body.reduced.center_of_mass] * 2)
-    deformation = assembly.frames[name].deformation(body.reduced)[shifts.ravel()]
-    return np.eye(len(body.reduced.mass_matrix))[turns.ravel()], deformation / np.sqrt(np.trace(middle))
+    deformation = assembly.frames[name].deformation(body.reduced)[displacements.ravel()]
+    return np.eye(len(body.reduced.mass_matrix))[rotations.ravel()], deformation / np.sqrt(np.trace(middle))
 
 
 def _as_modelled(scene: Scene) -> tuple[Scene, tuple[Term, ...]]:

@@ -29,17 +29,17 @@ def describe(scene: Scene) -> str:
     entries = [(_placed_in(body.name), _body(scene, body, fewer)) for body in scene.bodies]
     entries += [(_placed_in(part.name), [*filter(None, [part.describe()])]) for part in scene.parts if not part.claims]
     alike = _alike(scene, entries)
-    told = {name for others in alike.values() for name in others}
+    described = {name for others in alike.values() for name in others}
     often = {first: f" (x {1 + len(others)})" for first, others in alike.items()}
     inputs, outputs = (
-        ", ".join(f"{name}{often.get(_placed_in(name), '')}" for name in names if _placed_in(name) not in told)
+        ", ".join(f"{name}{often.get(_placed_in(name), '')}" for name in names if _placed_in(name) not in described)
         for names in (scene.inputs, scene.outputs)
     )
     lines = [f"scene {scene.name!r}: inputs {inputs or 'none'}; outputs {outputs}"]
     for first, others in alike.items():
         lines.append(f"  {first}/, and the same again {', '.join(f'{other}/' for other in others)}:")
         lines += [f"    {_within(line, first)}" for name, text in entries if name == first for line in text]
-    rest = [line for name, text in entries if name not in told and name not in alike for line in text]
+    rest = [line for name, text in entries if name not in described and name not in alike for line in text]
     return "\n".join(map(_folded, [*lines, *(f"  {line}" for line in (*rest, *_rest(scene)))]))
 
 

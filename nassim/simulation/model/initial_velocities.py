@@ -52,18 +52,18 @@ def initial_twists(scene: Scene, rates: Mapping[str, float] | None = None) -> di
     # Square roots of energy: u = L^T twist, with M = L L^T.
     to_twist = np.linalg.inv(np.linalg.cholesky(scipy.linalg.block_diag(*map(_mass, bodies.values())))).T
     alone = np.zeros(6 * len(bodies))
-    turning = np.zeros((3 * len(spins), 6 * len(bodies)))
+    spin_rows = np.zeros((3 * len(spins), 6 * len(bodies)))
     for k, body in enumerate(spins):
         alone[places[body.name]] = _spinning(body)
-        turning[3 * k : 3 * k + 3, places[body.name]] = np.eye(3, 6, 3)
-    asked = np.concatenate([turning @ alone, speeds])
-    turning = np.vstack([turning, drives])
+        spin_rows[3 * k : 3 * k + 3, places[body.name]] = np.eye(3, 6, 3)
+    asked = np.concatenate([spin_rows @ alone, speeds])
+    spin_rows = np.vstack([spin_rows, drives])
     allowed = to_twist @ _null_space(_all_rows(scene, places) @ to_twist)
     free = allowed.T @ scipy.linalg.block_diag(*map(_mass, bodies.values())) @ alone
-    possible = turning @ allowed
+    possible = spin_rows @ allowed
     found = allowed @ (free + np.linalg.pinv(possible, rcond=1e-9) @ (asked - possible @ free))
     for k, body in enumerate(spins):
-        missing = (asked - turning @ found)[3 * k : 3 * k + 3]
+        missing = (asked - spin_rows @ found)[3 * k : 3 * k + 3]
         if np.linalg.norm(missing) > FOLLOWED * np.linalg.norm(asked):
             raise ValueError(
                 f"body {body.name!r} cannot start to turn at {_listed(body.angular_velocity)} rad/s: its joints, and "

@@ -82,21 +82,21 @@ def recorded_motion(
     Returns:
         The motion.
     """
-    places, turns, originals = {}, {}, {}
+    places, rotations, originals = {}, {}, {}
     for body in assembly.scene.bodies:
         own = coordinates.get(body.name)
         if body.name in poses:
-            places[body.name], turns[body.name] = poses[body.name]
+            places[body.name], rotations[body.name] = poses[body.name]
         else:
             places[body.name] = np.broadcast_to(body.position, (len(time), 3))
-            turns[body.name] = np.broadcast_to(body.rotation, (len(time), 3, 3))
+            rotations[body.name] = np.broadcast_to(body.rotation, (len(time), 3, 3))
             if isinstance(body, RigidBody) and own is not None:
                 places[body.name] = body.position + own[:, :3]
-                turns[body.name] = Rotation.from_rotvec(own[:, 3:]).as_matrix() @ body.rotation
+                rotations[body.name] = Rotation.from_rotvec(own[:, 3:]).as_matrix() @ body.rotation
         if isinstance(body, FlexibleBody):
             rows = _rows(body)
             originals[body.name] = np.zeros((len(time), len(rows))) if own is None else own @ rows.T
-    return Motion(time, places, turns, originals)
+    return Motion(time, places, rotations, originals)
 
 
 def scene_modes(scene: Scene, *, n: int | None = None) -> tuple[Array, dict[str, Array]]:

@@ -157,11 +157,11 @@ def _condensed(omega: Array, interface: Array, label: str) -> tuple[Array, Array
         The change of coordinates and the stiffness, (n, n) each.
     """
     size = np.linalg.norm(interface, axis=1)
-    _, independent, turned = np.linalg.svd(interface / np.where(size > 0, size, 1.0)[:, None])
+    _, independent, right = np.linalg.svd(interface / np.where(size > 0, size, 1.0)[:, None])
     if len(independent) < len(interface) or independent[-1] < DEPENDENT:
         raise ValueError(f"{label} do not move independently; keep one of those that move together and pass the others")
     m = len(interface)
-    held = turned[m:].T
+    held = right[m:].T
     # Modes and static shapes from strains, not from their squares: soft joints stay exact in series with stiff plates.
     stretch, frequency, combinations = np.linalg.svd(omega[:, None] * held, full_matrices=False)
     modes = held @ combinations[::-1].T
