@@ -81,7 +81,7 @@ def modal_gains(assembly: Assembly) -> Array:
     modes = assembly.basis @ assembly.shapes
     omega = 2 * np.pi * assembly.frequency
     compliance = np.zeros(len(omega))
-    flexible = ~assembly.free
+    flexible = ~assembly.rigid_modes
     compliance[flexible] = 1 / omega[flexible] ** 2
     readings, drives = assembly.output_matrix @ modes, assembly.input_matrix.T @ modes
     return np.einsum("or,ir,r->oir", readings, drives, compliance)
@@ -141,7 +141,7 @@ def apply_identification(
         opposite = _alike(-fit.gains, gains, visible, fit.outputs.index(trusted), factor)
         raise ValueError(_no_match(fit.frequency, assembly.frequency, alike, opposite, distance, factor))
 
-    n_free = np.count_nonzero(assembly.free)  # a scene counts its elastic modes only
+    n_free = np.count_nonzero(assembly.rigid_modes)  # a scene counts its elastic modes only
     ratios = assembly.damping.ratio.copy()
     if unmeasured_damping_ratio is not None:
         ratios[:] = not_negative("unmeasured_damping_ratio", unmeasured_damping_ratio)

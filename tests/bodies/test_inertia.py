@@ -92,7 +92,7 @@ def stretched_by_spin(body, angular_velocity):
     )
     system = build_system(assemble(scene))
     solve_dynamic(system, {}, n_steps=800, time_step=2e-5, spectral_radius=0.7, progress=False)
-    node = system.carriers["bar"].nodes[0][0]
+    node = system.flexible["bar"].nodes[0][0]
     return np.array(system.mbs.GetNodeOutput(node, exu.OutputVariableType.Coordinates))[0]
 
 

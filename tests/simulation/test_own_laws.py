@@ -421,7 +421,7 @@ def test_faster_items_are_the_general_ones(name, monkeypatch):
         damping_ratio=0.0,
     )
     found, _ = free_run(scene, 0.05, 1e-3, start="released", spectral_radius=0.9)
-    monkeypatch.setattr(springs, "FASTER", {})
+    monkeypatch.setattr(springs, "FASTER_FORCES", {})
     expected, _ = free_run(scene, 0.05, 1e-3, start="released", spectral_radius=0.9)
     free, _ = free_run(replace(scene, springs=()), 0.05, 1e-3, start="released", spectral_radius=0.9)
     for output in found:

@@ -54,9 +54,9 @@ def test_a_look_sees_all_bodies_as_one_by_one(fidelities):
     for sample, scale in enumerate((1e-6, 3e-6, 2e-6)):
         data.SetODE2Coordinates(scale * random.standard_normal(data.ODE2Size()), exu.ConfigurationType.Current)
         seen.look(sample)
-        states.append({name: system.deformation(name) for name in system.carriers})
-    assert set(seen.largest) == set(system.carriers)
-    for name in system.carriers:
+        states.append({name: system.deformation(name) for name in system.flexible})
+    assert set(seen.largest) == set(system.flexible)
+    for name in system.flexible:
         sizes = [motion_size(system.assembly, name, state[name][:, None]) for state in states]
         np.testing.assert_allclose(seen.largest[name], np.max(sizes, axis=0), rtol=1e-12, atol=1e-20)
     assert set(seen.slackest) == {body.name for body in system.assembly.scene.deformable_bodies}

@@ -71,7 +71,7 @@ def test_a_run_that_fails_keeps_what_it_had(capfd):
 def test_a_run_that_has_gone_wrong_without_failing_is_told():
     """The same run, which ends before it fails; at the default nothing is told."""
     with pytest.warns(
-        UserWarning, match=r"velocities that part from its constraints, from t = [\d.]+ s on: .* do not trust"
+        UserWarning, match=r"velocities that violate its constraints, from t = [\d.]+ s on: .* do not trust"
     ):
         simulate(wheel(), quiet(2.4), time_step=STEP, spectral_radius=1.0, progress=False)
     with warnings.catch_warnings():
@@ -92,7 +92,7 @@ def test_an_interrupted_run_keeps_what_it_had():
 def test_a_record_ends_before_what_is_no_number():
     stopped = Stopped("failed", np.array([[0.0, 1.0, 2.0, np.nan], [0.0, 1.0, 2.0, 3.0]]), 3)
     assert stopped.readings.shape == (2, 3)
-    assert stopped.told(None, 0.5).trusted_until == 1.0
+    assert stopped.public_error(None, 0.5).trusted_until == 1.0
 
 
 def carriage(gain, *, beside=None, limit=np.inf, sample_rate=1 / STEP, **parts):

@@ -1,4 +1,4 @@
-"""Outputs of a running Exudyn system that pass filters, from step to step."""
+"""Filters of the outputs of a running Exudyn system, from step to step."""
 
 from collections.abc import Callable
 
@@ -11,13 +11,19 @@ from nassim.simulation.model.filters import start_filter
 
 
 class Filtering:
-    """Lets outputs pass their filters, at every time step once, and tells what passes, here and to the system.
+    """Filters of a system's outputs, which run once at every time step and pass their results to the system.
 
-    Filters start as if they had always read what they read first; but a scene at rest did not accelerate before.
+    Filters start in steady state at their first input, except accelerations of a scene at rest, which start at zero.
     """
 
     def __init__(self, system: System, samples: Array, time_step: float) -> None:
-        """samples: of all inputs at all time steps, (n_steps + 1, inputs)."""
+        """Start the filters of a system.
+
+        Args:
+            system: the system.
+            samples: all inputs at all time steps, (n_steps + 1, inputs).
+            time_step: time step [s].
+        """
         scene = system.assembly.scene
         self.system, self.samples, self.time_step = system, samples, time_step
         self.steps: dict[str, Callable[[float], float]] = {}
@@ -32,12 +38,12 @@ class Filtering:
             system.filtered[output] = np.zeros(len(samples))
 
     def step(self, n: int, added: Array) -> None:
-        """At time step n; added: by loops to the inputs, (inputs,)."""
+        """Filter at time step n; added: additions of loops to the inputs, (inputs,)."""
         system, self.now = self.system, n
         for output, passed in system.filtered.items():
             k, value = self.outputs.index(output), system.measured(output)
             share = system.assembly.ground_matrix[k]
-            for sensor, weights in system.turning.get(output, ()):
+            for sensor, weights in system.rotating_axes.get(output, ()):
                 axes = np.reshape(system.mbs.GetSensorValues(sensor), (3, 3))
                 share = share - (axes @ weights - weights) @ self.falls
             value += float(sum(share[j] * (self.samples[n, j] + added[j]) for j in np.flatnonzero(share)))
@@ -48,7 +54,7 @@ class Filtering:
             passed[n] = self.steps[output](value)
 
     def measure(self) -> Array:
-        """Present outputs that loops measure; the others stay 0, (outputs,)."""
+        """Return the present outputs that loops measure, (outputs,); the others are 0."""
         result = self.read()
         for output, passed in self.system.filtered.items():
             result[self.outputs.index(output)] = passed[self.now]

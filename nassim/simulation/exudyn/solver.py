@@ -18,12 +18,12 @@ from nassim.simulation.exudyn.filtering import Filtering
 from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.springs import rounding
 from nassim.simulation.exudyn.state import System, find_accelerations
-from nassim.simulation.exudyn.turning import solve_hanging
+from nassim.simulation.exudyn.steady_state import solve_loaded_equilibrium
 from nassim.simulation.linear.digital_controllers import runaway, start_loops
 from nassim.simulation.linear.stopped_runs import Stopped
-from nassim.simulation.model.assembly import NO_EQUILIBRIUM
 from nassim.simulation.model.buckling import axial_rows
 from nassim.simulation.model.reach import find_reach, scene_size
+from nassim.simulation.model.tangents import NO_EQUILIBRIUM
 
 CHECKS = 200
 """How often a run looks at its state."""
@@ -74,7 +74,7 @@ def solve_static(system: System) -> None:
         return
     # Exudyn's joints do not tell Newton's rule what the forces in them do when they turn: a weight's own stiffness.
     try:
-        solve_hanging(system, scene_size(system.assembly))
+        solve_loaded_equilibrium(system, scene_size(system.assembly))
     except RuntimeError:
         raise RuntimeError(NO_EQUILIBRIUM) from None
 

@@ -18,8 +18,9 @@ from nassim.simulation.linear.digital_controllers import runaway, see_runaway
 from nassim.simulation.linear.linearization import state_space
 from nassim.simulation.linear.sampled_closed_loop import ClosedSteps, Plant, closed_steps
 from nassim.simulation.linear.stopped_runs import Stopped, Trust
-from nassim.simulation.model.assembly import NO_EQUILIBRIUM, Assembly
+from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.reach import find_reach
+from nassim.simulation.model.tangents import NO_EQUILIBRIUM
 from nassim.systems.state_space import StateSpace, discretize, quasi_static, repeated, settling_response
 
 CHECKS = 200
@@ -108,7 +109,7 @@ def _plant(
         drives, feedthrough, by_inputs = drives[:, :-1], feedthrough[:, :-1], by_inputs[:, :-1]
     n = 2 * len(assembly.frequency)
     fast, held_by_stiffness = np.zeros(len(state), dtype=bool), np.ones(len(state), dtype=bool)
-    fast[:n], held_by_stiffness[:n] = np.tile(_quasi_static_modes(assembly, h), 2), np.tile(~assembly.free, 2)
+    fast[:n], held_by_stiffness[:n] = np.tile(_quasi_static_modes(assembly, h), 2), np.tile(~assembly.rigid_modes, 2)
     state, drives, kept, taken = quasi_static(state, drives, fast)
     readings, settling = readings @ kept, readings @ taken
     by_states, by_inputs = by_states @ kept, by_inputs + by_states @ taken
@@ -143,7 +144,7 @@ def _quasi_static_modes(assembly: Assembly, time_step: float) -> Array:
 
 def _all_coordinates(assembly: Assembly, n_states: int, n_inputs: int) -> tuple[Array, Array]:
     """All coordinates per unit of the states of `state_space`, (n_all, n_states), and of its inputs beside."""
-    modes, following = assembly.basis @ assembly.shapes, assembly.following
+    modes, following = assembly.basis @ assembly.shapes, assembly.prescribed
     plain = n_states - sum(len(system[0]) for system in assembly.filters.values())
     by_states = np.zeros((len(modes), n_states))
     by_states[:, :plain] = following.beyond @ following.lagging(plain)
@@ -165,7 +166,7 @@ def _reader(
 
 def _check_equilibrium(assembly: Assembly) -> None:
     """RuntimeError when gravity does work on a free motion; where it does none, equilibrium is neutral."""
-    modes = (assembly.basis @ assembly.shapes)[:, assembly.free]
+    modes = (assembly.basis @ assembly.shapes)[:, assembly.rigid_modes]
     moving = [body for body in assembly.scene.bodies if body.name in assembly.slices]
     mass = sum(body.rigid_inertia[0] for body in moving)
     # Of unit modal mass, no motion can feel more than all masses falling together.

@@ -1,4 +1,4 @@
-"""What outputs pass before they are read: low-passes, band-passes, high-passes, and the ground's own acceleration."""
+"""Filters of outputs, and the acceleration of the ground in inertial outputs."""
 
 from collections.abc import Callable
 
@@ -12,7 +12,14 @@ from nassim.systems.state_space import StateSpace, cascade, discretize
 
 
 def output_filters(scene: Scene) -> dict[str, StateSpace]:
-    """By output that passes filters, or to which the acceleration of the ground adds."""
+    """Collect the filters of a scene's outputs.
+
+    Args:
+        scene: the scene.
+
+    Returns:
+        State space by output, for outputs with filters or to which the ground's acceleration adds.
+    """
     result = {}
     shaken = {term.name for term in scene.terms_of(Output) if term.inertial and scene.terms_of(BaseAcceleration)}
     for output in scene.outputs:
@@ -27,7 +34,7 @@ def output_filters(scene: Scene) -> dict[str, StateSpace]:
 
 
 def _section(term: OutputFilter) -> StateSpace:
-    """With states of the input's unit: what a low-pass lets through, and of second order what a band-pass does."""
+    """Return one filter with states in the input's unit: a low-pass, and for second order also a band-pass."""
     w = 2 * np.pi * term.frequency
     if term.damping_ratio is None:
         a, b = np.array([[-w]]), np.array([[w]])
@@ -39,9 +46,9 @@ def _section(term: OutputFilter) -> StateSpace:
 
 
 def ground_accelerations(scene: Scene) -> Array:
-    """Acceleration of the ground along what inertial outputs read, per unit input, (outputs, inputs).
+    """Return the ground's acceleration along the directions of inertial outputs, per unit input, (outputs, inputs).
 
-    The base moves as one, so a measure takes from it what it takes from a common translation of its points.
+    The base translates as a whole, so each measure is evaluated for a common translation of its points.
     """
     result = np.zeros((len(scene.outputs), len(scene.inputs)))
     for term in scene.terms_of(Output):
@@ -64,15 +71,23 @@ def common_translation(scene: Scene, measure: Measure) -> Array:
 
 
 def static_gain(system: StateSpace) -> float:
-    """Of a constant."""
+    """Return the gain of a state space at zero frequency."""
     a, b, c, d = system
     return float((d - c @ np.linalg.solve(a, b))[0, 0]) if len(a) else float(d[0, 0])
 
 
 def start_filter(system: StateSpace, time_step: float, value: float) -> Callable[[float], float]:
-    """A filter to which a value has come since ever: a function to be called with what comes at every time step.
+    """Make a filter that is in steady state at a value at the start.
 
-    Between the time steps it runs straight. The function returns what passes.
+    Between time steps its input is linear.
+
+    Args:
+        system: state space of the filter.
+        time_step: time step [s].
+        value: constant input before the start.
+
+    Returns:
+        A function that takes the input at each time step and returns the filtered value.
     """
     a, b, c, d = system
     phi, held, risen = discretize(a, b, time_step) if len(a) else (a, b, b)

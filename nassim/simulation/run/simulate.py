@@ -10,21 +10,26 @@ from nassim.base.progress import stage, tell
 from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
 from nassim.signals.time_history import TimeHistory, occupied_bandwidth
-from nassim.simulation.exudyn.frames import Frames
+from nassim.simulation.exudyn.motion_recorder import MotionRecorder
 from nassim.simulation.exudyn.solver import axial_tension, eigenfrequencies, solve_dynamic, solve_static
 from nassim.simulation.exudyn.state import System
+from nassim.simulation.exudyn.steady_state import solve_steady_rotation
 from nassim.simulation.exudyn.system import build_system
-from nassim.simulation.exudyn.turning import solve_turning
 from nassim.simulation.linear.exact_steps import exact_response
 from nassim.simulation.linear.linearization import linearize, state_space
 from nassim.simulation.linear.stopped_runs import Stopped
 from nassim.simulation.model.accuracy import describe_steps
 from nassim.simulation.model.assembly import assemble, motion_size
 from nassim.simulation.model.buckling import axial_forces, warn_of_buckling
-from nassim.simulation.model.initial_velocities import initial_twists, looks_the_same, steady_twists, turns_freely
+from nassim.simulation.model.initial_velocities import (
+    has_free_rotation,
+    initial_twists,
+    is_axisymmetric,
+    steady_rotation_twists,
+)
 from nassim.simulation.model.period_correction import Steps
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
-from nassim.simulation.model.recorded_motion import frame_steps, recorded_motion, traced
+from nassim.simulation.model.recorded_motion import recorded_motion, recorded_steps, traced
 from nassim.simulation.model.unsupported_modes import warn_of_folding
 from nassim.simulation.run.checks import check_drives, check_exact, check_loops, check_options, check_stability
 from nassim.simulation.run.excitation import sampled
@@ -172,7 +177,7 @@ def _simulate(
     radius = _default_radius(scene) if spectral_radius is None else spectral_radius
     excitation = sampled(scene, excitation, time_step=time_step, duration=duration)
     n_steps = len(excitation.time) - 1
-    kept = np.zeros(0, dtype=int) if frames is None else frame_steps(frames, n_steps, time_step)
+    kept = np.zeros(0, dtype=int) if frames is None else recorded_steps(frames, n_steps, time_step)
     scene = scene if frames is None else traced(scene)
     looped = {name for loop in scene.loops for name in loop.driven}
     signals = {name: np.zeros(n_steps + 1) for name in looped}
@@ -194,12 +199,12 @@ def _simulate(
             readings, motion = _integrate(scene, signals, n_steps, time_step, steps, released, kept, progress, told)
     except Stopped as stop:
         record = _record(scene, excitation, names, stop.readings) if stop.readings.shape[1] > 1 else None
-        raise stop.told(record, time_step) from stop.__cause__
+        raise stop.public_error(record, time_step) from stop.__cause__
     return _record(scene, excitation, names, readings), motion
 
 
 def _default_radius(scene: Scene) -> float:
-    return TURNING_RADIUS if not scene.in_small_motion and turns_freely(scene) else 1.0
+    return TURNING_RADIUS if not scene.in_small_motion and has_free_rotation(scene) else 1.0
 
 
 def _record(scene: Scene, excitation: TimeHistory, names: Sequence[str], readings: Array) -> TimeHistory:
@@ -242,7 +247,7 @@ def _integrate(
     system = build_system(assembly, rates, steps)
     if not released and _settle(system, steady):
         warn_of_far_equilibrium(system)
-    frames = Frames(system, kept)
+    frames = MotionRecorder(system, kept)
     radius = steps.spectral_radius if steps else 1.0
     watch, commands = solve_dynamic(
         system,
@@ -276,13 +281,13 @@ def _starting_rates(
 def _settle(system: System, rates: Mapping[str, float]) -> bool:
     """Bring a system into equilibrium, at rest or turning steadily; whether there is anything that moves it there."""
     scene = system.assembly.scene
-    twists = steady_twists(scene, rates)
+    twists = steady_rotation_twists(scene, rates)
     if twists is None:
         if np.any(scene.gravity):
             solve_static(system)
         return bool(np.any(scene.gravity))
-    growing = solve_turning(system, twists)
-    if growing and not scene.loops and looks_the_same(scene, twists):
+    growing = solve_steady_rotation(system, twists)
+    if growing and not scene.loops and is_axisymmetric(scene, twists):
         raise ValueError(
             f"the spinning equilibrium of scene {scene.name!r} to start from is unstable: {growing[0]}; change the "
             'speed, or let the scene go as it is drawn by simulate(..., start="released")'
@@ -340,7 +345,7 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
         solve_static(system)
     assembly = system.assembly
     warn_of_motion(
-        assembly, {name: motion_size(assembly, name, system.deformation(name)[:, None]) for name in system.carriers}
+        assembly, {name: motion_size(assembly, name, system.deformation(name)[:, None]) for name in system.flexible}
     )
     warn_of_buckling(assembly, {body.name: axial_tension(system, body) for body in assembly.scene.deformable_bodies})
     return {name: system.at_rest(name) for name in scene.outputs}
@@ -353,4 +358,4 @@ def exudyn_eigenfrequencies(scene: Scene, *, n_modes: int | None = None) -> Arra
     """
     assembly = assemble(scene)
     still = PrescribedMotions.none(*assembly.basis.shape)
-    return eigenfrequencies(build_system(replace(assembly, circuits=(), following=still)))[:n_modes]
+    return eigenfrequencies(build_system(replace(assembly, circuits=(), prescribed=still)))[:n_modes]

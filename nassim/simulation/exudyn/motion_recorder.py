@@ -1,4 +1,4 @@
-"""Where Exudyn's bodies are at some steps of a run."""
+"""Recording of the bodies' motion at some steps of an Exudyn run, for pictures."""
 
 from collections.abc import Iterable
 
@@ -10,20 +10,20 @@ from nassim.simulation.exudyn.state import System
 from nassim.simulation.model.recorded_motion import recorded_motion
 
 
-class Frames:
-    """Keeps a system's state at some steps; to be called at every step with its number."""
+class MotionRecorder:
+    """Recorder of a system's state at some steps; call it at every step with its number."""
 
     def __init__(self, system: System, steps: Iterable[int]) -> None:
         scene = system.assembly.scene
         linear = {body.name for body in scene.flexible_bodies if body.fidelity == "linear"}
         self.system, self.steps = system, frozenset(map(int, steps))
-        self.deformations: dict[str, list[Array]] = {name: [] for name in system.carriers}
+        self.deformations: dict[str, list[Array]] = {name: [] for name in system.flexible}
         floating = [body for body in scene.bodies if body.name in system.nodes and body.name not in linear]
         self.poses: dict[str, list[tuple[Array, Array]]] = {body.name: [] for body in floating}
         self.bodies = floating
 
     def __call__(self, step: int) -> None:
-        """Keep the present state, if it is one of those to keep."""
+        """Record the present state at a step to be recorded."""
         if step in self.steps:
             for name, kept in self.deformations.items():
                 kept.append(self.system.deformation(name))
@@ -31,7 +31,7 @@ class Frames:
                 self.poses[body.name].append(self.system.pose(body))
 
     def motion(self, time: Array) -> Motion:
-        """What was kept; time: of the steps that were [s]."""
+        """Return the recorded motion; time: times of the recorded steps, (n,) [s]."""
         poses = {
             name: (np.array([place for place, _ in kept]), np.array([turn for _, turn in kept]))
             for name, kept in self.poses.items()
