@@ -1,7 +1,7 @@
-"""Reduced bodies in other coordinates: fewer points and modes, exact in statics; electrical ports in open circuit.
+"""Reduced bodies in other coordinates: fewer points and modes with exact statics; electrical ports in open circuit.
 
-Trimming is a second Craig-Bampton reduction, of the reduced matrices: the points that stay are its interface, static
-shapes of the loads that act elsewhere replace the coordinates of the other points.
+Trimming is a second Craig-Bampton reduction, applied to the reduced matrices. The points that are kept are its
+interface. Static shapes of the loads that act elsewhere replace the coordinates of the other points.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -16,20 +16,27 @@ from nassim.bodies.reduced_body import ReducedBody
 from nassim.bodies.strain import has_rigid_modes, without_rounding
 
 DEPENDENT = 1e-10
-"""Load shapes with less than this share of the largest one's energy add nothing, nor what modes leave of one with less
-than this share of its own: rounding."""
+"""Load shapes below this share of the largest energy are rounding errors and are left out.
+
+A shape of which the modes leave less than this share of its own energy is left out too.
+"""
 
 
 def trim_body(body: ReducedBody, *, points: Collection[str], loads: Array, cutoff_frequency: float) -> ReducedBody:
-    """The body with the given remote points as coordinates, and all others as points that only move along.
+    """Reduce a body to the given remote points as coordinates; its other points become passive.
 
-    points: names of those that joints may hold; at least one
-    loads: forces on the body's coordinates, shape (n, k). The static answers to them, and to voltages at the electrical
-        ports, stay exact at every point
-    cutoff_frequency: fixed-interface modes (all given points held) above it are left out [Hz]
+    The result keeps the original body, without its surface, as its `enriched` body, so its truncation errors give the
+    error of the trimming.
 
-    The result keeps the richer body as its `enriched`, without its picture, so its truncation errors say what the
-    trimming costs. Raises ValueError for unknown names and no points at all.
+    Args:
+        body: the reduced body
+        points: names of the points that joints may hold; at least one
+        loads: forces on the body's coordinates, shape (n, k). Their static responses, and those to voltages at the
+            electrical ports, stay exact at every point.
+        cutoff_frequency: fixed-interface modes (all given points held) above this frequency are left out [Hz]
+
+    Raises:
+        ValueError: for unknown names and if there are no points
     """
     if not points:
         raise ValueError(f"body {body.name!r}: keep at least one remote point")
@@ -58,10 +65,17 @@ def trim_body(body: ReducedBody, *, points: Collection[str], loads: Array, cutof
 
 
 def keep_modes(body: ReducedBody, n_modes: int) -> ReducedBody:
-    """The same body with its first n_modes modal coordinates only; its `enriched` is the richest form known.
+    """Return the same body with its first modal coordinates only; its `enriched` body is the richest form known.
 
-    The static answers to voltages at electrical ports stay exact: what the coordinates that go contributed to them is
-    kept by further modal coordinates, one per port at most. Raises ValueError when there are not so many modes.
+    The static responses to voltages at electrical ports stay exact: further modal coordinates, at most one per port,
+    replace the contribution of the coordinates that are removed.
+
+    Args:
+        body: the reduced body
+        n_modes: number of modal coordinates to keep
+
+    Raises:
+        ValueError: if the body has fewer modes
     """
     if not 0 <= n_modes <= body.n_modes:
         raise ValueError(f"body {body.name!r} has {body.n_modes} modes, so it cannot keep {n_modes}")
@@ -76,10 +90,15 @@ def keep_modes(body: ReducedBody, n_modes: int) -> ReducedBody:
 
 
 def project(body: ReducedBody, change: Array, *, points: Sequence[str]) -> ReducedBody:
-    """The body restricted to its coordinates q = change @ q', shape (n, n').
+    """Restrict a body to its coordinates q = change @ q'.
 
-    points: names of the r' points whose motions are the first 6 r' new coordinates; all other remote points become
-        passive. Everything that the body reads out is carried along
+    The read-outs of the body are projected too.
+
+    Args:
+        body: the reduced body
+        change: the body's coordinates per unit of the new ones, shape (n, n')
+        points: names of the r' points whose motions are the first 6 r' new coordinates; all other remote points become
+            passive
     """
     fields = np.zeros((len(body.gram), 4 + 3 * change.shape[1]))
     fields[:4, :4], fields[4:, 4:] = np.eye(4), np.kron(change, np.eye(3))
@@ -101,10 +120,15 @@ def project(body: ReducedBody, change: Array, *, points: Sequence[str]) -> Reduc
 
 
 def open_circuit(body: ReducedBody, ports: Mapping[str, float]) -> ReducedBody:
-    """The body with electrical ports whose charge stays zero (open circuit): their voltage opposes motion and stiffens.
+    """Return a body with electrical ports whose charge stays zero (open circuit); their voltage adds stiffness.
 
-    ports: name -> capacitance connected to it, such as a cable's [F]; 0 for none. All other ports stay at zero voltage.
-    With c the port's own capacitance and the connected one, V = -b q / c, so the stiffness grows by b b^T / c.
+    With the sum c of the port's own capacitance and the connected one, V = -b q / c, so the stiffness grows by b b^T /
+    c.
+
+    Args:
+        body: the reduced body
+        ports: name -> capacitance connected to the port, such as that of a cable [F]; 0 for none. All other ports stay
+            at zero voltage.
     """
     stiffness = body.stiffness_matrix.copy()
     for name, capacitance in ports.items():
@@ -116,19 +140,19 @@ def open_circuit(body: ReducedBody, ports: Mapping[str, float]) -> ReducedBody:
 
 
 def keep_ports(body: ReducedBody, names: Collection[str]) -> ReducedBody:
-    """The body with these electrical ports only (other names are ignored); its other ports stay at zero voltage."""
+    """Return the body with these electrical ports only; other ports stay at zero voltage, unknown names are ignored."""
     gone = {port.name for port in body.ports if port.name not in names}
     return replace(body, readouts={name: readout for name, readout in body.readouts.items() if name not in gone})
 
 
 def without_picture(body: ReducedBody) -> ReducedBody:
-    """The body without its surface, by far the largest part of one, where nobody looks at it."""
+    """Return the body without its surface, which takes by far the most memory, for uses without images."""
     rest = {name: readout for name, readout in body.readouts.items() if not isinstance(readout, Picture)}
     return replace(body, readouts=rest)
 
 
 def _shapes_beside(shapes: Array, modes: Array, stiffness: Array, mass: Array) -> Array:
-    """The part of static shapes that modes do not hold, as Ritz vectors of unit modal mass."""
+    """Return the part of static shapes that the modes do not contain, as Ritz vectors of unit modal mass."""
     whole = np.diag(_congruent(stiffness, shapes))
     shapes = shapes - modes @ (modes.T @ (mass @ shapes))
     energy = _congruent(stiffness, shapes)
@@ -144,6 +168,6 @@ def _shapes_beside(shapes: Array, modes: Array, stiffness: Array, mass: Array) -
 
 
 def _congruent(matrix: Array, change: Array) -> Array:
-    """C^T A C, symmetric to the last digit."""
+    """Return C^T A C, made exactly symmetric."""
     result = change.T @ matrix @ change
     return 0.5 * (result + result.T)
