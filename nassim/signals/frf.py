@@ -1,4 +1,4 @@
-"""Frequency response functions, and their estimation from recorded signals."""
+"""Frequency response functions and their estimation from recorded signals."""
 
 import itertools
 import warnings
@@ -15,25 +15,29 @@ from nassim.signals.time_history import TimeHistory
 ComplexArray = NDArray[np.complex128]
 
 EMPTY = 1e-20
-"""Lines with less than this share of an input's largest power hold rounding only: they have no power."""
+"""Share of an input's largest power below which a line holds rounding errors only and counts as without power."""
 ALIKE = 1e-4
-"""Share of an input's power that the other inputs do not explain, below which it cannot be told from them: noise at
-the outputs would pass into the response enlarged a hundredfold."""
+"""Smallest share of an input's power not explained by the other inputs, for an input that can be separated from them.
+
+Below this share, noise at the outputs would appear in the response amplified by a factor of one hundred.
+"""
 AT_ONCE = 1_000_000
-"""Samples of a signal that are transformed at once."""
+"""Largest number of samples of a signal that are transformed at once."""
 MUCH = 0.1
-"""Share of an input's power at lines where it is like the others, above which the estimate is refused."""
+"""Share of an input's power at lines where it cannot be separated, above which the estimate is refused."""
 
 
 @dataclass(frozen=True)
 class FRF:
     """A matrix of frequency response functions.
 
-    frequency: shape (n_frequencies,), ascending [Hz]
-    values: complex, shape (n_outputs, n_inputs, n_frequencies), output unit over input unit
-    outputs, inputs: names of the rows and columns
-    coherence: multiple coherence per output, shape (n_outputs, n_frequencies), or None when computed from a model
-    label: what a legend calls it
+    Attributes:
+        frequency: ascending frequencies, shape (n_frequencies,) [Hz]
+        values: complex, shape (n_outputs, n_inputs, n_frequencies), output unit over input unit
+        outputs: names of the rows
+        inputs: names of the columns
+        coherence: multiple coherence per output, shape (n_outputs, n_frequencies) [-]; None for an FRF from a model
+        label: text for legends
     """
 
     frequency: Array
@@ -64,13 +68,13 @@ class FRF:
             freeze(self, coherence=coherence)
 
     def response(self, output: str, input: str) -> ComplexArray:
-        """One entry of the matrix over frequency, complex, shape (n_frequencies,)."""
+        """Return one entry of the matrix over frequency, complex, shape (n_frequencies,)."""
         row = self.outputs.index(known("output", output, self.outputs))
         column = self.inputs.index(known("input", input, self.inputs))
         return self.values[row, column]
 
     def band(self, lowest: float, highest: float) -> "FRF":
-        """Return the stretch between two frequencies [Hz], both included."""
+        """Return the part between two frequencies [Hz], both included."""
         keep = (self.frequency >= lowest) & (self.frequency <= highest)
         if not keep.any():
             raise ValueError(f"no frequency between {lowest:g} and {highest:g} Hz in this FRF")
@@ -89,20 +93,28 @@ def estimate_frf(
     method: str = "H1",
     label: str = "",
 ) -> FRF:
-    """Estimate FRFs from signals recorded together, by averaging over windowed segments (Welch).
+    """Estimate FRFs from signals recorded together, by averaging over windowed segments (Welch's method).
 
-    inputs, outputs: names of signals in `history`; with several inputs, of whatever units and sizes, the full matrix is
-        solved for
-    segment_duration: length of a segment [s]; the frequency resolution is its inverse
-    overlap: share by which segments overlap [-]; window: any of scipy.signal, "boxcar" for periodic signals
-    method: "H1" = Syu Suu^-1 (noise at the outputs) or "H2" = Syy Suy^-1 (noise at the input; one input only)
+    At a line where an input has no power, the response to it is zero. Where no input has power, responses and coherence
+    are zero. Where inputs cannot be separated, they are zero too, and a warning is given.
 
-    At a line where an input has no power, the response to it is zero. Where no input has power, and (with a warning)
-    where inputs cannot be told apart, responses and coherence are zero.
+    Source: J. S. Bendat, A. G. Piersol, Random Data, 4th ed. (2010), ch. 6 and 7.
 
-    Source: J. S. Bendat, A. G. Piersol, Random Data, 4th ed. (2010), ch. 6 and 7. Raises ValueError for unknown names,
-    for a record with no more segments than inputs (two for one input), which leaves the coherence without meaning, and
-    for inputs that cannot be told apart where their power lies.
+    Args:
+        history: the record
+        inputs: names of the input signals in `history`. With several inputs, which may differ in units and sizes, the
+            full matrix is solved for
+        outputs: names of the output signals in `history`
+        segment_duration: length of a segment [s]; its inverse is the frequency resolution
+        overlap: share by which segments overlap [-]
+        window: a window of scipy.signal; "boxcar" for periodic signals
+        method: "H1" = Syu Suu^-1 (noise at the outputs) or "H2" = Syy Suy^-1 (noise at the input; one input only)
+        label: text for legends
+
+    Raises:
+        ValueError: for unknown names, for inputs that cannot be separated at lines with a large share of their power,
+            and for a record without more segments than inputs (at least two), for which the coherence would be
+            meaningless
     """
     known("method", method, ("H1", "H2"))
     if not unique("input", inputs) or not unique("output", outputs):
@@ -143,10 +155,10 @@ def estimate_frf(
 
 
 def _power(rows: Sequence[Array], n_inputs: int, window: Array, step: int) -> ComplexArray:
-    """Mean over windowed segments of X[row] conj(X[input]), (lines, rows, inputs + 1), and last of |X[row]|^2.
+    """Average X[row] conj(X[input]), and |X[row]|^2 as last entry, over segments; shape (lines, rows, inputs + 1).
 
-    rows: signals, the inputs first; window: (samples of a segment,); step: samples from a segment to the next. Segments
-    lose their mean values, and each is transformed once.
+    The rows are signals, the inputs first. `window` has one value per sample of a segment, and `step` is the number of
+    samples from one segment to the next. The mean value of each segment is removed, and each is transformed once.
     """
     segments = [np.lib.stride_tricks.sliding_window_view(row, len(window))[::step] for row in rows]
     together = max(1, AT_ONCE // len(window))
@@ -162,10 +174,11 @@ def _power(rows: Sequence[Array], n_inputs: int, window: Array, step: int) -> Co
 
 
 def _solved(s_uu: ComplexArray, s_yu: ComplexArray, inputs: tuple[str, ...], frequency: Array) -> ComplexArray:
-    """H of H Suu = Syu, line by line, (n, outputs, inputs); zero where an input has no power or is like the others.
+    """Solve H Suu = Syu at each line, shape (n, outputs, inputs).
 
-    s_uu: (n, inputs, inputs); s_yu: (n, outputs, inputs). Inputs are scaled to unit power at every line, so their units
-    do not matter. Raises ValueError for inputs that are alike where their power lies.
+    H is zero where an input has no power or cannot be separated from the others. Inputs are scaled to unit power at
+    every line, so their units do not matter. s_uu has the shape (n, inputs, inputs), s_yu (n, outputs, inputs).
+    ValueError is raised if inputs cannot be separated at lines with a large share of their power.
     """
     power = np.einsum("fii->fi", s_uu).real
     carried = power > EMPTY * power.max(axis=0)

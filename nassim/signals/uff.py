@@ -1,4 +1,4 @@
-"""Curves of universal files (UFF), data set 58, in SI."""
+"""Curves of universal files (UFF), data set 58, in SI units."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,16 +10,21 @@ from nassim.base.checks import Array
 from nassim.base.units import to_si
 
 KINDS = {1: "time", 4: "frf", 6: "coherence", 26: "coherence"}
-"""Function types that are read; other data sets are left out."""
+"""Function types that are read; other data sets are ignored."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Curve:
-    """One data set 58 in SI.
+    """One data set 58 in SI units.
 
-    kind: "time", "frf" or "coherence"; number: of the data set in its file, from 1
-    x: times [s] or frequencies [Hz], (n,); values: (n,), complex for FRFs, in `unit`
-    output, input: names of response and reference; the latter is empty but for FRFs
+    Attributes:
+        kind: "time", "frf" or "coherence"
+        number: number of the data set in its file, from 1
+        x: times [s] or frequencies [Hz], shape (n,)
+        values: values in `unit`, shape (n,); complex for FRFs
+        output: name of the response
+        input: name of the reference; empty if the curve is not an FRF
+        unit: SI unit of the values
     """
 
     kind: str
@@ -34,10 +39,17 @@ class Curve:
 def read_curves(path: Path) -> tuple[Curve, ...]:
     """Read all time responses, FRFs and coherences of a universal file, ASCII or binary.
 
-    A curve's names are the axis labels of its ordinate (numerator and denominator), which hold 20 characters, else the
-    entity names, else node and direction such as "12 z"; its units are the axes' unit labels, without which SI cannot
-    be told. Raises FileNotFoundError, RuntimeError without the package pyuff, and ValueError naming file, data set and
-    cause.
+    The names of a curve are the axis labels of its ordinate (numerator and denominator), which hold 20 characters;
+    otherwise its entity names; otherwise node and direction such as "12 z". Its units are the unit labels of the axes.
+    A data set without them is refused, because it cannot be converted to SI.
+
+    Args:
+        path: of the file
+
+    Raises:
+        FileNotFoundError: if there is no such file
+        ValueError: if a data set cannot be read; the message names file, data set and cause
+        RuntimeError: without the package pyuff
     """
     try:
         import pyuff  # noqa: PLC0415 - an optional dependency, needed by few
@@ -65,6 +77,7 @@ def read_curves(path: Path) -> tuple[Curve, ...]:
 
 
 def _curve(content: dict[str, Any], number: int) -> Curve:
+    """Convert the content of a data set to a curve."""
     kind = KINDS[content["func_type"]]
     x, values = np.asarray(content["x"], dtype=float), np.asarray(content["data"])
     if not len(values) or len(values) != content["num_pts"] or len(x) != len(values):
@@ -92,6 +105,7 @@ def _curve(content: dict[str, Any], number: int) -> Curve:
 
 
 def _unit(content: dict[str, Any], axis: str) -> str:
+    """Return the unit of an axis."""
     unit = str(content.get(f"{axis}_axis_units_lab", "")).strip()
     if unit in ("", "NONE"):
         raise ValueError(f"its {axis} states no unit (axis units label), such as V or um")
@@ -99,6 +113,7 @@ def _unit(content: dict[str, Any], axis: str) -> str:
 
 
 def _name(content: dict[str, Any], axis: str, entity: str) -> str:
+    """Return the name of an axis, entity or node."""
     for key in (f"{axis}_axis_lab", f"{entity}_ent_name"):
         name = str(content.get(key, "")).strip()
         if name not in ("", "NONE"):
