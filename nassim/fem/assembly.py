@@ -42,12 +42,23 @@ def build_fe_model(
 ) -> FEModel:
     """Mesh a solid and assemble its stiffness and mass.
 
-    element_size, curvature, local_sizes, extrude, layer_thickness: as in `meshing.generate_mesh`
-    order: polynomial order of the displacements, 1 to 6; order 1 is far too stiff in thin walls
-    progress: show the stages and their times
+    Args:
+        solid: the solid
+        element_size: largest edge length of the elements [m]; see `meshing.generate_mesh` for this and the other
+            arguments of the mesh
+        order: polynomial order of the displacements, 1 to 6; order 1 is far too stiff in thin walls
+        curvature: elements per radius of curvature of curved edges and faces
+        local_sizes: largest edge length on faces, by the names of the faces [m]
+        extrude: axis "x", "y" or "z" along which CAD bodies are extruded and meshed with prisms; None for tetrahedra
+        layer_thickness: largest height of the prisms [m] (default: element_size)
+        progress: show the stages and their times
 
-    Raises ValueError for bad arguments, for a solid that falls into pieces and for a mesh that the memory cannot hold.
-    Warns of thin walls in elements of order 1.
+    Raises:
+        ValueError: for invalid arguments, for a solid whose CAD bodies are not connected, and for a mesh that does not
+            fit in memory
+
+    Warns:
+        UserWarning: for thin walls in elements of order 1
     """
     if not 1 <= order <= MAX_ORDER or int(order) != order:
         raise ValueError(f"order must be a whole number from 1 to {MAX_ORDER}, got {order!r}")
@@ -79,9 +90,15 @@ def build_fe_model(
 
 
 def assemble_mesh(mesh: Any, solid: Solid, order: int) -> FEModel:
-    """The FE model of a solid on an NGSolve mesh that is curved with the elements' order at most.
+    """Assemble the FE model of a solid on an NGSolve mesh whose curvature order is at most the element order.
 
-    Raises ValueError when the solid falls into pieces.
+    Args:
+        mesh: NGSolve mesh of the solid
+        solid: the solid
+        order: polynomial order of the displacements
+
+    Raises:
+        ValueError: if the CAD bodies of the solid are not connected
     """
     with threads():
         scalar = ng.H1(mesh, order=order)
@@ -113,7 +130,11 @@ def assemble_mesh(mesh: Any, solid: Solid, order: int) -> FEModel:
 
 
 def with_materials(fe_model: FEModel, materials: Mapping[str, Material]) -> FEModel:
-    """The same solid on the same mesh with other materials, by CAD body; ValueError for models made by hand."""
+    """Return the FE model of the same solid and mesh with other materials, given by CAD body.
+
+    Raises:
+        ValueError: for a model that was not made from a mesh
+    """
     mesh, solid = _source(fe_model)
     changed = replace(solid, materials={**solid.materials, **materials})
     model = assemble_mesh(mesh, changed, fe_model.order)
@@ -121,13 +142,18 @@ def with_materials(fe_model: FEModel, materials: Mapping[str, Material]) -> FEMo
 
 
 def _source(fe_model: FEModel) -> tuple[Any, Solid]:
+    """Return the mesh and the solid of an FE model; ValueError for a model that was not made from a mesh."""
     if fe_model._source is None:
         raise ValueError(f"FE model {fe_model.name!r} was made by hand, so its mesh is unknown")
     return fe_model._source
 
 
 def refine_order(fe_model: FEModel) -> Refinement:
-    """The same solid on the same mesh with elements one order higher; ValueError for models made by hand."""
+    """Assemble elements one order higher for the same solid and mesh.
+
+    Raises:
+        ValueError: for a model that was not made from a mesh
+    """
     mesh, solid = _source(fe_model)
     order = fe_model.order
     with threads():
@@ -152,6 +178,7 @@ def refine_order(fe_model: FEModel) -> Refinement:
 
 
 def _elastic_energy(mesh: Any, solid: Solid, u: Any, v: Any) -> Any:
+    """Return the elastic bilinear form of trial functions u and test functions v."""
     lame = {name: material.lame_parameters for name, material in solid.materials.items()}
     lambda_, mu = (by_body(mesh, {name: values[k] for name, values in lame.items()}) for k in range(2))
     strain_u, strain_v = ng.Sym(ng.Grad(u)), ng.Sym(ng.Grad(v))
@@ -159,10 +186,12 @@ def _elastic_energy(mesh: Any, solid: Solid, u: Any, v: Any) -> Any:
 
 
 def _density(mesh: Any, solid: Solid) -> Any:
+    """Return the density as a function on the mesh [kg/m3]."""
     return by_body(mesh, {name: material.density for name, material in solid.materials.items()})
 
 
 def _stiffness(mesh: Any, solid: Solid, order: int) -> SymmetricMatrix:
+    """Assemble the stiffness matrix [N/m]."""
     space = ng.VectorH1(mesh, order=order)
     u, v = space.TnT()
     form = ng.BilinearForm(space, symmetric=True, symmetric_storage=True)
@@ -171,6 +200,7 @@ def _stiffness(mesh: Any, solid: Solid, order: int) -> SymmetricMatrix:
 
 
 def _scalar_mass(mesh: Any, solid: Solid, scalar: Any) -> sp.csr_matrix:
+    """Assemble the scalar mass matrix [kg]."""
     density = _density(mesh, solid)
     u, v = scalar.TnT()
     # Two orders more than the default integrate the Jacobian of curved elements exactly, or nearly so.
@@ -178,6 +208,7 @@ def _scalar_mass(mesh: Any, solid: Solid, scalar: Any) -> sp.csr_matrix:
 
 
 def _to_scipy(matrix: Any) -> sp.csr_matrix:
+    """Convert an NGSolve matrix to SciPy."""
     values, columns, row_starts = (np.array(part, copy=True) for part in matrix.CSR())
     result = sp.csr_matrix((values, columns, row_starts), shape=(matrix.height, matrix.width))
     result.sort_indices()
@@ -185,7 +216,7 @@ def _to_scipy(matrix: Any) -> sp.csr_matrix:
 
 
 def _position_fields(scalar: Any) -> Array:
-    """Coefficients of 1, x, y, z in the scalar shape functions, shape (4, n)."""
+    """Return the coefficients of 1, x, y, z in the scalar shape functions, shape (4, n)."""
     # One space of four components takes a sixth of the time of four functions.
     interpolated = ng.GridFunction(ng.H1(scalar.mesh, order=scalar.globalorder, dim=4))
     interpolated.Set(ng.CoefficientFunction((1.0, ng.x, ng.y, ng.z)))
@@ -193,6 +224,7 @@ def _position_fields(scalar: Any) -> Array:
 
 
 def _couple(mesh: Any, scalar: Any, fields: Array, point: RemotePoint) -> Coupling:
+    """Tie a remote point to the unknowns on its faces."""
     region = faces(mesh, point.faces)
     dofs = np.flatnonzero(np.array(scalar.GetDofs(region)))
     test = scalar.TestFunction()

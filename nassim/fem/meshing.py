@@ -1,4 +1,4 @@
-"""Meshes of solids by Netgen: tetrahedra anywhere, prisms where CAD bodies are extruded along an axis."""
+"""Meshes of solids by Netgen: tetrahedra in general, prisms where CAD bodies are extruded along an axis."""
 
 import itertools
 import os
@@ -21,18 +21,18 @@ from nassim.fem.solid import Solid, face_names
 
 AXES = {"x": occ.X, "y": occ.Y, "z": occ.Z}
 GHOST = "(empty)"
-"""Name of cells that hold no material; those of CAD bodies are numbers while a mesh is made."""
+"""Name of cells without material. While a mesh is made, CAD bodies have numbers as names."""
 SAME = 1e-9
-"""Relative difference of volumes and areas that counts as none."""
+"""Relative difference of volumes and areas that counts as zero."""
 TRIALS = ((0.7, 1.0), (0.5, 1.0), (0.3, 1.0), (0.7, 0.8), (0.5, 0.8))
-"""Growth of the elements away from small features (Netgen's grading) and share of the size, in the order of trial."""
+"""Growth of the elements away from small features (Netgen's grading) and factor on the size, in the order of trial."""
 ROUNDS = 3
-"""Netgen's attempts to fill a CAD body; further ones take minutes and mostly fail too."""
+"""Netgen's attempts to fill a CAD body. Further attempts take minutes and usually fail too."""
 NEAR = 1e-6
-"""Distances below this are nil [m]."""
+"""Distances below this value count as zero [m]."""
 UNLIMITED = 1e99
 PATIENCE = 0.1
-"""How often Ctrl-C is looked for [s]."""
+"""Time between two checks for Ctrl-C [s]."""
 
 
 def generate_mesh(
@@ -44,18 +44,27 @@ def generate_mesh(
     extrude: str | None = None,
     layer_thickness: float | None = None,
 ) -> Any:
-    """Mesh a solid by Netgen; returns the Netgen mesh, coordinates in metres.
+    """Mesh a solid by Netgen.
 
-    element_size: largest edge length [m]; small features get smaller elements
-    curvature: elements per radius of curvature of curved edges and faces
-    local_sizes: largest edge length [m] on faces, by the faces' names
-    extrude: "x", "y" or "z" meshes the CAD bodies that are extruded along this axis with prisms, and the others
-        with tetrahedra; None, all with tetrahedra. Prisms on curved faces hold rigid rotations only nearly, unless
-        their remote points are of kind rbe3
-    layer_thickness: largest height of the prisms [m] (default: element_size)
+    Args:
+        solid: the solid
+        element_size: largest edge length [m]; small features get smaller elements
+        curvature: elements per radius of curvature of curved edges and faces
+        local_sizes: largest edge length on faces, by the names of the faces [m]
+        extrude: "x", "y" or "z" meshes the CAD bodies that are extruded along this axis with prisms, and the others
+            with tetrahedra; None meshes all with tetrahedra. Prisms on curved faces represent rigid rotations only
+            approximately, unless their remote points are of kind rbe3.
+        layer_thickness: largest height of the prisms [m] (default: element_size)
 
-    Raises ValueError for impossible sizes, when no CAD body is extruded along the axis, and when Netgen fails. Where
-    it fails with prisms only, which happens where they meet tetrahedra, warns and meshes with tetrahedra alone.
+    Returns:
+        The Netgen mesh, with coordinates in metres.
+
+    Raises:
+        ValueError: for impossible sizes, if no CAD body is extruded along the axis, and if Netgen fails
+
+    Warns:
+        UserWarning: if Netgen fails with prisms only, which happens where they meet tetrahedra; the mesh then consists
+            of tetrahedra
     """
     size = positive("element_size", element_size, "m")
     extent = np.array([tuple(corner) for corner in solid.shape.bounding_box])
@@ -88,6 +97,7 @@ def generate_mesh(
 def _mesh(
     solid: Solid, size: float, curvature: float, sizes: Mapping[str, float], extrude: str | None, thickness: float
 ) -> Any:
+    """Mesh a solid with prisms if asked for and possible, otherwise with tetrahedra."""
     if extrude is not None:
         try:
             return _run_netgen(cut_in_layers(solid, axis=extrude, thickness=thickness), size, curvature, sizes)
@@ -108,7 +118,7 @@ def _mesh(
 
 @contextmanager
 def _numbered(shape: Any) -> Iterator[list[str]]:
-    """Calls CAD bodies and faces by the places of their names in the yielded list: any name will do in a mesh."""
+    """Rename CAD bodies and faces to indices of the yielded names, because meshes do not accept every name."""
     named = [(item, item.name) for item in [*shape.solids, *shape.faces] if item.name]
     names = list(dict.fromkeys(name for _, name in named))
     try:
@@ -121,7 +131,7 @@ def _numbered(shape: Any) -> Iterator[list[str]]:
 
 
 def _name_again(mesh: Any, names: Sequence[str]) -> None:
-    """Undo `_numbered` in a mesh; what has no name, which Netgen calls "default", is called ''."""
+    """Undo `_numbered` in a mesh; a face without a name, which Netgen calls "default", gets the name ''."""
     original = {str(number): name for number, name in enumerate(names)}
     for body in range(1, mesh.GetNDomains() + 1):
         mesh.SetMaterial(body, original.get(mesh.GetMaterial(body), ""))
@@ -130,7 +140,7 @@ def _name_again(mesh: Any, names: Sequence[str]) -> None:
 
 
 def _run_netgen(shape: Any, size: float, curvature: float, sizes: Mapping[str, float]) -> Any:
-    """Netgen at times fails to fill what lies between prisms with tetrahedra; another grading or size may then help."""
+    """Mesh a shape with several gradings and sizes, because Netgen sometimes fails between prisms and tetrahedra."""
     _set_face_sizes(shape, sizes)
     try:
         for grading, share in TRIALS:
@@ -159,11 +169,12 @@ def _run_netgen(shape: Any, size: float, curvature: float, sizes: Mapping[str, f
 
 
 def _generate(shape: Any, options: Mapping[str, Any]) -> Any:
+    """Call Netgen with options."""
     return occ.OCCGeometry(shape).GenerateMesh(**options)
 
 
 def _interruptibly(work: Callable[[], Any]) -> Any:
-    """The result of Netgen's work, done in another thread: Ctrl-C arrives meanwhile and makes Netgen stop."""
+    """Run Netgen in another thread and return its result, so that Ctrl-C can stop it."""
     with ThreadPoolExecutor(1) as worker:
         future = worker.submit(work)
         try:
@@ -181,7 +192,7 @@ def _interruptibly(work: Callable[[], Any]) -> Any:
 
 @contextmanager
 def _silence() -> Iterator[None]:
-    """Keep Netgen's C++ from printing about attempts that another one follows; what it raises is told anyway."""
+    """Suppress output of Netgen's C++ code about failed attempts; exceptions are still raised."""
     sys.stdout.flush()
     sys.stderr.flush()
     kept = [os.dup(stream) for stream in (1, 2)]
@@ -198,18 +209,27 @@ def _silence() -> Iterator[None]:
 
 
 def _set_face_sizes(shape: Any, sizes: Mapping[str, float]) -> None:
-    """Netgen reads the sizes from the shape, which keeps them."""
+    """Set element sizes on the faces of a shape. Netgen reads them from the shape, which keeps them."""
     for face in shape.faces:
         if face.name in sizes:
             face.maxh = sizes[face.name]
 
 
 def cut_in_layers(solid: Solid, *, axis: str, thickness: float) -> Any:
-    """A solid's shape, its extruded CAD bodies cut in layers; Netgen meshes both faces of one alike, prisms between.
+    """Cut the extruded CAD bodies of a solid into layers, for a mesh with prisms between equal meshes of both faces.
 
-    axis: "x", "y" or "z"; thickness: of a layer at most [m]. Raises ValueError when no CAD body is extruded along it.
+    Every layer has the outlines of all extruded CAD bodies, so one mesh of the section fits all layers.
 
-    Every layer carries the outlines of all extruded CAD bodies, so that one mesh of the section fits them all.
+    Args:
+        solid: the solid
+        axis: "x", "y" or "z"
+        thickness: largest thickness of a layer [m]
+
+    Returns:
+        The cut OpenCASCADE shape.
+
+    Raises:
+        ValueError: if no CAD body is extruded along the axis
     """
     k = "xyz".index(axis)
     names = [face.name for face in solid.shape.faces]
@@ -235,7 +255,7 @@ def cut_in_layers(solid: Solid, *, axis: str, thickness: float) -> Any:
 
 
 def _restore_names(shape: Any, original: Any, names: Sequence[str | None], k: int) -> None:
-    """Outlines hand the name of the end face that they start from on to other layers and to the original; undo that."""
+    """Restore face names, because outlines pass the name of their end face on to other layers and to the original."""
     places: dict[str, list[float]] = {}
     for face, name in zip(original.faces, names, strict=True):
         face.name = name
@@ -250,9 +270,14 @@ def _restore_names(shape: Any, original: Any, names: Sequence[str | None], k: in
 
 @dataclass(frozen=True, eq=False)
 class CADBody:
-    """A CAD body, looked at along an axis once, because measuring a face takes milliseconds.
+    """A CAD body with its measures along an axis, stored because measuring a face takes milliseconds.
 
-    low, high: where it begins and ends along the axis [m]; bottom, top: its faces there
+    Attributes:
+        shape: OpenCASCADE shape [m]
+        low: lower end along the axis [m]
+        high: upper end along the axis [m]
+        bottom: faces at the lower end
+        top: faces at the upper end
     """
 
     shape: Any
@@ -263,7 +288,7 @@ class CADBody:
 
     @staticmethod
     def measured(shape: Any, k: int) -> "CADBody":
-        """A CAD body's ends along axis k."""
+        """Measure a CAD body along axis k."""
         centres = [face.center[k] for face in shape.faces]
         low, high = min(centres), max(centres)
         near = 1e-6 * (high - low)
@@ -272,7 +297,7 @@ class CADBody:
         return CADBody(shape, low, high, bottom, top)
 
     def is_prism(self) -> bool:
-        """Whether both ends have the area that, times the length, is the volume."""
+        """Return whether the area of both ends times the length is the volume."""
         if not self.bottom or not self.top:  # a single face all around, as of a ball
             return False
         areas = [sum(face.mass for face in end) for end in (self.bottom, self.top)]
@@ -281,7 +306,7 @@ class CADBody:
 
 
 def _levels(prisms: Sequence[CADBody], thickness: float) -> list[tuple[float, float]]:
-    """Lower and upper end of each layer."""
+    """Return the lower and upper end of each layer."""
     ends = sorted({round(place, 12) for body in prisms for place in (body.low, body.high)})
     levels: list[float] = [ends[0]]
     for low, high in itertools.pairwise(ends):
@@ -291,7 +316,7 @@ def _levels(prisms: Sequence[CADBody], thickness: float) -> list[tuple[float, fl
 
 
 def _layer(prisms: Sequence[CADBody], others: Sequence[Any], k: int, low: float, high: float) -> list[Any]:
-    """The prisms' pieces in one layer, cut by the outlines of those prisms that lie in other layers."""
+    """Return the parts of the prisms in one layer, cut by the outlines of the prisms in other layers."""
     middle = 0.5 * (low + high)
     present = [body for body in prisms if body.low < middle < body.high]
     absent = [body for body in prisms if not body.low < middle < body.high]
@@ -313,7 +338,7 @@ def _layer(prisms: Sequence[CADBody], others: Sequence[Any], k: int, low: float,
 
 
 def _named(shape: Any, name: str) -> list[Any]:
-    """The CAD bodies of a shape, all with one name."""
+    """Return the CAD bodies of a shape, all with one name."""
     bodies = list(shape.solids)
     for body in bodies:
         body.name = name

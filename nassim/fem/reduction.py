@@ -21,9 +21,9 @@ from nassim.fem.solver import threads
 
 DEFAULT_MODES = 6
 MOST_MODES = 400
-"""Most modes that a tolerance may need: their number is doubled until it suffices; beyond, no body is small."""
+"""Largest number of modes for a tolerance; the number is doubled until the tolerance is met."""
 COLUMNS = 64
-"""Fields whose products with the mass matrix are held at once."""
+"""Number of fields whose products with the mass matrix are held at once."""
 
 
 def craig_bampton(
@@ -39,21 +39,24 @@ def craig_bampton(
 ) -> ReducedBody:
     """Reduce an FE model to the motions of its remote points and fixed-interface modes, and estimate the error.
 
-    fe_model: the model, or its `condense`d form where that is at hand
-    n_modes: number p of fixed-interface modes (default: 6, where neither of the next two is given)
-    cutoff_frequency: keep the modes below it [Hz]; twice the highest frequency of interest is customary
-    tolerance: largest estimated relative error of eigenfrequencies [-] that is allowed; as few modes as it allows are
-        kept. It holds for the first five elastic eigenfrequencies, or for those below cutoff_frequency where that is
-        given too, of the free body and of the body clamped at any one of its remote points
-    remote_points: names (default: all)
-    ports: names of the electrical ports to keep (default: all); each adds one modal coordinate, which makes the
-        static answer to its voltage exact
-    discretization: estimate the finite elements' error too, for `ReducedBody.discretization_errors`; takes about as
-        long again
-    progress: show the stages and the report
+    Args:
+        fe_model: the model, or its condensation from `condense`
+        n_modes: number p of fixed-interface modes (default: 6, if neither of the next two arguments is given)
+        cutoff_frequency: keep the modes below this frequency [Hz]; a usual value is twice the highest frequency of
+            interest
+        tolerance: largest allowed estimate of the relative error of eigenfrequencies [-]; the smallest sufficient
+            number of modes is kept. It applies to the first five elastic eigenfrequencies, or to those below
+            cutoff_frequency if that is given, of the free body and of the body clamped at any one of its remote points
+        remote_points: names (default: all)
+        ports: names of the electrical ports to keep (default: all); each adds one modal coordinate, which makes the
+            static response to its voltage exact
+        discretization: also estimate the error of the finite elements, for `ReducedBody.discretization_errors`; doubles
+            the time
+        progress: show the stages and the report
 
-    Raises ValueError for no remote points, unknown names, more modes than unknowns, n_modes together with
-    cutoff_frequency or tolerance, and a tolerance out of reach (the message says what is within).
+    Raises:
+        ValueError: for no remote points, unknown names, more modes than unknowns, n_modes together with
+            cutoff_frequency or tolerance, and a tolerance that cannot be met (the message gives one that can)
     """
     if n_modes is not None and not (cutoff_frequency is None and tolerance is None):
         raise ValueError("give either n_modes, or cutoff_frequency and/or tolerance, not both")
@@ -94,7 +97,7 @@ def _reduce(
     discretization: bool,
     progress: bool,
 ) -> tuple[ReducedBody, int]:
-    """The body with some more modes than wanted and the vectors that stand for all others, and how many to keep."""
+    """Return the body with extra modes and the vectors for all other modes, and the number of modes to keep."""
     with stage("fixed-interface modes", unit="solves", enabled=progress) as advance:
         if cutoff_frequency is None:
             frequency, modes = fixed_interface_modes(condensed, n_modes=n_modes + 1, advance=advance)
@@ -124,7 +127,7 @@ def _reduce_within(
     discretization: bool,
     progress: bool,
 ) -> tuple[ReducedBody, int]:
-    """As _reduce, with the fewest modes whose estimated errors stay within a tolerance."""
+    """Return the same as `_reduce`, with the smallest number of modes whose estimated errors meet a tolerance."""
     most = min(MOST_MODES, condensed.fe_model.n_dofs // 2 - 2)
     available = min(2 * DEFAULT_MODES, most)
     while True:
@@ -142,6 +145,7 @@ def _reduce_within(
 
 
 def _worst_truncation(body: ReducedBody, cutoff_frequency: float | None) -> float:
+    """Return the largest estimated truncation error to which a tolerance applies."""
     worst = 0.0
     for fixed in [(), *((name,) for name in body.point_names)]:
         frequency = body.eigenfrequencies(fixed=fixed)
@@ -154,7 +158,7 @@ def _worst_truncation(body: ReducedBody, cutoff_frequency: float | None) -> floa
 
 
 def _report(body: ReducedBody, rich: ReducedBody, p: int) -> dict[str, str]:
-    """What was kept, what was left out, and what that costs, as text. p: number of fixed-interface modes kept."""
+    """Describe as text which modes were kept, which were omitted and the error; p is the number of kept modes."""
     r, n = len(body.remote_points), len(body.mass_matrix)
     more = f" + {body.n_modes - p} for electrical ports" if body.ports else ""
     frequency = np.sqrt(np.diag(rich.stiffness_matrix)[6 * r :]) / (2 * np.pi)
@@ -176,12 +180,14 @@ def _report(body: ReducedBody, rich: ReducedBody, p: int) -> dict[str, str]:
 
 
 def _percent(errors: Array) -> str:
+    """Return errors as text in per cent."""
     return " ".join(f"{100 * e:.2g}" for e in errors) + " %" if errors.size else "none: it has no such modes"
 
 
 def _project(
     condensed: Condensation, frequency: Array, parts: Sequence[Array], ports: Sequence[PortCoupling]
 ) -> ReducedBody:
+    """Project mass, stiffness, fields and read-outs on the basis vectors."""
     model = condensed.fe_model
     sizes = [part.shape[1] for part in parts]
     n, n_nodes = sum(sizes), model.scalar_mass_matrix.shape[0]

@@ -1,4 +1,4 @@
-"""The faces of a CAD object as triangles, for pictures: no mesh is made."""
+"""Faces of a CAD object as triangles, for images without a mesh."""
 
 import netgen.occ as occ
 import numpy as np
@@ -9,15 +9,18 @@ from nassim.bodies.readouts import Surface
 from nassim.fem.solid import Solid
 
 ROUNDED = 1e-6
-"""Share of the size within which two corners of faces are one: they come in single precision."""
+"""Share of the size within which two corners of faces are the same, because coordinates are in single precision."""
 SAME = 1e-9
-"""Largest difference of centres [m] of two faces that are one, as seen from the CAD bodies on either side."""
+"""Largest distance between the centres of one face as seen from the CAD bodies on its two sides [m]."""
 
 
 def solid_surface(solid: Solid) -> Surface:
-    """The outer faces of a solid as triangles, labelled as those of its mesh are: by CAD body or by remote point.
+    """Return the outer faces of a solid as triangles, with the same labels as a mesh: CAD body or remote point.
 
-    Curved faces are as fine as OpenCASCADE draws them; faces between CAD bodies are left out.
+    OpenCASCADE chooses the fineness of curved faces. Faces between CAD bodies are omitted.
+
+    Args:
+        solid: the solid
     """
     owner = {face: point.name for point in solid.remote_points for face in point.faces}
     corners: list[Array] = []
