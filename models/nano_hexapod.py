@@ -34,7 +34,7 @@ from nassim import (
     placed,
     revolute,
 )
-from nassim.base import cached, code_fingerprint, fingerprint
+from nassim.base import code_fingerprint, fingerprint, load_or_compute
 from nassim.base.checks import finite, not_negative
 from nassim.fem import glue, shape_bytes, solver_name
 from nassim.kinematics import StewartPlatform, strut_frames, strut_lengths
@@ -49,7 +49,7 @@ PAYLOAD_RADIUS = 0.1
 """Of the usual payload, a steel cylinder [m], assumed."""
 PAD_RADIUS, CENTRE_RADIUS = 12e-3, 30e-3
 """Of the patches where struts and payload hold a meshed plate [m], assumed."""
-SAME = 1e-9
+SAME_LENGTH = 1e-9
 """Difference of two lengths [m] that are one."""
 GRAVITY = (0.0, 0.0, -9.81)
 
@@ -167,7 +167,7 @@ def _reduced_plate(solid: Solid, element_size: float, order: int, n_modes: int, 
         fe_model = build_fe_model(solid, element_size=element_size, order=order, progress=progress)
         return craig_bampton(fe_model, n_modes=n_modes, progress=progress)
 
-    return cached("plate", key, build, progress=progress)
+    return load_or_compute("plate", key, build, progress=progress)
 
 
 def _placed_struts(struts: Scene | Sequence[Scene], platform: StewartPlatform) -> list[Scene]:
@@ -178,7 +178,7 @@ def _placed_struts(struts: Scene | Sequence[Scene], platform: StewartPlatform) -
     places = zip(six, platform.base_joints, strut_frames(platform), strut_lengths(platform), strict=True)
     for k, (strut, foot, axes, length) in enumerate(places, start=1):
         ends = [strut.point_position(path) for path in ("bottom.end", "top.end")]
-        if np.abs(ends - np.array([[0, 0, 0], [0, 0, length]])).max() > SAME:
+        if np.abs(ends - np.array([[0, 0, 0], [0, 0, length]])).max() > SAME_LENGTH:
             raise ValueError(
                 f"strut {k}: the platform wants its ends at (0, 0, 0) and (0, 0, {length:.9g}) m, got {ends[0]} and "
                 f"{ends[1]}; make it by a function of models.strut with length=strut_lengths(platform)[{k - 1}]"

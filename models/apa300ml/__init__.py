@@ -28,7 +28,7 @@ from nassim import (
     build_fe_model,
     craig_bampton,
 )
-from nassim.base import cached, code_fingerprint, fingerprint
+from nassim.base import code_fingerprint, fingerprint, load_or_compute
 from nassim.fem import glue, shape_bytes, solver_name
 
 # Table 1 of the paper; the ceramic's Poisson ratio and density are printed once for both materials.
@@ -215,7 +215,7 @@ def reduced_apa300ml(
         model = condensed or build_fe_model(solid, element_size=element_size, order=order, progress=progress, **mesh)
         return craig_bampton(model, n_modes=n_modes, progress=progress)
 
-    return cached(solid.name, key, build, progress=progress)
+    return load_or_compute(solid.name, key, build, progress=progress)
 
 
 def axial_stiffness(body: ReducedBody) -> float:

@@ -19,9 +19,9 @@ from models.apa300ml import (
     make_apa300ml,
 )
 from nassim import ElectricalPort, FEModel, Solid, build_fe_model, craig_bampton, open_circuit
-from nassim.base import stage, written_whole
+from nassim.base import stage, write_atomically
 from nassim.base.checks import known
-from nassim.fem import Material, with_materials
+from nassim.fem import Material, replace_materials
 from nassim.identification import Parameter, Target, at_bounds, calibrate, check_determined, sensitivities
 
 PARAMETERS = {
@@ -93,7 +93,7 @@ def make_model(*, circuit: str = "shorted", **mesh: Any) -> Callable[[Mapping[st
             models[geometry] = build_fe_model(variant(dict(geometry)), progress=False, **mesh)
         ceramic = _ceramic(values.get("pzt_modulus", PARAMETERS["pzt_modulus"].start))
         stacks = {name: ceramic for name in PORTS[0].bodies}
-        return data_sheet_figures(with_materials(models[geometry], stacks), circuit=circuit)
+        return data_sheet_figures(replace_materials(models[geometry], stacks), circuit=circuit)
 
     return figures
 
@@ -162,7 +162,7 @@ def figures_with_5kg(figures: Mapping[str, float]) -> dict[str, float]:
 
 def make_default(record: Mapping[str, Any]) -> None:
     """Make a fit the model's default from now on: its record, with at least "parameters", becomes `CALIBRATION`."""
-    with written_whole(CALIBRATION) as temporary:
+    with write_atomically(CALIBRATION) as temporary:
         temporary.write_text(json.dumps(record, indent=2) + "\n")
 
 

@@ -4,12 +4,12 @@ import json
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
-from nassim.base.progress import Ends, course
-from nassim.base.storage import cache_directory, fingerprint, written_whole
+from nassim.base.progress import StageEnds, track_stages
+from nassim.base.storage import cache_directory, fingerprint, write_atomically
 
 
 @contextmanager
-def whole_run(name: str, *settings: object) -> Iterator[None]:
+def show_time_left(name: str, *settings: object) -> Iterator[None]:
     """Show the time left of the whole run in its stages, based on the last run with the same name and settings.
 
     The first run of its kind shows no time left. The durations of the last complete run are stored in the cache folder
@@ -21,11 +21,11 @@ def whole_run(name: str, *settings: object) -> Iterator[None]:
         *settings: what determines the durations, as `fingerprint` takes it
     """
     path = cache_directory() / "runs" / f"{name}-{fingerprint(list(settings))[:16]}.json"
-    expected: Ends = ()
+    expected: StageEnds = ()
     with suppress(OSError, ValueError, TypeError):
         expected = tuple((str(label), float(end)) for label, end in json.loads(path.read_text(encoding="utf-8")))
-    with course(expected) as current:
+    with track_stages(expected) as current:
         yield
         current.end("all")
-    with suppress(OSError), written_whole(path) as temporary:
+    with suppress(OSError), write_atomically(path) as temporary:
         temporary.write_text(json.dumps(current.ends), encoding="utf-8")

@@ -10,7 +10,7 @@ _user: int | None = None  # process that has used NGSolve's threads
 
 
 @contextmanager
-def exclusive(*, forkable: bool = False) -> Iterator[None]:
+def hold_library_lock(*, forkable: bool = False) -> Iterator[None]:
     """Reserve the three libraries for this thread while other threads wait; the lock may be nested.
 
     Args:
@@ -20,7 +20,7 @@ def exclusive(*, forkable: bool = False) -> Iterator[None]:
         RuntimeError: in a process that was forked after its parent had used threads of these libraries. The threads do
             not survive the fork, so the work would wait for them forever.
     """
-    global _user  # noqa: PLW0603 (it stands for global state of the libraries)
+    global _user  # noqa: PLW0603 (it represents global state of the libraries)
     if not forkable and _user not in (None, os.getpid()):
         raise RuntimeError(
             "this process was forked after its parent had used NGSolve, whose threads do not survive that: start "

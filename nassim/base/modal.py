@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from nassim.base.checks import Array, finite_array, not_negative
 
-EXCITED = 1e-9
+SMALLEST_EXCITED = 1e-9
 """Singular values of a decay below this share of the largest are rounding errors."""
 
 
@@ -35,7 +35,7 @@ def eigenmodes(stiffness: Array, mass: Array, *, n_modes: int | None = None) -> 
     if len(mass) == 0:
         return np.zeros(0), np.zeros((0, 0))
     last = len(stiffness) - 1 if n_modes is None else min(n_modes, len(stiffness)) - 1
-    # Scaling to a unit diagonal of M mends the mix of metres, radians and modal coordinates.
+    # Scaling to a unit diagonal of M balances metres, radians and modal coordinates.
     diagonal = np.diag(mass)
     if np.any(diagonal <= 0):
         raise ValueError("the mass matrix has a diagonal entry that is not positive; it must be positive definite")
@@ -92,14 +92,13 @@ def damping_ratios(label: str, value: ArrayLike, *, stacklevel: int = 2) -> Arra
         not_negative(label, one)
     if ratio.max() >= 1:
         warnings.warn(
-            f"{label} {ratio.max():g} is critical damping or more, in which nothing swings: one percent is the ratio "
-            "0.01",
+            f"{label} {ratio.max():g} is critical damping or more, without oscillation: one percent is the ratio 0.01",
             stacklevel=stacklevel + 1,
         )
     return ratio
 
 
-def elastic_ratios(frequency: Array, damping_ratio: ArrayLike) -> Array:
+def elastic_damping_ratios(frequency: Array, damping_ratio: ArrayLike) -> Array:
     """Compute the damping ratio of each mode, shape (n,) [-]: zero for rigid-body modes, which have 0 Hz.
 
     Args:
@@ -119,7 +118,7 @@ def elastic_ratios(frequency: Array, damping_ratio: ArrayLike) -> Array:
     return result
 
 
-def held_pole(rate: complex, time_step: float, *, hold_order: int) -> tuple[complex, complex, complex]:
+def discretize_pole(rate: complex, time_step: float, *, hold_order: int) -> tuple[complex, complex, complex]:
     """Discretise z' = rate z + u exactly, as z[k] = decay z[k-1] + now u[k] + before u[k-1].
 
     Args:
@@ -134,7 +133,7 @@ def held_pole(rate: complex, time_step: float, *, hold_order: int) -> tuple[comp
     first = np.expm1(x) / x
     if hold_order == 0:
         return 0.0, time_step * first, np.exp(x)
-    # Taylor's series where the closed form would cancel.
+    # Taylor series, because the closed form loses digits for small arguments.
     second = (first - 1) / x if abs(x) > 1e-2 else sum(x**n / math.factorial(n + 2) for n in range(8))
     return time_step * second, time_step * (first - second), np.exp(x)
 
@@ -186,13 +185,13 @@ def decay_poles(decay: Array, time_step: float, *, n_poles: int) -> NDArray[np.c
     if n_samples < 4 * n_poles:
         raise ValueError(f"{n_poles} poles need at least {4 * n_poles} samples, got {n_samples}")
     columns = n_samples // 2
-    # What a decay begins with may be scaled, and what a signal reads, but that in all decays alike.
+    # Initial conditions and signals may be scaled, signals by the same factor in all decays.
     for others in ((0, 2), (1, 2)):
         decays = decays / np.maximum(np.abs(decays).max(axis=others, keepdims=True), np.finfo(float).tiny)
     beside = decays.swapaxes(0, 1)
     hankel = np.vstack([beside[..., k : k + columns].reshape(n_signals, -1) for k in range(min(columns, 8 * n_poles))])
     left, sizes, _ = np.linalg.svd(hankel, full_matrices=False)
-    n = min(n_poles, int(np.count_nonzero(sizes > EXCITED * sizes[0])))
+    n = min(n_poles, int(np.count_nonzero(sizes > SMALLEST_EXCITED * sizes[0])))
     states = left[:, :n]
     step = np.linalg.lstsq(states[:-n_signals], states[n_signals:], rcond=None)[0]
     return np.log(np.linalg.eigvals(step).astype(complex)) / time_step

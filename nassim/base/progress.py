@@ -11,14 +11,14 @@ from tqdm import tqdm
 
 Advance = Callable[..., None]
 """Function to call as advance(n=1) when n more units of a stage are done."""
-Ends = Sequence[tuple[str, float]]
+StageEnds = Sequence[tuple[str, float]]
 """Labels of the stages in order, each with the time of its end from the start of the run [s]."""
 
 BAR = "  {desc:<26}{percentage:3.0f}% |{bar:24}| {n_fmt}/{total_fmt} {unit} [{elapsed}<{remaining}]{left}"
 COUNTER = "  {desc:<26}{n_fmt} {unit} [{elapsed}]{left}"
 WIDTH = 100
 """Assumed width of a terminal [characters]."""
-SELDOM = 10.0
+SHORTEST_INTERVAL = 10.0
 """Shortest time between two progress messages when the output is not a terminal [s]."""
 
 
@@ -26,7 +26,7 @@ def silent(n: int = 1) -> None:
     """Do nothing: an `Advance` that shows no progress."""
 
 
-def wrapped(text: str, *, indent: str = "", next_indent: str = "    ") -> str:
+def wrap_text(text: str, *, indent: str = "", next_indent: str = "    ") -> str:
     """Wrap one line of text into lines of at most `WIDTH` characters; longer words, such as paths, are not broken."""
     wrapper = textwrap.TextWrapper(
         WIDTH, initial_indent=indent, subsequent_indent=next_indent, break_long_words=False, break_on_hyphens=False
@@ -37,10 +37,10 @@ def wrapped(text: str, *, indent: str = "", next_indent: str = "    ") -> str:
 def tell(text: str, *, indent: str = "  ") -> None:
     """Print a note between the stages, in lines of at most `WIDTH` characters."""
     for line in text.splitlines():
-        print(wrapped(line, indent=indent, next_indent=indent + "    "), flush=True)
+        print(wrap_text(line, indent=indent, next_indent=indent + "    "), flush=True)
 
 
-class Course:
+class RunProgress:
     """Progress of a run of several stages, and its time left according to an earlier run of the same work.
 
     Attributes:
@@ -48,7 +48,7 @@ class Course:
         expected: stages of the earlier run; the last one is the end of that run
     """
 
-    def __init__(self, expected: Ends) -> None:
+    def __init__(self, expected: StageEnds) -> None:
         self.expected = expected
         self.ends: list[tuple[str, float]] = []
         self._start = time.perf_counter()
@@ -78,26 +78,26 @@ class Course:
         return max(pace * (whole - reached) - (self.elapsed - now), 0.0)
 
 
-_course: ContextVar[Course | None] = ContextVar("course", default=None)
+_run: ContextVar[RunProgress | None] = ContextVar("run", default=None)
 
 
 @contextmanager
-def course(expected: Ends) -> Iterator[Course]:
+def track_stages(expected: StageEnds) -> Iterator[RunProgress]:
     """Show the time left of the whole run in its stages, based on the durations of an earlier run."""
-    token = _course.set(Course(expected))
+    token = _run.set(RunProgress(expected))
     try:
-        current = _course.get()
+        current = _run.get()
         assert current is not None
         yield current
     finally:
-        _course.reset(token)
+        _run.reset(token)
 
 
 @contextmanager
 def stage(label: str, *, total: int | None = None, unit: str = "", enabled: bool = True) -> Iterator[Advance]:
     """Show one stage of long work and how long it took.
 
-    Within a `course`, the time left of the whole run is shown too. Without a terminal, percentages are added to the
+    Within `track_stages`, the time left of the whole run is shown too. Without a terminal, percentages are added to the
     line of a stage that takes minutes.
 
     Args:
@@ -129,14 +129,14 @@ def stage(label: str, *, total: int | None = None, unit: str = "", enabled: bool
 
 
 def _tenths(total: int) -> Advance:
-    """Return an `Advance` that prints each tenth that is reached, at most one per `SELDOM`."""
+    """Return an `Advance` that prints each tenth that is reached, at most one per `SHORTEST_INTERVAL`."""
     done, told, last = 0, 0, time.perf_counter()
 
     def advance(n: int = 1) -> None:
         nonlocal done, told, last
         done += n
         tenth, now = 10 * done // total, time.perf_counter()
-        if told < tenth < 10 and now - last >= SELDOM:
+        if told < tenth < 10 and now - last >= SHORTEST_INTERVAL:
             print(f" {10 * tenth} %", end="", flush=True)
             told, last = tenth, now
 
@@ -150,13 +150,13 @@ class _Bar(tqdm):  # type: ignore[misc]
 
 
 def _end(label: str) -> None:
-    current = _course.get()
+    current = _run.get()
     if current is not None:
         current.end(label)
 
 
 def _left() -> str:
-    current = _course.get()
+    current = _run.get()
     seconds = None if current is None else current.left()
     if seconds is None:
         return ""

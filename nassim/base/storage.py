@@ -18,7 +18,7 @@ import h5py
 import numpy as np
 import psutil
 
-from nassim.base.file_registry import find, is_noun, upgraded
+from nassim.base.file_registry import find, is_data_class, upgrade_fields
 from nassim.base.progress import tell
 from nassim.base.warning_log import warn
 
@@ -32,7 +32,7 @@ SEAL_SIZE = 512
 PACKAGE = Path(__file__).parents[1]
 LIBRARIES = ("netgen-mesher", "ngsolve", "numpy", "scipy", "cvxopt", "pypardiso", "mkl")
 
-Noun = TypeVar("Noun")
+DataClass = TypeVar("DataClass")
 
 
 def save(obj: object, path: str | Path) -> Path:
@@ -51,20 +51,20 @@ def save(obj: object, path: str | Path) -> Path:
         ValueError: for dataclasses that are not in `nassim.base.file_registry` and for objects that files cannot hold
         OSError: if the file cannot be written; the message names the file
     """
-    # HDF5 writing to a full disk would end the interpreter.
+    # When HDF5 itself writes to a full disk, it terminates the interpreter.
     image = io.BytesIO()
     with h5py.File(image, "w", userblock_size=SEAL_SIZE) as file:
         file.attrs["nassim_format"] = FORMAT_VERSION
         _write(file, "content", obj)
     content = image.getbuffer()
     content[:SEAL_SIZE] = _seal(hashlib.sha256(content[SEAL_SIZE:]))
-    with written_whole(path) as temporary:
+    with write_atomically(path) as temporary:
         temporary.write_bytes(content)
     return Path(path)
 
 
 @contextmanager
-def written_whole(path: str | Path) -> Iterator[Path]:
+def write_atomically(path: str | Path) -> Iterator[Path]:
     """Yield a temporary path to write to, which is moved to `path` at the end, or removed after an error.
 
     Temporary files that terminated processes left in the folder are removed too.
@@ -82,7 +82,7 @@ def written_whole(path: str | Path) -> Iterator[Path]:
         temporary = Path(name)
         try:
             yield temporary
-            # mkstemp lets only its owner read; a cache may be shared.
+            # A file of mkstemp can be read by its owner only, but a cache may be shared.
             temporary.chmod(0o644)
             temporary.replace(target)
         finally:
@@ -97,7 +97,7 @@ def _remove_stale(folder: Path, host: str) -> None:
     for path in folder.glob("nassim-*.tmp"):
         name = re.fullmatch(rf"nassim-{host}-(\d{{1,9}})-\w*\.tmp", path.name)
         if name and not psutil.pid_exists(int(name[1])):
-            with suppress(OSError):  # it may be another user's
+            with suppress(OSError):  # the file may belong to another user
                 path.unlink()
 
 
@@ -129,7 +129,7 @@ def load(path: str | Path) -> Any:
             if version > 1 and not sealed:
                 raise ValueError("its checksum is missing")
             return _Reader(source.stat().st_size, version).child(file, "content")
-    except Exception as error:  # constructors may raise anything when given what is not theirs
+    except Exception as error:  # constructors may raise any error for wrong fields
         raise ValueError(f"cannot read {source}: {error or type(error).__name__}") from error
 
 
@@ -141,7 +141,7 @@ def _seal(digest: Any) -> bytes:
 def _check_seal(source: Path) -> bool:
     """Return whether a file begins with a checksum; raise ValueError if it differs from that of the content."""
     if not source.is_file():
-        raise ValueError("it is no file")
+        raise ValueError("it is not a file")
     with source.open("rb") as stream:
         seal = stream.read(SEAL_SIZE)
         if seal.startswith(b"\x89HDF"):
@@ -152,7 +152,7 @@ def _check_seal(source: Path) -> bool:
     if not seal.startswith(b"nassim"):
         raise ValueError("it was not written by nassim.save, or is damaged at its start")
     if seal != _seal(digest):
-        raise ValueError("it is damaged or was edited: its content does not go with its checksum")
+        raise ValueError("it is damaged or was edited: its content does not match its checksum")
     return True
 
 
@@ -161,7 +161,7 @@ def cache_directory() -> Path:
     return Path(os.environ.get("NASSIM_CACHE", Path.home() / ".cache" / "nassim"))
 
 
-def cached(name: str, key: str, build: Callable[[], Noun], *, progress: bool = True) -> Noun:
+def load_or_compute(name: str, key: str, build: Callable[[], DataClass], *, progress: bool = True) -> DataClass:
     """Return `build()`, or its earlier result for the same name and key from the cache.
 
     Warnings in the `record` of a result are given again when it is loaded. A damaged file is reported and rebuilt. If
@@ -181,7 +181,7 @@ def cached(name: str, key: str, build: Callable[[], Noun], *, progress: bool = T
 
     if os.path.exists(path):
         try:
-            result: Noun = load(path)
+            result: DataClass = load(path)
         except ValueError as error:
             report(f"the cached file is damaged and will be rebuilt ({error})")
         else:
@@ -267,7 +267,7 @@ def _update(digest: Any, part: object) -> None:
 
 
 def _write(parent: Any, name: str, value: object) -> None:
-    if is_noun(value):
+    if is_data_class(value):
         group = parent.create_group(name)
         group.attrs["kind"] = "dataclass"
         group.attrs["type"] = type(value).__name__
@@ -277,7 +277,8 @@ def _write(parent: Any, name: str, value: object) -> None:
     elif is_dataclass(value) and not isinstance(value, type):
         raise ValueError(
             f"cannot save {type(value).__name__} ({name}): it is not registered; give a dataclass of your own to "
-            "nassim.register, before saving and before loading: its fields can be nouns, arrays, numbers and text"
+            "nassim.register, before saving and before loading: its fields can be registered dataclasses, arrays, "
+            "numbers and text"
         )
     elif isinstance(value, Mapping):
         group = parent.create_group(name)
@@ -296,7 +297,10 @@ def _write(parent: Any, name: str, value: object) -> None:
     elif isinstance(value, (str, bool, int, float, complex, np.ndarray, np.generic)):
         parent.create_dataset(name, data=value)
     else:
-        raise ValueError(f"cannot save {type(value).__name__} ({name}): only nouns of nassim, arrays, numbers and text")
+        raise ValueError(
+            f"cannot save {type(value).__name__} ({name}): files hold only data classes of nassim, registered "
+            "dataclasses, arrays, numbers and text"
+        )
 
 
 _TEXT_SIZE = 16
@@ -358,7 +362,7 @@ class _Reader:
         """Count bytes that are read; raise ValueError if they exceed the size of the file."""
         self.left -= size
         if self.left < 0:
-            raise ValueError("it says it holds more data than it has bytes")
+            raise ValueError("it claims to hold more data than it has bytes")
 
     def group(self, group: Any) -> Any:
         """Return None, a tuple, a mapping or a data class."""
@@ -372,11 +376,11 @@ class _Reader:
         if kind != "dataclass":
             raise ValueError(f"{group.name} is of the kind {kind!r}, which this nassim does not know; upgrade nassim")
         name = _public_name(_attribute(group, "type"), self.version)
-        noun = find(name)
+        data_class = find(name)
         content = {field: self.child(group, field) for field in group}
         if self.version < FORMAT_VERSION:
-            content = upgraded(name, content)
-        return noun(**content)
+            content = upgrade_fields(name, content)
+        return data_class(**content)
 
 
 def _attribute(item: Any, name: str) -> Any:

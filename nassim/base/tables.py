@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from nassim.base.progress import WIDTH
 
 GAP = "  "
-HIGHEST = 4
+MOST_HEADING_LINES = 4
 """Largest number of lines of a heading."""
 
 Columns = list[list[str]]
@@ -24,7 +24,7 @@ def text_table(rows: Sequence[Sequence[str]], *, width: int = WIDTH) -> str:
     """
     columns = [list(column) for column in zip(*rows, strict=True)]
     folded = columns
-    for height in range(2, HIGHEST + 1):
+    for height in range(2, MOST_HEADING_LINES + 1):
         if _width(folded) <= width:
             break
         folded = _fold_headings(columns, height)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
-class Notices:
+class WarningLog:
     """Log of messages.
 
     Attributes:
@@ -20,7 +20,7 @@ class Notices:
     notes: list[str] = field(default_factory=list)
 
 
-_collectors: ContextVar[tuple[Notices, ...]] = ContextVar("collectors", default=())
+_collectors: ContextVar[tuple[WarningLog, ...]] = ContextVar("collectors", default=())
 
 
 def warn(message: str, *, stacklevel: int = 1) -> None:
@@ -30,23 +30,23 @@ def warn(message: str, *, stacklevel: int = 1) -> None:
         message: text of the warning
         stacklevel: as in `warnings.warn`, counted from the caller
     """
-    for notices in _collectors.get():
-        notices.warnings.append(message)
+    for log in _collectors.get():
+        log.warnings.append(message)
     warnings.warn(message, stacklevel=stacklevel + 1)
 
 
 def note(message: str) -> None:
     """Add a message to all open logs without a warning, for a change of method that does not reduce accuracy."""
-    for notices in _collectors.get():
-        notices.notes.append(message)
+    for log in _collectors.get():
+        log.notes.append(message)
 
 
 @contextmanager
-def collected() -> Iterator[Notices]:
+def collect_messages() -> Iterator[WarningLog]:
     """Open a log that collects the messages of this thread; logs may be nested, and each one gets all messages."""
-    notices = Notices()
-    token = _collectors.set((*_collectors.get(), notices))
+    log = WarningLog()
+    token = _collectors.set((*_collectors.get(), log))
     try:
-        yield notices
+        yield log
     finally:
         _collectors.reset(token)

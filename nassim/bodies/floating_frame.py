@@ -86,7 +86,7 @@ def floating_frame(body: ReducedBody, point: str) -> FloatingFrame:
     n_all = len(body.mass_matrix)
     flexible = np.delete(np.arange(n_all), np.s_[6 * index : 6 * index + 6])
     origin = body.remote_points[index].position
-    # New scalar fields 1, x - origin, psi_flexible as combinations of the old ones.
+    # The scalar fields 1, x - origin, psi_flexible are combinations of the fields of the body's Gram matrix.
     change = np.zeros((len(body.gram), 4 + 3 * len(flexible)))
     change[:4, :4] = np.eye(4)
     change[0, 1:4] = -origin

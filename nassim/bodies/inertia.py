@@ -91,7 +91,7 @@ def rigid_inertia(mass_matrix: Array, rigid_motions: Array) -> RigidInertia:
     return RigidInertia(mass, centre, 0.5 * (inertia + inertia.T), misfit)
 
 
-def free_of_rigid_motions(mass_matrix: Array, motions: Array) -> Array:
+def elastic_basis(mass_matrix: Array, motions: Array) -> Array:
     """Compute a basis of the motions that are orthogonal to the rigid motions in the mass's inner product.
 
     Args:
@@ -109,7 +109,7 @@ def free_of_rigid_motions(mass_matrix: Array, motions: Array) -> Array:
     return result
 
 
-def completed_gram(mass_matrix: Array, positions: Array) -> Array:
+def estimate_gram(mass_matrix: Array, positions: Array) -> Array:
     """Estimate the Gram matrix of a `ReducedBody` from its mass matrix; see the module's description for the error.
 
     Args:
@@ -128,7 +128,7 @@ def completed_gram(mass_matrix: Array, positions: Array) -> Array:
     moments[1:, 1:] = 0.5 * np.trace(rigid.inertia) * np.eye(3) - rigid.inertia
     weighted = motions.T @ mass_matrix
     content = np.linalg.solve(weighted @ motions, weighted)
-    # What is known of psi_j by its coefficients on 1, x, y, z: first translation + rotation cross x.
+    # The known part of psi_j as coefficients on 1, x, y, z, beginning with translation + rotation cross x.
     fields = np.zeros((4, n, 3))
     fields[0] = content[:3].T
     for j in range(n):
@@ -153,7 +153,7 @@ def _homogeneous_strains(mass_matrix: Array, positions: Array, rigid: RigidInert
     """
     n = len(mass_matrix)
     motions = rigid_motions(positions, n)
-    free = free_of_rigid_motions(mass_matrix, motions)
+    free = elastic_basis(mass_matrix, motions)
     offsets = positions - positions.mean(axis=0)
     _, spread, axes = np.linalg.svd(offsets)
     size = np.sqrt(np.trace(rigid.central_inertia) / rigid.mass)

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite, finite_array, freeze, positive, unique
 
-LARGEST_STRAIN = 5e-3
+LARGEST_FREE_STRAIN = 5e-3
 """Ratio of free stroke to length above the range of piezo ceramics; usual ones reach 1e-3 to 2e-3."""
 LARGEST_STRESS = 500e6
 """Ratio of blocked force to cross-section above the range of piezo ceramics [Pa]; usual ones reach 30 to 50 MPa."""
@@ -54,7 +54,7 @@ class PiezoStack:
         freeze(self, transverse_ratio=finite("piezo stack: transverse_ratio", self.transverse_ratio))
         if not -0.6 <= self.transverse_ratio <= 0.0:
             raise ValueError(f"piezo stack: transverse_ratio must be from -0.6 to 0, got {self.transverse_ratio:g}")
-        if self.free_stroke > LARGEST_STRAIN * self.length:
+        if self.free_stroke > LARGEST_FREE_STRAIN * self.length:
             raise ValueError(
                 f"piezo stack: a free_stroke of {self.free_stroke:g} m is {100 * self.free_stroke / self.length:.3g} % "
                 f"of the length {self.length:g} m; ceramics reach 0.2 %. Are both in metres?"
@@ -67,7 +67,7 @@ class PiezoStack:
         implied = self.blocked_force / self.free_stroke
         if not 1 / STIFFNESS_MISMATCH < self.stiffness / implied < STIFFNESS_MISMATCH:
             raise ValueError(
-                f"piezo stack: the stiffness {self.stiffness:g} N/m does not go with blocked_force / free_stroke = "
+                f"piezo stack: the stiffness {self.stiffness:g} N/m does not agree with blocked_force / free_stroke = "
                 f"{implied:g} N/m; is it in N/m (not N/um)?"
             )
         if self.coupling_factor >= 1.0:
@@ -199,7 +199,7 @@ class ElectricalPort:
         if not np.any(direction):
             raise ValueError(f"{label}: direction must not be zero")
         if not bodies:
-            raise ValueError(f"{label} names no CAD body")
+            raise ValueError(f"{label} names no CAD body; name at least one")
         freeze(self, bodies=unique(f"{label}: CAD body", bodies), direction=direction / np.linalg.norm(direction))
 
     @property
@@ -234,7 +234,7 @@ class PortCoupling:
         if capacitance <= 0:
             raise ValueError(
                 f"electrical port {self.name!r}: with all strains held its capacitance would be {capacitance:.3g} F, "
-                "less than none: the stack's stroke, the material's stiffness and the capacitance do not go together, "
+                "less than none: the stack's stroke, the material's stiffness and the capacitance do not agree, "
                 "or its transverse_ratio is not that of a ceramic (-0.4 to -0.5)"
             )
         freeze(self, forces=forces, blocked_capacitance=capacitance)

@@ -13,9 +13,9 @@ from nassim.base.checks import Array, known, not_negative, positive
 from nassim.base.modal import eigenmodes
 from nassim.bodies.readouts import PassivePoint, Picture, by_name
 from nassim.bodies.reduced_body import ReducedBody
-from nassim.bodies.strain import has_rigid_modes, without_rounding
+from nassim.bodies.strain import has_rigid_modes, remove_rounding
 
-DEPENDENT = 1e-10
+DEPENDENT_SHAPE = 1e-10
 """Load shapes below this share of the largest energy are rounding errors and are left out.
 
 A shape of which the modes leave less than this share of its own energy is left out too.
@@ -49,7 +49,7 @@ def trim_body(body: ReducedBody, *, points: Collection[str], loads: Array, cutof
     inner = np.setdiff1d(np.arange(n), held)
     stiffness, mass = (matrix[np.ix_(inner, inner)] for matrix in (body.stiffness_matrix, body.mass_matrix))
     coupling = body.stiffness_matrix[np.ix_(inner, held)]
-    # Metres, radians and modal amplitudes: a unit diagonal keeps the solves accurate.
+    # A unit diagonal balances metres, radians and modal amplitudes, and keeps the solves accurate.
     scale = 1.0 / np.sqrt(np.diag(stiffness))
     loads = np.column_stack([loads, *(port.forces for port in body.ports)])
     statics = scale[:, None] * np.linalg.solve(
@@ -57,11 +57,11 @@ def trim_body(body: ReducedBody, *, points: Collection[str], loads: Array, cutof
     )
     frequency, modes = eigenmodes(stiffness, mass)
     modes = modes[:, frequency <= cutoff_frequency]
-    shapes = _shapes_beside(statics[:, len(held) :], modes, stiffness, mass)
+    shapes = _residual_shapes(statics[:, len(held) :], modes, stiffness, mass)
     change = np.zeros((n, len(held) + modes.shape[1] + shapes.shape[1]))
     change[held, np.arange(len(held))] = 1.0
     change[inner] = np.hstack([statics[:, : len(held)], modes, shapes])
-    return replace(project(body, change, points=kept), enriched=body.enriched or without_picture(body))
+    return replace(project(body, change, points=kept), enriched=body.enriched or remove_surface(body))
 
 
 def keep_modes(body: ReducedBody, n_modes: int) -> ReducedBody:
@@ -82,10 +82,10 @@ def keep_modes(body: ReducedBody, n_modes: int) -> ReducedBody:
     n_all, n = len(body.mass_matrix), 6 * len(body.remote_points) + n_modes
     stiffness, mass = body.stiffness_matrix[n:, n:], body.mass_matrix[n:, n:]
     loads = np.column_stack([np.zeros((n_all - n, 0)), *(port.forces[n:] for port in body.ports)])
-    shapes = _shapes_beside(np.linalg.solve(stiffness, loads), np.zeros((n_all - n, 0)), stiffness, mass)
+    shapes = _residual_shapes(np.linalg.solve(stiffness, loads), np.zeros((n_all - n, 0)), stiffness, mass)
     change = np.eye(n_all, n + shapes.shape[1])
     change[n:, n:] = shapes
-    richer = replace(without_picture(body), released_stiffness=None)
+    richer = replace(remove_surface(body), released_stiffness=None)
     return replace(project(body, change, points=body.point_names), enriched=body.enriched or richer)
 
 
@@ -107,7 +107,7 @@ def project(body: ReducedBody, change: Array, *, points: Sequence[str]) -> Reduc
     released = body.released_stiffness
     stiffness, kept = _congruent(body.stiffness_matrix, change), tuple(body.point(name) for name in points)
     if kept and has_rigid_modes(body.stiffness_matrix, body.mass_matrix, body.positions):
-        stiffness = without_rounding(stiffness, np.array([point.position for point in kept]))
+        stiffness = remove_rounding(stiffness, np.array([point.position for point in kept]))
     return replace(
         body,
         remote_points=kept,
@@ -145,23 +145,23 @@ def keep_ports(body: ReducedBody, names: Collection[str]) -> ReducedBody:
     return replace(body, readouts={name: readout for name, readout in body.readouts.items() if name not in gone})
 
 
-def without_picture(body: ReducedBody) -> ReducedBody:
+def remove_surface(body: ReducedBody) -> ReducedBody:
     """Return the body without its surface, which takes by far the most memory, for uses without images."""
     rest = {name: readout for name, readout in body.readouts.items() if not isinstance(readout, Picture)}
     return replace(body, readouts=rest)
 
 
-def _shapes_beside(shapes: Array, modes: Array, stiffness: Array, mass: Array) -> Array:
+def _residual_shapes(shapes: Array, modes: Array, stiffness: Array, mass: Array) -> Array:
     """Return the part of static shapes that the modes do not contain, as Ritz vectors of unit modal mass."""
     whole = np.diag(_congruent(stiffness, shapes))
     shapes = shapes - modes @ (modes.T @ (mass @ shapes))
     energy = _congruent(stiffness, shapes)
-    used = np.diag(energy) > DEPENDENT * whole
+    used = np.diag(energy) > DEPENDENT_SHAPE * whole
     if not used.any():
         return np.zeros((len(shapes), 0))
     shapes = shapes[:, used] / np.sqrt(np.diag(energy)[used])
     size, combinations = np.linalg.eigh(_congruent(stiffness, shapes))
-    shapes = shapes @ combinations[:, size > DEPENDENT * size[-1]]
+    shapes = shapes @ combinations[:, size > DEPENDENT_SHAPE * size[-1]]
     _, ritz = eigenmodes(_congruent(stiffness, shapes), _congruent(mass, shapes))
     result: Array = shapes @ ritz
     return result

@@ -156,7 +156,7 @@ class Trace:
         return replace(self, rows=self.rows @ change)
 
 
-def upgraded_readouts(content: Mapping[str, Any]) -> dict[str, Any]:
+def upgrade_readouts(content: Mapping[str, Any]) -> dict[str, Any]:
     """Convert the fields of a `ReducedBody` from files of nassim 0.1, in which five fields held the read-outs.
 
     These fields were surface, surface_modes (n_points, 3, n), ports, passive_points (s of them) and passive_motions

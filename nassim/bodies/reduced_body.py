@@ -10,11 +10,11 @@ from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, inst
 from nassim.bodies.interface import RemotePoint, coordinate_names, free_coordinates, point_masses
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.readouts import PassivePoint, Picture, Readout, Surface, of_kind
-from nassim.bodies.strain import Strain, body_strain, strained_modes
+from nassim.bodies.strain import Strain, body_strain, strain_eigenmodes
 
 SATURATION = 1.7
 """Ratio of a mesh's whole error to the part of it that elements one order higher remove."""
-LEFT_OUT = 0.05
+SAME_MODE = 0.05
 """Relative frequency difference above which a fixed-interface mode and one of the enriched body are different modes."""
 
 
@@ -98,11 +98,11 @@ class ReducedBody:
         for name, readout in self.readouts.items():
             label = f"body {self.name!r}: read-out {name!r}"
             if not isinstance(readout, Readout):
-                raise ValueError(f"{label} is a {type(readout).__name__}, which `project` could not carry along")
+                raise ValueError(f"{label} is a {type(readout).__name__}, which `project` could not convert")
             if readout.name != name:
-                raise ValueError(f"{label} calls itself {readout.name!r}; make the mapping by readouts.by_name")
+                raise ValueError(f"{label} has the name {readout.name!r}; make the mapping by readouts.by_name")
             if readout.n_coordinates != n:
-                raise ValueError(f"{label} is one of {readout.n_coordinates} coordinates, the body has {n}")
+                raise ValueError(f"{label} reads {readout.n_coordinates} coordinates, but the body has {n}")
         unique(f"body {self.name!r}: remote point and read-out", (*self.point_names, *self.readouts))
 
     @property
@@ -204,9 +204,9 @@ class ReducedBody:
         if self.enriched is None:
             return np.inf
         own, whole = (body.eigenfrequencies(fixed=self.point_names) for body in (self, self.enriched))
-        # More freedom raises no frequency: each is at least the enriched body's of the same number.
+        # By Rayleigh's principle, each frequency is at least that of the enriched body with the same index.
         own = np.append(own, np.full(max(0, len(whole) - len(own)), np.inf))[: len(whole)]
-        left_out = whole[own > (1 + LEFT_OUT) * whole]
+        left_out = whole[own > (1 + SAME_MODE) * whole]
         return float(left_out[0]) if len(left_out) else np.inf
 
     @property
@@ -245,7 +245,7 @@ class ReducedBody:
         mass = (self.mass_matrix + np.diag(added))[np.ix_(free, free)]
         if n is not None and (n != int(n) or n < 1):
             raise ValueError(f"n must be a whole number of modes, at least 1, got {n}")
-        frequency, vectors = strained_modes(self.strain.within(np.eye(len(added))[:, free]), mass)
+        frequency, vectors = strain_eigenmodes(self.strain.within(np.eye(len(added))[:, free]), mass)
         frequency, vectors = frequency[:n], vectors[:, :n]
         shapes = np.zeros((len(self.mass_matrix), len(frequency)))
         shapes[free] = vectors
@@ -292,7 +292,7 @@ class ReducedBody:
             ValueError: for a body without an `enriched` body
         """
         if self.enriched is None:
-            raise ValueError(f"body {self.name!r} carries no enriched form, so its truncation error is unknown")
+            raise ValueError(f"body {self.name!r} has no enriched form, so its truncation error is unknown")
         frequency = self.eigenfrequencies(fixed=fixed, guided=guided, masses=masses)
         better = self.enriched.eigenfrequencies(fixed=fixed, guided=guided, masses=masses)[: len(frequency)]
         elastic = (frequency > 0) & (better > 0)
@@ -353,10 +353,10 @@ class ReducedBody:
         """
         n_interface = 6 * len(self.remote_points)
         free = free_coordinates(self.point_names, fixed=fixed, guided=guided)
-        # Modal coordinates take part where an open electrical port couples them to the points.
+        # An open electrical port couples modal coordinates to the points.
         moving = np.concatenate([free, np.arange(n_interface, len(self.mass_matrix))])
         strain = self.strain.within(np.eye(len(self.mass_matrix))[:, moving])
-        if np.any(strained_modes(strain, self.mass_matrix[np.ix_(moving, moving)])[0] == 0):
+        if np.any(strain_eigenmodes(strain, self.mass_matrix[np.ix_(moving, moving)])[0] == 0):
             raise ValueError(f"body {self.name!r} can move freely: fix enough remote points, known: {self.point_names}")
         stiffness = self.stiffness_matrix[np.ix_(moving, moving)]
         scale = 1.0 / np.sqrt(np.diag(stiffness))

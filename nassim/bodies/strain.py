@@ -17,7 +17,7 @@ from nassim.base.rigid_motion import rigid_motions
 
 UNSTRAINED = 1e-9
 """A strain below this share of the largest possible sum of its terms is a rounding error."""
-ROUNDING = 1e-11
+RIGID_MOTION_ROUNDING = 1e-11
 """Share of a body's largest stiffness, as the square of a frequency, that rounding may leave in its rigid motions."""
 
 
@@ -44,7 +44,7 @@ class Strain:
         return Strain(self.rows @ change, self.root @ change)
 
 
-def joined(strains: Sequence[Strain], n: int) -> Strain:
+def combine_strains(strains: Sequence[Strain], n: int) -> Strain:
     """Combine the strains of several bodies and springs in the same n coordinates."""
     nothing = np.zeros((0, n))
     return Strain(np.vstack([nothing, *(s.rows for s in strains)]), np.vstack([nothing, *(s.root for s in strains)]))
@@ -78,14 +78,14 @@ def body_strain(stiffness: Array, mass: Array, positions: Array) -> Strain:
     n = len(mass)
     relative = np.eye(n)
     if has_rigid_modes(stiffness, mass, positions):
-        relative, stiffness = _beside_first(positions, n), stiffness[6:, 6:]
+        relative, stiffness = _relative_to_first(positions, n), stiffness[6:, 6:]
     kinds, weights = stiffness_root(stiffness, n_points=len(stiffness) - n + 6 * len(positions))
     rows = kinds @ relative
     size = np.linalg.norm(rows * _unit_mass(mass), axis=1, keepdims=True)
     return Strain(rows / size, weights @ relative)
 
 
-def strained_modes(strain: Strain, mass: Array) -> tuple[Array, Array]:
+def strain_eigenmodes(strain: Strain, mass: Array) -> tuple[Array, Array]:
     """Compute eigenfrequencies and mode shapes from strains.
 
     Args:
@@ -110,7 +110,7 @@ def strained_modes(strain: Strain, mass: Array) -> tuple[Array, Array]:
     scaled = strain.within(np.diag(scale))
     _, sizes, directions = np.linalg.svd(scaled.rows) if len(scaled.rows) else (None, np.zeros(0), np.eye(n))
     free = n - np.count_nonzero(sizes > UNSTRAINED)
-    # Free motions first, then all that is orthogonal to them in the mass's product.
+    # Rigid-body modes first, then all motions orthogonal to them in the mass's inner product.
     axes = np.linalg.qr(factor.T @ directions[n - free :].T, mode="complete")[0] if free else np.eye(n)
     velocity = scipy.linalg.solve_triangular(factor.T, axes)
     elastic = np.zeros((n, n - free))
@@ -168,17 +168,17 @@ def has_rigid_modes(stiffness: Array, mass: Array, positions: Array) -> bool:
     scale = _unit_mass(mass)
     scaled, amplitudes = scale[:, None] * stiffness * scale, rigid_motions(positions, len(mass)) / scale[:, None]
     force = np.linalg.norm(scaled @ amplitudes, axis=0)
-    return bool(np.all(force <= ROUNDING * np.linalg.norm(scaled) * np.linalg.norm(amplitudes, axis=0)))
+    return bool(np.all(force <= RIGID_MOTION_ROUNDING * np.linalg.norm(scaled) * np.linalg.norm(amplitudes, axis=0)))
 
 
-def without_rounding(stiffness: Array, positions: Array) -> Array:
+def remove_rounding(stiffness: Array, positions: Array) -> Array:
     """Return a stiffness matrix with rigid-body modes, whose rows of the first point follow from equilibrium.
 
     Args:
         stiffness: stiffness matrix of a body with rigid-body modes, shape (n, n)
         positions: positions of the points, shape (r, 3) [m]
     """
-    relative = _beside_first(positions, len(stiffness))
+    relative = _relative_to_first(positions, len(stiffness))
     result: Array = relative.T @ stiffness[6:, 6:] @ relative
     return 0.5 * (result + result.T)
 
@@ -192,7 +192,7 @@ def _unit_mass(mass: Array) -> Array:
     return result
 
 
-def _beside_first(positions: Array, n: int) -> Array:
+def _relative_to_first(positions: Array, n: int) -> Array:
     """Return the motions of all points relative to the first one as a rigid body, and the modes, shape (n - 6, n)."""
     motions = rigid_motions(positions - positions[0], n)
     return np.hstack([-motions[6:], np.eye(n - 6)])

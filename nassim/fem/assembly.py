@@ -10,9 +10,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from nassim.base.checks import Array
-from nassim.base.library_lock import exclusive
+from nassim.base.library_lock import hold_library_lock
 from nassim.base.progress import stage, tell
-from nassim.base.warning_log import collected
+from nassim.base.warning_log import collect_messages
 from nassim.bodies.interface import RemotePoint
 from nassim.fem.fe_model import Coupling, FEModel, Refinement, make_coupling
 from nassim.fem.materials import Material
@@ -62,7 +62,7 @@ def build_fe_model(
     """
     if not 1 <= order <= MAX_ORDER or int(order) != order:
         raise ValueError(f"order must be a whole number from 1 to {MAX_ORDER}, got {order!r}")
-    with exclusive(), collected() as told:
+    with hold_library_lock(), collect_messages() as told:
         with stage("mesh", enabled=progress):
             mesh = ng.Mesh(
                 generate_mesh(
@@ -74,7 +74,7 @@ def build_fe_model(
                     layer_thickness=layer_thickness,
                 )
             )
-            # Isoparametric at most: the unknowns then hold every rigid motion exactly.
+            # With isoparametric elements or a lower curvature order, the unknowns represent rigid motions exactly.
             mesh.Curve(order)
             check_memory(mesh, solid, order, element_size)
         check_volume(mesh, solid)
@@ -105,7 +105,7 @@ def assemble_mesh(mesh: Any, solid: Solid, order: int) -> FEModel:
         mass = _scalar_mass(mesh, solid, scalar)
         pieces, _ = sp.csgraph.connected_components(mass, directed=False)
         if pieces > 1:
-            raise ValueError(f"solid {solid.name!r} falls into {pieces} pieces that do not touch; join its CAD bodies")
+            raise ValueError(f"solid {solid.name!r} consists of {pieces} pieces that do not touch; join its CAD bodies")
         fields = _position_fields(scalar)
         stiffness = _stiffness(mesh, solid, order)
         couplings = tuple(_couple(mesh, scalar, fields, point) for point in solid.remote_points)
@@ -129,7 +129,7 @@ def assemble_mesh(mesh: Any, solid: Solid, order: int) -> FEModel:
         )
 
 
-def with_materials(fe_model: FEModel, materials: Mapping[str, Material]) -> FEModel:
+def replace_materials(fe_model: FEModel, materials: Mapping[str, Material]) -> FEModel:
     """Return the FE model of the same solid and mesh with other materials, given by CAD body.
 
     Raises:
@@ -144,7 +144,9 @@ def with_materials(fe_model: FEModel, materials: Mapping[str, Material]) -> FEMo
 def _source(fe_model: FEModel) -> tuple[Any, Solid]:
     """Return the mesh and the solid of an FE model; ValueError for a model that was not made from a mesh."""
     if fe_model._source is None:
-        raise ValueError(f"FE model {fe_model.name!r} was made by hand, so its mesh is unknown")
+        raise ValueError(
+            f"FE model {fe_model.name!r} was not made from a mesh by build_fe_model, so its mesh is unknown"
+        )
     return fe_model._source
 
 
@@ -203,7 +205,7 @@ def _scalar_mass(mesh: Any, solid: Solid, scalar: Any) -> sp.csr_matrix:
     """Assemble the scalar mass matrix [kg]."""
     density = _density(mesh, solid)
     u, v = scalar.TnT()
-    # Two orders more than the default integrate the Jacobian of curved elements exactly, or nearly so.
+    # Two orders above the default integrate the Jacobian of curved elements exactly or nearly exactly.
     return _to_scipy(ng.BilinearForm(density * u * v * ng.dx(bonus_intorder=2)).Assemble().mat)
 
 
@@ -217,7 +219,7 @@ def _to_scipy(matrix: Any) -> sp.csr_matrix:
 
 def _position_fields(scalar: Any) -> Array:
     """Return the coefficients of 1, x, y, z in the scalar shape functions, shape (4, n)."""
-    # One space of four components takes a sixth of the time of four functions.
+    # One space with four components takes one sixth of the time of four functions.
     interpolated = ng.GridFunction(ng.H1(scalar.mesh, order=scalar.globalorder, dim=4))
     interpolated.Set(ng.CoefficientFunction((1.0, ng.x, ng.y, ng.z)))
     return np.ascontiguousarray(interpolated.vec.FV().NumPy().reshape(-1, 4).T)

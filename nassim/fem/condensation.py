@@ -29,7 +29,7 @@ from nassim.base.rigid_motion import rigid_transfer
 from nassim.fem.fe_model import Coupling, FEModel, rigid_motions
 from nassim.fem.solver import Factorization, factorize, solver_name, threads
 
-DEPENDENT = 1e-9
+DEPENDENT_MOTION = 1e-9
 """Share of a remote point's squared motion that is independent of other points, below which it follows from theirs."""
 
 
@@ -52,7 +52,7 @@ class Condensation:
     stiffness: Array
     averages: sp.csr_matrix
     _grounded: "_Grounded" = field(repr=False)
-    _soft_averages: sp.csr_matrix = field(repr=False)  # rows of W that belong to rbe3 points
+    _soft_averages: sp.csr_matrix = field(repr=False)  # rows of W for rbe3 points
     _soft_flexibility: Array = field(repr=False)  # X = G W_soft^T
     _border: Array = field(repr=False)  # inverse of [[W X, W Z], [Z^T W^T, 0]]
 
@@ -132,7 +132,7 @@ def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, p
             lift[:, stiff] = np.hstack([_motions_of_first(fe_model, couplings, others), others])
         flexibility = grounded.solve(soft_averages.T.toarray(), advance=advance)
     border = _border_inverse(soft_averages @ flexibility, soft_averages @ grounded.motions)
-    # Motions that the rbe3 points still lack once the rbe2 points have moved, and the forces that bring them there.
+    # Difference of the rbe3 points' motions when only the rbe2 points move, and the forces that remove it.
     lacking = np.eye(len(stiff))[~stiff] - soft_averages @ lift
     n_soft = len(lacking)
     forces = border[:, :n_soft] @ lacking
@@ -140,7 +140,7 @@ def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, p
     stiffness = lacking.T @ forces[:n_soft]
     if stiff.any():
         stiffness += lift.T @ (fe_model.stiffness @ lift)
-    keep = strained_part([c.point.position for c in couplings])
+    keep = deformation_projector([c.point.position for c in couplings])
     stiffness = keep.T @ stiffness @ keep
     return Condensation(
         fe_model,
@@ -155,14 +155,14 @@ def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, p
     )
 
 
-def expanded_dofs(coupling: Coupling, n_dofs: int) -> NDArray[np.int64]:
+def vector_dofs(coupling: Coupling, n_dofs: int) -> NDArray[np.int64]:
     """Return the unknowns x..., y..., z... of a coupling's interface among all n_dofs unknowns, shape (3 m,)."""
     return np.concatenate([coupling.dofs + k * (n_dofs // 3) for k in range(3)])
 
 
 def _average_rows(coupling: Coupling, n_dofs: int) -> sp.csr_matrix:
     """Return the rows of W of a coupling, sparse, shape (6, n_dofs)."""
-    columns = expanded_dofs(coupling, n_dofs)
+    columns = vector_dofs(coupling, n_dofs)
     rows = np.repeat(np.arange(6), len(columns))
     return sp.csr_matrix((coupling.averages.ravel(), (rows, np.tile(columns, 6))), shape=(6, n_dofs))
 
@@ -180,7 +180,7 @@ def _prescribed_motions(fe_model: FEModel, couplings: Sequence[Coupling]) -> tup
                     "moves each as a rigid body, so they must not touch: use rbe3 or separate the faces"
                 )
             owner[dof] = coupling.point.name
-        prescribed[expanded_dofs(coupling, fe_model.n_dofs), 6 * i : 6 * i + 6] = coupling.motions
+        prescribed[vector_dofs(coupling, fe_model.n_dofs), 6 * i : 6 * i + 6] = coupling.motions
     scalar = np.array(sorted(owner), dtype=np.int64)
     return np.concatenate([scalar + k * (fe_model.n_dofs // 3) for k in range(3)]), prescribed
 
@@ -195,17 +195,17 @@ def _refuse_dependent(couplings: Sequence[Coupling], averages: sp.csr_matrix, he
     rows = []
     for i in soft:
         own = averages[6 * i : 6 * i + 6]
-        # Orthonormal rows on the whole interface: what is left of them on unknowns that move is then at most 1.
+        # The rows are orthonormal on the whole interface, so their part on free unknowns has a norm of at most 1.
         factor = np.linalg.cholesky((own @ own.T).toarray())
         rows.append(np.linalg.solve(factor, own.toarray() * free))
     readings = np.vstack(rows)
     independent, directions = np.linalg.eigh(readings @ readings.T)
-    if independent[0] < DEPENDENT:
+    if independent[0] < DEPENDENT_MOTION:
         share = np.sum(directions[:, 0].reshape(-1, 6) ** 2, axis=1)
-        tied = [couplings[i].point.name for i, s in zip(soft, share, strict=True) if s > DEPENDENT]
+        tied = [couplings[i].point.name for i, s in zip(soft, share, strict=True) if s > DEPENDENT_MOTION]
         raise ValueError(
             f"rbe3 remote points that cannot move by themselves: {', '.join(map(repr, tied))}; too few nodes of their "
-            "interfaces are not on each other's or on an rbe2 point's as well; make the elements there smaller "
+            "interfaces belong to them alone and not to another remote point; make the elements there smaller "
             "(local_sizes), raise the order, or separate the faces"
         )
 
@@ -220,19 +220,19 @@ def _motions_of_first(fe_model: FEModel, couplings: Sequence[Coupling], others: 
 
 
 def _ground(fe_model: FEModel, held: NDArray[np.int64]) -> _Grounded:
-    """Factorise the stiffness with the unknowns `held`, or with six unknowns that prevent rigid motion if there are none."""
+    """Factorise the stiffness with the unknowns `held`, or with six that prevent rigid motion if there are none."""
     if held.size:
         nothing = np.zeros((fe_model.n_dofs, 0))
         return _Grounded(factorize(fe_model.stiffness, held=held), nothing, nothing)
     motions = fe_model.rigid_motions()
     inertia = np.vstack([fe_model.scalar_mass_matrix @ block for block in np.split(motions, 3)])
-    # Pivoted QR finds six unknowns that hold the body as firmly as any six can.
+    # Pivoted QR finds six unknowns that prevent rigid motion with a good condition.
     _, _, order = scipy.linalg.qr((motions / np.abs(motions).max(axis=0)).T, mode="economic", pivoting=True)
     factorization = factorize(fe_model.stiffness, held=np.sort(order[:6]))
     return _Grounded(factorization, motions, inertia @ np.linalg.inv(motions.T @ inertia))
 
 
-def strained_part(positions: Sequence[Array]) -> Array:
+def deformation_projector(positions: Sequence[Array]) -> Array:
     """Return the projection that removes a common rigid motion from motions of points at `positions`, shape (6 r, 6 r).
 
     Curved prisms have a small strain energy in rigid motions. The projection removes it from forces and stiffnesses.
@@ -242,7 +242,7 @@ def strained_part(positions: Sequence[Array]) -> Array:
     """
     motions = np.vstack([rigid_transfer(position - positions[0]) for position in positions])
     extent = max(float(np.ptp(positions, axis=0).max()), np.finfo(float).eps)
-    scale = np.tile(np.repeat([1.0, extent], 3), len(positions))  # rotations in metres
+    scale = np.tile(np.repeat([1.0, extent], 3), len(positions))  # rotations times this length are in metres
     basis = np.linalg.qr(scale[:, None] * motions)[0]
     keep = np.eye(len(scale)) - basis @ basis.T
     result: Array = keep * scale / scale[:, None]

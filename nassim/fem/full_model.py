@@ -68,7 +68,7 @@ def constrain(
     scale = 1.0 / np.sqrt(np.diag(stiffness))
     eigenvalues, vectors = np.linalg.eigh(scale[:, None] * stiffness * scale)
     stiff = eigenvalues > MECHANISM_TOLERANCE
-    # The pseudo-inverse serves: loads are balanced against the mechanisms before they reach it.
+    # The pseudo-inverse is sufficient, because loads are made orthogonal to the mechanisms first.
     scaled = scale[:, None] * vectors
     flexibility = (scaled[:, stiff] / eigenvalues[stiff]) @ scaled[:, stiff].T
     mechanisms = modes @ scaled[:, ~stiff]
@@ -229,7 +229,7 @@ def _krylov(
         vector = model.solve(inertias[-1])
         advance()
         coefficients = np.zeros(len(basis))
-        # Gram-Schmidt twice: the second pass removes what rounding left.
+        # Gram-Schmidt twice: the second pass removes the rounding errors of the first.
         for _ in range(2):
             overlap = np.array([m @ vector for m in inertias])
             vector = vector - np.array(basis).T @ overlap
@@ -245,7 +245,7 @@ def _krylov(
                 return np.array(basis).T, earlier[-1], relative
         inertia = model.multiply_mass(vector)
         remainder = float(np.sqrt(max(float(vector @ inertia), 0.0)))
-        if remainder <= 1e-14 * abs(coefficients[-1]):  # the space is exhausted: the answer is exact
+        if remainder <= 1e-14 * abs(coefficients[-1]):  # the Krylov space is complete: the response is exact
             return np.array(basis).T, earlier[-1], 0.0
         basis.append(vector / remainder)
         inertias.append(inertia / remainder)

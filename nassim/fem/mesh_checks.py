@@ -10,7 +10,7 @@ from nassim.base.warning_log import warn
 from nassim.fem.solid import Solid
 from nassim.fem.solver import factor_memory
 
-SMALL = 50_000
+SMALL_MODEL = 50_000
 """Number of unknowns below which a model fits in any memory."""
 USUAL_SHARE = 0.7
 """Largest share of the estimated memory that the sparse Cholesky factorisation needs in practice."""
@@ -21,7 +21,7 @@ LARGEST_VOLUME_ERROR = 0.01
 def check_memory(mesh: Any, solid: Solid, order: int, element_size: float) -> None:
     """Raise ValueError for a mesh whose factorisation would not fit in the free memory."""
     scalar = ng.H1(mesh, order=order)
-    if 3 * scalar.ndof < SMALL:
+    if 3 * scalar.ndof < SMALL_MODEL:
         return
     points = np.array([vertex.point for vertex in mesh.vertices])
     elements = list(mesh.Elements(ng.VOL))
@@ -30,7 +30,7 @@ def check_memory(mesh: Any, solid: Solid, order: int, element_size: float) -> No
     need = USUAL_SHARE * factor_memory(centres, unknowns)
     free = psutil.virtual_memory().available
     if need > free:
-        # The factor grows about as the number of unknowns to the power 4/3.
+        # The memory of the factor is about proportional to the number of unknowns to the power 4/3.
         fitting = element_size * (need / free) ** 0.25
         raise ValueError(
             f"solid {solid.name!r}: {3 * scalar.ndof} degrees of freedom need about {need / 1e9:.1f} GB to factorise, "

@@ -13,7 +13,7 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.base.progress import Advance, silent
 from nassim.fem.assembly import refine_order
-from nassim.fem.condensation import Condensation, expanded_dofs
+from nassim.fem.condensation import Condensation, vector_dofs
 from nassim.fem.modes import mass_operator
 from nassim.fem.solver import factorize, threads
 
@@ -42,11 +42,11 @@ def released_stiffness(condensed: Condensation, frequency: Array, modes: Array, 
         residual = np.hstack([finer.mixed_stiffness @ condensed.constraint_modes, finer.mixed_stiffness @ modes])
         for block, part in zip(np.split(residual, 3), np.split(modes, 3), strict=True):
             block[:, len(condensed.stiffness) :] -= finer.mixed_mass @ part * (2 * np.pi * frequency) ** 2
-        # Forces with which the remote points hold the body in each shape.
+        # Forces at the remote points that keep the body in each shape.
         forces = np.hstack([condensed.stiffness, -condensed.constraint_modes.T @ inertia])
         held = [finer.held]
         for i, name in enumerate(condensed.names):
-            dofs = expanded_dofs(couplings[name], n_dofs)
+            dofs = vector_dofs(couplings[name], n_dofs)
             if couplings[name].point.coupling == "rbe2":
                 held.append(dofs)
             else:

@@ -15,23 +15,23 @@ import numpy as np
 from netgen.libngpy._meshing import NgException, _SetTerminate
 
 from nassim.base.checks import known, positive
-from nassim.base.library_lock import exclusive
+from nassim.base.library_lock import hold_library_lock
 from nassim.base.warning_log import note, warn
 from nassim.fem.solid import Solid, face_names
 
-AXES = {"x": occ.X, "y": occ.Y, "z": occ.Z}
-GHOST = "(empty)"
+OCC_AXES = {"x": occ.X, "y": occ.Y, "z": occ.Z}
+EMPTY_CELL = "(empty)"
 """Name of cells without material. While a mesh is made, CAD bodies have numbers as names."""
-SAME = 1e-9
+SAME_SIZE = 1e-9
 """Relative difference of volumes and areas that counts as zero."""
 TRIALS = ((0.7, 1.0), (0.5, 1.0), (0.3, 1.0), (0.7, 0.8), (0.5, 0.8))
 """Growth of the elements away from small features (Netgen's grading) and factor on the size, in the order of trial."""
-ROUNDS = 3
+FILL_ATTEMPTS = 3
 """Netgen's attempts to fill a CAD body. Further attempts take minutes and usually fail too."""
-NEAR = 1e-6
+SMALLEST_DISTANCE = 1e-6
 """Distances below this value count as zero [m]."""
 UNLIMITED = 1e99
-PATIENCE = 0.1
+INTERRUPT_INTERVAL = 0.1
 """Time between two checks for Ctrl-C [s]."""
 
 
@@ -69,10 +69,10 @@ def generate_mesh(
     size = positive("element_size", element_size, "m")
     extent = np.array([tuple(corner) for corner in solid.shape.bounding_box])
     length = np.ptp(extent, axis=0).max()
-    if size > length * (1 + SAME):
+    if size > length * (1 + SAME_SIZE):
         raise ValueError(
-            f"element_size {size:g} m is longer than the solid {solid.name!r}, which has {length:g} m; take that at "
-            "most, and give lengths in metres: 5e-3 for 5 mm"
+            f"element_size {size:g} m is longer than the solid {solid.name!r}, which is {length:g} m long; choose "
+            "at most that, and give lengths in metres: 5e-3 for 5 mm"
         )
     if size < 1e-3 * length:
         raise ValueError(
@@ -86,11 +86,11 @@ def generate_mesh(
         positive(f"size on face {name!r}", local_size, "m")
     thickness = size if layer_thickness is None else positive("layer_thickness", layer_thickness, "m")
     if extrude is not None:
-        known("extrude", extrude, AXES)
-    with exclusive(), _numbered(solid.shape) as names:
+        known("extrude", extrude, OCC_AXES)
+    with hold_library_lock(), _name_by_index(solid.shape) as names:
         numbered_sizes = {str(names.index(name)): local_size for name, local_size in sizes.items()}
         mesh = _mesh(solid, size, curvature, numbered_sizes, extrude, thickness)
-        _name_again(mesh, names)
+        _restore_mesh_names(mesh, names)
     return mesh
 
 
@@ -103,7 +103,7 @@ def _mesh(
             return _run_netgen(cut_in_layers(solid, axis=extrude, thickness=thickness), size, curvature, sizes)
         except NgException:
             warn(
-                f"Netgen fails to mesh solid {solid.name!r} with prisms: tetrahedra take their place, at a larger "
+                f"Netgen fails to mesh solid {solid.name!r} with prisms: tetrahedra are used instead, with a larger "
                 "error; other sizes may help",
                 stacklevel=4,
             )
@@ -117,7 +117,7 @@ def _mesh(
 
 
 @contextmanager
-def _numbered(shape: Any) -> Iterator[list[str]]:
+def _name_by_index(shape: Any) -> Iterator[list[str]]:
     """Rename CAD bodies and faces to indices of the yielded names, because meshes do not accept every name."""
     named = [(item, item.name) for item in [*shape.solids, *shape.faces] if item.name]
     names = list(dict.fromkeys(name for _, name in named))
@@ -130,8 +130,8 @@ def _numbered(shape: Any) -> Iterator[list[str]]:
             item.name = name
 
 
-def _name_again(mesh: Any, names: Sequence[str]) -> None:
-    """Undo `_numbered` in a mesh; a face without a name, which Netgen calls "default", gets the name ''."""
+def _restore_mesh_names(mesh: Any, names: Sequence[str]) -> None:
+    """Undo `_name_by_index` in a mesh; a face without a name, which Netgen calls "default", gets the name ''."""
     original = {str(number): name for number, name in enumerate(names)}
     for body in range(1, mesh.GetNDomains() + 1):
         mesh.SetMaterial(body, original.get(mesh.GetMaterial(body), ""))
@@ -144,7 +144,7 @@ def _run_netgen(shape: Any, size: float, curvature: float, sizes: Mapping[str, f
     _set_face_sizes(shape, sizes)
     try:
         for grading, share in TRIALS:
-            # Netgen's defaults resolve a 0.3 mm fillet with 30 times more elements than curved ones need.
+            # With Netgen's defaults, a 0.3 mm fillet gets 30 times more elements than curved elements need.
             options = {
                 "maxh": share * size,
                 "grading": grading,
@@ -152,11 +152,11 @@ def _run_netgen(shape: Any, size: float, curvature: float, sizes: Mapping[str, f
                 "segmentsperedge": 0.2,
                 "closeedgefac": None,
                 "minedgelen": 1e-3 * size,
-                "maxoutersteps": ROUNDS,
+                "maxoutersteps": FILL_ATTEMPTS,
             }
             try:
                 with _silence():
-                    mesh = _interruptibly(partial(_generate, shape, options))
+                    mesh = _run_interruptibly(partial(_generate, shape, options))
             except NgException:
                 if (grading, share) == TRIALS[-1]:
                     raise
@@ -173,17 +173,17 @@ def _generate(shape: Any, options: Mapping[str, Any]) -> Any:
     return occ.OCCGeometry(shape).GenerateMesh(**options)
 
 
-def _interruptibly(work: Callable[[], Any]) -> Any:
+def _run_interruptibly(work: Callable[[], Any]) -> Any:
     """Run Netgen in another thread and return its result, so that Ctrl-C can stop it."""
     with ThreadPoolExecutor(1) as worker:
         future = worker.submit(work)
         try:
-            while not wait([future], timeout=PATIENCE).done:
+            while not wait([future], timeout=INTERRUPT_INTERVAL).done:
                 pass
             return future.result()
         except KeyboardInterrupt:
-            # Said again and again, because a mesh that is only just begun takes the word back.
-            while not wait([future], timeout=PATIENCE).done:
+            # The request is repeated, because Netgen resets it when it begins a mesh.
+            while not wait([future], timeout=INTERRUPT_INTERVAL).done:
                 _SetTerminate(True)
             raise
         finally:
@@ -233,22 +233,22 @@ def cut_in_layers(solid: Solid, *, axis: str, thickness: float) -> Any:
     """
     k = "xyz".index(axis)
     names = [face.name for face in solid.shape.faces]
-    bodies = [CADBody.measured(body, k) for body in solid.shape.solids]
+    bodies = [CADBody.measure(body, k) for body in solid.shape.solids]
     prisms = [body for body in bodies if body.is_prism()]
     if not prisms:
         raise ValueError(f"no CAD body of solid {solid.name!r} is extruded along {axis}: mesh it with tetrahedra")
     others = [body.shape for body in bodies if body not in prisms]
     cells = [cell for low, high in _levels(prisms, thickness) for cell in _layer(prisms, others, k, low, high)]
     whole = occ.Glue([*cells, *others])
-    kept = [body for body in whole.solids if body.name != GHOST]
+    kept = [body for body in whole.solids if body.name != EMPTY_CELL]
     shape = occ.Compound(kept)
     _restore_names(shape, solid.shape, names, k)
     for body in shape.solids:
-        extruded = CADBody.measured(body, k)
+        extruded = CADBody.measure(body, k)
         if extruded.is_prism():
-            low, high = body.faces.Min(AXES[axis]), body.faces.Max(AXES[axis])
+            low, high = body.faces.Min(OCC_AXES[axis]), body.faces.Max(OCC_AXES[axis])
             step = occ.Vec(*(np.eye(3)[k] * (extruded.high - extruded.low)))
-            # Also numbers the pairs: Netgen tells identifications apart by name.
+            # The name also numbers the pairs, because Netgen distinguishes identifications by name.
             label = f"layer {tuple(low.center)}"
             low.Identify(high, label, occ.IdentificationType.CLOSESURFACES, occ.gp_Trsf.Translation(step))
     return shape
@@ -264,7 +264,10 @@ def _restore_names(shape: Any, original: Any, names: Sequence[str | None], k: in
     for face in shape.faces:
         low, high = (corner[k] for corner in face.bounding_box)
         known_places = places.get(face.name or "", [face.center[k]])
-        if high - low < NEAR and min(abs(face.center[k] - place) for place in known_places) > NEAR:
+        if (
+            high - low < SMALLEST_DISTANCE
+            and min(abs(face.center[k] - place) for place in known_places) > SMALLEST_DISTANCE
+        ):
             face.name = None
 
 
@@ -287,7 +290,7 @@ class CADBody:
     top: list[Any]
 
     @staticmethod
-    def measured(shape: Any, k: int) -> "CADBody":
+    def measure(shape: Any, k: int) -> "CADBody":
         """Measure a CAD body along axis k."""
         centres = [face.center[k] for face in shape.faces]
         low, high = min(centres), max(centres)
@@ -298,11 +301,11 @@ class CADBody:
 
     def is_prism(self) -> bool:
         """Return whether the area of both ends times the length is the volume."""
-        if not self.bottom or not self.top:  # a single face all around, as of a ball
+        if not self.bottom or not self.top:  # a single closed face, such as a sphere
             return False
         areas = [sum(face.mass for face in end) for end in (self.bottom, self.top)]
         volume = self.shape.mass
-        return all(abs(area * (self.high - self.low) - volume) < SAME * volume for area in areas)
+        return all(abs(area * (self.high - self.low) - volume) < SAME_SIZE * volume for area in areas)
 
 
 def _levels(prisms: Sequence[CADBody], thickness: float) -> list[tuple[float, float]]:
@@ -324,20 +327,20 @@ def _layer(prisms: Sequence[CADBody], others: Sequence[Any], k: int, low: float,
     corners = np.array([np.full(3, -reach), np.full(3, reach)])
     corners[:, k] = low, high
     slab = occ.Box(*(occ.Pnt(*corner) for corner in corners))
-    real = [cell for body in present for cell in _named(body.shape * slab, body.shape.name)]
+    real = [cell for body in present for cell in _bodies_named(body.shape * slab, body.shape.name)]
     cells = list(real)
     for body in absent:
         step = np.eye(3)[k]
         for face in body.bottom:
             outline = face.Move(occ.Vec(*(step * (low - body.low)))).Extrude(occ.Vec(*(step * (high - low))))
-            cells.extend(piece for cell in real for piece in _named(outline * cell, cell.name))
+            cells.extend(piece for cell in real for piece in _bodies_named(outline * cell, cell.name))
             for other in [*real, *others]:
                 outline = outline - other
-            cells.extend(_named(outline, GHOST))
+            cells.extend(_bodies_named(outline, EMPTY_CELL))
     return cells
 
 
-def _named(shape: Any, name: str) -> list[Any]:
+def _bodies_named(shape: Any, name: str) -> list[Any]:
     """Return the CAD bodies of a shape, all with one name."""
     bodies = list(shape.solids)
     for body in bodies:

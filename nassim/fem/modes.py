@@ -26,9 +26,9 @@ from nassim.fem.solver import threads
 
 LANCZOS_TOLERANCE = 1e-6
 """Relative residual of a converged mode; the relative error of its frequency is about the square of this value."""
-DEPENDENT = 1e-10
+DEPENDENT_VECTOR = 1e-10
 """Directions of Ritz vectors with less than this share of their mass are rounding errors."""
-ROUNDING = 1e-16
+SOLUTION_ROUNDING = 1e-16
 """If the modes leave less than this share of a solution's mass, it lies in their span, for example by symmetry."""
 
 
@@ -63,7 +63,7 @@ def fixed_interface_modes(condensed: Condensation, *, n_modes: int, advance: Adv
     inverse = LinearOperator((n, n), matvec=solve, dtype=float)
     with threads():
         start = condensed.solve_fixed(mass @ np.random.default_rng(0).standard_normal(n))
-        # A basis this large mostly needs no restart; one beyond the motions that there are is an error in old ARPACK.
+        # A basis of this size rarely needs a restart. Old ARPACK fails if it exceeds the number of motions.
         basis = min(n_free, max(20, 2 * n_modes + 8))
         eigenvalues, modes = eigsh(
             mass, k=n_modes, M=mass, sigma=0.0, OPinv=inverse, v0=start, ncv=basis, tol=LANCZOS_TOLERANCE
@@ -91,7 +91,7 @@ def modes_below(condensed: Condensation, cutoff_frequency: float, *, advance: Ad
         count *= 2
 
 
-def left_out_vectors(
+def residual_vectors(
     condensed: Condensation, frequency: Array, modes: Array, *, loads: Array | None = None, advance: Advance = silent
 ) -> tuple[Array, Array]:
     """Compute Ritz vectors that represent all modes except the given ones.
@@ -115,12 +115,12 @@ def left_out_vectors(
         directions = _slowest_motions(condensed, frequency, inertia, modes.T @ inertia)
         loads = np.zeros((len(inertia), 0)) if loads is None else loads
         vectors = condensed.solve_fixed(np.hstack([loads, inertia @ directions]), advance=advance)
-        # The modes are good to LANCZOS_TOLERANCE but orthogonal to the last digit, and what they leave may be small:
-        # so neither K X = M Psi nor K phi = lambda M phi is made use of, only products with K and M themselves.
+        # The modes are accurate to LANCZOS_TOLERANCE but orthogonal to machine precision, and the remainder may be
+        # small. So K X = M Psi and K phi = lambda M phi are not used, only products with K and M.
         whole = np.einsum("ij,ij->j", vectors, mass @ vectors)
         vectors -= modes @ (modes.T @ (mass @ vectors))
-        # The rest of a solution that lies in the modes is rounding, which must not be scaled to unit mass.
-        left = np.einsum("ij,ij->j", vectors, mass @ vectors) > ROUNDING * whole
+        # The remainder of a solution in the span of the modes is rounding, which must not be scaled to unit mass.
+        left = np.einsum("ij,ij->j", vectors, mass @ vectors) > SOLUTION_ROUNDING * whole
         vectors, n_loads = vectors[:, left], int(np.count_nonzero(left[: loads.shape[1]]))
         gram = vectors.T @ (mass @ vectors)
         stiffness = vectors.T @ (condensed.fe_model.stiffness @ vectors)
@@ -137,7 +137,7 @@ def _independent(gram: Array, n_first: int) -> Array:
     others = np.eye(n, n - n_first, -n_first)
     others[:n_first] = -np.linalg.solve(gram[:n_first, :n_first], gram[:n_first, n_first:])
     weight, turn = np.linalg.eigh(others.T @ gram @ others)
-    return scale[:, None] * np.hstack([np.eye(n, n_first), others @ turn[:, weight > DEPENDENT * weight[-1]]])
+    return scale[:, None] * np.hstack([np.eye(n, n_first), others @ turn[:, weight > DEPENDENT_VECTOR * weight[-1]]])
 
 
 def _slowest_motions(condensed: Condensation, frequency: Array, inertia: Array, participation: Array) -> Array:

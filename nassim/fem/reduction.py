@@ -6,21 +6,21 @@ from dataclasses import replace
 import numpy as np
 
 from nassim.base.checks import Array, positive, unique
-from nassim.base.library_lock import exclusive
+from nassim.base.library_lock import hold_library_lock
 from nassim.base.progress import stage, tell
-from nassim.base.warning_log import collected
+from nassim.base.warning_log import collect_messages
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.projection import keep_modes
 from nassim.bodies.readouts import Picture, Readout, by_name
 from nassim.bodies.reduced_body import ReducedBody
-from nassim.fem.condensation import Condensation, condense, strained_part
+from nassim.fem.condensation import Condensation, condense, deformation_projector
 from nassim.fem.fe_model import FEModel
 from nassim.fem.mesh_error import released_stiffness
-from nassim.fem.modes import check_n_modes, fixed_interface_modes, left_out_vectors, modes_below
+from nassim.fem.modes import check_n_modes, fixed_interface_modes, modes_below, residual_vectors
 from nassim.fem.solver import threads
 
 DEFAULT_MODES = 6
-MOST_MODES = 400
+LARGEST_N_MODES = 400
 """Largest number of modes for a tolerance; the number is doubled until the tolerance is met."""
 COLUMNS = 64
 """Number of fields whose products with the mass matrix are held at once."""
@@ -64,7 +64,7 @@ def craig_bampton(
         if value is not None:
             positive(label, value, unit)
     count = DEFAULT_MODES if n_modes is None else n_modes
-    with exclusive(), collected() as told:
+    with hold_library_lock(), collect_messages() as told:
         if isinstance(fe_model, Condensation):
             if remote_points is not None:
                 raise ValueError("a Condensation has its remote points already; give them to condense instead")
@@ -106,7 +106,7 @@ def _reduce(
             n_modes = int(np.count_nonzero(frequency <= cutoff_frequency))
     with stage("truncation error", unit="solves", enabled=progress) as advance:
         loads = np.column_stack([np.zeros((len(modes), 0)), *(port.forces for port in ports)])
-        more, vectors = left_out_vectors(condensed, frequency, modes, loads=loads, advance=advance)
+        more, vectors = residual_vectors(condensed, frequency, modes, loads=loads, advance=advance)
     with stage("integrals", enabled=progress), threads():
         parts = [condensed.constraint_modes, modes, vectors]
         rich = _project(condensed, np.concatenate([frequency, more]), parts, ports)
@@ -128,7 +128,7 @@ def _reduce_within(
     progress: bool,
 ) -> tuple[ReducedBody, int]:
     """Return the same as `_reduce`, with the smallest number of modes whose estimated errors meet a tolerance."""
-    most = min(MOST_MODES, condensed.fe_model.n_dofs // 2 - 2)
+    most = min(LARGEST_N_MODES, condensed.fe_model.n_dofs // 2 - 2)
     available = min(2 * DEFAULT_MODES, most)
     while True:
         rich, _ = _reduce(condensed, available, None, ports, discretization, progress)
@@ -211,7 +211,7 @@ def _project(
     if model.surface is not None and model.surface_evaluation is not None:
         modes = (model.surface_evaluation @ fields[4:].T).reshape(-1, n, 3).transpose(0, 2, 1)
         readouts.append(Picture(model.surface, modes))
-    keep = strained_part([c.point.position for c in condensed.couplings])
+    keep = deformation_projector([c.point.position for c in condensed.couplings])
     for port in ports:
         forces = np.concatenate([port.forces @ part for part in parts])
         forces[:n_interface] = keep.T @ forces[:n_interface]

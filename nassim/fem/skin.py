@@ -32,7 +32,7 @@ def outer_surface(mesh: Any, scalar: Any, fields: Array, solid: Solid) -> tuple[
     descriptors = [mesh.ngmesh.FaceDescriptor(k + 1) for k in range(mesh.ngmesh.GetNFaceDescriptors())]
     between = [face.domin and face.domout for face in descriptors]
     label_of = [owner.get(face.bcname, materials[max(face.domin, face.domout) - 1]) for face in descriptors]
-    sides: list[list[tuple[int, int, int]]] = []  # per face and around it: corner, edge, next corner
+    sides: list[list[tuple[int, int, int]]] = []  # per face, in the order around it: corner, edge, next corner
     labels = []
     for element in mesh.Elements(ng.BND):
         if between[element.index]:

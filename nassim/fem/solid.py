@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, known, unique
-from nassim.base.library_lock import exclusive
+from nassim.base.library_lock import hold_library_lock
 from nassim.base.warning_log import warn
 from nassim.bodies.interface import RemotePoint
 from nassim.bodies.piezo import ElectricalPort
@@ -20,10 +20,10 @@ from nassim.bodies.readouts import SURFACE
 from nassim.fem.materials import Material
 
 CAD_ENDINGS = {".step": ".step", ".stp": ".step", ".iges": ".iges", ".igs": ".iges", ".brep": ".brep"}
-UNITS = {"m": 1.0, "mm": 1e-3, "inch": 0.0254}
-SMALLEST = 1e-6
+CAD_UNITS = {"m": 1.0, "mm": 1e-3, "inch": 0.0254}
+SHORTEST_SOLID = 1e-6
 """Smallest length of a solid [m]. OpenCASCADE merges points within 1e-7."""
-LARGE = 10.0
+LONG_SOLID = 10.0
 """Length of a solid from which its CAD was probably drawn in millimetres [m]."""
 OVERLAP = 1e-4
 """Share of the smaller CAD body's volume above which two CAD bodies overlap and do not only touch."""
@@ -83,12 +83,12 @@ class Solid:
                 owner[face] = point.name
         ports = tuple(self.ports)
         unique("electrical port", (port.name for port in ports))
-        # A reduced body reads all of them out by name, its surface beside them.
+        # A reduced body has read-outs with these names and its surface.
         named = (SURFACE, *(point.name for point in points), *(port.name for port in ports))
         unique(f"solid {self.name!r}: remote point, electrical port and picture ({SURFACE!r})", named)
         for body in unique("CAD body of electrical port", (body for port in ports for body in port.bodies)):
             known("CAD body", body, bodies)
-        with exclusive(forkable=True):
+        with hold_library_lock(forkable=True):
             _refuse_overlaps(self.name, list(self.shape.solids))
         _check_size(self.name, self.shape)
         freeze(self, materials=frozen_mapping(self.materials), remote_points=points, ports=ports)
@@ -159,8 +159,8 @@ def read_solid(
             faces)
     """
     source = Path(path)
-    with exclusive(forkable=True):
-        shape = _read_shape(source).Scale(occ.Pnt(0, 0, 0), UNITS[known("unit", unit, UNITS)])
+    with hold_library_lock(forkable=True):
+        shape = _read_shape(source).Scale(occ.Pnt(0, 0, 0), CAD_UNITS[known("unit", unit, CAD_UNITS)])
         if len(shape.solids) == 0:
             raise ValueError(f"{source} holds no CAD body, only surfaces or curves; export solids")
         for index, body in enumerate(shape.solids, start=1):
@@ -206,12 +206,12 @@ def _refuse_overlaps(name: str, bodies: Sequence[Any]) -> None:
 def _check_size(name: str, shape: Any) -> None:
     """Check that the length of a shape is plausible in metres."""
     size = np.ptp(np.array([tuple(corner) for corner in shape.bounding_box]), axis=0).max()
-    if not SMALLEST < size < np.inf:
+    if not SHORTEST_SOLID < size < np.inf:
         raise ValueError(
-            f"solid {name!r} is {size:g} m long; at least {SMALLEST:g} m is needed, and shapes are in metres: check "
-            "the CAD file's unit"
+            f"solid {name!r} is {size:g} m long; at least {SHORTEST_SOLID:g} m is needed, and shapes are in metres: "
+            "check the CAD file's unit"
         )
-    if size >= LARGE:
+    if size >= LONG_SOLID:
         warn(
             f"solid {name!r} is {size:g} m long; shapes are in metres: check the CAD file's unit if that is too long",
             stacklevel=4,
@@ -231,7 +231,7 @@ def name_faces(shape: Any, name: str, pick: FacePick) -> None:
     """
     chosen = _pick(shape, name, pick)
     for face in shape.faces:
-        # A face between two CAD bodies is listed once for either side; both must carry the name.
+        # A face between two CAD bodies is listed once for each side; both entries need the name.
         if any(_same_place(face, other) for other in chosen):
             face.name = name
 
@@ -263,7 +263,7 @@ def _read_shape(source: Path) -> Any:
     if not source.is_file():
         raise FileNotFoundError(f"no such CAD file: {source}")
     with tempfile.TemporaryDirectory() as folder:
-        # OpenCASCADE's readers accept lower-case endings only.
+        # OpenCASCADE's readers accept only endings in lower case.
         copy = Path(folder) / f"shape{ending}"
         copy.write_bytes(source.read_bytes())
         try:

@@ -21,16 +21,16 @@ from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from nassim.base.checks import Array, known
-from nassim.base.library_lock import exclusive
+from nassim.base.library_lock import hold_library_lock
 from nassim.base.progress import Advance, silent
 from nassim.fem.sparse import SymmetricMatrix
 
 SOLVERS = {"cholmod": "cvxopt", "pardiso": "pypardiso", "sparsecholesky": "ngsolve"}
 """Solvers and the packages that provide them, the preferred ones first."""
 ELEMENTS_PER_LEAF = 24
-BLOCK = 16
+SOLVE_BLOCK = 16
 """Number of right-hand sides that CHOLMOD and PARDISO solve at once."""
-ROWS = 4096
+ROWS_PER_BLOCK = 4096
 """Number of rows of a matrix that are passed to CHOLMOD at once."""
 SINGULAR = (
     "the stiffness matrix is singular or indefinite: is something loose, or does a material or element have no "
@@ -107,7 +107,7 @@ def factorize(matrix: SymmetricMatrix, *, held: NDArray[np.int64] | None = None)
     start = time.perf_counter()
     with threads():
         solve = {"cholmod": _cholmod, "pardiso": _pardiso, "sparsecholesky": _sparse_cholesky}[name](matrix, free)
-    block = 1 if name == "sparsecholesky" else BLOCK
+    block = 1 if name == "sparsecholesky" else SOLVE_BLOCK
     factor = Factorization(n, name, time.perf_counter() - start, block, solve)
     probe = np.where(free, np.random.default_rng(0).standard_normal(n), 0.0)
     solution = factor.solve(probe)
@@ -122,7 +122,7 @@ def _sparse_cholesky(matrix: SymmetricMatrix, free: NDArray[np.bool_]) -> Callab
     """Factorise by NGSolve and return the function that solves."""
     native = matrix.native
     if native is None:
-        # The factorisation reads the lower triangle only.
+        # The factorisation only reads the lower triangle.
         lower = matrix.lower.tocoo()
         native = la.SparseMatrixd.CreateFromCOO(lower.row, lower.col, lower.data, *matrix.shape)
     inverse = native.Inverse(ngsolve.BitArray(free.tolist()), inverse="sparsecholesky")
@@ -137,13 +137,13 @@ def _sparse_cholesky(matrix: SymmetricMatrix, free: NDArray[np.bool_]) -> Callab
 
 
 def _cholmod(matrix: SymmetricMatrix, free: NDArray[np.bool_]) -> Callable[[Array], Array]:
-    # Imported here because it is optional.
+    # Imported here, because it is optional.
     """Factorise by CHOLMOD and return the function that solves."""
     cvxopt = importlib.import_module("cvxopt")
     cholmod = importlib.import_module("cvxopt.cholmod")
     lower = matrix.lower[free][:, free]
-    # A few rows at a time, which are columns of the upper triangle: all at once would take three times the memory.
-    parts = (lower[start : start + ROWS].tocoo() for start in range(0, lower.shape[0], ROWS))
+    # A few rows (columns of the upper triangle) at a time: all at once would take three times the memory.
+    parts = (lower[start : start + ROWS_PER_BLOCK].tocoo() for start in range(0, lower.shape[0], ROWS_PER_BLOCK))
     upper = cvxopt.sparse([[cvxopt.spmatrix(part.data, part.col, part.row, part.shape[::-1])] for part in parts])
     factor = cholmod.symbolic(upper, uplo="U")
     try:
@@ -165,7 +165,7 @@ def _pardiso(matrix: SymmetricMatrix, free: NDArray[np.bool_]) -> Callable[[Arra
     """Factorise by PARDISO and return the function that solves."""
     upper = matrix.lower[free][:, free].T.tocsr()
     upper.sort_indices()
-    # Imported here because it is optional and its MKL takes a second to load.
+    # Imported here, because it is optional and its MKL takes a second to load.
     pypardiso = importlib.import_module("pypardiso")
     engine = pypardiso.PyPardisoSolver(mtype=2)
     try:
@@ -178,7 +178,7 @@ def _pardiso(matrix: SymmetricMatrix, free: NDArray[np.bool_]) -> Callable[[Arra
 
     def solve(columns: Array) -> Array:
         result = np.zeros(columns.shape)
-        # Its public solve would hash the whole matrix at every call.
+        # The public solve function would hash the whole matrix at every call.
         result[free] = engine._call_pardiso(upper, np.asfortranarray(columns[free]))
         return result
 
@@ -214,7 +214,7 @@ def factor_memory(centres: Array, unknowns: Sequence[NDArray[np.int64]], compone
     first, last = np.full(dof.max() + 1, np.iinfo(np.int64).max), np.zeros(dof.max() + 1, dtype=np.int64)
     np.minimum.at(first, dof, leaf[element])
     np.maximum.at(last, dof, leaf[element])
-    # Two leaves part at the highest binary digit in which their numbers differ.
+    # Two leaves separate at the highest binary digit in which their numbers differ.
     differing = np.where(first < last, first ^ last, 0)
     level = depth - np.ceil(np.log2(differing + 1.0)).astype(np.int64)
     entries = 0.0
@@ -228,7 +228,7 @@ def factor_memory(centres: Array, unknowns: Sequence[NDArray[np.int64]], compone
 
 
 _BLAS = ThreadpoolController().select(internal_api="openblas")
-_running = False  # belongs to the thread that holds NGSolve
+_running = False  # changed only by the thread that holds the lock of NGSolve
 
 
 @contextmanager
@@ -239,8 +239,8 @@ def threads() -> Iterator[None]:
     the solver, which halves its speed. The context may be nested; the outermost one counts, and other threads of Python
     wait for its end.
     """
-    global _running  # noqa: PLW0603 (it stands for global state of NGSolve)
-    with exclusive():
+    global _running  # noqa: PLW0603 (it represents global state of NGSolve)
+    with hold_library_lock():
         if _running:
             yield
             return

@@ -13,11 +13,13 @@ from nassim.base.checks import Array, finite_array
 from nassim.kinematics.stewart import StewartPlatform, strut_directions, strut_lengths, strut_vectors
 
 REST = (0.0, 0.0, 0.0)
-UPRIGHT = np.eye(3)
-UPRIGHT.setflags(write=False)
+NO_ROTATION = np.eye(3)
+NO_ROTATION.setflags(write=False)
 
 
-def inverse_kinematics(platform: StewartPlatform, position: ArrayLike = REST, rotation: ArrayLike = UPRIGHT) -> Array:
+def inverse_kinematics(
+    platform: StewartPlatform, position: ArrayLike = REST, rotation: ArrayLike = NO_ROTATION
+) -> Array:
     """Compute the lengths of the struts in given poses.
 
     Args:
@@ -31,11 +33,11 @@ def inverse_kinematics(platform: StewartPlatform, position: ArrayLike = REST, ro
     Raises:
         ValueError: if `rotation` does not hold rotation matrices
     """
-    return np.asarray(np.linalg.norm(_posed_struts(platform, position, _rotations(rotation)), axis=-1))
+    return np.asarray(np.linalg.norm(_struts_in_pose(platform, position, _rotations(rotation)), axis=-1))
 
 
 def forward_kinematics(
-    platform: StewartPlatform, lengths: ArrayLike, *, position: ArrayLike = REST, rotation: ArrayLike = UPRIGHT
+    platform: StewartPlatform, lengths: ArrayLike, *, position: ArrayLike = REST, rotation: ArrayLike = NO_ROTATION
 ) -> tuple[Array, Array]:
     """Compute the pose of the platform from the lengths of its struts, by Newton's method.
 
@@ -78,7 +80,7 @@ def forward_kinematics(
     return place, turn
 
 
-def jacobian(platform: StewartPlatform, position: ArrayLike = REST, rotation: ArrayLike = UPRIGHT) -> Array:
+def jacobian(platform: StewartPlatform, position: ArrayLike = REST, rotation: ArrayLike = NO_ROTATION) -> Array:
     """Compute the Jacobian from the platform's velocity to the rates of the struts' lengths.
 
     The velocity is that of B, followed by the platform's angular velocity, in the axes of F. The row of a strut is
@@ -96,13 +98,13 @@ def jacobian(platform: StewartPlatform, position: ArrayLike = REST, rotation: Ar
         ValueError: if `rotation` does not hold rotation matrices
     """
     turn = _rotations(rotation)
-    struts = _posed_struts(platform, position, turn)
+    struts = _struts_in_pose(platform, position, turn)
     along = struts / np.linalg.norm(struts, axis=-1, keepdims=True)
-    return np.concatenate([along, np.cross(_turned(platform, turn), along)], axis=-1)
+    return np.concatenate([along, np.cross(_joint_vectors(platform, turn), along)], axis=-1)
 
 
 def joint_angles(
-    platform: StewartPlatform, position: ArrayLike = REST, rotation: ArrayLike = UPRIGHT
+    platform: StewartPlatform, position: ArrayLike = REST, rotation: ArrayLike = NO_ROTATION
 ) -> tuple[Array, Array]:
     """Compute the angle by which each strut has turned from rest, relative to base and platform.
 
@@ -118,7 +120,7 @@ def joint_angles(
         ValueError: if `rotation` does not hold rotation matrices
     """
     turn = _rotations(rotation)
-    struts, rest = _posed_struts(platform, position, turn), strut_directions(platform)
+    struts, rest = _struts_in_pose(platform, position, turn), strut_directions(platform)
     return _angles(struts, rest), _angles(struts @ turn, rest)
 
 
@@ -128,14 +130,14 @@ def _angles(vectors: Array, others: Array) -> Array:
     return np.asarray(np.arctan2(across, np.sum(vectors * others, axis=-1)))
 
 
-def _turned(platform: StewartPlatform, rotation: Array) -> Array:
+def _joint_vectors(platform: StewartPlatform, rotation: Array) -> Array:
     """Return the ends of the struts from B in the axes of F, shape (..., 6, 3) [m]."""
     return np.asarray((platform.platform_joints - platform.point) @ np.swapaxes(rotation, -1, -2))
 
 
-def _posed_struts(platform: StewartPlatform, position: ArrayLike, rotation: Array) -> Array:
+def _struts_in_pose(platform: StewartPlatform, position: ArrayLike, rotation: Array) -> Array:
     """Return the vectors from a to b, shape (..., 6, 3) [m], as rest plus change, which keeps small motions exact."""
-    moved = _turned(platform, rotation) - (platform.platform_joints - platform.point)
+    moved = _joint_vectors(platform, rotation) - (platform.platform_joints - platform.point)
     place = np.asarray(position, dtype=float)
     if place.shape[-1:] != (3,) or not np.isfinite(place).all():
         raise ValueError(f"position must be finite and have shape (..., 3), got {place.shape}")

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array
-from nassim.kinematics.poses import REST, UPRIGHT, jacobian
+from nassim.kinematics.poses import NO_ROTATION, REST, jacobian
 from nassim.kinematics.stewart import StewartPlatform
 
 
 def stiffness_matrix(
-    platform: StewartPlatform, stiffness: ArrayLike, position: ArrayLike = REST, rotation: ArrayLike = UPRIGHT
+    platform: StewartPlatform, stiffness: ArrayLike, position: ArrayLike = REST, rotation: ArrayLike = NO_ROTATION
 ) -> Array:
     """Compute the stiffness J^T diag(k) J from the motion of B to the wrench at B.
 
@@ -30,11 +30,11 @@ def stiffness_matrix(
         ValueError: if a stiffness is not positive
     """
     rates = jacobian(platform, position, rotation)
-    return np.asarray(np.swapaxes(rates, -1, -2) @ (_six(stiffness)[:, None] * rates))
+    return np.asarray(np.swapaxes(rates, -1, -2) @ (_strut_stiffness(stiffness)[:, None] * rates))
 
 
 def compliance_matrix(
-    platform: StewartPlatform, stiffness: ArrayLike, position: ArrayLike = REST, rotation: ArrayLike = UPRIGHT
+    platform: StewartPlatform, stiffness: ArrayLike, position: ArrayLike = REST, rotation: ArrayLike = NO_ROTATION
 ) -> Array:
     """Compute the motion of B per unit wrench at B, the inverse of `stiffness_matrix`.
 
@@ -52,11 +52,11 @@ def compliance_matrix(
     """
     rates = jacobian(platform, position, rotation)
     inverse = _inverse(rates)
-    return np.asarray((inverse / _six(stiffness)) @ np.swapaxes(inverse, -1, -2))
+    return np.asarray((inverse / _strut_stiffness(stiffness)) @ np.swapaxes(inverse, -1, -2))
 
 
 def strut_forces(
-    platform: StewartPlatform, wrench: ArrayLike, position: ArrayLike = REST, rotation: ArrayLike = UPRIGHT
+    platform: StewartPlatform, wrench: ArrayLike, position: ArrayLike = REST, rotation: ArrayLike = NO_ROTATION
 ) -> Array:
     """Compute the strut forces J^-T w that exert a given wrench on the platform.
 
@@ -87,7 +87,7 @@ def _inverse(rates: Array) -> Array:
     return np.asarray(np.linalg.inv(rates))
 
 
-def _six(stiffness: ArrayLike) -> Array:
+def _strut_stiffness(stiffness: ArrayLike) -> Array:
     """Return the stiffness of the six struts, shape (6,) [N/m]."""
     value = np.asarray(stiffness, dtype=float)
     six = finite_array("stiffness", np.full(6, value) if value.ndim == 0 else value, (6,))

@@ -52,7 +52,7 @@ def band_limited_noise(
     time = sample_times(duration, sample_rate)
     white = np.random.default_rng(seed).standard_normal(len(time))
     values = low_pass(white, cutoff_frequency=cutoff_frequency, sample_rate=sample_rate)
-    return TimeHistory(time, _scaled_to_rms(values, rms), (name,), (unit,))
+    return TimeHistory(time, _scale_to_rms(values, rms), (name,), (unit,))
 
 
 def chirp(
@@ -119,7 +119,7 @@ def multisine(
     spectrum = np.zeros(n_period // 2 + 1, dtype=complex)
     phase = np.random.default_rng(seed).uniform(0, 2 * np.pi, lines.stop - lines.start)
     spectrum[lines] = np.exp(1j * phase)
-    one_period = _scaled_to_rms(np.fft.irfft(spectrum, n_period), rms)
+    one_period = _scale_to_rms(np.fft.irfft(spectrum, n_period), rms)
     time = sample_times(duration, sample_rate)
     return TimeHistory(time, np.resize(one_period, len(time)), (name,), (unit,))
 
@@ -152,7 +152,7 @@ def orthogonal_multisines(
         highest_frequency: upper end of the band [Hz]
         period: period [s]
         n_settling: periods at the start of each block in which transients die out
-        n_periods: periods that follow in each block and are analysed, see `settled_blocks`
+        n_periods: periods that follow in each block and are analysed, see `remove_settling`
         rms: root mean square of each input, in `unit`
         seed: seed of the random phases
         unit: unit of the signals
@@ -168,12 +168,12 @@ def orthogonal_multisines(
     advance = 2 * np.pi / n * np.outer(range(n), range(n))
     spectrum = np.zeros((n, n, n_period // 2 + 1), dtype=complex)
     spectrum[..., lines] = np.exp(1j * (phase + advance[..., None]))
-    blocks = np.tile(_scaled_to_rms(np.fft.irfft(spectrum, n_period), rms), n_settling + n_periods)
+    blocks = np.tile(_scale_to_rms(np.fft.irfft(spectrum, n_period), rms), n_settling + n_periods)
     values = np.hstack([blocks.reshape(n, -1), blocks[:, -1, :1]])
     return TimeHistory(np.arange(values.shape[1]) / sample_rate, values, names, (unit,) * n)
 
 
-def settled_blocks(history: TimeHistory, *, duration: float, settling: float) -> TimeHistory:
+def remove_settling(history: TimeHistory, *, duration: float, settling: float) -> TimeHistory:
     """Remove the beginning of each block from a record of blocks, and join the rest.
 
     An incomplete last block is removed. Segments for the analysis may not extend over two blocks. For
@@ -199,7 +199,7 @@ def settled_blocks(history: TimeHistory, *, duration: float, settling: float) ->
     if n_blocks == 0 or first >= size:
         raise ValueError(
             f"a record of {history.duration:g} s with blocks of {duration:g} s, {settling:g} s of each left out, "
-            "leaves nothing"
+            "leaves no samples"
         )
     blocks = history.values[:, : n_blocks * size].reshape(len(history.names), n_blocks, size)
     kept = blocks[:, :, first:].reshape(len(history.names), -1)
@@ -266,7 +266,7 @@ def sine_dwell(
     return TimeHistory(time, amplitude * envelope * np.sin(2 * np.pi * frequency * time), (name,), (unit,))
 
 
-def _scaled_to_rms(values: Array, rms: float) -> Array:
+def _scale_to_rms(values: Array, rms: float) -> Array:
     """Return values scaled to a root mean square."""
     return values * (not_negative("rms", rms) / np.sqrt(np.mean(values**2)))
 

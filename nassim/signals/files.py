@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.base.storage import written_whole
+from nassim.base.storage import write_atomically
 from nassim.base.units import to_si
 from nassim.signals.frf import FRF
 from nassim.signals.time_history import TimeHistory
@@ -78,7 +78,7 @@ def write_record(history: TimeHistory, path: str | Path) -> Path:
         if set(name) & set(",[]"):
             raise ValueError(f"signal {name!r} cannot be a column's name: no commas or brackets")
     header = ["time [s]", *(f"{name} [{unit}]" for name, unit in zip(history.names, units, strict=True))]
-    with written_whole(path) as temporary:
+    with write_atomically(path) as temporary:
         table = np.vstack([history.time, history.values]).T
         np.savetxt(
             temporary, table, fmt="%.12g", delimiter=", ", header=", ".join(header), comments="", encoding="utf-8"
@@ -153,7 +153,7 @@ def _pairs(texts: Sequence[str], seen: set[str]) -> dict[tuple[str, str], str]:
         }
         if len(found) == len(divided) == len(outputs) * len(inputs):
             readings.append((len(outputs - seen) if seen else 0, _unevenness((output, input)), found))
-    if not readings:  # what is missing will be told
+    if not readings:  # the missing column is reported later
         return {min(pairs, key=_unevenness): text for text, pairs in divided.items()}
     best = min(reading[:2] for reading in readings)
     chosen = [reading[2] for reading in readings if reading[:2] == best]
@@ -230,7 +230,7 @@ def _read_table(path: Path) -> _Table:
     try:
         text = path.read_text(encoding="utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: this is no text in UTF-8 ({error.reason} at byte {error.start})") from error
+        raise ValueError(f"{path}: the file is not text in UTF-8 ({error.reason} at byte {error.start})") from error
     header = next((k for k, line in enumerate(text) if line.strip() and not line.startswith("#")), None)
     if header is None:
         raise ValueError(f"{path}: the file is empty")

@@ -14,16 +14,16 @@ from nassim.signals.time_history import TimeHistory
 
 ComplexArray = NDArray[np.complex128]
 
-EMPTY = 1e-20
+NO_POWER = 1e-20
 """Share of an input's largest power below which a line holds rounding errors only and counts as without power."""
-ALIKE = 1e-4
+SMALLEST_INDEPENDENT_SHARE = 1e-4
 """Smallest share of an input's power not explained by the other inputs, for an input that can be separated from them.
 
 Below this share, noise at the outputs would appear in the response amplified by a factor of one hundred.
 """
-AT_ONCE = 1_000_000
+SAMPLES_PER_BLOCK = 1_000_000
 """Largest number of samples of a signal that are transformed at once."""
-MUCH = 0.1
+LARGEST_DEPENDENT_SHARE = 0.1
 """Share of an input's power at lines where it cannot be separated, above which the estimate is refused."""
 
 
@@ -145,7 +145,7 @@ def estimate_frf(
     for name in inputs:
         if np.ptp(history[name]) == 0:
             raise ValueError(f"input {name!r} is constant: no response can be estimated from it")
-    h1 = _solved(s_uu, s_yu, tuple(inputs), frequency)
+    h1 = _solve_lines(s_uu, s_yu, tuple(inputs), frequency)
     coherent_power = np.einsum("foi,foi->fo", h1, s_yu.conj()).real
     coherence = np.clip(coherent_power / np.maximum(s_yy, np.finfo(float).tiny), 0.0, 1.0)
     coherent = (np.abs(s_yu) > 0) & (h1 != 0)
@@ -161,7 +161,7 @@ def _power(rows: Sequence[Array], n_inputs: int, window: Array, step: int) -> Co
     samples from one segment to the next. The mean value of each segment is removed, and each is transformed once.
     """
     segments = [np.lib.stride_tricks.sliding_window_view(row, len(window))[::step] for row in rows]
-    together = max(1, AT_ONCE // len(window))
+    together = max(1, SAMPLES_PER_BLOCK // len(window))
     result = np.zeros((len(window) // 2 + 1, len(rows), n_inputs + 1), dtype=complex)
     for start in range(0, len(segments[0]), together):
         parts = [segment[start : start + together] for segment in segments]
@@ -173,7 +173,7 @@ def _power(rows: Sequence[Array], n_inputs: int, window: Array, step: int) -> Co
     return result
 
 
-def _solved(s_uu: ComplexArray, s_yu: ComplexArray, inputs: tuple[str, ...], frequency: Array) -> ComplexArray:
+def _solve_lines(s_uu: ComplexArray, s_yu: ComplexArray, inputs: tuple[str, ...], frequency: Array) -> ComplexArray:
     """Solve H Suu = Syu at each line, shape (n, outputs, inputs).
 
     H is zero where an input has no power or cannot be separated from the others. Inputs are scaled to unit power at
@@ -181,13 +181,13 @@ def _solved(s_uu: ComplexArray, s_yu: ComplexArray, inputs: tuple[str, ...], fre
     ValueError is raised if inputs cannot be separated at lines with a large share of their power.
     """
     power = np.einsum("fii->fi", s_uu).real
-    carried = power > EMPTY * power.max(axis=0)
+    carried = power > NO_POWER * power.max(axis=0)
     scale = np.where(carried, 1 / np.sqrt(np.where(carried, power, 1.0)), 0.0)
     unit = s_uu * scale[:, :, None] * scale[:, None, :]
     np.einsum("fii->fi", unit)[:] = 1.0
     sizes, vectors = np.linalg.eigh(unit)
     inverse = (vectors / np.maximum(sizes, np.finfo(float).eps)[:, None, :]) @ vectors.conj().transpose(0, 2, 1)
-    alike = 1 / np.einsum("fii->fi", inverse).real < ALIKE
+    alike = 1 / np.einsum("fii->fi", inverse).real < SMALLEST_INDEPENDENT_SHARE
     if alike.any():
         share = np.sum(power * alike, axis=0) / power.sum(axis=0)
         lines = alike.any(axis=1)
@@ -199,7 +199,7 @@ def _solved(s_uu: ComplexArray, s_yu: ComplexArray, inputs: tuple[str, ...], fre
         )
         where = f"{lines.sum()} of {len(lines)} lines in {frequency[lines][0]:g} ... {frequency[lines][-1]:g} Hz"
         text = f"inputs cannot be told apart at {where}; their ordinary coherence there: {pairs}"
-        if share.max() > MUCH:
+        if share.max() > LARGEST_DEPENDENT_SHARE:
             raise ValueError(f"{text}: drive them independently, or name only one of them as input")
         warnings.warn(f"{text}; responses there are set to zero", stacklevel=3)
     usable = carried & ~alike.any(axis=1, keepdims=True)

@@ -95,7 +95,7 @@ class TabulatedSpectrum:
         return result
 
 
-def differentiated(spectrum: Spectrum, times: int = 1) -> Spectrum:
+def differentiate_spectrum(spectrum: Spectrum, times: int = 1) -> Spectrum:
     """Return the spectrum of a signal's time derivative, which is (2 pi f)^2 times that of the signal.
 
     Args:

@@ -8,7 +8,7 @@ import scipy
 
 from nassim.base.checks import Array, finite_array, freeze, known, positive, unique
 
-LONG = 1_000_000
+LONG_RECORD = 1_000_000
 """Number of samples above which a record is shortened for a fast Fourier transform."""
 
 
@@ -118,6 +118,6 @@ def fast_length(n: int) -> int:
     Args:
         n: number of samples
     """
-    while n > LONG and scipy.fft.next_fast_len(n, real=True) > n:
+    while n > LONG_RECORD and scipy.fft.next_fast_len(n, real=True) > n:
         n -= 1
     return n

@@ -9,7 +9,7 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.base.units import to_si
 
-KINDS = {1: "time", 4: "frf", 6: "coherence", 26: "coherence"}
+CURVE_KINDS = {1: "time", 4: "frf", 6: "coherence", 26: "coherence"}
 """Function types that are read; other data sets are ignored."""
 
 
@@ -66,7 +66,7 @@ def read_curves(path: Path) -> tuple[Curve, ...]:
             content = file.read_sets(index)
         except Exception as error:  # pyuff raises bare exceptions
             raise ValueError(f"{path}, data set {index + 1}: it cannot be read as a data set 58 ({error})") from error
-        if content["func_type"] in KINDS:
+        if content["func_type"] in CURVE_KINDS:
             try:
                 curves.append(_curve(content, index + 1))
             except ValueError as error:
@@ -78,10 +78,10 @@ def read_curves(path: Path) -> tuple[Curve, ...]:
 
 def _curve(content: dict[str, Any], number: int) -> Curve:
     """Convert the content of a data set to a curve."""
-    kind = KINDS[content["func_type"]]
+    kind = CURVE_KINDS[content["func_type"]]
     x, values = np.asarray(content["x"], dtype=float), np.asarray(content["data"])
     if not len(values) or len(values) != content["num_pts"] or len(x) != len(values):
-        raise ValueError(f"{len(values)} values where {content['num_pts']} are announced; is the file cut off?")
+        raise ValueError(f"{len(values)} values but the header announces {content['num_pts']}; is the file cut off?")
     if not (np.all(np.isfinite(x)) and np.all(np.isfinite(values))):
         raise ValueError(f"value {1 + int(np.argmin(np.isfinite(values)))} is not finite")
     x_factor, x_unit = to_si(_unit(content, "abscissa"))
@@ -108,7 +108,7 @@ def _unit(content: dict[str, Any], axis: str) -> str:
     """Return the unit of an axis."""
     unit = str(content.get(f"{axis}_axis_units_lab", "")).strip()
     if unit in ("", "NONE"):
-        raise ValueError(f"its {axis} states no unit (axis units label), such as V or um")
+        raise ValueError(f"its {axis} has no unit (axis units label), such as V or um")
     return unit
 
 

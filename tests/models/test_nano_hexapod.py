@@ -536,7 +536,7 @@ def test_a_plate_is_reduced_anew_when_an_input_changes(monkeypatch):
     """Every figure that the reduction depends on is in its key, and the same figures have the same one."""
     keys = []
     plate = RigidBody("plate", {"centre": np.zeros(3)}, 1.0, np.eye(3))
-    monkeypatch.setattr(nano_hexapod, "cached", lambda name, key, build, progress: keys.append(key))
+    monkeypatch.setattr(nano_hexapod, "load_or_compute", lambda name, key, build, progress: keys.append(key))
     monkeypatch.setattr(nano_hexapod, "FlexibleBody", lambda *_: plate)
     lower = replace(NANO_HEXAPOD, platform_joints=NANO_HEXAPOD.platform_joints - np.array([0, 0, 1e-3]))
     changes = ({}, {"height": 0.012}, {"radius": 0.16}, {"element_size": 0.03}, {"order": 3}, {"n_modes": 7})

@@ -287,7 +287,7 @@ def test_offsets_and_long_records_in_pieces(monkeypatch):
     y = np.convolve(u, [0.5, 0.3, -0.2])[: len(u)]
     time, options = np.arange(len(u)) / 1e3, {"inputs": ["u"], "outputs": ["y"], "segment_duration": 0.123}
     plain = estimate_frf(TimeHistory(time, [u, y], ("u", "y")), **options)
-    monkeypatch.setattr(nassim.signals.frf, "AT_ONCE", 300)
+    monkeypatch.setattr(nassim.signals.frf, "SAMPLES_PER_BLOCK", 300)
     pieces = estimate_frf(TimeHistory(time, [u + 1e3, y - 50.0], ("u", "y")), **options)
     np.testing.assert_allclose(pieces.values, plain.values, rtol=1e-9)
     np.testing.assert_allclose(pieces.coherence, plain.coherence, rtol=1e-9)
