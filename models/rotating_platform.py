@@ -59,10 +59,10 @@ def make_rotating_platform(
     ends, springs, sensors, forces = ("table.rail", "mass.seat"), [], [], []
     for name, axis in (("u", "x"), ("v", "y")):
         held = {"axis": axis, "frame": "table.rail"}
-        felt, beside = (1 - parallel_share) * stiffness, parallel_share * stiffness
-        springs.append(SpringDamper(f"{name}/spring", *ends, stiffness=felt, damping=damping, **held))
-        if beside:
-            springs.append(SpringDamper(f"{name}/beside", *ends, stiffness=beside, **held))
+        measured, parallel = (1 - parallel_share) * stiffness, parallel_share * stiffness
+        springs.append(SpringDamper(f"{name}/spring", *ends, stiffness=measured, damping=damping, **held))
+        if parallel:
+            springs.append(SpringDamper(f"{name}/beside", *ends, stiffness=parallel, **held))
         sensors += [Encoder(f"{name}/encoder", *ends, **held), ForceSensor(f"{name}/sensor_force", f"{name}/spring")]
         forces.append(PointForce(f"{name}/actuator", "mass.seat", axis, f"{name}/actuator_force", frame="mass.seat"))
     return Scene(

@@ -265,14 +265,14 @@ def spring_strut(
     if mass:
         bodies, joints = (*bodies, *_halves(mass, length)), _ideal_joints()
     ends = ("bottom.end", "top.end")
-    beside = (SpringDamper("beside", *ends, "line", parallel_stiffness),) if parallel_stiffness else ()
+    parallel = (SpringDamper("beside", *ends, "line", parallel_stiffness),) if parallel_stiffness else ()
     return Scene(
         "strut",
         bodies,
         joints,
         (LinearActuator("actuator", *ends, "actuator_force"),),
         (ForceSensor("sensor_force", "spring"), Encoder("encoder", *ends, "line")),
-        (SpringDamper("spring", *ends, "line", stiffness, damping), *beside),
+        (SpringDamper("spring", *ends, "line", stiffness, damping), *parallel),
         damping_ratio=0.0,
     )
 

@@ -113,7 +113,7 @@ def two_mass_actuator(body: ReducedBody) -> TwoMassActuator:
 
     With M the sum of payload and upper mass, the squared angular frequency of the zero, at which no force passes
     through the sensor, is k1 / M. That of the pole is (k1 + k2) / M with k2 = ka ke / (ka + ke), and k1 + k2 is the
-    static stiffness. A short reduces the sensor's stiffness to ke (1 - k33^2), with the coupling factor k33 of the stack.
+    static stiffness. A short reduces the sensor's stiffness to ke (1 - k33^2) with its coupling factor k33.
     ke follows from the resulting change of the static stiffness.
 
     Args:

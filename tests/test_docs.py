@@ -114,7 +114,7 @@ def test_every_warning_stands_on_its_page():
     quoted = re.findall(r'^\| "([^"]+)" \|', page, re.M)
     spoken = []
     for path in sorted((ROOT / "nassim").rglob("*.py")):
-        if path.name == "notices.py":
+        if path.name == "warning_log.py":
             continue
         for where, parts in warnings_of(path):
             told = "{}".join(parts)

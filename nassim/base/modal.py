@@ -188,8 +188,10 @@ def decay_poles(decay: Array, time_step: float, *, n_poles: int) -> NDArray[np.c
     # Initial conditions and signals may be scaled, signals by the same factor in all decays.
     for others in ((0, 2), (1, 2)):
         decays = decays / np.maximum(np.abs(decays).max(axis=others, keepdims=True), np.finfo(float).tiny)
-    beside = decays.swapaxes(0, 1)
-    hankel = np.vstack([beside[..., k : k + columns].reshape(n_signals, -1) for k in range(min(columns, 8 * n_poles))])
+    by_signal = decays.swapaxes(0, 1)
+    hankel = np.vstack(
+        [by_signal[..., k : k + columns].reshape(n_signals, -1) for k in range(min(columns, 8 * n_poles))]
+    )
     left, sizes, _ = np.linalg.svd(hankel, full_matrices=False)
     n = min(n_poles, int(np.count_nonzero(sizes > SMALLEST_EXCITED * sizes[0])))
     states = left[:, :n]

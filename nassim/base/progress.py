@@ -130,15 +130,15 @@ def stage(label: str, *, total: int | None = None, unit: str = "", enabled: bool
 
 def _tenths(total: int) -> Advance:
     """Return an `Advance` that prints each tenth that is reached, at most one per `SHORTEST_INTERVAL`."""
-    done, told, last = 0, 0, time.perf_counter()
+    done, shown, last = 0, 0, time.perf_counter()
 
     def advance(n: int = 1) -> None:
-        nonlocal done, told, last
+        nonlocal done, shown, last
         done += n
         tenth, now = 10 * done // total, time.perf_counter()
-        if told < tenth < 10 and now - last >= SHORTEST_INTERVAL:
+        if shown < tenth < 10 and now - last >= SHORTEST_INTERVAL:
             print(f" {10 * tenth} %", end="", flush=True)
-            told, last = tenth, now
+            shown, last = tenth, now
 
     return advance
 

@@ -89,7 +89,7 @@ class PiezoStack:
         stiffness: float | None = None,
         transverse_ratio: float = -0.45,
     ) -> "PiezoStack":
-        """Make a stack from the values that its data sheet gives. `consistency` tells how well they agree.
+        """Make a stack from the values that its data sheet gives. `consistency` compares them.
 
         Args:
             free_stroke: elongation without load over the whole voltage range [m]

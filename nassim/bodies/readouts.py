@@ -81,7 +81,7 @@ class Picture:
     modes: Array
 
     def __post_init__(self) -> None:
-        freeze(self, modes=finite_array("picture: modes", self.modes, (len(self.surface.points), 3, None)))
+        freeze(self, modes=finite_array("surface: modes", self.modes, (len(self.surface.points), 3, None)))
 
     @property
     def name(self) -> str:
@@ -170,8 +170,8 @@ def upgrade_readouts(content: Mapping[str, Any]) -> dict[str, Any]:
     if len(kept) == len(content):
         return kept
     surface, modes = content.get("surface"), content.get("surface_modes")
-    pictures = [] if surface is None or modes is None else [Picture(surface, modes)]
+    surfaces = [] if surface is None or modes is None else [Picture(surface, modes)]
     points = content.get("passive_points") or ()
     motions = np.split(content["passive_motions"], len(points)) if points else []
     passive = [PassivePoint(point, block) for point, block in zip(points, motions, strict=True)]
-    return {**kept, "readouts": by_name([*pictures, *(content.get("ports") or ()), *passive])}
+    return {**kept, "readouts": by_name([*surfaces, *(content.get("ports") or ()), *passive])}

@@ -62,7 +62,7 @@ def build_fe_model(
     """
     if not 1 <= order <= MAX_ORDER or int(order) != order:
         raise ValueError(f"order must be a whole number from 1 to {MAX_ORDER}, got {order!r}")
-    with hold_library_lock(), collect_messages() as told:
+    with hold_library_lock(), collect_messages() as log:
         with stage("mesh", enabled=progress):
             mesh = ng.Mesh(
                 generate_mesh(
@@ -82,8 +82,8 @@ def build_fe_model(
             warn_of_thin_walls(mesh, solid)
         with stage("assemble", enabled=progress):
             model = assemble_mesh(mesh, solid, order)
-    description = "; ".join([model.description, *told.notes])
-    model = replace(model, description=description, warnings=tuple(told.warnings))
+    description = "; ".join([model.description, *log.notes])
+    model = replace(model, description=description, warnings=tuple(log.warnings))
     if progress:
         tell(model.description)
     return model

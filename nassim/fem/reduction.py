@@ -64,7 +64,7 @@ def craig_bampton(
         if value is not None:
             positive(label, value, unit)
     count = DEFAULT_MODES if n_modes is None else n_modes
-    with hold_library_lock(), collect_messages() as told:
+    with hold_library_lock(), collect_messages() as log:
         if isinstance(fe_model, Condensation):
             if remote_points is not None:
                 raise ValueError("a Condensation has its remote points already; give them to condense instead")
@@ -83,7 +83,7 @@ def craig_bampton(
             rich, count = _reduce_within(condensed, tolerance, cutoff_frequency, kept, discretization, progress)
     body = keep_modes(rich, count)
     record = {**body.record, **_report(body, rich, count)}
-    warnings = [*condensed.fe_model.warnings, *told.warnings]
+    warnings = [*condensed.fe_model.warnings, *log.warnings]
     if progress:
         tell("\n".join(f"{label}: {text}" for label, text in record.items() if label != "finite element model"))
     return replace(body, record={**record, **({"warnings": "\n".join(warnings)} if warnings else {})})

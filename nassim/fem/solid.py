@@ -85,7 +85,7 @@ class Solid:
         unique("electrical port", (port.name for port in ports))
         # A reduced body has read-outs with these names and its surface.
         named = (SURFACE, *(point.name for point in points), *(port.name for port in ports))
-        unique(f"solid {self.name!r}: remote point, electrical port and picture ({SURFACE!r})", named)
+        unique(f"solid {self.name!r}: remote point, electrical port and surface ({SURFACE!r})", named)
         for body in unique("CAD body of electrical port", (body for port in ports for body in port.bodies)):
             known("CAD body", body, bodies)
         with hold_library_lock(forkable=True):

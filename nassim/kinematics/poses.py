@@ -13,13 +13,11 @@ from nassim.base.checks import Array, finite_array
 from nassim.kinematics.stewart import StewartPlatform, strut_directions, strut_lengths, strut_vectors
 
 REST = (0.0, 0.0, 0.0)
-NO_ROTATION = np.eye(3)
-NO_ROTATION.setflags(write=False)
+IDENTITY = np.eye(3)
+IDENTITY.setflags(write=False)
 
 
-def inverse_kinematics(
-    platform: StewartPlatform, position: ArrayLike = REST, rotation: ArrayLike = NO_ROTATION
-) -> Array:
+def inverse_kinematics(platform: StewartPlatform, position: ArrayLike = REST, rotation: ArrayLike = IDENTITY) -> Array:
     """Compute the lengths of the struts in given poses.
 
     Args:
@@ -37,7 +35,7 @@ def inverse_kinematics(
 
 
 def forward_kinematics(
-    platform: StewartPlatform, lengths: ArrayLike, *, position: ArrayLike = REST, rotation: ArrayLike = NO_ROTATION
+    platform: StewartPlatform, lengths: ArrayLike, *, position: ArrayLike = REST, rotation: ArrayLike = IDENTITY
 ) -> tuple[Array, Array]:
     """Compute the pose of the platform from the lengths of its struts, by Newton's method.
 
@@ -80,7 +78,7 @@ def forward_kinematics(
     return place, turn
 
 
-def jacobian(platform: StewartPlatform, position: ArrayLike = REST, rotation: ArrayLike = NO_ROTATION) -> Array:
+def jacobian(platform: StewartPlatform, position: ArrayLike = REST, rotation: ArrayLike = IDENTITY) -> Array:
     """Compute the Jacobian from the platform's velocity to the rates of the struts' lengths.
 
     The velocity is that of B, followed by the platform's angular velocity, in the axes of F. The row of a strut is
@@ -104,7 +102,7 @@ def jacobian(platform: StewartPlatform, position: ArrayLike = REST, rotation: Ar
 
 
 def joint_angles(
-    platform: StewartPlatform, position: ArrayLike = REST, rotation: ArrayLike = NO_ROTATION
+    platform: StewartPlatform, position: ArrayLike = REST, rotation: ArrayLike = IDENTITY
 ) -> tuple[Array, Array]:
     """Compute the angle by which each strut has turned from rest, relative to base and platform.
 

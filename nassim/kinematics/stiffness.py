@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array
-from nassim.kinematics.poses import NO_ROTATION, REST, jacobian
+from nassim.kinematics.poses import IDENTITY, REST, jacobian
 from nassim.kinematics.stewart import StewartPlatform
 
 
 def stiffness_matrix(
-    platform: StewartPlatform, stiffness: ArrayLike, position: ArrayLike = REST, rotation: ArrayLike = NO_ROTATION
+    platform: StewartPlatform, stiffness: ArrayLike, position: ArrayLike = REST, rotation: ArrayLike = IDENTITY
 ) -> Array:
     """Compute the stiffness J^T diag(k) J from the motion of B to the wrench at B.
 
@@ -34,7 +34,7 @@ def stiffness_matrix(
 
 
 def compliance_matrix(
-    platform: StewartPlatform, stiffness: ArrayLike, position: ArrayLike = REST, rotation: ArrayLike = NO_ROTATION
+    platform: StewartPlatform, stiffness: ArrayLike, position: ArrayLike = REST, rotation: ArrayLike = IDENTITY
 ) -> Array:
     """Compute the motion of B per unit wrench at B, the inverse of `stiffness_matrix`.
 
@@ -56,7 +56,7 @@ def compliance_matrix(
 
 
 def strut_forces(
-    platform: StewartPlatform, wrench: ArrayLike, position: ArrayLike = REST, rotation: ArrayLike = NO_ROTATION
+    platform: StewartPlatform, wrench: ArrayLike, position: ArrayLike = REST, rotation: ArrayLike = IDENTITY
 ) -> Array:
     """Compute the strut forces J^-T w that exert a given wrench on the platform.
 

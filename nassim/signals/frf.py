@@ -198,7 +198,7 @@ def _solve_lines(s_uu: ComplexArray, s_yu: ComplexArray, inputs: tuple[str, ...]
             if involved[a] or involved[b]
         )
         where = f"{lines.sum()} of {len(lines)} lines in {frequency[lines][0]:g} ... {frequency[lines][-1]:g} Hz"
-        text = f"inputs cannot be told apart at {where}; their ordinary coherence there: {pairs}"
+        text = f"inputs cannot be separated at {where}; their ordinary coherence there: {pairs}"
         if share.max() > LARGEST_DEPENDENT_SHARE:
             raise ValueError(f"{text}: drive them independently, or name only one of them as input")
         warnings.warn(f"{text}; responses there are set to zero", stacklevel=3)

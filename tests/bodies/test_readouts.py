@@ -134,7 +134,7 @@ def test_readouts_that_do_not_fit_are_refused(body, readouts, problem):
 
 
 def test_sizes_are_checked():
-    with pytest.raises(ValueError, match="picture: modes must have shape 3 x 3 x any, got 2 x 3 x 16"):
+    with pytest.raises(ValueError, match="surface: modes must have shape 3 x 3 x any, got 2 x 3 x 16"):
         Picture(TRIANGLE, PICTURE.modes[:2])
     with pytest.raises(ValueError, match="passive point 'middle': motions must have shape 6 x any, got 5 x 16"):
         PassivePoint(MIDDLE.point, MIDDLE.motions[:5])
