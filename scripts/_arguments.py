@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 from _report import folded
 from _results import command_line
 
-from nassim.base import whole_run
+from nassim.base import show_time_left
 
 
 class Arguments(argparse.ArgumentParser):
@@ -87,7 +87,7 @@ def run(main: Callable[[], None]) -> None:
     """
     name = Path(sys.argv[0]).name
     try:
-        with whole_run(Path(name).stem, command_line(sys.argv)):
+        with show_time_left(Path(name).stem, command_line(sys.argv)):
             main()
     except KeyboardInterrupt:
         print(f"\n{name}: interrupted", file=sys.stderr)

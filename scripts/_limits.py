@@ -8,7 +8,7 @@ import exudyn as exu
 import numpy as np
 
 from nassim import FEModel, Scene
-from nassim.fem.condensation import expanded_dofs
+from nassim.fem.condensation import vector_dofs
 from nassim.simulation import assemble
 from nassim.simulation.exudyn.state import find_accelerations
 from nassim.simulation.exudyn.system import build_system
@@ -46,4 +46,4 @@ def bare_product(states: int, inputs: int, outputs: int, samples: int) -> Callab
 
 def held_unknowns(model: FEModel) -> np.ndarray:
     """What nassim's route holds at zero while it solves, indices."""
-    return np.unique(np.concatenate([expanded_dofs(coupling, model.n_dofs) for coupling in model.couplings]))
+    return np.unique(np.concatenate([vector_dofs(coupling, model.n_dofs) for coupling in model.couplings]))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nassim.signals import TabulatedSpectrum, differentiated
+from nassim.signals import TabulatedSpectrum, differentiate_spectrum
 
 Spectrum = Callable[[np.ndarray], np.ndarray]
 THIRD_OCTAVE = 2 ** (1 / 6) - 2 ** (-1 / 6)
@@ -25,7 +25,7 @@ def floor_spectrum(velocity: float, corner: float = 20.0) -> Spectrum:
     def spectrum(frequency: np.ndarray) -> np.ndarray:
         return velocity**2 / (THIRD_OCTAVE * frequency) / (1 + (frequency / corner) ** 2)
 
-    return differentiated(spectrum)
+    return differentiate_spectrum(spectrum)
 
 
 def low_passed(rms: float, corner: float) -> Spectrum:

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from nassim.base.progress import tell, wrapped
+from nassim.base.progress import tell, wrap_text
 from nassim.base.tables import text_table
 
 
@@ -20,7 +20,7 @@ def print_report(template: str, summary: Mapping[str, Any]) -> None:
 
 def folded(doc: str) -> str:
     """Paragraphs in lines that fit the terminal."""
-    return "\n\n".join(wrapped(" ".join(paragraph.split()), next_indent="") for paragraph in doc.split("\n\n"))
+    return "\n\n".join(wrap_text(" ".join(paragraph.split()), next_indent="") for paragraph in doc.split("\n\n"))
 
 
 def print_table(title: str, rows: Mapping[str, Mapping[str, Any]], columns: Mapping[str, str]) -> None:

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 import psutil
 
-from nassim.base import written_whole
+from nassim.base import write_atomically
 
 
 def write_summary(folder: Path, summary: Mapping[str, Any]) -> None:
     """Write all figures, with units in the keys, the command that made them and its time to summary.json."""
     elapsed = time.time() - psutil.Process().create_time()
     content = {"command": command_line(sys.argv), "script_time_s": elapsed, **summary}
-    with written_whole(folder / "summary.json") as temporary:
+    with write_atomically(folder / "summary.json") as temporary:
         temporary.write_text(json.dumps(_plain(content), indent=2, allow_nan=False) + "\n", encoding="utf-8")
     print(f"results in {folder.resolve()}")
 

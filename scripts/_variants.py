@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from nassim.base import written_whole
+from nassim.base import write_atomically
 from nassim.plotting import plot_pareto, save_figure
 
 Row = Mapping[str, Any]
@@ -18,7 +18,7 @@ def by_name(rows: Iterable[Row]) -> dict[str, Row]:
 
 def write_rows(path: Path, rows: Sequence[Row], columns: Sequence[str]) -> None:
     """Write columns of rows as a CSV file."""
-    with written_whole(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+    with write_atomically(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, columns, extrasaction="ignore")
         writer.writeheader()
         writer.writerows(rows)

@@ -21,7 +21,7 @@ from _views import show
 
 from nassim import estimate_frf, frequency_response, linearize, save, simulate_motion
 from nassim.plotting import save_figure
-from nassim.signals import orthogonal_multisines, settled_blocks
+from nassim.signals import orthogonal_multisines, remove_settling
 from nassim.systems import damping
 from nassim.viewer import view_scene
 
@@ -59,7 +59,7 @@ def main() -> None:
     steps = {"time_step": args.time_step, "duration": drive.duration, "frames": last_frames(drive.duration)}
     (record, motion), wall = timed(simulate_motion, scene, excitation, outputs=outputs, method=method, **steps)
     duration = (settling + args.periods) * args.period
-    steady = settled_blocks(record, duration=duration, settling=settling * args.period)
+    steady = remove_settling(record, duration=duration, settling=settling * args.period)
     periods = {"segment_duration": args.period, "overlap": 0.0, "window": "boxcar"}
     estimated = estimate_frf(steady, inputs=VOLTAGES, outputs=outputs, **periods, label="time simulation").band(*BAND)
     fine = frequency_response(model, np.geomspace(*BAND, 4000), label="linear model")

@@ -1,5 +1,5 @@
 from .eta import (
-    whole_run as whole_run,
+    show_time_left as show_time_left,
 )
 from .file_registry import (
     register as register,
@@ -35,9 +35,6 @@ from .storage import (
     cache_directory as cache_directory,
 )
 from .storage import (
-    cached as cached,
-)
-from .storage import (
     code_fingerprint as code_fingerprint,
 )
 from .storage import (
@@ -47,8 +44,11 @@ from .storage import (
     load as load,
 )
 from .storage import (
+    load_or_compute as load_or_compute,
+)
+from .storage import (
     save as save,
 )
 from .storage import (
-    written_whole as written_whole,
+    write_atomically as write_atomically,
 )

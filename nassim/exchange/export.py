@@ -7,8 +7,8 @@ import scipy
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, known
-from nassim.base.modal import elastic_ratios, modal_damping_matrix
-from nassim.base.storage import written_whole
+from nassim.base.modal import elastic_damping_ratios, modal_damping_matrix
+from nassim.base.storage import write_atomically
 from nassim.bodies.interface import coordinate_names
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.systems.linear_model import LinearModel
@@ -62,7 +62,7 @@ def body_state_space(body: ReducedBody, *, damping_ratio: ArrayLike = 0.0) -> Li
     frequency, shapes = body.eigenmodes()
     omega = 2 * np.pi * frequency
     n, b = len(omega), 6 * len(body.remote_points)
-    damping = 2 * elastic_ratios(frequency, damping_ratio) * omega
+    damping = 2 * elastic_damping_ratios(frequency, damping_ratio) * omega
     system = np.block([[np.zeros((n, n)), np.eye(n)], [-np.diag(omega**2), -np.diag(damping)]])
     forces = np.vstack([np.zeros((n, b)), shapes[:b].T])
     motions = np.hstack([shapes[:b], np.zeros((b, n))])
@@ -74,13 +74,13 @@ def body_state_space(body: ReducedBody, *, damping_ratio: ArrayLike = 0.0) -> Li
 def body_damping(body: ReducedBody, damping_ratio: ArrayLike) -> Array:
     """Damping matrix that gives each free elastic mode its ratio, (n, n) [N s/m and the like]."""
     frequency, shapes = body.eigenmodes()
-    return modal_damping_matrix(body.mass_matrix, frequency, shapes, elastic_ratios(frequency, damping_ratio))
+    return modal_damping_matrix(body.mass_matrix, frequency, shapes, elastic_damping_ratios(frequency, damping_ratio))
 
 
 def _write(variables: dict[str, Array], path: str | Path) -> Path:
     target = Path(path)
     known("file ending", target.suffix, (".mat", ".npz"))
-    with written_whole(path) as temporary, temporary.open("wb") as file:
+    with write_atomically(path) as temporary, temporary.open("wb") as file:
         if target.suffix == ".mat":
             scipy.io.savemat(file, variables, do_compression=True)
         else:

@@ -8,8 +8,8 @@ import numpy as np
 import scipy
 
 from nassim.base.checks import Array, freeze, frozen_mapping, known
-from nassim.base.progress import wrapped
-from nassim.bodies.inertia import RigidInertia, free_of_rigid_motions, rigid_inertia
+from nassim.base.progress import wrap_text
+from nassim.bodies.inertia import RigidInertia, elastic_basis, rigid_inertia
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.exchange.coordinates import (
     explain_misfit,
@@ -74,7 +74,9 @@ class Report:
     def __str__(self) -> str:
         lines = [f"{self.name}: {self.verdict}"]
         for finding in self.findings:
-            lines.append(wrapped(finding.text, indent=f"  {finding.verdict:8}{finding.name:22}", next_indent=32 * " "))
+            lines.append(
+                wrap_text(finding.text, indent=f"  {finding.verdict:8}{finding.name:22}", next_indent=32 * " ")
+            )
         return "\n".join(lines)
 
 
@@ -143,7 +145,7 @@ def signed_frequencies(stiffness: Array, mass: Array) -> Array:
 
 def _numbers(body: Superelement, stiffness: Array, mass: Array) -> _Numbers:
     motions = body.rigid_motions
-    basis = free_of_rigid_motions(mass, motions)
+    basis = elastic_basis(mass, motions)
     elastic = np.zeros(0)
     if basis.shape[1]:
         elastic = signed_frequencies(basis.T @ stiffness @ basis, basis.T @ mass @ basis)

@@ -8,7 +8,7 @@ import scipy
 
 from nassim.base.checks import Array
 from nassim.base.progress import tell
-from nassim.bodies.inertia import completed_gram, free_of_rigid_motions
+from nassim.bodies.inertia import elastic_basis, estimate_gram
 from nassim.bodies.interface import RemotePoint
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.exchange.inspection import Report, as_superelement, check, signed_frequencies
@@ -140,7 +140,7 @@ def to_body(body: Superelement, *, any_size: bool = False, any_coordinates: bool
         ),
         mass_matrix=mass,
         stiffness_matrix=0.5 * (body.stiffness_matrix + body.stiffness_matrix.T),
-        gram=completed_gram(mass, body.positions),
+        gram=estimate_gram(mass, body.positions),
         record={"imported from": body.source, "units": body.units, "inspection": str(report)},
         full_integrals=False,
     )
@@ -150,7 +150,7 @@ def _with_matrices(body: ReducedBody | Superelement, stiffness: Array, mass: Arr
     changed = replace(body, stiffness_matrix=stiffness, mass_matrix=mass)
     if isinstance(changed, Superelement) or np.array_equal(mass, body.mass_matrix):
         return changed
-    gram = completed_gram(mass, as_superelement(changed).positions)
+    gram = estimate_gram(mass, as_superelement(changed).positions)
     return replace(changed, gram=gram, full_integrals=False)
 
 
@@ -226,7 +226,7 @@ def _damaged_node(stiffness: Array, body: Superelement) -> int | None:
 
 
 def _positive_stiffness(stiffness: Array, mass: Array, body: Superelement, steps: list[str]) -> Array:
-    basis = free_of_rigid_motions(mass, body.rigid_motions)
+    basis = elastic_basis(mass, body.rigid_motions)
     if not basis.shape[1]:
         return stiffness
     squares, vectors = scipy.linalg.eigh(basis.T @ stiffness @ basis, basis.T @ mass @ basis)

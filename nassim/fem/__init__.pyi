@@ -5,7 +5,7 @@ from .assembly import (
     build_fe_model as build_fe_model,
 )
 from .assembly import (
-    with_materials as with_materials,
+    replace_materials as replace_materials,
 )
 from .condensation import (
     Condensation as Condensation,

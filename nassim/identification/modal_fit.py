@@ -9,7 +9,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from nassim.base.checks import Array, finite, finite_array, freeze, frozen_mapping, known, positive, unique
-from nassim.base.progress import wrapped
+from nassim.base.progress import wrap_text
 from nassim.base.tables import text_table
 from nassim.identification.compressed_lines import compressed
 from nassim.identification.pole_fit import (
@@ -124,11 +124,11 @@ class ModalFit:
             gains = [f"{g:.4g} ± {s:.1g}" for g, s in zip(self.gains[:, r], self.gains_std[:, r], strict=True)]
             ratio = f"{100 * self.damping_ratio[r]:.4g} ± {100 * self.damping_ratio_std[r]:.1g}"
             rows.append([str(r + 1), f"{self.frequency[r]:.3f} ± {self.frequency_std[r]:.1g}", ratio, *gains])
-        doubts = [wrapped(f"doubtful: {self.how['doubts']}")] if self.how.get("doubts") else []
+        doubts = [wrap_text(f"doubtful: {self.how['doubts']}")] if self.how.get("doubts") else []
         return "\n".join([text_table(rows), *doubts])
 
 
-def upgraded_fit(content: Mapping[str, Any]) -> dict[str, Any]:
+def upgrade_fit(content: Mapping[str, Any]) -> dict[str, Any]:
     """The fields of a `ModalFit` as older files hold them, with `measured` called `recorded`; others as they are."""
     return {{"measured": "recorded"}.get(name, name): value for name, value in content.items()}
 

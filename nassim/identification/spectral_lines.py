@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.base.modal import held_pole
+from nassim.base.modal import discretize_pole
 
 TRANSIENT_ORDER = 3
 STEP = 1e-4
@@ -20,7 +20,7 @@ class Lines:
     omega: (n,) [rad/s]; excitation: (n,) complex; responses: (outputs, n) complex
     time_step: of the samples [s]; None where an FRF does not say
     transient: whether motion before and after a record is part of the model: True for records, False for FRFs
-    hold_order: what the input does between samples, 0 or 1 as in `nassim.base.modal.held_pole`; None: it has no content
+    hold_order: what the input does between samples, 0 or 1 as in `nassim.base.modal.discretize_pole`; None: no content
         above half the sample rate, or no time step is known
     residual_powers: p of the terms s^p that stand for modes outside the band
     known: what `compressed_lines` has made of stretches of them
@@ -56,7 +56,7 @@ class Lines:
         def first_order(rate: complex) -> Array:
             assert self.time_step is not None
             assert self.hold_order is not None
-            now, before, decay = held_pole(rate, self.time_step, hold_order=self.hold_order)
+            now, before, decay = discretize_pole(rate, self.time_step, hold_order=self.hold_order)
             result: Array = (now + before * back) / (1 - decay * back)
             return result
 

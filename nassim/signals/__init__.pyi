@@ -14,7 +14,7 @@ from .excitations import (
     orthogonal_multisines as orthogonal_multisines,
 )
 from .excitations import (
-    settled_blocks as settled_blocks,
+    remove_settling as remove_settling,
 )
 from .excitations import (
     sine_dwell as sine_dwell,
@@ -47,7 +47,7 @@ from .spectra import (
     amplifier_noise as amplifier_noise,
 )
 from .spectra import (
-    differentiated as differentiated,
+    differentiate_spectrum as differentiate_spectrum,
 )
 from .spectra import (
     quantisation_noise as quantisation_noise,

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from nassim.base.warning_log import collected
+from nassim.base.warning_log import collect_messages
 from nassim.studies.results import Layout, flattened
 
 OK, FAILED, DIVERGED, TIMED_OUT, LOST, OTHER_SHAPE = "ok", "failed", "diverged", "timed out", "lost", "other shape"
@@ -48,7 +48,7 @@ class Task:
         """Carry out a run; raises nothing but KeyboardInterrupt."""
         start = time.perf_counter()
         try:
-            with collected() as notices:
+            with collect_messages() as notices:
                 result = self.function(**parameters)
             wall_time = time.perf_counter() - start
             layout, data = flattened(result, self.taken)

@@ -19,7 +19,7 @@ from typing import Any, BinaryIO
 
 import psutil
 
-from nassim.base.storage import code_fingerprint, written_whole
+from nassim.base.storage import code_fingerprint, write_atomically
 from nassim.base.warning_log import warn
 from nassim.studies.outcome import Outcome
 from nassim.studies.plan import Parameters
@@ -174,7 +174,7 @@ def _check_study(folder: Path, study: dict[str, Any]) -> None:
     if not path.exists():
         if others := sorted(p.name for p in folder.iterdir() if p.name != LOCK and not p.name.startswith("nassim-")):
             raise ValueError(f"{folder} is no folder of a study: it holds {', '.join(others[:5])}; give a new one")
-        with written_whole(path) as temporary:
+        with write_atomically(path) as temporary:
             text = json.dumps({"format": FORMAT, **study, "code": code}, indent=2)
             temporary.write_text(f"{text}\n", encoding="utf-8")
         return

@@ -11,7 +11,7 @@ import json
 from importlib.resources import files
 from pathlib import Path
 
-from nassim.base.storage import written_whole
+from nassim.base.storage import write_atomically
 from nassim.viewer.encoding import encode
 from nassim.viewer.views import View
 
@@ -27,7 +27,7 @@ LIBRARY = {
 def write_page(view: View, path: str | Path) -> Path:
     """Write a view as one HTML file; returns its path."""
     target = Path(path)
-    with written_whole(target) as temporary:
+    with write_atomically(target) as temporary:
         temporary.write_text(page_text(view), encoding="utf-8")
     return target
 

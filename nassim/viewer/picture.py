@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from nassim.base.checks import Array, positive
 from nassim.base.rigid_motion import unit_vector
-from nassim.base.storage import written_whole
+from nassim.base.storage import write_atomically
 from nassim.viewer.views import GREY, KINDS, Mark, View
 
 CAMERA = (0.435, -0.819, 0.375)
@@ -55,7 +55,7 @@ def save_picture(
     columns = int(np.ceil(np.sqrt(len(names))))
     shape = (-(-len(names) // columns), columns)
     # VTK warns of a missing screen before it does without.
-    with pyvista.vtk_verbosity("off"), written_whole(path) as temporary:
+    with pyvista.vtk_verbosity("off"), write_atomically(path) as temporary:
         plotter = pyvista.Plotter(off_screen=True, shape=shape, window_size=list(size), border=False)
         plotter.set_background("white")
         for k, drawing in enumerate(drawings):

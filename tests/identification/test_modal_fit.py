@@ -736,5 +736,5 @@ def test_a_record_without_its_last_samples_gives_the_parameters(monkeypatch):
     """3989 is a prime number; what is left at the end of a shorter record is as free as before."""
     record = make_record(0, noise=0.0)
     odd = replace(record, time=record.time[:3989], values=record.values[:, :3989])
-    monkeypatch.setattr("nassim.signals.time_history.LONG", 1000)
+    monkeypatch.setattr("nassim.signals.time_history.LONG_RECORD", 1000)
     np.testing.assert_allclose(found(identify(odd)), truth(), rtol=1e-9)

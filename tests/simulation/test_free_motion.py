@@ -29,7 +29,7 @@ from nassim import (
 )
 from nassim.base.rigid_motion import rigid_motions, rigid_transfer
 from nassim.bodies.projection import trim_body
-from nassim.bodies.strain import strained_modes
+from nassim.bodies.strain import strain_eigenmodes
 from nassim.exchange.export import body_damping, body_state_space
 from nassim.identification.apply import modal_gains
 from nassim.simulation.model.assembly import assemble
@@ -323,8 +323,8 @@ def test_modes_need_a_definite_mass(block):
     strange = np.eye(len(block.mass_matrix))
     strange[0, 1] = strange[1, 0] = 2.0
     with pytest.raises(ValueError, match="not positive definite"):
-        strained_modes(block.strain, strange)
+        strain_eigenmodes(block.strain, strange)
     with pytest.raises(ValueError, match="a diagonal entry that is not positive"):
-        strained_modes(block.strain, -block.mass_matrix)
+        strain_eigenmodes(block.strain, -block.mass_matrix)
     with pytest.raises(ValueError, match="n must be a whole number of modes, at least 1, got 0"):
         block.eigenfrequencies(n=0)

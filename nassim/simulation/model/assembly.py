@@ -7,9 +7,9 @@ import numpy as np
 import scipy
 
 from nassim.base.checks import Array
-from nassim.base.modal import elastic_ratios
+from nassim.base.modal import elastic_damping_ratios
 from nassim.bodies.floating_frame import FloatingFrame, floating_frame
-from nassim.bodies.strain import Strain, joined, spring_strain, stiffness_root, strained_modes
+from nassim.bodies.strain import Strain, combine_strains, spring_strain, stiffness_root, strain_eigenmodes
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
 from nassim.scene.scene import Scene
 from nassim.scene.terms import (
@@ -173,9 +173,9 @@ def assemble(scene: Scene) -> Assembly:
     basis = null_space(held, coordinates.mass)
     tangents = law_tangents(coordinates, terms, basis)
     strains, dampers = _strains(coordinates, tangents)
-    strain = joined(strains, len(coordinates.mass))
+    strain = combine_strains(strains, len(coordinates.mass))
     mass, stiffness = basis.T @ coordinates.mass @ basis, strain.within(basis).stiffness
-    frequency, shapes = strained_modes(strain.within(basis), mass)
+    frequency, shapes = strain_eigenmodes(strain.within(basis), mass)
     modes = basis @ shapes
     followed = prescribed_motion_of(held, moved, modes, 2 * np.pi * frequency, strain, coordinates.mass)
     deformation, root, own = _deformation(coordinates, frames)
@@ -183,7 +183,7 @@ def assemble(scene: Scene) -> Assembly:
         mass,
         frequency,
         shapes,
-        elastic_ratios(frequency, scene.mode_ratios),
+        elastic_damping_ratios(frequency, scene.mode_ratios),
         deformation @ basis,
         root,
         own,

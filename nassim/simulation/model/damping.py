@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.base.modal import elastic_ratios, modal_damping_matrix
+from nassim.base.modal import elastic_damping_ratios, modal_damping_matrix
 from nassim.bodies.floating_frame import FloatingFrame
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.scene import Scene
@@ -136,6 +136,6 @@ def own_damping(scene: Scene, body: FlexibleBody, frame: FloatingFrame) -> Array
     if body.damping_ratio is None:
         return np.zeros((m, m))
     frequency, shapes = body.reduced.eigenmodes(fixed=held_alone(scene, body))
-    ratio = elastic_ratios(frequency, body.damping_ratio)
+    ratio = elastic_damping_ratios(frequency, body.damping_ratio)
     damping = modal_damping_matrix(body.reduced.mass_matrix, frequency, shapes, ratio)
     return damping[np.ix_(frame.flexible, frame.flexible)]

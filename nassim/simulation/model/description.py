@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.base.progress import wrapped
+from nassim.base.progress import wrap_text
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.scene import Scene
 from nassim.scene.terms import AppliedForce, ForceLaw, Output, Shunt
@@ -44,7 +44,7 @@ def describe(scene: Scene) -> str:
 
 
 def _folded(line: str) -> str:
-    return wrapped(line, next_indent=" " * (len(line) - len(line.lstrip()) + 6))
+    return wrap_text(line, next_indent=" " * (len(line) - len(line.lstrip()) + 6))
 
 
 def _placed_in(name: str) -> str:

@@ -12,13 +12,13 @@ import scipy
 
 from nassim.base.checks import Array, unique
 from nassim.base.warning_log import warn
-from nassim.bodies.inertia import completed_gram
+from nassim.bodies.inertia import estimate_gram
 from nassim.bodies.interface import RemotePoint
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.projection import trim_body
 from nassim.bodies.readouts import PassivePoint, Picture, Readout, Surface, by_name
 from nassim.bodies.reduced_body import ReducedBody
-from nassim.bodies.strain import has_rigid_modes, without_rounding
+from nassim.bodies.strain import has_rigid_modes, remove_rounding
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.measures import Displacement, PointVelocity
 from nassim.scene.scene import Scene
@@ -137,7 +137,7 @@ def _whole(assembly: Assembly, name: str, points: dict[str, str], passive: dict[
         name,
         remote_points=remote,
         mass_matrix=_symmetric(condensed.T @ condensed),
-        stiffness_matrix=without_rounding(stiffness, places),
+        stiffness_matrix=remove_rounding(stiffness, places),
         gram=_gram(assembly, change),
         readouts=by_name([*along, *_readouts(assembly, change)]),
         record={"scene": assembly.scene.name, "bodies": ", ".join(body.name for body in assembly.scene.bodies)},
@@ -180,7 +180,7 @@ def _gram(assembly: Assembly, change: Array) -> Array:
         if isinstance(body, FlexibleBody):
             gram, place, axes = body.reduced.gram, body.position, body.rotation
         else:
-            gram, place, axes = completed_gram(body.mass_matrix, np.zeros((1, 3))), body.position, np.eye(3)
+            gram, place, axes = estimate_gram(body.mass_matrix, np.zeros((1, 3))), body.position, np.eye(3)
         fields = np.zeros((len(gram), size))
         fields[0, 0], fields[0, 1:4], fields[1:4, 1:4] = 1.0, place, axes.T
         fields[4:, 4:] = np.kron(rows, axes.T)

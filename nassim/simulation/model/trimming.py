@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.bodies.projection import keep_ports, trim_body, without_picture
+from nassim.bodies.projection import keep_ports, remove_surface, trim_body
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.measures import Measure
 from nassim.scene.scene import Scene
@@ -39,7 +39,7 @@ def trim_scene(scene: Scene) -> Scene:
 def without_pictures(scene: Scene) -> Scene:
     """Remove the bodies' surfaces from a scene: trimming them costs more than everything else."""
     flexible = [body for body in scene.bodies if isinstance(body, FlexibleBody)]
-    plain = {body.name: replace(body, reduced=without_picture(body.reduced)) for body in flexible}
+    plain = {body.name: replace(body, reduced=remove_surface(body.reduced)) for body in flexible}
     return replace(scene, bodies=tuple(plain.get(body.name, body) for body in scene.bodies))
 
 

@@ -1,4 +1,4 @@
-"""Nouns of nassim and of users in files: public names, files of earlier formats, fields that change between formats."""
+"""Data classes of nassim and of users in files: public names, files of earlier formats, changes between formats."""
 
 import importlib
 import pkgutil
@@ -28,18 +28,18 @@ from nassim import (
     register,
     save,
 )
-from nassim.base import file_registry as nouns
+from nassim.base import file_registry
 from nassim.base.storage import fingerprint
 from nassim.scene.part import Part
 
 DATA = Path(__file__).parents[1] / "data"
 NOT_DATA = {
-    # with matrices of SciPy, shapes, meshes, solvers or slices in them, which no file holds
+    # contain matrices of SciPy, shapes, meshes, solvers or slices, which files cannot hold
     *("Assembly", "Condensation", "FEModel", "Factorization", "FullModel", "Refinement", "Solid"),
     *("SymmetricMatrix", "System", "Items"),
-    # bases of parts
+    # base classes of parts
     *("Part", "Actuator", "Sensor", "ForceElement", "Connection"),
-    # what one computation keeps for itself, and no user is given
+    # internal to one computation, and not returned to users
     *(
         "Amplifier",
         "BodyNodes",
@@ -47,6 +47,7 @@ NOT_DATA = {
         "Coordinates",
         "FrameState",
         "LinearState",
+        "Reach",
         "ReferenceState",
         "RigidState",
         "Tangent",
@@ -68,7 +69,7 @@ NOT_DATA = {
         "Lines",
         "Listing",
         "Looks",
-        "Notices",
+        "WarningLog",
         "RotorPartition",
         "Plant",
         "FrameView",
@@ -78,9 +79,9 @@ NOT_DATA = {
         "Summand",
         "RigidGroups",
     ),
-    # what there is to see: a page or a picture keeps it
+    # contents of a page or an image
     *("Block", "Form", "Mark", "Mode", "Shape", "View"),
-    # what a study keeps of its runs, in a folder and results of its own
+    # runs of a study, which has its own folder and results
     *(
         "Axis",
         "Job",
@@ -94,7 +95,7 @@ NOT_DATA = {
 }
 
 
-NOT_DATA_MODULES = ("nassim.scene.measures", "nassim.scene.terms")  # made from parts, never saved
+NOT_DATA_MODULES = ("nassim.scene.measures", "nassim.scene.terms")  # made from parts and never saved
 
 
 def public_dataclasses():
@@ -106,18 +107,18 @@ def public_dataclasses():
                 yield name
 
 
-def test_every_dataclass_is_in_the_table_or_is_no_data():
+def test_every_dataclass_is_registered_or_excluded():
     names = sorted(public_dataclasses())
-    assert len(names) == len(set(names)), "two nouns have one name"
-    assert sorted({*nouns.NOUNS} ^ NOT_DATA) == names
+    assert len(names) == len(set(names)), "two data classes have the same name"
+    assert sorted({*file_registry.DATA_CLASSES} ^ NOT_DATA) == names
 
 
-@pytest.mark.parametrize("name", nouns.NOUNS)
+@pytest.mark.parametrize("name", file_registry.DATA_CLASSES)
 def test_every_entry_is_that_dataclass(name):
-    noun = nouns.find(name)
-    assert "__dataclass_fields__" in vars(noun)
-    assert (noun.__name__, noun.__module__) == (name, nouns.NOUNS[name])
-    assert register(noun) is noun
+    data_class = file_registry.find(name)
+    assert "__dataclass_fields__" in vars(data_class)
+    assert (data_class.__name__, data_class.__module__) == (name, file_registry.DATA_CLASSES[name])
+    assert register(data_class) is data_class
 
 
 def parts(hint):
@@ -126,24 +127,25 @@ def parts(hint):
         yield from parts(part)
 
 
-@pytest.mark.parametrize("name", nouns.NOUNS)
-def test_what_a_noun_holds_is_in_the_table(name):
-    hints = get_type_hints(nouns.find(name))
-    held = [part for item in fields(nouns.find(name)) for part in parts(hints[item.name]) if is_dataclass(part)]
-    assert {part.__name__ for part in held if not issubclass(part, Part)} <= set(nouns.NOUNS)
+@pytest.mark.parametrize("name", file_registry.DATA_CLASSES)
+def test_dataclasses_in_fields_are_registered(name):
+    hints = get_type_hints(file_registry.find(name))
+    held = [part for item in fields(file_registry.find(name)) for part in parts(hints[item.name]) if is_dataclass(part)]
+    assert {part.__name__ for part in held if not issubclass(part, Part)} <= set(file_registry.DATA_CLASSES)
 
 
-def test_storage_loads_no_noun_before_it_is_asked_for():
-    """Modules loaded as files, because importing nassim loads all of it."""
+def test_storage_imports_a_data_class_only_when_a_file_contains_it():
+    """The modules are imported without nassim/__init__.py, which would load everything."""
     code = (
         "import sys, types, pathlib; package = types.ModuleType('nassim'); "
         f"package.__path__ = [{str(Path(nassim.__file__).parent)!r}]; sys.modules['nassim'] = package; "
-        f"import {nouns.__name__}, {load.__module__}; print(*(m for m in sys.modules if m.startswith('nassim.')))"
+        f"import {file_registry.__name__}, {load.__module__}; "
+        "print(*(m for m in sys.modules if m.startswith('nassim.')))"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    own = {nouns.__name__, load.__module__}
+    own = {file_registry.__name__, load.__module__}
     assert own <= set(run.stdout.split())
-    table = set(nouns.NOUNS.values())
+    table = set(file_registry.DATA_CLASSES.values())
     assert table.isdisjoint(run.stdout.split())
 
 
@@ -158,7 +160,7 @@ def frf():
 
 
 def scene():
-    """A slide on a spring with a load, pushed in a loop; 1 % was the default then."""
+    """A slide on a spring with a load and a position loop; the default damping ratio was 1 % then."""
     base = RigidBody("base", {"foot": [0.0, 0.0, 0.0]}, fixed=True)
     slide = RigidBody("slide", {"low": [0, 0, -0.1], "top": [0, 0, 0.1]}, 2.0, np.diag([1.0, 2.0, 2.5]), [0, 0, 0.1])
     block = RigidBody("load", {"seat": [0, 0, -0.05]}, 0.5, np.diag([1.0, 1.0, 1.0]), [0, 0, 0.25])
@@ -179,7 +181,7 @@ def scene():
 @pytest.mark.parametrize("make", [record, frf, scene])
 @pytest.mark.parametrize("version", [1, 2])
 def test_files_of_earlier_formats_load(make, version):
-    """Of `make()`: in format 1 by the save of version 0.1, in format 2 by that of 0.2 in development."""
+    """Files of `make()`: format 1 was saved by version 0.1, format 2 by version 0.2 in development."""
     loaded = load(DATA / f"{make.__name__}_format_{version}.h5")
     assert type(loaded) is type(make())
     assert fingerprint(loaded) == fingerprint(make())
@@ -187,27 +189,27 @@ def test_files_of_earlier_formats_load(make, version):
 
 @pytest.mark.parametrize("version", [1, 2])
 def test_bodies_of_earlier_formats_load(version):
-    """A bar 0.1 m long and 10 mm thick of steel, saved by version 0.1; what that loads was saved in format 2.
+    """A steel bar, 0.1 m long and 10 mm thick, was saved by version 0.1; the loaded body was saved in format 2.
 
-    The `make_bar` of these tests, two elements long (order 1), with a port that stretches its right half by 5e-8 m per
-    volt. It was reduced (n_modes=1), then projected on the motions of "left" and, beside those, two of "right": along x
-    and along y. "right" is passive; the body before that is the enriched one.
+    It is the `make_bar` of these tests, two elements long (order 1), with a port that stretches its right half by
+    5e-8 m per volt. It was reduced (n_modes=1) and then projected on the motions of "left" and two motions of "right",
+    along x and along y. "right" is passive. The body before the projection is the enriched body.
     """
     body = load(DATA / f"body_format_{version}.h5")
     assert body.point_names == ("left",)
     assert body.all_point_names == ("left", "right")
     assert body.mass == pytest.approx(7800 * 1e-5, rel=1e-12)
     np.testing.assert_allclose(body.center_of_mass, [0.05, 0.0, 0.0], atol=1e-12)
-    beside = [[1, 0], [0, 1], [0, 0], [0, 0], [0, 0], [0, 0]]
+    relative = [[1, 0], [0, 1], [0, 0], [0, 0], [0, 0], [0, 0]]
     rigid = np.eye(6)
     rigid[1, 5], rigid[2, 4] = 0.1, -0.1
-    np.testing.assert_allclose(body.motion("right"), np.hstack([rigid, beside]), atol=1e-12)
+    np.testing.assert_allclose(body.motion("right"), np.hstack([rigid, relative]), atol=1e-12)
     np.testing.assert_allclose(
         body.eigenfrequencies(fixed=["left"]), [5890.398602880433, 13955.672242029266], rtol=1e-12
     )
     errors = [0.546411777877855, 2.615763153854829]
     np.testing.assert_allclose(body.truncation_errors(fixed=["left"]), errors, rtol=1e-12)
-    # E A / l times 5e-8 m/V, where all between the remote points follows them.
+    # E A / l times 5e-8 m/V, because everything between the remote points follows them.
     np.testing.assert_allclose(body.port("stack").forces, [0, 0, 0, 0, 0, 0, 10, 0], atol=1e-9)
     assert body.port("stack").blocked_capacitance == 1e-6
     assert body.record["finite element model"]
@@ -217,7 +219,7 @@ def test_bodies_of_earlier_formats_load(version):
 
 
 def test_a_fit_of_an_earlier_format_loads():
-    """One mode of 100 Hz, 1 % and the static gain 2, fitted to its FRF; saved in format 2, with `measured`."""
+    """A mode with 100 Hz, 1 % and a static gain of 2 was fitted to its FRF and saved in format 2 with `measured`."""
     fit = load(DATA / "fit_format_2.h5")
     np.testing.assert_allclose([fit.frequency[0], fit.damping_ratio[0], fit.gains[0, 0]], [100, 0.01, 2], rtol=1e-9)
     np.testing.assert_allclose(fit.recorded.values, fit.response(fit.recorded.frequency).values, rtol=1e-9)
@@ -242,9 +244,9 @@ def first_signal(content):
 
 
 def test_fields_of_older_formats_are_brought_up_to_date(monkeypatch, tmp_path):
-    """As if records had been saved as signals of other names before format 3."""
+    """The test assumes that the fields of records changed before format 3."""
     path = save(record(), tmp_path / "new.h5")
-    monkeypatch.setitem(nouns.UPGRADES, "TimeHistory", f"{__name__}:first_signal")
+    monkeypatch.setitem(file_registry.UPGRADES, "TimeHistory", f"{__name__}:first_signal")
     for version in (1, 2):
         assert load(DATA / f"record_format_{version}.h5").names == ("u",)
     assert load(path).names == ("u", "lengthening é")
@@ -252,7 +254,7 @@ def test_fields_of_older_formats_are_brought_up_to_date(monkeypatch, tmp_path):
 
 @pytest.fixture(autouse=True)
 def _forget(monkeypatch):
-    monkeypatch.setattr(nouns, "_registered", {})
+    monkeypatch.setattr(file_registry, "_registered", {})
 
 
 def make_gap(**options):
@@ -280,17 +282,17 @@ def test_a_dataclass_that_is_not_registered_is_refused(tmp_path):
     listed = make_dataclass("Listed", [], bases=(dict,))()
     with pytest.raises(ValueError, match=r"cannot save Listed \(content\): it is not registered"):
         save(listed, tmp_path / "gap.h5")
-    with pytest.raises(ValueError, match=r"cannot save type \(content\): only nouns"):
+    with pytest.raises(ValueError, match=r"cannot save type \(content\): files hold only data classes"):
         save(FRF, tmp_path / "gap.h5")
     register(type(gap))
     path = save(gap, tmp_path / "gap.h5")
     assert load(path).name == "gap"
-    nouns._registered.clear()
-    with pytest.raises(ValueError, match=r"gap\.h5: it holds a 'Gap', .* give that to nassim\.register before loading"):
+    file_registry._registered.clear()
+    with pytest.raises(ValueError, match=r"gap\.h5: it holds a 'Gap', .* give it to nassim\.register before loading"):
         load(path)
 
 
-def test_what_cannot_be_registered():
+def test_invalid_registrations_are_refused():
     @dataclass
     class Base:
         x: float
@@ -301,16 +303,16 @@ def test_what_cannot_be_registered():
     for wrong in (Derived, int, load, Base(1.0)):
         with pytest.raises(ValueError, match=r"register takes a dataclass, got .*; write @register above @dataclass"):
             register(wrong)
-    with pytest.raises(ValueError, match=r"the name 'FRF' is taken by nassim\..*FRF; give the class another"):
+    with pytest.raises(ValueError, match=r"the name 'FRF' is taken by nassim\..*FRF; give the class another name"):
         register(make_dataclass("FRF", []))
     register(Base)
     other = make_dataclass("Base", [])
-    with pytest.raises(ValueError, match=r"the name 'Base' is taken by .*test_what_cannot_be_registered.*Base"):
+    with pytest.raises(ValueError, match=r"the name 'Base' is taken by .*test_invalid_registrations_are_refused.*Base"):
         register(other)
-    assert nouns.find("Base") is Base
+    assert file_registry.find("Base") is Base
 
 
-def test_a_class_defined_anew_takes_the_place_of_the_earlier_one(tmp_path):
+def test_a_class_defined_again_replaces_the_earlier_one(tmp_path):
     earlier, later = make_gap(), make_gap()
     path = save(register(earlier)("gap", np.ones(3)), tmp_path / "gap.h5")
     register(later)
@@ -319,7 +321,7 @@ def test_a_class_defined_anew_takes_the_place_of_the_earlier_one(tmp_path):
         save(earlier("gap", np.ones(3)), path)
 
 
-def test_whatever_a_constructor_raises_the_file_is_named(tmp_path):
+def test_errors_of_constructors_name_the_file(tmp_path):
     @register
     @dataclass
     class Slope:

@@ -18,7 +18,7 @@ import pytest
 from conftest import make_bar
 
 from nassim import build_fe_model, craig_bampton
-from nassim.base.library_lock import exclusive
+from nassim.base.library_lock import hold_library_lock
 from nassim.fem.meshing import generate_mesh
 
 HERE = Path(__file__).parent
@@ -36,7 +36,7 @@ ENVIRONMENT = {**os.environ, "NASSIM_THREADS": "1", "PYTHONPATH": os.pathsep.joi
 def run(call, timeout=120):
     """Run a function of this file in another process; returns what it printed."""
     return subprocess.run(
-        [sys.executable, "-c", f"import test_exclusive; test_exclusive.{call}"],
+        [sys.executable, "-c", f"import test_library_lock; test_library_lock.{call}"],
         cwd=HERE,
         env=ENVIRONMENT,
         capture_output=True,
@@ -66,11 +66,11 @@ def test_outermost_call_holds_the_libraries():
     order = []
 
     def other():
-        with exclusive():
+        with hold_library_lock():
             order.append("other")
 
-    with exclusive():
-        with exclusive(forkable=True):
+    with hold_library_lock():
+        with hold_library_lock(forkable=True):
             thread = threading.Thread(target=other)
             thread.start()
         thread.join(0.1)
@@ -136,7 +136,7 @@ def mesh_for_long():
 @pytest.mark.skipif(sys.platform == "win32", reason="processes get no Ctrl-C from others there")
 def test_ctrl_c_stops_netgen_and_leaves_it_in_order():
     """The mesh would take minutes; the one after it is as ever."""
-    code = "import test_exclusive; test_exclusive.mesh_for_long()"
+    code = "import test_library_lock; test_library_lock.mesh_for_long()"
     with subprocess.Popen(
         [sys.executable, "-c", code], cwd=HERE, env=ENVIRONMENT, stdout=subprocess.PIPE, text=True
     ) as process:
