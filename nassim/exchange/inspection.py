@@ -1,4 +1,4 @@
-"""Inspection of reduced bodies: what their matrices say in physical terms, with a verdict per line."""
+"""Inspection of reduced bodies: physical properties of their matrices, with a verdict for each."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, field
@@ -14,29 +14,32 @@ from nassim.bodies.reduced_body import ReducedBody
 from nassim.exchange.coordinates import (
     explain_misfit,
     from_degrees,
+    motions_without_stiffness,
     other_units,
-    told_positions,
-    unresisted_motions,
+    positions_from_motions,
 )
 from nassim.exchange.row_order import FITS, guess_order, order_misfit, rigid_residual
 from nassim.exchange.superelement import Superelement
 from nassim.exchange.unit_systems import Looks, likeliest_first, likely_units, relative_stiffness
 
 VERDICTS = ("ok", "warning", "fault")
-TRUST = 1.5
-"""Fixed-interface modes up to f represent a body up to f / 1.5: the usual rule."""
-SPIN = 1 / 30
-"""Angular velocity over the lowest elastic frequency from which unknown integrals matter: `nassim.bodies.inertia`."""
+RANGE_FACTOR = 1.5
+"""A body is valid up to the highest retained fixed-interface frequency divided by this factor: the usual rule."""
+SPIN_LIMIT = 1 / 30
+"""Angular velocity over the lowest elastic frequency above which unknown integrals matter: `nassim.bodies.inertia`."""
 NO_INERTIA = 1e-30
-"""Diagonal entries of M below this share of its largest mean a motion without inertia."""
+"""Fraction of the largest entry of M; a diagonal entry below it is a motion without inertia."""
 
 
 @dataclass(frozen=True)
 class Finding:
     """One line of a report.
 
-    name: what was looked at; verdict: "ok", "warning" (works, but is worse than it could be) or "fault" (wrong)
-    text: in words; figures: numbers with their units in the keys
+    Attributes:
+        name: the property that was inspected.
+        verdict: "ok", "warning" (usable, but could be better) or "fault" (wrong).
+        text: description.
+        figures: numbers by name, with their units in the names.
     """
 
     name: str
@@ -51,7 +54,12 @@ class Finding:
 
 @dataclass(frozen=True)
 class Report:
-    """What `check` found on the body called name; `str` of it is a table for people."""
+    """Findings of `check` on one body; `str` of it is a table.
+
+    Attributes:
+        name: name of the body.
+        findings: the findings in order.
+    """
 
     name: str
     findings: tuple[Finding, ...]
@@ -67,7 +75,7 @@ class Report:
         return tuple(finding for finding in self.findings if finding.verdict == "fault")
 
     def __getitem__(self, name: str) -> Finding:
-        """A finding by name; raises ValueError listing the names."""
+        """Return a finding by name; raise ValueError with the list of names for an unknown one."""
         names = [finding.name for finding in self.findings]
         return self.findings[names.index(known("finding", name, names))]
 
@@ -80,7 +88,7 @@ class Report:
 
 @dataclass(frozen=True)
 class _Numbers:
-    """What several findings need: symmetrised matrices, rigid motions, frequencies with the sign of their square."""
+    """Common quantities of findings: symmetric matrices, rigid-body motions, frequencies signed like their squares."""
 
     body: Superelement
     _: KW_ONLY
@@ -93,14 +101,20 @@ class _Numbers:
 
     @property
     def first(self) -> float:
-        """Lowest elastic frequency [Hz]; infinite for a body without any."""
+        """Lowest elastic frequency [Hz]; infinite for a body without elastic motion."""
         return float(np.min(np.abs(self.elastic), initial=np.inf))
 
 
 def check(body: ReducedBody | Superelement) -> Report:
-    """Inspect a reduced body: an imported one before it is trusted, or any other.
+    """Inspect a reduced body, imported or not.
 
-    What has the verdict "fault" is refused by `to_body`. Raises ValueError only for a body without remote points.
+    `to_body` refuses a body with a finding of the verdict "fault".
+
+    Args:
+        body: reduced body or superelement.
+
+    Raises:
+        ValueError: only for a body without remote points.
     """
     given = as_superelement(body)
     stiffness, mass = (0.5 * (m + m.T) for m in (given.stiffness_matrix, given.mass_matrix))
@@ -118,7 +132,7 @@ def check(body: ReducedBody | Superelement) -> Report:
 
 
 def as_superelement(body: ReducedBody | Superelement) -> Superelement:
-    """The matrices, positions and names of a reduced body as a superelement."""
+    """Return the matrices, positions and names of a reduced body as a superelement."""
     if isinstance(body, Superelement):
         return body
     positions = np.array([point.position for point in body.remote_points]).reshape(-1, 3)
@@ -133,7 +147,7 @@ def as_superelement(body: ReducedBody | Superelement) -> Superelement:
 
 
 def signed_frequencies(stiffness: Array, mass: Array) -> Array:
-    """Eigenfrequencies [Hz], ascending by size; negative ones stand for a negative square (unstable)."""
+    """Return eigenfrequencies [Hz], ascending by magnitude; a negative one stands for a negative square (unstable)."""
     scale = 1.0 / np.sqrt(np.diag(mass))
     squares = scipy.linalg.eigvalsh(scale[:, None] * stiffness * scale, scale[:, None] * mass * scale)
     squares = squares[np.argsort(np.abs(squares))]
@@ -207,8 +221,8 @@ def _rigid_motions(n: _Numbers) -> Finding:
 
 
 def _row_order(n: _Numbers) -> Finding:
-    misfit, free = order_misfit(n.body), unresisted_motions(n.stiffness, n.mass)
-    told = None if free is None else told_positions(free, len(n.body.positions))
+    misfit, free = order_misfit(n.body), motions_without_stiffness(n.stiffness, n.mass)
+    told = None if free is None else positions_from_motions(free, len(n.body.positions))
     away = "" if told is None else explain_misfit(n.body, told, _size(n))
     figures = {"misfit": misfit}
     if misfit <= FITS and not away:
@@ -283,7 +297,7 @@ def _stiffness(n: _Numbers) -> Finding:
 
 
 def _size(n: _Numbers) -> float:
-    """Largest side of the box of the same inertia, or largest distance of nodes [m]."""
+    """Return the largest side of the box with the same inertia, or the largest distance of nodes along an axis [m]."""
     return float(max(np.sqrt(max(n.rigid.box[-1], 0.0)), np.ptp(n.body.positions, axis=0).max()))
 
 
@@ -348,8 +362,8 @@ def _range(n: _Numbers) -> Finding:
         text = "no modes: good well below the first frequency with all nodes held, which the matrices do not tell"
         return Finding("range", "warning", text)
     held = signed_frequencies(n.stiffness[-p:, -p:], n.mass[-p:, -p:])
-    good = float(held[-1]) / TRUST
-    text = f"to about {good:.5g} Hz: modes with all nodes held are kept to {held[-1]:.5g} Hz, over {TRUST}"
+    good = float(held[-1]) / RANGE_FACTOR
+    text = f"to about {good:.5g} Hz: modes with all nodes held are kept to {held[-1]:.5g} Hz, over {RANGE_FACTOR}"
     verdict = "ok" if good >= n.first else "warning"
     return Finding("range", verdict, text, {"good_to_Hz": good, "highest_kept_Hz": held[-1]})
 
@@ -358,9 +372,9 @@ def _large_motion(n: _Numbers | None) -> Finding:
     text = "exact for rigid motions only, as from any matrices"
     if n is None or not n.elastic.size:
         return Finding("inertia integrals", "ok", text)
-    limit = SPIN * n.first * 60
+    limit = SPIN_LIMIT * n.first * 60
     text += f'; "ffrf" is right below some {limit:.3g} rev/min, a thirtieth of the first elastic frequency'
-    return Finding("inertia integrals", "ok", text, {"spin_limit_Hz": SPIN * n.first})
+    return Finding("inertia integrals", "ok", text, {"spin_limit_Hz": SPIN_LIMIT * n.first})
 
 
 def _vector(values: Array) -> str:
