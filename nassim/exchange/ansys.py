@@ -142,7 +142,7 @@ def _matrices(file: str, text: str) -> dict[str, Array]:
 
 
 def _filled(file: str, text: str, letter: str, entries: "_Entries") -> Array:
-    """Return the matrix from all entries or from one triangle; raise ValueError for missing or contradictory entries."""
+    """Return the matrix from all entries or from one triangle; raise ValueError for missing or contradictory ones."""
     rows, columns, values, places = (np.array(part) for part in entries)
     if not len(rows):
         raise ValueError(f"{file}: the title of {letter} is followed by no entry such as [ 1, 2]: 3.4")

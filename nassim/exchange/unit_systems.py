@@ -117,9 +117,7 @@ def relative_stiffness(stiffness: float, mass: float) -> float:
 
 
 def unit_factors(units: str) -> tuple[float, float, float]:
-    """Return the units of length [m], force [N], mass [kg] of a text such as "mm-N-t"; raise ValueError for other
-    texts.
-    """
+    """Return the units of length [m], force [N], mass [kg] of a text such as "mm-N-t"; raise ValueError for others."""
     parts = units.split("-")
     if len(parts) != 3:
         raise ValueError(f"units are written length-force-mass, such as 'mm-N-t', got {units!r}")
