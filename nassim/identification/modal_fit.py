@@ -295,9 +295,7 @@ def _refined(lines: Lines, start: Array, noise: Array, shape: Array | None) -> S
 
 
 def _noise(lines: Lines, solution: Solution, shape: Array | None) -> Array:
-    """Return the standard deviation of the complex responses, (outputs, n), smooth in frequency, scaled to the
-    residual.
-    """
+    """Return the standard deviation of complex responses, (outputs, n), smooth in frequency, scaled to the residual."""
     responses, power = lines.responses, solution.residual.real**2 + solution.residual.imag**2
     floor = EXACT * np.sqrt(np.mean(np.abs(responses) ** 2, axis=1, keepdims=True))
     noise = shape
@@ -322,7 +320,7 @@ def _bic(lines: Lines, solution: Solution) -> float:
 
 
 def _problem(lines: Lines, solution: Solution, largest: float) -> str:
-    """Return why the modes of a solution are invalid, or ""; largest: relative standard deviation of a damping ratio."""
+    """Return why modes of a solution are invalid, or ""; largest: relative standard deviation of a damping ratio."""
     spread = np.sqrt(correlation(solution) * np.diag(solution.covariance)[: solution.poles.size])
     n = len(solution.poles)
     for r, (frequency, ratio) in enumerate(solution.poles):

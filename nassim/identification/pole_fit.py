@@ -271,7 +271,7 @@ def describe_misfit(solution: Solution, missed: Array) -> str:
 
 
 def correlation(solution: Solution) -> float:
-    """Return the variance of a sum of adjacent lines over that of independent ones; windows correlate the next three."""
+    """Return the variance of a sum of adjacent lines over the independent case; windows correlate three neighbours."""
     result = []
     for weighted in solution.weights * solution.residual:
         power = np.sum(np.abs(weighted) ** 2)

@@ -14,7 +14,7 @@ import pytest
 import tiny_functions
 
 from nassim import TimeHistory
-from nassim.studies.hashing import content
+from nassim.studies.hashing import content_hash
 from nassim.studies.job import identity, label, make_job, packed
 
 LOCK = threading.Lock()
@@ -216,13 +216,13 @@ def test_contents_differ_where_values_do():
     values += [np.array([1, "x"], object), np.array([1, "y"], object), Path("a"), Path("b"), np.sin, np.cos, len, max]
     values += [functools.partial(max, 1), functools.partial(max, 2), lambda: 1, lambda: 2, Machine(1.0), Machine(2.0)]
     values += [makes([1]), makes([2])]
-    assert len({content(value) for value in values}) == len(values)
-    assert content({"a": 1, 2: 3}) == content({2: 3, "a": 1})
-    assert content(np.random.default_rng(1)) == content(np.random.default_rng(2))
+    assert len({content_hash(value) for value in values}) == len(values)
+    assert content_hash({"a": 1, 2: 3}) == content_hash({2: 3, "a": 1})
+    assert content_hash(np.random.default_rng(1)) == content_hash(np.random.default_rng(2))
     ring, other = [1], [1]
     ring.append(ring)
     other.append(other)
-    assert content(ring) == content(other)
+    assert content_hash(ring) == content_hash(other)
 
 
 @pytest.mark.parametrize("text", ["def f(a):\n    return a + {}\n", "f = (lambda a: a + {}, 0)[0]\n"])

@@ -126,7 +126,7 @@ def test_numbers_reach_the_disk_before_the_lines_that_tell_of_them(tmp_path, mon
         assert (tmp_path / "results.bin").stat().st_size == 2 * 8 + 16
         assert len((tmp_path / "manifest.jsonl").read_text().splitlines()) == 2, "who is killed now loses no run"
     assert forced == BOTH
-    monkeypatch.setattr(records, "CALM", -1.0)
+    monkeypatch.setattr(records, "FLUSH_INTERVAL", -1.0)
     with opened(tmp_path, STUDY) as found:
         found.add(KEYS[1], {"a": 1}, outcome(0.1, 0.2))
         assert forced == BOTH * 2
