@@ -20,7 +20,7 @@ from nassim.studies.workers import CannotLoad, Children, _Died, _why
 def child():
     """A process that serves a function which sleeps for some seconds, and leaves when idle for a tenth of one."""
     code = f"import sys; sys.path[:] = {sys.path!r}; from nassim.studies import workers as children; "
-    code += "children.IDLE = 0.1; children.serve()"
+    code += "children.IDLE_TIMEOUT = 0.1; children.serve()"
     pipe = subprocess.PIPE
     with subprocess.Popen([sys.executable, "-c", code], stdin=pipe, stdout=pipe) as process:
         try:
