@@ -60,36 +60,36 @@ def positions_from_motions(motions: Array, n_nodes: int) -> Array | None:
     return result
 
 
-def explain_misfit(body: Superelement, told: Array, size: float) -> str:
+def explain_misfit(body: Superelement, derived: Array, size: float) -> str:
     """Describe why given coordinates differ from those that the matrices determine.
 
     Args:
         body: superelement with the given coordinates.
-        told: coordinates relative to the first node according to the matrices, (r, 3) [m].
+        derived: coordinates relative to the first node according to the matrices, (r, 3) [m].
         size: size of the body [m].
 
     Returns:
         Text for a report; empty where the coordinates agree within `POSITION_TOLERANCE`.
     """
     given, names, near = body.positions, body.names, POSITION_TOLERANCE * size
-    away = np.linalg.norm((given - told)[:, None] - (given - told), axis=-1)
+    away = np.linalg.norm((given - derived)[:, None] - (given - derived), axis=-1)
     witness = int(np.argmin(np.sum(away > near, axis=0)))  # the node with which most nodes agree
     wrong = np.flatnonzero(away[:, witness] > near)
     if not len(wrong):
         return ""
     for start in given:
-        apart = np.linalg.norm((told + start)[:, None] - given, axis=-1)
+        apart = np.linalg.norm((derived + start)[:, None] - given, axis=-1)
         order = apart.argmin(axis=1)
         if apart.min(axis=1).max() <= near and len(set(order)) == len(order):
             return f"the coordinates are shuffled; they fit in the order {' '.join(names[k] for k in order)}"
     if len(wrong) <= max(1, len(given) // 2):
-        places = 1e3 * (given[witness] + told[wrong] - told[witness])
+        places = 1e3 * (given[witness] + derived[wrong] - derived[witness])
         return "; ".join(
             f"{names[k]} is given {1e3 * away[k, witness]:.3g} mm from ({', '.join(f'{x:.3f}' for x in place)}) mm, "
-            f"where the matrices put it beside {names[witness]}"
+            f"its position by the matrices relative to {names[witness]}"
             for k, place in zip(wrong[:3], places, strict=False)
         )
-    distances = [np.linalg.norm(points[:, None] - points, axis=-1) for points in (given, told)]
+    distances = [np.linalg.norm(points[:, None] - points, axis=-1) for points in (given, derived)]
     if np.abs(distances[0] - distances[1]).max() <= near:
         return "the coordinates are turned or mirrored: along other axes than the rows"
     return "the coordinates are of other nodes or of another body"

@@ -20,7 +20,7 @@ from nassim.exchange.coordinates import (
 )
 from nassim.exchange.row_order import FITS, guess_order, order_misfit, rigid_residual
 from nassim.exchange.superelement import Superelement
-from nassim.exchange.unit_systems import Looks, likeliest_first, likely_units, relative_stiffness
+from nassim.exchange.unit_systems import PhysicalProperties, likely_units, relative_stiffness, sort_by_likelihood
 
 VERDICTS = ("ok", "warning", "fault")
 RANGE_FACTOR = 1.5
@@ -222,8 +222,8 @@ def _rigid_motions(n: _Numbers) -> Finding:
 
 def _row_order(n: _Numbers) -> Finding:
     misfit, free = order_misfit(n.body), motions_without_stiffness(n.stiffness, n.mass)
-    told = None if free is None else positions_from_motions(free, len(n.body.positions))
-    away = "" if told is None else explain_misfit(n.body, told, _size(n))
+    derived = None if free is None else positions_from_motions(free, len(n.body.positions))
+    away = "" if derived is None else explain_misfit(n.body, derived, _size(n))
     figures = {"misfit": misfit}
     if misfit <= FITS and not away:
         return Finding("row order", "ok", "per node ux uy uz rx ry rz, as given", figures)
@@ -239,7 +239,7 @@ def _row_order(n: _Numbers) -> Finding:
     if away:
         return Finding("row order", "fault", f"misfit of rigid motions {misfit:.2g}: {away}", figures)
     text = f"misfit of rigid motions {misfit:.2g}, and no other order of rows fits better"
-    if free is not None and told is None:
+    if free is not None and derived is None:
         text += (
             ", though K resists no six motions: rows of other nodes, or along other axes than the body's (orientations)"
         )
@@ -301,14 +301,14 @@ def _size(n: _Numbers) -> float:
     return float(max(np.sqrt(max(n.rigid.box[-1], 0.0)), np.ptp(n.body.positions, axis=0).max()))
 
 
-def _looks(n: _Numbers) -> Looks:
+def _properties(n: _Numbers) -> PhysicalProperties:
     translations = np.diag(n.stiffness)[: 6 * len(n.body.positions)].reshape(-1, 6)[:, :3]
     stiffness = relative_stiffness(float(translations.max()), n.rigid.mass)
-    return Looks(n.rigid.mass, _size(n), n.first * _size(n), n.rigid.box_density, stiffness)
+    return PhysicalProperties(n.rigid.mass, _size(n), n.first * _size(n), n.rigid.box_density, stiffness)
 
 
 def _units(n: _Numbers) -> Finding:
-    looks = _looks(n)
+    looks = _properties(n)
     text = f"{n.body.units}: {looks}"
     strange = looks.implausible
     if not strange:
@@ -318,9 +318,9 @@ def _units(n: _Numbers) -> Finding:
     in_radians = from_degrees(n.body)
     if order_misfit(in_radians) <= FITS:
         stiffness, mass = (0.5 * (m + m.T) for m in (in_radians.stiffness_matrix, in_radians.mass_matrix))
-        reread = _looks(_numbers(in_radians, stiffness, mass))
+        reread = _properties(_numbers(in_radians, stiffness, mass))
         if not reread.implausible:
-            likely = likeliest_first([*likely, (f"{n.body.units} with rotations in degrees", reread)])
+            likely = sort_by_likelihood([*likely, (f"{n.body.units} with rotations in degrees", reread)])
     if likely:
         text += "; looks like " + ", or else ".join(f"{units} ({reread})" for units, reread in likely[:3])
     return Finding("units", "fault", text, looks.figures)
@@ -359,7 +359,7 @@ def _modal_rows(n: _Numbers) -> Finding:
 def _range(n: _Numbers) -> Finding:
     p = n.body.n_modes
     if not p:
-        text = "no modes: good well below the first frequency with all nodes held, which the matrices do not tell"
+        text = "no modes: good well below the first frequency with all nodes held, unknown from these matrices"
         return Finding("range", "warning", text)
     held = signed_frequencies(n.stiffness[-p:, -p:], n.mass[-p:, -p:])
     good = float(held[-1]) / RANGE_FACTOR

@@ -202,10 +202,10 @@ def _sparse(name: str, shape: tuple[int, ...], parts: list[Array]) -> Array:
     starts = starts.astype(np.int64)
     count = int(starts[-1])
     if len(starts) != n_columns + 1 or starts[0] != 0 or np.any(np.diff(starts) < 0) or count > values.size:
-        raise ValueError(f"variable {name!r}: the columns of the sparse matrix make no sense")
+        raise ValueError(f"variable {name!r}: the column indices of the sparse matrix are inconsistent")
     rows = rows[:count].astype(np.int64)
     if len(rows) != count or np.any(rows < 0) or np.any(rows >= n_rows):
-        raise ValueError(f"variable {name!r}: the rows of the sparse matrix make no sense")
+        raise ValueError(f"variable {name!r}: the row indices of the sparse matrix are inconsistent")
     result = np.zeros(shape)
     result[rows, np.repeat(np.arange(n_columns), np.diff(starts))] = values[:count]
     return result

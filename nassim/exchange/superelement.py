@@ -75,7 +75,7 @@ class Superelement:
             )
         for kind, array in (("mass matrix", mass), ("stiffness matrix", stiffness), ("positions", positions)):
             if np.abs(array).max() > HUGE:
-                raise ValueError(f"{label}: the {kind} holds {np.abs(array).max():.3g}; nothing real is so large")
+                raise ValueError(f"{label}: the {kind} holds {np.abs(array).max():.3g}; the largest is {HUGE:g}")
         mass, stiffness, positions = (
             np.where(np.abs(array) < TINY, 0.0, array) for array in (mass, stiffness, positions)
         )

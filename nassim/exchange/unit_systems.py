@@ -33,7 +33,7 @@ SOLID = 4000.0
 
 
 @dataclass(frozen=True)
-class Looks:
+class PhysicalProperties:
     """Properties of a body that are implausible with wrong units; `str` of it lists them.
 
     Attributes:
@@ -68,12 +68,12 @@ class Looks:
             "stiffness_over_steel": self.stiffness,
         }
 
-    def reread(self, given: str, other: str) -> "Looks":
+    def reread(self, given: str, other: str) -> "PhysicalProperties":
         """Return the properties of the same numbers in other units."""
         length, force, mass = (b / a for a, b in zip(unit_factors(given), unit_factors(other), strict=True))
         speed = self.speed * length * np.sqrt(force / (mass * length))
         stiffness = self.stiffness * force / length / np.cbrt(mass)
-        return Looks(
+        return PhysicalProperties(
             self.mass * mass, self.size * length, float(speed), self.density * mass / length**3, float(stiffness)
         )
 
@@ -82,7 +82,7 @@ class Looks:
         return f"{self.mass:.3g} kg, {self.size:.3g} m long{box}"
 
 
-def likely_units(looks: Looks, given: str) -> list[tuple[str, Looks]]:
+def likely_units(looks: PhysicalProperties, given: str) -> list[tuple[str, PhysicalProperties]]:
     """Find other units in which the numbers are plausible, the most likely first.
 
     The search includes `SYSTEMS` and the given units with another unit of force.
@@ -97,13 +97,13 @@ def likely_units(looks: Looks, given: str) -> list[tuple[str, Looks]]:
     length, _, mass = given.split("-")
     others = dict.fromkeys((*SYSTEMS, *(f"{length}-{force}-{mass}" for force in FORCES)))
     readings = {units: looks.reread(given, units) for units in others if units != given}
-    return likeliest_first([(units, reread) for units, reread in readings.items() if not reread.implausible])
+    return sort_by_likelihood([(units, reread) for units, reread in readings.items() if not reread.implausible])
 
 
-def likeliest_first(readings: list[tuple[str, Looks]]) -> list[tuple[str, Looks]]:
+def sort_by_likelihood(readings: list[tuple[str, PhysicalProperties]]) -> list[tuple[str, PhysicalProperties]]:
     """Sort pairs of units and properties by the distance of the density from a solid's; those without density last."""
 
-    def unlikely(reading: tuple[str, Looks]) -> float:
+    def unlikely(reading: tuple[str, PhysicalProperties]) -> float:
         density = reading[1].density
         return abs(float(np.log(density / SOLID))) if np.isfinite(density) else np.inf
 

@@ -272,7 +272,7 @@ def check_determined(
             for k, share in enumerate(directions[-1] / np.abs(directions[-1]).max())
         )
         raise ValueError(
-            f"the figures cannot determine {vague}; changing {mix} together would hardly show. Fit fewer or give "
+            f"the figures cannot determine {vague}; changing {mix} together has little effect. Fit fewer or give "
             f"figures that depend on them ({hint})"
         )
     return deviation

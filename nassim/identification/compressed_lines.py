@@ -110,7 +110,7 @@ class CompressedLines(Lines):
         return result
 
 
-def compressed(lines: Lines, poles: Array) -> Lines:
+def compress_lines(lines: Lines, poles: Array) -> Lines:
     """Compress the lines of a long record for fits of poles near given ones; return other lines unchanged.
 
     Args:

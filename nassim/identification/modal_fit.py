@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 from nassim.base.checks import Array, finite, finite_array, freeze, frozen_mapping, known, positive, unique
 from nassim.base.progress import wrapped
 from nassim.base.tables import text_table
-from nassim.identification.compressed_lines import compressed
+from nassim.identification.compressed_lines import compress_lines
 from nassim.identification.pole_fit import (
     DAMPING_RANGE,
     Solution,
@@ -355,7 +355,7 @@ def _modal_fit(
     covariance = scale[:, None] * solution.covariance[np.ix_(index, index)] * scale
     without_input = solution.values * (np.arange(n_columns) >= n_response)
     input_spectrum = lines.excitation * lines.held
-    transient = compressed(lines, solution.poles).modelled(solution.poles, without_input)
+    transient = compress_lines(lines, solution.poles).modelled(solution.poles, without_input)
     responses = (lines.responses - transient) / input_spectrum
     return ModalFit(
         input=input,

@@ -20,7 +20,7 @@ import scipy
 
 from nassim.base.checks import Array
 from nassim.base.modal import mac
-from nassim.identification.compressed_lines import COMPRESSED_FROM, compressed
+from nassim.identification.compressed_lines import COMPRESSED_FROM, compress_lines
 from nassim.identification.spectral_lines import Lines
 
 DAMPING_RANGE = (1e-5, 0.5)
@@ -83,7 +83,7 @@ def fit_poles(lines: Lines, start: Array, weights: Array) -> Solution:
         low = np.log(np.repeat([lines.omega[0] / (2 * np.pi), DAMPING_RANGE[0]], n_poles))
         high = np.log(np.repeat([lines.omega[-1] / (2 * np.pi), DAMPING_RANGE[1]], n_poles))
         last: list[tuple[bytes, list[_Projection]]] = []
-        few = compressed(lines, start)
+        few = compress_lines(lines, start)
         few_weights = few.weights(weights)
 
         def project(x: Array) -> list[_Projection]:
@@ -180,7 +180,7 @@ def _project(lines: Lines, poles: Array, weights: Array) -> list[_Projection]:
 
 
 def _solution(lines: Lines, poles: Array, weights: Array) -> Solution:
-    few = compressed(lines, poles)
+    few = compress_lines(lines, poles)
     parts = _project(few, poles, few.weights(weights))
     jacobian = np.vstack([part.jacobian for part in parts])
     # The projected Jacobian is the Schur complement of the full one: (J^T J)^-1 is the covariance of the poles.

@@ -25,7 +25,7 @@ Requests = Iterable[tuple[str, dict[str, Any]]]
 Outcomes = Generator[tuple[str, Outcome], None, None]
 
 
-def one_by_one(task: Task, requests: Requests) -> Outcomes:
+def run_serially(task: Task, requests: Requests) -> Outcomes:
     """Carry out runs one after the other in this process, with one thread as in child processes."""
     before = {name: os.environ.get(name) for name in THREADS}
     try:
@@ -39,7 +39,7 @@ def one_by_one(task: Task, requests: Requests) -> Outcomes:
             os.environ.update({} if value is None else {name: value})
 
 
-def on_this_machine(payload: bytes, requests: Requests, time_limit: float | None, n_processes: int) -> Outcomes:
+def run_in_children(payload: bytes, requests: Requests, time_limit: float | None, n_processes: int) -> Outcomes:
     """Carry out runs in child processes on this machine.
 
     Args:
@@ -57,7 +57,7 @@ def on_this_machine(payload: bytes, requests: Requests, time_limit: float | None
         threads.shutdown(cancel_futures=True)
 
 
-def on_executor(payload: bytes, requests: Requests, time_limit: float | None, executor: Any) -> Outcomes:
+def run_on_executor(payload: bytes, requests: Requests, time_limit: float | None, executor: Any) -> Outcomes:
     """Carry out runs in child processes of the workers of an executor.
 
     A Dask client gets the function as a separate task, whose result each worker fetches once. Other executors get the
@@ -114,8 +114,9 @@ def _next(done: "queue.SimpleQueue[Any]", staffed: Callable[[], bool]) -> Any:
             waited += 1
         if waited == POLLS_BEFORE_WARNING and not staffed():
             warn(
-                "the study waits for workers, of which the cluster has none: did any start, has their time run out? "
-                "It goes on when some come, or after Ctrl-C by the same call from its folder"
+                "the study waits for workers, because the cluster has none: check that they started and that their "
+                "time limit has not expired. It continues with new workers, or after Ctrl-C by the same call from its "
+                "folder"
             )
 
 

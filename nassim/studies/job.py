@@ -63,7 +63,9 @@ def make_job(function: Function, names: tuple[str, ...], seed: int | None) -> Jo
     try:
         parameters = inspect.signature(function).parameters.values()
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{label(function)} does not tell its parameters; wrap it in a def of your own") from error
+        raise ValueError(
+            f"{label(function)} has no signature that can be read; wrap it in a function with named parameters"
+        ) from error
     keywords = {p.name: p for p in parameters if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)}
     takes_any = any(p.kind is p.VAR_KEYWORD for p in parameters)
     known = f"{label(function)} takes {', '.join(keywords) or 'none'}"
@@ -94,7 +96,7 @@ def label(function: Function) -> str:
     return f"{base.__module__}.{base.__qualname__}"
 
 
-def packed(job: Job) -> bytes:
+def pickle_task(job: Job) -> bytes:
     """Pickle the function with all values that it needs, once.
 
     Functions of importable modules are pickled by name. Other functions (of a script, a notebook, inside a function,
@@ -113,7 +115,7 @@ def packed(job: Job) -> bytes:
     except Exception as error:
         cause = error
     culprits = []
-    for name, value in carried(job.function):
+    for name, value in values_in_function(job.function):
         try:
             cloudpickle.dumps(value)
         except Exception as error:
@@ -132,7 +134,7 @@ def identity(job: Job) -> dict[str, Any]:
     return {"function": label(job.function), "source": source, "inputs": dict(sorted(inputs.items())), "seed": job.seed}
 
 
-def carried(function: Function) -> Iterator[tuple[str, Any]]:
+def values_in_function(function: Function) -> Iterator[tuple[str, Any]]:
     """Yield the values that a function needs in addition to its parameters, by name: fixed arguments, defaults,
     closures.
 
@@ -176,7 +178,7 @@ def _identify(function: Function, inputs: dict[str, str], seen: dict[int, int]) 
 
     seen: functions entered before by their ids, in order, because functions may refer to each other
     """
-    for name, value in carried(function):
+    for name, value in values_in_function(function):
         if not isinstance(value, FunctionType):
             found = content_hash(value)
         elif id(value) in seen:

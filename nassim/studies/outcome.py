@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from nassim.base.warning_log import collected
-from nassim.studies.results import Layout, flattened
+from nassim.studies.results import Layout, flatten_result
 
 OK, FAILED, DIVERGED, TIMED_OUT, LOST, OTHER_SHAPE = "ok", "failed", "diverged", "timed out", "lost", "other shape"
 UNFINISHED = (FAILED, DIVERGED, TIMED_OUT, LOST)
@@ -59,7 +59,7 @@ class Task:
             with collected() as notices:
                 result = self.function(**parameters)
             wall_time = time.perf_counter() - start
-            layout, data = flattened(result, self.taken)
+            layout, data = flatten_result(result, self.taken)
         except KeyboardInterrupt:
             raise
         except BaseException as error:

@@ -88,7 +88,7 @@ class Layout:
         return result
 
 
-def flattened(result: Any, taken: Collection[str]) -> tuple[Layout, bytes]:
+def flatten_result(result: Any, taken: Collection[str]) -> tuple[Layout, bytes]:
     """Return the layout of a function's result, and its numbers as bytes.
 
     A single number or array is named "result", an FRF "frf", a history "history". Dimensions of an array `name` are

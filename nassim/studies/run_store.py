@@ -83,8 +83,8 @@ class Records:
         self.runs[key] = Record(outcome.status, outcome.message, outcome.wall_time, layout, offset)
         line = {"run": key, "parameters": parameters, "status": outcome.status, "wall_time_s": outcome.wall_time}
         place = {"of_layout": layout, "offset": offset, "crc32": zlib.crc32(outcome.data)}
-        told = {"message": outcome.message, "details": outcome.details}
-        self._write({**line, **{name: value for name, value in {**place, **told}.items() if value != ""}})
+        reasons = {"message": outcome.message, "details": outcome.details}
+        self._write({**line, **{name: value for name, value in {**place, **reasons}.items() if value != ""}})
 
     def numbers(self, key: str) -> dict[str, Any]:
         """Return the numbers of a run with a result, by name.
@@ -167,7 +167,7 @@ def layout_of(entry: dict[str, Any]) -> Layout:
 
 
 @contextmanager
-def opened(folder: Path | None, study: dict[str, Any]) -> Iterator[Records]:
+def open_records(folder: Path | None, study: dict[str, Any]) -> Iterator[Records]:
     """Open the records of a study: those in its folder, or empty ones.
 
     Args:
@@ -204,7 +204,7 @@ def _check_study(folder: Path, study: dict[str, Any]) -> None:
     code = code_fingerprint()[:16]
     if not path.exists():
         if others := sorted(p.name for p in folder.iterdir() if p.name != LOCK and not p.name.startswith("nassim-")):
-            raise ValueError(f"{folder} is no folder of a study: it holds {', '.join(others[:5])}; give a new one")
+            raise ValueError(f"{folder} is not the folder of a study: it holds {', '.join(others[:5])}; give a new one")
         with written_whole(path) as temporary:
             text = json.dumps({"format": FORMAT, **study, "code": code}, indent=2)
             temporary.write_text(f"{text}\n", encoding="utf-8")

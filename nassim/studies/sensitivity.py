@@ -186,15 +186,15 @@ def _check_own_shares(shares: Mapping[str, float], result: str) -> None:
     if dependent:
         raise ValueError(
             f"parameters {', '.join(dependent)} follow from each other in the runs with a result {result!r}, by own "
-            f"shares of their variance below {ZERO_OWN_SHARE:g}: no plane tells their effects apart; vary them "
+            f"shares of their variance below {ZERO_OWN_SHARE:g}: their effects cannot be separated; vary them "
             "independently, or leave all but one of them out of the dataset"
         )
     weak = {name: share for name, share in shares.items() if share < SMALL_OWN_SHARE}
     if weak:
-        told = ", ".join(f"{name!r} {100 * share:.2g} %" for name, share in weak.items())
+        listed = ", ".join(f"{name!r} {100 * share:.2g} %" for name, share in weak.items())
         warn(
             f"parameters hardly vary independently in the runs with a result {result!r}; own shares of their variance: "
-            f"{told}. Their effects scatter {min(weak.values()) ** -0.5:.2g} times as much as they otherwise would",
+            f"{listed}. Their effects scatter {min(weak.values()) ** -0.5:.2g} times as much as they otherwise would",
             stacklevel=3,
         )
 

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 from nassim.base.checks import frozen_mapping, known, positive
 from nassim.base.progress import stage
 from nassim.studies.dataset import to_dataset
-from nassim.studies.executors import Outcomes, Requests, on_executor, on_this_machine, one_by_one
-from nassim.studies.job import Function, Job, identity, label, make_job, packed
+from nassim.studies.executors import Outcomes, Requests, run_in_children, run_on_executor, run_serially
+from nassim.studies.job import Function, Job, identity, label, make_job, pickle_task
 from nassim.studies.outcome import OK, UNFINISHED
 from nassim.studies.plan import Plan, make_plan, run_key
 from nassim.studies.results import STATUS
-from nassim.studies.run_store import Records, opened
+from nassim.studies.run_store import Records, open_records
 from nassim.studies.samples import Samples
 
 if TYPE_CHECKING:
@@ -80,9 +80,9 @@ def sweep(
     plan = make_plan(grid, samples)
     job = make_job(function, tuple(plan.values), seed)
     repeated = {known("state of a run", state, UNFINISHED) for state in _texts(retry)}
-    carry_out = _carrier(job, executor, time_limit, n_processes)
+    carry_out = _choose_executor(job, executor, time_limit, n_processes)
     place = None if folder is None else Path(folder)
-    with opened(place, identity(job) if place else {}) as records:
+    with open_records(place, identity(job) if place else {}) as records:
         _run_all(plan, job, records, carry_out, repeated, place, progress)
         attributes: dict[str, Any] = {"function": label(function), "plan": plan.label}
         attributes |= {} if job.seed is None else {"seed": job.seed}
@@ -92,24 +92,26 @@ def sweep(
     return study
 
 
-def _carrier(job: Job, executor: Any, time_limit: float | None, n_processes: int | None) -> Any:
+def _choose_executor(job: Job, executor: Any, time_limit: float | None, n_processes: int | None) -> Any:
     """Return the function that carries out the runs, after a check of the options."""
     limit = None if time_limit is None else positive("time_limit", time_limit, "s")
     if n_processes is not None and (executor is not None or int(n_processes) != n_processes or n_processes < 1):
         raise ValueError(f"n_processes is a whole number of processes here, without executor=; got {n_processes}")
     if executor == SERIAL and isinstance(executor, str):
         if limit is not None:
-            raise ValueError('runs of executor="serial" happen in this process, which nobody stops: no time_limit')
-        return lambda requests: one_by_one(job.task, requests)
+            raise ValueError(
+                'executor="serial" carries out runs in this process, which cannot be stopped: leave out time_limit'
+            )
+        return lambda requests: run_serially(job.task, requests)
     if executor is not None and not callable(getattr(executor, "submit", None)):
         raise ValueError(f'executor must be None, "serial" or have a method submit, got {executor!r:.60}')
     if getattr(executor, "asynchronous", False):
         raise ValueError("the Dask client is asynchronous; a study needs one made by Client(address)")
-    payload = packed(job)
+    payload = pickle_task(job)
     if executor is not None:
-        return lambda requests: on_executor(payload, requests, limit, executor)
+        return lambda requests: run_on_executor(payload, requests, limit, executor)
     count = int(n_processes or _processors())
-    return lambda requests: on_this_machine(payload, requests, limit, count)
+    return lambda requests: run_in_children(payload, requests, limit, count)
 
 
 def _run_all(
@@ -148,9 +150,9 @@ def _run_all(
 
 
 def _print_failures(statuses: list[str]) -> None:
-    told = [f"{statuses.count(status)} {status}" for status in dict.fromkeys(statuses) if status != OK]
-    if told:
-        print(f"  {statuses.count(OK)} runs ok, {', '.join(told)}: see the results' status and message", flush=True)
+    listed = [f"{statuses.count(status)} {status}" for status in dict.fromkeys(statuses) if status != OK]
+    if listed:
+        print(f"  {statuses.count(OK)} runs ok, {', '.join(listed)}: see the results' status and message", flush=True)
 
 
 def _texts(retry: Collection[str]) -> tuple[str, ...]:

@@ -22,7 +22,7 @@ from nassim.systems.linear_model import LinearModel, Names, frequency_response, 
 from nassim.systems.state_space import StateSpace, cascade, inverse_tustin
 
 DELAY_ORDER = 4
-SAME_TIME_STEP = 1e-9
+RELATIVE_ROUNDING = 1e-9
 
 
 def controller_model(
@@ -110,7 +110,7 @@ def close_loop(
     drive[columns, range(len(columns))] = finite("gain", gain)
     loop = np.eye(len(rows)) - d[rows] @ drive @ k.D
     sizes = np.linalg.svd(loop, compute_uv=False)
-    if sizes[-1] < SAME_TIME_STEP * max(1.0, sizes[0]):
+    if sizes[-1] < RELATIVE_ROUNDING * max(1.0, sizes[0]):
         raise ValueError("the loop has no solution within a sample: direct feedthrough times gain is 1; add a delay")
     # Signals that the controller reads, y = y_x x + y_k x_k + y_u u, and inputs of the model including its outputs.
     y_x, y_k, y_u = (np.linalg.solve(loop, part) for part in (c[rows], d[rows] @ drive @ k.C, d[rows]))
@@ -378,7 +378,7 @@ def _indices(model: LinearModel, measured: Names, driven: Names) -> tuple[list[i
 
 
 def _check_time_step(time_step: float | None, controller: Controller) -> None:
-    if time_step is not None and abs(time_step * controller.sample_rate - 1) > SAME_TIME_STEP:
+    if time_step is not None and abs(time_step * controller.sample_rate - 1) > RELATIVE_ROUNDING:
         raise ValueError(
             f"the model is sampled at {1 / time_step:g} Hz and the controller at {controller.sample_rate:g} Hz; "
             "sample the model at the controller's rate"

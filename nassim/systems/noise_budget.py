@@ -244,7 +244,7 @@ def _with_resonances(model: LinearModel, frequency: Array) -> Array:
     size = np.abs(poles)
     resting = size <= AT_REST * size.max(initial=0.0)
     if resting.any() and frequency[0] == 0:
-        raise ValueError("the model has a pole at rest, whose spectrum is infinite at 0 Hz; begin above")
+        raise ValueError("the model has a pole at s = 0, whose spectrum is infinite at 0 Hz; begin above 0 Hz")
     inside = (centres >= frequency[0]) & (centres <= frequency[-1]) & ~resting
     endless = inside & (widths < UNDAMPED * size / (2 * np.pi))
     if endless.any():

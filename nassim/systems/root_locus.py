@@ -181,7 +181,7 @@ def optimum_gain(
     columns = locus.branches(np.atleast_1d(frequency))
     best = _best(locus, columns)
     if best == len(gains) - 1 and locus.damping_ratio[best, columns].min() < CRITICAL:
-        raise ValueError(f"the damping still grows at the largest gain, {gains[-1]:g}; look further")
+        raise ValueError(f"the damping still grows at the largest gain, {gains[-1]:g}; give larger gains")
     resolution = RESOLUTION * gains[min(best + 1, len(gains) - 1)]
     while True:
         low, high = max(best - 1, 0), min(best + 1, len(locus.gains) - 1)

@@ -196,7 +196,7 @@ def cascade(first: StateSpace, second: StateSpace) -> StateSpace:
     return state, np.vstack([b1, b2 @ d1]), np.hstack([d2 @ c1, c2]), d2 @ d1
 
 
-def followed(first: StateSpace, second: StateSpace) -> StateSpace:
+def combine_steps(first: StateSpace, second: StateSpace) -> StateSpace:
     """Combine the steps of two sampled systems with the same states into one step.
 
     The inputs and outputs of the result are those of the first system, then those of the second.
@@ -212,13 +212,13 @@ def followed(first: StateSpace, second: StateSpace) -> StateSpace:
     )
 
 
-def repeated(system: StateSpace, times: int) -> StateSpace:
+def repeat_step(system: StateSpace, times: int) -> StateSpace:
     """Combine several steps of a sampled system into one, with the inputs and outputs of all samples in order."""
     if times == 1:
         return system
-    half = repeated(system, times // 2)
-    twice = followed(half, half)
-    return followed(twice, system) if times % 2 else twice
+    half = repeat_step(system, times // 2)
+    twice = combine_steps(half, half)
+    return combine_steps(twice, system) if times % 2 else twice
 
 
 def _with_zero_columns(matrix: Array, n_columns: int) -> Array:

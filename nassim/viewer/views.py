@@ -193,7 +193,7 @@ class View:
         if modes and self.motion is not None:
             raise ValueError(f"{label} has modes or a motion, not both: make two views")
         if not any(len(shape.form.points) for shape in shapes):
-            raise ValueError(f"{label} has nothing to see: none of its shapes has a point")
+            raise ValueError(f"{label} is empty: none of its shapes has a point")
         for mark in marks:
             for name, point in mark.ends:
                 self.shape(name).form.index(point)

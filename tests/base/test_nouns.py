@@ -67,7 +67,7 @@ NOT_DATA = {
         "InertiaTerms",
         "Lines",
         "Listing",
-        "Looks",
+        "PhysicalProperties",
         "Notices",
         "RotorPartition",
         "Plant",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nassim.identification import compressed_lines
-from nassim.identification.compressed_lines import COMPRESSED_FROM, compressed
+from nassim.identification.compressed_lines import COMPRESSED_FROM, compress_lines
 from nassim.identification.pole_fit import fit_poles, strongest_pole
 from nassim.identification.spectral_lines import Lines
 
@@ -39,7 +39,7 @@ def lines_of(poles, n=COMPRESSED_FROM + 500, *, hold_order=0, smooth=False, band
 def test_compressed_lines_hold_all_that_the_model_says(hold_order, smooth):
     """At every line, near a mode of five lines' width too, from an eighth of the numbers or less."""
     lines, values = lines_of(POLES, hold_order=hold_order, smooth=smooth)
-    few = compressed(lines, POLES)
+    few = compress_lines(lines, POLES)
     assert few.responses.shape[1] < len(lines.omega) / 4
     ends = [(cell.lines.start, cell.lines.stop) for cell in few.cells]
     assert [0, *(stop for _, stop in ends)] == [*(start for start, _ in ends), len(lines.omega)]
@@ -71,8 +71,8 @@ def test_a_fit_of_compressed_lines_is_that_of_all(monkeypatch):
 def test_cells_follow_the_poles():
     """Those near a pole that a fit has moved are made anew, the others kept."""
     lines, values = lines_of(POLES)
-    before = compressed(lines, POLES[:1])
-    after = compressed(lines, POLES)
+    before = compress_lines(lines, POLES[:1])
+    after = compress_lines(lines, POLES)
     kept = {id(cell) for cell in before.cells} & {id(cell) for cell in after.cells}
     assert 0 < len(kept) < len(after.cells)
     np.testing.assert_allclose(
@@ -82,9 +82,9 @@ def test_cells_follow_the_poles():
 
 def test_few_lines_and_those_of_frfs_stay_as_they_are():
     lines, _ = lines_of(POLES, n=COMPRESSED_FROM - 1)
-    assert compressed(lines, POLES) is lines
+    assert compress_lines(lines, POLES) is lines
     frf = replace(lines_of(POLES)[0], transient=False)
-    assert compressed(frf, POLES) is frf
+    assert compress_lines(frf, POLES) is frf
 
 
 def test_the_strongest_pole_among_many_lines():

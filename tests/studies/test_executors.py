@@ -172,7 +172,7 @@ def test_processes_are_as_many_as_there_are_processors_for_us(monkeypatch):
         started.append(n_processes)
         yield from ((key, Outcome("ok")) for key, _ in requests)
 
-    monkeypatch.setattr(sweeping, "on_this_machine", nobody)
+    monkeypatch.setattr(sweeping, "run_in_children", nobody)
     for count in (None, 2):
         quiet(tiny_functions.product, grid={"a": [1.0]}, n_processes=count)
     assert started == [3, 2]

@@ -421,7 +421,7 @@ def test_what_counts_as_small_motion():
         ({"marks": (Mark("m", "joint", (("bar", "left"),), frame="rod"),)}, "unknown shape 'rod'"),
         ({"modes": (Mode("a", {"bar": np.ones(3)}),)}, "'bar' moves by 15 coordinates, got 3"),
         ({"modes": (Mode("a", {}), Mode("a", {}))}, "used more than once: a"),
-        ({"shapes": ()}, "nothing to see"),
+        ({"shapes": ()}, "is empty"),
         ({"modes": (Mode("a", {}),), "motion": turning}, "modes or a motion, not both"),
         ({"motion": turning}, "unknown shape 'bar_1'"),
         ({"motion": Motion([0.0], {"rod": np.zeros((1, 3))}, {"rod": np.eye(3)[None]}, {})}, "unknown shape 'rod'"),
