@@ -96,8 +96,8 @@ class _Numbers:
     mass: Array
     motions: Array
     rigid: RigidInertia
-    frequency: Array  # ascending by size
-    elastic: Array  # in motions free of rigid ones
+    frequency: Array  # ascending by magnitude
+    elastic: Array  # of the elastic motions
 
     @property
     def first(self) -> float:

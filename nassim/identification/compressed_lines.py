@@ -52,7 +52,7 @@ class Cell:
             middle, half = (omega[-1] + omega[0]) / 2, (omega[-1] - omega[0]) / 2
             x = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
             nodes = middle + half * x
-            # Lagrange's polynomials of Chebyshev's nodes, by the orthogonality of Chebyshev's polynomials there.
+            # The discrete orthogonality of Chebyshev polynomials gives the Lagrange polynomials of their nodes.
             to_nodes = 2 / NODES * np.polynomial.chebyshev.chebvander(x, NODES - 1)
             to_nodes[:, 0] /= 2
             shares = np.polynomial.chebyshev.chebvander((omega - middle) / half, NODES - 1) @ to_nodes.T

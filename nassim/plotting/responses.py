@@ -42,9 +42,8 @@ def plot_frf(
     for color, frf in zip(colors(len(frfs)), frfs, strict=True):
         response = frf.response(output, input)
         style: dict[str, Any] = {"color": color, "label": frf.label, "lw": 1.2}
-        if (
-            frf.coherence is not None
-        ):  # an estimated FRF gets a broad line, on which the line of a model remains visible
+        if frf.coherence is not None:
+            # An estimated FRF gets a broad line, on which the line of a model remains visible.
             style.update(lw=3.5, alpha=0.5)
         if frf.label in markers:
             style.update(ls="", marker="o", ms=4, mfc="none", markevery=max(len(frf.frequency) // 50, 1))

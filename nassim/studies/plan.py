@@ -97,7 +97,7 @@ def _values(name: str, column: Any) -> tuple[Any, ...]:
     if not kinds <= {float, str, bool} or len(kinds) > 1:
         raise ValueError(
             f"values of {name!r} must all be numbers, or all texts, or all truth values, got "
-            f"{', '.join(sorted({type(v).__name__ for v in values}))}; sweep over names and look other things up inside"
+            f"{', '.join(sorted({type(v).__name__ for v in values}))}; sweep over names, and look up objects inside"
         )
     if wrong := [v for v in values if kinds == {float} and not math.isfinite(v)]:
         raise ValueError(f"values of {name!r} must be finite, got {wrong[0]}")

@@ -113,7 +113,9 @@ def flatten_result(result: Any, taken: Collection[str]) -> tuple[Layout, bytes]:
     data = []
     for name, value in named.items():
         if not isinstance(name, str) or not name or name in {*taken, *OWN}:
-            raise ValueError(f"a result may not be called {name!r}: names are texts, and no parameter's nor {OWN}")
+            raise ValueError(
+                f"a result may not be called {name!r}: its name must be a text, other than a parameter's and {OWN}"
+            )
         arrays, labels = _parts(name, value)
         renamed = _merge(axes, labels, name, {*taken, *OWN, *named})
         for part, (dims, array) in arrays.items():

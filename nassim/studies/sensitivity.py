@@ -66,8 +66,8 @@ def sobol_indices(
     if len(missing):
         raise ValueError(
             f"{len(missing)} of {len(parameters)} runs lack a result (run {', '.join(map(str, missing[:5]))}"
-            f"{' ...' if len(missing) > 5 else ''}); Sobol' indices need every run of their plan: mend what fails and "
-            "call the study again, name results that all runs have, or take correlations, which leave runs out"
+            f"{' ...' if len(missing) > 5 else ''}); Sobol' indices need every run of their plan: correct the "
+            "runs that fail and call the study again, name results that all runs have, or take correlations, which leave runs out"
         )
     a, b, mixed = _blocks(parameters, found)
     generator, n = np.random.default_rng(seed), a.shape[-1]
@@ -242,7 +242,7 @@ def _parameters(dataset: "xr.Dataset") -> Samples:
     names = _along_runs(dataset.coords)
     if not names:
         raise ValueError(
-            "the study has no parameters along 'run', as sweep gives them of samples; of a grid, stack them"
+            "the study has no parameters along 'run': give a study of samples, or stack the dimensions of a grid"
         )
     return Samples(names, np.column_stack([dataset[name].values for name in names]))
 

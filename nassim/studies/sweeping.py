@@ -96,7 +96,9 @@ def _choose_executor(job: Job, executor: Any, time_limit: float | None, n_proces
     """Return the function that carries out the runs, after a check of the options."""
     limit = None if time_limit is None else positive("time_limit", time_limit, "s")
     if n_processes is not None and (executor is not None or int(n_processes) != n_processes or n_processes < 1):
-        raise ValueError(f"n_processes is a whole number of processes here, without executor=; got {n_processes}")
+        raise ValueError(
+            f"n_processes must be a whole number of at least 1, and executor must be None; got {n_processes}"
+        )
     if executor == SERIAL and isinstance(executor, str):
         if limit is not None:
             raise ValueError(

@@ -105,7 +105,7 @@ def integral_force_feedback(
     gain = finite("gain", gain)
     if high and leak:
         numerator, denominator = [-gain, 0.0], [1.0, leak + high, leak * high]
-    else:  # the high-pass cancels the pure integrator's pole, and must leave no hidden one
+    else:  # the high-pass cancels the pole of the pure integrator, and no hidden pole remains
         numerator, denominator = [-gain], [1.0, leak + high]
     return by_tustin(numerator, denominator, sample_rate, delay, limit)
 

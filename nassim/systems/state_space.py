@@ -79,7 +79,7 @@ def discretize(state: Array, inputs: Array, time_step: float) -> tuple[Array, Ar
 
 def _balanced(state: Array) -> tuple[Array, Array]:
     """Return A (n, n) in units of its states that make its rows as large as its columns, and these units, (n,)."""
-    if not len(state):  # SciPy before 1.14 takes no empty matrices.
+    if not len(state):  # SciPy before 1.14 does not accept empty matrices.
         return state, np.zeros(0)
     # A state that is not moved by others, or moves no others, cannot be balanced: its small own rate must not be used.
     guide, rates = np.array(state), np.diag(state)

@@ -106,7 +106,7 @@ def scene_form(body: Body, look: Surface | None = None, side: Array | None = Non
     if isinstance(body, FlexibleBody):
         if look is not None:
             raise ValueError(
-                f"body {body.name!r} is flexible and looks like its own surface; give looks to rigid bodies"
+                f"body {body.name!r} is flexible and appears with its own surface; give looks to rigid bodies"
             )
         form = body_form(body.reduced)
         assert form.modes is not None

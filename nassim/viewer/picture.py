@@ -129,9 +129,9 @@ def _check_frame(view: View, frame: int | None) -> None:
     if frame is None:
         return
     if view.motion is None:
-        raise ValueError(f"view {view.title!r} has no motion, so no frame {frame}")
+        raise ValueError(f"view {view.title!r} has no motion, so no image {frame}")
     if not 0 <= frame < len(view.motion.time):
-        raise ValueError(f"view {view.title!r} has the frames 0 to {len(view.motion.time) - 1}, not {frame}")
+        raise ValueError(f"view {view.title!r} has the images 0 to {len(view.motion.time) - 1}, not {frame}")
 
 
 def _turn(view: View, name: str, frame: int) -> Array:

@@ -185,15 +185,15 @@ def test_a_drawing_magnifies_deformation_and_leaves_far_ways_true():
     ("options", "problem"),
     [
         ({"modes": "mode 9"}, "unknown mode 'mode 9'; known: mode 1"),
-        ({"frame": 0}, "has no motion, so no frame 0"),
-        ({"modes": "mode 1: rigid-body mode", "frame": 0}, "has no motion, so no frame 0"),
+        ({"frame": 0}, "has no motion, so no image 0"),
+        ({"modes": "mode 1: rigid-body mode", "frame": 0}, "has no motion, so no image 0"),
         ({"frame": 0, "magnification": 0}, "magnification must be positive"),
     ],
 )
 def test_what_a_view_does_not_have_is_refused(tmp_path, options, problem):
     with pytest.raises(ValueError, match=problem):
         save_picture(view_modes(bar(), n=2), tmp_path / "p.png", **options)
-    with pytest.raises(ValueError, match="has the frames 0 to 6, not 7"):
+    with pytest.raises(ValueError, match="has the images 0 to 6, not 7"):
         save_picture(view_motion(machine(), turning()), tmp_path / "p.png", frame=7)
     assert list(tmp_path.iterdir()) == []
 
