@@ -67,7 +67,8 @@ def sobol_indices(
         raise ValueError(
             f"{len(missing)} of {len(parameters)} runs lack a result (run {', '.join(map(str, missing[:5]))}"
             f"{' ...' if len(missing) > 5 else ''}); Sobol' indices need every run of their plan: correct the "
-            "runs that fail and call the study again, name results that all runs have, or take correlations, which leave runs out"
+            "runs that fail and call the study again, name results that all runs have, or take correlations, which "
+            "leave runs out"
         )
     a, b, mixed = _blocks(parameters, found)
     generator, n = np.random.default_rng(seed), a.shape[-1]
