@@ -58,6 +58,9 @@ def parse_listings(texts: Mapping[str, str]) -> Listing:
     Args:
         texts: texts by file name.
 
+    Returns:
+        Matrices, nodes, angles and masters of all texts.
+
     Raises:
         ValueError: naming file, line and cause, for entries that are not numbers, missing or contradictory, for
             matrices of different size, and for truncated tables.

@@ -113,6 +113,9 @@ def check(body: ReducedBody | Superelement) -> Report:
     Args:
         body: reduced body or superelement.
 
+    Returns:
+        Report with a verdict for each property.
+
     Raises:
         ValueError: only for a body without remote points.
     """
@@ -132,7 +135,11 @@ def check(body: ReducedBody | Superelement) -> Report:
 
 
 def as_superelement(body: ReducedBody | Superelement) -> Superelement:
-    """Return the matrices, positions and names of a reduced body as a superelement."""
+    """Return the matrices, positions and names of a reduced body as a superelement.
+
+    Args:
+        body: reduced body; a superelement is returned unchanged.
+    """
     if isinstance(body, Superelement):
         return body
     positions = np.array([point.position for point in body.remote_points]).reshape(-1, 3)
@@ -147,7 +154,12 @@ def as_superelement(body: ReducedBody | Superelement) -> Superelement:
 
 
 def signed_frequencies(stiffness: Array, mass: Array) -> Array:
-    """Return eigenfrequencies [Hz], ascending by magnitude; a negative one stands for a negative square (unstable)."""
+    """Return eigenfrequencies [Hz], ascending by magnitude; a negative one stands for a negative square (unstable).
+
+    Args:
+        stiffness: symmetric, (n, n).
+        mass: symmetric with a positive diagonal, (n, n).
+    """
     scale = 1.0 / np.sqrt(np.diag(mass))
     squares = scipy.linalg.eigvalsh(scale[:, None] * stiffness * scale, scale[:, None] * mass * scale)
     squares = squares[np.argsort(np.abs(squares))]

@@ -139,6 +139,9 @@ def to_body(body: Superelement, *, any_size: bool = False, any_coordinates: bool
             is wrong units.
         any_coordinates: accept rows and node coordinates that do not fit each other (the finding "row order").
 
+    Returns:
+        Reduced body with symmetric matrices and without a surface.
+
     Raises:
         ValueError: naming the source and all faults that `check` finds.
     """

@@ -63,7 +63,11 @@ def rigid_residual(stiffness: Array, motions: Array) -> Array:
 
 
 def order_misfit(body: Superelement) -> float:
-    """Return the misfit of the rigid-body test for the given order: near 0 (rounding) if right, 0.1 to 1 if wrong."""
+    """Return the misfit of the rigid-body test for the given order: near 0 (rounding) if right, 0.1 to 1 if wrong.
+
+    Args:
+        body: the superelement.
+    """
     residual = float(rigid_residual(body.stiffness_matrix, body.rigid_motions).max())
     return max(residual, rigid_inertia(body.mass_matrix, body.rigid_motions).misfit)
 

@@ -143,6 +143,9 @@ def superelement(
             are not along the axes of the body (default: they are).
         source: origin of the matrices, for messages.
 
+    Returns:
+        Superelement in SI units.
+
     Raises:
         ValueError: in the cases of `Superelement`, for unknown units, and for orientations that are not rotations.
     """
@@ -190,6 +193,9 @@ def read_superelement(
             `VARIABLES`, such as {"K": "stiff", "positions": "xyz"}.
         orientations: (r, 3, 3), see `superelement`; listings contain their own as THXY THYZ THZX.
         name: name of the result (default: that of the first file).
+
+    Returns:
+        Superelement in SI units.
 
     Raises:
         ValueError: naming file, line (of a text) and cause for data that cannot be read.
@@ -270,7 +276,11 @@ def _names(values: Array) -> list[str]:
 
 
 def significant_digits(matrix: Array) -> int:
-    """Return the smallest number of decimal digits that reproduces all entries to 1e-15; more than 14 count as 16."""
+    """Return the smallest number of decimal digits that reproduces all entries to 1e-15; more than 14 count as 16.
+
+    Args:
+        matrix: of any shape.
+    """
     values = np.abs(matrix[matrix != 0])
     if not values.size:
         return 1

@@ -69,7 +69,12 @@ class PhysicalProperties:
         }
 
     def reread(self, given: str, other: str) -> "PhysicalProperties":
-        """Return the properties of the same numbers in other units."""
+        """Return the properties of the same numbers in other units.
+
+        Args:
+            given: units in which the numbers were read.
+            other: other units.
+        """
         length, force, mass = (b / a for a, b in zip(unit_factors(given), unit_factors(other), strict=True))
         speed = self.speed * length * np.sqrt(force / (mass * length))
         stiffness = self.stiffness * force / length / np.cbrt(mass)
@@ -111,13 +116,22 @@ def sort_by_likelihood(readings: list[tuple[str, PhysicalProperties]]) -> list[t
 
 
 def relative_stiffness(stiffness: float, mass: float) -> float:
-    """Return a stiffness [N/m] over that of a steel cube of the given mass [kg]; NaN where there is none."""
+    """Return a stiffness [N/m] over that of a steel cube of the given mass [kg]; NaN where there is none.
+
+    Args:
+        stiffness: [N/m].
+        mass: [kg].
+    """
     modulus, density = STEEL
     return float(stiffness / (modulus * np.cbrt(mass / density))) if stiffness > 0 and mass > 0 else np.nan
 
 
 def unit_factors(units: str) -> tuple[float, float, float]:
-    """Return the units of length [m], force [N], mass [kg] of a text such as "mm-N-t"; raise ValueError for others."""
+    """Return the units of length [m], force [N], mass [kg] of a text such as "mm-N-t"; raise ValueError for others.
+
+    Args:
+        units: length-force-mass.
+    """
     parts = units.split("-")
     if len(parts) != 3:
         raise ValueError(f"units are written length-force-mass, such as 'mm-N-t', got {units!r}")

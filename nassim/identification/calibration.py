@@ -145,6 +145,9 @@ def calibrate(
         largest_deviation: relative standard deviation of a parameter above which the targets do not determine it [-].
         report: called with a line of text for each step.
 
+    Returns:
+        Fitted parameters with their deviations, and the figures of the model.
+
     Raises:
         ValueError: before the model is evaluated, when the targets cannot determine the parameters; later, when the fit
             leaves the bounds of a parameter.

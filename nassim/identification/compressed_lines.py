@@ -116,6 +116,9 @@ def compress_lines(lines: Lines, poles: Array) -> Lines:
     Args:
         lines: the lines.
         poles: frequency [Hz] and damping ratio [-], (R, 2).
+
+    Returns:
+        Compressed lines; the given lines where they are few.
     """
     if len(lines.omega) < COMPRESSED_FROM or not lines.transient:
         return lines

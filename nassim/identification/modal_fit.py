@@ -121,6 +121,9 @@ class ModalFit:
         Args:
             frequency: (n,) [Hz].
             label: label of the FRF.
+
+        Returns:
+            FRF with values (outputs, 1, n).
         """
         f = finite_array("frequency", frequency, (None,))[:, None]
         s = 2j * np.pi * f
@@ -140,7 +143,11 @@ class ModalFit:
 
 
 def upgraded_fit(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the fields of a `ModalFit` from an older file, with `measured` renamed to `recorded`."""
+    """Return the fields of a `ModalFit` from an older file, with `measured` renamed to `recorded`.
+
+    Args:
+        content: fields of the file by name.
+    """
     return {{"measured": "recorded"}.get(name, name): value for name, value in content.items()}
 
 
@@ -188,6 +195,9 @@ def identify_modes(
         sample_rate: sample rate of the signals from which an FRF was estimated; needed only for its hold_order [Hz].
         residual_powers: powers p of the terms (i w)^p for modes outside the band: 0 and 2 for modes above it, 1 and 3
             for their damping and for a hold, -2 for modes below it.
+
+    Returns:
+        Modes with their covariance, and the responses at the lines of the fit.
 
     Raises:
         ValueError: for unknown names, a band outside the data, a constant input, and data that do not determine the

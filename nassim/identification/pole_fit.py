@@ -75,6 +75,9 @@ def fit_poles(lines: Lines, start: Array, weights: Array) -> Solution:
         start: frequency [Hz] and damping ratio [-], (R, 2) with R >= 0.
         weights: (outputs, n).
 
+    Returns:
+        Refined poles and the linear parameters.
+
     Raises:
         numpy.linalg.LinAlgError: when the lines do not determine the unknowns.
     """
@@ -210,7 +213,11 @@ def _real(values: Array) -> Array:
 
 
 def describe_similar_modes(solution: Solution) -> str:
-    """Return why two overlapping, similar modes are one resonance that the model misrepresents; "" if none are."""
+    """Return why two overlapping, similar modes are one resonance that the model misrepresents; "" if none are.
+
+    Args:
+        solution: solution of the fit.
+    """
     n = len(solution.poles)
     gains = solution.values[:, :n] / np.maximum(np.abs(solution.values[:, :n]).max(axis=1, keepdims=True), 1e-300)
     alike = mac(gains, gains)
@@ -260,7 +267,15 @@ def misfit(lines: Lines, solution: Solution) -> Array:
 
 
 def describe_misfit(solution: Solution, missed: Array) -> str:
-    """Describe where the residual is systematic and its effect on the standard deviations; "" if it is not."""
+    """Describe where the residual is systematic and its effect on the standard deviations; "" if it is not.
+
+    Args:
+        solution: solution of the fit.
+        missed: result of `misfit`, (R,) [-].
+
+    Returns:
+        Text for a report.
+    """
     where = ", ".join(
         f"{frequency:.4g} Hz ({np.sqrt(1 + energy / correlation(solution)):.0f} times)"
         for (frequency, _), energy in zip(solution.poles, missed, strict=True)
@@ -271,7 +286,11 @@ def describe_misfit(solution: Solution, missed: Array) -> str:
 
 
 def correlation(solution: Solution) -> float:
-    """Return the variance of a sum of adjacent lines over the independent case; windows correlate three neighbours."""
+    """Return the variance of a sum of adjacent lines over the independent case; windows correlate three neighbours.
+
+    Args:
+        solution: solution of the fit.
+    """
     result = []
     for weighted in solution.weights * solution.residual:
         power = np.sum(np.abs(weighted) ** 2)

@@ -13,7 +13,11 @@ COLORS = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf", "#8c
 
 
 def colors(n: int) -> list[str]:
-    """Return n colours, which repeat after the last one."""
+    """Return n colours, which repeat after the last one.
+
+    Args:
+        n: number of colours.
+    """
     return [COLORS[i % len(COLORS)] for i in range(n)]
 
 

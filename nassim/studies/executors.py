@@ -26,7 +26,15 @@ Outcomes = Generator[tuple[str, Outcome], None, None]
 
 
 def run_serially(task: Task, requests: Requests) -> Outcomes:
-    """Carry out runs one after the other in this process, with one thread as in child processes."""
+    """Carry out runs one after the other in this process, with one thread as in child processes.
+
+    Args:
+        task: the function.
+        requests: the runs.
+
+    Returns:
+        Iterator over names and outcomes of the runs.
+    """
     before = {name: os.environ.get(name) for name in THREADS}
     try:
         os.environ.update(THREADS)
@@ -47,6 +55,9 @@ def run_in_children(payload: bytes, requests: Requests, time_limit: float | None
         requests: the runs.
         time_limit: time limit of each run [s].
         n_processes: number of child processes.
+
+    Returns:
+        Iterator over names and outcomes of the runs, in the order in which they finish.
     """
     children = Children(payload)
     threads = ThreadPoolExecutor(n_processes, thread_name_prefix="study")
@@ -68,6 +79,9 @@ def run_on_executor(payload: bytes, requests: Requests, time_limit: float | None
         requests: the runs.
         time_limit: time limit of each run [s].
         executor: Dask client, or an object with a method `submit`.
+
+    Returns:
+        Iterator over names and outcomes of the runs, in the order in which they finish.
     """
     digest = sha256(payload).hexdigest()
     dask = hasattr(executor, "scatter")

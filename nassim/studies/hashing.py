@@ -18,6 +18,9 @@ def content_hash(value: Any) -> str:
     Pickles of sets and of the classes and functions of a script differ between processes. Sets are therefore hashed
     without order, and such classes and functions by name. Objects that cannot be pickled (locks, files), and random
     generators, whose state changes with every draw, are hashed by type only.
+
+    Args:
+        value: any object.
     """
     return fingerprint(_plain(value, ()))[:16]
 

@@ -54,6 +54,9 @@ def make_job(function: Function, names: tuple[str, ...], seed: int | None) -> Jo
         names: names of the parameters.
         seed: seed of the study, or None.
 
+    Returns:
+        Job with the function and the seed.
+
     Raises:
         ValueError: listing unknown and missing parameters, and for a seed that is not a whole number or that the
             function does not take.
@@ -105,6 +108,9 @@ def pickle_task(job: Job) -> bytes:
     Args:
         job: the job.
 
+    Returns:
+        Pickled task.
+
     Raises:
         ValueError: naming the values that cannot be pickled.
     """
@@ -128,7 +134,11 @@ def pickle_task(job: Job) -> bytes:
 
 
 def identity(job: Job) -> dict[str, Any]:
-    """Return the identity of a study as plain data: function, hashes of its source and its values, and the seed."""
+    """Return the identity of a study as plain data: function, hashes of its source and its values, and the seed.
+
+    Args:
+        job: the job.
+    """
     inputs: dict[str, str] = {}
     source = _identify(job.function, inputs, {})
     return {"function": label(job.function), "source": source, "inputs": dict(sorted(inputs.items())), "seed": job.seed}

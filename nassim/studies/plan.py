@@ -105,7 +105,11 @@ def _values(name: str, column: Any) -> tuple[Any, ...]:
 
 
 def run_key(parameters: Parameters) -> str:
-    """Return the name of a run: a hash of its parameters in any order, the same for 1, 1.0 and NumPy's 1."""
+    """Return the name of a run: a hash of its parameters in any order, the same for 1, 1.0 and NumPy's 1.
+
+    Args:
+        parameters: parameters of the run.
+    """
     plain = {name: _canonical(parameters[name]) for name in sorted(parameters)}
     return hashlib.sha256(json.dumps(plain).encode()).hexdigest()[:32]
 
@@ -116,6 +120,11 @@ def _canonical(value: Any) -> Any:
 
 
 def run_seed(seed: int, key: str) -> int:
-    """Return the 64-bit seed of a run from those of the study and the run's name, independent of order and machine."""
+    """Return the 64-bit seed of a run from those of the study and the run's name, independent of order and machine.
+
+    Args:
+        seed: seed of the study.
+        key: name of the run.
+    """
     entropy = [int(key[i : i + 8], 16) for i in range(0, len(key), 8)]
     return int(np.random.SeedSequence([seed, *entropy]).generate_state(1, np.uint64)[0])

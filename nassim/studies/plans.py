@@ -28,6 +28,9 @@ def random_points(distributions: Mapping[str, Any], n: int, *, seed: int) -> Sam
         n: number of runs.
         seed: seed of the plan.
 
+    Returns:
+        Samples of n runs.
+
     Raises:
         ValueError: for an empty mapping, for values that are not distributions, and for n below 1.
     """
@@ -47,6 +50,9 @@ def latin_hypercube(distributions: Mapping[str, Any], n: int, *, seed: int) -> S
         n: number of runs.
         seed: seed of the plan.
 
+    Returns:
+        Samples of n runs.
+
     Raises:
         ValueError: in the cases of `random_points`.
     """
@@ -65,6 +71,9 @@ def sobol_points(distributions: Mapping[str, Any], n: int, *, seed: int) -> Samp
         n: number of runs, a power of two.
         seed: seed of the plan.
 
+    Returns:
+        Samples of n runs.
+
     Raises:
         ValueError: in the cases of `random_points`, and for an n that is not a power of two.
     """
@@ -82,6 +91,9 @@ def saltelli_points(distributions: Mapping[str, Any], n: int, *, seed: int) -> S
         distributions: distributions by name of the parameter.
         n: number of rows of A and of B, a power of two.
         seed: seed of the plan.
+
+    Returns:
+        Samples of n (d + 2) runs.
 
     Raises:
         ValueError: in the cases of `random_points`, and for an n that is not a power of two.

@@ -174,6 +174,9 @@ def open_records(folder: Path | None, study: dict[str, Any]) -> Iterator[Records
         folder: folder of the study; None for records in memory.
         study: identity that the folder must have, see `job.identity`.
 
+    Returns:
+        Context manager with the records.
+
     Raises:
         ValueError: for a folder of another study, with the differences, for a folder with other files, and for a folder
             in use.

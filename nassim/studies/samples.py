@@ -46,7 +46,11 @@ class Samples:
 
 
 def parameter_names(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return names that are valid keywords of a function; raise ValueError for invalid, missing or repeated names."""
+    """Return names that are valid keywords of a function; raise ValueError for invalid, missing or repeated names.
+
+    Args:
+        names: names of parameters.
+    """
     result = unique("parameter", names)
     if not result:
         raise ValueError("a study needs at least one parameter, got none")

@@ -73,6 +73,9 @@ class Children:
             request: pickled parameters of the run.
             time_limit: time limit [s].
 
+        Returns:
+            Outcome of the run.
+
         Raises:
             CannotLoad: when every child process ends while it loads the function, with the reason.
         """
@@ -241,6 +244,9 @@ def run_in_child(payload: bytes, digest: str, request: bytes, time_limit: float 
         digest: hash of the payload.
         request: pickled parameters of the run.
         time_limit: time limit [s].
+
+    Returns:
+        Outcome of the run.
     """
     with _known_lock:
         if digest not in _known:

@@ -198,6 +198,9 @@ def series(*controllers: Controller) -> Controller:
         controllers: in the order of the signal flow. Only the last one may have a limit, which becomes the limit of the
             result.
 
+    Returns:
+        Controller with the inputs of the first controller and the outputs of the last.
+
     Raises:
         ValueError: for different sample rates or delays, numbers of signals that do not fit, or a limit before the last
             controller.
@@ -220,6 +223,9 @@ def parallel(*controllers: Controller) -> Controller:
 
     Args:
         controllers: none may have a limit. Set a limit of the result with `dataclasses.replace`.
+
+    Returns:
+        Controller with the common inputs and the summed outputs.
 
     Raises:
         ValueError: for different sample rates, delays or numbers of signals, or for a controller with a limit.
@@ -249,6 +255,9 @@ def decentralised(*controllers: Controller) -> Controller:
     Args:
         controllers: with equal sample rates, delays and limits.
 
+    Returns:
+        Controller with the inputs and outputs of all controllers.
+
     Raises:
         ValueError: for different sample rates, delays or limits.
     """
@@ -274,6 +283,9 @@ def decoupled(*controllers: Controller, measure: ArrayLike, drive: ArrayLike, li
         measure: coordinates from measured signals, (coordinates, measured).
         drive: driven signals from the outputs of the controllers, (driven, coordinates).
         limit: limit of the driven signals, see `Controller`.
+
+    Returns:
+        Controller from the measured to the driven signals.
 
     Raises:
         ValueError: for matrices of other shapes, and for controllers with limits, which would act on the coordinates.
@@ -312,6 +324,9 @@ def controller_response(
         outputs: names of the outputs (default: output_1, ...).
         label: label of the FRF.
 
+    Returns:
+        FRF with values (outputs, inputs, n).
+
     Raises:
         ValueError: at a pole, such as that of a pure integrator at 0 Hz.
     """
@@ -344,6 +359,9 @@ def by_tustin(
         delay: see `Controller`.
         limit: see `Controller`.
         prewarp: angular frequency at which both frequency responses agree exactly [rad/s], see `tustin`.
+
+    Returns:
+        Controller with one input and one output.
     """
     system = scipy.signal.tf2ss(numerator, denominator)
     return Controller(*tustin(system, 1 / sample_rate, prewarp=prewarp), sample_rate, delay=delay, limit=limit)

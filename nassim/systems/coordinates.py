@@ -24,6 +24,9 @@ def with_outputs(
         of: names of existing outputs.
         units: units of the new outputs.
 
+    Returns:
+        Model with the existing outputs, then the new ones.
+
     Raises:
         ValueError: for unknown names in `of`, for names in `new` that exist already, and for a matrix of another shape.
     """
@@ -52,6 +55,9 @@ def with_inputs(model: LinearModel, new: Names, matrix: ArrayLike, *, of: Names)
         new: names of the new inputs.
         matrix: weights, (of, new).
         of: names of existing inputs.
+
+    Returns:
+        Model with the existing inputs, then the new ones.
 
     Raises:
         ValueError: in the same cases as `with_outputs`.

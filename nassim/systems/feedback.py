@@ -95,6 +95,9 @@ def close_loop(
             not to the output itself, like the noise of sensors and converters. Loops that measure the same output share
             this input.
 
+    Returns:
+        Model of the closed loop.
+
     Raises:
         ValueError: for unknown names, for a sampled model whose time step is not that of the controller, and when the
             direct feedthrough of an undelayed controller and of the model leave no solution.
@@ -319,6 +322,9 @@ def margins(loop: FRF) -> Margins:
 
     Args:
         loop: open loop with one signal, see `open_loop`.
+
+    Returns:
+        Gain, phase and modulus margin.
 
     Raises:
         ValueError: for a loop with several signals. Close the other loops first.

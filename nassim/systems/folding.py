@@ -57,6 +57,9 @@ def folding_modes(
         driven: input, or inputs, to which the output of the controller is added.
         gain: factor on the whole controller [-].
 
+    Returns:
+        Folding modes; empty without any.
+
     Raises:
         ValueError: for a sampled model, and in the cases of `close_loop` for signals that do not fit.
     """

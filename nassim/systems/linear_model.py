@@ -136,6 +136,9 @@ def sampled(model: LinearModel, sample_rate: float) -> LinearModel:
         model: continuous model.
         sample_rate: samples per second [Hz].
 
+    Returns:
+        Sampled model.
+
     Raises:
         ValueError: for a model that is sampled already.
     """
@@ -197,13 +200,24 @@ def unstable_poles(model: LinearModel) -> tuple[UnstablePole, ...]:
 
 
 def is_growing(poles: Array) -> Array:
-    """Return which poles [rad/s], shape (..., n), grow by more than rounding explains, bool."""
+    """Return which poles [rad/s], shape (..., n), grow by more than rounding explains, bool.
+
+    Args:
+        poles: complex, (..., n) [rad/s].
+    """
     result: Array = poles.real > GROWTH_ROUNDING * np.abs(poles).max(axis=-1, keepdims=True, initial=0.0)
     return result
 
 
 def frequency_and_damping(poles: Array) -> tuple[Array, Array]:
-    """Compute the natural frequency [Hz] and the damping ratio [-] of poles [rad/s], in the shape of the poles."""
+    """Compute the natural frequency [Hz] and the damping ratio [-] of poles [rad/s], in the shape of the poles.
+
+    Args:
+        poles: complex, of any shape [rad/s].
+
+    Returns:
+        Frequency [Hz] and damping ratio [-], each in the shape of the poles.
+    """
     size = np.abs(poles)
     return size / (2 * np.pi), -poles.real / np.where(size > 0, size, 1.0)
 
@@ -211,6 +225,10 @@ def frequency_and_damping(poles: Array) -> tuple[Array, Array]:
 def s_plane(z: Array, time_step: float | None) -> Array:
     """Return poles in the s-plane [rad/s]: the eigenvalues themselves (continuous), or ln(z)/T with |z| of at least
     1e-16.
+
+    Args:
+        z: eigenvalues, complex.
+        time_step: time step of a sampled model, or None [s].
     """
     if time_step is None:
         return z
@@ -219,7 +237,12 @@ def s_plane(z: Array, time_step: float | None) -> Array:
 
 
 def z_plane(s: Array, time_step: float | None) -> Array:
-    """Return where the frequency response at s [rad/s] is evaluated: at s, or at exp(s T) for a sampled model."""
+    """Return where the frequency response at s [rad/s] is evaluated: at s, or at exp(s T) for a sampled model.
+
+    Args:
+        s: complex [rad/s].
+        time_step: time step of a sampled model, or None [s].
+    """
     return s if time_step is None else np.exp(s * time_step)
 
 
@@ -241,7 +264,12 @@ def transmissibility(frf: FRF, *, output: str, ground: str) -> FRF:
 
 
 def names(kind: str, value: Names) -> tuple[str, ...]:
-    """Return one name or several as a tuple; raise ValueError if a name is empty or occurs twice."""
+    """Return one name or several as a tuple; raise ValueError if a name is empty or occurs twice.
+
+    Args:
+        kind: description of the names, for messages.
+        value: one name or several.
+    """
     return unique(kind, (value,) if isinstance(value, str) else value)
 
 

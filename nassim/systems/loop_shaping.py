@@ -49,6 +49,9 @@ def crossover_controller(
         delay: see `Controller`.
         limit: see `Controller`.
 
+    Returns:
+        Controller with one input and one output.
+
     Raises:
         ValueError: where two leads are not enough, and where the closed loop is unstable with either sign.
 

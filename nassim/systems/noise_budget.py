@@ -157,6 +157,9 @@ def noise_budget(
         frequency: (n,), ascending; its ends are the limits of the band [Hz].
         outputs: one name or several; None for all.
 
+    Returns:
+        Budget with the spectra of each output by each disturbance.
+
     Raises:
         ValueError: for unknown names, for an unstable model, and for undamped poles in the band, where the mean square
             has no bound.

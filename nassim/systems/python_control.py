@@ -19,6 +19,9 @@ def to_control(model: LinearModel) -> Any:
     Args:
         model: the linear model.
 
+    Returns:
+        StateSpace of python-control.
+
     Raises:
         ImportError: without python-control.
     """
@@ -33,6 +36,9 @@ def model_from_control(system: Any) -> LinearModel:
 
     Args:
         system: StateSpace or TransferFunction of python-control.
+
+    Returns:
+        Linear model, continuous for a time step of 0.
 
     Raises:
         ImportError: without python-control.
@@ -56,6 +62,9 @@ def controller_from_control(system: Any, *, sample_rate: float, delay: int = 1, 
         sample_rate: see `Controller` [Hz].
         delay: see `Controller`.
         limit: see `Controller`.
+
+    Returns:
+        Controller with the matrices of the sampled system.
 
     Raises:
         ImportError: without python-control.

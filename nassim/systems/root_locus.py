@@ -134,6 +134,9 @@ def root_locus(
         measured: see `close_loop`.
         driven: see `close_loop`.
         delay_order: see `close_loop`.
+
+    Returns:
+        Root locus with its branches and the zeros of the open loop.
     """
     gains = _ascending(gains)
     poles = _poles_at(model, controller, measured, driven, delay_order)
@@ -168,6 +171,9 @@ def optimum_gain(
         frequency: frequency of the mode, or of each of several modes, at the first gain; the nearest ones count, see
             `RootLocus.branches` [Hz].
         delay_order: see `close_loop`.
+
+    Returns:
+        Gain with the damping ratio and the frequency of the mode.
 
     Raises:
         ValueError: when no gain is stable, and when the damping still grows at the last gain.
@@ -264,6 +270,9 @@ def iff_optimum(pole_frequency: float, zero_frequency: float) -> Optimum:
         pole_frequency: w_p / 2 pi of the mode [Hz].
         zero_frequency: w_z / 2 pi of the zero of the force sensor below it, which is the frequency of the mode without
             the stiffness of the actuator [Hz].
+
+    Returns:
+        Gain [rad/s] with the damping ratio and the frequency of the mode.
 
     Raises:
         ValueError: unless zero < pole <= 3 zero. Above this ratio the mode becomes aperiodic.

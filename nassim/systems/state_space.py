@@ -133,6 +133,9 @@ def settling_response(system: StateSpace, settling: Array) -> StateSpace:
     Args:
         system: sampled system.
         settling: static response to a constant input, (outputs, inputs).
+
+    Returns:
+        Sampled system with the additional states.
     """
     a, b, c, d = system
     late = np.where(d == 0, settling, 0.0)
@@ -157,6 +160,9 @@ def tustin(system: StateSpace, time_step: float, *, prewarp: float = 0.0) -> Sta
         time_step: T [s].
         prewarp: angular frequency below pi/T at which both frequency responses agree exactly; 0 for no prewarping
             [rad/s].
+
+    Returns:
+        Sampled system with the same number of states.
 
     Raises:
         ValueError: for a pole at s = 2/T, which the rule maps to infinity.
@@ -189,7 +195,15 @@ def inverse_tustin(system: StateSpace, time_step: float) -> StateSpace:
 
 
 def cascade(first: StateSpace, second: StateSpace) -> StateSpace:
-    """Connect two systems in series: outputs of the first are inputs of the second; states of the first come first."""
+    """Connect two systems in series: outputs of the first are inputs of the second; states of the first come first.
+
+    Args:
+        first: system with the inputs of the result.
+        second: system with the outputs of the result.
+
+    Returns:
+        System with the states of both.
+    """
     a1, b1, c1, d1 = first
     a2, b2, c2, d2 = second
     state = np.block([[a1, np.zeros((len(a1), len(a2)))], [b2 @ c1, a2]])
@@ -200,6 +214,13 @@ def combine_steps(first: StateSpace, second: StateSpace) -> StateSpace:
     """Combine the steps of two sampled systems with the same states into one step.
 
     The inputs and outputs of the result are those of the first system, then those of the second.
+
+    Args:
+        first: system of the first step.
+        second: system of the second step.
+
+    Returns:
+        System of both steps.
     """
     a1, b1, c1, d1 = first
     a2, b2, c2, d2 = second
@@ -213,7 +234,15 @@ def combine_steps(first: StateSpace, second: StateSpace) -> StateSpace:
 
 
 def repeat_step(system: StateSpace, times: int) -> StateSpace:
-    """Combine several steps of a sampled system into one, with the inputs and outputs of all samples in order."""
+    """Combine several steps of a sampled system into one, with the inputs and outputs of all samples in order.
+
+    Args:
+        system: system of one step.
+        times: number of steps.
+
+    Returns:
+        System of all steps.
+    """
     if times == 1:
         return system
     half = repeat_step(system, times // 2)

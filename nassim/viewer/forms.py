@@ -122,7 +122,12 @@ def scene_form(body: Body, look: Surface | None = None, side: Array | None = Non
 
 
 def label_colors(surface: Surface, points: tuple[str, ...]) -> Mapping[str, str]:
-    """Return colours by label of a surface: strong ones for interfaces of remote points, pale ones for CAD bodies."""
+    """Return colours by label of a surface: strong ones for interfaces of remote points, pale ones for CAD bodies.
+
+    Args:
+        surface: the surface.
+        points: names of the remote points.
+    """
     solids = [label for label in Form(surface).labels if label not in points]
     strong = zip(points, itertools.cycle(INTERFACES), strict=False)
     return dict(strong) | dict(zip(solids, itertools.cycle(MATERIALS), strict=False))
@@ -135,6 +140,9 @@ def bushing_sides(scene: Scene) -> dict[str, Array]:
     Without them the halves of such a flexible joint would hide each other. The directions are along the stiffest axis
     of the bushing, on the sides of the points of the bodies; where these do not decide, the second body is on the
     positive side.
+
+    Args:
+        scene: the scene.
     """
     found: dict[str, Array] = {}
     for spring in scene.terms_of(Spring):

@@ -38,7 +38,11 @@ def point_mark(point: RemotePoint, shape: str) -> Mark:
 
 
 def scene_marks(scene: Scene) -> tuple[Mark, ...]:
-    """Return the marks of all parts of a scene that have a place; the shapes have the names of the bodies."""
+    """Return the marks of all parts of a scene that have a place; the shapes have the names of the bodies.
+
+    Args:
+        scene: the scene.
+    """
     kinds = {"joint": scene.joints, "spring": scene.springs, "actuator": scene.actuators, "sensor": scene.sensors}
     return tuple(mark for kind, parts in kinds.items() for part in parts for mark in _part_marks(scene, kind, part))
 

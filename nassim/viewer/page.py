@@ -42,7 +42,11 @@ def write_page(view: View, path: str | Path) -> Path:
 
 
 def page_text(view: View) -> str:
-    """Return the HTML file of a view as text."""
+    """Return the HTML file of a view as text.
+
+    Args:
+        view: the view.
+    """
     header, data = encode(view)
     folder = files("nassim.viewer") / "page"
     library = {name: (folder / file).read_text(encoding="utf-8") for name, file in LIBRARY.items()}

@@ -70,7 +70,11 @@ class Form:
         return 0 if self.modes is None else self.modes.shape[2]
 
     def index(self, name: str) -> int:
-        """Return the index of a named point; raise ValueError with the list of names for an unknown one."""
+        """Return the index of a named point; raise ValueError with the list of names for an unknown one.
+
+        Args:
+            name: name of the point.
+        """
         return len(self.surface.points) + self.names.index(known("point", name, self.names))
 
     @cached_property
@@ -210,12 +214,20 @@ class View:
                 self.shape(name)
 
     def shape(self, name: str) -> Shape:
-        """Return a shape by name; raise ValueError with the list of names for an unknown one."""
+        """Return a shape by name; raise ValueError with the list of names for an unknown one.
+
+        Args:
+            name: name of the shape.
+        """
         names = [shape.name for shape in self.shapes]
         return self.shapes[names.index(known("shape", name, names))]
 
     def mode(self, name: str) -> Mode:
-        """Return a mode by name; raise ValueError with the list of names for an unknown one."""
+        """Return a mode by name; raise ValueError with the list of names for an unknown one.
+
+        Args:
+            name: name of the mode.
+        """
         names = [mode.name for mode in self.modes]
         return self.modes[names.index(known("mode", name, names))]
 
