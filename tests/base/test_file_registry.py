@@ -68,7 +68,7 @@ NOT_DATA = {
         "InertiaTerms",
         "Lines",
         "Listing",
-        "Looks",
+        "PhysicalProperties",
         "WarningLog",
         "RotorPartition",
         "Plant",

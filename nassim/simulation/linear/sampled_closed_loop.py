@@ -18,7 +18,7 @@ from nassim.base.checks import Array
 from nassim.scene.loop import Loop
 from nassim.scene.scene import Scene
 from nassim.simulation.linear.digital_controllers import converter, samples_per_period
-from nassim.systems.state_space import EARLIER, StateSpace, followed
+from nassim.systems.state_space import EARLIER, StateSpace, combine_steps
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class ClosedSteps:
 
     def linear(self) -> StateSpace:
         """Without converters over a period: of the inputs, the outputs and then the commands, of all its samples."""
-        return reduce(followed, (self._linear(self._due(k)) for k in range(self.period)))
+        return reduce(combine_steps, (self._linear(self._due(k)) for k in range(self.period)))
 
     def by_samples(self, state: Array, inputs: Array, first: int) -> tuple[Array, Array]:
         """Through the converters: states at all samples and after them, (k + 1, n); outputs and commands, (k, rows).
