@@ -38,11 +38,14 @@ def test_documents_are_what_their_templates_give():
 
 
 MADE = {target for _, target, _ in docs.documents()} | {ROOT / "docs" / "hard_cases.md"}
-PAGES = sorted(path for path in (ROOT / "docs").rglob("*.md") if path.parent.name != "templates")
+PAGES = [
+    ROOT / "CONTRIBUTING.md",
+    *sorted(path for path in (ROOT / "docs").rglob("*.md") if path.parent.name != "templates"),
+]
 HAND_WRITTEN = [path for path in PAGES if path not in MADE]
 
 
-@pytest.mark.parametrize("page", HAND_WRITTEN, ids=lambda path: path.relative_to(ROOT / "docs").as_posix())
+@pytest.mark.parametrize("page", HAND_WRITTEN, ids=lambda path: path.relative_to(ROOT).as_posix())
 def test_pages_without_a_template_or_a_command_hold_no_figures(page):
     text = page.read_text(encoding="utf-8").partition("\n## Sources\n")[0]
     assert not docs.typed_figures(text, GIVEN), "make it a template, docs/templates, with the figures of a summary"
@@ -57,7 +60,7 @@ apa300ml.reduced_apa300ml.__kwdefaults__.update(apa300ml.COARSE)"""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", [*filter(blocks, PAGES)], ids=lambda path: path.relative_to(ROOT / "docs").as_posix())
+@pytest.mark.parametrize("page", [*filter(blocks, PAGES)], ids=lambda path: path.relative_to(ROOT).as_posix())
 def test_code_on_a_page_runs_as_it_stands(page, tmp_path, monkeypatch):
     """But for what is fenced as `py`, which needs several machines. Actuators are coarse, as of the scripts' tests."""
     code = "\n".join(blocks(page))
@@ -114,7 +117,7 @@ def test_every_warning_stands_on_its_page():
     quoted = re.findall(r'^\| "([^"]+)" \|', page, re.M)
     spoken = []
     for path in sorted((ROOT / "nassim").rglob("*.py")):
-        if path.name == "notices.py":
+        if path.name == "warning_log.py":
             continue
         for where, parts in warnings_of(path):
             told = "{}".join(parts)
