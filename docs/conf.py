@@ -1,4 +1,4 @@
-"""The site: `python docs/build.py` makes it, from the pages in this folder, in `build/site`."""
+"""Configuration of Sphinx: `python docs/build.py` builds the pages of this folder in `build/site`."""
 
 import sys
 from pathlib import Path

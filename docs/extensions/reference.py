@@ -123,7 +123,7 @@ def _process_signature(
 
 
 def _shortened(text: str | None) -> str | None:
-    """Types as the sources write them."""
+    """Shorten types to the names in the sources."""
     if text is None:
         return None
     text = ARRAY.sub(lambda match: SHORT.get(match[1].split(".")[-1].strip("~"), "Array"), text)
@@ -133,7 +133,7 @@ def _shortened(text: str | None) -> str | None:
 
 
 def _shorten_types(_app: Sphinx, document: nodes.document) -> None:
-    """The types of properties, which no signature holds."""
+    """Shorten the types of properties, which are in no signature."""
     for node in document.findall(addnodes.desc_annotation):
         text = node.astext()
         if (short := _shortened(text)) != text:
