@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 from _costs import cost_since
 
-from models.apa300ml import PRISMS as PRISM_MESH
-from models.apa300ml import axial_stiffness, make_apa300ml
+from models.apa300ml import PRISMS as PRISM_MESH, axial_stiffness, make_apa300ml
 from nassim import FEModel, ReducedBody, build_fe_model, condense, craig_bampton
 
 PRISMS, TETS = "prisms", "tetrahedra"

@@ -10,8 +10,7 @@ from _arguments import parser, positive, run, whole
 from _report import across, print_report, print_table
 from _results import write_summary
 
-from models.apa300ml import CALIBRATION, STACK
-from models.apa300ml import calibration as apa
+from models.apa300ml import CALIBRATION, STACK, calibration as apa
 from nassim.identification import Target
 
 arguments = parser(__doc__, "calibrate_apa")

@@ -15,8 +15,7 @@ import numpy as np
 import pytest
 
 from nassim import FRF, Material, TimeHistory, load, save
-from nassim.base import file_registry as nouns
-from nassim.base import storage
+from nassim.base import file_registry as nouns, storage
 from nassim.base.storage import cache_directory, cached, fingerprint
 
 
