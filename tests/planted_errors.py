@@ -20,7 +20,6 @@ planted_errors/ that has the name of the sub-package:
     new = 'what takes its place'
     means = "what that does to the physics, in one line"
     tests = ["package/test_module.py::test_that_must_catch_it"]
-    needs = ["chromium"]  # programs without which its tests are skipped, and so is the error; they are also in CI
 
 Mutation tools (mutmut, cosmic-ray, mutatest) change every operator and number there is and run the whole suite for
 each. They know no frames, units or half samples, and of what they leave alive most is harmless. Here an engineer chose
@@ -54,16 +53,14 @@ LISTS = Path(__file__).with_suffix("")
 COPIED = ("nassim", "models", "scripts", "tests", "docs", "pyproject.toml", "README.md", "CHANGELOG.md")
 PATIENCE = 600.0
 """Seconds after which a planted run counts as hanging."""
-FAILED, NO_TESTS = 1, 5
-"""Exit statuses of pytest."""
+FAILED, USAGE = 1, 4
+"""Exit statuses of pytest; the latter when there is no test of the name."""
+CAUGHT, STALE = "caught", "stale, skipped"
 
 
 @dataclass(frozen=True)
 class PlantedError:
-    """One error: `new` in the place of `old` in a file; tests: ids below tests/ that must fail then.
-
-    needs: programs without which these are skipped
-    """
+    """One error: `new` in the place of `old` in a file; tests: ids below tests/ that must fail then."""
 
     name: str
     file: str
@@ -71,12 +68,6 @@ class PlantedError:
     new: str
     means: str
     tests: tuple[str, ...]
-    needs: tuple[str, ...] = ()
-
-    @property
-    def can_be_tried(self) -> bool:
-        """Whether its tests run here."""
-        return not self.needs or ("CI" not in os.environ and all(map(shutil.which, self.needs)))
 
     def stale(self, root: Path) -> str:
         """Why it cannot be planted below a root any more, or nothing."""
@@ -97,10 +88,9 @@ class PlantedError:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of an error: caught, or why not; seconds that its tests took."""
+    """What became of an error: CAUGHT, STALE, or why it was not caught; seconds that its tests took."""
 
     error: PlantedError
-    caught: bool
     text: str
     seconds: float
 
@@ -161,33 +151,32 @@ def run_tests(place: Path, tests: Sequence[str], *options: str) -> tuple[int, st
 
 
 def try_error(place: Path, error: PlantedError) -> Outcome:
-    """Plant an error in a copy, run its tests, take it back."""
+    """Run an error's tests in a copy, plant it, run them again, take it back."""
     start = time.monotonic()
+    text = _tried(place, error)
+    return Outcome(error, text, time.monotonic() - start)
 
-    def outcome(caught: bool, text: str) -> Outcome:
-        return Outcome(error, caught, text, time.monotonic() - start)
 
+def _tried(place: Path, error: PlantedError) -> str:
+    status, output = run_tests(place, error.tests)
+    if status:
+        return f"{STALE}: no such tests" if status == USAGE else f"its tests fail without it:\n{output}"
     before = error.plant(place)
     try:
         status, output = run_tests(place, error.tests, "-x")
     except subprocess.TimeoutExpired:
-        return outcome(False, f"its tests hang for more than {PATIENCE:g} s")
+        return f"its tests hang for more than {PATIENCE:g} s"
     finally:
         (place / error.file).write_text(before, encoding="utf-8")
-    last = output.strip().splitlines()[-1] if output.strip() else ""
     if status == FAILED:
-        return outcome(True, "caught")
-    return outcome(False, "SURVIVES" if status == 0 else f"its tests do not run (status {status}): {last}")
+        return CAUGHT
+    last = output.strip().splitlines()[-1] if output.strip() else ""
+    return "SURVIVES" if status == 0 else f"its tests do not run (status {status}): {last}"
 
 
-def try_errors(errors: Sequence[PlantedError], *, root: Path = ROOT, jobs: int = 1) -> list[Outcome]:
-    """Try all errors, `jobs` at a time, and print how each fares; ValueError where tests fail without them."""
-    if not errors:
-        return []
+def try_errors(errors: Sequence[PlantedError], *, root: Path, jobs: int = 1) -> list[Outcome]:
+    """Try all errors, `jobs` at a time, and print how each fares."""
     with copies(root, jobs) as places:
-        status, output = run_tests(places[0], [test for error in errors for test in error.tests])
-        if status:
-            raise ValueError(f"the tests fail without any planted error:\n{output}")
         idle: queue.SimpleQueue[Path] = queue.SimpleQueue()
         for place in places:
             idle.put(place)
@@ -222,22 +211,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"no such error: {', '.join(sorted(unknown))}")
     if options.names:
         errors = [error for error in errors if error.name in options.names]
-    left_out = [error.name for error in errors if not error.can_be_tried]
-    if left_out:
-        print(f"{len(left_out)} left out, whose tests need programs that are not here: {', '.join(left_out)}")
     stale = {error.name: reason for error in errors if (reason := error.stale(ROOT))}
     for name, reason in stale.items():
-        print(f"stale, skipped: {name}: {reason}")
-    errors = [error for error in errors if error.name not in {*left_out, *stale}]
+        print(f"{STALE}: {name}: {reason}")
+    errors = [error for error in errors if error.name not in stale]
     if options.sample is not None:
         errors = random.Random(options.seed).sample(errors, min(options.sample, len(errors)))
-    try:
-        outcomes = try_errors(errors, jobs=max(1, options.jobs))
-    except ValueError as problem:
-        print(problem)
-        return 1
-    left = [outcome for outcome in outcomes if not outcome.caught]
-    print(f"{len(outcomes)} errors planted, {len(outcomes) - len(left)} caught, {len(left)} not")
+    outcomes = try_errors(errors, root=ROOT, jobs=max(1, options.jobs))
+    tried = [outcome for outcome in outcomes if not outcome.text.startswith(STALE)]
+    left = [outcome for outcome in tried if outcome.text != CAUGHT]
+    print(f"{len(tried)} errors planted, {len(tried) - len(left)} caught, {len(left)} not")
     for outcome in left:
         print(f"  {outcome.error.name} ({outcome.error.file}): {outcome.text}\n    {outcome.error.means}")
     return 1 if left else 0
