@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import scipy
-from _limits import bare_product
 
+from common.limits import bare_product
 from nassim import Loop, Scene, TimeHistory, estimate_frf, identify_modes, linearize, simulate
 from nassim.signals.time_history import fast_length
 from nassim.systems import integral_force_feedback

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from _report import with_prefix
 
+from common.report import with_prefix
 from nassim import FRF, LinearModel, frequency_response
 from nassim.plotting import plot_frf, plot_frf_error, plt
 

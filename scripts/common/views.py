@@ -1,7 +1,8 @@
-"""Pages of machines in motion, for a browser to play."""
+"""Pages for the browser, of models and of machines in motion, and pictures where PyVista is installed."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -9,13 +10,22 @@ from models.nano_hexapod import PLATE_HEIGHT, PLATE_RADIUS
 from nassim import RigidBody, Scene
 from nassim.bodies import Surface
 from nassim.scene import Motion, seen_from
-from nassim.viewer import block, cylinder, view_motion, write_page
+from nassim.viewer import View, block, cylinder, save_picture, view_motion, write_page
 
 FRAMES = 200
 SPAN = 0.2
 """Of a run's end that is shown [s]: ten pictures in each period of 100 Hz."""
 LIFT = np.array([0.0, 0.0, 5e-3])
 """Half a thickness of plates [m]."""
+
+
+def show(view: View, path: Path, **picture: Any) -> None:
+    """Write path.html and path.png; a picture that cannot be is told in a line. picture: as of `save_picture`."""
+    write_page(view, path.with_suffix(".html"))
+    try:
+        save_picture(view, path.with_suffix(".png"), **picture)
+    except ImportError as error:
+        print(f"no {path.name}.png: {error}")
 
 
 def last_frames(duration: float) -> np.ndarray:

@@ -3,7 +3,8 @@
 from typing import Any
 
 import numpy as np
-from _report import print_table
+
+from common.report import print_table
 
 
 def labelled(figures: Any) -> dict[str, dict[str, float]]:

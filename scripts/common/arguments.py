@@ -8,9 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
-from _report import folded
-from _results import command_line
-
+from common.report import command_line, folded
 from nassim.base import whole_run
 
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from _arguments import fraction, positive
 
+from common.arguments import fraction, positive
 from models.apa300ml import COARSE, PORTS, reduced_apa300ml
 from models.nano_hexapod import make_nano_hexapod
 from models.strut import fe_strut, with_own_damping
