@@ -758,7 +758,7 @@ def test_glue_and_ceramic_are_as_soft_as_the_ceramic_that_stands_for_both(script
 @pytest.mark.parametrize(("turn", "along"), [("x", (0, -1, 0)), ("y", (1, 0, 0))])
 def test_a_strut_that_leans_moves_its_upper_joint_only(turn, along, script):
     """By a turn of a milliradian about its own x: 82 um along its own -y; about y: along x."""
-    runs = script("hexapod_study")
+    runs = script("common.hexapod_machines")
     drawn, leaning = (runs._hexapod(10.0, deviations) for deviations in ({}, {f"tilt_2_{turn}": 1e-3}))
     for k in runs.SIX:
         foot, head = (

@@ -141,7 +141,7 @@ def test_a_run_of_the_tolerances_on_a_coarse_mesh(script):
 
 def test_tolerances_of_the_hexapod_are_those_assumed(script):
     """Stiffnesses by 5 %; upper joints by 0.05 mm on struts of 82.5 mm, within one in a hundred."""
-    runs = script("hexapod_study")
+    runs = script("common.hexapod_machines")
     assert len(runs.JOINTS) == len(runs.TILTS) == 12
     assert {(law.mean(), law.std()) for law in runs.JOINTS.values()} == {(1.0, 0.05)}
     for law in runs.TILTS.values():
@@ -150,7 +150,7 @@ def test_tolerances_of_the_hexapod_are_those_assumed(script):
 
 
 def test_a_joint_that_deviates_is_that_joint(script):
-    runs = script("hexapod_study")
+    runs = script("common.hexapod_machines")
     drawn, other = ({s.name: s.stiffness for s in runs._hexapod(10.0, d).springs} for d in ({}, {"joint_3_top": 1.5}))
     assert [name for name in drawn if np.any(other[name] != drawn[name])] == ["strut_3/top_joint"]
     np.testing.assert_allclose(other["strut_3/top_joint"], 1.5 * drawn["strut_3/top_joint"])
@@ -159,11 +159,11 @@ def test_a_joint_that_deviates_is_that_joint(script):
 def test_the_least_damping_is_that_of_slow_motions(script):
     """Below 300 Hz, of one of each pair, and none of what only decays."""
     poles = np.array([-3 + 400j, -3 - 400j, -50 + 100j, -1 + 1900j, -5 + 0j])
-    assert script("hexapod_study")._least_damping(poles) == pytest.approx(3 / np.hypot(3, 400))
+    assert script("common.hexapod_machines")._least_damping(poles) == pytest.approx(3 / np.hypot(3, 400))
 
 
 def test_figures_of_a_hexapod_are_those_of_its_modes_and_its_statics(script, monkeypatch):
-    runs = script("hexapod_study")
+    runs = script("common.hexapod_machines")
     push = runs.nominal_push(10.0)
     np.testing.assert_allclose(push, push[0], rtol=1e-6)
     drawn = linearize(runs._hexapod(10.0, {}))
@@ -178,7 +178,7 @@ def test_figures_of_a_hexapod_are_those_of_its_modes_and_its_statics(script, mon
 
 def test_the_largest_stable_gain_parts_what_decays_from_what_grows(script):
     """Turning, which lets motions live longer, or at rest; there a machine without tolerances is that of the grid."""
-    runs = script("hexapod_study")
+    runs = script("common.hexapod_machines")
     for rpm in (0.0, 300.0):
         edge = runs.edge(10.0, rpm, sample_rate=1e4)["largest_stable_gain"]
         growth = [runs.damped(10.0, rpm, factor * edge, sample_rate=1e4)["growth"] for factor in (0.99, 1.01)]
@@ -190,7 +190,7 @@ def test_the_largest_stable_gain_parts_what_decays_from_what_grows(script):
 
 
 def test_growth_is_that_of_the_fastest(script, monkeypatch):
-    runs = script("hexapod_study")
+    runs = script("common.hexapod_machines")
     poles = np.array([-3 + 400j, 2 + 50j, -8 + 100j])
     machine = SimpleNamespace(closed=lambda plant, gain, leak: SimpleNamespace(poles=lambda: poles))
     monkeypatch.setattr(runs, "_sampled", lambda *given: (machine, None))
@@ -212,7 +212,7 @@ def test_the_hexapod_study_tells_shares_and_the_best_that_is_stable(summary_of, 
         one, two = sources(deviations)
         return {**dict.fromkeys(runs.RESULTS, one + two), "tilt_x": one * two}
 
-    runs = script("hexapod_study")
+    runs = script("common.hexapod_machines")
     found = summary_of(
         "hexapod_study",
         *("--runs", "64", "--gains", "4", "--speeds", "2"),
