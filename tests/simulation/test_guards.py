@@ -34,8 +34,7 @@ from nassim.simulation.loaded.spinning import _check_small, _warn_of_stress
 from nassim.simulation.model import buckling
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.reach import Reach
-from nassim.simulation.run import simulate as time_domain
-from nassim.simulation.run import warnings_of_runs
+from nassim.simulation.run import simulate as time_domain, warnings_of_runs
 from nassim.simulation.run.checks import check_stability
 from nassim.simulation.run.excitation import _check_loss, sampled
 from nassim.systems.controllers import Controller
