@@ -20,15 +20,15 @@ from nassim.systems.feedback import DELAY_ORDER, close_loop
 from nassim.systems.linear_model import LinearModel, sampled, unstable_poles
 from nassim.systems.state_space import StateSpace
 
-AT_REST = (0.0, 0.0, 0.0)
+NO_SPIN = (0.0, 0.0, 0.0)
 """Default: no angular velocity, and the origin as axis point."""
 
 
 def linearize(
     scene: Scene,
     *,
-    angular_velocity: ArrayLike = AT_REST,
-    axis_point: ArrayLike = AT_REST,
+    angular_velocity: ArrayLike = NO_SPIN,
+    axis_point: ArrayLike = NO_SPIN,
     standing: Sequence[str] | None = None,
     frame: str = "turning",
 ) -> LinearModel:
@@ -128,8 +128,8 @@ def spun(
 def spinning_equilibrium(
     scene: Scene,
     *,
-    angular_velocity: ArrayLike = AT_REST,
-    axis_point: ArrayLike = AT_REST,
+    angular_velocity: ArrayLike = NO_SPIN,
+    axis_point: ArrayLike = NO_SPIN,
     standing: Sequence[str] | None = None,
     frame: str = "turning",
 ) -> dict[str, float]:
@@ -312,8 +312,8 @@ def linearize_closed(
     noise: bool = False,
     continuous: bool = False,
     delay_order: int = DELAY_ORDER,
-    angular_velocity: ArrayLike = AT_REST,
-    axis_point: ArrayLike = AT_REST,
+    angular_velocity: ArrayLike = NO_SPIN,
+    axis_point: ArrayLike = NO_SPIN,
     standing: Sequence[str] | None = None,
     frame: str = "turning",
 ) -> LinearModel:
