@@ -317,8 +317,9 @@ def linearize_closed(
     standing: Sequence[str] | None = None,
     frame: str = "turning",
 ) -> LinearModel:
-    """Compute the linear model of a scene with its loops closed, without the limits and quantisation of their
-    converters.
+    """Compute the linear model of a scene with its loops closed.
+
+    Limits and quantisation of the loops' converters are left out.
 
     The model is sampled at the loops' rate: it is exactly what a simulation without saturation gives at its samples,
     with
@@ -344,7 +345,7 @@ def linearize_closed(
         ValueError: for a scene without loops, for an unknown loop, and for several sample rates unless continuous.
     """
     if not scene.loops:
-        raise ValueError(f"scene {scene.name!r} has no loops; linearize serves")
+        raise ValueError(f"scene {scene.name!r} has no loops; use linearize")
     known_loops = [loop.name for loop in scene.loops]
     wanted = known_loops if loops is None else [known("loop", n, known_loops) for n in unique("loop", loops)]
     closed = [loop for loop in scene.loops if loop.name in wanted]

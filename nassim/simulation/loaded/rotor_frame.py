@@ -134,9 +134,7 @@ class FrameView:
         return result
 
     def laws(self, law: ForceLaw, angle: float) -> tuple[Array, Array, Array]:
-        """Return stiffness, damping, and stiffness by damping along rotating rows, on all coordinates, (n_all,
-        n_all) each.
-        """
+        """Return stiffness, damping and stiffness by damping along rotating rows, (n_all, n_all) each."""
         still = np.zeros(len(law.measure.components))
         stiffness, damping = law.tangents(still, still)
         rows = self.rows(law, angle)
@@ -150,7 +148,7 @@ class FrameView:
 
     @cached_property
     def scale(self) -> Array:
-        """Of all coordinates to comparable roots of energy, (n_all,)."""
+        """Factors that scale all coordinates to comparable square roots of energy, (n_all,)."""
         masses = [np.diag(self.states(0.0)[name].body.mass_matrix) for name in self.assembly.slices]
         result: Array = 1 / np.sqrt(np.concatenate(masses))
         return result
