@@ -16,7 +16,7 @@ from nassim.bodies.strain import Strain
 from nassim.scene.measures import Axes, Direction, Position
 
 FIDELITIES = ("rigid", "linear", "ffrf")
-ROUNDED = 2e-3
+INERTIA_TOLERANCE = 2e-3
 """Relative excess of the largest principal moment that rounded inertias of a flat body may have."""
 
 
@@ -142,7 +142,7 @@ class RigidBody(Body):
         if np.abs(inertia - inertia.T).max() > 1e-9 * np.abs(inertia).max() or np.linalg.eigvalsh(inertia)[0] <= 0:
             raise ValueError(f"{label}: inertia must be symmetric and positive definite")
         moments = np.linalg.eigvalsh(inertia)
-        if moments[2] > (1 + ROUNDED) * (moments[0] + moments[1]):
+        if moments[2] > (1 + INERTIA_TOLERANCE) * (moments[0] + moments[1]):
             raise ValueError(
                 f"{label}: no body has the principal moments {', '.join(f'{m:.4g}' for m in moments)} kg m2: none "
                 "can exceed the sum of the other two"

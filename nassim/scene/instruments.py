@@ -78,11 +78,10 @@ class Vibrometer(Sensor):
 
 @dataclass(frozen=True)
 class Geophone(Sensor):
-    """A geophone: a coil and a magnet on a spring, which measure a point's velocity against inertial space,
-    high-passed.
+    """A geophone: the high-passed velocity of a point against inertial space.
 
-    The output is sensitivity s^2 / (s^2 + 2 damping_ratio w s + w^2) times the velocity, with w = 2 pi
-    corner_frequency.
+    A magnet and a coil, one of which hangs on a spring, measure the velocity. The output is
+    sensitivity s^2 / (s^2 + 2 damping_ratio w s + w^2) times the velocity, with w = 2 pi corner_frequency.
     The instrument responds to acceleration: along an axis that rotates, a steady velocity gives no output.
 
     Attributes:

@@ -17,7 +17,7 @@ from nassim.scene.terms import Constraint, Spring
 
 TOUCH_TOLERANCE = 1e-9
 """Largest gap [m] between the two points of a joint."""
-ROUNDING = 1e-12
+PLACEMENT_ROUNDING = 1e-12
 """Gap [m] that rounding adds where a scene is placed up to kilometres away. It adds to the tolerance."""
 Damping = float | Mapping[str, float] | tuple[float, ...]
 PERPENDICULAR = 1e-9
@@ -71,7 +71,7 @@ class Joint(Connection):
         if isinstance(body, RigidBody) and scene.split(self.b)[0] is body:
             raise ValueError(f"joint {self.name!r}: {self.a!r} and {self.b!r} belong to one rigid body")
         gap = float(np.linalg.norm(scene.point_position(self.b) - scene.point_position(self.a)))
-        if gap > TOUCH_TOLERANCE + ROUNDING:
+        if gap > TOUCH_TOLERANCE + PLACEMENT_ROUNDING:
             raise ValueError(
                 f"joint {self.name!r}: {self.a!r} and {self.b!r} are {gap:.3g} m apart; they must coincide to "
                 f"{TOUCH_TOLERANCE:g} m: move one of the bodies"

@@ -469,7 +469,7 @@ class Combination(Measure):
         """
         periods = [abs(factor) * part.period for factor, part in self.parts if part.period]
         if len(periods) > 1:
-            raise ValueError("a combination of several angles cannot be counted on beyond half a turn: combine one")
+            raise ValueError("a combination of several angles cannot be unwrapped beyond half a turn: combine one")
         return periods[0] if periods else None
 
     def evaluate(self, states: States) -> Evaluation:

@@ -304,8 +304,7 @@ class AngleSensor(Sensor):
 
 @dataclass(frozen=True)
 class Pose(Sensor):
-    """A sensor of six outputs: displacement and small rotation of point b against point a along axes that rotate with
-    a.
+    """A sensor of the pose of point b against point a: displacement and small rotation along axes that rotate with a.
 
     Attributes:
         name: outputs are "name.ux" ... [m] and "name.rx" ... [rad].

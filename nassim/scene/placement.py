@@ -22,7 +22,7 @@ from nassim.scene.part import Actuator, Connection, ForceElement, Sensor
 from nassim.scene.scene import KINDS, Scene
 from nassim.scene.terms import Constraint, Spring, Term
 
-SAME = 1e-9
+PLACED_TOLERANCE = 1e-9
 """Share of a part's largest value by which two ways to rotate it may differ."""
 
 
@@ -216,7 +216,7 @@ def _kinds(noun: type[Any]) -> dict[str, Any]:
 def _alike(a: Any, b: Any) -> bool:
     """Whether terms, or their fields, are equal but for rounding."""
     if isinstance(a, (float, np.ndarray)):
-        return np.shape(a) == np.shape(b) and np.allclose(b, a, rtol=SAME, atol=SAME * _size(a))
+        return np.shape(a) == np.shape(b) and np.allclose(b, a, rtol=PLACED_TOLERANCE, atol=PLACED_TOLERANCE * _size(a))
     if type(a) is not type(b):
         return False
     if isinstance(a, tuple):

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from nassim.base.checks import Array, finite_array, freeze, known
 from nassim.scene.measures import BodyCoordinates, Direction, Measure, PointMeasure, Signal
 
-STEP = 1e-6
+TANGENT_STEP = 1e-6
 """Relative step of the difference quotients that replace a tangent that is not given."""
 
 
@@ -163,7 +163,7 @@ class NonlinearSpring(ForceLaw):
         k = len(value)
         columns = []
         for j in range(2 * k):
-            step = STEP * max(1e-3, float(np.abs(np.concatenate([value, rate])[j]))) * np.eye(2 * k)[j]
+            step = TANGENT_STEP * max(1e-3, float(np.abs(np.concatenate([value, rate])[j]))) * np.eye(2 * k)[j]
             ahead, behind = (self.resistance(value + s * step[:k], rate + s * step[k:]) for s in (1, -1))
             columns.append((ahead - behind) / (2 * step[j]))
         both = np.array(columns).T

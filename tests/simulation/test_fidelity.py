@@ -184,7 +184,7 @@ def test_exact_solution_of_one_mass_on_a_spring(stiff_bar, ratio):
         system = [[0, 1], [-(w**2), -2 * ratio * w]], [[0], [drive]], [[1, 0]], [[0]]
         expected += reading * scipy.signal.lsim(system, inputs[0], np.arange(200) * step, interp=True)[1]
     few = {"frequency": assembly.frequency[:3], "shapes": assembly.shapes[:, :3]}
-    of_few = {"following": PrescribedMotions.none(len(shape), 3), "unsupported": np.zeros(3, dtype=bool)}
+    of_few = {"prescribed": PrescribedMotions.none(len(shape), 3), "unsupported": np.zeros(3, dtype=bool)}
     rest = replace(
         assembly, **few, **of_few, damping=replace(assembly.damping, **few, ratio=assembly.damping.ratio[:3])
     )

@@ -16,7 +16,7 @@ from nassim.scene.measures import BodyState, Measure
 from nassim.scene.terms import AppliedForce, Constraint, ForceLaw
 from nassim.simulation.exudyn.state import COORDINATES, Summand
 
-NOTHING = np.zeros((0, 0))
+NO_MATRIX = np.zeros((0, 0))
 """An empty matrix, which costs no time."""
 
 
@@ -117,7 +117,7 @@ def add_general_force(mbs: Any, evaluate: Evaluator, law: ForceLaw) -> None:
 
     mbs.AddObject(
         eii.ObjectGenericODE2(
-            nodeNumbers=evaluate.nodes, massMatrix=NOTHING, forceUserFunction=force, jacobianUserFunction=jacobian
+            nodeNumbers=evaluate.nodes, massMatrix=NO_MATRIX, forceUserFunction=force, jacobianUserFunction=jacobian
         )
     )
 
@@ -129,7 +129,7 @@ def add_general_actuator(mbs: Any, evaluate: Evaluator, term: AppliedForce) -> A
     def force(_mbs: Any, _t: float, _item: int, q: Any, _rates: Any) -> Array:
         return term.gain * strength[0] * evaluate(np.asarray(q))[1][0]
 
-    mbs.AddObject(eii.ObjectGenericODE2(nodeNumbers=evaluate.nodes, massMatrix=NOTHING, forceUserFunction=force))
+    mbs.AddObject(eii.ObjectGenericODE2(nodeNumbers=evaluate.nodes, massMatrix=NO_MATRIX, forceUserFunction=force))
     return strength
 
 

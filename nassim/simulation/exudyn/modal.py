@@ -9,7 +9,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.simulation.exudyn.general import NOTHING
+from nassim.simulation.exudyn.general import NO_MATRIX
 from nassim.simulation.exudyn.state import (
     COORDINATES,
     Charge,
@@ -175,7 +175,7 @@ def _add_curvature(mbs: Any, node: int, tangent: Tangent, rows: Array) -> None:
 
     mbs.AddObject(
         eii.ObjectGenericODE2(
-            nodeNumbers=[node], massMatrix=NOTHING, forceUserFunction=force, jacobianUserFunction=jacobian
+            nodeNumbers=[node], massMatrix=NO_MATRIX, forceUserFunction=force, jacobianUserFunction=jacobian
         )
     )
 

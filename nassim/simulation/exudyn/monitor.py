@@ -16,7 +16,7 @@ from nassim.simulation.model.buckling import axial_rows
 from nassim.simulation.model.damping import tied_bodies
 from nassim.simulation.model.reach import Reach
 
-LOST = 1.0
+DIVERGED = 1.0
 """Deformation over the body's size, or rotation [rad] by deformation, above which a run diverges."""
 DRIFT = 1e-2
 """Share of a body's fastest rotation by which its rotation may violate the constraint on its Euler parameters."""
@@ -46,7 +46,7 @@ class Monitor:
         scene = system.assembly.scene
         self.reach, self.trust = reach, Trust()
         self.system = system
-        self.threshold = RUNAWAY if scene.loops else LOST
+        self.threshold = RUNAWAY if scene.loops else DIVERGED
         self.names = list(system.flexible)
         self.sizes = np.zeros((len(self.names), 2))
         self.rows, self.starts, self.places = self._gather()

@@ -26,7 +26,7 @@ from nassim.simulation.exudyn.state import COORDINATES, Summand
 Kind = exu.OutputVariableType
 MOTIONS = (Kind.Displacement, Kind.Velocity, Kind.Acceleration)
 """Exudyn's variables of a point for an output of each derivative."""
-KEPT = {"storeInternal": True, "writeToFile": False}
+STORED = {"storeInternal": True, "writeToFile": False}
 
 
 def add_output(items: Items, term: Output) -> list[Summand]:
@@ -65,7 +65,7 @@ def _of_coordinates(items: Items, term: Output, measure: Measure) -> list[Summan
         return None
     result = []
     for node, share in nodes:
-        sensor = eii.SensorNode(nodeNumber=node, outputVariableType=COORDINATES[term.derivative], **KEPT)
+        sensor = eii.SensorNode(nodeNumber=node, outputVariableType=COORDINATES[term.derivative], **STORED)
         result.append(Summand.linear(items.mbs.AddSensor(sensor), term.gain * share))
     for path, weights in on_points(items, measure) or ():
         sensors = _sensors(items, path, MOTIONS[term.derivative])
@@ -111,19 +111,21 @@ def _sensors(items: Items, path: str, kind: Kind) -> list[int]:
     name, _, point = path.partition(".")
     if name in items.rigid:
         position = list(items.rigid[name].points[point])
-        sensor = eii.SensorBody(bodyNumber=items.objects[name], localPosition=position, outputVariableType=kind, **KEPT)
+        sensor = eii.SensorBody(
+            bodyNumber=items.objects[name], localPosition=position, outputVariableType=kind, **STORED
+        )
         return [items.mbs.AddSensor(sensor)]
     if kind != Kind.Acceleration:
-        sensor = eii.SensorMarker(markerNumber=items.marker(path), outputVariableType=kind, **KEPT)
+        sensor = eii.SensorMarker(markerNumber=items.marker(path), outputVariableType=kind, **STORED)
         return [items.mbs.AddSensor(sensor)]
     if path not in items.virtual_nodes:
         node = items.nodes[name] if items.fidelity(path) == "ffrf" else items.node_of(path)
-        sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kind, **KEPT)
+        sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kind, **STORED)
         return [items.mbs.AddSensor(sensor)]
     number, nodes = items.virtual_nodes[path]
     return [
         items.mbs.AddSensor(
-            eii.SensorSuperElement(bodyNumber=number, meshNodeNumber=node, outputVariableType=kind, **KEPT)
+            eii.SensorSuperElement(bodyNumber=number, meshNodeNumber=node, outputVariableType=kind, **STORED)
         )
         for node in nodes
     ]

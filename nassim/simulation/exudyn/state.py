@@ -253,8 +253,7 @@ class System:
         return np.vstack([every[first : first + count] for first, (_, count) in zip(firsts, nodes, strict=True)])
 
     def pose(self, body: Body) -> tuple[Array, Array]:
-        """Return the position of the origin of a body's own frame, (3,) [m], and the rotation to the world's axes, (3,
-        3).
+        """Return position, (3,) [m], and rotation to the world's axes, (3, 3), of a body's own frame.
 
         The place and axes of Exudyn's node in the body do not matter: they move with the body's frame.
         """

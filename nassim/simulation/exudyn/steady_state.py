@@ -29,8 +29,8 @@ LONGEST_STEP = 0.25
 """Longest step over the speed of the rotation: some half a radian of a pendulum."""
 SHUT = 1e-12
 """Largest violation of constraints at the end [m], [-]."""
-ITERATIONS = 30
-ROUNDING = 1e-6
+NEWTON_ITERATIONS = 30
+STIFFNESS_ROUNDING = 1e-6
 """Stiffness over that of the spin, and force over the largest, that are rounding of differences."""
 SOFT = 1e-9
 """Stiffness of modes, over the largest, below which it is not distinguished from zero."""
@@ -180,8 +180,8 @@ class _Motion:
         softest = max(speed**2, SOFT * np.abs(self.squares).max(initial=0.0))
         scale = 1 / np.sqrt(np.maximum(np.abs(self.squares), softest))
         u, values, v = np.linalg.svd(scale[:, None] * self.stiffness * scale)
-        pushed, held = u.T @ (scale * self.push), values > ROUNDING
-        if np.any(np.abs(pushed[~held]) > ROUNDING * energy):
+        pushed, held = u.T @ (scale * self.push), values > STIFFNESS_ROUNDING
+        if np.any(np.abs(pushed[~held]) > STIFFNESS_ROUNDING * energy):
             raise RuntimeError(NO_REST)
         going = v[held].T @ (pushed[held] / values[held])
         return self.back + self.allowed @ (scale * going), float(np.abs(going).max(initial=0.0))
@@ -269,7 +269,7 @@ def _come_to_rest(
     data = equations.system.mbs.systemData
     reference = data.GetODE2Coordinates(exu.ConfigurationType.Reference)
     x = reference + data.GetODE2Coordinates(exu.ConfigurationType.Initial)
-    for _ in range(ITERATIONS):
+    for _ in range(NEWTON_ITERATIONS):
         if not np.all(np.isfinite(equations.left(x))):
             break
         energy = energy_root(x)

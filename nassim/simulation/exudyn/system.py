@@ -53,7 +53,7 @@ from nassim.simulation.model.states import LinearState, euler_state
 
 NO_ROTATION = np.array([1.0, 0.0, 0.0, 0.0])
 """Euler parameters of no rotation."""
-LARGE = 80
+SPARSE_SIZE = 80
 """Number of coordinates above which a sparse factorisation is faster."""
 VIRTUAL_NODE_DIRECTIONS = np.array([[2, -1, -1], [-1, 2, -1], [-1, -1, 2]]) / np.sqrt(6)
 """Corners of a regular triangle: three virtual nodes, the fewest, whose equal weights give a point's motion exactly."""
@@ -117,7 +117,7 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, s
         tuple(drives),
         readings,
         massless,
-        sparse=mbs.systemData.ODE2Size() > LARGE,
+        sparse=mbs.systemData.ODE2Size() > SPARSE_SIZE,
         rotating_axes=rotating_axes,
     )
 

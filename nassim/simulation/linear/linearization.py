@@ -20,15 +20,15 @@ from nassim.systems.feedback import DELAY_ORDER, close_loop
 from nassim.systems.linear_model import LinearModel, sampled, unstable_poles
 from nassim.systems.state_space import StateSpace
 
-AT_REST = (0.0, 0.0, 0.0)
+NO_SPIN = (0.0, 0.0, 0.0)
 """Default: no angular velocity, and the origin as axis point."""
 
 
 def linearize(
     scene: Scene,
     *,
-    angular_velocity: ArrayLike = AT_REST,
-    axis_point: ArrayLike = AT_REST,
+    angular_velocity: ArrayLike = NO_SPIN,
+    axis_point: ArrayLike = NO_SPIN,
     standing: Sequence[str] | None = None,
     frame: str = "turning",
 ) -> LinearModel:
@@ -128,8 +128,8 @@ def spun(
 def spinning_equilibrium(
     scene: Scene,
     *,
-    angular_velocity: ArrayLike = AT_REST,
-    axis_point: ArrayLike = AT_REST,
+    angular_velocity: ArrayLike = NO_SPIN,
+    axis_point: ArrayLike = NO_SPIN,
     standing: Sequence[str] | None = None,
     frame: str = "turning",
 ) -> dict[str, float]:
@@ -312,13 +312,14 @@ def linearize_closed(
     noise: bool = False,
     continuous: bool = False,
     delay_order: int = DELAY_ORDER,
-    angular_velocity: ArrayLike = AT_REST,
-    axis_point: ArrayLike = AT_REST,
+    angular_velocity: ArrayLike = NO_SPIN,
+    axis_point: ArrayLike = NO_SPIN,
     standing: Sequence[str] | None = None,
     frame: str = "turning",
 ) -> LinearModel:
-    """Compute the linear model of a scene with its loops closed, without the limits and quantisation of their
-    converters.
+    """Compute the linear model of a scene with its loops closed.
+
+    Limits and quantisation of the loops' converters are left out.
 
     The model is sampled at the loops' rate: it is exactly what a simulation without saturation gives at its samples,
     with
@@ -344,7 +345,7 @@ def linearize_closed(
         ValueError: for a scene without loops, for an unknown loop, and for several sample rates unless continuous.
     """
     if not scene.loops:
-        raise ValueError(f"scene {scene.name!r} has no loops; linearize serves")
+        raise ValueError(f"scene {scene.name!r} has no loops; use linearize")
     known_loops = [loop.name for loop in scene.loops]
     wanted = known_loops if loops is None else [known("loop", n, known_loops) for n in unique("loop", loops)]
     closed = [loop for loop in scene.loops if loop.name in wanted]

@@ -6,13 +6,13 @@ from numpy.typing import ArrayLike
 from nassim.base.checks import Array
 from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
-from nassim.simulation.linear.linearization import AT_REST, spun, state_space
+from nassim.simulation.linear.linearization import NO_SPIN, spun, state_space
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.recorded_motion import recorded_motion, traced
 
 N_IMAGES = 48
 """Images in a period."""
-LARGEST = 1e-3
+SHOWN_AMPLITUDE = 1e-3
 """Largest displacement over the size of a scene, and largest rotation [rad], of a mode's motion."""
 
 
@@ -21,8 +21,8 @@ def mode_motion(
     number: int,
     *,
     frames: int = N_IMAGES,
-    angular_velocity: ArrayLike = AT_REST,
-    axis_point: ArrayLike = AT_REST,
+    angular_velocity: ArrayLike = NO_SPIN,
+    axis_point: ArrayLike = NO_SPIN,
 ) -> tuple[complex, Motion]:
     """Compute one period of a mode of a scene's linear model, without its decay.
 
@@ -57,7 +57,7 @@ def mode_motion(
 
 
 def _size(assembly: Assembly, shape: Array) -> float:
-    """Return the largest rotation [rad] or displacement over the distance between points, over `LARGEST`."""
+    """Return the largest rotation [rad] or displacement over the distance between points, over `SHOWN_AMPLITUDE`."""
     rows, places = [], []
     for body in assembly.scene.bodies:
         names = body.point_names
@@ -66,4 +66,4 @@ def _size(assembly: Assembly, shape: Array) -> float:
             rows += [body.motion(name) @ shape[assembly.slices[body.name]] for name in names]
     span = float(np.linalg.norm(np.ptp(places, axis=0))) or 1.0
     moved = np.abs(np.reshape(rows, (-1, 6))) / np.repeat([span, 1.0], 3)
-    return float(moved.max(initial=0.0)) / LARGEST or 1.0
+    return float(moved.max(initial=0.0)) / SHOWN_AMPLITUDE or 1.0

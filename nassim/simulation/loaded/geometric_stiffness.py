@@ -101,9 +101,7 @@ class GeometricStiffness:
         return result
 
     def of_springs(self, coordinates: Array) -> Array:
-        """Compute the stiffness of spring forces at given coordinates, (n_all,), as their arms and directions
-        rotate.
-        """
+        """Compute the stiffness of spring forces at given coordinates, (n_all,), as their directions rotate."""
         result = np.zeros((len(coordinates), len(coordinates)))
         for tangent in self.assembly.tangents:
             force = tangent.law.resistance(tangent.rows @ coordinates, np.zeros(len(tangent.rows)))

@@ -35,9 +35,9 @@ from nassim.simulation.model.damping import damps
 from nassim.simulation.model.states import ReferenceState
 
 FRAMES = ("turning", "standing")
-ANGLES = (1.0, 2.3)
+CHECKED_ANGLES = (1.0, 2.3)
 """Angles of the rotor [rad] at which everything must equal the start."""
-SAME = 1e-7
+CONSTANT_TOLERANCE = 1e-7
 """Relative difference up to which it counts as equal."""
 OTHERWISE = {
     "turning": "make the stator equal in all directions across the axis, or, if the rotor is rigid and equal in all "
@@ -134,9 +134,7 @@ class FrameView:
         return result
 
     def laws(self, law: ForceLaw, angle: float) -> tuple[Array, Array, Array]:
-        """Return stiffness, damping, and stiffness by damping along rotating rows, on all coordinates, (n_all,
-        n_all) each.
-        """
+        """Return stiffness, damping and stiffness by damping along rotating rows, (n_all, n_all) each."""
         still = np.zeros(len(law.measure.components))
         stiffness, damping = law.tangents(still, still)
         rows = self.rows(law, angle)
@@ -150,7 +148,7 @@ class FrameView:
 
     @cached_property
     def scale(self) -> Array:
-        """Of all coordinates to comparable roots of energy, (n_all,)."""
+        """Factors that scale all coordinates to comparable square roots of energy, (n_all,)."""
         masses = [np.diag(self.states(0.0)[name].body.mass_matrix) for name in self.assembly.slices]
         result: Array = 1 / np.sqrt(np.concatenate(masses))
         return result
@@ -216,10 +214,10 @@ def check_constant(view: FrameView) -> None:
             ties.setdefault(("joint",) * isinstance(term, Constraint) + tuple(sorted(moving)), []).append(term)
         else:
             start = view.rows(term, 0.0) * view.scale
-            change = max(float(np.linalg.norm(view.rows(term, a) * view.scale - start)) for a in ANGLES)
+            change = max(float(np.linalg.norm(view.rows(term, a) * view.scale - start)) for a in CHECKED_ANGLES)
             _check_change(partition, label_of(term), change, float(np.linalg.norm(start)), ALONG)
     for terms in ties.values():
-        for start, *others in zip(*(_figures(view, terms, angle) for angle in (0.0, *ANGLES)), strict=True):
+        for start, *others in zip(*(_figures(view, terms, angle) for angle in (0.0, *CHECKED_ANGLES)), strict=True):
             change = max(float(np.linalg.norm(other - start)) for other in others)
             _check_change(
                 partition, ", ".join(dict.fromkeys(map(label_of, terms))), change, float(np.linalg.norm(start))
@@ -244,13 +242,13 @@ def _check_other_frame_body(view: FrameView, name: str) -> None:
             f"model in the {partition.frame} frame cannot rotate: describe it as a RigidBody, "
             f"{OTHERWISE[partition.frame]}"
         )
-    masses = [view.states(angle)[name].body.mass_matrix for angle in (0.0, *ANGLES)]
+    masses = [view.states(angle)[name].body.mass_matrix for angle in (0.0, *CHECKED_ANGLES)]
     change = max(float(np.linalg.norm((mass - masses[0])[3:, 3:])) for mass in masses)
     _check_change(partition, f"body {name!r}", change, float(np.linalg.norm(masses[0][3:, 3:])))
     if name not in partition.stator:
         unit = partition.velocity / np.linalg.norm(partition.velocity)
         beside = float(np.linalg.norm(np.cross(unit, body.position - partition.point)))
-        if beside > SAME * np.sqrt(masses[0][3, 3] / masses[0][0, 0]):
+        if beside > CONSTANT_TOLERANCE * np.sqrt(masses[0][3, 3] / masses[0][0, 0]):
             raise ValueError(
                 f"body {name!r} rotates with its centre of mass {beside:.3g} m beside the axis: its unbalance force "
                 f"rotates in the standing frame; {OTHERWISE[partition.frame]}"
@@ -260,7 +258,7 @@ def _check_other_frame_body(view: FrameView, name: str) -> None:
 def _check_change(
     partition: RotorPartition, what: str, change: float, size: float, cures: Mapping[str, str] = OTHERWISE
 ) -> None:
-    if change > SAME * size:
+    if change > CONSTANT_TOLERANCE * size:
         raise ValueError(
             f"{what}: in the {partition.frame} frame, this changes by {100 * change / size:.2g} % while the rotor "
             f"turns, so that no linear model holds; {cures[partition.frame]}"

@@ -44,7 +44,7 @@ NOT_SMALL = 0.1
 """Largest rotation [rad], and deformation over size, of an equilibrium in small motion."""
 WARNED_MOTION = 0.01
 """Rotation [rad], and deformation over size, above which a warning is given."""
-ROUNDING = 1e-9
+SPIN_ROUNDING = 1e-9
 """Stiffness over a mode's own, and force over the largest, that are rounding."""
 
 
@@ -260,8 +260,8 @@ def _rest(assembly: Assembly, added: Array, force: Array, rate: float, largest: 
     scale = 1 / np.where(free, rate, 2 * np.pi * assembly.frequency)
     axes, values, answers = np.linalg.svd(np.diag(np.where(free, 0.0, 1.0)) + scale[:, None] * matrix * scale)
     pushed = axes.T @ (scale * (modes.T @ force))
-    held = values > ROUNDING
-    if np.any(np.abs(pushed[~held]) > ROUNDING * largest / rate):
+    held = values > SPIN_ROUNDING
+    if np.any(np.abs(pushed[~held]) > SPIN_ROUNDING * largest / rate):
         raise ValueError(
             f"scene {assembly.scene.name!r} has no spinning equilibrium: centrifugal forces drive a motion that "
             "nothing holds, or that is at its critical speed; add a spring or a joint, put the centre of mass on the "

@@ -15,7 +15,7 @@ from nassim.scene.terms import Constraint, ForceLaw
 
 LOST_DAMPING = 0.01
 """Share of a mode's damping above whose loss a warning is given."""
-ROUNDING = 1e-9
+DAMPING_ROUNDING = 1e-9
 """Share of the largest possible damping of a mode that is rounding."""
 
 
@@ -67,7 +67,7 @@ class Damping:
         """
         non_modal = self.shapes.T @ self.non_modal @ self.shapes
         size = np.sqrt(np.diag(np.abs(self.shapes).T @ np.abs(self.non_modal) @ np.abs(self.shapes)))
-        damped = np.any(np.abs(non_modal) > ROUNDING * np.outer(size, size), axis=1)
+        damped = np.any(np.abs(non_modal) > DAMPING_ROUNDING * np.outer(size, size), axis=1)
         result: Array = np.diag(4 * np.pi * self.ratio * self.frequency) + non_modal * np.outer(damped, damped)
         return result
 

@@ -27,9 +27,9 @@ from nassim.simulation.model.assembly import Assembly
 
 FASTEST = 0.9
 """Half a step's angle [rad] up to which a mode is corrected, 3.5 steps a period; faster modes get the same factor."""
-ROUNDS = 5
+TRANSFER_ROUNDS = 5
 """Iterations that transfer to bodies the correction of modes in which springs have a share."""
-SAME = 1e-6
+EQUAL_FREQUENCIES = 1e-6
 """Relative difference up to which two frequencies count as equal."""
 MOST = 0.6
 """Largest share of a modal mass that the correction removes, so that masses stay positive."""
@@ -120,8 +120,8 @@ def correct_periods(assembly: Assembly, steps: Steps) -> tuple[Assembly, Array]:
     asked, taken = wanted, _inverse(bent, wanted)
     # Modes of equal frequency have arbitrary directions: they share their correction, which would else be rounding.
     frequency = assembly.frequency[elastic]
-    groups = np.cumsum(np.diff(frequency, prepend=0.0) > SAME * frequency) - 1
-    for _ in range(ROUNDS):
+    groups = np.cumsum(np.diff(frequency, prepend=0.0) > EQUAL_FREQUENCIES * frequency) - 1
+    for _ in range(TRANSFER_ROUNDS):
         each = np.sum(bent * (taken @ bent), axis=0)
         given = (np.bincount(groups, each) / np.bincount(groups))[groups]
         asked = np.clip(asked * wanted / np.maximum(given, wanted / 10), wanted, MOST)

@@ -24,9 +24,9 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.bodies.strain import Strain
 
-ROUNDING = 1e-9
+SUM_ROUNDING = 1e-9
 """Share of the sum of a sum's absolute terms below which the sum is rounding."""
-LEFT = 1e-12
+MODE_ROUNDING = 1e-12
 """Share of the size of a row, a force or a motion below which its part in a mode is rounding."""
 
 
@@ -93,7 +93,7 @@ def prescribed_motion_of(held: Array, moved: Array, modes: Array, omega: Array, 
     scale = 1.0 / np.sqrt(np.diag(mass))
     sizes = np.linalg.norm(held * scale, axis=1, keepdims=True)
     rows = held * scale / sizes
-    result: Array = scale[:, None] * np.linalg.lstsq(rows, moved / sizes, rcond=ROUNDING)[0]
+    result: Array = scale[:, None] * np.linalg.lstsq(rows, moved / sizes, rcond=SUM_ROUNDING)[0]
     free, elastic = modes[:, omega == 0], modes[:, omega > 0]
     strained = (strain.root @ elastic).T / omega[omega > 0, None] ** 2
     for _ in range(2):  # two passes orthogonalise to the last digit
@@ -107,13 +107,13 @@ def cleared(values: Array, sizes: Array) -> Array:
     The sizes of rows and forces, in which metres and radians compare, are |row / s| with s the square roots of all
     coordinates' masses: no mode of unit modal mass has a larger part. The sizes of motions are |s motion|.
     """
-    return np.where(np.abs(values) > LEFT * sizes, values, 0.0)
+    return np.where(np.abs(values) > MODE_ROUNDING * sizes, values, 0.0)
 
 
 def product(a: Array, b: Array) -> Array:
     """Multiply a @ b, exactly 0 where the result is rounding."""
     result: Array = a @ b
-    return np.where(np.abs(result) > ROUNDING * (np.abs(a) @ np.abs(b)), result, 0.0)
+    return np.where(np.abs(result) > SUM_ROUNDING * (np.abs(a) @ np.abs(b)), result, 0.0)
 
 
 def prescribed_motions(

@@ -26,7 +26,7 @@ from nassim.scene.terms import ForceLaw, PrescribedMotion
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.damping import damps
 
-DEPENDENT = 1e-9
+DEPENDENT_POINTS = 1e-9
 """Smallest singular value, of motions scaled to one, of points that move independently."""
 
 
@@ -158,7 +158,7 @@ def _condensed(omega: Array, interface: Array, label: str) -> tuple[Array, Array
     """
     size = np.linalg.norm(interface, axis=1)
     _, independent, right = np.linalg.svd(interface / np.where(size > 0, size, 1.0)[:, None])
-    if len(independent) < len(interface) or independent[-1] < DEPENDENT:
+    if len(independent) < len(interface) or independent[-1] < DEPENDENT_POINTS:
         raise ValueError(f"{label} do not move independently; keep one of those that move together and pass the others")
     m = len(interface)
     held = right[m:].T

@@ -13,7 +13,7 @@ NO_EQUILIBRIUM = (
     "no static equilibrium: can a body move freely? Add joints, leave gravity out, or start from the reference "
     'configuration by simulate(..., start="released")'
 )
-ITERATIONS = 100
+EQUILIBRIUM_ITERATIONS = 100
 LEFT_OVER = 1e-11
 """Share of the weight that may be out of balance in static equilibrium."""
 
@@ -104,7 +104,7 @@ def _nonlinear_equilibrium(coordinates: Coordinates, laws: Sequence[tuple[ForceL
         return result
 
     q, size = np.zeros(len(coordinates.mass)), float(np.linalg.norm(free.T @ weight))
-    for _ in range(ITERATIONS):
+    for _ in range(EQUILIBRIUM_ITERATIONS):
         now = left(q)
         stiffness = elastic + sum(t.rows.T @ t.stiffness @ t.rows for t in (Tangent.of(*law, q) for law in laws))
         step = free @ np.linalg.lstsq(free.T @ stiffness @ free, now, rcond=LEFT_OVER)[0]

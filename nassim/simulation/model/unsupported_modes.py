@@ -19,8 +19,7 @@ BEYOND = 0.5
 def unsupported_modes(
     scene: Scene, valid: Mapping[str, float], strains: Sequence[Strain], frequency: Array, modes: Array
 ) -> Array:
-    """Find the unsupported modes: with most strain energy beyond the bodies' valid frequencies, or above the scene's
-    limit.
+    """Find the modes with most strain energy beyond the bodies' valid frequencies, or above the scene's limit.
 
     Args:
         scene: the scene.
