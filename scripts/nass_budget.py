@@ -23,7 +23,7 @@ from models.nass_loops import POSE, force_loop, pose_loop
 from nassim import FRF, LinearModel, Loop, linearize
 from nassim.kinematics import StewartPlatform
 from nassim.plotting import plt, save_figure
-from nassim.signals import TabulatedSpectrum
+from nassim.signals import TabulatedSpectrum, differentiate_spectrum
 from nassim.systems import (
     NoiseBudget,
     close_loop,

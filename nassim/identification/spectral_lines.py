@@ -23,8 +23,8 @@ class Lines:
         responses: spectra of the outputs, complex, (outputs, n).
         time_step: time step of the samples; None where an FRF does not specify it [s].
         transient: whether the motion before and after a record is part of the model: True for records, False for FRFs.
-        hold_order: behaviour of the input between samples, 0 or 1 as in `nassim.base.modal.discretize_pole`; None for an
-            input without content above half the sample rate, or without a known time step.
+        hold_order: behaviour of the input between samples, 0 or 1 as in `nassim.base.modal.discretize_pole`; None for
+            an input without content above half the sample rate, or without a known time step.
         residual_powers: powers p of the terms s^p for modes outside the band.
         known: cells that `compressed_lines` has already compressed.
     """

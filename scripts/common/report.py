@@ -14,7 +14,7 @@ import numpy as np
 import psutil
 
 from nassim.base import write_atomically
-from nassim.base.progress import tell
+from nassim.base.progress import tell, wrap_text
 from nassim.base.tables import text_table
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from nassim import FRF, Material, TimeHistory, load, save
-from nassim.base import storage
+from nassim.base import file_registry, storage
 from nassim.base.storage import cache_directory, fingerprint, load_or_compute
 
 
