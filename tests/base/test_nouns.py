@@ -47,6 +47,7 @@ NOT_DATA = {
         "Coordinates",
         "FrameState",
         "LinearState",
+        "Reach",
         "ReferenceState",
         "RigidState",
         "Tangent",
