@@ -15,7 +15,7 @@ and everything that is known stays exact.
 
 Error bound: let the body rotate at Omega, and let omega be its lowest elastic eigenfrequency with its actual
 supports. By the Cauchy-Schwarz inequality, the amplitude of each mode of unit modal mass under centrifugal forces is
-at most (Omega / omega)^2 times the square root of mass times polar moment. The deformation is then at most
+at most (Omega / omega)^2 times the square root of the polar moment of inertia. The deformation is then at most
 (Omega / omega)^2 of the body's size, and eigenfrequencies change by at most about Omega. Below Omega = omega / 30 both
 are small: 0.1 % of the size and 3 % of the lowest frequency. Small motion about a body at rest, free flight of a stiff
 body, and the fidelities "linear" and "rigid" are not affected.

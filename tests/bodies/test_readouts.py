@@ -113,9 +113,9 @@ def test_names_are_used_once(body):
     with pytest.raises(ValueError, match=r"body 'lattice': remote point and read-out names must differ.*: left"):
         replace(body, readouts=by_name([left]))
     bar = make_bar()
-    with pytest.raises(ValueError, match=r"solid 'bar': .* picture \('surface'\) names must differ.*: left"):
+    with pytest.raises(ValueError, match=r"solid 'bar': .* surface \('surface'\) names must differ.*: left"):
         replace(bar, ports=(ElectricalPort("left", "bar", None),))
-    with pytest.raises(ValueError, match=r"picture \('surface'\) names must differ.*: surface"):
+    with pytest.raises(ValueError, match=r"surface \('surface'\) names must differ.*: surface"):
         replace(bar, remote_points=(replace(bar.remote_points[0], name="surface"),))
 
 

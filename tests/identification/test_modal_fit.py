@@ -9,7 +9,7 @@ import scipy.signal
 
 from models.bench import make_bench
 from nassim import FRF, RigidBody, TimeHistory, estimate_frf, frequency_response, linearize, load, save, simulate
-from nassim.base.file_registry import upgraded
+from nassim.base.file_registry import upgrade_fields
 from nassim.identification.apply import apply_identification, modal_gains
 from nassim.identification.modal_fit import ModalFit, identify_modes
 from nassim.scene import Displacement, Output, Sensor
@@ -469,7 +469,7 @@ def test_fit_is_saved_whole_and_checks_itself(tmp_path):
     assert dict(again.how) == dict(fit.how)
     assert "98.0" in fit.summary()
     older = {{"recorded": "measured"}.get(item.name, item.name): getattr(fit, item.name) for item in fields(fit)}
-    assert ModalFit(**upgraded("ModalFit", older)).recorded is fit.recorded
+    assert ModalFit(**upgrade_fields("ModalFit", older)).recorded is fit.recorded
     with pytest.raises(ValueError, match="gains must have shape 2 x 2"):
         replace(fit, gains=np.ones((2, 3)))
 

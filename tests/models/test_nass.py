@@ -262,7 +262,7 @@ def test_what_no_end_station_is():
         ValueError, match=r"granite, translation, tilt, spindle, micro_hexapod, in this order, got tilt"
     ):
         make_nass(STRUT, stages={"tilt": END_STATION["tilt"]})
-    with pytest.raises(ValueError, match="six figures"):
+    with pytest.raises(ValueError, match="six values"):
         END_STATION["micro_hexapod"].alike()
 
 
