@@ -69,6 +69,7 @@ NOT_DATA = {
         "Lines",
         "Listing",
         "PhysicalProperties",
+        "Limit",
         "WarningLog",
         "RotorPartition",
         "Plant",
