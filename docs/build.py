@@ -1,7 +1,7 @@
-"""The site in build/site: scripts run for the gallery, pages built with warnings as errors, links checked.
+"""Build the site in build/site: run the gallery's scripts, build pages with warnings as errors, check links.
 
-    python docs/build.py                          all of it; results of scripts are kept until the code changes
-    python docs/build.py --only import_body       of the scripts only these; none: pages alone
+    python docs/build.py                          build all; results of scripts are kept until the code changes
+    python docs/build.py --only import_body       run only these scripts; without a name: build pages only
 
 Needs `pip install -e ".[docs]"` and no network; open build/site/index.html.
 """
@@ -23,7 +23,7 @@ from sphinx.cmd.build import main as sphinx  # noqa: E402
 
 
 class Page(HTMLParser):
-    """What a page can be addressed by, where its links go, and what it loads."""
+    """Anchors of a page, its links, and the files that it loads."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()
@@ -31,7 +31,7 @@ class Page(HTMLParser):
         self.feed(path.read_text(encoding="utf-8"))
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        """Note ids, names and addresses."""
+        """Collect ids, names and addresses."""
         found = {name: value for name, value in attrs if value}
         self.anchors.update(found[name] for name in ("id", "name") if name in found)
         self.links += [found["href"]] if "href" in found and tag == "a" else []
@@ -39,7 +39,7 @@ class Page(HTMLParser):
 
 
 def dead_links(site: Path) -> Iterator[str]:
-    """Links of a site's pages that lead nowhere on it, and what pages load from elsewhere."""
+    """Yield links to nothing on the site, and files that pages load from other sites."""
     skipped = site / "_static"
     pages = {path: Page(path) for path in sorted(site.rglob("*.html")) if skipped not in path.parents}
     for path, page in pages.items():
@@ -55,7 +55,7 @@ def dead_links(site: Path) -> Iterator[str]:
 
 
 def main() -> int:
-    """The command line."""
+    """Run the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="*", metavar="SCRIPT", help="scripts of the gallery to run (default: all)")
     args = parser.parse_args()

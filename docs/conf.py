@@ -1,4 +1,4 @@
-"""The site: `python docs/build.py` makes it, from the pages in this folder, in `build/site`."""
+"""Configuration of Sphinx: `python docs/build.py` builds the pages of this folder in `build/site`."""
 
 import sys
 from pathlib import Path
@@ -10,11 +10,15 @@ import nassim  # noqa: E402
 project = "nassim"
 version = release = nassim.__version__
 copyright = "the authors of nassim, BSD-3-Clause"
-extensions = ["myst_parser", "sphinx.ext.autodoc", "gallery", "mathml", "reference"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "gallery", "mathml", "reference"]
 exclude_patterns = ["templates", "extensions"]
 
 myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 4
+
+napoleon_numpy_docstring = False
+napoleon_use_param = False
+napoleon_custom_sections = [("Attributes", "params_style")]
 
 autodoc_class_signature = "mixed"
 autodoc_member_order = "bysource"

@@ -1,4 +1,4 @@
-"""README.md and docs/*.md from docs/templates: no figure is typed, each comes from the summary.json of a command.
+"""Write README.md and docs/*.md from docs/templates. Each figure comes from the summary.json of a command.
 
     python docs/render.py                              write README.md and docs/*.md
     python docs/render.py --check                      exit with status 1 where they are not what the templates give
@@ -8,8 +8,8 @@ A template writes {script:key}, {script:key:format} or {script:key*factor:format
 {run_bench:static_gain_m_per_V*1e6:.2f}. The script is that of docs/figures/<script>[-variant].json; the key is a path
 with slashes, whose steps into a list are an index, the "name" of an entry, min or max. {script:command} is the command
 that made the figures; it must stand in the section that quotes them. A "," in the format separates thousands by blanks.
-Fenced code stays as it is. Figures that no command makes (settings, a vendor's and a paper's values) stand in
-docs/given.json, each with its source.
+Fenced code stays as it is. Figures that no command makes (settings, values of a vendor or
+a paper) are in docs/given.json, each with its source.
 """
 
 import argparse
@@ -87,17 +87,17 @@ def typed_figures(template: str, given: Mapping[str, str]) -> list[str]:
 
 
 def sections(text: str) -> list[str]:
-    """A text cut before its headings of second level."""
+    """Split a text before its headings of second level."""
     return re.split(r"^(?=## )", text, flags=re.M)
 
 
 def load_figures(folder: Path = FIGURES) -> dict[str, dict[str, Any]]:
-    """The summaries in docs/figures, by name."""
+    """Load the summaries in docs/figures, by name."""
     return {path.stem: json.loads(path.read_text(encoding="utf-8")) for path in sorted(folder.glob("*.json"))}
 
 
 def documents() -> Iterator[tuple[Path, Path, str]]:
-    """Each template, the file that it gives, and what is to stand in there."""
+    """Yield each template, its target file, and the text of the target."""
     figures = load_figures()
     for template in sorted((ROOT / "docs" / "templates").glob("*.md")):
         target = ROOT / template.name if template.name == "README.md" else ROOT / "docs" / template.name
@@ -120,7 +120,7 @@ def collect(results: Path, folder: Path = FIGURES) -> Path:
 
 
 def main() -> int:
-    """The command line."""
+    """Run the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--check", action="store_true", help="write nothing, exit with status 1 where files differ")
     parser.add_argument("--collect", type=Path, nargs="+", default=[], metavar="DIR", help="folders of results")

@@ -28,8 +28,11 @@ from nassim.fem import full_frequency_response
 AMPLIFIER_GAIN = 20.0
 """Stack voltage per DAC voltage [V/V]."""
 SENSOR_RESISTANCE = 80e3
-"""Across the sensor stack [Ohm]: a resistor beside the converter's input, which keeps bias currents from charging it.
-Of the size that benches of this actuator use, unverified; with the stack's capacitance a high-pass at 0.4 to 0.6 Hz."""
+"""Resistance across the sensor stack, at the converter's input [Ohm]; it prevents charging by bias currents.
+
+The value is typical of benches of this actuator, but unverified. With the capacitance of the stack it is a high-pass
+filter at 0.4 to 0.6 Hz.
+"""
 GRAVITY = np.array([0.0, 0.0, -9.81])
 
 
@@ -45,33 +48,40 @@ def make_bench(
     disturbances: bool = False,
     apa: ReducedBody | None = None,
 ) -> Scene:
-    """The test bench as a scene: input "actuator_voltage" (DAC) [V]; outputs "sensor_voltage" [V], "encoder" [m].
+    """Make the test bench as a scene: input "actuator_voltage" (DAC) [V]; outputs "sensor_voltage" [V], "encoder" [m].
 
-    payload_mass: guided along z, on top of the actuator [kg]
-    fidelity: of the actuator, see `FlexibleBody`
-    damping_ratio: of every mode of the bench [-]; an assumption until measured
-    cutoff_frequency: models only what the bench needs below it [Hz], see `Scene`; default: all
-    gravity: let the payload's and the actuator's weight act; simulations then start from static equilibrium
-    ports: whether the stacks act and measure over their volume, as electrical ports of the actuator, or by the cheaper
-        pair of forces and elongation between remote points (default: ports, unless `apa` has none)
-    resistance: across the sensor stack [Ohm]; math.inf for an open one (default: `SENSOR_RESISTANCE`). The pair of
-        forces knows no electricity: its sensor is open and as stiff as a shorted one.
-    disturbances: two more inputs along z, "payload_force" [N] and "ground_acceleration" [m/s2]; the encoder then
-        measures against the ground
-    apa: a reduced APA300ML (default: `reduced_apa300ml` with `PORTS`, or with plane faces on the stack line for the
-        pair of forces; cached)
+    Args:
+        payload_mass: mass on top of the actuator, guided along z [kg]
+        fidelity: fidelity of the actuator, see `FlexibleBody`
+        damping_ratio: damping ratio of every mode of the bench [-]; an assumption until it is measured
+        cutoff_frequency: the model is reduced to what the bench needs below this frequency [Hz], see `Scene`; default:
+            no reduction
+        gravity: include the weights of payload and actuator; simulations then start from static equilibrium
+        ports: whether the stacks act and measure over their volume, as electrical ports of the actuator, or by a
+            simpler pair of forces and the elongation between remote points (default: ports, unless `apa` has none)
+        resistance: resistance across the sensor stack [Ohm]; math.inf for an open one (default: `SENSOR_RESISTANCE`).
+            The pair of forces has no electrical model: its sensor is open but has the stiffness of a shorted one.
+        disturbances: add two inputs along z, "payload_force" [N] and "ground_acceleration" [m/s2]; the encoder then
+            measures relative to the ground
+        apa: a reduced APA300ML (default: `reduced_apa300ml` with `PORTS`, or with plane faces on the stack line for the
+            pair of forces; from the cache)
+
+    Raises:
+        ValueError: for a resistance without ports
     """
     if ports is None:
         ports = apa is None or bool(apa.ports)
     if resistance is not None and not ports:
-        raise ValueError("a resistance loads the sensor's electrical port, which the pair of forces does without")
+        raise ValueError(
+            "a resistance needs the sensor's electrical port, which the pair of forces does not have; use ports=True"
+        )
     if apa is None:
         apa = reduced_apa300ml(ports=PORTS) if ports else reduced_apa300ml(stack_coupling="rbe2")
     body = apa
     loaded = SENSOR_RESISTANCE if resistance is None else resistance
     drive, measure = electrical_ports(loaded) if ports else force_pair()
     bottom, top = (body.point(name).position for name in ("bottom", "top"))
-    # A steel cube would do: the guide leaves only the mass to matter.
+    # The payload is a steel cube; because of the guide, only its mass matters.
     side = np.cbrt(payload_mass / 7800.0) if payload_mass > 0 else 1.0
     below = np.array([0.0, 0.0, -side / 2])
     centre = top - below
@@ -108,8 +118,8 @@ DISTURBANCES = (
 
 
 def force_pair() -> tuple[StackActuator, StackSensor]:
-    """Drive and sensor of the stacks of a body "apa" between its remote points, see `make_bench`."""
-    # Two equal stacks in line at one voltage push their outer ends with the force of one.
+    """Return drive and sensor of the stacks of a body "apa" between its remote points, see `make_bench`."""
+    # Two equal stacks in series with one voltage act on their outer ends with the force of one stack.
     drive = StackActuator(
         "actuator_stacks",
         "apa.junction",
@@ -122,10 +132,10 @@ def force_pair() -> tuple[StackActuator, StackSensor]:
 
 
 def sensor_span_constant() -> float:
-    """Voltage per elongation between `sensor_end` and `junction` [V/m]: of the sensor stack with the spacer in line.
+    """Return the voltage per elongation between `sensor_end` and `junction` [V/m]: sensor stack and spacer in series.
 
-    An open stack reads V = -d F / C, whatever passes the force on; F is the span's elongation times its stiffness,
-    1 / (l / EA of the ceramic + l / EA of the steel).
+    The voltage of an open stack is V = -d F / C, whatever transmits the force. F is the elongation of the span times
+    its stiffness, 1 / (l / EA of the ceramic + l / EA of the steel).
     """
     spacer = 5e-3 / (STEEL.young_modulus * STACK.area)
     stiffness = 1 / (STACK.length / (PZT.young_modulus * STACK.area) + spacer)
@@ -133,18 +143,22 @@ def sensor_span_constant() -> float:
 
 
 def electrical_ports(resistance: float = SENSOR_RESISTANCE) -> tuple[VoltageDrive, VoltageSensor]:
-    """Drive and sensor of a body "apa" by its ports; resistance: across the sensor [Ohm]."""
+    """Return drive and sensor of a body "apa" by its ports.
+
+    Args:
+        resistance: resistance across the sensor [Ohm]
+    """
     drive = VoltageDrive("actuator_stacks", "apa.actuator", "actuator_voltage", gain=AMPLIFIER_GAIN)
     return drive, VoltageSensor("sensor_voltage", "apa.sensor", resistance=resistance)
 
 
 def formula_frequency(payload_mass: float = 5.0) -> float:
-    """sqrt(k / m) / 2 pi with the vendor's stiffness [Hz], the paper's equation 1, which prints 95.3 Hz for 5 kg."""
+    """Return sqrt(k / m) / 2 pi with the vendor's stiffness [Hz] (equation 1 of the paper, 95.3 Hz for 5 kg)."""
     return math.sqrt(VENDOR_STIFFNESS / payload_mass) / (2 * math.pi)
 
 
 BENCH_CONDITIONS: dict[str, Any] = {"fixed": ["bottom"], "guided": {"top": "z"}}
-"""What the bench's joints do to the actuator's remote points, for `eigenfrequencies` and the full FE model."""
+"""Boundary conditions of the bench at the actuator's remote points, for `eigenfrequencies` and the full FE model."""
 
 
 def full_bench_response(
@@ -156,11 +170,20 @@ def full_bench_response(
     resistance: float = SENSOR_RESISTANCE,
     progress: bool = True,
 ) -> FRF:
-    """The bench's FRFs by the full FE model with both stacks as electrical ports, at frequencies (n,) [Hz].
+    """Compute the bench's FRFs by the full FE model with both stacks as electrical ports.
 
-    The model answers two voltages, of the drive and at the sensor, with the sensor's charge Q; the resistance then says
-    which sensor voltage goes with which drive: Q' = -V / R. Beside the reduced bench this shares the ports and the
-    points of the FE model, but no reduction and no scene. Damping is that of the modes with the sensor shorted.
+    The model has two voltages as inputs, of the drive and of the sensor, and the sensor's charge Q as output. The
+    resistance then relates the two voltages: Q' = -V / R. This model shares the ports and points of the FE model with
+    the reduced bench, but neither a reduction nor a scene. The damping ratio applies to the modes with the sensor
+    shorted.
+
+    Args:
+        condensed: static condensation of the actuator's FE model
+        frequency: frequencies, shape (n,) [Hz]
+        payload_mass: mass on top of the actuator [kg]
+        damping_ratio: damping ratio of every mode [-]
+        resistance: resistance across the sensor stack [Ohm]
+        progress: show the stages and their times
     """
     full = full_frequency_response(
         condensed,
@@ -180,11 +203,19 @@ def full_bench_response(
 
 
 def make_passive_bench(body: ReducedBody, *, payload_mass: float = 1.0, fidelity: str = "ffrf") -> Scene:
-    """The bench with any body of two ends in the actuator's place: its first end clamped, its second carries a payload.
+    """Make the bench with any body of two ends as actuator: the first end is clamped, the second carries a payload.
 
-    The payload is guided along the line through the ends (along the nearest axis; z where the ends lie in one place),
-    and its weight acts against it. Outputs: "encoder", the payload's displacement [m]. No inputs.
-    Raises ValueError for a body with more or fewer than two remote points.
+    The payload is guided along the coordinate axis nearest to the line through the ends (z if the ends coincide), and
+    its weight acts against this direction. The output is "encoder", the displacement of the payload [m]. There are no
+    inputs.
+
+    Args:
+        body: a reduced body
+        payload_mass: mass of the payload [kg]
+        fidelity: fidelity of the body, see `FlexibleBody`
+
+    Raises:
+        ValueError: for a body without exactly two remote points
     """
     if len(body.point_names) != 2:
         raise ValueError(f"body {body.name!r} has {len(body.point_names)} remote points; the bench needs one with two")

@@ -1,4 +1,4 @@
-"""Figures by which benches are compared, with units in their keys: pole, zero, static gains, effect of the circuit."""
+"""Characteristic values of benches, with units in their keys: pole, zero, static gains, effect of the circuit."""
 
 import math
 
@@ -12,7 +12,7 @@ from nassim.systems import damping, zeros
 
 
 def pole_and_zero(model: LinearModel) -> dict[str, float]:
-    """Natural frequencies of the first pole of V_s/V_a above 10 Hz and of the zero below it [Hz]; nan without one."""
+    """Return the natural frequencies of the first pole of V_s/V_a above 10 Hz and of the zero below it [Hz], or NaN."""
     frequency, ratio = damping(model)
     pole = min(f for f, zeta in zip(frequency, ratio, strict=True) if f > 10.0 and zeta < 0.9)
     dips = zeros(model, inputs="actuator_voltage", outputs="sensor_voltage")
@@ -22,7 +22,7 @@ def pole_and_zero(model: LinearModel) -> dict[str, float]:
 
 
 def pole_zero_level(model: LinearModel) -> dict[str, float]:
-    """As `pole_and_zero`, with the level that V_s/V_a tends to between this pole and the next [V/V]."""
+    """Return `pole_and_zero`, with the level of V_s/V_a between this pole and the next one [V/V]."""
     pole, zero = pole_and_zero(model).values()
     between = 3 * pole
     response = frequency_response(model, np.array([between])).response("sensor_voltage", "actuator_voltage")
@@ -31,7 +31,7 @@ def pole_zero_level(model: LinearModel) -> dict[str, float]:
 
 
 def peak_and_dip(frf: FRF) -> dict[str, float]:
-    """Pole and zero as one reads them off an FRF: where |V_s/V_a| is largest and smallest from 10 to 300 Hz [Hz]."""
+    """Return pole and zero as seen in an FRF: frequencies of the largest and smallest |V_s/V_a|, 10 to 300 Hz [Hz]."""
     band = frf.band(10, 300)
     magnitude = np.abs(band.response("sensor_voltage", "actuator_voltage"))
     peak, dip = band.frequency[np.argmax(magnitude)], band.frequency[np.argmin(magnitude)]
@@ -39,16 +39,18 @@ def peak_and_dip(frf: FRF) -> dict[str, float]:
 
 
 def static_gains(model: LinearModel, *, frequency: float = 1e-6) -> dict[str, float]:
-    """|V_s/V_a| [V/V] and |d_e/V_a| [m/V] of so slow a sine that nothing moves by inertia.
+    """Return |V_s/V_a| [V/V] and |d_e/V_a| [m/V] at a frequency so low that inertia has no effect.
 
-    frequency: of the sine [Hz]; not zero, where a loaded sensor reads nothing
+    Args:
+        model: linear model of the bench
+        frequency: the frequency [Hz]; not zero, because a sensor with a resistance gives no voltage at 0 Hz
     """
     sensor, encoder = np.abs(frequency_response(model, np.array([frequency])).values[:2, 0, 0])
     return {"static_gain_V_per_V": float(sensor), "static_gain_m_per_V": float(encoder)}
 
 
 def figures_by_circuit(apa: ReducedBody, *, payload_mass: float = 5.0) -> dict[str, float]:
-    """Axial stiffness and first eigenfrequency on the bench, undamped, with the sensor shorted and open."""
+    """Return axial stiffness and first undamped eigenfrequency on the bench, with the sensor shorted and open."""
     conditions = BENCH_CONDITIONS | {"masses": {"top": payload_mass}}
     opened = open_circuit(apa, {"sensor": 0.0})
     first = [float(body.eigenfrequencies(**conditions)[0]) for body in (apa, opened)]
@@ -62,7 +64,7 @@ def figures_by_circuit(apa: ReducedBody, *, payload_mass: float = 5.0) -> dict[s
 
 
 def gains_of_a_soft_sensor(apa: ReducedBody) -> tuple[float, float]:
-    """Static V_s/V_a if the sensor stayed as soft as a shorted one: by its charge, and by its ends' elongation."""
+    """Return the static V_s/V_a of a sensor as soft as a shorted one: by its charge, and by its elongation."""
     free = free_coordinates(apa.point_names, **BENCH_CONDITIONS)
     free = np.concatenate([free, np.arange(6 * len(apa.point_names), len(apa.mass_matrix))])
     motion = np.zeros(len(apa.mass_matrix))

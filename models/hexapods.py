@@ -1,8 +1,8 @@
 """Published Stewart platforms.
 
-Source of all figures: the Stewart platform model of T. Dehaeze and others (MIT licence), its default set, and its set
-of the nano-hexapod whose struts carry encoders. Struts 0 and 1 begin beside the x axis, the others 120 and 240 degrees
-on.
+Source of all values: the Stewart platform model of T. Dehaeze and others (MIT licence), its default set, and its set
+for the nano-hexapod with encoders at the struts. Struts 0 and 1 begin near the x axis, the others 120 and 240 degrees
+further.
 """
 
 from nassim.kinematics import StewartPlatform
@@ -17,7 +17,7 @@ DEFAULT_PLATFORM = StewartPlatform.from_angles(
     platform_depth=15e-3,
     point=(0, 0, 45e-3),
 )
-"""The default set; its point of interest 45 mm above the top plate's underside."""
+"""The default set; its point of interest is 45 mm above the underside of the top plate."""
 
 NANO_HEXAPOD = StewartPlatform.from_angles(
     height=95e-3,
@@ -28,4 +28,4 @@ NANO_HEXAPOD = StewartPlatform.from_angles(
     platform_angles=(-45, 45, 75, 165, 195, -75),
     platform_depth=22.5e-3,
 )
-"""The nano-hexapod, its joints' centres 82.5 mm apart; its point of interest at the top plate's underside, M."""
+"""The nano-hexapod with joint centres 82.5 mm apart; its point of interest is M, on the underside of the top plate."""

@@ -1,8 +1,8 @@
 """The nano-hexapod: six struts between two plates, a payload on top, a fixed base or a spindle below.
 
-`make_nano_hexapod` puts any six struts of `models.strut` on the geometry of a `StewartPlatform`. Frames: F, the
-world's, on the base's outer face; M on the top plate's upper face, where the payload stands; B, the point of
-interest, `platform.point` above M.
+`make_nano_hexapod` places six struts of `models.strut` according to the geometry of a `StewartPlatform`. Frames: F is
+the world frame, on the outer face of the base. M is on the upper face of the top plate, where the payload stands. B,
+the point of interest, is at `platform.point` above M.
 """
 
 import math
@@ -34,23 +34,23 @@ from nassim import (
     placed,
     revolute,
 )
-from nassim.base import cached, code_fingerprint, fingerprint
+from nassim.base import code_fingerprint, fingerprint, load_or_compute
 from nassim.base.checks import finite, not_negative
 from nassim.fem import glue, shape_bytes, solver_name
 from nassim.kinematics import StewartPlatform, strut_frames, strut_lengths
 
 BASE_MASS, TOP_MASS = 3.87, 5.19
-"""Of the plates [kg], if of steel: from the volumes of public CAD."""
+"""Masses of the plates in steel [kg], from the volumes of public CAD."""
 PLATE_RADIUS = 0.15
-"""Of both [m], assumed; the joints lie on 110 and 114 mm."""
+"""Radius of both plates [m], assumed; the joints are at radii of 110 and 114 mm."""
 PLATE_HEIGHT = 9.4e-3
-"""Of the top one [m], which with this radius has its mass."""
+"""Height of the top plate [m], which gives its mass with this radius."""
 PAYLOAD_RADIUS = 0.1
-"""Of the usual payload, a steel cylinder [m], assumed."""
+"""Radius of the usual payload, a steel cylinder [m], assumed."""
 PAD_RADIUS, CENTRE_RADIUS = 12e-3, 30e-3
-"""Of the patches where struts and payload hold a meshed plate [m], assumed."""
-SAME = 1e-9
-"""Difference of two lengths [m] that are one."""
+"""Radii of the areas at which struts and payload are connected to a meshed plate [m], assumed."""
+SAME_LENGTH = 1e-9
+"""Difference below which two lengths are equal [m]."""
 GRAVITY = (0.0, 0.0, -9.81)
 
 
@@ -67,20 +67,27 @@ def make_nano_hexapod(
     cutoff_frequency: float | None = None,
     gravity: bool = False,
 ) -> Scene:
-    """The hexapod as a scene: struts "strut_1" to "strut_6", the bodies "base", "plate" and "payload".
+    """Make the hexapod as a scene: struts "strut_1" to "strut_6" and the bodies "base", "plate" and "payload".
 
-    struts: one for all six, or six (default: `fe_strut`), as long as the platform's
-    platform: geometry and point of interest
-    plate: the top one, from `rigid_plate` or `flexible_plate` (default: rigid, of steel)
-    payload_mass: [kg], 1 to 50 for the real machine, 0 for none; payload_centre: of it, from M [m]; payload_inertia:
-        about that, (3, 3) [kg m2] (default: a steel cylinder of `PAYLOAD_RADIUS` that stands on M)
-    spindle_rpm: speed of the base about z [1/min]; 0 for a fixed base, without a spindle
-    damping_ratio: see `Scene` (default: the struts'); cutoff_frequency: see `Scene`; gravity: let weights act
+    Inputs are those of the struts, such as "strut_1/actuator_voltage", and forces and torques on the payload at B,
+    "payload_force_x" [N] ... "payload_torque_z" [N m], along axes that turn with the payload. Outputs are
+    "strut_1/sensor_voltage", "strut_1/encoder" ..., and the pose of B relative to the base, "pose.ux" ... "pose.rz".
 
-    Inputs: those of the struts, as "strut_1/actuator_voltage", and forces and torques on the payload at B,
-    "payload_force_x" [N] ... "payload_torque_z" [N m], along axes that turn with it. Outputs: "strut_1/sensor_voltage",
-    "strut_1/encoder" ..., and the pose of B against the base, "pose.ux" ... "pose.rz".
-    Raises ValueError for struts that are not six or not as long as the platform wants them.
+    Args:
+        struts: one strut for all six, or six (default: `fe_strut`), with the lengths of the platform
+        platform: geometry and point of interest
+        plate: top plate, from `rigid_plate` or `flexible_plate` (default: rigid, of steel)
+        payload_mass: mass of the payload [kg], 1 to 50 for the real machine, 0 for none
+        payload_centre: its centre of mass, from M, shape (3,) [m]
+        payload_inertia: its inertia about the centre of mass, shape (3, 3) [kg m2] (default: a steel cylinder of
+            `PAYLOAD_RADIUS` that stands on M)
+        spindle_rpm: speed of the base about z [1/min]; 0 for a fixed base without a spindle
+        damping_ratio: see `Scene` (default: that of the struts)
+        cutoff_frequency: see `Scene`
+        gravity: include the weights
+
+    Raises:
+        ValueError: if there are not six struts, or their lengths differ from those of the platform
     """
     top = rigid_plate(platform) if plate is None else plate
     legs = _placed_struts(fe_strut() if struts is None else struts, platform)
@@ -108,7 +115,14 @@ def rigid_plate(
     radius: float = PLATE_RADIUS,
     height: float = PLATE_HEIGHT,
 ) -> RigidBody:
-    """A top plate that is a rigid disc below M [kg], [m]. The published model's: 1 kg, 100 mm, 10 mm."""
+    """Make a rigid disc below M as top plate. The published model has 1 kg, 100 mm and 10 mm.
+
+    Args:
+        platform: geometry
+        mass: mass [kg]
+        radius: radius [m]
+        height: height [m]
+    """
     centre = np.array([0, 0, platform.height - height / 2])
     points = _joints(platform.platform_joints + np.array([0, 0, platform.height]) - centre)
     points["centre"] = np.array([0, 0, height / 2])
@@ -126,19 +140,31 @@ def flexible_plate(
     n_modes: int = 6,
     progress: bool = True,
 ) -> FlexibleBody:
-    """A steel disc below M, meshed and reduced to the six joints' centres and M; cached.
+    """Make a steel disc below M as top plate, meshed and reduced to the centres of the joints and M; uses the cache.
 
-    fidelity: see `FlexibleBody`; height, radius: of the disc [m], by default as heavy as the real plate
-    element_size [m], order: of the finite elements; n_modes: fixed-interface modes
+    Args:
+        platform: geometry
+        fidelity: see `FlexibleBody`
+        height: height of the disc [m]; the default gives the mass of the real plate
+        radius: radius of the disc [m]
+        element_size: size of the finite elements [m]
+        order: order of the finite elements
+        n_modes: number of fixed-interface modes
+        progress: show the stages and their times
     """
     body = _reduced_plate(make_plate(platform, height=height, radius=radius), element_size, order, n_modes, progress)
     return FlexibleBody("plate", body, np.array([0, 0, platform.height]), np.eye(3), fidelity, "centre")
 
 
 def make_plate(platform: StewartPlatform, *, height: float, radius: float) -> Solid:
-    """The disc as a solid, in M's axes, with remote points "joint_1" to "joint_6" and "centre".
+    """Make the disc as a solid in the axes of M, with remote points "joint_1" to "joint_6" and "centre".
 
-    Each joint's centre is held by a round patch of the lower face over it, M by one of the upper face.
+    The centre of each joint is coupled to a circular area of the lower face above it, M to one of the upper face.
+
+    Args:
+        platform: geometry
+        height: height of the disc [m]
+        radius: radius of the disc [m]
     """
     joints = platform.platform_joints
     down = occ.Vec(0, 0, -1)
@@ -167,7 +193,7 @@ def _reduced_plate(solid: Solid, element_size: float, order: int, n_modes: int, 
         fe_model = build_fe_model(solid, element_size=element_size, order=order, progress=progress)
         return craig_bampton(fe_model, n_modes=n_modes, progress=progress)
 
-    return cached("plate", key, build, progress=progress)
+    return load_or_compute("plate", key, build, progress=progress)
 
 
 def _placed_struts(struts: Scene | Sequence[Scene], platform: StewartPlatform) -> list[Scene]:
@@ -178,7 +204,7 @@ def _placed_struts(struts: Scene | Sequence[Scene], platform: StewartPlatform) -
     places = zip(six, platform.base_joints, strut_frames(platform), strut_lengths(platform), strict=True)
     for k, (strut, foot, axes, length) in enumerate(places, start=1):
         ends = [strut.point_position(path) for path in ("bottom.end", "top.end")]
-        if np.abs(ends - np.array([[0, 0, 0], [0, 0, length]])).max() > SAME:
+        if np.abs(ends - np.array([[0, 0, 0], [0, 0, length]])).max() > SAME_LENGTH:
             raise ValueError(
                 f"strut {k}: the platform wants its ends at (0, 0, 0) and (0, 0, {length:.9g}) m, got {ends[0]} and "
                 f"{ends[1]}; make it by a function of models.strut with length=strut_lengths(platform)[{k - 1}]"
@@ -200,7 +226,7 @@ def _base(platform: StewartPlatform, *, turns: bool) -> RigidBody:
     points = _joints(platform.base_joints) | {"centre": np.zeros(3)}
     if not turns:
         return RigidBody("base", points, fixed=True)
-    # Its centre of mass on the axis: where, no motion about that axis tells.
+    # The centre of mass is on the axis; its height has no effect on motion about that axis.
     height = BASE_MASS / (STEEL.density * math.pi * PLATE_RADIUS**2)
     return RigidBody("base", points, BASE_MASS, _disc(BASE_MASS, PLATE_RADIUS, height))
 

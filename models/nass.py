@@ -1,10 +1,10 @@
-"""The end-station: granite, translation, tilt, spindle, micro-hexapod, the nano-hexapod on top and its metrology.
+"""The end-station: granite, translation, tilt, spindle, micro-hexapod, the nano-hexapod on top, and its metrology.
 
-Stages are rigid bodies that stand on each other by bushings. F of the nano-hexapod is the world's origin, stages lie
-below; the spindle turns about z. Few figures of the real machine are public. Those marked U below are of an early model
-(2018) that has been superseded: unverified, never a reference. Those marked "assumed" are ours, so that the whole has
-modes where such machines have them. Runout, floor motion and noise of stages are no part of this: who makes a budget
-gives their spectra.
+Stages are rigid bodies on bushings. The world's origin is F of the nano-hexapod; the stages are below it, and the
+spindle turns about z. Few values of the real machine are public. Values marked U belong to an early model (2018) that
+has been superseded: they are unverified and no reference. Values marked "assumed" are ours; they give modes at
+frequencies that are usual for such machines. Spectra of runout, floor motion and noise of the stages are not included;
+a noise budget has to provide them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -38,17 +38,20 @@ from nassim.simulation.model.assembly import assemble
 
 SIX = ("ux", "uy", "uz", "rx", "ry", "rz")
 DAMPING_RATIO, DAMPING_FREQUENCY = 0.02, 100.0
-"""Of the stages' bushings, Kelvin and Voigt's: the ratio of a mode at the frequency [Hz], assumed."""
+"""Kelvin-Voigt damping of the stages' bushings: damping ratio of a mode [-] at this frequency [Hz], assumed."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Stage:
     """A rigid stage on a bushing.
 
-    mass [kg]; size: of a box of its inertia, x y z [m]; foot, centre: heights of its bushing and of its centre of mass,
-        from F of the nano-hexapod [m]
-    stiffness: of the bushing, ux uy uz rx ry rz, six figures of a diagonal or (6, 6) [N/m], [N m/rad]
-    damping_ratio: of a mode at `DAMPING_FREQUENCY` that this bushing alone would make [-]
+    Attributes:
+        mass: mass [kg]
+        size: sides x y z of a homogeneous box with its inertia [m]
+        foot: height of its bushing, from F of the nano-hexapod [m]
+        centre: height of its centre of mass, from F of the nano-hexapod [m]
+        stiffness: stiffness of the bushing, ux uy uz rx ry rz: diagonal (6,) or matrix (6, 6) [N/m, N m/rad]
+        damping_ratio: damping ratio of a mode at `DAMPING_FREQUENCY` on this bushing alone [-]
     """
 
     mass: float
@@ -67,23 +70,25 @@ class Stage:
 
     @property
     def inertia(self) -> Array:
-        """About the centre of mass, (3, 3) [kg m2]."""
+        """Inertia about the centre of mass, shape (3, 3) [kg m2]."""
         squares = np.square(self.size)
         return self.mass / 12 * np.diag(squares.sum() - squares)
 
     def alike(self) -> "Stage":
-        """The same in all directions across z: size and stiffness along x and y, and about them, their means."""
+        """Return the stage with equal properties in all directions across z: means of size and stiffness of x and y."""
         x, y, z = self.size
         across = (x + y) / 2
         if self.stiffness.ndim == 2:
-            raise ValueError("only a bushing of six figures can be made alike across z here; give its diagonal")
+            raise ValueError(
+                "only a bushing with six values can be averaged across z; give the diagonal of its stiffness"
+            )
         ux, uy, uz, rx, ry, rz = self.stiffness
         k, c = (ux + uy) / 2, (rx + ry) / 2
         return replace(self, size=(across, across, z), stiffness=np.array([k, k, uz, c, c, rz]))
 
 
 def four_corners(each: ArrayLike, along_x: float, along_y: float) -> Array:
-    """Six figures of four bearings [N/m], at +- along_x, +- along_y from the centre [m]."""
+    """Return the stiffness of four bearings at +- along_x, +- along_y from the centre [m], (6,) [N/m, N m/rad]."""
     x, y, z = 4 * np.asarray(each, dtype=float)
     return np.array([x, y, z, z * along_y**2, z * along_x**2, x * along_y**2 + y * along_x**2])
 
@@ -99,37 +104,37 @@ MICRO_HEXAPOD = StewartPlatform.from_angles(
 )
 """Geometry of the micro-hexapod [m], assumed."""
 LEG_STIFFNESS = 5e7
-"""Of each of the micro-hexapod's legs [N/m]; U, unverified."""
+"""Stiffness of each leg of the micro-hexapod [N/m]; U, unverified."""
 
 END_STATION: dict[str, Stage] = {
-    # Masses, sizes and heights of all: assumed.
+    # All masses, sizes and heights are assumed.
     "granite": Stage(
         mass=2500.0,
         size=(2.0, 2.0, 0.4),
         foot=-1.2,
         centre=-1.0,
-        stiffness=np.array([8e8, 8e8, 1.5e9, 1e9, 1e9, 8e8]),  # of its feet: assumed
+        stiffness=np.array([8e8, 8e8, 1.5e9, 1e9, 1e9, 8e8]),  # feet, assumed
     ),
     "translation": Stage(
         mass=800.0,
         size=(0.9, 1.0, 0.25),
         foot=-0.8,
         centre=-0.7,
-        stiffness=np.array([8e8, 4e8, 1.2e9, 1.5e8, 1.2e8, 1e8]),  # guides, and along y the motor: assumed
+        stiffness=np.array([8e8, 4e8, 1.2e9, 1.5e8, 1.2e8, 1e8]),  # guides, and the motor along y, assumed
     ),
     "tilt": Stage(
         mass=400.0,
         size=(0.7, 0.6, 0.2),
         foot=-0.55,
         centre=-0.45,
-        stiffness=four_corners((555e6, 357e6, 238e6), 0.25, 0.25),  # U, unverified, each of four; places assumed
+        stiffness=four_corners((555e6, 357e6, 238e6), 0.25, 0.25),  # U, unverified, each of four; positions assumed
     ),
     "spindle": Stage(
         mass=150.0,
         size=(0.45, 0.45, 0.3),
         foot=-0.4,
         centre=-0.4,
-        # Of the bearing 7e8 radial, 2e9 axial: U, unverified; tilt and the motor's hold of the turn: assumed.
+        # Bearing: 7e8 radial, 2e9 axial, U, unverified; tilt and the motor's stiffness about z are assumed.
         stiffness=np.array([7e8, 7e8, 2e9, 1e8, 1e8, 1e8]),
     ),
     "micro_hexapod": Stage(
@@ -140,9 +145,9 @@ END_STATION: dict[str, Stage] = {
         stiffness=stiffness_matrix(MICRO_HEXAPOD, LEG_STIFFNESS),
     ),
 }
-"""From the floor up: what stands on what. The spindle's bearing is the bushing below its stator, see `make_nass`."""
+"""Stages from the floor up. The bearing of the spindle is the bushing below its stator, see `make_nass`."""
 ROTOR_MASS, ROTOR_SIZE, ROTOR_CENTRE = 120.0, (0.4, 0.4, 0.2), -0.32
-"""Of what turns in the spindle, below the micro-hexapod [kg], [m]: assumed."""
+"""Mass [kg], size [m] and height of the centre [m] of the spindle's rotor below the micro-hexapod, assumed."""
 DISTURBANCES: dict[str, tuple[str, str]] = {
     "runout_x": ("spindle", "ux"),
     "runout_y": ("spindle", "uy"),
@@ -151,19 +156,25 @@ DISTURBANCES: dict[str, tuple[str, str]] = {
     "translation_z": ("translation", "uz"),
     "tilt_ry": ("tilt", "ry"),
 }
-"""Inputs by which the rest position of a stage's bushing moves, and along which of its directions."""
+"""Inputs that move the rest position of a stage's bushing, with the stage and the direction."""
 TURNING = ("runout_x", "runout_y", "runout_z", "translation_z")
-"""Of these, those that remain with axes that turn: what is along z, and the runout as seen from the rotor."""
+"""Disturbances that remain with axes that turn: those along z, and the runout in the rotor's axes."""
 
 
 @register
 @dataclass(frozen=True)
 class Offset(Actuator):
-    """The rest position of a spring moves by an input: runout of a bearing, noise of a stage's motor or guide.
+    """Displacement of a spring's rest position by an input: runout of a bearing, noise of a stage's motor or guide.
 
-    a, b: "body.point" of the spring; axis: along which, or about which, b goes against a
-    input: name of the scene's input [m] or, where it turns, [rad]; stiffness: of the spring [N/m] or [N m/rad]
-    frame: "" or a point with whose body the axis turns
+    Attributes:
+        name: name of the part
+        a: "body.point" of the spring
+        b: "body.point" of the spring
+        axis: direction along which, or about which, b moves relative to a
+        input: name of the scene's input [m], or [rad] for a rotation
+        stiffness: stiffness of the spring [N/m] or [N m/rad]
+        turns: whether the motion is a rotation
+        frame: "" or a point with whose body the axis turns
     """
 
     name: str
@@ -176,7 +187,7 @@ class Offset(Actuator):
     frame: Path = ""
 
     def terms(self, scene: Scene) -> tuple[AppliedForce]:
-        """Return the force of the spring on b, and against a, by its stiffness times the input."""
+        """Return the force of the spring on b and a: its stiffness times the input."""
         _check_points(scene, self.a, self.b, self.frame)
         axis = unit_vector(self.axis)
         measure = PointVelocity(((self.a, -axis), (self.b, axis)), self.frame, angular=self.turns)
@@ -186,10 +197,13 @@ class Offset(Actuator):
 @register
 @dataclass(frozen=True)
 class Metrology(Sensor):
-    """Six outputs: displacement and turn of point b against point a, along the world's axes or those of a body.
+    """Six outputs: displacement and rotation of point b relative to point a, along the world's axes or those of a body.
 
-    name: outputs are "name.ux" ... [m] and "name.rx" ... [rad]; a, b: "body.point"
-    frame: "" for axes that stand, or a point with whose body they turn, as on a spindle
+    Attributes:
+        name: prefix of the outputs "name.ux" ... [m] and "name.rx" ... [rad]
+        a: "body.point"
+        b: "body.point"
+        frame: "" for the world's axes, or a point with whose body the axes turn, as on a spindle
     """
 
     name: str
@@ -198,7 +212,7 @@ class Metrology(Sensor):
     frame: Path = ""
 
     def terms(self, scene: Scene) -> tuple[Output, ...]:
-        """Return the six components of the motion of b against a."""
+        """Return the six components of the motion of b relative to a."""
         _check_points(scene, self.a, self.b, self.frame)
         return tuple(Output(f"{self.name}.{six}", "rad" if six[0] == "r" else "m", self._component(six)) for six in SIX)
 
@@ -206,7 +220,7 @@ class Metrology(Sensor):
         axis = unit_vector(six[1])
         if six[0] == "u":
             return Displacement.between(self.a, self.b, axis, axes_of=self.frame)
-        if self.frame:  # about axes of a third body: small rotations only
+        if self.frame:  # about the axes of a third body, for small rotations only
             return PointVelocity(((self.a, -axis), (self.b, axis)), self.frame, angular=True)
         return RotationAngle(self.b, axis, self.a)
 
@@ -222,27 +236,34 @@ def make_nass(
     spindle_rpm: float = 0.0,
     axes: str = "standing",
 ) -> Scene:
-    """The end-station as a scene: bodies "granite" ... "micro_hexapod", "rotor" and those of `make_nano_hexapod`.
+    """Make the end-station as a scene: bodies "granite" ... "micro_hexapod", "rotor" and those of `make_nano_hexapod`.
 
-    struts: of the nano-hexapod (default: `two_mass_strut` with damping of its parts)
-    stages: from the floor up, of the names of `END_STATION`
-    platform, payload_mass, payload_centre, payload_inertia: see `make_nano_hexapod`
-    spindle_rpm: [1/min]; 0 for a spindle that is held
-    axes: of metrology and runout: "standing", for a spindle that is held, and for runs in time of one that turns;
-        "turning" with the spindle, for linear models of one that turns
+    Inputs, in addition to those of the hexapod, are "floor_x" ... "floor_z", the acceleration of the ground [m/s2], and
+    those of `DISTURBANCES` [m], [rad]. Outputs, in addition to those of the hexapod, are "metrology.ux" ...
+    "metrology.rz", the pose of the sample at its point of interest relative to the ground.
 
-    Inputs, beside those of the hexapod: "floor_x" ... "floor_z", acceleration of the ground [m/s2], and those of
-    `DISTURBANCES` [m], [rad]. Outputs, beside the hexapod's: "metrology.ux" ... "metrology.rz", the sample at its point
-    of interest against the ground.
+    While the spindle turns, a linear time-invariant model exists only if all signals across its axis have axes that
+    turn with it. With "turning" axes, the inputs with fixed axes (floor_x, floor_y, translation_y, tilt_ry) are
+    therefore omitted. For the same reason `linearize` refuses stages whose properties differ across the axis, as those
+    of the real machine do. Use `alike_across`, which averages these properties, or a spindle that does not turn.
 
-    No linear model that does not change in time has signals across the axis of a spindle that turns, unless their axes
-    turn along: with "turning" ones, inputs that stand (floor_x, floor_y, translation_y, tilt_ry) are left out. For the
-    same reason `linearize` refuses stages that are not alike in all directions across the axis, as the real ones are
-    not: choose `alike_across`, a machine with the means of their figures, or one that does not turn.
+    A simulation with a turning spindle begins with a transient, because `simulate` has no steady initial state for a
+    spindle on a moving body. The nano-hexapod twists by some milliradians, far beyond nanometres; this has to die out
+    first.
 
-    A run in time of a spindle that turns begins with a jolt, as what turns on a body that moves has no steady start in
-    `simulate`: some milliradians of twist of the nano-hexapod, far beyond nanometres, which have to die out first.
-    Raises ValueError for other names of stages and axes, and what `make_nano_hexapod` raises.
+    Args:
+        struts: struts of the nano-hexapod (default: `two_mass_strut` with damping of its parts)
+        stages: stages from the floor up, with the names of `END_STATION`
+        platform: see `make_nano_hexapod`
+        payload_mass: see `make_nano_hexapod`
+        payload_centre: see `make_nano_hexapod`
+        payload_inertia: see `make_nano_hexapod`
+        spindle_rpm: speed of the spindle [1/min]; 0 for a locked spindle
+        axes: axes of metrology and runout: "standing" for a locked spindle and for simulations in time; "turning" for
+            linear models of a spindle that turns
+
+    Raises:
+        ValueError: for other names of stages or axes, and as in `make_nano_hexapod`
     """
     if tuple(stages) != tuple(END_STATION):
         raise ValueError(f"stages must be {', '.join(END_STATION)}, in this order, got {', '.join(stages) or 'none'}")
@@ -281,14 +302,26 @@ def make_nass(
 
 
 def alike_across(stages: Mapping[str, Stage] = END_STATION) -> dict[str, Stage]:
-    """Stages below the spindle with the means of their figures along x and y, so that a spinning linear model holds."""
+    """Return the stages with means of the properties along x and y below the spindle, for linear models with rotation.
+
+    Args:
+        stages: stages from the floor up
+    """
     return {name: stage if name == "micro_hexapod" else stage.alike() for name, stage in stages.items()}
 
 
 def suspension(scene: Scene, highest: float = 150.0) -> list[tuple[float, dict[str, float]]]:
-    """Modes at rest below a frequency [Hz]: frequency, and shares of bodies in kinetic energy, the largest first.
+    """Compute the modes below a frequency, with the largest shares of bodies in the kinetic energy first.
 
-    Bodies of struts count as "struts". Undamped, of a scene without loops and with a spindle that does not turn.
+    The modes are undamped. The scene must have no loops and a spindle that does not turn. Bodies of struts are summed
+    up as "struts".
+
+    Args:
+        scene: the end-station
+        highest: the frequency [Hz]
+
+    Returns:
+        Per mode: frequency [Hz] and shares of bodies in the kinetic energy [-].
     """
     assembly = assemble(replace(scene, loops=()))
     motions = assembly.basis @ assembly.shapes
@@ -312,7 +345,7 @@ def _check_points(scene: Scene, *paths: Path) -> None:
 
 
 def _loose(base: RigidBody) -> RigidBody:
-    """The base as a body that moves: a steel disc below F."""
+    """Return the base as a free body: a steel disc below F."""
     height = BASE_MASS / (STEEL.density * np.pi * PLATE_RADIUS**2)
     at = np.array([0, 0, -height / 2])
     across, about = BASE_MASS * (PLATE_RADIUS**2 / 4 + height**2 / 12), BASE_MASS * PLATE_RADIUS**2 / 2
@@ -321,7 +354,7 @@ def _loose(base: RigidBody) -> RigidBody:
 
 
 def _stage_bodies(stages: Mapping[str, Stage]) -> list[RigidBody]:
-    """Each with "foot", where its bushing holds it, and "head", where the next one stands."""
+    """Return the bodies with a point "foot" at their bushing and a point "head" at the next stage's."""
     rotor = Stage(
         mass=ROTOR_MASS, size=ROTOR_SIZE, foot=stages["spindle"].foot, centre=ROTOR_CENTRE, stiffness=np.zeros(6)
     )
@@ -341,7 +374,7 @@ def _stage_bodies(stages: Mapping[str, Stage]) -> list[RigidBody]:
 
 
 def _supports(stages: Mapping[str, Stage]) -> dict[str, tuple[str, str]]:
-    """What each stage's bushing joins."""
+    """Return the two points that the bushing of each stage connects."""
     below = {"granite": "ground.floor", "micro_hexapod": "rotor.head"}
     names = list(stages)
     return {name: (below.get(name, f"{names[k - 1]}.head"), f"{name}.foot") for k, name in enumerate(names)}

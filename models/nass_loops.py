@@ -1,4 +1,4 @@
-"""Loops of the end-station: six of integral force feedback, and around them one of the sample's pose."""
+"""Loops of the end-station: six loops of integral force feedback inside a loop of the sample's pose."""
 
 import numpy as np
 
@@ -23,13 +23,20 @@ POSE = [f"metrology.{six}" for six in SIX]
 
 
 def force_loop(gain: float, *, sample_rate: float, leak: float = 1.0, delay: int = 1) -> Loop:
-    """Each strut's sensor drives its own actuator; gain [1/s], leak [Hz], as of `integral_force_feedback`."""
+    """Make a loop in which each strut's sensor drives its own actuator.
+
+    Args:
+        gain: gain of the integrator [1/s], see `integral_force_feedback`
+        sample_rate: samples per second [Hz]
+        leak: corner frequency of the integrator [Hz], see `integral_force_feedback`
+        delay: delay [samples]
+    """
     each = integral_force_feedback(gain, sample_rate=sample_rate, corner_frequency=leak, delay=delay)
     return Loop("force_feedback", decentralised(*[each] * 6), SENSORS, VOLTAGES)
 
 
 def wrench_shares(platform: StewartPlatform = NANO_HEXAPOD) -> Array:
-    """J^-T: what each strut pushes for a unit of force or torque at the point of interest, (6, 6)."""
+    """Return J^-T, shape (6, 6): force of each strut per unit of force or torque at the point of interest."""
     result: Array = np.linalg.inv(jacobian(platform)).T
     return result
 
@@ -44,17 +51,26 @@ def pose_loop(
     delay: int = 1,
     platform: StewartPlatform = NANO_HEXAPOD,
 ) -> Loop:
-    """Six loops of the sample's pose, around a machine that is damped.
+    """Make six loops of the sample's pose for a machine with active damping.
 
-    model: the machine, continuous or sampled at the rate; crossover [Hz] and phase_margin [deg] of each of the six,
-        closed one after the other, so that those that follow know those before
-    coordinates: "struts": the pose tells by J how long each strut should be, and drives that strut; what holds a strut
-        is its own stiffness, so they hardly meet at low frequencies. "cartesian": each motion drives the force or
-        torque along it, shared among the struts by J^-T; tilt and shift of a point above the struts meet.
-    platform: geometry of the hexapod, at whose point the pose is measured
+    Below its modes the hexapod behaves as a spring. Each controller therefore integrates up to twice its crossover
+    frequency and rolls off from three times that frequency. The six loops are closed one after the other, and each one
+    is designed for the machine with the previous loops closed.
 
-    Below its modes the hexapod is stiff, so each loop integrates up to twice its crossover and rolls off from three
-    times that. Raises ValueError where a loop finds no stable controller, see `crossover_controller`.
+    Args:
+        model: linear model of the machine, continuous or sampled at the sample rate
+        crossover: crossover frequency of each loop [Hz]
+        coordinates: "struts": the Jacobian J converts the pose to lengths of the struts, and each length drives its own
+            strut. Each strut is held by its own stiffness, so the loops hardly interact at low frequencies.
+            "cartesian": each motion drives the force or torque along it, distributed to the struts by J^-T. Tilt and
+            displacement of a point above the struts interact.
+        phase_margin: phase margin of each loop [deg]
+        sample_rate: samples per second [Hz]
+        delay: delay [samples]
+        platform: geometry of the hexapod; the pose is measured at its point of interest
+
+    Raises:
+        ValueError: if there is no stable controller for a loop, see `crossover_controller`
     """
     known("coordinates", coordinates, ("struts", "cartesian"))
     along_struts = coordinates == "struts"

@@ -1,8 +1,8 @@
 """The rotating platform of T. Dehaeze, C. Collette, Engineering Research Express 3 (2021) 015036.
 
-A mass on two orthogonal struts in a table that turns at constant speed: the smallest machine whose force feedback a
-spindle makes unstable. Each strut is a spring and a damper, which its force sensor feels, an actuator, and a spring
-beside both.
+A mass is held by two orthogonal struts in a table that turns at constant speed. It is the smallest machine whose force
+feedback becomes unstable by rotation. Each strut consists of a spring and a damper, whose force the sensor measures, an
+actuator, and a parallel spring.
 """
 
 from dataclasses import replace
@@ -33,13 +33,21 @@ def make_rotating_platform(
     damping: float = 0.05,
     parallel_share: float = 0.0,
 ) -> Scene:
-    """The platform as a scene: struts "u" and "v" along axes that turn with the table.
+    """Make the platform as a scene: struts "u" and "v" along axes that turn with the table.
 
-    speed: of the table [rad/s], not 0; mass [kg]; stiffness [N/m], damping [N s/m]: of each strut
-    parallel_share: of the stiffness, that lies beside the force sensor [-]
+    Inputs are "u/actuator_force", "v/actuator_force" [N]. Outputs are "u/encoder", "v/encoder" [m], and
+    "u/sensor_force", "v/sensor_force" [N], the tension in spring and damper. `platform_model` has the sensors of the
+    article.
 
-    Inputs: "u/actuator_force", "v/actuator_force" [N]; outputs: "u/encoder", "v/encoder" [m], and "u/sensor_force",
-    "v/sensor_force" [N], what spring and damper pull with. `platform_model` has the article's sensors.
+    Args:
+        speed: speed of the table, not 0 [rad/s]
+        mass: the mass [kg]
+        stiffness: stiffness of each strut [N/m]
+        damping: damping of each strut [N s/m]
+        parallel_share: share of the stiffness that is parallel to the force sensor [-]
+
+    Raises:
+        ValueError: if parallel_share is not at least 0 and below 1
     """
     if not 0 <= parallel_share < 1:
         raise ValueError(f"parallel_share must be at least 0 and below 1, got {parallel_share:g}")
@@ -51,10 +59,10 @@ def make_rotating_platform(
     ends, springs, sensors, forces = ("table.rail", "mass.seat"), [], [], []
     for name, axis in (("u", "x"), ("v", "y")):
         held = {"axis": axis, "frame": "table.rail"}
-        felt, beside = (1 - parallel_share) * stiffness, parallel_share * stiffness
-        springs.append(SpringDamper(f"{name}/spring", *ends, stiffness=felt, damping=damping, **held))
-        if beside:
-            springs.append(SpringDamper(f"{name}/beside", *ends, stiffness=beside, **held))
+        measured, parallel = (1 - parallel_share) * stiffness, parallel_share * stiffness
+        springs.append(SpringDamper(f"{name}/spring", *ends, stiffness=measured, damping=damping, **held))
+        if parallel:
+            springs.append(SpringDamper(f"{name}/beside", *ends, stiffness=parallel, **held))
         sensors += [Encoder(f"{name}/encoder", *ends, **held), ForceSensor(f"{name}/sensor_force", f"{name}/spring")]
         forces.append(PointForce(f"{name}/actuator", "mass.seat", axis, f"{name}/actuator_force", frame="mass.seat"))
     return Scene(
@@ -73,9 +81,11 @@ def make_rotating_platform(
 
 
 def platform_model(speed: float, **options: float) -> LinearModel:
-    """The linear model in the turning frame whose sensors feel actuator, spring and damper: f = F - (c s + k_a) d.
+    """Linearise the platform in the rotating frame, with sensors of the whole strut force: f = F - (c s + k_a) d.
 
-    Arguments as of `make_rotating_platform`.
+    Args:
+        speed: speed of the table, not 0 [rad/s]
+        **options: as in `make_rotating_platform`
     """
     model = sensors_in_line(linearize(make_rotating_platform(speed, **options)))
     sign = np.where([name.endswith("sensor_force") for name in model.outputs], -1.0, 1.0)[:, None]

@@ -1,17 +1,17 @@
-"""Struts of a hexapod, each a scene of its own that `placed` puts anywhere: flexible joint, actuator, flexible joint.
+"""Struts of a hexapod: flexible joint, actuator, flexible joint. Each strut is a scene that `placed` puts anywhere.
 
-A strut stands on the origin, its own z axis up, with the actuator's bottom towards the base. Every strut has the
-bodies "bottom" and "top" with a point "end" each, the centres of its joints, which plates hold rigidly, and the
-output "encoder": how much farther apart these two are [m].
+A strut stands on the origin along its z axis, with the actuator's bottom towards the base. Every strut has the bodies
+"bottom" and "top". Each has a point "end" at the centre of its joint, which is rigidly connected to a plate. The output
+"encoder" is the change of the distance between the two ends [m].
 
-    fe_strut        our finite element APA300ML, linear or in a floating frame
-    two_mass_strut  the same as three springs: a quick model, stiff but along the strut
-    imported_strut  anybody's reduced body of a whole strut, or of an actuator
+    fe_strut        finite element APA300ML, linear or in a floating frame
+    two_mass_strut  the APA300ML as three springs: a fast model, rigid except along the strut
+    imported_strut  a reduced body of any origin, of a whole strut or of an actuator
     spring_strut    a spring between ideal joints, for closed forms and published cases
 
-Actuators are driven by "actuator_voltage" (DAC) [V] and read by "sensor_voltage" [V], positive in compression; beside
-a spring stands "actuator_force" [N], and "sensor_force" [N] is positive in tension. Figures of the joints: a reduced
-flexible joint of T. Dehaeze's group (MIT licence), or "assumed".
+Actuators have the input "actuator_voltage" (DAC) [V] and the output "sensor_voltage" [V], positive in compression. A
+spring strut has the input "actuator_force" [N] and the output "sensor_force" [N], positive in tension. Source of the
+joints' values: a reduced flexible joint of T. Dehaeze's group (MIT licence), unless marked "assumed".
 """
 
 import math
@@ -51,31 +51,36 @@ from nassim.kinematics import strut_lengths
 from nassim.scene import Actuator, AppliedForce, Distance, Output, Path, Sensor, Signal
 
 LENGTH = float(strut_lengths(NANO_HEXAPOD)[0])
-"""Between the joints' centres in the nano-hexapod [m]: 82.485 mm, of which the actuator takes 30 mm."""
+"""Distance of the joints' centres in the nano-hexapod [m]: 82.485 mm, including 30 mm of the actuator."""
 JOINT_STIFFNESS = (12.71e6, 12.71e6, 93.96e6, 4.83, 4.83, 260.2)
-"""Of one flexible joint, its z along the strut: shear, shear, axial [N/m], bending, bending, torsion [N m/rad]."""
+"""Stiffness of one flexible joint, z along the strut: two shear, axial [N/m], two bending, torsion [N m/rad]."""
 JOINT_MASS = 29.2e-3
-"""Of one flexible joint [kg], half of it on either side, assumed in its centre."""
+"""Mass of one flexible joint [kg], half of it on each side; assumed to be at its centre."""
 JOINT_SIDE = 12e-3
-"""Of a steel cube of half that mass [m], assumed for the inertia of the halves."""
+"""Side of a steel cube with half that mass [m], assumed for the inertia of the halves."""
 WEIGHTLESS = 1e-9
-"""Mass of ends that have none [kg], because a body needs one."""
+"""Mass of ends without mass [kg], because a body needs a mass."""
 APA_HEIGHT = 30e-3
 APA_SIZE = np.array([78.79e-3, 20e-3, APA_HEIGHT])
 HALF_LENGTH, HALF_RADIUS = 50e-3, 5e-3
-"""Of the two cylinders that the published spring strut with masses consists of [m]."""
+"""Length and radius of the two cylinders of the published spring strut with masses [m]."""
 SWINGING = 0.9
-"""Largest damping ratio of a body's own modes: beyond, none swings."""
+"""Largest damping ratio of a body's own modes; above it, modes hardly oscillate."""
 REACH = 1e-6
-"""How far from a remote point a position may be that names it [m]."""
+"""Largest distance between a remote point and a position that identifies it [m]."""
 
 
 @register
 @dataclass(frozen=True)
 class LineDrive(Actuator):
-    """A voltage that pushes two points apart along the line between them: gain newtons a volt.
+    """A voltage that pushes two points apart along the line between them.
 
-    a, b: "body.point"; input: name of the scene's input [V]; gain: [N/V]
+    Attributes:
+        name: name of the part
+        a: "body.point"
+        b: "body.point"
+        input: name of the scene's input [V]
+        gain: force per voltage [N/V]
     """
 
     name: str
@@ -93,9 +98,13 @@ class LineDrive(Actuator):
 @register
 @dataclass(frozen=True)
 class LineSensor(Sensor):
-    """A voltage that tells how much farther apart two points are than at the start: gain volts a metre.
+    """A voltage that measures the change of the distance between two points since the start.
 
-    name: of the scene's output [V]; a, b: "body.point"; gain: [V/m]
+    Attributes:
+        name: name of the scene's output [V]
+        a: "body.point"
+        b: "body.point"
+        gain: voltage per change of the distance [V/m]
     """
 
     name: str
@@ -117,13 +126,15 @@ def fe_strut(
     joint_stiffness: ArrayLike = JOINT_STIFFNESS,
     damping_ratio: float = 0.01,
 ) -> Scene:
-    """Flexible joints and the finite element actuator, its stacks wired as on the paper's bench.
+    """Make a strut with flexible joints and the finite element actuator, with stacks wired as on the paper's bench.
 
-    fidelity: of the actuator, see `FlexibleBody`
-    apa: a reduced APA300ML (default: `reduced_apa300ml` with `PORTS`, cached); one without ports is driven by a pair of
-        forces, see `make_bench`
-    length: between the joints' centres [m]; joint_stiffness: six figures, as `JOINT_STIFFNESS`
-    damping_ratio: of the strut's modes where it is a scene alone, see `Scene`
+    Args:
+        fidelity: fidelity of the actuator, see `FlexibleBody`
+        apa: a reduced APA300ML (default: `reduced_apa300ml` with `PORTS`, from the cache); one without ports is driven
+            by a pair of forces, see `make_bench`
+        length: distance of the joints' centres [m]
+        joint_stiffness: six values, as `JOINT_STIFFNESS`
+        damping_ratio: damping ratio of the modes of the strut as a scene of its own, see `Scene`
     """
     body = reduced_apa300ml(ports=PORTS) if apa is None else apa
     middle = (body.point("bottom").position + body.point("top").position) / 2
@@ -145,18 +156,28 @@ def imported_strut(
     sensor: tuple[str, str] | None = None,
     damping_ratio: float = 0.01,
 ) -> Scene:
-    """A strut that is a reduced body of any origin: of a whole strut or, with joint_stiffness, of an actuator.
+    """Make a strut from a reduced body of any origin: of a whole strut or, with joint_stiffness, of an actuator.
 
-    bottom, top: its ends, remote points by their names or by their positions in the body's frame [m]; may be left out
-        for a body of two points, which then come in their order. The line between them becomes the strut's, the body
-        turned there the shortest way
-    length: between the joints' centres [m] (default: the body's own); the ends reach there rigidly, equally far
-    joint_stiffness: of flexible joints to be added, such as `JOINT_STIFFNESS` (default: the body has its own)
-    stacks: two remote points that the two actuator stacks of an APA300ML push apart; sensor: two between which its
-        third one measures (default: electrical ports "actuator" and "sensor" where the body has them, or else none)
-    fidelity, damping_ratio: see `fe_strut`
+    The line between the ends becomes the axis of the strut. The body is turned there by the smallest rotation.
 
-    Raises ValueError for ends that are not found, are not told or lie in one place.
+    Args:
+        body: the reduced body
+        bottom: lower end, a remote point by its name or by its position in the body's frame [m]; may be omitted for a
+            body with two points, whose order then counts
+        top: upper end, likewise
+        fidelity: fidelity of the body, see `FlexibleBody`
+        length: distance of the joints' centres [m] (default: that of the body); rigid ends of equal length fill the
+            difference
+        joint_stiffness: stiffness of flexible joints to be added, such as `JOINT_STIFFNESS` (default: no joints are
+            added)
+        stacks: two remote points that the two actuator stacks of an APA300ML push apart (default: electrical port
+            "actuator", if the body has it)
+        sensor: two remote points between which its third stack measures (default: electrical port "sensor", if the body
+            has it)
+        damping_ratio: damping ratio of the modes of the strut as a scene of its own, see `Scene`
+
+    Raises:
+        ValueError: for ends that are not found, not given or in the same place
     """
     first, last = _ends_of(body, bottom, top)
     low, high = body.point(first).position, body.point(last).position
@@ -175,12 +196,18 @@ def two_mass_strut(
     joint_stiffness: ArrayLike = JOINT_STIFFNESS,
     damping_ratio: float = 0.01,
 ) -> Scene:
-    """Flexible joints and an actuator whose halves slide in each other, with the springs of `TwoMassActuator`.
+    """Make a strut with flexible joints and an actuator of two sliding halves, with the springs of `TwoMassActuator`.
 
-    Arguments as of `fe_strut`. The sensor is open, where on the bench a resistance lets its charge leak below 1 Hz.
+    The sensor is open. On the bench, a resistance discharges it below 1 Hz.
+
+    Args:
+        actuator: values of the actuator
+        length: distance of the joints' centres [m]
+        joint_stiffness: six values, as `JOINT_STIFFNESS`
+        damping_ratio: damping ratio of the modes of the strut as a scene of its own, see `Scene`
     """
     low, high = length / 2 - APA_HEIGHT / 2, length / 2 + APA_HEIGHT / 2
-    # Each half a block of the actuator's outline, half as high; of the middle, which only slides, only its mass counts.
+    # Each half is a block with the actuator's outline and half its height. Only the mass of the middle matters.
     size = APA_SIZE * [1, 1, 0.5]
     bodies = [
         RigidBody(
@@ -222,39 +249,46 @@ def spring_strut(
     mass: float = 0.0,
     length: float = LENGTH,
 ) -> Scene:
-    """A spring, a damper and a force between ideal joints: universal at the bottom, spherical at the top.
+    """Make a strut of spring, damper and force between ideal joints: universal at the bottom, spherical at the top.
 
-    stiffness [N/m], damping [N s/m]: of the spring and its damper, whose force the sensor reads
-    parallel_stiffness: of another spring beside [N/m]
-    mass: of two cylinders that slide in each other, half of it each [kg]; 0 for none
-    length: between the joints' centres [m]
+    "sensor_force" is the tension in spring and damper. See `sensors_in_line` and `controller_in_line` for a sensor that
+    also measures the actuator's force.
 
-    "sensor_force" is what spring and damper pull with; see `sensors_in_line` and `controller_in_line` for a sensor that
-    feels the actuator too.
+    Args:
+        stiffness: stiffness of the spring, whose force the sensor measures [N/m]
+        damping: damping of the damper, whose force the sensor measures [N s/m]
+        parallel_stiffness: stiffness of a parallel spring [N/m]
+        mass: mass of two cylinders that slide in each other, half of it each [kg]; 0 for none
+        length: distance of the joints' centres [m]
     """
     bodies, joints = (_end("bottom", 0.0), _end("top", length)), ()
     if mass:
         bodies, joints = (*bodies, *_halves(mass, length)), _ideal_joints()
     ends = ("bottom.end", "top.end")
-    beside = (SpringDamper("beside", *ends, "line", parallel_stiffness),) if parallel_stiffness else ()
+    parallel = (SpringDamper("beside", *ends, "line", parallel_stiffness),) if parallel_stiffness else ()
     return Scene(
         "strut",
         bodies,
         joints,
         (LinearActuator("actuator", *ends, "actuator_force"),),
         (ForceSensor("sensor_force", "spring"), Encoder("encoder", *ends, "line")),
-        (SpringDamper("spring", *ends, "line", stiffness, damping), *beside),
+        (SpringDamper("spring", *ends, "line", stiffness, damping), *parallel),
         damping_ratio=0.0,
     )
 
 
 def with_own_damping(strut: Scene, ratio: float = 0.01, *, frequency: float = 100.0) -> Scene:
-    """The strut with damping of its parts instead of its modes: Kelvin and Voigt's, in proportion to each stiffness.
+    """Return the strut with Kelvin-Voigt damping, proportional to its parts' stiffness, instead of modal damping.
 
-    A machine's mode at the frequency [Hz] has the ratio [-] then, others in proportion to theirs. It holds in every
-    fidelity and position; the damping of a scene's modes acts in floating frames through the deformation of bodies
-    alone, which is not what moves most where they stand on flexible joints. Bodies must be as they will be used: trim
-    them before, not by a cutoff_frequency of the machine.
+    A mode of the machine at the given frequency then has the given ratio, and the ratios of other modes are
+    proportional to their frequencies. The damping is valid in every fidelity and position. Modal damping of a scene
+    acts in floating frames on the deformation of bodies only, which is not the dominant motion of bodies on flexible
+    joints. The bodies must be in their final form: trim them before, not by a cutoff_frequency of the machine.
+
+    Args:
+        strut: the strut
+        ratio: damping ratio [-]
+        frequency: frequency of this ratio [Hz]
     """
     time = positive("damping ratio", ratio) / (math.pi * positive("frequency", frequency, "Hz"))
     bodies = [
@@ -273,9 +307,12 @@ def with_own_damping(strut: Scene, ratio: float = 0.01, *, frequency: float = 10
 
 
 def sensors_in_line(model: LinearModel) -> LinearModel:
-    """The linear model of spring struts whose sensors are in line with spring, damper and actuator.
+    """Return the linear model of spring struts whose sensors are in series with spring, damper and actuator.
 
-    Each "sensor_force" is then what spring and damper pull with, less the strut's "actuator_force".
+    Each "sensor_force" is then the tension in spring and damper minus the "actuator_force" of the strut.
+
+    Args:
+        model: linear model of the machine
     """
     direct = model.D.copy()
     for row, output in enumerate(model.outputs):
@@ -285,11 +322,17 @@ def sensors_in_line(model: LinearModel) -> LinearModel:
 
 
 def controller_in_line(controller: Controller) -> Controller:
-    """What to close around a scene's "sensor_force" for the loop of a controller around a sensor in line.
+    """Return the controller for "sensor_force" equivalent to a controller of a sensor in series with the actuator.
 
-    As `sensors_in_line` for a simulation in time: the sensor in line reads less by the actuator's force, which the
-    controller knows, as nothing else drives the actuator. Each output belongs to the input of the same number. Raises
-    ValueError for another delay than one sample: what acts while a sample is taken is then not the last output.
+    It does for a simulation in time what `sensors_in_line` does for a linear model. The sensor in series measures the
+    actuator's force too, which the controller knows, because nothing else drives the actuator. Each output belongs to
+    the input with the same number.
+
+    Args:
+        controller: controller of the sensor in series
+
+    Raises:
+        ValueError: for a delay other than one sample, because the force during sampling is then not the last output
     """
     if controller.delay != 1:
         raise ValueError(f"a controller of a sensor in line needs a delay of 1 sample here, got {controller.delay}")
@@ -300,7 +343,7 @@ def controller_in_line(controller: Controller) -> Controller:
 def _wiring(
     body: ReducedBody, stacks: tuple[str, str] | None, sensor: tuple[str, str] | None
 ) -> tuple[tuple[Actuator, ...], tuple[Sensor, ...]]:
-    """Actuators and sensors of an imported body "apa"."""
+    """Return actuators and sensors of an imported body "apa"."""
     drives: tuple[Actuator, ...] = ()
     sensors: tuple[Sensor, ...] = ()
     if {"actuator", "sensor"} <= {port.name for port in body.ports}:
@@ -316,7 +359,7 @@ def _wiring(
 
 
 def _with_ends(core: Scene, bottom: str, top: str, length: float, joint_stiffness: ArrayLike | None) -> Scene:
-    """A strut of what lies between two points on its axis, flexible joints or rigid ends beyond them."""
+    """Make a strut from a core between two points on its axis, with flexible joints or rigid ends."""
     bodies: list[RigidBody] = []
     joints: list[Joint] = []
     springs: list[Bushing] = []
@@ -393,9 +436,9 @@ def _point_at(body: ReducedBody, end: str | ArrayLike) -> str:
 
 
 def _upright(line: Array, name: str) -> Array:
-    """The least rotation that brings a line upright; about x if it points down."""
+    """Return the smallest rotation that turns a line to z; it is about x if the line points down."""
     if np.linalg.norm(line) < REACH:
-        raise ValueError(f"body {name!r}: its ends lie in one place, so it is no strut but a joint")
+        raise ValueError(f"body {name!r}: its ends are in the same place; a strut needs two different ends")
     z = line / np.linalg.norm(line)
     if np.hypot(z[0], z[1]) < 1e-12:
         return np.diag([1.0, np.sign(z[2]), np.sign(z[2])])

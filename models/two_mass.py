@@ -4,9 +4,9 @@
       |                                              |
       +---- ke (sensor) ---- middle ---- ka (drive) -+
 
-All figures follow in closed form from those of a reduced actuator, `two_mass_actuator`; `python -m models.two_mass`
-prints them. Source: the two-degree-of-freedom model of T. Dehaeze and others; here the sensor is open, and damping is
-that of the scene.
+All values follow in closed form from those of a reduced actuator, see `two_mass_actuator`; `python -m models.two_mass`
+prints them. Source: the two-degree-of-freedom model of T. Dehaeze and others. Here the sensor is open, and the damping
+is that of the scene.
 """
 
 import math
@@ -22,19 +22,24 @@ from nassim.base.modal import eigenmodes
 from nassim.bodies.interface import free_coordinates
 
 HEAVY = 5.0
-"""Payload of the fit [kg]: the paper's bench."""
+"""Payload of the fit [kg], as on the paper's bench."""
 MIDDLE_MASS = 1e-3
-"""Assumed [kg], because a body needs one: with it the middle swings at some 20 kHz, beyond what the model is for."""
+"""Mass of the middle [kg], assumed, because a body needs one; its mode at about 20 kHz is beyond the model's range."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TwoMassActuator:
-    """The figures of the model.
+    """Parameters of the model.
 
-    shell, drive, sensor: stiffnesses k1, ka and, its charge held, ke [N/m]
-    lower_mass, middle_mass, upper_mass: [kg]
-    force_per_volt: of the drive, on middle and upper end, positive apart [N/V]
-    voltage_per_elongation: of the sensor, positive where it reads positive when longer [V/m]
+    Attributes:
+        shell: stiffness k1 of the shell [N/m]
+        drive: stiffness ka of the drive [N/m]
+        sensor: stiffness ke of the sensor at constant charge [N/m]
+        lower_mass: mass of the lower end [kg]
+        middle_mass: mass between drive and sensor [kg]
+        upper_mass: mass of the upper end [kg]
+        force_per_volt: force of the drive on middle and upper end, positive if it pushes them apart [N/V]
+        voltage_per_elongation: constant of the sensor, positive if elongation gives a positive voltage [V/m]
     """
 
     shell: float
@@ -49,12 +54,16 @@ class TwoMassActuator:
 
 @dataclass(frozen=True)
 class ActuatorFigures:
-    """What an actuator does along its axis, the sensor open but where said; a payload of `HEAVY` on its guided top.
+    """Properties of an actuator along its axis, with a payload of `HEAVY` on its guided top and the sensor open.
 
-    stiffness, shorted_stiffness: static, sensor open and shorted [N/m]
-    pole, zero: first frequency and that of the sensor's response to the drive below it [Hz]
-    sensor_gain, stroke: static sensor voltage [V/V] and elongation [m/V] per stack voltage
-    mass: of all of it [kg]
+    Attributes:
+        stiffness: static stiffness [N/m]
+        shorted_stiffness: static stiffness with the sensor shorted [N/m]
+        pole: first eigenfrequency [Hz]
+        zero: frequency of the zero below it in the response of the sensor to the drive [Hz]
+        sensor_gain: static sensor voltage per stack voltage [V/V]
+        stroke: static elongation per stack voltage [m/V]
+        mass: total mass [kg]
     """
 
     stiffness: float
@@ -67,9 +76,13 @@ class ActuatorFigures:
 
 
 def actuator_figures(body: ReducedBody) -> ActuatorFigures:
-    """Of a reduced actuator with points "bottom" and "top" and ports "actuator" and "sensor".
+    """Compute the properties of a reduced actuator with points "bottom" and "top" and ports "actuator" and "sensor".
 
-    Raises ValueError for a body without these, and for one without a zero below its pole.
+    Args:
+        body: the reduced actuator
+
+    Raises:
+        ValueError: for a body without these points or ports, or without a zero below its pole
     """
     opened = open_circuit(body, {"sensor": 0.0})
     drive, sensor = body.port("actuator").forces, body.port("sensor").forces
@@ -96,11 +109,15 @@ def actuator_figures(body: ReducedBody) -> ActuatorFigures:
 
 
 def two_mass_actuator(body: ReducedBody) -> TwoMassActuator:
-    """The model of a reduced actuator, see `actuator_figures`.
+    """Compute the parameters of the model from a reduced actuator, see `actuator_figures`.
 
-    With M payload and upper mass: the zero is where no force passes the sensor, k1 / M; the pole (k1 + k2) / M with
-    k2 = ka ke / (ka + ke), the whole static stiffness. Shorting the sensor softens it to ke (1 - k33^2), k33 the
-    stack's coupling factor: from how much that softens the whole follows ke.
+    With M the sum of payload and upper mass, the squared angular frequency of the zero, at which no force passes
+    through the sensor, is k1 / M. That of the pole is (k1 + k2) / M with k2 = ka ke / (ka + ke), and k1 + k2 is the
+    static stiffness. A short reduces the sensor's stiffness to ke (1 - k33^2) with its coupling factor k33.
+    ke follows from the resulting change of the static stiffness.
+
+    Args:
+        body: the reduced actuator
     """
     f = actuator_figures(body)
     loaded = f.stiffness / _omega2(f.pole)
@@ -118,7 +135,7 @@ def two_mass_actuator(body: ReducedBody) -> TwoMassActuator:
         middle_mass=MIDDLE_MASS,
         upper_mass=upper,
         force_per_volt=blocked_force * (drive + sensor) / sensor,
-        # The drive pulls the sensor by -blocked_force k1 / (k1 + k2).
+        # The drive acts on the sensor with -blocked_force k1 / (k1 + k2).
         voltage_per_elongation=-f.sensor_gain * f.stiffness * sensor / (blocked_force * shell),
     )
 
@@ -128,12 +145,12 @@ def _omega2(frequency: float) -> float:
 
 
 def _zero_below(pole: float, response: Callable[[float], float], body: ReducedBody) -> float:
-    """Frequency at which a response changes its sign [Hz]."""
+    """Return the frequency at which a response changes its sign [Hz]."""
     end = pole * (1 - 1e-9)
     if response(0.0) * response(end) >= 0:
         raise ValueError(
-            f"body {body.name!r}: no frequency below its pole at {pole:g} Hz quiets the sensor, so no shell carries "
-            "beside the stacks; are drive and sensor in one line of an amplified actuator?"
+            f"body {body.name!r}: no frequency below its pole at {pole:g} Hz has a zero sensor response, so no "
+            "shell is parallel to the stacks; are drive and sensor in one line of an amplified actuator?"
         )
     return float(scipy.optimize.brentq(response, 0.0, end, xtol=1e-12))
 
@@ -148,7 +165,7 @@ APA300ML = TwoMassActuator(
     force_per_volt=-2.375,
     voltage_per_elongation=1.5225e6,
 )
-"""Of `reduced_apa300ml(ports=PORTS)`, as `python -m models.two_mass` prints it."""
+"""Parameters of `reduced_apa300ml(ports=PORTS)`, as `python -m models.two_mass` prints them."""
 
 if __name__ == "__main__":
     from models.apa300ml import PORTS, reduced_apa300ml

@@ -7,9 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from _arguments import parser, run, whole
-from _report import print_table
-from _results import write_summary
+from common.arguments import parser, run, whole
+from common.report import print_table, write_summary
 
 CASES = {
     "import nassim": "import nassim",

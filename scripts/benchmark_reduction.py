@@ -11,11 +11,11 @@ import json
 from typing import Any
 
 import numpy as np
-from _arguments import not_negative, parser, run
-from _costs import run_in_own_process
-from _reduction_routes import measure
-from _report import print_report, print_table
-from _results import write_summary
+
+from common.arguments import not_negative, parser, run
+from common.costs import run_in_own_process
+from common.reductions import measure
+from common.report import print_report, print_table, write_summary
 
 SIZES = {"2.5k": (10.0, 0.1), "7.5k": (5.0, 0.5), "22k": (2.2, 0.5)}  # element size [mm], curvature
 ROUTES = {"nassim": "nassim", "exudyn": "Exudyn (SciPy)", "exudyn_ngsolve": "Exudyn (NGSolve)"}

@@ -9,12 +9,11 @@ peer's, as a share of the largest value; of identified modes that from the truth
 from typing import Any
 
 import numpy as np
-from _arguments import parser, run, whole
-from _costs import peak_memory, timed
-from _report import print_report, print_table, rows_of, with_prefix
-from _results import write_summary
-from _signal_rows import RATE, Row, deviation, estimation, identification, stepping
 
+from common.arguments import parser, run, whole
+from common.costs import peak_memory, timed
+from common.report import print_report, print_table, rows_of, with_prefix, write_summary
+from common.signal_routes import RATE, Row, deviation, estimation, identification, stepping
 from models.apa300ml import reduced_apa300ml
 from models.bench import make_bench
 from nassim import frequency_response, simulate

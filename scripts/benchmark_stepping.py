@@ -6,24 +6,44 @@ nodes of the faces (mean of their motions) and pushed by a connector with a forc
 5 % of the steps. All take the same noise, in one run, in turns, on one thread; times are the processor's.
 """
 
-from dataclasses import replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
+import exudyn as exu
+import exudyn.itemInterface as eii
 import numpy as np
 import scipy
-from _arguments import parser, run, whole
-from _race import Route, race, simulated
-from _report import print_report, print_table, rows_of, with_prefix
-from _results import write_summary
-from _stepping_rows import compensated, hexapods, limit
-from _usual_construction import STEP, usual_construction
+from exudyn.rigidBodyUtilities import GetRigidBodyNode
+from threadpoolctl import threadpool_limits
 
+from common.arguments import parser, run, whole
+from common.costs import cpu_time
+from common.limits import bare_product, exudyns_steps
+from common.report import print_report, print_table, rows_of, with_prefix, write_summary
 from models.apa300ml import reduced_apa300ml
 from models.bench import make_bench
-from nassim import Loop, TimeHistory, describe, frequency_response, linearize
+from models.nano_hexapod import make_nano_hexapod
+from models.strut import fe_strut, two_mass_strut, with_own_damping
+from nassim import Loop, ReducedBody, RigidBody, Scene, TimeHistory, describe, frequency_response, linearize, simulate
 from nassim.signals import band_limited_noise
+from nassim.simulation import assemble
 from nassim.systems import integral_force_feedback
+
+STEP, EXACT = 1e-4, "exact"
+STRUT_CUTOFF = 600.0
+COMPENSATED = (0.05, 0.1, 0.2, 0.4, 1.0)
+"""Steps of the bench [ms]."""
+COMPENSATED_ROUTES = {
+    "exact": ("linear", EXACT),
+    "linear": ("linear", "generalized_alpha"),
+    "ffrf": ("ffrf", "generalized_alpha"),
+}
+LONGER = {"exact": 10, "linear": 1, "ffrf": 0.1}
+"""How many times the steps asked for tell these routes' time from that of their start."""
+Faces = Mapping[str, np.ndarray]
+"""Nodes of the skin by remote point."""
 
 CUTOFF = 1500.0
 USUAL, LSIM = "usual construction", "SciPy's lsim"
@@ -38,7 +58,6 @@ ROUTES: dict[str, tuple[dict[str, Any], str]] = {
     **dict.fromkeys(("exact", *LOOPS), ({"fidelity": "linear"}, "exact")),
 }
 """Options of the bench and method of the simulation."""
-
 arguments = parser(__doc__, "benchmark_stepping")
 arguments.add_argument("--steps", type=whole(20), default=10000, help="of 0.1 ms, per route and turn (default: 10000)")
 arguments.add_argument("--turns", type=whole(1), default=3, help="the fastest of which counts (default: 3)")
@@ -54,6 +73,257 @@ COLUMNS = {
 REPORT = """(steps make up for what their rule does to periods; what is left is told by nassim.simulation.period_errors)
 FRFs of the trimmed bench up to 500 Hz: within {trimmed_frf_error*100:.2g} %
 {trimmed_scene}"""
+
+
+@dataclass(frozen=True)
+class Route:
+    """A way to d_e, (n_samples,); step: between samples [s]; true: name of the route that is right.
+
+    brief: the same in a few steps, whose time is not counted
+    limit: what the steps cannot do without; peer: name of the route of another program
+    """
+
+    work: Callable[[], Any]
+    step: float
+    true: str
+    brief: Callable[[], Any] | None = None
+    limit: Callable[[], Any] | None = None
+    peer: str = ""
+
+
+def simulated(scene: Scene, excitation: TimeHistory, output: str, step: float, method: str) -> Callable[[], Any]:
+    """A simulation that gives one output."""
+    run = partial(simulate, scene, excitation, time_step=step, method=method, outputs=[output], progress=False)
+    return lambda: run()[output]
+
+
+def race(routes: Mapping[str, Route], turns: int) -> dict[str, dict[str, float | None]]:
+    """Figures of every route: the fastest of some turns, in which all run one after the other, on one thread.
+
+    Times are the processor's: other work on the machine matters little.
+    """
+    whole, start, bare = ({name: np.inf for name in routes} for _ in range(3))
+    found, best = {}, {}
+    for name, route in list(routes.items()) * turns:
+        with threadpool_limits(1):
+            begun, brief = cpu_time(route.brief) if route.brief else ([0.0], 0.0)
+            found[name], took = cpu_time(route.work)
+            whole[name], start[name] = min(whole[name], took), min(start[name], brief)
+            # Of few steps on a busy machine the start may be all that is seen.
+            best[name] = max(whole[name] - start[name], 1e-3 * took) / (len(found[name]) - len(begun))
+            if route.limit:
+                bare[name] = min(bare[name], cpu_time(route.limit)[1] / (len(found[name]) - 1))
+    figures = {}
+    for name, route in routes.items():
+        peer = found.get(route.peer)
+        figures[name] = {
+            "step_s": route.step,
+            "us_per_step": 1e6 * best[name],
+            "limit_us_per_step": 1e6 * bare[name] if route.limit else None,
+            "peer_us_per_step": None if peer is None else 1e6 * best[route.peer],
+            "speed_over_peer": None if peer is None else best[route.peer] / best[name],
+            "difference": None if peer is None else _deviation(found[name], peer),
+            "steps_per_s": 1 / best[name],
+            "speed_over_real_time": route.step / best[name],
+            "encoder_error": _deviation(found[name], found[route.true]),
+        }
+    return figures
+
+
+def _deviation(found: Any, true: Any) -> float:
+    """Largest difference, as far as both go, as a share of the largest value."""
+    n = min(len(found), len(true))
+    return float(np.abs(found[:n] - true[:n]).max() / np.abs(true[:n]).max())
+
+
+def limit(scene: Scene, method: str, step: float, n_steps: int, inputs: int = 1) -> Callable[[], Any]:
+    """What steps from so many inputs to one output cannot do without."""
+    if method != EXACT:
+        return exudyns_steps(scene, step, n_steps)
+    return bare_product(len(linearize(replace(scene, loops=())).A), inputs, 1, n_steps)
+
+
+def compensated(apa: ReducedBody, steps: int) -> dict[str, Route]:
+    """The bench in several steps through the same time, that of so many of 0.1 ms; noise up to 80 Hz."""
+    # Straight lines between 1 ms, so that all steps see the same voltage.
+    noise = band_limited_noise(max(steps * STEP, 0.05), 1e3, cutoff_frequency=80.0, rms=1e-5)
+    result = {}
+    for step in (1e-3 * milliseconds for milliseconds in COMPENSATED):
+        for name, (fidelity, method) in COMPENSATED_ROUTES.items():
+            bench = make_bench(apa=apa, fidelity=fidelity)
+            label = f"bench {name}, {1e3 * step:g} ms"
+            work = simulated(bench, noise, "encoder", step, method)
+            bare = limit(bench, method, step, round(noise.duration / step))
+            result[label] = Route(work, step, f"bench {EXACT}, {1e3 * step:g} ms", limit=bare)
+    return result
+
+
+def hexapods(apa: ReducedBody, steps: int) -> dict[str, Route]:
+    """Trimmed hexapods with 2, 4 or 6 struts of finite elements, the others of two masses; a loop for each."""
+    pushes = band_limited_noise(LONGER[EXACT] * steps * STEP, 1 / STEP, cutoff_frequency=300.0, rms=1e-3)
+    result = {}
+    for count in (2, 4, 6):
+        for name, (fidelity, method) in COMPENSATED_ROUTES.items():
+            scene, n = _hexapod(apa, count, fidelity), max(100, round(steps * LONGER[name]))
+            forces = [word for word in scene.inputs if word.startswith("payload")]
+            values = np.outer([word == "payload_force_z" for word in forces], pushes.values[0])
+            units = tuple(map(scene.input_unit, forces))
+            work, brief = (
+                simulated(
+                    scene,
+                    TimeHistory(pushes.time[:samples], values[:, :samples], tuple(forces), units),
+                    "strut_1/encoder",
+                    STEP,
+                    method,
+                )
+                for samples in (n + 1, max(n // 5, 40) + 1)
+            )
+            bare = limit(scene, method, STEP, n, len(forces))
+            result[f"{count} struts {name}"] = Route(work, STEP, f"{count} struts {EXACT}", brief, bare)
+    return result
+
+
+def _hexapod(apa: ReducedBody, count: int, fidelity: str) -> Scene:
+    # The middle mass of the two-mass actuator swings at 21 kHz: undamped, sampled loops drive it.
+    struts = [fe_strut(fidelity, apa=apa)] * count + [with_own_damping(two_mass_strut())] * (6 - count)
+    # Without damping of modes, which floating frames realise in part: the loops damp.
+    hexapod = make_nano_hexapod(struts, damping_ratio=0.0, cutoff_frequency=STRUT_CUTOFF)
+    iff = integral_force_feedback(20.0, sample_rate=1 / STEP)
+    names = [f"strut_{k}" for k in range(1, 7)]
+    wires = [(f"{name}/sensor_voltage", f"{name}/actuator_voltage") for name in names]
+    loops = [Loop(name, iff, *wire) for name, wire in zip(names, wires, strict=True)]
+    return replace(hexapod, loops=tuple(loops))
+
+
+def add_flexible_body(mbs: Any, scene: Scene, faces: Faces) -> dict[str, int]:
+    """Add the scene's flexible body in a floating frame; returns a marker per face, at the mean of its nodes."""
+    assembly, body = assemble(scene), scene.flexible_bodies[0]
+    frame, reduced = assembly.frames[body.name], body.reduced
+    assert reduced.surface is not None
+    assert reduced.surface_modes is not None
+    chosen = np.concatenate(list(faces.values()))
+    rows = reduced.surface_modes[chosen][:, :, frame.flexible].reshape(3 * len(chosen), -1)
+    zero = [0.0] * rows.shape[1]
+    node = mbs.AddNode(GetRigidBodyNode(exu.NodeType.RotationEulerParameters, position=list(frame.origin)))
+    modes = mbs.AddNode(
+        eii.NodeGenericODE2(
+            numberOfODE2Coordinates=len(zero),
+            referenceCoordinates=zero,
+            initialCoordinates=zero,
+            initialCoordinates_t=zero,
+        )
+    )
+    number = mbs.AddObject(
+        eii.ObjectFFRFreducedOrder(
+            nodeNumbers=[node, modes],
+            mass=frame.mass,
+            inertia=frame.inertia,
+            centerOfMass=frame.center_of_mass,
+            massMatrixReduced=container_of(frame.mass_matrix),
+            stiffnessMatrixReduced=container_of(frame.stiffness_matrix),
+            dampingMatrixReduced=container_of(assembly.damping.on_deformation()),
+            mPhitTPsi=frame.translation_flexible,
+            mPhitTPsiTilde=frame.translation_rotated,
+            mXRefTildePsi=frame.position_flexible,
+            mXRefTildePsiTilde=frame.position_rotated,
+            mPsiTildePsi=frame.rotated_flexible,
+            mPsiTildePsiTilde=frame.rotated_rotated,
+            modeBasis=rows,
+            referencePositions=(reduced.surface.points[chosen] - frame.origin).ravel(),
+        )
+    )
+    markers, start = {}, 0
+    for name, face in faces.items():
+        kind = eii.MarkerSuperElementRigid if name in ("bottom", "top") else eii.MarkerSuperElementPosition
+        nodes, weights = list(range(start, start + len(face))), [1 / len(face)] * len(face)
+        markers[name] = mbs.AddMarker(kind(bodyNumber=number, meshNodeNumbers=nodes, weightingFactors=weights))
+        start += len(face)
+    return markers
+
+
+def add_guided_mass(
+    mbs: Any, payload: RigidBody, markers: Mapping[str, int], bottom: np.ndarray, top: np.ndarray
+) -> int:
+    """Clamp the body's bottom to the ground and guide a payload on its top along z; returns the payload's object."""
+    ground = mbs.AddObject(eii.ObjectGround())
+    feet = [mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=ground, localPosition=list(p))) for p in (bottom, top)]
+    node = mbs.AddNode(eii.NodeRigidBodyEP(referenceCoordinates=[*payload.position, 1.0, 0.0, 0.0, 0.0]))
+    j = np.diag(np.asarray(payload.inertia))
+    mass = mbs.AddObject(eii.ObjectRigidBody(nodeNumber=node, mass=payload.mass, inertia=[*j, 0.0, 0.0, 0.0]))
+    below = mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=mass, localPosition=list(top - payload.position)))
+    for pair, axes in (
+        ([feet[0], markers["bottom"]], [1] * 6),
+        ([markers["top"], below], [1] * 6),
+        ([feet[1], below], [1, 1, 0, 1, 1, 1]),
+    ):
+        mbs.AddObject(eii.ObjectJointGeneric(markerNumbers=pair, constrainedAxes=axes))
+    return mass
+
+
+def container_of(matrix: Any) -> Any:
+    """A dense matrix as Exudyn takes it."""
+    result = exu.MatrixContainer()
+    result.SetWithDenseMatrix(matrix, useDenseMatrix=True)
+    return result
+
+
+def usual_construction(scene: Scene, noise: TimeHistory) -> Any:
+    """Encoder signal of the bench built as Exudyn's examples do, in steps of 0.1 ms."""
+    container = exu.SystemContainer()
+    mbs = container.AddSystem()
+    body, payload = scene.flexible_bodies[0], scene.bodies[2]
+    assert isinstance(payload, RigidBody)
+    faces = nodes_of_faces(body.reduced)
+    markers = add_flexible_body(mbs, scene, faces)
+    # The mean of the nodes lies 0.2 mm beside the remote point; joints that start open there would swamp the answer.
+    bottom, top = (body.reduced.surface.points[faces[name]].mean(axis=0) for name in ("bottom", "top"))
+    mass = add_guided_mass(mbs, payload, markers, bottom, top)
+    actuator = scene.actuators[0]
+    force = actuator.gain * actuator.force_per_volt
+    volts = noise.values[0].tolist()
+    mbs.AddObject(
+        eii.ObjectConnectorSpringDamper(
+            markerNumbers=[markers["junction"], markers["actuator_end"]],
+            referenceLength=1.0,
+            stiffness=1.0,
+            springForceUserFunction=lambda _m, t, _n, _l, _v, _k, _d, _f: -force * volts[int(t / STEP + 0.5)],
+        )
+    )
+    sensor = mbs.AddSensor(
+        eii.SensorBody(
+            bodyNumber=mass,
+            localPosition=list(payload.points["bottom"]),
+            outputVariableType=exu.OutputVariableType.Displacement,
+            storeInternal=True,
+            writeToFile=False,
+        )
+    )
+    solve(mbs, len(volts) - 1)
+    return mbs.GetSensorStoredData(sensor)[:, 3]
+
+
+def nodes_of_faces(body: ReducedBody) -> dict[str, np.ndarray]:
+    """The skin's nodes within 12 mm of each remote point in the plane of its face."""
+    assert body.surface is not None
+    result = {}
+    for point in body.remote_points:
+        away = body.surface.points - point.position
+        axis = 2 if point.name in ("bottom", "top") else 0
+        result[point.name] = np.flatnonzero((np.abs(away[:, axis]) < 1e-7) & (np.linalg.norm(away, axis=1) < 12e-3))
+    return result
+
+
+def solve(mbs: Any, steps: int) -> None:
+    """Generalized-alpha without numerical damping."""
+    mbs.Assemble()
+    settings = exu.SimulationSettings()
+    settings.solution.file.write = False
+    settings.timeIntegration.verboseMode = 0
+    settings.timeIntegration.numberOfSteps = steps
+    settings.timeIntegration.endTime = steps * STEP
+    settings.timeIntegration.generalizedAlpha.spectralRadius = 1.0
+    settings.solution.sensors.writePeriod = STEP
+    mbs.SolveDynamic(settings)
 
 
 def main() -> None:

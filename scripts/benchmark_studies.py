@@ -11,17 +11,21 @@ command lines. With more workers they wait for it.
 import functools
 import itertools
 import os
+import subprocess
+import sys
+import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _arguments import parser, run, whole
-from _cluster import cluster
-from _costs import timed
-from _report import print_report, print_table
-from _results import write_summary
+import psutil
 
+from common.arguments import parser, run, whole
+from common.costs import timed
+from common.report import print_report, print_table, write_summary
 from models.apa300ml import reduced_apa300ml
 from models.bench import make_bench
 from nassim import FRF, ReducedBody, estimate_frf, simulate
@@ -38,11 +42,43 @@ COLUMNS = {
 REPORT = """{runs} linear benches of {bench_s*1e3:.1f} ms: plain loop {loop_s:.1f} s; {processes} processes
 {study_s:.1f} s, {ratio:.2f} times that ({quiet_ratio:.2f} on quiet processors), largest difference {difference:.1e};
 start of a child {start_s:.2f} s"""
-
 arguments = parser(__doc__, "benchmark_studies")
 arguments.add_argument("--runs", type=whole(4), default=500, help="benches (default: 500)")
 arguments.add_argument("--empty-runs", type=whole(10), default=2000, help="to measure the overhead (default: 2000)")
 arguments.add_argument("--processes", type=whole(1), default=2, help="children and Dask workers (default: 2)")
+
+
+@contextmanager
+def cluster(n_workers: int) -> Iterator[tuple[Any, psutil.Process]]:
+    """A client of `dask scheduler` and so many `dask worker`, and the scheduler's process; all end with it.
+
+    Raises ImportError without dask, RuntimeError when the scheduler does not start.
+    """
+    from dask.distributed import Client  # noqa: PLC0415 -- an optional dependency
+
+    with tempfile.TemporaryDirectory() as folder:
+        where = Path(folder, "scheduler.json")
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+
+        def start(*words: str) -> Any:
+            command = [sys.executable, "-m", "dask", *words, "--scheduler-file", str(where), "--no-dashboard"]
+            return subprocess.Popen(command, cwd=folder, env=environment, stderr=subprocess.DEVNULL)
+
+        processes = [start("scheduler", "--host", "127.0.0.1", "--port", "0")]
+        try:
+            while not where.exists():
+                if processes[0].poll() is not None:
+                    raise RuntimeError("the command dask scheduler ended at once; try it by hand")
+                time.sleep(0.05)
+            processes += [start("worker", "--nthreads", "1") for _ in range(n_workers)]
+            with Client(scheduler_file=str(where)) as client:
+                client.wait_for_workers(n_workers, timeout=120)
+                yield client, psutil.Process(processes[0].pid)
+        finally:
+            for process in reversed(processes):
+                process.terminate()
+            for process in processes:
+                process.wait()
 
 
 def bench(payload_mass: float, damping_ratio: float, apa: ReducedBody) -> FRF:

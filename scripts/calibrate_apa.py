@@ -6,12 +6,9 @@ at their bounds (fitted anew on the coarse mesh), and compares what was not fitt
 With --write, the fit becomes the model's default.
 """
 
-from _arguments import parser, positive, run, whole
-from _report import across, print_report, print_table
-from _results import write_summary
-
-from models.apa300ml import CALIBRATION, STACK
-from models.apa300ml import calibration as apa
+from common.arguments import parser, positive, run, whole
+from common.report import across, print_report, print_table, write_summary
+from models.apa300ml import CALIBRATION, STACK, calibration as apa
 from nassim.identification import Target
 
 arguments = parser(__doc__, "calibrate_apa")

@@ -7,10 +7,8 @@ stacks' volume in a full FE model without points, ports or reduction, and a beam
 import math
 from dataclasses import asdict
 
-from _arguments import parser, positive, run
-from _report import print_report, print_table, rows_of, with_prefix
-from _results import write_summary
-
+from common.arguments import parser, positive, run
+from common.report import print_report, print_table, rows_of, with_prefix, write_summary
 from models.apa300ml import COARSE, PORTS, axial_stiffness, beam_model, reduced_apa300ml
 from models.apa300ml.stack_volumes import stack_figures
 from models.bench import make_bench

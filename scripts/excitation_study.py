@@ -5,12 +5,11 @@ window is needed.
 """
 
 import numpy as np
-from _arguments import parser, positive, run
-from _costs import timed
-from _report import print_table, rows_of, with_prefix
-from _responses import COMPARED, compare_frf, plot_bode_pair, plot_error_pair
-from _results import write_summary
 
+from common.arguments import parser, positive, run
+from common.costs import timed
+from common.report import print_table, rows_of, with_prefix, write_summary
+from common.responses import COMPARED, compare_frf, plot_bode_pair, plot_error_pair
 from models.bench import make_bench
 from nassim import TimeHistory, estimate_frf, frequency_response, linearize, simulate
 from nassim.plotting import save_figure

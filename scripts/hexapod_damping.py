@@ -5,24 +5,43 @@ ratio that they have in common. For shares of it, damping in time simulations af
 with the linear prediction, and the damped plants with the undamped one.
 """
 
-import numpy as np
-from _arguments import not_negative, parser, positive, run, whole
-from _costs import timed
-from _hexapod import SAMPLE_RATE, add_machine, hexapod
-from _hexapod_damping_pictures import plot_compliances, plot_decays, plot_plants
-from _hexapod_loops import WIRES, Design, damped_plants, with_loops
-from _hexapod_trials import PULSES, TRIALS, decay, trial
-from _report import print_report, print_table
-from _results import write_summary
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
-from nassim import linearize
-from nassim.base import stage
-from nassim.plotting import plot_root_locus, save_figure
-from nassim.systems import integral_force_feedback, optimum_gain, root_locus, sampled
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from common.arguments import not_negative, parser, positive, run, whole
+from common.costs import timed
+from common.hexapod import METHODS, SAMPLE_RATE, SENSORS, VOLTAGES, add_machine, excite, hexapod
+from common.report import print_report, print_table, write_summary
+from nassim import FRF, Controller, LinearModel, Loop, Scene, TimeHistory, frequency_response, linearize, simulate
+from nassim.base import decay_poles, stage
+from nassim.plotting import COLORS, plot_root_locus, plt, save_figure
+from nassim.simulation import linearize_closed
+from nassim.systems import RootLocus, decentralised, integral_force_feedback, optimum_gain, root_locus, sampled
+
+WIRES = {"measured": SENSORS, "driven": VOLTAGES}
+POSE = tuple(f"pose.{axis}" for axis in ("ux", "uy", "uz", "rx", "ry", "rz"))
+PULSES = ({"payload_force_x": 1.0, "payload_torque_z": 0.1}, {"payload_force_y": 1.0, "payload_force_z": 1.0})
+"""Pushes on the payload [N], [N m] that together excite all modes, and those that come in pairs not alike."""
+PULSE_TIME, PULSE_WIDTH, PULSE_END = 0.01, 0.002, 0.02
+"""When they are largest, how long they take and from when the payload is left alone [s]."""
+EVERY, N_POLES = 8, 40
+"""Samples that make one of the decays' poles are found from, and how many these are."""
+TRIALS = {
+    "least predicted": "least_predicted:.4f",
+    "simulated": "least_simulated:.4f",
+    "most predicted": "most_predicted:.4f",
+    "simulated ": "most_simulated:.4f",
+    "largest difference [%]": "largest_difference_percent:.2f",
+    "us a step": "us_per_step:.0f",
+}
+"""Columns that print what `trial` gives: of the least and the most damped of six modes, and the largest difference."""
 
 SHARES = (0.1, 0.3, 0.6)
 """Gains of the trials over the optimum."""
-
 arguments = parser(__doc__, "hexapod_damping")
 add_machine(arguments)
 arguments.add_argument("--corner", type=not_negative, default=2.0, help="of the leaky integrators [Hz] (default: 2)")
@@ -31,12 +50,129 @@ arguments.add_argument("--spindle-rpm", type=not_negative, default=0.0, help="sp
 arguments.add_argument("--duration", type=positive, default=0.3, help="of a simulated decay [s] (default: 0.3)")
 arguments.add_argument("--steps", type=whole(1), default=1, help="of the integrator in a loop's sample (default: 1)")
 arguments.add_argument("--largest-gain", type=positive, default=500.0, help="of the search [1/s] (default: 500)")
-
 REPORT = """
 suspension modes: {suspension_Hz/0:.1f}, {suspension_Hz/1:.1f}, {suspension_Hz/2:.1f}, {suspension_Hz/3:.1f}, \
 {suspension_Hz/4:.1f}, {suspension_Hz/5:.1f} Hz, damping ratios from {least_damping_ratio:.4f}
 largest damping ratio in common: {optimum_damping_ratio:.2f}, at a gain of {optimum_gain_per_s:.0f}/s
 design took {design_time_s:.0f} s, {n_trials} simulated decays of {duration_s:g} s {trials_time_s:.0f} s ({method})"""
+
+
+@dataclass(frozen=True)
+class Design:
+    """What six equal loops are designed on.
+
+    plant: linear model sampled at the loops' rate; unit: controller of gain one
+    """
+
+    plant: LinearModel
+    unit: Controller
+
+    @property
+    def frequency(self) -> np.ndarray:
+        """Frequencies of the six suspension modes without loops, (6,) [Hz]."""
+        poles = self.plant.poles()
+        return np.sort(np.abs(poles[poles.imag > 0]))[:6] / (2 * np.pi)
+
+    @property
+    def six(self) -> Controller:
+        """One controller of all six."""
+        return decentralised(*[self.unit] * 6)
+
+    def modes(self, locus: RootLocus, gain: float) -> np.ndarray:
+        """Poles of the suspension modes at one of a locus's gains, which begin at zero, (6,) [rad/s]."""
+        return locus.poles[np.searchsorted(locus.gains, gain), locus.branches(self.frequency)]
+
+
+def with_loops(scene: Scene, six: Controller, gain: float) -> Scene:
+    """The scene with a controller of all struts times a gain."""
+    return replace(scene, loops=(Loop("iff", replace(six, C=gain * six.C, D=gain * six.D), **WIRES),))
+
+
+def damped_plants(scene: Scene, six: Controller, gains: Sequence[float], frequency: np.ndarray) -> list[FRF]:
+    """FRFs of a scene in linear motion without loops and with them at some gains [1/s]."""
+    models = {"no loops": linearize(scene)}
+    for gain in gains:
+        models[f"gain {gain:.0f}/s"] = linearize_closed(with_loops(scene, six, gain), continuous=True)
+    return [frequency_response(model, frequency, label=name) for name, model in models.items()]
+
+
+def decay(scene: Scene, pulse: dict[str, float], *, method: str, duration: float, n_steps: int) -> TimeHistory:
+    """The payload's pose after a push, at the loops' sample rate; n_steps: of the integrator per sample."""
+    time = np.arange(round(duration * SAMPLE_RATE) + 1) / SAMPLE_RATE
+    shape = np.exp(-(((time - PULSE_TIME) / PULSE_WIDTH) ** 2))
+    excitation = excite(scene, time, {name: size * shape for name, size in pulse.items()})
+    options = {"time_step": 1 / SAMPLE_RATE / n_steps, "method": METHODS[method][1]}
+    record = simulate(scene, excitation, outputs=POSE, progress=False, **options).select(POSE)
+    return TimeHistory(time, record.values[:, ::n_steps], record.names, record.units)
+
+
+def trial(records: list[TimeHistory], predicted: np.ndarray) -> dict[str, Any]:
+    """Frequencies [Hz] and damping ratios of predicted poles, (6,), and of the same modes in records of decays."""
+    decays = np.array([record.after(PULSE_END).values[:, ::EVERY] for record in records])
+    poles = decay_poles(decays, EVERY / SAMPLE_RATE, n_poles=N_POLES)
+    rows, columns = linear_sum_assignment(np.abs(predicted[:, None] - poles))
+    found = poles[columns[np.argsort(rows)]]
+    expected, simulated = (-poles.real / np.abs(poles) for poles in (predicted, found))
+    return {
+        "damping_predicted": expected,
+        "damping_simulated": simulated,
+        "frequency_predicted_Hz": np.abs(predicted) / (2 * np.pi),
+        "frequency_simulated_Hz": np.abs(found) / (2 * np.pi),
+        "least_predicted": expected.min(),
+        "most_predicted": expected.max(),
+        "least_simulated": simulated.min(),
+        "most_simulated": simulated.max(),
+        "largest_difference_percent": 100 * np.abs(simulated / expected - 1).max(),
+    }
+
+
+def plot_plants(frfs: Sequence[FRF]) -> Any:
+    """Encoders' answers to the voltage of strut 1 by gain, its own and its neighbour's; returns two Axes."""
+    _, axes = plt.subplots(1, 2, figsize=(13, 5), sharey=True, layout="constrained")
+    for ax, row in zip(axes, (1, 2), strict=True):
+        for color, frf in zip(COLORS, frfs, strict=False):
+            response = frf.response(f"strut_{row}/encoder", "strut_1/actuator_voltage")
+            ax.loglog(frf.frequency, np.abs(response), color=color, lw=1.3, label=frf.label)
+        ax.set_title(f"encoder of strut {row} for the voltage of strut 1", fontsize=11)
+        ax.set_xlabel("frequency [Hz]")
+        ax.grid(True, which="both", alpha=0.25)
+    axes[0].set_ylabel("magnitude [m/V]")
+    axes[0].legend(fontsize=9)
+    return list(axes)
+
+
+def plot_compliances(frfs: Sequence[FRF]) -> Any:
+    """The payload's motion for forces and torques on it, along and about each axis; returns six Axes."""
+    _, axes = plt.subplots(2, 3, figsize=(13, 7.5), sharex=True, sharey="row", layout="constrained")
+    pairs = [("u", "force"), ("r", "torque")]
+    for row, (motion, load) in enumerate(pairs):
+        for column, axis in enumerate("xyz"):
+            ax = axes[row, column]
+            for color, frf in zip(COLORS, frfs, strict=False):
+                response = frf.response(f"pose.{motion}{axis}", f"payload_{load}_{axis}")
+                ax.loglog(frf.frequency, np.abs(response), color=color, lw=1.2, label=frf.label)
+            ax.set_title(f"{load} {'along' if load == 'force' else 'about'} {axis}", fontsize=11)
+            ax.grid(True, which="both", alpha=0.25)
+            axes[1, column].set_xlabel("frequency [Hz]")
+    axes[0, 0].set_ylabel("compliance [m/N]")
+    axes[1, 0].set_ylabel("compliance [rad/(N m)]")
+    axes[0, 0].legend(fontsize=9)
+    return list(axes.flat)
+
+
+def plot_decays(records: Mapping[float, Sequence[TimeHistory]]) -> Any:
+    """Simulated poses after the pushes, by gain [1/s]: along x after the first, along z after the last one."""
+    _, axes = plt.subplots(2, 1, figsize=(8, 6), sharex=True, layout="constrained")
+    for color, (gain, decays) in zip(COLORS[1:], records.items(), strict=False):
+        for ax, record, name in zip(axes, (decays[0], decays[-1]), ("pose.ux", "pose.uz"), strict=True):
+            ax.plot(record.time, 1e6 * record[name], color=color, lw=1.2, label=f"gain {gain:.0f}/s")
+            ax.set_ylabel(f"{name} [µm]")
+    axes[0].set_title("simulated, after a push on the payload", fontsize=11)
+    axes[0].legend(fontsize=9)
+    axes[1].set_xlabel("time [s]")
+    for ax in axes:
+        ax.grid(True, alpha=0.25)
+    return list(axes)
 
 
 def main() -> None:

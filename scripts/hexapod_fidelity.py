@@ -5,20 +5,22 @@ kept, stepped exactly; on a spindle it is that in the turning frame. Every row d
 out, by its steps and, in floating frames, by what is not linear.
 """
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import scipy
-from _arguments import not_negative, parser, positive, run
-from _costs import timed
-from _hexapod import ENCODERS, METHODS, SAMPLE_RATE, SENSORS, VOLTAGES, add_damping, add_machine, excite, hexapod
-from _hexapod_errors import frf_error, record_error
-from _report import print_report, print_table, rows_of, with_prefix
-from _results import write_summary
 
+from common.arguments import not_negative, parser, positive, run
+from common.costs import timed
+from common.hexapod import ENCODERS, METHODS, SAMPLE_RATE, SENSORS, VOLTAGES, add_damping, add_machine, excite, hexapod
+from common.report import print_report, print_table, rows_of, with_prefix, write_summary
 from models.nano_hexapod import make_nano_hexapod
 from models.strut import two_mass_strut
-from nassim import linearize, simulate
+from nassim import LinearModel, TimeHistory, frequency_response, linearize, simulate
 from nassim.signals import band_limited_noise
+
+FREQUENCY = np.geomspace(10.0, 500.0, 1000)
 
 STEP = 1 / SAMPLE_RATE
 ROWS: dict[str, tuple[str, float | None, int]] = {
@@ -44,11 +46,28 @@ COLUMNS = {
 REPORT = """
 {duration_s:g} s of noise up to 300 Hz, {payload_mass_kg:g} kg on the plate, {spindle_rpm:g} rpm. Errors over the
 largest value: of FRFs, 10 to 500 Hz, by what struts leave out; of forces and lengths in the record, by all"""
-
 arguments = parser(__doc__, "hexapod_fidelity")
 add_machine(arguments, method=False)
 arguments.add_argument("--duration", type=positive, default=0.5, help="of the record [s] (default: 0.5)")
 arguments.add_argument("--spindle-rpm", type=not_negative, default=0.0, help="in floating frames only (default: 0)")
+
+
+def frf_error(model: LinearModel, whole: LinearModel) -> float:
+    """Largest difference of any FRF from voltages to force sensors and encoders, over its largest value [-]."""
+    one, other = (frequency_response(each, FREQUENCY) for each in (model, whole))
+    pairs = [(output, voltage) for output in (*SENSORS, *ENCODERS) for voltage in VOLTAGES]
+    responses = [(one.response(*pair), other.response(*pair)) for pair in pairs]
+    return max(float(np.abs(found - wanted).max() / np.abs(wanted).max()) for found, wanted in responses)
+
+
+def record_error(record: TimeHistory, expected: Mapping[str, np.ndarray], outputs: Sequence[str], every: int) -> float:
+    """Largest difference of outputs, from their values at the start, over the largest expected one [-].
+
+    expected: samples of each output, one in so many of which the record has
+    """
+    wanted = np.array([expected[output][::every][: len(record.time)] for output in outputs])
+    found = np.array([record[output] - record[output][0] for output in outputs])
+    return float(np.abs(found - wanted).max() / np.abs(wanted).max())
 
 
 def main() -> None:

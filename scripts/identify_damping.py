@@ -8,12 +8,10 @@ make_blind_record.py, and compares what it finds with the truth.
 from pathlib import Path
 
 import numpy as np
-from _arguments import not_negative, parser, positive, run, whole
-from _blind_bench import make_blind_record
-from _blind_errors import against_truth
-from _report import across, print_table
-from _results import write_summary
 
+from common.arguments import not_negative, parser, positive, run, whole
+from common.blind import against_truth, make_blind_record
+from common.report import across, print_table, write_summary
 from models.apa300ml import COARSE, reduced_apa300ml
 from models.bench import make_bench
 from nassim import TimeHistory, frequency_response, linearize, save

@@ -5,10 +5,9 @@ two ends then replaces the actuator on the bench, under a guided payload, in sma
 """
 
 import numpy as np
-from _arguments import parser, positive, run
-from _report import print_table, rows_of, with_prefix
-from _results import write_summary
 
+from common.arguments import parser, positive, run
+from common.report import print_table, rows_of, with_prefix, write_summary
 from models.bench import make_passive_bench
 from nassim import static_response
 from nassim.exchange import check, export_body, read_superelement, repair, to_body

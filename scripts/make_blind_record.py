@@ -5,9 +5,9 @@ second APA300ML with a mass, a resonance that the usual bench does not have. Wri
 sensor_voltage, encoder, with noise) and, in summary.json, the truth.
 """
 
-from _arguments import not_negative, parser, positive, run, whole
-from _blind_bench import make_blind_record
-from _results import write_summary
+from common.arguments import not_negative, parser, positive, run, whole
+from common.blind import make_blind_record
+from common.report import write_summary
 
 arguments = parser(__doc__, "make_blind_record")
 arguments.add_argument("--seed", type=whole(0), default=0, help="of all random numbers (default: 0)")

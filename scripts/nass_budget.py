@@ -7,26 +7,44 @@ Unless a file gives them, spectra are ASSUMED and stand for no real floor, spind
 stages do (`models.nass`): whether aims are met says nothing of the real machine.
 """
 
+import csv
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from _arguments import parser, positive, run
-from _nass_machines import least_damping, machines, pose_sensitivity, shares, turning_figures
-from _nass_pictures import plot_budgets, plot_sensitivity
-from _nass_spectra import assumed_spectra, read_spectra
-from _report import print_report, print_table
-from _results import write_summary
 
+from common.arguments import parser, positive, run
+from common.report import print_report, print_table, write_summary
 from models.hexapods import NANO_HEXAPOD
-from models.nass import make_nass, suspension
-from models.nass_loops import POSE, force_loop
-from nassim import linearize
-from nassim.systems import noise_budget, sampled
+from models.nass import SIX, alike_across, make_nass, suspension
+from models.nass_loops import POSE, force_loop, pose_loop
+from nassim import FRF, LinearModel, Loop, linearize
+from nassim.kinematics import StewartPlatform
+from nassim.plotting import plt, save_figure
+from nassim.signals import TabulatedSpectrum, differentiate_spectrum
+from nassim.systems import (
+    NoiseBudget,
+    close_loop,
+    damping,
+    noise_budget,
+    open_loop,
+    sampled,
+    sensitivity,
+    unstable_poles,
+)
+
+Spectrum = Callable[[np.ndarray], np.ndarray]
+THIRD_OCTAVE = 2 ** (1 / 6) - 2 ** (-1 / 6)
+"""Width of a third-octave band over its centre."""
+CORNER = 5.0
+"""Of runout and stages' noise [Hz]: assumed."""
+SHOWN = {"ux": "x", "uz": "z", "ry": "ry"}
+UNITS = {"u": ("nm", 1e9), "r": ("nrad", 1e9)}
 
 AIMS = {"ux": 30e-9, "uy": 30e-9, "uz": 15e-9, "rx": 250e-9, "ry": 250e-9, "rz": None}
 """Rms at the sample that is aimed at [m], [rad]."""
-
 arguments = parser(__doc__, "nass_budget")
 arguments.add_argument("--spectra", type=Path, help="CSV: frequency [Hz], and by input its density in SI, unit^2/Hz")
 for name, default, text in (
@@ -43,7 +61,6 @@ for name, default, text in (
 ):
     arguments.add_argument(name, type=positive, default=default, help=f"{text} (default: {default:g})")
 arguments.add_argument("--coordinates", choices=("struts", "cartesian"), default="struts", help="of the pose's loops")
-
 REPORT = """
 spectra: {spectra}; stages: figures assumed or unverified, see models.nass
 loops at {sample_rate_Hz:g} Hz with a sample of delay: force feedback {gain_per_s:g}/s; pose by {coordinates}, \
@@ -55,6 +72,160 @@ at {speed_rpm:g} rpm, stages alike across the axis, force feedback: {spinning}; 
 MODES = {"frequency [Hz]": "Hz:.2f", "moves most": "moves"}
 AXES = {"x [nm]": "ux*1e9:.1f", "y [nm]": "uy*1e9:.1f", "z [nm]": "uz*1e9:.1f", "rx [nrad]": "rx*1e9:.0f"}
 AXES |= {"ry [nrad]": "ry*1e9:.0f", "rz [nrad]": "rz*1e9:.0f"}
+
+
+def floor_spectrum(velocity: float, corner: float = 20.0) -> Spectrum:
+    """Acceleration of a floor with the same rms velocity [m/s] in every third of an octave, falling off above a corner.
+
+    Level: as of C. G. Gordon's generic vibration criteria (VC-E: 3.12 um/s, VC-G: 0.78 um/s); corner [Hz]: assumed
+    """
+
+    def spectrum(frequency: np.ndarray) -> np.ndarray:
+        return velocity**2 / (THIRD_OCTAVE * frequency) / (1 + (frequency / corner) ** 2)
+
+    return differentiate_spectrum(spectrum)
+
+
+def low_passed(rms: float, corner: float) -> Spectrum:
+    """Noise of a given rms, all frequencies counted, through two low-passes of first order; their corner [Hz]."""
+
+    def spectrum(frequency: np.ndarray) -> np.ndarray:
+        return rms**2 * 4 / (math.pi * corner) / (1 + (frequency / corner) ** 2) ** 2
+
+    return spectrum
+
+
+def assumed_spectra(inputs: Sequence[str], *, floor: float, runout: float, stage: float) -> dict[str, Spectrum]:
+    """For every input: the floor's velocity per third of an octave [m/s], rms of runout and of stages' noise [m].
+
+    A stage's noise in angle is that of a stage of 0.25 m: four times as many radians as metres.
+    """
+    result = {}
+    for name in inputs:
+        if name.startswith("floor"):
+            result[name] = floor_spectrum(floor)
+        elif name.startswith("runout"):
+            result[name] = low_passed(runout, CORNER)
+        elif name.startswith(("translation", "tilt")):
+            result[name] = low_passed(stage * (4.0 if name.endswith("ry") else 1.0), CORNER)
+    return result
+
+
+def read_spectra(path: Path, inputs: Sequence[str]) -> dict[str, TabulatedSpectrum]:
+    """A CSV file: a column "frequency" [Hz], and by input's name its one-sided density in SI, unit^2/Hz.
+
+    Raises ValueError for unknown columns, for rows of other lengths and for what is no number.
+    """
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = [row for row in csv.reader(file, skipinitialspace=True) if row and not row[0].startswith("#")]
+    header = [name.strip() for name in rows[0]] if rows else []
+    if "frequency" not in header or len(header) < 2:
+        raise ValueError(f"{path}: the first line must name the columns, frequency and some of {', '.join(inputs)}")
+    unknown = [name for name in header if name not in ("frequency", *inputs)]
+    if unknown:
+        raise ValueError(f"{path}: unknown input {unknown[0]!r}; known: {', '.join(inputs)}")
+    try:
+        table = np.array([[float(cell) for cell in row] for row in rows[1:]])
+        columns: Mapping[str, np.ndarray] = dict(zip(header, table.T, strict=True))
+    except ValueError as error:
+        raise ValueError(f"{path}: each row must have {len(header)} numbers ({error})") from error
+    return {name: TabulatedSpectrum(columns["frequency"], columns[name]) for name in header if name != "frequency"}
+
+
+def with_loop(model: LinearModel, loop: Loop) -> LinearModel:
+    """A sampled model with a loop closed."""
+    return close_loop(model, loop.controller, measured=loop.measured, driven=loop.driven)
+
+
+def machines(
+    model: LinearModel, force: Loop, crossover: float, coordinates: str, platform: StewartPlatform
+) -> tuple[dict[str, LinearModel], Loop]:
+    """A sampled end-station "open", "damped" by force feedback and in the loop of its "pose", and that loop."""
+    assert model.time_step is not None
+    damped = with_loop(model, force)
+    pose = pose_loop(damped, crossover, coordinates=coordinates, sample_rate=1 / model.time_step, platform=platform)
+    return {"open": model, "damped": damped, "pose": with_loop(damped, pose)}, pose
+
+
+def pose_sensitivity(damped: LinearModel, pose: Loop, frequency: np.ndarray) -> FRF:
+    """What the loop leaves of the sample's motion, (6, 6, n)."""
+    return sensitivity(open_loop(damped, pose.controller, frequency, measured=pose.measured, driven=pose.driven))[0]
+
+
+def least_damping(model: LinearModel) -> float:
+    """Of oscillations between 3 and 150 Hz."""
+    frequency, ratio = damping(model)
+    return float(ratio[(frequency > 3) & (frequency < 150) & (ratio < 0.99)].min())
+
+
+def turning_figures(speed: float, force: Loop, platform: StewartPlatform, payload_mass: float) -> dict[str, object]:
+    """Whether the damped station is stable with its spindle turning, and by how much its twelve lowest modes move.
+
+    Its stages are made alike in all directions across the axis, as a linear model of what turns needs.
+    """
+    options = {"stages": alike_across(), "platform": platform, "payload_mass": payload_mass}
+    turning, standing = (linearize(make_nass(spindle_rpm=rpm, axes="turning", **options)) for rpm in (speed, 0.0))
+    moved = np.abs(damping(turning)[0][:12] - damping(standing)[0][:12])
+    growing = unstable_poles(with_loop(sampled(turning, force.controller.sample_rate), force))
+    return {
+        "speed_rpm": speed,
+        "spinning": f"unstable, {growing[0]}" if growing else "stable",
+        "spinning_shift_Hz": moved.max(),
+    }
+
+
+def by_axis(rms: np.ndarray) -> dict[str, float]:
+    """Six figures by direction."""
+    return dict(zip(SIX, map(float, rms), strict=True))
+
+
+def shares(budgets: Mapping[str, NoiseBudget]) -> dict[str, dict[str, dict[str, float]]]:
+    """Rms by machine, disturbance ("total" too) and direction."""
+    return {
+        name: {k: by_axis(rms) for b in (budget, budget.total) for k, rms in zip(b.inputs, b.rms().T, strict=True)}
+        for name, budget in budgets.items()
+    }
+
+
+def plot_budgets(budgets: Mapping[str, NoiseBudget], limits: Mapping[str, float], label: str, path: Path) -> None:
+    """Cumulative amplitudes from high to low frequencies by disturbance: a row per direction, a column per machine."""
+    figure, axes = plt.subplots(
+        len(SHOWN), len(budgets), figsize=(13, 9.5), sharex=True, sharey="row", layout="constrained"
+    )
+    for row, (six, letter) in zip(axes, SHOWN.items(), strict=True):
+        unit, factor = UNITS[six[0]]
+        for ax, (name, budget) in zip(row, budgets.items(), strict=True):
+            k = budget.outputs.index(f"metrology.{six}")
+            for j, source in enumerate(budget.inputs):
+                line, style = factor * budget.cumulative()[k, j], "-" if j < 6 else "--"
+                ax.loglog(budget.frequency, np.maximum(line, 1e-9), style, color=f"C{j}", lw=1.1, label=source)
+            total = budget.total
+            ax.loglog(budget.frequency, np.maximum(factor * total.cumulative()[k, 0], 1e-9), "k", lw=1.8, label="total")
+            rms = factor * total.rms()[k, 0]
+            ax.axhline(factor * limits[six], color="0.5", ls=":", lw=1.6, label="aim")
+            ax.set_title(f"{letter}, {name}: {rms:.3g} {unit} rms, aim {factor * limits[six]:g}", fontsize=10)
+            top = factor * max(b.total.rms()[k, 0] for b in budgets.values())
+            ax.set_ylim(1e-3 * top, 3 * top)
+            ax.grid(visible=True, which="major", alpha=0.25)
+        row[0].set_ylabel(f"{letter}, rms above a frequency [{unit}]")
+    for ax in axes[-1]:
+        ax.set_xlabel("frequency [Hz]")
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=6, fontsize=8)
+    figure.suptitle(f"spectra: {label}; stages: figures assumed or unverified", fontsize=10)
+    save_figure(axes.flat, path)
+
+
+def plot_sensitivity(left: FRF, path: Path) -> None:
+    """What the pose's loop leaves of each motion of the sample, and where it makes more of it."""
+    ax = plt.subplots(figsize=(7.5, 4.5), layout="constrained")[1]
+    for k, six in enumerate(SIX):
+        ax.loglog(left.frequency, np.abs(left.response(POSE[k], POSE[k])), color=f"C{k}", lw=1.3, label=six)
+    ax.axhline(1.0, color="0.5", lw=1)
+    ax.set(xlabel="frequency [Hz]", ylabel="sensitivity of the pose's loop [-]")
+    ax.legend(fontsize=8, ncols=2)
+    ax.grid(visible=True, which="both", alpha=0.25)
+    save_figure(ax, path)
 
 
 def main() -> None:

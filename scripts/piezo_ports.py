@@ -8,11 +8,10 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from _arguments import parser, positive, run
-from _report import print_table, rows_of, with_prefix
-from _responses import plot_bode_pair
-from _results import write_summary
 
+from common.arguments import parser, positive, run
+from common.report import print_table, rows_of, with_prefix, write_summary
+from common.responses import plot_bode_pair
 from models.apa300ml import COARSE, PORTS, STACK, reduced_apa300ml
 from models.bench import SENSOR_RESISTANCE, make_bench
 from models.bench_figures import pole_and_zero, static_gains

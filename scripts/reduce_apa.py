@@ -4,11 +4,9 @@ Prints mass, stiffness and eigenfrequencies; draws the mesh, the remote points a
 as pictures and as pages to turn them in the browser.
 """
 
-from _arguments import parser, positive, run, whole
-from _report import print_report, print_table, rows_of, with_prefix
-from _results import write_summary
-from _views import show
-
+from common.arguments import parser, positive, run, whole
+from common.report import print_report, print_table, rows_of, with_prefix, write_summary
+from common.views import show
 from models.apa300ml import PAPER_FREQUENCY_FE, PRISMS, VENDOR_STIFFNESS, axial_stiffness, make_apa300ml
 from models.bench import formula_frequency
 from nassim import build_fe_model, condense, craig_bampton

@@ -8,13 +8,12 @@ model and with the paper. The simulation keeps only what the bench needs below 1
 import math
 
 import numpy as np
-from _arguments import fraction, parser, positive, run
-from _costs import timed
-from _pages import last_frames, write_bench
-from _report import print_report, print_table, rows_of, with_prefix
-from _responses import COMPARED, compare_frf, plot_bode_pair
-from _results import write_summary
 
+from common.arguments import fraction, parser, positive, run
+from common.costs import timed
+from common.report import print_report, print_table, rows_of, with_prefix, write_summary
+from common.responses import COMPARED, compare_frf, plot_bode_pair
+from common.views import last_frames, write_bench
 from models.apa300ml import PAPER_FREQUENCY_FE, PORTS, PRISMS, make_apa300ml, reduced_apa300ml
 from models.bench import SENSOR_RESISTANCE, formula_frequency, full_bench_response, make_bench
 from models.bench_figures import figures_by_circuit, peak_and_dip, pole_and_zero, static_gains

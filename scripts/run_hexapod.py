@@ -6,30 +6,42 @@ models with electrical ports. From the record of that time simulation come all 6
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from _arguments import parser, positive, run, whole
-from _costs import timed
-from _hexapod import ENCODERS, METHODS, SAMPLE_RATE, SENSORS, VOLTAGES, add_machine, excite, hexapod, settling_time
-from _hexapod_pictures import plot_entries
-from _pages import hexapod_looks, last_frames, write_hexapod
-from _report import print_report, print_table, rows_of, with_prefix
-from _responses import COMPARED, frf_errors
-from _results import write_summary
-from _views import show
+from matplotlib.ticker import MultipleLocator
 
-from nassim import estimate_frf, frequency_response, linearize, save, simulate_motion
-from nassim.plotting import save_figure
-from nassim.signals import orthogonal_multisines, settled_blocks
+from common.arguments import parser, positive, run, whole
+from common.costs import timed
+from common.hexapod import (
+    ENCODERS,
+    METHODS,
+    SAMPLE_RATE,
+    SENSORS,
+    VOLTAGES,
+    add_machine,
+    excite,
+    hexapod,
+    settling_time,
+)
+from common.report import print_report, print_table, rows_of, with_prefix, write_summary
+from common.responses import COMPARED, frf_errors
+from common.views import hexapod_looks, last_frames, show, write_hexapod
+from nassim import FRF, estimate_frf, frequency_response, linearize, save, simulate_motion
+from nassim.plotting import COLORS, plt, save_figure
+from nassim.signals import orthogonal_multisines, remove_settling
 from nassim.systems import damping
 from nassim.viewer import view_scene
+
+N_POINTS = 60
+"""Markers along a curve, for the eye."""
 
 BAND = (10.0, 500.0)
 LEAST_COHERENCE = 0.95
 LEFT = 1e-4
 """Share of a transient that is left where the analysis begins."""
-
 arguments = parser(__doc__, "run_hexapod")
 add_machine(arguments)
 arguments.add_argument("--period", type=positive, default=1.0, help="of the multisines [s] (default: 1)")
@@ -37,13 +49,50 @@ arguments.add_argument("--periods", type=whole(2), default=2, help="of each of s
 arguments.add_argument("--settling", type=positive, help="time before these, left out [s] (default: as long as needed)")
 arguments.add_argument("--voltage", type=positive, default=0.1, help="rms of each input [V] (default: 0.1)")
 arguments.add_argument("--time-step", type=positive, default=1e-4, help="of the integrator [s] (default: 1e-4)")
-
 REPORT = """
 {simulated_time_s:g} s simulated in {wall_time_s:.0f} s, {us_per_step:.0f} us a step ({method})
 six blocks, {settling_time_s:g} s of each left to transients
 suspension modes [Hz]: {suspension_Hz/0:.1f}, {suspension_Hz/1:.1f}, {suspension_Hz/2:.1f}, {suspension_Hz/3:.1f}, \
 {suspension_Hz/4:.1f}, {suspension_Hz/5:.1f}
 lines of the FRFs: {frequency_resolution_Hz:g} Hz apart"""
+
+
+def plot_entries(model: FRF, estimated: FRF, rows: Sequence[str], unit: str) -> Any:
+    """Identified points over the model's curves: the diagonal, and beside it one output's answers to all inputs.
+
+    rows: outputs, in the order of the inputs; unit: of the magnitude. Returns the Axes, phases below magnitudes.
+    """
+    _, axes = plt.subplots(
+        2, 2, figsize=(13, 7.5), sharex=True, sharey="row", height_ratios=[3, 2], layout="constrained"
+    )
+    kind = rows[0].partition("/")[2].replace("_", " ")
+    groups = (list(zip(rows, estimated.inputs, strict=True)), [(rows[0], drive) for drive in estimated.inputs])
+    titles = (f"{kind} of each strut for its own voltage", f"{kind} of strut 1 for the voltage of each strut")
+    shown = np.unique(np.searchsorted(estimated.frequency, np.geomspace(*estimated.frequency[[0, -1]], N_POINTS)))
+    for column, (pairs, title) in enumerate(zip(groups, titles, strict=True)):
+        for color, pair in zip(COLORS, pairs, strict=False):
+            curve, points = model.response(*pair), estimated.response(*pair)[shown]
+            dots = {"ls": "", "marker": "o", "ms": 4, "mfc": "none", "color": color}
+            label = pair[1].partition("/")[0].replace("_", " ")
+            axes[0, column].loglog(model.frequency, np.abs(curve), color=color, lw=1.0, label=label)
+            axes[0, column].loglog(estimated.frequency[shown], np.abs(points), **dots)
+            axes[1, column].semilogx(model.frequency, _without_jumps(np.angle(curve, deg=True)), color=color, lw=0.8)
+            axes[1, column].semilogx(estimated.frequency[shown], np.angle(points, deg=True), **dots)
+        axes[0, column].set_title(title, fontsize=11)
+        axes[0, column].legend(fontsize=8, ncols=2)
+        axes[1, column].set_xlabel("frequency [Hz]")
+        axes[1, column].yaxis.set_major_locator(MultipleLocator(90))
+    axes[0, 0].set_ylabel(f"magnitude [{unit}]\n{model.label} (lines), {estimated.label} (points)")
+    axes[1, 0].set_ylabel("phase [deg]")
+    for ax in axes.flat:
+        ax.grid(True, which="both", alpha=0.25)
+    return list(axes.flat)
+
+
+def _without_jumps(degrees: np.ndarray) -> np.ndarray:
+    """Phase [deg] with a gap where it leaves the picture and returns at the other end."""
+    jumps = np.abs(np.diff(degrees, prepend=degrees[0])) > 180
+    return np.where(jumps, np.nan, degrees)
 
 
 def main() -> None:
@@ -59,7 +108,7 @@ def main() -> None:
     steps = {"time_step": args.time_step, "duration": drive.duration, "frames": last_frames(drive.duration)}
     (record, motion), wall = timed(simulate_motion, scene, excitation, outputs=outputs, method=method, **steps)
     duration = (settling + args.periods) * args.period
-    steady = settled_blocks(record, duration=duration, settling=settling * args.period)
+    steady = remove_settling(record, duration=duration, settling=settling * args.period)
     periods = {"segment_duration": args.period, "overlap": 0.0, "window": "boxcar"}
     estimated = estimate_frf(steady, inputs=VOLTAGES, outputs=outputs, **periods, label="time simulation").band(*BAND)
     fine = frequency_response(model, np.geomspace(*BAND, 4000), label="linear model")

@@ -8,12 +8,11 @@ damping that a spectral radius below 1 brings.
 import itertools
 
 import numpy as np
-from _arguments import parser, positive, run
-from _costs import timed
-from _report import print_table
-from _results import write_summary
-from _variants import by_name, save_pareto, write_rows
 
+from common.arguments import parser, positive, run
+from common.costs import timed
+from common.report import print_table, write_summary
+from common.variants import by_name, save_pareto, write_rows
 from models.apa300ml import reduced_apa300ml
 from models.bench import make_bench
 from nassim import TimeHistory, simulate, trim_scene

@@ -6,16 +6,38 @@ Three points are confirmed by runs in time, of bodies that turn with the spindle
 turns, a leak and stiffness in parallel each make up for that.
 """
 
-import numpy as np
-from _arguments import fraction, parser, positive, run, whole
-from _pages import write_spinning
-from _report import print_report, print_table
-from _results import write_summary
-from _spin_pictures import plot_maps, plot_speeds, plot_trials
-from _spin_trials import TRIALS, frequencies, growth_and_damping, trial
-from _spinning import own_machine, published_machine
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
 
-from nassim.systems import zeros
+import numpy as np
+from matplotlib.colors import BoundaryNorm
+
+from common.arguments import fraction, parser, positive, run, whole
+from common.report import print_report, print_table, write_summary
+from common.spinning import HIGHEST, Machine, own_machine, published_machine
+from common.views import FRAMES, write_spinning
+from nassim import LinearModel, Scene, TimeHistory, simulate_motion
+from nassim.base import decay_poles
+from nassim.plotting import plt, save_figure
+from nassim.scene import Motion
+from nassim.simulation import linearize_closed
+from nassim.systems import sampled, zeros
+
+TRIALS = {
+    "speed [rpm]": "speed_rpm:.0f",
+    "gain [1/s]": "gain_per_s:.0f",
+    "predicted [1/s]": "growth_predicted_per_s:.4f",
+    "simulated [1/s]": "growth_simulated_per_s:.4f",
+    "difference [%]": "growth_difference_percent:.3f",
+    "predicted [Hz]": "frequency_predicted_Hz:.4f",
+    "simulated [Hz]": "frequency_simulated_Hz:.4f",
+}
+"""Columns that print what `trial` gives."""
+PUSHED = 0.2
+"""How long a trial's push lasts [s]."""
+COLORS = {"pure": "#d62728", "leaky": "#1f77b4", "parallel stiffness": "#2ca02c"}
+LEVELS = np.array([0, 0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5])
 
 arguments = parser(__doc__, "spin_hexapod")
 arguments.add_argument("--payload-mass", type=positive, default=50.0, help="on either machine [kg] (default: 50)")
@@ -30,7 +52,6 @@ arguments.add_argument("--trial-rate", type=positive, default=1000.0, help="of t
 arguments.add_argument("--duration", type=positive, default=1.5, help="of a trial [s] (default: 1.5)")
 arguments.add_argument("--points", type=whole(4), default=12, help="speeds and gains of a map (default: 12)")
 arguments.add_argument("--own-trials", action="store_true", help="simulate our own struts too (minutes)")
-
 REPORT = """
 {title}, {payload_mass_kg:g} kg, 6 loops at {sample_rate_Hz:g} Hz
 suspension modes at rest: {standing_modes_Hz/0:.2f}, {standing_modes_Hz/1:.2f}, {standing_modes_Hz/2:.2f}, \
@@ -38,6 +59,156 @@ suspension modes at rest: {standing_modes_Hz/0:.2f}, {standing_modes_Hz/1:.2f}, 
 lowest zero, of the payload on what holds it when no sensor feels a force: {zero_without_Hz:.2f} Hz without stiffness in
 parallel, {zero_with_Hz:.2f} Hz with it; pure integrators are unstable from about that speed on: \
 {zero_without_Hz*60:.0f} and {zero_with_Hz*60:.0f} rpm"""
+
+
+def growth_and_damping(
+    machine: Machine, speeds: np.ndarray, gains: np.ndarray, *, parallel: bool, leak: float, sample_rate: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Largest real part of all poles [1/s] and least damping ratio below `HIGHEST`, (speeds, gains) each."""
+    growth, ratio = np.zeros((2, len(speeds), len(gains)))
+    for k, rpm in enumerate(speeds):
+        plant = sampled(machine.plant(rpm, parallel), sample_rate)
+        for j, gain in enumerate(gains):
+            poles = machine.closed(plant, gain, leak).poles()
+            growth[k, j] = poles.real.max()
+            counted = poles[(poles.imag > 0) & (np.abs(poles) < 2 * np.pi * HIGHEST)]
+            ratio[k, j] = (-counted.real / np.abs(counted)).min()
+    return growth, ratio
+
+
+def frequencies(machine: Machine, speeds: np.ndarray) -> np.ndarray:
+    """Of the six suspension modes in the frame that turns, loops open, (speeds, 6) [Hz]."""
+    result = []
+    for rpm in speeds:
+        poles = machine.plant(rpm, parallel=True).poles()
+        swinging = poles[(poles.imag > 0) & (-poles.real < 0.5 * np.abs(poles))]
+        result.append(np.sort(swinging.imag)[:6] / (2 * np.pi))
+    return np.array(result)
+
+
+def trial(
+    machine: Machine, *, speed: float, gain: float, parallel: bool, leak: float, sample_rate: float, duration: float
+) -> tuple[dict[str, float], TimeHistory, np.ndarray, tuple[Scene, Motion]]:
+    """The slowest or fastest growing pole of a machine with its loops, by the linear model and by a run in time.
+
+    The run is of bodies in large motion that turn with the spindle, after a push on the payload. Also its record, and
+    the payload's distance from the axis that the linear model gives for the same push [m], and how the machine moved.
+    """
+    scene = machine.looped(speed, parallel, gain, leak, sample_rate)
+    model = linearize_closed(scene)
+    poles = model.poles()
+    expected = poles[np.argmax(poles.real + 1e-9 * poles.imag)]
+    time = np.arange(round(duration * sample_rate) + 1) / sample_rate
+    push = np.sin(np.pi * np.minimum(time / PUSHED, 1.0)) ** 2
+    values = np.outer([1.0, 0.3], push)
+    forces = TimeHistory(time, values, ("payload_force_x", "payload_force_y"), ("N", "N"))
+    silent = [name for name in scene.inputs if name not in (*machine.wires["driven"], *forces.names)]
+    quiet = TimeHistory(time, np.zeros((len(silent), len(time))), tuple(silent), tuple(map(scene.input_unit, silent)))
+    names, units = forces.names + quiet.names, forces.units + quiet.units
+    excitation = TimeHistory(time, np.vstack([values, quiet.values]), names, units)
+    steps = {"time_step": 1 / sample_rate, "frames": np.linspace(0.0, time[-1], FRAMES)}
+    record, motion = simulate_motion(scene, excitation, **steps, progress=False)
+    distance = np.hypot(*responses(model, forces))
+    after = record.after(PUSHED + 2 / sample_rate).select([f"pose.{c}" for c in ("ux", "uy", "rx", "ry")])
+    every = max(1, round(sample_rate / 100))
+    scaled = after.values / np.abs(after.values).max(axis=1, keepdims=True)
+    found = decay_poles(scaled[:, ::every], every / sample_rate, n_poles=14)
+    pole = found[np.argmin(np.abs(found - expected))]
+    figures = {
+        "speed_rpm": speed,
+        "gain_per_s": gain,
+        "growth_predicted_per_s": expected.real,
+        "growth_simulated_per_s": pole.real,
+        "growth_difference_percent": 100 * abs(pole.real / expected.real - 1),
+        "frequency_predicted_Hz": abs(expected.imag) / (2 * np.pi),
+        "frequency_simulated_Hz": abs(pole.imag) / (2 * np.pi),
+    }
+    return figures, record, distance, (scene, motion)
+
+
+def responses(model: LinearModel, forces: TimeHistory) -> np.ndarray:
+    """Displacement of the payload along x and y from rest under forces, by a sampled model, (2, n) [m]."""
+    columns, rows = [model.inputs.index(n) for n in forces.names], [model.outputs.index(f"pose.u{c}") for c in "xy"]
+    state, result = np.zeros(len(model.A)), np.zeros((2, len(forces.time)))
+    for k, force in enumerate(forces.values.T):
+        result[:, k] = model.C[rows] @ state
+        state = model.A @ state + model.B[:, columns] @ force
+    return result
+
+
+def plot_speeds(speeds: np.ndarray, machines: Mapping[str, Mapping[str, Any]], path: Path) -> None:
+    """Frequencies of the suspension modes, and the fastest growth with loops at one gain, a column per machine.
+
+    machines: by title "frequency_Hz" (speeds, 6), "gain_per_s", and "growth_per_s" by variant (speeds,)
+    """
+    _, axes = plt.subplots(2, len(machines), figsize=(5.8 * len(machines), 7.5), sharex=True, layout="constrained")
+    for (upper, lower), (title, found) in zip(axes.T, machines.items(), strict=True):
+        upper.plot(speeds, found["frequency_Hz"], color="0.2", lw=1.3)
+        upper.plot(speeds, speeds / 60, "--", color="0.6", lw=1)
+        upper.annotate("spindle", (speeds[-1], speeds[-1] / 60), color="0.45", fontsize=8, ha="right", va="top")
+        upper.set(title=title, ylabel="suspension modes, frame that turns [Hz]", ylim=(0, None))
+        lower.axhspan(0, 100, color="#d62728", alpha=0.06, lw=0)
+        for name, growth in found["growth_per_s"].items():
+            lower.plot(speeds, growth, color=COLORS[name], lw=1.5, label=name)
+        lower.set_yscale("symlog", linthresh=0.01, linscale=0.4)
+        lower.set(xscale="log", xlabel="speed [rpm]", ylabel=f"largest real part, gain {found['gain_per_s']:g}/s [1/s]")
+        lower.set_ylim(-30, 30)
+        lower.legend(fontsize=8, loc="upper left", title="unstable above 0", title_fontsize=8)
+        for ax in (upper, lower):
+            ax.axvspan(1, 60, color="0.5", alpha=0.08, lw=0)
+            ax.grid(visible=True, which="major", alpha=0.25)
+    save_figure(axes.flat, path)
+
+
+def plot_maps(speeds: np.ndarray, machines: Mapping[str, Mapping[str, Any]], path: Path) -> None:
+    """Least damping ratio over speed and gain, red where unstable, a row per machine and a column per variant.
+
+    machines: by title "gains_per_s" (gains,), by variant "growth_map" and "ratio_map" (speeds, gains), and "trials"
+    """
+    norm = BoundaryNorm(LEVELS, 256)
+    figure, axes = plt.subplots(len(machines), 3, figsize=(13, 4 * len(machines)), sharex=True, layout="constrained")
+    for row, (title, found) in zip(np.atleast_2d(axes), machines.items(), strict=True):
+        gains = found["gains_per_s"]
+        for ax, name in zip(row, COLORS, strict=True):
+            growth, ratio = found["growth_map"][name].T, found["ratio_map"][name].T
+            shown = np.ma.masked_where(growth > 0, np.clip(ratio, 0, LEVELS[-1] - 1e-9))
+            ax.set_facecolor("#f4dada")
+            mesh = ax.pcolormesh(speeds, gains, shown, norm=norm, cmap="viridis", shading="nearest", rasterized=True)
+            if growth.min() < 0 < growth.max():
+                ax.contour(speeds, gains, growth, levels=[0], colors="#d62728", linewidths=1.8)
+            if growth.max() > 0:
+                ax.text(0.97, 0.95, "unstable", transform=ax.transAxes, color="#a01c1c", ha="right", va="top")
+            for trial in [found["trials"][name]] if name in found["trials"] else []:
+                text = f"simulated: {trial['growth_simulated_per_s']:+.3f}/s"
+                place = trial["speed_rpm"], trial["gain_per_s"]
+                ax.plot(*place, "o", mfc="w", mec="k", ms=8)
+                box = {"fc": "w", "ec": "0.5", "lw": 0.5, "alpha": 0.85, "pad": 2}
+                ax.annotate(text, place, xytext=(-8, 12), textcoords="offset points", fontsize=8, ha="right", bbox=box)
+            ax.axvline(60, color="0.4", ls=":", lw=1.2)
+            ax.set(xlim=speeds[[0, -1]], ylim=gains[[0, -1]], xscale="log", yscale="log")
+            ax.set(title=f"{title}, {name}", xlabel="speed [rpm]")
+        row[0].set_ylabel("gain [1/s]")
+        figure.colorbar(mesh, ax=row, label="least damping ratio", ticks=LEVELS)
+    save_figure(np.ravel(axes), path)
+
+
+def plot_trials(
+    trials: Mapping[str, Mapping[str, float]], motions: Mapping[str, tuple[TimeHistory, np.ndarray]], path: Path
+) -> None:
+    """Distance of the payload from the axis, in runs and by the linear model; motions: records and those distances."""
+    ax = plt.subplots(figsize=(7.5, 4.5), layout="constrained")[1]
+    for name, (record, predicted) in motions.items():
+        distance = np.hypot(record["pose.ux"], record["pose.uy"])
+        label = f"{name}, simulated: {trials[name]['growth_simulated_per_s']:+.3f}/s"
+        ax.semilogy(record.time[1:], 1e6 * distance[1:], color=COLORS[name], lw=3, alpha=0.6, label=label)
+        label = f"linear model: {trials[name]['growth_predicted_per_s']:+.3f}/s"
+        ax.semilogy(record.time[1:], 1e6 * predicted[1:], "k--", lw=1, label=label)
+    first = next(iter(trials.values()))
+    ax.set(xlabel="time after a push begins [s]", ylabel="payload from the axis [um]", ylim=(1e-3, None))
+    ax.set_title(f"{first['speed_rpm']:g} rpm, gain {first['gain_per_s']:g}/s")
+    ax.legend(fontsize=8)
+    ax.grid(visible=True, alpha=0.25)
+    save_figure(ax, path)
 
 
 def examine(machine, title, speeds, gains, *, gain, args):

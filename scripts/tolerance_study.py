@@ -5,15 +5,47 @@ order higher, to tell how far the coarse ones bend the sensitivities. The same c
 stopped, and with more runs does the new ones only.
 """
 
+import warnings
+from dataclasses import replace
 from functools import partial
+from pathlib import Path
+from typing import Any
 
-from _arguments import parser, run, whole
-from _report import print_report, print_table
-from _results import write_summary
-from _study_tables import REFINED, labelled, print_spread, refinement, spread
-from _tolerances import COARSE, FIGURES, TOLERANCES, apa_figures, plot_all
+import numpy as np
+from scipy.stats import norm, uniform
 
+from common.arguments import parser, run, whole
+from common.report import print_report, print_table, write_summary
+from common.study_tables import REFINED, labelled, print_spread, refinement, spread
+from models.apa300ml import PORTS, PZT, STACK, STEEL, APAGeometry, make_apa300ml
+from models.two_mass import actuator_figures
+from nassim import ReducedBody, Solid, build_fe_model, craig_bampton
+from nassim.plotting import plot_scatter, plot_tornado, plt, save_figure
 from nassim.studies import correlations, linear_effects, sobol_points, sweep
+
+LAYERS, GLUE = 5, {"thickness": 30e-6, "modulus": 5e9}
+"""Of glue at the ends of the three stacks and the spacer; nominal [m], [Pa], assumed."""
+SPACER = 5e-3
+NOMINAL = APAGeometry()
+PURE_CERAMIC = 1 / (1 / PZT.young_modulus - LAYERS * GLUE["thickness"] / (GLUE["modulus"] * 3 * STACK.length))
+"""Modulus of the ceramic [Pa] with which the actuator is as stiff as the default, whose ceramic stands for glue too."""
+TOLERANCES: dict[str, tuple[Any, str]] = {
+    "arm_thickness": (norm(NOMINAL.arm_thickness, 10e-6), "m"),
+    "relief": (norm(NOMINAL.relief, 25e-6), "m"),
+    "hole_diameter": (norm(NOMINAL.hole_diameter, 25e-6), "m"),
+    "depth": (norm(NOMINAL.depth, 25e-6), "m"),
+    "steel_modulus": (norm(STEEL.young_modulus, 0.015 * STEEL.young_modulus), "Pa"),
+    "ceramic_modulus": (norm(PURE_CERAMIC, 0.025 * PURE_CERAMIC), "Pa"),
+    "glue_thickness": (uniform(10e-6, 40e-6), "m"),
+    "glue_modulus": (uniform(3e9, 4e9), "Pa"),
+}
+"""Assumed: twice the standard deviation is 20 um on wire-cut arms, 50 um elsewhere, 3 % and 5 % on moduli. Fillets at
+the pads stay: smaller ones leave slivers, at which Netgen often fails to join prisms and tetrahedra."""
+FIGURES = dict(pole="Hz", zero="Hz", axial_stiffness="N/m", stroke="m", lateral_x="Hz", lateral_y="Hz")
+"""Pole and zero with 5 kg on the guided top, sensor open; stiffness, stacks shorted; lateral modes, bottom clamped."""
+ONE_LAYER = {"arm_roots": 1e-3, "pad_fillets": 1e-3, "holes": 3e-3}
+COARSE: dict[str, Any] = {"extrude": "y", "layer_thickness": 20e-3, "element_size": 10e-3, "local_sizes": ONE_LAYER}
+"""Arguments of `build_fe_model`: one layer of prisms over the depth, whose order is the study's."""
 
 arguments = parser(__doc__, "tolerance_study")
 arguments.add_argument("--runs", type=whole(16), default=64, help="a power of two (default: 64)")
@@ -22,12 +54,67 @@ arguments.add_argument(
     "--refined", type=whole(0), default=6, help="runs repeated one order higher, 0 or some (default: 6)"
 )
 arguments.add_argument("--seed", type=whole(0), default=0, help="of the plan (default: 0)")
-
 UNITS = FIGURES | {name: unit for name, (_, unit) in TOLERANCES.items()}
 PERCENT = {name.replace("_", " "): f"{name}:+.2f" for name in FIGURES}
 REPORT = """
 {finished} of {runs} runs have figures; a plane through them says how far each figure moves, in per cent of its mean,
 while one parameter goes from its lower to its upper end of 90 % of all parts"""
+
+
+def apa_figures(
+    arm_thickness: float,
+    relief: float,
+    hole_diameter: float,
+    depth: float,
+    steel_modulus: float,
+    ceramic_modulus: float,
+    glue_thickness: float,
+    glue_modulus: float,
+    *,
+    mesh: dict[str, Any],
+) -> dict[str, float]:
+    """`FIGURES` of an actuator, drawn, meshed and reduced anew; mesh: arguments of `build_fe_model`.
+
+    Where Netgen fails to join prisms and tetrahedra, the run fails: another kind of mesh would stray from the others.
+    """
+    geometry = replace(NOMINAL, arm_thickness=arm_thickness, relief=relief, hole_diameter=hole_diameter, depth=depth)
+    steel, ceramic = replace(STEEL, young_modulus=steel_modulus), replace(PZT, young_modulus=ceramic_modulus)
+    solid = make_apa300ml(geometry, steel=steel, ceramic=ceramic, ports=PORTS)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("error", message=".*fails to mesh")
+        model = build_fe_model(_glued(solid, LAYERS * glue_thickness / glue_modulus), progress=False, **mesh)
+    body = craig_bampton(model, progress=False)
+    found = actuator_figures(body)
+    return {
+        "pole": found.pole,
+        "zero": found.zero,
+        "axial_stiffness": found.shorted_stiffness,
+        "stroke": abs(found.stroke) * STACK.voltage_range,
+        **_lateral(body),
+    }
+
+
+def _glued(solid: Solid, softness: float) -> Solid:
+    """The actuator with all its glue in the spacer, which carries the same force; softness: thickness / modulus."""
+    spacer = solid.materials["spacer"]
+    softer = replace(spacer, young_modulus=SPACER / (SPACER / spacer.young_modulus + softness))
+    return replace(solid, materials={**solid.materials, "spacer": softer})
+
+
+def _lateral(body: ReducedBody) -> dict[str, float]:
+    """Frequencies of the clamped actuator's modes that move its top most along x and along y [Hz]."""
+    frequency, shapes = body.eigenmodes(fixed=["bottom"], n=3)
+    rows = {axis: body.coordinate_names.index(f"top.u{axis}") for axis in "xy"}
+    return {f"lateral_{axis}": float(frequency[np.argmax(np.abs(shapes[row]))]) for axis, row in rows.items()}
+
+
+def plot_all(study: Any, effects: Any, correlations: Any, folder: Path) -> None:
+    """Tornados of all figures, and each figure over each parameter."""
+    axes = plt.figure(figsize=(15, 7), layout="constrained").subplots(2, 3).ravel()
+    for ax, (result, unit) in zip(axes, FIGURES.items(), strict=True):
+        plot_tornado(effects, result=result, unit=unit, ax=ax)
+    save_figure(axes, folder / "tornado.png")
+    save_figure(plot_scatter(study, correlations), folder / "scatter.png")
 
 
 def main() -> None:

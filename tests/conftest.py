@@ -97,7 +97,7 @@ def angular_momentum(system, body):
     def read(node, kind):
         return np.array(system.mbs.GetNodeOutput(node, getattr(exu.OutputVariableType, kind)))
 
-    rigid, modal = system.nodes["bar"], system.carriers["bar"].nodes[0][0]
+    rigid, modal = system.nodes["bar"], system.flexible["bar"].nodes[0][0]
     rotation = read(rigid, "RotationMatrix").reshape(3, 3)
     n = len(body.mass_matrix)
     fields = np.zeros((4 + 3 * n, 3))  # position from the frame's origin, in the frame

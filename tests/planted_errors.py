@@ -1,32 +1,34 @@
 """Plant errors that an engineer could make, one at a time, and see whether the tests notice.
 
-    python tests/planted_errors.py                         # all of planted_errors.toml
+    python tests/planted_errors.py                         # all that tests/planted_errors/*.toml list
     python tests/planted_errors.py --sample 12 --seed 7    # a dozen of them, another dozen for another seed
     python tests/planted_errors.py --names weight-sign frame-origin-sign
 
 The repository is copied to a temporary folder. Each error replaces a snippet of one file there, runs the tests that
 must catch it, and is taken back. An error that its tests pass is a survivor: a test is missing. It is also a failure
-when a snippet is no longer there exactly once, when the planted code does not even run, and when a named test does not
-exist or fails without any error. The exit status is 1 then, else 0.
+when the planted code does not even run, and when the tests fail without any error. The exit status is 1 then, else 0.
 
-To add an error, append a table to planted_errors.toml:
+An entry whose snippet is no longer in its file exactly once, or whose tests are gone, is stale: it is reported and
+skipped. Mend it where the error can still be made, else delete it.
+
+No module needs an entry. Add one where a wrong sign, frame, unit or sample would be easy to miss, to the file in
+planted_errors/ that has the name of the sub-package:
 
     [name-of-the-error]
-    file = "nassim/wing/module.py"
+    file = "nassim/package/module.py"
     old = 'a short snippet, once in the file'
     new = 'what takes its place'
     means = "what that does to the physics, in one line"
-    tests = ["wing/test_module.py::test_that_must_catch_it"]
-    needs = ["chromium"]  # programs without which its tests are skipped, and so is the error; they are also in CI
+    tests = ["package/test_module.py::test_that_must_catch_it"]
 
 Mutation tools (mutmut, cosmic-ray, mutatest) change every operator and number there is and run the whole suite for
 each. They know no frames, units or half samples, and of what they leave alive most is harmless. Here an engineer chose
-the errors, each with its few tests, so that all take minutes and a survivor always means something.
+the errors, each with its few tests, so that a survivor always means something.
 """
 
 import argparse
 import ast
-import itertools
+import functools
 import os
 import queue
 import random
@@ -47,20 +49,18 @@ except ImportError:  # Python 3.10, where pytest brings it
     import tomli as tomllib
 
 ROOT = Path(__file__).resolve().parents[1]
-LIST = Path(__file__).with_suffix(".toml")
+LISTS = Path(__file__).with_suffix("")
 COPIED = ("nassim", "models", "scripts", "tests", "docs", "pyproject.toml", "README.md", "CHANGELOG.md")
 PATIENCE = 600.0
 """Seconds after which a planted run counts as hanging."""
-FAILED, NO_TESTS = 1, 5
-"""Exit statuses of pytest."""
+FAILED, USAGE = 1, 4
+"""Exit statuses of pytest; the latter when there is no test of the name."""
+CAUGHT, STALE = "caught", "stale, skipped"
 
 
 @dataclass(frozen=True)
 class PlantedError:
-    """One error: `new` in the place of `old` in a file; tests: ids below tests/ that must fail then.
-
-    needs: programs without which these are skipped
-    """
+    """One error: `new` in the place of `old` in a file; tests: ids below tests/ that must fail then."""
 
     name: str
     file: str
@@ -68,60 +68,59 @@ class PlantedError:
     new: str
     means: str
     tests: tuple[str, ...]
-    needs: tuple[str, ...] = ()
 
-    @property
-    def can_be_tried(self) -> bool:
-        """Whether its tests run here."""
-        return not self.needs or ("CI" not in os.environ and all(map(shutil.which, self.needs)))
+    def stale(self, root: Path) -> str:
+        """Why it cannot be planted below a root any more, or nothing."""
+        path = root / self.file
+        count = path.read_text(encoding="utf-8").count(self.old) if path.exists() else 0
+        if count != 1:
+            return f"its snippet occurs {count} times in {self.file}"
+        gone = [test for test in self.tests if not _exists(test, root)]
+        return f"tests that do not exist: {', '.join(gone)}" if gone else ""
 
     def plant(self, root: Path) -> str:
-        """Change the file below a root; returns its text from before. ValueError where the snippet does not fit."""
+        """Change the file below a root; returns its text from before."""
         path = root / self.file
-        text = path.read_text(encoding="utf-8") if path.exists() else ""
-        if text.count(self.old) != 1:
-            raise ValueError(f"the patch no longer applies: its snippet occurs {text.count(self.old)} times")
+        text = path.read_text(encoding="utf-8")
         path.write_text(text.replace(self.old, self.new), encoding="utf-8")
         return text
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of an error: caught, or why not; seconds that its tests took."""
+    """What became of an error: CAUGHT, STALE, or why it was not caught; seconds that its tests took."""
 
     error: PlantedError
-    caught: bool
     text: str
     seconds: float
 
 
-def read_errors(path: Path = LIST) -> list[PlantedError]:
-    """All errors of a list, in order; ValueError for a table that is not as the docstring of this file says."""
-    errors = []
-    for name, entry in tomllib.loads(path.read_text(encoding="utf-8")).items():
-        try:
-            error = PlantedError(name, **{key: tuple(v) if isinstance(v, list) else v for key, v in entry.items()})
-        except TypeError as problem:
-            raise ValueError(f"{path.name}, [{name}]: {problem}") from problem
-        if not (error.tests and error.old) or error.old == error.new:
-            raise ValueError(f"{path.name}, [{name}]: needs tests, and a new snippet that differs from the old one")
-        errors.append(error)
-    return errors
+def read_errors(folder: Path = LISTS) -> list[PlantedError]:
+    """All errors listed in a folder; ValueError for an entry that is not as the docstring of this file says."""
+    errors: dict[str, PlantedError] = {}
+    for path in sorted(folder.glob("*.toml")):
+        for name, entry in tomllib.loads(path.read_text(encoding="utf-8")).items():
+            try:
+                error = PlantedError(name, **{key: tuple(v) if isinstance(v, list) else v for key, v in entry.items()})
+            except TypeError as problem:
+                raise ValueError(f"{path.name}, [{name}]: {problem}") from problem
+            if not (error.tests and error.old) or error.old == error.new:
+                raise ValueError(f"{path.name}, [{name}]: needs tests, and a new snippet that differs from the old one")
+            if name in errors:
+                raise ValueError(f"{path.name}, [{name}]: another file has an error of this name")
+            errors[name] = error
+    return list(errors.values())
 
 
-def missing_tests(errors: Sequence[PlantedError], root: Path = ROOT) -> list[str]:
-    """Named tests whose file or function does not exist."""
-    known: dict[str, set[str]] = {}
-    missing = []
-    for test in dict.fromkeys(itertools.chain.from_iterable(error.tests for error in errors)):
-        file, _, function = test.partition("::")
-        path = root / "tests" / file
-        if file not in known:
-            tree = ast.parse(path.read_text(encoding="utf-8") if path.exists() else "")
-            known[file] = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
-        if function.partition("[")[0] not in known[file]:
-            missing.append(test)
-    return missing
+def _exists(test: str, root: Path) -> bool:
+    file, _, function = test.partition("::")
+    return function.partition("[")[0] in _functions(root / "tests" / file)
+
+
+@functools.cache
+def _functions(path: Path) -> set[str]:
+    tree = ast.parse(path.read_text(encoding="utf-8") if path.exists() else "")
+    return {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
 
 
 @contextmanager
@@ -151,48 +150,33 @@ def run_tests(place: Path, tests: Sequence[str], *options: str) -> tuple[int, st
     return run.returncode, run.stdout + run.stderr
 
 
-def check_tests(place: Path, errors: Sequence[PlantedError]) -> str:
-    """What is wrong with the named tests before anything is planted, or nothing."""
-    missing = missing_tests(errors, place)
-    if missing:
-        return f"tests that do not exist: {', '.join(missing)}"
-    status, output = run_tests(place, [test for error in errors for test in error.tests])
-    if status:
-        return f"the tests fail without any planted error:\n{output}"
-    return ""
-
-
 def try_error(place: Path, error: PlantedError) -> Outcome:
-    """Plant an error in a copy, run its tests, take it back."""
+    """Run an error's tests in a copy, plant it, run them again, take it back."""
     start = time.monotonic()
+    text = _tried(place, error)
+    return Outcome(error, text, time.monotonic() - start)
 
-    def outcome(caught: bool, text: str) -> Outcome:
-        return Outcome(error, caught, text, time.monotonic() - start)
 
-    try:
-        before = error.plant(place)
-    except ValueError as problem:
-        return outcome(False, str(problem))
+def _tried(place: Path, error: PlantedError) -> str:
+    status, output = run_tests(place, error.tests)
+    if status:
+        return f"{STALE}: no such tests" if status == USAGE else f"its tests fail without it:\n{output}"
+    before = error.plant(place)
     try:
         status, output = run_tests(place, error.tests, "-x")
     except subprocess.TimeoutExpired:
-        return outcome(False, f"its tests hang for more than {PATIENCE:g} s")
+        return f"its tests hang for more than {PATIENCE:g} s"
     finally:
         (place / error.file).write_text(before, encoding="utf-8")
-    last = output.strip().splitlines()[-1] if output.strip() else ""
     if status == FAILED:
-        return outcome(True, "caught")
-    return outcome(False, "SURVIVES" if status == 0 else f"its tests do not run (status {status}): {last}")
+        return CAUGHT
+    last = output.strip().splitlines()[-1] if output.strip() else ""
+    return "SURVIVES" if status == 0 else f"its tests do not run (status {status}): {last}"
 
 
-def try_errors(errors: Sequence[PlantedError], *, root: Path = ROOT, jobs: int = 1) -> list[Outcome]:
-    """Try all errors, `jobs` at a time, and print how each fares; ValueError where the tests themselves are wrong."""
-    if not errors:
-        return []
+def try_errors(errors: Sequence[PlantedError], *, root: Path, jobs: int = 1) -> list[Outcome]:
+    """Try all errors, `jobs` at a time, and print how each fares."""
     with copies(root, jobs) as places:
-        problem = check_tests(places[0], errors)
-        if problem:
-            raise ValueError(problem)
         idle: queue.SimpleQueue[Path] = queue.SimpleQueue()
         for place in places:
             idle.put(place)
@@ -219,27 +203,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--sample", type=int, metavar="N", help="only so many of them, drawn at random")
     parser.add_argument("--seed", default="0", help="of the draw: any text, such as a commit's hash")
     parser.add_argument("--jobs", type=int, default=1, help="how many at a time")
-    parser.add_argument("--list", type=Path, default=LIST, help="another list")
+    parser.add_argument("--lists", type=Path, default=LISTS, help="another folder of lists")
     options = parser.parse_args(arguments)
-    errors = read_errors(options.list)
+    errors = read_errors(options.lists)
     unknown = set(options.names) - {error.name for error in errors}
     if unknown:
         parser.error(f"no such error: {', '.join(sorted(unknown))}")
     if options.names:
         errors = [error for error in errors if error.name in options.names]
-    left_out = [error.name for error in errors if not error.can_be_tried]
-    errors = [error for error in errors if error.can_be_tried]
-    if left_out:
-        print(f"{len(left_out)} left out, whose tests need programs that are not here: {', '.join(left_out)}")
+    stale = {error.name: reason for error in errors if (reason := error.stale(ROOT))}
+    for name, reason in stale.items():
+        print(f"{STALE}: {name}: {reason}")
+    errors = [error for error in errors if error.name not in stale]
     if options.sample is not None:
         errors = random.Random(options.seed).sample(errors, min(options.sample, len(errors)))
-    try:
-        outcomes = try_errors(errors, jobs=max(1, options.jobs))
-    except ValueError as problem:
-        print(problem)
-        return 1
-    left = [outcome for outcome in outcomes if not outcome.caught]
-    print(f"{len(outcomes)} errors planted, {len(outcomes) - len(left)} caught, {len(left)} not")
+    outcomes = try_errors(errors, root=ROOT, jobs=max(1, options.jobs))
+    tried = [outcome for outcome in outcomes if not outcome.text.startswith(STALE)]
+    left = [outcome for outcome in tried if outcome.text != CAUGHT]
+    print(f"{len(tried)} errors planted, {len(tried) - len(left)} caught, {len(left)} not")
     for outcome in left:
         print(f"  {outcome.error.name} ({outcome.error.file}): {outcome.text}\n    {outcome.error.means}")
     return 1 if left else 0

@@ -1,4 +1,4 @@
-"""The house: imports between wings point down, big libraries have one home, rooms are short, public names are lazy."""
+"""Architecture: imports point down, large libraries are imported in one place, functions are short, names are lazy."""
 
 import ast
 import subprocess
@@ -16,8 +16,8 @@ TREES = {
     ".".join(path.relative_to(ROOT).with_suffix("").parts): ast.parse(path.read_text(encoding="utf-8"))
     for path in sorted(PACKAGE.rglob("*.py"))
 }
-ROOMS = [name for name in TREES if not name.endswith("__init__")]
-FLOORS = (
+MODULES = [name for name in TREES if not name.endswith("__init__")]
+LAYERS = (
     {"base"},
     {"signals", "bodies", "kinematics"},
     {"systems", "fem"},
@@ -27,9 +27,9 @@ FLOORS = (
     {"studies"},
     {"plotting", "viewer"},
 )
-"""Wings from the ground up; those of one floor do not import each other."""
-FLOOR = {wing: number for number, wings in enumerate(FLOORS) for wing in wings}
-HOMES = {
+"""Sub-packages from the lowest layer up; sub-packages of one layer do not import each other."""
+LAYER = {name: number for number, names in enumerate(LAYERS) for name in names}
+IMPORTED_IN = {
     "cloudpickle": {"nassim.studies.job"},
     "control": {"nassim.systems.python_control"},
     "exudyn": {"nassim.simulation.exudyn"},
@@ -44,8 +44,8 @@ HOMES = {
     "vtkmodules": {"nassim.viewer.picture"},
     "xarray": {"nassim.studies"},
 }
-"""The rooms, or the wing, that a library may be imported in."""
-LIBRARIES = {*HOMES, "numpy", "scipy", "mpl_toolkits", "psutil", "pypardiso", "cvxopt", "threadpoolctl"}
+"""Library -> the modules or the sub-package that may import it."""
+LIBRARIES = {*IMPORTED_IN, "numpy", "scipy", "mpl_toolkits", "psutil", "pypardiso", "cvxopt", "threadpoolctl"}
 LONGEST_FUNCTION = 75
 
 
@@ -61,12 +61,12 @@ def imports(tree, *, for_types=True):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, "write imports in full, from nassim.wing.room import name"
+            assert node.level == 0, "write absolute imports, from nassim.package.module import name"
             yield f"{node.module}"
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
-def used_rooms(name):
+def used_modules(name):
     return {target for target in imports(TREES[name], for_types=False) if target in TREES}
 
 
@@ -74,7 +74,7 @@ def used_libraries(name):
     return {target.split(".")[0] for target in imports(TREES[name])}
 
 
-def wing(name):
+def sub_package(name):
     return name.split(".")[1]
 
 
@@ -86,44 +86,48 @@ def public_definitions(body, prefix=""):
                 yield from public_definitions(node.body, f"{prefix}{node.name}.")
 
 
-def test_every_wing_has_a_floor():
-    found = {wing(name) for name in ROOMS}
-    assert found == set(FLOOR), "give a new wing its floor"
-    assert len(FLOOR) == sum(map(len, FLOORS))
+def test_every_sub_package_has_a_layer():
+    found = {sub_package(name) for name in MODULES}
+    assert found == set(LAYER), "add the new sub-package to a layer"
+    assert len(LAYER) == sum(map(len, LAYERS))
 
 
-@pytest.mark.parametrize("name", ROOMS)
-def test_imports_between_wings_point_down(name):
+@pytest.mark.parametrize("name", MODULES)
+def test_imports_between_sub_packages_point_down(name):
     used = [target for target in imports(TREES[name]) if target.split(".")[0] == "nassim" and target != "nassim"]
     for target in used:
-        other = wing(target)
-        assert other in FLOOR, f"{name} imports {target} from the public face; name the room"
-        assert other == wing(name) or FLOOR[other] < FLOOR[wing(name)], (
-            f"{name} imports {target}, on its floor or above"
+        other = sub_package(target)
+        assert other in LAYER, f"{name} imports {target} from the top level; import from its module"
+        assert other == sub_package(name) or LAYER[other] < LAYER[sub_package(name)], (
+            f"{name} imports {target}, which is in the same layer or above"
         )
 
 
-def test_rooms_of_a_wing_make_no_circle():
-    TopologicalSorter({name: used_rooms(name) for name in ROOMS}).prepare()
+def test_modules_import_each_other_without_cycles():
+    TopologicalSorter({name: used_modules(name) for name in MODULES}).prepare()
 
 
-@pytest.mark.parametrize(("library", "homes"), HOMES.items())
-def test_each_big_library_has_its_home(library, homes):
+@pytest.mark.parametrize(("library", "places"), IMPORTED_IN.items())
+def test_large_libraries_are_imported_in_one_place(library, places):
     users = {name for name in TREES if library in used_libraries(name)}
     assert users
-    assert {name for name in users if not any(name == home or name.startswith(f"{home}.") for home in homes)} == set()
+    assert {
+        name for name in users if not any(name == place or name.startswith(f"{place}.") for place in places)
+    } == set()
 
 
-def test_no_other_library_is_imported_unnoticed():
+def test_other_libraries_are_not_imported():
     foreign = {library for name in TREES for library in used_libraries(name)} - set(sys.stdlib_module_names)
     assert foreign - {"nassim"} <= LIBRARIES
 
 
-@pytest.mark.parametrize("name", ROOMS)
-def test_functions_fit_a_screen(name):
+@pytest.mark.parametrize("name", MODULES)
+def test_functions_are_short(name):
     functions = [node for node in ast.walk(TREES[name]) if isinstance(node, ast.FunctionDef)]
     bodies = {f.name: f.end_lineno - f.body[bool(ast.get_docstring(f)) and len(f.body) > 1].lineno for f in functions}
-    assert {f: n for f, n in bodies.items() if n > LONGEST_FUNCTION} == {}, "split what no longer fits a screen"
+    assert {f: n for f, n in bodies.items() if n > LONGEST_FUNCTION} == {}, (
+        "split functions that do not fit on a screen"
+    )
 
 
 @pytest.mark.parametrize("name", TREES)
@@ -134,31 +138,32 @@ def test_everything_public_has_a_docstring(name):
 
 
 def kinds_of_parts():
-    for name in ROOMS:
+    for name in MODULES:
         for node in TREES[name].body:
             bases = {base.id for base in getattr(node, "bases", []) if isinstance(base, ast.Name)}
             if bases & {"Actuator", "Sensor", "ForceElement", "Connection"}:
                 yield node.name, name
 
 
-def test_engines_know_no_kind_of_part():
-    """Nobody asks what a part is but the room in which its kind is defined."""
-    homes = dict(kinds_of_parts())
-    assert len(homes) >= 9
-    for name in ROOMS:
+def test_kinds_of_parts_are_tested_only_where_they_are_defined():
+    defined_in = dict(kinds_of_parts())
+    assert len(defined_in) >= 9
+    for name in MODULES:
         for node in ast.walk(TREES[name]):
             asks = isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "isinstance"
             named = {inner.id for inner in ast.walk(node) if isinstance(inner, ast.Name)} if asks else set()
             if isinstance(node, ast.match_case):
                 named = {inner.id for inner in ast.walk(node.pattern) if isinstance(inner, ast.Name)}
-            assert {kind for kind in named & set(homes) if homes[kind] != name} == set(), f"{name}: {ast.unparse(node)}"
+            assert {kind for kind in named & set(defined_in) if defined_in[kind] != name} == set(), (
+                f"{name}: {ast.unparse(node)}"
+            )
 
 
 @pytest.mark.parametrize(
     "name", ["nassim", *(f"nassim.{w}" for w in ("base", "signals", "bodies", "kinematics", "systems"))]
 )
-def test_every_name_at_a_door_exists(name):
-    check_door(name)
+def test_exported_names_exist(name):
+    check_exports(name)
 
 
 @pytest.mark.parametrize(
@@ -168,18 +173,18 @@ def test_every_name_at_a_door_exists(name):
         for w in ("fem", "scene", "exchange", "simulation", "identification", "studies", "plotting", "viewer")
     ],
 )
-def test_every_name_at_an_upper_door_exists(name):
-    check_door(name)
+def test_exported_names_of_upper_layers_exist(name):
+    check_exports(name)
 
 
-def check_door(name):
-    door = __import__(name, fromlist=["__all__"])
-    assert door.__all__
-    assert all(getattr(door, public) is not None for public in door.__all__)
+def check_exports(name):
+    package = __import__(name, fromlist=["__all__"])
+    assert package.__all__
+    assert all(getattr(package, public) is not None for public in package.__all__)
 
 
 def test_names_that_version_0_1_exported_are_still_there():
-    """Those of 0.1.0, in full."""
+    """The list is that of version 0.1.0."""
     names = """
         FRF Condensation Controller ElectricalPort Encoder FEModel FlexibleBody GroundAcceleration Joint
         LinearModel Loop Material ModalFit NearestTo OnPlane PiezoStack PointForce ReducedBody RemotePoint
@@ -203,9 +208,9 @@ def run_without(libraries, code):
 def test_linear_systems_and_files_need_neither_mesher_nor_simulator():
     code = (
         "import nassim; "
-        "wings = nassim.systems, nassim.exchange, nassim.scene, nassim.bodies, nassim.signals, nassim.kinematics, "
+        "packages = nassim.systems, nassim.exchange, nassim.scene, nassim.bodies, nassim.signals, nassim.kinematics, "
         "nassim.studies; "
-        "[getattr(wing, name) for wing in wings for name in wing.__all__ if not name.endswith('_control')]; "
+        "[getattr(package, name) for package in packages for name in package.__all__ if name[-8:] != '_control']; "
         "nassim.linearize, nassim.truncation_error, nassim.load, nassim.identify_modes, nassim.apply_identification"
     )
     run = run_without(HEAVY, code)
@@ -214,7 +219,7 @@ def test_linear_systems_and_files_need_neither_mesher_nor_simulator():
 
 
 def test_every_sub_package_is_an_attribute_loaded_when_used():
-    """In a fresh process, where nothing else has imported it."""
+    """This runs in a new process, in which nothing has imported the sub-packages."""
     packages = sorted(path.parent.name for path in (ROOT / "nassim").glob("*/__init__.py"))
     code = (
         f"import nassim, sys; before = [f'nassim.{{p}}' in sys.modules for p in {packages}]; "
@@ -224,7 +229,7 @@ def test_every_sub_package_is_an_attribute_loaded_when_used():
     assert set(packages) <= set(nassim.__all__)
 
 
-def test_pages_need_neither_mesher_nor_simulator_nor_picture_library():
+def test_pages_need_neither_mesher_nor_simulator_nor_image_library():
     run = run_without(HEAVY, "from nassim.viewer import view_body, view_motion, view_scene, write_page")
     assert run.returncode == 0, run.stderr
 

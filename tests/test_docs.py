@@ -1,6 +1,6 @@
 """README and docs hold what their templates give, figures come from summaries that a command made, and code runs.
 
-Of the site: its pages name every script, every wing and every warning; what builds it needs Sphinx and is tested with.
+The site's pages name every script, every sub-package and every warning. Tests of what builds the site need Sphinx.
 """
 
 import ast
@@ -38,11 +38,14 @@ def test_documents_are_what_their_templates_give():
 
 
 MADE = {target for _, target, _ in docs.documents()} | {ROOT / "docs" / "hard_cases.md"}
-PAGES = sorted(path for path in (ROOT / "docs").rglob("*.md") if path.parent.name != "templates")
+PAGES = [
+    ROOT / "CONTRIBUTING.md",
+    *sorted(path for path in (ROOT / "docs").rglob("*.md") if path.parent.name != "templates"),
+]
 HAND_WRITTEN = [path for path in PAGES if path not in MADE]
 
 
-@pytest.mark.parametrize("page", HAND_WRITTEN, ids=lambda path: path.relative_to(ROOT / "docs").as_posix())
+@pytest.mark.parametrize("page", HAND_WRITTEN, ids=lambda path: path.relative_to(ROOT).as_posix())
 def test_pages_without_a_template_or_a_command_hold_no_figures(page):
     text = page.read_text(encoding="utf-8").partition("\n## Sources\n")[0]
     assert not docs.typed_figures(text, GIVEN), "make it a template, docs/templates, with the figures of a summary"
@@ -57,7 +60,7 @@ apa300ml.reduced_apa300ml.__kwdefaults__.update(apa300ml.COARSE)"""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", [*filter(blocks, PAGES)], ids=lambda path: path.relative_to(ROOT / "docs").as_posix())
+@pytest.mark.parametrize("page", [*filter(blocks, PAGES)], ids=lambda path: path.relative_to(ROOT).as_posix())
 def test_code_on_a_page_runs_as_it_stands(page, tmp_path, monkeypatch):
     """But for what is fenced as `py`, which needs several machines. Actuators are coarse, as of the scripts' tests."""
     code = "\n".join(blocks(page))
@@ -81,12 +84,12 @@ def test_every_script_has_its_place_in_the_gallery(monkeypatch):
         importlib.import_module(Path(name).stem).arguments.parse_args(options)
 
 
-def test_every_wing_has_its_page_in_the_reference():
+def test_every_sub_package_has_its_page_in_the_reference():
     listed = (ROOT / "docs" / "reference" / "index.md").read_text(encoding="utf-8")
-    for wing in pkgutil.iter_modules(nassim.__path__):
-        page = ROOT / "docs" / "reference" / f"{wing.name}.md"
+    for package in pkgutil.iter_modules(nassim.__path__):
+        page = ROOT / "docs" / "reference" / f"{package.name}.md"
         assert page.exists(), f"write {page}, three lines as of the others"
-        assert f"]({wing.name}.md)" in listed
+        assert f"]({package.name}.md)" in listed
 
 
 def texts(node, function):
@@ -114,7 +117,7 @@ def test_every_warning_stands_on_its_page():
     quoted = re.findall(r'^\| "([^"]+)" \|', page, re.M)
     spoken = []
     for path in sorted((ROOT / "nassim").rglob("*.py")):
-        if path.name == "notices.py":
+        if path.name == "warning_log.py":
             continue
         for where, parts in warnings_of(path):
             told = "{}".join(parts)
@@ -133,36 +136,24 @@ def site(monkeypatch):
     return importlib.import_module
 
 
-def test_docstrings_become_terms_links_and_plain_text(site):
+def test_docstrings_become_links_and_plain_text(site):
     reference = site("reference")
     docstring = """Do something, 2 * 3 | 4, to x_ of `estimate_frf`s.
 
-name: of it; size, rate: how large,
-and how fast [m], [m/s]
-Prose that follows. A sentence: with a colon.
-
     u = Psi q
 
-Raises ValueError for `nonsense`; `signals.FRF` and `FRF.band`."""
-    lines = reference.to_rst(docstring, ("name", "size", "rate"))
+Args:
+    size: in `a
+        b`; `signals.FRF` and `FRF.band`."""
     assert (
-        "\n".join(lines)
+        reference.to_rst(docstring)
         == """\
 Do something, 2 \\* 3 \\| 4, to x\\_ of :py:obj:`estimate_frf <nassim.signals.estimate_frf>`\\ s.
 
-``name``
-    of it
-``size, rate``
-    how large,
-    and how fast [m], [m/s]
-    Prose that follows. A sentence: with a colon.
+| u = Psi q
 
-::
-
-    u = Psi q
-
-Raises ValueError for ``nonsense``; :py:obj:`signals.FRF <nassim.signals.FRF>` and ``FRF.band``.
-"""
+Args:
+    size: in ``a b``; :py:obj:`signals.FRF <nassim.signals.FRF>` and ``FRF.band``."""
     )
 
 

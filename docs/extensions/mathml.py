@@ -1,6 +1,7 @@
-"""Formulas as MathML, which browsers draw themselves: no script, no font, no network.
+"""Formulas as MathML, which browsers draw without a script, a font or a network.
 
-docutils, which Sphinx stands on, turns LaTeX into MathML; what it does not know is a warning, so an error of the build.
+docutils, which Sphinx is based on, converts LaTeX to MathML. A command that it does not know is a warning, so
+an error of the build.
 """
 
 from typing import Any
@@ -15,7 +16,7 @@ logger = logging.getLogger(__name__)
 
 
 def converted(node: nodes.math | nodes.math_block, *, block: bool) -> str:
-    """A formula as MathML."""
+    """Convert a formula to MathML."""
     try:
         return tex2mathml(node.astext(), as_block=block)
     except MathError as error:

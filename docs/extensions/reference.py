@@ -1,18 +1,16 @@
-"""The reference: every name at a wing's door, its docstring in plain prose made readable.
+"""The reference: every public name of a sub-package, from its docstring.
 
-    ```{wing} nassim.signals
+    ```{subpackage} nassim.signals
     ```
 
-Our docstrings are prose in which a line `name: meaning [unit]` tells an argument or a field; these become lists of
-terms, names in backticks links, and what is set apart and indented stays as it is.
+Docstrings are plain text with sections of Google's style, which Sphinx's napoleon reads. Backticks in them become code,
+or links where they name something public, and other characters stay as they are.
 """
 
 import importlib
 import inspect
 import pkgutil
 import re
-from collections.abc import Collection
-from dataclasses import fields, is_dataclass
 from typing import Any
 
 from docutils import nodes
@@ -22,9 +20,8 @@ from sphinx.util.docutils import SphinxDirective
 
 import nassim
 
-WINGS = [module.name for module in pkgutil.iter_modules(nassim.__path__)]
-NAME = r"[A-Za-z_]\w*(?: \([^)]*\))?(?: \[[^\]]*\])?"
-TERM = re.compile(rf"^({NAME}(?:, {NAME})*)[:;] (.*)$")
+PACKAGES = [module.name for module in pkgutil.iter_modules(nassim.__path__)]
+SECTION = re.compile(r"[A-Z]\w+:\n")
 ARRAY_LIKE = re.compile(r"[\w~.]*Buffer \| .*?NestedSequence\[complex \| bytes \| str\]")
 ALIAS = re.compile(r"[\w~.]*Annotated\[[^,]*(?:\[[^]]*\])?, '(\w+)'\]")
 ARRAY = re.compile(r"[\w~.]*ndarray\[tuple\[[^]]*\], [\w~.]*dtype\[([^]]*)\]\]")
@@ -32,7 +29,7 @@ SHORT = {"complex128": "ComplexArray", "bool": "BoolArray", "bool_": "BoolArray"
 
 
 def public_names(module: str) -> list[str]:
-    """The names at the door of a wing, or those that a module without a door defines."""
+    """Return the names that a sub-package exports, or those that a module without `__all__` defines."""
     found = importlib.import_module(module)
     names = getattr(found, "__all__", None) or [
         name for name, value in vars(found).items() if getattr(value, "__module__", "") == module and name[0] != "_"
@@ -42,15 +39,15 @@ def public_names(module: str) -> list[str]:
 
 def _homes() -> dict[str, str]:
     return {
-        name: f"nassim.{wing}.{name}"
-        for wing in WINGS
-        for name in public_names(f"nassim.{wing}")
-        if not inspect.ismodule(getattr(importlib.import_module(f"nassim.{wing}"), name))
+        name: f"nassim.{package}.{name}"
+        for package in PACKAGES
+        for name in public_names(f"nassim.{package}")
+        if not inspect.ismodule(getattr(importlib.import_module(f"nassim.{package}"), name))
     }
 
 
-class Wing(SphinxDirective):
-    """What a wing is for, and each of its public names."""
+class SubPackage(SphinxDirective):
+    """Directive: the purpose of a sub-package, and each of its public names."""
 
     required_arguments = 1
 
@@ -58,7 +55,7 @@ class Wing(SphinxDirective):
         """Let autodoc document them."""
         module = self.arguments[0]
         found = importlib.import_module(module)
-        lines = [*to_rst(inspect.getdoc(found) or ""), ""]
+        lines = [to_rst(inspect.getdoc(found) or ""), ""]
         for name in public_names(module):
             value = getattr(found, name)
             if inspect.ismodule(value):
@@ -73,40 +70,24 @@ class Wing(SphinxDirective):
         return self.parse_text_to_nodes(text)
 
 
-def to_rst(docstring: str, names: Collection[str] = ()) -> list[str]:
-    """A docstring as lines of reStructuredText; names: of the arguments, or fields, that its lines may tell."""
-    result: list[str] = []
-    docstring = re.sub(r"`[^`]*`", lambda match: " ".join(match[0].split()), docstring)
-    for paragraph in re.split(r"\n\s*\n", docstring.strip("\n")):
-        lines = paragraph.split("\n")
-        if lines[0].startswith("    "):
-            result += ["::", "", *lines, ""]
-        elif lines[0].startswith("- "):
-            result += [*map(inline, lines), ""]
-        else:
-            result += [*_terms(lines, {*names, "Source"}), ""]
-    return result
+def to_rst(docstring: str) -> str:
+    """Turn a docstring into what napoleon reads.
+
+    Backticks become code or links. Characters that reStructuredText would read as markup are escaped. Paragraphs with
+    indented lines, other than sections, keep their lines.
+    """
+    text = inline(re.sub(r"`[^`]*`", lambda match: " ".join(match[0].split()), docstring))
+    paragraphs = re.split(r"\n\s*\n", text.strip("\n"))
+    return "\n\n".join(part if SECTION.match(part) else _kept_lines(part) for part in paragraphs)
 
 
-def _terms(lines: list[str], names: set[str]) -> list[str]:
-    """A paragraph, whose lines `name: meaning; other: meaning` become terms with their definitions."""
-    result: list[str] = []
-    inside = False
-    begin = re.compile(rf"; (?=(?:{'|'.join(map(re.escape, names))})\b[^:;]*: )")
-    for line in (part for whole in lines for part in begin.split(whole)):
-        match = TERM.match(line)
-        told = {name.split(" ")[0] for name in re.split(r", (?=[A-Za-z_])", match[1])} if match else set()
-        if match and told <= names:
-            result += [] if inside or not result else [""]
-            result += [match[1] if told == {"Source"} else f"``{match[1]}``", "    " + inline(match[2])]
-            inside = True
-        else:
-            result.append(("    " if inside else "") + inline(line.strip()))
-    return result
+def _kept_lines(paragraph: str) -> str:
+    indented = re.search(r"^ ", paragraph, re.M)
+    return re.sub(r"^ *", "| ", paragraph, flags=re.M) if indented else paragraph
 
 
 def inline(text: str) -> str:
-    """A line of prose: backticks are code, or a link where they name something public; no other markup."""
+    """Mark up prose: backticks are code, or a link where they name something public; there is no other markup."""
     parts = re.split(r"`([^`]*)`", text)
     result = ""
     for place, part in enumerate(parts):
@@ -118,7 +99,7 @@ def inline(text: str) -> str:
 def _code(text: str) -> str:
     first, *rest = text.removeprefix("nassim.").split(".")
     path = HOMES.get(first)
-    if path is None and rest and first in WINGS:
+    if path is None and rest and first in PACKAGES:
         path = HOMES.get(rest[0])
         rest = rest[1:]
     if path is None or rest:
@@ -131,10 +112,8 @@ def _escaped(text: str) -> str:
 
 
 def _process_docstring(_app: Sphinx, _what: str, _name: str, value: Any, _options: Any, lines: list[str]) -> None:
-    own = inspect.isclass(value) and (value.__doc__ or "").startswith(f"{value.__name__}(")
-    names = tuple(inspect.signature(value).parameters) if inspect.isfunction(value) else ()
-    names = tuple(field.name for field in fields(value)) if is_dataclass(value) else names
-    lines[:] = [] if own else to_rst("\n".join(lines), names)
+    generated = inspect.isclass(value) and (value.__doc__ or "").startswith(f"{value.__name__}(")
+    lines[:] = [] if generated else to_rst("\n".join(lines)).split("\n")
 
 
 def _process_signature(
@@ -144,7 +123,7 @@ def _process_signature(
 
 
 def _shortened(text: str | None) -> str | None:
-    """Types as the sources write them."""
+    """Shorten types to the names in the sources."""
     if text is None:
         return None
     text = ARRAY.sub(lambda match: SHORT.get(match[1].split(".")[-1].strip("~"), "Array"), text)
@@ -154,7 +133,7 @@ def _shortened(text: str | None) -> str | None:
 
 
 def _shorten_types(_app: Sphinx, document: nodes.document) -> None:
-    """The types of properties, which no signature holds."""
+    """Shorten the types of properties, which are in no signature."""
     for node in document.findall(addnodes.desc_annotation):
         text = node.astext()
         if (short := _shortened(text)) != text:
@@ -167,8 +146,8 @@ HOMES = _homes()
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """Register directive and hooks."""
-    app.add_directive("wing", Wing)
-    app.connect("autodoc-process-docstring", _process_docstring)
+    app.add_directive("subpackage", SubPackage)
+    app.connect("autodoc-process-docstring", _process_docstring, priority=400)  # before napoleon
     app.connect("autodoc-process-signature", _process_signature)
     app.connect("doctree-read", _shorten_types)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,8 +1,8 @@
 """The amplified piezo actuator APA300ML: geometry, materials, stacks, remote points.
 
-Frame: x along the stacks, y along the depth, z along the actuation axis; origin in the middle. The outline was
-measured on public CAD. Hidden in that CAD, and so our assumption, is how the arm, the end block and the stack meet:
-here a slot with a round end runs on beside the stack's end; its depth `relief` sets the stiffness.
+Frame: x along the stacks, y along the depth, z along the actuation axis, origin at the centre. The outline was measured
+on public CAD. That CAD does not show how the arm, the end block and the stack meet, so this is our assumption: a slot
+with a round end extends beside the end of the stack. Its depth `relief` determines the stiffness.
 """
 
 import itertools
@@ -28,10 +28,10 @@ from nassim import (
     build_fe_model,
     craig_bampton,
 )
-from nassim.base import cached, code_fingerprint, fingerprint
+from nassim.base import code_fingerprint, fingerprint, load_or_compute
 from nassim.fem import glue, shape_bytes, solver_name
 
-# Table 1 of the paper; the ceramic's Poisson ratio and density are printed once for both materials.
+# Table 1 of the paper, which prints one Poisson ratio and one density for both materials.
 STEEL = Material("stainless steel", young_modulus=190e9, poisson_ratio=0.31, density=7800.0)
 PZT_TABLE_1 = Material("piezoelectric ceramic", young_modulus=49.5e9, poisson_ratio=0.31, density=7800.0)
 
@@ -39,10 +39,10 @@ CALIBRATION = Path(__file__).parent / "calibration.json"
 """Record of the fit that `scripts/calibrate_apa.py --write` made the default."""
 _CALIBRATED = json.loads(CALIBRATION.read_text())["parameters"]
 PZT = replace(PZT_TABLE_1, young_modulus=_CALIBRATED["pzt_modulus"])
-"""The ceramic with the modulus that gives the vendor's stiffness, the default."""
+"""Ceramic with the modulus that gives the vendor's stiffness, the default."""
 
-# Data sheet of one stack, 10 x 10 x 20 mm, -20 ... 150 V. The stack's sheet gives 4.4 uF, the actuator's 20 uF (18 to
-# 26) for all three; with 4.4 uF the coupling factor k33 would be 0.86, which no ceramic has, with 6.7 uF it is 0.70.
+# Data sheet of one stack, 10 x 10 x 20 mm, -20 ... 150 V. It gives 4.4 uF; the data sheet of the actuator gives 20 uF
+# (18 to 26) for all three. With 4.4 uF the coupling factor k33 would be 0.86, too high for a ceramic; with 6.7 uF: 0.7.
 STACK = PiezoStack.from_datasheet(
     free_stroke=20e-6,
     blocked_force=4700.0,
@@ -55,34 +55,40 @@ PORTS = (
     ElectricalPort("sensor", ("sensor_stack",), STACK),
     ElectricalPort("actuator", ("actuator_stack_1", "actuator_stack_2"), STACK),
 )
-"""The paper's wiring: two stacks driven in parallel, one measured."""
+"""Wiring of the paper: two stacks driven in parallel, one stack as sensor."""
 
 PRISMS: dict[str, Any] = {
     "extrude": "y",
     "layer_thickness": 5e-3,
     "local_sizes": {"arm_roots": 0.3e-3, "pad_fillets": 0.5e-3, "holes": 1.5e-3},
 }
-"""Arguments of `build_fe_model` for prisms, small ones where the arms bend most, tetrahedra in the pads: with 5 mm and
-order 3 the first five clamped frequencies come to 0.07 to 0.21 % of those of order 5 (tetrahedra of 5 mm: 1 %)."""
+"""Arguments of `build_fe_model` for prisms, with small elements where the arms bend most, and tetrahedra in the pads.
+
+With 5 mm and order 3, the first five clamped frequencies differ by 0.07 to 0.21 % from those of order 5 (1 % with
+tetrahedra of 5 mm).
+"""
 
 COARSE: dict[str, Any] = {"element_size": 8e-3, "order": 2, "mesh": {}}
-"""Arguments of `reduced_apa300ml` for a quick look: tetrahedra of 8 mm."""
+"""Arguments of `reduced_apa300ml` for a fast, coarse model: tetrahedra of 8 mm."""
 
 VENDOR_STIFFNESS = 1.79e6
-"""Axial stiffness of the whole actuator [N/m], data sheet."""
+"""Axial stiffness of the whole actuator [N/m], from the data sheet."""
 VENDOR_STROKE = 304e-6
-"""Stroke of the whole actuator over the full voltage range [m], as the literature gives it; unverified."""
+"""Stroke of the whole actuator over the full voltage range [m], from the literature; unverified."""
 PAPER_FREQUENCY_FE = 95.9
-"""First eigenfrequency with 5 kg on top, bottom fixed, top guided [Hz], the paper's figure 2b."""
+"""First eigenfrequency with 5 kg on top, bottom fixed, top guided [Hz], from figure 2b of the paper."""
 
 
 @dataclass(frozen=True)
 class APAGeometry:
-    """Dimensions that one may want to vary [m]; the defaults are the measured ones, or those of the calibration.
+    """Variable dimensions [m]; the defaults are the measured ones, or those of the calibration.
 
-    arm_thickness: thickness of the arms; pad_fillet: fillet where an arm meets its pad
-    relief: how far the slot between arm and end block runs beyond the stack's end (see the module's docstring)
-    depth: extent of the frame in y; hole_diameter: hole through the pads
+    Attributes:
+        arm_thickness: thickness of the arms
+        pad_fillet: fillet between an arm and its pad
+        relief: length of the slot between arm and end block beyond the end of the stack (see the module's docstring)
+        depth: extent of the frame in y
+        hole_diameter: diameter of the hole through the pads
     """
 
     arm_thickness: float = _CALIBRATED.get("arm_thickness", 1.40e-3)
@@ -114,13 +120,18 @@ def make_apa300ml(
     stack_coupling: str = "rbe3",
     ports: Sequence[ElectricalPort] = (),
 ) -> Solid:
-    """The APA300ML as a solid with its five remote points (A to E of the paper).
+    """Make the APA300ML as a solid with its five remote points (A to E of the paper).
 
-    coupling: of the remote points on the pads, "rbe2" or "rbe3"
-    stack_coupling: of the three on the stack line. "rbe3" adds no stiffness; "rbe2" keeps their faces plane, which a
-        pair of forces between them wants: pushed from one side, a soft face dishes, and the reading across the sensor
-        takes that for a force
-    ports: electrical ports of its stacks, such as `PORTS`
+    Args:
+        geometry: dimensions
+        steel: material of the frame
+        ceramic: material of the stacks
+        coupling: coupling of the remote points on the pads, "rbe2" or "rbe3"
+        stack_coupling: coupling of the three remote points on the stack line. "rbe3" adds no stiffness. "rbe2" keeps
+            their faces plane, as a pair of forces between them needs: a soft face that is pushed from one side becomes
+                concave,
+            and the elongation measured across the sensor includes this deformation
+        ports: electrical ports of its stacks, such as `PORTS`
     """
     g = geometry or APAGeometry()
     frame = _frame(g)
@@ -157,7 +168,7 @@ def make_apa300ml(
             RemotePoint("bottom", ("bottom_pad",), np.array([0, 0, -15e-3]), coupling),
             RemotePoint("top", ("top_pad",), np.array([0, 0, 15e-3]), coupling),
             RemotePoint("sensor_end", ("sensor_stack_end",), np.array([-32.5e-3, 0, 0]), stack_coupling),
-            # On the spacer's one side only: over both, a part of the spacer's strain leaks from drive to reading.
+            # One side of the spacer only: with both, the sensor would also measure strain of the drive in the spacer.
             RemotePoint("junction", ("spacer_actuator_side",), np.array([-7.5e-3, 0, 0]), stack_coupling),
             RemotePoint("actuator_end", ("actuator_stack_end",), np.array([32.5e-3, 0, 0]), stack_coupling),
         ),
@@ -179,25 +190,34 @@ def reduced_apa300ml(
     condensed: Condensation | None = None,
     progress: bool = True,
 ) -> ReducedBody:
-    """The APA300ML reduced by Craig-Bampton: 5 x 6 + 6 = 36 coordinates.
+    """Reduce the APA300ML by Craig-Bampton to 5 x 6 + 6 = 36 coordinates.
 
-    element_size [m], order: of the finite elements; n_modes: fixed-interface modes
-    coupling, stack_coupling: see `make_apa300ml`
-    ports: electrical ports of its stacks, such as `PORTS`; each adds a coordinate
-    ceramic: its modulus is calibrated to the vendor's stiffness; PZT_TABLE_1 is the paper's
-    mesh: further arguments of `build_fe_model`; {} for tetrahedra throughout
-    condensed: the condensed FE model of all these arguments, where it is at hand; made here otherwise
+    The result comes from the cache if it was computed before with the same geometry, materials, points, ports and mesh,
+    the same solver, the same code and the same versions of the libraries.
 
-    Loaded from the cache when it was made before from the same geometry, materials, points, ports and mesh, by the same
-    solver, the same code and the same versions of the libraries.
-    Raises ValueError for a condensed model of another element order or of other ports.
+    Args:
+        geometry: dimensions
+        element_size: size of the finite elements [m]
+        order: order of the finite elements
+        n_modes: number of fixed-interface modes
+        coupling: see `make_apa300ml`
+        stack_coupling: see `make_apa300ml`
+        ports: electrical ports of its stacks, such as `PORTS`; each adds a coordinate
+        ceramic: material of the stacks; the default has a modulus calibrated to the vendor's stiffness, PZT_TABLE_1 is
+            that of the paper
+        mesh: further arguments of `build_fe_model`; {} for tetrahedra only
+        condensed: condensed FE model with all these arguments, if it exists already
+        progress: show the stages and their times
+
+    Raises:
+        ValueError: for a condensed model with another element order or other ports
     """
     if condensed is not None:
         found = (condensed.fe_model.order, tuple(port.name for port in condensed.fe_model.ports))
         if found != (order, tuple(port.name for port in ports)):
             raise ValueError(
-                f"condensed is of order {found[0]} with ports {found[1]}, not what order={order} and ports ask for; "
-                "build it with the same arguments"
+                f"condensed is of order {found[0]} with ports {found[1]}, but order={order} and other ports were "
+                "given; build it with the same arguments"
             )
     solid = make_apa300ml(geometry, ceramic=ceramic, coupling=coupling, stack_coupling=stack_coupling, ports=ports)
     key = fingerprint(
@@ -215,11 +235,11 @@ def reduced_apa300ml(
         model = condensed or build_fe_model(solid, element_size=element_size, order=order, progress=progress, **mesh)
         return craig_bampton(model, n_modes=n_modes, progress=progress)
 
-    return cached(solid.name, key, build, progress=progress)
+    return load_or_compute(solid.name, key, build, progress=progress)
 
 
 def axial_stiffness(body: ReducedBody) -> float:
-    """Force over elongation between the pads of a reduced APA300ML [N/m]."""
+    """Return force over elongation between the pads of a reduced APA300ML [N/m]."""
     top = body.coordinate_names.index("top.uz")
     return float(1 / body.compliance(fixed=["bottom"])[top, top])
 
@@ -231,7 +251,7 @@ def _stack_piece(name: str, start: float, end: float) -> occ.Solid:
 
 
 def _frame(g: APAGeometry) -> occ.TopoDS_Shape:
-    """The steel frame [mm], by mirroring a quarter of its x-z section and drilling the pads."""
+    """Make the steel frame [mm] by mirroring a quarter of its x-z section and drilling the pads."""
     depth, radius = 1e3 * g.depth, 0.5e3 * g.hole_diameter
     quarter = occ.Face(occ.Wire(_quarter_outline(g))).Extrude(depth * occ.Vec(0, 1, 0)).Move(occ.Vec(0, -depth / 2, 0))
     half = quarter + quarter.Mirror(occ.Axes((0, 0, 0), occ.X, occ.Y))
@@ -240,13 +260,13 @@ def _frame(g: APAGeometry) -> occ.TopoDS_Shape:
 
 
 def _pads(g: APAGeometry) -> occ.TopoDS_Shape:
-    """Where the frame is not extruded along y; cut where the arms are straight, which meshes well."""
+    """Return the parts of the frame that are not extruded along y, cut where the arms are straight, for a good mesh."""
     x = min(0.5e3 * g.hole_diameter + 2.0, 4.3)
     return occ.Box(occ.Pnt(-x, -100, 9), occ.Pnt(x, 100, 20)) + occ.Box(occ.Pnt(-x, -100, -20), occ.Pnt(x, 100, -9))
 
 
 def _notch_name(face: occ.Face, g: APAGeometry) -> str | None:
-    """Name of a curved face that wants small elements: the round end of a slot, the fillet at a pad, a pad's hole."""
+    """Return the name of a curved face that needs small elements: end of a slot, fillet at a pad, hole of a pad."""
     x, y, z = (abs(c) for c in face.center)
     if max(x, y) < 1e-6 and 12.0 < z < 14.5:
         return "holes"
@@ -259,7 +279,7 @@ def _notch_name(face: occ.Face, g: APAGeometry) -> str | None:
 
 
 def _quarter_outline(g: APAGeometry) -> list[occ.Edge]:
-    """Edges of the frame's section for x, z >= 0 [mm]; every arc is tangent to its neighbours."""
+    """Return the edges of the frame's section for x, z >= 0 [mm]; every arc is tangent to its neighbours."""
     thickness, fillet, slot_end = 1e3 * g.arm_thickness, 1e3 * g.pad_fillet, 32.5 + 1e3 * g.relief
     pad_x, pad_z, shoulder = 4.5, 15.0, (5.2, 12.763)
     radius = 11.0
@@ -274,7 +294,7 @@ def _quarter_outline(g: APAGeometry) -> list[occ.Edge]:
         """Point on a circle at an angle from the z axis towards x."""
         return c[0] + r * math.sin(angle), c[1] + r * math.cos(angle)
 
-    # The slot beside the stack: floor at |z| = 5.5, ceiling the arm's inner line, closed by a tangent circle.
+    # The slot beside the stack is between |z| = 5.5 and the inner line of the arm, closed by a tangent circle.
     floor, stack_end = 5.5, 32.5
     inner_start = on_circle(centre, radius - thickness, slope)
     share = math.cos(slope) / (1 + math.cos(slope))

@@ -1,14 +1,15 @@
-"""The APA300ML and its bench by hand: four arms, a stack line, two levers. Explained in docs/actuator.md.
+"""Analytical model of the APA300ML and its bench: four arms, a stack line, two levers; see docs/actuator.md.
 
-By symmetry one quarter tells all. Its arm is a beam that neither end lets turn: at the pad it may only rise (w), at the
-end block only move out (u). Along its axis it is as stiff as a bar, across it as a beam that is guided at both ends:
+By symmetry a quarter is sufficient. Its arm is a beam whose ends do not rotate. The end at the pad can only rise (w),
+the end at the end block only move outwards (u). Along its axis the arm is as stiff as a bar, across it as a beam guided
+at both ends:
 
     stretch a = u cos t + w sin t,   deflection p = u sin t - w cos t,   t: slope of the arm
 
     energy of the whole actuator = 2 k_a a^2 + 2 k_b p^2 + 1/2 k_l (2 u - e)^2
 
-with e the free elongation of the stack line and k_l its stiffness, in series with what the end blocks bend between
-stack and arms (the levers). Nothing here is fitted, and nothing is taken from finite elements.
+Here e is the free elongation of the stack line and k_l its stiffness, in series with the bending of the end blocks
+between stack and arms (the levers). No value is fitted or taken from finite elements.
 """
 
 import math
@@ -19,30 +20,39 @@ import numpy as np
 from models.apa300ml import PZT, STACK, STEEL, APAGeometry
 
 SECTION = 10e-3
-"""Sides of the stacks' cross-section [m]."""
+"""Side of the stacks' square cross-section [m]."""
 STACK_LINE = 65e-3
-"""Three stacks of 20 mm and the spacer [m]."""
+"""Length of three stacks of 20 mm and the spacer [m]."""
 SPACER = 5e-3
 ARM_START = (4.5e-3, 12.06e-3)
-"""Middle of the arm where it leaves the pad: x, z [m]."""
+"""Centre line of the arm where it leaves the pad: x, z [m]."""
 SLOPE = math.radians(9.98)
 BLOCK_START, BLOCK_END = 32.5e-3, 39.397e-3
-"""From the stack's end to the outside of the end block [m]."""
+"""Positions of the stack's end and of the outside of the end block [m]."""
 MOVING_MASS = 0.035
-"""What of the actuator moves with the payload [kg]: the upper pad and most of its arms, and a quarter of stack line and
-end blocks, which rise half as far."""
+"""Part of the actuator's mass that moves with the payload [kg].
+
+It consists of the upper pad, most of its arms, and a quarter of stack line and end blocks, which rise half as far.
+"""
 ROOT = 0.4
-"""Built-in ends turn a little: each lengthens a beam by so many thicknesses (W. J. O'Donnell, J. Appl. Mech. 27 (1960)
-461-464: a root in a half plane turns by 5.3 (1 - nu^2) M / (E b t^2))."""
+"""Extra length of a beam per built-in end that rotates a little [beam thicknesses].
+
+Source: W. J. O'Donnell, J. Appl. Mech. 27 (1960) 461-464: the root in a half plane rotates by
+5.3 (1 - nu^2) M / (E b t^2).
+"""
 
 
 @dataclass(frozen=True)
 class BeamModel:
-    """Stiffnesses that the hand calculation needs [N/m], per quarter or of the line.
+    """Stiffnesses of the analytical model [N/m].
 
-    arm_length: between the roots, their own turning included [m]
-    stretching, bending: of one arm along and across its axis; line: of the stack line with the end blocks' bending
-    open_line: with the sensor stack's charge held; span: of one stack at constant voltage
+    Attributes:
+        arm_length: length of the arm between the roots, including their rotation [m]
+        stretching: stiffness of one arm along its axis
+        bending: stiffness of one arm across its axis
+        line: stiffness of the stack line with the bending of the end blocks
+        open_line: the same with the charge of the sensor stack held
+        span: stiffness of one stack at constant voltage
     """
 
     arm_length: float
@@ -54,7 +64,7 @@ class BeamModel:
 
 
 def beam_model(geometry: APAGeometry | None = None, *, pzt_modulus: float = PZT.young_modulus) -> BeamModel:
-    """The stiffnesses from dimensions and moduli."""
+    """Compute the stiffnesses from dimensions and moduli."""
     g = geometry or APAGeometry()
     e, depth, t = STEEL.young_modulus, g.depth, g.arm_thickness
     end = BLOCK_START + g.relief
@@ -77,21 +87,22 @@ def beam_model(geometry: APAGeometry | None = None, *, pzt_modulus: float = PZT.
 
 
 def _block_stiffness(g: APAGeometry) -> float:
-    """Of one end block as a short beam between its two arms, pushed by the stack over its middle [N/m]."""
+    """Return the stiffness of an end block: a short beam between two arms, loaded by the stack at its centre [N/m]."""
     height = BLOCK_END - BLOCK_START
-    # The slots leave the block as high as the stack with its margins, 11 mm; the arms pull at its outer corners.
+    # Between the slots the block is as high as the stack with its margins, 11 mm. The arms pull at its outer corners.
     arm_end = ARM_START[1] - (BLOCK_START + g.relief - ARM_START[0]) * math.tan(SLOPE)
     reach, half = arm_end, SECTION / 2
     shear = STEEL.young_modulus / (2 * (1 + STEEL.poisson_ratio))
     inertia, area = g.depth * height**3 / 12, g.depth * height
-    # Middle of the loaded part against the ends of a beam of 2 reach, uniform load over 2 half; Timoshenko's shear 6/5.
+    # Deflection of the centre relative to the ends of a beam of length 2 reach, with a uniform load over 2 half and
+    # Timoshenko's shear factor 6/5.
     bend = (8 * reach**3 - 4 * reach * half**2 + half**3) / (48 * STEEL.young_modulus * inertia)
     slide = 1.2 * (2 * reach - half) / (4 * shear * area)
     return 1 / (bend + slide)
 
 
 def _elasticity(model: BeamModel, line: float) -> np.ndarray:
-    """Matrix of the energy in (u, w) with a stack line of the given stiffness, (2, 2)."""
+    """Return the matrix of the energy in (u, w) with a stack line of the given stiffness, shape (2, 2)."""
     c, s = math.cos(SLOPE), math.sin(SLOPE)
     stretch, across, out = np.array([c, s]), np.array([s, -c]), np.array([2.0, 0.0])
     shell = 4 * (model.stretching * np.outer(stretch, stretch) + model.bending * np.outer(across, across))
@@ -100,21 +111,31 @@ def _elasticity(model: BeamModel, line: float) -> np.ndarray:
 
 
 def axial_stiffness(model: BeamModel, *, line: float | None = None) -> float:
-    """Force over elongation between the pads [N/m]; line: stiffness of the stack line (default: all stacks shorted)."""
+    """Compute force over elongation between the pads [N/m].
+
+    Args:
+        model: stiffnesses
+        line: stiffness of the stack line [N/m] (default: all stacks shorted)
+    """
     flexibility = np.linalg.inv(_elasticity(model, model.line if line is None else line))
-    # The force acts on both pads, and each moves by w.
+    # The force acts on both pads, and each pad moves by w.
     return float(1 / (2 * flexibility[1, 1] * 2))
 
 
 def stroke(model: BeamModel) -> float:
-    """Of the pads against each other with all three stacks over their whole voltage range [m]."""
+    """Compute the elongation between the pads with all three stacks over their whole voltage range [m]."""
     elongation = 3 * STACK.free_stroke
     motion = np.linalg.solve(_elasticity(model, model.line), [2 * model.line * elongation, 0.0])
     return float(2 * abs(motion[1]))
 
 
 def static_gains(model: BeamModel, *, amplifier: float = 20.0) -> tuple[float, float]:
-    """V_s/V_a [V/V] and d_e/V_a [m/V] at rest, sensor open: two stacks driven, the third one read by V = -d F / C."""
+    """Compute the static V_s/V_a [V/V] and d_e/V_a [m/V] with two stacks driven and the third one open, V = -d F / C.
+
+    Args:
+        model: stiffnesses
+        amplifier: stack voltage per drive voltage [V/V]
+    """
     elongation = 2 * STACK.stroke_per_volt * amplifier
     line = model.open_line
     motion = np.linalg.solve(_elasticity(model, line), [2 * line * elongation, 0.0])
@@ -123,7 +144,7 @@ def static_gains(model: BeamModel, *, amplifier: float = 20.0) -> tuple[float, f
 
 
 def pole_and_zero(model: BeamModel, payload_mass: float = 5.0) -> tuple[float, float]:
-    """Pole with the sensor open, and zero of V_s/V_a [Hz]: where no force passes the line, the shell carries alone."""
+    """Compute the pole with the sensor open and the zero of V_s/V_a [Hz], at which the shell alone carries the load."""
     mass = payload_mass + MOVING_MASS
     pole = axial_stiffness(model, line=model.open_line)
     zero = axial_stiffness(model, line=0.0)

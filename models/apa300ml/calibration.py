@@ -1,4 +1,4 @@
-"""What of the APA300ML can be calibrated, the figures to calibrate it with, and the fit."""
+"""Calibration of the APA300ML: parameters, reference values and the fit."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -19,9 +19,9 @@ from models.apa300ml import (
     make_apa300ml,
 )
 from nassim import ElectricalPort, FEModel, Solid, build_fe_model, craig_bampton, open_circuit
-from nassim.base import stage, written_whole
+from nassim.base import stage, write_atomically
 from nassim.base.checks import known
-from nassim.fem import Material, with_materials
+from nassim.fem import Material, replace_materials
 from nassim.identification import Parameter, Target, at_bounds, calibrate, check_determined, sensitivities
 
 PARAMETERS = {
@@ -33,31 +33,39 @@ PARAMETERS = {
         Parameter("relief", start=3.5e-3, lowest=2.5e-3, highest=4.4e-3),
     )
 }
-"""Table 1's modulus and the measured dimensions, with bounds."""
+"""Modulus of table 1 and the measured dimensions, with bounds."""
 FIGURES = ("axial_stiffness", "frequency_5kg", "blocked_1", "blocked_2", "free_1", "stroke")
 PUBLISHED = {"axial_stiffness": VENDOR_STIFFNESS, "frequency_5kg": PAPER_FREQUENCY_FE, "stroke": VENDOR_STROKE}
 PORTS = (ElectricalPort("all", ("sensor_stack", "actuator_stack_1", "actuator_stack_2"), STACK),)
 
 
 CIRCUITS = ("shorted", "open")
-"""Electrical state of all stacks that a vendor's stiffness may refer to. Data sheets give the stiffness together with
-stroke and blocked force of an actuator on its amplifier, which holds the voltage: as with a short. An open stack is
-stiffer by 1 / (1 - k33^2)."""
+"""Electrical state of all stacks to which a vendor's stiffness may refer.
+
+Data sheets give the stiffness together with stroke and blocked force of an actuator on its amplifier. The amplifier
+holds the voltage, which is equivalent to a short. An open stack is stiffer by 1 / (1 - k33^2).
+"""
 
 
 def variant(values: Mapping[str, float]) -> Solid:
-    """The APA300ML with some parameters changed from their start; all three stacks are one electrical port."""
+    """Make the APA300ML with some parameters changed from their start and all three stacks as one electrical port."""
     chosen = {name: p.start for name, p in PARAMETERS.items()} | dict(values)
     geometry = APAGeometry(**{f.name: chosen[f.name] for f in fields(APAGeometry) if f.name in chosen})
     return make_apa300ml(geometry, ceramic=_ceramic(chosen["pzt_modulus"]), ports=PORTS)
 
 
 def data_sheet_figures(fe_model: FEModel, *, circuit: str = "shorted") -> dict[str, float]:
-    """Figures of a variant's FE model that data sheets and papers give [SI units].
+    """Compute values of a variant's FE model that data sheets and papers give [SI units].
 
-    circuit: of all stacks, for stiffness and frequencies, see `CIRCUITS`; the stroke is always driven
-    axial_stiffness: of the whole actuator [N/m]; stroke: with all stacks from 0 to their full range [m]
-    frequency_5kg: bottom fixed, top guided with 5 kg; blocked_1, blocked_2: bottom clamped; free_1: free [Hz]
+    Args:
+        fe_model: FE model of a variant
+        circuit: electrical state of all stacks for stiffness and frequencies, see `CIRCUITS`; the stroke is always that
+            of a driven actuator
+
+    Returns:
+        "axial_stiffness" of the whole actuator [N/m]; "stroke" with all stacks from 0 to their full range [m];
+        "frequency_5kg" with bottom fixed and top guided with 5 kg, "blocked_1" and "blocked_2" with bottom clamped, and
+        "free_1" without supports [Hz].
     """
     known("circuit", circuit, CIRCUITS)
     body = craig_bampton(fe_model, n_modes=8, remote_points=["bottom", "top"], progress=False)
@@ -80,10 +88,13 @@ def data_sheet_figures(fe_model: FEModel, *, circuit: str = "shorted") -> dict[s
 
 
 def make_model(*, circuit: str = "shorted", **mesh: Any) -> Callable[[Mapping[str, float]], Mapping[str, float]]:
-    """The figures as a function of the parameters, on meshes made with the given arguments of `build_fe_model`.
+    """Return the values of `data_sheet_figures` as a function of the parameters.
 
-    circuit: see `data_sheet_figures`
-    A geometry is meshed once; where only the ceramic changes, its mesh is used again.
+    A geometry is meshed once. If only the ceramic changes, its mesh is used again.
+
+    Args:
+        circuit: see `data_sheet_figures`
+        **mesh: arguments of `build_fe_model`
     """
     models: dict[tuple[tuple[str, float], ...], FEModel] = {}
 
@@ -93,7 +104,7 @@ def make_model(*, circuit: str = "shorted", **mesh: Any) -> Callable[[Mapping[st
             models[geometry] = build_fe_model(variant(dict(geometry)), progress=False, **mesh)
         ceramic = _ceramic(values.get("pzt_modulus", PARAMETERS["pzt_modulus"].start))
         stacks = {name: ceramic for name in PORTS[0].bodies}
-        return data_sheet_figures(with_materials(models[geometry], stacks), circuit=circuit)
+        return data_sheet_figures(replace_materials(models[geometry], stacks), circuit=circuit)
 
     return figures
 
@@ -107,14 +118,22 @@ def fit(
     order: int = 3,
     coarse_size: float = 5e-3,
 ) -> dict[str, Any]:
-    """Fit parameters to targets, on a fine mesh with sensitivities from a coarse one; returns the record of the fit.
+    """Fit parameters to targets on a fine mesh, with sensitivities from a coarse one.
 
-    names: of `PARAMETERS`, the others stay at their start; targets: of `FIGURES`
-    circuit: where the targets hold, see `data_sheet_figures`
-    element_size [m], order: of the fine mesh, prisms where they fit; coarse_size: of the coarse one, of order 2 [m]
+    Args:
+        names: names of the fitted `PARAMETERS`; the others keep their start value
+        targets: targets for values of `FIGURES`
+        circuit: electrical state of the targets, see `data_sheet_figures`
+        element_size: element size of the fine mesh, with prisms where possible [m]
+        order: order of the fine elements
+        coarse_size: element size of the coarse mesh, of order 2 [m]
 
-    The record says too how far the fit would move were the other parameters at their bounds (fitted anew on the coarse
-    mesh). Raises ValueError where the targets do not determine the parameters.
+    Returns:
+        Record of the fit. It includes the change of the fit if the other parameters were at their bounds (fitted again
+        on the coarse mesh).
+
+    Raises:
+        ValueError: if the targets do not determine the parameters
     """
     chosen = [PARAMETERS[name] for name in names]
     others = [parameter for parameter in PARAMETERS.values() if parameter not in chosen]
@@ -150,7 +169,7 @@ def fit(
 
 
 def figures_with_5kg(figures: Mapping[str, float]) -> dict[str, float]:
-    """How much moves with 5 kg, by stiffness and frequency, and which stiffness the paper's frequency would mean."""
+    """Return the moving mass with 5 kg from stiffness and frequency, and the stiffness for the paper's frequency."""
     moving = figures["axial_stiffness"] / (2 * np.pi * figures["frequency_5kg"]) ** 2
     implied = (2 * np.pi * PAPER_FREQUENCY_FE) ** 2 * moving
     return {
@@ -161,8 +180,8 @@ def figures_with_5kg(figures: Mapping[str, float]) -> dict[str, float]:
 
 
 def make_default(record: Mapping[str, Any]) -> None:
-    """Make a fit the model's default from now on: its record, with at least "parameters", becomes `CALIBRATION`."""
-    with written_whole(CALIBRATION) as temporary:
+    """Make a fit the default of the model: its record, with at least "parameters", is written to `CALIBRATION`."""
+    with write_atomically(CALIBRATION) as temporary:
         temporary.write_text(json.dumps(record, indent=2) + "\n")
 
 

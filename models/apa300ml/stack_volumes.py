@@ -1,10 +1,10 @@
-"""The bench's figures from stresses in the stacks' volume: a second route that shares no reduction, point or port.
+"""Properties of the bench from stresses in the stacks' volume: an independent check of reduction, points and ports.
 
-The actuator stacks are given the free strain s of a voltage (an eigenstrain), the sensor stack is read by the stress
-averaged over its volume: without charge, its voltage V obeys  0 = integral of s : sigma + C V,  where sigma is the
-stress of the strain beyond s V and C the unloaded stack's capacitance. Mesh of tetrahedra, boundary conditions on the
-pads' faces (clamped below, guided above with the payload spread over the face), elasticity and loads are written out
-here.
+The actuator stacks have the free strain s of a voltage (an eigenstrain). The voltage V of the sensor stack follows from
+the stress averaged over its volume: without charge, 0 = integral of s : sigma + C V. Here sigma is the stress of the
+strain beyond s V, and C is the capacitance of the unloaded stack. This module has its own mesh of tetrahedra, boundary
+conditions on the faces of the pads (clamped below, guided above with the payload distributed over the face), elasticity
+and loads.
 """
 
 from dataclasses import dataclass
@@ -19,18 +19,23 @@ from models.apa300ml import PZT, STACK, STEEL, make_apa300ml
 
 ACTUATORS, SENSOR = "actuator_stack_1|actuator_stack_2", "sensor_stack"
 N_MOMENTS = 4
-"""Krylov vectors per load: below 200 Hz more change nothing in eight digits."""
+"""Number of Krylov vectors per load; below 200 Hz, more vectors change less than eight digits."""
 
 
 @dataclass(frozen=True)
 class StackFigures:
-    """What the volumes tell of the bench.
+    """Properties of the bench from stresses.
 
-    zero: of V_s/V_a [Hz]; axial_zero: of the mean axial stress in the sensor stack alone, lateral stress unseen [Hz]
-    pole, shorted_pole: first eigenfrequency with the sensor open and shorted [Hz]
-    sensor_gain: static V_s/V_a with the sensor open [V/V]; encoder_gain: static d_e/V_a, sensor open [m/V]
-    shorted_encoder_gain: sensor shorted [m/V]; stiffness: of the whole actuator, all stacks shorted [N/m]
-    stroke: of the top under the full voltage range at all three stacks [m]
+    Attributes:
+        zero: frequency of the zero of V_s/V_a [Hz]
+        axial_zero: the same for a sensor that measures the mean axial stress only [Hz]
+        pole: first eigenfrequency with the sensor open [Hz]
+        shorted_pole: first eigenfrequency with the sensor shorted [Hz]
+        sensor_gain: static V_s/V_a with the sensor open [V/V]
+        encoder_gain: static d_e/V_a with the sensor open [m/V]
+        shorted_encoder_gain: static d_e/V_a with the sensor shorted [m/V]
+        stiffness: stiffness of the whole actuator with all stacks shorted [N/m]
+        stroke: displacement of the top under the full voltage range on all three stacks [m]
     """
 
     zero: float
@@ -47,10 +52,13 @@ class StackFigures:
 def stack_figures(
     *, payload_mass: float = 5.0, gain: float = 20.0, element_size: float = 5e-3, order: int = 3
 ) -> StackFigures:
-    """The bench's figures by stresses in the stacks' volume.
+    """Compute the properties of the bench from stresses in the stacks' volume.
 
-    payload_mass: guided along z [kg]; gain: stack voltage per drive voltage [V/V]
-    element_size [m], order: of the tetrahedra
+    Args:
+        payload_mass: mass on top, guided along z [kg]
+        gain: stack voltage per drive voltage [V/V]
+        element_size: size of the tetrahedra [m]
+        order: order of the tetrahedra
     """
     shape = make_apa300ml().shape
     geometry = occ.OCCGeometry(shape)
@@ -95,7 +103,7 @@ def stack_figures(
     top = ng.LinearForm(space)
     top += v[2] / face * ng.ds("top_pad")
     top_row = top.Assemble().vec.FV().NumPy().copy()
-    # With all strains held, the stress of the sensor's own voltage takes charge away.
+    # With all strains held, the stress from the sensor's own voltage reduces its charge.
     held = ng.Integrate(ng.InnerProduct(stress(free_strain), free_strain), mesh, definedon=mesh.Materials(SENSOR))
     capacitance = STACK.capacitance - held
 
@@ -134,7 +142,7 @@ def stack_figures(
 
 
 def _moments(stiffness: ng.BaseMatrix, mass: ng.BaseMatrix, free: ng.BitArray, loads: np.ndarray) -> np.ndarray:
-    """Orthonormal basis of K^-1 f, K^-1 M K^-1 f, ... for the loads f (n, k)."""
+    """Return an orthonormal basis of K^-1 f, K^-1 M K^-1 f, ... for the loads f, shape (n, k)."""
     inverse = stiffness.Inverse(free, inverse="sparsecholesky")
     source, answer = stiffness.CreateColVector(), stiffness.CreateColVector()
     vectors = []

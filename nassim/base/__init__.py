@@ -1,7 +1,7 @@
-"""What every wing stands on: checks of input, progress, files, locks, dense modal algebra, rigid motions of points.
+"""Foundations of all sub-packages: input checks, progress, files, locks, dense modal algebra, rigid motions of points.
 
-Nothing here knows a body, a signal or a scene; nothing but NumPy, SciPy and what reads and writes files is needed.
-To add a check of arguments, open `checks`; a noun that files may hold, `nouns`; a unit, `units`.
+This sub-package knows no bodies, signals or scenes. It needs only NumPy, SciPy and the libraries that read and write
+files. To add a check of arguments, edit `checks`; a data class that files may hold, `file_registry`; a unit, `units`.
 """
 
 import lazy_loader

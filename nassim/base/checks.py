@@ -1,4 +1,4 @@
-"""Checks of input: each says what was given, what is allowed and what to do."""
+"""Checks of input. Each error message says what was given, what is allowed and what to do."""
 
 from collections.abc import Collection, Iterable, Mapping
 from types import MappingProxyType
@@ -8,14 +8,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[Any]
-"""A float array unless its docstring says otherwise; shapes and units stand there too."""
+"""A float array unless its docstring says otherwise. The docstrings give its shape and units."""
 Value = TypeVar("Value")
 
 
 def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> Array:
-    """Return `value` as a read-only float array of the given shape (None: any length).
+    """Return `value` as a read-only float array of the given shape.
 
-    Raises ValueError for another shape and for NaN or infinity.
+    Args:
+        name: what error messages call the value
+        value: real numbers
+        shape: expected shape; None stands for any length
+
+    Raises:
+        ValueError: for another shape, for complex numbers, NaN or infinity
     """
     if np.iscomplexobj(value):
         raise ValueError(f"{name} must be real numbers, got complex ones")
@@ -34,12 +40,20 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
 
 
 def finite(name: str, value: float) -> float:
-    """Return a finite float; raises ValueError otherwise."""
+    """Return `value` as a finite float.
+
+    Raises:
+        ValueError: if it is not a finite number
+    """
     return float(finite_array(name, value, ()))
 
 
 def positive(name: str, value: float, unit: str = "") -> float:
-    """Return a float above zero; raises ValueError otherwise."""
+    """Return `value` as a float above zero; `unit` completes the error message.
+
+    Raises:
+        ValueError: if it is not a finite number above zero
+    """
     number = finite(name, value)
     if number <= 0:
         raise ValueError(f"{name} must be positive, got {number:g}{' ' + unit if unit else ''}")
@@ -47,7 +61,11 @@ def positive(name: str, value: float, unit: str = "") -> float:
 
 
 def not_negative(name: str, value: float, unit: str = "") -> float:
-    """Return a float of at least zero; raises ValueError otherwise."""
+    """Return `value` as a float of at least zero; `unit` completes the error message.
+
+    Raises:
+        ValueError: if it is negative or not a finite number
+    """
     number = finite(name, value)
     if number < 0:
         raise ValueError(f"{name} must not be negative, got {number:g}{' ' + unit if unit else ''}")
@@ -55,21 +73,37 @@ def not_negative(name: str, value: float, unit: str = "") -> float:
 
 
 def above_zero(name: str, value: float, unit: str = "") -> float:
-    """Return a number above zero, infinity included; raises ValueError otherwise."""
+    """Return `value` as a number above zero, which may be infinite; `unit` completes the error message.
+
+    Raises:
+        ValueError: if it is not a number above zero
+    """
     if not isinstance(value, (int, float, np.number)) or not value > 0:
         raise ValueError(f"{name} must be positive, got {value!r} {unit}".rstrip() + "; inf for none")
     return float(value)
 
 
 def known(kind: str, name: str, names: Collection[str]) -> str:
-    """Return `name` if it is one of `names`; the ValueError otherwise lists them."""
+    """Return `name` if it is one of `names`.
+
+    Raises:
+        ValueError: if it is not; the message calls it a `kind` and lists the known names
+    """
     if name not in names:
         raise ValueError(f"unknown {kind} {name!r}; known: {', '.join(names) or 'none'}")
     return name
 
 
 def unique(kind: str, names: Iterable[str]) -> tuple[str, ...]:
-    """Return the names as a tuple; raises ValueError for a bare text, and if one is empty or occurs twice."""
+    """Return names as a tuple, after checking that they differ.
+
+    Args:
+        kind: what the names belong to, for error messages
+        names: the names
+
+    Raises:
+        ValueError: for a single string, an empty name, a name that is not a string, or a name used twice
+    """
     if isinstance(names, str):
         raise ValueError(f"{kind} names must be a list of them, got the text {names!r}; write [{names!r}]")
     result = tuple(names)
@@ -82,7 +116,16 @@ def unique(kind: str, names: Iterable[str]) -> tuple[str, ...]:
 
 
 def instances(label: str, value: Any, kinds: tuple[type, ...]) -> tuple[Any, ...]:
-    """Return a sequence as a tuple; raises ValueError for what is none, and for one that holds another kind."""
+    """Return a sequence as a tuple, after checking the type of its elements.
+
+    Args:
+        label: what error messages call the sequence
+        value: the sequence
+        kinds: allowed types of the elements
+
+    Raises:
+        ValueError: if `value` is not a sequence or an element has another type
+    """
     allowed = ", ".join(kind.__name__ for kind in kinds)
     if isinstance(value, (str, Mapping)) or not isinstance(value, Iterable):
         raise ValueError(f"{label} must be a tuple of {allowed}, got {type(value).__name__}; write (part,) for one")
@@ -94,11 +137,11 @@ def instances(label: str, value: Any, kinds: tuple[type, ...]) -> tuple[Any, ...
 
 
 def frozen_mapping(value: Mapping[str, Value] | None) -> Mapping[str, Value]:
-    """Return a read-only copy of a mapping (None: an empty one)."""
+    """Return a read-only copy of a mapping. None gives an empty mapping."""
     return MappingProxyType(dict(value or {}))
 
 
 def freeze(instance: object, **fields: Any) -> None:
-    """Set fields of a frozen dataclass from its own `__post_init__`, after they were checked."""
+    """Set fields of a frozen dataclass in its own `__post_init__`, after they were checked."""
     for name, value in fields.items():
         object.__setattr__(instance, name, value)

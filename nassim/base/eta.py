@@ -1,27 +1,31 @@
-"""How long the stages of a run took the last time, kept in the cache, so that the next run can tell what is left."""
+"""Estimated time left of a run: durations of its stages are kept in the cache and used in the next run."""
 
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
-from nassim.base.progress import Ends, course
-from nassim.base.storage import cache_directory, fingerprint, written_whole
+from nassim.base.progress import StageEnds, track_stages
+from nassim.base.storage import cache_directory, fingerprint, write_atomically
 
 
 @contextmanager
-def whole_run(name: str, *settings: object) -> Iterator[None]:
-    """Let the stages within tell the time left of all of them, by the last run of the same name and settings.
+def show_time_left(name: str, *settings: object) -> Iterator[None]:
+    """Show the time left of the whole run in its stages, based on the last run with the same name and settings.
 
-    The first run of its kind tells nothing. What is known of the last one stands in the cache folder
-    (`cache_directory`); where that cannot be read or written, nothing is told either. A run that is stopped leaves what
-    is known of the last whole one.
+    The first run of its kind shows no time left. The durations of the last complete run are stored in the cache folder
+    (`cache_directory`). If that folder cannot be read or written, no time is shown. A run that is interrupted does not
+    change the stored durations.
+
+    Args:
+        name: name of the run, part of the file's name
+        *settings: what determines the durations, as `fingerprint` takes it
     """
     path = cache_directory() / "runs" / f"{name}-{fingerprint(list(settings))[:16]}.json"
-    expected: Ends = ()
+    expected: StageEnds = ()
     with suppress(OSError, ValueError, TypeError):
         expected = tuple((str(label), float(end)) for label, end in json.loads(path.read_text(encoding="utf-8")))
-    with course(expected) as current:
+    with track_stages(expected) as current:
         yield
         current.end("all")
-    with suppress(OSError), written_whole(path) as temporary:
+    with suppress(OSError), write_atomically(path) as temporary:
         temporary.write_text(json.dumps(current.ends), encoding="utf-8")

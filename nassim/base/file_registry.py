@@ -1,15 +1,16 @@
-"""The nouns that files hold, under public names that outlive moves of their modules.
+"""Registry of the data classes that files may hold.
 
-A file names a noun by its class's own name. This table says where the class lives, as text, so that reading a record
-does not load what meshes and reduces. A file can ask for no class that is not in it.
+A file names a data class by the class's own name. This table gives the module of each class as text, so reading a
+record does not load the mesher or the reduction. A class can therefore move to another module and old files still load.
+A file cannot load a class that is not in the table.
 """
 
 import importlib
 from typing import Any, TypeGuard, TypeVar
 
-Noun = TypeVar("Noun")
+DataClass = TypeVar("DataClass")
 
-NOUNS: dict[str, str] = {
+DATA_CLASSES: dict[str, str] = {
     "Accelerometer": "nassim.scene.instruments",
     "AngleSensor": "nassim.scene.mechanics",
     "Bushing": "nassim.scene.mechanics",
@@ -75,52 +76,67 @@ NOUNS: dict[str, str] = {
     "VoltageDrive": "nassim.scene.piezo",
     "VoltageSensor": "nassim.scene.piezo",
 }
-"""Public name of each noun of nassim -> the module in which its class lives."""
+"""Public name of each data class of nassim -> module in which it is defined."""
 
 UPGRADES: dict[str, str] = {
-    "ModalFit": "nassim.identification.modal_fit:upgraded_fit",
-    "ReducedBody": "nassim.bodies.readouts:upgraded_readouts",
+    "ModalFit": "nassim.identification.modal_fit:upgrade_fit",
+    "ReducedBody": "nassim.bodies.readouts:upgrade_readouts",
 }
-"""Public name -> function, as "module:name", from a noun's fields in a file of an older format to those of today.
+"""Public name -> function, as "module:name", that converts the fields of an older file format to those of today.
 
-It is given the fields by name; those that are nouns are made already.
+The function gets the fields by name. Fields that are data classes have already been made.
 """
 
 _registered: dict[str, type] = {}
 
 
-def register(noun: type[Noun]) -> type[Noun]:
-    """Let `save` and `load` know a dataclass of your own, under its name; to be written above its `@dataclass`.
+def register(data_class: type[DataClass]) -> type[DataClass]:
+    """Register a dataclass of your own, so that `save` and `load` accept it; write it above `@dataclass`.
 
-    A script that loads the file must have registered it too. Raises ValueError for what is not a dataclass, and for a
-    name that another class has; the same class defined anew, as in a notebook, takes the place of the earlier one.
+    A script that loads the file must register the class too. If a class is defined again, as in a notebook, the new
+    definition replaces the earlier one.
+
+    Args:
+        data_class: the dataclass; files refer to it by its name
+
+    Returns:
+        The same class.
+
+    Raises:
+        ValueError: if it is not a dataclass, or another class has the same name
     """
-    if not (isinstance(noun, type) and "__dataclass_fields__" in vars(noun)):
+    if not (isinstance(data_class, type) and "__dataclass_fields__" in vars(data_class)):
         raise ValueError(
-            f"register takes a dataclass, got {getattr(noun, '__name__', noun)!r}; write @register above @dataclass"
+            f"register takes a dataclass, got {getattr(data_class, '__name__', data_class)!r}; "
+            "write @register above @dataclass"
         )
-    taken = _known(noun.__name__) or noun
-    if (taken.__module__, taken.__qualname__) != (noun.__module__, noun.__qualname__):
+    taken = _known(data_class.__name__) or data_class
+    if (taken.__module__, taken.__qualname__) != (data_class.__module__, data_class.__qualname__):
         raise ValueError(
-            f"the name {noun.__name__!r} is taken by {taken.__module__}.{taken.__qualname__}; give the class another"
+            f"the name {data_class.__name__!r} is taken by {taken.__module__}.{taken.__qualname__}; "
+            "give the class another name"
         )
-    _registered[noun.__name__] = noun
-    return noun
+    _registered[data_class.__name__] = data_class
+    return data_class
 
 
 def find(name: str) -> type:
-    """The noun with a public name; raises ValueError when there is none."""
-    noun = _known(name)
-    if noun is None:
+    """Return the data class with a public name.
+
+    Raises:
+        ValueError: if no data class has this name
+    """
+    data_class = _known(name)
+    if data_class is None:
         raise ValueError(
-            f"it holds a {name!r}, which is no noun that this nassim knows; upgrade nassim, or, where it is a "
-            "dataclass of your own, give that to nassim.register before loading"
+            f"it holds a {name!r}, a data class that this nassim does not know; upgrade nassim, or, if it is a "
+            "dataclass of your own, give it to nassim.register before loading"
         )
-    return noun
+    return data_class
 
 
-def upgraded(name: str, content: dict[str, Any]) -> dict[str, Any]:
-    """A noun's fields in a file of an older format as those of today."""
+def upgrade_fields(name: str, content: dict[str, Any]) -> dict[str, Any]:
+    """Convert the fields of a data class from an older file format to those of today."""
     if name not in UPGRADES:
         return content
     module, _, function = UPGRADES[name].partition(":")
@@ -128,13 +144,14 @@ def upgraded(name: str, content: dict[str, Any]) -> dict[str, Any]:
     return result
 
 
-def is_noun(value: object) -> TypeGuard[Any]:
-    """Whether a value is of a class that files hold."""
+def is_data_class(value: object) -> TypeGuard[Any]:
+    """Return whether a value's class may be held by files."""
     return _known(type(value).__name__) is type(value)
 
 
 def _known(name: str) -> type | None:
-    if name not in NOUNS:
+    """Return the class with a public name, or None."""
+    if name not in DATA_CLASSES:
         return _registered.get(name)
-    noun: type = getattr(importlib.import_module(NOUNS[name]), name)
-    return noun
+    data_class: type = getattr(importlib.import_module(DATA_CLASSES[name]), name)
+    return data_class

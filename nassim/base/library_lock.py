@@ -1,4 +1,4 @@
-"""One at a time: NGSolve, Netgen and OpenCASCADE keep global state, which threads and forked processes would spoil."""
+"""Lock for NGSolve, Netgen and OpenCASCADE, whose global state is not safe with threads and forked processes."""
 
 import os
 import threading
@@ -10,15 +10,17 @@ _user: int | None = None  # process that has used NGSolve's threads
 
 
 @contextmanager
-def exclusive(*, forkable: bool = False) -> Iterator[None]:
-    """Hold the three libraries for this thread, other threads wait; may be nested.
+def hold_library_lock(*, forkable: bool = False) -> Iterator[None]:
+    """Reserve the three libraries for this thread while other threads wait; the lock may be nested.
 
-    forkable: the work starts none of their threads, so a process may be forked after it and go on
+    Args:
+        forkable: the work starts no threads of these libraries, so the process may be forked afterwards
 
-    Raises RuntimeError in a process that was forked after its parent had used their threads, which do not survive that:
-    the work would wait for them for ever.
+    Raises:
+        RuntimeError: in a process that was forked after its parent had used threads of these libraries. The threads do
+            not survive the fork, so the work would wait for them forever.
     """
-    global _user  # noqa: PLW0603 (it stands for global state of the libraries)
+    global _user  # noqa: PLW0603 (it represents global state of the libraries)
     if not forkable and _user not in (None, os.getpid()):
         raise RuntimeError(
             "this process was forked after its parent had used NGSolve, whose threads do not survive that: start "
@@ -31,7 +33,7 @@ def exclusive(*, forkable: bool = False) -> Iterator[None]:
 
 
 def _renew() -> None:
-    """A thread that held the lock does not live on in a forked process and would never release it."""
+    """Replace the lock in a forked process: the thread that held it does not exist there and would never release it."""
     global _lock  # noqa: PLW0603
     _lock = threading.RLock()
 

@@ -1,4 +1,4 @@
-"""Progress of long work: a bar or a counter on a terminal, a line per stage elsewhere, and the time left of all."""
+"""Progress of long work: a bar or counter in a terminal, a line per stage elsewhere, and the time left of the run."""
 
 import sys
 import textwrap
@@ -10,24 +10,24 @@ from contextvars import ContextVar
 from tqdm import tqdm
 
 Advance = Callable[..., None]
-"""Called as advance(n=1) when n more units of a stage are done."""
-Ends = Sequence[tuple[str, float]]
-"""Stages in their order and when each ended, in seconds from the run's start."""
+"""Function to call as advance(n=1) when n more units of a stage are done."""
+StageEnds = Sequence[tuple[str, float]]
+"""Labels of the stages in order, each with the time of its end from the start of the run [s]."""
 
 BAR = "  {desc:<26}{percentage:3.0f}% |{bar:24}| {n_fmt}/{total_fmt} {unit} [{elapsed}<{remaining}]{left}"
 COUNTER = "  {desc:<26}{n_fmt} {unit} [{elapsed}]{left}"
 WIDTH = 100
-"""Columns that a terminal is taken to have."""
-SELDOM = 10.0
-"""Time between two signs of progress in a file [s]."""
+"""Assumed width of a terminal [characters]."""
+SHORTEST_INTERVAL = 10.0
+"""Shortest time between two progress messages when the output is not a terminal [s]."""
 
 
 def silent(n: int = 1) -> None:
-    """An `Advance` that shows nothing."""
+    """Do nothing: an `Advance` that shows no progress."""
 
 
-def wrapped(text: str, *, indent: str = "", next_indent: str = "    ") -> str:
-    """One line of text in lines of at most `WIDTH` columns; words (paths) that are longer stay whole."""
+def wrap_text(text: str, *, indent: str = "", next_indent: str = "    ") -> str:
+    """Wrap one line of text into lines of at most `WIDTH` characters; longer words, such as paths, are not broken."""
     wrapper = textwrap.TextWrapper(
         WIDTH, initial_indent=indent, subsequent_indent=next_indent, break_long_words=False, break_on_hyphens=False
     )
@@ -35,18 +35,20 @@ def wrapped(text: str, *, indent: str = "", next_indent: str = "    ") -> str:
 
 
 def tell(text: str, *, indent: str = "  ") -> None:
-    """Print a note beside the stages, in lines of at most `WIDTH` columns."""
+    """Print a note between the stages, in lines of at most `WIDTH` characters."""
     for line in text.splitlines():
-        print(wrapped(line, indent=indent, next_indent=indent + "    "), flush=True)
+        print(wrap_text(line, indent=indent, next_indent=indent + "    "), flush=True)
 
 
-class Course:
-    """How far a run of several stages is, and how long it will yet take, by an earlier run of the same work.
+class RunProgress:
+    """Progress of a run of several stages, and its time left according to an earlier run of the same work.
 
-    ends: those of this run so far; expected: those of the earlier run, the last one being its end
+    Attributes:
+        ends: stages of this run that have ended
+        expected: stages of the earlier run; the last one is the end of that run
     """
 
-    def __init__(self, expected: Ends) -> None:
+    def __init__(self, expected: StageEnds) -> None:
         self.expected = expected
         self.ends: list[tuple[str, float]] = []
         self._start = time.perf_counter()
@@ -54,18 +56,18 @@ class Course:
 
     @property
     def elapsed(self) -> float:
-        """Time since the run's start [s]."""
+        """Time since the start of the run [s]."""
         return time.perf_counter() - self._start
 
     def end(self, label: str) -> None:
-        """Note the end of a stage; stages that the earlier run did not have (a cache was empty) count for nothing."""
+        """Record the end of a stage; stages that the earlier run did not have do not change the pace."""
         self.ends.append((label, self.elapsed))
         later = [k for k, (name, _) in enumerate(self.expected) if k >= self._passed and name == label]
         if later:
             self._passed = later[0] + 1
 
     def left(self) -> float | None:
-        """Time left [s], at the pace that this run had up to its last stage; None where no earlier run is known."""
+        """Return the time left [s] at the pace of this run up to its last stage, or None if no earlier run is known."""
         if not self.expected:
             return None
         whole = self.expected[-1][1]
@@ -76,30 +78,36 @@ class Course:
         return max(pace * (whole - reached) - (self.elapsed - now), 0.0)
 
 
-_course: ContextVar[Course | None] = ContextVar("course", default=None)
+_run: ContextVar[RunProgress | None] = ContextVar("run", default=None)
 
 
 @contextmanager
-def course(expected: Ends) -> Iterator[Course]:
-    """Let the stages within tell the time left of all of them, by how long they took in an earlier run."""
-    token = _course.set(Course(expected))
+def track_stages(expected: StageEnds) -> Iterator[RunProgress]:
+    """Show the time left of the whole run in its stages, based on the durations of an earlier run."""
+    token = _run.set(RunProgress(expected))
     try:
-        current = _course.get()
+        current = _run.get()
         assert current is not None
         yield current
     finally:
-        _course.reset(token)
+        _run.reset(token)
 
 
 @contextmanager
 def stage(label: str, *, total: int | None = None, unit: str = "", enabled: bool = True) -> Iterator[Advance]:
     """Show one stage of long work and how long it took.
 
-    label: what is being done; unit: what is counted, if anything; total: how many of them, where known
-    enabled: False shows nothing
+    Within `track_stages`, the time left of the whole run is shown too. Without a terminal, percentages are added to the
+    line of a stage that takes minutes.
 
-    Within a `course`, the time left of the whole run stands beside it. Yields a function advance(n=1) that moves the
-    bar; where there is no terminal, it adds per cents to the line of a stage that takes minutes.
+    Args:
+        label: description of the stage
+        total: number of units, if known
+        unit: name of what is counted, if anything
+        enabled: False shows nothing
+
+    Yields:
+        Function advance(n=1) that moves the bar.
     """
     if not enabled:
         yield silent
@@ -121,16 +129,16 @@ def stage(label: str, *, total: int | None = None, unit: str = "", enabled: bool
 
 
 def _tenths(total: int) -> Advance:
-    """An `Advance` that prints each tenth that is reached, but not more than one within `SELDOM`."""
-    done, told, last = 0, 0, time.perf_counter()
+    """Return an `Advance` that prints each tenth that is reached, at most one per `SHORTEST_INTERVAL`."""
+    done, shown, last = 0, 0, time.perf_counter()
 
     def advance(n: int = 1) -> None:
-        nonlocal done, told, last
+        nonlocal done, shown, last
         done += n
         tenth, now = 10 * done // total, time.perf_counter()
-        if told < tenth < 10 and now - last >= SELDOM:
+        if shown < tenth < 10 and now - last >= SHORTEST_INTERVAL:
             print(f" {10 * tenth} %", end="", flush=True)
-            told, last = tenth, now
+            shown, last = tenth, now
 
     return advance
 
@@ -142,13 +150,13 @@ class _Bar(tqdm):  # type: ignore[misc]
 
 
 def _end(label: str) -> None:
-    current = _course.get()
+    current = _run.get()
     if current is not None:
         current.end(label)
 
 
 def _left() -> str:
-    current = _course.get()
+    current = _run.get()
     seconds = None if current is None else current.left()
     if seconds is None:
         return ""

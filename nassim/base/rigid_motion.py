@@ -1,4 +1,4 @@
-"""Rigid motion of points: the names of its directions, and what a body's motion makes of a point's."""
+"""Rigid motion of points: names of the directions, rotations, and motion of a point from the motion of its body."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,9 +10,10 @@ DIRECTIONS = {"x": "ux", "y": "uy", "z": "uz", "rx": "rx", "ry": "ry", "rz": "rz
 
 
 def unit_vector(axis: str | ArrayLike) -> Array:
-    """The unit vector along "x", "y", "z" or a vector of any length, shape (3,).
+    """Return the unit vector along "x", "y", "z" or along a vector of any length, shape (3,).
 
-    Raises ValueError for other names and for a vector of no length.
+    Raises:
+        ValueError: for another name or a vector of zero length
     """
     if isinstance(axis, str):
         return np.eye(3)["xyz".index(known("axis", axis, ("x", "y", "z")))]
@@ -24,9 +25,17 @@ def unit_vector(axis: str | ArrayLike) -> Array:
 
 
 def axes_along(z: str | ArrayLike, x: str | ArrayLike | None = None) -> Array:
-    """Right-handed axes whose third is along z and whose first lies in the plane of z and x, as columns, (3, 3).
+    """Compute right-handed axes whose third axis is along z and whose first axis is in the plane of z and x.
 
-    x: default: the world's axis that lies flattest to z. Raises ValueError for two that are parallel.
+    Args:
+        z: direction of the third axis, a name or a vector (3,)
+        x: direction in the plane of the first and third axes (default: the world axis closest to perpendicular to z)
+
+    Returns:
+        The axes as columns, shape (3, 3).
+
+    Raises:
+        ValueError: if z and x are parallel
     """
     third = unit_vector(z)
     given = np.eye(3)[int(np.argmin(np.abs(third)))] if x is None else unit_vector(x)
@@ -39,7 +48,11 @@ def axes_along(z: str | ArrayLike, x: str | ArrayLike | None = None) -> Array:
 
 
 def proper_rotation(label: str, value: ArrayLike) -> Array:
-    """Return a rotation matrix, (3, 3), read-only; raises ValueError for a matrix that is none."""
+    """Return `value` as a read-only rotation matrix, shape (3, 3).
+
+    Raises:
+        ValueError: if it is not a rotation matrix
+    """
     rotation = finite_array(label, value, (3, 3))
     if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-9 or np.linalg.det(rotation) < 0:
         raise ValueError(f"{label} must be a proper orthogonal matrix")
@@ -47,20 +60,25 @@ def proper_rotation(label: str, value: ArrayLike) -> Array:
 
 
 def skew(vector: Array) -> Array:
-    """The matrix a~ with a~ b = a x b, shape (3, 3)."""
+    """Return the cross-product matrix a~ with a~ b = a x b, shape (3, 3)."""
     x, y, z = vector
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def rigid_transfer(offset: Array) -> Array:
-    """Motion (6) of a point at `offset` (3,) from the motion (6) of a rigid body's reference point, shape (6, 6)."""
+    """Return the matrix (6, 6) from a rigid body's reference motion (6) to that of a point at `offset` (3,) [m]."""
     result = np.eye(6)
     result[:3, 3:] = -skew(offset)
     return result
 
 
 def rigid_motions(positions: Array, n: int) -> Array:
-    """The six rigid motions about the origin in n coordinates: six for each of the positions (r, 3), others at rest."""
+    """Return the six rigid motions about the origin as columns, shape (n, 6).
+
+    Args:
+        positions: of the r points whose motions are the first 6 r coordinates, shape (r, 3) [m]
+        n: number of coordinates; those after the first 6 r do not move
+    """
     result = np.zeros((n, 6))
     result[: 6 * len(positions)] = np.vstack([rigid_transfer(position) for position in positions])
     return result

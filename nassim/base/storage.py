@@ -1,4 +1,4 @@
-"""Saving nassim's nouns to HDF5, and a cache that recomputes when its inputs change."""
+"""Storage of nassim's data classes in HDF5 files, and a cache that recomputes a result when its inputs change."""
 
 import errno
 import hashlib
@@ -18,44 +18,59 @@ import h5py
 import numpy as np
 import psutil
 
-from nassim.base.file_registry import find, is_noun, upgraded
+from nassim.base.file_registry import find, is_data_class, upgrade_fields
 from nassim.base.progress import tell
 from nassim.base.warning_log import warn
 
 FORMAT_VERSION = 3
-"""Format 1, of nassim 0.1, had no seal; 1 and 2 named a noun by its module too, as in "nassim.signals:TimeHistory"."""
+"""Format of files. Format 1, of nassim 0.1, has no checksum.
+
+Formats 1 and 2 name data classes together with a module, as in "nassim.signals:TimeHistory".
+"""
 SEAL_SIZE = 512
-"""Bytes before the HDF5 image, which HDF5 leaves to applications (its user block): they hold the image's SHA-256."""
+"""Bytes before the HDF5 image, which HDF5 leaves to applications (its user block); they hold the image's SHA-256."""
 PACKAGE = Path(__file__).parents[1]
 LIBRARIES = ("netgen-mesher", "ngsolve", "numpy", "scipy", "cvxopt", "pypardiso", "mkl")
 
-Noun = TypeVar("Noun")
+DataClass = TypeVar("DataClass")
 
 
 def save(obj: object, path: str | Path) -> Path:
-    """Write a noun (TimeHistory, FRF, ReducedBody, ..., `register`ed ones) to an HDF5 file that begins with a checksum.
+    """Write a data class (TimeHistory, FRF, ReducedBody, ..., registered ones) to an HDF5 file with a checksum.
 
-    The file appears whole or not at all: it is made in memory, written under another name and then moved in place.
-    Raises ValueError for dataclasses that are not in `nassim.base.file_registry` and for other objects that no file holds,
-    OSError naming the file when it cannot be written.
+    The file is written completely or not at all: it is made in memory, written under a temporary name and then moved.
+
+    Args:
+        obj: the data class to save
+        path: of the file
+
+    Returns:
+        Path of the file.
+
+    Raises:
+        ValueError: for dataclasses that are not in `nassim.base.file_registry` and for objects that files cannot hold
+        OSError: if the file cannot be written; the message names the file
     """
-    # HDF5 writing to a full disk would end the interpreter.
+    # When HDF5 itself writes to a full disk, it terminates the interpreter.
     image = io.BytesIO()
     with h5py.File(image, "w", userblock_size=SEAL_SIZE) as file:
         file.attrs["nassim_format"] = FORMAT_VERSION
         _write(file, "content", obj)
     content = image.getbuffer()
     content[:SEAL_SIZE] = _seal(hashlib.sha256(content[SEAL_SIZE:]))
-    with written_whole(path) as temporary:
+    with write_atomically(path) as temporary:
         temporary.write_bytes(content)
     return Path(path)
 
 
 @contextmanager
-def written_whole(path: str | Path) -> Iterator[Path]:
-    """Give a temporary path to write to, which is moved to `path` at the end, or removed when an error comes first.
+def write_atomically(path: str | Path) -> Iterator[Path]:
+    """Yield a temporary path to write to, which is moved to `path` at the end, or removed after an error.
 
-    What killed processes left in the folder is removed too. Raises OSError naming `path` when it cannot be written.
+    Temporary files that terminated processes left in the folder are removed too.
+
+    Raises:
+        OSError: if `path` cannot be written; the message names it
     """
     target = Path(path)
     try:
@@ -67,7 +82,7 @@ def written_whole(path: str | Path) -> Iterator[Path]:
         temporary = Path(name)
         try:
             yield temporary
-            # mkstemp lets only its owner read; a cache may be shared.
+            # A file of mkstemp can be read by its owner only, but a cache may be shared.
             temporary.chmod(0o644)
             temporary.replace(target)
         finally:
@@ -78,21 +93,27 @@ def written_whole(path: str | Path) -> Iterator[Path]:
 
 
 def _remove_stale(folder: Path, host: str) -> None:
-    """Remove temporary files of processes of this computer that are gone."""
+    """Remove temporary files that terminated processes of this computer left."""
     for path in folder.glob("nassim-*.tmp"):
         name = re.fullmatch(rf"nassim-{host}-(\d{{1,9}})-\w*\.tmp", path.name)
         if name and not psutil.pid_exists(int(name[1])):
-            with suppress(OSError):  # it may be another user's
+            with suppress(OSError):  # the file may belong to another user
                 path.unlink()
 
 
 def load(path: str | Path) -> Any:
     """Read what `save` wrote.
 
-    The checksum is compared before anything is read; files of format 1 have none. Whatever `save` does not write, such
-    as links and external or compressed data, is refused: a foreign file can neither read others nor ask for more memory
-    than its own size. Nothing is made but nouns that are registered, by their own constructors.
-    Raises FileNotFoundError, or ValueError naming the file when it is damaged, foreign or of a newer format.
+    The checksum is compared first, except in files of format 1, which have none. Content that `save` does not write,
+    such as links and external or compressed data, is refused. A foreign file can therefore neither read other files nor
+    ask for more memory than its own size. Only registered data classes are made, by their own constructors.
+
+    Args:
+        path: of the file
+
+    Raises:
+        FileNotFoundError: if there is no such file
+        ValueError: if the file is damaged, foreign or of a newer format; the message names the file
     """
     source = Path(path)
     if not source.exists():
@@ -108,18 +129,19 @@ def load(path: str | Path) -> Any:
             if version > 1 and not sealed:
                 raise ValueError("its checksum is missing")
             return _Reader(source.stat().st_size, version).child(file, "content")
-    except Exception as error:  # constructors may raise anything when given what is not theirs
+    except Exception as error:  # constructors may raise any error for wrong fields
         raise ValueError(f"cannot read {source}: {error or type(error).__name__}") from error
 
 
 def _seal(digest: Any) -> bytes:
+    """Return the bytes at the start of a file that hold its checksum."""
     return f"nassim, SHA-256 of what follows byte {SEAL_SIZE}: {digest.hexdigest()}\n".encode().ljust(SEAL_SIZE, b"\0")
 
 
 def _check_seal(source: Path) -> bool:
-    """Whether a file begins with a seal; raises ValueError if it is not that of its content."""
+    """Return whether a file begins with a checksum; raise ValueError if it differs from that of the content."""
     if not source.is_file():
-        raise ValueError("it is no file")
+        raise ValueError("it is not a file")
     with source.open("rb") as stream:
         seal = stream.read(SEAL_SIZE)
         if seal.startswith(b"\x89HDF"):
@@ -130,23 +152,26 @@ def _check_seal(source: Path) -> bool:
     if not seal.startswith(b"nassim"):
         raise ValueError("it was not written by nassim.save, or is damaged at its start")
     if seal != _seal(digest):
-        raise ValueError("it is damaged or was edited: its content does not go with its checksum")
+        raise ValueError("it is damaged or was edited: its content does not match its checksum")
     return True
 
 
 def cache_directory() -> Path:
-    """Folder of cached reductions: the environment variable NASSIM_CACHE, else ~/.cache/nassim."""
+    """Return the folder of cached results: the environment variable NASSIM_CACHE, otherwise ~/.cache/nassim."""
     return Path(os.environ.get("NASSIM_CACHE", Path.home() / ".cache" / "nassim"))
 
 
-def cached(name: str, key: str, build: Callable[[], Noun], *, progress: bool = True) -> Noun:
-    """Return `build()`, or what it returned earlier for the same name and key.
+def load_or_compute(name: str, key: str, build: Callable[[], DataClass], *, progress: bool = True) -> DataClass:
+    """Return `build()`, or its earlier result for the same name and key from the cache.
 
-    key: a `fingerprint` of everything that the result depends on
-    progress: print whether the result was loaded or computed, and where it lies
+    Warnings in the `record` of a result are given again when it is loaded. A damaged file is reported and rebuilt. If
+    the folder cannot be written, a warning is given before the work and the result is not kept.
 
-    Warnings that the result remembers in its `record` are given again when it is loaded. A damaged file is reported and
-    rebuilt. A folder that cannot be written is warned of before the work, whose result is then not kept.
+    Args:
+        name: name of the result, part of the file's name
+        key: a `fingerprint` of all inputs of the result
+        build: function that computes the result
+        progress: print whether the result was loaded or computed, and the path of its file
     """
     path = cache_directory() / f"{name}-{key[:16]}.h5"
 
@@ -156,7 +181,7 @@ def cached(name: str, key: str, build: Callable[[], Noun], *, progress: bool = T
 
     if os.path.exists(path):
         try:
-            result: Noun = load(path)
+            result: DataClass = load(path)
         except ValueError as error:
             report(f"the cached file is damaged and will be rebuilt ({error})")
         else:
@@ -186,6 +211,7 @@ def cached(name: str, key: str, build: Callable[[], Noun], *, progress: bool = T
 
 
 def _why_not_writable(folder: Path) -> str:
+    """Return why a folder cannot be written, or an empty string."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()
@@ -195,7 +221,7 @@ def _why_not_writable(folder: Path) -> str:
 
 
 def fingerprint(*parts: object) -> str:
-    """SHA-256, as hex digits, of nested dataclasses, mappings, sequences, arrays, numbers and text."""
+    """Return the SHA-256 hex digest of nested dataclasses, mappings, sequences, arrays, numbers and text."""
     digest = hashlib.sha256()
     for part in parts:
         _update(digest, part)
@@ -203,7 +229,7 @@ def fingerprint(*parts: object) -> str:
 
 
 def code_fingerprint() -> str:
-    """SHA-256 of what computes a reduction: all sources of nassim, and the versions of the libraries beneath."""
+    """Return the SHA-256 hex digest of nassim's sources and the versions of its libraries."""
     sources = {path.relative_to(PACKAGE).as_posix(): path.read_bytes() for path in PACKAGE.rglob("*.py")}
     return fingerprint(sources, {name: _version(name) for name in LIBRARIES})
 
@@ -241,7 +267,7 @@ def _update(digest: Any, part: object) -> None:
 
 
 def _write(parent: Any, name: str, value: object) -> None:
-    if is_noun(value):
+    if is_data_class(value):
         group = parent.create_group(name)
         group.attrs["kind"] = "dataclass"
         group.attrs["type"] = type(value).__name__
@@ -251,7 +277,8 @@ def _write(parent: Any, name: str, value: object) -> None:
     elif is_dataclass(value) and not isinstance(value, type):
         raise ValueError(
             f"cannot save {type(value).__name__} ({name}): it is not registered; give a dataclass of your own to "
-            "nassim.register, before saving and before loading: its fields can be nouns, arrays, numbers and text"
+            "nassim.register, before saving and before loading: its fields can be registered dataclasses, arrays, "
+            "numbers and text"
         )
     elif isinstance(value, Mapping):
         group = parent.create_group(name)
@@ -270,17 +297,23 @@ def _write(parent: Any, name: str, value: object) -> None:
     elif isinstance(value, (str, bool, int, float, complex, np.ndarray, np.generic)):
         parent.create_dataset(name, data=value)
     else:
-        raise ValueError(f"cannot save {type(value).__name__} ({name}): only nouns of nassim, arrays, numbers and text")
+        raise ValueError(
+            f"cannot save {type(value).__name__} ({name}): files hold only data classes of nassim, registered "
+            "dataclasses, arrays, numbers and text"
+        )
 
 
 _TEXT_SIZE = 16
-"""Bytes that HDF5 stores in a dataset for a text of any length: its length and where it lies."""
+"""Bytes in an HDF5 dataset per text of variable length: its length and the address of its characters."""
 
 
 class _Reader:
-    """Reads the tree of a file and refuses what `save` does not write.
+    """Reader of a file's tree that refuses what `save` does not write.
 
-    size: of the file [bytes]; version: its format
+    Attributes:
+        left: bytes of the file that have not been read
+        version: format of the file
+        seen: addresses of the objects that have been read
     """
 
     def __init__(self, size: int, version: int) -> None:
@@ -289,7 +322,7 @@ class _Reader:
         self.seen: set[Any] = set()
 
     def child(self, group: Any, name: str) -> Any:
-        """The value under a name of a group."""
+        """Return the value under a name of a group."""
         if not isinstance(group.get(name, getlink=True), h5py.HardLink):
             raise ValueError(f"{name!r} is missing or a link to elsewhere")
         item = group[name]
@@ -300,7 +333,7 @@ class _Reader:
         return self.dataset(item) if isinstance(item, h5py.Dataset) else self.group(item)
 
     def dataset(self, item: Any) -> Any:
-        """An array, a number or text."""
+        """Return an array, a number or text."""
         text = h5py.check_string_dtype(item.dtype)
         known = text.length is None if text else item.dtype.kind in "biufc"
         plan = item.id.get_create_plist()
@@ -316,7 +349,7 @@ class _Reader:
         return value.item() if isinstance(value, np.generic) else value
 
     def text(self, item: Any) -> Any:
-        """Text, or a tuple of texts, read one by one because their lengths are known only then."""
+        """Return a text or a tuple of texts, read one by one because a length is known only after reading."""
         if item.ndim > 1:
             raise ValueError(f"{item.name} is a table of texts")
         texts = []
@@ -326,13 +359,13 @@ class _Reader:
         return tuple(texts) if item.shape else texts[0]
 
     def take(self, size: int) -> None:
-        """Count bytes; raises ValueError for more than the file has."""
+        """Count bytes that are read; raise ValueError if they exceed the size of the file."""
         self.left -= size
         if self.left < 0:
-            raise ValueError("it says it holds more data than it has bytes")
+            raise ValueError("it claims to hold more data than it has bytes")
 
     def group(self, group: Any) -> Any:
-        """None, a tuple, a mapping or a noun."""
+        """Return None, a tuple, a mapping or a data class."""
         kind = _attribute(group, "kind")
         if kind == "none":
             return None
@@ -343,11 +376,11 @@ class _Reader:
         if kind != "dataclass":
             raise ValueError(f"{group.name} is of the kind {kind!r}, which this nassim does not know; upgrade nassim")
         name = _public_name(_attribute(group, "type"), self.version)
-        noun = find(name)
+        data_class = find(name)
         content = {field: self.child(group, field) for field in group}
         if self.version < FORMAT_VERSION:
-            content = upgraded(name, content)
-        return noun(**content)
+            content = upgrade_fields(name, content)
+        return data_class(**content)
 
 
 def _attribute(item: Any, name: str) -> Any:
@@ -357,6 +390,6 @@ def _attribute(item: Any, name: str) -> Any:
 
 
 def _public_name(written: str, version: int) -> str:
-    """The public name of a noun from what a file of a format says."""
+    """Return the public name of a data class from the name written in a file of this format."""
     module, _, name = written.partition(":")
     return name if version < 3 and module.startswith("nassim.") else written

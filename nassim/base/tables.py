@@ -1,4 +1,4 @@
-"""Tables for the terminal, as text."""
+"""Tables as text for the terminal."""
 
 import textwrap
 from collections.abc import Sequence
@@ -6,21 +6,25 @@ from collections.abc import Sequence
 from nassim.base.progress import WIDTH
 
 GAP = "  "
-HIGHEST = 4
-"""Lines that a heading may take."""
+MOST_HEADING_LINES = 4
+"""Largest number of lines of a heading."""
 
 Columns = list[list[str]]
 
 
 def text_table(rows: Sequence[Sequence[str]], *, width: int = WIDTH) -> str:
-    """Rows of cells as lines of text; the first row holds the headings, the first column the rows' names.
+    """Format rows of cells as lines of text.
 
-    width: of the lines [characters]. Headings of a table that would be wider go over several lines; columns for which
-    there is still no room follow below, beside the same names.
+    If the table is too wide, its headings are broken into several lines. Columns that still do not fit follow below,
+    with the row names repeated.
+
+    Args:
+        rows: cells; the first row holds the headings, the first column the row names
+        width: largest width of a line [characters]
     """
     columns = [list(column) for column in zip(*rows, strict=True)]
     folded = columns
-    for height in range(2, HIGHEST + 1):
+    for height in range(2, MOST_HEADING_LINES + 1):
         if _width(folded) <= width:
             break
         folded = _fold_headings(columns, height)
@@ -38,7 +42,7 @@ def _width(columns: Columns) -> int:
 
 
 def _fold_headings(columns: Columns, height: int) -> Columns:
-    """The same columns with headings of so many lines, empty ones at their top where they need fewer."""
+    """Break the headings into `height` lines; shorter headings get empty lines at the top."""
     result = []
     for heading, *cells in columns:
         least = max(map(len, ["", *heading.split(), *cells]))

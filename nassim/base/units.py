@@ -1,4 +1,4 @@
-"""Units of recorded data, and their factors to SI."""
+"""Units of recorded data and their conversion to SI."""
 
 PREFIXES = {"": 1.0, "k": 1e3, "m": 1e-3, "u": 1e-6, "n": 1e-9, "p": 1e-12}
 UNITS = {
@@ -13,9 +13,10 @@ UNITS = {
 
 
 def to_si(unit: str) -> tuple[float, str]:
-    """Factor to SI, and the SI unit, of a unit such as "um", "um/V" or "m/s2" ("m/s^2" too).
+    """Return the factor to SI and the SI unit for a unit such as "um", "um/V" or "m/s2" (also "m/s^2").
 
-    Raises ValueError for an unknown unit, listing the known ones.
+    Raises:
+        ValueError: for an unknown unit; the message lists the known ones
     """
     factor, names = 1.0, []
     for place, part in enumerate(unit.replace("µ", "u").replace("μ", "u").replace("²", "2").split("/")):

@@ -1,4 +1,4 @@
-"""What a result must remember of its making: warnings, given at once too, and notes of what was done otherwise."""
+"""Log of warnings and notes about how a result was made, to be kept with the result."""
 
 import warnings
 from collections.abc import Iterator
@@ -8,38 +8,45 @@ from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
-class Notices:
-    """Messages of `warn` and of `note`, in order."""
+class WarningLog:
+    """Log of messages.
+
+    Attributes:
+        warnings: messages of `warn`, in order
+        notes: messages of `note`, in order
+    """
 
     warnings: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
 
-_collectors: ContextVar[tuple[Notices, ...]] = ContextVar("collectors", default=())
+_collectors: ContextVar[tuple[WarningLog, ...]] = ContextVar("collectors", default=())
 
 
 def warn(message: str, *, stacklevel: int = 1) -> None:
-    """Warn the user, by Python's `warnings`, and tell whoever collects.
+    """Warn the user through Python's `warnings`, and add the message to all open logs.
 
-    stacklevel: as in `warnings.warn`, counted from the caller
+    Args:
+        message: text of the warning
+        stacklevel: as in `warnings.warn`, counted from the caller
     """
-    for notices in _collectors.get():
-        notices.warnings.append(message)
+    for log in _collectors.get():
+        log.warnings.append(message)
     warnings.warn(message, stacklevel=stacklevel + 1)
 
 
 def note(message: str) -> None:
-    """Tell whoever collects, without a warning: for what leaves the result as good as what was asked for."""
-    for notices in _collectors.get():
-        notices.notes.append(message)
+    """Add a message to all open logs without a warning, for a change of method that does not reduce accuracy."""
+    for log in _collectors.get():
+        log.notes.append(message)
 
 
 @contextmanager
-def collected() -> Iterator[Notices]:
-    """Collect what is told within, by this thread only; may be nested, all collectors hear it."""
-    notices = Notices()
-    token = _collectors.set((*_collectors.get(), notices))
+def collect_messages() -> Iterator[WarningLog]:
+    """Open a log that collects the messages of this thread; logs may be nested, and each one gets all messages."""
+    log = WarningLog()
+    token = _collectors.set((*_collectors.get(), log))
     try:
-        yield notices
+        yield log
     finally:
         _collectors.reset(token)

@@ -1,7 +1,7 @@
-"""Reduced bodies: remote points, matrices, what they read out, their motion in a floating frame, piezoelectric stacks.
+"""Reduced bodies: remote points, matrices, read-outs, floating frame, piezoelectric stacks.
 
-NumPy and SciPy only: a body that was saved or imported is used without a mesh. To add something that a body reads out
-(stress, a strain gauge), open `readouts`; another reduction of its coordinates, `projection`.
+Only NumPy and SciPy are needed, so a saved or imported body is used without a mesh. To add a quantity that a body reads
+out (stress, a strain gauge), edit `readouts`; another reduction of its coordinates, `projection`.
 """
 
 import lazy_loader

@@ -1,8 +1,8 @@
-"""Floating frame of reference: a reduced body in large motion, its inertia from one Gram matrix.
+"""Floating frame of reference: a reduced body in large motion, with inertia integrals from one Gram matrix.
 
-The frame moves with one remote point, whose six coordinates become the frame's own motion; all others then tell the
-deformation. The integrals are those of A. Zwölfer, J. Gerstmayr, "The nodal-based floating frame of reference
-formulation with modal reduction", Acta Mechanica 232 (2021) 835-851, written with continuous fields.
+The frame moves with one remote point. The six coordinates of this point become the motion of the frame, and all other
+coordinates describe the deformation. The integrals are those of A. Zwölfer, J. Gerstmayr, "The nodal-based floating
+frame of reference formulation with modal reduction", Acta Mechanica 232 (2021) 835-851, written for continuous fields.
 """
 
 from dataclasses import KW_ONLY, dataclass
@@ -18,14 +18,24 @@ from nassim.bodies.reduced_body import ReducedBody
 class FloatingFrame:
     """Inertia and stiffness of a body in its floating frame, with n flexible coordinates.
 
-    point: remote point that carries the frame; origin: its position in the body's frame [m]
-    flexible: indices of the body's coordinates that are flexible coordinates, shape (n,)
-    mass [kg]; center_of_mass: (3,) [m]; inertia: (3, 3) about the origin [kg m2]
-    mass_matrix, stiffness_matrix: (n, n)
-    Six integrals over the mass, psi_j the displacement field of flexible coordinate j, ~ the cross-product matrix:
-    translation_flexible: psi_j, (3, n); translation_rotated: psi_j~, (3, 3 n)
-    position_flexible: -x cross psi_j, (3, n); position_rotated: (x . psi_j) I - psi_j x^T, (3, 3 n)
-    rotated_flexible: -psi_j cross psi_k, (3 n, n); rotated_rotated: (psi_j . psi_k) I - psi_k psi_j^T, (3 n, 3 n)
+    In the integrals over the mass, psi_j is the displacement field of flexible coordinate j, and ~ denotes the
+    cross-product matrix.
+
+    Attributes:
+        point: remote point that carries the frame
+        origin: position of that point in the body's frame, shape (3,) [m]
+        flexible: indices of the body's coordinates that are flexible coordinates, shape (n,)
+        mass: mass [kg]
+        center_of_mass: centre of mass from the frame's origin, shape (3,) [m]
+        inertia: inertia about the frame's origin, shape (3, 3) [kg m2]
+        mass_matrix: mass matrix of the flexible coordinates, shape (n, n)
+        stiffness_matrix: stiffness matrix of the flexible coordinates, shape (n, n)
+        translation_flexible: integrals of psi_j, shape (3, n)
+        translation_rotated: integrals of psi_j~, shape (3, 3 n)
+        position_flexible: integrals of -x cross psi_j, shape (3, n)
+        position_rotated: integrals of (x . psi_j) I - psi_j x^T, shape (3, 3 n)
+        rotated_flexible: integrals of -psi_j cross psi_k, shape (3 n, n)
+        rotated_rotated: integrals of (psi_j . psi_k) I - psi_k psi_j^T, shape (3 n, 3 n)
     """
 
     point: str
@@ -45,9 +55,13 @@ class FloatingFrame:
     rotated_rotated: Array
 
     def deformation(self, body: ReducedBody) -> Array:
-        """Matrix that makes flexible coordinates of the body's coordinates in small motion, shape (n, n_coordinates).
+        """Return the matrix from the body's to the flexible coordinates in small motion, shape (n, n_coordinates).
 
-        Of a remote point's motion, what it would have on a rigid body that moves with the frame is taken off.
+        It subtracts from the motion of each remote point the motion that this point would have on a rigid body that
+        moves with the frame.
+
+        Args:
+            body: the reduced body of this frame
         """
         n = len(body.mass_matrix)
         index = body.point_names.index(self.point)
@@ -58,16 +72,21 @@ class FloatingFrame:
 
 
 def floating_frame(body: ReducedBody, point: str) -> FloatingFrame:
-    """The floating-frame form of a reduced body whose frame rides on the given remote point.
+    """Compute the floating-frame form of a reduced body whose frame moves with a given remote point.
 
-    Raises ValueError for an unknown remote point.
+    Args:
+        body: the reduced body
+        point: name of the remote point
+
+    Raises:
+        ValueError: for an unknown remote point
     """
     known("remote point", point, body.point_names)
     index = body.point_names.index(point)
     n_all = len(body.mass_matrix)
     flexible = np.delete(np.arange(n_all), np.s_[6 * index : 6 * index + 6])
     origin = body.remote_points[index].position
-    # New scalar fields 1, x - origin, psi_flexible as combinations of the old ones.
+    # The scalar fields 1, x - origin, psi_flexible are combinations of the fields of the body's Gram matrix.
     change = np.zeros((len(body.gram), 4 + 3 * len(flexible)))
     change[:4, :4] = np.eye(4)
     change[0, 1:4] = -origin

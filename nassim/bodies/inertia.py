@@ -1,22 +1,24 @@
-"""What reduced matrices and node positions tell of a body's inertia: exactly for rigid motions, not for the rest.
+"""Inertia of a body from its reduced matrices and node positions: exact for rigid motion, estimated otherwise.
 
-With R the six rigid motions in the reduced coordinates, R^T M R holds mass, centre of mass and inertia, and M R the
-integrals of psi_j and of x cross psi_j (Exudyn's mPhitTPsi and mXRefTildePsi). Large motion also asks for
+With the six rigid motions R in the reduced coordinates, R^T M R holds the mass, centre of mass and inertia. M R holds
+the integrals of psi_j and of x cross psi_j (mPhitTPsi and mXRefTildePsi in Exudyn). Large motion also needs two kinds
+of integrals that no reduced matrix holds:
 
-- the symmetric part of the integrals of x_a psi_jb: the pull of centrifugal forces on the resting shape,
-- the integrals of psi_ja psi_kb beyond their trace M_jk: Coriolis and centrifugal forces on the deformation,
+- the symmetric part of the integrals of x_a psi_jb, for the centrifugal forces on the undeformed shape;
+- the integrals of psi_ja psi_kb other than their trace M_jk, for Coriolis and centrifugal forces on the deformation.
 
-which no reduced matrix holds. Each displacement field is therefore split into its rigid part, whose integrals are
-known, and a rest that is orthogonal to all rigid motions. Of the rest, the integrals of the first kind are estimated
-from how the points move in homogeneous strain (right for a bar's stretch, zero where all points coincide), and those
-of the second kind taken as equal in all directions otherwise. The Gram matrix stays positive semidefinite (to the
-digits of M), and all that is known stays exact.
+Each displacement field is therefore split into a rigid part, whose integrals are known, and a remainder orthogonal to
+all rigid motions. For the remainder, the integrals of the first kind are estimated from the motion of the points in
+homogeneous strain (correct for the extension of a bar, zero if all points coincide). The integrals of the second kind
+are otherwise assumed to be equal in all directions. The Gram matrix stays positive semidefinite (to the accuracy of M),
+and everything that is known stays exact.
 
-The error of that, for a body that turns at Omega, whose lowest elastic eigenfrequency (as it is held) is omega:
-by Cauchy and Schwarz, the deformation under centrifugal forces is at most (Omega / omega)^2 times the root of mass
-times polar moment in each unit-mass mode, so (Omega / omega)^2 of the body's size, and eigenfrequencies are off by at
-most about Omega. Below Omega = omega / 30 both are small: 0.1 % of the size, 3 % of the lowest frequency. Small motion
-about a body at rest, free flight of a stiff body, and the fidelities "linear" and "rigid" are not touched.
+Error bound: let the body rotate at Omega, and let omega be its lowest elastic eigenfrequency with its actual
+supports. By the Cauchy-Schwarz inequality, the amplitude of each mode of unit modal mass under centrifugal forces is
+at most (Omega / omega)^2 times the square root of the polar moment of inertia. The deformation is then at most
+(Omega / omega)^2 of the body's size, and eigenfrequencies change by at most about Omega. Below Omega = omega / 30 both
+are small: 0.1 % of the size and 3 % of the lowest frequency. Small motion about a body at rest, free flight of a stiff
+body, and the fidelities "linear" and "rigid" are not affected.
 """
 
 from dataclasses import dataclass
@@ -28,15 +30,18 @@ from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_motions, skew
 
 FLAT = 1e-6
-"""Points within this share of the body's size of a plane or line lie in it."""
+"""Points lie in a plane or on a line if their distance from it is below this share of the body's size."""
 
 
 @dataclass(frozen=True)
 class RigidInertia:
     """Inertia of a body in rigid motion.
 
-    mass [kg]; center_of_mass: (3,) [m]; inertia: about the body's origin, (3, 3) [kg m2]
-    misfit: largest deviation of R^T M R from the form that every rigid body's has [-]
+    Attributes:
+        mass: mass [kg]
+        center_of_mass: centre of mass, shape (3,) [m]
+        inertia: inertia about the body's origin, shape (3, 3) [kg m2]
+        misfit: largest relative deviation of R^T M R from the form that it has for a rigid body [-]
     """
 
     mass: float
@@ -46,27 +51,32 @@ class RigidInertia:
 
     @property
     def central_inertia(self) -> Array:
-        """Inertia about the centre of mass, (3, 3) [kg m2]."""
+        """Inertia about the centre of mass, shape (3, 3) [kg m2]."""
         arm = skew(self.center_of_mass)
         result: Array = self.inertia + self.mass * arm @ arm
         return result
 
     @property
     def box(self) -> Array:
-        """Squared sides of the homogeneous box with this inertia, ascending, (3,) [m2]; negative where none has."""
+        """Squared sides of the homogeneous box with this inertia, ascending, (3,) [m2]; negative if there is none."""
         moments = np.linalg.eigvalsh(self.central_inertia)
         result: Array = np.sort(6 * (moments.sum() - 2 * moments) / self.mass)
         return result
 
     @property
     def box_density(self) -> float:
-        """Mass over that box's volume [kg/m3]; NaN where it is flat or there is none."""
+        """Mass over the volume of that box [kg/m3]; NaN if the box is flat or does not exist."""
         sides = self.box
         return float(self.mass / np.sqrt(np.prod(sides))) if sides[0] > 1e-5 * sides[-1] else np.nan
 
 
 def rigid_inertia(mass_matrix: Array, rigid_motions: Array) -> RigidInertia:
-    """Mass, centre of mass and inertia from the mass matrix (n, n) and the rigid motions about the origin (n, 6)."""
+    """Compute mass, centre of mass and inertia from the mass matrix.
+
+    Args:
+        mass_matrix: mass matrix, shape (n, n)
+        rigid_motions: the six rigid motions about the origin as columns, shape (n, 6)
+    """
     moments = rigid_motions.T @ (0.5 * (mass_matrix + mass_matrix.T)) @ rigid_motions
     mass = float(np.trace(moments[:3, :3])) / 3
     coupling, inertia = moments[:3, 3:], moments[3:, 3:]
@@ -81,8 +91,16 @@ def rigid_inertia(mass_matrix: Array, rigid_motions: Array) -> RigidInertia:
     return RigidInertia(mass, centre, 0.5 * (inertia + inertia.T), misfit)
 
 
-def free_of_rigid_motions(mass_matrix: Array, motions: Array) -> Array:
-    """A basis of the motions orthogonal to the rigid ones (n, 6) in the mass's product, (n, n - 6)."""
+def elastic_basis(mass_matrix: Array, motions: Array) -> Array:
+    """Compute a basis of the motions that are orthogonal to the rigid motions in the mass's inner product.
+
+    Args:
+        mass_matrix: mass matrix, shape (n, n)
+        motions: rigid motions as columns, shape (n, 6)
+
+    Returns:
+        Basis as columns, shape (n, n - 6).
+    """
     scale = 1.0 / np.sqrt(np.diag(mass_matrix))
     weighted = (motions.T @ mass_matrix * scale).T
     weighted = weighted / np.maximum(np.linalg.norm(weighted, axis=0), 1e-300)
@@ -91,10 +109,15 @@ def free_of_rigid_motions(mass_matrix: Array, motions: Array) -> Array:
     return result
 
 
-def completed_gram(mass_matrix: Array, positions: Array) -> Array:
-    """The Gram matrix of a `ReducedBody` from its mass matrix, as far as that tells, shape (4 + 3 n, 4 + 3 n).
+def estimate_gram(mass_matrix: Array, positions: Array) -> Array:
+    """Estimate the Gram matrix of a `ReducedBody` from its mass matrix; see the module's description for the error.
 
-    mass_matrix: (n, n), positive definite; positions: of the remote points, (r, 3) [m]
+    Args:
+        mass_matrix: positive definite mass matrix, shape (n, n)
+        positions: positions of the remote points, shape (r, 3) [m]
+
+    Returns:
+        Gram matrix, shape (4 + 3 n, 4 + 3 n).
     """
     n = len(mass_matrix)
     motions = rigid_motions(positions, n)
@@ -105,7 +128,7 @@ def completed_gram(mass_matrix: Array, positions: Array) -> Array:
     moments[1:, 1:] = 0.5 * np.trace(rigid.inertia) * np.eye(3) - rigid.inertia
     weighted = motions.T @ mass_matrix
     content = np.linalg.solve(weighted @ motions, weighted)
-    # What is known of psi_j by its coefficients on 1, x, y, z: first translation + rotation cross x.
+    # The known part of psi_j as coefficients on 1, x, y, z, beginning with translation + rotation cross x.
     fields = np.zeros((4, n, 3))
     fields[0] = content[:3].T
     for j in range(n):
@@ -122,14 +145,15 @@ def completed_gram(mass_matrix: Array, positions: Array) -> Array:
 
 
 def _homogeneous_strains(mass_matrix: Array, positions: Array, rigid: RigidInertia) -> Array:
-    """Strain in each psi_j beside its rigid part, by coefficients on x - centre, (3, n, 3); estimated.
+    """Estimate the strain in the non-rigid part of each psi_j as coefficients on x - centre, shape (3, n, 3).
 
-    The shape whose points move as in a homogeneous strain of the space that they span stands for that strain, so M
-    times it gives the symmetric integrals of x_a psi_jb. All are shrunk where they ask for more inertia than there is.
+    A homogeneous strain is represented by the shape whose points move as in this strain, in the space that the points
+    span. M times this shape gives the symmetric integrals of x_a psi_jb. The strains are reduced where they would need
+    more inertia than the body has.
     """
     n = len(mass_matrix)
     motions = rigid_motions(positions, n)
-    free = free_of_rigid_motions(mass_matrix, motions)
+    free = elastic_basis(mass_matrix, motions)
     offsets = positions - positions.mean(axis=0)
     _, spread, axes = np.linalg.svd(offsets)
     size = np.sqrt(np.trace(rigid.central_inertia) / rigid.mass)

@@ -1,4 +1,4 @@
-"""Remote points, the names of their coordinates, and boundary conditions there."""
+"""Remote points, the names of their coordinates, and their boundary conditions."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,13 +14,14 @@ COUPLINGS = ("rbe2", "rbe3")
 
 @dataclass(frozen=True)
 class RemotePoint:
-    """A point with 6 degrees of freedom, coupled to faces of a solid (ANSYS: remote point, Simscape: interface).
+    """A point with six degrees of freedom, coupled to faces of a solid (ANSYS: remote point, Simscape: interface).
 
-    name: what scenes call it
-    faces: names of the CAD faces that form its interface (one name may stand alone)
-    position: where it lies, in the CAD's frame, shape (3,) [m]
-    coupling: "rbe2", the faces move as a rigid body; "rbe3", the point follows the faces' mean rigid motion
-        (least squares over the area) and the faces stay deformable
+    Attributes:
+        name: name of the point in scenes
+        faces: names of the CAD faces of its interface; a single name may be given as a string
+        position: position in the CAD's frame, shape (3,) [m]
+        coupling: "rbe2": the faces move as a rigid body; "rbe3": the point follows the mean rigid motion of the faces
+            (least squares over the area) and the faces stay deformable
     """
 
     name: str
@@ -39,18 +40,22 @@ class RemotePoint:
 
 
 def coordinate_names(points: Sequence[str]) -> tuple[str, ...]:
-    """Names such as "top.uz" of the 6 r coordinates, per point ux uy uz rx ry rz."""
+    """Return the names of the 6 r coordinates, such as "top.uz", per point in the order ux uy uz rx ry rz."""
     return tuple(f"{point}.{axis}" for point in points for axis in AXES)
 
 
 def free_coordinates(
     points: Sequence[str], *, fixed: Collection[str] = (), guided: Mapping[str, str] | None = None
 ) -> NDArray[np.int64]:
-    """Indices of the coordinates of remote points that boundary conditions leave free.
+    """Return the indices of the coordinates of remote points that boundary conditions leave free.
 
-    fixed: names of points that cannot move; guided: point -> the one direction left free ("x" ... "rz")
+    Args:
+        points: names of the remote points
+        fixed: names of points that cannot move
+        guided: point -> its one free direction ("x", "y", "z", "rx", "ry" or "rz")
 
-    Raises ValueError for unknown names and for a point that is both fixed and guided.
+    Raises:
+        ValueError: for unknown names and for a point that is both fixed and guided
     """
     guided = guided or {}
     if isinstance(fixed, str):
@@ -71,7 +76,7 @@ def free_coordinates(
 
 
 def point_masses(points: Sequence[str], masses: Mapping[str, float] | None) -> Array:
-    """Diagonal of the mass matrix [kg] that point masses at remote points add, shape (6 r,)."""
+    """Return the diagonal that point masses [kg] at remote points add to the mass matrix, shape (6 r,)."""
     diagonal = np.zeros(6 * len(points))
     for point, mass in (masses or {}).items():
         index = list(points).index(known("remote point", point, points))
@@ -80,7 +85,7 @@ def point_masses(points: Sequence[str], masses: Mapping[str, float] | None) -> A
 
 
 def coordinate_vector(points: Sequence[str], weights: Mapping[str, float]) -> Array:
-    """Vector (6 r,) with the given weights at named coordinates, e.g. {"top.uz": 1.0}."""
+    """Return a vector (6 r,) with given weights at named coordinates, e.g. {"top.uz": 1.0}."""
     names = coordinate_names(points)
     vector = np.zeros(len(names))
     for name, weight in weights.items():

@@ -1,4 +1,4 @@
-"""Piezoelectric stacks, described by their data sheet, and the electrical ports that they give a body."""
+"""Piezoelectric stacks, described by their data sheet, and the electrical ports of a body."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -8,30 +8,35 @@ from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite, finite_array, freeze, positive, unique
 
-LARGEST_STRAIN = 5e-3
-"""Free stroke over length that no piezo ceramic reaches; usual ones give 1e-3 to 2e-3."""
+LARGEST_FREE_STRAIN = 5e-3
+"""Ratio of free stroke to length above the range of piezo ceramics; usual ones reach 1e-3 to 2e-3."""
 LARGEST_STRESS = 500e6
-"""Blocked force over cross-section [Pa] that no ceramic bears; usual ones give 30 to 50 MPa."""
+"""Ratio of blocked force to cross-section above the range of piezo ceramics [Pa]; usual ones reach 30 to 50 MPa."""
 STIFFNESS_MISMATCH = 2.0
+"""Largest ratio, or inverse ratio, of a stack's stiffness to its blocked force over its free stroke."""
 USUAL_COUPLING = (0.65, 0.78)
-"""Coupling factor k33 of common PZT ceramics, small signals (IEEE Std 176-1987; manufacturers' tables)."""
+"""Coupling factor k33 of common PZT ceramics at small signals (IEEE Std 176-1987; manufacturers' tables)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PiezoStack:
-    """A multilayer piezo stack as its data sheet gives it.
+    """A multilayer piezo stack, described by its data sheet.
 
-    free_stroke: elongation without load over the whole voltage range [m]
-    blocked_force: force at zero elongation over the whole voltage range [N]
-    voltage_range: range that stroke and force refer to [V]
-    stiffness: mechanical stiffness at constant voltage [N/m]
-    capacitance: capacitance of the unloaded stack [F]
-    length, area: length [m] and cross-section [m2] of the ceramic
-    transverse_ratio: strain across over strain along the stack under voltage, d31 / d33 [-]; data sheets of stacks do
-        not give it, common ceramics have -0.4 to -0.5
+    Sign convention: a positive voltage lengthens the stack; forces are positive in tension.
 
-    Sign convention: a positive voltage lengthens the stack, forces are positive in tension. Raises ValueError for
-    figures that no ceramic reaches: a wrong unit.
+    Attributes:
+        free_stroke: elongation without load over the whole voltage range [m]
+        blocked_force: force at zero elongation over the whole voltage range [N]
+        voltage_range: range that stroke and force refer to [V]
+        stiffness: mechanical stiffness at constant voltage [N/m]
+        capacitance: capacitance of the unloaded stack [F]
+        length: length of the ceramic [m]
+        area: cross-section of the ceramic [m2]
+        transverse_ratio: ratio of transverse to axial strain under voltage, d31 / d33 [-]. Data sheets of stacks do not
+            give it; common ceramics have -0.4 to -0.5.
+
+    Raises:
+        ValueError: for values that no ceramic reaches, which indicates a wrong unit
     """
 
     free_stroke: float
@@ -49,7 +54,7 @@ class PiezoStack:
         freeze(self, transverse_ratio=finite("piezo stack: transverse_ratio", self.transverse_ratio))
         if not -0.6 <= self.transverse_ratio <= 0.0:
             raise ValueError(f"piezo stack: transverse_ratio must be from -0.6 to 0, got {self.transverse_ratio:g}")
-        if self.free_stroke > LARGEST_STRAIN * self.length:
+        if self.free_stroke > LARGEST_FREE_STRAIN * self.length:
             raise ValueError(
                 f"piezo stack: a free_stroke of {self.free_stroke:g} m is {100 * self.free_stroke / self.length:.3g} % "
                 f"of the length {self.length:g} m; ceramics reach 0.2 %. Are both in metres?"
@@ -62,7 +67,7 @@ class PiezoStack:
         implied = self.blocked_force / self.free_stroke
         if not 1 / STIFFNESS_MISMATCH < self.stiffness / implied < STIFFNESS_MISMATCH:
             raise ValueError(
-                f"piezo stack: the stiffness {self.stiffness:g} N/m does not go with blocked_force / free_stroke = "
+                f"piezo stack: the stiffness {self.stiffness:g} N/m does not agree with blocked_force / free_stroke = "
                 f"{implied:g} N/m; is it in N/m (not N/um)?"
             )
         if self.coupling_factor >= 1.0:
@@ -84,13 +89,16 @@ class PiezoStack:
         stiffness: float | None = None,
         transverse_ratio: float = -0.45,
     ) -> "PiezoStack":
-        """A stack from what its data sheet prints.
+        """Make a stack from the values that its data sheet gives. `consistency` compares them.
 
-        voltage_range: (lowest, highest) or their difference [V]
-        size: length along the stack, then the two sides of its cross-section [m]
-        stiffness: [N/m]; default: blocked_force / free_stroke
-
-        The other arguments are the fields; `consistency` says how well the figures go together.
+        Args:
+            free_stroke: elongation without load over the whole voltage range [m]
+            blocked_force: force at zero elongation over the whole voltage range [N]
+            voltage_range: (lowest, highest) or their difference [V]
+            capacitance: capacitance of the unloaded stack [F]
+            size: length along the stack, then the two sides of its cross-section [m]
+            stiffness: mechanical stiffness [N/m] (default: blocked_force / free_stroke)
+            transverse_ratio: ratio of transverse to axial strain under voltage, d31 / d33 [-]
         """
         length, width, depth = finite_array("piezo stack: size", size, (3,))
         ends = np.atleast_1d(np.array(voltage_range, dtype=float))
@@ -108,19 +116,19 @@ class PiezoStack:
 
     @property
     def stroke_per_volt(self) -> float:
-        """Free elongation per volt d [m/V]."""
+        """Free elongation per volt, d [m/V]."""
         return self.free_stroke / self.voltage_range
 
     @property
     def young_modulus(self) -> float:
-        """Young's modulus along the stack at constant voltage, as it follows from the stiffness [Pa]."""
+        """Young's modulus along the stack at constant voltage, computed from the stiffness [Pa]."""
         return self.stiffness * self.length / self.area
 
     @property
     def coupling_factor(self) -> float:
         """Electromechanical coupling factor k33 [-]; its square is the share of work that becomes electrical energy.
 
-        Held at constant length, the stack has the capacitance (1 - k33^2) C; open circuit, it has the stiffness
+        At constant length, the stack has the capacitance (1 - k33^2) C. In open circuit, it has the stiffness
         k / (1 - k33^2).
         """
         return float(np.sqrt(self.stiffness / self.capacitance) * self.stroke_per_volt)
@@ -129,9 +137,9 @@ class PiezoStack:
     def force_per_volt(self) -> float:
         """Actuator constant g_a: blocked force per volt [N/V].
 
-        A stack obeys F = k (dl - d V) with d = free_stroke / voltage_range [m/V]. Held at dl = 0 it
-        pushes outwards with g_a V, g_a = k d = blocked_force / voltage_range. Stacks of one kind that
-        stand in line and share one voltage act on the ends of the line with the same g_a V.
+        A stack obeys F = k (dl - d V) with d = free_stroke / voltage_range [m/V]. At dl = 0 it pushes outwards with
+        g_a V, where g_a = k d = blocked_force / voltage_range. Equal stacks in series that share one voltage act on the
+        two ends of the series with the same force g_a V.
         """
         return self.blocked_force / self.voltage_range
 
@@ -139,16 +147,16 @@ class PiezoStack:
     def voltage_per_elongation(self) -> float:
         """Sensor constant g_s of the open-circuit stack [V/m]; the sensor's voltage is -g_s dl.
 
-        The charge is Q = d F + C V with C the capacitance of the unloaded stack. Open circuit (Q = 0)
-        gives V = -d F / C, so compression (F < 0) gives a positive voltage. With F = k dl, where k is the
-        stiffness of the open-circuit stack, g_s = d k / C = g_a / C: the figure that d33 / (eps_T s_D n)
-        [V/m] of the piezo literature also expresses. Where k is that at constant voltage, as an electrical port takes
-        it, V = -g_s dl / (1 - k33^2); the truth lies between, for a data sheet does not say.
+        The charge is Q = d F + C V, where C is the capacitance of the unloaded stack. In open circuit (Q = 0) the
+        voltage is V = -d F / C, so compression (F < 0) gives a positive voltage. With F = k dl, where k is the
+        stiffness of the open-circuit stack, g_s = d k / C = g_a / C. The piezo literature writes this value as d33 /
+        (eps_T s_D n) [V/m]. If k is the stiffness at constant voltage, as an electrical port assumes, V = -g_s dl / (1
+        - k33^2). Data sheets do not say which stiffness they give; the true value lies between the two.
         """
         return self.force_per_volt / self.capacitance
 
     def consistency(self) -> str:
-        """What the figures say about each other, a line each."""
+        """Return a text that compares the values of the data sheet with each other, one comparison per line."""
         low, high = USUAL_COUPLING
         factor = self.coupling_factor
         if factor > high:
@@ -170,10 +178,13 @@ class PiezoStack:
 
 @dataclass(frozen=True)
 class ElectricalPort:
-    """Stacks of one solid that share a voltage: two terminals.
+    """Stacks of one solid that share a voltage: an electrical port with two terminals.
 
-    name: what scenes call it; bodies: names of the CAD bodies, electrically in parallel
-    stack: what each of them is; direction: along which they lengthen under positive voltage, shape (3,)
+    Attributes:
+        name: name of the port in scenes
+        bodies: names of the CAD bodies, which are electrically in parallel
+        stack: data of each of them
+        direction: direction in which they lengthen under positive voltage, shape (3,)
     """
 
     name: str
@@ -188,7 +199,7 @@ class ElectricalPort:
         if not np.any(direction):
             raise ValueError(f"{label}: direction must not be zero")
         if not bodies:
-            raise ValueError(f"{label} names no CAD body")
+            raise ValueError(f"{label} names no CAD body; name at least one")
         freeze(self, bodies=unique(f"{label}: CAD body", bodies), direction=direction / np.linalg.norm(direction))
 
     @property
@@ -202,13 +213,14 @@ class ElectricalPort:
 
 @dataclass(frozen=True)
 class PortCoupling:
-    """An electrical port seen from u, the unknowns of an FE model or the coordinates of a reduced body.
+    """An electrical port in terms of u, the unknowns of an FE model or the coordinates of a reduced body.
 
-    name: of the port
-    forces: on the unknowns per volt, shape (n,) [N/V]. By reciprocity, the charge that their motion brings is
-        forces @ u [C], so that Q = forces @ u + blocked_capacitance V
-    blocked_capacitance: capacitance with all unknowns held [F]
-    place: middle of the stacks at rest, for pictures, (3,) [m]; None: not known
+    Attributes:
+        name: name of the port
+        forces: forces on the unknowns per volt, shape (n,) [N/V]. By reciprocity, the motion u produces the charge
+            forces @ u [C], so Q = forces @ u + blocked_capacitance V.
+        blocked_capacitance: capacitance with all unknowns held [F]
+        place: centre of the stacks at rest, for images, shape (3,) [m]; None if unknown
     """
 
     name: str
@@ -222,7 +234,7 @@ class PortCoupling:
         if capacitance <= 0:
             raise ValueError(
                 f"electrical port {self.name!r}: with all strains held its capacitance would be {capacitance:.3g} F, "
-                "less than none: the stack's stroke, the material's stiffness and the capacitance do not go together, "
+                "less than none: the stack's stroke, the material's stiffness and the capacitance do not agree, "
                 "or its transverse_ratio is not that of a ceramic (-0.4 to -0.5)"
             )
         freeze(self, forces=forces, blocked_capacitance=capacitance)
@@ -235,5 +247,5 @@ class PortCoupling:
         return len(self.forces)
 
     def projected(self, change: Array) -> "PortCoupling":
-        """The port seen from n' coordinates u', where u = change @ u', shape (n, n')."""
+        """Return the port in terms of n' coordinates u', where u = change @ u', shape (n, n')."""
         return replace(self, forces=change.T @ self.forces)

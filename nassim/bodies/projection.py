@@ -1,7 +1,7 @@
-"""Reduced bodies in other coordinates: fewer points and modes, exact in statics; electrical ports in open circuit.
+"""Reduced bodies in other coordinates: fewer points and modes with exact statics; electrical ports in open circuit.
 
-Trimming is a second Craig-Bampton reduction, of the reduced matrices: the points that stay are its interface, static
-shapes of the loads that act elsewhere replace the coordinates of the other points.
+Trimming is a second Craig-Bampton reduction, applied to the reduced matrices. The points that are kept are its
+interface. Static shapes of the loads that act elsewhere replace the coordinates of the other points.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -13,23 +13,30 @@ from nassim.base.checks import Array, known, not_negative, positive
 from nassim.base.modal import eigenmodes
 from nassim.bodies.readouts import PassivePoint, Picture, by_name
 from nassim.bodies.reduced_body import ReducedBody
-from nassim.bodies.strain import has_rigid_modes, without_rounding
+from nassim.bodies.strain import has_rigid_modes, remove_rounding
 
-DEPENDENT = 1e-10
-"""Load shapes with less than this share of the largest one's energy add nothing, nor what modes leave of one with less
-than this share of its own: rounding."""
+DEPENDENT_SHAPE = 1e-10
+"""Load shapes below this share of the largest energy are rounding errors and are left out.
+
+A shape of which the modes leave less than this share of its own energy is left out too.
+"""
 
 
 def trim_body(body: ReducedBody, *, points: Collection[str], loads: Array, cutoff_frequency: float) -> ReducedBody:
-    """The body with the given remote points as coordinates, and all others as points that only move along.
+    """Reduce a body to the given remote points as coordinates; its other points become passive.
 
-    points: names of those that joints may hold; at least one
-    loads: forces on the body's coordinates, shape (n, k). The static answers to them, and to voltages at the electrical
-        ports, stay exact at every point
-    cutoff_frequency: fixed-interface modes (all given points held) above it are left out [Hz]
+    The result keeps the original body, without its surface, as its `enriched` body, so its truncation errors give the
+    error of the trimming.
 
-    The result keeps the richer body as its `enriched`, without its picture, so its truncation errors say what the
-    trimming costs. Raises ValueError for unknown names and no points at all.
+    Args:
+        body: the reduced body
+        points: names of the points that joints may hold; at least one
+        loads: forces on the body's coordinates, shape (n, k). Their static responses, and those to voltages at the
+            electrical ports, stay exact at every point.
+        cutoff_frequency: fixed-interface modes (all given points held) above this frequency are left out [Hz]
+
+    Raises:
+        ValueError: for unknown names and if there are no points
     """
     if not points:
         raise ValueError(f"body {body.name!r}: keep at least one remote point")
@@ -42,7 +49,7 @@ def trim_body(body: ReducedBody, *, points: Collection[str], loads: Array, cutof
     inner = np.setdiff1d(np.arange(n), held)
     stiffness, mass = (matrix[np.ix_(inner, inner)] for matrix in (body.stiffness_matrix, body.mass_matrix))
     coupling = body.stiffness_matrix[np.ix_(inner, held)]
-    # Metres, radians and modal amplitudes: a unit diagonal keeps the solves accurate.
+    # A unit diagonal balances metres, radians and modal amplitudes, and keeps the solves accurate.
     scale = 1.0 / np.sqrt(np.diag(stiffness))
     loads = np.column_stack([loads, *(port.forces for port in body.ports)])
     statics = scale[:, None] * np.linalg.solve(
@@ -50,36 +57,48 @@ def trim_body(body: ReducedBody, *, points: Collection[str], loads: Array, cutof
     )
     frequency, modes = eigenmodes(stiffness, mass)
     modes = modes[:, frequency <= cutoff_frequency]
-    shapes = _shapes_beside(statics[:, len(held) :], modes, stiffness, mass)
+    shapes = _residual_shapes(statics[:, len(held) :], modes, stiffness, mass)
     change = np.zeros((n, len(held) + modes.shape[1] + shapes.shape[1]))
     change[held, np.arange(len(held))] = 1.0
     change[inner] = np.hstack([statics[:, : len(held)], modes, shapes])
-    return replace(project(body, change, points=kept), enriched=body.enriched or without_picture(body))
+    return replace(project(body, change, points=kept), enriched=body.enriched or remove_surface(body))
 
 
 def keep_modes(body: ReducedBody, n_modes: int) -> ReducedBody:
-    """The same body with its first n_modes modal coordinates only; its `enriched` is the richest form known.
+    """Return the same body with its first modal coordinates only; its `enriched` body is the richest form known.
 
-    The static answers to voltages at electrical ports stay exact: what the coordinates that go contributed to them is
-    kept by further modal coordinates, one per port at most. Raises ValueError when there are not so many modes.
+    The static responses to voltages at electrical ports stay exact: further modal coordinates, at most one per port,
+    replace the contribution of the coordinates that are removed.
+
+    Args:
+        body: the reduced body
+        n_modes: number of modal coordinates to keep
+
+    Raises:
+        ValueError: if the body has fewer modes
     """
     if not 0 <= n_modes <= body.n_modes:
         raise ValueError(f"body {body.name!r} has {body.n_modes} modes, so it cannot keep {n_modes}")
     n_all, n = len(body.mass_matrix), 6 * len(body.remote_points) + n_modes
     stiffness, mass = body.stiffness_matrix[n:, n:], body.mass_matrix[n:, n:]
     loads = np.column_stack([np.zeros((n_all - n, 0)), *(port.forces[n:] for port in body.ports)])
-    shapes = _shapes_beside(np.linalg.solve(stiffness, loads), np.zeros((n_all - n, 0)), stiffness, mass)
+    shapes = _residual_shapes(np.linalg.solve(stiffness, loads), np.zeros((n_all - n, 0)), stiffness, mass)
     change = np.eye(n_all, n + shapes.shape[1])
     change[n:, n:] = shapes
-    richer = replace(without_picture(body), released_stiffness=None)
+    richer = replace(remove_surface(body), released_stiffness=None)
     return replace(project(body, change, points=body.point_names), enriched=body.enriched or richer)
 
 
 def project(body: ReducedBody, change: Array, *, points: Sequence[str]) -> ReducedBody:
-    """The body restricted to its coordinates q = change @ q', shape (n, n').
+    """Restrict a body to its coordinates q = change @ q'.
 
-    points: names of the r' points whose motions are the first 6 r' new coordinates; all other remote points become
-        passive. Everything that the body reads out is carried along
+    The read-outs of the body are projected too.
+
+    Args:
+        body: the reduced body
+        change: the body's coordinates per unit of the new ones, shape (n, n')
+        points: names of the r' points whose motions are the first 6 r' new coordinates; all other remote points become
+            passive
     """
     fields = np.zeros((len(body.gram), 4 + 3 * change.shape[1]))
     fields[:4, :4], fields[4:, 4:] = np.eye(4), np.kron(change, np.eye(3))
@@ -88,7 +107,7 @@ def project(body: ReducedBody, change: Array, *, points: Sequence[str]) -> Reduc
     released = body.released_stiffness
     stiffness, kept = _congruent(body.stiffness_matrix, change), tuple(body.point(name) for name in points)
     if kept and has_rigid_modes(body.stiffness_matrix, body.mass_matrix, body.positions):
-        stiffness = without_rounding(stiffness, np.array([point.position for point in kept]))
+        stiffness = remove_rounding(stiffness, np.array([point.position for point in kept]))
     return replace(
         body,
         remote_points=kept,
@@ -101,10 +120,15 @@ def project(body: ReducedBody, change: Array, *, points: Sequence[str]) -> Reduc
 
 
 def open_circuit(body: ReducedBody, ports: Mapping[str, float]) -> ReducedBody:
-    """The body with electrical ports whose charge stays zero (open circuit): their voltage opposes motion and stiffens.
+    """Return a body with electrical ports whose charge stays zero (open circuit); their voltage adds stiffness.
 
-    ports: name -> capacitance connected to it, such as a cable's [F]; 0 for none. All other ports stay at zero voltage.
-    With c the port's own capacitance and the connected one, V = -b q / c, so the stiffness grows by b b^T / c.
+    With the sum c of the port's own capacitance and the connected one, V = -b q / c, so the stiffness grows by b b^T /
+    c.
+
+    Args:
+        body: the reduced body
+        ports: name -> capacitance connected to the port, such as that of a cable [F]; 0 for none. All other ports stay
+            at zero voltage.
     """
     stiffness = body.stiffness_matrix.copy()
     for name, capacitance in ports.items():
@@ -116,34 +140,34 @@ def open_circuit(body: ReducedBody, ports: Mapping[str, float]) -> ReducedBody:
 
 
 def keep_ports(body: ReducedBody, names: Collection[str]) -> ReducedBody:
-    """The body with these electrical ports only (other names are ignored); its other ports stay at zero voltage."""
+    """Return the body with these electrical ports only; other ports stay at zero voltage, unknown names are ignored."""
     gone = {port.name for port in body.ports if port.name not in names}
     return replace(body, readouts={name: readout for name, readout in body.readouts.items() if name not in gone})
 
 
-def without_picture(body: ReducedBody) -> ReducedBody:
-    """The body without its surface, by far the largest part of one, where nobody looks at it."""
+def remove_surface(body: ReducedBody) -> ReducedBody:
+    """Return the body without its surface, which takes by far the most memory, for uses without images."""
     rest = {name: readout for name, readout in body.readouts.items() if not isinstance(readout, Picture)}
     return replace(body, readouts=rest)
 
 
-def _shapes_beside(shapes: Array, modes: Array, stiffness: Array, mass: Array) -> Array:
-    """The part of static shapes that modes do not hold, as Ritz vectors of unit modal mass."""
+def _residual_shapes(shapes: Array, modes: Array, stiffness: Array, mass: Array) -> Array:
+    """Return the part of static shapes that the modes do not contain, as Ritz vectors of unit modal mass."""
     whole = np.diag(_congruent(stiffness, shapes))
     shapes = shapes - modes @ (modes.T @ (mass @ shapes))
     energy = _congruent(stiffness, shapes)
-    used = np.diag(energy) > DEPENDENT * whole
+    used = np.diag(energy) > DEPENDENT_SHAPE * whole
     if not used.any():
         return np.zeros((len(shapes), 0))
     shapes = shapes[:, used] / np.sqrt(np.diag(energy)[used])
     size, combinations = np.linalg.eigh(_congruent(stiffness, shapes))
-    shapes = shapes @ combinations[:, size > DEPENDENT * size[-1]]
+    shapes = shapes @ combinations[:, size > DEPENDENT_SHAPE * size[-1]]
     _, ritz = eigenmodes(_congruent(stiffness, shapes), _congruent(mass, shapes))
     result: Array = shapes @ ritz
     return result
 
 
 def _congruent(matrix: Array, change: Array) -> Array:
-    """C^T A C, symmetric to the last digit."""
+    """Return C^T A C, made exactly symmetric."""
     result = change.T @ matrix @ change
     return 0.5 * (result + result.T)

@@ -1,6 +1,6 @@
-"""What can be read out of a reduced body beside its coordinates: each kind one noun that every projection carries.
+"""Read-outs of a reduced body: linear functions of its coordinates. Every projection of the body includes them.
 
-A new kind is a frozen dataclass with the three members of `Readout`; `ReducedBody.readouts` takes it as it is.
+A new kind is a frozen dataclass with the three members of `Readout`. `ReducedBody.readouts` accepts it as it is.
 """
 
 from collections.abc import Iterable, Mapping
@@ -14,45 +14,52 @@ from nassim.base.checks import Array, finite_array, freeze, unique
 from nassim.bodies.interface import RemotePoint
 
 SURFACE = "surface"
-"""Name of the picture among what a body reads out."""
+"""Name of the body's moving surface among its read-outs."""
 
 
 @runtime_checkable
 class Readout(Protocol):
-    """A linear function of a body's n coordinates, with a name of its own."""
+    """A linear function of a body's n coordinates with a unique name."""
 
     @property
     def name(self) -> str:
-        """What it is called among all that the body reads out."""
+        """Name, unique among the body's read-outs."""
 
     @property
     def n_coordinates(self) -> int:
         """Number n of the coordinates that it reads."""
 
     def projected(self, change: Array) -> "Readout":
-        """The same of n' coordinates q', where q = change @ q', shape (n, n')."""
+        """Return the same read-out for n' coordinates q', where q = change @ q', shape (n, n')."""
 
 
 Kind = TypeVar("Kind")
 
 
 def by_name(readouts: Iterable[Readout]) -> dict[str, Readout]:
-    """Read-outs as the mapping that a body takes; raises ValueError for a name used twice."""
+    """Return read-outs as the mapping that a body takes.
+
+    Raises:
+        ValueError: if a name is used twice
+    """
     found = tuple(readouts)
     return dict(zip(unique("read-out", (readout.name for readout in found)), found, strict=True))
 
 
 def of_kind(readouts: Mapping[str, Readout], kind: type[Kind]) -> tuple[Kind, ...]:
-    """Those of one class, in order."""
+    """Return the read-outs of one class, in order."""
     return tuple(readout for readout in readouts.values() if isinstance(readout, kind))
 
 
 @dataclass(frozen=True)
 class Surface:
-    """The outer surface as triangles, for pictures.
+    """Outer surface as triangles, for images.
 
-    points: (n_points, 3) [m]; triangles: (n_triangles, 3) indices of points; edges: (n_edges, 2) of the mesh's edges
-    labels: name of the CAD body or, on a remote point's interface, of the remote point, per triangle
+    Attributes:
+        points: corners, shape (n_points, 3) [m]
+        triangles: indices of points, shape (n_triangles, 3)
+        edges: edges of the mesh as indices of points, shape (n_edges, 2)
+        labels: per triangle, name of the remote point whose interface it belongs to, otherwise of the CAD body
     """
 
     points: Array
@@ -63,20 +70,22 @@ class Surface:
 
 @dataclass(frozen=True)
 class Picture:
-    """How a body's surface moves.
+    """Surface of a body and its displacements.
 
-    surface: its triangles; modes: displacements of its points per unit of the coordinates, shape (n_points, 3, n)
+    Attributes:
+        surface: triangles of the surface
+        modes: displacements of its points per unit of the coordinates, shape (n_points, 3, n)
     """
 
     surface: Surface
     modes: Array
 
     def __post_init__(self) -> None:
-        freeze(self, modes=finite_array("picture: modes", self.modes, (len(self.surface.points), 3, None)))
+        freeze(self, modes=finite_array("surface: modes", self.modes, (len(self.surface.points), 3, None)))
 
     @property
     def name(self) -> str:
-        """Always "surface": a body has one picture."""
+        """Always "surface", because a body has one surface."""
         return SURFACE
 
     @property
@@ -85,15 +94,17 @@ class Picture:
         return self.modes.shape[2]
 
     def projected(self, change: Array) -> "Picture":
-        """The picture in n' coordinates q', where q = change @ q', shape (n, n')."""
+        """Return the surface for n' coordinates q', where q = change @ q', shape (n, n')."""
         return replace(self, modes=self.modes @ change)
 
 
 @dataclass(frozen=True)
 class PassivePoint:
-    """A point that is no coordinate (any more) but moves along.
+    """A point that is not a coordinate of the body but moves with it.
 
-    point: where it lies; motions: its motion (ux uy uz rx ry rz) per unit of the coordinates, shape (6, n)
+    Attributes:
+        point: the point and its position
+        motions: motion (ux uy uz rx ry rz) per unit of the coordinates, shape (6, n)
     """
 
     point: RemotePoint
@@ -113,15 +124,16 @@ class PassivePoint:
         return self.motions.shape[1]
 
     def projected(self, change: Array) -> "PassivePoint":
-        """The point in n' coordinates q', where q = change @ q', shape (n, n')."""
+        """Return the point for n' coordinates q', where q = change @ q', shape (n, n')."""
         return replace(self, motions=self.motions @ change)
 
 
 @dataclass(frozen=True)
 class Trace:
-    """What a body of fewer coordinates means for the one that it was made from.
+    """Expansion to the coordinates of the original body, for a body that was made from it with fewer coordinates.
 
-    rows: coordinates of that per unit of the body's own, shape (n_original, n)
+    Attributes:
+        rows: coordinates of the original body per unit of this body's coordinates, shape (n_original, n)
     """
 
     rows: Array
@@ -131,7 +143,7 @@ class Trace:
 
     @property
     def name(self) -> str:
-        """Always "trace": a body has one."""
+        """Always "trace", because a body has one original."""
         return "trace"
 
     @property
@@ -140,23 +152,26 @@ class Trace:
         return self.rows.shape[1]
 
     def projected(self, change: Array) -> "Trace":
-        """The trace in n' coordinates q', where q = change @ q', shape (n, n')."""
+        """Return the expansion for n' coordinates q', where q = change @ q', shape (n, n')."""
         return replace(self, rows=self.rows @ change)
 
 
-def upgraded_readouts(content: Mapping[str, Any]) -> dict[str, Any]:
-    """The fields of a `ReducedBody` as files of nassim 0.1 hold them, with one mapping in the place of five fields.
+def upgrade_readouts(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Convert the fields of a `ReducedBody` from files of nassim 0.1, in which five fields held the read-outs.
 
-    These were: surface, surface_modes (n_points, 3, n), ports, passive_points (s of them), passive_motions (6 s, n).
-    Content that has none of them is returned as it is.
+    These fields were surface, surface_modes (n_points, 3, n), ports, passive_points (s of them) and passive_motions
+    (6 s, n). Content without them is returned unchanged.
+
+    Args:
+        content: fields by name
     """
     old = ("surface", "surface_modes", "ports", "passive_points", "passive_motions")
     kept = {name: value for name, value in content.items() if name not in old}
     if len(kept) == len(content):
         return kept
     surface, modes = content.get("surface"), content.get("surface_modes")
-    pictures = [] if surface is None or modes is None else [Picture(surface, modes)]
+    surfaces = [] if surface is None or modes is None else [Picture(surface, modes)]
     points = content.get("passive_points") or ()
     motions = np.split(content["passive_motions"], len(points)) if points else []
     passive = [PassivePoint(point, block) for point, block in zip(points, motions, strict=True)]
-    return {**kept, "readouts": by_name([*pictures, *(content.get("ports") or ()), *passive])}
+    return {**kept, "readouts": by_name([*surfaces, *(content.get("ports") or ()), *passive])}

@@ -1,4 +1,4 @@
-"""A body reduced to remote points and modes, and what is known of its error."""
+"""A body reduced to remote points and modes, with estimates of its error."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
@@ -10,36 +10,40 @@ from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, inst
 from nassim.bodies.interface import RemotePoint, coordinate_names, free_coordinates, point_masses
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.readouts import PassivePoint, Picture, Readout, Surface, of_kind
-from nassim.bodies.strain import Strain, body_strain, strained_modes
+from nassim.bodies.strain import Strain, body_strain, strain_eigenmodes
 
 SATURATION = 1.7
-"""Whole error of a mesh over the share of it that elements one order higher remove."""
-LEFT_OUT = 0.05
-"""Relative difference of a fixed-interface mode from that of the enriched body, above which it is another mode."""
+"""Ratio of a mesh's whole error to the part of it that elements one order higher remove."""
+SAME_MODE = 0.05
+"""Relative frequency difference above which a fixed-interface mode and one of the enriched body are different modes."""
 
 
 @dataclass(frozen=True)
 class ReducedBody:
     """A flexible body in n = 6 r + p coordinates: the motions of r remote points, then p modal coordinates.
 
-    name: what files and reports call it
-    remote_points: in order; each has the coordinates ux uy uz [m] rx ry rz [rad]
-    mass_matrix, stiffness_matrix: shape (n, n), symmetric; modes are normalised to unit modal mass
-    gram: integrals over the body of density times the product of every two of the scalar fields
-        1, x, y, z, psi_1x, psi_1y, psi_1z, psi_2x, ..., shape (4 + 3 n, 4 + 3 n), where psi_j is the displacement
-        field of coordinate j; all that large motion needs to know of the inertia
-    readouts: what else follows from the coordinates, by name: the picture ("surface"), electrical ports, whose static
-        answers the coordinates hold exactly, and passive points, which move along
-    record: how the reduction was made, as text; "warnings" holds what was warned of meanwhile, a line each
-    enriched: the same body with what was left out as further coordinates: its answers differ from this one's by the
-        truncation error; None where unknown
-    full_integrals: False where `gram` is right for rigid motions and a guess for the rest, as of imported matrices,
-        see `nassim.bodies.inertia`
-    released_stiffness: how much the stiffness matrix would fall with finite elements one order higher, shape (n, n),
-        for `discretization_errors`; None where not asked for
-
-    Raises ValueError for matrices that do not go together, and for a name that remote points and read-outs share.
     Source: R. R. Craig, M. C. C. Bampton, Coupling of substructures for dynamic analyses, AIAA J. 6 (1968) 1313.
+
+    Attributes:
+        name: name of the body in files and reports
+        remote_points: remote points in order; each has the coordinates ux uy uz [m] rx ry rz [rad]
+        mass_matrix: symmetric, shape (n, n); modes are normalised to unit modal mass
+        stiffness_matrix: symmetric, shape (n, n)
+        gram: integrals over the body of density times the product of every two of the scalar fields
+            1, x, y, z, psi_1x, psi_1y, psi_1z, psi_2x, ..., shape (4 + 3 n, 4 + 3 n), where psi_j is the displacement
+            field of coordinate j. It holds all inertia data that large motion needs.
+        readouts: further quantities that follow from the coordinates, by name: the surface for images ("surface"),
+            electrical ports, whose static responses the coordinates contain exactly, and passive points
+        record: how the reduction was made, as text; "warnings" holds the warnings given meanwhile, one per line
+        enriched: the same body with the omitted modes as further coordinates. The difference between its results and
+            those of this body is the truncation error. None if unknown
+        released_stiffness: estimated decrease of the stiffness matrix with finite elements one order higher, shape (n,
+            n), for `discretization_errors`; None if it was not requested
+        full_integrals: False if `gram` is exact for rigid motions only and otherwise estimated, as for imported
+            matrices; see `nassim.bodies.inertia`
+
+    Raises:
+        ValueError: for matrices that do not belong together, and for a name used by a remote point and a read-out
     """
 
     name: str
@@ -89,15 +93,16 @@ class ReducedBody:
         self._check_readouts()
 
     def _check_readouts(self) -> None:
+        """Check that names, types and numbers of coordinates of the read-outs agree with the body."""
         n = len(self.mass_matrix)
         for name, readout in self.readouts.items():
             label = f"body {self.name!r}: read-out {name!r}"
             if not isinstance(readout, Readout):
-                raise ValueError(f"{label} is a {type(readout).__name__}, which `project` could not carry along")
+                raise ValueError(f"{label} is a {type(readout).__name__}, which `project` could not convert")
             if readout.name != name:
-                raise ValueError(f"{label} calls itself {readout.name!r}; make the mapping by readouts.by_name")
+                raise ValueError(f"{label} has the name {readout.name!r}; make the mapping by readouts.by_name")
             if readout.n_coordinates != n:
-                raise ValueError(f"{label} is one of {readout.n_coordinates} coordinates, the body has {n}")
+                raise ValueError(f"{label} reads {readout.n_coordinates} coordinates, but the body has {n}")
         unique(f"body {self.name!r}: remote point and read-out", (*self.point_names, *self.readouts))
 
     @property
@@ -127,12 +132,12 @@ class ReducedBody:
 
     @property
     def surface(self) -> Surface | None:
-        """Triangles of the outer surface, for pictures; None where unknown."""
+        """Triangles of the outer surface, for images; None if unknown."""
         return self._picture.surface if self._picture else None
 
     @property
     def surface_modes(self) -> Array | None:
-        """Displacements of the surface's points per unit of the coordinates, shape (n_points, 3, n)."""
+        """Displacements of the surface's points per unit of the coordinates, (n_points, 3, n); None if unknown."""
         return self._picture.modes if self._picture else None
 
     @property
@@ -141,26 +146,34 @@ class ReducedBody:
 
     @property
     def ports(self) -> tuple[PortCoupling, ...]:
-        """The electrical ports, their forces on the coordinates per volt."""
+        """Electrical ports with their forces on the coordinates per volt."""
         return of_kind(self.readouts, PortCoupling)
 
     @property
     def passive_points(self) -> tuple[RemotePoint, ...]:
-        """Points that are no coordinates (any more) but move along."""
+        """Points that are not coordinates but move with the body."""
         return tuple(passive.point for passive in of_kind(self.readouts, PassivePoint))
 
     @property
     def all_point_names(self) -> tuple[str, ...]:
-        """Names of the remote points, then of the passive ones."""
+        """Names of the remote points, then of the passive points."""
         return self.point_names + tuple(point.name for point in self.passive_points)
 
     def point(self, name: str) -> RemotePoint:
-        """A remote or passive point by name; raises ValueError listing the names when there is none."""
+        """Return a remote or passive point by name.
+
+        Raises:
+            ValueError: for an unknown name; the message lists the names
+        """
         names = self.all_point_names
         return (*self.remote_points, *self.passive_points)[names.index(known("remote point", name, names))]
 
     def motion(self, name: str) -> Array:
-        """Motion (ux uy uz rx ry rz) of a remote or passive point per unit of the coordinates, shape (6, n)."""
+        """Return the motion (ux uy uz rx ry rz) of a remote or passive point per unit of the coordinates, shape (6, n).
+
+        Raises:
+            ValueError: for an unknown name; the message lists the names
+        """
         index = self.all_point_names.index(known("remote point", name, self.all_point_names))
         active = len(self.remote_points)
         if index < active:
@@ -168,33 +181,37 @@ class ReducedBody:
         return of_kind(self.readouts, PassivePoint)[index - active].motions
 
     def port(self, name: str) -> PortCoupling:
-        """An electrical port by name; raises ValueError listing the names when there is none."""
+        """Return an electrical port by name.
+
+        Raises:
+            ValueError: for an unknown name; the message lists the names
+        """
         names = [port.name for port in self.ports]
         return self.ports[names.index(known("electrical port", name, names))]
 
     @property
     def strain(self) -> Strain:
-        """The strains that resist the body's motions."""
+        """Strains that resist the body's motions."""
         return body_strain(self.stiffness_matrix, self.mass_matrix, self.positions)
 
     @cached_property
     def valid_frequency(self) -> float:
-        """Frequency of the first fixed-interface mode that the body leaves out [Hz]; inf where it knows of none.
+        """Frequency of the first fixed-interface mode that the body omits [Hz]; inf if no such mode is known.
 
-        Above it the body's coordinates hold static shapes, of remote points and loads, but not all modes. Known from
-        the `enriched` form, so not of a body that has none.
+        Above this frequency the coordinates contain the static shapes of remote points and loads, but not all modes. It
+        is found from the `enriched` body, so it is inf for a body without one.
         """
         if self.enriched is None:
             return np.inf
         own, whole = (body.eigenfrequencies(fixed=self.point_names) for body in (self, self.enriched))
-        # More freedom raises no frequency: each is at least the enriched body's of the same number.
+        # By Rayleigh's principle, each frequency is at least that of the enriched body with the same index.
         own = np.append(own, np.full(max(0, len(whole) - len(own)), np.inf))[: len(whole)]
-        left_out = whole[own > (1 + LEFT_OUT) * whole]
+        left_out = whole[own > (1 + SAME_MODE) * whole]
         return float(left_out[0]) if len(left_out) else np.inf
 
     @property
     def positions(self) -> Array:
-        """Where the remote points lie, in the body's frame, (r, 3) [m]."""
+        """Positions of the remote points in the body's frame, shape (r, 3) [m]."""
         return np.array([point.position for point in self.remote_points]).reshape(-1, 3)
 
     def eigenmodes(
@@ -205,12 +222,20 @@ class ReducedBody:
         masses: Mapping[str, float] | None = None,
         n: int | None = None,
     ) -> tuple[Array, Array]:
-        """Eigenfrequencies (m,) [Hz], 0 for free motions only, and mode shapes (n_coordinates, m), undamped.
+        """Compute undamped eigenfrequencies and mode shapes under boundary conditions.
 
-        fixed: remote points that cannot move; guided: point -> the one direction left free ("x" ... "rz")
-        masses: point masses at remote points [kg]; n: how many modes (default: all)
+        Args:
+            fixed: remote points that cannot move
+            guided: point -> its one free direction ("x", "y", "z", "rx", "ry" or "rz")
+            masses: point masses at remote points [kg]
+            n: number of modes (default: all)
 
-        Raises ValueError for unknown names and for points both fixed and guided.
+        Returns:
+            Frequencies, shape (m,) [Hz], exactly 0 for rigid-body modes only, and mode shapes, shape (n_coordinates,
+            m).
+
+        Raises:
+            ValueError: for unknown names and for points that are both fixed and guided
         """
         n_interface = 6 * len(self.remote_points)
         free = free_coordinates(self.point_names, fixed=fixed, guided=guided)
@@ -220,7 +245,7 @@ class ReducedBody:
         mass = (self.mass_matrix + np.diag(added))[np.ix_(free, free)]
         if n is not None and (n != int(n) or n < 1):
             raise ValueError(f"n must be a whole number of modes, at least 1, got {n}")
-        frequency, vectors = strained_modes(self.strain.within(np.eye(len(added))[:, free]), mass)
+        frequency, vectors = strain_eigenmodes(self.strain.within(np.eye(len(added))[:, free]), mass)
         frequency, vectors = frequency[:n], vectors[:, :n]
         shapes = np.zeros((len(self.mass_matrix), len(frequency)))
         shapes[free] = vectors
@@ -234,7 +259,14 @@ class ReducedBody:
         masses: Mapping[str, float] | None = None,
         n: int | None = None,
     ) -> Array:
-        """Eigenfrequencies [Hz], ascending, shape (m,); arguments as in `eigenmodes`."""
+        """Compute the eigenfrequencies, ascending, shape (m,) [Hz].
+
+        Args:
+            fixed: remote points that cannot move
+            guided: point -> its one free direction ("x", "y", "z", "rx", "ry" or "rz")
+            masses: point masses at remote points [kg]
+            n: number of modes (default: all)
+        """
         return self.eigenmodes(fixed=fixed, guided=guided, masses=masses, n=n)[0]
 
     def truncation_errors(
@@ -245,13 +277,22 @@ class ReducedBody:
         masses: Mapping[str, float] | None = None,
         n: int | None = None,
     ) -> Array:
-        """Estimated relative errors [-] of `eigenfrequencies` due to the modes left out, shape (m,).
+        """Estimate the relative errors [-] of `eigenfrequencies` due to the omitted modes, shape (m,).
 
-        Positive where a frequency is too high, zero for rigid motions; arguments as in `eigenmodes`. The mesh's own
-        error is not in it. Raises ValueError for a body that does not know its `enriched` form.
+        An error is positive if the frequency is too high, and zero for rigid-body modes. The discretisation error of
+        the mesh is not included.
+
+        Args:
+            fixed: remote points that cannot move
+            guided: point -> its one free direction ("x", "y", "z", "rx", "ry" or "rz")
+            masses: point masses at remote points [kg]
+            n: number of modes (default: all)
+
+        Raises:
+            ValueError: for a body without an `enriched` body
         """
         if self.enriched is None:
-            raise ValueError(f"body {self.name!r} carries no enriched form, so its truncation error is unknown")
+            raise ValueError(f"body {self.name!r} has no enriched form, so its truncation error is unknown")
         frequency = self.eigenfrequencies(fixed=fixed, guided=guided, masses=masses)
         better = self.enriched.eigenfrequencies(fixed=fixed, guided=guided, masses=masses)[: len(frequency)]
         elastic = (frequency > 0) & (better > 0)
@@ -267,13 +308,21 @@ class ReducedBody:
         masses: Mapping[str, float] | None = None,
         n: int | None = None,
     ) -> Array:
-        """Estimated relative errors [-] of `eigenfrequencies` due to the finite elements, shape (m,).
+        """Estimate the relative errors [-] of `eigenfrequencies` due to the finite elements, shape (m,).
 
-        From `released_stiffness`: with elements one order higher, a mode would lose the share s of its energy and so
-        s / 2 of its frequency; the whole error is taken as 1.7 times that. The true one lay between 0.9 and 3 times
-        s / 2, for orders 1 to 4, on the APA300ML and on bars. A mesh that misses a feature altogether is beyond it.
-        Arguments as in `eigenmodes`.
-        Raises ValueError for a body that does not know its `released_stiffness`.
+        With elements one order higher, a mode would lose the share s of its energy, and so s / 2 of its frequency; s
+        follows from `released_stiffness`. The whole error is estimated as 1.7 times s / 2. The true error was between
+        0.9 and 3 times s / 2 for orders 1 to 4, on the APA300ML and on bars. If the mesh misses a feature of the shape,
+        the estimate does not include it.
+
+        Args:
+            fixed: remote points that cannot move
+            guided: point -> its one free direction ("x", "y", "z", "rx", "ry" or "rz")
+            masses: point masses at remote points [kg]
+            n: number of modes (default: all)
+
+        Raises:
+            ValueError: for a body without `released_stiffness`
         """
         if self.released_stiffness is None:
             raise ValueError(
@@ -289,16 +338,25 @@ class ReducedBody:
         return errors[:n]
 
     def compliance(self, *, fixed: Collection[str], guided: Mapping[str, str] | None = None) -> Array:
-        """Static motion of all remote points per unit force at each, shape (6 r, 6 r) [m/N and the like].
+        """Compute the static motion of all remote points per unit force at each of them.
 
-        Rows and columns of constrained coordinates are zero. Raises ValueError when the body can still move freely.
+        Args:
+            fixed: remote points that cannot move
+            guided: point -> its one free direction ("x", "y", "z", "rx", "ry" or "rz")
+
+        Returns:
+            Compliance, shape (6 r, 6 r) [m/N, rad/N, m/Nm, rad/Nm]. Rows and columns of constrained coordinates are
+            zero.
+
+        Raises:
+            ValueError: if the body has a rigid-body mode under these boundary conditions
         """
         n_interface = 6 * len(self.remote_points)
         free = free_coordinates(self.point_names, fixed=fixed, guided=guided)
-        # Modal coordinates take part where an open electrical port couples them to the points.
+        # An open electrical port couples modal coordinates to the points.
         moving = np.concatenate([free, np.arange(n_interface, len(self.mass_matrix))])
         strain = self.strain.within(np.eye(len(self.mass_matrix))[:, moving])
-        if np.any(strained_modes(strain, self.mass_matrix[np.ix_(moving, moving)])[0] == 0):
+        if np.any(strain_eigenmodes(strain, self.mass_matrix[np.ix_(moving, moving)])[0] == 0):
             raise ValueError(f"body {self.name!r} can move freely: fix enough remote points, known: {self.point_names}")
         stiffness = self.stiffness_matrix[np.ix_(moving, moving)]
         scale = 1.0 / np.sqrt(np.diag(stiffness))

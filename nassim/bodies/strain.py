@@ -1,9 +1,9 @@
-"""What strains in a motion: which motions are free, and modes of which the lowest are as exact as the highest.
+"""Strains of a body's motions: rigid-body modes, and eigenmodes whose low frequencies are as accurate as high ones.
 
-A motion is free when it strains nothing, which follows from geometry alone: from the strains' rows, however stiff each
-is. Its frequency does not tell, because 0.7 Hz and 2 MHz share a scene. Nor do the eigenvalues of a stiffness matrix,
-whose errors are a share of the highest *square*: with K = G^T G they are found from G, whose errors are a share of the
-highest frequency itself.
+A motion without strain is a rigid-body mode. This follows from geometry alone: from the rows of the strains, whatever
+their stiffness. The computed frequency cannot decide it, because 0.7 Hz and 2 MHz occur in one scene. The eigenvalues
+of a stiffness matrix cannot decide it either, because their errors are a share of the *square* of the highest
+frequency. With K = G^T G they are computed from G, and the errors are a share of the highest frequency itself.
 """
 
 from collections.abc import Sequence
@@ -16,17 +16,19 @@ from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_motions
 
 UNSTRAINED = 1e-9
-"""Strain below this share of what its terms could add up to is rounding."""
-ROUNDING = 1e-11
-"""Share of a body's largest stiffness, as square of a frequency, that rounding may leave against its rigid motions."""
+"""A strain below this share of the largest possible sum of its terms is a rounding error."""
+RIGID_MOTION_ROUNDING = 1e-11
+"""Share of a body's largest stiffness, as the square of a frequency, that rounding may leave in its rigid motions."""
 
 
 @dataclass(frozen=True)
 class Strain:
-    """The strains that resist motion in n coordinates.
+    """Strains that resist motion in n coordinates.
 
-    rows: strain per unit of the coordinates, (m, n), of unit length where each coordinate is scaled to unit mass
-    root: G, (p, n), the same motions weighted so that the stiffness matrix is G^T G
+    Attributes:
+        rows: strain per unit of the coordinates, shape (m, n); rows have unit length if each coordinate is scaled to
+            unit mass
+        root: G, shape (p, n): weighted strains such that the stiffness matrix is G^T G
     """
 
     rows: Array
@@ -34,48 +36,68 @@ class Strain:
 
     @property
     def stiffness(self) -> Array:
-        """The stiffness matrix, (n, n)."""
+        """Stiffness matrix, shape (n, n)."""
         return self.root.T @ self.root
 
     def within(self, change: Array) -> "Strain":
-        """In the coordinates q' of the motions q = change @ q', (n, n')."""
+        """Return the strains in the n' coordinates q', where q = change @ q', shape (n, n')."""
         return Strain(self.rows @ change, self.root @ change)
 
 
-def joined(strains: Sequence[Strain], n: int) -> Strain:
-    """The strains of several bodies and springs together, all in the same n coordinates."""
+def combine_strains(strains: Sequence[Strain], n: int) -> Strain:
+    """Combine the strains of several bodies and springs in the same n coordinates."""
     nothing = np.zeros((0, n))
     return Strain(np.vstack([nothing, *(s.rows for s in strains)]), np.vstack([nothing, *(s.root for s in strains)]))
 
 
 def spring_strain(row: Array, stiffness: float, mass: Array) -> Strain:
-    """The strain of a spring [N/m] whose elongation is row @ q; row: (n,); mass: (n, n)."""
+    """Return the strain of a spring whose elongation is row @ q.
+
+    Args:
+        row: elongation per unit of the coordinates, shape (n,)
+        stiffness: stiffness of the spring [N/m]
+        mass: mass matrix, shape (n, n)
+    """
     size = np.linalg.norm(row * _unit_mass(mass))
     rows = row[None] if stiffness > 0 and size > 0 else np.zeros((0, len(row)))
     return Strain(rows / (size or 1.0), np.sqrt(stiffness) * rows)
 
 
 def body_strain(stiffness: Array, mass: Array, positions: Array) -> Strain:
-    """The strains of a body in the motions of points at these positions, (r, 3) [m], then modes; matrices (n, n).
+    """Compute the strains of a body from its stiffness matrix.
 
-    Where the six rigid motions cause no forces, to rounding, only motion relative to the first point strains. Where
-    they do, as of a body that is tied to the ground or whose matrix is damaged, all motion strains.
-    Directions in which the stiffness is nothing but rounding (or negative) strain nothing.
+    If the six rigid motions cause no forces, within rounding, only motion relative to the first point causes strain. If
+    they cause forces, because the body is connected to the ground or its matrix is damaged, all motion causes strain.
+    Directions in which the stiffness is only rounding, or negative, have no strain.
+
+    Args:
+        stiffness: stiffness matrix, shape (n, n)
+        mass: mass matrix, shape (n, n)
+        positions: positions of the r points whose motions are the first 6 r coordinates, shape (r, 3) [m]
     """
     n = len(mass)
     relative = np.eye(n)
     if has_rigid_modes(stiffness, mass, positions):
-        relative, stiffness = _beside_first(positions, n), stiffness[6:, 6:]
+        relative, stiffness = _relative_to_first(positions, n), stiffness[6:, 6:]
     kinds, weights = stiffness_root(stiffness, n_points=len(stiffness) - n + 6 * len(positions))
     rows = kinds @ relative
     size = np.linalg.norm(rows * _unit_mass(mass), axis=1, keepdims=True)
     return Strain(rows / size, weights @ relative)
 
 
-def strained_modes(strain: Strain, mass: Array) -> tuple[Array, Array]:
-    """Eigenfrequencies, ascending (n,) [Hz], exactly 0 for free motions only, and shapes of unit modal mass, (n, n).
+def strain_eigenmodes(strain: Strain, mass: Array) -> tuple[Array, Array]:
+    """Compute eigenfrequencies and mode shapes from strains.
 
-    Raises ValueError when the mass matrix, (n, n), is not positive definite.
+    Args:
+        strain: strains in n coordinates
+        mass: mass matrix, shape (n, n)
+
+    Returns:
+        Frequencies, ascending, shape (n,) [Hz], exactly 0 for rigid-body modes only, and mode shapes of unit modal
+        mass, shape (n, n).
+
+    Raises:
+        ValueError: if the mass matrix is not positive definite
     """
     n = len(mass)
     if not n:
@@ -88,7 +110,7 @@ def strained_modes(strain: Strain, mass: Array) -> tuple[Array, Array]:
     scaled = strain.within(np.diag(scale))
     _, sizes, directions = np.linalg.svd(scaled.rows) if len(scaled.rows) else (None, np.zeros(0), np.eye(n))
     free = n - np.count_nonzero(sizes > UNSTRAINED)
-    # Free motions first, then all that is orthogonal to them in the mass's product.
+    # Rigid-body modes first, then all motions orthogonal to them in the mass's inner product.
     axes = np.linalg.qr(factor.T @ directions[n - free :].T, mode="complete")[0] if free else np.eye(n)
     velocity = scipy.linalg.solve_triangular(factor.T, axes)
     elastic = np.zeros((n, n - free))
@@ -101,9 +123,14 @@ def strained_modes(strain: Strain, mass: Array) -> tuple[Array, Array]:
 
 
 def stiffness_root(stiffness: Array, *, n_points: int) -> tuple[Array, Array]:
-    """Independent strains, (m, n), and G with G^T G = K, (m, n), of a stiffness matrix that may be semidefinite.
+    """Factorise a stiffness matrix, which may be semidefinite, as K = G^T G.
 
-    n_points: how many of the coordinates, the first ones, are translations and rotations of points
+    Args:
+        stiffness: K, shape (n, n)
+        n_points: number of coordinates, the first ones, that are translations and rotations of points
+
+    Returns:
+        Independent strains, shape (m, n), and G, shape (m, n).
     """
     n = len(stiffness)
     rounding = 10 * n * np.finfo(float).eps
@@ -126,27 +153,38 @@ def stiffness_root(stiffness: Array, *, n_points: int) -> tuple[Array, Array]:
 
 
 def has_rigid_modes(stiffness: Array, mass: Array, positions: Array) -> bool:
-    """Whether rigid motions cause no forces beyond rounding of the largest that any motion causes.
+    """Return whether rigid motions cause no forces, within rounding of the largest force that any motion causes.
 
-    The forces are not compared with their own terms: of a body with one point, these are rounding too.
+    The forces are not compared with the sum of their own terms, because for a body with one point these are rounding
+    errors too.
+
+    Args:
+        stiffness: stiffness matrix, shape (n, n)
+        mass: mass matrix, shape (n, n)
+        positions: positions of the points, shape (r, 3) [m]
     """
     if not len(positions):
         return False
     scale = _unit_mass(mass)
     scaled, amplitudes = scale[:, None] * stiffness * scale, rigid_motions(positions, len(mass)) / scale[:, None]
     force = np.linalg.norm(scaled @ amplitudes, axis=0)
-    return bool(np.all(force <= ROUNDING * np.linalg.norm(scaled) * np.linalg.norm(amplitudes, axis=0)))
+    return bool(np.all(force <= RIGID_MOTION_ROUNDING * np.linalg.norm(scaled) * np.linalg.norm(amplitudes, axis=0)))
 
 
-def without_rounding(stiffness: Array, positions: Array) -> Array:
-    """A stiffness matrix that lets go, (n, n), with the first point's rows from the others' by equilibrium."""
-    relative = _beside_first(positions, len(stiffness))
+def remove_rounding(stiffness: Array, positions: Array) -> Array:
+    """Return a stiffness matrix with rigid-body modes, whose rows of the first point follow from equilibrium.
+
+    Args:
+        stiffness: stiffness matrix of a body with rigid-body modes, shape (n, n)
+        positions: positions of the points, shape (r, 3) [m]
+    """
+    relative = _relative_to_first(positions, len(stiffness))
     result: Array = relative.T @ stiffness[6:, 6:] @ relative
     return 0.5 * (result + result.T)
 
 
 def _unit_mass(mass: Array) -> Array:
-    """Scales of a unit diagonal of M, (n,), which mend the mix of metres, radians and modal coordinates."""
+    """Return scale factors (n,) that give M a unit diagonal, to balance metres, radians and modal coordinates."""
     diagonal = np.diag(mass)
     if np.any(diagonal <= 0):
         raise ValueError("the mass matrix has a diagonal entry that is not positive; it must be positive definite")
@@ -154,7 +192,7 @@ def _unit_mass(mass: Array) -> Array:
     return result
 
 
-def _beside_first(positions: Array, n: int) -> Array:
-    """Motions of all points but the first beside what the first one's would give them, and modes, (n - 6, n)."""
+def _relative_to_first(positions: Array, n: int) -> Array:
+    """Return the motions of all points relative to the first one as a rigid body, and the modes, shape (n - 6, n)."""
     motions = rigid_motions(positions - positions[0], n)
     return np.hstack([-motions[6:], np.eye(n - 6)])

@@ -1,7 +1,7 @@
-"""Reduced bodies from and for other programs: ANSYS, Simscape and whatever writes M and K; inspection and repair.
+"""Exchange of reduced bodies with other programs (ANSYS, Simscape, plain matrices), their inspection and repair.
 
-Loading it loads neither NGSolve nor Exudyn. To add a file format, open `superelement` (and `ansys` or `mat_npz` as
-examples); a check of foreign matrices, `inspection`; a repair, `acceptance`.
+Importing this sub-package loads neither NGSolve nor Exudyn. A new file format goes to `superelement` (`ansys` and
+`mat_npz` are examples), a check of foreign matrices to `inspection`, and a repair to `repairing`.
 """
 
 import lazy_loader

@@ -1,8 +1,8 @@
-"""ANSYS listings of a superelement as text: its matrices, its nodes, and which row belongs to which node.
+"""ANSYS text listings of a superelement: its matrices, its nodes, and the node of each row.
 
-Accepts what such listings vary in: the matrix's title, blanks inside [ 1, 2], numbers that follow without a blank,
-missing line breaks, banners and headings between rows, node tables with and without rotations, tables in any order
-and in any number of files.
+The parser accepts the usual variations of such listings: the title of the matrix, blanks inside [ 1, 2], numbers that
+follow without a blank, missing line breaks, banners and headings between rows, node tables with and without rotations,
+and tables in any order and in any number of files.
 """
 
 import re
@@ -14,10 +14,10 @@ import numpy as np
 
 from nassim.base.checks import Array
 
-LARGEST = 1500
-"""Most coordinates of a superelement that is read."""
-LONGEST = 64 * 2**20
-"""Most characters in the texts of one superelement: enough for that many coordinates."""
+MOST_COORDINATES = 1500
+"""Largest number of coordinates of a superelement."""
+LONGEST_TEXT = 64 * 2**20
+"""Largest number of characters in the texts of one superelement, enough for the largest number of coordinates."""
 DOFS = ("UX", "UY", "UZ", "ROTX", "ROTY", "ROTZ")
 _TITLE = r"(?P<title>\b[A-Za-z]+_(?P<letter>[KMCD])\s*:)"
 _ENTRY = r"\[\s*(?P<row>\d{1,9})\s*,\s*(?P<column>\d{1,9})\s*\]\s*:\s*(?P<value>[^\s\[\]]*)"
@@ -35,12 +35,14 @@ _Entries = tuple["array[int]", "array[int]", "array[float]", "array[int]"]
 
 @dataclass(frozen=True)
 class Listing:
-    """What listings say, in their own units and order.
+    """Contents of listings, in their own units and order.
 
-    matrices: by letter, "K", "M", shape (n, n), rows as listed
-    nodes: coordinates by node number, (3,); angles: nodal frames THXY THYZ THZX by node number, (3,) [deg]
-    masters: node and DoF of the first rows, in order
-    where: a file for every letter
+    Attributes:
+        matrices: matrices by letter, "K" and "M", (n, n), rows in the order of the listing.
+        nodes: coordinates by node number, (3,).
+        angles: nodal frames THXY THYZ THZX by node number, (3,) [deg].
+        masters: node and DoF of the first rows, in order.
+        where: name of the file of each matrix, by letter.
     """
 
     matrices: Mapping[str, Array]
@@ -51,13 +53,22 @@ class Listing:
 
 
 def parse_listings(texts: Mapping[str, str]) -> Listing:
-    """Parse the texts of one superelement, by file name.
+    """Parse the listings of one superelement.
 
-    Raises ValueError naming file, line and cause for entries that are no number, missing or contradictory, for
-    matrices of different size, and for tables that are cut.
+    Args:
+        texts: texts by file name.
+
+    Returns:
+        Matrices, nodes, angles and masters of all texts.
+
+    Raises:
+        ValueError: naming file, line and cause, for entries that are not numbers, missing or contradictory, for
+            matrices of different size, and for truncated tables.
     """
-    if sum(map(len, texts.values())) > LONGEST:
-        raise ValueError(f"{', '.join(texts)}: more than {LONGEST >> 20} million characters, the most that is read")
+    if sum(map(len, texts.values())) > LONGEST_TEXT:
+        raise ValueError(
+            f"{', '.join(texts)}: more than {LONGEST_TEXT >> 20} million characters, the most that is read"
+        )
     matrices: dict[str, Array] = {}
     where: dict[str, str] = {}
     nodes: dict[int, Array] = {}
@@ -81,7 +92,14 @@ def parse_listings(texts: Mapping[str, str]) -> Listing:
 
 
 def nodal_frame(angles: Array) -> Array:
-    """Rotation from a node's frame to the body's, from THXY, THYZ, THZX [deg]: about z, then x, then y, (3, 3)."""
+    """Return the rotation matrix from the frame of a node to that of the body, about z, then x, then y.
+
+    Args:
+        angles: THXY, THYZ, THZX, (3,) [deg].
+
+    Returns:
+        Rotation matrix, (3, 3).
+    """
     (cz, cx, cy), (sz, sx, sy) = np.cos(np.radians(angles)), np.sin(np.radians(angles))
     about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
     about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
@@ -95,7 +113,7 @@ def _line(text: str, place: int) -> int:
 
 
 def _matrices(file: str, text: str) -> dict[str, Array]:
-    # Row, column, value and place of each entry: a listing may hold millions.
+    # Row, column, value and position of each entry; arrays, because a listing may contain millions of entries.
     entries: dict[str, _Entries] = {}
     letter = ""
     for match in _MATRIX.finditer(text):
@@ -109,9 +127,9 @@ def _matrices(file: str, text: str) -> dict[str, Array]:
         if not letter:
             raise ValueError(f"{file}, line {_line(text, where)}: an entry before a title such as MAT_K:")
         row, column = int(match["row"]), int(match["column"])
-        if not (1 <= row <= LARGEST and 1 <= column <= LARGEST):
+        if not (1 <= row <= MOST_COORDINATES and 1 <= column <= MOST_COORDINATES):
             raise ValueError(
-                f"{file}, line {_line(text, where)}: entry [{row}, {column}]; indices run from 1 to {LARGEST}"
+                f"{file}, line {_line(text, where)}: entry [{row}, {column}]; indices run from 1 to {MOST_COORDINATES}"
             )
         value = _number(match["value"])
         if value is None:
@@ -127,7 +145,7 @@ def _matrices(file: str, text: str) -> dict[str, Array]:
 
 
 def _filled(file: str, text: str, letter: str, entries: "_Entries") -> Array:
-    """The matrix of all entries, or of one triangle; raises ValueError when some are missing or contradictory."""
+    """Return the matrix from all entries or from one triangle; raise ValueError for missing or contradictory ones."""
     rows, columns, values, places = (np.array(part) for part in entries)
     if not len(rows):
         raise ValueError(f"{file}: the title of {letter} is followed by no entry such as [ 1, 2]: 3.4")
@@ -181,10 +199,18 @@ def _add_nodes(file: str, text: str, nodes: dict[int, Array], angles: dict[int, 
 
 
 def rows_by_node(listing: Listing, where: Iterable[str]) -> tuple[tuple[int, ...], Array]:
-    """Master nodes, in order, and the listed row of each of their coordinates ux uy uz rx ry rz, shape (6 r,).
+    """Return the master nodes in order, and the listed row of each of their coordinates.
 
-    Raises ValueError without a table of masters, for nodes that lack a DoF or coordinates, and for more masters than
-    the matrices have rows.
+    Args:
+        listing: the parsed listing.
+        where: names of the files, for messages.
+
+    Returns:
+        Node numbers (r,), and rows of ux uy uz rx ry rz of each node, (6 r,).
+
+    Raises:
+        ValueError: without a table of masters, for nodes without all DoFs or without coordinates, and for more masters
+            than the matrices have rows.
     """
     files = ", ".join(where)
     if not listing.masters:

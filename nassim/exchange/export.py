@@ -1,4 +1,4 @@
-"""Reduced bodies and linear models for other programs: .mat, .npz, python-control."""
+"""Export of reduced bodies and linear models to .mat and .npz files, and of bodies to linear models."""
 
 from pathlib import Path
 
@@ -7,23 +7,33 @@ import scipy
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, known
-from nassim.base.modal import elastic_ratios, modal_damping_matrix
-from nassim.base.storage import written_whole
+from nassim.base.modal import elastic_damping_ratios, modal_damping_matrix
+from nassim.base.storage import write_atomically
 from nassim.bodies.interface import coordinate_names
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.systems.linear_model import LinearModel
 
 
 def export_body(body: ReducedBody, path: str | Path, *, damping_ratio: ArrayLike = 0.0) -> Path:
-    """Write a body's matrices to a .mat or .npz file, which `read_superelement` reads back exactly.
+    """Write the matrices of a body to a .mat or .npz file, which `read_superelement` reads back exactly.
 
-    The variables suit Simscape's block Reduced Order Flexible Solid as they are: P, interface origins as rows (r, 3)
-    [m]; K, M and the damping C, (6 r + p, 6 r + p) [SI], per interface Tx Ty Tz Rx Ry Rz, then the p modal coordinates;
-    beside them names, of the interfaces.
-    damping_ratio: of each free elastic mode [-], one number or one per mode from the lowest
+    The variables fit Simscape's block Reduced Order Flexible Solid: P, origins of the interfaces, (r, 3) [m]; K, M and
+    the damping matrix C, (6 r + p, 6 r + p) [SI], with Tx Ty Tz Rx Ry Rz of each interface and then the p modal
+    coordinates. The variable `names` contains the names of the interfaces. Electrical ports, passive points and inertia
+    integrals other than K and M are omitted, because the format has no variables for them.
 
-    Electrical ports, passive points and inertia integrals beyond K and M have no place there and are left out.
-    Source: MathWorks, Simscape Multibody, Reduced Order Flexible Solid. Raises ValueError for another ending.
+    Args:
+        body: the reduced body.
+        path: file with the ending .mat or .npz.
+        damping_ratio: damping ratio of each free elastic mode, one number or one per mode from the lowest [-].
+
+    Returns:
+        Path of the file.
+
+    Raises:
+        ValueError: for another ending.
+
+    Source: MathWorks, Simscape Multibody, Reduced Order Flexible Solid.
     """
     variables = {
         "K": body.stiffness_matrix,
@@ -36,9 +46,19 @@ def export_body(body: ReducedBody, path: str | Path, *, damping_ratio: ArrayLike
 
 
 def export_model(model: LinearModel, path: str | Path) -> Path:
-    """Write a state space to a .mat or .npz file: A, B, C, D [SI], and the names of inputs and outputs.
+    """Write a state space to a .mat or .npz file: A, B, C, D [SI] and the names of inputs and outputs.
 
-    In MATLAB: m = load(file); ss(m.A, m.B, m.C, m.D). Raises ValueError for another ending.
+    MATLAB reads it by m = load(file); ss(m.A, m.B, m.C, m.D).
+
+    Args:
+        model: the linear model.
+        path: file with the ending .mat or .npz.
+
+    Returns:
+        Path of the file.
+
+    Raises:
+        ValueError: for another ending.
     """
     return _write(
         {
@@ -54,15 +74,19 @@ def export_model(model: LinearModel, path: str | Path) -> Path:
 
 
 def body_state_space(body: ReducedBody, *, damping_ratio: ArrayLike = 0.0) -> LinearModel:
-    """A free body as a state space: forces and moments at its remote points in, their motions out.
+    """Return a free body as a state space from forces and moments at its remote points to their motions.
 
-    Inputs and outputs "bottom.ux" ... [N, N m; m, rad]; states: amplitudes of the eigenmodes, then their rates.
-    damping_ratio: of each free elastic mode [-], one number or one per mode from the lowest
+    Inputs and outputs are named "bottom.ux" ... [N, N m; m, rad]. The states are the amplitudes of the eigenmodes, then
+    their rates.
+
+    Args:
+        body: the reduced body.
+        damping_ratio: damping ratio of each free elastic mode, one number or one per mode from the lowest [-].
     """
     frequency, shapes = body.eigenmodes()
     omega = 2 * np.pi * frequency
     n, b = len(omega), 6 * len(body.remote_points)
-    damping = 2 * elastic_ratios(frequency, damping_ratio) * omega
+    damping = 2 * elastic_damping_ratios(frequency, damping_ratio) * omega
     system = np.block([[np.zeros((n, n)), np.eye(n)], [-np.diag(omega**2), -np.diag(damping)]])
     forces = np.vstack([np.zeros((n, b)), shapes[:b].T])
     motions = np.hstack([shapes[:b], np.zeros((b, n))])
@@ -72,15 +96,23 @@ def body_state_space(body: ReducedBody, *, damping_ratio: ArrayLike = 0.0) -> Li
 
 
 def body_damping(body: ReducedBody, damping_ratio: ArrayLike) -> Array:
-    """Damping matrix that gives each free elastic mode its ratio, (n, n) [N s/m and the like]."""
+    """Return the damping matrix that gives each free elastic mode its damping ratio.
+
+    Args:
+        body: the reduced body.
+        damping_ratio: damping ratio of each free elastic mode, one number or one per mode from the lowest [-].
+
+    Returns:
+        Damping matrix, (n, n) [N s/m for translations, N m s for rotations].
+    """
     frequency, shapes = body.eigenmodes()
-    return modal_damping_matrix(body.mass_matrix, frequency, shapes, elastic_ratios(frequency, damping_ratio))
+    return modal_damping_matrix(body.mass_matrix, frequency, shapes, elastic_damping_ratios(frequency, damping_ratio))
 
 
 def _write(variables: dict[str, Array], path: str | Path) -> Path:
     target = Path(path)
     known("file ending", target.suffix, (".mat", ".npz"))
-    with written_whole(path) as temporary, temporary.open("wb") as file:
+    with write_atomically(path) as temporary, temporary.open("wb") as file:
         if target.suffix == ".mat":
             scipy.io.savemat(file, variables, do_compression=True)
         else:

@@ -1,4 +1,4 @@
-"""Inspection of reduced bodies: what their matrices say in physical terms, with a verdict per line."""
+"""Inspection of reduced bodies: physical properties of their matrices, with a verdict for each."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, field
@@ -8,35 +8,38 @@ import numpy as np
 import scipy
 
 from nassim.base.checks import Array, freeze, frozen_mapping, known
-from nassim.base.progress import wrapped
-from nassim.bodies.inertia import RigidInertia, free_of_rigid_motions, rigid_inertia
+from nassim.base.progress import wrap_text
+from nassim.bodies.inertia import RigidInertia, elastic_basis, rigid_inertia
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.exchange.coordinates import (
     explain_misfit,
     from_degrees,
+    motions_without_stiffness,
     other_units,
-    told_positions,
-    unresisted_motions,
+    positions_from_motions,
 )
 from nassim.exchange.row_order import FITS, guess_order, order_misfit, rigid_residual
 from nassim.exchange.superelement import Superelement
-from nassim.exchange.unit_systems import Looks, likeliest_first, likely_units, relative_stiffness
+from nassim.exchange.unit_systems import PhysicalProperties, likely_units, relative_stiffness, sort_by_likelihood
 
 VERDICTS = ("ok", "warning", "fault")
-TRUST = 1.5
-"""Fixed-interface modes up to f represent a body up to f / 1.5: the usual rule."""
-SPIN = 1 / 30
-"""Angular velocity over the lowest elastic frequency from which unknown integrals matter: `nassim.bodies.inertia`."""
+RANGE_FACTOR = 1.5
+"""A body is valid up to the highest retained fixed-interface frequency divided by this factor: the usual rule."""
+SPIN_LIMIT = 1 / 30
+"""Angular velocity over the lowest elastic frequency above which unknown integrals matter: `nassim.bodies.inertia`."""
 NO_INERTIA = 1e-30
-"""Diagonal entries of M below this share of its largest mean a motion without inertia."""
+"""Fraction of the largest entry of M; a diagonal entry below it is a motion without inertia."""
 
 
 @dataclass(frozen=True)
 class Finding:
     """One line of a report.
 
-    name: what was looked at; verdict: "ok", "warning" (works, but is worse than it could be) or "fault" (wrong)
-    text: in words; figures: numbers with their units in the keys
+    Attributes:
+        name: the property that was inspected.
+        verdict: "ok", "warning" (usable, but could be better) or "fault" (wrong).
+        text: description.
+        figures: numbers by name, with their units in the names.
     """
 
     name: str
@@ -51,7 +54,12 @@ class Finding:
 
 @dataclass(frozen=True)
 class Report:
-    """What `check` found on the body called name; `str` of it is a table for people."""
+    """Findings of `check` on one body; `str` of it is a table.
+
+    Attributes:
+        name: name of the body.
+        findings: the findings in order.
+    """
 
     name: str
     findings: tuple[Finding, ...]
@@ -67,20 +75,22 @@ class Report:
         return tuple(finding for finding in self.findings if finding.verdict == "fault")
 
     def __getitem__(self, name: str) -> Finding:
-        """A finding by name; raises ValueError listing the names."""
+        """Return a finding by name; raise ValueError with the list of names for an unknown one."""
         names = [finding.name for finding in self.findings]
         return self.findings[names.index(known("finding", name, names))]
 
     def __str__(self) -> str:
         lines = [f"{self.name}: {self.verdict}"]
         for finding in self.findings:
-            lines.append(wrapped(finding.text, indent=f"  {finding.verdict:8}{finding.name:22}", next_indent=32 * " "))
+            lines.append(
+                wrap_text(finding.text, indent=f"  {finding.verdict:8}{finding.name:22}", next_indent=32 * " ")
+            )
         return "\n".join(lines)
 
 
 @dataclass(frozen=True)
 class _Numbers:
-    """What several findings need: symmetrised matrices, rigid motions, frequencies with the sign of their square."""
+    """Common quantities of findings: symmetric matrices, rigid-body motions, frequencies signed like their squares."""
 
     body: Superelement
     _: KW_ONLY
@@ -88,19 +98,28 @@ class _Numbers:
     mass: Array
     motions: Array
     rigid: RigidInertia
-    frequency: Array  # ascending by size
-    elastic: Array  # in motions free of rigid ones
+    frequency: Array  # ascending by magnitude
+    elastic: Array  # of the elastic motions
 
     @property
     def first(self) -> float:
-        """Lowest elastic frequency [Hz]; infinite for a body without any."""
+        """Lowest elastic frequency [Hz]; infinite for a body without elastic motion."""
         return float(np.min(np.abs(self.elastic), initial=np.inf))
 
 
 def check(body: ReducedBody | Superelement) -> Report:
-    """Inspect a reduced body: an imported one before it is trusted, or any other.
+    """Inspect a reduced body, imported or not.
 
-    What has the verdict "fault" is refused by `to_body`. Raises ValueError only for a body without remote points.
+    `to_body` refuses a body with a finding of the verdict "fault".
+
+    Args:
+        body: reduced body or superelement.
+
+    Returns:
+        Report with a verdict for each property.
+
+    Raises:
+        ValueError: only for a body without remote points.
     """
     given = as_superelement(body)
     stiffness, mass = (0.5 * (m + m.T) for m in (given.stiffness_matrix, given.mass_matrix))
@@ -118,7 +137,11 @@ def check(body: ReducedBody | Superelement) -> Report:
 
 
 def as_superelement(body: ReducedBody | Superelement) -> Superelement:
-    """The matrices, positions and names of a reduced body as a superelement."""
+    """Return the matrices, positions and names of a reduced body as a superelement.
+
+    Args:
+        body: reduced body; a superelement is returned unchanged.
+    """
     if isinstance(body, Superelement):
         return body
     positions = np.array([point.position for point in body.remote_points]).reshape(-1, 3)
@@ -133,7 +156,12 @@ def as_superelement(body: ReducedBody | Superelement) -> Superelement:
 
 
 def signed_frequencies(stiffness: Array, mass: Array) -> Array:
-    """Eigenfrequencies [Hz], ascending by size; negative ones stand for a negative square (unstable)."""
+    """Return eigenfrequencies [Hz], ascending by magnitude; a negative one stands for a negative square (unstable).
+
+    Args:
+        stiffness: symmetric, (n, n).
+        mass: symmetric with a positive diagonal, (n, n).
+    """
     scale = 1.0 / np.sqrt(np.diag(mass))
     squares = scipy.linalg.eigvalsh(scale[:, None] * stiffness * scale, scale[:, None] * mass * scale)
     squares = squares[np.argsort(np.abs(squares))]
@@ -143,7 +171,7 @@ def signed_frequencies(stiffness: Array, mass: Array) -> Array:
 
 def _numbers(body: Superelement, stiffness: Array, mass: Array) -> _Numbers:
     motions = body.rigid_motions
-    basis = free_of_rigid_motions(mass, motions)
+    basis = elastic_basis(mass, motions)
     elastic = np.zeros(0)
     if basis.shape[1]:
         elastic = signed_frequencies(basis.T @ stiffness @ basis, basis.T @ mass @ basis)
@@ -207,9 +235,9 @@ def _rigid_motions(n: _Numbers) -> Finding:
 
 
 def _row_order(n: _Numbers) -> Finding:
-    misfit, free = order_misfit(n.body), unresisted_motions(n.stiffness, n.mass)
-    told = None if free is None else told_positions(free, len(n.body.positions))
-    away = "" if told is None else explain_misfit(n.body, told, _size(n))
+    misfit, free = order_misfit(n.body), motions_without_stiffness(n.stiffness, n.mass)
+    derived = None if free is None else positions_from_motions(free, len(n.body.positions))
+    away = "" if derived is None else explain_misfit(n.body, derived, _size(n))
     figures = {"misfit": misfit}
     if misfit <= FITS and not away:
         return Finding("row order", "ok", "per node ux uy uz rx ry rz, as given", figures)
@@ -225,7 +253,7 @@ def _row_order(n: _Numbers) -> Finding:
     if away:
         return Finding("row order", "fault", f"misfit of rigid motions {misfit:.2g}: {away}", figures)
     text = f"misfit of rigid motions {misfit:.2g}, and no other order of rows fits better"
-    if free is not None and told is None:
+    if free is not None and derived is None:
         text += (
             ", though K resists no six motions: rows of other nodes, or along other axes than the body's (orientations)"
         )
@@ -283,18 +311,18 @@ def _stiffness(n: _Numbers) -> Finding:
 
 
 def _size(n: _Numbers) -> float:
-    """Largest side of the box of the same inertia, or largest distance of nodes [m]."""
+    """Return the largest side of the box with the same inertia, or the largest distance of nodes along an axis [m]."""
     return float(max(np.sqrt(max(n.rigid.box[-1], 0.0)), np.ptp(n.body.positions, axis=0).max()))
 
 
-def _looks(n: _Numbers) -> Looks:
+def _properties(n: _Numbers) -> PhysicalProperties:
     translations = np.diag(n.stiffness)[: 6 * len(n.body.positions)].reshape(-1, 6)[:, :3]
     stiffness = relative_stiffness(float(translations.max()), n.rigid.mass)
-    return Looks(n.rigid.mass, _size(n), n.first * _size(n), n.rigid.box_density, stiffness)
+    return PhysicalProperties(n.rigid.mass, _size(n), n.first * _size(n), n.rigid.box_density, stiffness)
 
 
 def _units(n: _Numbers) -> Finding:
-    looks = _looks(n)
+    looks = _properties(n)
     text = f"{n.body.units}: {looks}"
     strange = looks.implausible
     if not strange:
@@ -304,9 +332,9 @@ def _units(n: _Numbers) -> Finding:
     in_radians = from_degrees(n.body)
     if order_misfit(in_radians) <= FITS:
         stiffness, mass = (0.5 * (m + m.T) for m in (in_radians.stiffness_matrix, in_radians.mass_matrix))
-        reread = _looks(_numbers(in_radians, stiffness, mass))
+        reread = _properties(_numbers(in_radians, stiffness, mass))
         if not reread.implausible:
-            likely = likeliest_first([*likely, (f"{n.body.units} with rotations in degrees", reread)])
+            likely = sort_by_likelihood([*likely, (f"{n.body.units} with rotations in degrees", reread)])
     if likely:
         text += "; looks like " + ", or else ".join(f"{units} ({reread})" for units, reread in likely[:3])
     return Finding("units", "fault", text, looks.figures)
@@ -345,11 +373,11 @@ def _modal_rows(n: _Numbers) -> Finding:
 def _range(n: _Numbers) -> Finding:
     p = n.body.n_modes
     if not p:
-        text = "no modes: good well below the first frequency with all nodes held, which the matrices do not tell"
+        text = "no modes: good well below the first frequency with all nodes held, unknown from these matrices"
         return Finding("range", "warning", text)
     held = signed_frequencies(n.stiffness[-p:, -p:], n.mass[-p:, -p:])
-    good = float(held[-1]) / TRUST
-    text = f"to about {good:.5g} Hz: modes with all nodes held are kept to {held[-1]:.5g} Hz, over {TRUST}"
+    good = float(held[-1]) / RANGE_FACTOR
+    text = f"to about {good:.5g} Hz: modes with all nodes held are kept to {held[-1]:.5g} Hz, over {RANGE_FACTOR}"
     verdict = "ok" if good >= n.first else "warning"
     return Finding("range", verdict, text, {"good_to_Hz": good, "highest_kept_Hz": held[-1]})
 
@@ -358,9 +386,9 @@ def _large_motion(n: _Numbers | None) -> Finding:
     text = "exact for rigid motions only, as from any matrices"
     if n is None or not n.elastic.size:
         return Finding("inertia integrals", "ok", text)
-    limit = SPIN * n.first * 60
+    limit = SPIN_LIMIT * n.first * 60
     text += f'; "ffrf" is right below some {limit:.3g} rev/min, a thirtieth of the first elastic frequency'
-    return Finding("inertia integrals", "ok", text, {"spin_limit_Hz": SPIN * n.first})
+    return Finding("inertia integrals", "ok", text, {"spin_limit_Hz": SPIN_LIMIT * n.first})
 
 
 def _vector(values: Array) -> str:

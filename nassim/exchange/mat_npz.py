@@ -1,7 +1,7 @@
-"""Arrays from MATLAB's .mat and NumPy's .npz files that may be damaged or hostile.
+"""Readers for MATLAB's .mat and NumPy's .npz files that may be damaged or malicious.
 
-Nothing is allocated before its size is known to be allowed, nothing is unpickled, and whatever is wrong ends in a
-ValueError that says where. Sources: MathWorks, MAT-File Format (level 4 and 5); NumPy Enhancement Proposal 1.
+Memory is allocated only after its size has been checked, nothing is unpickled, and every defect raises a ValueError
+that names its location. Sources: MathWorks, MAT-File Format (level 4 and 5); NumPy Enhancement Proposal 1.
 """
 
 import io
@@ -18,9 +18,9 @@ import numpy as np
 from nassim.base.checks import Array
 
 LARGEST_FILE = 128 * 2**20
-"""Largest file and largest unpacked variable [bytes]."""
+"""Largest size of a file and of an unpacked variable [bytes]."""
 LARGEST_TOTAL = 4 * LARGEST_FILE
-"""Most that all variables of a file may hold together [bytes]."""
+"""Largest total size of all variables of a file [bytes]."""
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _MATRIX, _COMPRESSED = 14, 15
 _TEXT_CLASS, _SPARSE_CLASS, _NUMERIC_CLASSES, _COMPLEX = 4, 5, range(6, 16), 0x08
@@ -34,7 +34,7 @@ class _Element(NamedTuple):
 
 
 def read_bytes(path: Path) -> bytes:
-    """A file's content; raises ValueError when it is missing, no file or above `LARGEST_FILE`."""
+    """Return the content of a file; raise ValueError when it cannot be read or is larger than `LARGEST_FILE`."""
     try:
         with path.open("rb") as file:
             data = file.read(LARGEST_FILE + 1)
@@ -46,11 +46,19 @@ def read_bytes(path: Path) -> bytes:
 
 
 def read_arrays(path: str | Path) -> dict[str, Array]:
-    """Arrays of numbers and of text (one string per row) of a .mat (levels 4, 5, 7) or .npz file, by name.
+    """Read arrays of numbers and of text from a .mat (levels 4, 5, 7) or .npz file.
 
-    Variables of other kinds (structures, cells, tables) are left out. Raises ValueError, naming the file and the
-    variable, for damaged files, pickled objects, complex numbers, and sizes above `LARGEST_FILE` or, together,
-    `LARGEST_TOTAL`.
+    Variables of other kinds (structures, cells, tables) are omitted.
+
+    Args:
+        path: the file.
+
+    Returns:
+        Arrays by name; an array of text has one string per row.
+
+    Raises:
+        ValueError: naming the file and the variable, for damaged files, pickled objects, complex numbers, a variable
+            larger than `LARGEST_FILE`, and variables that are together larger than `LARGEST_TOTAL`.
     """
     source = Path(path)
     data = read_bytes(source)
@@ -132,7 +140,7 @@ def _mat(data: bytes) -> Iterator[tuple[str, Array]]:
 
 
 def _elements(data: bytes, order: str) -> Iterator[_Element]:
-    """Tagged elements, one after the other, each padded to eight bytes."""
+    """Yield the tagged elements in order; each one is padded to eight bytes."""
     place = 0
     while place + 8 <= len(data):
         (tag,) = struct.unpack_from(order + "I", data, place)
@@ -152,7 +160,7 @@ def _elements(data: bytes, order: str) -> Iterator[_Element]:
 
 
 def _level_5(data: bytes, order: str) -> Iterator[tuple[str, Array]]:
-    """The variable that a matrix element holds, if it is one of numbers."""
+    """Yield the variable of a matrix element if it is numeric or text."""
     parts = list(_elements(data, order)) if data else []
     if len(parts) < 3 or len(parts[0].data) < 4:
         return
@@ -180,7 +188,7 @@ def _level_5(data: bytes, order: str) -> Iterator[tuple[str, Array]]:
 
 
 def _characters(element: _Element, order: str) -> Array:
-    """Codes of text, which is stored as numbers, or as UTF-8 or UTF-16."""
+    """Return character codes of text, which is stored as numbers, UTF-8 or UTF-16."""
     codecs = {16: "utf-8", 17: "utf-16-le" if order == "<" else "utf-16-be"}
     if element.kind not in codecs:
         return _numbers(element, order)
@@ -194,10 +202,10 @@ def _sparse(name: str, shape: tuple[int, ...], parts: list[Array]) -> Array:
     starts = starts.astype(np.int64)
     count = int(starts[-1])
     if len(starts) != n_columns + 1 or starts[0] != 0 or np.any(np.diff(starts) < 0) or count > values.size:
-        raise ValueError(f"variable {name!r}: the columns of the sparse matrix make no sense")
+        raise ValueError(f"variable {name!r}: the column indices of the sparse matrix are inconsistent")
     rows = rows[:count].astype(np.int64)
     if len(rows) != count or np.any(rows < 0) or np.any(rows >= n_rows):
-        raise ValueError(f"variable {name!r}: the rows of the sparse matrix make no sense")
+        raise ValueError(f"variable {name!r}: the row indices of the sparse matrix are inconsistent")
     result = np.zeros(shape)
     result[rows, np.repeat(np.arange(n_columns), np.diff(starts))] = values[:count]
     return result
@@ -212,7 +220,7 @@ def _numbers(element: _Element, order: str) -> Array:
 def _level_4(data: bytes) -> Iterator[tuple[str, Array]]:
     place = 0
     while place < len(data):
-        # It begins with a number below 100, to which big-endian files add 1000.
+        # A header begins with a number below 100; big-endian files add 1000 to it.
         order = "<" if 0 <= struct.unpack_from("<i", data, place)[0] < 1000 else ">"
         code, n_rows, n_columns, is_complex, name_length = struct.unpack_from(order + "5i", data, place)
         thousands, precision, kind = code // 1000, code // 10 % 10, code % 10
@@ -239,6 +247,6 @@ def _limit(name: str, size: int) -> None:
 
 
 def _plain(array: Any) -> Array:
-    """An array of its own, in the machine's byte order."""
+    """Return a copy in the byte order of the machine."""
     result: Array = np.array(array, dtype=array.dtype.newbyteorder("="))
     return result

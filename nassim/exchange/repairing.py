@@ -1,4 +1,4 @@
-"""From a superelement to a body that scenes can use: repair what rounding spoilt, refuse what is wrong."""
+"""Conversion of superelements to bodies for scenes: repair of rounding errors, refusal of faults."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any, Generic, TypeVar
@@ -8,37 +8,41 @@ import scipy
 
 from nassim.base.checks import Array
 from nassim.base.progress import tell
-from nassim.bodies.inertia import completed_gram, free_of_rigid_motions
+from nassim.bodies.inertia import elastic_basis, estimate_gram
 from nassim.bodies.interface import RemotePoint
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.exchange.inspection import Report, as_superelement, check, signed_frequencies
 from nassim.exchange.row_order import rigid_residual
 from nassim.exchange.superelement import Superelement
 
-CLEAN = 1e-12
-"""Residual of rigid motions below which there is nothing to project out."""
-ALONE = 0.01
-"""Residual of all other rows over that of one node's, below which that node's rows are the damaged ones."""
-ROUNDING = 1e-2
-"""Negative eigenvalues above this share of the positive ones are no rounding and are not repaired."""
+RESIDUAL_ROUNDING = 1e-12
+"""Residual of rigid-body motions below which no projection is needed."""
+SINGLE_NODE = 0.01
+"""Residual of all other rows, relative to that of one node's rows, below which only that node's rows are damaged."""
+REPAIRABLE = 1e-2
+"""Negative eigenvalues above this fraction of the positive ones are not rounding and are not repaired."""
 CONFIRMED_BY = {
     "units": "; read it in its own units, or confirm by any_size=True",
     "row order": "; correct the file or what reads it, or confirm by any_coordinates=True",
 }
-"""What to do about faults that `to_body` accepts when told to."""
+"""Cures of the faults that `to_body` accepts on request."""
 SHOWN = 10
-"""Elastic frequencies that a repair's text names, beside the one that moved most."""
+"""Number of elastic frequencies in the text of a repair, in addition to the one with the largest change."""
 
 Body = TypeVar("Body", ReducedBody, Superelement)
 
 
 @dataclass(frozen=True)
 class Repair(Generic[Body]):
-    """What `repair` did.
+    """Result of `repair`.
 
-    body: the repaired one, of the kind that was given
-    steps: what was done, in words, in order; before, after: reports of `check`
-    elastic_before, elastic_after: frequencies beyond the six lowest [Hz], negative where unstable
+    Attributes:
+        body: the repaired body, of the given type.
+        steps: descriptions of the steps, in order.
+        before: report of `check` before the repair.
+        after: report of `check` after the repair.
+        elastic_before: frequencies other than the six lowest before the repair, negative where unstable [Hz].
+        elastic_after: the same after the repair [Hz].
     """
 
     body: Body
@@ -77,16 +81,23 @@ class Repair(Generic[Body]):
 
 
 def repair(body: Body) -> Repair[Body]:
-    """Mend what rounding and truncation do to reduced matrices, and print how far each figure moved.
+    """Repair the effects of rounding and truncation on reduced matrices, and print the change of each figure.
 
-    Symmetrises K and M; raises eigenvalues of M that rounding made negative; takes out of K the stiffness that it has
-    against rigid motions, K' = P^T K P with P = I - R A and A R = I, so that K' R = 0; mirrors elastic eigenvalues that
-    rounding made negative. Any A leaves the true part of K alone; with A = (R^T M R)^-1 R^T M the error is averaged
-    over the body. Where one node's rows alone hold the error, A = that node's motion removes it altogether: its rows
-    then follow from the others' by equilibrium.
+    The repair symmetrises K and M. It raises eigenvalues of M that rounding made negative. It removes the stiffness of
+    K against rigid-body motions, K' = P^T K P with P = I - R A and A R = I, so that K' R = 0. It changes the sign of
+    elastic eigenvalues that rounding made negative. Every A preserves the true part of K. A = (R^T M R)^-1 R^T M
+    averages the error over the body. Where only the rows of one node contain the error, an A from the motion of that
+    node removes the error completely: the rows of the node then follow from the others by equilibrium.
 
-    Returns a `Repair` with the body in the kind that was given. Raises ValueError for what is no rounding: rows in
-    another order, a matrix that is far from definite, a mass that is no body's.
+    Args:
+        body: reduced body or superelement.
+
+    Returns:
+        `Repair` with a body of the given type.
+
+    Raises:
+        ValueError: for errors other than rounding: rows in another order, a matrix that is far from definite, a mass
+            that is not that of a body.
     """
     given = as_superelement(body)
     before = check(given)
@@ -98,7 +109,7 @@ def repair(body: Body) -> Repair[Body]:
     mass = _positive_mass(_symmetric(given.mass_matrix, "M", steps), given.source, steps)
     motions = given.rigid_motions
     old = signed_frequencies(stiffness, mass)
-    if rigid_residual(stiffness, motions).max() > CLEAN:
+    if rigid_residual(stiffness, motions).max() > RESIDUAL_ROUNDING:
         stiffness = _without_rigid_stiffness(stiffness, mass, given, steps)
     stiffness = _positive_stiffness(stiffness, mass, given, steps)
     mended: Body = _with_matrices(body, stiffness, mass)
@@ -116,15 +127,23 @@ def repair(body: Body) -> Repair[Body]:
 
 
 def to_body(body: Superelement, *, any_size: bool = False, any_coordinates: bool = False) -> ReducedBody:
-    """Accept a superelement as a body for scenes.
+    """Convert a superelement to a body for scenes.
 
-    any_size: accept a mass, size, wave speed, density or stiffness that no body in a machine has; it mostly means
-        wrong units
-    any_coordinates: accept rows and node coordinates that do not fit each other (the finding "row order")
+    Mass, centre of mass, inertia and response in small motion are those of the matrices. Large motion needs integrals
+    that matrices do not contain; `nassim.bodies.inertia` describes their estimate. The body has no surface for
+    pictures.
 
-    Mass, centre of mass, inertia and response in small motion are those of the matrices. Large motion asks for more
-    than matrices tell: `nassim.bodies.inertia` says how that is estimated. The body has no surface to draw.
-    Raises ValueError naming the source and all faults that `check` finds.
+    Args:
+        body: the superelement.
+        any_size: accept a mass, size, wave speed, density or stiffness that no body in a machine has. The usual cause
+            is wrong units.
+        any_coordinates: accept rows and node coordinates that do not fit each other (the finding "row order").
+
+    Returns:
+        Reduced body with symmetric matrices and without a surface.
+
+    Raises:
+        ValueError: naming the source and all faults that `check` finds.
     """
     report = check(body)
     confirmed = {"units": any_size, "row order": any_coordinates}
@@ -140,7 +159,7 @@ def to_body(body: Superelement, *, any_size: bool = False, any_coordinates: bool
         ),
         mass_matrix=mass,
         stiffness_matrix=0.5 * (body.stiffness_matrix + body.stiffness_matrix.T),
-        gram=completed_gram(mass, body.positions),
+        gram=estimate_gram(mass, body.positions),
         record={"imported from": body.source, "units": body.units, "inspection": str(report)},
         full_integrals=False,
     )
@@ -150,7 +169,7 @@ def _with_matrices(body: ReducedBody | Superelement, stiffness: Array, mass: Arr
     changed = replace(body, stiffness_matrix=stiffness, mass_matrix=mass)
     if isinstance(changed, Superelement) or np.array_equal(mass, body.mass_matrix):
         return changed
-    gram = completed_gram(mass, as_superelement(changed).positions)
+    gram = estimate_gram(mass, as_superelement(changed).positions)
     return replace(changed, gram=gram, full_integrals=False)
 
 
@@ -177,7 +196,7 @@ def _positive_mass(mass: Array, source: str, steps: list[str]) -> Array:
     floor = 1e-12 * len(mass)
     if values[0] > floor:
         return mass
-    if values[0] < -ROUNDING:
+    if values[0] < -REPAIRABLE:
         raise ValueError(
             f"{source}: cannot be repaired: M has the eigenvalue {values[0]:.2g} (unit diagonal), which is no rounding"
         )
@@ -212,7 +231,7 @@ def _without_rigid_stiffness(stiffness: Array, mass: Array, body: Superelement, 
 
 
 def _damaged_node(stiffness: Array, body: Superelement) -> int | None:
-    """The one node whose rows hold nearly all of the forces K R that there should not be."""
+    """Return the only node whose rows contain nearly all of the erroneous forces K R; None if there is none."""
     if len(body.positions) < 2:
         return None
     scale = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(stiffness)), 1e-12 * np.abs(stiffness).max()))
@@ -222,18 +241,18 @@ def _damaged_node(stiffness: Array, body: Superelement) -> int | None:
     by_node = np.linalg.norm(rows[: 6 * len(body.positions)].reshape(-1, 6), axis=1)
     worst = int(np.argmax(by_node))
     others = np.sqrt(max(float(rows @ rows - by_node[worst] ** 2), 0.0))
-    return worst if others < ALONE * by_node[worst] else None
+    return worst if others < SINGLE_NODE * by_node[worst] else None
 
 
 def _positive_stiffness(stiffness: Array, mass: Array, body: Superelement, steps: list[str]) -> Array:
-    basis = free_of_rigid_motions(mass, body.rigid_motions)
+    basis = elastic_basis(mass, body.rigid_motions)
     if not basis.shape[1]:
         return stiffness
     squares, vectors = scipy.linalg.eigh(basis.T @ stiffness @ basis, basis.T @ mass @ basis)
     unstable = squares <= 0
     if not unstable.any():
         return stiffness
-    if unstable.all() or -squares[0] > ROUNDING * squares[~unstable][0]:
+    if unstable.all() or -squares[0] > REPAIRABLE * squares[~unstable][0]:
         frequency = np.sqrt(-squares[0]) / (2 * np.pi)
         raise ValueError(
             f"{body.source}: cannot be repaired: K has negative stiffness in elastic motion (-{frequency:.4g} Hz), "

@@ -1,7 +1,7 @@
-"""Which row of foreign matrices is which motion of which node: found by the rigid-motion test.
+"""Assignment of the rows of foreign matrices to the coordinates of nodes by the rigid-body test.
 
-A free body resists no rigid motion and carries the mass of a rigid body in it. Both hold for one order of the rows
-only, unless nodes coincide or the body is symmetric.
+A free body has no stiffness against rigid-body motions, and its mass in these motions is that of a rigid body. Both
+conditions hold for only one order of the rows, unless nodes coincide or the body is symmetric.
 """
 
 from collections.abc import Iterator
@@ -16,18 +16,22 @@ from nassim.bodies.inertia import rigid_inertia
 from nassim.exchange.superelement import Superelement
 
 FITS = 0.02
-"""Largest misfit of an order that is right, for matrices of three digits and more."""
+"""Largest misfit of a right order, for matrices of three digits or more."""
 MANY_NODES = 4
-AT_ONCE = 200_000
-"""Rows tried at a time."""
+ROWS_AT_ONCE = 200_000
+"""Number of rows tested at a time."""
 
 
 @dataclass(frozen=True)
 class OrderGuess:
-    """An order of rows that fits better than the given one.
+    """Order of rows that fits better than the given one.
 
-    rows: for `Superelement.reordered`; text: in words; misfit, given_misfit: of this order and of the given one [-]
-    alternatives: how many other orders fit equally well
+    Attributes:
+        rows: argument for `Superelement.reordered`.
+        text: description of the order.
+        misfit: misfit of this order [-].
+        given_misfit: misfit of the given order [-].
+        alternatives: number of other orders that fit equally well.
     """
 
     rows: tuple[int, ...]
@@ -38,9 +42,15 @@ class OrderGuess:
 
 
 def rigid_residual(stiffness: Array, motions: Array) -> Array:
-    """Forces K R that rigid motions cause, over the sum of their terms' sizes, (..., 6) [-]; 0 of a free body.
+    """Compute the forces K R that rigid-body motions cause, over the sum of the magnitudes of their terms; 0 for a free
+    body.
 
-    stiffness: (n, n); motions: (..., n, 6)
+    Args:
+        stiffness: K, (n, n).
+        motions: R, (..., n, 6).
+
+    Returns:
+        Residual of each motion, (..., 6) [-].
     """
     diagonal = np.abs(np.diag(stiffness))
     scale = 1.0 / np.sqrt(np.maximum(diagonal, max(1e-12 * diagonal.max(), 1e-100)))
@@ -53,16 +63,26 @@ def rigid_residual(stiffness: Array, motions: Array) -> Array:
 
 
 def order_misfit(body: Superelement) -> float:
-    """How badly the rigid-motion test fails in the given order: near 0 (rounding) when right, 0.1 to 1 when wrong."""
+    """Return the misfit of the rigid-body test for the given order: near 0 (rounding) if right, 0.1 to 1 if wrong.
+
+    Args:
+        body: the superelement.
+    """
     residual = float(rigid_residual(body.stiffness_matrix, body.rigid_motions).max())
     return max(residual, rigid_inertia(body.mass_matrix, body.rigid_motions).misfit)
 
 
 def guess_order(body: Superelement) -> OrderGuess | None:
-    """An order of rows that passes the rigid-motion test; None where the given one passes, or none does.
+    """Find an order of rows that passes the rigid-body test.
 
-    Tried: rotations first, alternating, all translations first, direction by direction; axes permuted; modal rows
-    first; the nodes in any order (above four: two swapped, or reversed).
+    The search includes rotations first, alternating coordinates, all translations first, direction by direction,
+    permuted axes, modal rows first, and the nodes in any order (more than four nodes: two swapped, or all reversed).
+
+    Args:
+        body: the superelement.
+
+    Returns:
+        The order; None where the given order passes, or no order does.
     """
     given = order_misfit(body)
     if given <= FITS:
@@ -70,7 +90,7 @@ def guess_order(body: Superelement) -> OrderGuess | None:
     r, n = len(body.positions), len(body.mass_matrix)
     orders, texts = zip(*_orders(r, n), strict=True)
     rows = np.array(orders)
-    chunk = max(1, AT_ONCE // n)
+    chunk = max(1, ROWS_AT_ONCE // n)
     stiff = np.concatenate(
         [
             rigid_residual(body.stiffness_matrix, _motions(body, rows[start : start + chunk])).max(axis=-1)
@@ -92,7 +112,7 @@ def guess_order(body: Superelement) -> OrderGuess | None:
 
 
 def _motions(body: Superelement, rows: NDArray[np.int64]) -> Array:
-    """Rigid motions in coordinates that stand in the given rows, (m, n, 6) for rows (m, 6 r)."""
+    """Return rigid-body motions in coordinates at the given rows, (m, n, 6) for rows (m, 6 r)."""
     standard = body.rigid_motions[: rows.shape[1]]
     result = np.zeros((len(rows), len(body.mass_matrix), 6))
     np.put_along_axis(result, rows[:, :, None], np.broadcast_to(standard, (len(rows), *standard.shape)), 1)
@@ -100,7 +120,7 @@ def _motions(body: Superelement, rows: NDArray[np.int64]) -> Array:
 
 
 def _orders(r: int, n: int) -> Iterator[tuple[NDArray[np.int64], str]]:
-    """Row of each coordinate (6 r,) in every order that is tried, and its description, the plainest first."""
+    """Yield the row of each coordinate (6 r,) in every order of the search, and its description, the simplest first."""
     i, d = (index.ravel() for index in np.divmod(np.arange(6 * r), 6))
     place, is_rotation = d % 3, d // 3
     layouts = {
@@ -118,23 +138,23 @@ def _orders(r: int, n: int) -> Iterator[tuple[NDArray[np.int64], str]]:
         for layout, rows in layouts.items():
             for axes in permutations(range(3)):
                 for nodes in _node_orders(r):
-                    # Coordinate (i, d) stands where the layout has node nodes.index(i), direction axes.index(d).
+                    # Coordinate (i, d) has the row of node nodes.index(i), direction axes.index(d) in the layout.
                     swapped = 6 * np.argsort(nodes)[i] + 3 * is_rotation + np.argsort(axes)[place]
                     order = start + rows[swapped]
                     if order.tobytes() in seen:
                         continue
                     seen.add(order.tobytes())
-                    words = [
+                    parts = [
                         "modal rows first" if start else "",
                         layout,
                         "" if axes == (0, 1, 2) else f"the axes in the order {' '.join('xyz'[a] for a in axes)}",
-                        "" if nodes == tuple(range(r)) else f"the nodes in the order {_named(nodes)}",
+                        "" if nodes == tuple(range(r)) else f"the nodes in the order {_describe_nodes(nodes)}",
                     ]
-                    yield order, "; ".join(word for word in words if word)
+                    yield order, "; ".join(part for part in parts if part)
 
 
-def _named(nodes: tuple[int, ...]) -> str:
-    """The moved ones, as fields that a format fills with the names."""
+def _describe_nodes(nodes: tuple[int, ...]) -> str:
+    """Describe the moved nodes as fields that a format fills with the names."""
     if len(nodes) > MANY_NODES:
         moved = [k for k, node in enumerate(nodes) if k != node]
         if len(moved) > 2:

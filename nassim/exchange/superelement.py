@@ -1,4 +1,4 @@
-"""Superelements: reduced matrices made elsewhere, as read, in SI units and nassim's order, before they are trusted."""
+"""Superelements: reduced matrices from other programs, as read, in SI units and nassim's order of coordinates."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, freeze, known, unique
 from nassim.base.rigid_motion import rigid_motions
-from nassim.exchange.ansys import LARGEST, Listing, nodal_frame, parse_listings, rows_by_node
+from nassim.exchange.ansys import MOST_COORDINATES, Listing, nodal_frame, parse_listings, rows_by_node
 from nassim.exchange.mat_npz import read_arrays, read_bytes
 from nassim.exchange.unit_systems import unit_factors
 
@@ -22,23 +22,28 @@ VARIABLES = {
     "names": ("names", "int_i"),
     "orientations": ("orientations",),
 }
-"""Names under which .mat and .npz files are searched for what a superelement needs."""
+"""Names of the variables in .mat and .npz files, by their meaning."""
 HUGE, TINY = 1e40, 1e-100
-"""Numbers above the one are refused, below the other count as zero."""
+"""Entries above the first magnitude are refused; entries below the second count as zero."""
 
 
 @dataclass(frozen=True)
 class Superelement:
-    """Reduced matrices as somebody wrote them: r nodes with six DoFs each, then p modal coordinates.
+    """Reduced matrices from another program: r nodes with six DoFs each, then p modal coordinates.
 
-    name: what files and reports call it
-    stiffness_matrix, mass_matrix: (n, n) [SI], n = 6 r + p, in the body's axes; not necessarily symmetric, definite
-        or right
-    positions: of the nodes, (r, 3) [m]; names: of the nodes
-    source: where it comes from, as text; units: of the source
-    digits: significant digits of the source's numbers
+    Attributes:
+        name: name in files and reports.
+        stiffness_matrix: K, (n, n) with n = 6 r + p, in the axes of the body; not necessarily symmetric, definite or
+            right [SI].
+        mass_matrix: M, (n, n), likewise [SI].
+        positions: positions of the nodes, (r, 3) [m].
+        names: names of the nodes.
+        source: origin of the matrices, as text.
+        units: units of the source.
+        digits: number of significant digits of the source.
 
-    Raises ValueError for wrong shapes, fewer rows than the nodes need, and entries that are not finite or beyond 1e40.
+    Raises:
+        ValueError: for wrong shapes, fewer rows than the nodes need, and entries that are not finite or above 1e40.
     """
 
     name: str
@@ -55,8 +60,8 @@ class Superelement:
         label = self.source
         mass = finite_array(f"{label}: mass matrix", self.mass_matrix, (None, None))
         n = len(mass)
-        if n > LARGEST:
-            raise ValueError(f"{label}: {n} coordinates; nassim takes up to {LARGEST}")
+        if n > MOST_COORDINATES:
+            raise ValueError(f"{label}: {n} coordinates; nassim takes up to {MOST_COORDINATES}")
         mass = finite_array(f"{label}: mass matrix", mass, (n, n))
         stiffness = finite_array(f"{label}: stiffness matrix", self.stiffness_matrix, (n, n))
         positions = finite_array(f"{label}: positions", self.positions, (None, 3))
@@ -70,7 +75,7 @@ class Superelement:
             )
         for kind, array in (("mass matrix", mass), ("stiffness matrix", stiffness), ("positions", positions)):
             if np.abs(array).max() > HUGE:
-                raise ValueError(f"{label}: the {kind} holds {np.abs(array).max():.3g}; nothing real is so large")
+                raise ValueError(f"{label}: the {kind} holds {np.abs(array).max():.3g}; the largest is {HUGE:g}")
         mass, stiffness, positions = (
             np.where(np.abs(array) < TINY, 0.0, array) for array in (mass, stiffness, positions)
         )
@@ -92,11 +97,18 @@ class Superelement:
 
     @property
     def rigid_motions(self) -> Array:
-        """The six rigid motions about the origin in these coordinates, (n, 6): from the geometry, modes at rest."""
+        """Six rigid-body motions about the origin, (n, 6), from the geometry, with modal coordinates of 0."""
         return rigid_motions(self.positions, len(self.mass_matrix))
 
     def reordered(self, rows: Sequence[int]) -> "Superelement":
-        """The same with row rows[i] as row i, e.g. the rows that `guess_order` proposes."""
+        """Return the superelement with row rows[i] as row i.
+
+        Args:
+            rows: permutation of the rows, (n,), such as that of `guess_order`.
+
+        Raises:
+            ValueError: unless each row occurs once.
+        """
         order = np.array(rows)
         if sorted(order.tolist()) != list(range(len(self.mass_matrix))):
             raise ValueError(f"rows must name each of the {len(self.mass_matrix)} rows once")
@@ -115,16 +127,27 @@ def superelement(
     orientations: ArrayLike | None = None,
     source: str = "arrays",
 ) -> Superelement:
-    """A superelement from plain arrays in any units; the one place where units are converted.
+    """Make a superelement from plain arrays in any units.
 
-    stiffness_matrix, mass_matrix: (6 r + p, 6 r + p), per node ux uy uz rx ry rz, then modal coordinates
-    positions: of the nodes, (r, 3); names: of the nodes (default: node_1, node_2, ...)
-    units: length-force-mass, such as "mm-N-t" or "in-lbf-slinch"; time is in seconds, angles in radians
-    orientations: rotation from each node's axes to the body's, (r, 3, 3), where the nodes' DoFs are not along the
-        body's axes (default: they are)
+    This is the only place where units are converted. Modal coordinates are scaled so that unit modal masses remain
+    ones.
 
-    Modal coordinates are scaled so that unit modal masses stay ones. Raises ValueError as `Superelement` does, for
-    unknown units and for orientations that are no rotations.
+    Args:
+        stiffness_matrix: (6 r + p, 6 r + p), per node ux uy uz rx ry rz, then modal coordinates.
+        mass_matrix: (6 r + p, 6 r + p), likewise.
+        positions: positions of the nodes, (r, 3).
+        name: name of the result.
+        names: names of the nodes (default: node_1, node_2, ...).
+        units: length-force-mass, such as "mm-N-t" or "in-lbf-slinch"; time is in seconds, angles are in radians.
+        orientations: rotation from the axes of each node to those of the body, (r, 3, 3), where the DoFs of the nodes
+            are not along the axes of the body (default: they are).
+        source: origin of the matrices, for messages.
+
+    Returns:
+        Superelement in SI units.
+
+    Raises:
+        ValueError: in the cases of `Superelement`, for unknown units, and for orientations that are not rotations.
     """
     length, force, mass = unit_factors(units)
     raw = Superelement(
@@ -137,7 +160,7 @@ def superelement(
         units=units,
     )
     r, energy = len(raw.positions), mass * length**2
-    # Per unit of the file's coordinates: metres, radians, and modal amplitudes that keep unit modal masses.
+    # SI value of each unit of the file: metres, radians, and modal amplitudes that preserve unit modal masses.
     unit = np.concatenate([np.tile([length] * 3 + [1.0] * 3, r), [np.sqrt(energy)] * raw.n_modes])
     stiffness = force * length * raw.stiffness_matrix / np.outer(unit, unit)
     masses = energy * raw.mass_matrix / np.outer(unit, unit)
@@ -158,17 +181,24 @@ def read_superelement(
     orientations: ArrayLike | None = None,
     name: str | None = None,
 ) -> Superelement:
-    """Read a superelement from one .mat or .npz file, or from ANSYS text listings (all files of one body).
+    """Read a superelement from one .mat or .npz file, or from ANSYS text listings.
 
-    units: of the files, length-force-mass, see `superelement`
-    names: of the nodes, in the file's order (default: the file's own, or node_ and the number it gives them)
-    variables: for .mat and .npz: where K, M, positions, names or orientations have other names than `VARIABLES`
-        lists, e.g. {"K": "stiff", "positions": "xyz"}
-    orientations: (r, 3, 3), see `superelement`; listings give their own as THXY THYZ THZX
-    name: of the result (default: of the first file)
+    Matrices that can be read may still be wrong: `check` the result.
 
-    Raises ValueError naming file, line (of a text) and cause for whatever cannot be read. What can be read
-    may be wrong all the same: `check` it.
+    Args:
+        paths: one .mat or .npz file, or all listings of one body.
+        units: units of the files, length-force-mass, see `superelement`.
+        names: names of the nodes in the order of the file (default: those of the file, or node_ and its node number).
+        variables: for .mat and .npz: names of the variables K, M, positions, names or orientations that differ from
+            `VARIABLES`, such as {"K": "stiff", "positions": "xyz"}.
+        orientations: (r, 3, 3), see `superelement`; listings contain their own as THXY THYZ THZX.
+        name: name of the result (default: that of the first file).
+
+    Returns:
+        Superelement in SI units.
+
+    Raises:
+        ValueError: naming file, line (of a text) and cause for data that cannot be read.
     """
     files = [Path(path) for path in paths]
     if not files:
@@ -241,12 +271,16 @@ def _from_arrays(path: Path, variables: Mapping[str, str]) -> dict[str, Array]:
 
 
 def _names(values: Array) -> list[str]:
-    """Names as text; numbers as node_1001."""
+    """Return names as text; numbers become node_1001."""
     return [value.strip() if isinstance(value, str) else f"node_{value:.15g}" for value in values.ravel().tolist()]
 
 
 def significant_digits(matrix: Array) -> int:
-    """Fewest decimal digits that give all entries to 1e-15; more than 14 count as 16."""
+    """Return the smallest number of decimal digits that reproduces all entries to 1e-15; more than 14 count as 16.
+
+    Args:
+        matrix: of any shape.
+    """
     values = np.abs(matrix[matrix != 0])
     if not values.size:
         return 1

@@ -1,4 +1,4 @@
-"""Systems of units of foreign files, and which one the figures of a body speak for."""
+"""Unit systems of foreign files, and the unit system that the properties of a body suggest."""
 
 from dataclasses import dataclass
 
@@ -22,21 +22,27 @@ PLAUSIBLE = {
     "density": (10.0, 3e4),
     "stiffness": (2e-4, np.inf),
 }
-"""Of bodies in machines [kg, m, m/s, kg/m3, -]. Stiffness: 2e-4 has a steel beam 500 times as long as thick."""
+"""Plausible ranges for bodies in machines [kg, m, m/s, kg/m3, -].
+
+A steel beam 500 times as long as thick has a stiffness of 2e-4.
+"""
 STEEL = 2e11, 7800.0
-"""Young's modulus [Pa] and density [kg/m3] of the cube whose stiffness is 1."""
+"""Young's modulus [Pa] and density [kg/m3] of the cube whose relative stiffness is 1."""
 SOLID = 4000.0
-"""Between aluminium and steel [kg/m3]; the likelier units are those that come nearer."""
+"""Density between aluminium and steel [kg/m3]; units are the more likely, the closer the density is to it."""
 
 
 @dataclass(frozen=True)
-class Looks:
-    """Figures of a body that wrong units make absurd; `str` of it tells them.
+class PhysicalProperties:
+    """Properties of a body that are implausible with wrong units; `str` of it lists them.
 
-    mass [kg]; size: its length [m]; speed: first elastic frequency times size [m/s]; waves are faster
-    density: over the homogeneous box of the same inertia [kg/m3], NaN where that has no volume
-    stiffness: of the node that resists translation most, over that of a cube of steel of the same mass [-], NaN where
-        none resists
+    Attributes:
+        mass: mass [kg].
+        size: length of the body [m].
+        speed: first elastic frequency times size, less than the speed of waves [m/s].
+        density: density of the homogeneous box with the same inertia; NaN where the box has no volume [kg/m3].
+        stiffness: stiffness of the node with the largest translational one, over that of a steel cube of the same mass;
+            NaN where no node has any [-].
     """
 
     mass: float
@@ -47,13 +53,13 @@ class Looks:
 
     @property
     def implausible(self) -> list[str]:
-        """Which of mass, size, wave speed, density and stiffness no body in a machine has."""
+        """Names of those properties (mass, size, wave speed, density, stiffness) that no body in a machine has."""
         values = zip(PLAUSIBLE.items(), (self.mass, self.size, self.speed, self.density, self.stiffness), strict=True)
         return [name for (name, (low, high)), value in values if np.isfinite(value) and not low <= value <= high]
 
     @property
     def figures(self) -> dict[str, float]:
-        """By name and unit."""
+        """The properties by name, with units in the names."""
         return {
             "mass_kg": self.mass,
             "size_m": self.size,
@@ -62,12 +68,17 @@ class Looks:
             "stiffness_over_steel": self.stiffness,
         }
 
-    def reread(self, given: str, other: str) -> "Looks":
-        """The same numbers of a file read in other units."""
+    def reread(self, given: str, other: str) -> "PhysicalProperties":
+        """Return the properties of the same numbers in other units.
+
+        Args:
+            given: units in which the numbers were read.
+            other: other units.
+        """
         length, force, mass = (b / a for a, b in zip(unit_factors(given), unit_factors(other), strict=True))
         speed = self.speed * length * np.sqrt(force / (mass * length))
         stiffness = self.stiffness * force / length / np.cbrt(mass)
-        return Looks(
+        return PhysicalProperties(
             self.mass * mass, self.size * length, float(speed), self.density * mass / length**3, float(stiffness)
         )
 
@@ -76,21 +87,28 @@ class Looks:
         return f"{self.mass:.3g} kg, {self.size:.3g} m long{box}"
 
 
-def likely_units(looks: Looks, given: str) -> list[tuple[str, Looks]]:
-    """Other units in which the numbers are plausible, likeliest first, and the body's figures in them.
+def likely_units(looks: PhysicalProperties, given: str) -> list[tuple[str, PhysicalProperties]]:
+    """Find other units in which the numbers are plausible, the most likely first.
 
-    Tried are `SYSTEMS` and the given units with another one of force.
+    The search includes `SYSTEMS` and the given units with another unit of force.
+
+    Args:
+        looks: properties in the given units.
+        given: the given units.
+
+    Returns:
+        Pairs of units and properties in these units.
     """
     length, _, mass = given.split("-")
     others = dict.fromkeys((*SYSTEMS, *(f"{length}-{force}-{mass}" for force in FORCES)))
     readings = {units: looks.reread(given, units) for units in others if units != given}
-    return likeliest_first([(units, reread) for units, reread in readings.items() if not reread.implausible])
+    return sort_by_likelihood([(units, reread) for units, reread in readings.items() if not reread.implausible])
 
 
-def likeliest_first(readings: list[tuple[str, Looks]]) -> list[tuple[str, Looks]]:
-    """Readings in the order of how near their density comes to a solid's; those without one last."""
+def sort_by_likelihood(readings: list[tuple[str, PhysicalProperties]]) -> list[tuple[str, PhysicalProperties]]:
+    """Sort pairs of units and properties by the distance of the density from a solid's; those without density last."""
 
-    def unlikely(reading: tuple[str, Looks]) -> float:
+    def unlikely(reading: tuple[str, PhysicalProperties]) -> float:
         density = reading[1].density
         return abs(float(np.log(density / SOLID))) if np.isfinite(density) else np.inf
 
@@ -98,13 +116,22 @@ def likeliest_first(readings: list[tuple[str, Looks]]) -> list[tuple[str, Looks]
 
 
 def relative_stiffness(stiffness: float, mass: float) -> float:
-    """A stiffness [N/m] over that of a cube of steel of this mass [kg]; NaN where there is none."""
+    """Return a stiffness [N/m] over that of a steel cube of the given mass [kg]; NaN where there is none.
+
+    Args:
+        stiffness: [N/m].
+        mass: [kg].
+    """
     modulus, density = STEEL
     return float(stiffness / (modulus * np.cbrt(mass / density))) if stiffness > 0 and mass > 0 else np.nan
 
 
 def unit_factors(units: str) -> tuple[float, float, float]:
-    """The units of length [m], force [N] and mass [kg] of a text such as "mm-N-t"; raises ValueError otherwise."""
+    """Return the units of length [m], force [N], mass [kg] of a text such as "mm-N-t"; raise ValueError for others.
+
+    Args:
+        units: length-force-mass.
+    """
     parts = units.split("-")
     if len(parts) != 3:
         raise ValueError(f"units are written length-force-mass, such as 'mm-N-t', got {units!r}")

@@ -1,7 +1,7 @@
-"""Finite elements: from CAD to a reduced body. NGSolve and Netgen are used here and nowhere else.
+"""Finite elements, from CAD to a reduced body. Only this sub-package uses NGSolve and Netgen.
 
-`solid` -> `meshing` -> `assembly` (an `FEModel`) -> `condensation` -> `reduction` (a `ReducedBody`). To add a way to
-tie remote points to faces, open `fe_model` and `condensation`; a solver of sparse systems, `solver`; a physical load
+`solid` -> `meshing` -> `assembly` (an `FEModel`) -> `condensation` -> `reduction` (a `ReducedBody`). To add a coupling
+of remote points to faces, edit `fe_model` and `condensation`; a solver for sparse systems, `solver`; a physical load
 over a volume, `ports`; an error estimate, `mesh_error`.
 """
 

@@ -10,9 +10,9 @@ import numpy as np
 import scipy.sparse as sp
 
 from nassim.base.checks import Array
-from nassim.base.library_lock import exclusive
+from nassim.base.library_lock import hold_library_lock
 from nassim.base.progress import stage, tell
-from nassim.base.warning_log import collected
+from nassim.base.warning_log import collect_messages
 from nassim.bodies.interface import RemotePoint
 from nassim.fem.fe_model import Coupling, FEModel, Refinement, make_coupling
 from nassim.fem.materials import Material
@@ -42,16 +42,27 @@ def build_fe_model(
 ) -> FEModel:
     """Mesh a solid and assemble its stiffness and mass.
 
-    element_size, curvature, local_sizes, extrude, layer_thickness: as in `meshing.generate_mesh`
-    order: polynomial order of the displacements, 1 to 6; order 1 is far too stiff in thin walls
-    progress: show the stages and their times
+    Args:
+        solid: the solid
+        element_size: largest edge length of the elements [m]; see `meshing.generate_mesh` for this and the other
+            arguments of the mesh
+        order: polynomial order of the displacements, 1 to 6; order 1 is far too stiff in thin walls
+        curvature: elements per radius of curvature of curved edges and faces
+        local_sizes: largest edge length on faces, by the names of the faces [m]
+        extrude: axis "x", "y" or "z" along which CAD bodies are extruded and meshed with prisms; None for tetrahedra
+        layer_thickness: largest height of the prisms [m] (default: element_size)
+        progress: show the stages and their times
 
-    Raises ValueError for bad arguments, for a solid that falls into pieces and for a mesh that the memory cannot hold.
-    Warns of thin walls in elements of order 1.
+    Raises:
+        ValueError: for invalid arguments, for a solid whose CAD bodies are not connected, and for a mesh that does not
+            fit in memory
+
+    Warns:
+        UserWarning: for thin walls in elements of order 1
     """
     if not 1 <= order <= MAX_ORDER or int(order) != order:
         raise ValueError(f"order must be a whole number from 1 to {MAX_ORDER}, got {order!r}")
-    with exclusive(), collected() as told:
+    with hold_library_lock(), collect_messages() as log:
         with stage("mesh", enabled=progress):
             mesh = ng.Mesh(
                 generate_mesh(
@@ -63,7 +74,7 @@ def build_fe_model(
                     layer_thickness=layer_thickness,
                 )
             )
-            # Isoparametric at most: the unknowns then hold every rigid motion exactly.
+            # With isoparametric elements or a lower curvature order, the unknowns represent rigid motions exactly.
             mesh.Curve(order)
             check_memory(mesh, solid, order, element_size)
         check_volume(mesh, solid)
@@ -71,24 +82,30 @@ def build_fe_model(
             warn_of_thin_walls(mesh, solid)
         with stage("assemble", enabled=progress):
             model = assemble_mesh(mesh, solid, order)
-    description = "; ".join([model.description, *told.notes])
-    model = replace(model, description=description, warnings=tuple(told.warnings))
+    description = "; ".join([model.description, *log.notes])
+    model = replace(model, description=description, warnings=tuple(log.warnings))
     if progress:
         tell(model.description)
     return model
 
 
 def assemble_mesh(mesh: Any, solid: Solid, order: int) -> FEModel:
-    """The FE model of a solid on an NGSolve mesh that is curved with the elements' order at most.
+    """Assemble the FE model of a solid on an NGSolve mesh whose curvature order is at most the element order.
 
-    Raises ValueError when the solid falls into pieces.
+    Args:
+        mesh: NGSolve mesh of the solid
+        solid: the solid
+        order: polynomial order of the displacements
+
+    Raises:
+        ValueError: if the CAD bodies of the solid are not connected
     """
     with threads():
         scalar = ng.H1(mesh, order=order)
         mass = _scalar_mass(mesh, solid, scalar)
         pieces, _ = sp.csgraph.connected_components(mass, directed=False)
         if pieces > 1:
-            raise ValueError(f"solid {solid.name!r} falls into {pieces} pieces that do not touch; join its CAD bodies")
+            raise ValueError(f"solid {solid.name!r} consists of {pieces} pieces that do not touch; join its CAD bodies")
         fields = _position_fields(scalar)
         stiffness = _stiffness(mesh, solid, order)
         couplings = tuple(_couple(mesh, scalar, fields, point) for point in solid.remote_points)
@@ -112,8 +129,12 @@ def assemble_mesh(mesh: Any, solid: Solid, order: int) -> FEModel:
         )
 
 
-def with_materials(fe_model: FEModel, materials: Mapping[str, Material]) -> FEModel:
-    """The same solid on the same mesh with other materials, by CAD body; ValueError for models made by hand."""
+def replace_materials(fe_model: FEModel, materials: Mapping[str, Material]) -> FEModel:
+    """Return the FE model of the same solid and mesh with other materials, given by CAD body.
+
+    Raises:
+        ValueError: for a model that was not made from a mesh
+    """
     mesh, solid = _source(fe_model)
     changed = replace(solid, materials={**solid.materials, **materials})
     model = assemble_mesh(mesh, changed, fe_model.order)
@@ -121,13 +142,20 @@ def with_materials(fe_model: FEModel, materials: Mapping[str, Material]) -> FEMo
 
 
 def _source(fe_model: FEModel) -> tuple[Any, Solid]:
+    """Return the mesh and the solid of an FE model; ValueError for a model that was not made from a mesh."""
     if fe_model._source is None:
-        raise ValueError(f"FE model {fe_model.name!r} was made by hand, so its mesh is unknown")
+        raise ValueError(
+            f"FE model {fe_model.name!r} was not made from a mesh by build_fe_model, so its mesh is unknown"
+        )
     return fe_model._source
 
 
 def refine_order(fe_model: FEModel) -> Refinement:
-    """The same solid on the same mesh with elements one order higher; ValueError for models made by hand."""
+    """Assemble elements one order higher for the same solid and mesh.
+
+    Raises:
+        ValueError: for a model that was not made from a mesh
+    """
     mesh, solid = _source(fe_model)
     order = fe_model.order
     with threads():
@@ -152,6 +180,7 @@ def refine_order(fe_model: FEModel) -> Refinement:
 
 
 def _elastic_energy(mesh: Any, solid: Solid, u: Any, v: Any) -> Any:
+    """Return the elastic bilinear form of trial functions u and test functions v."""
     lame = {name: material.lame_parameters for name, material in solid.materials.items()}
     lambda_, mu = (by_body(mesh, {name: values[k] for name, values in lame.items()}) for k in range(2))
     strain_u, strain_v = ng.Sym(ng.Grad(u)), ng.Sym(ng.Grad(v))
@@ -159,10 +188,12 @@ def _elastic_energy(mesh: Any, solid: Solid, u: Any, v: Any) -> Any:
 
 
 def _density(mesh: Any, solid: Solid) -> Any:
+    """Return the density as a function on the mesh [kg/m3]."""
     return by_body(mesh, {name: material.density for name, material in solid.materials.items()})
 
 
 def _stiffness(mesh: Any, solid: Solid, order: int) -> SymmetricMatrix:
+    """Assemble the stiffness matrix [N/m]."""
     space = ng.VectorH1(mesh, order=order)
     u, v = space.TnT()
     form = ng.BilinearForm(space, symmetric=True, symmetric_storage=True)
@@ -171,13 +202,15 @@ def _stiffness(mesh: Any, solid: Solid, order: int) -> SymmetricMatrix:
 
 
 def _scalar_mass(mesh: Any, solid: Solid, scalar: Any) -> sp.csr_matrix:
+    """Assemble the scalar mass matrix [kg]."""
     density = _density(mesh, solid)
     u, v = scalar.TnT()
-    # Two orders more than the default integrate the Jacobian of curved elements exactly, or nearly so.
+    # Two orders above the default integrate the Jacobian of curved elements exactly or nearly exactly.
     return _to_scipy(ng.BilinearForm(density * u * v * ng.dx(bonus_intorder=2)).Assemble().mat)
 
 
 def _to_scipy(matrix: Any) -> sp.csr_matrix:
+    """Convert an NGSolve matrix to SciPy."""
     values, columns, row_starts = (np.array(part, copy=True) for part in matrix.CSR())
     result = sp.csr_matrix((values, columns, row_starts), shape=(matrix.height, matrix.width))
     result.sort_indices()
@@ -185,14 +218,15 @@ def _to_scipy(matrix: Any) -> sp.csr_matrix:
 
 
 def _position_fields(scalar: Any) -> Array:
-    """Coefficients of 1, x, y, z in the scalar shape functions, shape (4, n)."""
-    # One space of four components takes a sixth of the time of four functions.
+    """Return the coefficients of 1, x, y, z in the scalar shape functions, shape (4, n)."""
+    # One space with four components takes one sixth of the time of four functions.
     interpolated = ng.GridFunction(ng.H1(scalar.mesh, order=scalar.globalorder, dim=4))
     interpolated.Set(ng.CoefficientFunction((1.0, ng.x, ng.y, ng.z)))
     return np.ascontiguousarray(interpolated.vec.FV().NumPy().reshape(-1, 4).T)
 
 
 def _couple(mesh: Any, scalar: Any, fields: Array, point: RemotePoint) -> Coupling:
+    """Tie a remote point to the unknowns on its faces."""
     region = faces(mesh, point.faces)
     dofs = np.flatnonzero(np.array(scalar.GetDofs(region)))
     test = scalar.TestFunction()

@@ -1,17 +1,18 @@
-"""Static condensation of an FE model to its remote points, by one factorisation.
+"""Static condensation of an FE model to its remote points, with one factorisation.
 
-Every displacement splits into a part that the remote points' motion q causes statically and a part that leaves them
-at rest, orthogonal to it in the strain energy:
+A displacement is the sum of two parts, which are orthogonal in the strain energy: the static response to the motion q
+of the remote points, and a part w in which the remote points do not move:
 
     u = Psi q + w,   W w = 0,   Psi^T K w = 0
 
-with W the rows that read q. So whatever the boundary conditions at the remote points are, the full model's answers
-need only this one factorisation and small dense matrices. The couplings differ in how Psi and w are found:
+The rows of W read q. With this split, the responses of the full model under any boundary conditions at the remote
+points need one factorisation and small dense matrices only. The couplings differ in how Psi and w are computed:
 
-- rbe2 (stiff interface): the interface's unknowns are held; Psi solves for the rest.
-- rbe3 (mean motion of a soft interface): forces l at the remote points are multipliers of W u = q. Without any rbe2
-  the stiffness is singular: six unknowns are held, just enough to stop rigid motion. Inertia forces balance the load
-  before each solve, so what is held carries no force, and any rigid motion Z may be added to the solution.
+- rbe2 (stiff interface): the unknowns of the interface are prescribed, and Psi solves for the other unknowns.
+- rbe3 (mean motion of a soft interface): the forces l at the remote points are multipliers of W u = q. Without an rbe2
+  coupling the stiffness is singular. Then six unknowns are fixed, just enough to prevent rigid motion. Inertia forces
+  balance the load before each solve, so the fixed unknowns carry no force, and any rigid motion Z may be added to the
+  solution.
 """
 
 from collections.abc import Sequence
@@ -28,18 +29,20 @@ from nassim.base.rigid_motion import rigid_transfer
 from nassim.fem.fe_model import Coupling, FEModel, rigid_motions
 from nassim.fem.solver import Factorization, factorize, solver_name, threads
 
-DEPENDENT = 1e-9
-"""Share of a remote point's motion, squared, that other points leave it; below, it follows from theirs."""
+DEPENDENT_MOTION = 1e-9
+"""Share of a remote point's squared motion that is independent of other points, below which it follows from theirs."""
 
 
 @dataclass(frozen=True)
 class Condensation:
-    """The static behaviour of an FE model seen from r remote points.
+    """Static behaviour of an FE model in terms of r remote points.
 
-    fe_model: the model; couplings: the remote points, in order
-    constraint_modes: displacements for unit motions of the remote points, Psi, shape (n_dofs, 6 r)
-    stiffness: forces at the remote points for their unit motions, shape (6 r, 6 r)
-    averages: rows W that read the remote points' motions, sparse, shape (6 r, n_dofs)
+    Attributes:
+        fe_model: the FE model
+        couplings: couplings of the remote points, in order
+        constraint_modes: displacements Psi for unit motions of the remote points, shape (n_dofs, 6 r)
+        stiffness: forces at the remote points for unit motions of these points, shape (6 r, 6 r)
+        averages: rows W that read the motions of the remote points, sparse, shape (6 r, n_dofs)
     """
 
     fe_model: FEModel
@@ -49,7 +52,7 @@ class Condensation:
     stiffness: Array
     averages: sp.csr_matrix
     _grounded: "_Grounded" = field(repr=False)
-    _soft_averages: sp.csr_matrix = field(repr=False)  # rows of W that belong to rbe3 points
+    _soft_averages: sp.csr_matrix = field(repr=False)  # rows of W for rbe3 points
     _soft_flexibility: Array = field(repr=False)  # X = G W_soft^T
     _border: Array = field(repr=False)  # inverse of [[W X, W Z], [Z^T W^T, 0]]
 
@@ -59,9 +62,14 @@ class Condensation:
         return tuple(c.point.name for c in self.couplings)
 
     def solve_fixed(self, load: Array, *, advance: Advance = silent) -> Array:
-        """Displacements under `load` (n_dofs,) or (n_dofs, k) [N] with all remote points held at rest.
+        """Compute displacements under a load with all remote points fixed.
 
-        advance: called with the number of columns done
+        Args:
+            load: forces, shape (n_dofs,) or (n_dofs, k) [N]
+            advance: called with the number of columns done
+
+        Returns:
+            Displacements, in the shape of `load` [m].
         """
         solution = self._grounded.solve(load, advance=advance)
         motions = self._grounded.motions
@@ -73,10 +81,10 @@ class Condensation:
 
 @dataclass(frozen=True)
 class _Grounded:
-    """Solves K u = load with unknowns held at zero.
+    """Solver for K u = load with some unknowns fixed.
 
-    Where motions Z are left free, inertia forces balance the load and u comes out free of Z in the mass's inner
-    product, so the inverse stays symmetric and no unknown is favoured.
+    If motions Z remain possible, inertia forces balance the load, and u is made orthogonal to Z in the mass's inner
+    product. The inverse is then symmetric and independent of the choice of the fixed unknowns.
     """
 
     factorization: Factorization
@@ -84,6 +92,7 @@ class _Grounded:
     inertia_forces: Array  # M Z (Z^T M Z)^-1
 
     def solve(self, load: Array, *, advance: Advance = silent) -> Array:
+        """Return the displacements under a load, shape (n_dofs, k)."""
         balanced = load - self.inertia_forces @ (self.motions.T @ load)
         solution = self.factorization.solve(balanced, advance=advance)
         result: Array = solution - self.motions @ (self.inertia_forces.T @ solution)
@@ -91,12 +100,16 @@ class _Grounded:
 
 
 def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, progress: bool = True) -> Condensation:
-    """Factorise the stiffness once and find the constraint modes of the remote points.
+    """Factorise the stiffness once and compute the constraint modes of the remote points.
 
-    remote_points: names (default: all of the model, in its order)
+    Args:
+        fe_model: the FE model
+        remote_points: names (default: all remote points of the model, in its order)
+        progress: show the stages and their times
 
-    Raises ValueError for unknown names, no remote point at all, rbe2 interfaces that share nodes, and rbe3 interfaces
-    with too few nodes of their own for their points to move by themselves.
+    Raises:
+        ValueError: for unknown names, for no remote points, for rbe2 interfaces that share nodes, and for rbe3
+            interfaces with too few nodes of their own to move independently
     """
     names = [p.name for p in fe_model.remote_points] if remote_points is None else list(remote_points)
     if not unique("remote point", names):
@@ -119,7 +132,7 @@ def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, p
             lift[:, stiff] = np.hstack([_motions_of_first(fe_model, couplings, others), others])
         flexibility = grounded.solve(soft_averages.T.toarray(), advance=advance)
     border = _border_inverse(soft_averages @ flexibility, soft_averages @ grounded.motions)
-    # Motions that the rbe3 points still lack once the rbe2 points have moved, and the forces that bring them there.
+    # Difference of the rbe3 points' motions when only the rbe2 points move, and the forces that remove it.
     lacking = np.eye(len(stiff))[~stiff] - soft_averages @ lift
     n_soft = len(lacking)
     forces = border[:, :n_soft] @ lacking
@@ -127,7 +140,7 @@ def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, p
     stiffness = lacking.T @ forces[:n_soft]
     if stiff.any():
         stiffness += lift.T @ (fe_model.stiffness @ lift)
-    keep = strained_part([c.point.position for c in couplings])
+    keep = deformation_projector([c.point.position for c in couplings])
     stiffness = keep.T @ stiffness @ keep
     return Condensation(
         fe_model,
@@ -142,19 +155,20 @@ def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, p
     )
 
 
-def expanded_dofs(coupling: Coupling, n_dofs: int) -> NDArray[np.int64]:
-    """Unknowns x..., y..., z... of a coupling's interface among all n_dofs unknowns, shape (3 m,)."""
+def vector_dofs(coupling: Coupling, n_dofs: int) -> NDArray[np.int64]:
+    """Return the unknowns x..., y..., z... of a coupling's interface among all n_dofs unknowns, shape (3 m,)."""
     return np.concatenate([coupling.dofs + k * (n_dofs // 3) for k in range(3)])
 
 
 def _average_rows(coupling: Coupling, n_dofs: int) -> sp.csr_matrix:
-    columns = expanded_dofs(coupling, n_dofs)
+    """Return the rows of W of a coupling, sparse, shape (6, n_dofs)."""
+    columns = vector_dofs(coupling, n_dofs)
     rows = np.repeat(np.arange(6), len(columns))
     return sp.csr_matrix((coupling.averages.ravel(), (rows, np.tile(columns, 6))), shape=(6, n_dofs))
 
 
 def _prescribed_motions(fe_model: FEModel, couplings: Sequence[Coupling]) -> tuple[NDArray[np.int64], Array]:
-    """Unknowns on rbe2 interfaces, and their displacements for unit motions of the rbe2 points (n_dofs, 6 r2)."""
+    """Return the unknowns on rbe2 interfaces and their displacements for unit motions of the points (n_dofs, 6 r2)."""
     stiff = [c for c in couplings if c.point.coupling == "rbe2"]
     prescribed = np.zeros((fe_model.n_dofs, 6 * len(stiff)))
     owner: dict[int, str] = {}
@@ -166,13 +180,13 @@ def _prescribed_motions(fe_model: FEModel, couplings: Sequence[Coupling]) -> tup
                     "moves each as a rigid body, so they must not touch: use rbe3 or separate the faces"
                 )
             owner[dof] = coupling.point.name
-        prescribed[expanded_dofs(coupling, fe_model.n_dofs), 6 * i : 6 * i + 6] = coupling.motions
+        prescribed[vector_dofs(coupling, fe_model.n_dofs), 6 * i : 6 * i + 6] = coupling.motions
     scalar = np.array(sorted(owner), dtype=np.int64)
     return np.concatenate([scalar + k * (fe_model.n_dofs // 3) for k in range(3)]), prescribed
 
 
 def _refuse_dependent(couplings: Sequence[Coupling], averages: sp.csr_matrix, held: NDArray[np.int64]) -> None:
-    """Refuse rbe3 points whose motions follow from those of other points, as on small faces that touch."""
+    """Raise ValueError for rbe3 points whose motions follow from those of other points, as on small adjacent faces."""
     soft = [i for i, c in enumerate(couplings) if c.point.coupling == "rbe3"]
     if not soft:
         return
@@ -181,23 +195,23 @@ def _refuse_dependent(couplings: Sequence[Coupling], averages: sp.csr_matrix, he
     rows = []
     for i in soft:
         own = averages[6 * i : 6 * i + 6]
-        # Orthonormal rows on the whole interface: what is left of them on unknowns that move is then at most 1.
+        # The rows are orthonormal on the whole interface, so their part on free unknowns has a norm of at most 1.
         factor = np.linalg.cholesky((own @ own.T).toarray())
         rows.append(np.linalg.solve(factor, own.toarray() * free))
     readings = np.vstack(rows)
     independent, directions = np.linalg.eigh(readings @ readings.T)
-    if independent[0] < DEPENDENT:
+    if independent[0] < DEPENDENT_MOTION:
         share = np.sum(directions[:, 0].reshape(-1, 6) ** 2, axis=1)
-        tied = [couplings[i].point.name for i, s in zip(soft, share, strict=True) if s > DEPENDENT]
+        tied = [couplings[i].point.name for i, s in zip(soft, share, strict=True) if s > DEPENDENT_MOTION]
         raise ValueError(
             f"rbe3 remote points that cannot move by themselves: {', '.join(map(repr, tied))}; too few nodes of their "
-            "interfaces are not on each other's or on an rbe2 point's as well; make the elements there smaller "
+            "interfaces belong to them alone and not to another remote point; make the elements there smaller "
             "(local_sizes), raise the order, or separate the faces"
         )
 
 
 def _motions_of_first(fe_model: FEModel, couplings: Sequence[Coupling], others: Array) -> Array:
-    """Displacements for unit motions of the first rbe2 point: what the others' lack to the body's rigid motions."""
+    """Return displacements for the first rbe2 point that complete the others to rigid motions of the body."""
     positions = [c.point.position for c in couplings if c.point.coupling == "rbe2"]
     result = rigid_motions(fe_model.fields, positions[0])
     for i, position in enumerate(positions[1:]):
@@ -206,25 +220,29 @@ def _motions_of_first(fe_model: FEModel, couplings: Sequence[Coupling], others: 
 
 
 def _ground(fe_model: FEModel, held: NDArray[np.int64]) -> _Grounded:
+    """Factorise the stiffness with the unknowns `held`, or with six that prevent rigid motion if there are none."""
     if held.size:
         nothing = np.zeros((fe_model.n_dofs, 0))
         return _Grounded(factorize(fe_model.stiffness, held=held), nothing, nothing)
     motions = fe_model.rigid_motions()
     inertia = np.vstack([fe_model.scalar_mass_matrix @ block for block in np.split(motions, 3)])
-    # Pivoted QR finds six unknowns that hold the body as firmly as any six can.
+    # Pivoted QR finds six unknowns that prevent rigid motion with a good condition.
     _, _, order = scipy.linalg.qr((motions / np.abs(motions).max(axis=0)).T, mode="economic", pivoting=True)
     factorization = factorize(fe_model.stiffness, held=np.sort(order[:6]))
     return _Grounded(factorization, motions, inertia @ np.linalg.inv(motions.T @ inertia))
 
 
-def strained_part(positions: Sequence[Array]) -> Array:
-    """Projection that takes a common rigid motion out of the motions of points at the given positions, (6 r, 6 r).
+def deformation_projector(positions: Sequence[Array]) -> Array:
+    """Return the projection that removes a common rigid motion from motions of points at `positions`, shape (6 r, 6 r).
 
-    Curved prisms spend a little energy on rigid motions; with it, forces and stiffnesses become free of that.
+    Curved prisms have a small strain energy in rigid motions. The projection removes it from forces and stiffnesses.
+
+    Args:
+        positions: positions of the points, shape (r, 3) [m]
     """
     motions = np.vstack([rigid_transfer(position - positions[0]) for position in positions])
     extent = max(float(np.ptp(positions, axis=0).max()), np.finfo(float).eps)
-    scale = np.tile(np.repeat([1.0, extent], 3), len(positions))  # rotations in metres
+    scale = np.tile(np.repeat([1.0, extent], 3), len(positions))  # rotations times this length are in metres
     basis = np.linalg.qr(scale[:, None] * motions)[0]
     keep = np.eye(len(scale)) - basis @ basis.T
     result: Array = keep * scale / scale[:, None]
@@ -232,7 +250,7 @@ def strained_part(positions: Sequence[Array]) -> Array:
 
 
 def _border_inverse(flexibility: Array, motions: Array) -> Array:
-    """Inverse of the symmetric [[S, B], [B^T, 0]], scaled because S is in m/N and rad/Nm and B in m and rad."""
+    """Return the inverse of [[S, B], [B^T, 0]], scaled because S is in m/N and rad/Nm and B in m and rad."""
     n, m = motions.shape
     if n == 0:
         return np.zeros((0, 0))

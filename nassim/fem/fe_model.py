@@ -1,4 +1,4 @@
-"""The finite element model: matrices of a meshed solid and its remote points tied to them, whoever meshed it."""
+"""Finite element model: matrices of a meshed solid and its coupled remote points, from any mesher."""
 
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
@@ -16,13 +16,14 @@ from nassim.fem.sparse import SymmetricMatrix, symmetric_matrix
 
 @dataclass(frozen=True)
 class Coupling:
-    """A remote point tied to the finite element unknowns of its interface.
+    """A remote point coupled to the finite element unknowns of its interface.
 
-    point: the remote point
-    dofs: scalar unknowns of the interface, shape (m,)
-    averages: rows that turn the interface's displacements into the point's motion (ux uy uz rx ry rz) by a
-        least-squares fit over the area, shape (6, 3 m), unknowns ordered x..., y..., z...
-    motions: the interface's displacements when the point moves by one unit, shape (3 m, 6); averages @ motions = 1
+    Attributes:
+        point: the remote point
+        dofs: scalar unknowns of the interface, shape (m,)
+        averages: rows from the displacements of the interface to the motion of the point (ux uy uz rx ry rz), a
+            least-squares fit over the area, shape (6, 3 m), unknowns ordered x..., y..., z...
+        motions: displacements of the interface for unit motions of the point, shape (3 m, 6); averages @ motions = 1
     """
 
     point: RemotePoint
@@ -35,17 +36,19 @@ class Coupling:
 class FEModel:
     """Stiffness and mass of a meshed solid. Unknowns: all x, then all y, then all z displacements.
 
-    name: of the solid
-    stiffness: (3 n, 3 n), symmetric [N/m]; a SciPy matrix is taken too
-    scalar_mass_matrix: (n, n) sparse, integral of density times two scalar shape functions [kg]; the mass
-        matrix is three such blocks
-    fields: coefficients of the functions 1, x, y, z in the scalar shape functions, shape (4, n) [-, m, m, m]
-    couplings: the remote points, in the solid's order; ports: the electrical ports, likewise
-    surface, surface_evaluation: triangles for pictures, and the (n_points, n) sparse matrix that evaluates
-        a scalar field at their points; None in models made by hand
-    description: element order, sizes and counts as text, for reports
-    order: polynomial order of the elements; 0 where unknown
-    warnings: what was warned of while the mesh was made
+    Attributes:
+        name: name of the solid
+        stiffness: symmetric, shape (3 n, 3 n) [N/m]; a SciPy matrix is accepted too
+        scalar_mass_matrix: integral of density times two scalar shape functions, sparse, shape (n, n) [kg]; the mass
+            matrix consists of three such blocks
+        fields: coefficients of the functions 1, x, y, z in the scalar shape functions, shape (4, n) [-, m, m, m]
+        couplings: couplings of the remote points, in the order of the solid
+        surface: triangles for images; None in models that were not made from a mesh
+        surface_evaluation: sparse matrix (n_points, n) that evaluates a scalar field at the surface's points, or None
+        description: element order, sizes and counts as text, for reports
+        order: polynomial order of the elements; 0 if unknown
+        ports: electrical ports, in the order of the solid
+        warnings: warnings given while the mesh was made
     """
 
     name: str
@@ -87,17 +90,17 @@ class FEModel:
 
     @property
     def remote_points(self) -> tuple[RemotePoint, ...]:
-        """The remote points, in order."""
+        """Remote points, in order."""
         return tuple(c.point for c in self.couplings)
 
     @property
     def stiffness_matrix(self) -> sp.csr_matrix:
-        """The stiffness matrix (3 n, 3 n) [N/m], made anew at every call."""
+        """Stiffness matrix (3 n, 3 n) [N/m]; every access makes a new one."""
         return self.stiffness.to_scipy()
 
     @property
     def mass_matrix(self) -> sp.csr_matrix:
-        """The mass matrix (3 n, 3 n) [kg], made anew at every call."""
+        """Mass matrix (3 n, 3 n) [kg]; every access makes a new one."""
         return sp.block_diag([self.scalar_mass_matrix] * 3, format="csr")
 
     @property
@@ -107,29 +110,39 @@ class FEModel:
         return float(one @ (self.scalar_mass_matrix @ one))
 
     def rigid_motions(self) -> Array:
-        """Unit translations and rotations about the CAD's origin, shape (3 n, 6)."""
+        """Return unit translations and rotations about the CAD's origin, shape (3 n, 6)."""
         return rigid_motions(self.fields, np.zeros(3))
 
     def port(self, name: str) -> PortCoupling:
-        """An electrical port by name; raises ValueError listing the names when there is none."""
+        """Return an electrical port by name.
+
+        Raises:
+            ValueError: for an unknown name; the message lists the names
+        """
         names = [port.name for port in self.ports]
         return self.ports[names.index(known("electrical port", name, names))]
 
     def coupling(self, name: str) -> Coupling:
-        """The coupling of a remote point; raises ValueError listing the names when there is none."""
+        """Return the coupling of a remote point.
+
+        Raises:
+            ValueError: for an unknown name; the message lists the names
+        """
         names = [c.point.name for c in self.couplings]
         return self.couplings[names.index(known("remote point", name, names))]
 
 
 @dataclass(frozen=True)
 class Refinement:
-    """Elements one order higher on the same mesh, with m scalar unknowns, beside an FE model with n.
+    """Elements one order higher on the same mesh, with m scalar unknowns, for an FE model with n.
 
-    stiffness: of the finer elements, (3 m, 3 m) [N/m]
-    held: indices of those that add nothing, at vertices and on edges all but the highest degree's
-    mixed_stiffness: forces on the finer unknowns from displacements of the model, (3 m, 3 n)
-    mixed_mass: the same for density, one scalar block, (m, n)
-    couplings: the remote points on the finer elements
+    Attributes:
+        stiffness: stiffness of the finer elements, shape (3 m, 3 m) [N/m]
+        held: indices of the finer unknowns that add nothing to the model: all at vertices, and all on edges except
+            those of the highest degree
+        mixed_stiffness: forces on the finer unknowns from displacements of the model, shape (3 m, 3 n)
+        mixed_mass: the same for the mass, one scalar block, shape (m, n)
+        couplings: remote points coupled to the finer elements
     """
 
     stiffness: SymmetricMatrix
@@ -140,7 +153,12 @@ class Refinement:
 
 
 def rigid_motions(fields: Array, centre: Array) -> Array:
-    """Translations along and rotations about axes through `centre`, (3 n, 6), from the fields 1, x, y, z (4, n)."""
+    """Return translations along, and rotations about, axes through `centre`, shape (3 n, 6).
+
+    Args:
+        fields: coefficients of the fields 1, x, y, z, shape (4, n)
+        centre: point on the axes, shape (3,) [m]
+    """
     one = fields[0]
     arm = fields[1:] - np.outer(centre, one)
     zero = np.zeros_like(one)
@@ -156,13 +174,19 @@ def rigid_motions(fields: Array, centre: Array) -> Array:
 def make_coupling(
     point: RemotePoint, dofs: NDArray[np.int64], area_integrals: Array, interface_fields: Array
 ) -> Coupling:
-    """Tie a remote point to interface unknowns.
+    """Couple a remote point to unknowns of its interface.
 
-    dofs: scalar unknowns (m,); area_integrals: integral over the interface of each scalar shape function times
-    1, x, y, z, shape (4, m) [m2, m3]; interface_fields: coefficients of 1, x, y, z in them, shape (4, m)
+    With the area integrals F of the six rigid motions and their coefficients R, the mean motion is (F R)^-1 F u.
 
-    With F the area integrals of the six rigid motions and R their coefficients, the mean motion is
-    (F R)^-1 F u. Raises ValueError when the interface cannot carry a rotation (a line or a point).
+    Args:
+        point: the remote point
+        dofs: scalar unknowns of the interface, shape (m,)
+        area_integrals: integrals over the interface of each scalar shape function times 1, x, y, z, shape (4, m) [m2,
+            m3]
+        interface_fields: coefficients of 1, x, y, z in the scalar shape functions, shape (4, m)
+
+    Raises:
+        ValueError: if the interface is a line or a point, which cannot carry a rotation
     """
     integrals = rigid_motions(area_integrals, point.position).T
     motions = rigid_motions(interface_fields, point.position)

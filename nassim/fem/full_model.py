@@ -1,7 +1,7 @@
-"""The full FE model's own answers, without any reduction: the reference that reductions are compared with.
+"""Results of the full FE model without reduction, as reference for reductions.
 
-All boundary conditions at remote points are served by the one factorisation of a `Condensation`: what the points'
-free motions contribute is the constraint modes times a small dense inverse, the rest is solved with the points held.
+The factorisation of a `Condensation` serves all boundary conditions at remote points. The free motions of the points
+contribute the constraint modes times a small dense inverse; the rest is solved with the points fixed.
 """
 
 from collections.abc import Callable, Collection, Mapping
@@ -18,17 +18,19 @@ from nassim.fem.modes import mass_operator
 from nassim.signals.frf import FRF
 
 MECHANISM_TOLERANCE = 1e-10
-"""Scaled stiffness eigenvalues below this are motions without strain."""
+"""Scaled stiffness eigenvalues below this value belong to motions without strain."""
 
 
 @dataclass(frozen=True)
 class FullModel:
     """A full FE model under boundary conditions at its remote points.
 
-    condensed: its static condensation; free: indices of the remote points' free coordinates
-    multiply_mass: displacements (n_dofs,) -> inertia forces, point masses included
-    solve: forces (n_dofs,) -> static displacements; motions without strain are projected out
-    mechanisms: motions without strain that the boundary conditions leave, (n_dofs, k)
+    Attributes:
+        condensed: its static condensation
+        free: indices of the free coordinates of the remote points
+        multiply_mass: function from displacements (n_dofs,) to the mass matrix times them, including point masses
+        solve: function from forces (n_dofs,) to static displacements, with motions without strain projected out
+        mechanisms: motions without strain that the boundary conditions allow, shape (n_dofs, k)
     """
 
     condensed: Condensation
@@ -45,7 +47,14 @@ def constrain(
     guided: Mapping[str, str] | None = None,
     masses: Mapping[str, float] | None = None,
 ) -> FullModel:
-    """Put boundary conditions on a full model; the arguments are those of `ReducedBody.eigenmodes`."""
+    """Apply boundary conditions to a full model.
+
+    Args:
+        condensed: static condensation of the model
+        fixed: remote points that cannot move
+        guided: point -> its one free direction ("x", "y", "z", "rx", "ry" or "rz")
+        masses: point masses at remote points [kg]
+    """
     free = free_coordinates(condensed.names, fixed=fixed, guided=guided)
     modes = condensed.constraint_modes[:, free]
     added = point_masses(condensed.names, masses)
@@ -59,7 +68,7 @@ def constrain(
     scale = 1.0 / np.sqrt(np.diag(stiffness))
     eigenvalues, vectors = np.linalg.eigh(scale[:, None] * stiffness * scale)
     stiff = eigenvalues > MECHANISM_TOLERANCE
-    # The pseudo-inverse serves: loads are balanced against the mechanisms before they reach it.
+    # The pseudo-inverse is sufficient, because loads are made orthogonal to the mechanisms first.
     scaled = scale[:, None] * vectors
     flexibility = (scaled[:, stiff] / eigenvalues[stiff]) @ scaled[:, stiff].T
     mechanisms = modes @ scaled[:, ~stiff]
@@ -84,7 +93,19 @@ def full_eigenfrequencies(
     n: int = 10,
     progress: bool = True,
 ) -> Array:
-    """The lowest n eigenfrequencies [Hz] of the full model, motions without strain (0 Hz) included, shape (n,)."""
+    """Compute the lowest eigenfrequencies of the full model, including those of motions without strain (0 Hz).
+
+    Args:
+        condensed: static condensation of the model
+        fixed: remote points that cannot move
+        guided: point -> its one free direction ("x", "y", "z", "rx", "ry" or "rz")
+        masses: point masses at remote points [kg]
+        n: number of eigenfrequencies
+        progress: show the stages and their times
+
+    Returns:
+        Frequencies, shape (n,) [Hz].
+    """
     model = constrain(condensed, fixed=fixed, guided=guided, masses=masses)
     size = condensed.fe_model.n_dofs
     n_zero = min(model.mechanisms.shape[1], n)
@@ -105,10 +126,13 @@ def full_eigenfrequencies(
 
 @dataclass(frozen=True)
 class HarmonicSolution:
-    """FRF of a full model, with what it cost and how far it has converged.
+    """FRF of a full model, with its cost and its convergence.
 
-    frf: the FRF; change: of the displacements, relative and in the mass's norm, by the last two Krylov vectors, the
-        largest over frequencies and inputs; n_solves: solves with the one factorisation
+    Attributes:
+        frf: the FRF
+        change: relative change of the displacements by the last two Krylov vectors, in the mass's norm; largest value
+            over frequencies and inputs [-]
+        n_solves: number of solves with the factorisation
     """
 
     frf: FRF
@@ -130,20 +154,30 @@ def full_frequency_response(
     max_solves: int = 200,
     progress: bool = True,
 ) -> HarmonicSolution:
-    """Harmonic response of the full model at the given frequencies, shape (n,) [Hz], without modal reduction.
-
-    inputs: name -> forces per unit input at named coordinates, e.g. {"force": {"top.uz": 1.0}}, and voltages at
-        electrical ports by their names; all other ports stay at zero voltage
-    outputs: name -> weights of named coordinates, and of the charges [C] at ports
-    damping_ratio: zeta of every mode of the full model [-]
-    tolerance: on the relative change by the last two Krylov vectors
+    """Compute the harmonic response of the full model without modal reduction.
 
     With A = K^-1 M and u_0 = K^-1 f, the response with the same damping ratio in every mode is
-    u = (I - omega^2 A + 2 i zeta omega A^1/2)^-1 u_0, a function of A. One Lanczos basis, which costs one solve per
-    vector, serves all frequencies and grows until the displacements at none of them change any more.
+    u = (I - omega^2 A + 2 i zeta omega A^1/2)^-1 u_0, a function of A. One Lanczos basis serves all frequencies. It
+    costs one solve per vector and grows until the displacements have converged at all frequencies.
     Source: N. J. Higham, Functions of Matrices (2008), ch. 13.
 
-    Raises ValueError when the body can move freely, RuntimeError when `max_solves` do not suffice.
+    Args:
+        condensed: static condensation of the model
+        frequency: frequencies, shape (n,) [Hz]
+        inputs: name -> forces per unit input at named coordinates, e.g. {"force": {"top.uz": 1.0}}, and voltages at
+            electrical ports by their names; all other ports stay at zero voltage
+        outputs: name -> weights of named coordinates, and of the charges [C] at ports
+        damping_ratio: damping ratio zeta of every mode of the full model [-]
+        fixed: remote points that cannot move
+        guided: point -> its one free direction ("x", "y", "z", "rx", "ry" or "rz")
+        masses: point masses at remote points [kg]
+        tolerance: tolerance of the relative change by the last two Krylov vectors [-]
+        max_solves: largest number of solves per input
+        progress: show the stages and their times
+
+    Raises:
+        ValueError: if the boundary conditions allow a motion without strain
+        RuntimeError: if the response has not converged after `max_solves` solves
     """
     frequency = finite_array("frequency", frequency, (None,))
     positive("tolerance", tolerance)
@@ -168,7 +202,7 @@ def full_frequency_response(
 
 
 def _row(condensed: Condensation, weights: Mapping[str, float]) -> Array:
-    """Weights of named coordinates and electrical ports as a row over all unknowns, (n_dofs,)."""
+    """Return weights of named coordinates and electrical ports as a row over all unknowns, shape (n_dofs,)."""
     ports = {port.name: port.forces for port in condensed.fe_model.ports}
     motions = {name: weight for name, weight in weights.items() if name not in ports}
     row: Array = condensed.averages.T @ coordinate_vector(condensed.names, motions)
@@ -184,7 +218,7 @@ def _krylov(
     max_solves: int,
     advance: Advance,
 ) -> tuple[Array, Array, float]:
-    """Lanczos basis (n_dofs, m), orthonormal in M, the response in it (m, n_frequencies), and its last change."""
+    """Compute a Lanczos basis (n_dofs, m), orthonormal in M, its response (m, n_frequencies) and the last change."""
     vector = model.solve(load)
     inertia = model.multiply_mass(vector)
     norm = float(np.sqrt(vector @ inertia))
@@ -195,7 +229,7 @@ def _krylov(
         vector = model.solve(inertias[-1])
         advance()
         coefficients = np.zeros(len(basis))
-        # Gram-Schmidt twice: the second pass removes what rounding left.
+        # Gram-Schmidt twice: the second pass removes the rounding errors of the first.
         for _ in range(2):
             overlap = np.array([m @ vector for m in inertias])
             vector = vector - np.array(basis).T @ overlap
@@ -211,7 +245,7 @@ def _krylov(
                 return np.array(basis).T, earlier[-1], relative
         inertia = model.multiply_mass(vector)
         remainder = float(np.sqrt(max(float(vector @ inertia), 0.0)))
-        if remainder <= 1e-14 * abs(coefficients[-1]):  # the space is exhausted: the answer is exact
+        if remainder <= 1e-14 * abs(coefficients[-1]):  # the Krylov space is complete: the response is exact
             return np.array(basis).T, earlier[-1], 0.0
         basis.append(vector / remainder)
         inertias.append(inertia / remainder)
@@ -222,7 +256,7 @@ def _krylov(
 
 
 def _response(projected: Array, frequency: Array, damping_ratio: float) -> Array:
-    """First column of (I - omega^2 T + 2 i zeta omega T^1/2)^-1 for the projected matrix T, (m, n_frequencies)."""
+    """Return the first column of (I - omega^2 T + 2 i zeta omega T^1/2)^-1, shape (m, n_frequencies)."""
     squares, vectors = np.linalg.eigh(projected)
     period = 2 * np.pi * frequency * np.sqrt(np.maximum(squares, 0.0))[:, None]
     result: Array = vectors @ (vectors[0][:, None] / (1 - period**2 + 2j * damping_ratio * period))

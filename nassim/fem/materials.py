@@ -8,28 +8,39 @@ from nassim.base.checks import finite, freeze, positive
 from nassim.base.warning_log import warn
 
 POSSIBLE_SPEEDS = (0.5, 1e6)
-"""Speeds of sound [m/s] outside which a modulus or density is in other units: jelly has 1, steel in GPa would have 0.2,
-diamond has 18 000, steel in t/mm3 would have 5e9."""
+"""Range of the speed of sound [m/s]. Outside this range, a modulus or density is in other units.
+
+Examples are 1 for jelly and 18 000 for diamond; wrong units give 0.2 for steel in GPa and 5e9 for steel in t/mm3.
+"""
 USUAL_SPEEDS = (10.0, 30e3)
-"""Speeds of sound [m/s] of engineering materials: soft rubber has 20, diamond 18 000; steel in MPa would have 5,
-alumina in MPa 9.7, steel in g/cm3 160 000, a plastic in g/cm3 40 000."""
+"""Range of the speed of sound of engineering materials [m/s].
+
+Examples are 20 for soft rubber and 18 000 for diamond. Wrong units give 5 for steel in MPa, 9.7 for alumina in MPa,
+160 000 for steel in g/cm3 and 40 000 for a plastic in g/cm3.
+"""
 LIGHTEST = 5.0
-"""Density [kg/m3] of the lightest foams; rubber and plastics in g/cm3, about 1, lie below, aerogels too."""
+"""Density of the lightest foams [kg/m3]. Rubber and plastics in g/cm3, about 1, and aerogels are below it."""
 
 
 @dataclass(frozen=True)
 class Material:
     """An isotropic linear elastic material.
 
-    name: what reports call it
-    young_modulus: Young's modulus [Pa]
-    poisson_ratio: Poisson's ratio [-], above -1 and below 0.5
-    density: mass density [kg/m3]
+    Attributes:
+        name: name in reports
+        young_modulus: Young's modulus [Pa]
+        poisson_ratio: Poisson's ratio, above -1 and below 0.5 [-]
+        density: mass density [kg/m3]
 
-    Raises ValueError when a value is not physical, also where modulus and density together are not: the speed of sound
-    sqrt(young_modulus / density) is 1 m/s in jelly, 20 in soft rubber, 5000 in steel and 18 000 in diamond; it must lie
-    between 0.5 and 1e6 m/s. Outside 10 to 30 000 m/s, and below 5 kg/m3, warns: GPa, MPa or g/cm3 were probably meant;
-    a stand-in for something rigid or without mass may ignore that.
+    Raises:
+        ValueError: if a value is not physical, or if modulus and density do not fit together. The speed of sound
+            sqrt(young_modulus / density) must be between 0.5 and 1e6 m/s. It is 1 m/s in jelly, 20 in soft rubber, 5000
+            in steel and 18 000 in diamond.
+
+    Warns:
+        UserWarning: if the speed of sound is outside 10 to 30 000 m/s, or the density is below 5 kg/m3. Values were
+            probably given in GPa, MPa or g/cm3. The warning can be ignored for a fictitious material that is rigid or
+            massless.
     """
 
     name: str

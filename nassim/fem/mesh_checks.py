@@ -1,4 +1,4 @@
-"""Whether a mesh serves: its factorisation fits in memory, it fills the solid, its walls are thick enough."""
+"""Checks of a mesh: memory of its factorisation, volume, and thickness of walls in elements."""
 
 from typing import Any
 
@@ -10,18 +10,18 @@ from nassim.base.warning_log import warn
 from nassim.fem.solid import Solid
 from nassim.fem.solver import factor_memory
 
-SMALL = 50_000
-"""Models with fewer unknowns than this fit in any memory."""
+SMALL_MODEL = 50_000
+"""Number of unknowns below which a model fits in any memory."""
 USUAL_SHARE = 0.7
-"""What the sparse Cholesky takes at most of the estimated memory."""
+"""Largest share of the estimated memory that the sparse Cholesky factorisation needs in practice."""
 THIN_SHARE = 0.5
 LARGEST_VOLUME_ERROR = 0.01
 
 
 def check_memory(mesh: Any, solid: Solid, order: int, element_size: float) -> None:
-    """Refuse a mesh whose factorisation would not fit in the memory that is free."""
+    """Raise ValueError for a mesh whose factorisation would not fit in the free memory."""
     scalar = ng.H1(mesh, order=order)
-    if 3 * scalar.ndof < SMALL:
+    if 3 * scalar.ndof < SMALL_MODEL:
         return
     points = np.array([vertex.point for vertex in mesh.vertices])
     elements = list(mesh.Elements(ng.VOL))
@@ -30,7 +30,7 @@ def check_memory(mesh: Any, solid: Solid, order: int, element_size: float) -> No
     need = USUAL_SHARE * factor_memory(centres, unknowns)
     free = psutil.virtual_memory().available
     if need > free:
-        # The factor grows about as the number of unknowns to the power 4/3.
+        # The memory of the factor is about proportional to the number of unknowns to the power 4/3.
         fitting = element_size * (need / free) ** 0.25
         raise ValueError(
             f"solid {solid.name!r}: {3 * scalar.ndof} degrees of freedom need about {need / 1e9:.1f} GB to factorise, "
@@ -39,7 +39,7 @@ def check_memory(mesh: Any, solid: Solid, order: int, element_size: float) -> No
 
 
 def check_volume(mesh: Any, solid: Solid) -> None:
-    """Warn of a mesh whose curved faces miss the CAD's by so much that its volume is off."""
+    """Warn if the curved faces of a mesh approximate the CAD so coarsely that the volume is wrong."""
     cad = sum(body.mass for body in solid.shape.solids)
     excess = ng.Integrate(1, mesh) / cad - 1
     if abs(excess) > LARGEST_VOLUME_ERROR:
@@ -51,7 +51,7 @@ def check_volume(mesh: Any, solid: Solid) -> None:
 
 
 def warn_of_thin_walls(mesh: Any, solid: Solid) -> None:
-    """Warn of walls one element thick, for elements of order 1."""
+    """Warn of walls that are one element thick, for elements of order 1."""
     outside = np.zeros(mesh.nv, dtype=bool)
     for element in mesh.Elements(ng.BND):
         outside[[v.nr for v in element.vertices]] = True

@@ -1,4 +1,4 @@
-"""Meshes of solids by Netgen: tetrahedra anywhere, prisms where CAD bodies are extruded along an axis."""
+"""Meshes of solids by Netgen: tetrahedra in general, prisms where CAD bodies are extruded along an axis."""
 
 import itertools
 import os
@@ -15,24 +15,24 @@ import numpy as np
 from netgen.libngpy._meshing import NgException, _SetTerminate
 
 from nassim.base.checks import known, positive
-from nassim.base.library_lock import exclusive
+from nassim.base.library_lock import hold_library_lock
 from nassim.base.warning_log import note, warn
 from nassim.fem.solid import Solid, face_names
 
-AXES = {"x": occ.X, "y": occ.Y, "z": occ.Z}
-GHOST = "(empty)"
-"""Name of cells that hold no material; those of CAD bodies are numbers while a mesh is made."""
-SAME = 1e-9
-"""Relative difference of volumes and areas that counts as none."""
+OCC_AXES = {"x": occ.X, "y": occ.Y, "z": occ.Z}
+EMPTY_CELL = "(empty)"
+"""Name of cells without material. While a mesh is made, CAD bodies have numbers as names."""
+SAME_SIZE = 1e-9
+"""Relative difference of volumes and areas that counts as zero."""
 TRIALS = ((0.7, 1.0), (0.5, 1.0), (0.3, 1.0), (0.7, 0.8), (0.5, 0.8))
-"""Growth of the elements away from small features (Netgen's grading) and share of the size, in the order of trial."""
-ROUNDS = 3
-"""Netgen's attempts to fill a CAD body; further ones take minutes and mostly fail too."""
-NEAR = 1e-6
-"""Distances below this are nil [m]."""
+"""Growth of the elements away from small features (Netgen's grading) and factor on the size, in the order of trial."""
+FILL_ATTEMPTS = 3
+"""Netgen's attempts to fill a CAD body. Further attempts take minutes and usually fail too."""
+SMALLEST_DISTANCE = 1e-6
+"""Distances below this value count as zero [m]."""
 UNLIMITED = 1e99
-PATIENCE = 0.1
-"""How often Ctrl-C is looked for [s]."""
+INTERRUPT_INTERVAL = 0.1
+"""Time between two checks for Ctrl-C [s]."""
 
 
 def generate_mesh(
@@ -44,26 +44,35 @@ def generate_mesh(
     extrude: str | None = None,
     layer_thickness: float | None = None,
 ) -> Any:
-    """Mesh a solid by Netgen; returns the Netgen mesh, coordinates in metres.
+    """Mesh a solid by Netgen.
 
-    element_size: largest edge length [m]; small features get smaller elements
-    curvature: elements per radius of curvature of curved edges and faces
-    local_sizes: largest edge length [m] on faces, by the faces' names
-    extrude: "x", "y" or "z" meshes the CAD bodies that are extruded along this axis with prisms, and the others
-        with tetrahedra; None, all with tetrahedra. Prisms on curved faces hold rigid rotations only nearly, unless
-        their remote points are of kind rbe3
-    layer_thickness: largest height of the prisms [m] (default: element_size)
+    Args:
+        solid: the solid
+        element_size: largest edge length [m]; small features get smaller elements
+        curvature: elements per radius of curvature of curved edges and faces
+        local_sizes: largest edge length on faces, by the names of the faces [m]
+        extrude: "x", "y" or "z" meshes the CAD bodies that are extruded along this axis with prisms, and the others
+            with tetrahedra; None meshes all with tetrahedra. Prisms on curved faces represent rigid rotations only
+            approximately, unless their remote points are of kind rbe3.
+        layer_thickness: largest height of the prisms [m] (default: element_size)
 
-    Raises ValueError for impossible sizes, when no CAD body is extruded along the axis, and when Netgen fails. Where
-    it fails with prisms only, which happens where they meet tetrahedra, warns and meshes with tetrahedra alone.
+    Returns:
+        The Netgen mesh, with coordinates in metres.
+
+    Raises:
+        ValueError: for impossible sizes, if no CAD body is extruded along the axis, and if Netgen fails
+
+    Warns:
+        UserWarning: if Netgen fails with prisms only, which happens where they meet tetrahedra; the mesh then consists
+            of tetrahedra
     """
     size = positive("element_size", element_size, "m")
     extent = np.array([tuple(corner) for corner in solid.shape.bounding_box])
     length = np.ptp(extent, axis=0).max()
-    if size > length * (1 + SAME):
+    if size > length * (1 + SAME_SIZE):
         raise ValueError(
-            f"element_size {size:g} m is longer than the solid {solid.name!r}, which has {length:g} m; take that at "
-            "most, and give lengths in metres: 5e-3 for 5 mm"
+            f"element_size {size:g} m is longer than the solid {solid.name!r}, which is {length:g} m long; choose "
+            "at most that, and give lengths in metres: 5e-3 for 5 mm"
         )
     if size < 1e-3 * length:
         raise ValueError(
@@ -77,23 +86,24 @@ def generate_mesh(
         positive(f"size on face {name!r}", local_size, "m")
     thickness = size if layer_thickness is None else positive("layer_thickness", layer_thickness, "m")
     if extrude is not None:
-        known("extrude", extrude, AXES)
-    with exclusive(), _numbered(solid.shape) as names:
+        known("extrude", extrude, OCC_AXES)
+    with hold_library_lock(), _name_by_index(solid.shape) as names:
         numbered_sizes = {str(names.index(name)): local_size for name, local_size in sizes.items()}
         mesh = _mesh(solid, size, curvature, numbered_sizes, extrude, thickness)
-        _name_again(mesh, names)
+        _restore_mesh_names(mesh, names)
     return mesh
 
 
 def _mesh(
     solid: Solid, size: float, curvature: float, sizes: Mapping[str, float], extrude: str | None, thickness: float
 ) -> Any:
+    """Mesh a solid with prisms if asked for and possible, otherwise with tetrahedra."""
     if extrude is not None:
         try:
             return _run_netgen(cut_in_layers(solid, axis=extrude, thickness=thickness), size, curvature, sizes)
         except NgException:
             warn(
-                f"Netgen fails to mesh solid {solid.name!r} with prisms: tetrahedra take their place, at a larger "
+                f"Netgen fails to mesh solid {solid.name!r} with prisms: tetrahedra are used instead, with a larger "
                 "error; other sizes may help",
                 stacklevel=4,
             )
@@ -107,8 +117,8 @@ def _mesh(
 
 
 @contextmanager
-def _numbered(shape: Any) -> Iterator[list[str]]:
-    """Calls CAD bodies and faces by the places of their names in the yielded list: any name will do in a mesh."""
+def _name_by_index(shape: Any) -> Iterator[list[str]]:
+    """Rename CAD bodies and faces to indices of the yielded names, because meshes do not accept every name."""
     named = [(item, item.name) for item in [*shape.solids, *shape.faces] if item.name]
     names = list(dict.fromkeys(name for _, name in named))
     try:
@@ -120,8 +130,8 @@ def _numbered(shape: Any) -> Iterator[list[str]]:
             item.name = name
 
 
-def _name_again(mesh: Any, names: Sequence[str]) -> None:
-    """Undo `_numbered` in a mesh; what has no name, which Netgen calls "default", is called ''."""
+def _restore_mesh_names(mesh: Any, names: Sequence[str]) -> None:
+    """Undo `_name_by_index` in a mesh; a face without a name, which Netgen calls "default", gets the name ''."""
     original = {str(number): name for number, name in enumerate(names)}
     for body in range(1, mesh.GetNDomains() + 1):
         mesh.SetMaterial(body, original.get(mesh.GetMaterial(body), ""))
@@ -130,11 +140,11 @@ def _name_again(mesh: Any, names: Sequence[str]) -> None:
 
 
 def _run_netgen(shape: Any, size: float, curvature: float, sizes: Mapping[str, float]) -> Any:
-    """Netgen at times fails to fill what lies between prisms with tetrahedra; another grading or size may then help."""
+    """Mesh a shape with several gradings and sizes, because Netgen sometimes fails between prisms and tetrahedra."""
     _set_face_sizes(shape, sizes)
     try:
         for grading, share in TRIALS:
-            # Netgen's defaults resolve a 0.3 mm fillet with 30 times more elements than curved ones need.
+            # With Netgen's defaults, a 0.3 mm fillet gets 30 times more elements than curved elements need.
             options = {
                 "maxh": share * size,
                 "grading": grading,
@@ -142,11 +152,11 @@ def _run_netgen(shape: Any, size: float, curvature: float, sizes: Mapping[str, f
                 "segmentsperedge": 0.2,
                 "closeedgefac": None,
                 "minedgelen": 1e-3 * size,
-                "maxoutersteps": ROUNDS,
+                "maxoutersteps": FILL_ATTEMPTS,
             }
             try:
                 with _silence():
-                    mesh = _interruptibly(partial(_generate, shape, options))
+                    mesh = _run_interruptibly(partial(_generate, shape, options))
             except NgException:
                 if (grading, share) == TRIALS[-1]:
                     raise
@@ -159,20 +169,21 @@ def _run_netgen(shape: Any, size: float, curvature: float, sizes: Mapping[str, f
 
 
 def _generate(shape: Any, options: Mapping[str, Any]) -> Any:
+    """Call Netgen with options."""
     return occ.OCCGeometry(shape).GenerateMesh(**options)
 
 
-def _interruptibly(work: Callable[[], Any]) -> Any:
-    """The result of Netgen's work, done in another thread: Ctrl-C arrives meanwhile and makes Netgen stop."""
+def _run_interruptibly(work: Callable[[], Any]) -> Any:
+    """Run Netgen in another thread and return its result, so that Ctrl-C can stop it."""
     with ThreadPoolExecutor(1) as worker:
         future = worker.submit(work)
         try:
-            while not wait([future], timeout=PATIENCE).done:
+            while not wait([future], timeout=INTERRUPT_INTERVAL).done:
                 pass
             return future.result()
         except KeyboardInterrupt:
-            # Said again and again, because a mesh that is only just begun takes the word back.
-            while not wait([future], timeout=PATIENCE).done:
+            # The request is repeated, because Netgen resets it when it begins a mesh.
+            while not wait([future], timeout=INTERRUPT_INTERVAL).done:
                 _SetTerminate(True)
             raise
         finally:
@@ -181,7 +192,7 @@ def _interruptibly(work: Callable[[], Any]) -> Any:
 
 @contextmanager
 def _silence() -> Iterator[None]:
-    """Keep Netgen's C++ from printing about attempts that another one follows; what it raises is told anyway."""
+    """Suppress output of Netgen's C++ code about failed attempts; exceptions are still raised."""
     sys.stdout.flush()
     sys.stderr.flush()
     kept = [os.dup(stream) for stream in (1, 2)]
@@ -198,44 +209,53 @@ def _silence() -> Iterator[None]:
 
 
 def _set_face_sizes(shape: Any, sizes: Mapping[str, float]) -> None:
-    """Netgen reads the sizes from the shape, which keeps them."""
+    """Set element sizes on the faces of a shape. Netgen reads them from the shape, which keeps them."""
     for face in shape.faces:
         if face.name in sizes:
             face.maxh = sizes[face.name]
 
 
 def cut_in_layers(solid: Solid, *, axis: str, thickness: float) -> Any:
-    """A solid's shape, its extruded CAD bodies cut in layers; Netgen meshes both faces of one alike, prisms between.
+    """Cut the extruded CAD bodies of a solid into layers, for a mesh with prisms between equal meshes of both faces.
 
-    axis: "x", "y" or "z"; thickness: of a layer at most [m]. Raises ValueError when no CAD body is extruded along it.
+    Every layer has the outlines of all extruded CAD bodies, so one mesh of the section fits all layers.
 
-    Every layer carries the outlines of all extruded CAD bodies, so that one mesh of the section fits them all.
+    Args:
+        solid: the solid
+        axis: "x", "y" or "z"
+        thickness: largest thickness of a layer [m]
+
+    Returns:
+        The cut OpenCASCADE shape.
+
+    Raises:
+        ValueError: if no CAD body is extruded along the axis
     """
     k = "xyz".index(axis)
     names = [face.name for face in solid.shape.faces]
-    bodies = [CADBody.measured(body, k) for body in solid.shape.solids]
+    bodies = [CADBody.measure(body, k) for body in solid.shape.solids]
     prisms = [body for body in bodies if body.is_prism()]
     if not prisms:
         raise ValueError(f"no CAD body of solid {solid.name!r} is extruded along {axis}: mesh it with tetrahedra")
     others = [body.shape for body in bodies if body not in prisms]
     cells = [cell for low, high in _levels(prisms, thickness) for cell in _layer(prisms, others, k, low, high)]
     whole = occ.Glue([*cells, *others])
-    kept = [body for body in whole.solids if body.name != GHOST]
+    kept = [body for body in whole.solids if body.name != EMPTY_CELL]
     shape = occ.Compound(kept)
     _restore_names(shape, solid.shape, names, k)
     for body in shape.solids:
-        extruded = CADBody.measured(body, k)
+        extruded = CADBody.measure(body, k)
         if extruded.is_prism():
-            low, high = body.faces.Min(AXES[axis]), body.faces.Max(AXES[axis])
+            low, high = body.faces.Min(OCC_AXES[axis]), body.faces.Max(OCC_AXES[axis])
             step = occ.Vec(*(np.eye(3)[k] * (extruded.high - extruded.low)))
-            # Also numbers the pairs: Netgen tells identifications apart by name.
+            # The name also numbers the pairs, because Netgen distinguishes identifications by name.
             label = f"layer {tuple(low.center)}"
             low.Identify(high, label, occ.IdentificationType.CLOSESURFACES, occ.gp_Trsf.Translation(step))
     return shape
 
 
 def _restore_names(shape: Any, original: Any, names: Sequence[str | None], k: int) -> None:
-    """Outlines hand the name of the end face that they start from on to other layers and to the original; undo that."""
+    """Restore face names, because outlines pass the name of their end face on to other layers and to the original."""
     places: dict[str, list[float]] = {}
     for face, name in zip(original.faces, names, strict=True):
         face.name = name
@@ -244,15 +264,23 @@ def _restore_names(shape: Any, original: Any, names: Sequence[str | None], k: in
     for face in shape.faces:
         low, high = (corner[k] for corner in face.bounding_box)
         known_places = places.get(face.name or "", [face.center[k]])
-        if high - low < NEAR and min(abs(face.center[k] - place) for place in known_places) > NEAR:
+        if (
+            high - low < SMALLEST_DISTANCE
+            and min(abs(face.center[k] - place) for place in known_places) > SMALLEST_DISTANCE
+        ):
             face.name = None
 
 
 @dataclass(frozen=True, eq=False)
 class CADBody:
-    """A CAD body, looked at along an axis once, because measuring a face takes milliseconds.
+    """A CAD body with its measures along an axis, stored because measuring a face takes milliseconds.
 
-    low, high: where it begins and ends along the axis [m]; bottom, top: its faces there
+    Attributes:
+        shape: OpenCASCADE shape [m]
+        low: lower end along the axis [m]
+        high: upper end along the axis [m]
+        bottom: faces at the lower end
+        top: faces at the upper end
     """
 
     shape: Any
@@ -262,8 +290,8 @@ class CADBody:
     top: list[Any]
 
     @staticmethod
-    def measured(shape: Any, k: int) -> "CADBody":
-        """A CAD body's ends along axis k."""
+    def measure(shape: Any, k: int) -> "CADBody":
+        """Measure a CAD body along axis k."""
         centres = [face.center[k] for face in shape.faces]
         low, high = min(centres), max(centres)
         near = 1e-6 * (high - low)
@@ -272,16 +300,16 @@ class CADBody:
         return CADBody(shape, low, high, bottom, top)
 
     def is_prism(self) -> bool:
-        """Whether both ends have the area that, times the length, is the volume."""
-        if not self.bottom or not self.top:  # a single face all around, as of a ball
+        """Return whether the area of both ends times the length is the volume."""
+        if not self.bottom or not self.top:  # a single closed face, such as a sphere
             return False
         areas = [sum(face.mass for face in end) for end in (self.bottom, self.top)]
         volume = self.shape.mass
-        return all(abs(area * (self.high - self.low) - volume) < SAME * volume for area in areas)
+        return all(abs(area * (self.high - self.low) - volume) < SAME_SIZE * volume for area in areas)
 
 
 def _levels(prisms: Sequence[CADBody], thickness: float) -> list[tuple[float, float]]:
-    """Lower and upper end of each layer."""
+    """Return the lower and upper end of each layer."""
     ends = sorted({round(place, 12) for body in prisms for place in (body.low, body.high)})
     levels: list[float] = [ends[0]]
     for low, high in itertools.pairwise(ends):
@@ -291,7 +319,7 @@ def _levels(prisms: Sequence[CADBody], thickness: float) -> list[tuple[float, fl
 
 
 def _layer(prisms: Sequence[CADBody], others: Sequence[Any], k: int, low: float, high: float) -> list[Any]:
-    """The prisms' pieces in one layer, cut by the outlines of those prisms that lie in other layers."""
+    """Return the parts of the prisms in one layer, cut by the outlines of the prisms in other layers."""
     middle = 0.5 * (low + high)
     present = [body for body in prisms if body.low < middle < body.high]
     absent = [body for body in prisms if not body.low < middle < body.high]
@@ -299,21 +327,21 @@ def _layer(prisms: Sequence[CADBody], others: Sequence[Any], k: int, low: float,
     corners = np.array([np.full(3, -reach), np.full(3, reach)])
     corners[:, k] = low, high
     slab = occ.Box(*(occ.Pnt(*corner) for corner in corners))
-    real = [cell for body in present for cell in _named(body.shape * slab, body.shape.name)]
+    real = [cell for body in present for cell in _bodies_named(body.shape * slab, body.shape.name)]
     cells = list(real)
     for body in absent:
         step = np.eye(3)[k]
         for face in body.bottom:
             outline = face.Move(occ.Vec(*(step * (low - body.low)))).Extrude(occ.Vec(*(step * (high - low))))
-            cells.extend(piece for cell in real for piece in _named(outline * cell, cell.name))
+            cells.extend(piece for cell in real for piece in _bodies_named(outline * cell, cell.name))
             for other in [*real, *others]:
                 outline = outline - other
-            cells.extend(_named(outline, GHOST))
+            cells.extend(_bodies_named(outline, EMPTY_CELL))
     return cells
 
 
-def _named(shape: Any, name: str) -> list[Any]:
-    """The CAD bodies of a shape, all with one name."""
+def _bodies_named(shape: Any, name: str) -> list[Any]:
+    """Return the CAD bodies of a shape, all with one name."""
     bodies = list(shape.solids)
     for body in bodies:
         body.name = name

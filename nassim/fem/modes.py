@@ -1,12 +1,13 @@
-"""Fixed-interface modes of a condensed FE model, and the vectors that stand for all modes left out.
+"""Fixed-interface modes of a condensed FE model, and Ritz vectors that represent all omitted modes.
 
-Written in all fixed-interface modes phi_j with squared frequencies lambda_j, the remote points see a body through
+In terms of all fixed-interface modes phi_j with squared frequencies lambda_j, the dynamic stiffness at the remote
+points is
 
     D(omega) = K_cc - omega^2 M_cc - omega^4 sum_j m_j m_j^T / (lambda_j - omega^2),   m_j = Psi^T M phi_j
 
-so a reduction that keeps p modes lacks the rest of the sum. The solutions X = K^-1 M Psi with the remote points at
-rest, one solve each, span a space whose Galerkin projection reproduces the whole sum and its first derivative with
-respect to omega^2 at zero. With the modes projected out, its Ritz vectors behave as the left-out modes do together.
+A reduction with p modes omits the rest of the sum. The solutions X = K^-1 M Psi with the remote points fixed take one
+solve each. The Galerkin projection on their span reproduces the whole sum and its first derivative with respect to
+omega^2 at zero. After the modes are projected out, the Ritz vectors of this space represent the omitted modes.
 Source: R. R. Craig, C. J. Chang, On the use of attachment modes in substructure coupling, AIAA paper 77-405 (1977);
 Z.-Q. Qu, Model Order Reduction Techniques (2004), ch. 6, on moments.
 """
@@ -24,23 +25,29 @@ from nassim.fem.fe_model import FEModel
 from nassim.fem.solver import threads
 
 LANCZOS_TOLERANCE = 1e-6
-"""Relative residual at which a mode counts as found: its frequency is then off by about the square of that."""
-DEPENDENT = 1e-10
-"""Directions of left-out vectors with less than this share of their mass are rounding."""
-ROUNDING = 1e-16
-"""A solution of which the modes leave less than this share of its mass lies in the modes, for example by symmetry."""
+"""Relative residual of a converged mode; the relative error of its frequency is about the square of this value."""
+DEPENDENT_VECTOR = 1e-10
+"""Directions of Ritz vectors with less than this share of their mass are rounding errors."""
+SOLUTION_ROUNDING = 1e-16
+"""If the modes leave less than this share of a solution's mass, it lies in their span, for example by symmetry."""
 
 
 def check_n_modes(n_modes: int, n_dofs: int) -> None:
-    """Raise ValueError when a model with n_dofs unknowns cannot give so many modes."""
+    """Raise ValueError if a model with n_dofs unknowns does not have so many modes."""
     if not (isinstance(n_modes, Real) and 0 <= n_modes < n_dofs // 2 and int(n_modes) == n_modes):
         raise ValueError(f"n_modes must be a whole number from 0 to {n_dofs // 2 - 1} for this model, got {n_modes!r}")
 
 
 def fixed_interface_modes(condensed: Condensation, *, n_modes: int, advance: Advance = silent) -> tuple[Array, Array]:
-    """The lowest modes with all remote points held: frequencies (p,) [Hz], shapes (n_dofs, p) of unit modal mass.
+    """Compute the lowest modes with all remote points fixed, by shift-invert Lanczos with the existing factorisation.
 
-    Shift-invert Lanczos around the factorisation at hand. advance: called once per solve.
+    Args:
+        condensed: static condensation of the model
+        n_modes: number p of modes
+        advance: called once per solve
+
+    Returns:
+        Frequencies, shape (p,) [Hz], and mode shapes of unit modal mass, shape (n_dofs, p).
     """
     n = condensed.fe_model.n_dofs
     n_free = n - sum(3 * len(c.dofs) if c.point.coupling == "rbe2" else 6 for c in condensed.couplings)
@@ -56,7 +63,7 @@ def fixed_interface_modes(condensed: Condensation, *, n_modes: int, advance: Adv
     inverse = LinearOperator((n, n), matvec=solve, dtype=float)
     with threads():
         start = condensed.solve_fixed(mass @ np.random.default_rng(0).standard_normal(n))
-        # A basis this large mostly needs no restart; one beyond the motions that there are is an error in old ARPACK.
+        # A basis of this size rarely needs a restart. Old ARPACK fails if it exceeds the number of motions.
         basis = min(n_free, max(20, 2 * n_modes + 8))
         eigenvalues, modes = eigsh(
             mass, k=n_modes, M=mass, sigma=0.0, OPinv=inverse, v0=start, ncv=basis, tol=LANCZOS_TOLERANCE
@@ -66,7 +73,16 @@ def fixed_interface_modes(condensed: Condensation, *, n_modes: int, advance: Adv
 
 
 def modes_below(condensed: Condensation, cutoff_frequency: float, *, advance: Advance = silent) -> tuple[Array, Array]:
-    """As `fixed_interface_modes`: all modes below a frequency [Hz], and at least one above it."""
+    """Compute all fixed-interface modes below a frequency, and at least one above it.
+
+    Args:
+        condensed: static condensation of the model
+        cutoff_frequency: the frequency [Hz]
+        advance: called once per solve
+
+    Returns:
+        Frequencies, shape (p,) [Hz], and mode shapes of unit modal mass, shape (n_dofs, p).
+    """
     count = 8
     while True:
         frequency, modes = fixed_interface_modes(condensed, n_modes=count, advance=advance)
@@ -75,14 +91,23 @@ def modes_below(condensed: Condensation, cutoff_frequency: float, *, advance: Ad
         count *= 2
 
 
-def left_out_vectors(
+def residual_vectors(
     condensed: Condensation, frequency: Array, modes: Array, *, loads: Array | None = None, advance: Advance = silent
 ) -> tuple[Array, Array]:
-    """Ritz vectors that stand for all modes beyond the given ones: frequencies (k,) [Hz], shapes (n_dofs, k).
+    """Compute Ritz vectors that represent all modes except the given ones.
 
-    frequency (p,) [Hz], modes (n_dofs, p): the lowest fixed-interface modes. The k vectors are at rest at the remote
-    points, of unit modal mass and orthogonal to the modes. advance: called once per solve.
-    loads: further forces, shape (n_dofs, q) [N], whose static answers the modes and vectors together hold exactly
+    They are zero at the remote points, have unit modal mass and are orthogonal to the modes.
+
+    Args:
+        condensed: static condensation of the model
+        frequency: frequencies of the lowest fixed-interface modes, shape (p,) [Hz]
+        modes: the lowest fixed-interface modes, shape (n_dofs, p)
+        loads: further forces, shape (n_dofs, q) [N]; the modes and vectors together contain the static responses to
+            them exactly
+        advance: called once per solve
+
+    Returns:
+        Frequencies, shape (k,) [Hz], and vectors, shape (n_dofs, k).
     """
     mass = mass_operator(condensed.fe_model)
     with threads():
@@ -90,12 +115,12 @@ def left_out_vectors(
         directions = _slowest_motions(condensed, frequency, inertia, modes.T @ inertia)
         loads = np.zeros((len(inertia), 0)) if loads is None else loads
         vectors = condensed.solve_fixed(np.hstack([loads, inertia @ directions]), advance=advance)
-        # The modes are good to LANCZOS_TOLERANCE but orthogonal to the last digit, and what they leave may be small:
-        # so neither K X = M Psi nor K phi = lambda M phi is made use of, only products with K and M themselves.
+        # The modes are accurate to LANCZOS_TOLERANCE but orthogonal to machine precision, and the remainder may be
+        # small. So K X = M Psi and K phi = lambda M phi are not used, only products with K and M.
         whole = np.einsum("ij,ij->j", vectors, mass @ vectors)
         vectors -= modes @ (modes.T @ (mass @ vectors))
-        # The rest of a solution that lies in the modes is rounding, which must not be scaled to unit mass.
-        left = np.einsum("ij,ij->j", vectors, mass @ vectors) > ROUNDING * whole
+        # The remainder of a solution in the span of the modes is rounding, which must not be scaled to unit mass.
+        left = np.einsum("ij,ij->j", vectors, mass @ vectors) > SOLUTION_ROUNDING * whole
         vectors, n_loads = vectors[:, left], int(np.count_nonzero(left[: loads.shape[1]]))
         gram = vectors.T @ (mass @ vectors)
         stiffness = vectors.T @ (condensed.fe_model.stiffness @ vectors)
@@ -105,20 +130,20 @@ def left_out_vectors(
 
 
 def _independent(gram: Array, n_first: int) -> Array:
-    """Combinations of vectors with this Gram matrix, less what rounding left; the first n_first stay exact."""
+    """Return combinations of vectors with this Gram matrix without rounding errors; the first n_first stay exact."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
     gram = scale[:, None] * gram * scale
     n = len(gram)
     others = np.eye(n, n - n_first, -n_first)
     others[:n_first] = -np.linalg.solve(gram[:n_first, :n_first], gram[:n_first, n_first:])
     weight, turn = np.linalg.eigh(others.T @ gram @ others)
-    return scale[:, None] * np.hstack([np.eye(n, n_first), others @ turn[:, weight > DEPENDENT * weight[-1]]])
+    return scale[:, None] * np.hstack([np.eye(n, n_first), others @ turn[:, weight > DEPENDENT_VECTOR * weight[-1]]])
 
 
 def _slowest_motions(condensed: Condensation, frequency: Array, inertia: Array, participation: Array) -> Array:
-    """Motions of the remote points (6 r, k) in the free reduced body's eigenmodes within reach of the kept modes.
+    """Return motions of the remote points (6 r, k) in those eigenmodes of the free reduced body that matter here.
 
-    Motions that only faster modes contain hardly excite what was left out; at least half of all are taken.
+    Motions that only occur in faster modes hardly excite the omitted modes; at least half of all motions are taken.
     """
     n, p = len(condensed.stiffness), len(frequency)
     mass = np.block([[condensed.constraint_modes.T @ inertia, participation.T], [participation, np.eye(p)]])
@@ -131,7 +156,7 @@ def _slowest_motions(condensed: Condensation, frequency: Array, inertia: Array, 
 
 
 def mass_operator(fe_model: FEModel) -> LinearOperator:
-    """The mass matrix as an operator (n_dofs, n_dofs), from its one scalar block."""
+    """Return the mass matrix as an operator (n_dofs, n_dofs) from its scalar block."""
     block = fe_model.scalar_mass_matrix
     n = block.shape[0]
 

@@ -1,9 +1,9 @@
 """Electrical ports of a finite element model: piezoelectric stacks as consistent loads over their volume.
 
-The enthalpy of a stack whose strain is S and whose voltage is V, with the free strain per volt s and the elasticity C
-at constant voltage, is  1/2 S:C:S - V S:C:s - 1/2 c V^2, integrated over the volume: its derivatives are the forces
-K u - b V and the charge Q = b u + c V. The data sheet's capacitance is that of the unloaded stack, in which S = s V; so
-c is less than it by the integral of s:C:s.
+The enthalpy of a stack with strain S and voltage V is 1/2 S:C:S - V S:C:s - 1/2 c V^2, integrated over the volume, with
+the free strain per volt s and the elasticity C at constant voltage. Its derivatives are the forces K u - b V and the
+charge Q = b u + c V. The capacitance in the data sheet is that of the unloaded stack, in which S = s V; c is smaller by
+the integral of s:C:s.
 Source: IEEE Standard on Piezoelectricity, ANSI/IEEE Std 176-1987, section 2.
 """
 
@@ -21,10 +21,17 @@ VOLUME_MISMATCH = 0.02
 
 
 def couple_port(mesh: Any, solid: Solid, order: int, port: ElectricalPort) -> PortCoupling:
-    """A port's forces on the unknowns x..., y..., z... of elements of an order, its blocked capacitance and place.
+    """Compute a port's forces on the unknowns x..., y..., z..., its blocked capacitance and its position.
 
-    Raises ValueError when a CAD body's volume or length is not that of the stack, or when the stack's figures do not
-    go with its material.
+    Args:
+        mesh: NGSolve mesh
+        solid: the solid
+        order: polynomial order of the elements
+        port: the electrical port
+
+    Raises:
+        ValueError: if a CAD body does not have the volume or length of the stack, or if the stack's data do not agree
+            with its material
     """
     stack, strain = port.stack, port.strain_per_volt
     test = ng.VectorH1(mesh, order=order).TestFunction()

@@ -6,24 +6,24 @@ from dataclasses import replace
 import numpy as np
 
 from nassim.base.checks import Array, positive, unique
-from nassim.base.library_lock import exclusive
+from nassim.base.library_lock import hold_library_lock
 from nassim.base.progress import stage, tell
-from nassim.base.warning_log import collected
+from nassim.base.warning_log import collect_messages
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.projection import keep_modes
 from nassim.bodies.readouts import Picture, Readout, by_name
 from nassim.bodies.reduced_body import ReducedBody
-from nassim.fem.condensation import Condensation, condense, strained_part
+from nassim.fem.condensation import Condensation, condense, deformation_projector
 from nassim.fem.fe_model import FEModel
 from nassim.fem.mesh_error import released_stiffness
-from nassim.fem.modes import check_n_modes, fixed_interface_modes, left_out_vectors, modes_below
+from nassim.fem.modes import check_n_modes, fixed_interface_modes, modes_below, residual_vectors
 from nassim.fem.solver import threads
 
 DEFAULT_MODES = 6
-MOST_MODES = 400
-"""Most modes that a tolerance may need: their number is doubled until it suffices; beyond, no body is small."""
+LARGEST_N_MODES = 400
+"""Largest number of modes for a tolerance; the number is doubled until the tolerance is met."""
 COLUMNS = 64
-"""Fields whose products with the mass matrix are held at once."""
+"""Number of fields whose products with the mass matrix are held at once."""
 
 
 def craig_bampton(
@@ -39,21 +39,24 @@ def craig_bampton(
 ) -> ReducedBody:
     """Reduce an FE model to the motions of its remote points and fixed-interface modes, and estimate the error.
 
-    fe_model: the model, or its `condense`d form where that is at hand
-    n_modes: number p of fixed-interface modes (default: 6, where neither of the next two is given)
-    cutoff_frequency: keep the modes below it [Hz]; twice the highest frequency of interest is customary
-    tolerance: largest estimated relative error of eigenfrequencies [-] that is allowed; as few modes as it allows are
-        kept. It holds for the first five elastic eigenfrequencies, or for those below cutoff_frequency where that is
-        given too, of the free body and of the body clamped at any one of its remote points
-    remote_points: names (default: all)
-    ports: names of the electrical ports to keep (default: all); each adds one modal coordinate, which makes the
-        static answer to its voltage exact
-    discretization: estimate the finite elements' error too, for `ReducedBody.discretization_errors`; takes about as
-        long again
-    progress: show the stages and the report
+    Args:
+        fe_model: the model, or its condensation from `condense`
+        n_modes: number p of fixed-interface modes (default: 6, if neither of the next two arguments is given)
+        cutoff_frequency: keep the modes below this frequency [Hz]; a usual value is twice the highest frequency of
+            interest
+        tolerance: largest allowed estimate of the relative error of eigenfrequencies [-]; the smallest sufficient
+            number of modes is kept. It applies to the first five elastic eigenfrequencies, or to those below
+            cutoff_frequency if that is given, of the free body and of the body clamped at any one of its remote points
+        remote_points: names (default: all)
+        ports: names of the electrical ports to keep (default: all); each adds one modal coordinate, which makes the
+            static response to its voltage exact
+        discretization: also estimate the error of the finite elements, for `ReducedBody.discretization_errors`; doubles
+            the time
+        progress: show the stages and the report
 
-    Raises ValueError for no remote points, unknown names, more modes than unknowns, n_modes together with
-    cutoff_frequency or tolerance, and a tolerance out of reach (the message says what is within).
+    Raises:
+        ValueError: for no remote points, unknown names, more modes than unknowns, n_modes together with
+            cutoff_frequency or tolerance, and a tolerance that cannot be met (the message gives one that can)
     """
     if n_modes is not None and not (cutoff_frequency is None and tolerance is None):
         raise ValueError("give either n_modes, or cutoff_frequency and/or tolerance, not both")
@@ -61,7 +64,7 @@ def craig_bampton(
         if value is not None:
             positive(label, value, unit)
     count = DEFAULT_MODES if n_modes is None else n_modes
-    with exclusive(), collected() as told:
+    with hold_library_lock(), collect_messages() as log:
         if isinstance(fe_model, Condensation):
             if remote_points is not None:
                 raise ValueError("a Condensation has its remote points already; give them to condense instead")
@@ -80,7 +83,7 @@ def craig_bampton(
             rich, count = _reduce_within(condensed, tolerance, cutoff_frequency, kept, discretization, progress)
     body = keep_modes(rich, count)
     record = {**body.record, **_report(body, rich, count)}
-    warnings = [*condensed.fe_model.warnings, *told.warnings]
+    warnings = [*condensed.fe_model.warnings, *log.warnings]
     if progress:
         tell("\n".join(f"{label}: {text}" for label, text in record.items() if label != "finite element model"))
     return replace(body, record={**record, **({"warnings": "\n".join(warnings)} if warnings else {})})
@@ -94,7 +97,7 @@ def _reduce(
     discretization: bool,
     progress: bool,
 ) -> tuple[ReducedBody, int]:
-    """The body with some more modes than wanted and the vectors that stand for all others, and how many to keep."""
+    """Return the body with extra modes and the vectors for all other modes, and the number of modes to keep."""
     with stage("fixed-interface modes", unit="solves", enabled=progress) as advance:
         if cutoff_frequency is None:
             frequency, modes = fixed_interface_modes(condensed, n_modes=n_modes + 1, advance=advance)
@@ -103,7 +106,7 @@ def _reduce(
             n_modes = int(np.count_nonzero(frequency <= cutoff_frequency))
     with stage("truncation error", unit="solves", enabled=progress) as advance:
         loads = np.column_stack([np.zeros((len(modes), 0)), *(port.forces for port in ports)])
-        more, vectors = left_out_vectors(condensed, frequency, modes, loads=loads, advance=advance)
+        more, vectors = residual_vectors(condensed, frequency, modes, loads=loads, advance=advance)
     with stage("integrals", enabled=progress), threads():
         parts = [condensed.constraint_modes, modes, vectors]
         rich = _project(condensed, np.concatenate([frequency, more]), parts, ports)
@@ -124,8 +127,8 @@ def _reduce_within(
     discretization: bool,
     progress: bool,
 ) -> tuple[ReducedBody, int]:
-    """As _reduce, with the fewest modes whose estimated errors stay within a tolerance."""
-    most = min(MOST_MODES, condensed.fe_model.n_dofs // 2 - 2)
+    """Return the same as `_reduce`, with the smallest number of modes whose estimated errors meet a tolerance."""
+    most = min(LARGEST_N_MODES, condensed.fe_model.n_dofs // 2 - 2)
     available = min(2 * DEFAULT_MODES, most)
     while True:
         rich, _ = _reduce(condensed, available, None, ports, discretization, progress)
@@ -142,6 +145,7 @@ def _reduce_within(
 
 
 def _worst_truncation(body: ReducedBody, cutoff_frequency: float | None) -> float:
+    """Return the largest estimated truncation error to which a tolerance applies."""
     worst = 0.0
     for fixed in [(), *((name,) for name in body.point_names)]:
         frequency = body.eigenfrequencies(fixed=fixed)
@@ -154,7 +158,7 @@ def _worst_truncation(body: ReducedBody, cutoff_frequency: float | None) -> floa
 
 
 def _report(body: ReducedBody, rich: ReducedBody, p: int) -> dict[str, str]:
-    """What was kept, what was left out, and what that costs, as text. p: number of fixed-interface modes kept."""
+    """Describe as text which modes were kept, which were omitted and the error; p is the number of kept modes."""
     r, n = len(body.remote_points), len(body.mass_matrix)
     more = f" + {body.n_modes - p} for electrical ports" if body.ports else ""
     frequency = np.sqrt(np.diag(rich.stiffness_matrix)[6 * r :]) / (2 * np.pi)
@@ -176,12 +180,14 @@ def _report(body: ReducedBody, rich: ReducedBody, p: int) -> dict[str, str]:
 
 
 def _percent(errors: Array) -> str:
+    """Return errors as text in per cent."""
     return " ".join(f"{100 * e:.2g}" for e in errors) + " %" if errors.size else "none: it has no such modes"
 
 
 def _project(
     condensed: Condensation, frequency: Array, parts: Sequence[Array], ports: Sequence[PortCoupling]
 ) -> ReducedBody:
+    """Project mass, stiffness, fields and read-outs on the basis vectors."""
     model = condensed.fe_model
     sizes = [part.shape[1] for part in parts]
     n, n_nodes = sum(sizes), model.scalar_mass_matrix.shape[0]
@@ -205,7 +211,7 @@ def _project(
     if model.surface is not None and model.surface_evaluation is not None:
         modes = (model.surface_evaluation @ fields[4:].T).reshape(-1, n, 3).transpose(0, 2, 1)
         readouts.append(Picture(model.surface, modes))
-    keep = strained_part([c.point.position for c in condensed.couplings])
+    keep = deformation_projector([c.point.position for c in condensed.couplings])
     for port in ports:
         forces = np.concatenate([port.forces @ part for part in parts])
         forces[:n_interface] = keep.T @ forces[:n_interface]

@@ -1,4 +1,4 @@
-"""The outer surface of a mesh as triangles, for pictures of bodies and modes."""
+"""Outer surface of a mesh as triangles, for images of bodies and modes."""
 
 from typing import Any
 
@@ -12,22 +12,27 @@ from nassim.bodies.readouts import Surface
 from nassim.fem.solid import Solid
 
 EDGES_AROUND = {3: (2, 1, 0), 4: (0, 3, 1, 2)}
-"""Places among a triangle's or quadrilateral's edges, as NGSolve lists them, of those that one passes going around."""
+"""Indices of a triangle's or quadrilateral's edges, as NGSolve lists them, in the order around the element."""
 
 
 def outer_surface(mesh: Any, scalar: Any, fields: Array, solid: Solid) -> tuple[Surface, sp.csr_matrix]:
-    """Outer faces of a mesh, each split in triangles by its edges' midpoints, which show the curvature.
+    """Triangulate the outer faces of a mesh. The midpoints of edges are corners too and show the curvature.
 
-    mesh: NGSolve mesh of `solid`; scalar: its H1 space; fields: coefficients of 1, x, y, z in it, (4, n)
+    Args:
+        mesh: NGSolve mesh of `solid`
+        scalar: its H1 space
+        fields: coefficients of 1, x, y, z in this space, shape (4, n)
+        solid: the solid
 
-    Returns the surface and the sparse matrix (n_points, n) that evaluates a scalar field at its points.
+    Returns:
+        The surface, and the sparse matrix (n_points, n) that evaluates a scalar field at its points.
     """
     owner = {face: point.name for point in solid.remote_points for face in point.faces}
     materials = mesh.GetMaterials()
     descriptors = [mesh.ngmesh.FaceDescriptor(k + 1) for k in range(mesh.ngmesh.GetNFaceDescriptors())]
     between = [face.domin and face.domout for face in descriptors]
     label_of = [owner.get(face.bcname, materials[max(face.domin, face.domout) - 1]) for face in descriptors]
-    sides: list[list[tuple[int, int, int]]] = []  # per face and around it: corner, edge, next corner
+    sides: list[list[tuple[int, int, int]]] = []  # per face, in the order around it: corner, edge, next corner
     labels = []
     for element in mesh.Elements(ng.BND):
         if between[element.index]:
@@ -62,12 +67,13 @@ def outer_surface(mesh: Any, scalar: Any, fields: Array, solid: Solid) -> tuple[
 
 
 def _at_vertices(scalar: Any, vertices: NDArray[np.int64]) -> sp.csr_matrix:
+    """Return the sparse matrix that evaluates a scalar field at vertices."""
     n = len(vertices)
     return sp.csr_matrix((np.ones(n), (np.arange(n), vertices)), shape=(n, scalar.ndof))
 
 
 def _at_midpoints(scalar: Any, edges: NDArray[np.int64], ends: NDArray[np.int64]) -> sp.csr_matrix:
-    """Value at midpoints of edges with these end vertices: mean of the end values plus the edge's own functions."""
+    """Return the sparse matrix for midpoints of edges: mean of the end values plus the edge's own functions."""
     order = scalar.globalorder
     own = scalar.mesh.nv + edges[:, None] * (order - 1) + np.arange(order - 1)
     columns = np.hstack([ends, own])
@@ -77,7 +83,7 @@ def _at_midpoints(scalar: Any, edges: NDArray[np.int64], ends: NDArray[np.int64]
 
 
 def _edge_functions_at_midpoint(order: int) -> Array:
-    """Values of NGSolve's order - 1 edge functions at their edge's midpoint, read off a triangle."""
+    """Return the values of NGSolve's order - 1 edge functions at the midpoint of their edge."""
     mesh = ng.Mesh(ng.unit_square.GenerateMesh(maxh=2.0))
     probe = ng.GridFunction(ng.H1(mesh, order=order))
     ends = [mesh[v].point for v in mesh.edges[0].vertices]

@@ -1,4 +1,4 @@
-"""Solids: CAD objects made of named CAD bodies, with named faces, materials and remote points."""
+"""Solids: CAD objects that consist of named CAD bodies, with named faces, materials and remote points."""
 
 import itertools
 import tempfile
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, known, unique
-from nassim.base.library_lock import exclusive
+from nassim.base.library_lock import hold_library_lock
 from nassim.base.warning_log import warn
 from nassim.bodies.interface import RemotePoint
 from nassim.bodies.piezo import ElectricalPort
@@ -20,29 +20,36 @@ from nassim.bodies.readouts import SURFACE
 from nassim.fem.materials import Material
 
 CAD_ENDINGS = {".step": ".step", ".stp": ".step", ".iges": ".iges", ".igs": ".iges", ".brep": ".brep"}
-UNITS = {"m": 1.0, "mm": 1e-3, "inch": 0.0254}
-SMALLEST = 1e-6
-"""Shortest solid [m]; OpenCASCADE takes points within 1e-7 for one."""
-LARGE = 10.0
-"""Solids from this length on were more often drawn in millimetres than are so long [m]."""
+CAD_UNITS = {"m": 1.0, "mm": 1e-3, "inch": 0.0254}
+SHORTEST_SOLID = 1e-6
+"""Smallest length of a solid [m]. OpenCASCADE merges points within 1e-7."""
+LONG_SOLID = 10.0
+"""Length of a solid from which its CAD was probably drawn in millimetres [m]."""
 OVERLAP = 1e-4
-"""Volume that two CAD bodies share over the smaller one's, above which faces that touch do not explain it."""
+"""Share of the smaller CAD body's volume above which two CAD bodies overlap and do not only touch."""
 
 
 @dataclass(frozen=True)
 class Solid:
-    """A CAD object: an OpenCASCADE shape in metres, made of one or several CAD bodies with names, faces with names.
+    """A CAD object: an OpenCASCADE shape in metres with one or several named CAD bodies and named faces.
 
-    name: what files and reports call it
-    shape: OCC shape of one or several CAD bodies that touch [m]
-    materials: by name of the CAD body
-    remote_points: its interfaces; may be empty for a look at the eigenmodes only
-    ports: electrical ports of its piezoelectric CAD bodies
+    Make a shape of several CAD bodies by `glue`. OpenCASCADE's own gluing assigns an overlap to the first CAD body
+    without a message.
 
-    Raises ValueError for a CAD body without material, an unknown face or CAD body, a face that two remote points claim,
-    a CAD body that two ports claim, a name that a point and a port share ("surface" is the picture's), CAD bodies that
-    overlap, and a shape below 1e-6 m; warns of one of 10 m or more. Make a shape of several CAD bodies by `glue`:
-    OpenCASCADE's own gluing gives what two of them share to the first, without a word.
+    Attributes:
+        name: name in files and reports
+        shape: OpenCASCADE shape of one or several CAD bodies that touch [m]
+        materials: materials by name of the CAD body
+        remote_points: remote points; may be empty if only eigenmodes are needed
+        ports: electrical ports of its piezoelectric CAD bodies
+
+    Raises:
+        ValueError: for a CAD body without material, an unknown face or CAD body, a face of two remote points, a CAD
+            body of two ports, a name of both a point and a port ("surface" is reserved), CAD bodies that overlap, and a
+            shape below 1e-6 m
+
+    Warns:
+        UserWarning: for a shape of 10 m or more
     """
 
     name: str
@@ -76,12 +83,12 @@ class Solid:
                 owner[face] = point.name
         ports = tuple(self.ports)
         unique("electrical port", (port.name for port in ports))
-        # A reduced body reads all of them out by name, its surface beside them.
+        # A reduced body has read-outs with these names and its surface.
         named = (SURFACE, *(point.name for point in points), *(port.name for port in ports))
-        unique(f"solid {self.name!r}: remote point, electrical port and picture ({SURFACE!r})", named)
+        unique(f"solid {self.name!r}: remote point, electrical port and surface ({SURFACE!r})", named)
         for body in unique("CAD body of electrical port", (body for port in ports for body in port.bodies)):
             known("CAD body", body, bodies)
-        with exclusive(forkable=True):
+        with hold_library_lock(forkable=True):
             _refuse_overlaps(self.name, list(self.shape.solids))
         _check_size(self.name, self.shape)
         freeze(self, materials=frozen_mapping(self.materials), remote_points=points, ports=ports)
@@ -89,9 +96,12 @@ class Solid:
 
 @dataclass(frozen=True)
 class OnPlane:
-    """Pick the flat faces that lie in a plane through `point` [m] with the given normal.
+    """Choice of the flat faces that lie in a plane.
 
-    several: accept more than one face
+    Attributes:
+        point: point on the plane, shape (3,) [m]
+        normal: normal of the plane, shape (3,)
+        several: accept more than one face
     """
 
     point: Array
@@ -107,7 +117,11 @@ class OnPlane:
 
 @dataclass(frozen=True)
 class NearestTo:
-    """Pick the one face nearest to a point [m]."""
+    """Choice of the face nearest to a point.
+
+    Attributes:
+        point: the point, shape (3,) [m]
+    """
 
     point: Array
 
@@ -129,18 +143,24 @@ def read_solid(
 ) -> Solid:
     """Read a solid from a STEP, IGES or BREP file (endings in any letter case).
 
-    materials: one for all CAD bodies, or by their names (those without a name become "body 1", "body 2", ...)
-    faces: new face name -> `OnPlane`, `NearestTo` or the name that the face has in the file
-    remote_points: as in `Solid`; they use the names given in `faces`
-    unit: length of one coordinate unit once read. OpenCASCADE converts STEP and IGES to "mm" whatever unit
-        they declare, so other values are for BREP files, which declare none, and for wrong declarations.
+    Args:
+        path: of the file
+        materials: one material for all CAD bodies, or materials by name (CAD bodies without a name become "body 1",
+            "body 2", ...)
+        faces: new face name -> `OnPlane`, `NearestTo` or the name of the face in the file
+        remote_points: as in `Solid`; they use the names given in `faces`
+        unit: length of one coordinate unit after reading. OpenCASCADE converts STEP and IGES to "mm" from any declared
+            unit. Other values are for BREP files, which declare none, and for wrong declarations.
+        name: name of the solid (default: that of the file)
 
-    Raises FileNotFoundError, or ValueError for an unreadable file and for a pick that finds no face or too many
-    (the message lists the faces).
+    Raises:
+        FileNotFoundError: if there is no such file
+        ValueError: if the file cannot be read, or a choice of faces finds none or too many (the message lists the
+            faces)
     """
     source = Path(path)
-    with exclusive(forkable=True):
-        shape = _read_shape(source).Scale(occ.Pnt(0, 0, 0), UNITS[known("unit", unit, UNITS)])
+    with hold_library_lock(forkable=True):
+        shape = _read_shape(source).Scale(occ.Pnt(0, 0, 0), CAD_UNITS[known("unit", unit, CAD_UNITS)])
         if len(shape.solids) == 0:
             raise ValueError(f"{source} holds no CAD body, only surfaces or curves; export solids")
         for index, body in enumerate(shape.solids, start=1):
@@ -155,16 +175,21 @@ def read_solid(
 
 
 def glue(bodies: Sequence[Any], *, name: str = "") -> Any:
-    """One shape of CAD bodies that touch, in which they share their common faces.
+    """Join CAD bodies that touch into one shape, in which they share their common faces.
 
-    name: of the solid, for messages. Raises ValueError for CAD bodies that overlap: which material fills what they
-    share is unknown.
+    Args:
+        bodies: the CAD bodies
+        name: name of the solid, for messages
+
+    Raises:
+        ValueError: if CAD bodies overlap, because the material of the overlap is unknown
     """
     _refuse_overlaps(name, bodies)
     return occ.Glue(list(bodies))
 
 
 def _refuse_overlaps(name: str, bodies: Sequence[Any]) -> None:
+    """Raise ValueError for CAD bodies that overlap."""
     boxes = [np.array([tuple(corner) for corner in body.bounding_box]) for body in bodies]
     for (i, a), (j, b) in itertools.combinations(enumerate(bodies), 2):
         apart = np.any((boxes[i][0] >= boxes[j][1]) | (boxes[j][0] >= boxes[i][1]))
@@ -179,13 +204,14 @@ def _refuse_overlaps(name: str, bodies: Sequence[Any]) -> None:
 
 
 def _check_size(name: str, shape: Any) -> None:
+    """Check that the length of a shape is plausible in metres."""
     size = np.ptp(np.array([tuple(corner) for corner in shape.bounding_box]), axis=0).max()
-    if not SMALLEST < size < np.inf:
+    if not SHORTEST_SOLID < size < np.inf:
         raise ValueError(
-            f"solid {name!r} is {size:g} m long; at least {SMALLEST:g} m is needed, and shapes are in metres: check "
-            "the CAD file's unit"
+            f"solid {name!r} is {size:g} m long; at least {SHORTEST_SOLID:g} m is needed, and shapes are in metres: "
+            "check the CAD file's unit"
         )
-    if size >= LARGE:
+    if size >= LONG_SOLID:
         warn(
             f"solid {name!r} is {size:g} m long; shapes are in metres: check the CAD file's unit if that is too long",
             stacklevel=4,
@@ -193,26 +219,35 @@ def _check_size(name: str, shape: Any) -> None:
 
 
 def name_faces(shape: Any, name: str, pick: FacePick) -> None:
-    """Give the picked face of a shape [m] a name; raises ValueError listing the faces when the pick fails."""
+    """Give the chosen face of a shape [m] a name.
+
+    Args:
+        shape: OpenCASCADE shape
+        name: new name
+        pick: choice of the face
+
+    Raises:
+        ValueError: if the choice fails; the message lists the faces
+    """
     chosen = _pick(shape, name, pick)
     for face in shape.faces:
-        # A face between two CAD bodies is listed once for either side; both must carry the name.
+        # A face between two CAD bodies is listed once for each side; both entries need the name.
         if any(_same_place(face, other) for other in chosen):
             face.name = name
 
 
 def body_names(shape: Any) -> tuple[str, ...]:
-    """Names of a shape's CAD bodies, in its order; one without a name counts as ''."""
+    """Return the names of a shape's CAD bodies, in order; a CAD body without a name has the name ''."""
     return tuple(dict.fromkeys(body.name or "" for body in shape.solids))
 
 
 def face_names(shape: Any) -> tuple[str, ...]:
-    """Names of a shape's named faces, in its order."""
+    """Return the names of a shape's named faces, in order."""
     return tuple(dict.fromkeys(face.name for face in shape.faces if face.name))
 
 
 def shape_bytes(shape: Any) -> bytes:
-    """The shape as BREP text with the names of its CAD bodies and faces: what a cache key needs to know."""
+    """Return the shape as BREP text with the names of its CAD bodies and faces, for a cache key."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "shape.brep"
         shape.WriteBrep(str(file))
@@ -221,13 +256,14 @@ def shape_bytes(shape: Any) -> bytes:
 
 
 def _read_shape(source: Path) -> Any:
+    """Read a CAD file."""
     ending = CAD_ENDINGS.get(source.suffix.lower())
     if ending is None:
         raise ValueError(f"{source}: unknown ending {source.suffix!r}; known: {', '.join(CAD_ENDINGS)}")
     if not source.is_file():
         raise FileNotFoundError(f"no such CAD file: {source}")
     with tempfile.TemporaryDirectory() as folder:
-        # OpenCASCADE's readers accept lower-case endings only.
+        # OpenCASCADE's readers accept only endings in lower case.
         copy = Path(folder) / f"shape{ending}"
         copy.write_bytes(source.read_bytes())
         try:
@@ -237,6 +273,7 @@ def _read_shape(source: Path) -> Any:
 
 
 def _pick(shape: Any, name: str, pick: FacePick) -> list[Any]:
+    """Return the faces of a choice."""
     faces = list(shape.faces)
     if isinstance(pick, str):
         found = [face for face in faces if face.name == pick]
@@ -258,7 +295,7 @@ def _pick(shape: Any, name: str, pick: FacePick) -> list[Any]:
 
 
 def _lies_on(face: Any, plane: OnPlane) -> bool:
-    """Whether the centre lies on the plane and the area's root mean square distance from the centre along it is nil."""
+    """Return whether a face is in a plane: centre on the plane, no variance of the area along the normal."""
     inertia = np.array([[face.inertia[i, j] for j in range(3)] for i in range(3)])
     spread = 0.5 * np.trace(inertia) - plane.normal @ inertia @ plane.normal
     offset = (np.array(tuple(face.center)) - plane.point) @ plane.normal
@@ -266,11 +303,13 @@ def _lies_on(face: Any, plane: OnPlane) -> bool:
 
 
 def _same_place(face: Any, other: Any) -> bool:
+    """Return whether two faces are in the same place."""
     distance: ArrayLike = np.array(tuple(face.center)) - np.array(tuple(other.center))
     return bool(np.linalg.norm(distance) < 1e-9 and abs(face.mass - other.mass) < 1e-9 * abs(face.mass))
 
 
 def _describe(face: Any) -> str:
+    """Return a line of text about a face."""
     x, y, z = (1e3 * c for c in tuple(face.center))
     label = f", named {face.name!r}" if face.name else ""
     return f"{1e6 * face.mass:.4g} mm2 around ({x:.4g}, {y:.4g}, {z:.4g}) mm{label}"

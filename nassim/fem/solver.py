@@ -1,8 +1,9 @@
-"""One sparse factorisation, many right-hand sides, for any symmetric positive definite matrix.
+"""Sparse factorisation for many right-hand sides, for symmetric positive definite matrices.
 
-NGSolve's sparse Cholesky is always there. Where it is installed, SuiteSparse's CHOLMOD (`pip install cvxopt`), which
-solves in half of the time and takes some 10 to 40 % more memory, takes its place, else MKL's PARDISO (`pip install
-pypardiso`). NASSIM_SOLVER and NASSIM_THREADS overrule both choices.
+NGSolve's sparse Cholesky is always available. SuiteSparse's CHOLMOD (`pip install cvxopt`) is preferred if it is
+installed: it solves in half of the time and takes about 10 to 40 % more memory. The next choice is MKL's PARDISO
+(`pip install pypardiso`). The environment variables NASSIM_SOLVER and NASSIM_THREADS override the solver and the number
+of threads.
 """
 
 import importlib
@@ -20,17 +21,17 @@ from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from nassim.base.checks import Array, known
-from nassim.base.library_lock import exclusive
+from nassim.base.library_lock import hold_library_lock
 from nassim.base.progress import Advance, silent
 from nassim.fem.sparse import SymmetricMatrix
 
 SOLVERS = {"cholmod": "cvxopt", "pardiso": "pypardiso", "sparsecholesky": "ngsolve"}
-"""Solvers and the packages that bring them, the preferred ones first."""
+"""Solvers and the packages that provide them, the preferred ones first."""
 ELEMENTS_PER_LEAF = 24
-BLOCK = 16
-"""Right-hand sides that CHOLMOD and PARDISO solve at once."""
-ROWS = 4096
-"""Rows of a matrix that are handed to CHOLMOD at once."""
+SOLVE_BLOCK = 16
+"""Number of right-hand sides that CHOLMOD and PARDISO solve at once."""
+ROWS_PER_BLOCK = 4096
+"""Number of rows of a matrix that are passed to CHOLMOD at once."""
 SINGULAR = (
     "the stiffness matrix is singular or indefinite: is something loose, or does a material or element have no "
     "stiffness?"
@@ -41,9 +42,12 @@ ZERO_PIVOT = -4
 
 @dataclass(frozen=True)
 class Factorization:
-    """A factorised matrix with some unknowns held at zero.
+    """A factorised matrix with some unknowns fixed at zero.
 
-    n: number of unknowns; solver: name, of SOLVERS; seconds: time that the factorisation took [s]
+    Attributes:
+        n: number of unknowns
+        solver: name of the solver, a key of SOLVERS
+        seconds: time of the factorisation [s]
     """
 
     n: int
@@ -53,9 +57,14 @@ class Factorization:
     _solve: Callable[[Array], Array] = field(repr=False)
 
     def solve(self, rhs: Array, *, advance: Advance = silent) -> Array:
-        """Solve for one right-hand side, shape (n,), or for several, shape (n, k); zero rows where held.
+        """Solve for one right-hand side or several; rows of fixed unknowns are zero.
 
-        advance: called with the number of columns done
+        Args:
+            rhs: right-hand sides, shape (n,) or (n, k)
+            advance: called with the number of columns done
+
+        Returns:
+            Solutions, in the shape of `rhs`.
         """
         columns = rhs.reshape(self.n, -1)
         result = np.empty(columns.shape, order="F")
@@ -68,7 +77,7 @@ class Factorization:
 
 
 def solver_name() -> str:
-    """The solver that factorisations use: NASSIM_SOLVER, else the first of SOLVERS that is installed."""
+    """Return the solver in use: NASSIM_SOLVER, otherwise the first of SOLVERS that is installed."""
     installed = [name for name, package in SOLVERS.items() if importlib.util.find_spec(package)]
     name = known("NASSIM_SOLVER", os.environ.get("NASSIM_SOLVER", installed[0]), SOLVERS)
     if name not in installed:
@@ -77,11 +86,19 @@ def solver_name() -> str:
 
 
 def factorize(matrix: SymmetricMatrix, *, held: NDArray[np.int64] | None = None) -> Factorization:
-    """Factorise a symmetric matrix that is positive definite once the unknowns `held` (indices) are held at zero.
+    """Factorise a symmetric matrix that is positive definite once the unknowns `held` are fixed at zero.
 
-    Raises ValueError for a singular matrix, which shows when a trial solve does not return its right-hand side, and for
-    an indefinite one, which shows in a diagonal entry or an energy of the trial that is not positive. NGSolve's
-    Cholesky, in effect L D L^T, factorises indefinite matrices too, so one that shows neither passes.
+    A singular matrix is recognised if a trial solve does not return its right-hand side. An indefinite one is
+    recognised by a diagonal entry, or an energy of the trial solution, that is not positive. NGSolve's Cholesky is in
+    effect L D L^T and factorises indefinite matrices too, so an indefinite matrix without these signs is not
+    recognised.
+
+    Args:
+        matrix: the matrix, shape (n, n)
+        held: indices of unknowns that are fixed at zero
+
+    Raises:
+        ValueError: for a singular or indefinite matrix
     """
     n = matrix.shape[0]
     free = np.ones(n, dtype=bool)
@@ -90,7 +107,7 @@ def factorize(matrix: SymmetricMatrix, *, held: NDArray[np.int64] | None = None)
     start = time.perf_counter()
     with threads():
         solve = {"cholmod": _cholmod, "pardiso": _pardiso, "sparsecholesky": _sparse_cholesky}[name](matrix, free)
-    block = 1 if name == "sparsecholesky" else BLOCK
+    block = 1 if name == "sparsecholesky" else SOLVE_BLOCK
     factor = Factorization(n, name, time.perf_counter() - start, block, solve)
     probe = np.where(free, np.random.default_rng(0).standard_normal(n), 0.0)
     solution = factor.solve(probe)
@@ -102,9 +119,10 @@ def factorize(matrix: SymmetricMatrix, *, held: NDArray[np.int64] | None = None)
 
 
 def _sparse_cholesky(matrix: SymmetricMatrix, free: NDArray[np.bool_]) -> Callable[[Array], Array]:
+    """Factorise by NGSolve and return the function that solves."""
     native = matrix.native
     if native is None:
-        # The factorisation reads the lower triangle only.
+        # The factorisation only reads the lower triangle.
         lower = matrix.lower.tocoo()
         native = la.SparseMatrixd.CreateFromCOO(lower.row, lower.col, lower.data, *matrix.shape)
     inverse = native.Inverse(ngsolve.BitArray(free.tolist()), inverse="sparsecholesky")
@@ -119,12 +137,13 @@ def _sparse_cholesky(matrix: SymmetricMatrix, free: NDArray[np.bool_]) -> Callab
 
 
 def _cholmod(matrix: SymmetricMatrix, free: NDArray[np.bool_]) -> Callable[[Array], Array]:
-    # Imported here because it is optional.
+    # Imported here, because it is optional.
+    """Factorise by CHOLMOD and return the function that solves."""
     cvxopt = importlib.import_module("cvxopt")
     cholmod = importlib.import_module("cvxopt.cholmod")
     lower = matrix.lower[free][:, free]
-    # A few rows at a time, which are columns of the upper triangle: all at once would take three times the memory.
-    parts = (lower[start : start + ROWS].tocoo() for start in range(0, lower.shape[0], ROWS))
+    # A few rows (columns of the upper triangle) at a time: all at once would take three times the memory.
+    parts = (lower[start : start + ROWS_PER_BLOCK].tocoo() for start in range(0, lower.shape[0], ROWS_PER_BLOCK))
     upper = cvxopt.sparse([[cvxopt.spmatrix(part.data, part.col, part.row, part.shape[::-1])] for part in parts])
     factor = cholmod.symbolic(upper, uplo="U")
     try:
@@ -143,9 +162,10 @@ def _cholmod(matrix: SymmetricMatrix, free: NDArray[np.bool_]) -> Callable[[Arra
 
 
 def _pardiso(matrix: SymmetricMatrix, free: NDArray[np.bool_]) -> Callable[[Array], Array]:
+    """Factorise by PARDISO and return the function that solves."""
     upper = matrix.lower[free][:, free].T.tocsr()
     upper.sort_indices()
-    # Imported here because it is optional and its MKL takes a second to load.
+    # Imported here, because it is optional and its MKL takes a second to load.
     pypardiso = importlib.import_module("pypardiso")
     engine = pypardiso.PyPardisoSolver(mtype=2)
     try:
@@ -158,7 +178,7 @@ def _pardiso(matrix: SymmetricMatrix, free: NDArray[np.bool_]) -> Callable[[Arra
 
     def solve(columns: Array) -> Array:
         result = np.zeros(columns.shape)
-        # Its public solve would hash the whole matrix at every call.
+        # The public solve function would hash the whole matrix at every call.
         result[free] = engine._call_pardiso(upper, np.asfortranarray(columns[free]))
         return result
 
@@ -166,14 +186,16 @@ def _pardiso(matrix: SymmetricMatrix, free: NDArray[np.bool_]) -> Callable[[Arra
 
 
 def factor_memory(centres: Array, unknowns: Sequence[NDArray[np.int64]], components: int = 3) -> float:
-    """Memory [bytes] that a factorisation will take at most, from the mesh alone and before it begins.
+    """Estimate an upper bound of the memory of a factorisation [bytes] from the mesh alone, before it begins.
 
-    centres: of the elements, shape (n_elements, 3); unknowns: scalar unknowns of each element
-    components: unknowns per scalar unknown
+    The elements are repeatedly divided at the median of their longest extent. The unknowns between two halves form
+    dense fronts, whose entries are counted. The orderings of the solvers need 30 to 70 % of this bound (measured on
+    compact and on thin solids).
 
-    The elements are halved again and again at the median of their longest extent; the unknowns between two halves form
-    dense fronts, whose entries are counted. The solvers' own orderings need 30 to 70 % of that (measured on compact
-    and on thin solids).
+    Args:
+        centres: centres of the elements, shape (n_elements, 3) [m]
+        unknowns: scalar unknowns of each element
+        components: number of unknowns per scalar unknown
     """
     depth = max(0, int(np.ceil(np.log2(len(centres) / ELEMENTS_PER_LEAF))))
     leaf = np.zeros(len(centres), dtype=np.int64)
@@ -192,7 +214,7 @@ def factor_memory(centres: Array, unknowns: Sequence[NDArray[np.int64]], compone
     first, last = np.full(dof.max() + 1, np.iinfo(np.int64).max), np.zeros(dof.max() + 1, dtype=np.int64)
     np.minimum.at(first, dof, leaf[element])
     np.maximum.at(last, dof, leaf[element])
-    # Two leaves part at the highest binary digit in which their numbers differ.
+    # Two leaves separate at the highest binary digit in which their numbers differ.
     differing = np.where(first < last, first ^ last, 0)
     level = depth - np.ceil(np.log2(differing + 1.0)).astype(np.int64)
     entries = 0.0
@@ -206,18 +228,19 @@ def factor_memory(centres: Array, unknowns: Sequence[NDArray[np.int64]], compone
 
 
 _BLAS = ThreadpoolController().select(internal_api="openblas")
-_running = False  # belongs to the thread that holds NGSolve
+_running = False  # changed only by the thread that holds the lock of NGSolve
 
 
 @contextmanager
 def threads() -> Iterator[None]:
-    """Run NGSolve on all processors that this process may use (environment variable NASSIM_THREADS: on so many).
+    """Run NGSolve on all processors that this process may use, or on NASSIM_THREADS of them (environment variable).
 
-    NumPy's own threads pause meanwhile: they keep spinning after each product and would take the processors from the
-    solver, which halves its speed. May be nested; the outermost counts, and other threads of Python wait for its end.
+    NumPy's own threads are stopped meanwhile. They keep spinning after each product and would take the processors from
+    the solver, which halves its speed. The context may be nested; the outermost one counts, and other threads of Python
+    wait for its end.
     """
-    global _running  # noqa: PLW0603 (it stands for global state of NGSolve)
-    with exclusive():
+    global _running  # noqa: PLW0603 (it represents global state of NGSolve)
+    with hold_library_lock():
         if _running:
             yield
             return

@@ -1,4 +1,4 @@
-"""Sparse symmetric matrices, held once, whoever assembled them."""
+"""Sparse symmetric matrices, stored once, from any assembler."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,10 +11,11 @@ from nassim.base.checks import Array
 
 @dataclass(frozen=True)
 class SymmetricMatrix:
-    """A sparse symmetric matrix that is held once: its lower triangle, where possible in NGSolve's own memory.
+    """A sparse symmetric matrix of which only the lower triangle is stored, if possible in NGSolve's own memory.
 
-    lower: lower triangle with the diagonal, shape (n, n)
-    native: the same as an NGSolve matrix; None makes one when a factorisation needs it
+    Attributes:
+        lower: lower triangle with the diagonal, shape (n, n)
+        native: the same as an NGSolve matrix; with None, a factorisation makes one when it needs it
     """
 
     lower: sp.csr_matrix
@@ -22,23 +23,23 @@ class SymmetricMatrix:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
+        """Numbers of rows and columns."""
         return self.lower.shape
 
     def __matmul__(self, columns: Array) -> Array:
-        """Product with a vector (n,) or with columns (n, k)."""
+        """Return the product with a vector (n,) or with columns (n, k)."""
         diagonal = self.lower.diagonal()
         below = columns * (diagonal if columns.ndim == 1 else diagonal[:, None])
         result: Array = self.lower @ columns + self.lower.T @ columns - below
         return result
 
     def to_scipy(self) -> sp.csr_matrix:
-        """The whole matrix, made anew at every call."""
+        """Return the whole matrix; every call makes a new one."""
         return (self.lower + sp.tril(self.lower, -1).T).tocsr()
 
 
 def symmetric_matrix(matrix: Any) -> SymmetricMatrix:
-    """The lower triangle of a SciPy matrix, or of an NGSolve matrix with symmetric storage (shared, not copied)."""
+    """Return the lower triangle of a SciPy matrix, or of a symmetric NGSolve matrix (shared, not copied)."""
     if sp.issparse(matrix):
         return SymmetricMatrix(sp.tril(matrix, format="csr"))
     values, columns, row_starts = (np.asarray(part) for part in matrix.CSR())

@@ -1,30 +1,33 @@
-"""The faces of a CAD object as triangles, for pictures: no mesh is made."""
+"""Faces of a CAD object as triangles, for images without a mesh."""
 
 import netgen.occ as occ
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.base.library_lock import exclusive
+from nassim.base.library_lock import hold_library_lock
 from nassim.bodies.readouts import Surface
 from nassim.fem.solid import Solid
 
-ROUNDED = 1e-6
-"""Share of the size within which two corners of faces are one: they come in single precision."""
-SAME = 1e-9
-"""Largest difference of centres [m] of two faces that are one, as seen from the CAD bodies on either side."""
+SAME_CORNER = 1e-6
+"""Share of the size within which two corners of faces are the same, because coordinates are in single precision."""
+SAME_FACE = 1e-9
+"""Largest distance between the centres of one face as seen from the CAD bodies on its two sides [m]."""
 
 
 def solid_surface(solid: Solid) -> Surface:
-    """The outer faces of a solid as triangles, labelled as those of its mesh are: by CAD body or by remote point.
+    """Return the outer faces of a solid as triangles, with the same labels as a mesh: CAD body or remote point.
 
-    Curved faces are as fine as OpenCASCADE draws them; faces between CAD bodies are left out.
+    OpenCASCADE chooses the fineness of curved faces. Faces between CAD bodies are omitted.
+
+    Args:
+        solid: the solid
     """
     owner = {face: point.name for point in solid.remote_points for face in point.faces}
     corners: list[Array] = []
     numbers: list[Array] = []
     labels: list[str] = []
     middles: list[tuple[float, ...]] = []
-    with exclusive(forkable=True):
+    with hold_library_lock(forkable=True):
         for body in solid.shape.solids:
             drawing, faces = occ.OCCGeometry(body)._visualizationData(), list(body.faces)
             corners.append(np.asarray(drawing["vertices"], dtype=float).reshape(-1, 3))
@@ -32,10 +35,10 @@ def solid_surface(solid: Solid) -> Surface:
             labels += [owner.get(face.name, body.name or "") for face in faces]
             middles += [(*face.center, face.mass) for face in faces]
     places = np.array(middles)
-    outer = np.sum(np.all(np.abs(places[:, None] - places) < SAME, axis=2), axis=1) == 1
+    outer = np.sum(np.all(np.abs(places[:, None] - places) < SAME_FACE, axis=2), axis=1) == 1
     face = np.concatenate(numbers)
     points = np.concatenate(corners)
-    grid = np.round(points / (ROUNDED * np.ptp(points, axis=0).max()))
+    grid = np.round(points / (SAME_CORNER * np.ptp(points, axis=0).max()))
     _, first, number = np.unique(grid, axis=0, return_index=True, return_inverse=True)
     triangles = number.reshape(-1, 3)[outer[face]]
     edges = np.unique(np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)

@@ -1,7 +1,8 @@
-"""Models from measurements: modes with their uncertainty, scenes corrected by them, parameters calibrated.
+"""Models from measurements: modes with their uncertainty, correction of scenes, calibration of parameters.
 
-To add an estimator of modes, open `modal_fit`, which fits `lines` of `spectra`; a parameter of scenes that measurements
-correct, `apply`; a parameter of models that published figures tell, `calibration`.
+A new estimator of modes goes to `modal_fit`, which fits the `spectral_lines` that `spectra` provides. A new scene
+parameter that measurements correct goes to `apply`, and a model parameter that published figures determine to
+`calibration`.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""Identified modes written into a scene: damping ratios, and factors of its actuators and sensors."""
+"""Correction of a scene by identified modes: damping ratios, and factors of actuators and sensors."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -16,12 +16,19 @@ from nassim.simulation.model.assembly import Assembly, assemble
 Kind = TypeVar("Kind", Actuator, Sensor)
 
 VISIBLE = 1e-4
-"""Least share of an output's static response, over the largest of its modes, that makes a mode of a scene visible."""
+"""Smallest gain of a visible mode, relative to the largest gain of any mode at the same output."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """One parameter of a scene before and after; std: standard deviation of `after`."""
+    """Change of one parameter of a scene.
+
+    Attributes:
+        parameter: name of the parameter.
+        before: value before the change.
+        after: value after the change.
+        std: standard deviation of `after`.
+    """
 
     parameter: str
     before: float
@@ -31,13 +38,16 @@ class Change:
 
 @dataclass(frozen=True)
 class UpdateReport:
-    """What `apply_identification` changed in a scene, and what it could not.
+    """Report of `apply_identification`: changes of a scene, and identified modes without a counterpart.
 
-    changes: damping ratios of modes, then factors of parts
-    matches: per identified mode the index of the scene's mode, (modes,), or -1 where the scene has none
-    identified: frequencies of the identified modes, (modes,) [Hz]; scene: of those matched to them, 0 where none is
-    unmeasured: damping ratio of all other modes of the scene [-]
-    static_ratio: identified static response over the scene's before, each by the modes in the band, (outputs,)
+    Attributes:
+        changes: changes of damping ratios, then of factors of parts.
+        matches: index of the mode of the scene for each identified mode, (modes,); -1 where the scene has none.
+        identified: frequencies of the identified modes, (modes,) [Hz].
+        scene: frequencies of the matched modes of the scene, (modes,); 0 where the scene has none [Hz].
+        unmeasured: damping ratios of all other modes of the scene, by name [-].
+        static_ratio: identified static response over that of the scene before the update, each of the modes in the
+            band, (outputs,) [-].
     """
 
     changes: tuple[Change, ...]
@@ -52,12 +62,12 @@ class UpdateReport:
 
     @property
     def unmodelled(self) -> Array:
-        """Frequencies of identified resonances that the scene has no mode for [Hz]."""
+        """Frequencies of identified resonances without a mode of the scene [Hz]."""
         result: Array = self.identified[self.matches < 0]
         return result
 
     def summary(self) -> str:
-        """The report as text."""
+        """Return the report as text."""
         lines = []
         for k, (identified, scene) in enumerate(zip(self.identified, self.scene, strict=True)):
             if self.matches[k] < 0:
@@ -77,11 +87,18 @@ class UpdateReport:
 
 
 def modal_gains(assembly: Assembly) -> Array:
-    """Each mode's share of the static response, (outputs, inputs, modes), output units over V; 0 for rigid motion."""
+    """Compute the contribution of each mode to the static response.
+
+    Args:
+        assembly: the assembled scene.
+
+    Returns:
+        Gains, (outputs, inputs, modes) [output unit over V]; 0 for rigid-body modes.
+    """
     modes = assembly.basis @ assembly.shapes
     omega = 2 * np.pi * assembly.frequency
     compliance = np.zeros(len(omega))
-    flexible = ~assembly.free
+    flexible = ~assembly.rigid_modes
     compliance[flexible] = 1 / omega[flexible] ** 2
     readings, drives = assembly.output_matrix @ modes, assembly.input_matrix.T @ modes
     return np.einsum("or,ir,r->oir", readings, drives, compliance)
@@ -96,25 +113,32 @@ def apply_identification(
     factor: float = 5.0,
     unmeasured_damping_ratio: float | None = None,
 ) -> tuple[Scene, UpdateReport]:
-    """Write identified damping ratios and gains into a scene; returns the new scene and what was changed.
+    """Write identified damping ratios and gains into a scene.
 
-    trusted: output whose sensor is taken as right, such as an encoder. Its identified static response over the scene's
-        is the factor of the actuators at the fit's input; that ratio of another output, over this factor, is the
-        factor of its sensor
-    distance: relative difference in frequency up to which an identified mode is one of the scene's
-    factor: largest ratio, either way, of their gains, which have the same sign: at the trusted output or, where the
-        mode does not show there, at the output where it shows most. So a resonance of cables or of the table close by
-        is not taken for the mode
-    unmeasured_damping_ratio: of the scene's other modes (default: as they are)
+    The static response is the sum of all modal gains in the band, including those of unmodelled resonances. Masses,
+    also unknown ones, shift frequencies and change the distribution of this sum over the modes, but not the sum. Masses
+    and stiffnesses of the scene do not change.
 
-    Static response is the sum of all modal gains in the band, unmodelled resonances included: masses, even unknown
-    ones, shift frequencies and divide that sum among the modes, but do not change it. Masses and stiffnesses of the
-    scene stay as they are.
+    Args:
+        scene: the scene.
+        fit: identified modes.
+        trusted: output whose sensor counts as right, such as an encoder. The ratio of its identified static response to
+            that of the scene is the factor of the actuators at the input of the fit. The same ratio of another output,
+            divided by this factor, is the factor of its sensor.
+        distance: largest relative difference in frequency between an identified mode and a mode of the scene [-].
+        factor: largest ratio of their gains, in either direction. The gains must have the same sign. They are compared
+            at the trusted output, or at the output with the largest gain where the mode is not visible there. This rule
+            rejects nearby resonances of cables or of the table [-].
+        unmeasured_damping_ratio: damping ratio of the other modes of the scene (default: unchanged) [-].
 
-    Raises ValueError for unknown names, for outputs of the scene that do not respond to the input, for scenes with
-    damping that is not modal (bodies' own, dampers, resistances, bandwidths, loops), when no mode matches (a reversed
-    polarity is named), and when a match is not unique: two modes of the scene that the outputs see near one identified,
-    or two identified near one.
+    Returns:
+        The corrected scene, and a report of the changes.
+
+    Raises:
+        ValueError: for unknown names, for outputs of the scene that do not respond to the input, for scenes with
+            non-modal damping (bodies' own damping, dampers, resistances, bandwidths, loops), when no mode matches (the
+            message names a reversed polarity), and when a match is not unique: two visible modes of the scene near one
+            identified mode, or two identified modes near one.
     """
     positive("distance", distance)
     if not finite("factor", factor) > 1:
@@ -141,7 +165,7 @@ def apply_identification(
         opposite = _alike(-fit.gains, gains, visible, fit.outputs.index(trusted), factor)
         raise ValueError(_no_match(fit.frequency, assembly.frequency, alike, opposite, distance, factor))
 
-    n_free = np.count_nonzero(assembly.free)  # a scene counts its elastic modes only
+    n_free = np.count_nonzero(assembly.rigid_modes)  # a scene counts its elastic modes only
     ratios = assembly.damping.ratio.copy()
     if unmeasured_damping_ratio is not None:
         ratios[:] = not_negative("unmeasured_damping_ratio", unmeasured_damping_ratio)
@@ -169,7 +193,7 @@ def apply_identification(
 
 
 def _alike(identified: Array, gains: Array, visible: Array, base: int, factor: float) -> Array:
-    """Whether an identified mode may be a mode of the scene by its gain, (identified, modes).
+    """Return whether the gains of an identified mode and of a mode of the scene agree, (identified, modes).
 
     identified: (outputs, identified); gains, visible: (outputs, modes); base: row of the trusted output
     """
@@ -183,7 +207,7 @@ def _alike(identified: Array, gains: Array, visible: Array, base: int, factor: f
 
 
 def _match(identified: Array, frequency: Array, alike: Array, distance: float, factor: float) -> Array:
-    """Index of each identified mode among the scene's, -1 for none; alike: (identified, modes)."""
+    """Return the index of the scene's mode for each identified mode, -1 for none; alike: (identified, modes)."""
     result = np.full(len(identified), -1)
     for k, f in enumerate(identified):
         near = np.flatnonzero(alike[k] & (np.abs(frequency / f - 1) <= distance))
@@ -208,7 +232,7 @@ def _match(identified: Array, frequency: Array, alike: Array, distance: float, f
 def _no_match(
     identified: Array, frequency: Array, alike: Array, opposite: Array, distance: float, factor: float
 ) -> str:
-    """Why no mode matches; alike, opposite: by gain and by gain of the other sign, (identified, modes)."""
+    """Explain why no mode matches; alike, opposite: agreement of gains and of negative gains, (identified, modes)."""
     found = ", ".join(f"{x:.4g}" for x in identified)
     seen = ", ".join(f"{x:.4g}" for x in frequency[alike.any(axis=0)][:5])
     near = np.abs(frequency / identified[:, None] - 1) <= distance
@@ -226,7 +250,7 @@ def _no_match(
 
 
 def _scale(scene: Scene, fit: ModalFit, static: Array, trusted: str) -> tuple[Scene, list[Change]]:
-    """Scale actuators and sensors by the fit's static responses over the scene's, (outputs,)."""
+    """Scale actuators and sensors by the ratio of the fit's static responses to those of the scene, (outputs,)."""
     n_outputs, n_modes = fit.gains.shape
     base = fit.outputs.index(trusted)
     identified = fit.gains.sum(axis=1)
@@ -251,7 +275,7 @@ def _acts_by(scene: Scene, part: Actuator, name: str) -> bool:
 
 
 def _scaled(part: Kind, factors: Mapping[str, tuple[float, float]], changes: list[Change]) -> Kind:
-    """A part with its factor corrected, which is noted in `changes`; parts that have none are trusted."""
+    """Return a part with its corrected factor, and append the change to `changes`; parts without a factor stay."""
     if part.name not in factors or part.factor is None:
         return part
     factor, std = factors[part.name]

@@ -1,4 +1,4 @@
-"""Fitting a model's parameters to measured or published figures, as far as these can determine them."""
+"""Calibration of the parameters of a model to measured or published figures, as far as these determine them."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -9,19 +9,26 @@ from nassim.base.checks import Array, finite, finite_array, freeze, frozen_mappi
 from nassim.base.progress import Advance, silent
 
 Model = Callable[[Mapping[str, float]], Mapping[str, float]]
-"""Figures by name, all positive, from parameters by name."""
+"""Function from parameters by name to figures by name, all positive."""
 
-STEP = 0.04
-"""Relative step of the differences that give sensitivities: large, because every geometry gets a mesh of its own."""
+SENSITIVITY_STEP = 0.04
+"""Relative step of the finite differences for sensitivities. It is large because each geometry has its own mesh."""
 CONVERGED = 0.02
-"""Steps below this share of a parameter's standard deviation end a fit."""
+"""Step over the standard deviation of a parameter below which a fit has converged."""
 MOST_STEPS = 8
 ROUGHER = 4.0
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A positive number that a model depends on, with its start value and bounds, all in one unit."""
+    """Positive parameter of a model.
+
+    Attributes:
+        name: name of the parameter.
+        start: start value.
+        lowest: lower bound, in the unit of the start value.
+        highest: upper bound, in the unit of the start value.
+    """
 
     name: str
     start: float
@@ -37,7 +44,13 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Target:
-    """A figure that the model shall show: its value and relative standard deviation [-]."""
+    """Figure that the model should reproduce.
+
+    Attributes:
+        name: name of the figure.
+        value: wanted value.
+        tolerance: relative standard deviation [-].
+    """
 
     name: str
     value: float
@@ -53,13 +66,15 @@ class Target:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Fitted parameters, and what the model shows with them.
+    """Result of a calibration.
 
-    values, deviations: by parameter; the deviation is the relative standard deviation [-] that follows from the
-        targets' tolerances, with parameters that were not fitted taken as exact (what these add: `at_bounds`)
-    figures: all that the model shows at the end, by name
-    errors: relative differences of the targets' figures [-], by name
-    n_evaluations: of the model
+    Attributes:
+        values: fitted parameters by name.
+        deviations: relative standard deviations of the parameters by name, from the tolerances of the targets, with
+            parameters that were not fitted taken as exact (`at_bounds` gives their contribution) [-].
+        figures: all figures of the calibrated model by name.
+        errors: relative differences of the figures from their targets by name [-].
+        n_evaluations: number of evaluations of the model.
     """
 
     values: Mapping[str, float]
@@ -76,17 +91,29 @@ class Calibration:
 def sensitivities(
     model: Model, parameters: Sequence[Parameter], figures: Sequence[str], *, advance: Advance = silent
 ) -> Array:
-    """Relative change of each figure per relative change of each parameter at the start, shape (figures, parameters).
+    """Compute the relative change of each figure per relative change of each parameter, at the start values.
 
-    By differences over +-4 %, or to the side that the bounds leave. advance: called once per evaluation, of which there
-    are two per parameter.
+    The derivatives are differences over +-4 %, or over the part of this interval within the bounds.
+
+    Args:
+        model: the model.
+        parameters: the parameters.
+        figures: names of the figures.
+        advance: called once per evaluation; there are two evaluations per parameter.
+
+    Returns:
+        Sensitivities, (figures, parameters) [-].
+
+    Raises:
+        ValueError: without a parameter, for a parameter whose bounds are equal, and for figures that the model does not
+            give.
     """
     if not unique("parameter", (p.name for p in parameters)):
         raise ValueError("name at least one parameter")
     start = {p.name: p.start for p in parameters}
     columns = []
     for p in parameters:
-        ends = [p.start * np.exp(sign * STEP) for sign in (-1.0, 1.0)]
+        ends = [p.start * np.exp(sign * SENSITIVITY_STEP) for sign in (-1.0, 1.0)]
         ends = [min(max(end, p.lowest), p.highest) for end in ends]
         if ends[0] == ends[1]:
             raise ValueError(f"parameter {p.name!r} has no room between its bounds: {p.lowest:g} to {p.highest:g}")
@@ -108,15 +135,23 @@ def calibrate(
     largest_deviation: float = 0.1,
     report: Callable[[str], None] = lambda _line: None,
 ) -> Calibration:
-    """Fit parameters to targets by Gauss and Newton's method in logarithms, with given sensitivities.
+    """Fit parameters to targets by the Gauss-Newton method in logarithms, with given sensitivities.
 
-    model: the one that shall fit; it is evaluated at the start and once a step
-    sensitivity: shape (targets, parameters), as from `sensitivities`, where a cheaper model serves
-    largest_deviation: relative standard deviation [-] of a parameter beyond which the targets do not determine it
-    report: called with a line of text for every step
+    Args:
+        model: the model to fit. It is evaluated at the start and once per step.
+        parameters: the parameters.
+        targets: the targets.
+        sensitivity: (targets, parameters), as from `sensitivities`; those of a cheaper model are sufficient [-].
+        largest_deviation: relative standard deviation of a parameter above which the targets do not determine it [-].
+        report: called with a line of text for each step.
 
-    Raises ValueError, before the model is evaluated, when the targets cannot determine the parameters, and when the fit
-    leaves a parameter's bounds; RuntimeError when it does not settle.
+    Returns:
+        Fitted parameters with their deviations, and the figures of the model.
+
+    Raises:
+        ValueError: before the model is evaluated, when the targets cannot determine the parameters; later, when the fit
+            leaves the bounds of a parameter.
+        RuntimeError: when the fit does not converge.
     """
     names = unique("parameter", (p.name for p in parameters))
     if not names or not unique("target", (t.name for t in targets)):
@@ -158,15 +193,28 @@ def at_bounds(
     sensitivity: Array,
     advance: Advance = silent,
 ) -> dict[str, dict[str, tuple[float, float]]]:
-    """How far the fitted parameters move when one that was not fitted is put at its bounds.
+    """Compute the changes of the fitted parameters when another parameter takes the values of its bounds.
 
-    Returns, by name of the other and then of the fitted one, relative changes [-] at the other's lowest and highest
-    value. Each comes from a fit of its own, compared with the fit with all others at their start; only differences
-    count, so a cheap model serves.
-    sensitivity: shape (targets, fitted); advance: called once per bound, of which there are two per other
-    Raises RuntimeError when a fit does not settle, ValueError when one would move a parameter more than fivefold.
+    Each change follows from a separate fit, compared with the fit with all others at their start values. Only
+    differences matter, so a cheap model is sufficient.
+
+    Args:
+        model: the model.
+        fitted: the fitted parameters.
+        others: the parameters that were not fitted.
+        targets: the targets.
+        sensitivity: (targets, fitted) [-].
+        advance: called once per bound; there are two bounds per other parameter.
+
+    Returns:
+        Relative changes [-] at the lower and at the upper bound, by name of the other parameter and then of the fitted
+        one.
+
+    Raises:
+        RuntimeError: when a fit does not converge.
+        ValueError: when a fit would change a parameter by more than a factor of five.
     """
-    # Differences need not be as exact as the fit itself, so its steps may end sooner.
+    # Differences need less accuracy than the fit itself, so the iterations may end earlier.
     rough = [replace(t, tolerance=ROUGHER * t.tolerance) for t in targets]
 
     def fit(values: Mapping[str, float], start: Mapping[str, float]) -> Mapping[str, float]:
@@ -193,9 +241,19 @@ def at_bounds(
 def check_determined(
     parameters: Sequence[Parameter], targets: Sequence[Target], sensitivity: Array, *, largest_deviation: float
 ) -> Array:
-    """Relative standard deviations of the parameters that the targets' tolerances mean, shape (parameters,) [-].
+    """Compute the relative standard deviations of the parameters that follow from the tolerances of the targets.
 
-    Raises ValueError saying which parameters the targets cannot tell apart, and which they could determine alone.
+    Args:
+        parameters: the parameters.
+        targets: the targets.
+        sensitivity: (targets, parameters) [-].
+        largest_deviation: largest accepted standard deviation [-].
+
+    Returns:
+        Relative standard deviations, (parameters,) [-].
+
+    Raises:
+        ValueError: with the parameters that the targets cannot distinguish, and those that they could determine alone.
     """
     finite("largest_deviation", largest_deviation)
     weighted = sensitivity / np.array([[t.tolerance] for t in targets])
@@ -217,7 +275,7 @@ def check_determined(
             for k, share in enumerate(directions[-1] / np.abs(directions[-1]).max())
         )
         raise ValueError(
-            f"the figures cannot determine {vague}; changing {mix} together would hardly show. Fit fewer or give "
+            f"the figures cannot determine {vague}; changing {mix} together has little effect. Fit fewer or give "
             f"figures that depend on them ({hint})"
         )
     return deviation

@@ -1,9 +1,10 @@
-"""Lines of long records, so close together that neighbours say nearly the same, without what they say twice.
+"""Compression of closely spaced spectral lines of long records, without loss of information.
 
-Within a cell of neighbouring lines, narrow beside its distance from all poles, what the input drives and what motion
-before and after the record leaves are polynomials: their values at a few nodes fix them at all lines. A cell's fit to
-n lines is then one to as many numbers as nodes determine, by a QR decomposition that is made once: what remains of the
-responses no pole explains. Nothing is averaged and no line left out; near a pole cells are small, far away wide.
+A cell is a group of neighbouring lines that is narrow compared with its distance from all poles. Within a cell, the
+driven response and the transient terms of a record are smooth, so that values at a few Chebyshev nodes determine them
+at all lines. The fit to n lines is then a fit to as many numbers as the nodes determine, by one QR decomposition per
+cell; the remaining part of the responses cannot be explained by any pole. No lines are averaged or omitted. Cells are
+small near a pole and wide far away.
 """
 
 from dataclasses import dataclass
@@ -14,21 +15,25 @@ import scipy
 from nassim.base.checks import Array
 from nassim.identification.spectral_lines import Lines
 
-MANY = 20_000
-"""Lines of a record from which on they are compressed."""
+COMPRESSED_FROM = 20_000
+"""Number of lines from which on a record is compressed."""
 NODES = 14
 DISTANCE = 4.0
-"""Least distance of poles from a cell's middle, in half-widths: with 14 nodes some 5e-13 of what they give are lost."""
+"""Smallest distance of poles from the centre of a cell, in half-widths. With 14 nodes the error is some 5e-13."""
 WIDEST = 20_000
-"""Most lines of a cell."""
+"""Largest number of lines in a cell."""
 
 
 @dataclass(frozen=True)
 class Cell:
-    """Neighbouring lines and what fits need of them.
+    """Compressed group of neighbouring lines.
 
-    lines: which; omega: of the nodes, (nodes,) [rad/s]; shares: of the nodes' values in each line, (lines, nodes)
-    taken: of the driven values and of the others at the nodes, (rows, 2 nodes); responses: (rows, outputs)
+    Attributes:
+        lines: slice of the lines.
+        omega: angular frequencies of the nodes, (nodes,) [rad/s].
+        shares: interpolation weights of the nodes at each line, (lines, nodes).
+        taken: compressed columns of the driven values and of the transient values at the nodes, (rows, 2 nodes).
+        responses: compressed responses, (rows, outputs).
     """
 
     lines: slice
@@ -39,7 +44,7 @@ class Cell:
 
     @classmethod
     def of(cls, lines: Lines, place: slice) -> "Cell":
-        """Lines at a place, compressed where they are more than what nodes determine."""
+        """Compress the lines in a slice if they are more numerous than the numbers that nodes determine."""
         omega, responses = lines.omega[place], lines.responses[:, place].T
         if len(omega) <= 2 * NODES:
             nodes, shares = omega, np.eye(len(omega))
@@ -47,7 +52,7 @@ class Cell:
             middle, half = (omega[-1] + omega[0]) / 2, (omega[-1] - omega[0]) / 2
             x = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
             nodes = middle + half * x
-            # Lagrange's polynomials of Chebyshev's nodes, by the orthogonality of Chebyshev's polynomials there.
+            # The discrete orthogonality of Chebyshev polynomials gives the Lagrange polynomials of their nodes.
             to_nodes = 2 / NODES * np.polynomial.chebyshev.chebvander(x, NODES - 1)
             to_nodes[:, 0] /= 2
             shares = np.polynomial.chebyshev.chebvander((omega - middle) / half, NODES - 1) @ to_nodes.T
@@ -59,31 +64,44 @@ class Cell:
 
 @dataclass(frozen=True, kw_only=True)
 class CompressedLines(Lines):
-    """Lines whose omega are those of all cells' nodes, and whose responses and columns are compressed.
+    """Spectral lines at the nodes of all cells, with compressed responses and columns.
 
-    of_driven, of_left: from values at the nodes to the columns, sparse (rows, nodes); middle: the line in the middle of
-    a row's cell, (rows,); whole: the lines that they stand for
+    Attributes:
+        cells: the cells.
+        of_driven: matrix from driven values at the nodes to the columns, sparse, (rows, nodes).
+        of_transient: matrix from transient values at the nodes to the columns, sparse, (rows, nodes).
+        middle: index of the central line of each row's cell, (rows,).
+        whole: the original lines.
     """
 
     cells: tuple[Cell, ...]
     of_driven: scipy.sparse.csr_matrix
-    of_left: scipy.sparse.csr_matrix
+    of_transient: scipy.sparse.csr_matrix
     middle: Array
     whole: Lines
 
-    def seen(self, driven: Array, left: Array) -> Array:
-        """Columns of both, compressed."""
-        return np.concatenate([self.of_driven @ driven, self.of_left @ left], axis=1)
+    def joined_columns(self, driven: Array, left: Array) -> Array:
+        """Return the compressed columns of driven and transient values."""
+        return np.concatenate([self.of_driven @ driven, self.of_transient @ left], axis=1)
 
     def weights(self, weights: Array) -> Array:
-        """Weights of the rows, (outputs, rows), of those of all lines, (outputs, n), which hardly change in a cell."""
+        """Return the weights of the rows, (outputs, rows).
+
+        Args:
+            weights: weights of all lines, which are nearly constant in a cell, (outputs, n).
+        """
         return weights[:, self.middle]
 
     def modelled(self, poles: Array, values: Array) -> Array:
-        """The responses of the model at all lines, (outputs, n)."""
-        driven = self.driven(poles)
+        """Return the responses of the model at all lines, (outputs, n).
+
+        Args:
+            poles: frequency [Hz] and damping ratio [-], (R, 2).
+            values: linear parameters, (outputs, m).
+        """
+        driven = self.driven_columns(poles)
         split = driven.shape[1]
-        driven, left = driven @ values[:, :split].T, self.left(poles) @ values[:, split:].T
+        driven, left = driven @ values[:, :split].T, self.transient_columns(poles) @ values[:, split:].T
         result, start = np.empty_like(self.whole.responses), 0
         for cell in self.cells:
             here = slice(start, start := start + len(cell.omega))
@@ -92,12 +110,20 @@ class CompressedLines(Lines):
         return result
 
 
-def compressed(lines: Lines, poles: Array) -> Lines:
-    """Lines for fits of poles near those given, (R, 2), frequency [Hz] and damping ratio; few lines as they are."""
-    if len(lines.omega) < MANY or not lines.transient:
+def compress_lines(lines: Lines, poles: Array) -> Lines:
+    """Compress the lines of a long record for fits of poles near given ones; return other lines unchanged.
+
+    Args:
+        lines: the lines.
+        poles: frequency [Hz] and damping ratio [-], (R, 2).
+
+    Returns:
+        Compressed lines; the given lines where they are few.
+    """
+    if len(lines.omega) < COMPRESSED_FROM or not lines.transient:
         return lines
     omega, ratio = 2 * np.pi * poles[:, 0], poles[:, 1]
-    # What a record's drift and the powers of s leave changes at rest, as a pole there.
+    # The drift term of a record and the powers of s are singular at zero frequency, like a pole at s = 0.
     singular = np.append(omega * (1j * np.sqrt(1 - ratio**2) - ratio), 0.0)
     known, cells, waiting = lines.known, [], [slice(0, len(lines.omega))]
     while waiting:
@@ -120,7 +146,7 @@ def _joined(lines: Lines, cells: tuple[Cell, ...]) -> CompressedLines:
     halves = (
         scipy.sparse.block_diag([np.split(cell.taken, 2, axis=1)[k] for cell in cells], format="csr") for k in range(2)
     )
-    of_driven, of_left = halves
+    of_driven, of_transient = halves
     middles = [np.full(len(cell.taken), (cell.lines.start + cell.lines.stop) // 2) for cell in cells]
     return CompressedLines(
         omega=np.concatenate([cell.omega for cell in cells]),
@@ -132,7 +158,7 @@ def _joined(lines: Lines, cells: tuple[Cell, ...]) -> CompressedLines:
         residual_powers=lines.residual_powers,
         cells=cells,
         of_driven=of_driven,
-        of_left=of_left,
+        of_transient=of_transient,
         middle=np.concatenate(middles),
         whole=lines,
     )

@@ -1,4 +1,4 @@
-"""Modes identified from measurements: poles, damping ratios and gains with their uncertainty."""
+"""Identification of modes from measurements: poles, damping ratios and gains with their uncertainty."""
 
 import warnings
 from collections.abc import Mapping, Sequence
@@ -9,49 +9,55 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from nassim.base.checks import Array, finite, finite_array, freeze, frozen_mapping, known, positive, unique
-from nassim.base.progress import wrapped
+from nassim.base.progress import wrap_text
 from nassim.base.tables import text_table
-from nassim.identification.compressed_lines import compressed
+from nassim.identification.compressed_lines import compress_lines
 from nassim.identification.pole_fit import (
     DAMPING_RANGE,
     Solution,
     correlation,
+    describe_misfit,
+    describe_similar_modes,
     fit_poles,
     misfit,
-    misfit_in_words,
     strongest_pole,
-    twins,
 )
 from nassim.identification.spectra import lines_of_frf, lines_of_record
 from nassim.identification.spectral_lines import Lines
 from nassim.signals.frf import FRF
 from nassim.signals.time_history import TimeHistory
 
-MOST_MODES = 12
-"""Modes up to which the criterion looks for more."""
+MOST_MODES_IN_BAND = 12
+"""Largest number of modes in a band."""
 EXACT = 1e-10
-"""Residual over response that counts as rounding: below it there is nothing left to fit."""
+"""Residual over response that counts as rounding; nothing remains to be fitted below it."""
 POOR = 0.01
-"""Relative deviation of a damping ratio from which a systematic residual is warned of."""
+"""Relative standard deviation of a damping ratio above which a systematic residual causes a warning."""
 NOISE_DEGREE = 3
 
 
 @dataclass(frozen=True, kw_only=True)
 class ModalFit:
-    """Real modes common to the responses of several outputs to one input, and how well they are known.
+    """Real modes common to the responses of several outputs to one input, with their uncertainty.
 
     H_o = sum_r gains_or w_r^2 / (w_r^2 - w^2 + 2 i zeta_r w_r w) + sum_p residual_terms_op (i w)^p
 
-    input, outputs: names
-    frequency: ascending, (modes,) [Hz]; damping_ratio: (modes,) [-]
-    gains: each mode's share of the static response, (outputs, modes), output unit over input unit
-    covariance: of frequency, damping_ratio and gains (output by output), square; from the noise, and near a resonance
-        whose residual is systematic from this misfit, see `nassim.identification.pole_fit.misfit`
-    residual_terms: (outputs, powers), output unit over input unit times s^p; residual_powers: (powers,)
-    recorded: responses at the lines of the fit, without the transient of a record and the hold of its input
-    noise: standard deviation of `recorded`, (outputs, lines), estimated from the residual
-    criterion: BIC with 0, 1, 2 ... modes, as far as it was followed
-    how: what was fitted and how, in words; "doubts": what speaks against it, empty when nothing does
+    Attributes:
+        input: name of the input.
+        outputs: names of the outputs.
+        frequency: ascending, (modes,) [Hz].
+        damping_ratio: (modes,) [-].
+        gains: contribution of each mode to the static response, (outputs, modes) [output unit over input unit].
+        covariance: square matrix for frequency, damping_ratio and gains (output by output). It follows from the noise,
+            and near a resonance with a systematic residual from that misfit, see
+            `nassim.identification.pole_fit.misfit`.
+        residual_terms: (outputs, powers) [output unit over input unit and s^p].
+        residual_powers: powers p, (powers,).
+        recorded: responses at the lines of the fit, without the transient of a record and the hold of its input.
+        noise: standard deviation of `recorded`, (outputs, lines), estimated from the residual.
+        criterion: Bayes' information criterion with 0, 1, 2 ... modes, as far as it was computed.
+        how: description of data and options; the entry "doubts" contains reasons to doubt the fit and is empty without
+            any.
     """
 
     input: str
@@ -105,12 +111,20 @@ class ModalFit:
 
     @property
     def residual(self) -> FRF:
-        """`recorded` less the model at the lines of the fit."""
+        """Difference of `recorded` and the model at the lines of the fit."""
         model = self.response(self.recorded.frequency)
         return FRF(model.frequency, self.recorded.values - model.values, self.outputs, (self.input,), None, "residual")
 
     def response(self, frequency: Array, *, label: str = "fit") -> FRF:
-        """The identified FRF at any frequencies, (n,) [Hz]; trustworthy within the band of the fit."""
+        """Compute the identified FRF, which is valid within the band of the fit.
+
+        Args:
+            frequency: (n,) [Hz].
+            label: label of the FRF.
+
+        Returns:
+            FRF with values (outputs, 1, n).
+        """
         f = finite_array("frequency", frequency, (None,))[:, None]
         s = 2j * np.pi * f
         modes = self.frequency**2 / (self.frequency**2 - f**2 + 2j * self.damping_ratio * self.frequency * f)
@@ -118,18 +132,22 @@ class ModalFit:
         return FRF(f[:, 0], values[:, None], self.outputs, (self.input,), None, label)
 
     def summary(self) -> str:
-        """The modes as a table, each figure with its standard deviation, as text."""
+        """Return the modes as a table, each figure with its standard deviation."""
         rows = [["mode", "frequency [Hz]", "damping ratio [%]", *(f"gain {output}" for output in self.outputs)]]
         for r in range(len(self.frequency)):
             gains = [f"{g:.4g} ± {s:.1g}" for g, s in zip(self.gains[:, r], self.gains_std[:, r], strict=True)]
             ratio = f"{100 * self.damping_ratio[r]:.4g} ± {100 * self.damping_ratio_std[r]:.1g}"
             rows.append([str(r + 1), f"{self.frequency[r]:.3f} ± {self.frequency_std[r]:.1g}", ratio, *gains])
-        doubts = [wrapped(f"doubtful: {self.how['doubts']}")] if self.how.get("doubts") else []
+        doubts = [wrap_text(f"doubtful: {self.how['doubts']}")] if self.how.get("doubts") else []
         return "\n".join([text_table(rows), *doubts])
 
 
-def upgraded_fit(content: Mapping[str, Any]) -> dict[str, Any]:
-    """The fields of a `ModalFit` as older files hold them, with `measured` called `recorded`; others as they are."""
+def upgrade_fit(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the fields of a `ModalFit` from an older file, with `measured` renamed to `recorded`.
+
+    Args:
+        content: fields of the file by name.
+    """
     return {{"measured": "recorded"}.get(name, name): value for name, value in content.items()}
 
 
@@ -145,36 +163,51 @@ def identify_modes(
     sample_rate: float | None = None,
     residual_powers: Sequence[int] = (0, 1, 2, 3),
 ) -> ModalFit:
-    """Identify the modes that show in one input's responses, with their standard deviations.
+    """Identify the modes in the responses to one input, with their standard deviations.
 
-    recorded: a record of input and outputs sampled together, or an FRF, of displacements, forces or voltages, not of
-        velocities or accelerations, whose modes have other numerators. A record is better: its transient is part of the
-        model, so nothing leaks, whereas a windowed estimate of an FRF broadens its resonances, which makes damping
-        ratios too large by some two per cent where the half-power width 2 zeta f spans two to four lines
-    input, outputs: names; band: lowest and highest frequency that is fitted [Hz]
-    n_modes: how many resonances the band has; None adds modes as long as Bayes' information criterion approves, but no
-        two that overlap and look alike: these are one resonance that the model misses (a hold, a delay, another input)
-    hold_order: of the input between its samples: 0 for a DAC that keeps each value until the next, 1 for straight
-        lines, None for an input without content above half the sample rate. Overlooked it lowers gains by the share
-        0.6 x^2 (order 0) or x^2 / 3 (order 1) with x = pi f / sample rate, and frequencies by x zeta (order 0)
-    delay: of the outputs behind the input beyond the hold, such as converters' latency [s]; one sample of 0.1 ms that
-        is overlooked costs some tenths of a per cent of damping ratios and gains
-    sample_rate: of the signals that an FRF was estimated from [Hz], needed for its hold_order only
-    residual_powers: p of the terms (i w)^p for modes outside the band: 0 and 2 for those above it, 1 and 3 for what
-        their damping and a hold add, -2 for modes below it
+    The noise is assumed to be Gaussian, at the outputs only, and independent between outputs. Its variance is estimated
+    for each output from the residual as a smooth function of frequency; the coherence of an FRF, where it has one,
+    gives its shape. Of 400 intervals of 95 % from forty blind records, 376 contain the truth
+    (`scripts/identification_coverage.py`).
 
-    Noise is assumed at the outputs only, Gaussian and independent between outputs, and its variance is estimated per
-    output from the residual, smooth over frequency; an FRF's coherence, where it has one, gives the shape of it.
-    Of 400 intervals of 95 % from forty blind records 376 hold the truth (`scripts/identification_coverage.py`).
-    Near a resonance the residual may be systematic: two modes close together that are fitted as one, a hold or delay
-    overlooked. Then the standard deviations grow with it, the summary tells, and from 1 % of damping on a warning.
-    Raises ValueError for unknown names, a band outside the data, a constant input, and where the data do not determine
-    the modes: too few lines, no resonance, or a mode whose damping ratio noise leaves unknown by half.
+    The residual may be systematic near a resonance, because two close modes are fitted as one or a hold or a delay is
+    overlooked. The standard deviations then include this error and the summary reports it. A warning follows when the
+    standard deviation of a damping ratio exceeds 1 % of it.
+
+    Args:
+        recorded: record of input and outputs with common sampling, or an FRF. The outputs must be displacements, forces
+            or voltages, not velocities or accelerations, whose modes have other numerators. A record is better than an
+            FRF: its transient is part of the model, so there is no leakage. A windowed estimate of an FRF broadens the
+            resonances, so that damping ratios are some two per cent too large where the half-power width 2 zeta f
+            covers two to four lines.
+        input: name of the input.
+        outputs: names of the outputs.
+        band: lowest and highest fitted frequency [Hz].
+        n_modes: number of resonances in the band. None adds modes while Bayes' information criterion decreases, but no
+            two modes that overlap and have similar shapes: such modes are one resonance that the model misrepresents (a
+            hold, a delay, another input).
+        hold_order: behaviour of the input between samples: 0 for a DAC that keeps each value until the next, 1 for
+            straight lines, None for an input without content above half the sample rate. A neglected hold lowers gains
+            by the fraction 0.6 x^2 (order 0) or x^2 / 3 (order 1) with x = pi f / sample rate, and frequencies by x
+            zeta (order 0).
+        delay: delay of the outputs behind the input in addition to the hold, such as the latency of converters. A
+            neglected sample of 0.1 ms causes errors of some tenths of a per cent in damping ratios and gains [s].
+        sample_rate: sample rate of the signals from which an FRF was estimated; needed only for its hold_order [Hz].
+        residual_powers: powers p of the terms (i w)^p for modes outside the band: 0 and 2 for modes above it, 1 and 3
+            for their damping and for a hold, -2 for modes below it.
+
+    Returns:
+        Modes with their covariance, and the responses at the lines of the fit.
+
+    Raises:
+        ValueError: for unknown names, a band outside the data, a constant input, and data that do not determine the
+            modes: too few lines, no resonance, or a mode whose damping ratio has a standard deviation of half its
+            value.
     """
     if not (names := unique("output", outputs)):
         raise ValueError("name at least one output")
-    if n_modes not in (None, *range(1, MOST_MODES + 1)):
-        raise ValueError(f"n_modes must be 1 ... {MOST_MODES}, got {n_modes!r}")
+    if n_modes not in (None, *range(1, MOST_MODES_IN_BAND + 1)):
+        raise ValueError(f"n_modes must be 1 ... {MOST_MODES_IN_BAND}, got {n_modes!r}")
     if hold_order not in (None, 0, 1):
         raise ValueError(f"hold_order must be None, 0 or 1, got {hold_order}")
     powers = tuple(residual_powers)
@@ -195,7 +228,7 @@ def identify_modes(
         lines, shape = lines_of_record(recorded, input, names, band, hold_order, powers), None
     lines = replace(lines, excitation=lines.excitation * np.exp(-1j * finite("delay", delay) * lines.omega))
     _enough(lines, n_modes or 1)
-    # The matrices are tall and narrow: more threads only wait for each other.
+    # The matrices are tall and narrow, so that more threads would not be faster.
     with threadpool_limits(limits=1, user_api="blas"):
         solution, criterion, doubt = _search(lines, shape, n_modes, band)
     missed = misfit(lines, solution)
@@ -206,7 +239,7 @@ def identify_modes(
         "delay": f"{delay:g} s",
         "n_modes": "chosen by BIC" if n_modes is None else "given",
         "noise": "smooth over frequency, from the residual" if shape is None else "shape from the coherence",
-        "doubts": "; ".join(text for text in (misfit_in_words(solution, missed), doubt) if text),
+        "doubts": "; ".join(text for text in (describe_misfit(solution, missed), doubt) if text),
     }
     fit = _modal_fit(lines, solution, missed, input, names, criterion, how)
     spread = fit.damping_ratio_std / fit.damping_ratio
@@ -228,20 +261,20 @@ def _enough(lines: Lines, n_modes: int) -> None:
 def _search(
     lines: Lines, shape: Array | None, n_modes: int | None, band: tuple[float, float]
 ) -> tuple[Solution, list[float], str]:
-    """Add the strongest remaining pole and refit, until n_modes or the criterion rises; what is doubtful."""
+    """Add the strongest remaining pole and refit, up to n_modes or until the criterion rises; also return doubts."""
     doubt = ""
     size = np.sqrt(np.mean(np.abs(lines.responses) ** 2, axis=1, keepdims=True))
     noise = np.broadcast_to(size, lines.responses.shape) if shape is None else np.maximum(shape, EXACT * size)
     best = _refined(lines, np.zeros((0, 2)), noise, shape)
     criterion = [_bic(lines, best)]
-    for _ in range(n_modes or MOST_MODES):
+    for _ in range(n_modes or MOST_MODES_IN_BAND):
         if n_modes is None and np.all(np.abs(best.residual) < EXACT * size):
             break
         start, alike = np.vstack([best.poles, strongest_pole(lines, best.residual, best.weights)]), ""
         try:
             _enough(lines, len(start))
             candidate = _refined(lines, start, np.sqrt(2) / best.weights, shape)
-            alike = "" if n_modes else twins(candidate)
+            alike = "" if n_modes else describe_similar_modes(candidate)
             problem = _problem(lines, candidate, 0.5 if n_modes else 0.25) or alike
         except (ValueError, np.linalg.LinAlgError) as error:
             problem = str(error)
@@ -264,7 +297,7 @@ def _search(
 
 
 def _refined(lines: Lines, start: Array, noise: Array, shape: Array | None) -> Solution:
-    """Fit, estimate the noise from the residual, and fit again with its weights."""
+    """Fit, estimate the noise from the residual, and fit again with the resulting weights."""
     solution = fit_poles(lines, start, np.sqrt(2) / noise)
     for _ in range(2):
         solution = fit_poles(lines, solution.poles, np.sqrt(2) / _noise(lines, solution, shape))
@@ -272,16 +305,16 @@ def _refined(lines: Lines, start: Array, noise: Array, shape: Array | None) -> S
 
 
 def _noise(lines: Lines, solution: Solution, shape: Array | None) -> Array:
-    """Standard deviation of the complex responses, (outputs, n), smooth over frequency and true to the residual."""
+    """Return the standard deviation of complex responses, (outputs, n), smooth in frequency, scaled to the residual."""
     responses, power = lines.responses, solution.residual.real**2 + solution.residual.imag**2
     floor = EXACT * np.sqrt(np.mean(np.abs(responses) ** 2, axis=1, keepdims=True))
     noise = shape
     if noise is None:
-        # Only the course of log |r|^2 counts: its level, Euler's constant below the variance's, is set by the misfit.
+        # Only the shape of log |r|^2 matters: its level, biased by Euler's constant, is set by the misfit below.
         first, last = lines.omega[[0, -1]]
         basis = np.polynomial.chebyshev.chebvander((2 * lines.omega - first - last) / (last - first), NOISE_DEGREE)
         level = np.log(power + floor**2)
-        # Chebyshev's polynomials are so well conditioned that normal equations do.
+        # Chebyshev polynomials are so well conditioned that normal equations are accurate enough.
         noise = np.exp(0.5 * basis @ np.linalg.solve(basis.T @ basis, basis.T @ level.T)).T
     noise = np.maximum(noise, floor)
     freedom = max(lines.omega.size - solution.n_unknowns / len(responses) / 2, 1.0)
@@ -290,14 +323,14 @@ def _noise(lines: Lines, solution: Solution, shape: Array | None) -> Array:
 
 
 def _bic(lines: Lines, solution: Solution) -> float:
-    """Bayes' information criterion; lines that a window correlates count less."""
+    """Return Bayes' information criterion with the number of lines reduced by the correlation that a window causes."""
     n = 2 * lines.omega.size / correlation(solution)
     likelihood = n * np.sum(np.mean(np.log(2 / solution.weights**2), axis=1))
     return float(likelihood + solution.n_unknowns * np.log(n * len(lines.responses)))
 
 
 def _problem(lines: Lines, solution: Solution, largest: float) -> str:
-    """Why a solution's modes are none, or nothing; largest: standard deviation of a damping ratio over the ratio."""
+    """Return why modes of a solution are invalid, or ""; largest: relative standard deviation of a damping ratio."""
     spread = np.sqrt(correlation(solution) * np.diag(solution.covariance)[: solution.poles.size])
     n = len(solution.poles)
     for r, (frequency, ratio) in enumerate(solution.poles):
@@ -332,7 +365,7 @@ def _modal_fit(
     covariance = scale[:, None] * solution.covariance[np.ix_(index, index)] * scale
     without_input = solution.values * (np.arange(n_columns) >= n_response)
     input_spectrum = lines.excitation * lines.held
-    transient = compressed(lines, solution.poles).modelled(solution.poles, without_input)
+    transient = compress_lines(lines, solution.poles).modelled(solution.poles, without_input)
     responses = (lines.responses - transient) / input_spectrum
     return ModalFit(
         input=input,

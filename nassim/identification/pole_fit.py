@@ -1,15 +1,15 @@
-"""Poles common to several responses, by separable least squares over the lines of a spectrum.
+"""Least-squares fit of poles common to several responses over the lines of a spectrum.
 
-The model of output o at the line omega, with U the input's spectrum (1 for an FRF), s = i omega and z = exp(s h):
+The model of output o at the line omega, with U the spectrum of the input (1 for an FRF), s = i omega and z = exp(s h):
 
     Y_o = [sum_r c_or w_r^2 / (s^2 + 2 zeta_r w_r s + w_r^2) + sum_p d_op s^p] U + T_o
 
-For sampled records T_o is what the motion before and after the record leaves in its DFT, so no window is needed: per
-mode exactly a decaying exponential's transform, besides a polynomial for the modes outside the band and a linear drift.
-All but the poles enter linearly and are eliminated (variable projection).
+For sampled records, T_o is the contribution of the motion before and after the record to its DFT, so that no window is
+needed. It consists of the exact transform of a decaying exponential for each mode, a polynomial for the modes outside
+the band, and a linear drift. All parameters except the poles are linear and are eliminated (variable projection).
 
-Source: R. Pintelon, J. Schoukens, System Identification: A Frequency Domain Approach, 2nd ed. (2012), ch. 6 and 9;
-G. Golub, V. Pereyra, Inverse Problems 19 (2003) R1 (variable projection; here with Kaufman's Jacobian).
+Source: R. Pintelon, J. Schoukens, System Identification: A Frequency Domain Approach, 2nd ed. (2012), ch. 6 and 9; G.
+Golub, V. Pereyra, Inverse Problems 19 (2003) R1 (variable projection; here with Kaufman's Jacobian).
 """
 
 import itertools
@@ -20,34 +20,37 @@ import scipy
 
 from nassim.base.checks import Array
 from nassim.base.modal import mac
-from nassim.identification.compressed_lines import MANY, compressed
+from nassim.identification.compressed_lines import COMPRESSED_FROM, compress_lines
 from nassim.identification.spectral_lines import Lines
 
 DAMPING_RANGE = (1e-5, 0.5)
-"""Damping ratios between which a pole counts as a resonance."""
+"""Range of damping ratios in which a pole counts as a resonance."""
 
 TRIED, ALIKE = (0.003, 0.01, 0.03), 10
-"""Damping ratios of the resonances that are searched for, and parts of a half-width that count as one line."""
-LOOKS_ALIKE = 0.99
-"""Modal assurance criterion of two modes' gains, each output by its largest, above which they look alike."""
-NEAR = 5.0
-"""Half-widths to either side of a resonance within which its misfit shows."""
-FEWEST_NEAR = 8
+"""Damping ratios of the search for resonances, and number of merged lines per half-width."""
+SIMILAR_SHAPES = 0.99
+"""Modal assurance criterion of the gains of two modes, normalised per output, above which their shapes are similar."""
+NEAR_HALF_WIDTHS = 5.0
+"""Half-widths on each side of a resonance in which its misfit is evaluated."""
+FEWEST_NEAR_LINES = 8
 MISFIT_POWERS = 4
 SYSTEMATIC = 6.0
-"""Standard deviations by which shapes of a misfit must explain more energy than they do of noise to be told from it."""
-TAKEN_UP = 2.0
-"""Errors that parameters take up over those left in the residual: up to 2 for two modes within a half-width."""
+"""Standard deviations by which the energy of a misfit must exceed that of noise."""
+ABSORBED = 2.0
+"""Errors absorbed by the parameters over those left in the residual: up to 2 for two modes within a half-width."""
 
 
 @dataclass(frozen=True)
 class Solution:
-    """Poles, and what follows linearly from them.
+    """Poles and the linear parameters that follow from them.
 
-    poles: (R, 2), frequency [Hz] and damping ratio; values: of the columns, (outputs, m)
-    residual: responses less model, (outputs, n) complex; weights: that it was multiplied with, (outputs, n)
-    covariance: of log frequency, log damping and then of the values output by output, for weighted residuals with unit
-        variance in their real and in their imaginary parts
+    Attributes:
+        poles: frequency [Hz] and damping ratio [-], (R, 2).
+        values: linear parameters, (outputs, m).
+        residual: responses minus model, complex, (outputs, n).
+        weights: weights of the residual in the fit, (outputs, n).
+        covariance: covariance of log frequency, log damping ratio and the linear parameters output by output, for
+            weighted residuals with unit variance in their real and in their imaginary parts.
     """
 
     poles: Array
@@ -58,22 +61,32 @@ class Solution:
 
     @property
     def n_unknowns(self) -> int:
-        """Poles' unknowns and linear ones of all outputs."""
+        """Number of unknowns: those of the poles and the linear ones of all outputs."""
         return int(self.poles.size + self.values.size)
 
 
 def fit_poles(lines: Lines, start: Array, weights: Array) -> Solution:
-    """Refine poles from a start, (R, 2) with R from 0 on; weights: (outputs, n).
+    """Refine poles from start values.
 
-    Frequencies stay within the lines and damping ratios within DAMPING_RANGE. Raises numpy.linalg.LinAlgError when the
-    lines do not determine the unknowns.
+    Frequencies stay within the lines and damping ratios within `DAMPING_RANGE`.
+
+    Args:
+        lines: the spectral lines.
+        start: frequency [Hz] and damping ratio [-], (R, 2) with R >= 0.
+        weights: (outputs, n).
+
+    Returns:
+        Refined poles and the linear parameters.
+
+    Raises:
+        numpy.linalg.LinAlgError: when the lines do not determine the unknowns.
     """
     n_poles = len(start)
     if n_poles:
         low = np.log(np.repeat([lines.omega[0] / (2 * np.pi), DAMPING_RANGE[0]], n_poles))
         high = np.log(np.repeat([lines.omega[-1] / (2 * np.pi), DAMPING_RANGE[1]], n_poles))
         last: list[tuple[bytes, list[_Projection]]] = []
-        few = compressed(lines, start)
+        few = compress_lines(lines, start)
         few_weights = few.weights(weights)
 
         def project(x: Array) -> list[_Projection]:
@@ -87,7 +100,7 @@ def fit_poles(lines: Lines, start: Array, weights: Array) -> Solution:
             jac=lambda x: np.vstack([part.jacobian for part in project(x)]),
             bounds=(low, high),
             x_scale="jac",
-            # Of a sum of squares near 2 n, this share is far below the 1 that a standard deviation makes.
+            # The sum of squares is near 2 n, and one standard deviation changes it by 1, much more than ftol.
             ftol=1e-8,
             xtol=1e-12,
             gtol=None,
@@ -98,14 +111,26 @@ def fit_poles(lines: Lines, start: Array, weights: Array) -> Solution:
 
 
 def strongest_pole(lines: Lines, residual: Array, weights: Array) -> Array:
-    """The pole (Hz, damping ratio) whose mode alone explains the most of what a fit has left over.
+    """Return the pole whose mode alone explains the most of the residual of a fit.
 
-    Every candidate is judged by the lines within twenty half-widths of it; lines much closer together than its
-    half-width are taken as one.
+    Each candidate is evaluated at the lines within twenty half-widths of it. Lines that are much closer together than
+    the half-width are merged.
+
+    Args:
+        lines: the spectral lines.
+        residual: complex, (outputs, n).
+        weights: (outputs, n).
+
+    Returns:
+        Frequency [Hz] and damping ratio [-], (2,).
     """
     frequency = lines.omega / (2 * np.pi)
     spacing = float(np.median(np.diff(frequency)))
-    alike = np.floor(np.log(frequency) / (min(TRIED) / ALIKE)) if len(frequency) > MANY else np.arange(len(frequency))
+    alike = (
+        np.floor(np.log(frequency) / (min(TRIED) / ALIKE))
+        if len(frequency) > COMPRESSED_FROM
+        else np.arange(len(frequency))
+    )
     first = np.flatnonzero(np.diff(alike, prepend=-np.inf))
     size = np.abs(weights * lines.excitation) ** 2
     target = weights**2 * residual * lines.excitation.conj()
@@ -128,7 +153,7 @@ def strongest_pole(lines: Lines, residual: Array, weights: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Projection:
-    """One output's linear problem at given poles, in real numbers."""
+    """Real linear least-squares problem of one output at given poles."""
 
     values: Array
     projected: Array
@@ -158,10 +183,10 @@ def _project(lines: Lines, poles: Array, weights: Array) -> list[_Projection]:
 
 
 def _solution(lines: Lines, poles: Array, weights: Array) -> Solution:
-    few = compressed(lines, poles)
+    few = compress_lines(lines, poles)
     parts = _project(few, poles, few.weights(weights))
     jacobian = np.vstack([part.jacobian for part in parts])
-    # The projected Jacobian is the Schur complement of the whole one: its inverse square is the poles' covariance.
+    # The projected Jacobian is the Schur complement of the full one: (J^T J)^-1 is the covariance of the poles.
     _, r = np.linalg.qr(jacobian)
     inverse = scipy.linalg.solve_triangular(r, np.eye(len(r))) if len(r) else r
     of_poles = inverse @ inverse.T
@@ -183,35 +208,46 @@ def _poles(x: Array) -> Array:
 
 
 def _real(values: Array) -> Array:
-    """Real above imaginary parts."""
+    """Stack real parts above imaginary parts."""
     return np.concatenate([values.real, values.imag])
 
 
-def twins(solution: Solution) -> str:
-    """Whether two modes overlap and look alike, one resonance that the model misses; why, or nothing."""
+def describe_similar_modes(solution: Solution) -> str:
+    """Return why two overlapping, similar modes are one resonance that the model misrepresents; "" if none are.
+
+    Args:
+        solution: solution of the fit.
+    """
     n = len(solution.poles)
     gains = solution.values[:, :n] / np.maximum(np.abs(solution.values[:, :n]).max(axis=1, keepdims=True), 1e-300)
     alike = mac(gains, gains)
     for a, b in itertools.combinations(range(n), 2):
         (f_a, ratio_a), (f_b, ratio_b) = solution.poles[a], solution.poles[b]
-        if alike[a, b] > LOOKS_ALIKE and abs(f_a - f_b) < ratio_a * f_a + ratio_b * f_b:
+        if alike[a, b] > SIMILAR_SHAPES and abs(f_a - f_b) < ratio_a * f_a + ratio_b * f_b:
             return f"modes at {f_a:.4g} and {f_b:.4g} Hz overlap and look alike; check hold_order and delay"
     return ""
 
 
 def misfit(lines: Lines, solution: Solution) -> Array:
-    """What the model misses near each resonance, (R,): variance that it adds, in units of the noise's; 0: nothing.
+    """Compute the variance that a systematic misfit near each resonance adds, in units of the noise variance.
 
-    Modes 1 / (D + d) fitted by one 1 / D, or one with a wrong phase, leave powers of 1 / D, which noise does not. The
-    energy that these explain of the weighted residual, beyond their share of noise of the size that remains, moves
-    a parameter by up to its root, in standard deviations; and what parameters have taken up, so that no residual shows
-    it, is larger by TAKEN_UP.
+    Two modes 1 / (D + d) fitted by one 1 / D, or a mode with a wrong phase, leave powers of 1 / D in the residual,
+    unlike noise. The energy that these powers explain, minus the energy that noise would contribute, changes a
+    parameter by up to its square root, in standard deviations. The error that parameters have absorbed, and that the
+    residual does not show, is larger by `ABSORBED`.
+
+    Args:
+        lines: the spectral lines.
+        solution: solution of the fit.
+
+    Returns:
+        Added variance, (R,) [-]; 0 without a systematic misfit.
     """
     frequency = lines.omega / (2 * np.pi)
-    least = FEWEST_NEAR * float(np.median(np.diff(frequency)))
+    least = FEWEST_NEAR_LINES * float(np.median(np.diff(frequency)))
     correlated, result = correlation(solution), np.zeros(len(solution.poles))
     for r, (pole, ratio) in enumerate(solution.poles):
-        near = np.abs(frequency - pole) < max(NEAR * ratio * pole, least)
+        near = np.abs(frequency - pole) < max(NEAR_HALF_WIDTHS * ratio * pole, least)
         x = frequency[near] / pole
         shape = 2j * ratio / (1 - x**2 + 2j * ratio * x)
         powers = lines.excitation[near, None] * shape[:, None] ** np.arange(1, MISFIT_POWERS + 1)
@@ -226,12 +262,20 @@ def misfit(lines: Lines, solution: Solution) -> Array:
         share = MISFIT_POWERS / (near.sum() - MISFIT_POWERS) * correlated * remaining
         count = 2 * MISFIT_POWERS * len(solution.weights)
         if explained > share * (1 + SYSTEMATIC * np.sqrt(2 / count)):
-            result[r] = TAKEN_UP**2 * (explained - share)
+            result[r] = ABSORBED**2 * (explained - share)
     return result
 
 
-def misfit_in_words(solution: Solution, missed: Array) -> str:
-    """Where the residual is systematic, and what it does to the standard deviations; empty where it is not."""
+def describe_misfit(solution: Solution, missed: Array) -> str:
+    """Describe where the residual is systematic and its effect on the standard deviations; "" if it is not.
+
+    Args:
+        solution: solution of the fit.
+        missed: result of `misfit`, (R,) [-].
+
+    Returns:
+        Text for a report.
+    """
     where = ", ".join(
         f"{frequency:.4g} Hz ({np.sqrt(1 + energy / correlation(solution)):.0f} times)"
         for (frequency, _), energy in zip(solution.poles, missed, strict=True)
@@ -242,7 +286,11 @@ def misfit_in_words(solution: Solution, missed: Array) -> str:
 
 
 def correlation(solution: Solution) -> float:
-    """Variance of a sum of neighbouring lines over that of independent ones: windows correlate the next three."""
+    """Return the variance of a sum of adjacent lines over the independent case; windows correlate three neighbours.
+
+    Args:
+        solution: solution of the fit.
+    """
     result = []
     for weighted in solution.weights * solution.residual:
         power = np.sum(np.abs(weighted) ** 2)

@@ -1,4 +1,4 @@
-"""What a fit of poles is given: the spectral lines of a record, or of an FRF, within a band."""
+"""Spectral lines of a record or of an FRF within a band, as input to a fit of poles."""
 
 import numpy as np
 import scipy
@@ -9,9 +9,9 @@ from nassim.signals.frf import FRF
 from nassim.signals.time_history import TimeHistory, fast_length
 
 UNEXCITED = 1e-6
-"""Lines whose input is this much below the largest carry no information."""
+"""Amplitude of the input, relative to its largest, below which a line contains no information."""
 COHERENCE_LINES = 5
-"""Neighbouring lines over which the noise that a coherence tells is averaged."""
+"""Number of neighbouring lines over which the noise derived from a coherence is averaged."""
 
 
 def lines_of_record(
@@ -22,9 +22,18 @@ def lines_of_record(
     hold_order: int | None,
     powers: tuple[int, ...],
 ) -> Lines:
-    """The DFT of a record's input and outputs within a band, mean values left out; the other arguments: see `Lines`.
+    """Return the DFT of input and outputs of a record within a band, without mean values.
 
-    band: lowest and highest frequency [Hz]. Raises ValueError for unknown names, constant signals and a band outside.
+    Args:
+        record: the record.
+        input: name of the input.
+        outputs: names of the outputs.
+        band: lowest and highest frequency [Hz].
+        hold_order: see `Lines`.
+        powers: `residual_powers` of `Lines`.
+
+    Raises:
+        ValueError: for unknown names, constant signals and a band outside the data.
     """
     for name in (input, *outputs):
         if np.ptp(record[name]) == 0:
@@ -56,11 +65,23 @@ def lines_of_frf(
     hold_order: int | None,
     powers: tuple[int, ...],
 ) -> tuple[Lines, Array | None]:
-    """An FRF within a band as the response to an input of 1, and the shape of its noise over frequency, (outputs, n).
+    """Return the lines of an FRF within a band, as the response to an input of 1, and the shape of the noise.
 
-    band: lowest and highest frequency [Hz]; step: time step of the signals that it was estimated from [s], where known;
-    the other arguments: see `Lines`. The shape follows from the coherence, None where the FRF has none. Raises
-    ValueError for unknown names, a band outside and responses that are zero.
+    Args:
+        frf: the FRF.
+        input: name of the input.
+        outputs: names of the outputs.
+        band: lowest and highest frequency [Hz].
+        step: time step of the signals from which the FRF was estimated, where known [s].
+        hold_order: see `Lines`.
+        powers: `residual_powers` of `Lines`.
+
+    Returns:
+        The lines, and the standard deviation of the noise up to a factor, (outputs, n), from the coherence; None for an
+        FRF without coherence.
+
+    Raises:
+        ValueError: for unknown names, a band outside the data and responses that are zero.
     """
     responses = np.stack([frf.response(name, input) for name in outputs])
     low, high = _band(band, float(frf.frequency[0]), float(frf.frequency[-1]))
@@ -83,7 +104,7 @@ def lines_of_frf(
     rows = [frf.outputs.index(name) for name in outputs]
     coherence = np.clip(frf.coherence[rows][:, keep], 1e-6, 1 - 1e-9)
     # The variance of an estimated H is |H|^2 (1 - gamma^2) / gamma^2 over twice the number of averages (Bendat and
-    # Piersol, ch. 9): its shape is known, its size is found from the residual.
+    # Piersol, ch. 9). The coherence gives its shape, and the residual gives its magnitude.
     shape = np.abs(responses) * np.sqrt((1 - coherence) / coherence)
     return lines, np.sqrt(scipy.ndimage.uniform_filter1d(shape**2, COHERENCE_LINES, axis=1))
 

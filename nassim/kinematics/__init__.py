@@ -1,7 +1,7 @@
-"""Parallel kinematics of Stewart platforms (hexapods): plain functions on a frozen noun, NumPy and SciPy only.
+"""Parallel kinematics of Stewart platforms (hexapods): functions on a data class, with NumPy and SciPy only.
 
-No scene and no body in here: struts are lines between ideal joints. Geometry lives in `stewart`; what a pose makes of
-the struts, and lengths of a pose, in `poses`; forces and stiffness in `stiffness`; strokes and workspace in `reach`.
+Struts are lines between ideal joints; there are no scenes and no bodies. Modules: `stewart` holds the geometry, `poses`
+the forward and inverse kinematics, `stiffness` forces and stiffness, `reach` strokes and workspace.
 """
 
 import lazy_loader

@@ -1,8 +1,8 @@
-"""Poses of a Stewart platform: lengths of its struts, the pose of given lengths, their derivative, angles of joints.
+"""Poses of a Stewart platform: inverse and forward kinematics, Jacobian, joint angles.
 
-A pose is how far B moved from rest, `position`, in F's axes, shape (3,) [m], and how the platform turned, `rotation`,
-a rotation matrix, shape (3, 3); left out, the platform is at rest. Where a docstring says so, both may have further
-leading axes (...), for many poses at once.
+A pose consists of `position`, the displacement of B from rest in the axes of F, shape (3,) [m], and `rotation`, the
+rotation matrix of the platform, shape (3, 3). The defaults are the pose at rest. Where a docstring says so, both may
+have further leading axes (...), for many poses at once.
 """
 
 import numpy as np
@@ -13,27 +13,45 @@ from nassim.base.checks import Array, finite_array
 from nassim.kinematics.stewart import StewartPlatform, strut_directions, strut_lengths, strut_vectors
 
 REST = (0.0, 0.0, 0.0)
-UPRIGHT = np.eye(3)
-UPRIGHT.setflags(write=False)
+IDENTITY = np.eye(3)
+IDENTITY.setflags(write=False)
 
 
-def inverse_kinematics(platform: StewartPlatform, position: ArrayLike = REST, rotation: ArrayLike = UPRIGHT) -> Array:
-    """Lengths of the struts in poses (..., 3) and (..., 3, 3), shape (..., 6) [m].
+def inverse_kinematics(platform: StewartPlatform, position: ArrayLike = REST, rotation: ArrayLike = IDENTITY) -> Array:
+    """Compute the lengths of the struts in given poses.
 
-    Raises ValueError for rotations that are none.
+    Args:
+        platform: the Stewart platform
+        position: displacements of B from rest in the axes of F, shape (..., 3) [m]
+        rotation: rotation matrices of the platform, shape (..., 3, 3)
+
+    Returns:
+        Lengths, shape (..., 6) [m].
+
+    Raises:
+        ValueError: if `rotation` does not hold rotation matrices
     """
-    return np.asarray(np.linalg.norm(_posed_struts(platform, position, _rotations(rotation)), axis=-1))
+    return np.asarray(np.linalg.norm(_struts_in_pose(platform, position, _rotations(rotation)), axis=-1))
 
 
 def forward_kinematics(
-    platform: StewartPlatform, lengths: ArrayLike, *, position: ArrayLike = REST, rotation: ArrayLike = UPRIGHT
+    platform: StewartPlatform, lengths: ArrayLike, *, position: ArrayLike = REST, rotation: ArrayLike = IDENTITY
 ) -> tuple[Array, Array]:
-    """Position (3,) [m] and rotation (3, 3) of the platform whose struts have these lengths (6,) [m], by Newton.
+    """Compute the pose of the platform from the lengths of its struts, by Newton's method.
 
-    position, rotation: the pose from which to look; of the up to forty poses that some lengths have, the one found
-        is that which this leads to
+    There are up to forty poses for given lengths. The start determines which one is found.
 
-    Raises ValueError when no pose is found: struts of these lengths do not meet, or the start is too far.
+    Args:
+        platform: the Stewart platform
+        lengths: lengths of the struts, shape (6,) [m]
+        position: position of the start, shape (3,) [m]
+        rotation: rotation matrix of the start, shape (3, 3)
+
+    Returns:
+        Position, shape (3,) [m], and rotation matrix, shape (3, 3).
+
+    Raises:
+        ValueError: if no pose is found, because no pose has these lengths or the start is too far away
     """
     wanted = finite_array("lengths", lengths, (6,))
     place, turn = finite_array("position", position, (3,)), _rotations(rotation)
@@ -60,43 +78,64 @@ def forward_kinematics(
     return place, turn
 
 
-def jacobian(platform: StewartPlatform, position: ArrayLike = REST, rotation: ArrayLike = UPRIGHT) -> Array:
-    """Rates of the struts' lengths by the velocity of B and the platform's angular velocity, both in F's axes.
+def jacobian(platform: StewartPlatform, position: ArrayLike = REST, rotation: ArrayLike = IDENTITY) -> Array:
+    """Compute the Jacobian from the platform's velocity to the rates of the struts' lengths.
 
-    Rows [s, b x s] with the strut's unit vector s and its end b from B, shape (6, 6) [-, m]; of poses (..., 3) and
-    (..., 3, 3), shape (..., 6, 6). Raises ValueError for rotations that are none.
+    The velocity is that of B, followed by the platform's angular velocity, in the axes of F. The row of a strut is
+    [s, b x s], with the unit vector s of the strut and its end b from B.
+
+    Args:
+        platform: the Stewart platform
+        position: displacements of B from rest in the axes of F, shape (..., 3) [m]
+        rotation: rotation matrices of the platform, shape (..., 3, 3)
+
+    Returns:
+        Jacobian, shape (..., 6, 6); its first three columns have no unit, the others [m].
+
+    Raises:
+        ValueError: if `rotation` does not hold rotation matrices
     """
     turn = _rotations(rotation)
-    struts = _posed_struts(platform, position, turn)
+    struts = _struts_in_pose(platform, position, turn)
     along = struts / np.linalg.norm(struts, axis=-1, keepdims=True)
-    return np.concatenate([along, np.cross(_turned(platform, turn), along)], axis=-1)
+    return np.concatenate([along, np.cross(_joint_vectors(platform, turn), along)], axis=-1)
 
 
 def joint_angles(
-    platform: StewartPlatform, position: ArrayLike = REST, rotation: ArrayLike = UPRIGHT
+    platform: StewartPlatform, position: ArrayLike = REST, rotation: ArrayLike = IDENTITY
 ) -> tuple[Array, Array]:
-    """How far each strut is bent against base and platform since rest: the angles at a and at b, each (..., 6) [rad].
+    """Compute the angle by which each strut has turned from rest, relative to base and platform.
 
-    Of poses (..., 3) and (..., 3, 3). Raises ValueError for rotations that are none.
+    Args:
+        platform: the Stewart platform
+        position: displacements of B from rest in the axes of F, shape (..., 3) [m]
+        rotation: rotation matrices of the platform, shape (..., 3, 3)
+
+    Returns:
+        Bending angles of the joints at a (base) and at b (platform), shape (..., 6) each [rad].
+
+    Raises:
+        ValueError: if `rotation` does not hold rotation matrices
     """
     turn = _rotations(rotation)
-    struts, rest = _posed_struts(platform, position, turn), strut_directions(platform)
+    struts, rest = _struts_in_pose(platform, position, turn), strut_directions(platform)
     return _angles(struts, rest), _angles(struts @ turn, rest)
 
 
 def _angles(vectors: Array, others: Array) -> Array:
+    """Return the angles between vectors, shape (..., 6) [rad]; the arc tangent is also accurate for small angles."""
     across = np.linalg.norm(np.cross(vectors, others), axis=-1)
     return np.asarray(np.arctan2(across, np.sum(vectors * others, axis=-1)))
 
 
-def _turned(platform: StewartPlatform, rotation: Array) -> Array:
-    """The struts' ends from B, in F's axes, (..., 6, 3)."""
+def _joint_vectors(platform: StewartPlatform, rotation: Array) -> Array:
+    """Return the ends of the struts from B in the axes of F, shape (..., 6, 3) [m]."""
     return np.asarray((platform.platform_joints - platform.point) @ np.swapaxes(rotation, -1, -2))
 
 
-def _posed_struts(platform: StewartPlatform, position: ArrayLike, rotation: Array) -> Array:
-    """From a to b in poses, (..., 6, 3); what moves is added to what is at rest, which keeps small motions exact."""
-    moved = _turned(platform, rotation) - (platform.platform_joints - platform.point)
+def _struts_in_pose(platform: StewartPlatform, position: ArrayLike, rotation: Array) -> Array:
+    """Return the vectors from a to b, shape (..., 6, 3) [m], as rest plus change, which keeps small motions exact."""
+    moved = _joint_vectors(platform, rotation) - (platform.platform_joints - platform.point)
     place = np.asarray(position, dtype=float)
     if place.shape[-1:] != (3,) or not np.isfinite(place).all():
         raise ValueError(f"position must be finite and have shape (..., 3), got {place.shape}")
@@ -104,6 +143,7 @@ def _posed_struts(platform: StewartPlatform, position: ArrayLike, rotation: Arra
 
 
 def _rotations(value: ArrayLike) -> Array:
+    """Return rotation matrices as an array, shape (..., 3, 3), after checking them."""
     rotation = np.asarray(value, dtype=float)
     if rotation.shape[-2:] != (3, 3):
         raise ValueError(f"rotation must be rotation matrices of shape (..., 3, 3), got {rotation.shape}")

@@ -1,6 +1,7 @@
-"""Strokes that a Stewart platform's struts need for a box of motions, and the box that strokes and joints allow.
+"""Strokes that struts need for a box of motions, and the largest box that strokes and joint angles allow.
 
-A box is six half widths: translations of B along F's axes [m], then rotations about them [rad], as rotation vector.
+A box is given by six half widths: translations of B along the axes of F [m], then the components of the rotation vector
+[rad].
 """
 
 import itertools
@@ -18,24 +19,41 @@ _CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=6)))
 
 
 def strut_strokes(platform: StewartPlatform, box: ArrayLike) -> Array:
-    """Least and greatest change of each strut's length over the corners of a box of motions, shape (6, 2) [m].
+    """Compute the smallest and largest change of each strut's length over the corners of a box of motions.
 
-    box: half widths, shape (6,) [m, rad]; zeros are motions that are not made. The corners are where the changes are
-        extreme as long as these are nearly linear in the motions.
+    The corners give the extreme changes as long as the changes are nearly linear in the motions.
+
+    Args:
+        platform: the Stewart platform
+        box: half widths, shape (6,) [m, rad]; zero for a motion that is not made
+
+    Returns:
+        Smallest and largest changes, shape (6, 2) [m].
+
+    Raises:
+        ValueError: if a half width is negative or all are zero
     """
     change = inverse_kinematics(platform, *_corners(_half_widths(box))) - strut_lengths(platform)
     return np.column_stack([change.min(axis=0), change.max(axis=0)])
 
 
 def workspace(platform: StewartPlatform, box: ArrayLike, *, stroke: float, bending: float = math.inf) -> Array:
-    """The largest box of motions, of the proportions of `box`, that struts and joints allow; half widths (6,) [m, rad].
+    """Compute the largest box of motions, with given proportions, that strokes and joint angles allow.
 
-    box: proportions: (1, 0, 0, 0, 0, 0) asks for the largest motion along x alone, several values for combined ones
-    stroke: change of length, either way, that a strut can make [m]; inf for any
-    bending: angle that a joint at either end of a strut can be bent by [rad]; default: any
+    Every smaller box with these proportions is allowed too.
 
-    Every smaller box of these proportions is allowed too. Raises ValueError when nothing limits the motions up to three
-    struts' lengths and 3 rad.
+    Args:
+        platform: the Stewart platform
+        box: proportions, shape (6,). For example, (1, 0, 0, 0, 0, 0) asks for the largest motion along x alone; several
+            nonzero values ask for combined motions.
+        stroke: largest change of a strut's length in either direction [m]; inf for no limit
+        bending: largest bending angle of the joints at both ends of the struts [rad]; inf for no limit
+
+    Returns:
+        Half widths of the box, shape (6,) [m, rad].
+
+    Raises:
+        ValueError: if nothing limits motions up to three times the struts' length and 3 rad
     """
     stroke, bending = above_zero("stroke", stroke, "m"), above_zero("bending", bending, "rad")
     proportions = _half_widths(box)
@@ -62,6 +80,7 @@ def workspace(platform: StewartPlatform, box: ArrayLike, *, stroke: float, bendi
 
 
 def _half_widths(box: ArrayLike) -> Array:
+    """Return the half widths of a box, shape (6,), after checking them."""
     half = finite_array("box", box, (6,))
     if half.min() < 0 or not half.any():
         raise ValueError(f"box must be six half widths of at least zero, not all zero, got {half}")
@@ -69,6 +88,6 @@ def _half_widths(box: ArrayLike) -> Array:
 
 
 def _corners(half: Array) -> tuple[Array, Array]:
-    """The poses at the corners of a box, (64, 3) and (64, 3, 3)."""
+    """Return the poses at the corners of a box: positions (64, 3) [m] and rotation matrices (64, 3, 3)."""
     motions = _CORNERS * half
     return motions[:, :3], Rotation.from_rotvec(motions[:, 3:]).as_matrix()

@@ -1,8 +1,8 @@
-"""Stewart platforms: where their joints are.
+"""Geometry of Stewart platforms.
 
-Frames: F at the base, z up; M at the top plate, above F by the height and, at rest, parallel to it; B, the point of
-interest, fixed to M. All arrays of struts have one row a strut. Source of the parametrisation and of the cubic
-configuration: the Stewart platform model of T. Dehaeze and others (MIT licence).
+Frames: F is fixed to the base, with z up. M is fixed to the top plate, above F by the height and parallel to F at rest.
+B, the point of interest, is fixed to M. Arrays of struts have one row per strut. Source of the parametrisation and of
+the cubic configuration: the Stewart platform model of T. Dehaeze and others (MIT licence).
 """
 
 from collections.abc import Sequence
@@ -19,13 +19,15 @@ from nassim.base.rigid_motion import axes_along
 class StewartPlatform:
     """Six struts between a base and a platform.
 
-    base_joints: a, where the struts begin, from F, shape (6, 3) [m]
-    platform_joints: b, where they end, from M, shape (6, 3) [m]
-    height: of M above F at rest [m]
-    point: B from M, shape (3,) [m]; motions, forces and stiffness are those at B, so
-        `dataclasses.replace(platform, point=...)` asks for them at another point
+    Attributes:
+        base_joints: start points a of the struts, from F, shape (6, 3) [m]
+        platform_joints: end points b of the struts, from M, shape (6, 3) [m]
+        height: height of M above F at rest [m]
+        point: position of B from M, shape (3,) [m]. Motions, forces and stiffness refer to B; use
+            `dataclasses.replace(platform, point=...)` for another point.
 
-    Raises ValueError for a strut without length.
+    Raises:
+        ValueError: for a strut of zero length
     """
 
     base_joints: Array
@@ -58,13 +60,20 @@ class StewartPlatform:
         platform_depth: float,
         point: ArrayLike = (0.0, 0.0, 0.0),
     ) -> "StewartPlatform":
-        """Joints on two circles about z.
+        """Make a platform whose joints are on two circles about z.
 
-        base_radius, base_height: of the lower circle, the latter above F [m]
-        platform_radius, platform_depth: of the upper circle, the latter below M [m]
-        base_angles, platform_angles: six each, from x, in the struts' order [degrees]
+        Args:
+            height: height of M above F at rest [m]
+            base_radius: radius of the lower circle [m]
+            base_angles: angles of the six joints on it from x, in the order of the struts [degrees]
+            base_height: height of the lower circle above F [m]
+            platform_radius: radius of the upper circle [m]
+            platform_angles: angles of the six joints on it from x, in the order of the struts [degrees]
+            platform_depth: depth of the upper circle below M [m]
+            point: position of B from M, shape (3,) [m]
 
-        Raises ValueError for radii that are not positive.
+        Raises:
+            ValueError: if a radius is not positive
         """
         base = _circle("base", base_radius, base_angles, base_height)
         top = _circle("platform", platform_radius, platform_angles, -platform_depth)
@@ -81,15 +90,22 @@ class StewartPlatform:
         platform_depth: float,
         point: ArrayLike = (0.0, 0.0, 0.0),
     ) -> "StewartPlatform":
-        """Struts along the six middle edges of a cube that stands on its corner.
+        """Make a platform whose struts lie on the six middle edges of a cube that stands on its corner.
 
-        edge_height: height that these edges span [m] (the published model's Hc); the cube's edge is sqrt(3) as long
-        centre_height: of the cube's centre above F [m]
-        base_height, platform_depth: of the planes in which the joints lie, above F and below M [m]
+        Struts 0 and 1 begin near the x axis, 2 and 3 near 120 degrees, 4 and 5 near 240 degrees. Struts with odd
+        numbers go round z in the positive direction.
 
-        Struts 0 and 1 begin near the x axis, 2 and 3 at 120, 4 and 5 at 240 degrees; odd ones go round z as angles do.
+        Args:
+            height: height of M above F at rest [m]
+            edge_height: vertical extent of these edges (Hc of the published model); an edge of the cube is sqrt(3)
+                times as long [m]
+            centre_height: height of the cube's centre above F [m]
+            base_height: height of the plane of the base joints above F [m]
+            platform_depth: depth of the plane of the platform joints below M [m]
+            point: position of B from M, shape (3,) [m]
 
-        Raises ValueError for planes that do not cut the edges one above the other.
+        Raises:
+            ValueError: for planes that do not cut the edges, or if the base's plane is not the lower one
         """
         half = positive("edge_height", edge_height, "m") / 2
         low, high = base_height - centre_height, height - platform_depth - centre_height
@@ -115,31 +131,37 @@ class StewartPlatform:
 
 
 def _circle(name: str, radius: float, angles: Sequence[float], level: float) -> Array:
+    """Return six points on a circle about z, shape (6, 3) [m]."""
     turn = np.deg2rad(finite_array(f"{name}_angles", angles, (6,)))
     ring = positive(f"{name}_radius", radius, "m") * np.column_stack([np.cos(turn), np.sin(turn)])
     return np.column_stack([ring, np.full(6, finite(f"{name}'s level", level))])
 
 
 def strut_vectors(platform: StewartPlatform) -> Array:
-    """From a to b at rest, in F's axes, shape (6, 3) [m]."""
+    """Return the vectors from a to b at rest in the axes of F, shape (6, 3) [m]."""
     return platform.platform_joints + np.array([0, 0, platform.height]) - platform.base_joints
 
 
 def strut_lengths(platform: StewartPlatform) -> Array:
-    """Distance of the joints at rest, shape (6,) [m]."""
+    """Return the distances from a to b at rest, shape (6,) [m]."""
     return np.asarray(np.linalg.norm(strut_vectors(platform), axis=1))
 
 
 def strut_directions(platform: StewartPlatform) -> Array:
-    """Unit vectors from a to b at rest, in F's axes, shape (6, 3)."""
+    """Return the unit vectors from a to b at rest in the axes of F, shape (6, 3)."""
     return strut_vectors(platform) / strut_lengths(platform)[:, None]
 
 
 def strut_frames(platform: StewartPlatform) -> Array:
-    """Axes in which the struts lie at rest, as columns in F, shape (6, 3, 3): z along the strut, x = F's y cross z.
+    """Return the axes of the struts at rest as columns in F, shape (6, 3, 3): z along the strut, x = y of F cross z.
 
-    Place a strut that was made along z with these rotations at `platform.base_joints`. Raises ValueError for a strut
-    along F's y.
+    To place a strut that was modelled along z, use these rotations at `platform.base_joints`.
+
+    Args:
+        platform: the Stewart platform
+
+    Raises:
+        ValueError: if a strut is parallel to the y axis of F
     """
     along = strut_directions(platform)
     across = np.cross([0.0, 1.0, 0.0], along)

@@ -1,62 +1,94 @@
-"""Forces and stiffness of a Stewart platform whose joints are ideal and whose struts bear no load at rest.
+"""Forces and stiffness of a Stewart platform with ideal joints and struts without preload.
 
-Wrenches are force [N] and torque [Nm], motions translation [m] and small rotation [rad], of B and in F's axes; poses
-as in `poses`. For another point than B: `dataclasses.replace(platform, point=...)`.
+A wrench is a force [N] and a torque [Nm] at B; a motion is a translation [m] and a small rotation [rad] of B; both are
+in the axes of F. Poses are those of `poses`. For another point, use `dataclasses.replace(platform, point=...)`.
 """
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array
-from nassim.kinematics.poses import REST, UPRIGHT, jacobian
+from nassim.kinematics.poses import IDENTITY, REST, jacobian
 from nassim.kinematics.stewart import StewartPlatform
 
 
 def stiffness_matrix(
-    platform: StewartPlatform, stiffness: ArrayLike, position: ArrayLike = REST, rotation: ArrayLike = UPRIGHT
+    platform: StewartPlatform, stiffness: ArrayLike, position: ArrayLike = REST, rotation: ArrayLike = IDENTITY
 ) -> Array:
-    """Wrench at B by its motion, J^T diag(k) J, shape (6, 6) [N/m, N/rad, Nm/rad].
+    """Compute the stiffness J^T diag(k) J from the motion of B to the wrench at B.
 
-    stiffness: k of the struts along their lines, one number or six [N/m]
+    Args:
+        platform: the Stewart platform
+        stiffness: axial stiffness k of the struts, one number or six [N/m]
+        position: displacement of B from rest in the axes of F, shape (3,) [m]
+        rotation: rotation matrix of the platform, shape (3, 3)
 
-    Raises ValueError for stiffnesses that are not positive.
+    Returns:
+        Stiffness matrix, shape (6, 6) [N/m, N/rad, Nm/rad].
+
+    Raises:
+        ValueError: if a stiffness is not positive
     """
     rates = jacobian(platform, position, rotation)
-    return np.asarray(np.swapaxes(rates, -1, -2) @ (_six(stiffness)[:, None] * rates))
+    return np.asarray(np.swapaxes(rates, -1, -2) @ (_strut_stiffness(stiffness)[:, None] * rates))
 
 
 def compliance_matrix(
-    platform: StewartPlatform, stiffness: ArrayLike, position: ArrayLike = REST, rotation: ArrayLike = UPRIGHT
+    platform: StewartPlatform, stiffness: ArrayLike, position: ArrayLike = REST, rotation: ArrayLike = IDENTITY
 ) -> Array:
-    """Motion of B by a wrench there, the inverse of `stiffness_matrix`, shape (6, 6) [m/N, rad/N, rad/Nm].
+    """Compute the motion of B per unit wrench at B, the inverse of `stiffness_matrix`.
 
-    Raises ValueError for a singular pose, in which the struts do not hold the platform.
+    Args:
+        platform: the Stewart platform
+        stiffness: axial stiffness k of the struts, one number or six [N/m]
+        position: displacement of B from rest in the axes of F, shape (3,) [m]
+        rotation: rotation matrix of the platform, shape (3, 3)
+
+    Returns:
+        Compliance matrix, shape (6, 6) [m/N, rad/N, rad/Nm].
+
+    Raises:
+        ValueError: for a singular pose, in which the struts do not hold the platform
     """
     rates = jacobian(platform, position, rotation)
     inverse = _inverse(rates)
-    return np.asarray((inverse / _six(stiffness)) @ np.swapaxes(inverse, -1, -2))
+    return np.asarray((inverse / _strut_stiffness(stiffness)) @ np.swapaxes(inverse, -1, -2))
 
 
 def strut_forces(
-    platform: StewartPlatform, wrench: ArrayLike, position: ArrayLike = REST, rotation: ArrayLike = UPRIGHT
+    platform: StewartPlatform, wrench: ArrayLike, position: ArrayLike = REST, rotation: ArrayLike = IDENTITY
 ) -> Array:
-    """Forces with which the struts push the platform as a wrench at B does, J^-T w, shape (6,) [N].
+    """Compute the strut forces J^-T w that exert a given wrench on the platform.
 
-    On a base that does not move, they move the platform as that wrench from outside would; on a flexible one, the
-    struts push the base too and do not. Raises ValueError for a singular pose.
+    If the base does not move, the platform moves as under the same wrench from outside. On a flexible base the two
+    differ, because the struts push the base too.
+
+    Args:
+        platform: the Stewart platform
+        wrench: force and torque w at B, shape (6,) [N, Nm]
+        position: displacement of B from rest in the axes of F, shape (3,) [m]
+        rotation: rotation matrix of the platform, shape (3, 3)
+
+    Returns:
+        Forces of the struts, shape (6,) [N].
+
+    Raises:
+        ValueError: for a singular pose
     """
     inverse = _inverse(jacobian(platform, position, rotation))
     return np.asarray(np.swapaxes(inverse, -1, -2) @ finite_array("wrench", wrench, (6,)))
 
 
 def _inverse(rates: Array) -> Array:
+    """Return the inverse of a Jacobian, after checking its condition."""
     arm = np.abs(rates[..., 3:]).max()
     if not arm or np.linalg.cond(rates / [1, 1, 1, arm, arm, arm]).max() > 1e12:
         raise ValueError("the struts do not hold the platform in this pose, it is singular; change joints or pose")
     return np.asarray(np.linalg.inv(rates))
 
 
-def _six(stiffness: ArrayLike) -> Array:
+def _strut_stiffness(stiffness: ArrayLike) -> Array:
+    """Return the stiffness of the six struts, shape (6,) [N/m]."""
     value = np.asarray(stiffness, dtype=float)
     six = finite_array("stiffness", np.full(6, value) if value.ndim == 0 else value, (6,))
     if six.min() <= 0:

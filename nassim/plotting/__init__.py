@@ -1,8 +1,8 @@
-"""Pictures of finished results: each function takes a result of another wing and returns its Axes.
+"""Figures of finished results: each function takes a result of another sub-package and returns its Axes.
 
-The one home of matplotlib. What all pictures share lives in `figures`; to add a picture, open the room of its idea
-(`responses`, `root_loci`, `budgets`, `histories`, `bodies`, `inspection`, `pareto`, `studies`) or make one for a new
-idea.
+This is the only sub-package that imports matplotlib. `figures` contains the common parts of all figures. A new figure
+goes to the module of its subject (`responses`, `root_loci`, `budgets`, `histories`, `inspection`, `pareto`, `studies`),
+or to a new module for a new subject.
 """
 
 import lazy_loader

@@ -3,11 +3,7 @@ from .budgets import (
 )
 from .figures import (
     COLORS as COLORS,
-)
-from .figures import (
     plt as plt,
-)
-from .figures import (
     save_figure as save_figure,
 )
 from .histories import (
@@ -21,11 +17,7 @@ from .pareto import (
 )
 from .responses import (
     plot_frf as plot_frf,
-)
-from .responses import (
     plot_frf_error as plot_frf_error,
-)
-from .responses import (
     plot_modal_fit as plot_modal_fit,
 )
 from .root_loci import (
@@ -33,10 +25,6 @@ from .root_loci import (
 )
 from .studies import (
     plot_scatter as plot_scatter,
-)
-from .studies import (
     plot_sobol as plot_sobol,
-)
-from .studies import (
     plot_tornado as plot_tornado,
 )

@@ -1,4 +1,4 @@
-"""Noise budgets: what each disturbance adds, line by line and summed up."""
+"""Figures of noise budgets: contributions of the disturbances to the density and to the cumulative amplitude."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -13,11 +13,19 @@ from nassim.systems.noise_budget import NoiseBudget
 def plot_noise_budget(
     budget: NoiseBudget, *, output: str, limit: float | None = None, figure: Any = None
 ) -> Sequence[Any]:
-    """One output's amplitude spectral density and, summed from high to low frequencies, its cumulative amplitude.
+    """Plot the amplitude spectral density and the cumulative amplitude of one output.
 
-    Both by disturbance, those with the largest rms first, and in total; limit: of the rms, drawn in the second.
+    The cumulative amplitude is summed from high to low frequencies. Both show each disturbance, those with the largest
+    rms first, and the total.
 
-    Returns the Axes: density, cumulative amplitude.
+    Args:
+        budget: the noise budget.
+        output: name of the output.
+        limit: limit of the rms, a line in the second Axes [output unit].
+        figure: matplotlib figure or subfigure to plot in (default: a new one).
+
+    Returns:
+        The Axes of the density and of the cumulative amplitude.
     """
     figure = figure or plt.figure(figsize=(7.5, 7), layout="constrained")
     axes = list(figure.subplots(2, 1, sharex=True))

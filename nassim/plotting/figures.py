@@ -1,4 +1,4 @@
-"""What all pictures share: matplotlib's pyplot, colours, and how a figure is written to a file."""
+"""Common parts of all figures: matplotlib's pyplot, colours, and writing a figure to a file."""
 
 from pathlib import Path
 from typing import Any
@@ -13,14 +13,23 @@ COLORS = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf", "#8c
 
 
 def colors(n: int) -> list[str]:
-    """As many colours, again from the first when there are no more."""
+    """Return n colours, which repeat after the last one.
+
+    Args:
+        n: number of colours.
+    """
     return [COLORS[i % len(COLORS)] for i in range(n)]
 
 
 def save_figure(axes: Any, path: str | Path) -> Path:
-    """Write the figure that an Axes (or the first of several, or of rows of them) belongs to, and close it.
+    """Write the figure of an Axes to a file, and close the figure.
 
-    Returns the path.
+    Args:
+        axes: an Axes, a sequence of Axes, or rows of them.
+        path: file to write; its folder is created.
+
+    Returns:
+        Path of the file.
     """
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Signals over time."""
+"""Figures of signals over time."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -11,7 +11,16 @@ from nassim.signals.time_history import TimeHistory
 
 
 def plot_time_history(history: TimeHistory, *, names: Sequence[str] | None = None, figure: Any = None) -> Sequence[Any]:
-    """Signals over time, one below the other; returns an Axes per signal."""
+    """Plot signals over time, one below the other.
+
+    Args:
+        history: the signals.
+        names: names of the signals (default: all).
+        figure: matplotlib figure or subfigure to plot in (default: a new one).
+
+    Returns:
+        One Axes per signal.
+    """
     names = list(history.names if names is None else names)
     figure = figure or plt.figure(figsize=(7, 1.8 * len(names) + 0.6), layout="constrained")
     axes = list(np.atleast_1d(figure.subplots(len(names), 1, sharex=True)))

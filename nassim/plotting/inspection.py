@@ -1,4 +1,4 @@
-"""Bodies of other programs before and after repair."""
+"""Figures of imported bodies before and after repair."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -12,13 +12,19 @@ from nassim.exchange.superelement import Superelement
 from nassim.plotting.figures import colors, plt
 
 LOWEST = 1e-6
-"""What eigenfrequencies of zero are drawn as [Hz]."""
+"""Value in the figure for eigenfrequencies of zero [Hz]."""
 
 
 def plot_inspection(bodies: Mapping[str, Superelement], *, figure: Any = None) -> Sequence[Any]:
-    """Eigenfrequencies of labelled versions of a body, and what force each rigid motion meets in them.
+    """Plot eigenfrequencies and rigid-body residuals of labelled versions of a body.
 
-    Returns the Axes: eigenfrequencies (open markers: unstable), residual of the six rigid motions.
+    Args:
+        bodies: superelements by label.
+        figure: matplotlib figure or subfigure to plot in (default: a new one).
+
+    Returns:
+        The Axes of the eigenfrequencies (open markers: unstable) and of the forces that the six rigid-body motions
+        cause, over their terms.
     """
     figure = figure or plt.figure(figsize=(11, 4.5), layout="constrained")
     axes = list(figure.subplots(1, 2, gridspec_kw={"width_ratios": [3, 2]}))
@@ -35,10 +41,12 @@ def plot_inspection(bodies: Mapping[str, Superelement], *, figure: Any = None) -
         residual = np.maximum(rigid_residual(stiffness, body.rigid_motions), 1e-18)
         axes[1].bar(np.arange(6) + (k + 0.5) * width - 0.4, residual, width, color=color, label=label)
     axes[0].axvspan(0.5, 6.5, color="0.92", zorder=0)
-    axes[0].text(3.5, 0.97, "rigid motions", ha="center", va="top", transform=axes[0].get_xaxis_transform(), fontsize=9)
+    axes[0].text(
+        3.5, 0.97, "rigid-body motions", ha="center", va="top", transform=axes[0].get_xaxis_transform(), fontsize=9
+    )
     axes[0].set(xlabel="mode (open: unstable)", ylabel="eigenfrequency [Hz]", xlim=(0.5, None))
     axes[0].xaxis.set_major_locator(MultipleLocator(2))
-    axes[1].set(yscale="log", ylim=(1e-18, 1e3), ylabel="force against it, over its terms [-]", xlabel="rigid motion")
+    axes[1].set(yscale="log", ylim=(1e-18, 1e3), ylabel="residual force over its terms [-]", xlabel="rigid-body motion")
     axes[1].set_xticks(range(6), ["x", "y", "z", "rx", "ry", "rz"])
     for ax in axes:
         ax.grid(visible=True, alpha=0.3)

@@ -1,4 +1,4 @@
-"""Error over cost."""
+"""Figures of error over cost."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -9,7 +9,17 @@ from nassim.plotting.figures import plt
 def plot_pareto(
     lines: Mapping[str, Sequence[tuple[float, float, str]]], xlabel: str, ylabel: str, *, ax: Any = None
 ) -> Any:
-    """Error over cost on logarithmic axes: per named line the points (cost, error, label); returns the axes."""
+    """Plot error over cost on logarithmic axes.
+
+    Args:
+        lines: points (cost, error, label) by name of the line.
+        xlabel: label of the cost.
+        ylabel: label of the error.
+        ax: Axes to plot in (default: new ones).
+
+    Returns:
+        The Axes.
+    """
     ax = ax or plt.subplots(figsize=(8, 5.5), layout="constrained")[1]
     for name, points in lines.items():
         x, y, labels = zip(*sorted(points), strict=True)

@@ -1,4 +1,4 @@
-"""Frequency responses: Bode plots with coherence, differences from references, fits to recorded ones."""
+"""Figures of frequency responses: Bode plots with coherence, differences from references, modal fits."""
 
 import itertools
 from collections.abc import Sequence
@@ -22,12 +22,18 @@ def plot_frf(
     markers: Sequence[str] = (),
     figure: Any = None,
 ) -> Sequence[Any]:
-    """Bode plot of one entry of several FRFs, with the coherence below where one of them has it.
+    """Plot one entry of several FRFs as a Bode plot, with the coherence where one of them has it.
 
-    unit: of the magnitude; markers: labels of FRFs drawn as some 50 points instead of lines
-    figure: matplotlib figure or subfigure to draw in (default: a new one)
+    Args:
+        frfs: the FRFs.
+        output: name of the output.
+        input: name of the input.
+        unit: unit of the magnitude.
+        markers: labels of FRFs shown by some 50 points in place of lines.
+        figure: matplotlib figure or subfigure to plot in (default: a new one).
 
-    Returns the Axes: magnitude, phase and, with any coherence, coherence.
+    Returns:
+        The Axes of magnitude, phase and, if any FRF has it, coherence.
     """
     with_coherence = any(frf.coherence is not None for frf in frfs)
     figure = figure or plt.figure(figsize=(7, 7), layout="constrained")
@@ -36,7 +42,8 @@ def plot_frf(
     for color, frf in zip(colors(len(frfs)), frfs, strict=True):
         response = frf.response(output, input)
         style: dict[str, Any] = {"color": color, "label": frf.label, "lw": 1.2}
-        if frf.coherence is not None:  # estimated: broad, so that the model's line stays visible on top
+        if frf.coherence is not None:
+            # An estimated FRF gets a broad line, on which the line of a model remains visible.
             style.update(lw=3.5, alpha=0.5)
         if frf.label in markers:
             style.update(ls="", marker="o", ms=4, mfc="none", markevery=max(len(frf.frequency) // 50, 1))
@@ -61,9 +68,17 @@ def plot_frf(
 def plot_frf_error(
     frfs: Sequence[FRF], references: Sequence[FRF], *, output: str, input: str, figure: Any = None
 ) -> Sequence[Any]:
-    """Relative difference |H / H_ref - 1| of estimated FRFs from references at the same frequencies, with coherence.
+    """Plot the relative difference |H / H_ref - 1| of estimated FRFs from references, with coherence.
 
-    Returns the Axes: error, incoherence 1 - gamma^2.
+    Args:
+        frfs: the estimated FRFs.
+        references: one reference per FRF, at the same frequencies.
+        output: name of the output.
+        input: name of the input.
+        figure: matplotlib figure or subfigure to plot in (default: a new one).
+
+    Returns:
+        The Axes of the error and of the incoherence 1 - gamma^2.
     """
     figure = figure or plt.figure(figsize=(7, 5), layout="constrained")
     axes = list(figure.subplots(2, 1, sharex=True))
@@ -86,17 +101,23 @@ def plot_frf_error(
 def plot_modal_fit(
     fit: ModalFit, models: Sequence[FRF], *, output: str, unit: str, figure: Any = None
 ) -> Sequence[Any]:
-    """Recorded responses of one output line by line, the fit and models over them, and what the fit leaves over.
+    """Plot the recorded responses of one output line by line, with the fit, models and the residual of the fit.
 
-    models: FRFs to compare with, such as a scene's before and after; unit: of the response
+    Args:
+        fit: the identified modes.
+        models: FRFs for comparison, such as those of a scene before and after its correction.
+        output: name of the output.
+        unit: unit of the response.
+        figure: matplotlib figure or subfigure to plot in (default: a new one).
 
-    Returns the Axes: magnitude, phase, residual.
+    Returns:
+        The Axes of magnitude, phase and residual.
     """
     figure = figure or plt.figure(figsize=(7, 8), layout="constrained")
     axes = list(figure.subplots(3, 1, sharex=True, gridspec_kw={"height_ratios": [3, 2, 2]}))
     dots: dict[str, Any] = {"ls": "", "marker": ".", "ms": 2, "color": "0.65", "rasterized": True}
     recorded = fit.recorded.response(output, fit.input)
-    # Lines that are mostly noise say nothing of the phase.
+    # The phase is shown only at lines that are well above the noise.
     clear = np.abs(recorded) > 3 * fit.noise[fit.outputs.index(output)]
     frequency = fit.recorded.frequency
     axes[0].loglog(frequency, np.abs(recorded), label="recorded, line by line", **dots)
@@ -106,7 +127,7 @@ def plot_modal_fit(
     phase = _phase(response)
 
     def near_phase(x: Array, values: Array) -> Array:
-        """Phase without jumps against the fit's [deg]."""
+        """Return the phase without jumps relative to that of the fit [deg]."""
         own = fit.response(x).response(output, fit.input)
         turns = np.round((np.interp(x, fine, phase) - np.angle(own, deg=True)) / 360)
         result: Array = np.angle(own, deg=True) + 360 * turns + np.angle(values / own, deg=True)
@@ -146,6 +167,6 @@ def _running_median(frequency: Array, values: Array, n_bins: int = 200) -> tuple
 
 
 def _phase(response: Array) -> Array:
-    """Phase in degrees without jumps, starting in -180 ... 180 (180 up to rounding counts as -180)."""
+    """Return the phase without jumps [deg], which starts in -180 ... 180 (180 within rounding counts as -180)."""
     degrees: Array = np.unwrap(np.angle(response, deg=True), period=360.0)
     return degrees - 360.0 * np.round((degrees[0] + 1.0) / 360.0)

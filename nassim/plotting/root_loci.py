@@ -1,4 +1,4 @@
-"""Root loci: closed-loop poles as a gain grows."""
+"""Figures of root loci: closed-loop poles over a gain."""
 
 from typing import Any
 
@@ -10,10 +10,18 @@ from nassim.systems.root_locus import Optimum, RootLocus
 
 
 def plot_root_locus(locus: RootLocus, *, frequency: float, optimum: Optimum | None = None, ax: Any = None) -> Any:
-    """Branches of a root locus in the plane of s over 2 pi, with lines of equal damping; returns the Axes.
+    """Plot the branches of a root locus in the s-plane over 2 pi, with lines of equal damping.
 
-    frequency: up to which natural frequency it is drawn [Hz]; crosses: poles at the first gain; circles: zeros
-    optimum: marked with its gain, damping ratio and frequency
+    Crosses are the poles at the first gain, and circles are zeros.
+
+    Args:
+        locus: the root locus.
+        frequency: largest natural frequency in the figure [Hz].
+        optimum: optimum to mark, with its gain, damping ratio and frequency.
+        ax: Axes to plot in (default: new ones).
+
+    Returns:
+        The Axes.
     """
     ax = ax or plt.subplots(figsize=(7.5, 6), layout="constrained")[1]
     right = 0.2 * frequency
@@ -25,12 +33,12 @@ def plot_root_locus(locus: RootLocus, *, frequency: float, optimum: Optimum | No
     turn = np.linspace(np.pi / 2, np.pi, 90)
     for part in (0.25, 0.5, 0.75, 1.0):
         ax.plot(part * frequency * np.cos(turn), part * frequency * np.sin(turn), color="0.85", lw=0.7, zorder=0)
-    # The upper half shows all: poles come in conjugate pairs, which share a colour.
+    # The upper half-plane is sufficient: poles form conjugate pairs, which have one colour.
     points = locus.poles.real / (2 * np.pi) + 1j * np.abs(locus.poles.imag) / (2 * np.pi)
     points[np.abs(points) > 1.1 * frequency] = np.nan
-    drawn = np.flatnonzero(np.any(np.isfinite(points), axis=0))
-    pairs = sorted({f"{size:.6e}" for size in locus.frequency[0, drawn]}, key=float)
-    for k in drawn:
+    shown = np.flatnonzero(np.any(np.isfinite(points), axis=0))
+    pairs = sorted({f"{size:.6e}" for size in locus.frequency[0, shown]}, key=float)
+    for k in shown:
         color = COLORS[pairs.index(f"{locus.frequency[0, k]:.6e}") % len(COLORS)]
         ax.plot(points[:, k].real, points[:, k].imag, ".-", color=color, lw=1.4, ms=3)
         ax.plot(points[0, k].real, points[0, k].imag, "x", color=color, ms=9, mew=2)

@@ -1,6 +1,6 @@
-"""Studies: results over parameters run by run, and what moves them most.
+"""Figures of studies: results over parameters run by run, and the parameters with the largest effects.
 
-All of them take datasets of `nassim.studies`: of a sweep, of its linear effects, of its Sobol' indices.
+All functions take datasets of `nassim.studies`: those of a sweep, of its linear effects, or of its Sobol' indices.
 """
 
 from collections.abc import Sequence
@@ -13,12 +13,15 @@ from nassim.plotting.figures import COLORS, plt
 
 
 def plot_scatter(dataset: Any, correlations: Any, *, figure: Any = None) -> list[list[Any]]:
-    """Each result over each parameter, a dot per run, with their correlation by rank.
+    """Plot each result over each parameter, one point per run, with their rank correlation.
 
-    dataset: of a sweep over samples; correlations: of it, by `nassim.studies.correlations`, whose results and
-        parameters are drawn
+    Args:
+        dataset: dataset of a sweep over samples.
+        correlations: dataset of `nassim.studies.correlations`, whose results and parameters are shown.
+        figure: matplotlib figure or subfigure to plot in (default: a new one).
 
-    Returns the Axes: a row per result, a column per parameter.
+    Returns:
+        The Axes, one row per result and one column per parameter.
     """
     results, parameters = correlations.result.values.tolist(), correlations.parameter.values.tolist()
     size = (1.7 * len(parameters) + 1.0, 1.5 * len(results) + 0.8)
@@ -44,10 +47,18 @@ def plot_scatter(dataset: Any, correlations: Any, *, figure: Any = None) -> list
 
 
 def plot_tornado(effects: Any, *, result: str, unit: str = "", ax: Any = None) -> Any:
-    """How far a result moves while one parameter goes through its range, the longest bar on top; returns the Axes.
+    """Plot the change of a result over the range of each parameter, with the longest bar on top.
 
-    effects: by `nassim.studies.linear_effects`; unit: of the result. Bars begin where the parameter is low and end, in
-    the darker half, where it is high.
+    A bar begins at the low end of the parameter and ends, in its darker half, at the high end.
+
+    Args:
+        effects: dataset of `nassim.studies.linear_effects`.
+        result: name of the result.
+        unit: unit of the result.
+        ax: Axes to plot in (default: new ones).
+
+    Returns:
+        The Axes.
     """
     known("result", result, effects.result.values.tolist())
     chosen = effects.sel(result=result)
@@ -69,10 +80,15 @@ def plot_tornado(effects: Any, *, result: str, unit: str = "", ax: Any = None) -
 
 
 def plot_sobol(indices: Any, *, results: Sequence[str] | None = None, figure: Any = None) -> list[Any]:
-    """First-order and total Sobol' indices with their intervals; returns an Axes per result, side by side.
+    """Plot first-order and total Sobol' indices with their intervals, sorted by the largest total index.
 
-    indices: by `nassim.studies.sobol_indices`; results: names (default: all). Parameters stand in the order of their
-    largest total share.
+    Args:
+        indices: dataset of `nassim.studies.sobol_indices`.
+        results: names of results (default: all).
+        figure: matplotlib figure or subfigure to plot in (default: a new one).
+
+    Returns:
+        The Axes, one per result, side by side.
     """
     given = indices.result.values.tolist()
     results = [known("result", name, given) for name in (given if results is None else results)]
@@ -87,7 +103,7 @@ def plot_sobol(indices: Any, *, results: Sequence[str] | None = None, figure: An
         for kind, shift, color in (("total", 0.18, COLORS[0]), ("first_order", -0.18, COLORS[4])):
             value = chosen[kind].values[order]
             ends = chosen[f"{kind}_interval"].values[order]
-            # An interval need not hold the estimate.
+            # An interval may lie beside the estimate.
             errors = np.maximum([value - ends[:, 0], ends[:, 1] - value], 0.0)
             style: Any = {"color": color, "height": 0.34, "label": kind.replace("_", " ")}
             ax.barh(place + shift, value, xerr=errors, error_kw={"lw": 0.9, "ecolor": "0.25"}, **style)

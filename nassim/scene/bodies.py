@@ -1,4 +1,4 @@
-"""Bodies of a scene: rigid ones, and reduced ones with the fidelity that they are modelled in."""
+"""Bodies of a scene: rigid bodies, and reduced bodies with the fidelity of their model."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -16,21 +16,22 @@ from nassim.bodies.strain import Strain
 from nassim.scene.measures import Axes, Direction, Position
 
 FIDELITIES = ("rigid", "linear", "ffrf")
-ROUNDED = 2e-3
-"""Share by which rounded moments of a flat body may exceed what is possible."""
+INERTIA_TOLERANCE = 2e-3
+"""Relative excess of the largest principal moment that rounded inertias of a flat body may have."""
 
 
 class Body(ABC):
     """A body of a scene: a set of linear equations about the reference configuration, with points.
 
-    To add a formulation: write a frozen dataclass with this base class, anywhere. Its coordinates are those of
-    `mass_matrix`; all engines then assemble it. In large motion its points move by `motion` and its coordinates, too.
+    To add a formulation, write a frozen dataclass with this base class, in any module. Its coordinates are those of
+    `mass_matrix`; all engines then assemble it. In large motion its points too move by `motion` and its coordinates.
 
     Attributes:
-        name: what the scene calls it.
-        position, rotation: of its own frame in the reference configuration, (3,) [m] and (3, 3).
-        angular_velocity: at the start, world frame, (3,) [rad/s].
-        damping_ratio: of its own modes [-], see `FlexibleBody`.
+        name: name of the body in the scene.
+        position: position of the body's own frame in the reference configuration, (3,) [m].
+        rotation: rotation of the body's own frame in the reference configuration, (3, 3).
+        angular_velocity: angular velocity at the start, world frame, (3,) [rad/s].
+        damping_ratio: damping ratio of the body's own modes [-], see `FlexibleBody`.
     """
 
     name: str
@@ -41,43 +42,44 @@ class Body(ABC):
 
     @property
     def moves(self) -> bool:
-        """Whether it has coordinates."""
+        """Whether the body has coordinates."""
         return True
 
     @property
     def deforms(self) -> bool:
-        """Whether it is a reduced body that deforms."""
+        """Whether the body is a reduced body that deforms."""
         return False
 
     @property
     def is_rigid(self) -> bool:
-        """Whether it is a rigid body to all engines, with six coordinates."""
+        """Whether engines treat the body as rigid, with six coordinates."""
         return False
 
     @property
     @abstractmethod
     def point_names(self) -> tuple[str, ...]:
-        """Names of its points, those that only move along too."""
+        """Names of the body's points, passive points included."""
 
     @property
     @abstractmethod
     def mass_matrix(self) -> Array:
-        """Of its coordinates, (n, n), positive definite."""
+        """Mass matrix of the body's coordinates, (n, n), positive definite."""
 
     @property
     def strain(self) -> Strain | None:
-        """What its stiffness is made of; None where it has none."""
+        """Strains whose energy is that of the body's stiffness; None where the body has no stiffness."""
         return None
 
     @abstractmethod
     def weight(self, gravity: Array) -> Array:
-        """Return the forces of a uniform gravity, world frame, (3,) [m/s2], on its coordinates, (n,)."""
+        """Return the forces of a uniform gravity, world frame, (3,) [m/s2], on the coordinates, (n,)."""
 
     @abstractmethod
     def motion(self, point: str) -> Array:
         """Return the small motion of a point along the world's axes per unit of the coordinates, (6, n).
 
-        Raises ValueError for an unknown point.
+        Raises:
+            ValueError: for an unknown point.
         """
 
     @abstractmethod
@@ -94,14 +96,15 @@ class Body(ABC):
 class RigidBody(Body):
     """A rigid body.
 
-    name: what the scene calls it
-    mass: [kg]; inertia: about the centre of mass, along the body's axes, shape (3, 3) [kg m2]; both may be None for a
-        fixed body
-    position: of the centre of mass at the start, in the world's frame [m]
-    points: named points, relative to the centre of mass, along the body's axes [m]
-    fixed: True for a body that does not move, such as a granite base
-    rotation: from the body's to the world's frame at the start, shape (3, 3)
-    angular_velocity: at the start, world frame, shape (3,) [rad/s], as of a `FlexibleBody`
+    Attributes:
+        name: name of the body in the scene.
+        points: named points, relative to the centre of mass, along the body's axes, (3,) each [m].
+        mass: mass [kg]; None for a fixed body.
+        inertia: inertia about the centre of mass, along the body's axes, (3, 3) [kg m2]; None for a fixed body.
+        position: position of the centre of mass at the start, world frame, (3,) [m].
+        fixed: True for a body that does not move, such as a granite base.
+        rotation: rotation from the body's to the world's frame at the start, (3, 3).
+        angular_velocity: angular velocity at the start, world frame, (3,) [rad/s], see `FlexibleBody`.
     """
 
     name: str
@@ -139,7 +142,7 @@ class RigidBody(Body):
         if np.abs(inertia - inertia.T).max() > 1e-9 * np.abs(inertia).max() or np.linalg.eigvalsh(inertia)[0] <= 0:
             raise ValueError(f"{label}: inertia must be symmetric and positive definite")
         moments = np.linalg.eigvalsh(inertia)
-        if moments[2] > (1 + ROUNDED) * (moments[0] + moments[1]):
+        if moments[2] > (1 + INERTIA_TOLERANCE) * (moments[0] + moments[1]):
             raise ValueError(
                 f"{label}: no body has the principal moments {', '.join(f'{m:.4g}' for m in moments)} kg m2: none "
                 "can exceed the sum of the other two"
@@ -148,46 +151,47 @@ class RigidBody(Body):
 
     @property
     def moves(self) -> bool:
-        """Whether it has coordinates: the motion (6) of its centre of mass along the world's axes."""
+        """Whether the body has coordinates: the motion (6,) of its centre of mass along the world's axes."""
         return not self.fixed
 
     @property
     def is_rigid(self) -> bool:
-        """Always."""
+        """True."""
         return True
 
     @property
     def point_names(self) -> tuple[str, ...]:
-        """Names of its points."""
+        """Names of the body's points."""
         return tuple(self.points)
 
     @property
     def mass_matrix(self) -> Array:
-        """Of its coordinates, shape (6, 6)."""
+        """Mass matrix of the coordinates, (6, 6)."""
         assert self.mass is not None
         assert self.inertia is not None
         result: Array = scipy.linalg.block_diag(self.mass * np.eye(3), self.rotation @ self.inertia @ self.rotation.T)
         return result
 
     def weight(self, gravity: Array) -> Array:
-        """Forces of a uniform gravity, world frame, on its coordinates, shape (6,)."""
+        """Return the forces of a uniform gravity, world frame, (3,) [m/s2], on the coordinates, (6,)."""
         assert self.mass is not None
         return np.concatenate([self.mass * gravity, np.zeros(3)])
 
     def motion(self, point: str) -> Array:
-        """Small motion of a point along the world's axes per unit of the coordinates, shape (6, 6).
+        """Return the small motion of a point along the world's axes per unit of the coordinates, (6, 6).
 
-        Raises ValueError for an unknown point, listing the known ones.
+        Raises:
+            ValueError: for an unknown point; the message lists the known ones.
         """
         return rigid_transfer(self._arm(point))
 
     def point_position(self, point: str) -> Array:
-        """Position of a named point at the start, world frame, shape (3,) [m]."""
+        """Return the position of a point at the start, world frame, (3,) [m]."""
         result: Array = self.position + self._arm(point)
         return result
 
     def _arm(self, point: str) -> Array:
-        """From the centre of mass to a point at the start, along the world's axes."""
+        """Return the vector from the centre of mass to a point at the start, along the world's axes."""
         result: Array = self.rotation @ self.points[known(f"point of {self.name!r}", point, self.points)]
         return result
 
@@ -212,18 +216,22 @@ class RigidBody(Body):
 class FlexibleBody(Body):
     """A reduced body in a scene.
 
-    name: what the scene calls it; reduced: the body
-    position: of the body's origin at the start, in the world's frame, shape (3,) [m]
-    rotation: from the body's to the world's frame at the start, shape (3, 3)
-    fidelity: "ffrf", a floating frame that may move far and turn; "linear", small motion about the start (rotations
-        up to some 0.01 rad), twenty times as fast; "rigid", no deformation: its stacks then do and read nothing
-    frame: remote point that the floating frame rides on (default: the first that a joint holds, else the first)
-    angular_velocity: at the start, world frame, shape (3,) [rad/s]; bodies jointed to this one move along, and what
-        the joints do not allow is refused when a simulation starts; zero asks for nothing
-    damping_ratio: of the elastic modes of the body alone [-], one number or one per mode from the lowest (the remaining
-        modes then have the last): with the remote point of its frame clamped where a joint holds that, else free, and
-        its electrical ports as the scene wires them. It makes a viscous damping of the body's deformation, the same
-        wherever the body goes; loads that slow a mode lower its ratio. None: the body has none of its own
+    Attributes:
+        name: name of the body in the scene.
+        reduced: the reduced body.
+        position: position of the body's origin at the start, world frame, (3,) [m].
+        rotation: rotation from the body's to the world's frame at the start, (3, 3).
+        fidelity: "ffrf": a floating frame for large displacements and rotations. "linear": small motion about the start
+            (rotations up to some 0.01 rad), twenty times as fast. "rigid": no deformation; the body's stacks then have
+            no effect and no signal.
+        frame: remote point that carries the floating frame (default: the first that a joint holds, else the first).
+        angular_velocity: angular velocity at the start, world frame, (3,) [rad/s]. Bodies joined to this one move with
+            it. A simulation refuses to start with a velocity that the joints do not allow. Zero requires nothing.
+        damping_ratio: damping ratio of the elastic modes of the body alone [-], one number or one per mode from the
+            lowest (the remaining modes then have the last). In these modes the remote point of the frame is clamped
+            where a joint holds it, else the body is free; the electrical ports are as the scene wires them. The ratio
+            becomes a viscous damping of the body's deformation, the same in every position; loads that lower a mode's
+            frequency lower its ratio. None: the body has no damping of its own.
     """
 
     name: str
@@ -258,36 +266,36 @@ class FlexibleBody(Body):
 
     @property
     def moves(self) -> bool:
-        """Whether it has coordinates: always, those of `reduced`, along the body's axes at the start."""
+        """True: the coordinates are those of `reduced`, along the body's axes at the start."""
         return True
 
     @property
     def deforms(self) -> bool:
-        """Whether its fidelity lets it deform."""
+        """Whether the fidelity includes deformation."""
         return self.fidelity != "rigid"
 
     @property
     def is_rigid(self) -> bool:
-        """Whether its fidelity lets it not deform."""
+        """Whether the fidelity excludes deformation."""
         return self.fidelity == "rigid"
 
     @property
     def point_names(self) -> tuple[str, ...]:
-        """Names of its points, those that only move along too."""
+        """Names of the body's points, passive points included."""
         return self.reduced.all_point_names
 
     @property
     def mass_matrix(self) -> Array:
-        """Of its coordinates, shape (n, n)."""
+        """Mass matrix of the coordinates, (n, n)."""
         return self.reduced.mass_matrix
 
     @property
     def strain(self) -> Strain | None:
-        """What its stiffness is made of; None where its fidelity does not let it deform."""
+        """Strains whose energy is that of the body's stiffness; None where the fidelity excludes deformation."""
         return self.reduced.strain if self.deforms else None
 
     def weight(self, gravity: Array) -> Array:
-        """Forces of a uniform gravity, world frame, on its coordinates, shape (n,)."""
+        """Return the forces of a uniform gravity, world frame, (3,) [m/s2], on the coordinates, (n,)."""
         r = len(self.reduced.remote_points)
         fall = np.zeros(len(self.mass_matrix))
         fall[: 6 * r] = np.tile([*(self.rotation.T @ gravity), 0, 0, 0], r)
@@ -295,18 +303,18 @@ class FlexibleBody(Body):
         return result
 
     def motion(self, point: str) -> Array:
-        """Small motion of a point along the world's axes per unit of the coordinates, shape (6, n)."""
+        """Return the small motion of a point along the world's axes per unit of the coordinates, (6, n)."""
         result: Array = scipy.linalg.block_diag(self.rotation, self.rotation) @ self.reduced.motion(point)
         return result
 
     def point_position(self, point: str) -> Array:
-        """Position of a remote point at the start, world frame, shape (3,) [m]."""
+        """Return the position of a remote point at the start, world frame, (3,) [m]."""
         result: Array = self.position + self.rotation @ self.reduced.point(point).position
         return result
 
     @property
     def centre(self) -> Array:
-        """Centre of mass at the start, world frame, shape (3,) [m]."""
+        """Centre of mass at the start, world frame, (3,) [m]."""
         result: Array = self.position + self.rotation @ self.reduced.center_of_mass
         return result
 

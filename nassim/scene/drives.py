@@ -1,4 +1,4 @@
-"""Drives of scenes: motors that make a joint's free motion follow an input, or run at constant speed."""
+"""Drives of scenes: motors that prescribe a joint's free motion by an input or at constant speed."""
 
 import math
 from dataclasses import dataclass
@@ -15,13 +15,17 @@ from nassim.scene.terms import Constraint, PrescribedMotion
 class Drive(Actuator):
     """A stiff motor in a joint: one of its free motions, of b against a, follows an input or runs at constant speed.
 
-    joint: name; direction: one that the joint leaves free, "x" ... "rz" of its axes ("rz" of a `revolute`)
-    input: name of the scene's input, displacement [m] or angle [rad], 0 at the start; "" for a constant speed. One that
-        starts with a rate jolts what is at rest: all that is in small motion; bodies in large motion start to move
-        along as rigid ones.
-    speed: constant, from the start on [m/s] or [rad/s]
-    bandwidth: of a servo between the input and the motion, a low-pass of first order, -3 dB [Hz]. Without one, a
-        velocity that follows the input at once is that input's derivative, which linear models refuse.
+    An input that starts with a rate jolts what is at rest: in small motion all bodies. In large motion the bodies start
+    to move with the drive as rigid bodies.
+
+    Attributes:
+        name: name of the drive.
+        joint: name of the joint.
+        direction: a direction that the joint leaves free, "x" ... "rz" of its axes ("rz" of a `revolute`).
+        input: name of the scene's input, displacement [m] or angle [rad], 0 at the start; "" for a constant speed.
+        speed: constant speed from the start [m/s] or [rad/s].
+        bandwidth: -3 dB frequency [Hz] of a servo between the input and the motion, a low-pass of first order. Without
+            a servo, a velocity that follows the input at once is the input's derivative, which linear models refuse.
     """
 
     name: str
@@ -45,7 +49,7 @@ class Drive(Actuator):
 
     @property
     def unit(self) -> str:
-        """Of the input."""
+        """Unit of the input: "m" or "rad"."""
         return "rad" if self.direction.startswith("r") else "m"
 
     def terms(self, scene: Scene) -> tuple[PrescribedMotion]:
@@ -64,7 +68,7 @@ class Drive(Actuator):
         return (PrescribedMotion(self.joint, self.direction, self.input, self.unit, self.speed, self.bandwidth),)
 
     def describe(self) -> str:
-        """What it does to which joint."""
+        """Describe the joint and its motion."""
         lag = f" with {self.bandwidth:g} Hz" if math.isfinite(self.bandwidth) else ""
         does = f"follows {self.input}{lag}" if self.input else f"runs at {self.speed:g} {self.unit}/s"
         return f"drive {self.name}: {self.direction} of joint {self.joint} {does}"

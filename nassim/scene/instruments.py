@@ -1,8 +1,8 @@
-"""Sensors of force, velocity and acceleration, with what their own dynamics let through.
+"""Sensors of force, velocity and acceleration, with their own dynamics.
 
-A direction is "x", "y", "z" or a vector, along the world's axes; with `frame` "body.point" along axes that are the
-world's at the start and turn with the body there. Velocity and acceleration are those of the point itself, whichever
-way the axes turn along which they are read.
+A direction is "x", "y", "z" or a vector along the world's axes. With `frame` "body.point" it is along axes that are the
+world's at the start and rotate with the body at that point. Velocity and acceleration are those of the point itself;
+the rotation of the axes adds nothing to them.
 """
 
 from dataclasses import dataclass
@@ -20,18 +20,19 @@ from nassim.scene.terms import ForceLaw, Output, OutputFilter, SpringForce, Term
 
 @dataclass(frozen=True)
 class ForceSensor(Sensor):
-    """The force in a spring or a bushing and its damper: stiffness by displacement and damping by velocity of b.
+    """A sensor of the force in a spring-damper or a bushing: stiffness by displacement plus damping by velocity of b.
 
-    name: of the scene's output [N], positive where the spring pulls; of a bushing six outputs, "name.fx" ... [N] and
-        "name.mx" ... [N m], what b pulls with at its place along the bushing's axes
-    of: name of the spring
+    Attributes:
+        name: name of the scene's output [N], positive where the spring pulls. A bushing has six outputs, "name.fx" ...
+            [N] and "name.mx" ... [N m]: the force and moment with which b pulls at its place, along the bushing's axes.
+        of: name of the spring.
     """
 
     name: str
     of: Signal
 
     def terms(self, scene: Scene) -> tuple[SpringForce, ...]:
-        """Return what the spring pulls with."""
+        """Return the spring's force as one output for each component."""
         named = {part.name: part for part in scene.springs}
         part = named[known(f"spring of force sensor {self.name!r}", self.of, named)]
         springs = [term for term in part.terms(scene) if isinstance(term, ForceLaw)]
@@ -52,9 +53,13 @@ class ForceSensor(Sensor):
 
 @dataclass(frozen=True)
 class Vibrometer(Sensor):
-    """Velocity of a point along a direction, as seen from the ground: that of a laser vibrometer.
+    """A laser vibrometer: the velocity of a point along a direction, against the ground.
 
-    name: of the scene's output [m/s]; point: "body.point"; axis: a direction; frame: "" or a point's
+    Attributes:
+        name: name of the scene's output [m/s].
+        point: "body.point".
+        axis: a direction.
+        frame: "" for the world's axes, or a point whose axes count.
     """
 
     name: str
@@ -67,19 +72,26 @@ class Vibrometer(Sensor):
         freeze(self, axis=checked_axis(f"vibrometer {self.name!r}", self.axis))
 
     def terms(self, scene: Scene) -> tuple[Output]:
-        """Return the velocity of the point."""
+        """Return the velocity of the point as an output."""
         return (Output(self.name, self.unit, _of_point(scene, self), derivative=1),)
 
 
 @dataclass(frozen=True)
 class Geophone(Sensor):
-    """A coil and a magnet, one of which hangs on a spring: velocity of a point against inertial space, high-passed.
+    """A geophone: the high-passed velocity of a point against inertial space.
 
-    The output is sensitivity s^2 / (s^2 + 2 damping_ratio w s + w^2) times the velocity, w = 2 pi corner_frequency.
-    What moves it is acceleration: along an axis that turns, a steady velocity gives nothing.
-    name: of the scene's output [V]; point: "body.point"; axis: a direction; frame: "" or a point's
-    corner_frequency [Hz]; damping_ratio: of the coil's motion, its shunt included [-]
-    sensitivity [V s/m]; default: the output is in m/s
+    A magnet and a coil, one of which hangs on a spring, measure the velocity. The output is
+    sensitivity s^2 / (s^2 + 2 damping_ratio w s + w^2) times the velocity, with w = 2 pi corner_frequency.
+    The instrument responds to acceleration: along an axis that rotates, a steady velocity gives no output.
+
+    Attributes:
+        name: name of the scene's output [V].
+        point: "body.point".
+        axis: a direction.
+        frame: "" for the world's axes, or a point whose axes count.
+        corner_frequency: corner frequency [Hz].
+        damping_ratio: damping ratio of the coil's motion, its shunt included [-].
+        sensitivity: sensitivity [V s/m]; None: the output is in m/s.
     """
 
     name: str
@@ -102,11 +114,11 @@ class Geophone(Sensor):
 
     @property
     def unit(self) -> str:
-        """Of the output."""
+        """Unit of the output."""
         return "m/s" if self.sensitivity is None else "V"
 
     def terms(self, scene: Scene) -> tuple[Term, ...]:
-        """Return the acceleration through a band-pass, which is velocity above its corner."""
+        """Return the acceleration of the point through a band-pass, which is the velocity above the corner."""
         gain = (1.0 if self.sensitivity is None else self.sensitivity) / (2 * np.pi * self.corner_frequency)
         return (
             Output(self.name, self.unit, _of_point(scene, self), gain, derivative=2, inertial=True),
@@ -114,19 +126,23 @@ class Geophone(Sensor):
         )
 
     def describe(self) -> str:
-        """Its dynamics."""
+        """Describe the dynamics."""
         return f"geophone {self.name}: {self.point} above {self.corner_frequency:g} Hz"
 
 
 @dataclass(frozen=True)
 class Accelerometer(Sensor):
-    """Acceleration of a point against inertial space, without gravity, up to the sensor's mounted resonance.
+    """An accelerometer: acceleration of a point against inertial space, without gravity, up to the mounted resonance.
 
-    name: of the scene's output [V]; point: "body.point"; axis: a direction; frame: "" or a point's
-    resonance: of the mounted sensor, a low-pass of second order [Hz]; None: it follows at once
-    damping_ratio: of the resonance [-]
-    corner_frequency: of its electronics, a high-pass of first order [Hz]; 0: down to standstill
-    sensitivity [V s2/m]; default: the output is in m/s2
+    Attributes:
+        name: name of the scene's output [V].
+        point: "body.point".
+        axis: a direction.
+        frame: "" for the world's axes, or a point whose axes count.
+        resonance: resonance of the mounted sensor, a low-pass of second order [Hz]; None: no low-pass.
+        damping_ratio: damping ratio of the resonance [-].
+        corner_frequency: corner of the electronics, a high-pass of first order [Hz]; 0: no high-pass.
+        sensitivity: sensitivity [V s2/m]; None: the output is in m/s2.
     """
 
     name: str
@@ -151,7 +167,7 @@ class Accelerometer(Sensor):
 
     @property
     def unit(self) -> str:
-        """Of the output."""
+        """Unit of the output."""
         return "m/s2" if self.sensitivity is None else "V"
 
     def terms(self, scene: Scene) -> tuple[Term, ...]:
@@ -165,18 +181,20 @@ class Accelerometer(Sensor):
         return tuple(terms)
 
     def describe(self) -> str:
-        """Its dynamics."""
+        """Describe the dynamics."""
         above = f" above {self.corner_frequency:g} Hz" if self.corner_frequency else ""
         below = "" if self.resonance is None else f", resonance {self.resonance:g} Hz"
         return f"accelerometer {self.name}: {self.point}{above}{below}"
 
 
 def _of_point(scene: Scene, sensor: Vibrometer | Geophone | Accelerometer) -> PointVelocity:
+    """Return the velocity of a sensor's point along its axis, as a measure."""
     check_seen(scene, sensor.name, sensor.point)
     return PointVelocity(((sensor.point, unit_vector(sensor.axis)),), checked_frame(scene, sensor.frame))
 
 
 def _sensitivity(label: str, value: float | None) -> float | None:
+    """Return a checked sensitivity; None stays None."""
     if value == 0:
         raise ValueError(f"{label}: a sensitivity of 0 shows nothing; leave it out for figures in SI")
     return None if value is None else finite(f"{label}: sensitivity", value)

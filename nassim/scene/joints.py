@@ -1,4 +1,4 @@
-"""Joints of scenes: which directions of one point's motion against another are free."""
+"""Joints of scenes: constraints on the relative motion of two points, with free directions."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -17,25 +17,30 @@ from nassim.scene.terms import Constraint, Spring
 
 TOUCH_TOLERANCE = 1e-9
 """Largest gap [m] between the two points of a joint."""
-ROUNDING = 1e-12
-"""What rounding adds to a gap [m] where a scene is placed up to kilometres away; a gap at the tolerance stays one."""
+PLACEMENT_ROUNDING = 1e-12
+"""Gap [m] that rounding adds where a scene is placed up to kilometres away. It adds to the tolerance."""
 Damping = float | Mapping[str, float] | tuple[float, ...]
 PERPENDICULAR = 1e-9
+"""Largest cosine of the angle between axes that count as perpendicular."""
 
 
 @dataclass(frozen=True)
 class Joint(Connection):
-    """Connects two points that coincide at the start.
+    """A connection of two points that coincide at the start.
 
-    a, b: the points, "body.point"
-    free: directions in which b may move against a: "x" "y" "z" "rx" "ry" "rz"; none, the default, is a rigid
-        connection
-    axes: these directions at the start, as columns, world frame, (3, 3); they turn with the body of a from there on: a
-        slide on a rail has the rail's point as a
-    damping: viscous, of the free directions [N s/m], [N m s/rad]: one figure where one is free, or {direction: figure}.
-        Of two free turns the second is about its axis in b, as of a universal joint; it holds in every position
+    `fixed`, `revolute`, `prismatic`, `cylindrical`, `universal`, `spherical` and `planar` make the usual joints.
 
-    `fixed`, `revolute`, `prismatic`, `cylindrical`, `universal`, `spherical` and `planar` make the usual ones.
+    Attributes:
+        name: name of the joint.
+        a: first point, "body.point".
+        b: second point, "body.point".
+        free: directions in which b may move against a: "x", "y", "z", "rx", "ry", "rz". The default, none, is a rigid
+            connection.
+        axes: the directions x, y and z at the start, as columns, world frame, (3, 3). They rotate with the body of a:
+            for a slide on a rail, a is the rail's point.
+        damping: viscous damping of the free directions [N s/m], [N m s/rad]: one number where one direction is free, or
+            {direction: number}. Where two rotations are free, the axis of the second rotates with b, as in a universal
+            joint. The damping holds in every position.
     """
 
     name: str
@@ -57,7 +62,7 @@ class Joint(Connection):
         freeze(self, damping=_figures(f"joint {self.name!r}: damping", self.damping, self.free))
 
     def terms(self, scene: Scene) -> tuple[Constraint | Spring, ...]:
-        """Return the constraint of all directions that are not free, and dampers of those that are."""
+        """Return the constraint of all directions that are not free, and the dampers of the free directions."""
         if self.a == self.b:
             raise ValueError(f"joint {self.name!r} connects {self.a!r} with itself")
         for path in (self.a, self.b):
@@ -66,7 +71,7 @@ class Joint(Connection):
         if isinstance(body, RigidBody) and scene.split(self.b)[0] is body:
             raise ValueError(f"joint {self.name!r}: {self.a!r} and {self.b!r} belong to one rigid body")
         gap = float(np.linalg.norm(scene.point_position(self.b) - scene.point_position(self.a)))
-        if gap > TOUCH_TOLERANCE + ROUNDING:
+        if gap > TOUCH_TOLERANCE + PLACEMENT_ROUNDING:
             raise ValueError(
                 f"joint {self.name!r}: {self.a!r} and {self.b!r} are {gap:.3g} m apart; they must coincide to "
                 f"{TOUCH_TOLERANCE:g} m: move one of the bodies"
@@ -75,7 +80,7 @@ class Joint(Connection):
         return (Constraint(self.name, RelativePose(self.a, self.b, self.axes, MATRIX), held), *self._dampers())
 
     def describe(self) -> str:
-        """Its points and what it leaves free."""
+        """Describe the points and the free directions."""
         free = f"free in {', '.join(self.free)}" if self.free else "rigid"
         turned = "" if np.array_equal(self.axes, np.eye(3)) or not self.free else " of its own axes"
         damped = ", ".join(f"{d} {c:g}" for d, c in self._figures.items() if c)
@@ -100,7 +105,7 @@ class Joint(Connection):
         return tuple(result)
 
     def _check_held(self, scene: Scene, path: str) -> None:
-        """A point that only moves along, as trimming leaves some, is no coordinate that a joint could hold."""
+        """Refuse a passive point: it follows the body's motion, so it is no coordinate that a joint could hold."""
         body, point = scene.split(path)
         if not isinstance(body, FlexibleBody) or not body.deforms:
             return
@@ -112,7 +117,7 @@ class Joint(Connection):
 
 
 def _figures(label: str, damping: Damping, free: tuple[str, ...]) -> tuple[float, ...]:
-    """One figure for each free direction, in their order."""
+    """Return the damping of each free direction, in their order."""
     if isinstance(damping, Mapping):
         for direction in damping:
             known(f"free direction of {label}", direction, free)
@@ -137,31 +142,49 @@ def _along(name: str, axis: str | ArrayLike) -> Array:
 
 
 def fixed(name: str, a: str, b: str) -> Joint:
-    """A rigid connection."""
+    """Make a rigid connection of points a and b."""
     return Joint(name, a, b)
 
 
 def revolute(name: str, a: str, b: str, axis: str | ArrayLike = "z", *, damping: Damping = 0.0) -> Joint:
-    """B turns about an axis of a; axis: "x", "y", "z" or a vector, world frame at the start, as of all joints here."""
+    """Make a joint in which b rotates about an axis of a.
+
+    Args:
+        name: name of the joint.
+        a: first point, "body.point".
+        b: second point, "body.point".
+        axis: "x", "y", "z" or a vector (3,), world frame at the start.
+        damping: viscous damping of the rotation [N m s/rad].
+    """
     return Joint(name, a, b, ("rz",), _along(name, axis), damping)
 
 
 def prismatic(name: str, a: str, b: str, axis: str | ArrayLike = "z", *, damping: Damping = 0.0) -> Joint:
-    """B slides along an axis of a and does not turn."""
+    """Make a joint in which b slides along an axis of a and does not rotate; arguments as `revolute`."""
     return Joint(name, a, b, ("z",), _along(name, axis), damping)
 
 
 def cylindrical(name: str, a: str, b: str, axis: str | ArrayLike = "z", *, damping: Damping = 0.0) -> Joint:
-    """B slides along an axis of a and turns about it."""
+    """Make a joint in which b slides along an axis of a and rotates about it; arguments as `revolute`."""
     return Joint(name, a, b, ("z", "rz"), _along(name, axis), damping)
 
 
 def universal(
     name: str, a: str, b: str, axis_a: str | ArrayLike, axis_b: str | ArrayLike, *, damping: Damping = 0.0
 ) -> Joint:
-    """A cross whose one arm, "rx", turns in a, about axis_a, and whose other, "ry", in b, about axis_b (Hooke, Cardan).
+    """Make a universal joint (Hooke, Cardan): a cross whose first arm rotates in a and whose second arm rotates in b.
 
-    Raises ValueError for axes that are not perpendicular at the start.
+    Args:
+        name: name of the joint.
+        a: first point, "body.point".
+        b: second point, "body.point".
+        axis_a: axis of the first arm, direction "rx", fixed in a; "x", "y", "z" or a vector (3,), world frame at the
+            start.
+        axis_b: axis of the second arm, direction "ry", fixed in b.
+        damping: viscous damping of the two rotations [N m s/rad], see `Joint`.
+
+    Raises:
+        ValueError: if the axes are not perpendicular at the start.
     """
     first, second = (unit_vector(checked_axis(f"joint {name!r}", axis)) for axis in (axis_a, axis_b))
     if abs(first @ second) > PERPENDICULAR:
@@ -170,10 +193,18 @@ def universal(
 
 
 def spherical(name: str, a: str, b: str, *, damping: Damping = 0.0) -> Joint:
-    """B turns freely about a point of a."""
+    """Make a joint in which b rotates freely about a point of a; arguments as `revolute`."""
     return Joint(name, a, b, ("rx", "ry", "rz"), damping=damping)
 
 
 def planar(name: str, a: str, b: str, normal: str | ArrayLike = "z", *, damping: Damping = 0.0) -> Joint:
-    """B slides in a plane of a, given by its normal, and turns about it."""
+    """Make a joint in which b slides in a plane of a and rotates about its normal.
+
+    Args:
+        name: name of the joint.
+        a: first point, "body.point".
+        b: second point, "body.point".
+        normal: normal of the plane: "x", "y", "z" or a vector (3,), world frame at the start.
+        damping: viscous damping {direction: number} of "x", "y" [N s/m] and "rz" [N m s/rad].
+    """
     return Joint(name, a, b, ("x", "y", "rz"), _along(name, normal), damping)

@@ -1,10 +1,10 @@
-"""Measures: scalar and vector quantities between the points of a scene, with value and Jacobian in any configuration.
+"""Measures: kinematic quantities between the points of a scene, with value and Jacobian in any configuration.
 
-A measure tells what is measured; a law (`nassim.scene.terms`) tells what follows from it: a force, an output, a
-constraint. An engine evaluates a measure on the states of the bodies and needs to know nothing else of it.
+A measure defines what is measured; a law on it (`nassim.scene.terms`) defines a force, an output or a constraint. An
+engine evaluates a measure on the states of the bodies and needs no other knowledge of it.
 
-To add a measure: write a frozen dataclass with the base class `PointMeasure` and its method `at`, anywhere. All engines
-evaluate it.
+To add a measure, write a frozen dataclass with the base class `PointMeasure` and its method `at`. It may be in any
+module. All engines evaluate it.
 """
 
 from abc import ABC, abstractmethod
@@ -23,9 +23,10 @@ Direction = Annotated[Any, "direction"]
 Axes = Annotated[Array, "axes"]
 Position = Annotated[Array, "position"]
 Signal = Annotated[str, "signal"]
-"""Kind of a field of a part, a body, a term or a measure. `placed` renames and rotates fields by it: a point, port or
-body by name; a direction of the world's frame ("x", "y", "z" or a vector); axes as columns in the world's frame; a
-position in the world; an input or output. Fields may be these, None, or tuples of them."""
+"""Kind of a field of a part, a body, a term or a measure. `placed` renames and rotates fields by their kind: a
+point, port or body by name; a direction of the world's frame ("x", "y", "z" or a vector); axes as columns in the
+world's frame; a position in the world; an input or output. A field may hold one of these, None, or a tuple of them.
+"""
 
 Pose = tuple[Array, Array]
 """Position of a point, (3,) [m], and its rotation since the reference configuration, (3, 3); world frame."""
@@ -38,34 +39,34 @@ class BodyState(Protocol):
 
     @property
     def n_coordinates(self) -> int:
-        """Number of its coordinates."""
+        """Number of the body's coordinates."""
 
     def reference(self, point: str) -> Array:
-        """Position of a point in the reference configuration, world frame, (3,) [m]."""
+        """Return the position of a point in the reference configuration, world frame, (3,) [m]."""
 
     def pose(self, point: str) -> Pose:
-        """Pose of a point."""
+        """Return the pose of a point."""
 
     def motion(self, point: str) -> Array:
-        """Velocity and angular velocity of a point, world axes, per unit rate of the coordinates, (6, n)."""
+        """Return velocity and angular velocity of a point, world axes, per unit rate of the coordinates, (6, n)."""
 
     def own(self, weights: Array) -> tuple[Array, Array]:
-        """Weighted sums, (k, n_reduced), of the reduced body's coordinates: value (k,) and rows (k, n)."""
+        """Return weighted sums, (k, n_reduced), of the reduced body's coordinates: value (k,) and rows (k, n)."""
 
 
 class ReducedMotion(Protocol):
-    """What a reduced body tells of its points."""
+    """The part of a reduced body that gives the motion of its points."""
 
     def motion(self, name: str) -> Array:
-        """Motion of a point along the body's axes per unit of its coordinates, (6, n)."""
+        """Return the motion of a point along the body's axes per unit of its coordinates, (6, n)."""
 
 
 class DeformableBody(Protocol):
-    """A body of a scene that has a reduced one."""
+    """A body of a scene that has a reduced body."""
 
     @property
     def name(self) -> str:
-        """What the scene calls it."""
+        """Name of the body in the scene."""
 
     @property
     def reduced(self) -> ReducedMotion:
@@ -90,40 +91,40 @@ class Measure(ABC):
     @property
     @abstractmethod
     def points(self) -> tuple[str, ...]:
-        """Points that it depends on, as "body.point"."""
+        """Points that the measure depends on, as "body.point"."""
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """Names of the bodies that it depends on."""
+        """Names of the bodies that the measure depends on."""
         return tuple(dict.fromkeys(body_of(path) for path in self.points))
 
     @property
     def within(self) -> str | None:
-        """Name of the one body on whose own coordinates alone it depends; None where there is no such body."""
+        """Name of the one body on whose own coordinates alone the measure depends; None where there is no such body."""
         return None
 
     @property
     def has_value(self) -> bool:
-        """Whether it has a value; a quasi-velocity has rates only."""
+        """Whether the measure has a value; a quasi-velocity has rates only."""
         return True
 
     @property
     def period(self) -> float | None:
-        """What the value gains by a whole turn, to be unwrapped by the engine; None where it does not wrap."""
+        """Increase of the value by a full rotation, by which engines unwrap it; None where it does not wrap."""
         return None
 
     @property
     def deviation(self) -> "Measure":
-        """Measure of small deviations from a steady rotation of its bodies against each other."""
+        """Measure of small deviations from a steady relative rotation of the bodies."""
         return self
 
     def rotation_axis(self, component: str) -> Array | None:
-        """Axis of a component that is a rotation of its second point against its first, (3,); None for others."""
+        """Return the axis (3,) of a component that is a rotation of the second point against the first, else None."""
         return None
 
     @property
     def point_measures(self) -> "tuple[tuple[float, PointMeasure], ...]":
-        """Factors and measures of points that it is the sum of, beside what is linear in the coordinates."""
+        """Factors and point measures whose sum is the part of the measure that is not linear in the coordinates."""
         return ()
 
     @abstractmethod
@@ -137,7 +138,7 @@ class PointMeasure(Measure):
 
     @property
     def point_measures(self) -> "tuple[tuple[float, PointMeasure], ...]":
-        """Itself."""
+        """The measure itself, with the factor 1."""
         return ((1.0, self),)
 
     @abstractmethod
@@ -170,7 +171,7 @@ class Displacement(PointMeasure):
     Attributes:
         weights: points and their directions, (3,) each, in the world's axes of the reference configuration.
         axes_of: a point whose axes carry the directions, "body.point"; "" for the world's axes, which do not rotate.
-            A common rotation of all bodies is then no displacement.
+            With such a point, a common rotation of all bodies gives no displacement.
     """
 
     weights: tuple[tuple[Path, Direction], ...]
@@ -178,12 +179,12 @@ class Displacement(PointMeasure):
 
     @classmethod
     def between(cls, a: str, b: str, direction: Array, *, axes_of: str = "") -> "Displacement":
-        """Displacement of point b against point a along a direction, (3,)."""
+        """Make the displacement of point b against point a along a direction, (3,)."""
         return cls(((a, -np.asarray(direction)), (b, np.asarray(direction))), axes_of)
 
     @property
     def points(self) -> tuple[str, ...]:
-        """Its points, then that of its axes."""
+        """The weighted points, then the point of the axes."""
         return _with_axes(self.weights, self.axes_of)
 
     def at(self, poses: Sequence[Pose], reference: Sequence[Array]) -> tuple[Array, Array]:
@@ -216,12 +217,12 @@ class PointVelocity(PointMeasure):
 
     @property
     def points(self) -> tuple[str, ...]:
-        """Its points, then that of its axes."""
+        """The weighted points, then the point of the axes."""
         return _with_axes(self.weights, self.axes_of)
 
     @property
     def has_value(self) -> bool:
-        """No."""
+        """False."""
         return False
 
     def at(self, poses: Sequence[Pose], reference: Sequence[Array]) -> tuple[Array, Array]:
@@ -235,18 +236,27 @@ class PointVelocity(PointMeasure):
 
 @dataclass(frozen=True)
 class Distance(PointMeasure):
-    """Change of the distance of two points since the reference configuration."""
+    """Change of the distance of two points since the reference configuration.
+
+    Attributes:
+        a: first point, "body.point".
+        b: second point, "body.point".
+    """
 
     a: Path
     b: Path
 
     @property
     def points(self) -> tuple[str, ...]:
-        """Its two points."""
+        """The two points."""
         return (self.a, self.b)
 
     def at(self, poses: Sequence[Pose], reference: Sequence[Array]) -> tuple[Array, Array]:
-        """Evaluate the measure, see `PointMeasure.at`; raises ValueError for points that coincide."""
+        """Evaluate the measure, see `PointMeasure.at`.
+
+        Raises:
+            ValueError: for points that coincide.
+        """
         apart, length = poses[1][0] - poses[0][0], float(np.linalg.norm(poses[1][0] - poses[0][0]))
         if not length:
             raise ValueError(f"{self.a!r} and {self.b!r} lie in one place: no line joins them")
@@ -260,11 +270,12 @@ class RotationAngle(PointMeasure):
     """Rotation of point b against point a about an axis fixed in a.
 
     It is the twist of the swing-twist decomposition of the relative rotation: the whole angle where the axis of b stays
-    parallel to that of a. Engines count it on beyond half a turn.
+    parallel to that of a. Engines unwrap it beyond half a turn.
 
     Attributes:
-        axis: in the world's axes of the reference configuration, (3,); the angle is multiplied by its length.
-        a: "body.point"; "" for the world's axes.
+        b: second point, "body.point".
+        axis: axis in the world's axes of the reference configuration, (3,); the angle is multiplied by its length.
+        a: first point, "body.point"; "" for the world's axes.
     """
 
     b: Path
@@ -278,13 +289,13 @@ class RotationAngle(PointMeasure):
 
     @property
     def deviation(self) -> Measure:
-        """The component of the relative angular velocity, whose steady part does not count."""
+        """The component of the relative angular velocity about the axis; its value excludes the steady rotation."""
         against = ((self.a, -np.asarray(self.axis)),) if self.a else ()
         return PointVelocity(((self.b, np.asarray(self.axis)), *against), self.a, angular=True)
 
     @property
     def period(self) -> float | None:
-        """A whole turn."""
+        """A full turn."""
         return float(2 * np.pi * np.linalg.norm(self.axis))
 
     def at(self, poses: Sequence[Pose], reference: Sequence[Array]) -> tuple[Array, Array]:
@@ -307,14 +318,17 @@ class RotationAngle(PointMeasure):
 class RelativePose(PointMeasure):
     """Displacement and rotation of point b against point a: six components x, y, z, rx, ry, rz.
 
-    Where the points lie apart, the body of a reaches rigidly to the place of b.
+    Where the points are apart, the body of a is extended rigidly to the place of b.
 
     Attributes:
-        axes: of the six components in the reference configuration, as columns, world frame, (3, 3).
-        rotation: "vector": the rotation vector, along axes halfway between a and b, for bushings and rotations below
-            half a turn. "quaternion": twice the vector part of the relative quaternion, along the same axes: the tilt
-            of a bearing at any angle of its shaft, where a rotation vector grows with that angle. "matrix": entries
-            -y.z', x.z', -x.y' of the relative rotation matrix, along axes fixed in a, for joints.
+        a: first point, "body.point".
+        b: second point, "body.point".
+        axes: axes of the six components in the reference configuration, as columns, world frame, (3, 3).
+        rotation: parametrisation of the rotation. "vector": the rotation vector, along axes halfway between a and b,
+            for bushings and rotations below half a turn. "quaternion": twice the vector part of the relative
+            quaternion, along the same axes: the tilt of a bearing at any angle of its shaft, where a rotation vector
+            grows with that angle. "matrix": entries -y.z', x.z', -x.y' of the relative rotation matrix, along axes
+            fixed in a, for joints.
     """
 
     a: Path
@@ -327,7 +341,7 @@ class RelativePose(PointMeasure):
 
     @property
     def points(self) -> tuple[str, ...]:
-        """Its two points."""
+        """The two points."""
         return (self.a, self.b)
 
     @property
@@ -336,7 +350,7 @@ class RelativePose(PointMeasure):
         return tuple(DIRECTIONS)
 
     def rotation_axis(self, component: str) -> Array | None:
-        """Axis of a rotation, (3,)."""
+        """Return the axis (3,) of a rotation component; None for a displacement."""
         return self.axes[:, "xyz".index(component[1])] if component.startswith("r") else None
 
     def at(self, poses: Sequence[Pose], reference: Sequence[Array]) -> tuple[Array, Array]:
@@ -368,12 +382,12 @@ class RelativePose(PointMeasure):
 
 @dataclass(frozen=True)
 class BodyCoordinates(Measure):
-    """Weighted sum of one body's own coordinates, in which its rigid motion does not count: ports, stacks, strain.
+    """Weighted sum of one body's own coordinates, independent of its rigid motion: ports, stacks, strain.
 
     Attributes:
-        body: name.
-        weights: on the coordinates of `FlexibleBody.reduced`, (n,).
-        ends: points between which it lies, for reports and pictures; nothing is evaluated at them.
+        body: name of the body.
+        weights: weights on the coordinates of `FlexibleBody.reduced`, (n,).
+        ends: points between which the quantity lies, for reports and pictures; nothing is evaluated at them.
     """
 
     body: Path
@@ -382,26 +396,26 @@ class BodyCoordinates(Measure):
 
     @classmethod
     def between(cls, body: "DeformableBody", a: str, b: str, direction: Array) -> "BodyCoordinates":
-        """Displacement of point b of a reduced body against point a along a direction of its own axes, (3,).
+        """Make the displacement of point b of a reduced body against point a along an axis (3,) of the body.
 
-        A rigid motion of the body counts to first order only; it is none along the line of the points.
+        A rigid motion of the body contributes to first order only, and nothing along the line through the points.
         """
         apart = body.reduced.motion(b)[:3] - body.reduced.motion(a)[:3]
         return cls(body.name, np.asarray(direction) @ apart, (f"{body.name}.{a}", f"{body.name}.{b}"))
 
     @property
     def points(self) -> tuple[str, ...]:
-        """Points between which it lies."""
+        """Points between which the quantity lies."""
         return self.ends
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """Its body."""
+        """The body."""
         return (self.body,)
 
     @property
     def within(self) -> str | None:
-        """Its body."""
+        """The body."""
         return self.body
 
     def evaluate(self, states: States) -> Evaluation:
@@ -412,7 +426,7 @@ class BodyCoordinates(Measure):
 
 @dataclass(frozen=True)
 class Combination(Measure):
-    """Weighted sum of scalar measures: of a screw, a gear, a lever.
+    """Weighted sum of scalar measures, as of a screw, a gear or a lever.
 
     Attributes:
         parts: factors and measures.
@@ -422,36 +436,40 @@ class Combination(Measure):
 
     @property
     def points(self) -> tuple[str, ...]:
-        """Those of its parts."""
+        """Points of the parts."""
         return tuple(dict.fromkeys(path for _, part in self.parts for path in part.points))
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """Those of its parts."""
+        """Bodies of the parts."""
         return tuple(dict.fromkeys(name for _, part in self.parts for name in part.bodies))
 
     @property
     def within(self) -> str | None:
-        """The body that all parts share as theirs."""
+        """The body that is `within` of all parts; else None."""
         names = {part.within for _, part in self.parts}
         return names.pop() if len(names) == 1 else None
 
     @property
     def point_measures(self) -> tuple[tuple[float, PointMeasure], ...]:
-        """Those of its parts."""
+        """Factors and point measures of the parts."""
         return tuple((f * g, of) for f, part in self.parts for g, of in part.point_measures)
 
     @property
     def has_value(self) -> bool:
-        """Whether all parts have one."""
+        """Whether all parts have a value."""
         return all(part.has_value for _, part in self.parts)
 
     @property
     def period(self) -> float | None:
-        """That of its one part that has a period; raises ValueError for several, whose turns cannot be told apart."""
+        """Period of the only part that has one.
+
+        Raises:
+            ValueError: for several parts with a period, whose turns cannot be told apart.
+        """
         periods = [abs(factor) * part.period for factor, part in self.parts if part.period]
         if len(periods) > 1:
-            raise ValueError("a combination of several angles cannot be counted on beyond half a turn: combine one")
+            raise ValueError("a combination of several angles cannot be unwrapped beyond half a turn: combine one")
         return periods[0] if periods else None
 
     def evaluate(self, states: States) -> Evaluation:
@@ -466,14 +484,19 @@ class Combination(Measure):
 
 
 def body_of(path: str) -> str:
-    """Name of the body of a point "body.point"."""
+    """Return the name of the body of a point "body.point"."""
     return path.partition(".")[0]
 
 
 def inverse_right_jacobian(vector: Array) -> Array:
-    """J with v' = J omega for a rotation vector v, (3,), and angular velocity omega along axes that rotate, (3, 3).
+    """Return J with v' = J omega for a rotation vector v and the angular velocity omega along rotating axes.
 
-    Source: T. Barfoot, State Estimation for Robotics (2017), equation 7.75 with the sign of the right Jacobian.
+    Args:
+        vector: the rotation vector v, (3,) [rad].
+
+    Returns:
+        J, (3, 3). Source: T. Barfoot, State Estimation for Robotics (2017), equation 7.75 with the sign of the right
+            Jacobian.
     """
     square, cross = float(vector @ vector), skew(vector)
     angle = np.sqrt(square)
@@ -482,4 +505,5 @@ def inverse_right_jacobian(vector: Array) -> Array:
 
 
 def _with_axes(weights: tuple[tuple[str, Any], ...], axes_of: str) -> tuple[str, ...]:
+    """Return the points of weights, then the point of the axes."""
     return (*(path for path, _ in weights), *((axes_of,) if axes_of else ()))

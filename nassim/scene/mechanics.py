@@ -1,8 +1,8 @@
 """Mechanical parts of scenes: springs and bushings, forces and torques, sensors of motion.
 
-A direction is "x", "y", "z" or a vector, along the world's axes, which do not turn; with `frame` "body.point" along
-axes that are the world's at the start and turn with the body there. Where two points are named, "line" is the line
-through them, wherever it points.
+A direction is "x", "y", "z" or a vector along the world's axes, which do not rotate. With `frame` "body.point" it is
+along axes that are the world's at the start and rotate with the body at that point. Between two points, "line" is the
+present direction of the line through them.
 """
 
 from dataclasses import dataclass, field
@@ -32,14 +32,21 @@ from nassim.scene.terms import AppliedForce, BaseAcceleration, Output, Spring
 
 LINE = "line"
 SYMMETRIC = 1e-9
+"""Relative asymmetry, and relative negative eigenvalue, that rounding may leave in a matrix."""
 
 
 @dataclass(frozen=True)
 class SpringDamper(ForceElement):
     """A spring and a viscous damper in parallel between two points, relaxed at the start.
 
-    a, b: "body.point"; axis: a direction or "line"; frame: "" or a point whose axes count, which must be a or b
-    stiffness [N/m]; damping [N s/m]
+    Attributes:
+        name: name of the spring-damper.
+        a: first point, "body.point".
+        b: second point, "body.point".
+        axis: a direction or "line".
+        stiffness: stiffness [N/m].
+        damping: damping [N s/m].
+        frame: "" for the world's axes, or a point whose axes count, which must be a or b.
     """
 
     name: str
@@ -68,19 +75,26 @@ class SpringDamper(ForceElement):
         return (Spring(_between(scene, self.a, self.b, self.axis, self.frame), self.stiffness, self.damping),)
 
     def describe(self) -> str:
-        """Its points, its axis and its figures."""
+        """Describe the points, the axis, the stiffness and the damping."""
         figures = f"{self.stiffness:g} N/m, {self.damping:g} N s/m"
         return f"spring {self.name}: {self.a} to {self.b} along {_axis_text(self.axis, self.frame)}, {figures}"
 
 
 @dataclass(frozen=True)
 class Bushing(ForceElement):
-    """A spring and a viscous damper in all six directions at once between two points, relaxed at the start.
+    """A spring and a viscous damper in all six directions between two points, relaxed at the start.
 
-    a, b: "body.point"; where they lie apart, a's body reaches rigidly to the place of b
-    stiffness, damping: forces [N] and moments [N m] on b per displacement [m] and turn [rad] of b against a,
-        ux uy uz rx ry rz, shape (6, 6), symmetric, or six figures of a diagonal; turns are small, common ones any
-    axes: of these six at the start, as columns, world frame, (3, 3); they turn along, halfway between a and b
+    Relative rotations of a and b are small; common rotations may have any size.
+
+    Attributes:
+        name: name of the bushing.
+        a: first point, "body.point". Where the points are apart, the body of a is extended rigidly to the place of b.
+        b: second point, "body.point".
+        stiffness: forces [N] and moments [N m] on b per displacement [m] and rotation [rad] of b against a, in the
+            order ux uy uz rx ry rz, (6, 6), symmetric; or the six values of a diagonal.
+        damping: the same per velocity [m/s] and angular velocity [rad/s], (6, 6) or (6,).
+        axes: axes of the six components at the start, as columns, world frame, (3, 3). They rotate with the mean
+            rotation of a and b.
     """
 
     name: str
@@ -108,21 +122,26 @@ class Bushing(ForceElement):
 
     @property
     def _is_bearing(self) -> bool:
-        """Whether the rotation about one axis is free, and tilt across it is held: a shaft may turn far about it."""
+        """Whether the rotation about one axis is free and tilt is held: a shaft may rotate far about that axis."""
         return int(np.linalg.matrix_rank(np.hstack([self.stiffness, self.damping])[3:])) == 2
 
     def describe(self) -> str:
-        """Its points and the figures of its diagonal."""
+        """Describe the points and the diagonal of the stiffness."""
         figures = " ".join(f"{k:g}" for k in np.diag(self.stiffness))
         return f"bushing {self.name}: {self.a} to {self.b}, diagonal {figures} N/m and N m/rad"
 
 
 @dataclass(frozen=True)
 class PointForce(Actuator):
-    """A force on a point, along a direction.
+    """A force on a point along a direction.
 
-    point: "body.point"; axis: a direction; input: name of the scene's input [N]
-    frame: "" or the point itself, for a force that turns with its body
+    Attributes:
+        name: name of the actuator.
+        point: "body.point".
+        axis: a direction.
+        input: name of the scene's input [N].
+        frame: "" for the world's axes, or the point itself, for a force that rotates with its body.
+        unit: unit of the input, "N".
     """
 
     name: str
@@ -146,8 +165,13 @@ class PointForce(Actuator):
 class PointTorque(Actuator):
     """A torque on a body at a point, about a direction.
 
-    point: "body.point"; axis: a direction; input: name of the scene's input [N m]
-    frame: "" or the point itself, for a torque whose axis turns with its body
+    Attributes:
+        name: name of the actuator.
+        point: "body.point".
+        axis: a direction.
+        input: name of the scene's input [N m].
+        frame: "" for the world's axes, or the point itself, for a torque whose axis rotates with its body.
+        unit: unit of the input, "N m".
     """
 
     name: str
@@ -161,7 +185,7 @@ class PointTorque(Actuator):
         freeze(self, axis=checked_axis(f"torque {self.name!r}", self.axis))
 
     def terms(self, scene: Scene) -> tuple[AppliedForce]:
-        """Return the torque on the point."""
+        """Return the torque at the point."""
         check_moves(scene, self.name, self.point)
         about = PointVelocity(((self.point, unit_vector(self.axis)),), checked_frame(scene, self.frame), angular=True)
         return (AppliedForce(self.input, self.unit, about),)
@@ -169,9 +193,14 @@ class PointTorque(Actuator):
 
 @dataclass(frozen=True)
 class LinearActuator(Actuator):
-    """A force that pushes two points apart along the line between them, such as a leg's.
+    """An actuator that pushes two points apart along the line between them, such as the leg of a hexapod.
 
-    a, b: "body.point"; input: name of the scene's input [N]
+    Attributes:
+        name: name of the actuator.
+        a: first point, "body.point".
+        b: second point, "body.point".
+        input: name of the scene's input [N].
+        unit: unit of the input, "N".
     """
 
     name: str
@@ -191,10 +220,15 @@ class LinearActuator(Actuator):
 
 @dataclass(frozen=True)
 class GroundAcceleration(Actuator):
-    """Acceleration of the ground with all fixed bodies, along a direction; motions are then relative to the ground.
+    """Acceleration of the ground with all fixed bodies along a direction; motions are then relative to the ground.
 
-    In the ground's frame it acts as an opposite, uniform gravity. axis: "x", "y", "z" or a vector, world frame
-    input: name of the scene's input [m/s2]
+    In the ground's frame it acts as a uniform gravity in the opposite direction.
+
+    Attributes:
+        name: name of the actuator.
+        axis: "x", "y", "z" or a vector (3,), world frame.
+        input: name of the scene's input [m/s2].
+        unit: unit of the input, "m/s2".
     """
 
     name: str
@@ -212,9 +246,15 @@ class GroundAcceleration(Actuator):
 
 @dataclass(frozen=True)
 class Encoder(Sensor):
-    """Displacement of point b against point a along a direction or their line, zero at the unloaded start.
+    """A displacement sensor: point b against point a along a direction or their line, zero at the unloaded start.
 
-    name: of the scene's output [m]; a, b: "body.point"; axis: a direction or "line"; frame: "" or a point's
+    Attributes:
+        name: name of the scene's output [m].
+        a: first point, "body.point".
+        b: second point, "body.point".
+        axis: a direction or "line".
+        frame: "" for the world's axes, or a point whose axes count.
+        unit: unit of the output, "m".
     """
 
     name: str
@@ -229,16 +269,21 @@ class Encoder(Sensor):
         freeze(self, axis=checked_axis(f"encoder {self.name!r}", self.axis, line=True))
 
     def terms(self, scene: Scene) -> tuple[Output]:
-        """Return the displacement of b against a."""
+        """Return the displacement of b against a as an output."""
         check_seen(scene, self.name, self.a, self.b)
         return (Output(self.name, self.unit, _between(scene, self.a, self.b, self.axis, self.frame)),)
 
 
 @dataclass(frozen=True)
 class AngleSensor(Sensor):
-    """Turn of point b against point a about a direction, zero at the unloaded start, counted on beyond whole turns.
+    """An angle sensor: rotation of b against a about a direction, unwrapped, zero at the unloaded start.
 
-    name: of the scene's output [rad]; a, b: "body.point"; axis: a direction at the start, which turns with a
+    Attributes:
+        name: name of the scene's output [rad].
+        a: first point, "body.point".
+        b: second point, "body.point".
+        axis: a direction at the start, which rotates with a.
+        unit: unit of the output, "rad".
     """
 
     name: str
@@ -252,17 +297,20 @@ class AngleSensor(Sensor):
         freeze(self, axis=checked_axis(f"angle sensor {self.name!r}", self.axis))
 
     def terms(self, scene: Scene) -> tuple[Output]:
-        """Return the rotation of b against a."""
+        """Return the rotation of b against a as an output."""
         check_seen(scene, self.name, self.a, self.b)
         return (Output(self.name, self.unit, RotationAngle(self.b, unit_vector(self.axis), self.a)),)
 
 
 @dataclass(frozen=True)
 class Pose(Sensor):
-    """Six outputs: displacement and turn of point b against point a along axes that turn with a, small turns.
+    """A sensor of the pose of point b against point a: displacement and small rotation along axes that rotate with a.
 
-    name: outputs are "name.ux" ... [m] and "name.rx" ... [rad]; a, b: "body.point"
-    axes: of the six at the start, as columns, world frame, (3, 3)
+    Attributes:
+        name: outputs are "name.ux" ... [m] and "name.rx" ... [rad].
+        a: first point, "body.point".
+        b: second point, "body.point".
+        axes: axes of the six components at the start, as columns, world frame, (3, 3).
     """
 
     name: str
@@ -275,7 +323,7 @@ class Pose(Sensor):
         freeze(self, axes=proper_rotation(f"pose {self.name!r}: axes", self.axes))
 
     def terms(self, scene: Scene) -> tuple[Output, ...]:
-        """Return the six components of the motion of b against a."""
+        """Return the six components of the motion of b against a as outputs."""
         check_seen(scene, self.name, self.a, self.b)
         along = [Displacement.between(self.a, self.b, axis, axes_of=self.a) for axis in self.axes.T]
         about = [RotationAngle(self.b, axis, self.a) for axis in self.axes.T]
@@ -286,7 +334,19 @@ class Pose(Sensor):
 
 
 def checked_axis(label: str, axis: str | ArrayLike, *, line: bool = False) -> str | tuple[float, ...]:
-    """An axis as a part keeps it: its name, or a vector as a tuple; raises ValueError for what is none."""
+    """Check an axis and return it as a part keeps it.
+
+    Args:
+        label: name of the part, for messages.
+        axis: "x", "y", "z", or a vector (3,).
+        line: whether "line" is allowed.
+
+    Returns:
+        The name, or the vector as a tuple.
+
+    Raises:
+        ValueError: for an unknown name, another shape, or a vector of no length.
+    """
     if isinstance(axis, str):
         return known("axis", axis, ("x", "y", "z", LINE) if line else ("x", "y", "z"))
     vector = finite_array(f"{label}: axis", axis, (3,))
@@ -296,14 +356,22 @@ def checked_axis(label: str, axis: str | ArrayLike, *, line: bool = False) -> st
 
 
 def check_moves(scene: Scene, part: str, path: str) -> None:
-    """Raise ValueError for an unknown point, and for one of a fixed body, which nothing moves."""
+    """Check that a point exists and belongs to a body that can move.
+
+    Raises:
+        ValueError: for an unknown point, and for a point of a fixed body.
+    """
     scene.point_position(path)
     if not scene.split(path)[0].moves:
         raise ValueError(f"{part!r}: {path!r} belongs to a fixed body, which no force moves")
 
 
 def check_seen(scene: Scene, part: str, *paths: str) -> None:
-    """Raise ValueError for unknown points, and where all belong to fixed bodies."""
+    """Check that points exist and that at least one belongs to a body that can move.
+
+    Raises:
+        ValueError: for unknown points, and where all belong to fixed bodies.
+    """
     for path in paths:
         scene.point_position(path)
     if not any(scene.split(path)[0].moves for path in paths):
@@ -311,13 +379,18 @@ def check_seen(scene: Scene, part: str, *paths: str) -> None:
 
 
 def checked_frame(scene: Scene, frame: str) -> str:
-    """Return the path of a frame; raises ValueError for an unknown point."""
+    """Check that the point of a frame exists and return its path; "" is the world.
+
+    Raises:
+        ValueError: for an unknown point.
+    """
     if frame:
         scene.point_position(frame)
     return frame
 
 
 def _between(scene: Scene, a: str, b: str, axis: str | ArrayLike, frame: str) -> Measure:
+    """Return the measure of the motion of b against a along an axis."""
     if isinstance(axis, str) and axis == LINE:
         if np.allclose(scene.point_position(a), scene.point_position(b), rtol=0, atol=1e-12):
             raise ValueError(f"{a!r} and {b!r} lie in one place: no line joins them; give a direction")
@@ -326,6 +399,7 @@ def _between(scene: Scene, a: str, b: str, axis: str | ArrayLike, frame: str) ->
 
 
 def _check_apart(scene: Scene, label: str, a: str, b: str) -> None:
+    """Refuse points of one rigid body and points of fixed bodies."""
     for path in (a, b):
         scene.point_position(path)
     first, second = scene.split(a)[0], scene.split(b)[0]
@@ -336,6 +410,7 @@ def _check_apart(scene: Scene, label: str, a: str, b: str) -> None:
 
 
 def _six(label: str, value: ArrayLike) -> Array:
+    """Return a checked matrix (6, 6) from a matrix or a diagonal."""
     matrix = finite_array(label, np.diag(value) if np.ndim(value) == 1 else value, (6, 6))
     scale = 1 / np.sqrt(np.where(np.diag(matrix) > 0, np.diag(matrix), 1.0))
     scaled = scale[:, None] * matrix * scale
@@ -345,6 +420,7 @@ def _six(label: str, value: ArrayLike) -> Array:
 
 
 def _axis_text(axis: str | ArrayLike, frame: str) -> str:
+    """Return an axis as text for reports."""
     if isinstance(axis, str):
         text = "their line" if axis == LINE else axis
     else:
@@ -353,5 +429,6 @@ def _axis_text(axis: str | ArrayLike, frame: str) -> str:
 
 
 def _two_points(label: str, a: str, b: str) -> None:
+    """Refuse a part that connects a point with itself."""
     if a == b:
         raise ValueError(f"{label} connects {a!r} with itself")

@@ -1,8 +1,8 @@
-"""Parts of a scene: what acts, measures, resists and holds, each by its terms.
+"""Parts of a scene: actuators, sensors, force elements and connections; each states its terms.
 
-To add a kind of sensor, actuator, spring or joint: write one frozen dataclass with the base class `Sensor`, `Actuator`,
-`ForceElement` or `Connection` and its method `terms`, anywhere. Measures are in `nassim.scene.measures`, laws on them
-in `nassim.scene.terms`. All engines then run it, summaries describe it and trimming keeps what it needs.
+To add a kind of sensor, actuator, spring or joint, write one frozen dataclass with the base class `Sensor`, `Actuator`,
+`ForceElement` or `Connection` and its method `terms`. It may be in any module. Measures are in `nassim.scene.measures`,
+laws on them in `nassim.scene.terms`. All engines then run it, summaries describe it and trimming keeps what it needs.
 """
 
 from abc import ABC, abstractmethod
@@ -31,11 +31,12 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Part(ABC):
-    """An element of a scene; a frozen dataclass with a name.
+    """An element of a scene: a frozen dataclass with a name.
 
     Attributes:
-        factor: name of the field that scales what the part does, which an identification may correct; None where none
-            may.
+        name: name of the part, unique among the parts of its kind.
+        factor: name of the field that scales the effect of the part and that an identification may correct; None where
+            there is no such field.
     """
 
     name: str
@@ -43,18 +44,24 @@ class Part(ABC):
 
     @abstractmethod
     def terms(self, scene: "Scene") -> tuple[Term, ...]:
-        """Return the terms of the part in a scene; raises ValueError where it does not fit there."""
+        """Return the terms of the part in a scene.
+
+        Raises:
+            ValueError: if the part does not fit the scene.
+        """
 
     def describe(self) -> str:
-        """Describe the part in a line for reports; empty where the scene's list of signals is enough.
+        """Describe the part in one line for reports.
 
-        A part that claims an electrical port describes what it does there.
+        Returns:
+            The line. It is empty where the scene's list of signals is enough. A part that claims an electrical port
+            describes what it does at the port.
         """
         return ""
 
     @property
     def claims(self) -> tuple[str, ...]:
-        """Electrical ports, "body.port", that no other part may use."""
+        """Electrical ports, as "body.port", that no other part may use."""
         return ()
 
 
@@ -70,9 +77,9 @@ class Sensor(Part):
 
 @dataclass(frozen=True)
 class ForceElement(Part):
-    """A part that resists motion: springs, dampers, bushings."""
+    """A part that resists motion: a spring, a damper or a bushing."""
 
 
 @dataclass(frozen=True)
 class Connection(Part):
-    """A part that holds points together: joints."""
+    """A part that constrains the relative motion of points: a joint."""

@@ -14,17 +14,22 @@ from nassim.scene.scene import Scene
 from nassim.scene.terms import AppliedForce, Output, Shunt, Spring, Term
 
 ONE_PLACE = 1e-9
-"""Distance [m] up to which two points lie in one place."""
+"""Distance [m] up to which two points coincide."""
 
 
 @dataclass(frozen=True)
 class StackActuator(Actuator):
     """Piezo stacks that push two remote points of one flexible body apart.
 
-    start, end: the remote points, "body.point"; the force acts along the line through them
-    force_per_volt: blocked force per volt at the stack [N/V]; gain: amplifier, stack voltage per input [V/V]
-    input: name of the scene's input [V]
-    bandwidth: of the amplifier, a low-pass of first order, -3 dB [Hz]
+    Attributes:
+        name: name of the actuator.
+        start: first remote point, "body.point"; the force acts along the line through both points.
+        end: second remote point, "body.point".
+        force_per_volt: blocked force per volt at the stack [N/V].
+        input: name of the scene's input [V].
+        gain: amplifier gain, stack voltage per input [V/V].
+        bandwidth: -3 dB frequency of the amplifier, a low-pass of first order [Hz].
+        unit: unit of the input, "V".
     """
 
     name: str
@@ -42,7 +47,7 @@ class StackActuator(Actuator):
         above_zero(f"actuator {self.name!r}: bandwidth", self.bandwidth, "Hz")
 
     def terms(self, scene: Scene) -> tuple[AppliedForce]:
-        """Return the pair of forces that the input makes."""
+        """Return the pair of forces per unit of the input."""
         stretch = _elongation(scene, self.name, self.start, self.end)
         return (AppliedForce(self.input, self.unit, stretch, self.gain * self.force_per_volt, self.bandwidth),)
 
@@ -51,8 +56,12 @@ class StackActuator(Actuator):
 class StackSensor(Sensor):
     """A piezo stack as force sensor: its open-circuit voltage, positive in compression.
 
-    name: of the scene's output [V]; start, end: remote points of one flexible body, "body.point"
-    voltage_per_elongation: [V/m]
+    Attributes:
+        name: name of the scene's output [V].
+        start: first remote point of a flexible body, "body.point".
+        end: second remote point of the same body, "body.point".
+        voltage_per_elongation: sensitivity [V/m].
+        unit: unit of the output, "V".
     """
 
     name: str
@@ -66,17 +75,22 @@ class StackSensor(Sensor):
         freeze(self, voltage_per_elongation=finite("voltage_per_elongation", self.voltage_per_elongation))
 
     def terms(self, scene: Scene) -> tuple[Output]:
-        """Return the voltage by the distance of the two points."""
+        """Return the output: the voltage by the change of the distance of the two points."""
         stretch = _elongation(scene, self.name, self.start, self.end)
         return (Output(self.name, self.unit, stretch, -self.voltage_per_elongation),)
 
 
 @dataclass(frozen=True)
 class VoltageDrive(Actuator):
-    """An amplifier that drives an electrical port of a flexible body, whatever current that takes.
+    """A voltage amplifier that drives an electrical port of a flexible body and supplies any current.
 
-    port: "body.port"; input: name of the scene's input [V]; gain: amplifier, port voltage per input [V/V]
-    bandwidth: of the amplifier, a low-pass of first order, -3 dB [Hz]
+    Attributes:
+        name: name of the drive.
+        port: "body.port".
+        input: name of the scene's input [V].
+        gain: amplifier gain, port voltage per input [V/V].
+        bandwidth: -3 dB frequency of the amplifier, a low-pass of first order [Hz].
+        unit: unit of the input, "V".
     """
 
     name: str
@@ -92,29 +106,34 @@ class VoltageDrive(Actuator):
         above_zero(f"drive {self.name!r}: bandwidth", self.bandwidth, "Hz")
 
     def terms(self, scene: Scene) -> tuple[AppliedForce]:
-        """Return the forces of the port."""
+        """Return the forces of the port per unit of the input."""
         body, port = _port(scene, self.port)
         charge = BodyCoordinates(body, port.forces)
         return (AppliedForce(self.input, self.unit, charge, self.gain, self.bandwidth),)
 
     @property
     def claims(self) -> tuple[str, ...]:
-        """Its port."""
+        """The port."""
         return (self.port,)
 
     def describe(self) -> str:
-        """Who drives the port."""
+        """Name the input that drives the port."""
         return f"driven by {self.input}"
 
 
 @dataclass(frozen=True)
 class VoltageSensor(Sensor):
-    """The voltage of an electrical port of a flexible body, positive in compression.
+    """A sensor of the voltage of an electrical port of a flexible body, positive in compression.
 
-    name: of the scene's output [V]; port: "body.port"
-    resistance, capacitance: of the electronics and its cable, in parallel to the port [Ohm], [F]. With a resistance R
-        the sensor is a high-pass of 1 / (2 pi R (c + capacitance)) [Hz]; default: open circuit
-    gain: output per port voltage [V/V]
+    Attributes:
+        name: name of the scene's output [V].
+        port: "body.port".
+        resistance: resistance R of the electronics and the cable, in parallel to the port [Ohm]. The sensor is then a
+            high-pass with its corner at 1 / (2 pi R (c + capacitance)) [Hz], c the port's blocked capacitance. Default:
+            open circuit.
+        capacitance: capacitance of the electronics and the cable, in parallel to the port [F].
+        gain: output per port voltage [V/V].
+        unit: unit of the output, "V".
     """
 
     name: str
@@ -136,7 +155,7 @@ class VoltageSensor(Sensor):
         )
 
     def terms(self, scene: Scene) -> tuple[Term, ...]:
-        """Return the voltage -b q / c of the charge b q, the spring 1 / c that it is, and the shunt that drains it."""
+        """Return the voltage -b q / c of the charge b q, the equivalent spring 1 / c, and the resistance's shunt."""
         body, port = _port(scene, self.port)
         charge, capacitance = BodyCoordinates(body, port.forces), port.blocked_capacitance + self.capacitance
         terms: tuple[Term, ...] = (
@@ -149,16 +168,16 @@ class VoltageSensor(Sensor):
 
     @property
     def claims(self) -> tuple[str, ...]:
-        """Its port."""
+        """The port."""
         return (self.port,)
 
     def describe(self) -> str:
-        """What lies across the port."""
+        """Describe the load across the port."""
         return "measured, " + ("open" if math.isinf(self.resistance) else f"{self.resistance:g} Ohm")
 
 
 def _elongation(scene: Scene, part: str, start: str, end: str) -> BodyCoordinates:
-    """Return the displacement of two points of a flexible body against each other, along their line in its axes."""
+    """Return the relative displacement of two points of a flexible body along their line, in the body's axes."""
     (body, first), (other, last) = scene.split(start), scene.split(end)
     if body is not other or not isinstance(body, FlexibleBody) or first == last:
         raise ValueError(f"stack {part!r}: {start!r} and {end!r} must be two points of one flexible body")
@@ -170,6 +189,7 @@ def _elongation(scene: Scene, part: str, start: str, end: str) -> BodyCoordinate
 
 
 def _port(scene: Scene, path: str) -> tuple[str, PortCoupling]:
+    """Return the name of a port's body, and the port."""
     body, name = scene.split(path)
     if not isinstance(body, FlexibleBody):
         raise ValueError(f"electrical port {path!r}: body {body.name!r} is rigid and has none")

@@ -1,7 +1,7 @@
-"""Scenes within scenes: a copy under a name of its own, moved and turned, and several scenes as one.
+"""Scenes within scenes: a named copy of a scene, translated and rotated, and several scenes joined into one.
 
-What is renamed and what is turned follows from the annotated types of fields (`nassim.scene.measures`), so that a new
-kind of part is placed without further code.
+The annotated types of fields (`nassim.scene.measures`) decide what is renamed and what is rotated, so a new kind of
+part is placed without further code.
 """
 
 import functools
@@ -22,27 +22,36 @@ from nassim.scene.part import Actuator, Connection, ForceElement, Sensor
 from nassim.scene.scene import KINDS, Scene
 from nassim.scene.terms import Constraint, Spring, Term
 
-SAME = 1e-9
-"""Share of a part's largest figure by which two ways to turn it may differ."""
+PLACED_TOLERANCE = 1e-9
+"""Share of a part's largest value by which two ways to rotate it may differ."""
 
 
 def placed(scene: Scene, name: str, *, position: ArrayLike = (0, 0, 0), rotation: ArrayLike | None = None) -> Scene:
-    """A copy of a scene, moved and turned as a whole, in which all is called "name/...", as "strut_1/apa.top".
+    """Copy a scene, translate and rotate it as a whole, and name all of it "name/...", such as "strut_1/apa.top".
 
-    name: of the scene; what its bodies, parts, loops, inputs and outputs were called stands after it and a "/"
-    position: where the origin of the scene comes to lie [m]; rotation: by which it is turned about its origin, (3, 3)
+    Directions and axes of parts rotate with the scene; reduced bodies are shared with the original. Gravity belongs to
+    the
+    world: it does not rotate with the scene.
 
-    Directions and axes of parts turn along, reduced bodies are shared with the original. Gravity is the world's: it
-    stays as it is, however the scene is turned.
-    Raises ValueError for names that are empty or hold a dot, for what is no rotation, and for a part that does not do
-    in its new place what it did: then a field of its class lacks its annotation (`Path`, `Signal`, `Direction`,
-    `Axes` or `Position` of `nassim.scene.measures`).
+    Args:
+        scene: the scene.
+        name: name of the copy. It and a "/" precede the names of bodies, parts, loops, inputs and outputs.
+        position: new position of the scene's origin, (3,) [m].
+        rotation: rotation about the scene's origin, (3, 3); default: none.
+
+    Returns:
+        The copy.
+
+    Raises:
+        ValueError: for names that are empty or hold a dot, for a matrix that is no rotation, and for a part whose terms
+            in the new place differ from its renamed and rotated terms: then a field of its class lacks its annotation
+            (`Path`, `Signal`, `Direction`, `Axes` or `Position` of `nassim.scene.measures`).
     """
     unique("placed scene", (name,))
     if "." in name:
         raise ValueError(f"scene {name!r}: no dot in its name, because points are written 'body.point'")
     turn = np.eye(3) if rotation is None else proper_rotation(f"scene {name!r}: rotation", rotation)
-    # To rounding a rotation: those of parts, turned, would else leave the tolerance that they kept.
+    # Orthogonal to rounding, so that the rotated axes of parts stay within their tolerance.
     turn = turn @ (1.5 * np.eye(3) - 0.5 * turn.T @ turn)
     place = _Place(name, finite_array(f"scene {name!r}: position", position, (3,)), turn)
     there: dict[str, Any] = {kind: tuple(map(place.moved, getattr(scene, kind))) for kind in KINDS}
@@ -53,8 +62,8 @@ def placed(scene: Scene, name: str, *, position: ArrayLike = (0, 0, 0), rotation
     for part, copy in zip(scene.parts, result.parts, strict=True):
         if not _alike(tuple(map(place.moved, part.terms(scene))), copy.terms(result)):
             raise ValueError(
-                f"{type(part).__name__} {part.name!r} cannot be placed: what it does in its new place is not what it "
-                f"did, renamed and turned; {_ANNOTATE}"
+                f"{type(part).__name__} {part.name!r} cannot be placed: its terms in the new place are not its old "
+                f"terms, renamed and rotated; {_ANNOTATE}"
             )
     return result
 
@@ -79,16 +88,30 @@ def joined(
     cutoff_frequency: float | None = None,
     quasi_static_above: float | None = None,
 ) -> Scene:
-    """One scene of all bodies and parts of several, and what connects them.
-
-    bodies, joints, actuators, sensors, springs, loops: beside those of the scenes; they may name the scenes' points
-        and signals
-    damping_ratio, gravity, cutoff_frequency, quasi_static_above: of the whole, see `Scene`; where None, all scenes must
-        have the same
+    """Join several scenes into one, with parts that connect them.
 
     A ground acceleration in any of the scenes accelerates the ground of all.
-    Raises ValueError for names, of inputs too, that two of the scenes share or that are added again, for ratios by
-    mode, which are those of a part's own modes, and for figures in which the scenes differ.
+
+    Args:
+        name: name of the whole.
+        *scenes: the scenes.
+        bodies: additional bodies.
+        joints: additional joints; they and the following may name the scenes' points and signals.
+        actuators: additional actuators.
+        sensors: additional sensors.
+        springs: additional springs.
+        loops: additional loops.
+        damping_ratio: as in `Scene`; this and the following where None: the value of the scenes, which must agree.
+        gravity: as in `Scene`, (3,) [m/s2].
+        cutoff_frequency: as in `Scene` [Hz].
+        quasi_static_above: as in `Scene` [Hz].
+
+    Returns:
+        The whole.
+
+    Raises:
+        ValueError: for names, of inputs too, that two of the scenes share or that are added again, for damping ratios
+            by mode, which belong to the modes of one scene, and for values in which the scenes differ.
     """
     if not instances(f"joined scene {name!r}: scenes", scenes, (Scene,)):
         raise ValueError(f"joined scene {name!r} needs at least one scene; make a Scene of bodies and parts")
@@ -112,6 +135,7 @@ def joined(
 
 
 def _check_apart(kind: str, owned: Sequence[tuple[str, Sequence[str]]]) -> None:
+    """Refuse names that two scenes share."""
     owners: dict[str, str] = {}
     for owner, names in owned:
         for name in names:
@@ -124,13 +148,14 @@ def _check_apart(kind: str, owned: Sequence[tuple[str, Sequence[str]]]) -> None:
 
 
 def _agreed(scenes: Sequence[Scene], figure: str, given: Any) -> Any:
+    """Return a given value, or the one that all scenes share."""
     if given is not None:
         return given
     values = [getattr(scene, figure) for scene in scenes]
     for scene, value in zip(scenes, values, strict=True):
         if not np.array_equal(value, values[0]):
             raise ValueError(
-                f"{figure} is {values[0]} in {scenes[0].name!r} and {value} in {scene.name!r}; say which the whole has "
+                f"{figure} is {values[0]} in {scenes[0].name!r} and {value} in {scene.name!r}; give the whole's value "
                 f"by joined(..., {figure}=...)"
             )
     return values[0]
@@ -138,7 +163,7 @@ def _agreed(scenes: Sequence[Scene], figure: str, given: Any) -> Any:
 
 @dataclass(frozen=True)
 class _Place:
-    """Where a copy of a scene lies, and how it is called."""
+    """Position and name of a copy of a scene."""
 
     name: str
     position: Array
@@ -177,7 +202,7 @@ class _Place:
 
 @functools.cache
 def _kinds(noun: type[Any]) -> dict[str, Any]:
-    """Types of a noun's fields, with their annotations; its name is renamed as a path is."""
+    """Return the types of a class's fields with their annotations; the field `name` is renamed as a path."""
     try:
         hints = get_type_hints(noun, include_extras=True)
     except NameError as error:
@@ -189,9 +214,9 @@ def _kinds(noun: type[Any]) -> dict[str, Any]:
 
 
 def _alike(a: Any, b: Any) -> bool:
-    """Whether terms, or what they hold, are the same but for rounding."""
+    """Whether terms, or their fields, are equal but for rounding."""
     if isinstance(a, (float, np.ndarray)):
-        return np.shape(a) == np.shape(b) and np.allclose(b, a, rtol=SAME, atol=SAME * _size(a))
+        return np.shape(a) == np.shape(b) and np.allclose(b, a, rtol=PLACED_TOLERANCE, atol=PLACED_TOLERANCE * _size(a))
     if type(a) is not type(b):
         return False
     if isinstance(a, tuple):
@@ -202,12 +227,15 @@ def _alike(a: Any, b: Any) -> bool:
 
 
 def _size(a: float | Array) -> float:
-    """The largest finite figure."""
+    """Return the largest finite absolute value."""
     return float(np.max(np.abs(a), where=np.isfinite(a), initial=0.0))
 
 
 def _figures(term: Any) -> tuple[Any, ...]:
-    """What a term or a measure holds; of a relative pose along the world's axes, since its own can be chosen."""
+    """Return the fields of a term or a measure; a relative pose is written along the world's axes.
+
+    Its own axes are arbitrary.
+    """
     pose = getattr(term, "measure", None)
     if isinstance(pose, RelativePose) and isinstance(term, Spring):
         turn = np.kron(np.eye(2), pose.axes)
@@ -220,5 +248,5 @@ def _figures(term: Any) -> tuple[Any, ...]:
 
 
 def _blocks(matrix: Array) -> tuple[Array, ...]:
-    """Forces and moments by displacements and turns, (3, 3) each, which differ by many powers of ten."""
+    """Return the blocks (3, 3) of forces and moments by displacements and rotations, which differ by powers of ten."""
     return tuple(matrix[a : a + 3, b : b + 3] for a in (0, 3) for b in (0, 3))

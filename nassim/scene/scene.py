@@ -1,4 +1,4 @@
-"""Scenes: parts connected by name, as pure data."""
+"""Scenes: bodies and parts connected by name, as pure data."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -37,31 +37,42 @@ KINDS: dict[str, tuple[type, ...]] = {
     "loops": (Loop,),
 }
 USUAL_RATIO = 0.01
-"""Damping ratio of the modes of a scene in which none is stated."""
+"""Damping ratio of the modes of a scene that states none."""
 Kind = TypeVar("Kind", bound=Term)
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Everything that a simulation needs to know, as data.
+    """Bodies and parts connected by name, as data: the complete input of a simulation.
 
-    bodies, joints, actuators, sensors: the parts; names must differ within each kind. An electrical port that is
-        neither driven nor measured is short-circuited.
-    springs: spring-dampers; loops: digital controllers, which run in `simulate`
-    damping_ratio: of every elastic eigenmode of the assembled scene as it is drawn [-], one number or one per mode from
-        the lowest (the remaining modes then have the last); free motions, which strain nothing, have none. It adds to
-        what bodies have of their own; None is 0.01, or 0 where a body has a `FlexibleBody.damping_ratio`, which is what
-        scenes that move far need. It is realised as a damping of the flexible bodies' deformation, so in floating
-        frames motion that only springs hold keeps their own damping, of which a warning tells.
-    gravity: acceleration, world frame, shape (3,) [m/s2]; with any, simulations start in equilibrium,
-        all inputs at zero; controllers start at rest, on the offsets that their signals then have
-    cutoff_frequency: what flexible bodies need below it is modelled only, see `trim_scene`; take three times the
-        highest frequency of interest [Hz]; None models all of each body
-    quasi_static_above: modes above it that lie above half of a sample rate too are quasi-static in sampled models and
-        exact runs: they follow at once instead of folding below half of the rate [Hz]. None: those of which most
-        strain energy is in bodies whose modes end below (`ReducedBody.valid_frequency`); math.inf: no mode is
+    Names must differ within each kind of part. An electrical port that is neither driven nor measured is
+    short-circuited.
 
-    Raises ValueError for unknown names, for joints whose points do not touch, and for whatever else a part finds wrong.
+    Attributes:
+        name: name of the scene.
+        bodies: the bodies.
+        joints: the joints.
+        actuators: the actuators.
+        sensors: the sensors.
+        springs: spring-dampers and bushings.
+        loops: digital controllers, which run in `simulate`.
+        damping_ratio: damping ratio of every elastic eigenmode of the assembled scene in the reference configuration
+            [-], one number or one per mode from the lowest (the remaining modes then have the last). Rigid-body modes
+            have none. It adds to the bodies' own damping. None means 0.01, or 0 where a body has a
+            `FlexibleBody.damping_ratio`, which is the right damping for scenes in large motion. The ratio is realised
+            as a damping of the flexible bodies' deformation. In floating frames, motion that only springs hold
+            therefore keeps the springs' own damping; a warning reports this.
+        gravity: acceleration, world frame, (3,) [m/s2]. With gravity, simulations start in equilibrium with all inputs
+            at zero, and controllers start at rest on the offsets of their signals.
+        cutoff_frequency: frequency below which flexible bodies are modelled [Hz], see `trim_scene`; choose three times
+            the highest frequency of interest. None models all coordinates of each body.
+        quasi_static_above: frequency [Hz]. Modes that are above it and above half of a sample rate are quasi-static in
+            sampled models and exact runs: they follow without dynamics instead of folding below half of the rate. None
+            selects the modes with most strain energy in bodies whose modes end below them
+            (`ReducedBody.valid_frequency`); math.inf selects no mode.
+
+    Raises:
+        ValueError: for unknown names, for joints whose points do not coincide, and for all that a part refuses.
     """
 
     name: str
@@ -118,7 +129,7 @@ class Scene:
         units = dict(zip(self.outputs, self.output_units, strict=True))
         for term in _recorded(self.terms):
             if isinstance(term, Output) and term.inertial and term.derivative != 2:
-                raise ValueError(f"output {term.name!r}: against inertial space, accelerations are read only")
+                raise ValueError(f"output {term.name!r}: only accelerations are read against inertial space")
             if term.unit != units[term.name]:
                 raise ValueError(f"output {term.name!r} cannot be both {units[term.name]} and {term.unit}")
         for passing in self.terms_of(OutputFilter):
@@ -128,7 +139,7 @@ class Scene:
             others = [term.name for term in self.terms_of(SpringForce)] + [term.output for term in self.terms_of(Shunt)]
             if len(kinds | {(0, False) for other in others if other == name}) > 1:
                 raise ValueError(
-                    f"output {name!r} adds readings of several derivatives and passes a filter, which starts on the "
+                    f"output {name!r} adds outputs of several derivatives and passes a filter, which starts on the "
                     "value of one: let it read displacement, velocity or acceleration"
                 )
 
@@ -150,7 +161,7 @@ class Scene:
 
     @cached_property
     def _terms(self) -> tuple[tuple[Term, ...], ...]:
-        """By part."""
+        """Terms of each part, in the order of `parts`."""
         result = tuple(part.terms(self) for part in self.parts)
         for part, terms in zip(self.parts, result, strict=True):
             for term in terms:
@@ -158,11 +169,11 @@ class Scene:
         return result
 
     def terms_of(self, kind: type[Kind]) -> tuple[Kind, ...]:
-        """Terms of one kind of all parts."""
+        """Return the terms of one kind of all parts."""
         return tuple(term for term in self.terms if isinstance(term, kind))
 
     def measures_of(self, *kinds: type[Term]) -> tuple[Measure, ...]:
-        """Measures of terms of several kinds, kind by kind."""
+        """Return the measures of terms of several kinds, kind by kind."""
         return tuple(term.measure for kind in kinds for term in self.terms_of(kind))  # type: ignore[attr-defined]
 
     @property
@@ -171,7 +182,7 @@ class Scene:
 
     @property
     def mode_ratios(self) -> Array:
-        """Damping ratios of the scene's elastic modes beside what bodies have of their own, see `damping_ratio`."""
+        """Damping ratios of the scene's elastic modes without the bodies' own damping, see `damping_ratio`."""
         if self.damping_ratio is None:
             own = any(body.damping_ratio is not None for body in self.flexible_bodies)
             return np.array([0.0 if own else USUAL_RATIO])
@@ -184,11 +195,11 @@ class Scene:
 
     @property
     def commands(self) -> tuple[str, ...]:
-        """Names of what the loops' controllers put out."""
+        """Names of the outputs of the loops' controllers."""
         return tuple(name for loop in self.loops for name in loop.commands)
 
     def input_unit(self, name: str) -> str:
-        """Unit of an input."""
+        """Return the unit of an input."""
         return next(term.unit for term in self._driven if term.input == name)
 
     @property
@@ -233,7 +244,11 @@ class Scene:
         return tuple(body for body in self.flexible_bodies if body.deforms)
 
     def split(self, path: str) -> tuple[Body, str]:
-        """Body and point name of "body.point"; raises ValueError listing the known names."""
+        """Return body and point name of "body.point".
+
+        Raises:
+            ValueError: for an unknown body; the message lists the known names.
+        """
         if not isinstance(path, str) or "." not in path:
             raise ValueError(f"a point is written 'body.point', got {path!r}")
         body_name, _, point = path.partition(".")
@@ -241,17 +256,17 @@ class Scene:
         return self.bodies[names.index(known("body", body_name, names))], point
 
     def point_position(self, path: str) -> Array:
-        """Position of "body.point" at the start, world frame, shape (3,) [m]."""
+        """Return the position of "body.point" at the start, world frame, (3,) [m]."""
         body, point = self.split(path)
         return body.point_position(point)
 
     def held_points(self, body: Body) -> tuple[str, ...]:
-        """Points of a body that constraints hold, then those that springs do, in their order."""
+        """Return the points of a body that constraints hold, then those that springs hold, in their order."""
         measures = self.measures_of(Constraint, ForceLaw)
         return self._points_of(body, [path for measure in measures if not measure.within for path in measure.points])
 
     def named_points(self, body: Body) -> tuple[str, ...]:
-        """Points of a body that are held, pushed or read by themselves, beyond the body's own shape."""
+        """Return the points of a body that constraints, springs, forces or outputs name themselves."""
         paths = [f"{body.name}.{point}" for point in self.held_points(body)]
         for measure in self.measures_of(AppliedForce, Output):
             if not measure.within:
@@ -262,7 +277,7 @@ class Scene:
         return tuple(dict.fromkeys(path.partition(".")[2] for path in paths if body_of(path) == body.name))
 
     def frame_point(self, body: FlexibleBody) -> str:
-        """Remote point that carries a flexible body's floating frame."""
+        """Return the name of the remote point that carries a flexible body's floating frame."""
         if body.frame is not None:
             return body.frame
         names = body.reduced.point_names
@@ -270,7 +285,7 @@ class Scene:
 
 
 def _recorded(terms: Iterable[Term]) -> tuple[Output | SpringForce, ...]:
-    """Terms that name outputs; shunts add to those of others."""
+    """Return the terms that name outputs; shunts add to the outputs of others."""
     return tuple(term for term in terms if isinstance(term, (Output, SpringForce)))
 
 

@@ -1,8 +1,8 @@
 """Terms: laws on measures. They are all that engines know of the parts of a scene.
 
 A force law makes a generalised force of a measure, an output records it, a constraint holds it. Every engine has one
-general way for each kind of law on any measure; for frequent pairs it has a faster one. An engine that cannot do a term
-refuses it by name (`nassim.simulation.capabilities`), and one that does not know it raises TypeError.
+general item for each kind of law on any measure, and faster items for frequent pairs. An engine that cannot simulate a
+term refuses it by name (`nassim.simulation.model.capabilities`), and a term that no engine knows raises TypeError.
 """
 
 import math
@@ -15,24 +15,25 @@ from numpy.typing import ArrayLike
 from nassim.base.checks import Array, finite_array, freeze, known
 from nassim.scene.measures import BodyCoordinates, Direction, Measure, PointMeasure, Signal
 
-STEP = 1e-6
-"""Relative step of the difference quotients that stand in for a tangent that is not given."""
+TANGENT_STEP = 1e-6
+"""Relative step of the difference quotients that replace a tangent that is not given."""
 
 
 @dataclass(frozen=True)
 class Term:
-    """What a part does in a scene: base class of all terms."""
+    """Base class of all terms: the effect of a part in a scene."""
 
 
 @dataclass(frozen=True)
 class AppliedForce(Term):
-    """An input applies a generalised force along a measure.
+    """A generalised force along a measure, proportional to an input.
 
     Attributes:
-        input: name of the scene's input; unit: of it.
-        measure: what the force does work on.
-        gain: force [N], or what the measure's dual is, per unit of the input.
-        bandwidth: of an amplifier between, a low-pass of first order, -3 dB [Hz].
+        input: name of the scene's input.
+        unit: unit of the input.
+        measure: the measure on which the force does work.
+        gain: force [N], or the quantity dual to the measure, per unit of the input.
+        bandwidth: -3 dB frequency of an amplifier, a low-pass of first order [Hz].
     """
 
     input: Signal
@@ -47,10 +48,11 @@ class AppliedForce(Term):
 
 @dataclass(frozen=True)
 class BaseAcceleration(Term):
-    """An input accelerates the base with all fixed bodies; motion is then relative to the base.
+    """Acceleration of the base with all fixed bodies, proportional to an input; motion is then relative to the base.
 
     Attributes:
-        input: name of the scene's input; unit: of it.
+        input: name of the scene's input.
+        unit: unit of the input.
         direction: acceleration of the base per unit of the input, world frame, (3,).
     """
 
@@ -64,22 +66,22 @@ class ForceLaw(Term):
     """A force that resists a measure: base class of springs, linear or not.
 
     Attributes:
-        measure: of k components.
+        measure: the measure, of k components.
     """
 
     measure: Measure
 
     def resistance(self, value: Array, rate: Array) -> Array:
-        """Evaluate the generalised force against the measure, (k,), of its value and rate, (k,) each."""
+        """Evaluate the generalised force against the measure, (k,), at its value and rate, (k,) each."""
         raise NotImplementedError(f"{type(self).__name__} has no method `resistance`")
 
     def tangents(self, value: Array, rate: Array) -> tuple[Array, Array]:
-        """Evaluate the derivatives of the resistance by value and by rate, (k, k) each."""
+        """Evaluate the derivatives of the resistance with respect to value and rate, (k, k) each."""
         raise NotImplementedError(f"{type(self).__name__} has no method `tangents`")
 
     @property
     def is_linear(self) -> bool:
-        """Whether the tangents are the same everywhere."""
+        """Whether the tangents are constant."""
         return True
 
 
@@ -88,7 +90,8 @@ class Spring(ForceLaw):
     """A spring and a viscous damper in parallel, relaxed in the reference configuration.
 
     Attributes:
-        stiffness, damping: per unit of the measure and of its rate, numbers or symmetric matrices (k, k).
+        stiffness: stiffness per unit of the measure, a number or a symmetric matrix (k, k).
+        damping: damping per unit of the measure's rate, a number or a symmetric matrix (k, k).
     """
 
     stiffness: float | Array = 0.0
@@ -118,14 +121,15 @@ class Spring(ForceLaw):
 
 @dataclass(frozen=True)
 class NonlinearSpring(ForceLaw):
-    """Any force of value and rate of a measure.
+    """Any force as a function of value and rate of a measure.
 
     Linear models hold its tangents in static equilibrium. Exact steps refuse it.
 
     Attributes:
-        force: of value and rate, (k,) each; returns the generalised force against the measure, (k,) or a number.
-        tangent: of value and rate; returns the derivatives of the force by both, (k, k) or numbers. Default:
-            difference quotients.
+        force: function of value and rate, (k,) each, that returns the generalised force against the measure, (k,) or a
+            number.
+        tangent: function of value and rate that returns the derivatives of the force with respect to both, (k, k) or
+            numbers. Default: difference quotients.
     """
 
     force: Callable[[Array, Array], ArrayLike] = field(kw_only=True)
@@ -140,22 +144,26 @@ class NonlinearSpring(ForceLaw):
 
     @property
     def is_linear(self) -> bool:
-        """No."""
+        """False."""
         return False
 
     def resistance(self, value: Array, rate: Array) -> Array:
-        """Evaluate the generalised force against the measure, (k,); raises ValueError for what is no finite force."""
+        """Evaluate the generalised force against the measure, (k,).
+
+        Raises:
+            ValueError: if the function returns no finite force of the right shape.
+        """
         return finite_array("force of a nonlinear spring", np.atleast_1d(self.force(value, rate)), value.shape)
 
     def tangents(self, value: Array, rate: Array) -> tuple[Array, Array]:
-        """Evaluate the derivatives of the force by value and by rate, (k, k) each."""
+        """Evaluate the derivatives of the force with respect to value and rate, (k, k) each."""
         if self.tangent is not None:
             by_value, by_rate = (np.atleast_2d(np.asarray(part, dtype=float)) for part in self.tangent(value, rate))
             return by_value, by_rate
         k = len(value)
         columns = []
         for j in range(2 * k):
-            step = STEP * max(1e-3, float(np.abs(np.concatenate([value, rate])[j]))) * np.eye(2 * k)[j]
+            step = TANGENT_STEP * max(1e-3, float(np.abs(np.concatenate([value, rate])[j]))) * np.eye(2 * k)[j]
             ahead, behind = (self.resistance(value + s * step[:k], rate + s * step[k:]) for s in (1, -1))
             columns.append((ahead - behind) / (2 * step[j]))
         both = np.array(columns).T
@@ -164,13 +172,13 @@ class NonlinearSpring(ForceLaw):
 
 @dataclass(frozen=True)
 class Shunt(Term):
-    """A resistance across an electrical port, through which its charge leaks; it adds to an output.
+    """A resistance across an electrical port that discharges it; its voltage adds to an output.
 
     Attributes:
-        output: name of the output to which its voltage adds.
-        measure: charge that the motion brings [C].
-        capacitance: of port and load [F].
-        resistance: [Ohm].
+        output: name of the output to which the voltage adds.
+        measure: charge by the motion [C].
+        capacitance: capacitance of port and load [F].
+        resistance: resistance [Ohm].
         gain: output per volt.
     """
 
@@ -183,14 +191,15 @@ class Shunt(Term):
 
 @dataclass(frozen=True)
 class Output(Term):
-    """An output records a measure. All terms of one output add up: outputs, spring forces and shunts.
+    """A recorded measure. All terms of one output add up: outputs, spring forces and shunts.
 
     Attributes:
-        name: of the output; unit: of it.
-        measure: of one component.
+        name: name of the output.
+        unit: unit of the output.
+        measure: a measure of one component.
         gain: output per unit of the measure or of its derivative.
-        derivative: 0, 1 or 2; acceleration is that of the points, whichever way their axes turn.
-        inertial: whether an acceleration is that against inertial space rather than against the base.
+        derivative: 0, 1 or 2. Acceleration is that of the points; the rotation of the axes adds nothing.
+        inertial: whether an acceleration is against inertial space rather than against the base.
     """
 
     name: Signal
@@ -208,11 +217,13 @@ class Output(Term):
 
 @dataclass(frozen=True)
 class SpringForce(Term):
-    """An output records what a spring and its damper pull with; the spring itself is the term of another part.
+    """The recorded force of a spring and its damper; the spring itself is the term of another part.
 
     Attributes:
-        name: of the output; unit: of it.
-        spring: the force law; component: of its measure.
+        name: name of the output.
+        unit: unit of the output.
+        spring: the force law.
+        component: component of the law's measure.
     """
 
     name: Signal
@@ -223,14 +234,14 @@ class SpringForce(Term):
 
 @dataclass(frozen=True)
 class OutputFilter(Term):
-    """An output passes a filter, as if it had always been at its first value; several filters act in their order.
+    """A filter of an output, at rest on the first value at the start; several filters act in their order.
 
     Attributes:
-        output: name.
-        passes: "low", "high" or, of second order, a "band" of frequencies.
-        frequency: of its corner or resonance [Hz].
-        damping_ratio: of a filter of second order, w^2, s^2 or w s over s^2 + 2 damping_ratio w s + w^2; None for the
-            first order, w or s over s + w.
+        output: name of the output.
+        passes: "low", "high" or, of second order, "band".
+        frequency: corner frequency or resonance [Hz].
+        damping_ratio: damping ratio of a filter of second order, w^2, s^2 or w s over s^2 + 2 damping_ratio w s + w^2;
+            None for first order, w or s over s + w.
     """
 
     output: Signal
@@ -241,11 +252,11 @@ class OutputFilter(Term):
 
 @dataclass(frozen=True)
 class Constraint(Term):
-    """Components of a measure stay zero.
+    """Components of a measure that stay zero.
 
     Attributes:
-        name: of the joint.
-        measure: `RelativePose` with rotation "matrix" of a joint, or any other.
+        name: name of the joint.
+        measure: `RelativePose` with rotation "matrix" for a joint, or any other measure.
         held: names of the components that stay zero; default: all.
     """
 
@@ -262,23 +273,25 @@ class Constraint(Term):
 
     @property
     def points(self) -> tuple[str, ...]:
-        """Points of its measure."""
+        """Points of the measure."""
         return self.measure.points
 
     def rows(self, components: tuple[str, ...]) -> list[int]:
-        """Indices of components among those of the measure."""
+        """Return the indices of components among those of the measure."""
         return [self.measure.components.index(component) for component in components]
 
 
 @dataclass(frozen=True)
 class PrescribedMotion(Term):
-    """A component that a constraint leaves free follows an input, or runs at constant speed.
+    """A component that a constraint leaves free and that follows an input, or runs at constant speed.
 
     Attributes:
-        constraint: name of the constraint; component: of its measure.
-        input: name of the input, "" for a constant speed; unit: of the input.
-        speed: constant [m/s] or [rad/s].
-        bandwidth: of a servo between input and motion, a low-pass of first order, -3 dB [Hz].
+        constraint: name of the constraint.
+        component: component of the constraint's measure.
+        input: name of the input, "" for a constant speed.
+        unit: unit of the input.
+        speed: constant speed [m/s] or [rad/s].
+        bandwidth: -3 dB frequency of a servo between input and motion, a low-pass of first order [Hz].
     """
 
     constraint: Signal
@@ -290,6 +303,7 @@ class PrescribedMotion(Term):
 
 
 def _check_scalar(label: str, measure: Measure) -> None:
+    """Refuse a measure of several components."""
     if len(measure.components) != 1:
         raise ValueError(
             f"{label}: a {type(measure).__name__} has the components {', '.join(measure.components)}; give a measure "
@@ -314,7 +328,15 @@ KNOWN = (
 
 
 def check_term(term: object, owner: str) -> None:
-    """Raise TypeError for what is no term that engines know, or whose measure is none."""
+    """Check that a term, and its measure, are of kinds that engines know.
+
+    Args:
+        term: the term.
+        owner: its part, for messages.
+
+    Raises:
+        TypeError: for an object of another kind.
+    """
     if not isinstance(term, KNOWN):
         names = ", ".join(kind.__name__ for kind in KNOWN)
         raise TypeError(f"{owner}: {type(term).__name__} is no term that engines know; known are {names}")

@@ -1,6 +1,6 @@
-"""Records in time, frequency responses, excitations, spectra of noise, and the files that hold them.
+"""Time histories, frequency responses, excitations, noise spectra, and the files that hold them.
 
-To add an excitation, open `excitations`; a kind of noise, `spectra`; an estimator of responses, `frf`; a file format,
+To add an excitation, edit `excitations`; a kind of noise, `spectra`; an estimator of responses, `frf`; a file format,
 `files`.
 """
 

@@ -1,4 +1,4 @@
-"""Excitations of a test bench: noise, chirps, multisines, steps, dwells."""
+"""Excitations of a test bench: noise, chirps, multisines, steps, sine dwells."""
 
 from collections.abc import Sequence
 
@@ -11,9 +11,16 @@ from nassim.signals.time_history import TimeHistory, sample_times
 
 
 def low_pass(values: ArrayLike, *, cutoff_frequency: float, sample_rate: float, order: int = 4) -> Array:
-    """Filter samples along the last axis by a causal Butterworth low-pass of the given order.
+    """Filter samples along the last axis by a causal Butterworth low-pass filter.
 
-    cutoff_frequency: -3 dB frequency [Hz], below half the sample rate (ValueError otherwise)
+    Args:
+        values: samples, shape (..., n_samples)
+        cutoff_frequency: -3 dB frequency, below half the sample rate [Hz]
+        sample_rate: samples per second [Hz]
+        order: order of the filter
+
+    Raises:
+        ValueError: if the cutoff frequency is not below half the sample rate
     """
     _below_nyquist("cutoff_frequency", cutoff_frequency, sample_rate)
     sections = scipy.signal.butter(order, cutoff_frequency, fs=sample_rate, output="sos")
@@ -31,15 +38,21 @@ def band_limited_noise(
     name: str = "actuator_voltage",
     unit: str = "V",
 ) -> TimeHistory:
-    """Gaussian noise through a fourth-order low-pass: the excitation of the paper's bench.
+    """Make Gaussian noise with a fourth-order low-pass spectrum, the excitation of the paper's bench.
 
-    duration [s], sample_rate [Hz], cutoff_frequency: -3 dB frequency of the low-pass [Hz]
-    rms: root mean square of the result, in `unit`; seed: same seed, same signal
+    Args:
+        duration: duration [s]
+        sample_rate: samples per second [Hz]
+        cutoff_frequency: -3 dB frequency of the low-pass filter [Hz]
+        rms: root mean square of the result, in `unit`
+        seed: seed of the random numbers; the same seed gives the same signal
+        name: name of the signal
+        unit: unit of the signal
     """
     time = sample_times(duration, sample_rate)
     white = np.random.default_rng(seed).standard_normal(len(time))
     values = low_pass(white, cutoff_frequency=cutoff_frequency, sample_rate=sample_rate)
-    return TimeHistory(time, _scaled_to_rms(values, rms), (name,), (unit,))
+    return TimeHistory(time, _scale_to_rms(values, rms), (name,), (unit,))
 
 
 def chirp(
@@ -52,9 +65,18 @@ def chirp(
     name: str = "actuator_voltage",
     unit: str = "V",
 ) -> TimeHistory:
-    """Sine whose frequency rises exponentially from start to end [Hz] over the duration [s].
+    """Make a sine whose frequency rises exponentially over the duration.
 
-    Every decade gets the same time, so low frequencies get the cycles that they need.
+    Every decade takes the same time, so low frequencies get enough cycles.
+
+    Args:
+        duration: duration [s]
+        sample_rate: samples per second [Hz]
+        start_frequency: frequency at the start [Hz]
+        end_frequency: frequency at the end [Hz]
+        amplitude: amplitude, in `unit`
+        name: name of the signal
+        unit: unit of the signal
     """
     _below_nyquist("end_frequency", end_frequency, sample_rate)
     _below_nyquist("start_frequency", start_frequency, sample_rate)
@@ -77,19 +99,27 @@ def multisine(
     name: str = "actuator_voltage",
     unit: str = "V",
 ) -> TimeHistory:
-    """Random-phase multisine: equal amplitudes at every multiple of 1 / period in the band.
+    """Make a random-phase multisine with equal amplitudes at every multiple of 1 / period in the band.
 
-    duration [s], sample_rate [Hz], lowest_frequency and highest_frequency [Hz], period [s]
-    rms: root mean square in `unit`; seed: of the phases
-
-    Periodic, so an FRF estimated over whole periods, once the transient has died out, has no leakage.
+    The signal is periodic. An FRF estimated over whole periods, after the transient has died out, has no leakage.
     Source: R. Pintelon, J. Schoukens, System Identification, 2nd ed. (2012), ch. 5.
+
+    Args:
+        duration: duration [s]
+        sample_rate: samples per second [Hz]
+        lowest_frequency: lower end of the band [Hz]
+        highest_frequency: upper end of the band [Hz]
+        period: period [s]
+        rms: root mean square, in `unit`
+        seed: seed of the random phases
+        name: name of the signal
+        unit: unit of the signal
     """
     n_period, lines = _lines(lowest_frequency, highest_frequency, period, sample_rate)
     spectrum = np.zeros(n_period // 2 + 1, dtype=complex)
     phase = np.random.default_rng(seed).uniform(0, 2 * np.pi, lines.stop - lines.start)
     spectrum[lines] = np.exp(1j * phase)
-    one_period = _scaled_to_rms(np.fft.irfft(spectrum, n_period), rms)
+    one_period = _scale_to_rms(np.fft.irfft(spectrum, n_period), rms)
     time = sample_times(duration, sample_rate)
     return TimeHistory(time, np.resize(one_period, len(time)), (name,), (unit,))
 
@@ -107,17 +137,25 @@ def orthogonal_multisines(
     seed: int = 0,
     unit: str = "V",
 ) -> TimeHistory:
-    """Multisines for several inputs at once, in one record, that can be told apart without error at every line.
+    """Make multisines for several inputs in one record, from which their responses separate exactly at every line.
 
-    names: of the n inputs; rms: of each, in `unit`; the others, but for the duration: see `multisine`
-    n_settling: periods of every block in which transients die out, n_periods: those that follow to be analysed, see
-        `settled_blocks`
-
-    There are n blocks, one after the other. From block to block the phases of input k advance by k / n of a turn, which
-    makes the inputs orthogonal over the blocks. Between periods of a block a machine that is settled, linear and
-    without noise makes no difference: what they differ by is what the coherence tells.
+    The record consists of n blocks for n inputs. From block to block, the phases of input k advance by k / n of a turn,
+    so the inputs are orthogonal over the blocks. The periods of a block are equal if the machine is linear, without
+    noise and has reached its steady state. The coherence shows their differences.
 
     Source: R. Pintelon, J. Schoukens, System Identification, 2nd ed. (2012), ch. 2.
+
+    Args:
+        names: names of the n inputs
+        sample_rate: samples per second [Hz]
+        lowest_frequency: lower end of the band [Hz]
+        highest_frequency: upper end of the band [Hz]
+        period: period [s]
+        n_settling: periods at the start of each block in which transients die out
+        n_periods: periods that follow in each block and are analysed, see `remove_settling`
+        rms: root mean square of each input, in `unit`
+        seed: seed of the random phases
+        unit: unit of the signals
     """
     names = unique("input", names)
     for label, count, least in (("n_settling", n_settling, 0), ("n_periods", n_periods, 1)):
@@ -130,19 +168,25 @@ def orthogonal_multisines(
     advance = 2 * np.pi / n * np.outer(range(n), range(n))
     spectrum = np.zeros((n, n, n_period // 2 + 1), dtype=complex)
     spectrum[..., lines] = np.exp(1j * (phase + advance[..., None]))
-    blocks = np.tile(_scaled_to_rms(np.fft.irfft(spectrum, n_period), rms), n_settling + n_periods)
+    blocks = np.tile(_scale_to_rms(np.fft.irfft(spectrum, n_period), rms), n_settling + n_periods)
     values = np.hstack([blocks.reshape(n, -1), blocks[:, -1, :1]])
     return TimeHistory(np.arange(values.shape[1]) / sample_rate, values, names, (unit,) * n)
 
 
-def settled_blocks(history: TimeHistory, *, duration: float, settling: float) -> TimeHistory:
-    """What is left of a record that consists of blocks, without the beginning of each; one after the other.
+def remove_settling(history: TimeHistory, *, duration: float, settling: float) -> TimeHistory:
+    """Remove the beginning of each block from a record of blocks, and join the rest.
 
-    duration: of a block [s]; settling: of its beginning that is left out [s]; both whole numbers of samples. A last
-    block that is not complete is left out. Segments to analyse may not cross from block to block: of
-    `orthogonal_multisines` these are periods, `estimate_frf(..., segment_duration=period, overlap=0, window="boxcar")`.
+    An incomplete last block is removed. Segments for the analysis may not extend over two blocks. For
+    `orthogonal_multisines`, the segments are periods:
+    `estimate_frf(..., segment_duration=period, overlap=0, window="boxcar")`.
 
-    Raises ValueError for a record without a whole block.
+    Args:
+        history: the record
+        duration: duration of a block, a whole number of samples [s]
+        settling: duration of its beginning that is removed, a whole number of samples [s]
+
+    Raises:
+        ValueError: if the record does not hold a complete block
     """
     sizes = []
     for label, time in (("duration", positive("duration", duration, "s")), ("settling", settling)):
@@ -155,7 +199,7 @@ def settled_blocks(history: TimeHistory, *, duration: float, settling: float) ->
     if n_blocks == 0 or first >= size:
         raise ValueError(
             f"a record of {history.duration:g} s with blocks of {duration:g} s, {settling:g} s of each left out, "
-            "leaves nothing"
+            "leaves no samples"
         )
     blocks = history.values[:, : n_blocks * size].reshape(len(history.names), n_blocks, size)
     kept = blocks[:, :, first:].reshape(len(history.names), -1)
@@ -173,7 +217,17 @@ def step(
     name: str = "actuator_voltage",
     unit: str = "V",
 ) -> TimeHistory:
-    """Step to `amplitude` at `start` [s], smoothed by half a cosine over `rise_time` [s]."""
+    """Make a step to `amplitude` at `start`, smoothed by half a cosine over `rise_time`.
+
+    Args:
+        duration: duration [s]
+        sample_rate: samples per second [Hz]
+        amplitude: final value, in `unit`
+        start: time at which the signal begins to rise [s]
+        rise_time: time from the start to the final value [s]
+        name: name of the signal
+        unit: unit of the signal
+    """
     not_negative("rise_time", rise_time, "s")
     finite("start", start)
     time = sample_times(duration, sample_rate)
@@ -194,7 +248,17 @@ def sine_dwell(
     name: str = "actuator_voltage",
     unit: str = "V",
 ) -> TimeHistory:
-    """Sine of one frequency [Hz], whose amplitude rises linearly over `ramp_time` [s]."""
+    """Make a sine of one frequency, whose amplitude rises linearly over `ramp_time`.
+
+    Args:
+        duration: duration [s]
+        sample_rate: samples per second [Hz]
+        frequency: frequency [Hz]
+        amplitude: final amplitude, in `unit`
+        ramp_time: time until the final amplitude [s]
+        name: name of the signal
+        unit: unit of the signal
+    """
     _below_nyquist("frequency", frequency, sample_rate)
     not_negative("ramp_time", ramp_time, "s")
     time = sample_times(duration, sample_rate)
@@ -202,11 +266,13 @@ def sine_dwell(
     return TimeHistory(time, amplitude * envelope * np.sin(2 * np.pi * frequency * time), (name,), (unit,))
 
 
-def _scaled_to_rms(values: Array, rms: float) -> Array:
+def _scale_to_rms(values: Array, rms: float) -> Array:
+    """Return values scaled to a root mean square."""
     return values * (not_negative("rms", rms) / np.sqrt(np.mean(values**2)))
 
 
 def _below_nyquist(label: str, frequency: float, sample_rate: float) -> None:
+    """Check that a frequency is between zero and half the sample rate."""
     positive("sample_rate", sample_rate, "Hz")
     if not 0 < finite(label, frequency) < sample_rate / 2:
         raise ValueError(
@@ -215,7 +281,7 @@ def _below_nyquist(label: str, frequency: float, sample_rate: float) -> None:
 
 
 def _lines(lowest_frequency: float, highest_frequency: float, period: float, sample_rate: float) -> tuple[int, slice]:
-    """Samples of a period, and which multiples of its inverse lie in a band; ValueError where none or not whole."""
+    """Return the samples of a period and the multiples of 1 / period in a band; ValueError if there are none."""
     _below_nyquist("highest_frequency", highest_frequency, sample_rate)
     finite("lowest_frequency", lowest_frequency)
     n_period = round(positive("period", period, "s") * sample_rate)

@@ -1,4 +1,4 @@
-"""Records and FRFs of measurements, read from CSV and UFF files in SI."""
+"""Files of measurements: time histories and FRFs, read from CSV and UFF files in SI units."""
 
 import itertools
 import re
@@ -9,30 +9,36 @@ from pathlib import Path
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.base.storage import written_whole
+from nassim.base.storage import write_atomically
 from nassim.base.units import to_si
 from nassim.signals.frf import FRF
 from nassim.signals.time_history import TimeHistory
 from nassim.signals.uff import Curve, read_curves
 
 SAME_STEP = 0.01
-"""Deviation from equal sampling, in steps, that counts as rounding of the printed times."""
+"""Deviation from equal sampling that is attributed to rounding of the printed times [steps]."""
 UFF_SUFFIXES = (".uff", ".unv", ".58")
 HEADER = re.compile(r"^\s*(?P<name>[^\[\]]*?)\s*\[\s*(?P<unit>[^\[\]]+?)\s*\]\s*$")
 FRF_COLUMN = re.compile(r"^(?P<pair>[^/]+(/[^/]+)+) (?P<part>real|imag)$")
 
 
 def read_record(path: str | Path, *, names: Sequence[str] | None = None) -> TimeHistory:
-    """Read signals recorded together, in SI.
+    """Read signals that were recorded together, in SI units.
 
-    path: a CSV file whose first line names its columns and their units, such as
-        `time [s], actuator_voltage [V], encoder [um]`, after any lines that begin with "#"; or a UFF file (.uff, .unv)
-        whose data sets 58 are time responses
-    names: signals to keep (default: all)
+    Times that were printed with few digits are made equidistant if none deviates by more than a hundredth of a step.
+    UFF files need the package pyuff.
 
-    Times printed with few digits are made equidistant when none is off by more than a hundredth of a step. Raises
-    FileNotFoundError, and ValueError naming file, line (data set) and cause: an empty file, columns missing, without a
-    unit or with an unknown one, text, gaps and NaN, unequal sampling. UFF files need the package pyuff (RuntimeError).
+    Args:
+        path: a CSV file whose first line gives its columns and their units, such as
+            `time [s], actuator_voltage [V], encoder [um]`, after any lines that begin with "#"; or a UFF file (.uff,
+            .unv) whose data sets 58 are time responses
+        names: signals to keep (default: all)
+
+    Raises:
+        FileNotFoundError: if there is no such file
+        ValueError: for an empty file, missing columns, a missing or unknown unit, text, gaps, NaN or unequal sampling;
+            the message names file, line (data set) and cause
+        RuntimeError: for a UFF file without the package pyuff
     """
     path = Path(path)
     if path.suffix.lower() in UFF_SUFFIXES:
@@ -54,9 +60,17 @@ def read_record(path: str | Path, *, names: Sequence[str] | None = None) -> Time
 
 
 def write_record(history: TimeHistory, path: str | Path) -> Path:
-    """Write a record as CSV that `read_record` reads, to 12 digits; the file appears whole or not at all.
+    """Write a record as CSV that `read_record` reads, with 12 digits; the file is written completely or not at all.
 
-    Raises ValueError for units and names that could not be read back.
+    Args:
+        history: the record
+        path: of the file
+
+    Returns:
+        Path of the file.
+
+    Raises:
+        ValueError: for units and names that could not be read back
     """
     units = [unit or "-" for unit in history.units]
     for name, unit in zip(history.names, units, strict=True):
@@ -64,7 +78,7 @@ def write_record(history: TimeHistory, path: str | Path) -> Path:
         if set(name) & set(",[]"):
             raise ValueError(f"signal {name!r} cannot be a column's name: no commas or brackets")
     header = ["time [s]", *(f"{name} [{unit}]" for name, unit in zip(history.names, units, strict=True))]
-    with written_whole(path) as temporary:
+    with write_atomically(path) as temporary:
         table = np.vstack([history.time, history.values]).T
         np.savetxt(
             temporary, table, fmt="%.12g", delimiter=", ", header=", ".join(header), comments="", encoding="utf-8"
@@ -73,17 +87,21 @@ def write_record(history: TimeHistory, path: str | Path) -> Path:
 
 
 def read_frf(path: str | Path, *, label: str = "recorded") -> FRF:
-    """Read frequency response functions, in SI.
+    """Read frequency response functions, in SI units. UFF files need the package pyuff.
 
-    path: a CSV file whose first line names its columns and their units, real and imaginary part of every output over
-        every input, and the coherence where known, such as `frequency [Hz], encoder/actuator_voltage real [um/V],
-        encoder/actuator_voltage imag [um/V], encoder coherence [-]`; or a UFF file (.uff, .unv) whose data sets 58 are
-        frequency response functions, and coherences. Names may hold slashes, as those of placed scenes do
-        (`strut_1/encoder/strut_1/voltage real [um/V]`); where it is open which slash divides them, write it with
-        blanks around: `encoder / strut_1/voltage real [um/V]`
-    label: what a legend calls it
+    Args:
+        path: a CSV file whose first line gives its columns and their units: real and imaginary part of every output
+            over every input, and the coherence where it is known, such as `frequency [Hz], encoder/actuator_voltage
+            real [um/V], encoder/actuator_voltage imag [um/V], encoder coherence [-]`; or a UFF file (.uff, .unv) whose
+            data sets 58 are frequency response functions and coherences. Names may contain slashes, as in placed scenes
+            (`strut_1/encoder/strut_1/voltage real [um/V]`). If it is ambiguous which slash separates output and input,
+            write it with blanks: `encoder / strut_1/voltage real [um/V]`.
+        label: text for legends
 
-    Raises FileNotFoundError, and ValueError as `read_record`; UFF files need the package pyuff (RuntimeError).
+    Raises:
+        FileNotFoundError: if there is no such file
+        ValueError: as in `read_record`; the message names file, line (data set) and cause
+        RuntimeError: for a UFF file without the package pyuff
     """
     path = Path(path)
     if path.suffix.lower() in UFF_SUFFIXES:
@@ -118,11 +136,11 @@ def read_frf(path: str | Path, *, label: str = "recorded") -> FRF:
 
 
 def _pairs(texts: Sequence[str], seen: set[str]) -> dict[tuple[str, str], str]:
-    """Texts "output/input" by the output and input that they name, whose names may hold slashes.
+    """Split texts "output/input" into output and input, whose names may contain slashes.
 
-    seen: outputs that have a coherence
-    A slash with blanks around divides them. Else every output must have every input, outputs with coherence are
-    outputs, and the two names of the first text have as many slashes. Raises ValueError where that leaves a choice.
+    A slash with blanks separates them. Otherwise three rules apply: every output has every input, a name with a
+    coherence (`seen`) is an output, and the two names of the first text have the same number of slashes. ValueError is
+    raised if several ways to split are left.
     """
     divided = {text: _splits(text) for text in texts}
     first = divided[texts[0]]
@@ -135,7 +153,7 @@ def _pairs(texts: Sequence[str], seen: set[str]) -> dict[tuple[str, str], str]:
         }
         if len(found) == len(divided) == len(outputs) * len(inputs):
             readings.append((len(outputs - seen) if seen else 0, _unevenness((output, input)), found))
-    if not readings:  # what is missing will be told
+    if not readings:  # the missing column is reported later
         return {min(pairs, key=_unevenness): text for text, pairs in divided.items()}
     best = min(reading[:2] for reading in readings)
     chosen = [reading[2] for reading in readings if reading[:2] == best]
@@ -146,11 +164,12 @@ def _pairs(texts: Sequence[str], seen: set[str]) -> dict[tuple[str, str], str]:
 
 
 def _unevenness(pair: tuple[str, str]) -> int:
+    """Return the difference of the numbers of slashes in two names."""
     return abs(pair[0].count("/") - pair[1].count("/"))
 
 
 def _splits(text: str) -> list[tuple[str, str]]:
-    """An output and an input for every slash that may be between them; for those with blanks around alone."""
+    """Return an (output, input) pair for every slash that may separate them, or only for slashes with blanks."""
     divider = " / " if " / " in text else "/"
     parts = text.split(divider)
     pairs = [(divider.join(parts[:k]).strip(), divider.join(parts[k:]).strip()) for k in range(1, len(parts))]
@@ -158,7 +177,16 @@ def _splits(text: str) -> list[tuple[str, str]]:
 
 
 def read_measurement(path: str | Path) -> TimeHistory | FRF:
-    """Read a record or an FRF, whichever the file holds; errors as of `read_record` and `read_frf`."""
+    """Read a record or an FRF, depending on what the file holds.
+
+    Args:
+        path: a file for `read_record` or `read_frf`
+
+    Raises:
+        FileNotFoundError: if there is no such file
+        ValueError: as in `read_record` and `read_frf`
+        RuntimeError: for a UFF file without the package pyuff
+    """
     path = Path(path)
     if path.suffix.lower() in UFF_SUFFIXES:
         is_frf = any(curve.kind == "frf" for curve in read_curves(path))
@@ -170,7 +198,16 @@ def read_measurement(path: str | Path) -> TimeHistory | FRF:
 
 @dataclass(frozen=True)
 class _Table:
-    """A CSV file in SI: its column names in order, SI units by name, values, and the line of each row."""
+    """A CSV file in SI units.
+
+    Attributes:
+        path: of the file
+        header: number of the line with the column names
+        names: column names in order
+        units: SI units by column name
+        values: values in SI units
+        lines: number of the line of each row
+    """
 
     path: Path
     header: int
@@ -180,6 +217,7 @@ class _Table:
     lines: Array
 
     def column(self, name: str, unit: str | None = None) -> Array:
+        """Return a column, after checking its unit."""
         _require(self.path, name, self.names, place=f", line {self.header}")
         if unit is not None and self.units[name] != unit:
             raise ValueError(f"{self.path}, line {self.header}: {name!r} must be in {unit}, not {self.units[name]}")
@@ -188,10 +226,11 @@ class _Table:
 
 
 def _read_table(path: Path) -> _Table:
+    """Read a CSV file into a table."""
     try:
         text = path.read_text(encoding="utf-8-sig").splitlines()
     except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: this is no text in UTF-8 ({error.reason} at byte {error.start})") from error
+        raise ValueError(f"{path}: the file is not text in UTF-8 ({error.reason} at byte {error.start})") from error
     header = next((k for k, line in enumerate(text) if line.strip() and not line.startswith("#")), None)
     if header is None:
         raise ValueError(f"{path}: the file is empty")
@@ -225,7 +264,7 @@ def _read_table(path: Path) -> _Table:
 
 
 def _first_fault(path: Path, rows: Sequence[str], names: Sequence[str], header: int) -> ValueError:
-    """What is wrong in the first faulty row: found by a slow search, which only faulty files pay for."""
+    """Return an error for the first faulty row. The search is slow and is made for faulty files only."""
     for number, row in enumerate(rows, start=header + 2):
         cells = row.split(",")
         if not row.strip():
@@ -244,7 +283,7 @@ def _first_fault(path: Path, rows: Sequence[str], names: Sequence[str], header: 
 
 
 def _equidistant(path: Path, time: Array, kind: str, places: Array) -> Array:
-    """Times in exactly equal steps, if they are so up to rounding; places: the line (or what `kind` says) of each."""
+    """Return times in exactly equal steps if they are equal up to rounding; messages quote `places`."""
     if len(time) < 2:
         raise ValueError(f"{path}, {kind} {places[0]}: a record needs at least 2 samples")
     equal = np.linspace(time[0], time[-1], len(time))
@@ -270,6 +309,7 @@ def _frf(
     label: str,
     lines: Array | None,
 ) -> FRF:
+    """Make an FRF and name the file and line in its errors."""
     falls = np.flatnonzero(np.diff(frequency) <= 0)
     if len(falls) and lines is not None:
         raise ValueError(f"{path}, line {lines[falls[0] + 1]}: the frequency must rise from line to line")
@@ -280,6 +320,7 @@ def _frf(
 
 
 def _record_of_curves(path: Path, curves: Sequence[Curve]) -> TimeHistory:
+    """Make a record from the time responses of a UFF file."""
     if not curves:
         raise ValueError(f"{path}: no data set 58 is a time response")
     for curve in curves[1:]:
@@ -294,6 +335,7 @@ def _record_of_curves(path: Path, curves: Sequence[Curve]) -> TimeHistory:
 
 
 def _frf_of_curves(path: Path, curves: Sequence[Curve], label: str) -> FRF:
+    """Make an FRF from the curves of a UFF file."""
     responses: dict[tuple[str, str], Curve] = {}
     coherences: dict[str, Curve] = {}
     for curve in curves:
@@ -322,10 +364,12 @@ def _frf_of_curves(path: Path, curves: Sequence[Curve], label: str) -> FRF:
 
 
 def _same_axis(path: Path, curve: Curve, first: Curve) -> None:
+    """Check that two curves have the same axis."""
     if curve.x.shape != first.x.shape or not np.allclose(curve.x, first.x, rtol=1e-9, atol=0):
         raise ValueError(f"{path}, data set {curve.number}: its axis differs from that of data set {first.number}")
 
 
 def _require(path: Path, name: str, names: Sequence[str], *, place: str = "") -> None:
+    """Check that a name exists in a file."""
     if name not in names:
         raise ValueError(f"{path}{place}: there is no {name!r}; present: {', '.join(names)}")

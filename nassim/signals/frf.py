@@ -1,4 +1,4 @@
-"""Frequency response functions, and their estimation from recorded signals."""
+"""Frequency response functions and their estimation from recorded signals."""
 
 import itertools
 import warnings
@@ -14,26 +14,30 @@ from nassim.signals.time_history import TimeHistory
 
 ComplexArray = NDArray[np.complex128]
 
-EMPTY = 1e-20
-"""Lines with less than this share of an input's largest power hold rounding only: they have no power."""
-ALIKE = 1e-4
-"""Share of an input's power that the other inputs do not explain, below which it cannot be told from them: noise at
-the outputs would pass into the response enlarged a hundredfold."""
-AT_ONCE = 1_000_000
-"""Samples of a signal that are transformed at once."""
-MUCH = 0.1
-"""Share of an input's power at lines where it is like the others, above which the estimate is refused."""
+NO_POWER = 1e-20
+"""Share of an input's largest power below which a line holds rounding errors only and counts as without power."""
+SMALLEST_INDEPENDENT_SHARE = 1e-4
+"""Smallest share of an input's power not explained by the other inputs, for an input that can be separated from them.
+
+Below this share, noise at the outputs would appear in the response amplified by a factor of one hundred.
+"""
+SAMPLES_PER_BLOCK = 1_000_000
+"""Largest number of samples of a signal that are transformed at once."""
+LARGEST_DEPENDENT_SHARE = 0.1
+"""Share of an input's power at lines where it cannot be separated, above which the estimate is refused."""
 
 
 @dataclass(frozen=True)
 class FRF:
     """A matrix of frequency response functions.
 
-    frequency: shape (n_frequencies,), ascending [Hz]
-    values: complex, shape (n_outputs, n_inputs, n_frequencies), output unit over input unit
-    outputs, inputs: names of the rows and columns
-    coherence: multiple coherence per output, shape (n_outputs, n_frequencies), or None when computed from a model
-    label: what a legend calls it
+    Attributes:
+        frequency: ascending frequencies, shape (n_frequencies,) [Hz]
+        values: complex, shape (n_outputs, n_inputs, n_frequencies), output unit over input unit
+        outputs: names of the rows
+        inputs: names of the columns
+        coherence: multiple coherence per output, shape (n_outputs, n_frequencies) [-]; None for an FRF from a model
+        label: text for legends
     """
 
     frequency: Array
@@ -64,13 +68,13 @@ class FRF:
             freeze(self, coherence=coherence)
 
     def response(self, output: str, input: str) -> ComplexArray:
-        """One entry of the matrix over frequency, complex, shape (n_frequencies,)."""
+        """Return one entry of the matrix over frequency, complex, shape (n_frequencies,)."""
         row = self.outputs.index(known("output", output, self.outputs))
         column = self.inputs.index(known("input", input, self.inputs))
         return self.values[row, column]
 
     def band(self, lowest: float, highest: float) -> "FRF":
-        """Return the stretch between two frequencies [Hz], both included."""
+        """Return the part between two frequencies [Hz], both included."""
         keep = (self.frequency >= lowest) & (self.frequency <= highest)
         if not keep.any():
             raise ValueError(f"no frequency between {lowest:g} and {highest:g} Hz in this FRF")
@@ -89,20 +93,28 @@ def estimate_frf(
     method: str = "H1",
     label: str = "",
 ) -> FRF:
-    """Estimate FRFs from signals recorded together, by averaging over windowed segments (Welch).
+    """Estimate FRFs from signals recorded together, by averaging over windowed segments (Welch's method).
 
-    inputs, outputs: names of signals in `history`; with several inputs, of whatever units and sizes, the full matrix is
-        solved for
-    segment_duration: length of a segment [s]; the frequency resolution is its inverse
-    overlap: share by which segments overlap [-]; window: any of scipy.signal, "boxcar" for periodic signals
-    method: "H1" = Syu Suu^-1 (noise at the outputs) or "H2" = Syy Suy^-1 (noise at the input; one input only)
+    At a line where an input has no power, the response to it is zero. Where no input has power, responses and coherence
+    are zero. Where inputs cannot be separated, they are zero too, and a warning is given.
 
-    At a line where an input has no power, the response to it is zero. Where no input has power, and (with a warning)
-    where inputs cannot be told apart, responses and coherence are zero.
+    Source: J. S. Bendat, A. G. Piersol, Random Data, 4th ed. (2010), ch. 6 and 7.
 
-    Source: J. S. Bendat, A. G. Piersol, Random Data, 4th ed. (2010), ch. 6 and 7. Raises ValueError for unknown names,
-    for a record with no more segments than inputs (two for one input), which leaves the coherence without meaning, and
-    for inputs that cannot be told apart where their power lies.
+    Args:
+        history: the record
+        inputs: names of the input signals in `history`. With several inputs, which may differ in units and sizes, the
+            full matrix is solved for
+        outputs: names of the output signals in `history`
+        segment_duration: length of a segment [s]; its inverse is the frequency resolution
+        overlap: share by which segments overlap [-]
+        window: a window of scipy.signal; "boxcar" for periodic signals
+        method: "H1" = Syu Suu^-1 (noise at the outputs) or "H2" = Syy Suy^-1 (noise at the input; one input only)
+        label: text for legends
+
+    Raises:
+        ValueError: for unknown names, for inputs that cannot be separated at lines with a large share of their power,
+            and for a record without more segments than inputs (at least two), for which the coherence would be
+            meaningless
     """
     known("method", method, ("H1", "H2"))
     if not unique("input", inputs) or not unique("output", outputs):
@@ -133,7 +145,7 @@ def estimate_frf(
     for name in inputs:
         if np.ptp(history[name]) == 0:
             raise ValueError(f"input {name!r} is constant: no response can be estimated from it")
-    h1 = _solved(s_uu, s_yu, tuple(inputs), frequency)
+    h1 = _solve_lines(s_uu, s_yu, tuple(inputs), frequency)
     coherent_power = np.einsum("foi,foi->fo", h1, s_yu.conj()).real
     coherence = np.clip(coherent_power / np.maximum(s_yy, np.finfo(float).tiny), 0.0, 1.0)
     coherent = (np.abs(s_yu) > 0) & (h1 != 0)
@@ -143,13 +155,13 @@ def estimate_frf(
 
 
 def _power(rows: Sequence[Array], n_inputs: int, window: Array, step: int) -> ComplexArray:
-    """Mean over windowed segments of X[row] conj(X[input]), (lines, rows, inputs + 1), and last of |X[row]|^2.
+    """Average X[row] conj(X[input]), and |X[row]|^2 as last entry, over segments; shape (lines, rows, inputs + 1).
 
-    rows: signals, the inputs first; window: (samples of a segment,); step: samples from a segment to the next. Segments
-    lose their mean values, and each is transformed once.
+    The rows are signals, the inputs first. `window` has one value per sample of a segment, and `step` is the number of
+    samples from one segment to the next. The mean value of each segment is removed, and each is transformed once.
     """
     segments = [np.lib.stride_tricks.sliding_window_view(row, len(window))[::step] for row in rows]
-    together = max(1, AT_ONCE // len(window))
+    together = max(1, SAMPLES_PER_BLOCK // len(window))
     result = np.zeros((len(window) // 2 + 1, len(rows), n_inputs + 1), dtype=complex)
     for start in range(0, len(segments[0]), together):
         parts = [segment[start : start + together] for segment in segments]
@@ -161,20 +173,21 @@ def _power(rows: Sequence[Array], n_inputs: int, window: Array, step: int) -> Co
     return result
 
 
-def _solved(s_uu: ComplexArray, s_yu: ComplexArray, inputs: tuple[str, ...], frequency: Array) -> ComplexArray:
-    """H of H Suu = Syu, line by line, (n, outputs, inputs); zero where an input has no power or is like the others.
+def _solve_lines(s_uu: ComplexArray, s_yu: ComplexArray, inputs: tuple[str, ...], frequency: Array) -> ComplexArray:
+    """Solve H Suu = Syu at each line, shape (n, outputs, inputs).
 
-    s_uu: (n, inputs, inputs); s_yu: (n, outputs, inputs). Inputs are scaled to unit power at every line, so their units
-    do not matter. Raises ValueError for inputs that are alike where their power lies.
+    H is zero where an input has no power or cannot be separated from the others. Inputs are scaled to unit power at
+    every line, so their units do not matter. s_uu has the shape (n, inputs, inputs), s_yu (n, outputs, inputs).
+    ValueError is raised if inputs cannot be separated at lines with a large share of their power.
     """
     power = np.einsum("fii->fi", s_uu).real
-    carried = power > EMPTY * power.max(axis=0)
+    carried = power > NO_POWER * power.max(axis=0)
     scale = np.where(carried, 1 / np.sqrt(np.where(carried, power, 1.0)), 0.0)
     unit = s_uu * scale[:, :, None] * scale[:, None, :]
     np.einsum("fii->fi", unit)[:] = 1.0
     sizes, vectors = np.linalg.eigh(unit)
     inverse = (vectors / np.maximum(sizes, np.finfo(float).eps)[:, None, :]) @ vectors.conj().transpose(0, 2, 1)
-    alike = 1 / np.einsum("fii->fi", inverse).real < ALIKE
+    alike = 1 / np.einsum("fii->fi", inverse).real < SMALLEST_INDEPENDENT_SHARE
     if alike.any():
         share = np.sum(power * alike, axis=0) / power.sum(axis=0)
         lines = alike.any(axis=1)
@@ -185,8 +198,8 @@ def _solved(s_uu: ComplexArray, s_yu: ComplexArray, inputs: tuple[str, ...], fre
             if involved[a] or involved[b]
         )
         where = f"{lines.sum()} of {len(lines)} lines in {frequency[lines][0]:g} ... {frequency[lines][-1]:g} Hz"
-        text = f"inputs cannot be told apart at {where}; their ordinary coherence there: {pairs}"
-        if share.max() > MUCH:
+        text = f"inputs cannot be separated at {where}; their ordinary coherence there: {pairs}"
+        if share.max() > LARGEST_DEPENDENT_SHARE:
             raise ValueError(f"{text}: drive them independently, or name only one of them as input")
         warnings.warn(f"{text}; responses there are set to zero", stacklevel=3)
     usable = carried & ~alike.any(axis=1, keepdims=True)

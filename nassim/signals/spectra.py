@@ -1,4 +1,4 @@
-"""Spectra of noise: one-sided power spectral densities, as functions of frequency."""
+"""Noise spectra: one-sided power spectral densities as functions of frequency."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,13 +9,15 @@ from numpy.typing import ArrayLike
 from nassim.base.checks import Array, finite, finite_array, freeze, not_negative, positive
 
 Spectrum = Callable[[Array], Array]
-"""One-sided power spectral density [unit^2/Hz] over frequency, (n,) [Hz]; its integral is the mean square."""
+"""One-sided power spectral density [unit^2/Hz] at frequencies, shape (n,) [Hz]; its integral is the mean square."""
 
 
 def amplifier_noise(density: float, *, corner_frequency: float = 0.0) -> Spectrum:
-    """Noise as data sheets give it: density^2 (1 + corner_frequency / f).
+    """Return the noise spectrum density^2 (1 + corner_frequency / f), as given in data sheets of amplifiers.
 
-    density: far above the corner [unit/sqrt(Hz)]; corner_frequency: where 1/f noise is as strong as white [Hz]
+    Args:
+        density: noise density far above the corner [unit/sqrt(Hz)]
+        corner_frequency: frequency at which 1/f noise and white noise are equal [Hz]
     """
     level = not_negative("density", density) ** 2
     corner = not_negative("corner_frequency", corner_frequency, "Hz")
@@ -28,12 +30,16 @@ def amplifier_noise(density: float, *, corner_frequency: float = 0.0) -> Spectru
 
 
 def quantisation_noise(step: float, *, sample_rate: float) -> Spectrum:
-    """Noise of a converter that rounds: step^2 / 12, evenly spread up to half the sample rate, none above.
+    """Return the spectrum of quantisation: a variance of step^2 / 12, distributed evenly up to half the sample rate.
 
-    step: resolution, in the signal's unit; sample_rate [Hz]. The signal has to move by several steps from sample to
-    sample: a signal at rest between two steps makes no noise, and a slow one makes lines instead.
+    The signal must change by several steps from sample to sample. A constant signal between two steps has no noise, and
+    a slow one has spectral lines instead.
 
     Source: B. Widrow, I. Kollar, Quantization Noise (2008), ch. 5.
+
+    Args:
+        step: resolution, in the unit of the signal
+        sample_rate: samples per second [Hz]
     """
     half = positive("sample_rate", sample_rate, "Hz") / 2
     level = not_negative("step", step) ** 2 / 12 / half
@@ -47,11 +53,16 @@ def quantisation_noise(step: float, *, sample_rate: float) -> Spectrum:
 
 @dataclass(frozen=True)
 class TabulatedSpectrum:
-    """A measured spectrum, such as of a floor; straight lines on logarithmic axes between its points.
+    """A measured spectrum, such as that of floor vibration, interpolated by straight lines on logarithmic axes.
 
-    frequency: (n,), ascending [Hz]; density: (n,) [unit^2/Hz]
+    It is called as a function of frequency, as other spectra are.
 
-    A function as the others. Asked for frequencies outside the table it raises ValueError: nobody knows what is there.
+    Attributes:
+        frequency: ascending frequencies, shape (n,) [Hz]
+        density: power spectral density, shape (n,) [unit^2/Hz]
+
+    Raises:
+        ValueError: for frequencies that do not ascend, a negative density, and calls with frequencies outside the table
     """
 
     frequency: Array
@@ -67,7 +78,7 @@ class TabulatedSpectrum:
         freeze(self, frequency=x, density=y)
 
     def __call__(self, frequency: Array) -> Array:
-        """Density at frequencies, (n,) [unit^2/Hz]."""
+        """Return the density at frequencies, shape (n,) [unit^2/Hz]."""
         x, y = self.frequency, self.density
         low, high = float(np.min(frequency)), float(np.max(frequency))
         if low < x[0] * (1 - 1e-9) or high > x[-1] * (1 + 1e-9):
@@ -84,10 +95,16 @@ class TabulatedSpectrum:
         return result
 
 
-def differentiated(spectrum: Spectrum, times: int = 1) -> Spectrum:
-    """Spectrum of the signal's rate, (2 pi f)^2 as large; of the acceleration from a displacement's with times = 2.
+def differentiate_spectrum(spectrum: Spectrum, times: int = 1) -> Spectrum:
+    """Return the spectrum of a signal's time derivative, which is (2 pi f)^2 times that of the signal.
 
-    times: how often; negative: integrated, which is infinite at 0 Hz
+    Args:
+        spectrum: spectrum of the signal
+        times: number of differentiations, for example 2 from displacement to acceleration. A negative number
+            integrates; the result is infinite at 0 Hz.
+
+    Raises:
+        ValueError: if `times` is not a whole number
     """
     if not finite("times", times).is_integer():
         raise ValueError(f"times must be a whole number, got {times!r}")
@@ -100,12 +117,16 @@ def differentiated(spectrum: Spectrum, times: int = 1) -> Spectrum:
 
 
 def spectrum_values(name: str, spectrum: Spectrum | ArrayLike, given: Array, frequency: Array) -> Array:
-    """Values of a spectrum at frequencies, (n,) [unit^2/Hz].
+    """Return values of a spectrum at frequencies, shape (n,) [unit^2/Hz].
 
-    spectrum: a function; one value per frequency of `given`, (n_given,); or a number, for white noise
-    frequency: (n,) [Hz], within `given`; name: whose spectrum, for messages
+    Args:
+        name: name of the signal, for error messages
+        spectrum: a function; one value per frequency of `given`, shape (n_given,); or a number, for white noise
+        given: frequencies of the values, shape (n_given,) [Hz]
+        frequency: frequencies of the result, within `given`, shape (n,) [Hz]
 
-    Raises ValueError for other numbers of values, for negative, infinite and complex ones.
+    Raises:
+        ValueError: for a wrong number of values, and for negative, infinite or complex values
     """
     label = f"spectrum of {name!r}"
     if callable(spectrum):
@@ -130,11 +151,13 @@ def spectrum_values(name: str, spectrum: Spectrum | ArrayLike, given: Array, fre
 
 
 def _refuse_infinite(label: str, frequency: Array, values: Array) -> None:
+    """Raise ValueError for infinite or undefined values."""
     if not np.isfinite(values[0]) and frequency[0] == 0:
         raise ValueError(f"{label} is infinite or undefined at 0 Hz; begin above")
 
 
 def _refuse_negative(label: str, frequency: Array, values: Array) -> None:
+    """Raise ValueError for negative values."""
     if values.min() < 0:
         raise ValueError(
             f"{label} is {values.min():g} at {frequency[values.argmin()]:g} Hz; a power spectral density is not "

@@ -1,4 +1,4 @@
-"""Records: sampled signals on one time axis."""
+"""Time histories: sampled signals on one time axis."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -8,19 +8,22 @@ import scipy
 
 from nassim.base.checks import Array, finite_array, freeze, known, positive, unique
 
-LONG = 1_000_000
-"""Samples from which on a record's last ones are worth less than a fast transform."""
+LONG_RECORD = 1_000_000
+"""Number of samples above which a record is shortened for a fast Fourier transform."""
 
 
 @dataclass(frozen=True)
 class TimeHistory:
     """Sampled signals on one equidistant time axis.
 
-    time: sample times, shape (n_samples,) [s]
-    values: samples, shape (n_signals, n_samples)
-    names, units: one of each per signal
+    Attributes:
+        time: sample times, shape (n_samples,) [s]
+        values: samples, shape (n_signals, n_samples)
+        names: one name per signal
+        units: one unit per signal
 
-    Raises ValueError for NaN, unequal sampling, or names and units that do not match the values.
+    Raises:
+        ValueError: for NaN, unequal sampling, or names and units that do not match the values
     """
 
     time: Array
@@ -56,23 +59,27 @@ class TimeHistory:
         return float(self.time[-1] - self.time[0])
 
     def __getitem__(self, name: str) -> Array:
-        """Samples of one signal, shape (n_samples,); raises ValueError for an unknown name."""
+        """Return the samples of one signal, shape (n_samples,).
+
+        Raises:
+            ValueError: for an unknown name
+        """
         row: Array = self.values[self.names.index(known("signal", name, self.names))]
         return row
 
     def select(self, names: Sequence[str]) -> "TimeHistory":
-        """Return the named signals as a time history of their own."""
+        """Return a time history of the named signals."""
         rows = [self.names.index(known("signal", name, self.names)) for name in names]
         return TimeHistory(self.time, self.values[rows], tuple(names), tuple(self.units[i] for i in rows))
 
     def after(self, start: float) -> "TimeHistory":
-        """Return the stretch from `start` [s] on, for instance without the first transient."""
+        """Return the part from `start` [s] to the end, for example without the first transient."""
         keep = self.time >= start - 1e-9 * self.duration
         return TimeHistory(self.time[keep], self.values[:, keep], self.names, self.units)
 
 
 def sample_times(duration: float, sample_rate: float) -> Array:
-    """Sample times 0 ... duration, shape (duration * sample_rate + 1,) [s]."""
+    """Return the sample times 0 ... duration, shape (duration * sample_rate + 1,) [s]."""
     n_steps = positive("duration", duration, "s") * positive("sample_rate", sample_rate, "Hz")
     if round(n_steps) < 2:
         raise ValueError(f"{duration:g} s at {sample_rate:g} Hz gives fewer than 2 steps; ask for a longer signal")
@@ -80,10 +87,17 @@ def sample_times(duration: float, sample_rate: float) -> Array:
 
 
 def occupied_bandwidth(history: TimeHistory, *, power_fraction: float = 0.99) -> float:
-    """Frequency below which the given fraction of every signal's power lies [Hz], mean value left out.
+    """Compute the frequency below which a given share of every signal's power lies [Hz].
 
-    A window keeps the jump from the last sample to the first out of it. A steady signal occupies 0 Hz. The largest
-    figure over the signals is returned.
+    The mean value is excluded, and a window suppresses the jump from the last sample to the first. A constant signal
+    occupies 0 Hz.
+
+    Args:
+        history: the signals
+        power_fraction: share of the power [-]
+
+    Returns:
+        The largest frequency over the signals [Hz].
     """
     n = fast_length(len(history.time))
     moving = history.values[np.any(history.values != history.values[:, :1], axis=1), :n]
@@ -96,11 +110,14 @@ def occupied_bandwidth(history: TimeHistory, *, power_fraction: float = 0.99) ->
 
 
 def fast_length(n: int) -> int:
-    """Most samples, of n, whose number has no large prime factor; all n of less than a million.
+    """Return the largest number of samples up to n without a large prime factor; n itself if it is below a million.
 
-    With one, as 10^7 + 1 has, a transform takes ten times as long and twice the memory; half a per cent of the samples
-    are lost at most.
+    A transform of a length with a large prime factor, such as 10^7 + 1, takes ten times as long and twice the memory.
+    At most half a per cent of the samples are omitted.
+
+    Args:
+        n: number of samples
     """
-    while n > LONG and scipy.fft.next_fast_len(n, real=True) > n:
+    while n > LONG_RECORD and scipy.fft.next_fast_len(n, real=True) > n:
         n -= 1
     return n

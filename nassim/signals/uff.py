@@ -1,4 +1,4 @@
-"""Curves of universal files (UFF), data set 58, in SI."""
+"""Curves of universal files (UFF), data set 58, in SI units."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,17 +9,22 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.base.units import to_si
 
-KINDS = {1: "time", 4: "frf", 6: "coherence", 26: "coherence"}
-"""Function types that are read; other data sets are left out."""
+CURVE_KINDS = {1: "time", 4: "frf", 6: "coherence", 26: "coherence"}
+"""Function types that are read; other data sets are ignored."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Curve:
-    """One data set 58 in SI.
+    """One data set 58 in SI units.
 
-    kind: "time", "frf" or "coherence"; number: of the data set in its file, from 1
-    x: times [s] or frequencies [Hz], (n,); values: (n,), complex for FRFs, in `unit`
-    output, input: names of response and reference; the latter is empty but for FRFs
+    Attributes:
+        kind: "time", "frf" or "coherence"
+        number: number of the data set in its file, from 1
+        x: times [s] or frequencies [Hz], shape (n,)
+        values: values in `unit`, shape (n,); complex for FRFs
+        output: name of the response
+        input: name of the reference; empty if the curve is not an FRF
+        unit: SI unit of the values
     """
 
     kind: str
@@ -34,10 +39,17 @@ class Curve:
 def read_curves(path: Path) -> tuple[Curve, ...]:
     """Read all time responses, FRFs and coherences of a universal file, ASCII or binary.
 
-    A curve's names are the axis labels of its ordinate (numerator and denominator), which hold 20 characters, else the
-    entity names, else node and direction such as "12 z"; its units are the axes' unit labels, without which SI cannot
-    be told. Raises FileNotFoundError, RuntimeError without the package pyuff, and ValueError naming file, data set and
-    cause.
+    The names of a curve are the axis labels of its ordinate (numerator and denominator), which hold 20 characters;
+    otherwise its entity names; otherwise node and direction such as "12 z". Its units are the unit labels of the axes.
+    A data set without them is refused, because it cannot be converted to SI.
+
+    Args:
+        path: of the file
+
+    Raises:
+        FileNotFoundError: if there is no such file
+        ValueError: if a data set cannot be read; the message names file, data set and cause
+        RuntimeError: without the package pyuff
     """
     try:
         import pyuff  # noqa: PLC0415 - an optional dependency, needed by few
@@ -54,7 +66,7 @@ def read_curves(path: Path) -> tuple[Curve, ...]:
             content = file.read_sets(index)
         except Exception as error:  # pyuff raises bare exceptions
             raise ValueError(f"{path}, data set {index + 1}: it cannot be read as a data set 58 ({error})") from error
-        if content["func_type"] in KINDS:
+        if content["func_type"] in CURVE_KINDS:
             try:
                 curves.append(_curve(content, index + 1))
             except ValueError as error:
@@ -65,10 +77,11 @@ def read_curves(path: Path) -> tuple[Curve, ...]:
 
 
 def _curve(content: dict[str, Any], number: int) -> Curve:
-    kind = KINDS[content["func_type"]]
+    """Convert the content of a data set to a curve."""
+    kind = CURVE_KINDS[content["func_type"]]
     x, values = np.asarray(content["x"], dtype=float), np.asarray(content["data"])
     if not len(values) or len(values) != content["num_pts"] or len(x) != len(values):
-        raise ValueError(f"{len(values)} values where {content['num_pts']} are announced; is the file cut off?")
+        raise ValueError(f"{len(values)} values but the header announces {content['num_pts']}; is the file cut off?")
     if not (np.all(np.isfinite(x)) and np.all(np.isfinite(values))):
         raise ValueError(f"value {1 + int(np.argmin(np.isfinite(values)))} is not finite")
     x_factor, x_unit = to_si(_unit(content, "abscissa"))
@@ -92,13 +105,15 @@ def _curve(content: dict[str, Any], number: int) -> Curve:
 
 
 def _unit(content: dict[str, Any], axis: str) -> str:
+    """Return the unit of an axis."""
     unit = str(content.get(f"{axis}_axis_units_lab", "")).strip()
     if unit in ("", "NONE"):
-        raise ValueError(f"its {axis} states no unit (axis units label), such as V or um")
+        raise ValueError(f"its {axis} has no unit (axis units label), such as V or um")
     return unit
 
 
 def _name(content: dict[str, Any], axis: str, entity: str) -> str:
+    """Return the name of an axis, entity or node."""
     for key in (f"{axis}_axis_lab", f"{entity}_ent_name"):
         name = str(content.get(key, "")).strip()
         if name not in ("", "NONE"):

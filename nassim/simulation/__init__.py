@@ -1,13 +1,11 @@
-"""Engines: what a scene does in time, at rest and in frequency. Exudyn is used in `exudyn` and nowhere else.
+"""Simulation of scenes: in time, at rest and in frequency.
 
-`small_motion` puts bodies and words together; from there `linearization`, `exact_steps` and `exudyn` go their ways,
-and `time_domain` chooses among them; `spinning` adds what a turning table does, `standing` what stands beside it
-(`sides` tells who), `following` what drives do that follow inputs, `filters` what sensors let through. `compensation`
-makes steps keep periods, of which `accuracy` tells what is left. `scene_body` makes one body of a scene. What digital
-controllers do is in `running_loops`, one by one, and in `closed_steps`, all in one with the scene.
+Five sub-packages, whose imports point one way: `model` assembles the equations of small motion, `loaded` adds loads and
+spin, `linear` makes linear models and exact steps, `exudyn` realises scenes as Exudyn systems (it is the only home of
+Exudyn), and `run` chooses an engine, checks before a run and warns after it.
 
-To add an engine, realise the words of `nassim.scene.part` in a room of its own; to add a check before or a warning
-after a run, open `run_checks` and `guards`; `reach` bounds motion, `stopped_runs` has what a run raises.
+To add an engine, realise the terms of `nassim.scene.terms` in a sub-package of its own. Checks before a run are in
+`run.checks`, warnings after it in `run.warnings_of_runs`, the exceptions of a run in `linear.stopped_runs`.
 """
 
 import lazy_loader

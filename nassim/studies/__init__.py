@@ -1,9 +1,10 @@
-"""Many runs of one function: sampling plans, sweeps on one machine or a cluster, what their results tell.
+"""Studies: many runs of one function, with sampling plans, sweeps on one machine or a cluster, and sensitivity
+analysis.
 
-To add a way of choosing the runs, open `plans`, which give `Samples`; a figure of what moves the results,
-`sensitivity`; a kind of result, `results`; what may become of a run, `outcome`; a place where runs are carried out,
-`executors`. Results are labelled arrays of xarray, which plots and saves them. The extra `studies` brings what this
-wing needs beside the core.
+A new way to choose the runs goes to `plans`, which return `Samples`; a new sensitivity figure to `sensitivity`, a new
+kind of result to `results`, a new status of a run to `outcome`, and a new place to carry out runs to `executors`.
+Results are labelled arrays of xarray, which plots and saves them. The extra `studies` installs the additional packages
+of this sub-package.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""The results of a study as one xarray.Dataset: named dimensions, coordinates with units, a status for every run."""
+"""Results of a study as one xarray.Dataset: named dimensions, coordinates with units, a status for each run."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -14,15 +14,21 @@ from nassim.studies.plan import Plan, run_key
 from nassim.studies.results import MESSAGE, STATUS, WALL_TIME, Layout, Quantity
 from nassim.studies.run_store import Records
 
-EMPTY = {False: np.nan, True: complex(np.nan, np.nan)}
+MISSING_VALUES = {False: np.nan, True: complex(np.nan, np.nan)}
 
 
 def to_dataset(plan: Plan, records: Records, units: Mapping[str, str], attributes: Mapping[str, Any]) -> Any:
-    """The runs of a plan as an xarray.Dataset; NaN where there is no number.
+    """Return the runs of a plan as an xarray.Dataset, with NaN where there is no number.
 
-    Where runs gave results of several layouts, the most frequent one counts (of equals, that of the earlier run); the
-    others have the status "other shape" and a message. Real numbers become complex ones where other runs have such.
-    Warns of units of what is not there, and if no run is of use.
+    When runs returned results of several layouts, the most frequent layout counts (for equal numbers, that of the
+    earlier run). The other runs get the status "other shape" and a message. Real numbers become complex where other
+    runs returned complex ones. Warns of units of names that do not exist, and when no run returned a result.
+
+    Args:
+        plan: plan of the study.
+        records: finished runs.
+        units: units of parameters and results by name.
+        attributes: attributes of the dataset.
     """
     import xarray as xr  # noqa: PLC0415 -- of the extra `studies`
 
@@ -64,8 +70,8 @@ def to_dataset(plan: Plan, records: Records, units: Mapping[str, str], attribute
 
 
 def _filled(n_runs: int, layout: Layout, records: Records, keys: Mapping[int, str]) -> dict[str, Array]:
-    """Arrays of all runs by name, a run per row; keys: names of the runs that have numbers, by row."""
-    arrays = {n: np.full((n_runs, *q.shape), EMPTY[q.complex], q.dtype) for n, q in layout.quantities.items()}
+    """Return the arrays of all runs by name, one run per row; keys: names of the runs with numbers, by row."""
+    arrays = {n: np.full((n_runs, *q.shape), MISSING_VALUES[q.complex], q.dtype) for n, q in layout.quantities.items()}
     for place, key in keys.items():
         for name, numbers in records.numbers(key).items():
             arrays[name][place] = numbers
@@ -73,12 +79,12 @@ def _filled(n_runs: int, layout: Layout, records: Records, keys: Mapping[int, st
 
 
 def _as_real(layout: Layout) -> Layout:
-    """The layout without regard to which quantities are complex."""
+    """Return the layout with all quantities real, for comparison."""
     return replace(layout, quantities={name: replace(q, complex=False) for name, q in layout.quantities.items()})
 
 
 def _common(layouts: Sequence[Layout]) -> Layout:
-    """Layouts that differ in what is complex as one, complex where any of them is; an empty one of none."""
+    """Combine layouts that differ only in complex quantities: complex where any layout is; empty for no layouts."""
     if not layouts:
         return Layout({}, {})
     quantities = {
@@ -89,17 +95,17 @@ def _common(layouts: Sequence[Layout]) -> Layout:
 
 
 def _difference(usual: Layout, other: Layout) -> str:
-    """How a layout differs from that of most runs."""
+    """Describe the difference of a layout from that of most runs."""
     names = [*usual.quantities, *(name for name in other.quantities if name not in usual.quantities)]
     for name in names:
         one, two = usual.quantities.get(name), other.quantities.get(name)
         if one != two:
-            return f"{name} is {_told(two)}, in most runs {_told(one)}"
+            return f"{name} is {_describe_shape(two)}, in most runs {_describe_shape(one)}"
     axis = next(name for name in {**usual.axes, **other.axes} if usual.axes.get(name) != other.axes.get(name))
     return f"the axis {axis} has other values than in most runs"
 
 
-def _told(quantity: Quantity | None) -> str:
+def _describe_shape(quantity: Quantity | None) -> str:
     if quantity is None:
         return "absent"
     return " x ".join(map(str, quantity.shape)) or "a number"

@@ -1,4 +1,4 @@
-"""Who carries out the runs: this process, child processes on this machine, or the workers of any executor."""
+"""Executors of runs: this process, child processes on this machine, or the workers of any executor."""
 
 import os
 import pickle
@@ -16,21 +16,29 @@ from nassim.base.warning_log import warn
 from nassim.studies.outcome import LOST, Outcome, Task
 from nassim.studies.workers import THREADS, CannotLoad, Children, run_in_child
 
-TICK, PATIENCE = 1.0, 30
-"""Time between two looks for results [s], and after how many of them without any it is told that nobody works."""
+POLL_INTERVAL, POLLS_BEFORE_WARNING = 1.0, 30
+"""Interval between checks for results [s], and number of checks without a result before a warning."""
 IN_FLIGHT = 1000
-"""Runs that are submitted at a time: more than most clusters have workers, and little memory."""
+"""Number of submitted runs at a time: more than most clusters have workers, with little memory."""
 Requests = Iterable[tuple[str, dict[str, Any]]]
-"""Names of runs, and what the function is called with."""
+"""Names of runs, and the arguments of the function."""
 Outcomes = Generator[tuple[str, Outcome], None, None]
 
 
-def one_by_one(task: Task, requests: Requests) -> Outcomes:
-    """Carry out runs in this process, with one thread as children have."""
+def run_serially(task: Task, requests: Requests) -> Outcomes:
+    """Carry out runs one after the other in this process, with one thread as in child processes.
+
+    Args:
+        task: the function.
+        requests: the runs.
+
+    Returns:
+        Iterator over names and outcomes of the runs.
+    """
     before = {name: os.environ.get(name) for name in THREADS}
     try:
         os.environ.update(THREADS)
-        with threadpool_limits(1):  # those that are loaded; the environment is for those to come
+        with threadpool_limits(1):  # for libraries already loaded; the environment is for later ones
             for key, arguments in requests:
                 yield key, task(arguments)
     finally:
@@ -39,8 +47,18 @@ def one_by_one(task: Task, requests: Requests) -> Outcomes:
             os.environ.update({} if value is None else {name: value})
 
 
-def on_this_machine(payload: bytes, requests: Requests, time_limit: float | None, n_processes: int) -> Outcomes:
-    """Carry out runs in so many child processes; payload: the task, pickled."""
+def run_in_children(payload: bytes, requests: Requests, time_limit: float | None, n_processes: int) -> Outcomes:
+    """Carry out runs in child processes on this machine.
+
+    Args:
+        payload: the pickled task.
+        requests: the runs.
+        time_limit: time limit of each run [s].
+        n_processes: number of child processes.
+
+    Returns:
+        Iterator over names and outcomes of the runs, in the order in which they finish.
+    """
     children = Children(payload)
     threads = ThreadPoolExecutor(n_processes, thread_name_prefix="study")
     try:
@@ -50,17 +68,26 @@ def on_this_machine(payload: bytes, requests: Requests, time_limit: float | None
         threads.shutdown(cancel_futures=True)
 
 
-def on_executor(payload: bytes, requests: Requests, time_limit: float | None, executor: Any) -> Outcomes:
-    """Carry out runs in children of an executor's workers.
+def run_on_executor(payload: bytes, requests: Requests, time_limit: float | None, executor: Any) -> Outcomes:
+    """Carry out runs in child processes of the workers of an executor.
 
-    A Dask client is given the function as a task of its own, whose result each worker fetches once; to other executors
-    it goes with every run.
+    A Dask client gets the function as a separate task, whose result each worker fetches once. Other executors get the
+    function with each run.
+
+    Args:
+        payload: the pickled task.
+        requests: the runs.
+        time_limit: time limit of each run [s].
+        executor: Dask client, or an object with a method `submit`.
+
+    Returns:
+        Iterator over names and outcomes of the runs, in the order in which they finish.
     """
     digest = sha256(payload).hexdigest()
     dask = hasattr(executor, "scatter")
     options = {"pure": False} if dask else {}
     staffed = (lambda: bool(executor.nthreads())) if dask else (lambda: True)
-    # A task, and no scattered data: those would be lost with the worker that has them.
+    # A task in place of scattered data, which would be lost with the worker that holds them.
     shared = executor.submit(bytes, payload, **options) if dask else payload
     yield from _submitted(
         lambda request: executor.submit(run_in_child, shared, digest, request, time_limit, **options), requests, staffed
@@ -70,21 +97,21 @@ def on_executor(payload: bytes, requests: Requests, time_limit: float | None, ex
 def _submitted(
     submit: Callable[[bytes], Any], requests: Requests, staffed: Callable[[], bool] = lambda: True
 ) -> Outcomes:
-    """Submit runs, a bounded number at a time, and give their outcomes as they come; staffed tells of workers."""
+    """Submit runs, a bounded number at a time, and yield outcomes as they finish; staffed: whether workers exist."""
     coming = iter(requests)
     pending: dict[Any, str] = {}
     done: queue.SimpleQueue[Any] = queue.SimpleQueue()
     try:
         while True:
             for key, arguments in islice(coming, IN_FLIGHT - len(pending)):
-                with _told():
+                with _explained_errors():
                     future = submit(pickle.dumps(arguments))
                 pending[future] = key
                 future.add_done_callback(done.put)
             if not pending:
                 return
             future = _next(done, staffed)
-            with _told():
+            with _explained_errors():
                 outcome = _outcome(future)
             yield pending.pop(future), outcome
     finally:
@@ -96,13 +123,14 @@ def _next(done: "queue.SimpleQueue[Any]", staffed: Callable[[], bool]) -> Any:
     waited = 0
     while True:
         try:
-            return done.get(timeout=TICK)  # without it, Windows would not hear Ctrl-C
+            return done.get(timeout=POLL_INTERVAL)  # without a timeout, Windows would not receive Ctrl-C
         except queue.Empty:
             waited += 1
-        if waited == PATIENCE and not staffed():
+        if waited == POLLS_BEFORE_WARNING and not staffed():
             warn(
-                "the study waits for workers, of which the cluster has none: did any start, has their time run out? "
-                "It goes on when some come, or after Ctrl-C by the same call from its folder"
+                "the study waits for workers, because the cluster has none: check that they started and that their "
+                "time limit has not expired. It continues with new workers, or after Ctrl-C by the same call from its "
+                "folder"
             )
 
 
@@ -110,7 +138,7 @@ def _outcome(future: Any) -> Outcome:
     try:
         outcome: Outcome = future.result()
     except Exception as error:
-        # Dask's word, which is not to be imported: workers died under the run, or under what it needs.
+        # Dask's exception, by name because Dask is optional: workers ended during the run or a task that it needs.
         if type(error).__name__ != "KilledWorker":
             raise
         return Outcome(LOST, " ".join(str(error).split()))
@@ -118,8 +146,8 @@ def _outcome(future: Any) -> Outcome:
 
 
 @contextmanager
-def _told() -> Iterator[None]:
-    """Say what it means that an executor cannot go on."""
+def _explained_errors() -> Iterator[None]:
+    """Replace errors of an executor by messages with their consequence and cure."""
     again = "finished runs are in the study's folder, if it has one: the same call goes on from there"
     try:
         yield

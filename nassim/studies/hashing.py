@@ -1,4 +1,4 @@
-"""What a value holds, as a hash that is the same in every process."""
+"""Hashes of values that are the same in every process."""
 
 import copyreg
 import pickle
@@ -12,24 +12,27 @@ import numpy as np
 from nassim.base.storage import fingerprint
 
 
-def content(value: Any) -> str:
-    """Hash of a value, 16 digits.
+def content_hash(value: Any) -> str:
+    """Return the hash of a value, 16 digits.
 
-    Sets have no order, and a script's classes and functions are known by their names, while pickles of both differ from
-    process to process. Of what does not travel (locks, files) and of generators of random numbers, whose state moves
-    on with every draw, only the kind counts.
+    Pickles of sets and of the classes and functions of a script differ between processes. Sets are therefore hashed
+    without order, and such classes and functions by name. Objects that cannot be pickled (locks, files), and random
+    generators, whose state changes with every draw, are hashed by type only.
+
+    Args:
+        value: any object.
     """
     return fingerprint(_plain(value, ()))[:16]
 
 
 def code_text(code: CodeType) -> str:
-    """What a function does, where there is no source: the same text for the same code."""
+    """Return a text for compiled code without source; equal code has equal text."""
     constants = [code_text(c) if isinstance(c, CodeType) else c for c in code.co_consts]
     return repr((code.co_code, code.co_names, constants))
 
 
 def _plain(value: Any, above: tuple[int, ...]) -> Any:
-    """A value as `fingerprint` takes it; above: ids of what it is part of, which it may hold again."""
+    """Return a value in the form that `fingerprint` takes; above: ids of its containers, which it may contain again."""
     if value is None or isinstance(value, (str, bytes, bool, int, float, np.generic)):
         return value
     if isinstance(value, np.ndarray) and value.dtype != object:
@@ -45,7 +48,7 @@ def _plain(value: Any, above: tuple[int, ...]) -> Any:
 
 
 def _parts(value: Any) -> Iterable[Any]:
-    """What a value is made of, beside its kind."""
+    """Return the parts of a value, without its type."""
     if isinstance(value, (tuple, list, np.ndarray)):
         return value
     if is_dataclass(value) and not isinstance(value, type):

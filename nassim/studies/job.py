@@ -1,4 +1,4 @@
-"""The function of a study: what it may be called with, how it travels, and by what it is known again."""
+"""Function of a study: check of its parameters, transport to other processes, and identity."""
 
 import ast
 import functools
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from nassim.base.storage import fingerprint
-from nassim.studies.hashing import code_text, content
+from nassim.studies.hashing import code_text, content_hash
 from nassim.studies.outcome import Task
 from nassim.studies.plan import Parameters, run_seed
 
@@ -24,29 +24,51 @@ SEED = "seed"
 
 @dataclass(frozen=True)
 class Job:
-    """A study's function, checked, and its seed, given to functions that have a parameter of that name."""
+    """Checked function of a study.
+
+    Attributes:
+        function: the function.
+        task: the function as a task for other processes.
+        seed: seed of the study, for functions with a parameter `seed`; None for others.
+    """
 
     function: Function
     task: Task
     seed: int | None
 
     def arguments(self, parameters: Parameters, key: str) -> Parameters:
-        """What the function is called with for a run of some name."""
+        """Return the arguments of the function for a run.
+
+        Args:
+            parameters: parameters of the run.
+            key: name of the run.
+        """
         return parameters if self.seed is None else {**parameters, SEED: run_seed(self.seed, key)}
 
 
 def make_job(function: Function, names: tuple[str, ...], seed: int | None) -> Job:
     """Check that a function takes the parameters of a study by keyword.
 
-    Raises ValueError listing unknown and missing parameters, and for a seed that is no whole number or that the
-    function does not take.
+    Args:
+        function: the function.
+        names: names of the parameters.
+        seed: seed of the study, or None.
+
+    Returns:
+        Job with the function and the seed.
+
+    Raises:
+        ValueError: listing unknown and missing parameters, and for a seed that is not a whole number or that the
+            function does not take.
     """
     if not callable(function):
         raise ValueError(f"a study needs a function, got {function!r:.60}, a {type(function).__name__}")
     try:
         parameters = inspect.signature(function).parameters.values()
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{label(function)} does not tell its parameters; wrap it in a def of your own") from error
+        raise ValueError(
+            f"{label(function)} has no signature that can be read; wrap it in a function with named parameters"
+        ) from error
     keywords = {p.name: p for p in parameters if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)}
     takes_any = any(p.kind is p.VAR_KEYWORD for p in parameters)
     known = f"{label(function)} takes {', '.join(keywords) or 'none'}"
@@ -71,17 +93,26 @@ def make_job(function: Function, names: tuple[str, ...], seed: int | None) -> Jo
 
 
 def label(function: Function) -> str:
-    """A function's name with its module's."""
+    """Return the name of a function with that of its module."""
     base = function.func if isinstance(function, functools.partial) else function
     base = base if hasattr(base, "__qualname__") else type(base)
     return f"{base.__module__}.{base.__qualname__}"
 
 
-def packed(job: Job) -> bytes:
-    """The function with all it carries, pickled once.
+def pickle_task(job: Job) -> bytes:
+    """Pickle the function with all values that it needs, once.
 
-    Functions of importable modules travel by name, others (of a script, a notebook, inside a function, lambdas) by
-    value. Raises ValueError for what cannot travel, naming it.
+    Functions of importable modules are pickled by name. Other functions (of a script, a notebook, inside a function,
+    lambdas) are pickled by value.
+
+    Args:
+        job: the job.
+
+    Returns:
+        Pickled task.
+
+    Raises:
+        ValueError: naming the values that cannot be pickled.
     """
     import cloudpickle  # noqa: PLC0415 -- of the extra `studies`
 
@@ -90,7 +121,7 @@ def packed(job: Job) -> bytes:
     except Exception as error:
         cause = error
     culprits = []
-    for name, value in carried(job.function):
+    for name, value in values_in_function(job.function):
         try:
             cloudpickle.dumps(value)
         except Exception as error:
@@ -103,16 +134,21 @@ def packed(job: Job) -> bytes:
 
 
 def identity(job: Job) -> dict[str, Any]:
-    """What a folder knows a study by, as plain data: function, source and what it carries (as hashes), and the seed."""
+    """Return the identity of a study as plain data: function, hashes of its source and its values, and the seed.
+
+    Args:
+        job: the job.
+    """
     inputs: dict[str, str] = {}
     source = _identify(job.function, inputs, {})
     return {"function": label(job.function), "source": source, "inputs": dict(sorted(inputs.items())), "seed": job.seed}
 
 
-def carried(function: Function) -> Iterator[tuple[str, Any]]:
-    """What a function needs beside its parameters, by name: fixed arguments, defaults, values around it.
+def values_in_function(function: Function) -> Iterator[tuple[str, Any]]:
+    """Yield the values that a function needs in addition to its parameters, by name: fixed arguments, defaults,
+    closures.
 
-    Modules, classes and functions of other modules are left out.
+    Modules, classes and functions of other modules are omitted.
     """
     if isinstance(function, functools.partial):
         yield from ((f"argument {index}", value) for index, value in enumerate(function.args))
@@ -148,19 +184,19 @@ def _names(code: CodeType) -> Iterator[str]:
 
 
 def _identify(function: Function, inputs: dict[str, str], seen: dict[int, int]) -> str:
-    """Hash of a function's source; enters what it carries in `inputs`, functions by their own source.
+    """Return the hash of a function's source, and enter its values in `inputs`, functions by their own source.
 
-    seen: functions entered before, by their ids, which may carry each other, and in which place
+    seen: functions entered before by their ids, in order, because functions may refer to each other
     """
-    for name, value in carried(function):
+    for name, value in values_in_function(function):
         if not isinstance(value, FunctionType):
-            found = content(value)
+            found = content_hash(value)
         elif id(value) in seen:
             found = f"function {seen[id(value)]}"
         else:
             seen[id(value)] = len(seen)
             found = _identify(value, inputs, seen)
-        # Functions beside each other may carry values of one name: all of them count.
+        # Several functions may use different values of the same name: all of them count.
         inputs[name] = fingerprint(inputs[name], found)[:16] if name in inputs else found
     base = function.func if isinstance(function, functools.partial) else function
     base = getattr(base, "__func__", base)

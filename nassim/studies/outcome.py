@@ -1,4 +1,4 @@
-"""One run carried out: what it gave, or why it gave nothing. Failure is data."""
+"""Outcome of one run: its result, or the reason why there is none."""
 
 import time
 import traceback
@@ -8,25 +8,28 @@ from typing import Any
 
 import numpy as np
 
-from nassim.base.warning_log import collected
-from nassim.studies.results import Layout, flattened
+from nassim.base.warning_log import collect_messages
+from nassim.studies.results import Layout, flatten_result
 
 OK, FAILED, DIVERGED, TIMED_OUT, LOST, OTHER_SHAPE = "ok", "failed", "diverged", "timed out", "lost", "other shape"
 UNFINISHED = (FAILED, DIVERGED, TIMED_OUT, LOST)
-"""What may become of a run beside "ok", and be tried anew."""
+"""States of a run other than "ok" that can be repeated."""
 LONGEST_MESSAGE = 300
-"""Characters of a message in the results; the folder has the whole traceback."""
+"""Largest number of characters of a message in the results; the folder has the full traceback."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a run.
+    """Outcome of a run.
 
-    status: "ok"; "failed" (it raised, or returned what no study takes), "diverged" (there is NaN in what it returned),
-        "timed out", "lost" (its process ended, time and again)
-    message: why, in a line; of a run that is ok, nassim's warnings; details: the traceback
-    wall_time: that the function took [s], 0 where nobody knows
-    layout, data: of what it returned, see `results`; None and nothing unless it returned
+    Attributes:
+        status: "ok"; "failed" (it raised an exception, or returned a type that studies do not accept); "diverged" (its
+            result contains NaN); "timed out"; "lost" (its process ended repeatedly).
+        message: reason in one line; for a run with the status "ok", nassim's warnings.
+        details: the traceback.
+        wall_time: duration of the function; 0 where it is unknown [s].
+        layout: layout of the result, see `results`; None unless the function returned.
+        data: numbers of the result; empty unless the function returned.
     """
 
     status: str
@@ -39,19 +42,24 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Task:
-    """A study's function, and the names that its results may not have."""
+    """Function of a study.
+
+    Attributes:
+        function: the function.
+        taken: names that its results may not have.
+    """
 
     function: Callable[..., Any]
     taken: Collection[str]
 
     def __call__(self, parameters: dict[str, Any]) -> Outcome:
-        """Carry out a run; raises nothing but KeyboardInterrupt."""
+        """Carry out a run; raise no exception except KeyboardInterrupt."""
         start = time.perf_counter()
         try:
-            with collected() as notices:
+            with collect_messages() as notices:
                 result = self.function(**parameters)
             wall_time = time.perf_counter() - start
-            layout, data = flattened(result, self.taken)
+            layout, data = flatten_result(result, self.taken)
         except KeyboardInterrupt:
             raise
         except BaseException as error:

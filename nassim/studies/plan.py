@@ -1,4 +1,4 @@
-"""The runs of a study: every combination of a grid, or row by row; each has a name by its parameters."""
+"""Runs of a study: all combinations of a grid, or rows of samples. A run is named by its parameters."""
 
 import hashlib
 import itertools
@@ -16,16 +16,17 @@ from nassim.studies.results import OWN, RUN
 from nassim.studies.samples import Samples, parameter_names
 
 Parameters = dict[str, Any]
-"""One run's parameters by name: numbers, texts, truth values."""
+"""Parameters of one run by name: numbers, texts, truth values."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The runs of a study.
+    """Runs of a study.
 
-    values: of each parameter, Python's own numbers, texts or truth values
-    grid: whether runs are all combinations, one dimension per parameter; else the rows, along the dimension `run`
-    label: how the values were chosen
+    Attributes:
+        values: values of each parameter, as Python's own numbers, texts or truth values.
+        grid: True for all combinations, with one dimension per parameter; False for rows along the dimension `run`.
+        label: how the values were chosen.
     """
 
     values: Mapping[str, tuple[Any, ...]]
@@ -39,7 +40,7 @@ class Plan:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of the results."""
+        """Shape of the results."""
         lengths = tuple(map(len, self.values.values()))
         return lengths if self.grid else lengths[:1]
 
@@ -48,14 +49,22 @@ class Plan:
         return math.prod(self.shape)
 
     def runs(self) -> Iterator[Parameters]:
-        """Each run's parameters; the last one of a grid varies fastest."""
+        """Yield the parameters of each run; the last parameter of a grid varies fastest."""
         columns = self.values.values()
         rows = itertools.product(*columns) if self.grid else zip(*columns, strict=True)
         return (dict(zip(self.values, row, strict=True)) for row in rows)
 
 
 def make_plan(grid: Mapping[str, Any] | None, samples: Samples | Mapping[str, Any] | None) -> Plan:
-    """The runs of a grid or of samples; raises ValueError for both, neither, and for what is no such thing."""
+    """Return the plan of a grid or of samples.
+
+    Args:
+        grid: values by name of the parameter, or None.
+        samples: samples, or columns by name of the parameter, or None.
+
+    Raises:
+        ValueError: for both or neither of them, and for invalid ones.
+    """
     if (grid is None) == (samples is None):
         raise ValueError("give a study either grid= or samples=, mappings of parameters' names to their values")
     given = grid if samples is None else samples
@@ -88,7 +97,7 @@ def _values(name: str, column: Any) -> tuple[Any, ...]:
     if not kinds <= {float, str, bool} or len(kinds) > 1:
         raise ValueError(
             f"values of {name!r} must all be numbers, or all texts, or all truth values, got "
-            f"{', '.join(sorted({type(v).__name__ for v in values}))}; sweep over names and look other things up inside"
+            f"{', '.join(sorted({type(v).__name__ for v in values}))}; sweep over names, and look up objects inside"
         )
     if wrong := [v for v in values if kinds == {float} and not math.isfinite(v)]:
         raise ValueError(f"values of {name!r} must be finite, got {wrong[0]}")
@@ -96,7 +105,11 @@ def _values(name: str, column: Any) -> tuple[Any, ...]:
 
 
 def run_key(parameters: Parameters) -> str:
-    """A run's name: a hash of its parameters, the same in any order and for 1, 1.0 and NumPy's 1."""
+    """Return the name of a run: a hash of its parameters in any order, the same for 1, 1.0 and NumPy's 1.
+
+    Args:
+        parameters: parameters of the run.
+    """
     plain = {name: _canonical(parameters[name]) for name in sorted(parameters)}
     return hashlib.sha256(json.dumps(plain).encode()).hexdigest()[:32]
 
@@ -107,6 +120,11 @@ def _canonical(value: Any) -> Any:
 
 
 def run_seed(seed: int, key: str) -> int:
-    """The seed of a run, 64 bits from those of the study and the run's name: order and machine do not matter."""
-    words = [int(key[i : i + 8], 16) for i in range(0, len(key), 8)]
-    return int(np.random.SeedSequence([seed, *words]).generate_state(1, np.uint64)[0])
+    """Return the 64-bit seed of a run from those of the study and the run's name, independent of order and machine.
+
+    Args:
+        seed: seed of the study.
+        key: name of the run.
+    """
+    entropy = [int(key[i : i + 8], 16) for i in range(0, len(key), 8)]
+    return int(np.random.SeedSequence([seed, *entropy]).generate_state(1, np.uint64)[0])

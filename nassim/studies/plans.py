@@ -1,4 +1,4 @@
-"""Sampling plans: which parameters the runs of a study take, from a distribution of each.
+"""Sampling plans: parameters of the runs of a study from the distribution of each parameter.
 
 A distribution is a frozen one of scipy.stats, such as norm(5.0, 0.1) or uniform(4.9, 0.2), which lies between 4.9 and
 5.1. Parameters are independent of each other. The same seed gives the same plan.
@@ -14,16 +14,25 @@ from nassim.base.checks import Array
 from nassim.studies.samples import Samples, parameter_names
 
 EDGE = 2.0**-53
-"""Shares this close to 0 and 1, where many distributions reach to infinity, are drawn no closer."""
+"""Smallest distance of a probability from 0 and 1, where many distributions are infinite."""
 
 BITS = 64
-"""Of the coordinates of Sobol' points."""
+"""Number of bits of the coordinates of Sobol' points."""
 
 
 def random_points(distributions: Mapping[str, Any], n: int, *, seed: int) -> Samples:
-    """Plain Monte Carlo: n independent runs, whose mean errs by the standard deviation over sqrt(n).
+    """Draw n independent runs (plain Monte Carlo), whose mean has an error of the standard deviation over sqrt(n).
 
-    distributions: by name of the parameter. Raises ValueError for an empty mapping, what is no distribution, n below 1.
+    Args:
+        distributions: distributions by name of the parameter.
+        n: number of runs.
+        seed: seed of the plan.
+
+    Returns:
+        Samples of n runs.
+
+    Raises:
+        ValueError: for an empty mapping, for values that are not distributions, and for n below 1.
     """
     names = parameter_names(tuple(distributions))
     shares = np.random.default_rng(seed).random((_count(n), len(names)))
@@ -31,10 +40,21 @@ def random_points(distributions: Mapping[str, Any], n: int, *, seed: int) -> Sam
 
 
 def latin_hypercube(distributions: Mapping[str, Any], n: int, *, seed: int) -> Samples:
-    """Latin hypercube: every parameter takes one value in each of n stretches of equal probability.
+    """Draw a Latin hypercube: each parameter takes one value in each of n intervals of equal probability.
 
-    It suits tens to hundreds of costly runs. A plan of more runs shares none with one of fewer: where a study is to
-    grow, take `sobol_points`. distributions: by name of the parameter. Raises ValueError as `random_points` does.
+    It suits tens to hundreds of expensive runs. A larger plan contains no runs of a smaller one; `sobol_points` suits a
+    study that may grow.
+
+    Args:
+        distributions: distributions by name of the parameter.
+        n: number of runs.
+        seed: seed of the plan.
+
+    Returns:
+        Samples of n runs.
+
+    Raises:
+        ValueError: in the cases of `random_points`.
     """
     names = parameter_names(tuple(distributions))
     shares = qmc.LatinHypercube(len(names), seed=np.random.default_rng(seed)).random(_count(n))
@@ -42,21 +62,43 @@ def latin_hypercube(distributions: Mapping[str, Any], n: int, *, seed: int) -> S
 
 
 def sobol_points(distributions: Mapping[str, Any], n: int, *, seed: int) -> Samples:
-    """Points of a scrambled Sobol' sequence, which fill the space evenly; n is a power of two.
+    """Draw points of a scrambled Sobol' sequence, which fill the space evenly.
 
     A plan of twice as many runs begins with those of this one, so that a study can grow.
-    distributions: by name of the parameter. Raises ValueError as `random_points` does, and for other n.
+
+    Args:
+        distributions: distributions by name of the parameter.
+        n: number of runs, a power of two.
+        seed: seed of the plan.
+
+    Returns:
+        Samples of n runs.
+
+    Raises:
+        ValueError: in the cases of `random_points`, and for an n that is not a power of two.
     """
     shares = _sobol_shares(len(parameter_names(tuple(distributions))), n, seed)
     return _samples(distributions, shares, f"sobol points, n = {n}, seed {seed}")
 
 
 def saltelli_points(distributions: Mapping[str, Any], n: int, *, seed: int) -> Samples:
-    """Points for `sobol_indices`: n (d + 2) runs for d parameters, where n is a power of two.
+    """Draw the points for `sobol_indices`: n (d + 2) runs for d parameters.
 
-    The rows are n of a matrix A, n of B, and for each parameter in turn the n of A with its column out of B.
-    Source: A. Saltelli et al., Comput. Phys. Commun. 181 (2010) 259-270; both from one Sobol' sequence.
-    distributions: by name of the parameter. Raises ValueError as `random_points` does, and for other n.
+    The rows are n of a matrix A, n of a matrix B, and for each parameter the n rows of A with the column of this
+    parameter from B. Both matrices come from one Sobol' sequence.
+
+    Args:
+        distributions: distributions by name of the parameter.
+        n: number of rows of A and of B, a power of two.
+        seed: seed of the plan.
+
+    Returns:
+        Samples of n (d + 2) runs.
+
+    Raises:
+        ValueError: in the cases of `random_points`, and for an n that is not a power of two.
+
+    Source: A. Saltelli et al., Comput. Phys. Commun. 181 (2010) 259-270.
     """
     d = len(parameter_names(tuple(distributions)))
     a, b = np.split(_sobol_shares(2 * d, n, seed), 2, axis=1)
@@ -79,7 +121,7 @@ def _count(n: int) -> int:
 
 
 def _samples(distributions: Mapping[str, Any], shares: Array, plan: str) -> Samples:
-    """Parameters whose distribution functions take the given values, (n_runs, n_parameters)."""
+    """Return parameters at given values of their distribution functions, (n_runs, n_parameters)."""
     inside = np.clip(shares, EDGE, 1 - EDGE)
     columns = [
         _quantiles(name, distribution, inside[:, k]) for k, (name, distribution) in enumerate(distributions.items())

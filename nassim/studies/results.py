@@ -1,4 +1,4 @@
-"""What a run gives, as labelled arrays of one layout: numbers, arrays, FRFs and histories."""
+"""Results of runs as labelled arrays of one layout: numbers, arrays, FRFs and histories."""
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
@@ -14,14 +14,17 @@ from nassim.signals.time_history import TimeHistory
 
 RUN, STATUS, MESSAGE, WALL_TIME = "run", "status", "message", "wall_time"
 OWN = (RUN, STATUS, MESSAGE, WALL_TIME)
-"""Names that every study's results have."""
+"""Names in the results of every study."""
 
 
 @dataclass(frozen=True)
 class Axis:
     """Labels along a dimension of results.
 
-    along: name of the dimension; values: numbers or texts, (n,); unit: of the numbers
+    Attributes:
+        along: name of the dimension.
+        values: numbers or texts, (n,).
+        unit: unit of the numbers.
     """
 
     along: str
@@ -31,7 +34,13 @@ class Axis:
 
 @dataclass(frozen=True)
 class Quantity:
-    """The shape of one result: a dimension per axis, in order; `complex` numbers or real ones."""
+    """Dimensions and type of one result.
+
+    Attributes:
+        dims: names of the dimensions, in order.
+        shape: sizes of the dimensions.
+        complex: whether the numbers are complex.
+    """
 
     dims: tuple[str, ...]
     shape: tuple[int, ...]
@@ -39,32 +48,38 @@ class Quantity:
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Of the numbers, as files hold them."""
+        """Type of the numbers in files."""
         return np.dtype("<c16" if self.complex else "<f8")
 
     @property
     def size(self) -> int:
-        """In bytes."""
+        """Size in bytes."""
         return int(np.prod(self.shape, dtype=int)) * self.dtype.itemsize
 
 
 @dataclass(frozen=True)
 class Layout:
-    """What a run gave, without the numbers: its quantities and the axes of their dimensions, by name.
+    """Description of the results of a run, without the numbers. The results of runs with one layout fit in one array.
 
-    Runs of one layout can stand in one array.
+    Attributes:
+        quantities: results by name.
+        axes: labels of their dimensions by name.
     """
 
     quantities: Mapping[str, Quantity]
     axes: Mapping[str, Axis] = field(default_factory=dict)
 
     def digest(self) -> str:
-        """The same text for the same layout, on any machine."""
+        """Return a hash of the layout that is the same on all machines."""
         axes = {name: (axis.along, np.array(axis.values), axis.unit) for name, axis in self.axes.items()}
         return fingerprint(dict(self.quantities), axes)[:16]
 
     def arrays(self, data: bytes) -> dict[str, Array]:
-        """The numbers of a run by name, each of its quantity's shape."""
+        """Return the numbers of a run by name, each array in the shape of its quantity.
+
+        Args:
+            data: numbers as bytes.
+        """
         result, place = {}, 0
         for name, quantity in self.quantities.items():
             part = np.frombuffer(data[place : place + quantity.size], quantity.dtype)
@@ -73,15 +88,21 @@ class Layout:
         return result
 
 
-def flattened(result: Any, taken: Collection[str]) -> tuple[Layout, bytes]:
-    """The layout of what a function returned, and its numbers one after the other.
+def flatten_result(result: Any, taken: Collection[str]) -> tuple[Layout, bytes]:
+    """Return the layout of a function's result, and its numbers as bytes.
 
-    taken: names of parameters, which no result and no dimension may have
+    A single number or array is named "result", an FRF "frf", a history "history". Dimensions of an array `name` are
+    named `name_0`, `name_1`; those of FRFs `output`, `input`, `frequency`, and those of histories `signal`, `time`. The
+    name of the result is put in front where another result of the run has different labels for the same dimension. All
+    numbers become float64 or complex128.
 
-    A number or an array alone is called "result", an FRF "frf", a history "history". Dimensions of arrays are called
-    after them, `name_0`, `name_1`; those of FRFs `output`, `input`, `frequency`, of histories `signal`, `time`, with
-    the name before where another result of the run has them otherwise. All numbers become float64 or complex128. Raises
-    TypeError for other kinds, ValueError for names that are taken, or that stand for two things.
+    Args:
+        result: return value of the function.
+        taken: names of parameters, which no result and no dimension may have.
+
+    Raises:
+        TypeError: for other types of results.
+        ValueError: for names that are taken, or that are used twice.
     """
     named = result if isinstance(result, Mapping) else {_default_name(result): result}
     if not named:
@@ -92,7 +113,9 @@ def flattened(result: Any, taken: Collection[str]) -> tuple[Layout, bytes]:
     data = []
     for name, value in named.items():
         if not isinstance(name, str) or not name or name in {*taken, *OWN}:
-            raise ValueError(f"a result may not be called {name!r}: names are texts, and no parameter's nor {OWN}")
+            raise ValueError(
+                f"a result may not be called {name!r}: its name must be a text, other than a parameter's and {OWN}"
+            )
         arrays, labels = _parts(name, value)
         renamed = _merge(axes, labels, name, {*taken, *OWN, *named})
         for part, (dims, array) in arrays.items():
@@ -121,7 +144,7 @@ def _default_name(result: Any) -> str:
 
 
 def _parts(name: str, value: Any) -> tuple[_Arrays, dict[str, Axis]]:
-    """Arrays of one result with the names of their dimensions, and the axes of these."""
+    """Return the arrays of one result with the names of their dimensions, and the axes of these dimensions."""
     if isinstance(value, FRF):
         axes = {
             "output": Axis("output", value.outputs),
@@ -149,7 +172,7 @@ def _parts(name: str, value: Any) -> tuple[_Arrays, dict[str, Axis]]:
 
 
 def _merge(axes: dict[str, Axis], new: Mapping[str, Axis], name: str, taken: Collection[str]) -> dict[str, str]:
-    """Add axes to those of earlier results; returns the new names of those that needed one."""
+    """Add axes to those of earlier results; return the new names of those that had to be renamed."""
     clash = any(key in taken or axes.get(key, axis) != axis for key, axis in new.items())
     renamed = {key: f"{name}_{key}" for key in new} if clash else {}
     for key, axis in new.items():

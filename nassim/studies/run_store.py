@@ -1,8 +1,9 @@
-"""What became of a study's runs: in memory, or in a folder that outlives the study and lets it go on.
+"""Storage of finished runs: in memory, or in a folder from which an interrupted study continues.
 
-A folder holds `study.json` (what the study is), `manifest.jsonl` (a line of JSON per layout and per finished run) and
-`results.bin` (the runs' numbers one after the other; the manifest says where). The numbers of a run are written before
-its line, so whatever kills the study, a run is there whole or not at all. A last line that was cut is dropped.
+A folder contains `study.json` (identity of the study), `manifest.jsonl` (one line of JSON per layout and per finished
+run) and `results.bin` (the numbers of all runs; the manifest has their positions). The numbers of a run are written
+before its line. Even after a crash, a run is therefore stored completely or not at all. An incomplete last line is
+removed.
 """
 
 import io
@@ -19,7 +20,7 @@ from typing import Any, BinaryIO
 
 import psutil
 
-from nassim.base.storage import code_fingerprint, written_whole
+from nassim.base.storage import code_fingerprint, write_atomically
 from nassim.base.warning_log import warn
 from nassim.studies.outcome import Outcome
 from nassim.studies.plan import Parameters
@@ -27,13 +28,21 @@ from nassim.studies.results import Axis, Layout, Quantity
 
 FORMAT = 1
 STUDY, MANIFEST, RESULTS, LOCK = "study.json", "manifest.jsonl", "results.bin", "in_use.json"
-CALM = 1.0
-"""Time from one forcing of the files to the disk to the next [s]; a power failure loses no more than that."""
+FLUSH_INTERVAL = 1.0
+"""Shortest interval between two flushes of the files to the disk, which limits the loss by a power failure [s]."""
 
 
 @dataclass(frozen=True)
 class Record:
-    """What is kept in mind of a finished run: its outcome, and where its numbers begin."""
+    """Finished run in memory.
+
+    Attributes:
+        status: see `Outcome`.
+        message: see `Outcome`.
+        wall_time: see `Outcome` [s].
+        layout: hash of the layout; empty without a result.
+        offset: position of the numbers in the results [bytes].
+    """
 
     status: str
     message: str
@@ -43,7 +52,12 @@ class Record:
 
 
 class Records:
-    """The finished runs of a study by name; numbers stay in the file, or in one buffer without a folder."""
+    """Finished runs of a study by name. Their numbers are in the file, or without a folder in one buffer.
+
+    Args:
+        results: file or buffer of the numbers.
+        manifest: file of the manifest, or None.
+    """
 
     def __init__(self, results: BinaryIO, manifest: BinaryIO | None = None) -> None:
         self.runs: dict[str, Record] = {}
@@ -52,7 +66,13 @@ class Records:
         self._forced = time.monotonic()
 
     def add(self, key: str, parameters: Parameters, outcome: Outcome) -> None:
-        """Keep what became of a run, in place of what became of it before."""
+        """Store the outcome of a run, in place of an earlier outcome.
+
+        Args:
+            key: name of the run.
+            parameters: parameters of the run.
+            outcome: outcome of the run.
+        """
         layout = outcome.layout.digest() if outcome.layout else ""
         if outcome.layout and layout not in self.layouts:
             self.layouts[layout] = outcome.layout
@@ -63,19 +83,24 @@ class Records:
         self.runs[key] = Record(outcome.status, outcome.message, outcome.wall_time, layout, offset)
         line = {"run": key, "parameters": parameters, "status": outcome.status, "wall_time_s": outcome.wall_time}
         place = {"of_layout": layout, "offset": offset, "crc32": zlib.crc32(outcome.data)}
-        told = {"message": outcome.message, "details": outcome.details}
-        self._write({**line, **{name: value for name, value in {**place, **told}.items() if value != ""}})
+        reasons = {"message": outcome.message, "details": outcome.details}
+        self._write({**line, **{name: value for name, value in {**place, **reasons}.items() if value != ""}})
 
     def numbers(self, key: str) -> dict[str, Any]:
-        """The numbers of a run that returned, by name."""
+        """Return the numbers of a run with a result, by name.
+
+        Args:
+            key: name of the run.
+        """
         record = self.runs[key]
         layout = self.layouts[record.layout]
         return layout.arrays(self._read(record.offset, layout))
 
     def resume(self) -> None:
-        """Read what a folder holds; runs whose numbers are not whole do not count.
+        """Read the records of a folder; runs with incomplete numbers are ignored.
 
-        Raises ValueError for a line that is no line of a manifest, unless it is a last one that was cut.
+        Raises:
+            ValueError: for an invalid line of the manifest, unless it is an incomplete last one.
         """
         assert self._manifest
         end = self._manifest.seek(0)
@@ -113,11 +138,11 @@ class Records:
         self._manifest.seek(0, os.SEEK_END)
         self._manifest.write(json.dumps(entry).encode() + b"\n")
         self._manifest.flush()
-        if time.monotonic() - self._forced > CALM:
+        if time.monotonic() - self._forced > FLUSH_INTERVAL:
             self.force()
 
     def force(self) -> None:
-        """Have the files written to the disk, numbers before the lines that tell of them."""
+        """Flush the files to the disk, the numbers before the lines that refer to them."""
         for file in (self._results, self._manifest):
             if file is not None and not isinstance(file, io.BytesIO):
                 os.fsync(file.fileno())
@@ -125,7 +150,7 @@ class Records:
 
 
 def as_json(layout: Layout) -> dict[str, Any]:
-    """A layout as JSON knows it."""
+    """Return a layout as data for JSON."""
     return {
         "quantities": {name: asdict(quantity) for name, quantity in layout.quantities.items()},
         "axes": {name: asdict(axis) for name, axis in layout.axes.items()},
@@ -133,7 +158,7 @@ def as_json(layout: Layout) -> dict[str, Any]:
 
 
 def layout_of(entry: dict[str, Any]) -> Layout:
-    """The layout that `as_json` wrote."""
+    """Return the layout from data of `as_json`."""
     quantities = {
         name: Quantity(tuple(q["dims"]), tuple(q["shape"]), q["complex"]) for name, q in entry["quantities"].items()
     }
@@ -142,11 +167,20 @@ def layout_of(entry: dict[str, Any]) -> Layout:
 
 
 @contextmanager
-def opened(folder: Path | None, study: dict[str, Any]) -> Iterator[Records]:
-    """The records of a study: those that its folder holds, or none yet.
+def open_records(folder: Path | None, study: dict[str, Any]) -> Iterator[Records]:
+    """Open the records of a study: those in its folder, or empty ones.
 
-    study: what the folder must be of, see `job.identity`. Raises ValueError for a folder of another study, saying what
-    differs, for one that holds other files, and for one in use; OSError where it cannot be written.
+    Args:
+        folder: folder of the study; None for records in memory.
+        study: identity that the folder must have, see `job.identity`.
+
+    Returns:
+        Context manager with the records.
+
+    Raises:
+        ValueError: for a folder of another study, with the differences, for a folder with other files, and for a folder
+            in use.
+        OSError: for a folder that cannot be written.
     """
     if folder is None:
         yield Records(io.BytesIO())
@@ -168,13 +202,13 @@ def opened(folder: Path | None, study: dict[str, Any]) -> Iterator[Records]:
 
 
 def _check_study(folder: Path, study: dict[str, Any]) -> None:
-    """Write what a study is, or compare; warns where another nassim began it."""
+    """Write the identity of a study, or compare it; warn when another version of nassim began the study."""
     path = folder / STUDY
     code = code_fingerprint()[:16]
     if not path.exists():
         if others := sorted(p.name for p in folder.iterdir() if p.name != LOCK and not p.name.startswith("nassim-")):
-            raise ValueError(f"{folder} is no folder of a study: it holds {', '.join(others[:5])}; give a new one")
-        with written_whole(path) as temporary:
+            raise ValueError(f"{folder} is not the folder of a study: it holds {', '.join(others[:5])}; give a new one")
+        with write_atomically(path) as temporary:
             text = json.dumps({"format": FORMAT, **study, "code": code}, indent=2)
             temporary.write_text(f"{text}\n", encoding="utf-8")
         return
@@ -211,7 +245,7 @@ def _differences(found: dict[str, Any], study: dict[str, Any]) -> Iterator[str]:
 
 @contextmanager
 def _locked(path: Path) -> Iterator[None]:
-    """Let one study at a time write to a folder; one that was killed holds it no longer."""
+    """Lock a folder for one study; the lock of a process that was killed is ignored."""
     process = psutil.Process()
     own = {"host": platform.node(), "process": process.pid, "begun": process.create_time()}
     for _ in range(2):
@@ -236,7 +270,7 @@ def _locked(path: Path) -> Iterator[None]:
 
 
 def _holder(path: Path) -> dict[str, Any] | None:
-    """Who holds a folder, unless it is a process of this computer that is gone."""
+    """Return the holder of a lock; None for a process of this computer that no longer exists."""
     try:
         holder: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         if holder["host"] != platform.node():

@@ -1,4 +1,4 @@
-"""The parameters of a study's runs, as plans give them and sweeps take them."""
+"""Samples: the parameters of the runs of a study."""
 
 import keyword
 from collections.abc import Iterator
@@ -9,13 +9,15 @@ from nassim.base.checks import Array, finite_array, freeze, known, unique
 
 @dataclass(frozen=True)
 class Samples:
-    """Parameters of a study's runs, a row per run.
+    """Parameters of the runs of a study, one row per run.
 
-    names: of the parameters, as the function of the study spells its keywords
-    values: shape (n_runs, n_parameters), in the parameters' own units
-    plan: how they were chosen, for whoever reads the results
+    Attributes:
+        names: names of the parameters, which are keywords of the study's function.
+        values: (n_runs, n_parameters), in the units of the parameters.
+        plan: description of how the values were chosen.
 
-    Raises ValueError for no run, no parameter, NaN, a wrong shape and names that are no Python names.
+    Raises:
+        ValueError: for no run, no parameter, NaN, a wrong shape and names that are not valid in Python.
     """
 
     names: tuple[str, ...]
@@ -34,17 +36,21 @@ class Samples:
         return len(self.values)
 
     def __getitem__(self, name: str) -> Array:
-        """Values of one parameter, shape (n_runs,); raises ValueError for an unknown name."""
+        """Return the values of one parameter, (n_runs,); raise ValueError for an unknown name."""
         column: Array = self.values[:, self.names.index(known("parameter", name, self.names))]
         return column
 
     def runs(self) -> Iterator[dict[str, float]]:
-        """The parameters of each run by keyword, in order."""
+        """Yield the parameters of each run by keyword, in order."""
         return (dict(zip(self.names, row, strict=True)) for row in self.values.tolist())
 
 
 def parameter_names(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return names that a function can have as keywords; raises ValueError for others, for none and for doubles."""
+    """Return names that are valid keywords of a function; raise ValueError for invalid, missing or repeated names.
+
+    Args:
+        names: names of parameters.
+    """
     result = unique("parameter", names)
     if not result:
         raise ValueError("a study needs at least one parameter, got none")

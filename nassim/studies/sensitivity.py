@@ -1,6 +1,7 @@
-"""What moves a study's results: Sobol' indices on `saltelli_points`, correlations and effects on any samples.
+"""Sensitivity of results to parameters: Sobol' indices on `saltelli_points`, correlations and effects on any samples.
 
-All take what `sweep` gives of samples: parameters as coordinates along "run", results of one number a run.
+All functions take the dataset that `sweep` returns for samples: parameters are coordinates along "run", and results
+have one number per run.
 """
 
 from collections.abc import Hashable, Mapping, Sequence
@@ -17,10 +18,10 @@ from nassim.studies.samples import Samples
 if TYPE_CHECKING:
     import xarray as xr
 
-LITTLE = 0.1
-"""Share of a parameter's variance of its own below which its effect scatters over three times as much: a warning."""
-NONE = 1e-8
-"""Share below which a parameter follows from the others, so that nothing tells their effects apart."""
+SMALL_OWN_SHARE = 0.1
+"""Independent fraction of a parameter's variance below which its effect has three times the uncertainty: a warning."""
+ZERO_OWN_SHARE = 1e-8
+"""Independent fraction below which a parameter follows from the others, so that their effects cannot be separated."""
 
 
 def sobol_indices(
@@ -31,19 +32,29 @@ def sobol_indices(
     n_resamples: int = 500,
     seed: int = 0,
 ) -> "xr.Dataset":
-    """Which share of a result's variance each parameter brings, of a study on `saltelli_points`.
+    """Compute the contribution of each parameter to the variance of results, for a study on `saltelli_points`.
 
-    results: names (default: all of one number a run); confidence: of the intervals, percentiles of a bootstrap of
-        n_resamples, which follows from its seed
+    The first-order index is the fraction of the variance that would disappear if the parameter were known. The total
+    index is the fraction that would remain if all others were known. Both are equal where the effects of the parameters
+    add up. The estimates have a statistical error, so that small indices may be negative. A result that does not vary
+    has indices of NaN.
 
-    Returns over (result, parameter): `first_order`, the share that would be gone were the parameter known, and `total`,
-    the share that would be left were all others known; with "low" and "high" along `bound` `first_order_interval` and
-    `total_interval`. Where effects of parameters add up, both shares are the same. Estimates scatter, so that small
-    ones may come out below zero. A result that does not vary has no shares: NaN.
+    Args:
+        dataset: dataset of the study.
+        results: names of results (default: all with one number per run).
+        confidence: confidence level of the intervals [-].
+        n_resamples: number of bootstrap resamples, whose percentiles give the intervals.
+        seed: seed of the bootstrap.
 
-    Source: A. Saltelli et al., Comput. Phys. Commun. 181 (2010) 259-270, table 2 (b) and (f). The bootstrap takes
-    points for random that fill the space evenly: its intervals are rather too wide.
-    Raises ValueError for runs without a result, runs on other points and unknown results.
+    Returns:
+        Dataset over (result, parameter) with `first_order` and `total`, and with `first_order_interval` and
+        `total_interval`, whose ends are "low" and "high" along `bound`.
+
+    Raises:
+        ValueError: for runs without a result, runs on other points and unknown results.
+
+    Source: A. Saltelli et al., Comput. Phys. Commun. 181 (2010) 259-270, table 2 (b) and (f). The bootstrap treats the
+        evenly distributed points as random points, so that its intervals are rather too wide.
     """
     if not 0 < confidence < 1:
         raise ValueError(f"confidence must lie between 0 and 1, got {confidence:g}")
@@ -55,8 +66,9 @@ def sobol_indices(
     if len(missing):
         raise ValueError(
             f"{len(missing)} of {len(parameters)} runs lack a result (run {', '.join(map(str, missing[:5]))}"
-            f"{' ...' if len(missing) > 5 else ''}); Sobol' indices need every run of their plan: mend what fails and "
-            "call the study again, name results that all runs have, or take correlations, which leave runs out"
+            f"{' ...' if len(missing) > 5 else ''}); Sobol' indices need every run of their plan: correct the "
+            "runs that fail and call the study again, name results that all runs have, or take correlations, which "
+            "leave runs out"
         )
     a, b, mixed = _blocks(parameters, found)
     generator, n = np.random.default_rng(seed), a.shape[-1]
@@ -73,12 +85,19 @@ def sobol_indices(
 
 
 def correlations(dataset: "xr.Dataset", *, results: Sequence[str] | None = None) -> "xr.Dataset":
-    """How results go along with parameters: `pearson` in proportion, `spearman` by rank, over (result, parameter).
+    """Compute the correlations of results with parameters: `pearson` (linear) and `spearman` (by rank).
 
-    Runs without a result are left out for that result; `n_runs` of them are counted, over result. What does not vary
-    correlates with nothing: NaN. results: names (default: all of one number a run)
+    A run without a result is omitted for that result. The correlation of a quantity that does not vary is NaN.
 
-    Raises ValueError for unknown results, and where fewer than three runs have a result.
+    Args:
+        dataset: dataset of the study.
+        results: names of results (default: all with one number per run).
+
+    Returns:
+        Dataset with `pearson` and `spearman` over (result, parameter), and the number of runs `n_runs` over result.
+
+    Raises:
+        ValueError: for unknown results, and where fewer than three runs have a result.
     """
     parameters, values = _parameters(dataset), _results(dataset, results)
     rows: dict[str, list[Array]] = {"pearson": [], "spearman": []}
@@ -99,19 +118,25 @@ def correlations(dataset: "xr.Dataset", *, results: Sequence[str] | None = None)
 def linear_effects(
     dataset: "xr.Dataset", *, results: Sequence[str] | None = None, coverage: float = 0.9
 ) -> "xr.Dataset":
-    """How far results move while one parameter goes through its range, by the plane that fits best.
+    """Compute the change of results over the range of each parameter, by a linear regression.
 
-    results: names (default: all of one number a run); coverage: share of a parameter's values that its range holds, as
-        many left out below as above
+    A run without a result is omitted for that result. Warns of parameters whose own share is below 0.1.
 
-    Returns over (result, parameter) `effect`, the change from the range's lower to its upper end, in the result's unit,
-    and `own_share`, the share of the parameter's variance that follows from no other one's [-], 1 for independent ones;
-    over result `mean`, of the runs, and `explained`, the share of the variance that the plane has too [-]: where it is
-    far below one, look at `sobol_indices`. Runs without a result are left out for that result.
+    Args:
+        dataset: dataset of the study.
+        results: names of results (default: all with one number per run).
+        coverage: fraction of the values of a parameter in its range, with equal fractions below and above it [-].
 
-    Warns of parameters whose own share is below 0.1. Raises ValueError for unknown results, where fewer runs than two
-    more than parameters have a result, and for parameters that follow from each other, of which none has an effect of
-    its own.
+    Returns:
+        Dataset over (result, parameter) with `effect`, the change from the lower to the upper end of the range in the
+        unit of the result, and `own_share`, the fraction of the variance of the parameter that is independent of the
+        others, which is 1 for independent parameters [-]. Over result it has `mean`, the mean of the runs, and
+        `explained`, the fraction of the variance that the regression explains [-]; where it is far below one, use
+        `sobol_indices`.
+
+    Raises:
+        ValueError: for unknown results, where fewer runs than the number of parameters plus two have a result, and for
+            parameters that depend on each other, so that their effects cannot be separated.
     """
     if not 0 < coverage <= 1:
         raise ValueError(f"coverage must lie in 0 ... 1 (0 excluded), got {coverage:g}")
@@ -141,7 +166,10 @@ def linear_effects(
 
 
 def _own_shares(values: Array) -> Array:
-    """Share of each column's variance, (n, parameters), that no combination of the others has; NaN if there is none."""
+    """Return the fraction of each column's variance that is independent of the other columns; values: (n, parameters).
+
+    A column that does not vary has a fraction of NaN.
+    """
     centred = values - values.mean(axis=0)
     sizes = np.where(np.ptp(values, axis=0) > 0, np.linalg.norm(centred, axis=0), np.nan)
     unit = np.nan_to_num(centred / sizes)
@@ -154,20 +182,20 @@ def _own_shares(values: Array) -> Array:
 
 
 def _check_own_shares(shares: Mapping[str, float], result: str) -> None:
-    """Raise ValueError or warn of parameters that do not vary independently in the runs with a result."""
-    dependent = [repr(name) for name, share in shares.items() if share < NONE]
+    """Raise ValueError for, or warn of, parameters that do not vary independently in the runs with a result."""
+    dependent = [repr(name) for name, share in shares.items() if share < ZERO_OWN_SHARE]
     if dependent:
         raise ValueError(
             f"parameters {', '.join(dependent)} follow from each other in the runs with a result {result!r}, by own "
-            f"shares of their variance below {NONE:g}: no plane tells their effects apart; vary them independently, or "
-            "leave all but one of them out of the dataset"
+            f"shares of their variance below {ZERO_OWN_SHARE:g}: their effects cannot be separated; vary them "
+            "independently, or leave all but one of them out of the dataset"
         )
-    weak = {name: share for name, share in shares.items() if share < LITTLE}
+    weak = {name: share for name, share in shares.items() if share < SMALL_OWN_SHARE}
     if weak:
-        told = ", ".join(f"{name!r} {100 * share:.2g} %" for name, share in weak.items())
+        listed = ", ".join(f"{name!r} {100 * share:.2g} %" for name, share in weak.items())
         warn(
             f"parameters hardly vary independently in the runs with a result {result!r}; own shares of their variance: "
-            f"{told}. Their effects scatter {min(weak.values()) ** -0.5:.2g} times as much as they otherwise would",
+            f"{listed}. Their effects scatter {min(weak.values()) ** -0.5:.2g} times as much as they otherwise would",
             stacklevel=3,
         )
 
@@ -181,7 +209,7 @@ def _labelled(
 
 
 def _shares(a: Array, b: Array, mixed: Array) -> tuple[Array, Array]:
-    """First-order and total shares, (n_results, n_parameters); for the shapes see `_blocks`."""
+    """Return first-order and total indices, (n_results, n_parameters); `_blocks` describes the arguments."""
     both = np.concatenate([a, b], axis=1)
     variance = np.where(np.ptp(both, axis=1) > 0, np.var(both, axis=1), np.nan)[:, None]
     first = np.mean(b * (mixed - a), axis=-1).T / variance
@@ -190,7 +218,7 @@ def _shares(a: Array, b: Array, mixed: Array) -> tuple[Array, Array]:
 
 
 def _blocks(parameters: Samples, results: Array) -> tuple[Array, Array, Array]:
-    """Results against their mean (n_results, n) of A, of B, and of A with a column of B (parameters, results, n)."""
+    """Return centred results (n_results, n) of A, of B, and of A with a column of B (parameters, results, n)."""
     d = len(parameters.names)
     n, rest = divmod(len(parameters), d + 2)
     if not rest and n > 1:
@@ -203,7 +231,7 @@ def _blocks(parameters: Samples, results: Array) -> tuple[Array, Array, Array]:
 
 
 def _cosines(x: Array, y: Array) -> Array:
-    """Pearson's correlation of each column of x, (n, n_parameters), with y, (n,)."""
+    """Return Pearson's correlation of each column of x, (n, n_parameters), with y, (n,)."""
     directions = []
     for column in (y, *x.T):
         centred = column - column.mean()
@@ -215,13 +243,13 @@ def _parameters(dataset: "xr.Dataset") -> Samples:
     names = _along_runs(dataset.coords)
     if not names:
         raise ValueError(
-            "the study has no parameters along 'run', as sweep gives them of samples; of a grid, stack them"
+            "the study has no parameters along 'run': give a study of samples, or stack the dimensions of a grid"
         )
     return Samples(names, np.column_stack([dataset[name].values for name in names]))
 
 
 def _results(dataset: "xr.Dataset", names: Sequence[str] | None) -> Mapping[str, Array]:
-    """Results of one number a run, (n_runs,), by name; all of them for None."""
+    """Return results of one number per run, (n_runs,), by name; None: all of them."""
     found = {name: dataset[name].values.astype(float) for name in _along_runs(dataset.data_vars)}
     if not found:
         raise ValueError("the study has no result of one number a run; let its function return numbers by name")
@@ -231,6 +259,6 @@ def _results(dataset: "xr.Dataset", names: Sequence[str] | None) -> Mapping[str,
 
 
 def _along_runs(variables: "Mapping[Hashable, xr.DataArray]") -> tuple[str, ...]:
-    """Names of the numbers that a function took or gave, one a run."""
+    """Return the names of numeric parameters or results with one value per run."""
     numbers = {str(name) for name, axis in variables.items() if axis.dims == (RUN,) and axis.dtype.kind in "fiu"}
     return tuple(name for name in map(str, variables) if name in numbers - set(OWN))

@@ -1,4 +1,4 @@
-"""Sweeps: one function, many parameters, labelled results; on one machine or on a cluster, the same call."""
+"""Sweeps: one function, many parameters, labelled results, by the same call on one machine or on a cluster."""
 
 import importlib
 import os
@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 from nassim.base.checks import frozen_mapping, known, positive
 from nassim.base.progress import stage
 from nassim.studies.dataset import to_dataset
-from nassim.studies.executors import Outcomes, Requests, on_executor, on_this_machine, one_by_one
-from nassim.studies.job import Function, Job, identity, label, make_job, packed
+from nassim.studies.executors import Outcomes, Requests, run_in_children, run_on_executor, run_serially
+from nassim.studies.job import Function, Job, identity, label, make_job, pickle_task
 from nassim.studies.outcome import OK, UNFINISHED
 from nassim.studies.plan import Plan, make_plan, run_key
 from nassim.studies.results import STATUS
-from nassim.studies.run_store import Records, opened
+from nassim.studies.run_store import Records, open_records
 from nassim.studies.samples import Samples
 
 if TYPE_CHECKING:
@@ -37,69 +37,83 @@ def sweep(
     retry: Collection[str] = (),
     progress: bool = True,
 ) -> "xarray.Dataset":
-    """Call a function with many parameters and return all results, labelled.
+    """Call a function with many parameters and return all results with labels.
 
-    function: takes one run's parameters by keyword and returns a number, an array, an `FRF`, a `TimeHistory`, or a
-        mapping of names to these; what it prints is not shown. Large common inputs are fixed by
-        `functools.partial(function, body=body)` (or are values around it) and are sent once per process.
-    grid: parameters' names -> values, of which all combinations are run; or
-    samples: a row per run, from a sampling plan, or names -> equally long lists of values
-    executor: None for child processes on this machine; a `dask.distributed.Client` or anything else with `submit`, in
-        whose workers' children the runs then happen; "serial" for one run after the other in this process
-    folder: keeps every finished run: the same call after whatever stopped it does the others only, and so does one with
-        more points. None: memory only
-    seed: of the study; a run's own, given to the function's parameter `seed`, follows from it and the run's parameters
-    units: of parameters and results by name, for the results' `attrs["units"]`
-    time_limit: for each run [s]; whoever exceeds it is stopped
-    n_processes: on this machine (default: as many as it has processors for us)
-    retry: states of runs in the folder that are to be repeated: "failed", "diverged", "timed out", "lost"
+    A run that fails does not stop the study. Its numbers are NaN (those of a diverged run are as returned). The folder
+    also contains the finished runs after Ctrl-C. `results.to_netcdf("study.nc", engine="h5netcdf")` saves results with
+    complex numbers.
 
-    Returns an `xarray.Dataset`: dimensions are the grid's parameters, or `run` with the samples' values along it, then
-    those of the results (`frequency`, `output`, `input` of an FRF, `time`, `signal` of a history, `name_0`, ... of
-    arrays). Its `status` says of every run "ok", "failed" (the function raised: see `message`, and the folder's
-    manifest), "diverged" (it returned NaN), "timed out", "lost" (its process ended three times), "other shape" (than
-    most runs' results); `wall_time` is the function's [s]. No such run stops the study, and its numbers are NaN (those
-    of diverged runs as returned). Save it by `results.to_netcdf("study.nc", engine="h5netcdf")`, which holds complex
-    numbers.
+    Args:
+        function: takes the parameters of one run by keyword and returns a number, an array, an `FRF`, a `TimeHistory`,
+            or a mapping of names to these. Its printed output is not shown. Large common inputs are fixed by
+            `functools.partial(function, body=body)` (or are closure variables) and are sent once per process.
+        grid: values by name of the parameter; all combinations are run. Give either `grid` or `samples`.
+        samples: one row per run, from a sampling plan, or equally long lists of values by name.
+        executor: None for child processes on this machine; a `dask.distributed.Client` or another object with a method
+            `submit`, whose workers then carry out the runs in child processes; "serial" for one run after the other in
+            this process.
+        folder: folder in which every finished run is stored. The same call after an interruption carries out only the
+            remaining runs, and so does a call with more points. None: memory only.
+        seed: seed of the study. The seed of a run follows from it and from the parameters of the run, and is passed to
+            the parameter `seed` of the function.
+        units: units of parameters and results by name, for `attrs["units"]` of the results.
+        time_limit: time limit of each run, after which it is stopped [s].
+        n_processes: number of processes on this machine (default: the number of available processors).
+        retry: states of stored runs that are repeated: "failed", "diverged", "timed out", "lost".
+        progress: print the progress.
 
-    Raises, before the first run, ValueError for unknown or missing parameters, a grid without runs, samples of unequal
-    length, a function that cannot be sent, a folder of another study; ImportError without the extra `studies`;
-    RuntimeError for an executor that breaks. After Ctrl-C, too, the folder has the finished runs.
+    Returns:
+        `xarray.Dataset`. Its dimensions are the parameters of the grid, or `run` with the values of the samples along
+        it, then those of the results (`frequency`, `output`, `input` of an FRF, `time`, `signal` of a history,
+        `name_0`, ... of arrays). The status of each run in `status` is "ok", "failed" (the function raised an
+        exception: see `message`, and the manifest in the folder), "diverged" (it returned NaN), "timed out", "lost"
+        (its process ended three times), or "other shape" (than the results of most runs). `wall_time` is the duration
+        of the function [s].
+
+    Raises:
+        ValueError: before the first run, for unknown or missing parameters, a grid without runs, samples of unequal
+            length, a function that cannot be pickled, a folder of another study.
+        ImportError: without the extra `studies`.
+        RuntimeError: for an executor that breaks.
     """
     _check_extra()
     plan = make_plan(grid, samples)
     job = make_job(function, tuple(plan.values), seed)
     repeated = {known("state of a run", state, UNFINISHED) for state in _texts(retry)}
-    carry_out = _carrier(job, executor, time_limit, n_processes)
+    carry_out = _choose_executor(job, executor, time_limit, n_processes)
     place = None if folder is None else Path(folder)
-    with opened(place, identity(job) if place else {}) as records:
+    with open_records(place, identity(job) if place else {}) as records:
         _run_all(plan, job, records, carry_out, repeated, place, progress)
         attributes: dict[str, Any] = {"function": label(function), "plan": plan.label}
         attributes |= {} if job.seed is None else {"seed": job.seed}
         study = to_dataset(plan, records, frozen_mapping(units), attributes)
     if progress:
-        _tell_troubles([str(status) for status in study[STATUS].values.flat])
+        _print_failures([str(status) for status in study[STATUS].values.flat])
     return study
 
 
-def _carrier(job: Job, executor: Any, time_limit: float | None, n_processes: int | None) -> Any:
-    """What carries out the runs; checks what it is told."""
+def _choose_executor(job: Job, executor: Any, time_limit: float | None, n_processes: int | None) -> Any:
+    """Return the function that carries out the runs, after a check of the options."""
     limit = None if time_limit is None else positive("time_limit", time_limit, "s")
     if n_processes is not None and (executor is not None or int(n_processes) != n_processes or n_processes < 1):
-        raise ValueError(f"n_processes is a whole number of processes here, without executor=; got {n_processes}")
+        raise ValueError(
+            f"n_processes must be a whole number of at least 1, and executor must be None; got {n_processes}"
+        )
     if executor == SERIAL and isinstance(executor, str):
         if limit is not None:
-            raise ValueError('runs of executor="serial" happen in this process, which nobody stops: no time_limit')
-        return lambda requests: one_by_one(job.task, requests)
+            raise ValueError(
+                'executor="serial" carries out runs in this process, which cannot be stopped: leave out time_limit'
+            )
+        return lambda requests: run_serially(job.task, requests)
     if executor is not None and not callable(getattr(executor, "submit", None)):
         raise ValueError(f'executor must be None, "serial" or have a method submit, got {executor!r:.60}')
     if getattr(executor, "asynchronous", False):
         raise ValueError("the Dask client is asynchronous; a study needs one made by Client(address)")
-    payload = packed(job)
+    payload = pickle_task(job)
     if executor is not None:
-        return lambda requests: on_executor(payload, requests, limit, executor)
+        return lambda requests: run_on_executor(payload, requests, limit, executor)
     count = int(n_processes or _processors())
-    return lambda requests: on_this_machine(payload, requests, limit, count)
+    return lambda requests: run_in_children(payload, requests, limit, count)
 
 
 def _run_all(
@@ -111,7 +125,7 @@ def _run_all(
     folder: Path | None,
     progress: bool,
 ) -> None:
-    """Carry out the runs that the records do not have."""
+    """Carry out the runs that are not in the records."""
     waiting = {run_key(parameters): parameters for parameters in plan.runs()}
     n_all = len(waiting)
     for key, record in records.runs.items():
@@ -137,10 +151,10 @@ def _run_all(
         outcomes.close()
 
 
-def _tell_troubles(statuses: list[str]) -> None:
-    told = [f"{statuses.count(status)} {status}" for status in dict.fromkeys(statuses) if status != OK]
-    if told:
-        print(f"  {statuses.count(OK)} runs ok, {', '.join(told)}: see the results' status and message", flush=True)
+def _print_failures(statuses: list[str]) -> None:
+    listed = [f"{statuses.count(status)} {status}" for status in dict.fromkeys(statuses) if status != OK]
+    if listed:
+        print(f"  {statuses.count(OK)} runs ok, {', '.join(listed)}: see the results' status and message", flush=True)
 
 
 def _texts(retry: Collection[str]) -> tuple[str, ...]:

@@ -1,9 +1,9 @@
-"""Child processes that carry out runs: kept from run to run, killed at a time limit, their death survived.
+"""Child processes that carry out runs: reused between runs, killed at a time limit, and replaced after a crash.
 
-Every run but those of the executor "serial" happens in a child of whoever carries it out: this process, or a worker of
-a cluster. So all have one thread and one environment, whatever the executor, and a run that hangs or crashes takes
-nobody with it. Children are started anew (never forked: NGSolve would hang), are given the function once, and leave
-when their parent does, when they have had nothing to do for a minute, or when they are killed.
+Every run, except with the executor "serial", happens in a child process of this process or of a worker of a cluster.
+All runs therefore have one thread and the same environment for every executor, and a run that hangs or crashes affects
+no other process. Child processes are started anew (never forked, because NGSolve would hang) and get the function once.
+They end with their parent, after a minute without a run, or when they are killed.
 """
 
 import contextlib
@@ -22,13 +22,13 @@ import psutil
 from nassim.studies.outcome import LOST, TIMED_OUT, Outcome
 
 ATTEMPTS = 3
-"""Processes that may end under a run before it counts as lost."""
-IDLE = 60.0
-"""Time without a run after which a child leaves [s]."""
-LAST = 2000
-"""Bytes at the end of what a child wrote in which its last line is looked for."""
-PARTING = 5.0
-"""Time that a child has to end after it has closed its pipes [s]."""
+"""Number of processes that may end during a run before it counts as lost."""
+IDLE_TIMEOUT = 60.0
+"""Time without a run after which a child process ends [s]."""
+TAIL_BYTES = 2000
+"""Number of bytes at the end of a child's output that are searched for its last line."""
+END_TIMEOUT = 5.0
+"""Time for a child process to end after it has closed its pipes [s]."""
 THREADS = {
     name: "1"
     for name in (
@@ -36,20 +36,27 @@ THREADS = {
         *("NUMEXPR_NUM_THREADS", "NASSIM_THREADS"),
     )
 }
-"""Environment of a child, set before it imports NumPy: processes share the processors, and sums are in one order."""
+"""Environment of a child, set before it imports NumPy.
+
+One thread per process shares the processors evenly and keeps the order of summation.
+"""
 KEPT_MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(2**30), "MALLOC_TRIM_THRESHOLD_": str(2**31)}
-"""Also of a child, read by Linux' C library: else it gives large arrays back to the system after every use and has them
-cleared again, a quarter of the time of runs that simulate records."""
+"""Environment of a child for the C library of Linux.
+
+Without it the library returns large arrays to the system after every use and gets them again with zeros, which takes a
+quarter of the time of runs that simulate records.
+"""
 
 
 class CannotLoad(RuntimeError):
-    """A child cannot make the function from what it was sent."""
+    """Error of a child process that cannot load the function."""
 
 
 class Children:
-    """The children of one process that know one function.
+    """Child processes with one function, as many as there are runs at a time.
 
-    payload: the function, pickled. As many children live as runs are carried out at a time.
+    Args:
+        payload: the pickled function.
     """
 
     def __init__(self, payload: bytes) -> None:
@@ -60,9 +67,17 @@ class Children:
         self._closed = False
 
     def run(self, request: bytes, time_limit: float | None) -> Outcome:
-        """Carry out a run, `request` holding its parameters, pickled; time_limit [s].
+        """Carry out a run.
 
-        Raises CannotLoad where no child lives to load the function, saying why.
+        Args:
+            request: pickled parameters of the run.
+            time_limit: time limit [s].
+
+        Returns:
+            Outcome of the run.
+
+        Raises:
+            CannotLoad: when every child process ends while it loads the function, with the reason.
         """
         why, loaded = "", False
         for _ in range(ATTEMPTS):
@@ -89,7 +104,7 @@ class Children:
         return Outcome(LOST, f"its process ended {ATTEMPTS} times, the last time {why}")
 
     def close(self) -> None:
-        """Kill all children; runs that are under way end as lost, later ones are refused."""
+        """Kill all child processes; active runs end as lost, and later ones are refused."""
         with self._lock:
             self._closed = True
             for child in self._all:
@@ -118,7 +133,7 @@ class Children:
 
 
 class _Died(Exception):
-    """A child ended with an exit status; said: the last line that it wrote to standard error."""
+    """Unexpected end of a child process; said: the last line that it wrote to standard error."""
 
     def __init__(self, code: int, said: str = "") -> None:
         super().__init__(code, said)
@@ -126,13 +141,13 @@ class _Died(Exception):
 
 
 class _Child:
-    """A process that carries out runs, one at a time, and the two pipes to it."""
+    """Process that carries out runs, one at a time, and its two pipes."""
 
     def __init__(self, payload: bytes) -> None:
         code = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; serve()"
         pipe = subprocess.PIPE
         environment = {**KEPT_MEMORY, **os.environ, **THREADS}
-        # What libraries write of their own accord is not for the terminal; of a child that dies it tells why.
+        # Output of libraries is not shown in the terminal; its last line explains an unexpected end.
         self._written = tempfile.TemporaryFile("ab+")  # noqa: SIM115 -- closed with the pipes
         self._process = subprocess.Popen(
             [sys.executable, "-c", code], stdin=pipe, stdout=pipe, stderr=self._written, env=environment
@@ -142,21 +157,21 @@ class _Child:
             raise CannotLoad(problem)
 
     def run(self, request: bytes, time_limit: float | None) -> Outcome:
-        """Carry out a run; raises _Died when the process ends."""
+        """Carry out a run; raise _Died when the process ends."""
         outcome: Outcome = self._ask(request, time_limit)
         return outcome
 
     def alive(self) -> bool:
-        """Whether the process still waits for runs."""
+        """Return whether the process is still running."""
         return self._process.poll() is None
 
     def kill(self) -> None:
-        """End the process with all that it started, and wait for its end."""
+        """Kill the process and all processes that it started, and wait for its end."""
         self._strike()
         self._end()
 
     def _strike(self) -> None:
-        # A process that a run forked would hold the pipe open, and its end would never be seen.
+        # A process forked by the run would keep the pipe open, so that its end would not be detected.
         with contextlib.suppress(psutil.Error):
             for process in psutil.Process(self._process.pid).children(recursive=True):
                 process.kill()
@@ -164,7 +179,7 @@ class _Child:
 
     def _last_line(self) -> str:
         with contextlib.suppress(OSError, ValueError):
-            self._written.seek(max(0, self._written.seek(0, os.SEEK_END) - LAST))
+            self._written.seek(max(0, self._written.seek(0, os.SEEK_END) - TAIL_BYTES))
             lines = [line.strip() for line in self._written.read().decode(errors="replace").splitlines()]
             return next((line for line in reversed(lines) if line), "")
         return ""
@@ -172,7 +187,7 @@ class _Child:
     def _end(self) -> int:
         code = self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout, self._written):
-            with contextlib.suppress(OSError):  # what was not sent yet has nowhere to go
+            with contextlib.suppress(OSError):  # unsent data cannot be delivered
                 if pipe:
                     pipe.close()
         return code
@@ -199,7 +214,7 @@ class _Child:
             if late.is_set():
                 return Outcome(TIMED_OUT, f"stopped at its time limit of {time_limit:g} s", wall_time=time_limit or 0.0)
             with contextlib.suppress(subprocess.TimeoutExpired):
-                self._process.wait(PARTING)
+                self._process.wait(END_TIMEOUT)
             self._process.kill()
             said = self._last_line()
             raise _Died(self._end(), said) from error
@@ -215,32 +230,39 @@ def _why(code: int) -> str:
     return f"by signal {name}" + (" (as systems do when memory runs out)" if name == "SIGKILL" else "")
 
 
-KEPT = 4
-"""Studies whose children a worker keeps; those of earlier ones leave."""
+KEPT_STUDIES = 4
+"""Number of studies whose child processes a worker keeps; those of earlier studies end."""
 _known: dict[str, Children] = {}
 _known_lock = threading.Lock()
 
 
 def run_in_child(payload: bytes, digest: str, request: bytes, time_limit: float | None) -> Outcome:
-    """Carry out a run in a child of this process, a worker of any executor; the children of a study are kept.
+    """Carry out a run in a child of this process, a worker of any executor; the children of a study are reused.
 
-    digest: of the payload; others as in `Children`
+    Args:
+        payload: the pickled function.
+        digest: hash of the payload.
+        request: pickled parameters of the run.
+        time_limit: time limit [s].
+
+    Returns:
+        Outcome of the run.
     """
     with _known_lock:
         if digest not in _known:
-            while len(_known) >= KEPT:
-                _known.pop(next(iter(_known)))  # whose pipes close, so that they leave
+            while len(_known) >= KEPT_STUDIES:
+                _known.pop(next(iter(_known)))  # its pipes close, so that its children end
             _known[digest] = Children(payload)
         children = _known[digest]
     return children.run(request, time_limit)
 
 
 def serve() -> None:
-    """The life of a child: load the function, then carry out runs, until the parent is gone or asks for no more."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent to answer
+    """Load the function and carry out runs until the parent ends or sends no more: the main loop of a child process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
     requests: queue.SimpleQueue[bytes] = queue.SimpleQueue()
     source, sink = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
-    # What a run prints must not get between its results, nor may it read the next run's parameters.
+    # Output of a run must not mix with its results, and it must not read the parameters of the next run.
     with open(os.devnull, "r+b", buffering=0) as nothing:
         os.dup2(nothing.fileno(), 0)
         os.dup2(nothing.fileno(), 1)
@@ -249,7 +271,7 @@ def serve() -> None:
         with contextlib.suppress(EOFError, OSError, pickle.UnpicklingError):
             while True:
                 requests.put(pickle.load(source))
-        os._exit(0)  # the parent is gone: whoever hangs in a run is not to stay
+        os._exit(0)  # the parent has ended: also end a run that hangs
 
     threading.Thread(target=listen, daemon=True).start()
     try:
@@ -259,7 +281,7 @@ def serve() -> None:
     _answer(sink, problem)
     while True:
         try:
-            request = requests.get(timeout=IDLE)
+            request = requests.get(timeout=IDLE_TIMEOUT)
         except queue.Empty:
             os._exit(0)
         _answer(sink, task(pickle.loads(request)))

@@ -1,8 +1,8 @@
 """Linear systems: models in state space, controllers, closed loops and their margins, root loci, noise budgets.
 
-No scene and no body in here; loading it loads neither NGSolve nor Exudyn. To add a kind of controller, open
-`controllers`; a rule that designs one, `loop_shaping`; a figure of merit of loops, `feedback`; of disturbances,
-`noise_budget`. `coordinates` has other coordinates for a model's signals.
+The sub-package contains no scene and no body, and importing it loads neither NGSolve nor Exudyn. A new kind of
+controller goes to `controllers`, a design rule to `loop_shaping`, a figure of merit of loops to `feedback`, and one of
+disturbances to `noise_budget`. `coordinates` transforms the signals of a model.
 """
 
 import lazy_loader

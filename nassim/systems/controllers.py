@@ -1,6 +1,6 @@
-"""Controllers as data: discrete-time state space as a digital controller runs it, and the formulas of their field.
+"""Discrete-time controllers in state space, and formulas for the usual kinds.
 
-A controller's output is added to the scene's input, u = excitation + K y: a positive K is positive feedback.
+The output of a controller is added to the input of the scene, u = excitation + K y. A positive K is positive feedback.
 """
 
 import math
@@ -19,12 +19,21 @@ from nassim.systems.state_space import StateSpace, cascade, transfer_matrix, tus
 
 @dataclass(frozen=True)
 class Controller:
-    """A sampled controller: x_(k+1) = A x_k + B y_k, u_k = C x_k + D y_k, once per sample period.
+    """Sampled controller x_(k+1) = A x_k + B y_k, u_k = C x_k + D y_k, evaluated once per sample period.
 
-    A: (n, n); B: (n, inputs); C: (outputs, n); D: (outputs, inputs)
-    sample_rate: [Hz]
-    delay: whole sample periods from a sample to the time at which its output appears, held for a period
-    limit: largest magnitude of an output, in its unit; beyond, it saturates
+    Attributes:
+        A: state matrix, (n, n).
+        B: input matrix, (n, inputs).
+        C: output matrix, (outputs, n).
+        D: feedthrough matrix, (outputs, inputs).
+        sample_rate: samples per second [Hz].
+        delay: number of whole sample periods between a sample and the output computed from it. The output is held for
+            one period.
+        limit: largest magnitude of an output, in the unit of the output. A larger output saturates.
+
+    Raises:
+        ValueError: for matrices whose shapes do not agree, a delay that is not a whole number, or a limit that is not
+            positive.
     """
 
     A: Array
@@ -59,7 +68,7 @@ class Controller:
 
     @property
     def matrices(self) -> StateSpace:
-        """A, B, C and D: without delay and limit."""
+        """The matrices A, B, C and D, without delay and limit."""
         return self.A, self.B, self.C, self.D
 
 
@@ -72,14 +81,20 @@ def integral_force_feedback(
     delay: int = 1,
     limit: float = math.inf,
 ) -> Controller:
-    """Integral force feedback K(s) = -gain / (s + w_c) * s / (s + w_h), by Tustin's rule.
+    """Return the integral force feedback K(s) = -gain / (s + w_c) * s / (s + w_h), sampled by Tustin's rule.
 
-    gain: [output unit / (input unit s)]; a positive one damps where the sensor is in phase with the drive far above
-        the resonance, as a force sensor in line with its actuator is (its zero lies below its pole). In phase there,
-        the feedback has to be negative, which the minus sign of K does under u = excitation + K y.
-    corner_frequency: w_c / 2 pi [Hz] of the leaky integrator; 0 for a pure one, which drifts with the sensor's offset
-    high_pass: w_h / 2 pi [Hz] of an additional high-pass; 0 for none
-    sample_rate [Hz], delay, limit: see `Controller`
+    A positive gain damps when the sensor is in phase with the drive far above the resonance. A force sensor in line
+    with its actuator is in phase there, because its zero lies below its pole. Such a loop needs negative feedback, and
+    the minus sign of K provides it under u = excitation + K y.
+
+    Args:
+        gain: [output unit / (input unit s)].
+        sample_rate: see `Controller` [Hz].
+        corner_frequency: w_c / 2 pi of the leaky integrator [Hz]; 0 for a pure integrator, which drifts with the offset
+            of the sensor.
+        high_pass: w_h / 2 pi of an additional high-pass [Hz]; 0 for none.
+        delay: see `Controller`.
+        limit: see `Controller`.
 
     Source: A. Preumont, Vibration Control of Active Structures, 4th ed. (2018), chapter on collocated force feedback.
     """
@@ -90,13 +105,20 @@ def integral_force_feedback(
     gain = finite("gain", gain)
     if high and leak:
         numerator, denominator = [-gain, 0.0], [1.0, leak + high, leak * high]
-    else:  # the high-pass cancels the pure integrator's pole, and must leave no hidden one
+    else:  # the high-pass cancels the pole of the pure integrator, and no hidden pole remains
         numerator, denominator = [-gain], [1.0, leak + high]
     return by_tustin(numerator, denominator, sample_rate, delay, limit)
 
 
 def proportional(gain: ArrayLike, *, sample_rate: float, delay: int = 1, limit: float = math.inf) -> Controller:
-    """Proportional feedback u = excitation + gain * y; gain: a number, or a matrix (outputs, inputs)."""
+    """Return the proportional feedback u = excitation + gain * y.
+
+    Args:
+        gain: a number, or a matrix (outputs, inputs).
+        sample_rate: see `Controller` [Hz].
+        delay: see `Controller`.
+        limit: see `Controller`.
+    """
     direct = finite_array("gain", np.atleast_2d(np.asarray(gain)), (None, None))
     n_out, n_in = direct.shape
     return Controller(
@@ -113,15 +135,21 @@ def lead(
     delay: int = 1,
     limit: float = math.inf,
 ) -> Controller:
-    """Lead K(s) = gain / sqrt(a) * (1 + s sqrt(a) / w) / (1 + s / (w sqrt(a))), by Tustin's rule, prewarped at w.
+    """Return the lead K(s) = gain / sqrt(a) * (1 + s sqrt(a) / w) / (1 + s / (w sqrt(a))), sampled by Tustin's rule.
 
-    frequency: w / 2 pi [Hz], where the phase is largest and the magnitude is `gain`
-    phase: its lead there [deg], within -90 ... 90; negative: a lag. a = (1 + sin phase) / (1 - sin phase) is the
-        ratio of the corner frequencies, and of the gains far above and far below.
-    sample_rate [Hz], delay, limit: see `Controller`
+    The sampled lead is prewarped at w. Its corner frequencies have the ratio a = (1 + sin phase) / (1 - sin phase), and
+    so have its gains far above and far below w.
 
-    Source: G. F. Franklin, J. D. Powell, A. Emami-Naeini, Feedback Control of Dynamic Systems, 7th ed.
-    (2015), sec. 6.7.
+    Args:
+        frequency: w / 2 pi, where the phase is largest and the magnitude is `gain` [Hz].
+        phase: phase lead at w, within -90 ... 90; a negative value gives a lag [deg].
+        sample_rate: see `Controller` [Hz].
+        gain: magnitude at w.
+        delay: see `Controller`.
+        limit: see `Controller`.
+
+    Source: G. F. Franklin, J. D. Powell, A. Emami-Naeini, Feedback Control of Dynamic Systems, 7th ed. (2015), sec.
+        6.7.
     """
     if not abs(finite("phase", phase)) < 90:
         raise ValueError(f"phase must lie within -90 ... 90 deg, got {phase:g}; take two leads in series for more")
@@ -141,12 +169,18 @@ def notch(
     delay: int = 1,
     limit: float = math.inf,
 ) -> Controller:
-    """Notch K(s) = (s^2 + 2 z_z w s + w^2) / (s^2 + 2 z_p w s + w^2), by Tustin's rule, prewarped at w.
+    """Return the notch K(s) = (s^2 + 2 z_z w s + w^2) / (s^2 + 2 z_p w s + w^2), sampled by Tustin's rule.
 
-    frequency: w / 2 pi [Hz]
-    zero_damping, pole_damping: z_z and z_p [-]; the magnitude at w is z_z / z_p, at rest and far above it is 1, and
-        the width is about 2 z_p w
-    sample_rate [Hz], delay, limit: see `Controller`
+    The sampled notch is prewarped at w. Its magnitude is z_z / z_p at w, and 1 at zero frequency and far above w. Its
+    width is about 2 z_p w.
+
+    Args:
+        frequency: w / 2 pi [Hz].
+        zero_damping: z_z [-].
+        pole_damping: z_p [-].
+        sample_rate: see `Controller` [Hz].
+        delay: see `Controller`.
+        limit: see `Controller`.
     """
     omega = _centre(frequency, sample_rate)
     top = 2 * not_negative("zero_damping", zero_damping) * omega
@@ -155,10 +189,21 @@ def notch(
 
 
 def series(*controllers: Controller) -> Controller:
-    """Controllers one after the other, the first one's outputs being the second one's inputs, and so on.
+    """Connect controllers in series: the outputs of each one are the inputs of the next.
 
-    One computer evaluates them all within a sample period: sample rate and delay must agree, and the delay counts
-    once. Only the last may have a limit, which is the result's. Raises ValueError otherwise.
+    One computer evaluates all controllers within a sample period. Their sample rates and delays must therefore agree,
+    and the delay counts once.
+
+    Args:
+        controllers: in the order of the signal flow. Only the last one may have a limit, which becomes the limit of the
+            result.
+
+    Returns:
+        Controller with the inputs of the first controller and the outputs of the last.
+
+    Raises:
+        ValueError: for different sample rates or delays, numbers of signals that do not fit, or a limit before the last
+            controller.
     """
     rate, delay = _agreed(controllers)
     for before, after in pairwise(controllers):
@@ -172,10 +217,18 @@ def series(*controllers: Controller) -> Controller:
 
 
 def parallel(*controllers: Controller) -> Controller:
-    """Controllers side by side on the same inputs, whose outputs add.
+    """Connect controllers in parallel: they read the same inputs, and their outputs are added.
 
-    One computer evaluates them all within a sample period: sample rate and delay must agree. None may have a limit;
-    give the result one by `dataclasses.replace`. Raises ValueError otherwise, and for different numbers of signals.
+    One computer evaluates all controllers within a sample period. Their sample rates and delays must therefore agree.
+
+    Args:
+        controllers: none may have a limit. Set a limit of the result with `dataclasses.replace`.
+
+    Returns:
+        Controller with the common inputs and the summed outputs.
+
+    Raises:
+        ValueError: for different sample rates, delays or numbers of signals, or for a controller with a limit.
     """
     rate, delay = _agreed(controllers)
     shapes = {c.D.shape for c in controllers}
@@ -193,11 +246,20 @@ def parallel(*controllers: Controller) -> Controller:
 
 
 def decentralised(*controllers: Controller) -> Controller:
-    """Controllers side by side, each with inputs and outputs of its own, one after the other: several loops as one.
+    """Combine controllers with separate inputs and outputs into one controller, for several loops at once.
 
-    Six equal ones, as on the struts of a hexapod: `decentralised(*6 * [controller])`, whose measured and driven names
-    then stand in the same order. Closed around a model, all loops share one gain. Sample rates, delays and limits must
-    agree, else ValueError.
+    The signals of the result are those of the first controller, then those of the second, and so on. All loops share
+    one gain when the result is closed around a model. `decentralised(*6 * [controller])` makes six equal loops, such as
+    those of the struts of a hexapod. The measured and driven names must then be given in the order of the controllers.
+
+    Args:
+        controllers: with equal sample rates, delays and limits.
+
+    Returns:
+        Controller with the inputs and outputs of all controllers.
+
+    Raises:
+        ValueError: for different sample rates, delays or limits.
     """
     rate, delay = _agreed(controllers)
     limits = sorted({c.limit for c in controllers})
@@ -209,17 +271,24 @@ def decentralised(*controllers: Controller) -> Controller:
 
 
 def decoupled(*controllers: Controller, measure: ArrayLike, drive: ArrayLike, limit: float = math.inf) -> Controller:
-    """Controllers in coordinates of their own between sensors and actuators: u = drive K (measure y).
+    """Combine controllers in transformed coordinates into one controller, u = drive K (measure y).
 
-    controllers: as in `decentralised`, one after the other, one per coordinate
-    measure: coordinates from what is measured, (coordinates, measured); drive: what is driven from the controllers'
-        outputs, (driven, coordinates)
-    limit: of what is driven, see `Controller`
+    For a hexapod with Jacobian J (strut lengths from motions), Cartesian control uses measure = J^-1, which converts
+    encoder readings to motions, and drive = J^-T, which converts forces on the platform to strut forces. Strut control
+    of sensors that read Cartesian motions uses measure = J. One computer evaluates all controllers within a sample
+    period, and the delay counts once.
 
-    A hexapod with Jacobian J (strut lengths from motions) in Cartesian coordinates: measure = J^-1, which makes motions
-    of encoders' readings, and drive = J^-T, which makes strut forces of forces. In strut coordinates of sensors that
-    read Cartesian motions: measure = J. One computer evaluates all within a sample period, and the delay counts once.
-    Raises ValueError for matrices of other shapes, and for controllers with limits, which would act on coordinates.
+    Args:
+        controllers: one per coordinate, combined as in `decentralised`.
+        measure: coordinates from measured signals, (coordinates, measured).
+        drive: driven signals from the outputs of the controllers, (driven, coordinates).
+        limit: limit of the driven signals, see `Controller`.
+
+    Returns:
+        Controller from the measured to the driven signals.
+
+    Raises:
+        ValueError: for matrices of other shapes, and for controllers with limits, which would act on the coordinates.
     """
     _unlimited("decoupled", controllers)
     inside = decentralised(*controllers)
@@ -245,12 +314,21 @@ def controller_response(
     outputs: Sequence[str] = (),
     label: str = "controller",
 ) -> FRF:
-    """FRF of a controller with its delay at the given frequencies, shape (n,) [Hz]; its limit is no part of it.
+    """Compute the FRF of a controller, including its delay and without its limit.
 
-    hold: include the zero-order hold of its output, (1 - exp(-s T)) / (s T), as a continuous plant sees it
-    inputs, outputs: names (default: input_1, ..., output_1, ...)
+    Args:
+        controller: the controller.
+        frequency: (n,) [Hz].
+        hold: include the zero-order hold of the output, (1 - exp(-s T)) / (s T), as a continuous plant sees it.
+        inputs: names of the inputs (default: input_1, ...).
+        outputs: names of the outputs (default: output_1, ...).
+        label: label of the FRF.
 
-    Raises ValueError at a pole, as of a pure integrator at 0 Hz.
+    Returns:
+        FRF with values (outputs, inputs, n).
+
+    Raises:
+        ValueError: at a pole, such as that of a pure integrator at 0 Hz.
     """
     frequency = finite_array("frequency", frequency, (None,))
     turn = 2j * np.pi * frequency / controller.sample_rate
@@ -272,9 +350,18 @@ def by_tustin(
     *,
     prewarp: float = 0.0,
 ) -> Controller:
-    """Controller from a transfer function of first order or higher by powers of s, the highest first.
+    """Sample a transfer function by Tustin's rule.
 
-    prewarp: where both frequency responses agree exactly [rad/s], see `tustin`
+    Args:
+        numerator: coefficients of the powers of s, the highest first.
+        denominator: coefficients of the powers of s, the highest first, of first order or higher.
+        sample_rate: see `Controller` [Hz].
+        delay: see `Controller`.
+        limit: see `Controller`.
+        prewarp: angular frequency at which both frequency responses agree exactly [rad/s], see `tustin`.
+
+    Returns:
+        Controller with one input and one output.
     """
     system = scipy.signal.tf2ss(numerator, denominator)
     return Controller(*tustin(system, 1 / sample_rate, prewarp=prewarp), sample_rate, delay=delay, limit=limit)
@@ -291,7 +378,7 @@ def _below_nyquist(name: str, frequency: float, sample_rate: float) -> float:
 
 
 def _agreed(controllers: Sequence[Controller]) -> tuple[float, int]:
-    """Sample rate and delay that all controllers have."""
+    """Return the sample rate and the delay that all controllers have."""
     if not controllers:
         raise ValueError("name at least one controller")
     both = {(c.sample_rate, c.delay) for c in controllers}

@@ -1,4 +1,4 @@
-"""Other coordinates for a linear model's signals: outputs that sum up outputs, inputs that act on several inputs."""
+"""Transformed signals of a linear model: weighted sums of outputs, and inputs that act on several inputs."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,12 +13,22 @@ from nassim.systems.linear_model import LinearModel, Names, names
 def with_outputs(
     model: LinearModel, new: Names, matrix: ArrayLike, *, of: Names, units: Sequence[str] = ()
 ) -> LinearModel:
-    """The model with further outputs, weighted sums of those it has: new = matrix @ of.
+    """Add outputs that are weighted sums of existing outputs, new = matrix @ of.
 
-    new: names; matrix: (new, of); of: names of outputs; units: of the new ones
+    For example, matrix = J^-1 gives Cartesian motions from encoders in struts with Jacobian J.
 
-    As Cartesian motions from encoders in struts with Jacobian J by matrix = J^-1. Raises ValueError for unknown names,
-    for new ones that exist, and for another shape.
+    Args:
+        model: the linear model.
+        new: names of the new outputs.
+        matrix: weights, (new, of).
+        of: names of existing outputs.
+        units: units of the new outputs.
+
+    Returns:
+        Model with the existing outputs, then the new ones.
+
+    Raises:
+        ValueError: for unknown names in `of`, for names in `new` that exist already, and for a matrix of another shape.
     """
     added, rows, weights = _mixed("output", new, matrix, of, model.outputs)
     old_units = model.units or ("",) * len(model.outputs)
@@ -35,12 +45,22 @@ def with_outputs(
 
 
 def with_inputs(model: LinearModel, new: Names, matrix: ArrayLike, *, of: Names) -> LinearModel:
-    """The model with further inputs, each acting on several of those it has: of = matrix @ new, besides their own.
+    """Add inputs that act on several existing inputs, of = matrix @ new.
 
-    new: names; matrix: (of, new); of: names of inputs
+    The existing inputs remain. For example, matrix = J^-T gives forces and torques on the platform of a hexapod with
+    Jacobian J by the actuators of its struts. One disturbance that enters at several places is another example.
 
-    As forces and torques on a hexapod's plate by its struts' actuators, with Jacobian J, by matrix = J^-T; or one
-    disturbance that enters at several places at once. Raises ValueError as `with_outputs`.
+    Args:
+        model: the linear model.
+        new: names of the new inputs.
+        matrix: weights, (of, new).
+        of: names of existing inputs.
+
+    Returns:
+        Model with the existing inputs, then the new ones.
+
+    Raises:
+        ValueError: in the same cases as `with_outputs`.
     """
     added, columns, weights = _mixed("input", new, np.transpose(np.asarray(matrix)), of, model.inputs)
     return replace(
@@ -54,7 +74,7 @@ def with_inputs(model: LinearModel, new: Names, matrix: ArrayLike, *, of: Names)
 def _mixed(
     kind: str, new: Names, matrix: ArrayLike, of: Names, existing: tuple[str, ...]
 ) -> tuple[tuple[str, ...], list[int], Array]:
-    """New names, indices of the old signals, and weights (new, of)."""
+    """Return the new names, the indices of the existing signals, and the weights (new, of)."""
     added, old = names(f"new {kind}", new), names(kind, of)
     places = [existing.index(known(kind, name, existing)) for name in old]
     taken = [name for name in added if name in existing]

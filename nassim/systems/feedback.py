@@ -1,11 +1,12 @@
-"""Controllers in loops around linear models: the closed loop, the open loop's margins, sensitivity.
+"""Feedback loops of controllers around linear models: the closed loop, the margins of the open loop, sensitivity.
 
-A loop is sampled or continuous as its model is. Around a sampled model (`nassim.systems.sampled`) it is exact: it
-predicts a simulation or a computer at that sample rate, saturation aside. Around a continuous model the controller is
-replaced by a continuous equivalent: for design, with branches and zeros as books draw them, and for FRFs between
-samples, up to a tenth of the sample rate. A plant that follows its input within a sample (direct feedthrough, modes
-above half the sample rate) answers a held input in steps; whether a sample sees the new step or still the old one
-only the sampled model tells, and the continuous one is off by up to half a sample of delay.
+A loop is sampled or continuous like its model. A loop around a sampled model (`nassim.systems.sampled`) is exact: it
+predicts a simulation or a computer at that sample rate, except for saturation. In a loop around a continuous model, a
+continuous equivalent replaces the controller. Such a loop serves for design, with the branches and zeros of textbooks,
+and for FRFs between samples up to a tenth of the sample rate. A plant that responds to its input within one sample
+(direct feedthrough, modes above half the sample rate) answers a held input in steps. Only the sampled model tells
+whether a sample sees the new step or the old one. The continuous model is wrong by up to half a sample of delay in that
+case.
 """
 
 import math
@@ -21,7 +22,7 @@ from nassim.systems.linear_model import LinearModel, Names, frequency_response, 
 from nassim.systems.state_space import StateSpace, cascade, inverse_tustin
 
 DELAY_ORDER = 4
-SAME = 1e-9
+RELATIVE_ROUNDING = 1e-9
 
 
 def controller_model(
@@ -32,16 +33,20 @@ def controller_model(
     time_step: float | None = None,
     delay_order: int = DELAY_ORDER,
 ) -> LinearModel:
-    """A controller with its delay as a linear model; its limit is no part of it.
+    """Return a controller with its delay, and without its limit, as a linear model.
 
-    inputs, outputs: names of what it measures and drives
-    time_step: of the controller [s], for the sampled model with the delay as states; None for the continuous
-        equivalent by the inverse of Tustin's rule
-    delay_order: order of Pade's approximation to the delay plus the hold's half sample, in the continuous equivalent;
-        0 leaves both out
+    Args:
+        controller: the controller.
+        inputs: names of the signals that the controller measures.
+        outputs: names of the signals that the controller drives.
+        time_step: time step of the controller, for a sampled model with the delay as states; None for the continuous
+            equivalent by the inverse of Tustin's rule [s].
+        delay_order: order of Pade's approximation to the delay plus half a sample of the hold in the continuous
+            equivalent; 0 omits both.
 
-    Raises ValueError for other numbers of names than of signals, for another time step than the controller's, and
-    for a pole at z = -1 in the continuous case.
+    Raises:
+        ValueError: when the number of names differs from the number of signals, when the time step is not that of the
+            controller, and for a pole at z = -1 in the continuous case.
     """
     inputs, outputs = names("controller's input", inputs), names("controller's output", outputs)
     if controller.D.shape != (len(outputs), len(inputs)):
@@ -74,17 +79,28 @@ def close_loop(
     delay_order: int = DELAY_ORDER,
     noise: bool = False,
 ) -> LinearModel:
-    """The linear model with u = excitation + gain * K y around it: the same inputs and outputs, the states of both.
+    """Close the loop u = excitation + gain * K y around a linear model.
 
-    measured: output, or outputs, that the controller reads; driven: input, or inputs, to which it adds
-    gain: factor on the whole controller [-]
-    delay_order: see `controller_model`; of no effect around a sampled model, whose delay is exact
-    noise: give the model an input "y noise" for each measured output y, which adds to what the controller reads of it
-        and not to the output itself: noise of sensors and converters. Loops that measure the same output share it.
+    The result has the inputs and outputs of the model, and the states of the model and of the controller. Several loops
+    can be closed one after the other, or all at once with `nassim.systems.decentralised`.
 
-    Several loops: close one after the other, or all at once (`nassim.systems.decentralised`). Raises ValueError for
-    unknown names, for a sampled model whose time step is not the controller's, and where an undelayed controller and
-    the model's direct feedthrough contradict each other.
+    Args:
+        model: the linear model.
+        controller: the controller K.
+        measured: output, or outputs, that the controller reads.
+        driven: input, or inputs, to which the output of the controller is added.
+        gain: factor on the whole controller [-].
+        delay_order: see `controller_model`. It has no effect for a sampled model, whose delay is exact.
+        noise: add an input "y noise" for each measured output y. It adds to the signal that the controller reads and
+            not to the output itself, like the noise of sensors and converters. Loops that measure the same output share
+            this input.
+
+    Returns:
+        Model of the closed loop.
+
+    Raises:
+        ValueError: for unknown names, for a sampled model whose time step is not that of the controller, and when the
+            direct feedthrough of an undelayed controller and of the model leave no solution.
     """
     if noise:
         return _closed_with_noise(model, controller, names("measured signal", measured), driven, gain, delay_order)
@@ -97,9 +113,9 @@ def close_loop(
     drive[columns, range(len(columns))] = finite("gain", gain)
     loop = np.eye(len(rows)) - d[rows] @ drive @ k.D
     sizes = np.linalg.svd(loop, compute_uv=False)
-    if sizes[-1] < SAME * max(1.0, sizes[0]):
+    if sizes[-1] < RELATIVE_ROUNDING * max(1.0, sizes[0]):
         raise ValueError("the loop has no solution within a sample: direct feedthrough times gain is 1; add a delay")
-    # What the controller reads, y = y_x x + y_k x_k + y_u u, and what it adds to the model's inputs.
+    # Signals that the controller reads, y = y_x x + y_k x_k + y_u u, and inputs of the model including its outputs.
     y_x, y_k, y_u = (np.linalg.solve(loop, part) for part in (c[rows], d[rows] @ drive @ k.C, d[rows]))
     u_x, u_k, u_u = drive @ k.D @ y_x, drive @ (k.C + k.D @ y_k), np.eye(len(model.inputs)) + drive @ k.D @ y_u
     state = np.block([[a + b @ u_x, b @ u_k], [k.B @ y_x, k.A + k.B @ y_k]])
@@ -115,7 +131,7 @@ def close_loop(
 def _closed_with_noise(
     model: LinearModel, controller: Controller, measured: tuple[str, ...], driven: Names, gain: float, delay_order: int
 ) -> LinearModel:
-    """The loop closed over readings, outputs plus noise, of which only the outputs remain."""
+    """Close the loop over the outputs plus noise, and keep only the outputs themselves."""
     rows, _ = _indices(model, measured, driven)
     noises = tuple(f"{name} noise" for name in measured)
     new = tuple(name for name in noises if name not in model.inputs)
@@ -146,11 +162,23 @@ def open_loop(
     gain: float = 1.0,
     label: str = "open loop",
 ) -> FRF:
-    """FRF of the loop cut at what is measured, L = -gain * G K, with the minus sign of textbooks: critical at L = -1.
+    """Compute the FRF of the loop cut at the measured signals, L = -gain * G K.
 
-    frequency: (n,) [Hz]; the others: see `close_loop`. Around a continuous model the delay and the zero-order hold are
-    exact and aliasing is left out. Returns values (measured, measured, n). From a plant's FRF
-    instead of a model, such as an estimated one: `loop_response`.
+    The minus sign follows textbooks: the critical point is L = -1. For a continuous model the delay and the zero-order
+        hold are exact, and aliasing is neglected. `loop_response` takes the FRF of a plant, such as an estimated one,
+        in place of a model.
+
+    Args:
+        model: the linear model G.
+        controller: the controller K.
+        frequency: (n,) [Hz].
+        measured: see `close_loop`.
+        driven: see `close_loop`.
+        gain: see `close_loop`.
+        label: label of the FRF.
+
+    Returns:
+        FRF with values (measured, measured, n).
     """
     _indices(model, measured, driven)
     _check_time_step(model.time_step, controller)
@@ -169,9 +197,19 @@ def loop_response(
     hold: bool = True,
     label: str = "open loop",
 ) -> FRF:
-    """The loop of `open_loop` from the plant's FRF, computed or estimated from records, at its frequencies.
+    """Compute the open loop L = -gain * G K from the FRF of the plant, at the frequencies of that FRF.
 
-    hold: include the controller's zero-order hold; False where the plant's FRF is from sample to sample
+    Args:
+        plant: FRF of G, computed or estimated from records.
+        controller: the controller K.
+        measured: see `close_loop`.
+        driven: see `close_loop`.
+        gain: see `close_loop`.
+        hold: include the zero-order hold of the controller; False when the FRF of the plant is from sample to sample.
+        label: label of the FRF.
+
+    Returns:
+        FRF with values (measured, measured, n).
     """
     measured, driven = names("measured signal", measured), names("driven signal", driven)
     k = controller_response(controller, plant.frequency, hold=hold)
@@ -183,9 +221,19 @@ def loop_response(
 
 
 def sensitivity(loop: FRF) -> tuple[FRF, FRF]:
-    """Sensitivity S = (1 + L)^-1 and complementary sensitivity T = 1 - S of an open loop L, FRFs of the shape of L.
+    """Compute the sensitivity S = (1 + L)^-1 and the complementary sensitivity T = 1 - S of an open loop L.
 
-    S is what the loop leaves of a disturbance at what it measures; |S| > 1 where it amplifies.
+    S is the ratio of a disturbance at the measured signals with the loop closed to that with the loop open. The loop
+    amplifies the disturbance where |S| > 1.
+
+    Args:
+        loop: open loop L, see `open_loop`.
+
+    Returns:
+        S and T, FRFs of the shape of L.
+
+    Raises:
+        ValueError: for an FRF whose inputs differ from its outputs, and where det(1 + L) = 0.
     """
     if loop.inputs != loop.outputs:
         raise ValueError("an open loop has the same inputs as outputs; see open_loop")
@@ -204,12 +252,17 @@ def sensitivity(loop: FRF) -> tuple[FRF, FRF]:
 
 
 def loop_at_a_time(loop: FRF, signal: str) -> FRF:
-    """The open loop cut at one of its signals while all others are closed, 1 / S_ii - 1 of the sensitivity S.
+    """Compute the open loop cut at one signal while all other loops are closed, 1 / S_ii - 1 of the sensitivity S.
 
-    loop: open loop with several signals, see `open_loop`; signal: one of them
+    The `margins` of the result tell by how much this loop alone may change. The largest of the `singular_values` of the
+    sensitivity covers changes in several loops at once.
 
-    Returns values (1, 1, n), for `margins`: by how much this loop alone may change. Changes in several loops at once
-    are told by the largest of `singular_values` of the sensitivity.
+    Args:
+        loop: open loop with several signals, see `open_loop`.
+        signal: name of the signal at which the loop is cut.
+
+    Returns:
+        FRF with values (1, 1, n).
     """
     row = loop.outputs.index(known("signal", signal, loop.outputs))
     own = sensitivity(loop)[0].values[row, row]
@@ -217,11 +270,17 @@ def loop_at_a_time(loop: FRF, signal: str) -> FRF:
 
 
 def singular_values(frf: FRF) -> Array:
-    """Singular values of an FRF matrix at its frequencies, the largest first, (min(outputs, inputs), n).
+    """Compute the singular values of an FRF matrix at each frequency.
 
-    The largest one of a sensitivity is by how much the loops amplify the worst combination of disturbances, and its
-    inverse how far all loops together are from instability. They depend on the signals' units: compare signals of one
-    kind, or scale them first (`nassim.systems.with_outputs`).
+    The largest singular value of a sensitivity is the factor by which the loops amplify the worst combination of
+    disturbances. Its inverse is the distance of all loops together from instability. Singular values depend on the
+    units of the signals: compare signals of one kind, or scale them first (`nassim.systems.with_outputs`).
+
+    Args:
+        frf: FRF with n frequencies.
+
+    Returns:
+        Singular values, the largest first, (min(outputs, inputs), n).
 
     Source: S. Skogestad, I. Postlethwaite, Multivariable Feedback Control, 2nd ed. (2005), sec. 3.3.
     """
@@ -231,14 +290,18 @@ def singular_values(frf: FRF) -> Array:
 
 @dataclass(frozen=True)
 class Margins:
-    """How far an open loop stays from instability, or how far beyond it is.
+    """Stability margins of an open loop.
 
-    gain_margin: factor by which the gain may grow [-]; inf where no factor destabilises. Of an unstable loop that
-        passes beyond -1, below 1: the factor by which it has to change
-    phase_margin: by which the phase may change where |L| = 1 [deg]; inf where the loop never crosses 1. Negative of an
-        unstable loop: the phase that it lacks there
-    modulus_margin: least distance |1 + L| from the critical point [-], the inverse of the largest sensitivity
-    gain_margin_frequency, phase_margin_frequency, modulus_margin_frequency: where [Hz]; nan with an infinite margin
+    Attributes:
+        gain_margin: factor by which the gain may grow; inf where no factor destabilises the loop. An unstable loop that
+            passes beyond -1 has a value below 1: the factor that makes it stable [-].
+        gain_margin_frequency: frequency of the gain margin; nan with an infinite margin [Hz].
+        phase_margin: amount by which the phase may change where |L| = 1; inf where |L| never crosses 1. An unstable
+            loop has a negative value: the phase that it lacks there [deg].
+        phase_margin_frequency: frequency of the phase margin; nan with an infinite margin [Hz].
+        modulus_margin: least distance |1 + L| from the critical point, which is the inverse of the largest sensitivity
+            [-].
+        modulus_margin_frequency: frequency of the modulus margin [Hz].
     """
 
     gain_margin: float
@@ -250,15 +313,23 @@ class Margins:
 
 
 def margins(loop: FRF) -> Margins:
-    """Margins of an open loop with one signal, the smallest of each kind within its frequencies.
+    """Compute the margins of an open loop with one signal, the smallest of each kind within its frequencies.
 
-    Crossings are interpolated between frequencies; the modulus margin is read at them: take them close at resonances.
-    Whether the closed loop is stable is told by Nyquist's criterion within the frequencies, for an open loop without
-    growing poles. They should begin below the slowest dynamics: a loop that begins beyond -1 with Im L >= 0 counts as
-    having passed -180 deg below.
+    Crossings are interpolated between frequencies, and the modulus margin is the smallest value at the frequencies
+    themselves. Choose close frequencies at resonances. Nyquist's criterion within the frequencies tells whether the
+    closed loop is stable, for an open loop without growing poles. The frequencies should begin below the slowest
+    dynamics: a loop that begins beyond -1 with Im L >= 0 counts as having passed -180 deg below the first frequency.
 
-    Source: K. J. Astrom, R. M. Murray, Feedback Systems, 2nd ed. (2021), sec. 10.2 and 10.3. Raises ValueError for a
-    loop with several signals; close the others first.
+    Args:
+        loop: open loop with one signal, see `open_loop`.
+
+    Returns:
+        Gain, phase and modulus margin.
+
+    Raises:
+        ValueError: for a loop with several signals. Close the other loops first.
+
+    Source: K. J. Astrom, R. M. Murray, Feedback Systems, 2nd ed. (2021), sec. 10.2 and 10.3.
     """
     if loop.values.shape[:2] != (1, 1):
         raise ValueError(
@@ -273,7 +344,7 @@ def margins(loop: FRF) -> Margins:
     growing = [(-1 / value.real, at) for at, value, _ in on_axis if -1 < value.real < 0]
     falling = [(factor, at) for factor, at, turn in beyond if turn > 0] if unstable else []
     gain, gain_at = min(falling or growing, default=(math.inf, math.nan))
-    # Where |L| rises through 1, it is the lead that destabilises. Of an unstable loop the phase lacks up to a turn.
+    # Where |L| rises through 1, a phase lead destabilises. An unstable loop lacks up to 360 deg of phase.
     angles = [
         (math.degrees(np.angle(-value)) * (-1 if rises else 1), at)
         for at, value, rises in _crossings(f, values, np.abs(values) - 1)
@@ -295,7 +366,9 @@ def margins(loop: FRF) -> Margins:
 
 
 def _crossings(frequency: Array, values: Array, level: Array) -> list[tuple[float, complex, bool]]:
-    """Where a real level changes its sign: frequency, value, by straight lines between frequencies, and if it rises."""
+    """Return frequency, value and whether the level rises, at each sign change of a real level, by linear
+    interpolation.
+    """
     before = np.flatnonzero((level[:-1] < 0) != (level[1:] < 0))
     share = level[before] / (level[before] - level[before + 1])
     where = frequency[before] + share * np.diff(frequency)[before]
@@ -311,7 +384,7 @@ def _indices(model: LinearModel, measured: Names, driven: Names) -> tuple[list[i
 
 
 def _check_time_step(time_step: float | None, controller: Controller) -> None:
-    if time_step is not None and abs(time_step * controller.sample_rate - 1) > SAME:
+    if time_step is not None and abs(time_step * controller.sample_rate - 1) > RELATIVE_ROUNDING:
         raise ValueError(
             f"the model is sampled at {1 / time_step:g} Hz and the controller at {controller.sample_rate:g} Hz; "
             "sample the model at the controller's rate"
@@ -319,13 +392,13 @@ def _check_time_step(time_step: float | None, controller: Controller) -> None:
 
 
 def _shift(delay: int) -> StateSpace:
-    """One signal, whole samples later."""
+    """Return the state space of a delay of whole samples, for one signal."""
     first, last = np.eye(1, delay), np.eye(1, delay, delay - 1)
     return np.eye(delay, k=-1), first.T, last, np.full((1, 1), float(delay == 0))
 
 
 def _pade(delay: float, order: int) -> StateSpace:
-    """One signal later by a time [s], by Pade's approximation of equal orders; order 0: at once.
+    """Return Pade's approximation of equal orders to a delay [s], for one signal; order 0 is no delay.
 
     Source: G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed. (2013), sec. 9.3.
     """

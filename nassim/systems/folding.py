@@ -1,8 +1,8 @@
-"""Modes that fold: what a digital loop would make of lightly damped modes above half of its sample rate.
+"""Aliasing of lightly damped modes above half the sample rate in digital loops ("folding").
 
-Held and sampled, a mode of frequency f_m far above the sample rate rings at the frequency to which f_m folds. For a
-pole p, time step T and static gain R, its response there has the size R sin(theta / 2) / (1 - |exp(p T)|), with theta
-the angle per sample of the folded frequency. It follows from the step response 1 - Re exp(p k T) of a mode.
+A held and sampled mode of frequency f_m far above the sample rate rings at the frequency to which f_m folds. For a pole
+p, a time step T and a static gain R, its response there has the magnitude R sin(theta / 2) / (1 - |exp(p T)|), where
+theta is the angle per sample of the folded frequency. This follows from the step response 1 - Re exp(p k T) of a mode.
 """
 
 from dataclasses import dataclass
@@ -16,22 +16,24 @@ from nassim.systems.feedback import controller_model
 from nassim.systems.linear_model import LinearModel, Names, names
 from nassim.systems.state_space import transfer_matrix
 
-ANGLES = np.geomspace(1e-3, np.pi, 300)
-"""Of folded frequencies, per sample [rad]."""
-SAME = 1e-3
-"""Relative difference of two frequencies of modes that fold to one place, as of six struts alike."""
-BELONGS = 0.5
-"""Share of a pole in the states of unsupported modes, from which on it is one of them."""
+FOLDED_ANGLES = np.geomspace(1e-3, np.pi, 300)
+"""Angles per sample of the folded frequencies at which the loop gain is evaluated [rad]."""
+SAME_FREQUENCY = 1e-3
+"""Relative difference of frequencies below which modes count as one, such as those of six equal struts."""
+PARTICIPATION = 0.5
+"""Participation of a pole in the states of unsupported modes from which on it counts as one of them."""
 
 
 @dataclass(frozen=True)
 class FoldingMode:
-    """A mode, or several of one frequency, that is quasi-static in a sampled model, and what a loop would make of it.
+    """Mode above half the sample rate, or several of one frequency, that a sampled model treats as quasi-static.
 
-    frequency: of the mode [Hz]; folded: where it would appear below half of the sample rate [Hz], as uncertain as
-        the frequency
-    loop_gain: largest that it could give the loop, wherever it folds [-]; below 1 it cannot make the loop unstable
-        by itself
+    Attributes:
+        frequency: frequency of the mode [Hz].
+        folded: frequency below half the sample rate where the mode would appear. It is as uncertain as `frequency`
+            [Hz].
+        loop_gain: largest loop gain that the mode can cause at any folded frequency. Below 1 the mode alone cannot make
+            the loop unstable [-].
     """
 
     frequency: float
@@ -44,22 +46,25 @@ def folding_modes(
 ) -> tuple[FoldingMode, ...]:
     """Find the unsupported modes that fold in a digital loop, the one with the largest loop gain first.
 
-    `sampled` takes them as quasi-static, so neither margins nor a largest stable gain know of their resonances. Up to
-    the gain 1 / (largest loop gain), none of them alone makes the loop unstable, whatever its frequency is, with the
+    `sampled` treats these modes as quasi-static, so neither margins nor a largest stable gain contain their resonances.
+    Up to the gain 1 / (largest loop gain), none of them alone makes the loop unstable at any frequency, with the
     damping that the model gives it.
 
     Args:
-        model: continuous, with `LinearModel.unsupported` as `linearize` gives it.
-        controller: of the loop.
-        measured: output, or outputs, that it reads.
-        driven: input, or inputs, to which it adds.
+        model: continuous model with `LinearModel.unsupported`, as `linearize` returns it.
+        controller: controller of the loop.
+        measured: output, or outputs, that the controller reads.
+        driven: input, or inputs, to which the output of the controller is added.
         gain: factor on the whole controller [-].
 
+    Returns:
+        Folding modes; empty without any.
+
     Raises:
-        ValueError: for a sampled model, and as `close_loop` for signals that do not fit.
+        ValueError: for a sampled model, and in the cases of `close_loop` for signals that do not fit.
     """
     if model.time_step is not None:
-        raise ValueError("folding_modes takes the continuous model: a sampled one has these modes no more")
+        raise ValueError("folding_modes takes the continuous model: a sampled one no longer has these modes")
     rows = [model.outputs.index(known("output", name, model.outputs)) for name in names("measured signal", measured)]
     columns = [model.inputs.index(known("input", name, model.inputs)) for name in names("driven signal", driven)]
     rate, unsupported = controller.sample_rate, np.zeros(len(model.A), dtype=bool)
@@ -67,19 +72,19 @@ def folding_modes(
     balanced, (scale, _) = scipy.linalg.matrix_balance(model.A, permute=False, separate=True)
     poles, left, right = scipy.linalg.eig(balanced, left=True, right=True)
     shares = np.abs(left * right)
-    own = (poles.imag > np.pi * rate) & (shares[unsupported].sum(axis=0) > BELONGS * shares.sum(axis=0))
+    own = (poles.imag > np.pi * rate) & (shares[unsupported].sum(axis=0) > PARTICIPATION * shares.sum(axis=0))
     if not own.any():
         return ()
     k = controller_model(controller, inputs=measured, outputs=driven, time_step=1 / rate)
-    gains = finite("gain", gain) * transfer_matrix(k.matrices, np.exp(1j * ANGLES))
+    gains = finite("gain", gain) * transfer_matrix(k.matrices, np.exp(1j * FOLDED_ANGLES))
     poles, left, right = poles[own], left[:, own].T.conj(), right[:, own]
     drives = left @ (model.B[:, columns] / scale[:, None]) / np.sum(left.T * right, axis=0)[:, None]
     shows, order = (model.C[rows] * scale) @ right, np.argsort(np.abs(poles))
     frequency = np.abs(poles[order]) / (2 * np.pi)
     found = []
-    for group in np.split(order, np.flatnonzero(np.diff(frequency) > SAME * frequency[1:]) + 1):
+    for group in np.split(order, np.flatnonzero(np.diff(frequency) > SAME_FREQUENCY * frequency[1:]) + 1):
         loops = np.einsum("uyf,yk,kv->fuv", gains, shows[:, group], drives[group])
-        around = np.abs(np.linalg.eigvals(loops)).max(axis=1) * np.sin(ANGLES / 2)
+        around = np.abs(np.linalg.eigvals(loops)).max(axis=1) * np.sin(FOLDED_ANGLES / 2)
         pole = poles[group[0]]
         size = 2 / abs(pole) / -np.expm1(pole.real / rate) * around.max()
         at = float(abs(pole)) / (2 * np.pi)

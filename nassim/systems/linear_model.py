@@ -16,8 +16,9 @@ from nassim.systems.state_space import (
     transmission_zeros,
 )
 
-ROUNDING = 1e-8
-"""Growth rates below this share of the fastest pole are rounding: rigid motion's double pole has them."""
+GROWTH_ROUNDING = 1e-8
+"""Growth rates below this fraction of the fastest pole's rate count as rounding, as in a double pole of rigid motion.
+"""
 Names = str | Sequence[str]
 
 
@@ -25,12 +26,18 @@ Names = str | Sequence[str]
 class LinearModel:
     """State space dx/dt = A x + B u, y = C x + D u with named inputs and outputs.
 
-    A: (n, n); B: (n, inputs); C: (outputs, n); D: (outputs, inputs)
-    units: of the outputs
-    time_step: [s] of a sampled model, x_(k+1) = A x_k + B u_k, whose inputs keep each sample's value until the next;
-        None for a continuous one
-    unsupported: frequency [Hz] of the mode that a state belongs to where the model's maker does not answer for that
-        mode, 0 for other states, (k,) of the first k states; see `sampled`
+    Attributes:
+        A: state matrix, (n, n).
+        B: input matrix, (n, inputs).
+        C: output matrix, (outputs, n).
+        D: feedthrough matrix, (outputs, inputs).
+        inputs: names of the inputs.
+        outputs: names of the outputs.
+        units: units of the outputs, one each or none.
+        time_step: time step of a sampled model x_(k+1) = A x_k + B u_k, whose inputs keep the value of each sample
+            until the next; None for a continuous model [s].
+        unsupported: frequency of the mode to which each of the first k states belongs, for modes above the range in
+            which the model is valid; 0 for other states, (k,); see `sampled` [Hz].
     """
 
     A: Array
@@ -62,23 +69,36 @@ class LinearModel:
 
     @property
     def matrices(self) -> StateSpace:
-        """A, B, C and D."""
+        """The matrices A, B, C and D."""
         return self.A, self.B, self.C, self.D
 
     def poles(self) -> Array:
-        """Poles in the plane of s, complex, shape (n,) [rad/s]: eigenvalues of A, or ln(z)/T of a sampled model's z."""
+        """Return the poles in the s-plane: the eigenvalues of A, or ln(z)/T for a sampled model.
+
+        Returns:
+            Poles, complex, (n,) [rad/s].
+        """
         return s_plane(np.linalg.eigvals(self.A), self.time_step)
 
 
 def zeros(model: LinearModel, *, inputs: Names | None = None, outputs: Names | None = None) -> Array:
-    """Invariant zeros between some inputs and as many outputs, complex, shape (n,) [rad/s], in the plane of s.
+    """Compute the invariant zeros between some inputs and the same number of outputs.
 
-    inputs, outputs: one name or several; None for all. One of each: the zeros of that response. Several: where some
-        motion goes on that none of the outputs shows, which is where the poles go when strong loops keep them still
+    The zeros between one input and one output are those of that response. A zero between several is a motion that
+    continues while none of the outputs shows it. The poles of strong loops that hold these outputs tend to these zeros.
+    The result includes poles that no such input moves or no such output shows. The zeros of a sampled model are ln(z)/T
+    and include those caused by the sampling. `transmission_zeros` describes method, source and accuracy.
 
-    Poles that no such input moves, or no such output shows, are among them. Zeros of a sampled model are ln(z)/T, those
-    that come of the sampling included. Sources and accuracy: `transmission_zeros`. Raises ValueError for unknown names,
-    for other numbers of outputs than of inputs, and where every s would be a zero.
+    Args:
+        model: the linear model.
+        inputs: one name or several; None for all.
+        outputs: one name or several; None for all.
+
+    Returns:
+        Zeros in the s-plane, complex, (n,) [rad/s].
+
+    Raises:
+        ValueError: for unknown names, for different numbers of inputs and outputs, and where every s would be a zero.
     """
     rows = [model.outputs.index(n) for n in _chosen("output", outputs, model.outputs)]
     columns = [model.inputs.index(n) for n in _chosen("input", inputs, model.inputs)]
@@ -88,28 +108,39 @@ def zeros(model: LinearModel, *, inputs: Names | None = None, outputs: Names | N
 
 @dataclass(frozen=True)
 class UnstablePole:
-    """A motion that grows by itself.
+    """Growing motion of an unstable model.
 
-    frequency: of the oscillation, 0 for a drift [Hz]; growth_rate: the amplitude grows with exp(growth_rate * t) [1/s]
+    Attributes:
+        frequency: frequency of the oscillation; 0 for a drift [Hz].
+        growth_rate: rate of the amplitude exp(growth_rate * t) [1/s].
     """
 
     frequency: float
     growth_rate: float
 
     def __str__(self) -> str:
-        """In words, for a message."""
+        """Describe the motion for a message."""
         motion = f"an oscillation at {self.frequency:.4g} Hz" if self.frequency else "a drift"
         return f"{motion} that grows e-fold in {1 / self.growth_rate:.3g} s"
 
 
 def sampled(model: LinearModel, sample_rate: float) -> LinearModel:
-    """A continuous model from sample to sample [Hz], exact for inputs that keep each sample's value until the next.
+    """Sample a continuous model, exactly for inputs that keep the value of each sample until the next.
 
-    Modes that the model's maker does not answer for (`LinearModel.unsupported`; of a scene see
-    `Scene.quasi_static_above`) are quasi-static where they lie above half of the sample rate: they would fold below it,
-    to where their uncertain frequencies put them. What they add to outputs follows from the last two values of the
-    inputs (`nassim.systems.state_space.settling_response`), which are further states, the last ones.
-    Raises ValueError for a model that is sampled already.
+    Modes in `LinearModel.unsupported` (for a scene see `Scene.quasi_static_above`) become quasi-static when they lie
+    above half the sample rate. Otherwise they would fold to frequencies as uncertain as their own. Their contribution
+    to the outputs follows from the last two values of the inputs (`nassim.systems.state_space.settling_response`).
+    These values are additional states, the last ones.
+
+    Args:
+        model: continuous model.
+        sample_rate: samples per second [Hz].
+
+    Returns:
+        Sampled model.
+
+    Raises:
+        ValueError: for a model that is sampled already.
     """
     if model.time_step is not None:
         raise ValueError(f"the model is sampled already, every {model.time_step:g} s; sample the continuous one")
@@ -123,16 +154,30 @@ def sampled(model: LinearModel, sample_rate: float) -> LinearModel:
 
 
 def frequency_response(model: LinearModel, frequency: Array, *, label: str = "linear model") -> FRF:
-    """FRF of a linear model at the given frequencies, shape (n,) [Hz]; of a sampled one from sample to sample."""
+    """Compute the FRF of a linear model; for a sampled model, from sample to sample.
+
+    Args:
+        model: the linear model.
+        frequency: (n,) [Hz].
+        label: label of the FRF.
+
+    Returns:
+        FRF with values (outputs, inputs, n).
+    """
     frequency = finite_array("frequency", frequency, (None,))
     values = transfer_matrix(model.matrices, z_plane(2j * np.pi * frequency, model.time_step))
     return FRF(frequency, values, model.outputs, model.inputs, None, label)
 
 
 def damping(model: LinearModel) -> tuple[Array, Array]:
-    """Natural frequency |s| / 2 pi [Hz], ascending, and damping ratio -Re s / |s| [-] of every pole.
+    """Compute the natural frequency |s| / 2 pi and the damping ratio -Re s / |s| of every pole.
 
-    One entry per pair of conjugate poles, shape (n,). Negative damping grows; a real pole has 1 or -1, one at rest 0.
+    Args:
+        model: the linear model.
+
+    Returns:
+        Frequency, ascending, (n,) [Hz], and damping ratio, (n,) [-], with one entry per pair of conjugate poles. A
+        growing motion has a negative ratio, a real pole has 1 or -1, and a pole at the origin has 0.
     """
     poles = model.poles()
     poles = poles[np.argsort(np.abs(poles))]
@@ -140,9 +185,13 @@ def damping(model: LinearModel) -> tuple[Array, Array]:
 
 
 def unstable_poles(model: LinearModel) -> tuple[UnstablePole, ...]:
-    """What grows by itself in a linear model, fastest first, one entry per oscillation; empty for a stable one.
+    """Return the growing motions of a linear model, the fastest first, one entry per oscillation.
 
-    Poles that grow by less than 1e-8 of the fastest pole's rate count as being at rest.
+    A pole that grows by less than 1e-8 of the rate of the fastest pole counts as a pole at the origin. The result of a
+    stable model is empty.
+
+    Args:
+        model: the linear model.
     """
     poles = model.poles()
     growing = poles[is_growing(poles) & (poles.imag >= 0)]
@@ -151,19 +200,36 @@ def unstable_poles(model: LinearModel) -> tuple[UnstablePole, ...]:
 
 
 def is_growing(poles: Array) -> Array:
-    """Which poles [rad/s], shape (..., n), grow by more than rounding explains."""
-    result: Array = poles.real > ROUNDING * np.abs(poles).max(axis=-1, keepdims=True, initial=0.0)
+    """Return which poles [rad/s], shape (..., n), grow by more than rounding explains, bool.
+
+    Args:
+        poles: complex, (..., n) [rad/s].
+    """
+    result: Array = poles.real > GROWTH_ROUNDING * np.abs(poles).max(axis=-1, keepdims=True, initial=0.0)
     return result
 
 
 def frequency_and_damping(poles: Array) -> tuple[Array, Array]:
-    """Natural frequency [Hz] and damping ratio [-] of poles [rad/s], of their shape."""
+    """Compute the natural frequency [Hz] and the damping ratio [-] of poles [rad/s], in the shape of the poles.
+
+    Args:
+        poles: complex, of any shape [rad/s].
+
+    Returns:
+        Frequency [Hz] and damping ratio [-], each in the shape of the poles.
+    """
     size = np.abs(poles)
     return size / (2 * np.pi), -poles.real / np.where(size > 0, size, 1.0)
 
 
 def s_plane(z: Array, time_step: float | None) -> Array:
-    """Poles in the plane of s [rad/s] from eigenvalues: themselves, or ln(z)/T; |z| below 1e-16 counts as that."""
+    """Return poles in the s-plane [rad/s]: the eigenvalues themselves (continuous), or ln(z)/T with |z| of at least
+    1e-16.
+
+    Args:
+        z: eigenvalues, complex.
+        time_step: time step of a sampled model, or None [s].
+    """
     if time_step is None:
         return z
     result: Array = (np.log(np.maximum(np.abs(z), 1e-16)) + 1j * np.angle(z + 0.0)) / time_step
@@ -171,22 +237,39 @@ def s_plane(z: Array, time_step: float | None) -> Array:
 
 
 def z_plane(s: Array, time_step: float | None) -> Array:
-    """Where the frequency response at s [rad/s] is read: s itself, or exp(s T) of a sampled model."""
+    """Return where the frequency response at s [rad/s] is evaluated: at s, or at exp(s T) for a sampled model.
+
+    Args:
+        s: complex [rad/s].
+        time_step: time step of a sampled model, or None [s].
+    """
     return s if time_step is None else np.exp(s * time_step)
 
 
 def transmissibility(frf: FRF, *, output: str, ground: str) -> FRF:
-    """Absolute motion over the ground's, from an FRF of motion relative to the ground over the ground's acceleration.
+    """Compute the ratio of absolute motion to ground motion from an FRF of relative motion over ground acceleration.
 
-    output: relative displacement x [m]; ground: input a of a `GroundAcceleration` [m/s2]. Where the ground moves by w,
-    a = -omega^2 w, so (w + x) / w = 1 - omega^2 x / a. Returns an FRF of "absolute motion" over "ground" [m/m].
+    The ground moves by w with the acceleration a = -omega^2 w, so that (w + x) / w = 1 - omega^2 x / a.
+
+    Args:
+        frf: FRF that contains both signals.
+        output: displacement x relative to the ground [m].
+        ground: input a of a `GroundAcceleration` [m/s2].
+
+    Returns:
+        FRF of "absolute motion" over "ground" [m/m].
     """
     values = 1 - (2 * np.pi * frf.frequency) ** 2 * frf.response(output, ground)
     return FRF(frf.frequency, values[None, None], ("absolute motion",), ("ground",), None, frf.label)
 
 
 def names(kind: str, value: Names) -> tuple[str, ...]:
-    """One name or several as a tuple; raises ValueError if one is empty or occurs twice."""
+    """Return one name or several as a tuple; raise ValueError if a name is empty or occurs twice.
+
+    Args:
+        kind: description of the names, for messages.
+        value: one name or several.
+    """
     return unique(kind, (value,) if isinstance(value, str) else value)
 
 

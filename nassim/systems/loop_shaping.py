@@ -1,4 +1,4 @@
-"""Controllers from what their loop is to do: crossover frequency and phase margin."""
+"""Controllers designed for a crossover frequency and a phase margin."""
 
 import math
 from dataclasses import replace
@@ -11,7 +11,9 @@ from nassim.systems.feedback import close_loop, open_loop
 from nassim.systems.linear_model import LinearModel, unstable_poles
 
 MOST_PER_LEAD = 65.0
-"""Phase by one lead [deg]; beyond, two share it, as the gains far below and above would differ by more than twenty."""
+"""Largest phase of one lead [deg]. Two leads share a larger phase, as the gains far below and far above would differ by
+more than a factor of twenty.
+"""
 
 
 def crossover_controller(
@@ -27,20 +29,34 @@ def crossover_controller(
     delay: int = 1,
     limit: float = math.inf,
 ) -> Controller:
-    """Lead, integral and low-pass K = k lead(s) (s + w_i) / s * w_l / (s + w_l) with a wanted crossover, for one loop.
+    """Design the lead, integral and low-pass controller of one loop for a crossover frequency and a phase margin.
 
-    model: the plant, continuous or sampled at the controller's rate, other loops closed (a machine damped by
-        `integral_force_feedback`, say); it must be stable, except for motions at rest
-    frequency: where |L| = 1 [Hz]; phase_margin: there [deg], with the delay and the hold; both are met exactly
-    integral_frequency: w_i / 2 pi [Hz], below which the loop integrates; usual: a tenth of the crossover; 0: none
-    low_pass_frequency: w_l / 2 pi [Hz]; usual: ten times the crossover; 0: none
-    sample_rate [Hz], delay, limit: see `Controller`
+    The controller is K = k lead(s) (s + w_i) / s * w_l / (s + w_l). The lead supplies the phase that the other factors
+    leave open; two leads share it above 65 deg. The sign is the one that makes the closed loop stable. The loop may
+    also cross 1 elsewhere, such as at a resonance; check its `margins`.
 
-    The lead has the phase that remains to be found, shared by two above 65 deg, and the sign that which makes the
-    closed loop stable. The loop may cross 1 elsewhere too, at a resonance: look at its `margins`.
+    Args:
+        model: plant, continuous or sampled at the rate of the controller. Its other loops are closed already, such as
+            active damping by `integral_force_feedback`. It must be stable, except for rigid-body motion.
+        measured: output that the controller reads.
+        driven: input to which the output of the controller is added.
+        frequency: crossover frequency, where |L| = 1, met exactly [Hz].
+        phase_margin: phase margin at the crossover, including the delay and the hold, met exactly [deg].
+        sample_rate: see `Controller` [Hz].
+        integral_frequency: w_i / 2 pi, below which the loop integrates; usually a tenth of the crossover; 0 for no
+            integrator [Hz].
+        low_pass_frequency: w_l / 2 pi; usually ten times the crossover; 0 for no low-pass [Hz].
+        delay: see `Controller`.
+        limit: see `Controller`.
 
-    Source: R. Munnig Schmidt, G. Schitter, A. Rankers, The Design of High Performance Mechatronics, 3rd ed. (2020),
-    ch. 4. Raises ValueError where two leads are not enough, and where the closed loop is unstable with either sign.
+    Returns:
+        Controller with one input and one output.
+
+    Raises:
+        ValueError: where two leads are not enough, and where the closed loop is unstable with either sign.
+
+    Source: R. Munnig Schmidt, G. Schitter, A. Rankers, The Design of High Performance Mechatronics, 3rd ed. (2020), ch.
+        4.
     """
     centre = positive("frequency", frequency, "Hz")
     margin = positive("phase_margin", phase_margin, "deg")

@@ -1,4 +1,4 @@
-"""Dynamic error budgets: which disturbance makes which part of an output's spectrum, and of its rms over a band."""
+"""Dynamic error budgets: contributions of disturbances to the spectrum of an output and to its rms over a band."""
 
 import warnings
 from collections.abc import Mapping
@@ -13,28 +13,32 @@ from nassim.signals.spectra import Spectrum, TabulatedSpectrum, spectrum_values
 from nassim.systems.linear_model import LinearModel, Names, frequency_response, names, unstable_poles
 
 UNDAMPED = 1e-9
-"""Damping ratio below which a pole counts as undamped: the mean square at it has no bound."""
+"""Damping ratio below which a pole counts as undamped: its mean square has no bound."""
 AT_REST = 1e-8
-"""Share of the fastest pole below which a pole counts as at rest."""
+"""Fraction of the fastest pole below which a pole counts as a pole at the origin."""
 FINENESS = 0.12
-"""Distance of two frequencies at a pole over the resonance's half width; the rms is then good to a thousandth."""
+"""Frequency step at a pole, relative to the half width of the resonance. The rms is then accurate to a thousandth."""
 PROBES = 128
-"""Points between two frequencies at which a spectrum given as a function is looked at for lines."""
-RESOLVED = 1e-5
-"""Share of an output's mean square that a line may add unseen between two frequencies."""
+"""Number of points between two frequencies at which a spectrum given as a function is searched for lines."""
+LINE_RESOLUTION = 1e-5
+"""Fraction of the mean square of an output that a line between two frequencies may contribute without being resolved.
+"""
 FINEST = 1e-9
-"""Distance of two frequencies, relative to them, below which nothing is resolved any more."""
-TOLD = 0.02
-"""Error of an output's rms by the frequencies' distances, above which a budget warns."""
+"""Relative distance of two frequencies below which the refinement stops."""
+RMS_ERROR_WARNED = 0.02
+"""Relative error of the rms of an output, caused by coarse frequencies, above which a budget warns."""
 
 
 @dataclass(frozen=True)
 class NoiseBudget:
-    """Spectra of outputs, split by the uncorrelated disturbances that make them.
+    """Spectra of outputs, split by the uncorrelated disturbances that cause them.
 
-    frequency: (n,), ascending [Hz]
-    psd: one-sided power spectral densities, (outputs, inputs, n) [output unit^2/Hz]
-    outputs, inputs: names of the rows and columns; units: of the outputs, one each or none
+    Attributes:
+        frequency: (n,), ascending [Hz].
+        psd: one-sided power spectral densities, (outputs, inputs, n) [output unit^2/Hz].
+        outputs: names of the rows of `psd`.
+        inputs: names of the columns of `psd`.
+        units: units of the outputs, one each or none.
     """
 
     frequency: Array
@@ -56,13 +60,20 @@ class NoiseBudget:
 
     @property
     def total(self) -> "NoiseBudget":
-        """The same with all disturbances added up, as the one input "total"."""
+        """The budget with all disturbances added up, as the one input "total"."""
         return replace(self, psd=self.psd.sum(axis=1, keepdims=True), inputs=("total",))
 
     def rms(self, low: float | None = None, high: float | None = None) -> Array:
-        """Root mean square of each output by each disturbance between two frequencies, (outputs, inputs) [unit].
+        """Compute the root mean square of each output by each disturbance between two frequencies.
 
-        low, high: [Hz], within the budget's frequencies, which are the default; `total.rms()` for all disturbances
+        `total.rms()` is the rms by all disturbances.
+
+        Args:
+            low: lower end within the frequencies of the budget (default: the first one) [Hz].
+            high: upper end within the frequencies of the budget (default: the last one) [Hz].
+
+        Returns:
+            Root mean square, (outputs, inputs) [output unit].
         """
         first, last = self.frequency[[0, -1]]
         low, high = (end if f is None else finite("frequency", f) for f, end in ((low, first), (high, last)))
@@ -77,10 +88,13 @@ class NoiseBudget:
         return result
 
     def cumulative(self) -> Array:
-        """Cumulative amplitude spectra, (outputs, inputs, n) [unit]: rms of all that lies above each frequency.
+        """Compute the cumulative amplitude spectra: the rms of all that lies above each frequency.
 
-        Summed up from the highest frequency down, so that a resonance is a step which shows what removing it would
-        gain, and the value at the lowest frequency is the rms.
+        The sum runs from the highest frequency down. A resonance therefore appears as a step, whose height shows the
+        benefit of removing it, and the value at the lowest frequency is the total rms.
+
+        Returns:
+            Cumulative rms, (outputs, inputs, n) [output unit].
         """
         strips = _strips(self.frequency, self.psd)
         above = np.cumsum(strips[..., ::-1], axis=-1)[..., ::-1]
@@ -89,12 +103,13 @@ class NoiseBudget:
 
     @property
     def integration_error(self) -> Array:
-        """Estimated error of `rms()` by the frequencies' distances, over the outputs' total, (outputs, inputs) [-].
+        """Estimated error of `rms()` caused by the frequency steps, relative to the total of the output, (outputs,
+        inputs) [-].
 
-        A third of what leaving out every second frequency changes, as of a rule of second order.
+        It is a third of the change that results when every second frequency is omitted, as for a rule of second order.
         """
         fine, last = self.rms(), len(self.frequency) - 1
-        # Both halves: a line in the spectrum lies in one of them only.
+        # Check the even and the odd frequencies: a line of the spectrum lies in only one of the two sets.
         halves = (np.union1d(np.arange(start, last, 2), [0, last]) for start in (0, 1))
         coarse = [np.sqrt(_strips(self.frequency[k], self.psd[..., k]).sum(axis=-1)) for k in halves]
         total = np.sqrt((fine**2).sum(axis=1, keepdims=True))
@@ -102,7 +117,12 @@ class NoiseBudget:
         return result
 
     def table(self, low: float | None = None, high: float | None = None) -> str:
-        """Rms between two frequencies [Hz] by disturbance, for the terminal: a row for each and for the total."""
+        """Return a table of the rms between two frequencies, with a row per disturbance and one for the total.
+
+        Args:
+            low: see `rms` [Hz].
+            high: see `rms` [Hz].
+        """
         rms, total = self.rms(low, high), self.total
         low, high = (end if f is None else f for f, end in ((low, self.frequency[0]), (high, self.frequency[-1])))
         rows = [[f"rms from {low:g} to {high:g} Hz", *map(_titled, self.outputs, self.units)]]
@@ -119,21 +139,30 @@ def noise_budget(
     *,
     outputs: Names | None = None,
 ) -> NoiseBudget:
-    """What uncorrelated disturbances with given spectra make of each output.
+    """Compute the spectra of outputs that uncorrelated disturbances with given spectra cause.
 
-    model: open or closed; noise of sensors inside a loop: `close_loop(..., noise=True)`
-    spectra: by input, one-sided power spectral density [input unit^2/Hz]: a function of frequency (see
-        `nassim.signals.spectra`), a value at each frequency, (n,), or a number for white noise. Inputs without one are
-        quiet. Of a sampled model they are spectra of the samples, up to half the sample rate.
-    frequency: (n,), ascending [Hz]; its ends are the band, and points are added where it is too coarse for the
-        model's resonances and for lines of spectra that are functions, and those of tables: the budget's own
-        `frequency` has them all. A function's line may be missed that is narrower than a hundredth of the distance of
-        two frequencies: give frequencies at it.
-    outputs: one name or several; None for all
+    Points are added where `frequency` is too coarse for resonances of the model, for lines of spectra given as
+    functions, and for tables. The budget's own `frequency` contains all points. A line of a function that is narrower
+    than a hundredth of the distance of two frequencies may be missed: add frequencies at it. Correlated disturbances
+    must be combined into one input (`nassim.systems.with_inputs`).
 
-    Disturbances that are correlated: make them one input (`nassim.systems.with_inputs`). Warns where the frequencies
-    are too coarse nevertheless, as for a table with lines. Raises ValueError for unknown names, for an unstable model,
-    and for undamped poles in the band, at which the mean square has no bound.
+    Warns when the frequencies are still too coarse, for example for a table with lines.
+
+    Args:
+        model: linear model, open or closed loop. `close_loop(..., noise=True)` adds inputs for the noise of sensors in
+            a loop.
+        spectra: one-sided power spectral density by input: a function of frequency (see `nassim.signals.spectra`), a
+            value at each frequency, (n,), or a number for white noise. Other inputs have no disturbance. For a sampled
+            model they are spectra of the samples, up to half the sample rate [input unit^2/Hz].
+        frequency: (n,), ascending; its ends are the limits of the band [Hz].
+        outputs: one name or several; None for all.
+
+    Returns:
+        Budget with the spectra of each output by each disturbance.
+
+    Raises:
+        ValueError: for unknown names, for an unstable model, and for undamped poles in the band, where the mean square
+            has no bound.
     """
     given = _band(frequency, model.time_step)
     if not spectra:
@@ -168,7 +197,7 @@ def noise_budget(
 
 
 def _strips(frequency: Array, psd: Array) -> Array:
-    """Mean square between neighbouring frequencies, (..., n - 1)."""
+    """Return the mean square between neighbouring frequencies, (..., n - 1)."""
     return np.diff(frequency) * (psd[..., 1:] + psd[..., :-1]) / 2
 
 
@@ -194,17 +223,20 @@ def _band(frequency: ArrayLike, time_step: float | None) -> Array:
 
 
 def _with_tables(spectra: Mapping[str, Spectrum | ArrayLike], frequency: Array) -> Array:
-    """Frequencies (n,) and those of tables, between which a table may have a line [Hz]."""
+    """Merge the frequencies (n,) with those of tables in the band [Hz], as a table may have a line between two
+    frequencies.
+    """
     tables = [spectrum.frequency for spectrum in spectra.values() if isinstance(spectrum, TabulatedSpectrum)]
     every = np.unique(np.concatenate([frequency, *tables]))
     return every[(every >= frequency[0]) & (every <= frequency[-1])]
 
 
 def _with_resonances(model: LinearModel, frequency: Array) -> Array:
-    """Frequencies (n,) and those that resonances need besides, [Hz].
+    """Merge the frequencies (n,) with those that resonances of the model need [Hz].
 
-    At a pole's frequency the distance is a small part of the resonance's half width, and away from it the same part of
-    the distance to it, until the given frequencies are as close. Raises ValueError where there is no bound.
+    At a pole's frequency the step is a small fraction of the half width of the resonance. Away from it the step is the
+    same fraction of the distance, until the given frequencies are as close. Raises ValueError where the mean square has
+    no bound.
     """
     growing = unstable_poles(model)
     if growing:
@@ -215,7 +247,7 @@ def _with_resonances(model: LinearModel, frequency: Array) -> Array:
     size = np.abs(poles)
     resting = size <= AT_REST * size.max(initial=0.0)
     if resting.any() and frequency[0] == 0:
-        raise ValueError("the model has a pole at rest, whose spectrum is infinite at 0 Hz; begin above")
+        raise ValueError("the model has a pole at s = 0, whose spectrum is infinite at 0 Hz; begin above 0 Hz")
     inside = (centres >= frequency[0]) & (centres <= frequency[-1]) & ~resting
     endless = inside & (widths < UNDAMPED * size / (2 * np.pi))
     if endless.any():
@@ -231,16 +263,16 @@ def _with_resonances(model: LinearModel, frequency: Array) -> Array:
         if coarse > 1:
             offsets = width * np.sinh(FINENESS * np.arange(np.arccosh(coarse) / FINENESS + 1))
             near = np.concatenate([centre - offsets, centre + offsets])
-            # Where another pole needs closer ones, it brings its own.
+            # Keep the points nearest to this pole; a pole that needs closer points adds its own.
             points.append(near[np.hypot(widths, near[:, None] - centres).argmin(axis=1) == pole])
     every = np.unique(np.concatenate(points))
     return every[(every >= frequency[0]) & (every <= frequency[-1])]
 
 
 def _with_lines(name: str, spectrum: Spectrum | ArrayLike, points: Array, gain: Array) -> Array:
-    """Frequencies (n,) and those that a spectrum given as a function needs besides, [Hz].
+    """Merge the frequencies (n,) with those that a spectrum given as a function needs [Hz].
 
-    gain: of the mean squares that it makes, (outputs, n), which runs straight between the frequencies
+    gain: squared gain of each output, (outputs, n), linear between the frequencies
     """
     if not callable(spectrum) or isinstance(spectrum, TabulatedSpectrum):
         return points
@@ -252,9 +284,9 @@ def _with_lines(name: str, spectrum: Spectrum | ArrayLike, points: Array, gain: 
     probes = points[:-1, None] + np.diff(points)[:, None] * np.arange(PROBES) / PROBES
     fine = np.append(probes, points[-1])
     values = density(fine)
-    allowed = RESOLVED * _strips(fine, values).sum(axis=1, keepdims=True)
+    allowed = LINE_RESOLUTION * _strips(fine, values).sum(axis=1, keepdims=True)
     every, starts, step = points, np.arange(0, len(fine) - 1, PROBES), PROBES
-    while step > 1:  # halve intervals between the probes
+    while step > 1:  # halve the intervals between the probes
         inside = values[:, starts[:, None] + np.arange(step + 1)]
         straight = inside[..., :1] + (inside[..., -1:] - inside[..., :1]) * np.arange(step + 1) / step
         unseen = np.abs(inside - straight).mean(axis=2) * (fine[starts + step] - fine[starts])
@@ -262,7 +294,7 @@ def _with_lines(name: str, spectrum: Spectrum | ArrayLike, points: Array, gain: 
         every = np.append(every, fine[starts + step])
         starts = np.append(starts, starts + step)
     low, high = fine[starts], fine[starts + 1]
-    while len(low):  # and where that is not enough, between two of them
+    while len(low):  # halve further between two probes where that is not enough
         middle = (low + high) / 2
         unseen = np.abs(density(middle) - (density(low) + density(high)) / 2) * (high - low)
         split = np.any(unseen > allowed, axis=0) & (high - low > FINEST * high)
@@ -275,7 +307,7 @@ def _with_lines(name: str, spectrum: Spectrum | ArrayLike, points: Array, gain: 
 def _warn_if_coarse(budget: NoiseBudget) -> None:
     error = budget.total.integration_error[:, 0]
     worst = int(np.argmax(error))
-    if error[worst] > TOLD:
+    if error[worst] > RMS_ERROR_WARNED:
         warnings.warn(
             f"frequencies are too coarse for a spectrum: the rms of {budget.outputs[worst]!r} may be off by "
             f"{100 * error[worst]:.2g} %; take closer ones",

@@ -1,4 +1,4 @@
-"""Linear models and controllers to and from python-control, an optional dependency."""
+"""Conversion of linear models and controllers to and from python-control, an optional dependency."""
 
 import math
 from typing import Any
@@ -12,9 +12,18 @@ from nassim.systems.state_space import StateSpace, tustin
 
 
 def to_control(model: LinearModel) -> Any:
-    """A linear model as python-control's StateSpace, with the same matrices, time step and signal names.
+    """Convert a linear model to a StateSpace of python-control, with the same matrices, time step and signal names.
 
-    Dots in names, which it does not take, become underscores. Raises ImportError without python-control.
+    Dots in names become underscores, because python-control does not accept dots.
+
+    Args:
+        model: the linear model.
+
+    Returns:
+        StateSpace of python-control.
+
+    Raises:
+        ImportError: without python-control.
     """
     control = _control()
     dt = 0 if model.time_step is None else model.time_step
@@ -23,10 +32,18 @@ def to_control(model: LinearModel) -> Any:
 
 
 def model_from_control(system: Any) -> LinearModel:
-    """A linear model from python-control's StateSpace or TransferFunction, with its time step and signal names.
+    """Convert a StateSpace or TransferFunction of python-control to a linear model with its time step and signal names.
 
-    Raises ImportError without python-control; ValueError for an unspecified time step, for a transfer function
-    that is not proper, and for several transfer functions at once where python-control cannot convert them.
+    Args:
+        system: StateSpace or TransferFunction of python-control.
+
+    Returns:
+        Linear model, continuous for a time step of 0.
+
+    Raises:
+        ImportError: without python-control.
+        ValueError: for an unspecified time step, for a transfer function that is not proper, and for several transfer
+            functions at once where python-control cannot convert them.
     """
     matrices, dt, inputs, outputs = _state_space(system)
     if dt is True or (dt is None and len(matrices[0])):
@@ -35,11 +52,23 @@ def model_from_control(system: Any) -> LinearModel:
 
 
 def controller_from_control(system: Any, *, sample_rate: float, delay: int = 1, limit: float = math.inf) -> Controller:
-    """A controller from python-control's StateSpace or TransferFunction, for u = excitation + K y.
+    """Convert a StateSpace or TransferFunction of python-control to a controller, for u = excitation + K y.
 
-    A continuous system is sampled by Tustin's rule; a discrete one must have the period of `sample_rate` [Hz], or an
-    unspecified one. delay, limit: see `Controller`. Raises ImportError without python-control, ValueError as said and
-    as `model_from_control`.
+    A continuous system is sampled by Tustin's rule. A discrete system must have the period of `sample_rate`, or an
+    unspecified one.
+
+    Args:
+        system: StateSpace or TransferFunction of python-control.
+        sample_rate: see `Controller` [Hz].
+        delay: see `Controller`.
+        limit: see `Controller`.
+
+    Returns:
+        Controller with the matrices of the sampled system.
+
+    Raises:
+        ImportError: without python-control.
+        ValueError: for another time step than that of `sample_rate`, and in the cases of `model_from_control`.
     """
     matrices, dt, _, _ = _state_space(system)
     period = 1 / positive("sample_rate", sample_rate, "Hz")

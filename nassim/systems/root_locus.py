@@ -1,4 +1,4 @@
-"""Root loci: where the closed loop's poles go with the gain, the gain that damps modes best, the largest stable one."""
+"""Root loci: closed-loop poles over the gain, the gain that damps modes best, and the largest stable gain."""
 
 import math
 from collections.abc import Callable
@@ -16,21 +16,23 @@ from nassim.systems.state_space import cascade
 
 CRITICAL = 1 - 1e-12
 RESOLUTION = 1e-7
-"""Of an optimum gain, relative to the given gain above it."""
+"""Resolution of an optimum gain, relative to the next larger given gain."""
 ZOOM = 21
-"""Gains per step of refining an optimum, which narrows it tenfold."""
-RESOLVED = 1e-3
-"""Step in which a pole's growth with the gain is measured, relative to the distance of two given gains."""
+"""Number of gains per refinement step of an optimum; each step narrows the interval tenfold."""
+GROWTH_STEP = 1e-3
+"""Step for the derivative of a pole's growth with respect to the gain, relative to the distance of two given gains."""
 
 
 @dataclass(frozen=True)
 class RootLocus:
     """Poles of a closed loop over its gain.
 
-    gains: (n_gains,), ascending [-]
-    poles: complex, (n_gains, n_poles) [rad/s], in the plane of s also for sampled loops; a column is one branch
-    zeros: of the open loop without its delay, complex, (n_zeros,) [rad/s], where branches end; of several loops those
-        of all together; none where a part of the controller acts on nothing
+    Attributes:
+        gains: (n_gains,), ascending [-].
+        poles: complex, (n_gains, n_poles), in the s-plane also for sampled loops; each column is one branch [rad/s].
+        zeros: zeros of the open loop without its delay, where branches end, complex, (n_zeros,). With several loops
+            they are the zeros of all loops together. There are none where a part of the controller has no effect
+            [rad/s].
     """
 
     gains: Array
@@ -53,7 +55,7 @@ class RootLocus:
 
     @property
     def damping_ratio(self) -> Array:
-        """Damping ratio -Re s / |s|, (n_gains, n_poles) [-]; negative where it grows."""
+        """Damping ratio -Re s / |s|, (n_gains, n_poles) [-]; negative for a growing motion."""
         return frequency_and_damping(self.poles)[1]
 
     @property
@@ -63,16 +65,27 @@ class RootLocus:
         return result
 
     def branch(self, frequency: float) -> int:
-        """Column of the oscillation whose natural frequency at the first gain is nearest [Hz].
+        """Return the column of the oscillation whose natural frequency at the first gain is nearest to a frequency.
 
-        Raises ValueError when nothing oscillates there.
+        Args:
+            frequency: wanted frequency [Hz].
+
+        Raises:
+            ValueError: when no pole oscillates.
         """
         return int(self.branches([frequency])[0])
 
     def branches(self, frequencies: ArrayLike) -> Array:
-        """Columns of as many different oscillations as frequencies [Hz], the nearest at the first gain, int, (n,).
+        """Return the columns of different oscillations whose natural frequencies at the first gain are nearest.
 
-        Of a double mode, name the frequency twice. Raises ValueError when fewer oscillate.
+        Args:
+            frequencies: wanted frequencies, (n,); name the frequency of a double mode twice [Hz].
+
+        Returns:
+            Columns, int, (n,).
+
+        Raises:
+            ValueError: when fewer poles oscillate.
         """
         wanted = finite_array("frequencies", frequencies, (None,))
         oscillating = np.flatnonzero(self.poles[0].imag > 0)
@@ -86,9 +99,12 @@ class RootLocus:
 
 @dataclass(frozen=True)
 class Optimum:
-    """The gain that gives a mode, or the least damped of several, its largest damping ratio.
+    """Gain that gives a mode, or the least damped of several modes, its largest damping ratio.
 
-    gain: [-], or as the formula says; damping_ratio: reached [-]; frequency: of the (least damped) mode then [Hz]
+    Attributes:
+        gain: optimum gain [-], or in the unit that the formula states.
+        damping_ratio: damping ratio at this gain [-].
+        frequency: frequency of the (least damped) mode at this gain [Hz].
     """
 
     gain: float
@@ -105,11 +121,22 @@ def root_locus(
     driven: Names,
     delay_order: int = DELAY_ORDER,
 ) -> RootLocus:
-    """Poles of `close_loop` over factors on the whole controller, as branches that are continuous in the gain.
+    """Compute the poles of `close_loop` over a gain on the whole controller, as branches that are continuous in the
+    gain.
 
-    gains: (n_gains,), ascending [-]; 0 first gives the open loop's poles. Close gains keep branches apart that pass
-    near each other. The other arguments are those of `close_loop`. Several loops with one gain: a controller of as many
-    inputs and outputs (`nassim.systems.decentralised`), with the names in its order.
+    Small steps of the gain separate branches that pass near each other. Several loops with one gain need one controller
+    with as many inputs and outputs (`nassim.systems.decentralised`), and the names in its order.
+
+    Args:
+        model: see `close_loop`.
+        controller: see `close_loop`.
+        gains: (n_gains,), ascending; a first gain of 0 gives the poles of the open loop [-].
+        measured: see `close_loop`.
+        driven: see `close_loop`.
+        delay_order: see `close_loop`.
+
+    Returns:
+        Root locus with its branches and the zeros of the open loop.
     """
     gains = _ascending(gains)
     poles = _poles_at(model, controller, measured, driven, delay_order)
@@ -128,16 +155,28 @@ def optimum_gain(
     frequency: ArrayLike,
     delay_order: int = DELAY_ORDER,
 ) -> Optimum:
-    """The factor on a controller that gives a mode its largest damping ratio while the whole loop is stable.
+    """Find the gain of a controller that gives a mode its largest damping ratio while the whole loop is stable.
 
-    Of several modes, the least damped one counts: the largest damping ratio that they have in common.
+    With several modes, the smallest of their damping ratios counts. When a mode becomes aperiodic (a ratio of 1), the
+    smallest such gain is returned. When another motion becomes unstable first, the gain at this stability limit is
+    returned; its `margins` show it.
 
-    gains: where to look, (n_gains,), ascending [-]; the best of the root locus is refined between its neighbours
-    frequency: of the mode, or of each of several, at the first gain [Hz]; the nearest count (`RootLocus.branches`)
-    The other arguments are those of `close_loop`. Of a mode that becomes aperiodic (a ratio of 1), the least such gain
-    is returned. Where another motion becomes unstable first, the gain at that edge is returned; its `margins` show it.
+    Args:
+        model: see `close_loop`.
+        controller: see `close_loop`.
+        gains: gains to search, (n_gains,), ascending. The best gain of the root locus is refined between its neighbours
+            [-].
+        measured: see `close_loop`.
+        driven: see `close_loop`.
+        frequency: frequency of the mode, or of each of several modes, at the first gain; the nearest ones count, see
+            `RootLocus.branches` [Hz].
+        delay_order: see `close_loop`.
 
-    Raises ValueError when no gain is stable, and when the damping still grows at the last one.
+    Returns:
+        Gain with the damping ratio and the frequency of the mode.
+
+    Raises:
+        ValueError: when no gain is stable, and when the damping still grows at the last gain.
     """
     gains = _ascending(gains)
     poles = _poles_at(model, controller, measured, driven, delay_order)
@@ -148,7 +187,7 @@ def optimum_gain(
     columns = locus.branches(np.atleast_1d(frequency))
     best = _best(locus, columns)
     if best == len(gains) - 1 and locus.damping_ratio[best, columns].min() < CRITICAL:
-        raise ValueError(f"the damping still grows at the largest gain, {gains[-1]:g}; look further")
+        raise ValueError(f"the damping still grows at the largest gain, {gains[-1]:g}; give larger gains")
     resolution = RESOLUTION * gains[min(best + 1, len(gains) - 1)]
     while True:
         low, high = max(best - 1, 0), min(best + 1, len(locus.gains) - 1)
@@ -175,13 +214,22 @@ def largest_stable_gain(
     driven: Names,
     delay_order: int = DELAY_ORDER,
 ) -> float:
-    """The factor on a controller up to which the closed loop is stable [-]; inf where it is at all given gains.
+    """Find the gain of a controller up to which the closed loop is stable.
 
-    gains: where to look, (n_gains,), ascending [-]; the edge is refined between the first unstable one and that before
-        it. What is unstable only between two of them is not seen.
-    The other arguments are those of `root_locus`. A pole that rests without the loop and grows with any gain gives 0.
+    Args:
+        model: see `close_loop`.
+        controller: see `close_loop`.
+        gains: gains to search, (n_gains,), ascending. The limit is refined between the first unstable gain and the one
+            before it. An unstable interval between two stable gains is not found [-].
+        measured: see `close_loop`.
+        driven: see `close_loop`.
+        delay_order: see `close_loop`.
 
-    Raises ValueError when the first gain is unstable.
+    Returns:
+        Gain [-]; inf when all given gains are stable, and 0 for a pole at the origin that grows with any gain.
+
+    Raises:
+        ValueError: when the first gain is unstable.
     """
     gains = _ascending(gains)
     at = _poles_at(model, controller, measured, driven, delay_order)
@@ -198,32 +246,38 @@ def largest_stable_gain(
     while high - low > RESOLUTION * (end - start):
         middle = (low + high) / 2
         low, high = (low, middle) if is_growing(poles(middle)).any() else (middle, high)
-    # What just counts as growing grew already before, by less than rounding explains: go back to where it was at rest.
+    # A pole that just counts as growing grew before by less than the rounding threshold: find where its growth is zero.
     growing = max(poles(high), key=lambda pole: pole.real)
 
     def growth(gain: float) -> float:
         found = poles(gain)
         return float(found[np.argmin(np.abs(found - growing))].real)
 
-    step = RESOLVED * (end - start)
+    step = GROWTH_STEP * (end - start)
     edge, search = scipy.optimize.newton(growth, high, x1=high + step, full_output=True, disp=False)
     return float(np.clip(edge, start, high)) if search.converged and abs(edge - high) < end - start else low
 
 
 def iff_optimum(pole_frequency: float, zero_frequency: float) -> Optimum:
-    """Integral force feedback's largest damping of one mode without own damping, in closed form.
+    """Compute the largest damping of one undamped mode by integral force feedback, in closed form.
 
-    pole_frequency: w_p / 2 pi [Hz] of the mode; zero_frequency: w_z / 2 pi [Hz] of the force sensor's zero below it,
-        the mode without the actuator's stiffness
+    For the loop g / s * (s^2 + w_z^2) / (s^2 + w_p^2) the damping ratio is (w_p - w_z) / (2 w_z), reached at the gain g
+    = w_p sqrt(w_p / w_z) [rad/s] and the frequency sqrt(w_p w_z). If the response of the sensor tends to G far above
+    the mode, the gain of `integral_force_feedback` is g / G. Elimination of the third, real pole from s^3 + g s^2 +
+    w_p^2 s + g w_z^2 gives (2 zeta)^2 = (w_p^2 - w^2)(w^2 - w_z^2) / (w w_z)^2, which is largest at w^2 = w_p w_z.
 
-    For the loop g / s * (s^2 + w_z^2) / (s^2 + w_p^2): the damping ratio (w_p - w_z) / (2 w_z), reached at the gain
-    g = w_p sqrt(w_p / w_z) [rad/s] and the frequency sqrt(w_p w_z). With the sensor's response tending to G far above
-    the mode, the gain of `integral_force_feedback` is g / G. Eliminating the third, real pole from
-    s^3 + g s^2 + w_p^2 s + g w_z^2 leaves (2 zeta)^2 = (w_p^2 - w^2)(w^2 - w_z^2) / (w w_z)^2, largest at
-    w^2 = w_p w_z.
+    Args:
+        pole_frequency: w_p / 2 pi of the mode [Hz].
+        zero_frequency: w_z / 2 pi of the zero of the force sensor below it, which is the frequency of the mode without
+            the stiffness of the actuator [Hz].
 
-    Source: A. Preumont, Vibration Control of Active Structures, 4th ed. (2018), chapter on active trusses. Raises
-    ValueError unless zero < pole <= 3 zero: beyond, the mode becomes aperiodic before.
+    Returns:
+        Gain [rad/s] with the damping ratio and the frequency of the mode.
+
+    Raises:
+        ValueError: unless zero < pole <= 3 zero. Above this ratio the mode becomes aperiodic.
+
+    Source: A. Preumont, Vibration Control of Active Structures, 4th ed. (2018), chapter on active trusses.
     """
     pole, zero = positive("pole_frequency", pole_frequency, "Hz"), positive("zero_frequency", zero_frequency, "Hz")
     if not zero < pole <= 3 * zero:
@@ -234,7 +288,7 @@ def iff_optimum(pole_frequency: float, zero_frequency: float) -> Optimum:
 def _poles_at(
     model: LinearModel, controller: Controller, measured: Names, driven: Names, delay_order: int
 ) -> Callable[[float], Array]:
-    """Eigenvalues of the closed loop's A as a function of the gain; in the plane of z for a sampled loop."""
+    """Return a function from the gain to the eigenvalues of the closed loop's A; in the z-plane for a sampled loop."""
 
     def poles(gain: float) -> Array:
         closed = close_loop(model, controller, measured=measured, driven=driven, gain=gain, delay_order=delay_order)
@@ -245,7 +299,7 @@ def _poles_at(
 
 
 def _branches(poles: Callable[[float], Array], gains: Array) -> Array:
-    """Eigenvalues over gains, (n_gains, n_poles), each column continuing straight from gain to gain as best it can."""
+    """Return eigenvalues over gains, (n_gains, n_poles), matched to a linear extrapolation of each column."""
     first = poles(gains[0])
     rows = [first[np.lexsort((first.imag, np.abs(first)))]]
     for k in range(1, len(gains)):
@@ -258,19 +312,19 @@ def _branches(poles: Callable[[float], Array], gains: Array) -> Array:
 
 
 def _nearest(expected: Array, found: Array) -> Array:
-    """Which of the poles found each expected one is, each another, int."""
+    """Return the index of the pole assigned to each expected pole, int; each index occurs once."""
     order: Array = scipy.optimize.linear_sum_assignment(np.abs(expected[:, None] - found))[1]
     return order
 
 
 def _best(locus: RootLocus, columns: Array) -> int:
-    """Index of the first gain with the largest damping ratio that branches have in common, among the stable ones."""
+    """Return the index of the first stable gain with the largest minimum damping ratio of some branches."""
     ratio = np.where(locus.stable, locus.damping_ratio[:, columns].min(axis=1), -np.inf)
     return int(np.argmax(ratio >= min(ratio.max(), CRITICAL)))
 
 
 def _loop_zeros(model: LinearModel, controller: Controller, measured: Names, driven: Names) -> Array:
-    """Zeros of the loop cut where it has fewer signals; none where it is singular at every s."""
+    """Return the zeros of the loop, cut where it has fewer signals; none where it is singular at every s."""
     rows = [model.outputs.index(name) for name in names("measured signal", measured)]
     columns = [model.inputs.index(name) for name in names("driven signal", driven)]
     a, b, c, d = model.matrices

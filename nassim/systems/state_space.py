@@ -1,4 +1,4 @@
-"""Matrices of linear systems: from continuous to sampled and back, over many samples, their frequency response."""
+"""Matrices of linear systems: sampling and its inverse, several samples at once, frequency response, zeros."""
 
 import contextlib
 
@@ -10,28 +10,32 @@ from nassim.base.checks import Array
 
 EPSILON = float(np.finfo(float).eps)
 WELL_CONDITIONED = 1e6
-"""Condition of unit eigenvectors below which they span."""
+"""Condition number of unit eigenvectors below which they count as linearly independent."""
 CHECKED = 8
-"""Poles of a part, those with the closest points, at which its sum over eigenvectors is checked."""
+"""Number of poles of a part, the nearest to the points, at which its modal sum is checked."""
 AGREED = 1e-9
-"""Difference of that sum from a direct solve, over the response, up to which it is used."""
-NOTHING = 1e-14
-"""Relative change of A's rows: a response that is no larger than its effect is rounding."""
-ROUNDING = EPSILON**0.75
-"""Of a system whose numbers are near 1, what counts as zero in a rank."""
+"""Largest difference of the modal sum from a direct solve, relative to the response, with which the sum is used."""
+RESPONSE_ROUNDING = 1e-14
+"""Relative change of the rows of A; a response no larger than the effect of this change is rounding."""
+RANK_TOLERANCE = EPSILON**0.75
+"""Rank tolerance for a system whose entries are near 1."""
 SWEEPS = 3
 EARLIER = 0.5
-"""Weight of an input's last value but one in what has settled to its values, see `settling_response`."""
+"""Weight of the last but one value of an input in the settled response, see `settling_response`."""
 StateSpace = tuple[Array, Array, Array, Array]
 """A (n, n), B (n, inputs), C (outputs, n), D (outputs, inputs)."""
 Parts = tuple[Array, Array, Array]
-"""A, B and C of systems, which may have leading axes; or their poles, drives and shows."""
+"""A, B and C of systems, with optional leading axes; or their poles, input factors and output factors."""
 
 
 def uncoupled(state: Array) -> list[Array]:
-    """Which states of dx/dt = A x belong together, as those of a mode, and to no others: (parts, size) for each size.
+    """Group the states of dx/dt = A x into parts that are not coupled to each other, such as modes.
 
-    state: A, (n, n)
+    Args:
+        state: A, (n, n).
+
+    Returns:
+        Indices of states, (parts, size), one array for each size of part.
     """
     _, part = scipy.sparse.csgraph.connected_components(scipy.sparse.csr_matrix(state != 0), directed=False)
     order = np.argsort(part, kind="stable")
@@ -40,15 +44,24 @@ def uncoupled(state: Array) -> list[Array]:
 
 
 def discretize(state: Array, inputs: Array, time_step: float) -> tuple[Array, Array, Array]:
-    """Exact steps of dx/dt = A x + B u: x_1 = P x_0 + G u_0 + H (u_1 - u_0); without H for inputs that are held.
+    """Compute the exact step x_1 = P x_0 + G u_0 + H (u_1 - u_0) of dx/dt = A x + B u with inputs linear in time.
 
-    state: A, (n, n); inputs: B, (n, m). Returns P (n, n), G (n, m), H (n, m). Parts that nothing couples go by
-    themselves, so that fast ones cost slow ones no digits.
+    Inputs that are held need no H. Uncoupled parts are treated separately, so that fast parts do not reduce the
+    accuracy of slow ones.
+
+    Args:
+        state: A, (n, n).
+        inputs: B, (n, m).
+        time_step: [s].
+
+    Returns:
+        P (n, n), G (n, m) and H (n, m).
+
     Source: C. F. Van Loan, Computing integrals involving the matrix exponential, IEEE Trans. Automatic Control 23
-    (1978) 395-404.
+        (1978) 395-404.
     """
     n, m = inputs.shape
-    # Displacements and velocities differ by the frequency: a balanced matrix keeps the exponential accurate.
+    # Displacements and velocities differ by a factor of the frequency; balancing keeps the exponential accurate.
     balanced, scale = _balanced(state)
     phi, integrals = np.zeros((n, n)), np.zeros((n, 2 * m))
     for part in uncoupled(state):
@@ -65,30 +78,37 @@ def discretize(state: Array, inputs: Array, time_step: float) -> tuple[Array, Ar
 
 
 def _balanced(state: Array) -> tuple[Array, Array]:
-    """A in other units of its states, (n, n), in which its rows are as large as its columns; and these units, (n,)."""
-    if not len(state):  # SciPy before 1.14 takes no empty matrices.
+    """Return A (n, n) in units of its states that make its rows as large as its columns, and these units, (n,)."""
+    if not len(state):  # SciPy before 1.14 does not accept empty matrices.
         return state, np.zeros(0)
-    # A state that no other moves, or that moves no other, cannot be balanced: its own little rate must not try.
+    # A state that is not moved by others, or moves no others, cannot be balanced: its small own rate must not be used.
     guide, rates = np.array(state), np.diag(state)
     rows, columns = (np.linalg.norm(state - np.diag(rates), axis=axis) for axis in (1, 0))
     lone = (rows == 0) | (columns == 0)
     np.fill_diagonal(guide, np.where(lone, np.maximum(np.abs(rates), rows + columns), rates))
-    with np.errstate(invalid="ignore"):  # SciPy casts units, which may be large, to indices, which nobody asked for.
+    with np.errstate(invalid="ignore"):  # SciPy also casts the units, which may be large, to unused indices.
         _, (scale, _) = scipy.linalg.matrix_balance(guide, permute=False, separate=True)
     return state * scale / scale[:, None], scale
 
 
 def quasi_static(state: Array, inputs: Array, fast: Array) -> tuple[Array, Array, Array, Array]:
-    """Let some states of dx/dt = A x + B u follow at once, in balance with the others and the inputs.
+    """Replace the dynamics of some states of dx/dt = A x + B u by their equilibrium with the other states and the
+    inputs.
 
-    state: A, (n, n); inputs: B, (n, m); fast: which states follow, bool (n,)
+    The response to constant inputs does not change. At a frequency f, the contribution of a mode at f_m with damping
+    ratio zeta has a relative error of (f / f_m)^2 in magnitude and an error of 2 zeta f / f_m in phase.
 
-    Returns A' (k, k) and B' (k, m) of the other states x', and what all states are, x = X x' + U u: X (n, k), U (n, m).
-    Constant inputs give what they gave. At a frequency f the part of a mode at f_m with a damping ratio of zeta is off
-    by the share (f / f_m)^2 in size, and by 2 zeta f / f_m in phase.
-    Source: as residual flexibility R. H. MacNeal, A hybrid method of component mode synthesis, Computers & Structures 1
-    (1971) 581-601; of any states P. Kokotovic, H. K. Khalil, J. O'Reilly, Singular Perturbation Methods in Control
-    (1986), sec. 1.2.
+    Args:
+        state: A, (n, n).
+        inputs: B, (n, m).
+        fast: which states become quasi-static, bool, (n,).
+
+    Returns:
+        A' (k, k) and B' (k, m) of the other states x', and X (n, k) and U (n, m) of all states x = X x' + U u.
+
+    Source: residual flexibility: R. H. MacNeal, A hybrid method of component mode synthesis, Computers & Structures 1
+        (1971) 581-601; general states: P. Kokotovic, H. K. Khalil, J. O'Reilly, Singular Perturbation Methods in
+        Control (1986), sec. 1.2.
     """
     n, slow = len(state), np.flatnonzero(~fast)
     kept, taken = np.eye(n)[:, slow], np.zeros_like(inputs)
@@ -102,14 +122,20 @@ def quasi_static(state: Array, inputs: Array, fast: Array) -> tuple[Array, Array
 
 
 def settling_response(system: StateSpace, settling: Array) -> StateSpace:
-    """A sampled system with a part of its outputs that follows the inputs between samples.
+    """Add outputs that settle to the inputs between samples to a sampled system.
 
-    settling: of an input that stays, (outputs, inputs). Where the system itself has direct feedthrough, both are seen
-        at once. Elsewhere 3/2 of it is seen of the value that an input had until the sample, less 1/2 of the one before
+    Where the system has direct feedthrough, the settled response is added to it without delay. Elsewhere its weights
+    are 3/2 for the value that an input had until the sample and -1/2 for the value before. These weights of the
+    second-order rule of Adams and Bashforth are right in magnitude and delay for a mode that rings through several
+    samples, at frequencies far below the sample rate: like every response to a held input, it is half a sample late.
+    Both values of each such input are additional states, the last ones.
 
-    These two weights, of Adams' and Bashforth's rule of second order, are right in size and in delay for a mode that
-    rings through several samples, at frequencies far below the sample rate: as all else that answers a held input,
-    it is half a sample late. Both values of each such input are further states, the last ones.
+    Args:
+        system: sampled system.
+        settling: static response to a constant input, (outputs, inputs).
+
+    Returns:
+        Sampled system with the additional states.
     """
     a, b, c, d = system
     late = np.where(d == 0, settling, 0.0)
@@ -127,11 +153,21 @@ def settling_response(system: StateSpace, settling: Array) -> StateSpace:
 
 
 def tustin(system: StateSpace, time_step: float, *, prewarp: float = 0.0) -> StateSpace:
-    """Sampled form of a continuous system by Tustin's rule, s = 2/T (z - 1)/(z + 1).
+    """Sample a continuous system by Tustin's rule, s = 2/T (z - 1)/(z + 1).
 
-    time_step: T [s]; prewarp: where the two frequency responses agree exactly [rad/s], below pi/T (0: at rest)
-    Source: K. J. Astrom, B. Wittenmark, Computer-Controlled Systems, 3rd ed. (1997), sec. 8.2. Raises ValueError for
-    a pole at s = 2/T, which the rule sends to infinity.
+    Args:
+        system: continuous system.
+        time_step: T [s].
+        prewarp: angular frequency below pi/T at which both frequency responses agree exactly; 0 for no prewarping
+            [rad/s].
+
+    Returns:
+        Sampled system with the same number of states.
+
+    Raises:
+        ValueError: for a pole at s = 2/T, which the rule maps to infinity.
+
+    Source: K. J. Astrom, B. Wittenmark, Computer-Controlled Systems, 3rd ed. (1997), sec. 8.2.
     """
     a, b, c, d = system
     half = np.tan(prewarp * time_step / 2) / prewarp if prewarp else time_step / 2
@@ -143,9 +179,14 @@ def tustin(system: StateSpace, time_step: float, *, prewarp: float = 0.0) -> Sta
 
 
 def inverse_tustin(system: StateSpace, time_step: float) -> StateSpace:
-    """The continuous system whose sampled form by Tustin's rule (without prewarping) this is.
+    """Return the continuous system that Tustin's rule without prewarping samples to a given system.
 
-    Raises ValueError for a pole at z = -1, which no continuous system has.
+    Args:
+        system: sampled system.
+        time_step: [s].
+
+    Raises:
+        ValueError: for a pole at z = -1, which has no continuous equivalent.
     """
     a, b, c, d = system
     eye = np.eye(len(a))
@@ -154,41 +195,79 @@ def inverse_tustin(system: StateSpace, time_step: float) -> StateSpace:
 
 
 def cascade(first: StateSpace, second: StateSpace) -> StateSpace:
-    """Two systems in series: the outputs of the first are the inputs of the second; its states come first."""
+    """Connect two systems in series: outputs of the first are inputs of the second; states of the first come first.
+
+    Args:
+        first: system with the inputs of the result.
+        second: system with the outputs of the result.
+
+    Returns:
+        System with the states of both.
+    """
     a1, b1, c1, d1 = first
     a2, b2, c2, d2 = second
     state = np.block([[a1, np.zeros((len(a1), len(a2)))], [b2 @ c1, a2]])
     return state, np.vstack([b1, b2 @ d1]), np.hstack([d2 @ c1, c2]), d2 @ d1
 
 
-def followed(first: StateSpace, second: StateSpace) -> StateSpace:
-    """Sampled systems with the same states in turn, as one: inputs and outputs of the first, then of the second."""
+def combine_steps(first: StateSpace, second: StateSpace) -> StateSpace:
+    """Combine the steps of two sampled systems with the same states into one step.
+
+    The inputs and outputs of the result are those of the first system, then those of the second.
+
+    Args:
+        first: system of the first step.
+        second: system of the second step.
+
+    Returns:
+        System of both steps.
+    """
     a1, b1, c1, d1 = first
     a2, b2, c2, d2 = second
     later = np.hstack([c2 @ b1, d2])
-    return a2 @ a1, np.hstack([a2 @ b1, b2]), np.vstack([c1, c2 @ a1]), np.vstack([_beside(d1, len(b2.T)), later])
+    return (
+        a2 @ a1,
+        np.hstack([a2 @ b1, b2]),
+        np.vstack([c1, c2 @ a1]),
+        np.vstack([_with_zero_columns(d1, len(b2.T)), later]),
+    )
 
 
-def repeated(system: StateSpace, times: int) -> StateSpace:
-    """A sampled system over several samples at once, whose inputs and outputs are those of all samples in turn."""
+def repeat_step(system: StateSpace, times: int) -> StateSpace:
+    """Combine several steps of a sampled system into one, with the inputs and outputs of all samples in order.
+
+    Args:
+        system: system of one step.
+        times: number of steps.
+
+    Returns:
+        System of all steps.
+    """
     if times == 1:
         return system
-    half = repeated(system, times // 2)
-    twice = followed(half, half)
-    return followed(twice, system) if times % 2 else twice
+    half = repeat_step(system, times // 2)
+    twice = combine_steps(half, half)
+    return combine_steps(twice, system) if times % 2 else twice
 
 
-def _beside(matrix: Array, n_columns: int) -> Array:
+def _with_zero_columns(matrix: Array, n_columns: int) -> Array:
     return np.hstack([matrix, np.zeros((len(matrix), n_columns))])
 
 
 def transfer_matrix(system: StateSpace, points: Array) -> Array:
-    """C (s - A)^-1 B + D at complex points s (or z), shape (n,): complex (outputs, inputs, n); infinite at poles.
+    """Compute C (s - A)^-1 B + D at complex points s or z.
 
-    The response is a sum over the eigenvectors of A's uncoupled parts, which costs milliseconds. Each part's sum is
-    compared with a direct solve at the ends and near poles. A part whose eigenvectors do not span (a double pole at one
-    place, as of rigid-body motion with or without little damping, or of delays), or whose sum differs, is solved
-    directly at every point.
+    The response is a sum over the eigenvectors of the uncoupled parts of A, which takes milliseconds. The sum of each
+    part is compared with a direct solve at the first and last point and near poles. A part whose eigenvectors are not
+    independent (a double pole, as in rigid-body motion with little or no damping, or in delays), or whose sum differs,
+    is solved directly at every point.
+
+    Args:
+        system: continuous or sampled system.
+        points: complex, (n,) [rad/s], or points in the z-plane.
+
+    Returns:
+        Complex, (outputs, inputs, n); infinite at poles.
     """
     a, b, c, d = system
     balanced, scale = _balanced(a)
@@ -210,9 +289,11 @@ def transfer_matrix(system: StateSpace, points: Array) -> Array:
 
 
 def _modes(parts: Parts) -> tuple[Parts, NDArray[np.bool_]]:
-    """Poles (p, n) of p parts, their drives (p, n, inputs) and shows (p, outputs, n), and whether eigenvectors span.
+    """Return poles (p, n), input factors (p, n, inputs) and output factors (p, outputs, n) of p parts, and which are
+    valid.
 
-    Unit eigenvectors tell that by their condition; after a scaling of their rows, parallel ones may look different.
+    The condition number of unit eigenvectors decides whether they are independent. After a scaling of their rows,
+    parallel eigenvectors may look different.
     """
     a, b, c = parts
     poles, vectors = np.linalg.eig(a)
@@ -223,10 +304,10 @@ def _modes(parts: Parts) -> tuple[Parts, NDArray[np.bool_]]:
 
 
 def _agrees(parts: Parts, modes: Parts, points: Array) -> NDArray[np.bool_]:
-    """Which parts' sums over eigenvectors equal a direct solve, at both ends and at the points closest to poles, (p,).
+    """Return which modal sums equal a direct solve at both end points and at the points closest to poles, bool, (p,).
 
-    Of each response, its own size there counts, unless it is nothing but rounding in both, as symmetry makes it. What
-    the sum's terms lose where they cancel counts as a difference, as in the sum at all points they may round otherwise.
+    The tolerance is relative to each response, unless it is only rounding in both, as symmetry causes. The loss of
+    digits by cancelling terms counts as a difference, because the sum at all points may round differently.
     """
     (a, b, c), (poles, drives, shows) = parts, modes
     if not len(points):
@@ -244,7 +325,7 @@ def _agrees(parts: Parts, modes: Parts, points: Array) -> NDArray[np.bool_]:
         terms = shows[:, None] / (at - poles[:, None, None])
         found, lost = terms @ drives[:, None], EPSILON * (np.abs(terms) @ np.abs(drives[:, None]))
         by_rows = np.abs(adjoint).swapaxes(2, 3) @ np.linalg.norm(a, axis=2)[:, None, :, None]
-        rounding = NOTHING * by_rows * np.linalg.norm(states, axis=2, keepdims=True)
+        rounding = RESPONSE_ROUNDING * by_rows * np.linalg.norm(states, axis=2, keepdims=True)
         same = np.abs(found - expected) + lost <= AGREED * np.abs(expected)
         nothing = np.maximum(np.abs(found), np.abs(expected)) + lost <= rounding
     result: NDArray[np.bool_] = np.all(same | nothing, axis=(1, 2, 3))
@@ -252,7 +333,7 @@ def _agrees(parts: Parts, modes: Parts, points: Array) -> NDArray[np.bool_]:
 
 
 def _solved(state: Array, inputs: Array, points: Array) -> Array:
-    """(s - A)^-1 B by a solve per point, (..., n, inputs), infinite at poles.
+    """Solve (s - A)^-1 B at each point, (..., n, inputs); infinite at poles.
 
     points: (..., 1, 1), whose leading axes are broadcast with those of A and B
     """
@@ -269,14 +350,24 @@ def _solved(state: Array, inputs: Array, points: Array) -> Array:
 
 
 def transmission_zeros(system: StateSpace) -> Array:
-    """Finite invariant zeros of a system with as many outputs as inputs, complex, shape (n,).
+    """Compute the finite invariant zeros of a system with as many outputs as inputs.
 
-    Where the system matrix [[A - s, B], [C, D]] loses rank: some motion goes on, driven or not, that no output shows.
-    Poles that the inputs do not move or the outputs do not show are among them. Zeros at infinity are split off before
-    the eigenvalues are taken, by ranks: couplings below 2e-12 of the largest count as rounding.
+    At a zero the system matrix [[A - s, B], [C, D]] loses rank: a motion continues, driven or not, that no output
+    shows. The result includes poles that the inputs do not move or the outputs do not show. Zeros at infinity are
+    removed by rank decisions before the eigenvalues are computed; couplings below 2e-12 of the largest count as
+    rounding.
+
+    Args:
+        system: continuous or sampled system.
+
+    Returns:
+        Zeros, complex, (n,) [rad/s], or points in the z-plane.
+
+    Raises:
+        ValueError: for different numbers of outputs and inputs, and where every s would be a zero.
 
     Source: A. Emami-Naeini, P. Van Dooren, Computation of zeros of linear multivariable systems, Automatica 18 (1982)
-    415-430. Raises ValueError for other numbers of outputs than of inputs, and where every s would be a zero.
+        415-430.
     """
     if system[3].shape[0] != system[3].shape[1]:
         n_out, n_in = system[3].shape
@@ -284,12 +375,12 @@ def transmission_zeros(system: StateSpace) -> Array:
     (a, b, c, d), size = _scaled(system) if len(system[0]) else (system, 1.0)
     while True:
         left, values, _ = np.linalg.svd(d)
-        rank = int(np.sum(values > ROUNDING))
+        rank = int(np.sum(values > RANK_TOLERANCE))
         if rank == len(d):
             break
-        # Outputs without feedthrough stay zero if the states move only where these see nothing, and so do their rates.
+        # Outputs without feedthrough stay zero if the states and their rates stay in the null space of these outputs.
         blind = left[:, rank:].T @ c
-        if len(blind) > len(a) or np.linalg.svd(blind, compute_uv=False)[-1] < ROUNDING:
+        if len(blind) > len(a) or np.linalg.svd(blind, compute_uv=False)[-1] < RANK_TOLERANCE:
             raise ValueError(
                 "every s is a zero: some input moves no output, or outputs depend on each other; leave it out"
             )
@@ -298,7 +389,7 @@ def transmission_zeros(system: StateSpace) -> Array:
         shown = left[:, :rank].T
         c, d = np.vstack([shown @ c, seen @ a]) @ unseen, np.vstack([shown @ d, seen @ b])
         a, b = unseen.T @ a @ unseen, unseen.T @ b
-    # Motions with inputs such that no output shows them, and their rates.
+    # States and inputs that no output shows, and the rates of these states.
     motions = scipy.linalg.qr(np.hstack([c, d]).T)[0][:, len(d) :]
     states, rates = motions[: len(a)], np.hstack([a, b]) @ motions
     if not rates.size:
@@ -308,9 +399,9 @@ def transmission_zeros(system: StateSpace) -> Array:
 
 
 def _scaled(system: StateSpace) -> tuple[StateSpace, float]:
-    """A system with the same zeros but for a factor, whose numbers are near 1 whatever the units; and that factor.
+    """Return a system with the same zeros up to a factor and with entries near 1 in any units; and that factor.
 
-    A is balanced; parts of it that do not touch each other, as modes, are as strongly driven as seen.
+    A is balanced. Its uncoupled parts, such as modes, are scaled so that input and output factors are equally large.
     """
     a, b, c, d = system
     a, scale = _balanced(a)

@@ -1,8 +1,9 @@
-"""Bodies, modes, scenes and their motion to look at: one HTML file that opens anywhere, and pictures for reports.
+"""Views of bodies, modes, scenes and their motion: one HTML file that opens anywhere, and pictures for reports.
 
-`subjects` makes a view of what the chain made, `write_page` and `save_picture` show it. To show another kind of thing,
-open `subjects`; what a body without a surface looks like, `forms`; what a part's mark is, `marks`, which asks only
-what the part says. The page's program is `page/viewer.js`; pictures need PyVista, the extra "viewer", pages nothing.
+`subjects` makes a view of an object, and `write_page` and `save_picture` show it. A new kind of object goes to
+`subjects`, the appearance of a body without a surface to `forms`, and the mark of a part to `marks`, which uses only
+the terms of the part. The program of the page is `page/viewer.js`. Pictures need PyVista, the extra "viewer"; pages
+need no further package.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""A view as data of a page: a header that JSON holds, and all arrays in one block of bytes."""
+"""Encoding of a view for a page: a header in JSON, and all arrays in one block of bytes."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -8,23 +8,35 @@ from numpy.typing import DTypeLike
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
-from nassim.viewer.views import GREY, KINDS, Form, Mark, Shape, View
+from nassim.viewer.views import GREY, MARK_COLORS, Form, Mark, Shape, View
 
-LEFT_OUT = 1e-5
-"""Share of the largest displacement by which patterns of motion that hardly take part may change the rest."""
+OMITTED = 1e-5
+"""Error by omitted displacement patterns, relative to the largest displacement."""
 QUANTISED = 32767
-ROUNDING, SINGLE = 5e-5, 1e-6
-"""Shares of the largest displacement: what 16 bits may round away at most, and what 32 bits do, taken otherwise."""
+LARGEST_ROUNDING, SINGLE_ROUNDING = 5e-5, 1e-6
+"""Errors relative to the largest displacement: limit of rounding to 16 bits, and error of 32 bits, used above it."""
 
 
 @dataclass(frozen=True)
 class Block:
-    """Arrays one after the other, each at a multiple of eight bytes, as browsers want numbers of eight."""
+    """Arrays one after the other, each at a multiple of eight bytes, as browsers require for 64-bit numbers.
+
+    Attributes:
+        parts: bytes of the arrays.
+    """
 
     parts: list[bytes] = field(default_factory=list)
 
     def add(self, values: Any, kind: DTypeLike) -> dict[str, Any]:
-        """Append an array; returns where it is: offset in bytes, number of values, their kind."""
+        """Append an array.
+
+        Args:
+            values: the array.
+            kind: type of its numbers.
+
+        Returns:
+            Location of the array: offset in bytes, number of values, their type.
+        """
         array = np.ascontiguousarray(values, dtype=np.dtype(kind).newbyteorder("<"))
         offset = sum(map(len, self.parts))
         data = array.tobytes()
@@ -33,11 +45,15 @@ class Block:
 
 
 def encode(view: View) -> tuple[dict[str, Any], bytes]:
-    """Header and bytes of a view; the header's "error" is a bound of what rounding changes in displacements.
+    """Return the header and the bytes of a view.
 
-    Of forms that move it holds orthogonal patterns instead of the modes, only those that take part: displacements are
-    patterns times the coordinates given for each mode or frame, a share "error" of the form's largest one beside those
-    of the view at most.
+    A moving form is stored as orthogonal patterns in place of its modes, and only as the patterns that contribute.
+    Displacements are patterns times the coordinates of each mode or image. The entry "error" of the header is a bound
+    on the rounding error of displacements: the deviation from the view's own displacements is at most this fraction of
+    the form's largest displacement.
+
+    Args:
+        view: the view.
     """
     block = Block()
     forms = list({id(shape.form): shape.form for shape in view.shapes}.values())
@@ -50,7 +66,7 @@ def encode(view: View) -> tuple[dict[str, Any], bytes]:
         "size": view.size,
         "small": view.small,
         "error": max((p.error for p in patterns), default=0.0),
-        "kinds": KINDS,
+        "kinds": MARK_COLORS,
         "forms": [_form(block, form, p) for form, p in zip(forms, patterns, strict=True)],
         "shapes": [_shape(shape, number[id(shape.form)]) for shape in view.shapes],
         "marks": [_mark(view, mark) for mark in view.marks],
@@ -69,7 +85,7 @@ def encode(view: View) -> tuple[dict[str, Any], bytes]:
 
 @dataclass(frozen=True)
 class _Patterns:
-    """Orthogonal displacements of a form: patterns (3 n, r), and their coordinates from the form's, (r, k)."""
+    """Orthogonal displacement patterns of a form, (3 n, r), and the matrix from its coordinates to theirs, (r, k)."""
 
     patterns: Array
     change: Array
@@ -78,22 +94,22 @@ class _Patterns:
 
     @classmethod
     def of(cls, form: Form, seen: Array) -> "_Patterns":
-        """Of coordinates that the form is seen in, (m, k)."""
+        """Return the patterns of a form for the coordinates that a view shows, (m, k)."""
         if form.modes is None or not np.any(seen):
             return cls(np.zeros((3 * len(form.points), 0)), np.zeros((0, form.n_coordinates)), 0.0, False)
         largest = max(_longest(form.modes @ row) for row in seen)
         basis, factor = np.linalg.qr(form.modes.reshape(-1, form.n_coordinates))
         left, sizes, _ = np.linalg.svd(factor @ seen.T, full_matrices=False)
-        # What the others add to any one displacement is smaller than their singular values.
-        kept = sizes > LEFT_OUT * largest
+        # The contribution of an omitted pattern to any displacement is smaller than its singular value.
+        kept = sizes > OMITTED * largest
         patterns, change = basis @ left[:, kept], left[:, kept].T @ factor
         moved = np.abs(seen @ change.T) @ np.abs(patterns).max(axis=0)
         rounded = float(np.sqrt(3) * 0.5 / QUANTISED * moved.max() / largest)
-        fine = rounded > ROUNDING
-        return cls(patterns, change, LEFT_OUT + (SINGLE if fine else rounded), fine)
+        fine = rounded > LARGEST_ROUNDING
+        return cls(patterns, change, OMITTED + (SINGLE_ROUNDING if fine else rounded), fine)
 
     def coordinates(self, given: Array) -> Array:
-        """Of the patterns, (..., r), from those of the form, (..., k)."""
+        """Return the coordinates of the patterns, (..., r), from those of the form, (..., k)."""
         result: Array = given @ self.change.T
         return result
 
@@ -106,7 +122,7 @@ class _Patterns:
 
 
 def _snapshots(view: View, form: Form, peaks: dict[str, float]) -> Array:
-    """Coordinates of a form at all times and modes that it is seen in, (m, k), modes as large as 1 m."""
+    """Return the coordinates of a form at all times and in all modes, (m, k), with modes scaled to 1 m."""
     names = {shape.name for shape in view.shapes if shape.form is form}
     rows = [np.zeros((0, form.n_coordinates))]
     for mode in view.modes:
@@ -117,7 +133,7 @@ def _snapshots(view: View, form: Form, peaks: dict[str, float]) -> Array:
 
 
 def _largest(view: View, **which: Any) -> float:
-    """Largest displacement of any point in a mode or frame."""
+    """Return the largest displacement of any point in a mode or image [m]."""
     return max(_longest(view.displacement(shape.name, **which)) for shape in view.shapes)
 
 
@@ -144,7 +160,7 @@ def _shape(shape: Shape, form: int) -> dict[str, Any]:
         "name": shape.name,
         "form": form,
         "position": shape.position.tolist(),
-        # A copy, because SciPy before 1.12 takes no arrays that are read-only.
+        # A copy, because SciPy before 1.12 does not accept read-only arrays.
         "rotation": Rotation.from_matrix(shape.rotation.copy()).as_quat().tolist(),
         "colors": [shape.colors.get(label, GREY) for label in shape.form.labels],
         "text": shape.text,
@@ -159,7 +175,7 @@ def _mark(view: View, mark: Mark) -> dict[str, Any]:
 
 
 def _motion(block: Block, view: View, patterns: dict[str, _Patterns]) -> dict[str, Any]:
-    """Shifts and turns from where shapes rest, and deformation; what rests is left out."""
+    """Encode translations and rotations relative to rest, and deformations; shapes that do not move are omitted."""
     motion = view.motion
     assert motion is not None
     moved = {}

@@ -1,4 +1,4 @@
-"""What bodies look like: their surface, a box of their inertia, rods between their points, blocks and cylinders."""
+"""Appearance of bodies: their surface, a box of equal inertia, rods between their points, blocks and cylinders."""
 
 import itertools
 from collections.abc import Iterable, Mapping
@@ -20,21 +20,28 @@ from nassim.viewer.views import Form
 INTERFACES = ("#1f77b4", "#d62728", "#2ca02c", "#9467bd", "#ff7f0e", "#17becf", "#8c564b", "#e377c2")
 MATERIALS = ("#c9ccd1", "#e8c98a", "#a9c6a0", "#d8a58a", "#b9a9cf", "#8fb3c9")
 THIN = 0.02
-"""Thickness of rods, and the least of boxes, over the size of the body."""
+"""Thickness of rods, and smallest side of boxes, over the size of the body."""
 AROUND = 48
 NECK = 0.2
-"""Of the halves of a joint, over their radius."""
-TOUCHING = 1e-9
-"""Distance up to which points lie in one place [m]."""
-NEAR = 12
-"""Points of a surface by which a place within it moves."""
+"""Smaller radius of the cones of a joint over the larger one."""
+COINCIDENT = 1e-9
+"""Distance below which points coincide [m]."""
+NEAREST_POINTS = 12
+"""Number of surface points that determine the motion of a place between them."""
 CENTRE = "centre of mass"
 
 
 def block(
     size: ArrayLike, centre: ArrayLike = (0, 0, 0), *, axes: Array | None = None, label: str = "block"
 ) -> Surface:
-    """A block of three lengths [m] around a centre [m]; axes: of the lengths, as columns, (3, 3)."""
+    """Return the surface of a block.
+
+    Args:
+        size: lengths of the sides, (3,) [m].
+        centre: centre, (3,) [m].
+        axes: directions of the sides as columns, (3, 3) (default: x, y, z).
+        label: label of the surface.
+    """
     lengths = finite_array("size of a block", size, (3,))
     signs = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
     points = (
@@ -45,17 +52,28 @@ def block(
 
 
 def cylinder(radius: float, height: float, centre: ArrayLike = (0, 0, 0), *, label: str = "cylinder") -> Surface:
-    """A cylinder along z around a centre, lengths in [m]."""
+    """Return the surface of a cylinder along z.
+
+    Args:
+        radius: radius [m].
+        height: height [m].
+        centre: centre, (3,) [m].
+        label: label of the surface.
+    """
     radius, half = positive("radius", radius, "m"), 0.5 * positive("height", height, "m")
     surface = _of_rings(np.eye(3), (radius, radius), (-half, half), label)
     return replace(surface, points=surface.points + finite_array("centre of a cylinder", centre, (3,)))
 
 
 def body_form(body: ReducedBody) -> Form:
-    """A reduced body with its points: as its surface, without one as rods from its centre of mass to its points.
+    """Return the form of a reduced body: its surface, or without one rods from its centre of mass to its points.
 
-    More points are electrical ports whose place is known, moved as the surface about them, and `CENTRE`, where its
-    centre of mass is at rest, moved as the mean of what its points carry.
+    The named points include the remote points, the electrical ports with a known position, which move with the surface
+    around them, and `CENTRE`, the centre of mass at rest, which moves with the mean of the motions of the remote
+    points.
+
+    Args:
+        body: the reduced body.
     """
     centre, ports = body.center_of_mass, [port for port in body.ports if port.place is not None]
     points = body.all_point_names
@@ -70,22 +88,29 @@ def body_form(body: ReducedBody) -> Form:
 
 
 def scene_form(body: Body, look: Surface | None = None, side: Array | None = None) -> Form:
-    """A body of a scene; look: its surface in its own frame, of a rigid body around its centre of mass.
+    """Return the form of a body in a scene.
 
-    A flexible body looks as in `body_form`, trimmed or not, and moves by the coordinates that motions of scenes are on.
+    A flexible body has the form of `body_form`, trimmed or not, and moves by the coordinates in which motions of scenes
+    are given. A rigid body without a surface appears as the homogeneous box of equal inertia, or with `side` as a cone
+    of about half the size of that box. A fixed body without a surface is invisible. Rigid bodies move by six
+    coordinates along their axes: translation of the centre of mass and rotation.
 
-    Without one, a rigid body looks like the box of even density that has its inertia, and a fixed one like nothing.
-    side: of `bushing_sides`; then like the cone that points from there to its centre, about as large as half the box.
-    Rigid bodies move by six coordinates: shifts of the centre of mass and turns, along the body's axes.
+    Args:
+        body: the body.
+        look: surface of a rigid body in its own frame, around its centre of mass.
+        side: direction of the cone, world frame, (3,), as from `bushing_sides`.
+
+    Raises:
+        ValueError: for a look of a flexible body.
     """
     if isinstance(body, FlexibleBody):
         if look is not None:
             raise ValueError(
-                f"body {body.name!r} is flexible and looks like its own surface; give looks to rigid bodies"
+                f"body {body.name!r} is flexible and appears with its own surface; give looks to rigid bodies"
             )
         form = body_form(body.reduced)
         assert form.modes is not None
-        # What was traced before it was trimmed is told to move by the coordinates that it had then.
+        # The motion of a trimmed body is given in the coordinates from before the trimming, which the trace reads.
         traces = of_kind(body.reduced.readouts, Trace)
         return replace(form, modes=form.modes @ np.linalg.pinv(traces[0].rows)) if traces else form
     surface = look if look is not None else _of_inertia(body, side)
@@ -97,17 +122,27 @@ def scene_form(body: Body, look: Surface | None = None, side: Array | None = Non
 
 
 def label_colors(surface: Surface, points: tuple[str, ...]) -> Mapping[str, str]:
-    """Colours of a surface's labels: strong ones of remote points' interfaces, pale ones of CAD bodies."""
+    """Return colours by label of a surface: strong ones for interfaces of remote points, pale ones for CAD bodies.
+
+    Args:
+        surface: the surface.
+        points: names of the remote points.
+    """
     solids = [label for label in Form(surface).labels if label not in points]
     strong = zip(points, itertools.cycle(INTERFACES), strict=False)
     return dict(strong) | dict(zip(solids, itertools.cycle(MATERIALS), strict=False))
 
 
 def bushing_sides(scene: Scene) -> dict[str, Array]:
-    """Where rigid bodies lie that a bushing holds together in the centre of both, (3,) each, by name.
+    """Return directions that separate pairs of rigid bodies whose centres coincide in a bushing, world frame, (3,), by
+    name.
 
-    Such halves of a flexible joint would hide each other. They lie along the bushing's stiffest axis, world frame, on
-    the sides on which their points are, the second on the positive one where these do not tell.
+    Without them the halves of such a flexible joint would hide each other. The directions are along the stiffest axis
+    of the bushing, on the sides of the points of the bodies; where these do not decide, the second body is on the
+    positive side.
+
+    Args:
+        scene: the scene.
     """
     found: dict[str, Array] = {}
     for spring in scene.terms_of(Spring):
@@ -116,7 +151,7 @@ def bushing_sides(scene: Scene) -> dict[str, Array]:
             continue
         held = [body for body, _ in map(scene.split, pose.points) if isinstance(body, RigidBody) and body.moves]
         away = [np.abs(body.position - scene.point_position(pose.b)).max() for body in held]
-        if len(held) == 2 and max(away) < TOUCHING:
+        if len(held) == 2 and max(away) < COINCIDENT:
             along = pose.axes[:, np.argmax(np.diag(spring.matrices[0])[:3])]
             first, second = (np.mean([body.point_position(point) for point in body.points], axis=0) for body in held)
             along = along if along @ (second - first) >= 0 else -along
@@ -128,7 +163,7 @@ def _of_inertia(body: Body, side: Array | None) -> Surface:
     if not isinstance(body, RigidBody) or body.mass is None or body.inertia is None:
         return Surface(np.zeros((0, 3)), np.zeros((0, 3), dtype=int), np.zeros((0, 2), dtype=int), ())
     moments, axes = np.linalg.eigh(body.inertia)
-    # Of a box with sides a, b, c: 12 Ix = m (b^2 + c^2) and so on.
+    # A box with sides a, b, c has 12 Ix = m (b^2 + c^2), and likewise for y and z.
     squares = 6 / body.mass * (moments.sum() - 2 * moments)
     sides = np.sqrt(np.maximum(squares, (THIN**2) * squares.max()))
     if side is None:
@@ -140,7 +175,7 @@ def _of_inertia(body: Body, side: Array | None) -> Surface:
 
 
 def _rods(body: ReducedBody) -> tuple[Surface, Array]:
-    """Prisms from the centre of mass to the points, each of which moves its end as a rigid body."""
+    """Return prisms from the centre of mass to the points, each of which moves the end of its prism as a rigid body."""
     names = body.all_point_names
     centre, points = body.center_of_mass, np.array([body.point(name).position for name in names])
     span = max(float(np.linalg.norm(points - centre, axis=1).max()), 1e-6)
@@ -164,23 +199,23 @@ def _rods(body: ReducedBody) -> tuple[Surface, Array]:
 
 
 def _carried(body: ReducedBody, name: str, place: Array) -> Array:
-    """Displacement of a place that a remote point carries along, per unit of the coordinates, (3, n)."""
+    """Return the displacement of a place fixed to a remote point, per unit of the coordinates, (3, n)."""
     return (rigid_transfer(place - body.point(name).position) @ body.motion(name))[:3]
 
 
 def _between(body: ReducedBody, place: Array) -> Array:
-    """The mean of what all points carry along, (3, n)."""
+    """Return the mean displacement of a place fixed to each of the points, (3, n)."""
     result: Array = np.mean([_carried(body, name, place) for name in body.all_point_names], axis=0)
     return result
 
 
 def _amid(body: ReducedBody, place: Array) -> Array:
-    """Motion of a place amid a surface, (3, n), with the points next to it; without a surface as `_between`."""
+    """Return the motion of a place from the nearest points of the surface, (3, n); without a surface as `_between`."""
     if body.surface is None or body.surface_modes is None:
         return _between(body, place)
     away = body.surface.points - place
-    near = np.argsort(np.linalg.norm(away, axis=1))[:NEAR]
-    # Their weighted mean, by weights whose mean of places is the place: no rigid motion leaves it behind.
+    near = np.argsort(np.linalg.norm(away, axis=1))[:NEAREST_POINTS]
+    # The weighted mean of the points' positions is the place, so that the mean is exact for rigid-body motion.
     sums = np.vstack([np.full((1, len(near)), np.linalg.norm(away[near], axis=1).max()), away[near].T])
     weights = np.linalg.lstsq(sums, np.array([sums[0, 0], 0.0, 0.0, 0.0]), rcond=None)[0]
     result: Array = np.einsum("p,pcn->cn", weights, body.surface_modes[near])
@@ -188,7 +223,7 @@ def _amid(body: ReducedBody, place: Array) -> Array:
 
 
 def _of_rings(axes: Array, radii: tuple[float, float], heights: tuple[float, float], label: str) -> Surface:
-    """What two circles around a line through the origin, the last of axes, close; radii and heights of both."""
+    """Return the closed surface between two circles around the last axis, with the radii and heights of both."""
     angle = np.linspace(0, 2 * np.pi, AROUND, endpoint=False)
     ring = np.column_stack([np.cos(angle), np.sin(angle)])
     points = np.vstack([np.column_stack([r * ring, np.full(AROUND, z)]) for r, z in zip(radii, heights, strict=True)])
@@ -198,7 +233,7 @@ def _of_rings(axes: Array, radii: tuple[float, float], heights: tuple[float, flo
 
 
 def _of_faces(points: Array, faces: Iterable[tuple[int, ...]], label: str) -> Surface:
-    """A surface of flat, convex faces, each the ring of its points."""
+    """Return a surface of flat, convex faces, each given by its points in order."""
     rings = list(faces)
     triangles = [(ring[0], ring[k], ring[k + 1]) for ring in rings for k in range(1, len(ring) - 1)]
     edges = {tuple(sorted(pair)) for ring in rings for pair in zip(ring, ring[1:] + ring[:1], strict=True)}

@@ -1,4 +1,4 @@
-"""Marks of what has no surface: joints, springs, actuators and sensors, placed by the measures of their terms."""
+"""Marks of parts without a surface: joints, springs, actuators and sensors, at the places of their measures."""
 
 from collections.abc import Iterable
 
@@ -25,7 +25,12 @@ from nassim.viewer.views import Mark
 
 
 def point_mark(point: RemotePoint, shape: str) -> Mark:
-    """A remote point of a body that is shown as a shape."""
+    """Return the mark of a remote point.
+
+    Args:
+        point: the remote point.
+        shape: name of the shape of its body.
+    """
     x, y, z = 1e3 * point.position
     return Mark(
         point.name, "remote point", ((shape, point.name),), text=f"{point.coupling} at {x:.4g}, {y:.4g}, {z:.4g} mm"
@@ -33,13 +38,17 @@ def point_mark(point: RemotePoint, shape: str) -> Mark:
 
 
 def scene_marks(scene: Scene) -> tuple[Mark, ...]:
-    """All parts of a scene that have a place; its bodies are shapes of their names."""
+    """Return the marks of all parts of a scene that have a place; the shapes have the names of the bodies.
+
+    Args:
+        scene: the scene.
+    """
     kinds = {"joint": scene.joints, "spring": scene.springs, "actuator": scene.actuators, "sensor": scene.sensors}
     return tuple(mark for kind, parts in kinds.items() for part in parts for mark in _part_marks(scene, kind, part))
 
 
 def _part_marks(scene: Scene, kind: str, part: Part) -> Iterable[Mark]:
-    """A part's marks: terms on the same points make one."""
+    """Yield the marks of a part; terms on the same points share one mark."""
     axes: dict[tuple[tuple[str, ...], str], list[Array]] = {}
     for term in part.terms(scene):
         for paths, frame, direction in _places(scene, term):
@@ -55,11 +64,11 @@ def _part_marks(scene: Scene, kind: str, part: Part) -> Iterable[Mark]:
 
 
 Place = tuple[tuple[str, ...], str, list[Array]]
-"""Points, the frame of directions, and these."""
+"""Points, frame of the directions, and directions of a term or measure."""
 
 
 def _places(scene: Scene, term: Term) -> Iterable[Place]:
-    """Where a term is."""
+    """Yield the places of a term."""
     if isinstance(term, SpringForce):
         yield from _places(scene, term.spring)
     elif isinstance(term, Constraint) and isinstance(term.measure, RelativePose):
@@ -71,7 +80,7 @@ def _places(scene: Scene, term: Term) -> Iterable[Place]:
 
 
 def _measured(scene: Scene, measure: Measure) -> Iterable[Place]:
-    """Where a measure is."""
+    """Yield the places of a measure."""
     if isinstance(measure, Combination):
         for _, part in measure.parts:
             yield from _measured(scene, part)
@@ -91,13 +100,13 @@ def _measured(scene: Scene, measure: Measure) -> Iterable[Place]:
 
 
 def _line(scene: Scene, measure: BodyCoordinates) -> Array:
-    """From one end to the other, axes of the body."""
+    """Return the direction from one end to the other, along the axes of the body."""
     a, b = map(scene.point_position, measure.ends[:2])
     return _rotation(scene, measure.body).T @ (b - a) / np.linalg.norm(b - a)
 
 
 def _own_place(scene: Scene, name: str, weights: Array) -> str:
-    """An electrical port whose charge a body's own coordinates bring by these weights, where its place is known."""
+    """Return the point of an electrical port with these weights of the body's coordinates, or the body without one."""
     body = scene.split(f"{name}.")[0]
     ports = body.reduced.ports if isinstance(body, FlexibleBody) else ()
     known = [port.name for port in ports if port.place is not None and np.array_equal(port.forces, weights)]
@@ -105,7 +114,7 @@ def _own_place(scene: Scene, name: str, weights: Array) -> str:
 
 
 def _end(scene: Scene, path: str) -> tuple[str, str]:
-    """Shape and its point; of what has no point the body's middle."""
+    """Return a shape and its point; without a point the centre of the body."""
     if "." not in path:
         return path, CENTRE
     body, point = scene.split(path)

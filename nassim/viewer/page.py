@@ -1,7 +1,8 @@
-"""One HTML file of a view: it opens by double click, without a network, and holds all that it needs.
+"""One HTML file of a view, which opens by a double click, without a network or other files.
 
-`page/` has its template, its programs `viewer.js` and `stage.js`, which need no build step, and three.js 0.184.0 as
-published (MIT; https://threejs.org). Data and library are packed by gzip, which browsers unpack since 2023.
+`page/` contains its template, its programs `viewer.js` and `stage.js`, which need no build step, and three.js 0.184.0
+as published (MIT; https://threejs.org). Data and library are compressed by gzip, which browsers can decompress since
+2023.
 """
 
 import base64
@@ -11,7 +12,7 @@ import json
 from importlib.resources import files
 from pathlib import Path
 
-from nassim.base.storage import written_whole
+from nassim.base.storage import write_atomically
 from nassim.viewer.encoding import encode
 from nassim.viewer.views import View
 
@@ -21,23 +22,35 @@ LIBRARY = {
     "orbit": "three/OrbitControls.js",
     "stage": "stage.js",
 }
-"""What modules of the page import, and the files that it is in."""
+"""Modules that the page imports, and their files."""
 
 
 def write_page(view: View, path: str | Path) -> Path:
-    """Write a view as one HTML file; returns its path."""
+    """Write a view as one HTML file.
+
+    Args:
+        view: the view.
+        path: file to write.
+
+    Returns:
+        Path of the file.
+    """
     target = Path(path)
-    with written_whole(target) as temporary:
+    with write_atomically(target) as temporary:
         temporary.write_text(page_text(view), encoding="utf-8")
     return target
 
 
 def page_text(view: View) -> str:
-    """The HTML file of a view, as text."""
+    """Return the HTML file of a view as text.
+
+    Args:
+        view: the view.
+    """
     header, data = encode(view)
     folder = files("nassim.viewer") / "page"
     library = {name: (folder / file).read_text(encoding="utf-8") for name, file in LIBRARY.items()}
-    # Modules that stand in the page have no folder to look for others in: these are named instead.
+    # Modules inside the page cannot import others by a relative path, so that they import them by name.
     library["three"] = library["three"].replace("./three.core.min.js", "three-core")
     parts = {
         "title": html.escape(view.title),
@@ -56,5 +69,5 @@ def page_text(view: View) -> str:
 
 
 def _packed(data: bytes) -> str:
-    # Without the time of writing: one view gives one file, bit for bit.
+    # Without the time of writing, so that equal views give equal files, bit for bit.
     return base64.b64encode(gzip.compress(data, mtime=0)).decode()

@@ -1,4 +1,4 @@
-"""Pictures of a view for reports, drawn off the screen. PyVista is used here and nowhere else."""
+"""Pictures of a view for reports, rendered off screen. This is the only module that uses PyVista."""
 
 import io
 from collections.abc import Mapping, Sequence
@@ -11,20 +11,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from nassim.base.checks import Array, positive
 from nassim.base.rigid_motion import unit_vector
-from nassim.base.storage import written_whole
-from nassim.viewer.views import GREY, KINDS, Mark, View
+from nassim.base.storage import write_atomically
+from nassim.viewer.views import GREY, MARK_COLORS, Mark, View
 
 CAMERA = (0.435, -0.819, 0.375)
-"""Direction from the middle to the viewer: what a page starts with."""
+"""Direction from the centre to the camera, the same as at the start of a page."""
 SHARE = 0.06
-"""Largest displacement that a mode is drawn with, over the size of all, as on a page."""
+"""Largest displacement of a mode in a picture over the size of the view, as on a page."""
 LINE, RESTING = "#23272e", "#8a94a3"
 ROOM = 1.45
-"""Size of a picture over that of what stands in its middle; the rest is for names and for motion."""
+"""Size of a picture over that of the view; the margin is for names and motion."""
 MOST_NAMES = 12
-"""Marks, and rows of a legend, up to which a picture names them: more names would cover each other."""
+"""Largest number of marks, and of rows of a legend, that a picture names, because more names would overlap."""
 ON_FACES, BEFORE_ALL = -4.0, -66000.0
-"""Offsets of depth, in its smallest steps: of lines on faces, and of what lies inside bodies and shall be seen."""
+"""Depth offsets in units of the smallest step: of lines on faces, and of marks, which lie inside bodies."""
 MISSING = 'pictures of bodies need PyVista: pip install "nassim[viewer]"; pages of nassim.viewer do without'
 
 
@@ -39,12 +39,24 @@ def save_picture(
     camera: ArrayLike = CAMERA,
     size: tuple[int, int] = (1200, 900),
 ) -> Path:
-    """Write a view as a PNG file; returns its path.
+    """Write a view as a PNG file.
 
-    modes: one by name, or several side by side; frame: index of a time of the motion; default: at rest
-    magnification: of the motion, of deformation only where shapes go far
-    mesh: draw its lines; camera: direction from the middle to the viewer; size: of the file [pixels]
-    Raises ImportError without PyVista, and ValueError for modes or frames that the view does not have.
+    Args:
+        view: the view.
+        path: file to write.
+        modes: name of a mode, or names of several modes, side by side (default: at rest).
+        frame: index of an image of the motion (default: at rest).
+        magnification: factor on the motion, or on the deformation only where shapes move far [-].
+        mesh: show the lines of the mesh.
+        camera: direction from the centre to the camera, (3,).
+        size: width and height of the file [pixels].
+
+    Returns:
+        Path of the file.
+
+    Raises:
+        ImportError: without PyVista.
+        ValueError: for modes or images that the view does not have.
     """
     try:
         import pyvista  # noqa: PLC0415  an extra
@@ -54,8 +66,8 @@ def save_picture(
     drawings = [_drawing(view, name, frame, positive("magnification", magnification)) for name in names]
     columns = int(np.ceil(np.sqrt(len(names))))
     shape = (-(-len(names) // columns), columns)
-    # VTK warns of a missing screen before it does without.
-    with pyvista.vtk_verbosity("off"), written_whole(path) as temporary:
+    # VTK warns of a missing screen, although it can render without one.
+    with pyvista.vtk_verbosity("off"), write_atomically(path) as temporary:
         plotter = pyvista.Plotter(off_screen=True, shape=shape, window_size=list(size), border=False)
         plotter.set_background("white")
         for k, drawing in enumerate(drawings):
@@ -71,18 +83,23 @@ def save_picture(
 
 @dataclass(frozen=True)
 class _Drawing:
-    """Points of the shapes where they are drawn, (n, 3) [m], and the lengths of what they moved by, where they do.
+    """Content of one picture.
 
-    told: what these are lengths of
+    Attributes:
+        title: title.
+        points: positions of the points of each shape, (n, 3) [m].
+        lengths: lengths of the displacements of these points, (n,), or None [m].
+        quantity: name of these displacements.
     """
 
     title: str
     points: Mapping[str, Array]
     lengths: Mapping[str, Array] | None = None
-    told: str = "displacement"
+    quantity: str = "displacement"
 
     @property
     def largest(self) -> float:
+        """Largest of the lengths; 0 without any [m]."""
         return max(float(values.max(initial=0.0)) for values in (self.lengths or {"": np.zeros(1)}).values())
 
 
@@ -100,11 +117,11 @@ def _drawing(view: View, mode: str | None, frame: int | None, magnification: flo
     assert view.motion is not None
     moved = {name: view.displacement(name, frame=frame) for name in rest}
     own = {name: view.deformation(name, frame) @ _turn(view, name, frame).T for name in rest}
-    told = moved if view.small else own
-    points = {name: rest[name] + moved[name] + (magnification - 1) * told[name] for name in rest}
+    magnified = moved if view.small else own
+    points = {name: rest[name] + moved[name] + (magnification - 1) * magnified[name] for name in rest}
     what = f", {'motion' if view.small else 'deformation'} x {magnification:g}" if magnification != 1 else ""
     title = f"{view.title}: {view.motion.time[frame]:.4g} s{what}"
-    lengths = {name: np.linalg.norm(shift, axis=1) for name, shift in told.items()}
+    lengths = {name: np.linalg.norm(shift, axis=1) for name, shift in magnified.items()}
     return _Drawing(title, points, lengths, "displacement" if view.small else "deformation")
 
 
@@ -112,9 +129,9 @@ def _check_frame(view: View, frame: int | None) -> None:
     if frame is None:
         return
     if view.motion is None:
-        raise ValueError(f"view {view.title!r} has no motion, so no frame {frame}")
+        raise ValueError(f"view {view.title!r} has no motion, so no image {frame}")
     if not 0 <= frame < len(view.motion.time):
-        raise ValueError(f"view {view.title!r} has the frames 0 to {len(view.motion.time) - 1}, not {frame}")
+        raise ValueError(f"view {view.title!r} has the images 0 to {len(view.motion.time) - 1}, not {frame}")
 
 
 def _turn(view: View, name: str, frame: int) -> Array:
@@ -129,7 +146,7 @@ def _draw(pyvista: Any, plotter: Any, view: View, drawing: _Drawing, *, mesh: bo
         surface, points = shape.form.surface, 1e3 * drawing.points[shape.name]
         body = pyvista.PolyData.from_regular_faces(points, surface.triangles)
         light = {"ambient": 0.25, "diffuse": 0.8, "show_scalar_bar": False}
-        if drawing.lengths is not None and drawing.largest:  # else there is nothing for colours to tell
+        if drawing.lengths is not None and drawing.largest:  # without displacement the colours are those of the labels
             body["length"] = drawing.lengths[shape.name] / drawing.largest
             plotter.add_mesh(body, scalars="length", cmap="viridis", clim=(0, 1), **light)
             _add_lines(pyvista, plotter, 1e3 * shape.points, shape.form.outline, RESTING, 1.2)
@@ -145,10 +162,10 @@ def _draw(pyvista: Any, plotter: Any, view: View, drawing: _Drawing, *, mesh: bo
         legend = legend if len(legend) <= MOST_NAMES else {}
         if drawing.lengths is None:
             _draw_marks(pyvista, plotter, view)
-            legend |= {f"{mark.kind}s": KINDS[mark.kind] for mark in view.marks}
+            legend |= {f"{mark.kind}s": MARK_COLORS[mark.kind] for mark in view.marks}
         _add_legend(pyvista, plotter, legend)
     elif alone:
-        text = {"title": f"share of the largest {drawing.told}", "color": "black", "vertical": False, "n_labels": 3}
+        text = {"title": f"share of the largest {drawing.quantity}", "color": "black", "vertical": False, "n_labels": 3}
         plotter.add_scalar_bar(
             **text,
             width=0.36,
@@ -173,14 +190,14 @@ def _add_lines(
 
 
 def _bring_forward(actor: Any, offset: float) -> None:
-    """Draw lines and points as if they were nearer."""
+    """Render lines and points with a depth offset towards the camera."""
     actor.mapper.SetResolveCoincidentTopologyToPolygonOffset()
     actor.mapper.SetRelativeCoincidentTopologyLineOffsetParameters(0.0, offset)
     actor.mapper.SetRelativeCoincidentTopologyPointOffsetParameter(offset)
 
 
 def _add_legend(pyvista: Any, plotter: Any, colors: Mapping[str, str]) -> None:
-    """Coloured squares and black names, in the upper right corner."""
+    """Add coloured squares and black names in the upper right corner."""
     from vtkmodules.vtkRenderingCore import vtkActor2D, vtkPolyDataMapper2D  # noqa: PLC0415  comes with PyVista
 
     width, height = plotter.renderer.GetSize()
@@ -198,10 +215,10 @@ def _add_legend(pyvista: Any, plotter: Any, colors: Mapping[str, str]) -> None:
 
 
 def _draw_marks(pyvista: Any, plotter: Any, view: View) -> None:
-    """Dots and lines before all else, and names, of marks in one place together."""
+    """Draw points and lines of marks in front of all shapes, and their names, joined for marks in one place."""
     reach = 60.0 * view.size
     named: dict[tuple[float, ...], list[str]] = {}
-    for kind, color in KINDS.items():
+    for kind, color in MARK_COLORS.items():
         marks = [mark for mark in view.marks if mark.kind == kind]
         places = [[1e3 * _place(view, end) for end in mark.ends] for mark in marks]
         for mark, ends in zip(marks, places, strict=True):
@@ -225,7 +242,7 @@ def _draw_marks(pyvista: Any, plotter: Any, view: View) -> None:
 
 
 def _rods(mark: Mark, ends: Sequence[Array], reach: float) -> list[tuple[Array, Array]]:
-    """Lines of a mark: between its ends, and along its axes from the last, on both sides where nothing points."""
+    """Return the lines of a mark: between its ends, and along its axes (to both sides unless an actuator or sensor)."""
     back = 0.0 if mark.kind in ("actuator", "sensor") else 1.0
     axes = [(ends[-1] - back * reach * axis, ends[-1] + reach * axis) for axis in mark.axes]
     return [(ends[0], ends[1]), *axes] if len(ends) == 2 else axes
@@ -237,7 +254,7 @@ def _place(view: View, end: tuple[str, str]) -> Array:
 
 
 def _aim(plotter: Any, view: View, direction: Array) -> None:
-    """Parallel projection, so that lengths are to scale, which a bar tells."""
+    """Set a parallel projection, which shows lengths to scale."""
     middle = 1e3 * view.bounds.mean(axis=0)
     plotter.enable_parallel_projection()
     up = (0, 0, 1) if abs(direction[2]) < 0.99 else (0, 1, 0)

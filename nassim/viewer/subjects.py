@@ -1,4 +1,4 @@
-"""Views of what the chain makes: solids, meshes, bodies and their modes, scenes at rest, vibrating and in motion."""
+"""Views of solids, meshes, bodies and their modes, and of scenes at rest, in modes and in motion."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import replace
@@ -24,16 +24,24 @@ if TYPE_CHECKING:
 
 
 def view_solid(solid: "Solid") -> View:
-    """A CAD object with its remote points and their faces."""
+    """Return a view of a CAD object with its remote points and their faces.
+
+    Args:
+        solid: the CAD object.
+    """
     from nassim.fem.tessellation import solid_surface  # noqa: PLC0415  loads OpenCASCADE
 
     return _at_rest(solid.name, solid_surface(solid), solid.remote_points, "CAD")
 
 
 def view_mesh(fe_model: "FEModel") -> View:
-    """The outer faces of a mesh with its remote points and their faces.
+    """Return a view of the outer faces of a mesh with its remote points and their faces.
 
-    Raises ValueError for a model that has none, because it was made by hand.
+    Args:
+        fe_model: the FE model.
+
+    Raises:
+        ValueError: for a model without a mesh.
     """
     if fe_model.surface is None:
         raise ValueError(f"FE model {fe_model.name!r} has no surface to draw: it was not made from a mesh")
@@ -41,7 +49,13 @@ def view_mesh(fe_model: "FEModel") -> View:
 
 
 def view_body(body: ReducedBody) -> View:
-    """A reduced body with its remote points and their faces; one without a surface as rods between these."""
+    """Return a view of a reduced body with its remote points and their faces, or of rods between these.
+
+    A body without a surface appears as rods from its centre of mass to its points.
+
+    Args:
+        body: the reduced body.
+    """
     shape = _body_shape(body)
     return View(body.name, (shape,), tuple(point_mark(point, body.name) for point in body.remote_points))
 
@@ -55,10 +69,15 @@ def view_modes(
     masses: Mapping[str, float] | None = None,
     n: int = 6,
 ) -> View:
-    """Motions of a body to choose from: its first n modes, or `shapes`.
+    """Return a view of modes of a body, or of given motions.
 
-    shapes: coordinates of the body by the name of what they are, (n_coordinates,) each; the other arguments are those
-        of `ReducedBody.eigenmodes`
+    Args:
+        body: the reduced body.
+        shapes: coordinates of the body by name, (n_coordinates,) each (default: the first n modes).
+        fixed: see `ReducedBody.eigenmodes`.
+        guided: see `ReducedBody.eigenmodes`.
+        masses: see `ReducedBody.eigenmodes` [kg].
+        n: number of modes.
     """
     if shapes is None:
         frequency, vectors = body.eigenmodes(fixed=fixed, guided=guided, masses=masses, n=n)
@@ -74,22 +93,33 @@ def view_modes(
 
 
 def view_scene(scene: Scene, *, looks: Mapping[str, Surface] | None = None) -> View:
-    """A scene at rest: its bodies, joints with the axes that they leave free, springs, actuators and sensors.
+    """Return a view of a scene at rest: bodies, joints with their free axes, springs, actuators and sensors.
 
-    Flexible bodies look like their surface, trimmed ones too, and those that have none, such as imported ones, like
-    rods from the centre of mass to the points.
-    looks: surfaces of rigid bodies by name, around the centre of mass and along the body's axes, see `block`,
-        `cylinder` and `nassim.fem.solid_surface`; others look like a box of their inertia, or, where a bushing holds
-        two together in the centre of both, as halves of a flexible joint, like two cones along its stiffest axis
-    Raises ValueError for looks of bodies that are unknown or flexible.
+    Flexible bodies, also trimmed ones, appear with their surface, and those without one, such as imported bodies, as
+    rods from the centre of mass to the points. Rigid bodies without a given surface appear as a box of equal inertia.
+    Two of them whose centres coincide in a bushing appear as the halves of a flexible joint, two cones along its
+    stiffest axis.
+
+    Args:
+        scene: the scene.
+        looks: surfaces of rigid bodies by name, around the centre of mass and along the axes of the body; see `block`,
+            `cylinder` and `nassim.fem.solid_surface`.
+
+    Raises:
+        ValueError: for looks of bodies that are unknown or flexible.
     """
     return View(scene.name, _scene_shapes(scene, looks), scene_marks(scene))
 
 
 def view_scene_modes(scene: Scene, *, n: int = 12, looks: Mapping[str, Surface] | None = None) -> View:
-    """A scene's first n modes of small motion about its start, free motions included; undamped, inputs at zero.
+    """Return a view of the first modes of small motion of a scene, undamped, with inputs at zero.
 
-    looks: see `view_scene`
+    The modes are those about the initial configuration and include rigid-body modes.
+
+    Args:
+        scene: the scene.
+        n: number of modes.
+        looks: see `view_scene`.
     """
     frequency, moved = scene_modes(scene, n=n)
     moving = [body for body in scene.bodies if body.name in moved]
@@ -101,11 +131,13 @@ def view_scene_modes(scene: Scene, *, n: int = 12, looks: Mapping[str, Surface] 
 
 
 def view_motion(scene: Scene, motion: Motion, *, frames: int = 300, looks: Mapping[str, Surface] | None = None) -> View:
-    """A scene's motion, played back.
+    """Return a view of the motion of a scene for playback.
 
-    motion: from `simulate_motion`, or one of a mode, also of a scene that spins, from `mode_motion`
-    frames: how many of its times are kept at most, evenly
-    looks: see `view_scene`
+    Args:
+        scene: the scene.
+        motion: result of `simulate_motion`, or the motion of a mode, also of a spinning scene, from `mode_motion`.
+        frames: largest number of images, at evenly spaced times of the motion.
+        looks: see `view_scene`.
     """
     if frames < 1:
         raise ValueError(f"frames must be 1 or more, got {frames}")
@@ -131,7 +163,10 @@ def _body_shape(body: ReducedBody) -> Shape:
 
 
 def _scene_shapes(scene: Scene, looks: Mapping[str, Surface] | None) -> tuple[Shape, ...]:
-    """Bodies that are copies of one reduced body share its form, rigid ones of one name in several scenes a colour."""
+    """Return the shapes of a scene.
+
+    Copies of one reduced body share its form, and rigid bodies with one name in several placed scenes share a colour.
+    """
     looks = looks or {}
     for name in looks:
         known("body", name, [body.name for body in scene.bodies])
@@ -158,7 +193,7 @@ def _rigid_text(body: Body) -> str:
 
 
 def _own(body: Body, coordinates: Array) -> Array:
-    """Coordinates of a body's form: along the body's axes, where a rigid body's are along the world's."""
+    """Return the coordinates of a body's form, which are along the body's axes, from those of the scene."""
     if isinstance(body, FlexibleBody):
         return coordinates
     result: Array = np.kron(np.eye(2), body.rotation.T) @ coordinates
@@ -166,4 +201,4 @@ def _own(body: Body, coordinates: Array) -> Array:
 
 
 def _mode_name(k: int, frequency: float) -> str:
-    return f"mode {k + 1}: " + (f"{frequency:.5g} Hz" if frequency else "free motion")
+    return f"mode {k + 1}: " + (f"{frequency:.5g} Hz" if frequency else "rigid-body mode")

@@ -1,4 +1,4 @@
-"""What there is to see: shapes, marks, modes and a motion. Pages and pictures are made of it, and of nothing else."""
+"""Content of a page or picture: shapes, marks, modes and a motion."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -14,28 +14,33 @@ from nassim.bodies.readouts import Surface
 from nassim.scene.motion import Motion
 
 GREY = "#c9ccd1"
-KINDS = {
+MARK_COLORS = {
     "remote point": "#c2185b",
     "joint": "#1f77b4",
     "spring": "#2ca02c",
     "actuator": "#d9480f",
     "sensor": "#7b2cbf",
 }
-"""Kinds of marks and their colours."""
+"""Colours of marks by kind."""
 SHARP = np.cos(np.radians(40.0))
-"""Faces that meet at more than 40 degrees have an outline between them; chords of small holes come to 30."""
+"""Cosine of the angle between faces above which an edge is part of the outline.
+
+The angle is 40 degrees, because chords of small holes have up to 30.
+"""
 SMALL_TURN, SMALL_SHIFT = 0.02, 0.02
-"""Largest turn [rad] and shift over the size of all of what counts as small motion, which may be shown magnified."""
+"""Largest rotation [rad], and largest translation over the size of the view, of small motion."""
 
 
 @dataclass(frozen=True)
 class Form:
-    """What a body looks like in its own frame, at rest and moved. Bodies that are copies of each other share one.
+    """Appearance of a body in its own frame, at rest and deformed. Copies of a body share one form.
 
-    surface: its triangles; they may be none
-    names: of points beside those of the surface, which move along; positions: theirs, shape (len(names), 3) [m]
-    modes: displacements of the surface's points, then of the named ones, per unit of k coordinates,
-        (n_points + len(names), 3, k); None: it does not deform
+    Attributes:
+        surface: triangles, possibly none.
+        names: names of points in addition to those of the surface, which move with the form.
+        positions: positions of the named points, (len(names), 3) [m].
+        modes: displacements of the surface points, then of the named points, per unit of k coordinates, (n_points +
+            len(names), 3, k); None for a form that does not deform.
     """
 
     surface: Surface
@@ -56,30 +61,39 @@ class Form:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Labels of the surface, that of the most triangles first."""
+        """Labels of the surface, that with the most triangles first."""
         return tuple(label for label, _ in Counter(self.surface.labels).most_common())
 
     @property
     def n_coordinates(self) -> int:
-        """Number k of the coordinates that it deforms by."""
+        """Number k of coordinates of the deformation."""
         return 0 if self.modes is None else self.modes.shape[2]
 
     def index(self, name: str) -> int:
-        """Which of the points has a name; raises ValueError listing the names."""
+        """Return the index of a named point; raise ValueError with the list of names for an unknown one.
+
+        Args:
+            name: name of the point.
+        """
         return len(self.surface.points) + self.names.index(known("point", name, self.names))
 
     @cached_property
     def outline(self) -> NDArray[np.int64]:
-        """Where the surface ends, has a sharp edge or another label, as pairs of its points, (n, 2)."""
+        """Edges at the border of the surface, sharp edges, and edges between labels, as pairs of points, (n, 2)."""
         return feature_edges(self.surface)
 
 
 @dataclass(frozen=True)
 class Shape:
-    """A form somewhere in the world.
+    """Form at a place in the world.
 
-    name: what is told of it; position (3,) [m], rotation (3, 3): of its frame at rest, from its axes to the world's
-    colors: of the surface's labels, as "#rrggbb"; others are grey. text: what else to tell
+    Attributes:
+        name: name for the user.
+        form: the form.
+        position: position of its frame at rest, (3,) [m].
+        rotation: rotation at rest from the axes of the form to those of the world, (3, 3).
+        colors: colours of the labels of the surface, as "#rrggbb"; other labels are grey.
+        text: further description for the user.
     """
 
     name: str
@@ -105,12 +119,15 @@ class Shape:
 
 @dataclass(frozen=True)
 class Mark:
-    """Something without a surface: a remote point, a joint, a spring, what acts or measures.
+    """Mark of a part without a surface: a remote point, a joint, a spring, an actuator or a sensor.
 
-    name, text: what is told of it; kind: one of `KINDS`
-    ends: one or two points, (shape, name of a point of its form); two are joined by a line
-    axes: directions in the world at rest, (n, 3), drawn at the last end
-    frame: the shape that they turn with; "": none
+    Attributes:
+        name: name for the user.
+        kind: one of `MARK_COLORS`.
+        ends: one or two points, as (shape, name of a point of its form); a line connects two points.
+        axes: directions in the world at rest, shown at the last end, (n, 3).
+        frame: shape with which the directions rotate; "" for none.
+        text: further description for the user.
     """
 
     name: str
@@ -121,7 +138,7 @@ class Mark:
     text: str = ""
 
     def __post_init__(self) -> None:
-        known("kind of mark", self.kind, KINDS)
+        known("kind of mark", self.kind, MARK_COLORS)
         if len(self.ends) not in (1, 2):
             raise ValueError(f"mark {self.name!r} must have one or two ends, got {len(self.ends)}")
         freeze(self, axes=finite_array(f"mark {self.name!r}: axes", self.axes, (None, 3)))
@@ -129,9 +146,11 @@ class Mark:
 
 @dataclass(frozen=True)
 class Mode:
-    """A motion of shapes of which only the form counts, not the size.
+    """Mode shape with arbitrary amplitude.
 
-    name: such as "mode 3: 720.7 Hz"; coordinates: of the shapes' forms, (k,) each, by shape; others rest
+    Attributes:
+        name: name, such as "mode 3: 720.7 Hz".
+        coordinates: coordinates of the forms by shape, (k,) each; other shapes do not move.
     """
 
     name: str
@@ -146,11 +165,17 @@ class Mode:
 
 @dataclass(frozen=True)
 class View:
-    """All that a page or a picture shows.
+    """Content of a page or picture.
 
-    title: above it; shapes, marks: what stands there; modes: to choose from; motion: of the shapes, by their names, on
-        the coordinates of their forms; a view has modes or a motion
-    Raises ValueError for names that are unknown or not unique, and for coordinates that do not fit the forms.
+    Attributes:
+        title: title.
+        shapes: shapes.
+        marks: marks.
+        modes: modes to choose from; a view has either modes or a motion.
+        motion: motion of the shapes by name, in the coordinates of their forms.
+
+    Raises:
+        ValueError: for names that are unknown or not unique, and for coordinates that do not fit the forms.
     """
 
     title: str
@@ -172,7 +197,7 @@ class View:
         if modes and self.motion is not None:
             raise ValueError(f"{label} has modes or a motion, not both: make two views")
         if not any(len(shape.form.points) for shape in shapes):
-            raise ValueError(f"{label} has nothing to see: none of its shapes has a point")
+            raise ValueError(f"{label} is empty: none of its shapes has a point")
         for mark in marks:
             for name, point in mark.ends:
                 self.shape(name).form.index(point)
@@ -189,30 +214,44 @@ class View:
                 self.shape(name)
 
     def shape(self, name: str) -> Shape:
-        """A shape by name; raises ValueError listing the names."""
+        """Return a shape by name; raise ValueError with the list of names for an unknown one.
+
+        Args:
+            name: name of the shape.
+        """
         names = [shape.name for shape in self.shapes]
         return self.shapes[names.index(known("shape", name, names))]
 
     def mode(self, name: str) -> Mode:
-        """A mode by name; raises ValueError listing the names."""
+        """Return a mode by name; raise ValueError with the list of names for an unknown one.
+
+        Args:
+            name: name of the mode.
+        """
         names = [mode.name for mode in self.modes]
         return self.modes[names.index(known("mode", name, names))]
 
     @cached_property
     def bounds(self) -> Array:
-        """Lowest and highest corner of everything at rest, (2, 3) [m]."""
+        """Lowest and highest corner of the view at rest, (2, 3) [m]."""
         points = np.vstack([shape.points for shape in self.shapes])
         return np.array([points.min(axis=0), points.max(axis=0)])
 
     @property
     def size(self) -> float:
-        """Diagonal of everything at rest [m]."""
+        """Diagonal of the view at rest [m]."""
         return float(np.linalg.norm(np.ptp(self.bounds, axis=0))) or 1.0
 
     def displacement(self, shape: str, *, mode: str | None = None, frame: int | None = None) -> Array:
-        """How far all points of a shape are from where they rest, along the world's axes, (n, 3) [m].
+        """Return the displacements of all points of a shape from rest, along the world's axes.
 
-        mode: by name, as large as its coordinates say; frame: index of a time of the motion
+        Args:
+            shape: name of the shape.
+            mode: name of a mode, with the amplitude of its coordinates.
+            frame: index of an image of the motion.
+
+        Returns:
+            Displacements, (n, 3) [m].
         """
         item = self.shape(shape)
         form, shift, turn = item.form, np.zeros(3), item.rotation
@@ -230,7 +269,15 @@ class View:
         return result
 
     def deformation(self, shape: str, frame: int) -> Array:
-        """How far all points are from where the shape's frame carries them, along its axes, (n, 3) [m]."""
+        """Return the displacements of all points relative to the frame of a shape, along its axes.
+
+        Args:
+            shape: name of the shape.
+            frame: index of an image of the motion.
+
+        Returns:
+            Displacements, (n, 3) [m].
+        """
         form = self.shape(shape).form
         if self.motion is None or form.modes is None or shape not in self.motion.coordinates:
             return np.zeros_like(form.points)
@@ -239,13 +286,13 @@ class View:
 
     @cached_property
     def small(self) -> bool:
-        """Whether all shapes stay about where they start, so that the whole motion may be shown magnified."""
+        """Whether all shapes stay near their initial positions, so that the whole motion can be magnified."""
         if self.motion is None:
             return True
         for name, places in self.motion.positions.items():
             item = self.shape(name)
             turns = item.rotation.T @ self.motion.rotations[name]
-            # |R - 1| in Frobenius' norm is sqrt(2) times the angle.
+            # The Frobenius norm of R - 1 is sqrt(2) times the angle.
             angle = np.linalg.norm(turns - np.eye(3), axis=(1, 2)).max() / np.sqrt(2)
             if angle > SMALL_TURN or np.abs(places - item.position).max() > SMALL_SHIFT * self.size:
                 return False
@@ -253,7 +300,14 @@ class View:
 
 
 def feature_edges(surface: Surface) -> NDArray[np.int64]:
-    """Edges of triangles that belong to one of them only, lie between two labels or are sharp, (n, 2)."""
+    """Return the edges that belong to one triangle only, separate two labels or are sharp.
+
+    Args:
+        surface: the surface.
+
+    Returns:
+        Indices of the ends of the edges, (n, 2).
+    """
     triangles = np.asarray(surface.triangles).reshape(-1, 3)
     corners = surface.points[triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -264,9 +318,9 @@ def feature_edges(surface: Surface) -> NDArray[np.int64]:
     edges, which, count = np.unique(sides, axis=0, return_inverse=True, return_counts=True)
     order = np.argsort(which.ravel(), kind="stable")
     first = np.concatenate([[0], np.cumsum(count)[:-1]]).astype(int)
-    drawn = count != 2
-    a, b = owner[order[first[~drawn]]], owner[order[first[~drawn] + 1]]
-    # Triangles need not all be wound the same way: either side of a face may be its outside.
+    outlined = count != 2
+    a, b = owner[order[first[~outlined]]], owner[order[first[~outlined] + 1]]
+    # The order of corners need not be consistent, so that either side of a triangle may be its outside.
     bend = np.abs(np.einsum("ij,ij->i", normals[a], normals[b]))
-    drawn[~drawn] = (bend < SHARP) | (label[a] != label[b])
-    return edges[drawn]
+    outlined[~outlined] = (bend < SHARP) | (label[a] != label[b])
+    return edges[outlined]

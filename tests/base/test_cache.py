@@ -13,9 +13,9 @@ from models import apa300ml
 from models.apa300ml import PORTS, PZT, STACK, APAGeometry, reduced_apa300ml
 from nassim import build_fe_model, craig_bampton, load, save
 from nassim.base import storage
-from nassim.base.storage import cached, code_fingerprint, fingerprint
+from nassim.base.storage import code_fingerprint, fingerprint, load_or_compute
 from nassim.fem import meshing, solid
-from nassim.fem.assembly import with_materials
+from nassim.fem.assembly import replace_materials
 
 MESH = {"extrude": "y", "layer_thickness": 5e-3, "local_sizes": {"arm_roots": 0.3e-3}, "curvature": 0.5}
 
@@ -46,7 +46,7 @@ make_once = remembered(apa300ml.make_apa300ml)
 def key(monkeypatch):
     """The key that a call of `reduced_apa300ml` looks up, without any work; its CAD bodies do not overlap."""
     monkeypatch.setattr(solid, "_refuse_overlaps", lambda *_: None)
-    monkeypatch.setattr(apa300ml, "cached", lambda name, key, build, *, progress: key)
+    monkeypatch.setattr(apa300ml, "load_or_compute", lambda name, key, build, *, progress: key)
     monkeypatch.setattr(apa300ml, "make_apa300ml", make_once)
     return reduced_apa300ml
 
@@ -152,7 +152,7 @@ THIN = "solid 'bar': 100 % of the elements reach from surface to surface"
 def test_warnings_are_repeated_when_the_body_is_loaded(tmp_path, told):
     for made in (True, False, False):
         with pytest.warns(UserWarning, match=THIN) as warned:
-            body = cached("bar", "0", reduced_thin_bar)
+            body = load_or_compute("bar", "0", reduced_thin_bar)
         assert len(warned) == 1
         assert body.record["warnings"].startswith(THIN)
         assert ("saved to" if made else "loaded from") in told()
@@ -170,7 +170,7 @@ def test_a_body_without_warnings_keeps_none():
 def test_warnings_outlast_other_materials():
     with pytest.warns(UserWarning, match=THIN):
         model = thin_bar()
-    changed = with_materials(model, {"bar": replace(model._source[1].materials["bar"], density=1000.0)})
+    changed = replace_materials(model, {"bar": replace(model._source[1].materials["bar"], density=1000.0)})
     assert changed.warnings == model.warnings
     assert changed.description == model.description
 
@@ -198,11 +198,11 @@ def test_other_grading_and_size_stand_in_the_record(monkeypatch, capsys):
     for count, told in ((0, None), (1, "grading 0.5 and 1 times the size"), (3, "grading 0.7 and 0.8 times the size")):
         with monkeypatch.context() as patch:
             refuse_first_gradings(patch, count)
-            described = cached("bar", f"key {count}", build).record["finite element model"]
+            described = load_or_compute("bar", f"key {count}", build).record["finite element model"]
         assert ("Netgen failed" in described) == bool(told)
         assert told is None or told in described
     capsys.readouterr()
-    cached("bar", "key 3", build)
+    load_or_compute("bar", "key 3", build)
     assert told in " ".join(capsys.readouterr().out.split())
 
 
@@ -214,9 +214,9 @@ def test_tetrahedra_in_place_of_prisms_stand_in_the_record(monkeypatch):
 
     refuse_first_gradings(monkeypatch, len(meshing.TRIALS))
     for _ in range(2):
-        with pytest.warns(UserWarning, match="solid 'bar' with prisms: tetrahedra take their place"):
-            body = cached("bar", "key", build)
-        assert "tetrahedra take their place" in body.record["warnings"]
+        with pytest.warns(UserWarning, match="solid 'bar' with prisms: tetrahedra are used instead"):
+            body = load_or_compute("bar", "key", build)
+        assert "tetrahedra are used instead" in body.record["warnings"]
 
 
 def test_cache_that_cannot_be_written_is_told_before_the_work(tmp_path, monkeypatch):
@@ -231,7 +231,7 @@ def test_cache_that_cannot_be_written_is_told_before_the_work(tmp_path, monkeypa
     with warnings.catch_warnings():
         warnings.simplefilter("always")
         monkeypatch.setattr(warnings, "showwarning", lambda message, *_: order.append(str(message)))
-        assert cached("part", "key", build) is STACK
+        assert load_or_compute("part", "key", build) is STACK
     assert order[1:] == ["work"]
     assert "cannot be written" in order[0]
     assert "set the environment variable NASSIM_CACHE" in order[0]
@@ -243,5 +243,5 @@ def test_disk_that_fills_up_meanwhile_does_not_lose_the_result(cache, monkeypatc
 
     monkeypatch.setattr(storage, "save", full)
     with pytest.warns(UserWarning, match=r"part could not be kept .* No space left on device"):
-        assert cached("part", "key", lambda: STACK) is STACK
+        assert load_or_compute("part", "key", lambda: STACK) is STACK
     assert list(cache.iterdir()) == []

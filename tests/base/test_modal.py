@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nassim.base.modal import decay_poles, eigenmodes, held_pole, mac, modal_damping_matrix
+from nassim.base.modal import decay_poles, discretize_pole, eigenmodes, mac, modal_damping_matrix
 
 N, MASS, STIFFNESS = 8, 0.3, 2e5
 
@@ -140,5 +140,5 @@ def test_a_pole_driven_by_held_and_by_straight_inputs(rate):
     free = before + start / rate + slope / rate**2
     straight = free * turned - (end / rate + slope / rate**2)
     for hold_order, expected, tolerance in ((0, held, 1e-11), (1, straight, 1e-7)):
-        now, earlier, decay = held_pole(rate, step, hold_order=hold_order)
+        now, earlier, decay = discretize_pole(rate, step, hold_order=hold_order)
         assert abs(decay * before + now * end + earlier * start - expected) < tolerance * step

@@ -3,8 +3,8 @@
 import pytest
 
 from nassim.base import progress
-from nassim.base.eta import whole_run
-from nassim.base.progress import course, stage, tell
+from nassim.base.eta import show_time_left
+from nassim.base.progress import stage, tell, track_stages
 
 
 def test_a_stage_prints_its_name_and_time(capsys):
@@ -71,7 +71,7 @@ EARLIER = (("mesh", 2.0), ("solve", 4.0), ("solve", 6.0), ("all", 10.0))
 
 def test_a_run_tells_what_is_left_at_its_own_pace(clock, capsys):
     """Twice as slow as the last one: at 2 of 10 s, 16 s are left; a stage that the last run did not have moves none."""
-    with course(EARLIER) as current:
+    with track_stages(EARLIER) as current:
         assert current.left() == 10.0
         for label, seconds in (("mesh", 4.0), ("read", 0.0), ("solve", 4.0)):
             with stage(label):
@@ -90,7 +90,7 @@ def test_a_run_tells_what_is_left_at_its_own_pace(clock, capsys):
 
 def test_stages_of_one_name_are_told_apart(clock):
     """At the end of the second of two: 4 s of 10 are left, at a pace of one."""
-    with course(EARLIER) as current:
+    with track_stages(EARLIER) as current:
         for label, seconds in (("mesh", 2.0), ("solve", 2.0), ("solve", 2.0)):
             clock.pass_by(seconds)
             current.end(label)
@@ -101,14 +101,14 @@ def test_stages_of_one_name_are_told_apart(clock):
 
 def test_a_short_first_stage_says_nothing_about_the_pace(clock):
     """Ten times as long as it was, yet only 1 of 100 s: the others take what they took."""
-    with course((("read", 1.0), ("solve", 100.0), ("all", 100.0))) as current:
+    with track_stages((("read", 1.0), ("solve", 100.0), ("all", 100.0))) as current:
         clock.pass_by(10.0)
         current.end("read")
         assert current.left() == pytest.approx(99.0)
 
 
 def test_before_the_first_stage_ends_time_passes(clock):
-    with course(EARLIER) as current:
+    with track_stages(EARLIER) as current:
         clock.pass_by(3.0)
         assert current.left() == pytest.approx(7.0)
         clock.pass_by(30.0)
@@ -116,7 +116,7 @@ def test_before_the_first_stage_ends_time_passes(clock):
 
 
 def test_after_a_run_nothing_is_left(clock, capsys):
-    with course(EARLIER):
+    with track_stages(EARLIER):
         clock.pass_by(3.0)
     with stage("another"):
         clock.pass_by(1.0)
@@ -134,7 +134,7 @@ def test_a_count_without_an_end_is_a_counter(monkeypatch, capsys):
 
 def test_times_left_are_in_seconds_or_minutes(clock, capsys):
     for whole in (99.0, 180.0):
-        with course((("first", 1.0), ("all", whole + 1.0))), stage("first"):
+        with track_stages((("first", 1.0), ("all", whole + 1.0))), stage("first"):
             clock.pass_by(1.0)
     first, second = capsys.readouterr().out.splitlines()
     assert first.endswith("1.0 s   99 s left")
@@ -144,7 +144,7 @@ def test_times_left_are_in_seconds_or_minutes(clock, capsys):
 def test_the_same_run_knows_its_time_the_second_time(tmp_path, monkeypatch, clock, capsys):
     monkeypatch.setenv("NASSIM_CACHE", str(tmp_path))
     for name, settings in (("bench", [5.0]), ("bench", [5.0]), ("bench", [3.0]), ("hexapod", [5.0])):
-        with whole_run(name, settings):
+        with show_time_left(name, settings):
             clock.pass_by(1.0)
             with stage("simulate"):
                 clock.pass_by(200.0)
@@ -156,15 +156,15 @@ def test_the_same_run_knows_its_time_the_second_time(tmp_path, monkeypatch, cloc
 
 def test_a_run_that_stops_forgets_nothing(tmp_path, monkeypatch, clock, capsys):
     monkeypatch.setenv("NASSIM_CACHE", str(tmp_path))
-    with whole_run("bench"), stage("simulate"):
+    with show_time_left("bench"), stage("simulate"):
         clock.pass_by(20.0)
     (kept,) = (tmp_path / "runs").iterdir()
     before = kept.read_text()
-    with pytest.raises(KeyboardInterrupt), whole_run("bench"):
+    with pytest.raises(KeyboardInterrupt), show_time_left("bench"):
         raise KeyboardInterrupt
     assert kept.read_text() == before
     kept.write_text("damaged")
-    with whole_run("bench"), stage("simulate"):
+    with show_time_left("bench"), stage("simulate"):
         clock.pass_by(20.0)
     assert "left" not in capsys.readouterr().out
     assert kept.read_text() == before
@@ -173,13 +173,13 @@ def test_a_run_that_stops_forgets_nothing(tmp_path, monkeypatch, clock, capsys):
 def test_a_cache_that_cannot_be_written_stops_no_run(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("NASSIM_CACHE", str(tmp_path / "file"))
-    with whole_run("bench"), stage("simulate"):
+    with show_time_left("bench"), stage("simulate"):
         pass
 
 
 def test_on_a_terminal_the_time_left_stands_in_the_bar(monkeypatch, clock, capsys):
     monkeypatch.setenv("COLUMNS", "120")  # processes of tests may be told of narrow terminals
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
-    with course((("simulate", 40.0), ("all", 50.0))), stage("simulate", total=4, unit="steps") as advance:
+    with track_stages((("simulate", 40.0), ("all", 50.0))), stage("simulate", total=4, unit="steps") as advance:
         advance(4)
     assert "50 s left" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""Files of nassim's nouns, fingerprints and the cache."""
+"""Files of nassim's data classes, fingerprints and the cache."""
 
 import hashlib
 import platform
@@ -15,9 +15,8 @@ import numpy as np
 import pytest
 
 from nassim import FRF, Material, TimeHistory, load, save
-from nassim.base import file_registry as nouns
-from nassim.base import storage
-from nassim.base.storage import cache_directory, cached, fingerprint
+from nassim.base import file_registry, storage
+from nassim.base.storage import cache_directory, fingerprint, load_or_compute
 
 
 def record(amplitude=1.0):
@@ -35,11 +34,11 @@ def assert_same(left, right):
     assert fingerprint(left) == fingerprint(right)
 
 
-@pytest.mark.parametrize("noun", [record(), frf(), frf(np.full((2, 3), 0.5)), Material("steel", 210e9, 0.3, 7850.0)])
-def test_round_trip(noun, tmp_path):
-    path = save(noun, tmp_path / "new folder" / "noun.h5")
-    assert_same(load(path), noun)
-    assert [p.name for p in path.parent.iterdir()] == ["noun.h5"]
+@pytest.mark.parametrize("value", [record(), frf(), frf(np.full((2, 3), 0.5)), Material("steel", 210e9, 0.3, 7850.0)])
+def test_round_trip(value, tmp_path):
+    path = save(value, tmp_path / "new folder" / "data.h5")
+    assert_same(load(path), value)
+    assert [p.name for p in path.parent.iterdir()] == ["data.h5"]
 
 
 @pytest.mark.parametrize("value", [None, True, 3, 2.5, "text", "", ("a", (1, None), ()), {"x": {"y": 1.5}}])
@@ -50,7 +49,7 @@ def test_round_trip_of_plain_values(value, tmp_path):
 
 
 def test_saving_again_replaces_the_file(tmp_path):
-    path = tmp_path / "noun.h5"
+    path = tmp_path / "data.h5"
     save(record(1.0), path)
     save(record(2.0), path)
     assert_same(load(path), record(2.0))
@@ -66,13 +65,13 @@ def test_truncated_file_is_named(tmp_path, share):
 
 
 def test_every_flipped_bit_is_noticed(tmp_path):
-    path = save(record(), tmp_path / "noun.h5")
+    path = save(record(), tmp_path / "data.h5")
     content = path.read_bytes()
     for place in np.random.default_rng(0).choice(8 * len(content), 300, replace=False):
         changed = bytearray(content)
         changed[place // 8] ^= 1 << (place % 8)
         path.write_bytes(changed)
-        with pytest.raises(ValueError, match=r"cannot read .*noun\.h5: it .*damaged"):
+        with pytest.raises(ValueError, match=r"cannot read .*data\.h5: it .*damaged"):
             load(path)
     path.write_bytes(content)
     assert_same(load(path), record())
@@ -86,22 +85,22 @@ def test_threads_save_at_once(tmp_path):
 
 
 def test_the_checksum_is_that_of_the_hdf5_image(tmp_path):
-    content = save(record(), tmp_path / "noun.h5").read_bytes()
+    content = save(record(), tmp_path / "data.h5").read_bytes()
     assert hashlib.sha256(content[512:]).hexdigest().encode() in content[:512]
     assert content[512:].startswith(b"\x89HDF")
-    with h5py.File(tmp_path / "noun.h5") as file:
+    with h5py.File(tmp_path / "data.h5") as file:
         np.testing.assert_array_equal(file["content/values"][:], record().values)
 
 
 def test_a_seal_taken_away_is_noticed(tmp_path):
-    path = save(record(), tmp_path / "noun.h5")
+    path = save(record(), tmp_path / "data.h5")
     path.write_bytes(path.read_bytes()[512:])
-    with pytest.raises(ValueError, match=r"noun\.h5: its checksum is missing"):
+    with pytest.raises(ValueError, match=r"data\.h5: its checksum is missing"):
         load(path)
 
 
 def test_only_files_are_loaded(tmp_path):
-    with pytest.raises(ValueError, match="it is no file"):
+    with pytest.raises(ValueError, match="it is not a file"):
         load(tmp_path)
     (tmp_path / "text.h5").write_text("no HDF5 at all")
     with pytest.raises(ValueError, match=r"text\.h5: it was not written by nassim\.save"):
@@ -121,18 +120,18 @@ def sealed_anew(path):
 @pytest.mark.parametrize(
     ("attribute", "value", "message"),
     [
-        ("nassim_format", 99, r"noun\.h5: it has format 99, this nassim reads up to 3; upgrade"),
-        ("nassim_format", 0, r"noun\.h5: it was not written by nassim\.save"),
-        ("nassim_format", -1, r"noun\.h5: it was not written by nassim\.save"),
-        ("kind", "set", r"noun\.h5: /content is of the kind 'set', which this nassim does not know; upgrade"),
-        ("type", "Gone", r"noun\.h5: it holds a 'Gone', .* upgrade nassim, or, .* nassim\.register before loading"),
-        ("type", 3, r"cannot read .*noun\.h5"),
-        ("type", ["TimeHistory"] * 2, r"noun\.h5: its attribute 'type' is not a single value"),
-        ("type", "FRF", r"noun\.h5: FRF\.__init__\(\) got an unexpected keyword argument"),
+        ("nassim_format", 99, r"data\.h5: it has format 99, this nassim reads up to 3; upgrade"),
+        ("nassim_format", 0, r"data\.h5: it was not written by nassim\.save"),
+        ("nassim_format", -1, r"data\.h5: it was not written by nassim\.save"),
+        ("kind", "set", r"data\.h5: /content is of the kind 'set', which this nassim does not know; upgrade"),
+        ("type", "Gone", r"data\.h5: it holds a 'Gone', .* upgrade nassim, or, .* nassim\.register before loading"),
+        ("type", 3, r"cannot read .*data\.h5"),
+        ("type", ["TimeHistory"] * 2, r"data\.h5: its attribute 'type' is not a single value"),
+        ("type", "FRF", r"data\.h5: FRF\.__init__\(\) got an unexpected keyword argument"),
     ],
 )
 def test_files_that_are_not_ours_are_refused(tmp_path, attribute, value, message):
-    path = save(record(), tmp_path / "noun.h5")
+    path = save(record(), tmp_path / "data.h5")
     with h5py.File(path, "a") as file:
         (file if attribute == "nassim_format" else file["content"]).attrs[attribute] = value
     sealed_anew(path)
@@ -140,12 +139,12 @@ def test_files_that_are_not_ours_are_refused(tmp_path, attribute, value, message
         load(path)
 
 
-def test_files_are_checked_like_new_nouns(tmp_path):
-    path = save(record(), tmp_path / "noun.h5")
+def test_loaded_fields_are_checked_like_new_ones(tmp_path):
+    path = save(record(), tmp_path / "data.h5")
     with h5py.File(path, "a") as file:
         file["content/values"][0, 0] = np.nan
     sealed_anew(path)
-    with pytest.raises(ValueError, match=r"noun\.h5: values holds 1 value.* NaN"):
+    with pytest.raises(ValueError, match=r"data\.h5: values holds 1 value.* NaN"):
         load(path)
 
 
@@ -162,34 +161,36 @@ FORGED = (
 @pytest.mark.parametrize("version", [1, 2, 3])
 @pytest.mark.parametrize("forged", FORGED)
 @pytest.mark.parametrize("place", ["content", "content/0"])
-def test_a_file_cannot_ask_for_what_is_no_noun(tmp_path, monkeypatch, version, forged, place):
+def test_a_file_cannot_load_an_unregistered_class(tmp_path, monkeypatch, version, forged, place):
     monkeypatch.setattr(
-        nouns.importlib, "import_module", lambda name: pytest.fail(f"the file made nassim import {name}")
+        file_registry.importlib, "import_module", lambda name: pytest.fail(f"the file made nassim import {name}")
     )
-    path = save(((),), tmp_path / "noun.h5")
+    path = save(((),), tmp_path / "data.h5")
     with h5py.File(path, "a") as file:
         file.attrs["nassim_format"] = version
         file[place].attrs["kind"], file[place].attrs["type"] = "dataclass", forged
     sealed_anew(path)
-    with pytest.raises(ValueError, match=r"cannot read .*noun\.h5: it holds a '.*', which is no noun"):
+    with pytest.raises(
+        ValueError, match=r"cannot read .*data\.h5: it holds a '.*', a data class that this nassim does not know"
+    ):
         load(path)
 
 
-def test_nouns_made_of_anything_are_refused_by_name_or_are_that_noun(tmp_path):
-    """Whatever a constructor raises when it is given what is not its own, `load` names the file."""
-    for name in nouns.NOUNS:
-        noun = nouns.find(name)
+def test_wrong_fields_are_refused_with_the_name_of_the_file(tmp_path):
+    """`load` names the file in its error, whatever error a constructor raises for wrong fields."""
+    for name in file_registry.DATA_CLASSES:
+        data_class = file_registry.find(name)
         for wrong in ({"a": ()}, np.zeros((2, 0))):
-            path = tmp_path / "noun.h5"
+            path = tmp_path / "data.h5"
             with h5py.File(path, "w") as file:
                 file.attrs["nassim_format"] = 1
                 group = file.create_group("content")
-                for item in fields(noun):
+                for item in fields(data_class):
                     if item.init:
                         storage._write(group, item.name, wrong)
                 group.attrs["kind"], group.attrs["type"] = "dataclass", f"nassim.moved.away:{name}"
             with suppress(ValueError):
-                assert type(load(path)) is noun
+                assert type(load(path)) is data_class
 
 
 def external_storage(group, folder):
@@ -303,7 +304,7 @@ def test_many_texts_in_one_place_are_refused(tmp_path):
     path.write_bytes(content)
     with h5py.File(path) as file:
         assert len(file["content/values"].asstr()[499]) == 10000
-    with pytest.raises(ValueError, match="it says it holds more data than it has bytes"):
+    with pytest.raises(ValueError, match="it claims to hold more data than it has bytes"):
         load(path)
 
 
@@ -335,14 +336,14 @@ def test_a_full_disk_is_an_error_that_leaves_no_file(tmp_path):
 
 def test_a_folder_that_cannot_be_is_named(tmp_path):
     (tmp_path / "taken").write_text("a file")
-    with pytest.raises(OSError, match=r"cannot be written: .*taken/noun\.h5'"):
-        save(record(), tmp_path / "taken" / "noun.h5")
+    with pytest.raises(OSError, match=r"cannot be written: .*taken/data\.h5'"):
+        save(record(), tmp_path / "taken" / "data.h5")
 
 
 HANGING = """
 import sys, time
-from nassim.base.storage import written_whole
-with written_whole(sys.argv[1]) as temporary:
+from nassim.base.storage import write_atomically
+with write_atomically(sys.argv[1]) as temporary:
     temporary.write_bytes(bytes(1000))
     print(temporary.name, flush=True)
     time.sleep(60)
@@ -361,20 +362,20 @@ def test_what_killed_processes_leave_is_removed_by_the_next_write(tmp_path):
     host = re.sub(r"\W", "_", platform.node())
     elsewhere = tmp_path / left.name.replace(host, "another_computer", 1)
     elsewhere.write_bytes(b"")
-    with storage.written_whole(tmp_path / "third.h5") as ours:
+    with storage.write_atomically(tmp_path / "third.h5") as ours:
         save(record(), tmp_path / "second.h5")
         assert ours.exists(), "this process is still writing this"
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted([elsewhere.name, "second.h5", "third.h5"])
 
 
 def test_what_cannot_be_saved_leaves_no_file(tmp_path):
-    with pytest.raises(ValueError, match=r"cannot save object \(1\): only nouns of nassim"):
-        save(("text", object()), tmp_path / "noun.h5")
+    with pytest.raises(ValueError, match=r"cannot save object \(1\): files hold only data classes of nassim"):
+        save(("text", object()), tmp_path / "data.h5")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_failure_while_saving_leaves_the_old_file(tmp_path, monkeypatch):
-    path = save(record(1.0), tmp_path / "noun.h5")
+    path = save(record(1.0), tmp_path / "data.h5")
 
     def disk_full(*_):
         raise OSError("no space left on device")
@@ -383,7 +384,7 @@ def test_failure_while_saving_leaves_the_old_file(tmp_path, monkeypatch):
     with pytest.raises(OSError, match="no space left"):
         save(record(2.0), path)
     monkeypatch.undo()
-    assert [p.name for p in tmp_path.iterdir()] == ["noun.h5"]
+    assert [p.name for p in tmp_path.iterdir()] == ["data.h5"]
     assert_same(load(path), record(1.0))
 
 
@@ -410,9 +411,9 @@ class Builder:
 
 def test_cached_computes_once_and_says_so(cache, told):
     build = Builder()
-    first = cached("part", fingerprint(1), build)
+    first = load_or_compute("part", fingerprint(1), build)
     assert "part: saved to" in told()
-    second = cached("part", fingerprint(1), build)
+    second = load_or_compute("part", fingerprint(1), build)
     assert f"part: loaded from {cache}" in told()
     assert build.calls == 1
     assert_same(first, second)
@@ -420,30 +421,30 @@ def test_cached_computes_once_and_says_so(cache, told):
 
 def test_another_key_is_computed_anew(cache):
     build = Builder()
-    cached("part", fingerprint(1), build)
-    cached("part", fingerprint(2), build)
+    load_or_compute("part", fingerprint(1), build)
+    load_or_compute("part", fingerprint(2), build)
     assert build.calls == 2
     assert len(list(cache.glob("part-*.h5"))) == 2
-    assert_same(cached("part", fingerprint(1), build), record(1))
+    assert_same(load_or_compute("part", fingerprint(1), build), record(1))
     # Sixteen digits of a key tell results apart.
     for last in "abc":
-        cached("part", 15 * "0" + last + 48 * "0", build)
+        load_or_compute("part", 15 * "0" + last + 48 * "0", build)
     assert build.calls == 5
 
 
 @pytest.mark.usefixtures("cache")
 def test_cached_keeps_silent_when_asked(capsys):
     for _ in range(2):
-        cached("part", fingerprint(1), Builder(), progress=False)
+        load_or_compute("part", fingerprint(1), Builder(), progress=False)
     assert capsys.readouterr().out == ""
 
 
 def test_damaged_cache_is_reported_and_rebuilt(cache, told):
     build = Builder()
-    cached("part", fingerprint(1), build)
+    load_or_compute("part", fingerprint(1), build)
     (file,) = cache.iterdir()
     file.write_bytes(file.read_bytes()[:500])
-    assert_same(cached("part", fingerprint(1), build), record(2))
+    assert_same(load_or_compute("part", fingerprint(1), build), record(2))
     damaged = told()
     assert "damaged and will be rebuilt" in damaged
     assert file.name in damaged
@@ -456,7 +457,7 @@ def test_build_that_stops_leaves_no_file(cache, error):
         raise error
 
     with pytest.raises(error):
-        cached("part", fingerprint(1), build)
+        load_or_compute("part", fingerprint(1), build)
     assert list(cache.iterdir()) == []
 
 
@@ -466,7 +467,7 @@ def test_interrupted_saving_leaves_no_file(cache, monkeypatch):
 
     monkeypatch.setattr(storage.os, "replace", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        cached("part", fingerprint(1), Builder())
+        load_or_compute("part", fingerprint(1), Builder())
     assert list(cache.iterdir()) == []
 
 

@@ -10,7 +10,7 @@ from conftest import lattice, make_bar
 from nassim import FlexibleBody, Scene, build_fe_model, craig_bampton
 from nassim.base.rigid_motion import rigid_motions
 from nassim.bodies.floating_frame import floating_frame
-from nassim.bodies.inertia import completed_gram, rigid_inertia
+from nassim.bodies.inertia import estimate_gram, rigid_inertia
 from nassim.bodies.projection import trim_body
 from nassim.simulation.exudyn.solver import solve_dynamic
 from nassim.simulation.exudyn.system import build_system
@@ -36,7 +36,7 @@ def bar():
 def forgetful(body):
     """The body as it would be imported: with what its matrices and node positions tell."""
     positions = np.array([point.position for point in body.remote_points])
-    return replace(body, gram=completed_gram(body.mass_matrix, positions), full_integrals=False)
+    return replace(body, gram=estimate_gram(body.mass_matrix, positions), full_integrals=False)
 
 
 def test_rigid_integrals_are_exact(bar, apa):
@@ -92,7 +92,7 @@ def stretched_by_spin(body, angular_velocity):
     )
     system = build_system(assemble(scene))
     solve_dynamic(system, {}, n_steps=800, time_step=2e-5, spectral_radius=0.7, progress=False)
-    node = system.carriers["bar"].nodes[0][0]
+    node = system.flexible["bar"].nodes[0][0]
     return np.array(system.mbs.GetNodeOutput(node, exu.OutputVariableType.Coordinates))[0]
 
 

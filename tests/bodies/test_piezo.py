@@ -74,8 +74,8 @@ LEAST = 50e6 * (20e-6 / 200.0) ** 2
 LIMITS = {
     "stroke over length": (lambda share: {**LONG, "length": 20e-3 / share}, "ceramics reach 0.2 %"),
     "stress": (lambda share: {**STRONG, "area": 25e-6 / share}, "ceramics give 30 to 50"),
-    "stiffness, high": (lambda share: {"stiffness": share * 100e6, "capacitance": 1.0}, "does not go with"),
-    "stiffness, low": (lambda share: {"stiffness": 25e6 / share}, "does not go with"),
+    "stiffness, high": (lambda share: {"stiffness": share * 100e6, "capacitance": 1.0}, "does not agree with"),
+    "stiffness, low": (lambda share: {"stiffness": 25e6 / share}, "does not agree with"),
     "capacitance": (lambda share: {"capacitance": LEAST / share}, "more energy than it takes"),
     "across": (lambda share: {"transverse_ratio": -0.6 * share}, "from -0.6 to 0"),
 }

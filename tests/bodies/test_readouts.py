@@ -9,7 +9,7 @@ from conftest import lattice, make_bar
 from nassim import ElectricalPort, ReducedBody, RemotePoint, craig_bampton, load, save
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.projection import keep_modes, keep_ports, project, trim_body
-from nassim.bodies.readouts import PassivePoint, Picture, Surface, by_name, of_kind, upgraded_readouts
+from nassim.bodies.readouts import PassivePoint, Picture, Surface, by_name, of_kind, upgrade_readouts
 
 RNG = np.random.default_rng(5)
 N = 16
@@ -113,18 +113,18 @@ def test_names_are_used_once(body):
     with pytest.raises(ValueError, match=r"body 'lattice': remote point and read-out names must differ.*: left"):
         replace(body, readouts=by_name([left]))
     bar = make_bar()
-    with pytest.raises(ValueError, match=r"solid 'bar': .* picture \('surface'\) names must differ.*: left"):
+    with pytest.raises(ValueError, match=r"solid 'bar': .* surface \('surface'\) names must differ.*: left"):
         replace(bar, ports=(ElectricalPort("left", "bar", None),))
-    with pytest.raises(ValueError, match=r"picture \('surface'\) names must differ.*: surface"):
+    with pytest.raises(ValueError, match=r"surface \('surface'\) names must differ.*: surface"):
         replace(bar, remote_points=(replace(bar.remote_points[0], name="surface"),))
 
 
 @pytest.mark.parametrize(
     ("readouts", "problem"),
     [
-        ({"v": PORTS[0]}, "read-out 'v' calls itself 'second'; make the mapping by readouts.by_name"),
-        ({"gauge": Gauge("gauge", np.zeros(3))}, "read-out 'gauge' is one of 3 coordinates, the body has 16"),
-        ({"gauge": np.zeros(N)}, "read-out 'gauge' is a ndarray, which `project` could not carry along"),
+        ({"v": PORTS[0]}, "read-out 'v' has the name 'second'; make the mapping by readouts.by_name"),
+        ({"gauge": Gauge("gauge", np.zeros(3))}, "read-out 'gauge' reads 3 coordinates, but the body has 16"),
+        ({"gauge": np.zeros(N)}, "read-out 'gauge' is a ndarray, which `project` could not convert"),
     ],
     ids=["name", "size", "kind"],
 )
@@ -134,7 +134,7 @@ def test_readouts_that_do_not_fit_are_refused(body, readouts, problem):
 
 
 def test_sizes_are_checked():
-    with pytest.raises(ValueError, match="picture: modes must have shape 3 x 3 x any, got 2 x 3 x 16"):
+    with pytest.raises(ValueError, match="surface: modes must have shape 3 x 3 x any, got 2 x 3 x 16"):
         Picture(TRIANGLE, PICTURE.modes[:2])
     with pytest.raises(ValueError, match="passive point 'middle': motions must have shape 6 x any, got 5 x 16"):
         PassivePoint(MIDDLE.point, MIDDLE.motions[:5])
@@ -167,7 +167,7 @@ def fields_of_0_1(body):
 )
 def test_bodies_of_0_1_are_upgraded(body, readouts):
     given = replace(body, readouts=by_name(readouts))
-    again = ReducedBody(**upgraded_readouts(fields_of_0_1(given)))
+    again = ReducedBody(**upgrade_readouts(fields_of_0_1(given)))
     assert list(again.readouts) == list(given.readouts)
     assert again.surface is given.surface
     assert again.ports == given.ports
@@ -177,8 +177,8 @@ def test_bodies_of_0_1_are_upgraded(body, readouts):
 
 def test_what_needs_no_upgrade_stays(body):
     content = {"name": "a", "readouts": body.readouts}
-    assert upgraded_readouts(content) == content
-    assert upgraded_readouts({"name": "a", "surface": None, "passive_motions": None}) == {"name": "a", "readouts": {}}
+    assert upgrade_readouts(content) == content
+    assert upgrade_readouts({"name": "a", "surface": None, "passive_motions": None}) == {"name": "a", "readouts": {}}
 
 
 def test_saved_bodies_keep_their_readouts(body, tmp_path):

@@ -8,7 +8,15 @@ import pytest
 
 from nassim.base.units import to_si
 from nassim.exchange.superelement import superelement
-from nassim.exchange.unit_systems import FORCES, LENGTHS, MASSES, SYSTEMS, Looks, likely_units, unit_factors
+from nassim.exchange.unit_systems import (
+    FORCES,
+    LENGTHS,
+    MASSES,
+    SYSTEMS,
+    PhysicalProperties,
+    likely_units,
+    unit_factors,
+)
 
 # International yard and pound agreement (1959), CGPM (1901): exact.
 FOOT, POUND, GRAVITY = Fraction(3048, 10000), Fraction(45359237, 10**8), Fraction(980665, 10**5)
@@ -105,10 +113,10 @@ def test_the_body_of_this_test_is_one():
 def test_reread_figures_are_those_of_the_same_numbers(given, other):
     """A rod of steel whose file was written in `other` and read as `given`; its speed sqrt(E / density) too."""
     (l_given, f_given, m_given), (length, force, mass) = defined(given), defined(other)
-    true = Looks(0.6, 0.25, float(np.sqrt(2e11 / 7800.0)), 7800.0, 0.05)
+    true = PhysicalProperties(0.6, 0.25, float(np.sqrt(2e11 / 7800.0)), 7800.0, 0.05)
     # A frequency is the root of a stiffness over a mass: numbers of the file times units.
     rate = np.sqrt((f_given / l_given / m_given) / (force / length / mass))
-    read = Looks(
+    read = PhysicalProperties(
         true.mass / mass * m_given,
         true.size / length * l_given,
         float(true.speed * rate * l_given / length),
@@ -125,7 +133,7 @@ def test_the_likeliest_units_make_a_body_as_dense_as_metals(units, others):
     """Aluminium in inches, read as metres: before those that would make it foam come the true ones."""
     length, force, mass = defined(units)
     speed = 5000.0 / length / np.sqrt(force / (mass * length))
-    found = likely_units(Looks(0.6 / mass, 0.25 / length, speed, 2700.0 / (mass / length**3)), "m-N-kg")
+    found = likely_units(PhysicalProperties(0.6 / mass, 0.25 / length, speed, 2700.0 / (mass / length**3)), "m-N-kg")
     assert found[0][0] == units
     assert tuple(found[0][1].figures.values())[:4] == pytest.approx((0.6, 0.25, 5000.0, 2700.0))
     assert len(found) == 1 + others
@@ -157,7 +165,7 @@ def test_prefixes_are_the_powers_of_ten_of_the_si(prefix, base):
 
 
 PLAUSIBLE = {"mass": (1e-7, 1e6), "size": (1e-4, 100.0), "speed": (0.1, 2e4), "density": (10.0, 3e4)}
-SOUND = Looks(1.0, 0.1, 100.0, 5000.0, 0.01)
+SOUND = PhysicalProperties(1.0, 0.1, 100.0, 5000.0, 0.01)
 
 
 @pytest.mark.parametrize("name", PLAUSIBLE)

@@ -9,7 +9,7 @@ from conftest import STEEL, lattice, make_bar
 
 from nassim import RemotePoint, Solid, build_fe_model, condense
 from nassim.base.rigid_motion import rigid_transfer
-from nassim.fem.condensation import expanded_dofs
+from nassim.fem.condensation import vector_dofs
 
 
 def dense_reference(model, load):
@@ -19,10 +19,10 @@ def dense_reference(model, load):
     if model.couplings[0].point.coupling == "rbe3":
         rows = np.zeros((12, n))
         for i, c in enumerate(model.couplings):
-            rows[6 * i : 6 * i + 6, expanded_dofs(c, n)] = c.averages
+            rows[6 * i : 6 * i + 6, vector_dofs(c, n)] = c.averages
         targets = np.eye(12)
     else:
-        held = [expanded_dofs(c, n) for c in model.couplings]
+        held = [vector_dofs(c, n) for c in model.couplings]
         rows = np.eye(n)[np.concatenate(held)]
         targets = np.zeros((len(rows), 12))
         targets[: len(held[0]), :6], targets[len(held[0]) :, 6:] = (c.motions for c in model.couplings)
@@ -52,7 +52,7 @@ def test_mixed_couplings_equal_dense_algebra():
     condensed = condense(model, progress=False)
     modes = condensed.constraint_modes
     assert np.allclose(condensed.averages @ modes, np.eye(12), atol=1e-9)
-    held = expanded_dofs(model.couplings[0], model.n_dofs)
+    held = vector_dofs(model.couplings[0], model.n_dofs)
     assert np.allclose(modes[held, :6], model.couplings[0].motions, atol=1e-9)
     # Forces vanish but at the interfaces, where they are combinations of the soft point's averages.
     forces = model.stiffness_matrix @ modes

@@ -8,7 +8,7 @@ import scipy.linalg
 from conftest import lattice
 
 from nassim import condense
-from nassim.fem.condensation import Condensation, expanded_dofs
+from nassim.fem.condensation import Condensation, vector_dofs
 from nassim.fem.full_model import full_eigenfrequencies, full_frequency_response
 
 
@@ -17,9 +17,9 @@ def dense_system(model, end_mass):
     n = model.n_dofs
     held = model.couplings[0]
     rows = np.zeros((6, n))
-    rows[:, expanded_dofs(held, n)] = held.averages
+    rows[:, vector_dofs(held, n)] = held.averages
     moving = np.zeros((6, n))
-    moving[:, expanded_dofs(model.couplings[1], n)] = model.couplings[1].averages
+    moving[:, vector_dofs(model.couplings[1], n)] = model.couplings[1].averages
     free = scipy.linalg.null_space(rows)
     mass = model.mass_matrix.toarray() + end_mass * moving[:3].T @ moving[:3]
     return free.T @ model.stiffness_matrix @ free, free.T @ mass @ free, free, moving

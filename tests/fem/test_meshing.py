@@ -146,14 +146,14 @@ def test_order_1_in_thin_walls_is_warned_of(apa_tetrahedra):
 
 
 def test_mesh_too_large_for_the_memory(monkeypatch):
-    monkeypatch.setattr(mesh_checks, "SMALL", 0)
+    monkeypatch.setattr(mesh_checks, "SMALL_MODEL", 0)
     monkeypatch.setattr(mesh_checks.psutil, "virtual_memory", lambda: type("Memory", (), {"available": 1e6}))
     with pytest.raises(ValueError, match=r"need about .* GB to factorise, .* an element_size of .* would fit"):
         build_fe_model(make_bar(), element_size=0.005, order=2, progress=False)
 
 
 def test_a_mesh_too_large_for_the_memory_is_told_a_larger_size(monkeypatch):
-    monkeypatch.setattr(mesh_checks, "SMALL", 0)
+    monkeypatch.setattr(mesh_checks, "SMALL_MODEL", 0)
     monkeypatch.setattr(mesh_checks.psutil, "virtual_memory", lambda: type("Memory", (), {"available": 1e6}))
     with pytest.raises(ValueError, match="would fit") as refused:
         build_fe_model(make_bar(), element_size=0.005, order=2, progress=False)
@@ -213,7 +213,7 @@ def test_prisms_that_netgen_cannot_make_become_tetrahedra(monkeypatch):
 
     run = meshing._run_netgen
     monkeypatch.setattr(meshing, "_run_netgen", fail_on_layers)
-    with pytest.warns(UserWarning, match="solid 'bar' with prisms: tetrahedra take their place"):
+    with pytest.warns(UserWarning, match="solid 'bar' with prisms: tetrahedra are used instead"):
         mesh = generate_mesh(make_bar(), element_size=0.02, extrude="x")
     assert kinds(mesh) == {ng.ET.TET}
 

@@ -10,7 +10,7 @@ from conftest import lattice
 from nassim import craig_bampton
 from nassim.base.modal import eigenmodes
 from nassim.bodies.projection import keep_modes
-from nassim.fem.condensation import expanded_dofs
+from nassim.fem.condensation import vector_dofs
 from nassim.fem.full_model import full_eigenfrequencies
 
 
@@ -77,7 +77,7 @@ def test_reduction_equals_a_dense_projection():
     stiffness, mass = model.stiffness_matrix.toarray(), model.mass_matrix.toarray()
     rows = np.zeros((12, model.n_dofs))
     for i, coupling in enumerate(model.couplings):
-        rows[6 * i : 6 * i + 6, expanded_dofs(coupling, model.n_dofs)] = coupling.averages
+        rows[6 * i : 6 * i + 6, vector_dofs(coupling, model.n_dofs)] = coupling.averages
     scale = np.abs(stiffness).max()
     saddle = np.block([[stiffness / scale, rows.T], [rows, np.zeros((12, 12))]])
     static = np.linalg.solve(saddle, np.vstack([np.zeros((model.n_dofs, 12)), np.eye(12)]))[: model.n_dofs]

@@ -312,7 +312,7 @@ def test_mesh_fills_the_volume():
         (0.0, "element_size must be positive, got 0 m"),
         (np.nan, "element_size holds 1 value.* NaN"),
         (2e-5, "element_size 2e-05 m is below a thousandth of the solid 'part'"),
-        (5.0, r"element_size 5 m is longer than the solid 'part', which has 0\.03\d* m; .* 5e-3 for 5 mm"),
+        (5.0, r"element_size 5 m is longer than the solid 'part', which is 0\.03\d* m long; .* 5e-3 for 5 mm"),
     ],
 )
 def test_element_size_is_checked(size, message):

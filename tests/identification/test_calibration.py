@@ -15,10 +15,10 @@ from models.apa300ml import (
     PZT_TABLE_1,
     STACK,
     VENDOR_STIFFNESS,
+    calibration as apa_calibration,
     make_apa300ml,
     reduced_apa300ml,
 )
-from models.apa300ml import calibration as apa_calibration
 from models.apa300ml.beam_model import axial_stiffness, beam_model
 from models.apa300ml.calibration import (
     CIRCUITS,

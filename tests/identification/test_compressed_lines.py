@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nassim.identification import compressed_lines
-from nassim.identification.compressed_lines import MANY, compressed
+from nassim.identification.compressed_lines import COMPRESSED_FROM, compress_lines
 from nassim.identification.pole_fit import fit_poles, strongest_pole
 from nassim.identification.spectral_lines import Lines
 
@@ -14,7 +14,7 @@ POLES = np.array([[61.0, 0.004], [150.0, 0.03], [151.5, 0.0005]])
 VALUES = np.array([[1.0, -0.3, 0.02], [0.2, 0.5, -0.01]])
 
 
-def lines_of(poles, n=MANY + 500, *, hold_order=0, smooth=False, band=(5.0, 200.0)):
+def lines_of(poles, n=COMPRESSED_FROM + 500, *, hold_order=0, smooth=False, band=(5.0, 200.0)):
     """A record's lines with transients, and the values of all columns; smooth: as of a sweep, else as of noise."""
     random = np.random.default_rng(2)
     omega = 2 * np.pi * np.linspace(*band, n)
@@ -39,7 +39,7 @@ def lines_of(poles, n=MANY + 500, *, hold_order=0, smooth=False, band=(5.0, 200.
 def test_compressed_lines_hold_all_that_the_model_says(hold_order, smooth):
     """At every line, near a mode of five lines' width too, from an eighth of the numbers or less."""
     lines, values = lines_of(POLES, hold_order=hold_order, smooth=smooth)
-    few = compressed(lines, POLES)
+    few = compress_lines(lines, POLES)
     assert few.responses.shape[1] < len(lines.omega) / 4
     ends = [(cell.lines.start, cell.lines.stop) for cell in few.cells]
     assert [0, *(stop for _, stop in ends)] == [*(start for start, _ in ends), len(lines.omega)]
@@ -52,14 +52,14 @@ def test_compressed_lines_hold_all_that_the_model_says(hold_order, smooth):
 def test_a_fit_of_compressed_lines_is_that_of_all(monkeypatch):
     """Poles to some hundredths of their deviations, which are the same, with noise that rises within the cells."""
     lines, _ = lines_of(POLES[:2], n=5000)
-    monkeypatch.setattr(compressed_lines, "MANY", 2000)
+    monkeypatch.setattr(compressed_lines, "COMPRESSED_FROM", 2000)
     random = np.random.default_rng(5)
     noise = np.geomspace(0.1, 0.5, len(lines.omega)) * np.array([[1.0], [2.0]])
     random_part = random.normal(size=(2, *noise.shape)) / np.sqrt(2)
     lines = replace(lines, responses=lines.responses + noise * (random_part[0] + 1j * random_part[1]))
     start, weights = POLES[:2] * [[1.01, 2.0], [0.99, 0.6]], np.sqrt(2) / noise
     few = fit_poles(lines, start, weights)
-    monkeypatch.setattr(compressed_lines, "MANY", 10**9)
+    monkeypatch.setattr(compressed_lines, "COMPRESSED_FROM", 10**9)
     whole = fit_poles(replace(lines), start, weights)
     deviations = np.sqrt(np.diag(whole.covariance))
     np.testing.assert_allclose(np.sqrt(np.diag(few.covariance)), deviations, rtol=5e-3)
@@ -71,8 +71,8 @@ def test_a_fit_of_compressed_lines_is_that_of_all(monkeypatch):
 def test_cells_follow_the_poles():
     """Those near a pole that a fit has moved are made anew, the others kept."""
     lines, values = lines_of(POLES)
-    before = compressed(lines, POLES[:1])
-    after = compressed(lines, POLES)
+    before = compress_lines(lines, POLES[:1])
+    after = compress_lines(lines, POLES)
     kept = {id(cell) for cell in before.cells} & {id(cell) for cell in after.cells}
     assert 0 < len(kept) < len(after.cells)
     np.testing.assert_allclose(
@@ -81,15 +81,15 @@ def test_cells_follow_the_poles():
 
 
 def test_few_lines_and_those_of_frfs_stay_as_they_are():
-    lines, _ = lines_of(POLES, n=MANY - 1)
-    assert compressed(lines, POLES) is lines
+    lines, _ = lines_of(POLES, n=COMPRESSED_FROM - 1)
+    assert compress_lines(lines, POLES) is lines
     frf = replace(lines_of(POLES)[0], transient=False)
-    assert compressed(frf, POLES) is frf
+    assert compress_lines(frf, POLES) is frf
 
 
 def test_the_strongest_pole_among_many_lines():
     """Lines that are taken as one where they are close together: the resonance is found, to its half-width."""
-    lines, _ = lines_of(POLES[:1], n=5 * MANY)
+    lines, _ = lines_of(POLES[:1], n=5 * COMPRESSED_FROM)
     lines = replace(lines, responses=lines.mode(POLES[0]) * lines.excitation * np.array([[1.0], [-0.2]]))
     found = strongest_pole(lines, lines.responses, np.ones(lines.responses.shape))
     assert found[0] == pytest.approx(POLES[0, 0], rel=0.01)

@@ -9,7 +9,7 @@ import scipy.signal
 
 from models.bench import make_bench
 from nassim import FRF, RigidBody, TimeHistory, estimate_frf, frequency_response, linearize, load, save, simulate
-from nassim.base.file_registry import upgraded
+from nassim.base.file_registry import upgrade_fields
 from nassim.identification.apply import apply_identification, modal_gains
 from nassim.identification.modal_fit import ModalFit, identify_modes
 from nassim.scene import Displacement, Output, Sensor
@@ -469,7 +469,7 @@ def test_fit_is_saved_whole_and_checks_itself(tmp_path):
     assert dict(again.how) == dict(fit.how)
     assert "98.0" in fit.summary()
     older = {{"recorded": "measured"}.get(item.name, item.name): getattr(fit, item.name) for item in fields(fit)}
-    assert ModalFit(**upgraded("ModalFit", older)).recorded is fit.recorded
+    assert ModalFit(**upgrade_fields("ModalFit", older)).recorded is fit.recorded
     with pytest.raises(ValueError, match="gains must have shape 2 x 2"):
         replace(fit, gains=np.ones((2, 3)))
 
@@ -736,5 +736,5 @@ def test_a_record_without_its_last_samples_gives_the_parameters(monkeypatch):
     """3989 is a prime number; what is left at the end of a shorter record is as free as before."""
     record = make_record(0, noise=0.0)
     odd = replace(record, time=record.time[:3989], values=record.values[:, :3989])
-    monkeypatch.setattr("nassim.signals.time_history.LONG", 1000)
+    monkeypatch.setattr("nassim.signals.time_history.LONG_RECORD", 1000)
     np.testing.assert_allclose(found(identify(odd)), truth(), rtol=1e-9)

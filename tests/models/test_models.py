@@ -126,7 +126,7 @@ def test_loaded_sensor_is_the_default_and_an_open_one_the_option(apa_with_ports)
     sensor = make_bench(apa=apa_with_ports).sensors[0]
     assert sensor.resistance == SENSOR_RESISTANCE
     assert make_bench(apa=apa_with_ports, resistance=np.inf).sensors[0].resistance == np.inf
-    with pytest.raises(ValueError, match="which the pair of forces does without"):
+    with pytest.raises(ValueError, match="which the pair of forces does not have"):
         make_bench(apa=apa_with_ports, ports=False, resistance=1e5)
 
 

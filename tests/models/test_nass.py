@@ -226,7 +226,7 @@ def test_a_wrench_of_the_pose_loop_moves_the_sample_along_itself():
 
 
 def test_a_spinning_linear_model_needs_stages_alike_across_the_axis():
-    with pytest.raises(ValueError, match="body 'translation': as the turning frame sees it, this changes by"):
+    with pytest.raises(ValueError, match="body 'translation': in the turning frame, this changes by"):
         linearize(make_nass(STRUT, spindle_rpm=60.0, axes="turning"))
     scene = make_nass(STRUT, stages=alike_across(), spindle_rpm=60.0, axes="turning")
     assert "floor_z" in scene.inputs
@@ -262,7 +262,7 @@ def test_what_no_end_station_is():
         ValueError, match=r"granite, translation, tilt, spindle, micro_hexapod, in this order, got tilt"
     ):
         make_nass(STRUT, stages={"tilt": END_STATION["tilt"]})
-    with pytest.raises(ValueError, match="six figures"):
+    with pytest.raises(ValueError, match="six values"):
         END_STATION["micro_hexapod"].alike()
 
 

@@ -97,7 +97,7 @@ def test_names_that_collide():
     ("words", "message"),
     [
         ((Output("r", "m", UP), Output("r", "m/s", UP, derivative=1)), "output 'r' cannot be both m/?s? and m"),
-        ((Output("r", "m", UP, inertial=True),), "accelerations are read only"),
+        ((Output("r", "m", UP, inertial=True),), "only accelerations are read against"),
         ((Output("r", "m", UP), OutputFilter("t", "low", 1.0)), "unknown filtered output 't'"),
         ((Output("r", "m", UP), OutputFilter("r", "lwo", 1.0)), "unknown filter of output 'r' 'lwo'"),
         ((Output("r", "m", UP), OutputFilter("r", "band", 1.0)), "a band-pass is of second order"),
@@ -105,7 +105,7 @@ def test_names_that_collide():
         ((Output("r", "m", UP), OutputFilter("r", "low", 1.0, 0.0)), "filter of output 'r': damping_ratio"),
         (
             (Output("r", "m", UP), Output("r", "m", UP, derivative=1), OutputFilter("r", "low", 1.0)),
-            "readings of several derivatives and passes a filter",
+            "outputs of several derivatives and passes a filter",
         ),
     ],
 )

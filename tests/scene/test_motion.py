@@ -32,8 +32,8 @@ def test_a_motion_is_read_only_and_saved(tmp_path):
     [
         ({"time": [0.0, 0.0]}, "times that rise"),
         ({"time": []}, "times that rise, got 0"),
-        ({"positions": {}}, "only one of them is given of: a"),
-        ({"positions": {"b": PLACES}}, "only one of them is given of: a, b"),
+        ({"positions": {}}, "only one of them is given for a"),
+        ({"positions": {"b": PLACES}}, "only one of them is given for a, b"),
         ({"positions": {"a": PLACES[:1]}}, r"positions of 'a' must have shape 2 x 3"),
         ({"rotations": {"a": TURNS[:, :2]}}, r"rotations of 'a' must have shape 2 x 3 x 3"),
         ({"rotations": {"a": 1.01 * TURNS}}, "rotations of 'a' must be proper"),

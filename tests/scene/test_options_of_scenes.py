@@ -127,7 +127,7 @@ class Mixture(Sensor):
 
 def test_a_filter_starts_on_one_kind_of_value():
     Scene("s", block().bodies, sensors=(Mixture("mixed", second=False),), springs=block().springs)
-    with pytest.raises(ValueError, match="output 'mixed' adds readings of several derivatives and passes a filter"):
+    with pytest.raises(ValueError, match="output 'mixed' adds outputs of several derivatives and passes a filter"):
         Scene("s", block().bodies, sensors=(Mixture("mixed"),), springs=block().springs)
 
 

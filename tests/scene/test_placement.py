@@ -41,7 +41,7 @@ from nassim import (
     save,
     simulate,
 )
-from nassim.base.file_registry import NOUNS, find
+from nassim.base.file_registry import DATA_CLASSES, find
 from nassim.base.rigid_motion import unit_vector
 from nassim.scene import (
     AppliedForce,
@@ -345,7 +345,7 @@ ALL_TERMS = (
     *(AppliedForce, BaseAcceleration, Constraint, NonlinearSpring, Output, OutputFilter, PrescribedMotion, Shunt),
     *(Spring, SpringForce, Displacement, PointVelocity, Distance, RotationAngle, RelativePose, BodyCoordinates),
 )
-KINDS = [noun for noun in map(find, NOUNS) if issubclass(noun, (Part, Loop, RigidBody, FlexibleBody))]
+KINDS = [noun for noun in map(find, DATA_CLASSES) if issubclass(noun, (Part, Loop, RigidBody, FlexibleBody))]
 PLAIN_TEXT = {
     "name",
     "unit",

@@ -203,7 +203,7 @@ def test_summary_tells_what_is_assumed():
     loaded = replace(SCENE, springs=(spring,), damping_ratio=(0.02, 0.005), gravity=(0, 0, -9.81))
     text = describe(loaded)
     assert "spring hold: base.mount to load.foot along x, 2000 N/m, 5 N s/m" in text
-    assert "damping: 2 %, 0.5 % of critical in the first elastic modes, 0.5 % in all others; dampers and loops" in text
+    assert "damping: 2 %, 0.5 % of critical in the first elastic modes, 0.5 % in all others; plus dampers and" in text
     assert "gravity: 0 0 -9.81 m/s2" in text
     assert "damping: none in modes" in describe(replace(SCENE, damping_ratio=0.0))
 

@@ -11,7 +11,7 @@ from nassim.signals.excitations import (
     low_pass,
     multisine,
     orthogonal_multisines,
-    settled_blocks,
+    remove_settling,
     sine_dwell,
     step,
 )
@@ -256,7 +256,7 @@ def test_orthogonal_multisines_are_told_apart_without_error():
         for o in "yz"
     ]
     record = TimeHistory(excitation.time, [*excitation.values, *read], (*THREE, "y", "z"))
-    steady = settled_blocks(record, duration=2.0, settling=1.0)
+    steady = remove_settling(record, duration=2.0, settling=1.0)
     assert len(steady.time) == 3 * 1000
     frf = estimate_frf(
         steady, inputs=THREE, outputs=["y", "z"], segment_duration=0.5, overlap=0.0, window="boxcar"
@@ -273,11 +273,11 @@ def test_orthogonal_multisines_are_told_apart_without_error():
 def test_settled_blocks_of_a_record():
     time = 3.0 + np.arange(11) / 10.0
     record = TimeHistory(time, [np.arange(11.0)], ("x",), ("m",))
-    kept = settled_blocks(record, duration=0.5, settling=0.2)
+    kept = remove_settling(record, duration=0.5, settling=0.2)
     np.testing.assert_array_equal(kept["x"], [2, 3, 4, 7, 8, 9])
     np.testing.assert_allclose(kept.time, 3.0 + np.arange(6) / 10.0)
     assert kept.units == ("m",)
-    np.testing.assert_array_equal(settled_blocks(record, duration=0.4, settling=0.0)["x"], np.arange(8))
+    np.testing.assert_array_equal(remove_settling(record, duration=0.4, settling=0.0)["x"], np.arange(8))
 
 
 @pytest.mark.parametrize(
@@ -285,15 +285,15 @@ def test_settled_blocks_of_a_record():
     [
         (0.25, 0.1, "duration 0.25 s must be a whole number of samples at 10 Hz"),
         (0.5, 0.11, "settling 0.11 s must be a whole number"),
-        (2.0, 0.1, "a record of 1 s with blocks of 2 s, 0.1 s of each left out, leaves nothing"),
-        (0.5, 0.5, "leaves nothing"),
+        (2.0, 0.1, "a record of 1 s with blocks of 2 s, 0.1 s of each left out, leaves no samples"),
+        (0.5, 0.5, "leaves no samples"),
         (0.5, -0.1, "settling must not be negative"),
     ],
 )
 def test_blocks_that_do_not_fit(duration, settling, message):
     record = TimeHistory(np.arange(11) / 10.0, [np.arange(11.0)], ("x",))
     with pytest.raises(ValueError, match=message):
-        settled_blocks(record, duration=duration, settling=settling)
+        remove_settling(record, duration=duration, settling=settling)
 
 
 @pytest.mark.parametrize(

@@ -117,7 +117,7 @@ def test_blank_lines_count_even_before_the_header(tmp_path):
 def test_bytes_that_are_no_text(tmp_path):
     path = tmp_path / "file.csv"
     path.write_bytes(b"time [s], a [\xff]\n")
-    with pytest.raises(ValueError, match=r"file.csv: this is no text in UTF-8"):
+    with pytest.raises(ValueError, match=r"file.csv: the file is not text in UTF-8"):
         read_record(path)
     with pytest.raises(FileNotFoundError):
         read_record(tmp_path / "none.csv")
@@ -324,7 +324,7 @@ TIME = np.arange(20) * 1e-3
 @pytest.mark.parametrize(
     ("sets", "message"),
     [
-        ([data_set(TIME, TIME, 1, ordinate_axis_units_lab="NONE")], "data set 1: its ordinate states no unit"),
+        ([data_set(TIME, TIME, 1, ordinate_axis_units_lab="NONE")], "data set 1: its ordinate has no unit"),
         ([data_set(TIME, TIME, 1, ordinate_axis_units_lab="furlong")], "data set 1: unknown unit 'furlong'"),
         ([data_set(TIME, TIME, 1, abscissa_axis_units_lab="V")], "data set 1: the axis of a time is in V"),
         (

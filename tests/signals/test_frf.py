@@ -115,7 +115,7 @@ def test_inputs_that_cannot_be_told_apart_are_refused(own):
     u = white(1)
     record = history(u1=u, other=white(5), u2=3e-6 * (u + own * white(2)), y=u)
     message = (
-        r"cannot be told apart at \d+ of 500 lines in 1 ... 500 Hz; their ordinary coherence there: "
+        r"cannot be separated at \d+ of 500 lines in 1 ... 500 Hz; their ordinary coherence there: "
         r"u1 and u2 (1.000000|0.99999.), u1 and other 0.0\d*, u2 and other 0.0\d*: drive them independently"
     )
     with pytest.raises(ValueError, match=message):
@@ -126,10 +126,10 @@ def test_inputs_that_cannot_be_told_apart_are_refused(own):
 
 def test_an_input_that_two_others_make_up_is_refused():
     record = history(a=white(1), b=white(2), c=white(1) + 1e-5 * white(2), d=white(3), y=white(4))
-    with pytest.raises(ValueError, match=r"told apart .* a and c 1\.000000"):
+    with pytest.raises(ValueError, match=r"separated .* a and c 1\.000000"):
         estimate_frf(record, inputs=["a", "b", "c"], outputs=["y"], segment_duration=1.0)
     total = history(a=white(1), b=white(2), c=white(1) + white(2), y=white(4))
-    with pytest.raises(ValueError, match=r"told apart at 500 of 500 lines"):
+    with pytest.raises(ValueError, match=r"separated at 500 of 500 lines"):
         estimate_frf(total, inputs=["a", "b", "c"], outputs=["y"], segment_duration=1.0)
 
 
@@ -144,7 +144,7 @@ def test_few_lines_where_inputs_are_alike_are_set_to_zero_and_told():
     tone = 0.1 * np.cos(2 * np.pi * 3.0 * np.arange(N) / RATE)
     u1, u2 = (but_at_3_hz(white(seed)) + tone for seed in (1, 2))
     record = history(u1=u1, u2=u2, y=2 * u1 + 5 * u2)
-    with pytest.warns(UserWarning, match=r"cannot be told apart at 1 of 500 lines in 3 ... 3 Hz"):
+    with pytest.warns(UserWarning, match=r"cannot be separated at 1 of 500 lines in 3 ... 3 Hz"):
         frf = estimate_frf(
             record, inputs=["u1", "u2"], outputs=["y"], segment_duration=1.0, window="boxcar", overlap=0.0
         )
@@ -287,7 +287,7 @@ def test_offsets_and_long_records_in_pieces(monkeypatch):
     y = np.convolve(u, [0.5, 0.3, -0.2])[: len(u)]
     time, options = np.arange(len(u)) / 1e3, {"inputs": ["u"], "outputs": ["y"], "segment_duration": 0.123}
     plain = estimate_frf(TimeHistory(time, [u, y], ("u", "y")), **options)
-    monkeypatch.setattr(nassim.signals.frf, "AT_ONCE", 300)
+    monkeypatch.setattr(nassim.signals.frf, "SAMPLES_PER_BLOCK", 300)
     pieces = estimate_frf(TimeHistory(time, [u + 1e3, y - 50.0], ("u", "y")), **options)
     np.testing.assert_allclose(pieces.values, plain.values, rtol=1e-9)
     np.testing.assert_allclose(pieces.coherence, plain.coherence, rtol=1e-9)

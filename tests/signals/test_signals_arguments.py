@@ -15,7 +15,7 @@ from nassim.signals import (
     amplifier_noise,
     band_limited_noise,
     chirp,
-    differentiated,
+    differentiate_spectrum,
     estimate_frf,
     low_pass,
     multisine,
@@ -23,7 +23,7 @@ from nassim.signals import (
     orthogonal_multisines,
     read_frf,
     read_record,
-    settled_blocks,
+    remove_settling,
     sine_dwell,
     step,
     write_record,
@@ -92,7 +92,7 @@ CALLS = {
     "estimate_frf": partial(estimate_frf, RECORD, inputs=["u"], outputs=["y"], segment_duration=0.5),
     "occupied_bandwidth": lambda **options: occupied_bandwidth(multisine(20.0, RATE, **BAND), **options),
     "amplifier_noise": lambda **options: amplifier_noise(3.0, **options)(F),
-    "differentiated": lambda **options: differentiated(amplifier_noise(1.0), **options)(F),
+    "differentiate_spectrum": lambda **options: differentiate_spectrum(amplifier_noise(1.0), **options)(F),
     "FRF": partial(FRF, F, np.ones((1, 1, 3)), ("y",), ("u",)),
     "TimeHistory": partial(TimeHistory, [0.0, 1.0], np.ones((1, 2)), ("y",)),
 }
@@ -114,7 +114,7 @@ ARGUMENTS = table(
         # Sixty lines of equal power.
         ("occupied_bandwidth", "power_fraction", 0.99, 0.5, are(60.0, 30.0, atol=0.6)),
         ("amplifier_noise", "corner_frequency", 0.0, 5.0, are(np.full(3, 9.0), 9 * (1 + 5 / F))),
-        ("differentiated", "times", 1, -2, are((2 * np.pi * F) ** 2, (2 * np.pi * F) ** -4.0)),
+        ("differentiate_spectrum", "times", 1, -2, are((2 * np.pi * F) ** 2, (2 * np.pi * F) ** -4.0)),
         ("FRF", "coherence", None, COHERENCE, lambda _, after: np.array_equal(after.coherence, COHERENCE)),
         ("FRF", "label", "", "here", is_now("label", "here")),
         ("TimeHistory", "units", ("",), ("m",), is_now("units", ("m",))),
@@ -177,8 +177,8 @@ LIMITS = {
     "lines at Nyquist": (lambda x: multisine(2.0, RATE, **{**BAND, "highest_frequency": x * RATE / 2}), "half the"),
     "a period of samples": (lambda x: multisine(2.0, RATE, **{**BAND, "period": 1 + 1e-9 * x}), "whole number"),
     "no line in the band": (lambda x: multisine(2.0, RATE, **{**BAND, "highest_frequency": 1 / x}), "no multiple of"),
-    "a block's samples": (lambda x: settled_blocks(RECORD, duration=5 + 5e-6 * x, settling=1.0), "whole number"),
-    "nothing left of a block": (lambda x: settled_blocks(RECORD, duration=10.0, settling=10 * x), "leaves nothing"),
+    "a block's samples": (lambda x: remove_settling(RECORD, duration=5 + 5e-6 * x, settling=1.0), "whole number"),
+    "nothing left of a block": (lambda x: remove_settling(RECORD, duration=10.0, settling=10 * x), "leaves no samples"),
     "steps of a signal": (lambda x: step(1.5 / RATE / x, RATE), "fewer than 2 steps"),
 }
 

@@ -7,7 +7,7 @@ import scipy.signal
 from nassim.signals.spectra import (
     TabulatedSpectrum,
     amplifier_noise,
-    differentiated,
+    differentiate_spectrum,
     quantisation_noise,
     spectrum_values,
 )
@@ -48,9 +48,9 @@ def test_tables_follow_power_laws_and_pass_through_zeros():
 
 def test_rates_of_signals():
     omega = 2 * np.pi * FREQUENCY
-    assert differentiated(lambda f: f**-4.0, 2)(FREQUENCY) == pytest.approx(np.full(4, (2 * np.pi) ** 4))
-    assert differentiated(amplifier_noise(3.0))(FREQUENCY) == pytest.approx(9 * omega**2)
-    back = differentiated(differentiated(amplifier_noise(3.0), -1), 1)
+    assert differentiate_spectrum(lambda f: f**-4.0, 2)(FREQUENCY) == pytest.approx(np.full(4, (2 * np.pi) ** 4))
+    assert differentiate_spectrum(amplifier_noise(3.0))(FREQUENCY) == pytest.approx(9 * omega**2)
+    back = differentiate_spectrum(differentiate_spectrum(amplifier_noise(3.0), -1), 1)
     assert back(FREQUENCY) == pytest.approx([9.0] * 4)
 
 
@@ -82,7 +82,7 @@ BAD = {
     "step": (lambda: quantisation_noise(-1.0, sample_rate=1.0), "step must not be negative"),
     "rate": (lambda: quantisation_noise(1.0, sample_rate=0.0), "sample_rate must be positive"),
     "density": (lambda: amplifier_noise(-1.0), "density must not be negative"),
-    "times": (lambda: differentiated(np.sqrt, 0.5), "times must be a whole number"),
+    "times": (lambda: differentiate_spectrum(np.sqrt, 0.5), "times must be a whole number"),
 }
 
 

@@ -303,7 +303,7 @@ def test_every_tie_across_a_spindle(held, means, owner, frame, grounded):
         assert_same(found_of(scene, frame), expected)
         return
     with pytest.raises(
-        ValueError, match=rf"^(joint 'spindle'|what ties \w+.on and \w+.above): as the {frame} frame sees"
+        ValueError, match=rf"^(joint 'spindle'|the force law between \w+.on and \w+.above): in the {frame} frame"
     ):
         found_of(scene, frame)
 
@@ -375,7 +375,7 @@ def test_a_foundation_that_stands_damps_an_unbalance():
     for standing in (["ground", "stator"], ["ground", "stator", "ring"]):
         found = spinning_equilibrium(scene, standing=standing)
         assert found["0"] + 1j * found["1"] == pytest.approx(expected, rel=1e-6)
-    with pytest.raises(ValueError, match="say which bodies stand"):
+    with pytest.raises(ValueError, match="name all bodies of the stator"):
         spinning_equilibrium(scene)
 
 
@@ -387,7 +387,7 @@ def test_an_equilibrium_in_either_frame():
     scene = replace(uneven, bodies=(ground, stator, even), sensors=(Encoder("0", "ground.on", "rotor.on", "x"),))
     spin = {"angular_velocity": SPEED * AXIS, "axis_point": POINT, "standing": ["ground", "stator"]}
     assert spinning_equilibrium(scene, **spin, frame="standing") == pytest.approx({"0": 0.0}, abs=1e-12)
-    with pytest.raises(ValueError, match="body 'stator': as the turning frame sees it"):
+    with pytest.raises(ValueError, match="body 'stator': in the turning frame"):
         spinning_equilibrium(scene, **spin)
 
 
@@ -409,8 +409,8 @@ def test_a_loop_across_a_spindle(frame):
 @pytest.mark.parametrize(
     ("frame", "cure"),
     [
-        ("turning", r'take the axis, or a direction whose frame is a point that turns: frame="body\.point"'),
-        ("standing", "take the axis, or a direction whose frame is the world or a point that stands"),
+        ("turning", r'take the axis, or a direction whose frame is a point of the rotor: frame="body\.point"'),
+        ("standing", "take the axis, or a direction whose frame is the world or a point of the stator"),
     ],
 )
 def test_a_signal_across_the_axis_is_told_which_frame_serves(frame, cure):
@@ -419,5 +419,5 @@ def test_a_signal_across_the_axis_is_told_which_frame_serves(frame, cure):
     other = "ground.on" if frame == "turning" else "disc.on"
     across = Encoder("across", "ground.on", "disc.on", tuple(AXES[:, 0]), frame=other)
     scene = replace(machine.frfs()[0], sensors=(across,))
-    with pytest.raises(ValueError, match=f"output 'across': as the {frame} frame sees it, .*; {cure}$"):
+    with pytest.raises(ValueError, match=f"output 'across': in the {frame} frame, .*; {cure}$"):
         found_of(scene, frame)

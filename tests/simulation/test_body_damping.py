@@ -313,10 +313,10 @@ def test_the_summary_tells_bodies_own_damping(bar):
     assert max(map(len, text.splitlines())) <= 100
     words = " ".join(text.split())
     assert "own damping: 2 %, 0.5 % of critical in the first elastic modes, 0.5 % in all others, left clamped" in words
-    assert "damping: none in modes; the bodies' own beside it\n" in text
+    assert "damping: none in modes; plus the bodies' own\n" in text
     text = describe(Scene("free", (FlexibleBody("bar", bar, damping_ratio=0.02),), damping_ratio=0.01))
     assert "own damping: 2 % of critical in every elastic mode, free\n" in text
-    assert "damping: 1 % of critical in every elastic mode; the bodies' own beside it\n" in text
+    assert "damping: 1 % of critical in every elastic mode; plus the bodies' own\n" in text
     assert "own" not in describe(clamped(bar, None))
 
 

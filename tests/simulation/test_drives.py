@@ -30,7 +30,7 @@ from nassim import (
 )
 from nassim.base import decay_poles
 from nassim.simulation.model.accuracy import integrator_error
-from nassim.simulation.model.initial_velocities import initial_twists, steady_twists
+from nassim.simulation.model.initial_velocities import initial_twists, steady_rotation_twists
 
 AXIS = np.array([2.0, -1.0, 2.0]) / 3
 
@@ -102,7 +102,7 @@ def test_constant_speed_starts_without_a_jolt():
     twist = initial_twists(scene)["arm"]
     np.testing.assert_allclose(twist[3:], 30.0 * AXIS, atol=1e-12)
     np.testing.assert_allclose(twist[:3], -np.cross(30.0 * AXIS, [0.1, 0.2, 0.3]), atol=1e-12)
-    np.testing.assert_allclose(steady_twists(scene)["arm"], twist, atol=1e-12)
+    np.testing.assert_allclose(steady_rotation_twists(scene)["arm"], twist, atol=1e-12)
     assert "drive motor: rz of joint axle runs at 30 rad/s" in describe(scene)
 
 
@@ -347,7 +347,7 @@ def test_what_drives_cannot_do_is_told_before_long_work():
             simulate(
                 replace(arm(input="turn"), joints=joints), history(time, turn=time), time_step=0.01, progress=False
             )
-    with pytest.raises(ValueError, match="output 'x': as the turning frame sees it, this changes by"):
+    with pytest.raises(ValueError, match="output 'x': in the turning frame, this changes by"):
         linearize(arm(speed=1.0))
 
 

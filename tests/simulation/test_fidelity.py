@@ -184,7 +184,7 @@ def test_exact_solution_of_one_mass_on_a_spring(stiff_bar, ratio):
         system = [[0, 1], [-(w**2), -2 * ratio * w]], [[0], [drive]], [[1, 0]], [[0]]
         expected += reading * scipy.signal.lsim(system, inputs[0], np.arange(200) * step, interp=True)[1]
     few = {"frequency": assembly.frequency[:3], "shapes": assembly.shapes[:, :3]}
-    of_few = {"following": PrescribedMotions.none(len(shape), 3), "unsupported": np.zeros(3, dtype=bool)}
+    of_few = {"prescribed": PrescribedMotions.none(len(shape), 3), "unsupported": np.zeros(3, dtype=bool)}
     rest = replace(
         assembly, **few, **of_few, damping=replace(assembly.damping, **few, ratio=assembly.damping.ratio[:3])
     )
@@ -312,7 +312,7 @@ def test_system_in_small_motion_has_no_joints(apa):
     assert system.mbs.systemData.AEsize() == 0
     assert system.mbs.systemData.ODE2Size() == len(system.assembly.mass)
     assert build_system(assemble(make_bench(apa=apa))).mbs.systemData.AEsize() > 0
-    assert set(system.carriers) == {"apa", "payload"}
+    assert set(system.flexible) == {"apa", "payload"}
 
 
 def test_integrator_error_of_the_trapezoidal_rule():
@@ -366,7 +366,7 @@ def exudyns_own_frf(scene, frequency):
     sizes = np.linalg.norm(rows, axis=1, keepdims=True)
     basis = scipy.linalg.null_space((rows / np.where(sizes > 0, sizes, 1.0)), rcond=1e-9) if len(rows) else np.eye(n)
 
-    (node, count), *_ = system.carriers["apa"].nodes
+    (node, count), *_ = system.flexible["apa"].nodes
     place = mbs.GetNodeODE2Index(node)
     forces, readings = np.zeros(n), np.zeros((2, n))
     forces[place : place + count] = system.drives[0].forces

@@ -29,7 +29,7 @@ from nassim import (
 )
 from nassim.base.rigid_motion import rigid_motions, rigid_transfer
 from nassim.bodies.projection import trim_body
-from nassim.bodies.strain import strained_modes
+from nassim.bodies.strain import strain_eigenmodes
 from nassim.exchange.export import body_damping, body_state_space
 from nassim.identification.apply import modal_gains
 from nassim.simulation.model.assembly import assemble
@@ -79,7 +79,7 @@ def test_soft_springs_beside_a_stiff_body(flexure, frequency, damper):
     scene = table(flexure, frequency, spring_damping=damper, damping_ratio=0.0)
     assembly = assemble(scene)
     assert frequency < 1e-6 * assembly.frequency[-1]
-    assert np.count_nonzero(assembly.free) == 3  # springs at one point leave the rotations free
+    assert np.count_nonzero(assembly.rigid_modes) == 3  # springs at one point leave the rotations free
     step = 1e-3 / frequency
     time = np.arange(2001) * step
     push = TimeHistory(time, np.ones((1, 2001)), ("force",), ("N",))
@@ -246,7 +246,7 @@ def test_a_body_tied_to_the_ground_is_not_free(block):
     tied = grounded_at(block, 1, 1e-5)
     expected = np.sqrt(scipy.linalg.eigh(tied.stiffness_matrix, tied.mass_matrix, eigvals_only=True)) / (2 * np.pi)
     np.testing.assert_allclose(tied.eigenfrequencies(), expected, rtol=1e-6)
-    assert np.count_nonzero(assemble(Scene("tied", (FlexibleBody("b", tied),))).free) == 0
+    assert np.count_nonzero(assemble(Scene("tied", (FlexibleBody("b", tied),))).rigid_modes) == 0
 
 
 def hinged(block, axis, gravity, **options):
@@ -264,7 +264,7 @@ def test_gravity_is_refused_only_where_it_does_work(block, along, gravity):
     axis = np.eye(3)["xyz".index(along[-1])]
     velocity = np.cross(axis, lever) if along[0] == "r" else axis
     scene = hinged(block, (along,), gravity)
-    assert np.count_nonzero(assemble(scene).free) == 1
+    assert np.count_nonzero(assemble(scene).rigid_modes) == 1
     if abs(velocity @ gravity) > 1e-6 * 9.81 * np.linalg.norm(lever):
         with pytest.raises(RuntimeError, match="no static equilibrium"):
             simulate(scene, QUIET, time_step=0.1, method="exact", progress=False)
@@ -323,8 +323,8 @@ def test_modes_need_a_definite_mass(block):
     strange = np.eye(len(block.mass_matrix))
     strange[0, 1] = strange[1, 0] = 2.0
     with pytest.raises(ValueError, match="not positive definite"):
-        strained_modes(block.strain, strange)
+        strain_eigenmodes(block.strain, strange)
     with pytest.raises(ValueError, match="a diagonal entry that is not positive"):
-        strained_modes(block.strain, -block.mass_matrix)
+        strain_eigenmodes(block.strain, -block.mass_matrix)
     with pytest.raises(ValueError, match="n must be a whole number of modes, at least 1, got 0"):
         block.eigenfrequencies(n=0)

@@ -27,12 +27,14 @@ from nassim.scene.measures import Displacement
 from nassim.scene.part import Sensor
 from nassim.scene.terms import Output, OutputFilter
 from nassim.signals.time_history import occupied_bandwidth
-from nassim.simulation import buckling, guards, running_loops, time_domain
 from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.system import build_system
+from nassim.simulation.linear import digital_controllers
 from nassim.simulation.loaded.spinning import _check_small, _warn_of_stress
+from nassim.simulation.model import buckling
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.reach import Reach
+from nassim.simulation.run import simulate as time_domain, warnings_of_runs
 from nassim.simulation.run.checks import check_stability
 from nassim.simulation.run.excitation import _check_loss, sampled
 from nassim.systems.controllers import Controller
@@ -78,9 +80,9 @@ def test_small_motion_holds_to_a_hundredth(bar):
     """Of rotation, but for a floating frame's own, and of deformation over size."""
     for fidelity in ("linear", "ffrf"):
         assembly = assemble(clamped(bar, fidelity))
-        both_sides(0.01, lambda x, a=assembly: guards.warn_of_motion(a, {"bar": (0.0, x)}))
-        both_sides(0.01, lambda x, a=assembly: guards.warn_of_motion(a, {"bar": (x, 0.0)}))
-        both_sides(0.01, lambda x, a=assembly: guards.warn_of_motion(a, {"load": (x, 0.0)}))
+        both_sides(0.01, lambda x, a=assembly: warnings_of_runs.warn_of_motion(a, {"bar": (0.0, x)}))
+        both_sides(0.01, lambda x, a=assembly: warnings_of_runs.warn_of_motion(a, {"bar": (x, 0.0)}))
+        both_sides(0.01, lambda x, a=assembly: warnings_of_runs.warn_of_motion(a, {"load": (x, 0.0)}))
 
 
 def test_ratios_of_modes_hold_to_a_tenth_of_motion_between_bodies(bar):
@@ -90,10 +92,10 @@ def test_ratios_of_modes_hold_to_a_tenth_of_motion_between_bodies(bar):
     centre = SKEWED @ (bar.center_of_mass - bar.point("left").position)
     size = np.linalg.norm(np.ptp([left, right, centre], axis=0))
     pair = ("bar", "load")
-    both_sides(0.1, lambda x: guards.warn_of_changed_modes(assembly, {pair: np.array([x, 0.0])}))
-    both_sides(0.1 * size, lambda x: guards.warn_of_changed_modes(assembly, {pair: np.array([0.0, x])}))
+    both_sides(0.1, lambda x: warnings_of_runs.warn_of_changed_modes(assembly, {pair: np.array([x, 0.0])}))
+    both_sides(0.1 * size, lambda x: warnings_of_runs.warn_of_changed_modes(assembly, {pair: np.array([0.0, x])}))
     undamped = assemble(clamped(bar, damping_ratio=0.0))
-    assert told(guards.warn_of_changed_modes, undamped, {pair: np.array([1.0, 1.0])}) == 0
+    assert told(warnings_of_runs.warn_of_changed_modes, undamped, {pair: np.array([1.0, 1.0])}) == 0
 
 
 def turned_wheel(angle):
@@ -109,7 +111,7 @@ def turned_wheel(angle):
 
 
 def test_an_equilibrium_is_far_from_a_tenth_of_a_radian_on():
-    both_sides(0.1, lambda angle: guards.warn_of_far_equilibrium(turned_wheel(angle)[0]))
+    both_sides(0.1, lambda angle: warnings_of_runs.warn_of_far_equilibrium(turned_wheel(angle)[0]))
 
 
 def test_stiffening_by_spin_is_told_from_a_thousandth_on(bar):
@@ -120,9 +122,9 @@ def test_stiffening_by_spin_is_told_from_a_thousandth_on(bar):
     def speed(share):
         return {"bar": 2 * np.pi * first * np.sqrt((1 + share) ** 2 - 1)}
 
-    both_sides(1e-3, lambda share: guards.warn_of_spin(scene, speed(share)))
-    assert told(guards.warn_of_spin, scene, speed(0.1), ["bar"]) == 0
-    assert told(guards.warn_of_spin, clamped(bar, "linear"), speed(0.1)) == 0
+    both_sides(1e-3, lambda share: warnings_of_runs.warn_of_spin(scene, speed(share)))
+    assert told(warnings_of_runs.warn_of_spin, scene, speed(0.1), ["bar"]) == 0
+    assert told(warnings_of_runs.warn_of_spin, clamped(bar, "linear"), speed(0.1)) == 0
 
     assembly = assemble(scene)
     still = np.zeros(sum(place.stop - place.start for place in assembly.slices.values()))
@@ -164,8 +166,8 @@ def acceleration(cutoff=None):
 
 def test_accelerations_ring_above_a_radius_of_four_fifths():
     """Unless a low-pass below a tenth of the rate of steps takes that away."""
-    both_sides(0.8, lambda radius: guards.warn_of_ringing(acceleration(), radius, 1e-3))
-    both_sides(100.0, lambda corner: guards.warn_of_ringing(acceleration(corner), 1.0, 1e-3))
+    both_sides(0.8, lambda radius: warnings_of_runs.warn_of_ringing(acceleration(), radius, 1e-3))
+    both_sides(100.0, lambda corner: warnings_of_runs.warn_of_ringing(acceleration(corner), 1.0, 1e-3))
 
 
 def test_velocities_may_part_from_constraints_by_a_hundredth():
@@ -194,7 +196,7 @@ def test_a_run_is_lost_at_its_bounds(bar):
     looped = replace(plain, loops=(Loop("idle", IDLE, "z", "push"),))
     for scene, bound in ((plain, 1.0), (looped, 0.1)):
         system = build_system(assemble(scene))
-        carried = system.carriers["bar"].coordinates @ system.taken("bar")
+        carried = system.flexible["bar"].coordinates @ system.taken("bar")
         unit = np.zeros(carried.shape[1])
         unit[int(np.argmax(np.abs(carried[6 + 3])))] = 1.0  # of what turns the right end
         data = system.mbs.systemData
@@ -213,9 +215,12 @@ def test_a_run_is_lost_at_its_bounds(bar):
     reach = Reach(1.0, np.zeros(2), {"bar": 1.0, "load": 1.0})
     turned = np.zeros(len(assembly.basis))
     turned[assembly.slices["load"].start + 4] = 1.0
-    seen = [running_loops.see_runaway(assembly, reach, side * 0.1 * turned, 1) for side in SIDES]
+    seen = [digital_controllers.see_runaway(assembly, reach, side * 0.1 * turned, 1) for side in SIDES]
     assert [bool(what) for what, _ in seen] == [False, True]
-    assert [running_loops.see_runaway(assembly, reach, side * 0.01 * turned, 1)[1] for side in SIDES] == [True, False]
+    assert [digital_controllers.see_runaway(assembly, reach, side * 0.01 * turned, 1)[1] for side in SIDES] == [
+        True,
+        False,
+    ]
 
 
 def test_the_explicit_rule_is_refused_beyond_its_limit(bar):
@@ -229,7 +234,9 @@ def test_the_explicit_rule_is_refused_beyond_its_limit(bar):
 def test_samples_fall_on_steps_within_a_millionth():
     loop = Loop("idle", IDLE, "y", "u")
     both_sides(
-        1e-6, lambda off: running_loops.samples_per_period(loop, 1e-3 / (4 * (1 + off))), refused="every 4 time steps"
+        1e-6,
+        lambda off: digital_controllers.samples_per_period(loop, 1e-3 / (4 * (1 + off))),
+        refused="every 4 time steps",
     )
 
 

@@ -23,7 +23,7 @@ from nassim import (
     simulate,
 )
 from nassim.simulation import spinning_equilibrium
-from nassim.simulation.model.initial_velocities import steady_twists
+from nassim.simulation.model.initial_velocities import steady_rotation_twists
 
 GROUND = RigidBody("ground", {"p": np.zeros(3)}, fixed=True)
 BLOCK = RigidBody("block", {"p": np.zeros(3), "q": np.array([0.1, 0.2, 0.3])}, 2.0, np.diag([0.02, 0.03, 0.04]))
@@ -95,7 +95,7 @@ def test_an_equilibrium_that_tilts_is_told_and_refused():
     for angle, expected in ((0.009, 0), (0.011, 1), (0.09, 1)):
         messages = told(lambda: linearize(tilted(angle), **spin))  # noqa: B023
         assert sum("the linear model is about that equilibrium" in message for message in messages) == expected
-    with pytest.raises(ValueError, match=r"body 'block' comes to rest turned by 0\.11 rad .* which is no small motion"):
+    with pytest.raises(ValueError, match=r"body 'block' comes to rest rotated by 0\.11 rad .* no small motion"):
         linearize(tilted(0.11), **spin)
 
 
@@ -152,5 +152,5 @@ def test_either_side_of_a_spindle_may_be_the_one_that_stands():
     for ends, sign in ((("ground.p", "block.p"), 1.0), (("block.p", "ground.p"), -1.0)):
         hinge = revolute("hinge", *ends, (0.6, 0.0, 0.8))
         scene = Scene("r", (GROUND, BLOCK), (hinge,), (Drive("motor", "hinge", "rz", speed=3.0),), held().sensors)
-        twist = steady_twists(scene)["block"]
+        twist = steady_rotation_twists(scene)["block"]
         np.testing.assert_allclose(twist[3:], sign * 3.0 * np.array([0.6, 0.0, 0.8]))

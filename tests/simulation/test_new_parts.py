@@ -257,4 +257,4 @@ def test_summaries_tell_of_everything_that_damps(body):
     springs = (pad, SpringDamper("d", "ground.wall", "block.corner", "line", 2.0))
     still = plain, replace(plain, springs=springs), replace(wired, sensors=(VoltageSensor("voltage", "body.stack"),))
     for told, scenes in ((True, damped), (False, still)):
-        assert [("dampers and loops beside it" in describe(one)) for one in scenes] == [told] * len(scenes)
+        assert [("plus dampers and loops" in describe(one)) for one in scenes] == [told] * len(scenes)

@@ -480,7 +480,7 @@ def test_bad_use_in_scenes(apa, apa_with_ports):
         VoltageSensor("v", "apa.sensor", resistance=0.0)
     with pytest.raises(ValueError, match="must not be negative, got -1 F"):
         open_circuit(apa_with_ports, {"sensor": -1.0})
-    with pytest.raises(ValueError, match="is one of 3 coordinates, the body has 36"):
+    with pytest.raises(ValueError, match="reads 3 coordinates, but the body has 36"):
         replace(apa, readouts={"v": PortCoupling("v", np.zeros(3), 1e-6)})
     loaded = make_bench(apa=apa_with_ports, fidelity="linear", resistance=1e5, cutoff_frequency=500.0)
     excitation = band_limited_noise(0.01, 10e3, cutoff_frequency=400.0)

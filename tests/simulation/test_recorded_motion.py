@@ -32,7 +32,7 @@ from nassim.scene.measures import Displacement
 from nassim.scene.part import Sensor
 from nassim.scene.terms import Output, OutputFilter
 from nassim.simulation import mode_motion, scene_modes, traced
-from nassim.simulation.model.recorded_motion import frame_steps
+from nassim.simulation.model.recorded_motion import recorded_steps
 
 
 def turn(*vector):
@@ -456,9 +456,9 @@ def test_a_swing_outwards_from_a_spindle_depends_on_the_spindles_place():
 
 
 def test_frames_are_the_nearest_steps():
-    np.testing.assert_array_equal(frame_steps(4, 10, 0.1), [0, 3, 7, 10])
-    np.testing.assert_array_equal(frame_steps(11, 10, 0.1), np.arange(11))
-    np.testing.assert_array_equal(frame_steps(np.array([0.04, 0.26, 1.0]), 10, 0.1), [0, 3, 10])
+    np.testing.assert_array_equal(recorded_steps(4, 10, 0.1), [0, 3, 7, 10])
+    np.testing.assert_array_equal(recorded_steps(11, 10, 0.1), np.arange(11))
+    np.testing.assert_array_equal(recorded_steps(np.array([0.04, 0.26, 1.0]), 10, 0.1), [0, 3, 10])
 
 
 def test_a_mode_at_rest_is_that_of_mass_and_stiffness(soft):

@@ -445,7 +445,7 @@ def test_bad_parts(apa):
         SpringDamper("d", "a.b", "c.d", "z")
     with pytest.raises(ValueError, match=r"connects 'a\.b' with itself"):
         Encoder("e", "a.b", "a.b")
-    with pytest.raises(ValueError, match="resistance loads the sensor's electrical port"):
+    with pytest.raises(ValueError, match="resistance needs the sensor's electrical port"):
         make_bench(apa=apa, resistance=1e4)
     with pytest.raises(ValueError, match='hold_order=0 needs "exact"'):
         simulate(bench, pulse(), time_step=STEP, hold_order=0, progress=False)

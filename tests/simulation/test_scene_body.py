@@ -337,7 +337,7 @@ GROUND = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
         (lambda s: replace(s, bodies=(*s.bodies, GROUND)), r"fixed bodies \(ground\)"),
         (lambda s: replace(s, springs=(*s.springs, Tie("tie", "foot.up"))), "ties it to the world"),
         (lambda s: replace(s, springs=(*s.springs[:2], s.springs[3], Tie("tie", "foot.up"))), "ties it to the world"),
-        (lambda s: replace(s, springs=s.springs[:-1]), "9 free motions"),
+        (lambda s: replace(s, springs=s.springs[:-1]), "9 rigid-body modes"),
         (
             lambda s: replace(s, springs=(*s.springs, SpringDamper("w", "foot.up", "bar.right", "z", 5.0))),
             "'w' acts along an axis of the world",

@@ -370,9 +370,9 @@ def test_pendulum_inwards_falls():
 
 
 def test_drawn_far_from_its_equilibrium():
-    with pytest.raises(ValueError, match=r"body 'bar' comes to rest turned by 0\.59 rad.* draw the scene nearer"):
+    with pytest.raises(ValueError, match=r"body 'bar' comes to rest rotated by 0\.59 rad.* start nearer"):
         spun(pendulum("rz"), (0, 0, 5.0), HUB + np.array([0, 0.1, 0]))
-    with pytest.warns(UserWarning, match=r"turned by 0\.041 rad.* off by a share of the same size"):
+    with pytest.warns(UserWarning, match=r"rotated by 0\.041 rad.* off by a share of the same size"):
         spun(pendulum("rz"), (0, 0, 5.0), HUB + np.array([0, 0.007, 0]))
 
 
@@ -684,7 +684,7 @@ def test_a_guessed_inertia_is_worth_a_word():
         spun(scene, (0, 0, 90.0), body.centre)
 
 
-@pytest.mark.filterwarnings("ignore:under the spin, body 'box' comes to rest turned by 0.0")
+@pytest.mark.filterwarnings("ignore:under the spin, body 'box' comes to rest rotated by 0.0")
 def test_a_clamped_lattice_against_all_its_nodes():
     """Turned about an odd axis: the nodes' own equations, without stress stiffening as in the reduced body."""
     model = lattice("rbe2", stiffness=1e5)
@@ -721,7 +721,7 @@ def test_a_clamped_lattice_against_all_its_nodes():
     assert read["tip"] == pytest.approx(rest[2], rel=1e-5)
 
 
-@pytest.mark.filterwarnings("ignore:under the spin, body 'bar' comes to rest turned by 0.0")
+@pytest.mark.filterwarnings("ignore:under the spin, body 'bar' comes to rest rotated by 0.0")
 @pytest.mark.parametrize("carrier", ["left", "right"])
 @pytest.mark.parametrize(("fidelity", "equal"), [("rigid", 1e-6), ("linear", 0.02)])
 @pytest.mark.parametrize(("free", "stiffness"), [(("ry",), 2e4), (("rz",), 2e4), (("rz", "ry"), 2e5)])

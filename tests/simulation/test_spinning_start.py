@@ -27,7 +27,7 @@ from nassim import (
 from nassim.bodies.piezo import PortCoupling
 from nassim.scene.mechanics import AngleSensor, Bushing
 from nassim.simulation.linear.linearization import spinning_equilibrium
-from nassim.simulation.model.initial_velocities import steady_twists
+from nassim.simulation.model.initial_velocities import steady_rotation_twists
 
 AXIS = np.array([2.0, -1.0, 2.0]) / 3
 ACROSS = np.cross(AXIS, [0.0, 0.6, 0.8]) / np.linalg.norm(np.cross(AXIS, [0.0, 0.6, 0.8]))
@@ -226,7 +226,7 @@ def test_what_stands_beside_a_turntable_hangs_in_its_own_equilibrium():
         sensors=(*scene.sensors, Encoder("sag", "ground.side", "block.c", tuple(AXIS))),
         springs=(*scene.springs, SpringDamper("leg", "ground.side", "block.c", tuple(AXIS), 400.0)),
     )
-    twists = steady_twists(both)
+    twists = steady_rotation_twists(both)
     np.testing.assert_allclose(twists["rotor"][3:], 50.0 * ACROSS)
     assert not twists["block"].any()
     record = run(both, 0.05, 5e-4)
@@ -238,21 +238,27 @@ def test_what_stands_beside_a_turntable_hangs_in_its_own_equilibrium():
 def test_motions_that_are_not_steady_start_as_drawn():
     """A guide on the ground, a slot that bodies only start along, a table on a table, bodies with another spin."""
     scene, _, _ = governor(9.0, 0.45, gravity=0.0)
-    assert steady_twists(scene) is not None
+    assert steady_rotation_twists(scene) is not None
     ground, table, bob = scene.bodies
     far = replace(ground, points={"axle": CENTRE, "far": bob.position})
     guided = replace(
         scene, bodies=(far, table, bob), joints=(*scene.joints, prismatic("g", "ground.far", "bob.c", AXIS))
     )
-    assert steady_twists(guided) is None
+    assert steady_rotation_twists(guided) is None
     axes = np.column_stack([np.cross(AXIS, ACROSS), -ACROSS, AXIS])
     slot = Joint("slot", "ground.far", "bob.c", ("x", "rz"), axes)
-    assert steady_twists(replace(guided, joints=(*scene.joints, slot))) is None
+    assert steady_rotation_twists(replace(guided, joints=(*scene.joints, slot))) is None
     stacked = replace(scene, springs=(), actuators=(*scene.actuators, Drive("second", "hinge", "rz", speed=1.0)))
-    assert steady_twists(stacked) is None
-    assert steady_twists(replace(scene, bodies=(ground, table, replace(bob, angular_velocity=3.0 * AXIS)))) is None
-    assert steady_twists(replace(scene, bodies=(ground, table, replace(bob, angular_velocity=9.0 * AXIS)))) is not None
-    assert steady_twists(replace(scene, actuators=())) is None
+    assert steady_rotation_twists(stacked) is None
+    assert (
+        steady_rotation_twists(replace(scene, bodies=(ground, table, replace(bob, angular_velocity=3.0 * AXIS))))
+        is None
+    )
+    assert (
+        steady_rotation_twists(replace(scene, bodies=(ground, table, replace(bob, angular_velocity=9.0 * AXIS))))
+        is not None
+    )
+    assert steady_rotation_twists(replace(scene, actuators=())) is None
 
 
 @pytest.mark.filterwarnings("ignore:body 'bar'", "ignore:under the spin")

@@ -180,7 +180,7 @@ def test_a_turned_body_is_thrown_by_its_inertia(bar, fidelity):
     assert np.allclose(velocity, blow / masses.sum(), atol=1e-6 * np.abs(velocity).max())
 
     system = build_system(assemble(scene))
-    nodes = system.carriers["second"].nodes[:2] if fidelity == "linear" else [(system.nodes["second"], 6)]
+    nodes = system.flexible["second"].nodes[:2] if fidelity == "linear" else [(system.nodes["second"], 6)]
     for (node, _), point in zip(nodes, block.point_names, strict=False):
         found = [system.mbs.GetNodeOutput(node, kind) for kind in (OUTPUT.Velocity, OUTPUT.AngularVelocity)]
         moves = blow / masses.sum() + np.cross(rate, second.point_position(point) - centre)

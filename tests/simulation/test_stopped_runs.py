@@ -71,7 +71,7 @@ def test_a_run_that_fails_keeps_what_it_had(capfd):
 def test_a_run_that_has_gone_wrong_without_failing_is_told():
     """The same run, which ends before it fails; at the default nothing is told."""
     with pytest.warns(
-        UserWarning, match=r"velocities that part from its constraints, from t = [\d.]+ s on: .* do not trust"
+        UserWarning, match=r"velocities that violate its constraints, from t = [\d.]+ s on: .* do not trust"
     ):
         simulate(wheel(), quiet(2.4), time_step=STEP, spectral_radius=1.0, progress=False)
     with warnings.catch_warnings():

@@ -11,7 +11,7 @@ import pytest
 import tiny_functions
 
 from nassim.studies import workers as children
-from nassim.studies.job import make_job, packed
+from nassim.studies.job import make_job, pickle_task
 from nassim.studies.outcome import Outcome
 from nassim.studies.workers import CannotLoad, Children, _Died, _why
 
@@ -20,11 +20,11 @@ from nassim.studies.workers import CannotLoad, Children, _Died, _why
 def child():
     """A process that serves a function which sleeps for some seconds, and leaves when idle for a tenth of one."""
     code = f"import sys; sys.path[:] = {sys.path!r}; from nassim.studies import workers as children; "
-    code += "children.IDLE = 0.1; children.serve()"
+    code += "children.IDLE_TIMEOUT = 0.1; children.serve()"
     pipe = subprocess.PIPE
     with subprocess.Popen([sys.executable, "-c", code], stdin=pipe, stdout=pipe) as process:
         try:
-            pickle.dump(packed(make_job(tiny_functions.sleepy, ("duration",), None)), process.stdin)
+            pickle.dump(pickle_task(make_job(tiny_functions.sleepy, ("duration",), None)), process.stdin)
             process.stdin.flush()
             assert pickle.load(process.stdout) == "", "the function is loaded"
             yield process
@@ -131,7 +131,7 @@ def test_a_time_limit_ends_with_its_run(monkeypatch):
             self.start, self.cancel = functools.partial(told.append, "start"), functools.partial(told.append, "cancel")
 
     monkeypatch.setattr(children.threading, "Timer", Timer)
-    pool = Children(packed(make_job(tiny_functions.product, ("a",), None)))
+    pool = Children(pickle_task(make_job(tiny_functions.product, ("a",), None)))
     try:
         pool.run(pickle.dumps({"a": 1.0}), 7.0)
     finally:
@@ -142,7 +142,7 @@ def test_a_time_limit_ends_with_its_run(monkeypatch):
 def test_a_run_that_ctrl_c_reaches_goes_on():
     """The terminal sends it to all processes: it is for the study to answer."""
     heard = signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background it may be ignored as it is
-    pool = Children(packed(make_job(tiny_functions.interrupts_itself, ("a",), None)))
+    pool = Children(pickle_task(make_job(tiny_functions.interrupts_itself, ("a",), None)))
     try:
         start = time.perf_counter()
         outcome = pool.run(pickle.dumps({"a": 1.0}), 60.0)

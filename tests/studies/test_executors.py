@@ -141,8 +141,8 @@ def test_the_serial_loop_has_one_thread_and_leaves_the_process_as_it_was(monkeyp
 @pytest.mark.parametrize(("workers", "told"), [({}, 1), ({"worker": 1}, 0)])
 def test_a_cluster_without_workers_is_told_of_once(monkeypatch, workers, told):
     """Three results, of which one comes only once somebody has asked who works."""
-    monkeypatch.setattr(executors, "TICK", 0.01)
-    monkeypatch.setattr(executors, "PATIENCE", 4)
+    monkeypatch.setattr(executors, "POLL_INTERVAL", 0.01)
+    monkeypatch.setattr(executors, "POLLS_BEFORE_WARNING", 4)
 
     class Slow(DaskClient):
         def submit(self, function, *given, **options):
@@ -172,7 +172,7 @@ def test_processes_are_as_many_as_there_are_processors_for_us(monkeypatch):
         started.append(n_processes)
         yield from ((key, Outcome("ok")) for key, _ in requests)
 
-    monkeypatch.setattr(sweeping, "on_this_machine", nobody)
+    monkeypatch.setattr(sweeping, "run_in_children", nobody)
     for count in (None, 2):
         quiet(tiny_functions.product, grid={"a": [1.0]}, n_processes=count)
     assert started == [3, 2]

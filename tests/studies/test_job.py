@@ -14,8 +14,8 @@ import pytest
 import tiny_functions
 
 from nassim import TimeHistory
-from nassim.studies.hashing import content
-from nassim.studies.job import identity, label, make_job, packed
+from nassim.studies.hashing import content_hash
+from nassim.studies.job import identity, label, make_job, pickle_task
 
 LOCK = threading.Lock()
 FACTOR = 2.0
@@ -76,7 +76,7 @@ def test_fixed_arguments_need_no_value():
 def test_functions_travel_by_value_where_they_have_no_module():
     factor = np.arange(3.0)
     job = make_job(lambda a: a * factor, ("a",), None)
-    outcome = pickle.loads(packed(job))({"a": 2.0})
+    outcome = pickle.loads(pickle_task(job))({"a": 2.0})
     np.testing.assert_array_equal(outcome.layout.arrays(outcome.data)["result"], [0.0, 2.0, 4.0])
 
 
@@ -87,12 +87,12 @@ def test_what_cannot_travel_is_named(fixed, tmp_path):
         with pytest.raises(
             ValueError, match=r"cannot be sent .* because of log, a TextIOWrapper .*executor=\"serial\""
         ):
-            packed(make_job(function, ("a",), None))
+            pickle_task(make_job(function, ("a",), None))
 
 
 def test_functions_of_modules_travel_by_name_whatever_they_use():
     assert set(identity(make_job(uses_a_lock, ("a",), None))["inputs"]) == {"LOCK"}
-    assert len(packed(make_job(uses_a_lock, ("a",), None))) < 500
+    assert len(pickle_task(make_job(uses_a_lock, ("a",), None))) < 500
 
 
 def makes(values, text="x"):
@@ -216,13 +216,13 @@ def test_contents_differ_where_values_do():
     values += [np.array([1, "x"], object), np.array([1, "y"], object), Path("a"), Path("b"), np.sin, np.cos, len, max]
     values += [functools.partial(max, 1), functools.partial(max, 2), lambda: 1, lambda: 2, Machine(1.0), Machine(2.0)]
     values += [makes([1]), makes([2])]
-    assert len({content(value) for value in values}) == len(values)
-    assert content({"a": 1, 2: 3}) == content({2: 3, "a": 1})
-    assert content(np.random.default_rng(1)) == content(np.random.default_rng(2))
+    assert len({content_hash(value) for value in values}) == len(values)
+    assert content_hash({"a": 1, 2: 3}) == content_hash({2: 3, "a": 1})
+    assert content_hash(np.random.default_rng(1)) == content_hash(np.random.default_rng(2))
     ring, other = [1], [1]
     ring.append(ring)
     other.append(other)
-    assert content(ring) == content(other)
+    assert content_hash(ring) == content_hash(other)
 
 
 @pytest.mark.parametrize("text", ["def f(a):\n    return a + {}\n", "f = (lambda a: a + {}, 0)[0]\n"])

@@ -11,21 +11,21 @@ from nassim import TimeHistory
 from nassim.studies import run_store as records
 from nassim.studies.outcome import Outcome
 from nassim.studies.plan import run_key
-from nassim.studies.results import flattened
-from nassim.studies.run_store import opened
+from nassim.studies.results import flatten_result
+from nassim.studies.run_store import open_records
 
 STUDY = {"function": "module.function", "source": "12ab", "inputs": {"body": "34cd"}, "seed": 5}
 KEYS = [run_key({"a": a}) for a in range(3)]
 
 
 def outcome(*values):
-    return Outcome("ok", "", "", 0.25, *flattened({"x": np.array(values), "y": 1j * values[0]}, ()))
+    return Outcome("ok", "", "", 0.25, *flatten_result({"x": np.array(values), "y": 1j * values[0]}, ()))
 
 
 @pytest.fixture
 def folder(tmp_path):
     """Two runs of one layout, one that failed, and one of another layout."""
-    with opened(tmp_path / "study", STUDY) as found:
+    with open_records(tmp_path / "study", STUDY) as found:
         found.add(KEYS[0], {"a": 0}, outcome(0.1, 0.2))
         found.add(KEYS[1], {"a": 1}, Outcome("failed", "ValueError: no", "Traceback ...", 0.5))
         found.add(KEYS[2], {"a": 2}, outcome(1.0, 2.0, 3.0))
@@ -33,7 +33,7 @@ def folder(tmp_path):
 
 
 def read(folder):
-    with opened(folder, STUDY) as found:
+    with open_records(folder, STUDY) as found:
         return found.runs, {key: found.numbers(key) for key in found.runs if found.runs[key].layout}
 
 
@@ -50,7 +50,7 @@ def test_runs_are_there_when_the_folder_is_opened_again(folder):
 
 
 def test_a_later_line_takes_the_place_of_an_earlier_one(folder):
-    with opened(folder, STUDY) as found:
+    with open_records(folder, STUDY) as found:
         found.add(KEYS[1], {"a": 1}, outcome(7.0, 8.0))
     runs, numbers = read(folder)
     assert runs[KEYS[1]].status == "ok"
@@ -62,7 +62,7 @@ def test_a_cut_last_line_is_dropped(folder, cut):
     path = folder / "manifest.jsonl"
     path.write_bytes(path.read_bytes()[:-cut])
     assert list(read(folder)[0]) == KEYS[:2]
-    with opened(folder, STUDY) as found:
+    with open_records(folder, STUDY) as found:
         found.add(KEYS[2], {"a": 2}, outcome(5.0, 6.0))
     runs, numbers = read(folder)
     assert list(runs) == KEYS
@@ -78,7 +78,7 @@ def test_runs_whose_numbers_are_not_whole_do_not_count(folder, damage):
 
 
 def test_a_repeated_run_that_is_not_whole_does_not_fall_back_to_what_it_was(folder):
-    with opened(folder, STUDY) as found:
+    with open_records(folder, STUDY) as found:
         found.add(KEYS[1], {"a": 1}, outcome(7.0, 8.0))
     path = folder / "results.bin"
     path.write_bytes(path.read_bytes()[:-1])
@@ -100,11 +100,11 @@ def test_a_damaged_line_is_named(folder, line):
 
 def test_axes_are_whole_when_the_folder_is_opened_again(tmp_path):
     record = TimeHistory([0.0, 0.1], [[1.0, 2.0], [3.0, 4.0]], ("u", "y"), ("V", "m"))
-    layout, data = flattened({"record": record, "x": 1j}, ())
+    layout, data = flatten_result({"record": record, "x": 1j}, ())
     for number in (1, 2):
-        with opened(tmp_path, STUDY) as found:
+        with open_records(tmp_path, STUDY) as found:
             found.add(f"{number}" * 32, {"a": number}, Outcome("ok", "", "", 0.25, layout, data))
-    with opened(tmp_path, STUDY) as found:
+    with open_records(tmp_path, STUDY) as found:
         assert list(found.layouts.values()) == [layout]
     lines = [json.loads(line) for line in (tmp_path / "manifest.jsonl").read_text().splitlines()]
     assert ["layout" in line for line in lines] == [True, False, False], "a layout is written once"
@@ -121,13 +121,13 @@ def test_numbers_reach_the_disk_before_the_lines_that_tell_of_them(tmp_path, mon
         forced.extend(n for n in BOTH if os.path.samestat((tmp_path / n).stat(), os.fstat(number)))
 
     monkeypatch.setattr(records.os, "fsync", fsync)
-    with opened(tmp_path, STUDY) as found:
+    with open_records(tmp_path, STUDY) as found:
         found.add(KEYS[0], {"a": 0}, outcome(0.1, 0.2))
         assert (tmp_path / "results.bin").stat().st_size == 2 * 8 + 16
         assert len((tmp_path / "manifest.jsonl").read_text().splitlines()) == 2, "who is killed now loses no run"
     assert forced == BOTH
-    monkeypatch.setattr(records, "CALM", -1.0)
-    with opened(tmp_path, STUDY) as found:
+    monkeypatch.setattr(records, "FLUSH_INTERVAL", -1.0)
+    with open_records(tmp_path, STUDY) as found:
         found.add(KEYS[1], {"a": 1}, outcome(0.1, 0.2))
         assert forced == BOTH * 2
 
@@ -135,7 +135,7 @@ def test_numbers_reach_the_disk_before_the_lines_that_tell_of_them(tmp_path, mon
 def test_numbers_without_a_line_do_no_harm(folder):
     with (folder / "results.bin").open("ab") as file:
         file.write(b"half a run")
-    with opened(folder, STUDY) as found:
+    with open_records(folder, STUDY) as found:
         found.add(KEYS[1], {"a": 1}, outcome(7.0, 8.0))
     np.testing.assert_array_equal(read(folder)[1][KEYS[1]]["x"], [7.0, 8.0])
 
@@ -154,7 +154,7 @@ def test_numbers_without_a_line_do_no_harm(folder):
 def test_a_folder_of_another_study_is_refused_with_what_differs(folder, change, message):
     with (
         pytest.raises(ValueError, match=f"holds another study: .*{message}.*folder of its own"),
-        opened(folder, {**STUDY, **change}),
+        open_records(folder, {**STUDY, **change}),
     ):
         pass
     assert list(read(folder)[0]) == KEYS
@@ -162,14 +162,17 @@ def test_a_folder_of_another_study_is_refused_with_what_differs(folder, change, 
 
 def test_a_folder_of_something_else_is_refused(tmp_path):
     (tmp_path / "thesis.tex").write_text("")
-    with pytest.raises(ValueError, match=r"no folder of a study: it holds thesis\.tex"), opened(tmp_path, STUDY):
+    with (
+        pytest.raises(ValueError, match=r"not the folder of a study: it holds thesis\.tex"),
+        open_records(tmp_path, STUDY),
+    ):
         pass
     (tmp_path / "study").mkdir()
     (tmp_path / "study" / "nassim-elsewhere-12-ab.tmp").write_text("")  # of a study that was killed at its start
-    with opened(tmp_path / "study", STUDY) as found:
+    with open_records(tmp_path / "study", STUDY) as found:
         assert not found.runs
     (tmp_path / "study" / "study.json").write_text("{}")
-    with pytest.raises(ValueError, match="is damaged"), opened(tmp_path / "study", STUDY):
+    with pytest.raises(ValueError, match="is damaged"), open_records(tmp_path / "study", STUDY):
         pass
 
 
@@ -182,12 +185,12 @@ def test_a_folder_of_another_format_is_refused(folder):
 
 def test_another_version_of_nassim_is_told(folder, monkeypatch):
     monkeypatch.setattr(records, "code_fingerprint", lambda: "another")
-    with pytest.warns(UserWarning, match="another version of nassim"), opened(folder, STUDY):
+    with pytest.warns(UserWarning, match="another version of nassim"), open_records(folder, STUDY):
         pass
 
 
 def test_one_study_at_a_time(folder):
-    with opened(folder, STUDY), pytest.raises(ValueError, match="in use by process"), opened(folder, STUDY):
+    with open_records(folder, STUDY), pytest.raises(ValueError, match="in use by process"), open_records(folder, STUDY):
         pass
     assert not (folder / "in_use.json").exists()
 
@@ -214,5 +217,8 @@ def test_of_two_studies_that_begin_at_once_one_is_refused(folder, monkeypatch):
     """The other one's mark is there again as soon as it is taken away, and nobody has signed it yet."""
     (folder / "in_use.json").write_text("")
     monkeypatch.setattr(records.Path, "unlink", lambda path, missing_ok: None)
-    with pytest.raises(ValueError, match=r"another study begins in .*study at this moment"), opened(folder, STUDY):
+    with (
+        pytest.raises(ValueError, match=r"another study begins in .*study at this moment"),
+        open_records(folder, STUDY),
+    ):
         pass

@@ -4,11 +4,11 @@ import tiny_functions
 
 from nassim import FRF, TimeHistory
 from nassim.studies.outcome import Task
-from nassim.studies.results import flattened
+from nassim.studies.results import flatten_result
 
 
 def read(result, taken=()):
-    layout, data = flattened(result, taken)
+    layout, data = flatten_result(result, taken)
     return layout, layout.arrays(data)
 
 
@@ -45,9 +45,11 @@ def test_axes_are_shared_where_they_are_the_same():
 
 def test_layouts_are_told_apart_by_shape_kind_and_axes():
     results = [1.0, 1j, [1.0], [1.0, 2.0], {"x": 1.0}, frf([1.0, 2.0]), frf([1.0, 3.0])]
-    assert len({flattened(result, ())[0].digest() for result in results}) == len(results)
-    assert flattened(1, ())[0].digest() == flattened(np.float32(2.0), ())[0].digest()
-    assert flattened(frf([1.0, 2.0]), ())[0].digest() == flattened(frf([1.0, 2.0], (5.0, 6.0)), ())[0].digest()
+    assert len({flatten_result(result, ())[0].digest() for result in results}) == len(results)
+    assert flatten_result(1, ())[0].digest() == flatten_result(np.float32(2.0), ())[0].digest()
+    assert (
+        flatten_result(frf([1.0, 2.0]), ())[0].digest() == flatten_result(frf([1.0, 2.0], (5.0, 6.0)), ())[0].digest()
+    )
 
 
 @pytest.mark.parametrize(
@@ -63,7 +65,7 @@ def test_layouts_are_told_apart_by_shape_kind_and_axes():
 )
 def test_other_results_are_refused(result, error, message):
     with pytest.raises(error, match=message):
-        flattened(result, ("mass",))
+        flatten_result(result, ("mass",))
 
 
 COHERENT = FRF([1.0, 2.0], np.ones((1, 1, 2), complex), ("y",), ("u",), np.full((1, 2), 0.5))
@@ -82,7 +84,7 @@ COHERENT = FRF([1.0, 2.0], np.ones((1, 1, 2), complex), ("y",), ("u",), np.full(
 )
 def test_one_name_for_two_things_is_refused(result, taken, twice):
     with pytest.raises(ValueError, match=f"two are called '{twice}': rename one"):
-        flattened(result, taken)
+        flatten_result(result, taken)
 
 
 def test_a_result_called_as_an_axis_keeps_its_name():

@@ -201,10 +201,10 @@ def test_another_function_is_refused_its_folder(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"executor": "serial", "time_limit": 1.0}, "no time_limit"),
+        ({"executor": "serial", "time_limit": 1.0}, "leave out time_limit"),
         ({"executor": "parallel"}, "executor must be None"),
-        ({"n_processes": 0}, "whole number of processes"),
-        ({"n_processes": 2, "executor": "serial"}, "without executor"),
+        ({"n_processes": 0}, "n_processes must be a whole number"),
+        ({"n_processes": 2, "executor": "serial"}, "executor must be None"),
         ({"time_limit": 0.0}, "time_limit must be positive"),
     ],
 )

@@ -259,7 +259,7 @@ BAD = {
     "above": (lambda: noise_budget(sampled(machine(), 10.0), {"floor": 1.0}, [1.0, 6.0]), "end at 5 Hz, got 6 Hz"),
     "unstable": (lambda: noise_budget(GROWING, {"u": 1.0}, BAND), "unstable model has no spectrum: a drift"),
     "undamped": (lambda: noise_budget(UNDAMPED, {"u": 1.0}, BAND), r"undamped motion at 0\.477.* Hz has no bound"),
-    "at rest": (lambda: noise_budget(FREE, {"u": 1.0}, [0.0, 1.0]), "pole at rest, whose spectrum is infinite at 0"),
+    "at rest": (lambda: noise_budget(FREE, {"u": 1.0}, [0.0, 1.0]), "pole at s = 0, whose spectrum is infinite at 0"),
     "band": (lambda: PLAIN.rms(0.5), "must rise within 1 ... 2 Hz, got 0.5 and 2 Hz"),
     "swapped": (lambda: PLAIN.rms(2.0, 1.0), "must rise"),
     "noun": (lambda: NoiseBudget([1.0, 2.0], -np.ones((1, 1, 2)), ("y",), ("u",)), "psd must not be negative"),

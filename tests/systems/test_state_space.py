@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from nassim.systems.state_space import discretize, repeated, transfer_matrix, transmission_zeros, uncoupled
+from nassim.systems.state_space import discretize, repeat_step, transfer_matrix, transmission_zeros, uncoupled
 
 RANDOM = np.random.default_rng(3)
 MODE = np.array([[0.0, 1.0], [-(300.0**2), -6.0]])
@@ -57,7 +57,7 @@ def test_slow_modes_keep_their_digits_beside_fast_ones():
 @pytest.mark.parametrize("times", [1, 2, 7, 64])
 def test_many_samples_as_one(times):
     a, b, c, d = shuffled(COUPLED / 60, [[0.5]])
-    whole = repeated((a, b, c, d), times)
+    whole = repeat_step((a, b, c, d), times)
     inputs, x = RANDOM.normal(size=(times, 2)), RANDOM.normal(size=4)
     start, outputs = x, []
     for u in inputs:

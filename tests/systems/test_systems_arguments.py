@@ -262,7 +262,7 @@ LIMITS = {
     "another rate": (lambda x: open_loop(at_another_rate(1e-9 * x), KEPT, F, **LOOP), "sampled at"),
     "a loop at once": (lambda x: with_feedthrough(1e-9 / x), "no solution within a sample"),
     "growing by rounding": (lambda x: noise_budget(first_order(1e-8 * x, -1.0), {"u": 1.0}, F), "unstable model"),
-    "at rest": (lambda x: noise_budget(first_order(-1e-8 / x, -1.0), {"u": 1.0}, [0.0, 1.0]), "pole at rest"),
+    "at rest": (lambda x: noise_budget(first_order(-1e-8 / x, -1.0), {"u": 1.0}, [0.0, 1.0]), "pole at s = 0"),
     "undamped": (lambda x: noise_budget(nearly_undamped(1e-9 / x), {"f": 1.0}, [0.1, 1.0]), "has no bound"),
     "above half the rate": (
         lambda x: noise_budget(sampled(PLANT, RATE), {"push": 1.0}, [1.0, RATE / 2 * (1 + 1e-9 * x)]),
@@ -273,7 +273,7 @@ LIMITS = {
         lambda x: optimum_gain(
             one_mode(), iff(BEST.gain), np.linspace(0, 1 / x, 41), **LOOP, frequency=POLE, delay_order=0
         ),
-        "look further",
+        "give larger gains",
     ),
 }
 

@@ -8,7 +8,7 @@ import pytest
 from seen import bar, bar_model, machine, turning
 
 from nassim.viewer import picture, save_picture, view_mesh, view_modes, view_motion, view_scene, view_scene_modes
-from nassim.viewer.views import KINDS
+from nassim.viewer.views import MARK_COLORS
 
 
 def drawn(path):
@@ -103,7 +103,7 @@ def test_far_ways_of_stiff_bodies_leave_them_their_colours(tmp_path, monkeypatch
     save_picture(view, tmp_path / "p.png", frame=4, size=(300, 200))
     assert not told.bars
     assert all(style["scalars"] == "color" for _, style in told.bodies())
-    assert not any(style.get("color") in KINDS.values() for _, style in told.meshes)
+    assert not any(style.get("color") in MARK_COLORS.values() for _, style in told.meshes)
 
 
 def test_a_picture_at_rest_has_the_colours_of_faces_and_marks(tmp_path, monkeypatch):
@@ -117,13 +117,15 @@ def test_a_picture_at_rest_has_the_colours_of_faces_and_marks(tmp_path, monkeypa
     assert colors == [shape.colors[label] for label in shape.form.surface.labels]
     assert len(set(colors)) == 3
     tip, reach = 1e3 * scene.point_position("bar_2.right"), 60 * view.size
-    assert told.lines(KINDS["actuator"])[0] == pytest.approx(np.array([tip, tip + reach * np.eye(3)[2]]), abs=1e-4)
+    assert told.lines(MARK_COLORS["actuator"])[0] == pytest.approx(
+        np.array([tip, tip + reach * np.eye(3)[2]]), abs=1e-4
+    )
     hinge = 1e3 * scene.point_position("ground.hinge")
-    middle = told.lines(KINDS["joint"]).mean(axis=1)
+    middle = told.lines(MARK_COLORS["joint"]).mean(axis=1)
     assert np.linalg.norm(middle - hinge, axis=1).min() < 1e-4
     spring = np.array([1e3 * scene.point_position("bar_1.right"), tip])
-    assert told.lines(KINDS["spring"])[0] == pytest.approx(spring, abs=1e-4)
-    between, axis = told.lines(KINDS["sensor"])
+    assert told.lines(MARK_COLORS["spring"])[0] == pytest.approx(spring, abs=1e-4)
+    between, axis = told.lines(MARK_COLORS["sensor"])
     assert between == pytest.approx(np.array([hinge, tip]), abs=1e-4)
     assert axis == pytest.approx(np.array([tip, tip + reach * np.eye(3)[0]]), abs=1e-4)
 
@@ -167,7 +169,7 @@ def test_a_drawing_magnifies_deformation_and_leaves_far_ways_true():
     there = view.shape("bar_2").position + own @ motion.rotations["bar_2"][4].T
     assert np.allclose(drawing.points["bar_2"][: len(own)], there)
     assert "0.2 s, deformation x 100" in drawing.title
-    assert drawing.told == "deformation"
+    assert drawing.quantity == "deformation"
     assert drawing.lengths["bar_2"][: len(own)] == pytest.approx(
         np.linalg.norm(bar().surface_modes @ motion.coordinates["bar_2"][4], axis=1)
     )
@@ -175,7 +177,7 @@ def test_a_drawing_magnifies_deformation_and_leaves_far_ways_true():
     drawing = picture._drawing(small, None, 4, 100.0)
     moved = drawing.points["bar_2"] - small.shape("bar_2").points
     assert np.allclose(moved, 100 * small.displacement("bar_2", frame=4))
-    assert drawing.told == "displacement"
+    assert drawing.quantity == "displacement"
     assert 100 * drawing.lengths["bar_2"] == pytest.approx(np.linalg.norm(moved, axis=1))
 
 
@@ -183,15 +185,15 @@ def test_a_drawing_magnifies_deformation_and_leaves_far_ways_true():
     ("options", "problem"),
     [
         ({"modes": "mode 9"}, "unknown mode 'mode 9'; known: mode 1"),
-        ({"frame": 0}, "has no motion, so no frame 0"),
-        ({"modes": "mode 1: free motion", "frame": 0}, "has no motion, so no frame 0"),
+        ({"frame": 0}, "has no motion, so no image 0"),
+        ({"modes": "mode 1: rigid-body mode", "frame": 0}, "has no motion, so no image 0"),
         ({"frame": 0, "magnification": 0}, "magnification must be positive"),
     ],
 )
 def test_what_a_view_does_not_have_is_refused(tmp_path, options, problem):
     with pytest.raises(ValueError, match=problem):
         save_picture(view_modes(bar(), n=2), tmp_path / "p.png", **options)
-    with pytest.raises(ValueError, match="has the frames 0 to 6, not 7"):
+    with pytest.raises(ValueError, match="has the images 0 to 6, not 7"):
         save_picture(view_motion(machine(), turning()), tmp_path / "p.png", frame=7)
     assert list(tmp_path.iterdir()) == []
 

@@ -111,7 +111,7 @@ def test_modes_move_points_as_the_body_says():
         assert np.allclose(moved[: len(body.surface.points)], body.surface_modes @ vectors[:, k])
         index = view.shape("bar").form.index("right")
         assert np.allclose(moved[index], vectors[6:9, k])
-    assert view_modes(body, n=1).modes[0].name == "mode 1: free motion"
+    assert view_modes(body, n=1).modes[0].name == "mode 1: rigid-body mode"
     guided = view_modes(body, fixed=["left"], guided={"right": "x"}, n=2)
     assert guided.title == "bar: left held, right free along x"
     index = guided.shape("bar").form.index("right")
@@ -269,22 +269,22 @@ def test_parts_of_one_kind_have_one_colour():
 
 @dataclass(frozen=True)
 class Gauge(Sensor):
-    """How far a body's right end is from where its frame has it, along the body's own z."""
+    """How far a body's ends are apart along their line."""
 
     name: str
     body: str
 
     def terms(self, scene):
         reduced = scene.split(f"{self.body}.right")[0].reduced
-        row = BodyCoordinates(self.body, reduced.motion("right")[2], (f"{self.body}.left", f"{self.body}.right"))
+        row = BodyCoordinates(self.body, reduced.motion("right")[0], (f"{self.body}.left", f"{self.body}.right"))
         return (Output(self.name, "m", row),)
 
 
 def test_directions_along_a_bodys_own_axes_turn_with_it():
     scene = replace(machine(), sensors=(Gauge("gauge", "bar_1"),))
     (mark,) = (mark for mark in view_scene(scene).marks if mark.name == "gauge")
-    assert (mark.kind, mark.ends, mark.frame) == ("sensor", (("bar_1", "right"),), "bar_1")
-    assert mark.axes == pytest.approx(TURN[:, 2][None])
+    assert (mark.kind, mark.ends, mark.frame) == ("sensor", (("bar_1", "left"), ("bar_1", "right")), "bar_1")
+    assert mark.axes == pytest.approx(TURN[:, 0][None])
 
 
 def test_marks_stand_where_parts_are_and_point_where_they_act():
@@ -337,7 +337,7 @@ def test_modes_of_a_scene_hold_its_joints_and_keep_rigid_bodies_stiff():
     view = view_scene_modes(machine(), n=9)
     frequency = assemble(machine()).frequency
     assert frequency[0] == 0
-    assert [m.name for m in view.modes][:1] == ["mode 1: free motion"]
+    assert [m.name for m in view.modes][:1] == ["mode 1: rigid-body mode"]
     for k, mode in enumerate(view.modes):
         assert f"{frequency[k]:.5g}" in mode.name or not frequency[k]
         moved = {name: view.displacement(name, mode=mode.name) for name in ("bar_1", "block")}
@@ -421,7 +421,7 @@ def test_what_counts_as_small_motion():
         ({"marks": (Mark("m", "joint", (("bar", "left"),), frame="rod"),)}, "unknown shape 'rod'"),
         ({"modes": (Mode("a", {"bar": np.ones(3)}),)}, "'bar' moves by 15 coordinates, got 3"),
         ({"modes": (Mode("a", {}), Mode("a", {}))}, "used more than once: a"),
-        ({"shapes": ()}, "nothing to see"),
+        ({"shapes": ()}, "is empty"),
         ({"modes": (Mode("a", {}),), "motion": turning}, "modes or a motion, not both"),
         ({"motion": turning}, "unknown shape 'bar_1'"),
         ({"motion": Motion([0.0], {"rod": np.zeros((1, 3))}, {"rod": np.eye(3)[None]}, {})}, "unknown shape 'rod'"),

@@ -1,6 +1,8 @@
-"""Exudyn's side of a simulation: `system` from bodies, `items` from words, `state` while it lives, `solver` to run it.
+"""Scenes as Exudyn systems: the only home of Exudyn.
 
-A scene in small motion has one system for all, in `modal`. In large motion `springs` connect, `readings` and `tensions`
-read, `filtering` passes on what sensors let through, `watch` looks at runs, and `turning` finds the start of what turns
-at constant speed. To realise a new word in large motion, open `items`.
+`system` builds a system, `items` and `springs` add its items, `general` has an item for any law on any measure,
+`state` keeps what a run needs of it, and `solver` integrates it. A scene in small motion has one modal object, see
+`modal`. `outputs` and `spring_forces` record, `filtering` filters outputs, `monitor` checks runs, `motion_recorder`
+records motion for pictures, and `steady_state` finds equilibria in steady rotation and under weight. To realise a new
+term in large motion, see `system` and `items`.
 """

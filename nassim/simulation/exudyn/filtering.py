@@ -1,4 +1,4 @@
-"""Outputs of a running Exudyn system that pass filters, from step to step."""
+"""Filters of the outputs of a running Exudyn system, from step to step."""
 
 from typing import Any
 
@@ -11,12 +11,13 @@ from nassim.simulation.model.filters import RunningFilter, start_filter
 
 
 class Filtering:
-    """Lets outputs pass their filters, at every time step once, and tells what passes, here and to the system.
+    """Filters of a system's outputs, which run once at every time step and pass their results to the system.
 
-    Filters start as if they had always read what they read first; but a scene at rest did not accelerate before.
+    Filters start in steady state at their first input, except accelerations of a scene at rest, which start at zero.
     """
 
     def __init__(self, system: System, time_step: float) -> None:
+        """Start the filters of a system; time_step [s]."""
         scene = system.assembly.scene
         self.system, self.time_step = system, time_step
         self.steps: dict[str, RunningFilter] = {}
@@ -34,7 +35,7 @@ class Filtering:
         for output in self.passed:
             k, value = self.outputs.index(output), system.measured(output)
             share = system.assembly.ground_matrix[k]
-            for sensor, weights in system.turning.get(output, ()):
+            for sensor, weights in system.rotating_axes.get(output, ()):
                 axes = np.reshape(system.mbs.GetSensorValues(sensor), (3, 3))
                 share = share - (axes @ weights - weights) @ self.falls
             value += float(sum(share[j] * inputs[j] for j in np.flatnonzero(share)))
@@ -45,7 +46,7 @@ class Filtering:
             self.passed[output] = self.steps[output](value)
 
     def measure(self) -> Array:
-        """Present outputs that loops measure; the others stay 0, (outputs,)."""
+        """Return the present outputs that loops measure, (outputs,); the others are 0."""
         result = self.read()
         for output, passed in self.passed.items():
             result[self.outputs.index(output)] = passed

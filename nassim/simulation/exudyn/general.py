@@ -1,6 +1,6 @@
-"""General items of Exudyn: any force law, and any constraint, on any measure, by functions of Python.
+"""General items of Exudyn: any force law and any constraint on any measure, by Python functions.
 
-They are right for every measure and slow: some 0.3 ms a step and iteration each. Frequent pairs of a law and a measure
+They are right for every measure but slow: some 0.3 ms a step and iteration each. Frequent pairs of a law and a measure
 have faster items, which are tested against these.
 """
 
@@ -16,16 +16,19 @@ from nassim.scene.measures import BodyState, Measure
 from nassim.scene.terms import AppliedForce, Constraint, ForceLaw
 from nassim.simulation.exudyn.state import COORDINATES, Summand
 
-NOTHING = np.zeros((0, 0))
+NO_MATRIX = np.zeros((0, 0))
+"""An empty matrix, which costs no time."""
 
 
 @dataclass(frozen=True)
 class BodyNodes:
-    """Where Exudyn keeps a body that moves.
+    """Nodes of a moving body in Exudyn.
 
     Attributes:
-        number: of its object; nodes: their numbers and numbers of coordinates.
-        state: of the body by all these coordinates, (n,), which are counted from the reference configuration.
+        number: number of its object.
+        nodes: numbers of its nodes, and their numbers of coordinates.
+        state: function of all these coordinates, (n,), relative to the reference configuration, that returns the body's
+            state.
         reference: the coordinates in the reference configuration, (n,), which Exudyn adds in constraints.
     """
 
@@ -36,17 +39,19 @@ class BodyNodes:
 
     @property
     def n_coordinates(self) -> int:
-        """Number of the coordinates of all nodes."""
+        """Number of coordinates of all nodes."""
         return sum(count for _, count in self.nodes)
 
 
 @dataclass
 class Evaluator:
-    """Evaluates a measure on coordinates of Exudyn's nodes; angles are counted on from call to call.
+    """Evaluator of a measure on coordinates of Exudyn's nodes; it unwraps angles from call to call.
 
     Attributes:
-        measure: what is evaluated; bodies: of all moving bodies, by name.
+        measure: the measure.
+        bodies: nodes of all moving bodies, by name.
         fixed: states of fixed bodies, by name.
+        last: last value of a measure with a period, from which it is unwrapped.
     """
 
     measure: Measure
@@ -61,7 +66,7 @@ class Evaluator:
 
     @property
     def nodes(self) -> list[int]:
-        """Their nodes; bodies that are one share theirs."""
+        """Nodes of these bodies; bodies of a rigid group share theirs."""
         return list(dict.fromkeys(node for name in self.names for node, _ in self.bodies[name].nodes))
 
     def _columns(self) -> tuple[dict[str, list[int]], int]:
@@ -77,7 +82,7 @@ class Evaluator:
     def __call__(self, coordinates: Array, *, keep: bool = False) -> tuple[Array, Array]:
         """Evaluate value (k,) and Jacobian (k, n) at the coordinates of `nodes`, (n,).
 
-        keep: whether further angles are counted on from here, as at the end of a step
+        keep: whether later angles are unwrapped from this value, as at the end of a step
         """
         places, n = self._columns()
         states = {**self.fixed, **{name: self.bodies[name].state(coordinates[places[name]]) for name in self.names}}
@@ -95,7 +100,7 @@ class Evaluator:
 
 
 def add_general_force(mbs: Any, evaluate: Evaluator, law: ForceLaw) -> None:
-    """Add any force law, resistance J^T f."""
+    """Add any force law, with the resistance J^T f."""
 
     def state(q: Any, rates: Any) -> tuple[Array, Array, Array]:
         value, rows = evaluate(np.asarray(q), keep=True)
@@ -112,19 +117,19 @@ def add_general_force(mbs: Any, evaluate: Evaluator, law: ForceLaw) -> None:
 
     mbs.AddObject(
         eii.ObjectGenericODE2(
-            nodeNumbers=evaluate.nodes, massMatrix=NOTHING, forceUserFunction=force, jacobianUserFunction=jacobian
+            nodeNumbers=evaluate.nodes, massMatrix=NO_MATRIX, forceUserFunction=force, jacobianUserFunction=jacobian
         )
     )
 
 
 def add_general_actuator(mbs: Any, evaluate: Evaluator, term: AppliedForce) -> Array:
-    """Add an applied force along any measure; returns the array, (1,), whose value is the force."""
+    """Add an applied force along any measure; return the array, (1,), whose value is the input."""
     strength = np.zeros(1)
 
     def force(_mbs: Any, _t: float, _item: int, q: Any, _rates: Any) -> Array:
         return term.gain * strength[0] * evaluate(np.asarray(q))[1][0]
 
-    mbs.AddObject(eii.ObjectGenericODE2(nodeNumbers=evaluate.nodes, massMatrix=NOTHING, forceUserFunction=force))
+    mbs.AddObject(eii.ObjectGenericODE2(nodeNumbers=evaluate.nodes, massMatrix=NO_MATRIX, forceUserFunction=force))
     return strength
 
 
@@ -137,16 +142,16 @@ def add_general_constraint(
         mbs: Exudyn's system.
         evaluate: evaluator of the constraint's measure.
         term: the constraint.
-        components: those of the measure that are held.
-        target: of time [s], values of the held components, (components,).
+        components: the held components of the measure.
+        target: function of time [s] that returns the values of the held components, (components,).
+
+    Raises:
+        ValueError: for a measure of more than two bodies.
     """
     names = evaluate.names
     objects = list(dict.fromkeys(evaluate.bodies[name].number for name in names))
-    if len(objects) > 2 or len(objects) < len(names):
-        raise ValueError(
-            f"constraint {term.name!r}: in large motion Exudyn constrains two bodies at a time, and its measure "
-            f"depends on {', '.join(names)}: use a stiff Spring on the measure, or bodies in small motion"
-        )
+    if len(objects) < len(names):
+        raise ValueError(f"constraint {term.name!r}: rigid joints make one body of {', '.join(names)}; leave it out")
     markers = [mbs.AddMarker(eii.MarkerObjectODE2Coordinates(objectNumber=number)) for number in objects]
     if len(objects) == 1:
         ground = mbs.AddNode(eii.NodePointGround())
@@ -184,8 +189,12 @@ def general_term(mbs: Any, evaluate: Evaluator, read: Callable[[Array, Array], f
     Args:
         mbs: Exudyn's system.
         evaluate: evaluator of the measure.
-        read: of value and rate, (k,) each, for derivatives 0 and 1; of acceleration, twice, for 2.
-        derivative: the highest that counts.
+        read: function of value and rate, (k,) each, for derivatives 0 and 1; for derivative 2 both are the
+            acceleration.
+        derivative: highest required derivative.
+
+    Returns:
+        The summand.
     """
     kept = {"storeInternal": True, "writeToFile": False}
     sensors = [
@@ -199,7 +208,7 @@ def general_term(mbs: Any, evaluate: Evaluator, read: Callable[[Array, Array], f
     def value(*columns: Array) -> Array:
         orders = [np.hstack(columns[k * n : (k + 1) * n]) for k in range(derivative + 1)]
         if len(orders[0]) > 1:
-            evaluate.last = None  # a record counts its angles from its first sample
+            evaluate.last = None  # a record unwraps its angles from its first sample
         result = []
         for sample in zip(*orders, strict=True):
             now, rows = evaluate(sample[0], keep=True)

@@ -26,46 +26,60 @@ from nassim.simulation.exudyn.general import BodyNodes, Evaluator, add_general_a
 from nassim.simulation.exudyn.state import FlexibleCoordinates, InputChannel, add_forces
 from nassim.simulation.model.states import ReferenceState
 
-TOUCHING = 1e-12
-"""Distance [m] up to which two points lie in one place."""
+COINCIDENT = 1e-12
+"""Distance [m] up to which two points coincide."""
 Place = tuple[str, tuple[float, float, float]]
-"""A point, and the offset [m] from it of a place that goes with it rigidly; world frame at the start."""
+"""A point, and the offset [m] of a place that moves rigidly with it; world frame at the start."""
 MarkerFactory = Callable[[Array], int]
-"""Adds a rigid marker with axes, (3, 3), as columns; world frame at the start."""
+"""Function that adds a rigid marker with axes, (3, 3), as columns; world frame at the start."""
 
 
 @dataclass(frozen=True)
 class Items:
     """Exudyn's numbers of a scene's bodies, by name.
 
-    rigid: bodies without deformation, along the world's axes, as parts of what is one with them
-    carriers: of bodies that deform; nodes: of all that move, which those that are one share
-    own: one of each that are one, and all others that move; welded: names of joints that need not be closed
-    grips: by the path of a point of a body that deforms, and an offset, what adds a rigid marker there
-    pilots: object and mesh nodes that make up a point of a floating body, by path
-    body_nodes: where Exudyn keeps the bodies that move, by name
+    Attributes:
+        mbs: Exudyn's system.
+        scene: the scene.
+        nodes: nodes of all moving bodies; the bodies of a rigid group share theirs.
+        own: one body of each rigid group, and all other moving bodies.
+        rigid_joints: names of joints within rigid groups, which need no item.
+        objects: objects of all bodies.
+        rigid: bodies without deformation, along the world's axes, as parts of their rigid groups.
+        flexible: coordinates of bodies that deform.
+        marker_factories: functions that add a rigid marker, by the path of a point of a body that deforms, and an
+            offset.
+        virtual_nodes: object and mesh nodes that define a point of a floating body, by path.
+        body_nodes: Exudyn's nodes of the moving bodies.
+        markers: markers added so far.
+        sensors: sensors of markers added so far.
     """
 
     mbs: Any
     scene: Scene
     nodes: Mapping[str, int]
     own: Sequence[str]
-    welded: frozenset[str]
+    rigid_joints: frozenset[str]
     objects: Mapping[str, int]
     rigid: Mapping[str, RigidBody]
-    carriers: Mapping[str, FlexibleCoordinates]
-    grips: Mapping[Place, MarkerFactory]
-    pilots: Mapping[str, tuple[int, list[int]]]
+    flexible: Mapping[str, FlexibleCoordinates]
+    marker_factories: Mapping[Place, MarkerFactory]
+    virtual_nodes: Mapping[str, tuple[int, list[int]]]
     body_nodes: Mapping[str, BodyNodes]
     markers: dict[str, int] = field(default_factory=dict)
     sensors: dict[tuple[int, exu.OutputVariableType], int] = field(default_factory=dict)
     evaluators: list[Evaluator] = field(default_factory=list)
 
     def marker(self, path: str, *, axes: Array | None = None, at: Array | None = None) -> int:
-        """Rigid marker of a point.
+        """Return a rigid marker of a point, added if required.
 
-        axes: its own at the start, as columns, world frame; default: the world's
-        at: another place that the point reaches rigidly, world frame at the start, (3,)
+        Args:
+            path: the point, "body.point".
+            axes: axes of the marker at the start, as columns, world frame, (3, 3); default: the world's.
+            at: another place to which the point's body is extended rigidly, world frame at the start, (3,).
+
+        Returns:
+            The marker's number.
         """
         axes = np.eye(3) if axes is None else axes
         offset = (0.0, 0.0, 0.0) if at is None else offset_of(self.scene, path, at)
@@ -79,17 +93,17 @@ class Items:
         if name in self.rigid:
             place = frame_at(self.rigid[name].points[point] + offset, axes)
             return int(self.mbs.AddMarker(eii.MarkerBodyRigid(bodyNumber=self.objects[name], localHT=place)))
-        if (path, offset) in self.grips:
-            return self.grips[path, offset](axes)
+        if (path, offset) in self.marker_factories:
+            return self.marker_factories[path, offset](axes)
         if any(offset):
             raise ValueError(
-                f'{path!r} belongs to a body of fidelity "linear", which beside floating frames reaches to no other '
-                "place: let the points coincide"
+                f'{path!r} belongs to a body of fidelity "linear", which cannot be extended rigidly to another place '
+                "in a scene with floating frames: let the points coincide"
             )
-        raise ValueError(f"{path!r} is no coordinate of a body in small motion any more; in a floating frame it can be")
+        raise ValueError(f"{path!r} is no longer a coordinate of a body in small motion; use a floating frame")
 
     def sensor(self, marker: int, kind: exu.OutputVariableType) -> int:
-        """Sensor of a marker's motion."""
+        """Return a sensor of a marker's motion, added if required."""
         if (marker, kind) not in self.sensors:
             sensor = eii.SensorMarker(
                 markerNumber=marker, outputVariableType=kind, storeInternal=True, writeToFile=False
@@ -98,51 +112,59 @@ class Items:
         return self.sensors[marker, kind]
 
     def fidelity(self, path: str) -> str:
-        """Of a point's body: "rigid", "linear" or "ffrf"."""
+        """Return the fidelity of a point's body: "rigid", "linear" or "ffrf"."""
         name = path.partition(".")[0]
         body = self.scene.split(f"{name}.")[0]
         return body.fidelity if isinstance(body, FlexibleBody) and name not in self.rigid else "rigid"
 
     def evaluator(self, measure: Measure) -> Evaluator:
-        """Evaluator of a measure on Exudyn's coordinates."""
+        """Return an evaluator of a measure on Exudyn's coordinates."""
         fixed = {body.name: ReferenceState(body) for body in self.scene.bodies if not body.moves}
         self.evaluators.append(Evaluator(measure, self.body_nodes, fixed))
         return self.evaluators[-1]
 
     def has_markers(self, measure: Measure) -> bool:
-        """Whether rigid markers can be put on all points of a measure."""
+        """Whether all points of a measure can have rigid markers."""
         return all(self.has_marker(path) for path in measure.points)
 
     def has_marker(self, path: str) -> bool:
-        """Whether a rigid marker can be put on a point."""
-        return path.partition(".")[0] in self.rigid or (path, (0.0, 0.0, 0.0)) in self.grips
+        """Whether a point can have a rigid marker."""
+        return path.partition(".")[0] in self.rigid or (path, (0.0, 0.0, 0.0)) in self.marker_factories
 
     def node_of(self, path: str) -> int:
-        """Node of a point of a body in small motion."""
+        """Return the node of a point of a body in small motion."""
         body, point = self.scene.split(path)
         assert isinstance(body, FlexibleBody)
         return self.flexible[body.name].nodes[body.reduced.point_names.index(point)][0]
 
     def moves(self, path: str) -> bool:
-        """Whether a point's body does."""
+        """Whether a point's body moves."""
         return path.partition(".")[0] in self.body_nodes
 
 
 def offset_of(scene: Scene, path: str, place: Array) -> tuple[float, float, float]:
-    """From a point to a place, as in `Place`; nothing where rounding parts them."""
+    """Return the offset from a point to a place, see `Place`; zero where it is rounding."""
     x, y, z = (place - scene.point_position(path)).tolist()
-    return (x, y, z) if max(abs(x), abs(y), abs(z)) > TOUCHING else (0.0, 0.0, 0.0)
+    return (x, y, z) if max(abs(x), abs(y), abs(z)) > COINCIDENT else (0.0, 0.0, 0.0)
 
 
 def frame_at(position: Array, axes: Array) -> Array:
-    """The homogeneous transformation, (4, 4), of a place with axes."""
+    """Return the homogeneous transformation, (4, 4), of a position with axes."""
     result = np.eye(4)
     result[:3, :3], result[:3, 3] = axes, position
     return result
 
 
 def add_force(items: Items, term: AppliedForce) -> list[InputChannel]:
-    """Add what an input pushes through: a line, coordinates of bodies, loads at points, or any measure."""
+    """Add the forces of an input: on a line, on coordinates of bodies, as loads at points, or along any measure.
+
+    Args:
+        items: Exudyn's items of the scene.
+        term: the applied force.
+
+    Returns:
+        The channels of the input.
+    """
     rate, gain, measure = 2 * np.pi * term.bandwidth, term.gain, term.measure
     if isinstance(measure, Distance) and items.has_markers(measure):
         markers = [items.marker(path) for path in measure.points]
@@ -167,7 +189,7 @@ def add_force(items: Items, term: AppliedForce) -> list[InputChannel]:
 
 
 def add_base_acceleration(items: Items, term: BaseAcceleration) -> list[InputChannel]:
-    """Add a uniform acceleration of every body that moves, against that of the base."""
+    """Add a uniform acceleration of every moving body, opposite to that of the base."""
     drives = []
     others = [name for name in items.body_nodes if name not in items.nodes]
     for name in (*items.own, *others):
@@ -186,7 +208,17 @@ def add_base_acceleration(items: Items, term: BaseAcceleration) -> list[InputCha
 def add_constraint(
     items: Items, term: Constraint, held: tuple[str, ...], driven: Sequence[PrescribedMotion]
 ) -> list[InputChannel]:
-    """Add a constraint that holds the given ones of its components, where those that are driven follow their drives."""
+    """Add a constraint that holds some of its components; driven components follow their drives.
+
+    Args:
+        items: Exudyn's items of the scene.
+        term: the constraint.
+        held: names of the held components, driven ones included.
+        driven: prescribed motions of the constraint.
+
+    Returns:
+        The channels of the drives' inputs.
+    """
     measure = term.measure
     is_joint = isinstance(measure, RelativePose) and measure.rotation == MATRIX and items.has_markers(measure)
     if not is_joint:
@@ -212,7 +244,7 @@ def add_constraint(
 def _prescribed(
     term: Constraint, driven: Sequence[PrescribedMotion]
 ) -> tuple[Callable[[float], Array], list[InputChannel]]:
-    """Values of all components of a constraint's measure by time, and what inputs set them."""
+    """Return all components of a constraint's measure as a function of time, and the channels of its inputs."""
     n = len(term.measure.components)
     speeds, offsets, pushes = np.zeros(n), [np.zeros(n)], []
     for drive in driven:
@@ -232,13 +264,13 @@ def _prescribed(
 def _joint_motion(
     term: Constraint, marker: int, driven: Sequence[PrescribedMotion]
 ) -> tuple[dict[str, Any], list[InputChannel]]:
-    """How a joint moves by its drives, as Exudyn's function of time, and what their inputs set."""
+    """Return a joint's motion by its drives as an option for Exudyn, and the channels of their inputs."""
     value, pushes = _prescribed(term, driven)
     shifts = any(term.measure.rotation_axis(drive.component) is None for drive in driven)
 
     def offset(mbs: Any, time: float, _item: int, _parameters: Any) -> list[float]:
         motion = value(time)
-        # Exudyn takes turns along the marker's axes, but shifts along the world's, which do not turn with the joint.
+        # Exudyn takes rotations along the marker's axes, but displacements along the world's axes.
         if shifts:
             axes = np.reshape(mbs.GetMarkerOutput(marker, exu.OutputVariableType.RotationMatrix), (3, 3))
             motion = np.concatenate([axes @ motion[:3], motion[3:]])
@@ -249,9 +281,9 @@ def _joint_motion(
 
 
 def on_coordinates(items: Items, measure: Measure) -> list[tuple[int, Array]] | None:
-    """Weights of a measure on the coordinates of bodies that deform, by node; None where it is no such sum.
+    """Return a measure's weights on the coordinates of bodies that deform, by node; None for other measures.
 
-    These are of bodies' own coordinates, and points of bodies in small motion along the world's axes.
+    These are measures of bodies' own coordinates, and of points of bodies in small motion along the world's axes.
     """
     found: list[tuple[int, Array]] = []
     for factor, part in _parts(measure):
@@ -269,7 +301,7 @@ def on_coordinates(items: Items, measure: Measure) -> list[tuple[int, Array]] | 
 
 
 def on_points(items: Items, measure: Measure) -> list[tuple[str, Array]] | None:
-    """Points of moving bodies with directions, (3,), that are the measure beside `on_coordinates`; None where not."""
+    """Return a measure's points of moving bodies with directions, (3,), beyond `on_coordinates`; else None."""
     if not isinstance(measure, Displacement | PointVelocity):
         return []
     found = []
@@ -282,18 +314,21 @@ def on_points(items: Items, measure: Measure) -> list[tuple[str, Array]] | None:
 
 
 def _parts(measure: Measure) -> tuple[tuple[float, Measure], ...]:
+    """Return factors and measures of a combination, or the measure itself."""
     return measure.parts if isinstance(measure, Combination) else ((1.0, measure),)
 
 
 def _scaled(items: Items, name: str, row: Array) -> list[tuple[int, Array]]:
+    """Return a row over a body's coordinates by nodes; nothing for a body without deformation."""
     return items.flexible[name].parts(row) if name in items.flexible else []
 
 
 def _is_load(measure: Measure) -> bool:
-    """Whether loads at points make the force of a measure: along the world's axes, or those of its own one point."""
+    """Whether loads at points realise a force along a measure: along the world's axes, or those of its only point."""
     own = isinstance(measure, PointVelocity) and [measure.axes_of] == [path for path, _ in measure.weights]
     return not _axes_of(measure) or own
 
 
 def _axes_of(measure: Measure) -> str:
+    """Return the point whose axes carry a measure's directions, or ""."""
     return measure.axes_of if isinstance(measure, (Displacement, PointVelocity)) else ""

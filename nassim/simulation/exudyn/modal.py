@@ -1,4 +1,4 @@
-"""The Exudyn system of a scene in small motion."""
+"""The Exudyn system of a scene in small motion: one object in modal coordinates."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ import exudyn.itemInterface as eii
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.simulation.exudyn.general import NOTHING
+from nassim.simulation.exudyn.general import NO_MATRIX
 from nassim.simulation.exudyn.state import (
     COORDINATES,
     Charge,
@@ -19,18 +19,23 @@ from nassim.simulation.exudyn.state import (
     System,
     modal_node,
 )
-from nassim.simulation.model.assembly import Assembly, Tangent
+from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.period_correction import Steps, small_motion_factors
 from nassim.simulation.model.prescribed_motion import product
+from nassim.simulation.model.tangents import Tangent
 
 
 @dataclass(frozen=True)
 class _Equations:
-    """Of m = n + d + c coordinates: n modal amplitudes, d motions of drives and c charges.
+    """Equations of m = n + d + c coordinates: n modal amplitudes, d motions of drives and c charges.
 
-    mass, stiffness, damping: (m, m), where motions and charges have no mass
-    massless: what mass these have while accelerations at the start are found, which are none of theirs, (m,)
-    gains: of the circuits' outputs per unit of their charges, (c,)
+    Attributes:
+        mass: mass matrix, (m, m), zero for drives and charges.
+        stiffness: stiffness matrix, (m, m).
+        damping: damping matrix, (m, m).
+        massless: mass of drives and charges while the accelerations at the start are found; these have none of their
+            own, (m,).
+        gains: outputs of the circuits per unit of their charges, (c,).
     """
 
     mass: Array
@@ -41,19 +46,19 @@ class _Equations:
 
     @classmethod
     def of(cls, assembly: Assembly, motion: Array, steps: Steps | None) -> "_Equations":
-        """motion: of all coordinates by amplitudes and drives, (n_all, n + d)."""
-        following, (n, d) = assembly.following, assembly.following.momentum.shape
+        """Make the equations; motion: all coordinates by amplitudes and drives, (n_all, n + d)."""
+        drives, (n, d) = assembly.prescribed, assembly.prescribed.momentum.shape
         size, squares = n + d + len(assembly.circuits), (2 * np.pi * assembly.frequency) ** 2
         mass, stiffness, damping = np.zeros((3, size, size))
         factors, growth = small_motion_factors(assembly, steps) if steps else np.ones((2, n))
         mass[:n, :n], stiffness[:n, :n] = np.diag(factors), np.diag(squares)
         damping[:n, :n] = np.sqrt(growth)[:, None] * assembly.damping.of_modes * np.sqrt(growth)
-        # Rows k u = k input, beside what u and u' push in the modes: as large as these forces, else the tolerance of
-        # Newton's iterations passes over them.
-        push, driven = squares[:, None] * following.momentum, slice(n, n + d)
+        # Rows k u = k input: k as large as the forces of u on the modes, else the tolerance of Newton's iterations
+        # ignores them.
+        push, driven = squares[:, None] * drives.momentum, slice(n, n + d)
         sizes = np.maximum(np.linalg.norm(push, axis=0), 1.0)
         stiffness[:n, driven], stiffness[driven, driven] = -push, np.diag(sizes)
-        slip = assembly.damping.of_modes @ following.momentum - following.drag
+        slip = assembly.damping.of_modes @ drives.momentum - drives.drag
         damping[:n, driven] = -slip
         charges = [Charge.of(circuit, motion.T @ circuit.forces) for circuit in assembly.circuits]
         for k, charge in enumerate(charges, start=n + d):
@@ -65,24 +70,31 @@ class _Equations:
 
 
 def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: Steps | None) -> System:
-    """The system of a scene in small motion: one object in modal coordinates, so joints need no multipliers.
+    """Build the system of a scene in small motion: one object in modal coordinates, so joints need no multipliers.
 
-    What the modes do not share is zero, so a step takes time in proportion to their number. With drives that follow
-    inputs the amplitudes are a of `nassim.simulation.model.prescribed_motion`, and the motions of the drives are coordinates too, as
-    are charges of ports that leak. All forces are this one object's.
+    Uncoupled entries are zero and not stored, so the time of a step is proportional to the number of modes. With drives
+    that follow inputs, the amplitudes are a of `nassim.simulation.model.prescribed_motion`; the motions of the drives
+    and
+    the charges of ports with a resistance are coordinates too. The object carries all forces.
 
-    rates: of these inputs at the start; steps: whose error in periods is made up for
+    Args:
+        assembly: the assembled scene.
+        rates: initial rates of inputs that drives follow, by name.
+        steps: steps whose period error is corrected; None: no correction.
+
+    Returns:
+        The system.
     """
-    scene, following, (n, d) = assembly.scene, assembly.following, assembly.following.momentum.shape
+    scene, drives, (n, d) = assembly.scene, assembly.prescribed, assembly.prescribed.momentum.shape
     container = exu.SystemContainer()
     mbs = container.AddSystem()
     modes = assembly.basis @ assembly.shapes
     charges = np.zeros((len(modes), len(assembly.circuits)))
-    motion = np.hstack([modes, following.beyond, charges])
+    motion = np.hstack([modes, drives.beyond, charges])
     equations = _Equations.of(assembly, motion[:, : n + d], steps)
     size = len(equations.mass)
-    names = [scene.inputs[index] for index in following.inputs]
-    direct = np.isinf(following.rates)
+    names = [scene.inputs[index] for index in drives.inputs]
+    direct = np.isinf(drives.rates)
     speeds = np.zeros(size)
     speeds[n : n + d] = [rates.get(name, 0.0) * at_once for name, at_once in zip(names, direct, strict=True)]
     node = mbs.AddNode(modal_node(size, speeds.tolist()))
@@ -102,7 +114,7 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
         if not tangent.law.is_linear:
             _add_curvature(mbs, node, tangent, tangent.rows @ motion)
     bodies = [body for body in scene.bodies if body.name in assembly.slices]
-    carriers = {body.name: FlexibleCoordinates(((node, size),), motion[assembly.slices[body.name]]) for body in bodies}
+    flexible = {body.name: FlexibleCoordinates(((node, size),), motion[assembly.slices[body.name]]) for body in bodies}
     readings = _add_readings(mbs, assembly, node, motion, equations.gains)
     mbs.Assemble()
     return System(
@@ -110,28 +122,28 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
         mbs,
         assembly,
         {},
-        carriers,
+        flexible,
         _pushes(assembly, number, modes, np.diag(equations.massless)),
         readings,
         massless,
-        beside={number: weight},
+        constant_forces={number: weight},
         sparse=True,
     )
 
 
 def _pushes(assembly: Assembly, number: int, modes: Array, held: Array) -> tuple[InputChannel, ...]:
-    """What inputs push: modes, themselves and through amplifiers, and rows of drives' motions; held: of all rows."""
-    scene, following, n = assembly.scene, assembly.following, modes.shape[1]
+    """Return the input channels: forces on modes, directly and through amplifiers, and drives; held: rows of drives."""
+    scene, drives, n = assembly.scene, assembly.prescribed, modes.shape[1]
     beyond = np.zeros((len(held) - n, len(scene.inputs)))
     forces = np.vstack([modes.T @ assembly.input_matrix, beyond])
     found = [(name, forces[:, k], np.inf) for k, name in enumerate(scene.inputs)]
     found += [(scene.inputs[a.input], np.append(modes.T @ a.forces, beyond[:, 0]), a.rate) for a in assembly.amplifiers]
-    found += [(scene.inputs[k], held[n + j], following.rates[j]) for j, k in enumerate(following.inputs)]
+    found += [(scene.inputs[k], held[n + j], drives.rates[j]) for j, k in enumerate(drives.inputs)]
     return tuple(InputChannel(number, name, row, rate=rate) for name, row, rate in found if np.any(row))
 
 
 def _add_readings(mbs: Any, assembly: Assembly, node: int, motion: Array, gains: Array) -> dict[str, list[Summand]]:
-    """Add a sensor for each derivative that an output reads; gains: of circuits' outputs per charge, (c,)."""
+    """Add a sensor for each derivative that an output reads; gains: outputs of circuits per charge, (c,)."""
     scene = assembly.scene
     readings: dict[str, list[Summand]] = {name: [] for name in scene.outputs}
     rows = [
@@ -150,7 +162,7 @@ def _add_readings(mbs: Any, assembly: Assembly, node: int, motion: Array, gains:
 
 
 def _add_curvature(mbs: Any, node: int, tangent: Tangent, rows: Array) -> None:
-    """Add what a force law resists beyond its tangents, which the modes hold; rows: on the coordinates, (k, size)."""
+    """Add the nonlinear part of a force law, beyond its tangents; rows: of its measure, (k, size)."""
     law, stiffness, damping = tangent.law, tangent.stiffness, tangent.damping
 
     def force(_mbs: Any, _t: float, _item: int, q: Any, rates: Any) -> Array:
@@ -163,12 +175,13 @@ def _add_curvature(mbs: Any, node: int, tangent: Tangent, rows: Array) -> None:
 
     mbs.AddObject(
         eii.ObjectGenericODE2(
-            nodeNumbers=[node], massMatrix=NOTHING, forceUserFunction=force, jacobianUserFunction=jacobian
+            nodeNumbers=[node], massMatrix=NO_MATRIX, forceUserFunction=force, jacobianUserFunction=jacobian
         )
     )
 
 
 def _sparse(matrix: Array) -> Any:
+    """Return a matrix as Exudyn's sparse container."""
     result: Any = exu.MatrixContainer()
     rows, columns = np.nonzero(matrix)
     entries = np.column_stack([rows, columns, matrix[rows, columns]])

@@ -1,4 +1,4 @@
-"""What is seen of a running Exudyn system whenever it is looked at."""
+"""Monitor of a running Exudyn system: sizes of motion, preloads, speeds and divergence at its checks."""
 
 from typing import Any
 
@@ -16,29 +16,38 @@ from nassim.simulation.model.buckling import axial_rows
 from nassim.simulation.model.damping import tied_bodies
 from nassim.simulation.model.reach import Reach
 
-LOST = 1.0
-"""A deformation of this share of the body's size, or this rotation [rad] by deformation, means that a run diverges."""
+DIVERGED = 1.0
+"""Deformation over the body's size, or rotation [rad] by deformation, above which a run diverges."""
 DRIFT = 1e-2
-"""Share of a body's fastest turn by which its turn may part from the constraint on its Euler parameters."""
+"""Share of a body's fastest rotation by which its rotation may violate the constraint on its Euler parameters."""
 TURNED = 0.1
-"""Rotation [rad] of a body above which that is told from rounding."""
+"""Rotation [rad] of a body above which it is not rounding."""
 
 
 class Monitor:
-    """What is seen of a run whenever it is looked at.
+    """Extreme values and failures of a run at its checks.
 
-    shifts: of every two bodies tied together, as `System.shifting` tells; speeds: of floating bodies [rad/s]
-    lost: bodies that are deformed beyond what a run may do, or farther away than they can get, and what has happened
-    trust: until when the run is sound; drifting: the body that first was not by its velocities, and its sample
+    Attributes:
+        shifts: largest relative motion of every two connected bodies, see `System.shifting`.
+        speeds: largest angular speeds of floating bodies [rad/s].
+        lost: bodies that are deformed beyond the limit of a run, or farther away than they can get, and a message for
+            each.
+        trust: the sample until which the run is sound.
+        drifting: the first body whose velocities violate the constraints, and the sample.
     """
 
     def __init__(self, system: System, reach: Reach | None = None) -> None:
-        """reach: how far bodies can get; None where that has no bound."""
+        """Start with the system at its initial state.
+
+        Args:
+            system: the system.
+            reach: bounds of the bodies' displacements; None without bounds.
+        """
         scene = system.assembly.scene
         self.reach, self.trust = reach, Trust()
         self.system = system
-        self.threshold = RUNAWAY if scene.loops else LOST
-        self.names = list(system.carriers)
+        self.threshold = RUNAWAY if scene.loops else DIVERGED
+        self.names = list(system.flexible)
         self.sizes = np.zeros((len(self.names), 2))
         self.rows, self.starts, self.places = self._gather()
         self.tensions = self._seen()[self.starts[-1] :]
@@ -50,17 +59,19 @@ class Monitor:
         self.turning = _Turning(system)
 
     def _gather(self) -> tuple[Any, Array, dict[str, slice]]:
-        """What is seen per unit of all of Exudyn's coordinates, sparse: one product, no calls for each body.
+        """Return the monitored quantities per unit of all of Exudyn's coordinates, sparse, for one product per check.
 
-        First, by body, the rotations and the displacements, each with a row of zeros so that there is one, then the
-        axial forces of bodies that deform. Beside it where each of the former begins, and the latter do, (2 n + 1,),
-        and where among these each body has its own.
+        First come, by body, the rotations and the displacements, each with a row of zeros so that none is empty, then
+        the axial
+        forces of bodies that deform. The second result is where each of the former and then the latter begin, (2 n +
+        1,); the
+        third is the slice of each body among the axial forces.
         """
         system, bodies = self.system, {body.name: body for body in self.system.assembly.scene.bodies}
         size = system.mbs.systemData.ODE2Size()
         motions, tensions, places, end = [np.zeros((0, size))], [np.zeros((0, size))], {}, 0
         for name in self.names:
-            body, carried = bodies[name], system.carriers[name].coordinates @ system.taken(name)
+            body, carried = bodies[name], system.flexible[name].coordinates @ system.taken(name)
             motions += [np.vstack([rows @ carried, np.zeros((1, size))]) for rows in motion_rows(system.assembly, name)]
             if isinstance(body, FlexibleBody):
                 tensions.append(axial_rows(body.reduced) @ carried)
@@ -75,12 +86,12 @@ class Monitor:
 
     @property
     def largest(self) -> dict[str, Array]:
-        """Largest `motion_size` of each body, (2,)."""
+        """Largest `motion_size` of each body, (2,), by name."""
         return dict(zip(self.names, self.sizes, strict=True))
 
     @property
     def slackest(self) -> dict[str, Array]:
-        """Least `axial_forces` of each body that deforms."""
+        """Least `axial_forces` of each body that deforms, by name."""
         return {name: self.tensions[place] for name, place in self.places.items()}
 
     def look(self, sample: int) -> None:
@@ -112,24 +123,33 @@ class Monitor:
         self.trust.see(sample, sound=sound and not self.lost and not self.drifting)
 
     def describe_drift(self, time_step: float, spectral_radius: float) -> str:
-        """Return what to say of velocities that part from the constraints; empty where none do."""
+        """Describe velocities that violate the constraints; empty where there are none.
+
+        Args:
+            time_step: time step [s].
+            spectral_radius: spectral radius of the rule [-].
+
+        Returns:
+            The message.
+        """
         if not self.drifting:
             return ""
         name, sample = self.drifting
         bears = -float(np.log(spectral_radius)) if spectral_radius else np.inf
         return (
-            f"body {name!r} has velocities that part from its constraints, from t = {sample * time_step:g} s on: it "
+            f"body {name!r} has velocities that violate its constraints, from t = {sample * time_step:g} s on: it "
             f"turns by up to {time_step * self.turning.fastest_turn(name):.2g} rad in a step, and a spectral_radius of "
             f"{spectral_radius:g} holds for {abs(bears):.2g} rad; take a smaller time_step or a smaller spectral_radius"
         )
 
 
 class _Turning:
-    """How well bodies' velocities keep the constraint on their Euler parameters, e e' = 0.
+    """Check of bodies' velocities against the constraint on their Euler parameters, e e' = 0.
 
-    Generalized-alpha enforces constraints on positions. At a spectral radius r, what rounding leaves of velocities that
-    violate them changes sign and shrinks to r in a step, but grows by the angle [rad] by which the constraints turn in
-    it: as bodies do at joints, and half as far for Euler parameters alone. So a radius holds for turns of -ln(r).
+    Generalized-alpha enforces constraints on positions. At a spectral radius r, the velocities' violation by rounding
+    changes sign and shrinks to r in a step, but grows by the angle [rad] by which the constraints rotate in a step: as
+    the
+    bodies do at joints, and half as far for Euler parameters alone. So a radius holds for rotations up to -ln(r).
     """
 
     def __init__(self, system: System) -> None:
@@ -143,11 +163,11 @@ class _Turning:
         self.fastest, self.turned = np.zeros(len(self.names)), np.zeros(len(self.names), dtype=bool)
 
     def fastest_turn(self, name: str) -> float:
-        """Return the fastest angular speed of a body that was seen [rad/s]."""
+        """Return the fastest angular speed of a body so far [rad/s]."""
         return 2 * float(self.fastest[self.names.index(name)])
 
     def drifting(self) -> str:
-        """Name of a body that has turned, and whose velocities have parted from the constraint; empty without one."""
+        """Return the name of a body that has rotated and whose velocities violate the constraint; empty without one."""
         if not self.names:
             return ""
         parameters = (self.reference + self.data.GetODE2Coordinates())[self.places]

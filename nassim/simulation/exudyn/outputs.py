@@ -1,4 +1,4 @@
-"""What outputs read, as Exudyn's sensors and what their columns make, in floating frames and large motion."""
+"""Outputs as Exudyn's sensors and functions of their columns, in floating frames and large motion."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -25,21 +25,27 @@ from nassim.simulation.exudyn.state import COORDINATES, Summand, dot
 
 Kind = exu.OutputVariableType
 MOTIONS = (Kind.Displacement, Kind.Velocity, Kind.Acceleration)
-"""What a reading of each derivative records of a point."""
-KEPT = {"storeInternal": True, "writeToFile": False}
+"""Exudyn's variables of a point for an output of each derivative."""
+STORED = {"storeInternal": True, "writeToFile": False}
 
 
 def add_output(items: Items, term: Output) -> list[Summand]:
-    """Add what an output is read from: the faster reading of its measure where there is one, else the general one."""
+    """Add an output: by the faster reading of its measure where there is one, else by the general one.
+
+    Args:
+        items: Exudyn's items of the scene.
+        term: the output.
+
+    Returns:
+        The summands of the output.
+
+    Raises:
+        ValueError: for a measure without a value in large motion, unless its derivative is read.
+    """
     measure, evaluate = term.measure, items.evaluator(term.measure)
     if not evaluate.names:
         return []
-    if not measure.has_value and not term.derivative:
-        raise ValueError(
-            f"output {term.name!r}: a {type(measure).__name__} has a value in small motion only; take derivative=1, or "
-            "a Displacement or a RotationAngle"
-        )
-    faster = FASTER.get(type(measure))
+    faster = FASTER_OUTPUTS.get(type(measure))
     terms = faster(items, term, measure) if faster else None
     if terms is None:
         gain = term.gain
@@ -48,17 +54,18 @@ def add_output(items: Items, term: Output) -> list[Summand]:
 
 
 def _general(gain: float, derivative: int) -> Callable[[Array, Array], float]:
+    """Return the function of value and rate that gives an output."""
     return lambda value, rate: gain * float((rate if derivative else value)[0])
 
 
 def _of_coordinates(items: Items, term: Output, measure: Measure) -> list[Summand] | None:
-    """Weighted sums of coordinates, and of points along the world's axes."""
+    """Read weighted sums of coordinates, and of points along the world's axes."""
     nodes = on_coordinates(items, measure)
     if nodes is None:
         return None
     result = []
     for node, share in nodes:
-        sensor = eii.SensorNode(nodeNumber=node, outputVariableType=COORDINATES[term.derivative], **KEPT)
+        sensor = eii.SensorNode(nodeNumber=node, outputVariableType=COORDINATES[term.derivative], **STORED)
         result.append(Summand.linear(items.mbs.AddSensor(sensor), term.gain * share))
     for path, weights in on_points(items, measure) or ():
         sensors = _sensors(items, path, MOTIONS[term.derivative])
@@ -67,6 +74,7 @@ def _of_coordinates(items: Items, term: Output, measure: Measure) -> list[Summan
 
 
 def _of_displacement(items: Items, term: Output, measure: Displacement) -> list[Summand] | None:
+    """Read a displacement."""
     if on_points(items, measure) is None:
         return None
     if not measure.axes_of:
@@ -75,6 +83,7 @@ def _of_displacement(items: Items, term: Output, measure: Displacement) -> list[
 
 
 def _of_velocity(items: Items, term: Output, measure: PointVelocity) -> list[Summand] | None:
+    """Read a velocity or acceleration of points."""
     if on_points(items, measure) is None or (measure.angular and term.derivative == 2):
         return None
     if not measure.axes_of and not measure.angular:
@@ -83,9 +92,10 @@ def _of_velocity(items: Items, term: Output, measure: PointVelocity) -> list[Sum
 
 
 def add_axes(items: Items, term: Output) -> list[tuple[int, Array]]:
-    """Add a sensor of the axes that an inertial output turns with, where the base accelerates.
+    """Add a sensor of the rotating axes of an inertial output, where the base accelerates.
 
-    Returns its number and the output's direction times its gain, (3,); nothing where neither matters.
+    Returns:
+        Its number and the output's direction times its gain, (3,); nothing where neither has an effect.
     """
     measure = term.measure
     if not (term.inertial and isinstance(measure, PointVelocity) and measure.axes_of and items.moves(measure.axes_of)):
@@ -97,37 +107,39 @@ def add_axes(items: Items, term: Output) -> list[tuple[int, Array]]:
 
 
 def _sensors(items: Items, path: str, kind: Kind) -> list[int]:
-    """Sensors whose mean is a point's motion along the world's axes."""
+    """Add sensors whose mean is a point's motion along the world's axes."""
     name, _, point = path.partition(".")
     if name in items.rigid:
         position = list(items.rigid[name].points[point])
-        sensor = eii.SensorBody(bodyNumber=items.objects[name], localPosition=position, outputVariableType=kind, **KEPT)
+        sensor = eii.SensorBody(
+            bodyNumber=items.objects[name], localPosition=position, outputVariableType=kind, **STORED
+        )
         return [items.mbs.AddSensor(sensor)]
     if kind != Kind.Acceleration:
-        sensor = eii.SensorMarker(markerNumber=items.marker(path), outputVariableType=kind, **KEPT)
+        sensor = eii.SensorMarker(markerNumber=items.marker(path), outputVariableType=kind, **STORED)
         return [items.mbs.AddSensor(sensor)]
-    if path not in items.pilots:
+    if path not in items.virtual_nodes:
         node = items.nodes[name] if items.fidelity(path) == "ffrf" else items.node_of(path)
-        sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kind, **KEPT)
+        sensor = eii.SensorNode(nodeNumber=node, outputVariableType=kind, **STORED)
         return [items.mbs.AddSensor(sensor)]
-    number, nodes = items.pilots[path]
+    number, nodes = items.virtual_nodes[path]
     return [
         items.mbs.AddSensor(
-            eii.SensorSuperElement(bodyNumber=number, meshNodeNumber=node, outputVariableType=kind, **KEPT)
+            eii.SensorSuperElement(bodyNumber=number, meshNodeNumber=node, outputVariableType=kind, **STORED)
         )
         for node in nodes
     ]
 
 
 class _Probes:
-    """Collects sensors, and finds motions of points in their columns: (n, 3), of turns (n, 3, 3)."""
+    """Collector of sensors, which finds points' motions in their columns: (n, 3), or rotations (n, 3, 3)."""
 
     def __init__(self, items: Items) -> None:
         self.items = items
         self.numbers: list[int] = []
 
     def add(self, path: str, kind: Kind) -> slice | None:
-        """Place of a point's motion among the columns; None for a point at rest."""
+        """Return the place of a point's motion among the columns; None for a point at rest."""
         if not self.items.moves(path):
             return None
         found = _sensors(self.items, path, kind)
@@ -136,17 +148,19 @@ class _Probes:
 
 
 def _mean(columns: Sequence[Array], place: slice | None, rest: Array) -> Array:
+    """Return the mean of columns, (n, ...), or the constant of a point at rest."""
     return np.broadcast_to(rest, (len(columns[0]), *rest.shape)) if place is None else np.mean(columns[place], axis=0)
 
 
 def _turn(columns: Sequence[Array], place: slice | None) -> Array:
-    """Rotation matrices of a point since the start, (n, 3, 3)."""
+    """Return the rotation matrices of a point since the start, (n, 3, 3)."""
     if place is None:
         return np.broadcast_to(np.eye(3), (len(columns[0]), 3, 3))
     return columns[place.start].reshape(-1, 3, 3)
 
 
 def _along_line(items: Items, term: Output, measure: Distance) -> list[Summand] | None:
+    """Read the distance of two points, or its rate."""
     if term.derivative == 2 or not items.has_markers(measure):
         return None
     probes = _Probes(items)
@@ -168,7 +182,7 @@ def _along_line(items: Items, term: Output, measure: Distance) -> list[Summand] 
 
 
 def _along_axes(items: Items, term: Output, measure: Displacement | PointVelocity) -> Summand:
-    """Along axes that turn with a point: places of points, or the vectors of their velocities and accelerations."""
+    """Read along axes that rotate with a point: positions, velocities or accelerations of points."""
     probes = _Probes(items)
     frame = probes.add(measure.axes_of, Kind.RotationMatrix) if measure.axes_of else None
     angular = isinstance(measure, PointVelocity) and measure.angular
@@ -188,7 +202,7 @@ def _along_axes(items: Items, term: Output, measure: Displacement | PointVelocit
 
 
 def _of_angle(items: Items, term: Output, measure: RotationAngle) -> list[Summand] | None:
-    """Twist of point b against a, counted on beyond half a turn."""
+    """Read the twist of point b against a, unwrapped."""
     if term.derivative or not items.has_markers(measure):
         return None
     probes, size = _Probes(items), float(np.linalg.norm(measure.axis))
@@ -206,7 +220,7 @@ def _of_angle(items: Items, term: Output, measure: RotationAngle) -> list[Summan
     return [Summand(tuple(probes.numbers), value, period=2 * np.pi * abs(term.gain) * size)]
 
 
-FASTER: Mapping[type[Measure], Callable[[Items, Output, Any], list[Summand] | None]] = {
+FASTER_OUTPUTS: Mapping[type[Measure], Callable[[Items, Output, Any], list[Summand] | None]] = {
     BodyCoordinates: _of_coordinates,
     Combination: _of_coordinates,
     Displacement: _of_displacement,
@@ -214,4 +228,4 @@ FASTER: Mapping[type[Measure], Callable[[Items, Output, Any], list[Summand] | No
     PointVelocity: _of_velocity,
     RotationAngle: _of_angle,
 }
-"""Faster readings, by measure; None of one means that it does not fit these points or this derivative."""
+"""Faster readings, by measure; each returns None where it does not fit these points or this derivative."""

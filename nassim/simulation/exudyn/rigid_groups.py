@@ -1,4 +1,7 @@
-"""Rigid bodies that rigid connections make one: Exudyn then moves fewer, and has no joint to close between them."""
+"""Rigid groups: rigid bodies that rigid connections combine.
+
+Exudyn then has fewer bodies and no joints between them.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,10 +18,11 @@ from nassim.simulation.model.assembly import Assembly
 
 @dataclass(frozen=True)
 class RigidGroups:
-    """Which bodies without deformation are one.
+    """Groups of bodies without deformation that rigid connections combine.
 
-    leaders: of each by name the one that stands for all that are one with it; a fixed one where there is any
-    joints: names of the rigid connections between them
+    Attributes:
+        leaders: name of each body's leader, which represents its group; a fixed body where there is one.
+        joints: names of the rigid connections within groups.
     """
 
     leaders: Mapping[str, str]
@@ -26,7 +30,7 @@ class RigidGroups:
 
     @property
     def groups(self) -> dict[str, list[str]]:
-        """The bodies that are one, by the one that stands for them."""
+        """Names of the bodies of each group, by its leader."""
         found: dict[str, list[str]] = {}
         for name, leader in self.leaders.items():
             found.setdefault(leader, []).append(name)
@@ -34,12 +38,12 @@ class RigidGroups:
 
 
 def find_rigid_groups(assembly: Assembly) -> RigidGroups:
-    """What is one in a scene: bodies without deformation that joints hold together in all six directions."""
+    """Find the rigid groups of a scene: bodies without deformation that joints hold together in all six directions."""
     moves = {body.name: body.moves for body in assembly.scene.bodies}
     leaders, joints = {body.name: body.name for body in assembly.scene.bodies if body.is_rigid}, []
     for joint in assembly.scene.terms_of(Constraint):
         a, b = (leaders.get(path.partition(".")[0]) for path in joint.points[:2])
-        # What other joints hold already is not enforced by this one, and what a drive moves not held at rest.
+        # Directions that other joints hold already, and those that a drive moves, are not enforced by this joint.
         pose = isinstance(joint.measure, RelativePose)
         rigid = pose and len(joint.held) == len(assembly.enforced[joint.name]) == len(joint.measure.components)
         if rigid and a is not None and b is not None:
@@ -49,8 +53,8 @@ def find_rigid_groups(assembly: Assembly) -> RigidGroups:
     return RigidGroups(leaders, frozenset(joints))
 
 
-def as_one(bodies: Sequence[RigidBody]) -> RigidBody:
-    """Bodies along the world's axes as one; with a fixed one among them, that."""
+def combine_bodies(bodies: Sequence[RigidBody]) -> RigidBody:
+    """Combine bodies along the world's axes into one; with a fixed body among them, return that."""
     alone = [body for body in bodies if body.fixed] or bodies
     if len(alone) == 1:
         return alone[0]
@@ -62,10 +66,11 @@ def as_one(bodies: Sequence[RigidBody]) -> RigidBody:
 
 
 def _of_a_mass(mass: float, arm: Array) -> Array:
+    """Return the inertia of a point mass at an arm, (3, 3)."""
     result: Array = mass * skew(arm) @ skew(arm).T
     return result
 
 
-def part_of(one: RigidBody, body: RigidBody) -> RigidBody:
-    """Several bodies as one, with the points of one of them."""
+def with_points_of(one: RigidBody, body: RigidBody) -> RigidBody:
+    """Return a combined body with the points of one of its bodies."""
     return replace(one, points={name: body.point_position(name) - one.position for name in body.points})

@@ -21,9 +21,9 @@ from nassim.simulation.exudyn.state import System, find_accelerations
 from nassim.simulation.exudyn.steady_state import solve_loaded_equilibrium
 from nassim.simulation.linear.digital_controllers import BadCommand, runaway, start_loops
 from nassim.simulation.linear.stopped_runs import Stopped
-from nassim.simulation.model.tangents import NO_EQUILIBRIUM
 from nassim.simulation.model.buckling import axial_rows
 from nassim.simulation.model.reach import find_reach, scene_size
+from nassim.simulation.model.tangents import NO_EQUILIBRIUM
 
 MANY = 10**9
 """Steps that a run one by one may have."""

@@ -1,4 +1,4 @@
-"""What springs and dampers pull with, from the motions of their points, as their connectors do in large motion."""
+"""Forces of springs and dampers as outputs, from the motions of their points, equal to those of their connectors."""
 
 from collections.abc import Sequence
 
@@ -15,11 +15,20 @@ from nassim.simulation.exudyn.outputs import add_output
 from nassim.simulation.exudyn.state import Summand, dot
 
 Kind = exu.OutputVariableType
-MOTIONS = (Kind.Position, Kind.RotationMatrix, Kind.Velocity, Kind.AngularVelocity)
+POSE_AND_VELOCITY = (Kind.Position, Kind.RotationMatrix, Kind.Velocity, Kind.AngularVelocity)
+"""Exudyn's variables of each point of a spring."""
 
 
 def add_spring_force(items: Items, term: SpringForce) -> list[Summand]:
-    """Add what an output records the pull of a spring and its damper by."""
+    """Add the sensors of a spring's force, damper included.
+
+    Args:
+        items: Exudyn's items of the scene.
+        term: the output.
+
+    Returns:
+        The summands of the output.
+    """
     law, measure = term.spring, term.spring.measure
     k = measure.components.index(term.component)
     if isinstance(law, Spring) and items.has_markers(measure):
@@ -35,12 +44,13 @@ def add_spring_force(items: Items, term: SpringForce) -> list[Summand]:
 
 
 def _general(items: Items, law: ForceLaw, k: int) -> Summand:
+    """Read a component of any force law."""
     evaluate = items.evaluator(law.measure)
     return general_term(items.mbs, evaluate, lambda value, rate: float(law.resistance(value, rate)[k]), 1)
 
 
 def _along(items: Items, law: Spring, measure: Displacement) -> Summand:
-    """Along axes that turn with one of two points; the damper brakes what grows along these."""
+    """Read the force along axes that rotate with one of two points; the damper resists the rate along these axes."""
     (a, _), (b, along) = measure.weights
     stiffness, damping = (float(matrix[0, 0]) for matrix in law.matrices)
     markers = items.marker(a), items.marker(b)
@@ -59,7 +69,7 @@ def _along(items: Items, law: Spring, measure: Displacement) -> Summand:
 
 
 def _of_six(items: Items, law: Spring, measure: RelativePose, k: int) -> Summand:
-    """One of six, along axes halfway between the two points, at the place of b."""
+    """Read one of six components, along axes halfway between the two points, at the place of b."""
     axes, (stiffness, damping) = measure.axes, law.matrices
     markers = (
         items.marker(measure.a, axes=axes, at=items.scene.point_position(measure.b)),
@@ -71,7 +81,7 @@ def _of_six(items: Items, law: Spring, measure: RelativePose, k: int) -> Summand
         apart, speed, (first, second), spins = _relative(columns)
         turned = Rotation.from_matrix(np.swapaxes(first, 1, 2) @ second).as_rotvec()
         halfway = first @ Rotation.from_rotvec(turned / 2).as_matrix()
-        # As the connector: beside the ground it takes the difference of velocities as it is.
+        # As the connector: against the ground it takes the difference of velocities unchanged.
         grows = speed - both * np.cross((spins[0] + spins[1]) / 2, apart)
         back = np.swapaxes(halfway, 1, 2)
         moved, rates = (
@@ -85,10 +95,11 @@ def _of_six(items: Items, law: Spring, measure: RelativePose, k: int) -> Summand
 
 
 def _sensors(items: Items, markers: Sequence[int]) -> tuple[int, ...]:
-    return tuple(items.sensor(marker, kind) for marker in markers for kind in MOTIONS)
+    """Return sensors of the motions of markers."""
+    return tuple(items.sensor(marker, kind) for marker in markers for kind in POSE_AND_VELOCITY)
 
 
 def _relative(columns: Sequence[Array]) -> tuple[Array, Array, tuple[Array, Array], tuple[Array, Array]]:
-    """Of the second point against the first: place and velocity, (n, 3); axes (n, 3, 3) and spins (n, 3) of both."""
+    """Return relative position and velocity of two points, (n, 3), and axes (n, 3, 3) and spins (n, 3) of both."""
     (p, r, v, w), (q, s, u, x) = columns[:4], columns[4:]
     return q - p, u - v, (r.reshape(-1, 3, 3), s.reshape(-1, 3, 3)), (w, x)

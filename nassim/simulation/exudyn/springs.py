@@ -1,10 +1,11 @@
-"""Force laws of a scene as Exudyn's connectors: a table of faster items, by law and measure, and the general one.
+"""Force laws of a scene as Exudyn's connectors: a table of faster items, by law and measure, and the general item.
 
-Exudyn's spring along directions that turn has two traps. Along the axes of its first marker it acts on either body at
-its own marker, so that a displacement upsets the balance of moments; its intrinsic formulation acts on both in the
-middle, along axes halfway, which is right for small turns of one against the other. And in both the dampers take the
-difference of two velocities for the rate at which a displacement grows, so that they brake common turns. Functions of
-Python put that right where both bodies move.
+Exudyn's spring along rotating directions has two traps. Along the axes of its first marker, it acts on either body at
+that body's own marker, so that a displacement violates the balance of moments. Its intrinsic formulation acts on both
+in the middle, along axes halfway, which is right for small relative rotations. In both formulations the dampers take
+the
+difference of two velocities for the rate of a displacement, so that they brake common rotations. Python functions
+correct this where both bodies move.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -35,12 +36,12 @@ from nassim.simulation.model.states import ReferenceState
 Vector = Sequence[float] | Array
 Wrench = Callable[..., Vector]
 Kind = exu.OutputVariableType
-PILOT_RADIUS = 0.05
-"""Distance of pilots, by whose places a flexible body's points turn, from these, over the size of the body."""
+VIRTUAL_NODE_RADIUS = 0.05
+"""Distance of the virtual nodes that define a point's rotation from that point, over the size of the flexible body."""
 
 
-def reaches(scene: Scene) -> list[tuple[str, Array]]:
-    """Points that carry springs in the place of other points, and these places, world frame at the start."""
+def extended_points(scene: Scene) -> list[tuple[str, Array]]:
+    """Return points that carry springs at other places, and these places, world frame at the start."""
     found = []
     for law in scene.terms_of(ForceLaw):
         measure = law.measure
@@ -52,10 +53,10 @@ def reaches(scene: Scene) -> list[tuple[str, Array]]:
 
 
 def rounding(scene: Scene) -> float:
-    """Force [N] that rounded places and turns leave in a scene's springs: no equilibrium can be found nearer.
+    """Estimate the force [N] that rounding of positions and rotations leaves in a scene's springs.
 
-    What it is in each adds up, for places that lie alike round alike. Coordinates of deformation round as the forces
-    do that cause them.
+    No equilibrium can be found more precisely. The forces of all springs add up, because equal positions round alike.
+    Coordinates of deformation round like the forces that cause them, so they do not count.
     """
     states, total = {body.name: ReferenceState(body) for body in scene.bodies}, 0.0
     for law in scene.terms_of(ForceLaw):
@@ -73,22 +74,22 @@ def rounding(scene: Scene) -> float:
 
 
 def _sizes(scene: Scene, path: str) -> Array:
-    """What rounds of a point's place [m] and turn, (6,); turns of flexible bodies are found from places beside it."""
-    return np.repeat([np.linalg.norm(scene.point_position(path)), 1 / PILOT_RADIUS], 3)
+    """Return the magnitudes of a point's position [m] and rotation by virtual nodes, which round, (6,)."""
+    return np.repeat([np.linalg.norm(scene.point_position(path)), 1 / VIRTUAL_NODE_RADIUS], 3)
 
 
 def add_force_law(items: Items, law: ForceLaw) -> None:
-    """Add a force law: by the faster item of its measure where there is one, else by the general item."""
+    """Add a force law by the faster item of its measure where there is one, else by the general item."""
     evaluate = items.evaluator(law.measure)
     if not evaluate.names:
         return
-    faster = FASTER.get((type(law), type(law.measure)))
+    faster = FASTER_FORCES.get((type(law), type(law.measure)))
     if faster is None or not faster(items, law, law.measure):
         add_general_force(items.mbs, evaluate, law)
 
 
 def _add_within(items: Items, law: Spring, measure: Measure) -> bool:
-    """A spring on coordinates of deformation."""
+    """Add a spring on coordinates of deformation."""
     nodes = on_coordinates(items, measure)
     if not nodes:
         return nodes is not None
@@ -107,6 +108,7 @@ def _add_within(items: Items, law: Spring, measure: Measure) -> bool:
 
 
 def _add_along_line(items: Items, law: Spring, measure: Distance) -> bool:
+    """Add a spring along the line through two points."""
     if not items.has_markers(measure):
         return False
     a, b = measure.points
@@ -123,7 +125,7 @@ def _add_along_line(items: Items, law: Spring, measure: Distance) -> bool:
 
 
 def _add_along(items: Items, law: Spring, measure: Displacement) -> bool:
-    """A spring between two points along a direction of the world, or of one of the points."""
+    """Add a spring between two points along a direction of the world, or of one of the points."""
     ends = _pair(measure)
     if ends is None or not items.has_markers(measure):
         return False
@@ -157,7 +159,7 @@ def _add_along(items: Items, law: Spring, measure: Displacement) -> bool:
 
 
 def _pair(measure: Displacement | PointVelocity) -> tuple[str, str, Array] | None:
-    """Two points and the direction of a measure of the second against the first; None for other measures."""
+    """Return the two points and the direction of a relative measure of two points; None for other measures."""
     if len(measure.weights) != 2:
         return None
     (a, along_a), (b, along_b) = measure.weights
@@ -165,7 +167,7 @@ def _pair(measure: Displacement | PointVelocity) -> tuple[str, str, Array] | Non
 
 
 def _add_rotation_damper(items: Items, law: Spring, measure: PointVelocity) -> bool:
-    """A damper of rotations about an axis that turns with one of two points, (3,)."""
+    """Add a damper of rotations about an axis that rotates with one of two points, (3,)."""
     ends = _pair(measure)
     if ends is None or not measure.angular or measure.axes_of not in ends[:2] or not items.has_markers(measure):
         return False
@@ -183,7 +185,7 @@ def _add_rotation_damper(items: Items, law: Spring, measure: PointVelocity) -> b
 
 
 def _add_bushing(items: Items, law: Spring, measure: RelativePose) -> bool:
-    """A spring on a relative pose: where its points lie apart, a's body reaches rigidly to the place of b."""
+    """Add a spring on a relative pose; the body of a is extended rigidly to the place of b."""
     if measure.rotation != VECTOR or not items.has_markers(measure):
         return False
     markers = (
@@ -203,9 +205,9 @@ def _connect(items: Items, markers: tuple[int, int], **options: Any) -> None:
 
 
 def _pull_of_six(first: int, stiffness: Array, damping: Array) -> Wrench:
-    """What pulls at the first marker, (6,), as Exudyn asks for it, for a small motion of the second against the first.
+    """Return the function, for Exudyn, of the wrench at the first marker, (6,), for small relative motion.
 
-    It is given displacement, turn, and the differences of velocities and of angular velocities.
+    It takes displacement, rotation, and the differences of velocities and of angular velocities.
     """
 
     def pull(mbs: Any, _t: float, _n: int, displacement: Vector, turned: Vector, *more: Vector) -> Array:
@@ -219,7 +221,7 @@ def _pull_of_six(first: int, stiffness: Array, damping: Array) -> Wrench:
 
 
 def _pulls_along(markers: tuple[int, int], along: Array, stiffness: float, damping: float) -> tuple[Wrench, Wrench]:
-    """Along a direction of the first marker's axes: the force, and what moment it has there from the second's place."""
+    """Return functions, for Exudyn, of the force along a direction of the first marker and of its moment there."""
     first, second = markers
     direction = along.tolist()
 
@@ -253,11 +255,11 @@ def _dot(a: Vector, b: Vector) -> float:
     return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
-FASTER: Mapping[tuple[type[ForceLaw], type[Measure]], Callable[[Items, Any, Any], bool]] = {
+FASTER_FORCES: Mapping[tuple[type[ForceLaw], type[Measure]], Callable[[Items, Any, Any], bool]] = {
     (Spring, BodyCoordinates): _add_within,
     (Spring, Distance): _add_along_line,
     (Spring, Displacement): _add_along,
     (Spring, PointVelocity): _add_rotation_damper,
     (Spring, RelativePose): _add_bushing,
 }
-"""Faster items, by law and measure; False of one means that it does not fit these points."""
+"""Faster items, by law and measure; each returns False where it does not fit these points."""

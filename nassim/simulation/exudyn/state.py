@@ -1,4 +1,4 @@
-"""What nassim keeps of an Exudyn system, and the system of a scene in small motion."""
+"""Exudyn's numbers and functions of a running system: its inputs, outputs, poses and circuits."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -20,22 +20,23 @@ COORDINATES = (
     exu.OutputVariableType.Coordinates_t,
     exu.OutputVariableType.Coordinates_tt,
 )
-"""What a reading of each derivative records of a node."""
+"""Exudyn's variables of a node for an output of each derivative."""
 
 
 @dataclass(frozen=True)
 class FlexibleCoordinates:
-    """Where Exudyn keeps the deformation of a flexible body.
+    """Exudyn's nodes of the deformation of a flexible body.
 
-    nodes: nodes and their numbers of coordinates, whose sum is m
-    coordinates: the reduced body's coordinates per unit of these, shape (n, m)
+    Attributes:
+        nodes: nodes and their numbers of coordinates, whose sum is m.
+        coordinates: the reduced body's coordinates per unit of the nodes', (n, m).
     """
 
     nodes: tuple[tuple[int, int], ...]
     coordinates: Array
 
     def parts(self, row: Array) -> list[tuple[int, Array]]:
-        """A row over the body's coordinates, split by nodes; nodes that it leaves alone are left out."""
+        """Split a row over the body's coordinates by nodes; nodes without a part are left out."""
         ends = np.cumsum([count for _, count in self.nodes])
         pieces = np.split(row @ self.coordinates, ends[:-1])
         return [(node, piece) for (node, _), piece in zip(self.nodes, pieces, strict=True) if np.any(piece)]
@@ -43,12 +44,15 @@ class FlexibleCoordinates:
 
 @dataclass(frozen=True)
 class InputChannel:
-    """How an input acts on an Exudyn system.
+    """The effect of an input on an Exudyn system.
 
-    number: of a load or an object, to which other inputs may add; parameter: of it, that carries the forces
-    input: name; forces: per unit of it
-    rate: of the amplifier between, a low-pass of first order [1/s]
-    offset: of a joint whose motion the input is, which reads it at every iteration; None for forces
+    Attributes:
+        number: number of a load or an object, to which other inputs may add.
+        input: name of the input.
+        forces: forces per unit of the input.
+        parameter: parameter of the load or object that holds the forces.
+        rate: rate of the amplifier, a low-pass of first order [1/s].
+        offset: offset of a joint whose motion the input is, which the joint reads at every iteration; None for forces.
     """
 
     number: int
@@ -60,37 +64,45 @@ class InputChannel:
 
 
 @dataclass
-class _Carried:
-    """What a load or an object carries.
+class _ForceCarrier:
+    """A load or an object that carries the forces of inputs.
 
-    places: of the drives that add to it; forces: per unit of each, (places, m); beside: what else it carries, (m,)
-    setting: tells it the forces; last: values of its drives that it has been told
+    Attributes:
+        places: indices of the channels that add to it.
+        forces: forces per unit of each channel, (places, m).
+        constant: other, constant forces, (m,).
+        setting: function that sets the forces.
+        last: values of its channels at the last call.
     """
 
     places: Array
     forces: Array
-    beside: Array | None
+    constant: Array | None
     setting: Callable[[Array], None]
     last: bytes = b""
 
-    def tell(self, values: Array) -> None:
-        """Carry what these values of all drives make; every call into Exudyn takes a microsecond or more."""
+    def update(self, values: Array) -> None:
+        """Set the forces by the values of all channels if they changed.
+
+        A call into Exudyn takes a microsecond or more.
+        """
         now = values[self.places]
-        told = now.tobytes()
-        if told != self.last:
+        now_bytes = now.tobytes()
+        if now_bytes != self.last:
             forces = now.dot(self.forces)
-            self.setting(forces if self.beside is None else forces + self.beside)
-            self.last = told
+            self.setting(forces if self.constant is None else forces + self.constant)
+            self.last = now_bytes
 
 
 @dataclass(frozen=True)
 class Summand:
     """One summand of an output.
 
-    sensors: Exudyn's numbers; value: makes of their columns, (n_samples, k) each, the summand, (n_samples,), of each
-        sample the same to the last digit as of that sample alone
-    weights: of the columns of one sensor, where the summand is their weighted sum
-    period: of a summand that counts turns on: what a whole turn adds to it, by which single samples are ambiguous; or 0
+    Attributes:
+        sensors: Exudyn's sensor numbers.
+        value: function of their columns, (n_samples, k) each, that returns the summand, (n_samples,).
+        weights: weights of the columns of one sensor, where the summand is their weighted sum.
+        period: increase of an unwrapped summand by a full turn, the ambiguity of single samples; 0 without unwrapping.
     """
 
     sensors: tuple[int, ...]
@@ -100,62 +112,67 @@ class Summand:
 
     @classmethod
     def linear(cls, sensor: int, weights: Array) -> "Summand":
-        """A weighted sum of one sensor's columns."""
+        """Make a weighted sum of one sensor's columns."""
         column = np.reshape(weights, (-1, 1))
         return cls((sensor,), lambda columns: np.matmul(columns[:, None, :], column)[:, 0, 0], weights)
 
 
 @dataclass(frozen=True)
 class System:
-    """Exudyn's numbers of what a scene consists of.
+    """An Exudyn system, with Exudyn's numbers of a scene's bodies, inputs and outputs.
 
-    mbs: the Exudyn system, kept alive by container; assembly: what it models
-    nodes: rigid-body node per moving body; carriers: per flexible body that deforms
-    drives: what the inputs act through
-    readings: per output, what it is the sum of, before its filter
-    massless: objects of whose coordinates some have no mass, and the mass matrix that `find_accelerations` leaves them
-    beside: what objects carry beside the forces of inputs, by number
-    sparse: whether Exudyn's sparse solver is the faster one
-    filtered: what a run lets pass, by output of `Assembly.filters`, (n_samples,) each
-    turning: by inertial output, sensors of axes with which its directions turn, and these directions times gains, (3,)
-    counts: last values of terms that count turns on, by their `id`
-    evaluators: of measures by general items, whose angles are counted on
+    Attributes:
+        container: Exudyn's container, which keeps the system alive.
+        mbs: the Exudyn system.
+        assembly: the assembled scene.
+        nodes: rigid-body node of each moving body, by name.
+        flexible: coordinates of each flexible body that deforms, by name.
+        drives: channels of the inputs.
+        readings: summands of each output before its filter, by name.
+        massless: objects with coordinates without mass, and the mass matrix that `find_accelerations` gives them.
+        constant_forces: forces of objects that do not depend on inputs, by number.
+        sparse: whether Exudyn's sparse solver is faster.
+        filtered: filtered values of a run, by output of `Assembly.filters`, (n_samples,) each.
+        rotating_axes: by inertial output, sensors of the axes with which its directions rotate, and these directions
+            times gains, (3,).
+        counts: last values of unwrapped summands, by their `id`.
+        evaluators: evaluators of measures by general items, whose angles are unwrapped.
     """
 
     container: Any
     mbs: Any
     assembly: Assembly
     nodes: dict[str, int]
-    carriers: dict[str, FlexibleCoordinates]
+    flexible: dict[str, FlexibleCoordinates]
     drives: tuple[InputChannel, ...]
     readings: dict[str, list[Summand]]
     massless: Mapping[int, Any]
-    beside: Mapping[int, Array] = field(default_factory=dict)
+    constant_forces: Mapping[int, Array] = field(default_factory=dict)
     sparse: bool = False
     filtered: dict[str, Array] = field(default_factory=dict)
-    turning: dict[str, list[tuple[int, Array]]] = field(default_factory=dict)
+    rotating_axes: dict[str, list[tuple[int, Array]]] = field(default_factory=dict)
     counts: dict[int, float] = field(default_factory=dict)
     evaluators: Sequence[Any] = ()
 
     def apply(self, inputs: Mapping[str, float]) -> None:
-        """Set the inputs, as if they had always been so."""
+        """Set the inputs, as if they had always been constant."""
         self.act(np.array([inputs[drive.input] for drive in self.drives]))
 
     def act(self, values: Array) -> None:
-        """Set what acts by the values of all drives in turn, behind their amplifiers, (drives,)."""
+        """Set forces and joint motions by the values of all channels, after their amplifiers, (drives,)."""
         for place, drive in self._moved:
             drive.offset[:] = values[place] * drive.forces
-        for carried in self._carried:
-            carried.tell(values)
+        for carrier in self._force_carriers:
+            carrier.update(values)
 
     @cached_property
     def _moved(self) -> list[tuple[int, Any]]:
-        """Drives that move joints, and their places."""
+        """Channels that move joints, and their indices."""
         return [(place, drive) for place, drive in enumerate(self.drives) if drive.offset is not None]
 
     @cached_property
-    def _carried(self) -> list[_Carried]:
-        """Everything that carries forces of inputs: one call each sets them."""
+    def _force_carriers(self) -> list[_ForceCarrier]:
+        """Loads and objects that carry forces of inputs; one call each sets them."""
         found: dict[tuple[int, str], list[int]] = {}
         for place, drive in enumerate(self.drives):
             if drive.offset is None:
@@ -164,9 +181,9 @@ class System:
         for (number, parameter), places in found.items():
             is_load = parameter == "loadVector"
             setting = partial(self.mbs.SetLoadParameter if is_load else self.mbs.SetObjectParameter, number, parameter)
-            beside = None if is_load else self.beside.get(number)
+            constant = None if is_load else self.constant_forces.get(number)
             forces = np.array([self.drives[k].forces for k in places])
-            result.append(_Carried(np.array(places), forces, beside, setting))
+            result.append(_ForceCarrier(np.array(places), forces, constant, setting))
         return result
 
     @property
@@ -184,9 +201,15 @@ class System:
             evaluate.last = last
 
     def measuring(self, outputs: Iterable[str]) -> Callable[[], Array]:
-        """A function that returns present values of these outputs, before their filters, among all, (outputs,).
+        """Make a function that returns present values of these outputs before their filters.
 
-        It asks a sensor once for all weighted sums of its columns. What is not asked for is 0.
+        It reads each sensor once for all weighted sums of its columns.
+
+        Args:
+            outputs: names of the outputs.
+
+        Returns:
+            The function, which returns all outputs of the scene, (outputs,); the others are 0.
         """
         names = self.assembly.scene.outputs
         read, weighted, others = self.mbs.GetSensorValues, dict[int, Array](), []
@@ -213,11 +236,11 @@ class System:
         return measure
 
     def measured(self, output: str) -> float:
-        """Present value of one output, before its filter."""
+        """Return the present value of one output before its filter."""
         return sum((self._present(term) for term in self.readings[output]), 0.0)
 
     def _present(self, term: Summand) -> float:
-        """Present value of a term; turns are counted on from the value before."""
+        """Return the present value of a summand, unwrapped from its last value."""
         value = float(term.value(*(np.reshape(self.mbs.GetSensorValues(k), (1, -1)) for k in term.sensors))[0])
         if term.period:
             value += term.period * round((self.counts.get(id(term), value) - value) / term.period)
@@ -225,84 +248,89 @@ class System:
         return value
 
     def at_rest(self, output: str) -> float:
-        """Present value of one output, behind its filter, of a system that rests."""
+        """Return the present value of one output after its filter, for a system at rest."""
         filters = self.assembly.filters
         return self.measured(output) * (static_gain(filters[output]) if output in filters else 1.0)
 
     def deformation(self, name: str) -> Array:
-        """Present coordinates of a flexible body that deforms, as `ReducedBody` orders them, shape (n,)."""
+        """Return the present coordinates of a flexible body that deforms, in the order of `ReducedBody`, (n,)."""
         result: Array = self.flexible[name].coordinates @ self.carried(name)
         return result
 
     def carried(self, name: str) -> Array:
-        """Present coordinates that carry the deformation of a flexible body, shape (m,)."""
+        """Return the present coordinates of the nodes of a flexible body's deformation, (m,)."""
         kind = exu.OutputVariableType.Coordinates
         nodes = self.flexible[name].nodes
         return np.concatenate([np.atleast_1d(self.mbs.GetNodeOutput(node, kind))[:count] for node, count in nodes])
 
     def taken(self, name: str) -> Array:
-        """What carries the deformation of a flexible body, among all of Exudyn's coordinates, shape (m, all)."""
+        """Return the selection of these coordinates from all of Exudyn's coordinates, (m, all)."""
         nodes, every = self.flexible[name].nodes, np.eye(self.mbs.systemData.ODE2Size())
         firsts = [self.mbs.GetNodeODE2Index(node) for node, _ in nodes]
         return np.vstack([every[first : first + count] for first, (_, count) in zip(firsts, nodes, strict=True)])
 
     def pose(self, body: Body) -> tuple[Array, Array]:
-        """Where the origin of a body's own frame is, (3,), and from its axes to the world's, (3, 3).
+        """Return position, (3,) [m], and rotation to the world's axes, (3, 3), of a body's own frame.
 
-        Where Exudyn has its node and axes in the body does not matter: they move as the body's frame does.
+        The place and axes of Exudyn's node in the body do not matter: they move with the body's frame.
         """
-        (now, place), (drawn, start) = (self._pose(body.name, drawn=drawn) for drawn in (False, True))
-        turn = now @ drawn.T
+        (now, place), (before, start) = (self._pose(body.name, reference=reference) for reference in (False, True))
+        turn = now @ before.T
         return place + turn @ (body.position - start), turn @ body.rotation
 
     def turn(self, name: str) -> float:
-        """Angle by which a body's frame is turned against the scene as drawn [rad]."""
-        return _angle(self._pose(name, drawn=False)[0] @ self._pose(name, drawn=True)[0].T)
+        """Return the rotation angle of a body's frame since the reference configuration [rad]."""
+        return _angle(self._pose(name, reference=False)[0] @ self._pose(name, reference=True)[0].T)
 
     def speed(self, name: str) -> float:
-        """How fast a body's frame turns [rad/s]."""
+        """Return the angular speed of a body's frame [rad/s]."""
         rate = self.mbs.GetNodeOutput(self.nodes[name], exu.OutputVariableType.AngularVelocity)
         return float(np.linalg.norm(rate))
 
     def distance(self, name: str) -> float:
-        """How far a body's frame, or the first point of one in small motion, is from where it is drawn [m]."""
+        """Return the distance [m] of a body's frame, or of its first point in small motion, from the reference."""
         if name in self.nodes:
-            return float(np.linalg.norm(self._pose(name, drawn=False)[1] - self._pose(name, drawn=True)[1]))
+            return float(np.linalg.norm(self._pose(name, reference=False)[1] - self._pose(name, reference=True)[1]))
         return float(np.linalg.norm(self.deformation(name)[:3]))
 
     def shifting(self, pairs: Sequence[tuple[str, str]]) -> Callable[[], Array]:
-        """A function that tells how far each pair's first body has moved as seen from the other's frame, (pairs, 2).
+        """Make a function that returns the motion of each pair's first body relative to the other's frame.
 
-        Turn [rad] and displacement [m] against the scene as drawn.
+        Args:
+            pairs: pairs of bodies.
+
+        Returns:
+            The function, which returns rotations [rad] and displacements [m] since the reference configuration, (pairs,
+            2).
         """
         names = sorted({name for pair in pairs for name in pair})
         bodies, others = np.array([[names.index(name) for name in pair] for pair in pairs], dtype=int).reshape(-1, 2).T
 
-        def seen(*, drawn: bool) -> tuple[Array, Array]:
-            poses = [self._pose(name, drawn=drawn) for name in names]
+        def seen(*, reference: bool) -> tuple[Array, Array]:
+            poses = [self._pose(name, reference=reference) for name in names]
             rotations, places = np.array([pose[0] for pose in poses]), np.array([pose[1] for pose in poses])
             back = rotations[others].transpose(0, 2, 1)
             return back @ rotations[bodies], (back @ (places[bodies] - places[others])[:, :, None])[:, :, 0]
 
-        turned_before, placed_before = seen(drawn=True) if pairs else (np.zeros((0, 3, 3)), np.zeros((0, 3)))
+        turned_at_start, placed_at_start = seen(reference=True) if pairs else (np.zeros((0, 3, 3)), np.zeros((0, 3)))
 
         def shifts() -> Array:
-            turned, placed = seen(drawn=False)
-            cosines = 0.5 * (np.einsum("nij,nij->n", turned, turned_before) - 1)
-            away = np.linalg.norm(placed - placed_before, axis=1)
+            turned, placed = seen(reference=False)
+            cosines = 0.5 * (np.einsum("nij,nij->n", turned, turned_at_start) - 1)
+            away = np.linalg.norm(placed - placed_at_start, axis=1)
             return np.column_stack([np.arccos(np.clip(cosines, -1.0, 1.0)), away])
 
         return shifts
 
-    def _pose(self, name: str, *, drawn: bool) -> tuple[Array, Array]:
-        """Rotation (3, 3) and position (3,) of a body's frame in the world, now or as drawn."""
-        when = exu.ConfigurationType.Reference if drawn else exu.ConfigurationType.Current
+    def _pose(self, name: str, *, reference: bool) -> tuple[Array, Array]:
+        """Return rotation (3, 3) and position (3,) of a body's frame in the world, now or in the reference."""
+        when = exu.ConfigurationType.Reference if reference else exu.ConfigurationType.Current
         kinds = exu.OutputVariableType.RotationMatrix, exu.OutputVariableType.Position
         rotation, position = (self.mbs.GetNodeOutput(self.nodes[name], kind, configuration=when) for kind in kinds)
         return np.reshape(rotation, (3, 3)), np.asarray(position)
 
     def recorded(self, output: str) -> Array:
-        """Samples of one output of a run, shape (n_samples,); a single 0 where nothing that moves is measured."""
+        """Return the samples of one output of a run, (n_samples,); a single 0 where nothing that moves is measured."""
         if output in self.filtered:
             return self.filtered[output]
         read = self.mbs.GetSensorStoredData
@@ -328,11 +356,12 @@ def _counted(term: Summand, values: Array) -> Array:
 
 
 def _angle(rotation: Array) -> float:
+    """Return the angle of a rotation matrix [rad]."""
     return float(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1), -1.0, 1.0)))
 
 
 def add_forces(mbs: Any, nodes: Sequence[int], size: int) -> int:
-    """Add an object that only carries forces; one call a step sets them, where loads would need one each."""
+    """Add an object that only carries forces: one call a step sets them, where loads would need one each."""
     nothing = np.zeros((0, 0))
     return int(
         mbs.AddObject(
@@ -345,12 +374,17 @@ def add_forces(mbs: Any, nodes: Sequence[int], size: int) -> int:
 
 @dataclass(frozen=True)
 class Charge:
-    """A port's charge as a coordinate w = v / scale, of a circuit that pushes coordinates q.
+    """A port's charge as a coordinate w = v / scale, of a circuit that acts on coordinates q.
 
-    Symmetric rows: c v + R c^2 v' = forces @ q. The scale makes them as large as those of the body's forces, else the
-    tolerance of Newton's iterations passes over them.
+    The rows are symmetric: c v + R c^2 v' = forces @ q. The scale makes them as large as those of the body's forces,
+    else
+    the tolerance of Newton's iterations ignores them.
 
-    push: forces on q per unit of w, (n,); stiffness, damping: of w; gain: of the circuit's output
+    Attributes:
+        push: forces on q per unit of w, (n,).
+        stiffness: stiffness of w.
+        damping: damping of w.
+        gain: output of the circuit per unit of w.
     """
 
     push: Array
@@ -360,17 +394,25 @@ class Charge:
 
     @classmethod
     def of(cls, circuit: Circuit, forces: Array) -> "Charge":
-        """forces: on q per volt of v, (n,)."""
+        """Make the coordinate of a circuit; forces: on q per volt of v, (n,)."""
         c = circuit.capacitance
         scale = float(np.linalg.norm(forces)) / c or 1.0
         return cls(scale * forces, scale**2 * c, scale**2 * circuit.resistance * c**2, scale * circuit.gain)
 
 
 def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array) -> tuple[int, Summand]:
-    """Add a port's charge; returns its object and the sensor of its output.
+    """Add a port's charge.
 
-    forces: on the nodes' coordinates per volt. The mass is for the accelerations at the start, where w'' = 0;
-    `find_accelerations` takes it away.
+    Its mass serves for the accelerations at the start, where w'' = 0; `find_accelerations` removes it.
+
+    Args:
+        mbs: Exudyn's system.
+        circuit: the circuit.
+        nodes: nodes of the coordinates q.
+        forces: forces on q per volt, (n,).
+
+    Returns:
+        The number of its object, and the summand of its output.
     """
     n, charge = len(forces), Charge.of(circuit, forces)
     node = mbs.AddNode(modal_node(1))
@@ -392,9 +434,9 @@ def add_circuit(mbs: Any, circuit: Circuit, nodes: Sequence[int], forces: Array)
 
 
 def find_accelerations(system: System, settings: Any) -> None:
-    """Set the accelerations at the start, while charges and drives have the mass that Exudyn needs for that; remove it.
+    """Set the accelerations at the start, and remove the mass of charges and drives that Exudyn requires for this.
 
-    Without them an input that does not start at zero would lose half a step.
+    Without these accelerations, an input that does not start at zero would lose half a step.
     """
     if not system.massless:
         return
@@ -409,7 +451,7 @@ def find_accelerations(system: System, settings: Any) -> None:
 
 
 def modal_node(n: int, speeds: Sequence[float] | None = None) -> Any:
-    """A node of n coordinates, at rest or with speeds at the start."""
+    """Make a node of n coordinates, at rest or with initial speeds."""
     zero = [0.0] * n
     return eii.NodeGenericODE2(
         numberOfODE2Coordinates=n,

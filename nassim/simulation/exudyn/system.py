@@ -1,6 +1,6 @@
-"""A scene as an Exudyn system: bodies, markers, joints, loads and sensors.
+"""Construction of a scene's Exudyn system: bodies, markers, joints, loads and sensors.
 
-The one stateful thing of nassim; it is born and gone within one call of `simulate` or `static_response`.
+The system exists within one call of `simulate` or `static_response` only.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -43,35 +43,44 @@ from nassim.simulation.exudyn.modal import small_motion_system
 from nassim.simulation.exudyn.outputs import add_axes, add_output
 from nassim.simulation.exudyn.rigid_groups import combine_bodies, find_rigid_groups, with_points_of
 from nassim.simulation.exudyn.spring_forces import add_spring_force
-from nassim.simulation.exudyn.springs import VIRTUAL_NODE_RADIUS, add_force_law, reaches
+from nassim.simulation.exudyn.springs import VIRTUAL_NODE_RADIUS, add_force_law, extended_points
 from nassim.simulation.exudyn.state import FlexibleCoordinates, InputChannel, Summand, System, add_circuit, modal_node
 from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.capabilities import LARGE_MOTION, check_capabilities
 from nassim.simulation.model.initial_velocities import check_implied, initial_twists
 from nassim.simulation.model.period_correction import Steps, correct_periods
 from nassim.simulation.model.states import LinearState, euler_state
 
 NO_ROTATION = np.array([1.0, 0.0, 0.0, 0.0])
-"""Euler parameters."""
-LARGE = 80
-"""Coordinates from which on a sparse factorisation is the faster one."""
-# Corners of a regular triangle: equal weights on three pilots there, the fewest, give a remote point's motion exactly.
+"""Euler parameters of no rotation."""
+SPARSE_SIZE = 80
+"""Number of coordinates above which a sparse factorisation is faster."""
 VIRTUAL_NODE_DIRECTIONS = np.array([[2, -1, -1], [-1, 2, -1], [-1, -1, 2]]) / np.sqrt(6)
+"""Corners of a regular triangle: three virtual nodes, the fewest, whose equal weights give a point's motion exactly."""
 
 
 Added = tuple[int, FlexibleCoordinates, int, dict[Place, MarkerFactory], dict[Place, tuple[int, list[int]]]]
-"""Rigid node of a body, its carrier, its object, grips and pilots."""
+"""Rigid node of a body, its flexible coordinates, its object, its marker factories and its virtual nodes."""
 
 
 def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, steps: Steps | None = None) -> System:
     """Build the Exudyn system of an assembled scene, with all inputs at zero.
 
-    rates: at the start, of inputs that drives follow, see `initial_twists`
-    steps: whose error in periods is made up for; None: of none
+    Args:
+        assembly: the assembled scene.
+        rates: initial rates of inputs that drives follow, see `initial_twists`.
+        steps: steps whose period error is corrected; None: no correction.
 
-    Raises ValueError for joints and angular velocities that do not go together: `nassim.simulation.model.initial_velocities`.
+    Returns:
+        The system.
+
+    Raises:
+        ValueError: for joints and angular velocities that contradict each other, see
+            `nassim.simulation.model.initial_velocities`.
     """
     if assembly.scene.in_small_motion and len(assembly.mass):
         return small_motion_system(assembly, rates or {}, steps)
+    check_capabilities(assembly.scene, LARGE_MOTION)
     size = len(assembly.damping.root)
     assembly, added = correct_periods(assembly, steps) if steps else (assembly, np.zeros((size, size)))
     check_implied(assembly.scene, assembly.enforced)
@@ -80,11 +89,11 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, s
     items = _add_bodies(mbs, assembly, rates, added)
     drives: list[InputChannel] = []
     readings: dict[str, list[Summand]] = {output: [] for output in assembly.scene.outputs}
-    turning: dict[str, list[tuple[int, Array]]] = {output: [] for output in assembly.scene.outputs}
+    rotating_axes: dict[str, list[tuple[int, Array]]] = {output: [] for output in assembly.scene.outputs}
     for term in assembly.terms:
         if isinstance(term, Output):
             readings[term.name] += add_output(items, term)
-            turning[term.name] += add_axes(items, term)
+            rotating_axes[term.name] += add_axes(items, term)
         elif isinstance(term, SpringForce):
             readings[term.name] += add_spring_force(items, term)
         else:
@@ -92,7 +101,7 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, s
     massless = {}
     for circuit in assembly.circuits:
         forces = {name: circuit.forces[assembly.slices[name]] for name in items.flexible}
-        parts = [part for name, carrier in items.flexible.items() for part in carrier.parts(forces[name])]
+        parts = [part for name, coordinates in items.flexible.items() for part in coordinates.parts(forces[name])]
         if parts:
             row = np.concatenate([piece for _, piece in parts])
             number, reading = add_circuit(mbs, circuit, [node for node, _ in parts], row)
@@ -108,19 +117,19 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, s
         tuple(drives),
         readings,
         massless,
-        sparse=mbs.systemData.ODE2Size() > LARGE,
-        turning=turning,
+        sparse=mbs.systemData.ODE2Size() > SPARSE_SIZE,
+        rotating_axes=rotating_axes,
         evaluators=items.evaluators,
     )
 
 
 def _realise(items: Items, term: Term, assembly: Assembly) -> list[InputChannel]:
-    """Add what a term does; returns what an input then drives.
+    """Add a term and return the channels of its input.
 
     Shunts are circuits of the assembly, filters are the assembly's, prescribed motions belong to their constraints.
     """
     if isinstance(term, Constraint):
-        if assembly.enforced[term.name] and term.name not in items.welded:
+        if assembly.enforced[term.name] and term.name not in items.rigid_joints:
             driven = [t for t in assembly.terms if isinstance(t, PrescribedMotion) and t.constraint == term.name]
             return add_constraint(items, term, assembly.enforced[term.name], driven)
     elif isinstance(term, ForceLaw):
@@ -134,33 +143,35 @@ def _realise(items: Items, term: Term, assembly: Assembly) -> list[InputChannel]
 
 def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None, added: Array) -> Items:
     """Add the bodies with their weight, the mass added on their deformation, (m, m), and the damping between them."""
-    scene, welds = assembly.scene, find_rigid_groups(assembly)
+    scene, groups = assembly.scene, find_rigid_groups(assembly)
     twists = initial_twists(scene, rates)
     damping, mass = _by_bodies(assembly, assembly.damping.on_deformation()), _by_bodies(assembly, added)
     nodes: dict[str, int] = {}
-    carriers: dict[str, FlexibleCoordinates] = {}
-    grips: dict[Place, MarkerFactory] = {}
+    flexible: dict[str, FlexibleCoordinates] = {}
+    marker_factories: dict[Place, MarkerFactory] = {}
     objects: dict[str, int] = {}
     rigid: dict[str, RigidBody] = {}
-    pilots: dict[str, tuple[int, list[int]]] = {}
+    virtual_nodes: dict[str, tuple[int, list[int]]] = {}
     body_nodes: dict[str, BodyNodes] = {}
-    for flexible in scene.deformable_bodies:
-        add = _add_floating if flexible.fidelity == "ffrf" else _add_linear
-        node, carriers[flexible.name], objects[flexible.name], found, of_body = add(
+    for body in scene.deformable_bodies:
+        add = _add_floating if body.fidelity == "ffrf" else _add_linear
+        node, flexible[body.name], objects[body.name], found, of_body = add(
             mbs,
             scene,
-            flexible,
-            assembly.frames[flexible.name],
-            (mass[flexible.name, flexible.name], damping[flexible.name, flexible.name]),
-            twists[flexible.name],
+            body,
+            assembly.frames[body.name],
+            (mass[body.name, body.name], damping[body.name, body.name]),
+            twists[body.name],
         )
-        nodes[flexible.name] = node
-        carrier, number = carriers[flexible.name], objects[flexible.name]
-        body_nodes[flexible.name] = _flexible_nodes(flexible, assembly.frames[flexible.name], node, carrier, number)
-        grips.update({(f"{flexible.name}.{point}", offset): grip for (point, offset), grip in found.items()})
-        pilots.update({f"{flexible.name}.{p}": three for (p, offset), three in of_body.items() if not any(offset)})
+        nodes[body.name] = node
+        coordinates, number = flexible[body.name], objects[body.name]
+        body_nodes[body.name] = _flexible_nodes(body, assembly.frames[body.name], node, coordinates, number)
+        marker_factories.update(
+            {(f"{body.name}.{point}", offset): factory for (point, offset), factory in found.items()}
+        )
+        virtual_nodes.update({f"{body.name}.{p}": three for (p, offset), three in of_body.items() if not any(offset)})
     bodies = {body.name: _as_rigid(body, assembly) for body in scene.bodies if body.is_rigid}
-    for leader, names in welds.groups.items():
+    for leader, names in groups.groups.items():
         one = combine_bodies([bodies[name] for name in names])
         rigid_node, item = _add_rigid(mbs, one, twists.get(leader, np.zeros(6)))
         for name in names:
@@ -175,20 +186,22 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None,
         if not (other.is_rigid or other.deforms):
             body_nodes[other.name] = _add_linear_body(mbs, scene, other)
             nodes_of = body_nodes[other.name].nodes
-            carriers[other.name] = FlexibleCoordinates(nodes_of, np.eye(len(other.mass_matrix)))
-    own = [name for name in nodes if welds.leaders.get(name, name) == name]
+            flexible[other.name] = FlexibleCoordinates(nodes_of, np.eye(len(other.mass_matrix)))
+    own = [name for name in nodes if groups.leaders.get(name, name) == name]
     # A linear body carries its weight itself.
     linear = [body.name for body in scene.flexible_bodies if body.fidelity == "linear"]
     for name in own:
         if np.any(scene.gravity) and name not in linear:
             marker = mbs.AddMarker(eii.MarkerBodyMass(bodyNumber=objects[name]))
             mbs.AddLoad(eii.LoadMassProportional(markerNumber=marker, loadVector=list(scene.gravity)))
-    _couple(mbs, assembly, carriers, mass, damping)
-    return Items(mbs, scene, nodes, own, welds.joints, objects, rigid, carriers, grips, pilots, body_nodes)
+    _couple(mbs, assembly, flexible, mass, damping)
+    return Items(
+        mbs, scene, nodes, own, groups.joints, objects, rigid, flexible, marker_factories, virtual_nodes, body_nodes
+    )
 
 
 def _add_linear_body(mbs: Any, scene: Scene, body: Body) -> BodyNodes:
-    """Add a body of another formulation, by its own linear equations; general items hold and drive its points."""
+    """Add a body of another formulation by its own linear equations; general items hold and drive its points."""
     n = len(body.mass_matrix)
     node = mbs.AddNode(modal_node(n))
     number = mbs.AddObject(
@@ -203,21 +216,22 @@ def _add_linear_body(mbs: Any, scene: Scene, body: Body) -> BodyNodes:
 
 
 def _flexible_nodes(
-    body: FlexibleBody, frame: FloatingFrame, node: int, carrier: FlexibleCoordinates, number: int
+    body: FlexibleBody, frame: FloatingFrame, node: int, coordinates: FlexibleCoordinates, number: int
 ) -> BodyNodes:
+    """Return the nodes of a flexible body."""
     if body.fidelity == "linear":
-        state = partial(LinearState, body, change=carrier.coordinates)
+        state = partial(LinearState, body, change=coordinates.coordinates)
         places = [np.concatenate([body.point_position(point), np.zeros(3)]) for point in body.reduced.point_names]
-        return BodyNodes(number, carrier.nodes, state, np.concatenate([*places, np.zeros(body.reduced.n_modes)]))
+        return BodyNodes(number, coordinates.nodes, state, np.concatenate([*places, np.zeros(body.reduced.n_modes)]))
     start = np.array(RotationMatrix2EulerParameters(body.rotation))
-    at, deforms = body.point_position(frame.point), carrier.coordinates
+    at, deforms = body.point_position(frame.point), coordinates.coordinates
     euler = partial(euler_state, body, at, start=start, deforms=deforms)
     reference = np.concatenate([at, start, np.zeros(deforms.shape[1])])
-    return BodyNodes(number, ((node, 7), *carrier.nodes), euler, reference)
+    return BodyNodes(number, ((node, 7), *coordinates.nodes), euler, reference)
 
 
 def _as_rigid(body: Body, assembly: Assembly) -> RigidBody:
-    """A body without deformation, along the world's axes."""
+    """Return a body without deformation along the world's axes."""
     if isinstance(body, RigidBody):
         return body.along_world
     assert isinstance(body, FlexibleBody)
@@ -244,8 +258,8 @@ def _add_linear(
         )
         for point in reduced.point_names
     ]
-    grips = {
-        (point, (0.0, 0.0, 0.0)): _grip(mbs, np.eye(3), eii.MarkerNodeRigid, nodeNumber=number)
+    marker_factories = {
+        (point, (0.0, 0.0, 0.0)): _marker_factory(mbs, np.eye(3), eii.MarkerNodeRigid, nodeNumber=number)
         for point, number in zip(reduced.point_names, numbers, strict=True)
     }
     if reduced.n_modes:
@@ -265,8 +279,8 @@ def _add_linear(
             forceVector=mass @ fall @ scene.gravity,
         )
     )
-    carrier = FlexibleCoordinates(tuple(zip(numbers, counts, strict=True)), to_body)
-    return numbers[reduced.point_names.index(frame.point)], carrier, number, grips, {}
+    coordinates = FlexibleCoordinates(tuple(zip(numbers, counts, strict=True)), to_body)
+    return numbers[reduced.point_names.index(frame.point)], coordinates, number, marker_factories, {}
 
 
 def _add_floating(
@@ -286,7 +300,7 @@ def _add_floating(
     )
     modes = mbs.AddNode(modal_node(n))
     places = _places(scene, body, frame.point)
-    positions, rows = _pilots(body, frame, places)
+    positions, rows = _virtual_nodes(body, frame, places)
     number = mbs.AddObject(
         eii.ObjectFFRFreducedOrder(
             nodeNumbers=[node, modes],
@@ -306,11 +320,13 @@ def _add_floating(
             referencePositions=positions,
         )
     )
-    grips = {(frame.point, (0.0, 0.0, 0.0)): _grip(mbs, body.rotation, eii.MarkerNodeRigid, nodeNumber=node)}
-    pilots = {}
+    marker_factories = {
+        (frame.point, (0.0, 0.0, 0.0)): _marker_factory(mbs, body.rotation, eii.MarkerNodeRigid, nodeNumber=node)
+    }
+    virtual_nodes = {}
     for i, place in enumerate(places):
         three = list(range(3 * i, 3 * i + 3))
-        grips[place] = _grip(
+        marker_factories[place] = _marker_factory(
             mbs,
             body.rotation,
             eii.MarkerSuperElementRigid,
@@ -318,30 +334,31 @@ def _add_floating(
             meshNodeNumbers=three,
             weightingFactors=[1 / 3] * 3,
         )
-        pilots[place] = number, three
-    carrier = FlexibleCoordinates(((modes, n),), np.eye(len(body.reduced.mass_matrix))[:, frame.flexible])
-    return node, carrier, number, grips, pilots
+        virtual_nodes[place] = number, three
+    coordinates = FlexibleCoordinates(((modes, n),), np.eye(len(body.reduced.mass_matrix))[:, frame.flexible])
+    return node, coordinates, number, marker_factories, virtual_nodes
 
 
-def _grip(mbs: Any, rotation: Array, marker: Callable[..., Any], **of_place: Any) -> MarkerFactory:
-    """Adds markers to what is turned against the world's axes at the start, in which their own axes are given."""
+def _marker_factory(mbs: Any, rotation: Array, marker: Callable[..., Any], **of_place: Any) -> MarkerFactory:
+    """Return a function that adds markers to a body of a given initial rotation, with axes of the world's frame."""
     return lambda axes: int(mbs.AddMarker(marker(localHT=frame_at(np.zeros(3), rotation.T @ axes), **of_place)))
 
 
 def _places(scene: Scene, body: FlexibleBody, frame_point: str) -> list[Place]:
-    """What takes part of a body, but for the point on which its frame rides: points, and places that they reach."""
+    """Return the points of a body that parts use, except the frame's, and the places to which points are extended."""
     named = scene.named_points(body)
     places = {(point, (0.0, 0.0, 0.0)) for point in body.reduced.all_point_names if point in named}
-    for path, place in reaches(scene):
+    for path, place in extended_points(scene):
         if scene.split(path)[0] is body:
             places.add((path.partition(".")[2], offset_of(scene, path, place)))
     return sorted(places - {(frame_point, (0.0, 0.0, 0.0))}) or [(frame_point, (0.0, 0.0, 0.0))]
 
 
-def _pilots(body: FlexibleBody, frame: FloatingFrame, places: Sequence[Place]) -> tuple[Array, Array]:
-    """Virtual mesh nodes: three around each place, whose displacements are the rigid motion of the point it goes with.
+def _virtual_nodes(body: FlexibleBody, frame: FloatingFrame, places: Sequence[Place]) -> tuple[Array, Array]:
+    """Return virtual mesh nodes: three around each place, whose displacements define the rigid motion of its point.
 
-    Returns their positions (3 n_pilots,) and mode rows (3 n_pilots, n). At least one node must exist.
+    Returns:
+        Their positions (3 n_nodes,) and mode rows (3 n_nodes, n). At least one node must exist.
     """
     everyone = np.array([p.position for p in body.reduced.remote_points])
     radius = VIRTUAL_NODE_RADIUS * max(float(np.ptp(everyone, axis=0).max()), 1e-6)
@@ -355,6 +372,7 @@ def _pilots(body: FlexibleBody, frame: FloatingFrame, places: Sequence[Place]) -
 
 
 def _add_rigid(mbs: Any, body: RigidBody, twist: Array) -> tuple[int | None, int]:
+    """Add a rigid body; return its node, None where fixed, and its object."""
     if body.fixed:
         return None, mbs.AddObject(eii.ObjectGround(referencePosition=list(body.position)))
     node = mbs.AddNode(
@@ -371,10 +389,11 @@ def _add_rigid(mbs: Any, body: RigidBody, twist: Array) -> tuple[int | None, int
 
 
 Blocks = dict[tuple[str, str], Array]
-"""Of a matrix on the deformation of all bodies, by the names of every two."""
+"""Blocks of a matrix on the deformation of all bodies, by the names of two bodies."""
 
 
 def _by_bodies(assembly: Assembly, full: Array) -> Blocks:
+    """Split a matrix on the deformation of all bodies into blocks."""
     bodies = assembly.scene.deformable_bodies
     ends = np.cumsum([0, *(len(assembly.frames[body.name].flexible) for body in bodies)])
     places = {body.name: slice(ends[k], ends[k + 1]) for k, body in enumerate(bodies)}
@@ -382,15 +401,15 @@ def _by_bodies(assembly: Assembly, full: Array) -> Blocks:
 
 
 def _couple(
-    mbs: Any, assembly: Assembly, carriers: dict[str, FlexibleCoordinates], mass: Blocks, damping: Blocks
+    mbs: Any, assembly: Assembly, flexible: dict[str, FlexibleCoordinates], mass: Blocks, damping: Blocks
 ) -> None:
-    """Mass and damping between the deformations of several flexible bodies, which modes of their assembly need."""
+    """Add mass and damping between the deformations of several flexible bodies, as modes of their assembly require."""
     bodies = assembly.scene.deformable_bodies
-    rows = [assembly.frames[b.name].deformation(b.reduced) @ carriers[b.name].coordinates for b in bodies]
+    rows = [assembly.frames[b.name].deformation(b.reduced) @ flexible[b.name].coordinates for b in bodies]
 
     def between(blocks: Blocks) -> Array:
         if not any(np.any(block) for (a, b), block in blocks.items() if a != b):
-            return np.zeros((0, 0))  # what is empty costs no time at every step
+            return np.zeros((0, 0))  # an empty matrix costs no time at every step
         return np.block(
             [
                 [rows[i].T @ blocks[a.name, b.name] @ rows[j] * (i != j) for j, b in enumerate(bodies)]
@@ -400,11 +419,12 @@ def _couple(
 
     matrices = {"massMatrix": between(mass), "dampingMatrix": between(damping)}
     if any(matrix.size for matrix in matrices.values()):
-        nodes = [node for body in bodies for node, _ in carriers[body.name].nodes]
+        nodes = [node for body in bodies for node, _ in flexible[body.name].nodes]
         mbs.AddObject(eii.ObjectGenericODE2(nodeNumbers=nodes, **matrices))
 
 
 def _container(matrix: Array) -> Any:
+    """Return a matrix as Exudyn's dense container."""
     result = exu.MatrixContainer()
     result.SetWithDenseMatrix(matrix, useDenseMatrix=True)
     return result

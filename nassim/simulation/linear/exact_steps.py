@@ -19,9 +19,10 @@ from nassim.simulation.linear.digital_controllers import BadCommand, runaway, se
 from nassim.simulation.linear.linearization import state_space
 from nassim.simulation.linear.sampled_closed_loop import ClosedSteps, Plant, closed_steps
 from nassim.simulation.linear.stopped_runs import Stopped, Trust
-from nassim.simulation.model.tangents import NO_EQUILIBRIUM, Assembly
+from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.reach import find_reach
-from nassim.systems.state_space import StateSpace, discretize, quasi_static, repeated, settling_response
+from nassim.simulation.model.tangents import NO_EQUILIBRIUM
+from nassim.systems.state_space import StateSpace, discretize, quasi_static, repeat_step, settling_response
 
 CHECKS = 200
 """Blocks at least, where the run has so many samples: all coordinates are looked at when one begins."""
@@ -299,7 +300,7 @@ def _whole(closed: ClosedSteps, block: int) -> StateSpace | None:
     """A block of samples as one, None where that is not linear, and where loops make numbers overflow."""
     if closed.nonlinear or block % closed.period:
         return None
-    a, b, c, d = whole = repeated(closed.linear(), block // closed.period)
+    a, b, c, d = whole = repeat_step(closed.linear(), block // closed.period)
     if not all(np.isfinite(part).all() for part in whole):
         return None
     sparse = len(a) >= MANY and np.count_nonzero(a) < SPARSE * a.size

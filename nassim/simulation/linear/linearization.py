@@ -1,4 +1,4 @@
-"""The linear model of a scene: small motion about its start, at rest or spinning, with loops open or closed."""
+"""Linear models of scenes: small motion about the start, at rest or spinning, with loops open or closed."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,40 +20,54 @@ from nassim.systems.feedback import DELAY_ORDER, close_loop
 from nassim.systems.linear_model import LinearModel, sampled, unstable_poles
 from nassim.systems.state_space import StateSpace
 
-STANDING = (0.0, 0.0, 0.0)
-"""No angular velocity, and the origin."""
+NO_SPIN = (0.0, 0.0, 0.0)
+"""Default: no angular velocity, and the origin as axis point."""
 
 
 def linearize(
     scene: Scene,
     *,
-    angular_velocity: ArrayLike = STANDING,
-    axis_point: ArrayLike = STANDING,
+    angular_velocity: ArrayLike = NO_SPIN,
+    axis_point: ArrayLike = NO_SPIN,
     standing: Sequence[str] | None = None,
     frame: str = "turning",
 ) -> LinearModel:
-    """The scene's linear model about its start, with the damping of its modes, bodies and dampers.
+    """Compute the linear model of a scene about its start, with the damping of its modes, bodies and dampers.
 
-    A drive of constant speed sets what turns, and how fast; all else stands, as the ground does.
+    A drive of constant speed defines the rotor and its speed; all else is the stator, as is the ground.
 
-    angular_velocity: constant, of a scene that turns as a whole, fixed bodies too, (3,) [rad/s]; axis_point: a point of
-        its axis, (3,) [m]. The scene is then as seen from the table that turns: its axes turn, signals read motion
-        against the table, the model is about the equilibrium under centrifugal forces, and damping is of the parts
-        that turn. See `nassim.simulation.loaded.spinning` for what it holds and leaves out.
-    standing: names of all bodies that stand, fixed ones too, while the others turn; None: with a drive those that are
-        tied to the ground rather than to what it turns, without one no body
-    frame: whose motion the states are where a part stands, "turning" or "standing". The world's axes stand, those of a
-        point turn with its body; readings of a turn are what it deviates from the steady one. The other side must be
-        rigid and the same in all directions across the axis, see `nassim.simulation.loaded.rotor_frame`; the scene's
-        damping_ratio is then, as in floating frames, one of the bodies' deformation
+    The states are the modal amplitudes of the scene at rest, in minimal coordinates, and their rates, then the charges
+    of
+    ports with a resistance (as volts), the outputs of amplifiers and drives with a bandwidth, and the states of
+    sensors'
+    filters. With drives that follow inputs, the amplitudes are those of `nassim.simulation.model.prescribed_motion`.
+    The
+    scene's loops are open. The model excludes the effect of gravity on the stiffness and a body's own angular_velocity.
+    A
+    model may be unstable: `unstable_poles` finds its unstable poles.
 
-    The states are the minimal coordinates' modal amplitudes, of the scene at rest, and their rates, then the charges of
-    ports that leak (as volts), the outputs of amplifiers and drives with a bandwidth and the states of sensors'
-    filters; with drives that follow inputs, amplitudes are those of `nassim.simulation.model.prescribed_motion`. The scene's loops
-    are open. Gravity's effect on stiffness and a body's own angular_velocity are not part of it. A model may be
-    unstable: `unstable_poles` tells. Raises ValueError for a spin without an equilibrium near the start, for inertial
-    sensors in it, for a part, by name, that changes the model as the scene turns, and for outputs that would need an
-    input's derivative.
+    Args:
+        scene: the scene.
+        angular_velocity: constant angular velocity of a scene that rotates as a whole, fixed bodies included, (3,)
+            [rad/s]. The scene is then described in the rotating frame: its axes rotate, outputs read motion relative to
+            the frame, the model is about the equilibrium under centrifugal forces, and the damping belongs to the
+            rotating parts. See `nassim.simulation.loaded.spinning` for what it includes.
+        axis_point: a point of the axis, (3,) [m].
+        standing: names of all bodies of the stator, fixed ones included, while the others rotate. None: with a drive,
+            the bodies that are tied to the ground rather than to the drive's rotor; without a drive, no body.
+        frame: frame in which the states describe motion, where there are a rotor and a stator: "turning" for the
+            rotor's, "standing" for the stator's. The world's axes stand still, those of a point rotate with its body;
+            outputs of a rotation are its deviation from the steady rotation. The bodies of the other side must be rigid
+            and equal in all directions across the axis, see `nassim.simulation.loaded.rotor_frame`. The scene's
+            damping_ratio is then, as in floating frames, a damping of the bodies' deformation.
+
+    Returns:
+        The linear model.
+
+    Raises:
+        ValueError: for a spin without an equilibrium near the start, for inertial sensors in it, for a part (by name)
+            that makes the model depend on the angle of the rotor, and for outputs that would need an input's
+            derivative.
     """
     assembly, spin = spun(scene, angular_velocity, axis_point, standing, frame)
     a, b, c, d = state_space(assembly, spin)
@@ -66,9 +80,20 @@ def linearize(
 def spun(
     scene: Scene, angular_velocity: ArrayLike, axis_point: ArrayLike, standing: Sequence[str] | None, frame: str
 ) -> tuple[Assembly, Spinning]:
-    """An assembled scene, with the damping that it has at speed, and what its spin adds; arguments as of `linearize`.
+    """Assemble a scene, with its damping at speed, and compute the effect of its spin.
 
-    Raises ValueError for several drives of constant speed, and for one that shifts.
+    Args:
+        scene: the scene.
+        angular_velocity: as of `linearize`, as are the following.
+        axis_point: a point of the axis, (3,) [m].
+        standing: names of the bodies of the stator.
+        frame: "turning" or "standing".
+
+    Returns:
+        The assembly and the effect of the spin.
+
+    Raises:
+        ValueError: for several drives of constant speed, and for one that translates.
     """
     assembly = assemble(scene)
     known("frame", frame, FRAMES)
@@ -84,34 +109,46 @@ def spun(
         stand = stand if standing is not None else stator_bodies(assembly, joint, axis)
         ends = [body_of(path) in stand for path in joint.points[:2]]
         if sum(ends) != 1:
-            raise ValueError(f"joint {joint.name!r}: a drive of constant speed turns one side, and the other stands")
+            raise ValueError(f"joint {joint.name!r}: a drive of constant speed needs a stator on one of its two sides")
         angular_velocity = (1.0 if ends[0] else -1.0) * drive.speed * axis
         axis_point = scene.point_position(joint.points[0])
     elif not np.any(angular_velocity) or not stand:
         return assembly, spinning(assembly, angular_velocity, axis_point)
     velocity = finite_array("angular_velocity", np.asarray(angular_velocity, dtype=float), (3,))
-    parted = RotorPartition(
+    partition = RotorPartition(
         velocity, finite_array("axis_point", np.asarray(axis_point, dtype=float), (3,)), stand, frame
     )
-    view = FrameView(assembly, parted)
+    view = FrameView(assembly, partition)
     check_constant(view)
     if damps_both(view):
         assembly = replace(assembly, damping=assembly.damping.of_deformation)
-    return assembly, spinning(assembly, parted.velocity, parted.point, parted)
+    return assembly, spinning(assembly, partition.velocity, partition.point, partition)
 
 
 def spinning_equilibrium(
     scene: Scene,
     *,
-    angular_velocity: ArrayLike = STANDING,
-    axis_point: ArrayLike = STANDING,
+    angular_velocity: ArrayLike = NO_SPIN,
+    axis_point: ArrayLike = NO_SPIN,
     standing: Sequence[str] | None = None,
     frame: str = "turning",
 ) -> dict[str, float]:
-    """Outputs of a scene at rest on a table that turns: what centrifugal forces do, without gravity and inputs.
+    """Compute the outputs of a scene at rest in a rotating frame, under centrifugal forces without gravity and inputs.
 
-    Arguments as of `linearize`; loops are open. Raises ValueError where there is no equilibrium within small motion,
-    and where it is unstable.
+    Loops are open.
+
+    Args:
+        scene: the scene.
+        angular_velocity: as of `linearize`, as are the following.
+        axis_point: a point of the axis, (3,) [m].
+        standing: names of the bodies of the stator.
+        frame: "turning" or "standing".
+
+    Returns:
+        Values of the outputs, by name.
+
+    Raises:
+        ValueError: if there is no equilibrium within small motion, and if it is unstable.
     """
     assembly, spin = spun(scene, angular_velocity, axis_point, standing, frame)
     state, _, readings, _ = state_space(assembly, spin)
@@ -131,12 +168,23 @@ def spinning_equilibrium(
 
 
 def state_space(assembly: Assembly, spin: Spinning | None = None) -> StateSpace:
-    """A, B, C and D of an assembled scene; the last column of B and D is gravity, a constant input of one.
+    """Compute A, B, C and D of an assembled scene; the last column of B and D is gravity, a constant input of one.
 
-    spin: of a scene that turns, in whose frame gravity is constant along the axis only
-    States: modal amplitudes and their rates, then the charges of circuits (as volts), the amplifiers' outputs, those of
-    the drives' servos and what filters of outputs keep. With drives that follow inputs, amplitudes and rates are a and
-    b of `nassim.simulation.model.prescribed_motion`. Raises ValueError for outputs that would need a derivative of such an input.
+    The states are modal amplitudes and their rates, then the charges of circuits (as volts), the outputs of amplifiers
+    and
+    of drives' servos, and the states of outputs' filters. With drives that follow inputs, amplitudes and rates are a
+    and b
+    of `nassim.simulation.model.prescribed_motion`.
+
+    Args:
+        assembly: the assembled scene.
+        spin: effect of the spin, in whose rotating frame gravity is constant only along the axis; None: at rest.
+
+    Returns:
+        A (n, n), B (n, inputs + 1), C (outputs, n) and D (outputs, inputs + 1).
+
+    Raises:
+        ValueError: for outputs that would need a derivative of a prescribed motion's input.
     """
     a = assembly
     omega = 2 * np.pi * a.frequency
@@ -177,7 +225,10 @@ def state_space(assembly: Assembly, spin: Spinning | None = None) -> StateSpace:
 def _follow_drives(
     a: Assembly, spin: Spinning | None, state: Array, drives: Array, readings: Array, feedthrough: Array, plain: int
 ) -> None:
-    """Let all move by what drives follow, and read it; plain: number of states before those of filters."""
+    """Add the effect of drives that follow inputs on states and outputs.
+
+    plain: number of states before those of filters.
+    """
     n = len(a.frequency)
     lagging, taken = np.zeros((len(a.prescribed.inputs), len(state))), a.prescribed.taken(drives.shape[1])
     lagging[:, :plain] = a.prescribed.lagging(plain)
@@ -198,17 +249,17 @@ def _follow_drives(
 
 
 def _refuse_inertial(a: Assembly, spin: Spinning) -> None:
-    """ValueError for filtered outputs and inertial ones in a frame that turns, where the table's turn counts too."""
+    """Refuse filtered and inertial outputs in a rotating frame, whose own rotation they would read too."""
     read = [*a.filters, *(term.name for term in a.terms if isinstance(term, Output) and term.inertial)]
     if read and np.any(spin.gyroscopic):
         raise ValueError(
             f"output {read[0]!r} reads motion against inertial space, or through a filter, which a linear model of a "
-            "scene that spins does not know: simulate in time, or read velocity against the table (Vibrometer)"
+            "scene that spins does not include: simulate in time, or read velocity against the table (Vibrometer)"
         )
 
 
 def _filter(a: Assembly, state: Array, drives: Array, readings: Array, feedthrough: Array) -> None:
-    """Let outputs pass their filters, whose states are the last ones."""
+    """Add the filters of outputs, whose states are the last ones."""
     end = len(state) - sum(len(system[0]) for system in a.filters.values())
     for output, (fa, fb, fc, fd) in a.filters.items():
         k, place = a.scene.outputs.index(output), slice(end, end + len(fa))
@@ -221,25 +272,25 @@ def _filter(a: Assembly, state: Array, drives: Array, readings: Array, feedthrou
 
 
 def _moved_by_drives(a: Assembly, spin: Spinning | None, state: Array) -> Array:
-    """Rates of all states per unit of the drives' motions, (size, d), with the system matrix as it is without them."""
-    n, following = len(a.frequency), a.prescribed
+    """Return the rates of all states per unit of the drives' motions, (size, d)."""
+    n, prescribed = len(a.frequency), a.prescribed
     position, velocity = slice(n), slice(n, 2 * n)
-    drag, pull = following.drag, np.zeros_like(following.drag)
+    drag, pull = prescribed.drag, np.zeros_like(prescribed.drag)
     if spin is not None:
         drag, pull = drag + a.shapes.T @ spin.drag, a.shapes.T @ spin.pull
     result = np.zeros((len(state), drag.shape[1]))
-    # Modes of machines side by side hold a little of each other, by rounding, which must not look like following.
+    # Rounding mixes modes of independent machines a little, which must not look like a prescribed motion.
     sizes = np.linalg.norm(state[velocity, velocity], axis=0)
     damping = cleared(-state[velocity, velocity], np.maximum.outer(sizes, sizes))
-    result[position] = slip = product(np.hstack([damping, -np.eye(n)]), np.vstack([following.momentum, drag]))
-    result[velocity] = -damping @ slip - state[velocity, position] @ following.momentum - pull
+    result[position] = slip = product(np.hstack([damping, -np.eye(n)]), np.vstack([prescribed.momentum, drag]))
+    result[velocity] = -damping @ slip - state[velocity, position] @ prescribed.momentum - pull
     for j, circuit in enumerate(a.circuits, start=2 * n):
-        result[j] = circuit.forces @ following.beyond / (circuit.resistance * circuit.capacitance**2)
+        result[j] = circuit.forces @ prescribed.beyond / (circuit.resistance * circuit.capacitance**2)
     return result
 
 
 def _refuse_derivatives(a: Assembly, direct: Array) -> None:
-    """ValueError where outputs read a derivative of what inputs make at once, direct, (outputs, inputs + 1)."""
+    """Refuse outputs that read a derivative of the direct effect of inputs, direct, (outputs, inputs + 1)."""
     lagging = {a.prescribed.inputs[k] for k in a.prescribed.lags}
     for output, row, accelerations in zip(a.scene.outputs, direct, a.acceleration_matrix, strict=True):
         if np.any(row):
@@ -250,7 +301,7 @@ def _refuse_derivatives(a: Assembly, direct: Array) -> None:
                 cure = "the drive's bandwidth, of first order, smooths velocities: read one, or a displacement"
             raise ValueError(
                 f"output {output!r} reads {kind} that follows a derivative of input {a.scene.inputs[place]!r} at once, "
-                f"which no linear model of these inputs holds: {cure}; or simulate by generalized_alpha"
+                f"which no linear model of these inputs includes: {cure}; or simulate by generalized_alpha"
             )
 
 
@@ -261,26 +312,40 @@ def linearize_closed(
     noise: bool = False,
     continuous: bool = False,
     delay_order: int = DELAY_ORDER,
-    angular_velocity: ArrayLike = STANDING,
-    axis_point: ArrayLike = STANDING,
+    angular_velocity: ArrayLike = NO_SPIN,
+    axis_point: ArrayLike = NO_SPIN,
     standing: Sequence[str] | None = None,
     frame: str = "turning",
 ) -> LinearModel:
-    """The linear model of a scene with its loops closed, their converters and limits left out.
+    """Compute the linear model of a scene with its loops closed.
 
-    loops: names of those to close (None: all), the others stay open, to be designed or cut: with one loop left out,
-        `nassim.systems.open_loop` of its controller is that loop while the others run
-    noise: give it inputs for the noise of what loops measure, see `nassim.systems.close_loop`
-    angular_velocity, axis_point, standing, frame: of a scene that turns, see `linearize`
+    Limits and quantisation of the loops' converters are left out.
 
-    The model is sampled at the loops' rate: what a simulation without saturation does at its samples, exactly, with the
-    excitation held between them. continuous: the continuous equivalent instead, with delay and hold by Pade's
-    approximation of delay_order. The sampled model warns of modes that are quasi-static in it and could make a loop
-    unstable. Raises ValueError for a scene without loops, for an unknown one, for one
-    whose controller has no linear model, and for several rates unless continuous.
+    The model is sampled at the loops' rate: it is exactly what a simulation without saturation gives at its samples, with
+    the excitation held between them. The sampled model warns of modes that are quasi-static in it and could make a loop
+    unstable.
+
+    Args:
+        scene: the scene.
+        loops: names of the loops to close (None: all); the others stay open, for design. With one loop left out,
+            `nassim.systems.open_loop` of its controller is that loop while the others are closed.
+        noise: whether to add inputs for the noise of the loops' measured outputs, see `nassim.systems.close_loop`.
+        continuous: whether to return the continuous equivalent, with delay and hold as Pade approximations.
+        delay_order: order of these approximations.
+        angular_velocity: angular velocity of a scene that rotates, (3,) [rad/s], see `linearize`.
+        axis_point: a point of the axis, (3,) [m].
+        standing: names of the bodies of the stator, see `linearize`.
+        frame: "turning" or "standing", see `linearize`.
+
+    Returns:
+        The linear model.
+
+    Raises:
+        ValueError: for a scene without loops, for an unknown loop, for one whose controller has no linear model, and for several
+            sample rates unless continuous.
     """
     if not scene.loops:
-        raise ValueError(f"scene {scene.name!r} has no loops; linearize serves")
+        raise ValueError(f"scene {scene.name!r} has no loops; use linearize")
     known_loops = [loop.name for loop in scene.loops]
     wanted = known_loops if loops is None else [known("loop", n, known_loops) for n in unique("loop", loops)]
     closed = [loop for loop in scene.loops if loop.name in wanted]

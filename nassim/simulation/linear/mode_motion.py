@@ -1,4 +1,4 @@
-"""Modes of scenes as motion to be looked at: damped and spinning ones too, whose points go round in ellipses."""
+"""Modes of scenes as motion for pictures: damped and spinning modes too, whose points move on ellipses."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -6,29 +6,41 @@ from numpy.typing import ArrayLike
 from nassim.base.checks import Array
 from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
-from nassim.simulation.linear.linearization import STANDING, spun, state_space
+from nassim.simulation.linear.linearization import NO_SPIN, spun, state_space
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.recorded_motion import recorded_motion, traced
 
-FRAMES = 48
-LARGEST = 1e-3
-"""Largest displacement over the size of a scene, and rotation [rad], of a mode that is shown."""
+N_IMAGES = 48
+"""Images in a period."""
+SHOWN_AMPLITUDE = 1e-3
+"""Largest displacement over the size of a scene, and largest rotation [rad], of a mode's motion."""
 
 
 def mode_motion(
     scene: Scene,
     number: int,
     *,
-    frames: int = FRAMES,
-    angular_velocity: ArrayLike = STANDING,
-    axis_point: ArrayLike = STANDING,
+    frames: int = N_IMAGES,
+    angular_velocity: ArrayLike = NO_SPIN,
+    axis_point: ArrayLike = NO_SPIN,
 ) -> tuple[complex, Motion]:
-    """A period of one mode of a scene's linear model, as if it did not decay, and its pole [rad/s].
+    """Compute one period of a mode of a scene's linear model, without its decay.
 
-    number: 1 for the oscillation that is slowest, and so on; frames: how many in the period, which ends where it begins
-    angular_velocity, axis_point: of a scene that turns, see `linearize`; the motion is then as seen by who turns along
+    The amplitude is small. Drives do not move.
 
-    Its size is one at which everything is small. Drives do not move. Raises ValueError for a mode that there is not.
+    Args:
+        scene: the scene.
+        number: number of the oscillation, from 1 for the slowest.
+        frames: number of images in the period, the last of which equals the first.
+        angular_velocity: angular velocity of a scene that rotates, (3,) [rad/s], see `linearize`; the motion is then
+            that in the rotating frame.
+        axis_point: a point of the axis, (3,) [m].
+
+    Returns:
+        The pole [rad/s], and the motion.
+
+    Raises:
+        ValueError: for a number without a mode.
     """
     assembly, spin = spun(traced(scene), angular_velocity, axis_point, None, "turning")
     poles, vectors = np.linalg.eig(state_space(assembly, spin)[0])
@@ -45,7 +57,7 @@ def mode_motion(
 
 
 def _size(assembly: Assembly, shape: Array) -> float:
-    """What makes a shape small: its largest rotation, and displacement over the distance between points."""
+    """Return the largest rotation [rad] or displacement over the distance between points, over `SHOWN_AMPLITUDE`."""
     rows, places = [], []
     for body in assembly.scene.bodies:
         names = body.point_names
@@ -54,4 +66,4 @@ def _size(assembly: Assembly, shape: Array) -> float:
             rows += [body.motion(name) @ shape[assembly.slices[body.name]] for name in names]
     span = float(np.linalg.norm(np.ptp(places, axis=0))) or 1.0
     moved = np.abs(np.reshape(rows, (-1, 6))) / np.repeat([span, 1.0], 3)
-    return float(moved.max(initial=0.0)) / LARGEST or 1.0
+    return float(moved.max(initial=0.0)) / SHOWN_AMPLITUDE or 1.0

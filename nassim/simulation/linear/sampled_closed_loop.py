@@ -21,7 +21,7 @@ from nassim.scene.scene import Scene
 from nassim.simulation.linear.digital_controllers import BadCommand, ask, converter, samples_per_period
 from nassim.systems.controllers import Controller
 from nassim.systems.python_controller import ControlLaw, PythonController
-from nassim.systems.state_space import EARLIER, StateSpace, followed
+from nassim.systems.state_space import EARLIER, StateSpace, combine_steps
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class ClosedSteps:
 
     def linear(self) -> StateSpace:
         """Without converters over a period: of the inputs, the outputs and then the commands, of all its samples."""
-        return reduce(followed, (self._linear(self._due(k)) for k in range(self.period)))
+        return reduce(combine_steps, (self._linear(self._due(k)) for k in range(self.period)))
 
     def by_samples(self, state: Array, inputs: Array, first: int) -> tuple[Array, Array]:
         """Go through the converters, sample by sample. What a sample gives is the same alone as among others.

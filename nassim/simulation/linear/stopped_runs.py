@@ -1,4 +1,4 @@
-"""Runs in time that end early: what they raise, with what they had recorded."""
+"""Exceptions of runs in time that end early, with the outputs recorded until then."""
 
 import numpy as np
 
@@ -10,12 +10,12 @@ class SimulationError(RuntimeError):
     """A simulation that failed, diverged or ran away.
 
     Attributes:
-        record: what `simulate` would have returned, up to the step in which the run ended; None when it has fewer than
-            two samples.
-        trusted_until: time [s] of the last look at the run before the first one that found it unsound: a body
-            deformed or turned beyond what small deformation holds for, or farther away than forces, speeds and drives
-            can bring it, or velocities that part from the constraints. The run looks at itself some 200 times. Do
-            not trust the record after that time.
+        record: what `simulate` would have returned, up to the step in which the run ended; None with fewer than two
+            samples.
+        trusted_until: time [s] of the last check of the run before the first that found it unsound: a body deformed or
+            rotated beyond the range of small deformation, or farther away than forces, speeds and drives can move it,
+            or velocities that violate the constraints. The run is checked some 200 times. Do not trust the record after
+            that time.
     """
 
     def __init__(self, message: str, record: TimeHistory | None = None, trusted_until: float = 0.0) -> None:
@@ -24,7 +24,7 @@ class SimulationError(RuntimeError):
 
 
 class SimulationInterrupted(KeyboardInterrupt):
-    """A simulation that Ctrl-C has ended, with the same attributes as `SimulationError`."""
+    """A simulation that Ctrl-C ended, with the same attributes as `SimulationError`."""
 
     def __init__(self, message: str, record: TimeHistory | None = None, trusted_until: float = 0.0) -> None:
         super().__init__(message)
@@ -32,12 +32,12 @@ class SimulationInterrupted(KeyboardInterrupt):
 
 
 class Stopped(RuntimeError):
-    """What an engine raises when a run ends early.
+    """An engine's exception for a run that ends early.
 
     Attributes:
-        readings: of outputs and commands until then, shape (outputs + commands, n_samples).
-        trusted: number of the last sample that is to be trusted.
-        interrupted: whether Ctrl-C has ended the run.
+        readings: outputs and commands until then, (outputs + commands, n_samples).
+        trusted: number of the last sample to be trusted.
+        interrupted: whether Ctrl-C ended the run.
     """
 
     def __init__(self, message: str, readings: Array, trusted: int, *, interrupted: bool = False) -> None:
@@ -48,8 +48,16 @@ class Stopped(RuntimeError):
         self.trusted = max(0, min(trusted, n_samples - 1))
         self.interrupted = interrupted
 
-    def told(self, record: TimeHistory | None, time_step: float) -> SimulationError | SimulationInterrupted:
-        """Return the public exception with the record that the readings make; time_step [s]."""
+    def public_error(self, record: TimeHistory | None, time_step: float) -> SimulationError | SimulationInterrupted:
+        """Make the public exception with the record of the readings.
+
+        Args:
+            record: outputs and commands until then, or None.
+            time_step: time step [s].
+
+        Returns:
+            The exception.
+        """
         until = self.trusted * time_step
         kept = f"this exception's `record` has what was recorded; trust it until t = {until:g} s"
         message = f"{self}; {kept}" if record else str(self)
@@ -57,13 +65,17 @@ class Stopped(RuntimeError):
 
 
 class Trust:
-    """Until when a run is to be trusted: `sample` is the last one that was sound before the first that was not."""
+    """The sample until which a run is to be trusted.
+
+    Attributes:
+        sample: the last sound sample before the first unsound one.
+    """
 
     def __init__(self) -> None:
         self.sample, self._lost = 0, False
 
     def see(self, sample: int, *, sound: bool) -> None:
-        """Take note of a look at a sample."""
+        """Note whether a checked sample is sound."""
         self._lost |= not sound
         if not self._lost:
             self.sample = sample

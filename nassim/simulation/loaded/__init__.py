@@ -1,1 +1,1 @@
-"""States that bear loads: geometric stiffness, spin, rotor and stator."""
+"""Loaded states of a scene: geometric stiffness, spin, rotor and stator."""

@@ -1,9 +1,9 @@
-"""Geometric stiffness: what forces in springs and joints add to small motion, because their directions rotate.
+"""Geometric stiffness: the stiffness that forces in springs and joints add to small motion, as their directions rotate.
 
-A body is carried by a frame, a rigid body by its centre of mass, a reduced one by its floating frame. The rotation
-vector theta of the frame, and the deformation d and rotation e of each point beside it, are linear in the coordinates:
-a point at r from the frame's origin p goes to p + R(theta) (r + d) and is rotated by R(theta) exp(e), as in Exudyn's
-floating frame. A force f in a measure with the Jacobian J has the stiffness d(J^T f)/dq.
+Each body has a frame: a rigid body at its centre of mass, a reduced body its floating frame. The rotation vector theta
+of the frame, and the deformation d and rotation e of each point relative to it, are linear in the coordinates. A point
+at r from the frame's origin p moves to p + R(theta) (r + d) and rotates by R(theta) exp(e), as in Exudyn's floating
+frame. A force f in a measure with the Jacobian J has the stiffness d(J^T f)/dq.
 """
 
 from collections.abc import Mapping
@@ -19,29 +19,30 @@ from nassim.scene.measures import Measure, PointMeasure, Pose, inverse_right_jac
 from nassim.scene.terms import Constraint
 from nassim.simulation.model.assembly import Assembly
 
-STEP = 5e-4
+ROTATION_STEP = 5e-4
 """Rotation [rad], and displacement over the size of the scene, of difference quotients of fourth order."""
 
 
 @dataclass(frozen=True)
 class Frame:
-    """What carries a body.
+    """The frame of a body.
 
-    position: of its origin at the start, world frame, (3,) [m]
-    motion: of its origin along the world's axes per unit of all coordinates, (6, n_all)
+    Attributes:
+        position: position of its origin at the start, world frame, (3,) [m].
+        motion: motion of its origin along the world's axes per unit of all coordinates, (6, n_all).
     """
 
     position: Array
     motion: Array
 
     @property
-    def turn(self) -> Array:
-        """Its rotation, (3, n_all)."""
+    def rotation(self) -> Array:
+        """Rotation per unit of all coordinates, (3, n_all)."""
         return self.motion[3:]
 
 
 def frames(assembly: Assembly) -> dict[str, Frame]:
-    """What carries each moving body, by name."""
+    """Return the frame of each moving body, by name."""
     scene, result = assembly.scene, {}
     for name, place in assembly.slices.items():
         body, _ = scene.split(f"{name}.")
@@ -58,10 +59,13 @@ def frames(assembly: Assembly) -> dict[str, Frame]:
 
 @dataclass(frozen=True)
 class GeometricStiffness:
-    """Stiffness that forces in an assembly's springs and joints make.
+    """Geometric stiffness of an assembly's springs and joints.
 
-    held: rows on all coordinates that vanish, (m, n_all): of the joints, as `Assembly.enforced` says, then those of
-        bodies that keep their shape, in which nothing is of second order
+    Attributes:
+        assembly: the assembled scene.
+        frames: frames of the moving bodies, by name.
+        held: rows on all coordinates that vanish, (m, n_all): those of the joints, see `Assembly.enforced`, then those
+            of bodies that do not deform, without terms of second order.
     """
 
     assembly: Assembly
@@ -70,7 +74,7 @@ class GeometricStiffness:
 
     @classmethod
     def of(cls, assembly: Assembly) -> "GeometricStiffness":
-        """Of an assembled scene."""
+        """Make the geometric stiffness of an assembled scene."""
         size = len(assembly.basis)
         rows = [np.zeros((0, size))]
         for joint in _joints(assembly):
@@ -83,7 +87,7 @@ class GeometricStiffness:
         return cls(assembly, frames(assembly), np.vstack(rows))
 
     def of_joints(self, forces: Array) -> Array:
-        """Stiffness of constraint forces on all coordinates, (n_all,), as the joints' axes and arms rotate."""
+        """Compute the stiffness of constraint forces, (n_all,), as the joints' axes and arms rotate, (n_all, n_all)."""
         result = np.zeros((len(forces), len(forces)))
         if not len(self.held):
             return result
@@ -97,7 +101,7 @@ class GeometricStiffness:
         return result
 
     def of_springs(self, coordinates: Array) -> Array:
-        """Stiffness of what springs bear at given coordinates, (n_all,), as their arms and directions rotate."""
+        """Compute the stiffness of spring forces at given coordinates, (n_all,), as their directions rotate."""
         result = np.zeros((len(coordinates), len(coordinates)))
         for tangent in self.assembly.tangents:
             force = tangent.law.resistance(tangent.rows @ coordinates, np.zeros(len(tangent.rows)))
@@ -112,7 +116,7 @@ class GeometricStiffness:
         return result
 
     def _of_points(self, measure: PointMeasure, force: Array) -> Array:
-        """Stiffness of a force in a measure of points, symmetric, (n_all, n_all)."""
+        """Return the stiffness of a force in a measure of points, symmetric, (n_all, n_all)."""
         scene = self.assembly.scene
         reference = [scene.point_position(path) for path in measure.points]
         motion = np.vstack([self._motion(path) for path in measure.points])
@@ -133,7 +137,7 @@ class GeometricStiffness:
 
         columns = []
         for k in range(n):
-            step = STEP * scale[k] * np.eye(n)[k]
+            step = ROTATION_STEP * scale[k] * np.eye(n)[k]
             near, far = (forces(m * step) - forces(-m * step) for m in (1, 2))
             columns.append((8 * near - far) / (12 * step[k]))
         bends = np.array(columns)
@@ -147,31 +151,31 @@ class GeometricStiffness:
         return Frame(self.assembly.scene.point_position(path), np.zeros((6, len(self.assembly.basis))))
 
     def _motion(self, path: str) -> Array:
-        """Small motion of a point's frame, then of the point, (12, n_all)."""
+        """Return the small motion of a point's frame, then of the point, (12, n_all)."""
         return np.vstack([self._frame(path).motion, self.assembly.coordinates.motion(path)])
 
 
 def _chart(reference: Array, arm: Array, moved: Array) -> tuple[Pose, Array]:
-    """Pose of a point by the small motions of its frame and of itself, (12,), and its velocities by theirs, (6, 12)."""
+    """Return a point's pose at small motions (12,) of its frame and itself, and its velocities by theirs, (6, 12)."""
     frame, point = moved[:6], moved[6:]
     theta = frame[3:]
     rotation = Rotation.from_rotvec(theta).as_matrix()
-    beside = np.hstack([-rigid_transfer(arm), np.eye(6)])  # deformation d and e, linear in the small motions
-    d, e = np.split(beside @ moved, 2)
+    relative = np.hstack([-rigid_transfer(arm), np.eye(6)])  # deformation d and e, linear in the small motions
+    d, e = np.split(relative @ moved, 2)
     position = reference - arm + frame[:3] + rotation @ (arm + d)
     jacobian = np.zeros((6, 12))
     left = np.linalg.inv(inverse_right_jacobian(-theta))
     jacobian[:, :6] = rigid_transfer(rotation @ (arm + d)) @ np.block(
         [[np.eye(3), np.zeros((3, 3))], [np.zeros((3, 3)), left]]
     )
-    jacobian[:3] += rotation @ beside[:3]
-    jacobian[3:] += rotation @ np.linalg.inv(inverse_right_jacobian(-e)) @ beside[3:]
+    jacobian[:3] += rotation @ relative[:3]
+    jacobian[3:] += rotation @ np.linalg.inv(inverse_right_jacobian(-e)) @ relative[3:]
     assert len(point) == 6
     return (position, rotation @ Rotation.from_rotvec(e).as_matrix()), jacobian
 
 
 def spring_forces(assembly: Assembly, coordinates: Array) -> Array:
-    """Resistance of springs, (n_all,), at given coordinates, (n_all,)."""
+    """Compute the resistance of springs, (n_all,), at given coordinates, (n_all,)."""
     result = np.zeros(len(coordinates))
     for tangent in assembly.tangents:
         rows = tangent.rows
@@ -184,7 +188,7 @@ def _joints(assembly: Assembly) -> list[Constraint]:
 
 
 def _shares_of(rows: Array, forces: Array) -> Array:
-    """Multipliers (m,) of rows (m, n) that add up to forces (n,)."""
+    """Return multipliers (m,) of rows (m, n) that add up to forces (n,)."""
     sizes = np.linalg.norm(rows, axis=1)
     result: Array = np.linalg.lstsq((rows / sizes[:, None]).T, forces, rcond=None)[0] / sizes
     return result

@@ -1,18 +1,18 @@
-"""Scenes of which a part spins and a part stands: who does what, and what that adds to the equations of small motion.
+"""Scenes with a rotor and a stator: the frame of their equations, and the terms that it adds to small motion.
 
-One frame describes all: that of what turns, or that of what stands. A body that is at home in the other is its guest,
-and must be rigid: with V the angular velocity at which the frame sees its guests turn, R(t) that turn, u a guest's
-small motion as seen at its home and v = R u as the frame sees it, M its mass, G and K of its own spin,
+One frame describes all motion: the rotor's or the stator's. A body of the other side is in the other frame, and must be
+rigid. With V the angular velocity of that body's side in the describing frame, R(t) its rotation, u its small motion in
+its own frame and v = R u in the describing frame, M its mass, G and K the terms of its own spin,
 
     M v'' + (G - 2 M V~) v' + (K - G V~ + M V~ V~) v = f
 
-and a damper, whose row w may turn as the frame sees it, resists w v' + w' v: its forces turn motions, as those of
-bearings that stand do in the frame of a rotor, and can drive them.
+and a damper, whose row w may rotate in the describing frame, resists w v' + w' v. Its forces convert rotations, as the
+dampers of bearings on the stator do in the rotor's frame, and can make motion unstable.
 
-The model does not change in time where the frame sees the same whatever the angle: guests have equal moments of inertia
-across the axis, and what ties them to each other, to the ground and to the others is the same in all directions across
-it, as three equal bushings around the axis are. That is checked at odd angles, as is what signals read and push. What
-the forces of an unbalance stiffen is taken as it is at the start.
+The model is constant in time where the scene is the same for the describing frame at every angle: the bodies in the
+other frame have equal moments of inertia across the axis, and their connections to each other, to the ground and to the
+other side are equal in all directions across it, as those of three equal bushings around the axis are. This is checked
+at odd angles, as are the directions of outputs and forces. The stiffness by unbalance forces is that at the start.
 
 Source: G. Genta, Dynamics of Rotating Systems, Springer (2005), ch. 6, on rotors and stators without symmetry.
 """
@@ -35,94 +35,106 @@ from nassim.simulation.model.damping import damps
 from nassim.simulation.model.states import ReferenceState
 
 FRAMES = ("turning", "standing")
-ANGLES = (1.0, 2.3)
-"""At which everything must look as it does at the start [rad]."""
-SAME = 1e-7
-"""Share of itself by which it may differ."""
+CHECKED_ANGLES = (1.0, 2.3)
+"""Angles of the rotor [rad] at which everything must equal the start."""
+CONSTANT_TOLERANCE = 1e-7
+"""Relative difference up to which it counts as equal."""
 OTHERWISE = {
-    "turning": "make what stands alike in all directions across the axis, or, if what turns is rigid and alike all "
-    'around, take frame="standing"; or simulate in time',
-    "standing": "make what turns alike in all directions across the axis, or, if what stands is rigid and alike all "
-    'around, take frame="turning"; or simulate in time',
+    "turning": "make the stator equal in all directions across the axis, or, if the rotor is rigid and equal in all "
+    'directions, take frame="standing"; or simulate in time',
+    "standing": "make the rotor equal in all directions across the axis, or, if the stator is rigid and equal in all "
+    'directions, take frame="turning"; or simulate in time',
 }
-"""What may be done about parts that change, by frame."""
+"""Remedies for parts that change with the angle, by frame."""
 ALONG = {
-    "turning": 'take the axis, or a direction whose frame is a point that turns: frame="body.point"',
-    "standing": "take the axis, or a direction whose frame is the world or a point that stands",
+    "turning": 'take the axis, or a direction whose frame is a point of the rotor: frame="body.point"',
+    "standing": "take the axis, or a direction whose frame is the world or a point of the stator",
 }
-"""What may be done about signals that change, by frame."""
+"""Remedies for signals that change with the angle, by frame."""
 
 
 @dataclass(frozen=True)
 class RotorPartition:
-    """What stands while the rest of a scene turns, and who describes it.
+    """Partition of a scene into rotor and stator, and the frame of its equations.
 
-    velocity: of what turns, (3,) [rad/s], not zero; point: of its axis, (3,) [m]
-    standing: names of the bodies that stand; frame: "turning" or "standing"
+    Attributes:
+        velocity: angular velocity of the rotor, (3,) [rad/s], not zero.
+        point: a point of the axis, (3,) [m].
+        stator: names of the bodies of the stator.
+        frame: "turning" for the rotor's frame or "standing" for the stator's.
     """
 
     velocity: Array
     point: Array
-    standing: frozenset[str]
+    stator: frozenset[str]
     frame: str = "turning"
 
     def spin(self, name: str) -> Array:
-        """Angular velocity of a body, (3,)."""
-        return np.zeros(3) if name in self.standing else self.velocity
+        """Return the angular velocity of a body, (3,) [rad/s]."""
+        return np.zeros(3) if name in self.stator else self.velocity
 
     def in_other_frame(self, name: str) -> bool:
-        """Whether a body, or "", the world with its axes, is at home in the other frame."""
-        return (not name or name in self.standing) == (self.frame == "turning")
+        """Whether a body, or "" for the world with its axes, belongs to the side that does not describe the motion."""
+        return (not name or name in self.stator) == (self.frame == "turning")
 
     @property
-    def drift(self) -> Array:
-        """Angular velocity V at which the frame sees its guests turn, (3,)."""
+    def relative_velocity(self) -> Array:
+        """Angular velocity V of the other side in the describing frame, (3,) [rad/s]."""
         return -self.velocity if self.frame == "turning" else self.velocity
 
-    def turn(self, angle: float) -> Array:
-        """Of the guests as the frame sees them, (3, 3)."""
-        rotation: Array = Rotation.from_rotvec(angle * self.drift / np.linalg.norm(self.drift)).as_matrix()
+    def rotation_at(self, angle: float) -> Array:
+        """Return the rotation of the other side in the describing frame, (3, 3), at an angle [rad]."""
+        rotation: Array = Rotation.from_rotvec(
+            angle * self.relative_velocity / np.linalg.norm(self.relative_velocity)
+        ).as_matrix()
         return rotation
 
-    def carried(self, body: Body, angle: float) -> Body:
-        """A body as the frame sees it once its guests have turned by an angle [rad]."""
+    def moved_body(self, body: Body, angle: float) -> Body:
+        """Return a body in the describing frame once the other side has rotated by an angle [rad]."""
         if not self.in_other_frame(body.name):
             return body
-        turn = self.turn(angle)
-        place = self.point + turn @ (body.position - self.point)
-        return replace(body, position=place, rotation=turn @ body.rotation)  # type: ignore[type-var]  # a dataclass
+        rotation = self.rotation_at(angle)
+        place = self.point + rotation @ (body.position - self.point)
+        return replace(body, position=place, rotation=rotation @ body.rotation)  # type: ignore[type-var]  # a dataclass
 
 
 @dataclass(frozen=True)
 class FrameView:
-    """An assembled scene as its describing frame sees it, guests turned by any angle [rad]."""
+    """An assembled scene in its describing frame, with the other side at any angle.
+
+    Attributes:
+        assembly: the assembled scene.
+        partition: rotor and stator.
+        seen: states of all bodies by angle [rad], computed so far.
+    """
 
     assembly: Assembly
-    parted: RotorPartition
+    partition: RotorPartition
     seen: dict[float, dict[str, ReferenceState]] = field(default_factory=dict)
 
     def states(self, angle: float) -> dict[str, ReferenceState]:
-        """Of all bodies, by name, as told along the world's axes."""
+        """Return the states of all bodies, by name, written along the world's axes."""
         if angle not in self.seen:
-            parted = self.parted
-            view = parted.turn(angle).T if parted.in_other_frame("") else None
+            partition = self.partition
+            view = partition.rotation_at(angle).T if partition.in_other_frame("") else None
             bodies = self.assembly.scene.bodies
             self.seen[angle] = {
-                body.name: ReferenceState(parted.carried(body, angle), body, view, parted.point) for body in bodies
+                body.name: ReferenceState(partition.moved_body(body, angle), body, view, partition.point)
+                for body in bodies
             }
         return self.seen[angle]
 
     def rows(self, term: Term, angle: float) -> Array:
-        """Rows of a term on all coordinates, (m, n_all)."""
+        """Return the rows of a term on all coordinates, (m, n_all)."""
         return term_rows(self.assembly.coordinates, term, self.states(angle))
 
     def slopes(self, term: Term, angle: float) -> Array:
-        """Their change per radian, exact: their vectors stand or turn as a whole, in sine and cosine of the angle."""
+        """Return the exact derivative of the rows per radian: they are constant plus sine and cosine of the angle."""
         result: Array = 0.5 * (self.rows(term, angle + np.pi / 2) - self.rows(term, angle - np.pi / 2))
         return result
 
     def laws(self, law: ForceLaw, angle: float) -> tuple[Array, Array, Array]:
-        """Stiffness, damping, and what damping drives as its rows turn, on all coordinates, (n_all, n_all) each."""
+        """Return stiffness, damping and stiffness by damping along rotating rows, (n_all, n_all) each."""
         still = np.zeros(len(law.measure.components))
         stiffness, damping = law.tangents(still, still)
         rows = self.rows(law, angle)
@@ -131,25 +143,41 @@ class FrameView:
 
     @property
     def rate(self) -> float:
-        """At which the guests turn [rad/s]."""
-        return float(np.linalg.norm(self.parted.drift))
+        """Angular speed of the other side in the describing frame [rad/s]."""
+        return float(np.linalg.norm(self.partition.relative_velocity))
 
     @cached_property
     def scale(self) -> Array:
-        """Of all coordinates to comparable roots of energy, (n_all,)."""
+        """Factors that scale all coordinates to comparable square roots of energy, (n_all,)."""
         masses = [np.diag(self.states(0.0)[name].body.mass_matrix) for name in self.assembly.slices]
         result: Array = 1 / np.sqrt(np.concatenate(masses))
         return result
 
 
 def other_frame_terms(view: FrameView, name: str, coriolis: Array, stiffness: Array) -> tuple[Array, Array]:
-    """Coriolis matrix and stiffness of a guest, as the frame sees it, from those at its home, (6, 6) each."""
-    mass, drift = view.states(0.0)[name].body.mass_matrix, np.kron(np.eye(2), skew(view.parted.drift))
-    return coriolis - 2 * mass @ drift, stiffness - coriolis @ drift + mass @ drift @ drift
+    """Convert Coriolis matrix and stiffness of a body in the other frame to the describing frame, (6, 6) each.
+
+    Args:
+        view: the scene in its describing frame.
+        name: name of the body.
+        coriolis: Coriolis matrix G in the body's own frame, (6, 6).
+        stiffness: stiffness K in the body's own frame, (6, 6).
+
+    Returns:
+        Both in the describing frame, (6, 6) each.
+    """
+    mass, relative_velocity = (
+        view.states(0.0)[name].body.mass_matrix,
+        np.kron(np.eye(2), skew(view.partition.relative_velocity)),
+    )
+    return (
+        coriolis - 2 * mass @ relative_velocity,
+        stiffness - coriolis @ relative_velocity + mass @ relative_velocity @ relative_velocity,
+    )
 
 
-def turned_damping(view: FrameView) -> Array:
-    """What dampers drive as their rows turn, on all coordinates, (n_all, n_all), not symmetric."""
+def rotating_damping(view: FrameView) -> Array:
+    """Return the stiffness by dampers along rotating rows, on all coordinates, (n_all, n_all), not symmetric."""
     result = np.zeros((len(view.scale),) * 2)
     for term in view.assembly.terms:
         if isinstance(term, ForceLaw):
@@ -158,80 +186,87 @@ def turned_damping(view: FrameView) -> Array:
 
 
 def check_constant(view: FrameView) -> None:
-    """Raise ValueError for what makes a linear model change while a part of the scene turns; the message names it."""
-    assembly, parted = view.assembly, view.parted
-    for name in filter(parted.in_other_frame, assembly.slices):
-        _check_guest(view, name)
-    turn = rotation_about(assembly, assembly.slices.keys() - parted.standing, parted.velocity, parted.point)
+    """Check that the linear model does not change while the rotor rotates.
+
+    Raises:
+        ValueError: for a part that changes it; the message names the part.
+    """
+    assembly, partition = view.assembly, view.partition
+    for name in filter(partition.in_other_frame, assembly.slices):
+        _check_other_frame_body(view, name)
+    rotation = rotation_about(assembly, assembly.slices.keys() - partition.stator, partition.velocity, partition.point)
     ties: dict[tuple[str, ...], list[Tie]] = {}
     for term in assembly.terms:
         if isinstance(term, Tie):
-            if resists(assembly, term, turn):
+            if resists(assembly, term, rotation):
                 raise ValueError(
-                    f"{label_of(term)} resists the turn about the axis, of what turns against what stands or against "
-                    "the world's axes: free that motion, put its points on the axis, or let its axes turn along"
+                    f"{label_of(term)} resists the rotation of the rotor about its axis, against the stator or against "
+                    "the world's axes: free that motion, put its points on the axis, or let its axes rotate with it"
                 )
-            sides = {name in parted.standing for name in term.measure.bodies}
+            sides = {name in partition.stator for name in term.measure.bodies}
             halfway = len(term.measure.components) > 1 and len(sides) > 1
             if isinstance(term, ForceLaw) and halfway and damps(term):
                 raise ValueError(
-                    f"{label_of(term)}: axes of a bushing turn halfway between its bodies, so its damping would be "
-                    "neither one that stands nor one that turns; damp by a SpringDamper with the frame of either body"
+                    f"{label_of(term)}: axes of a bushing rotate halfway between its bodies, so its damping would "
+                    "belong neither to stator nor rotor; damp by a SpringDamper with the frame of either body"
                 )
             moving = {name for name in term.measure.bodies if name in assembly.slices}
             ties.setdefault(("joint",) * isinstance(term, Constraint) + tuple(sorted(moving)), []).append(term)
         else:
             start = view.rows(term, 0.0) * view.scale
-            change = max(float(np.linalg.norm(view.rows(term, a) * view.scale - start)) for a in ANGLES)
-            _check_change(parted, label_of(term), change, float(np.linalg.norm(start)), ALONG)
+            change = max(float(np.linalg.norm(view.rows(term, a) * view.scale - start)) for a in CHECKED_ANGLES)
+            _check_change(partition, label_of(term), change, float(np.linalg.norm(start)), ALONG)
     for terms in ties.values():
-        for start, *others in zip(*(_figures(view, terms, angle) for angle in (0.0, *ANGLES)), strict=True):
+        for start, *others in zip(*(_figures(view, terms, angle) for angle in (0.0, *CHECKED_ANGLES)), strict=True):
             change = max(float(np.linalg.norm(other - start)) for other in others)
-            _check_change(parted, ", ".join(dict.fromkeys(map(label_of, terms))), change, float(np.linalg.norm(start)))
+            _check_change(
+                partition, ", ".join(dict.fromkeys(map(label_of, terms))), change, float(np.linalg.norm(start))
+            )
 
 
 def damps_both(view: FrameView) -> bool:
-    """Whether a damping of the scene's modes would be one of what stands and of what turns at once, or of guests."""
-    standing = view.parted.standing
-    if any(name in standing or view.parted.in_other_frame(name) for name in view.assembly.slices):
+    """Whether a damping of the scene's modes would act on stator and rotor at once, or on bodies in the other frame."""
+    stator = view.partition.stator
+    if any(name in stator or view.partition.in_other_frame(name) for name in view.assembly.slices):
         return True
     laws = (term for term in view.assembly.terms if isinstance(term, ForceLaw))
-    return any(name in standing for law in laws for name in law.measure.bodies)
+    return any(name in stator for law in laws for name in law.measure.bodies)
 
 
-def _check_guest(view: FrameView, name: str) -> None:
-    parted = view.parted
+def _check_other_frame_body(view: FrameView, name: str) -> None:
+    partition = view.partition
     body, _ = view.assembly.scene.split(f"{name}.")
     if isinstance(body, FlexibleBody):
         raise ValueError(
-            f"body {name!r} {'stands' if name in parted.standing else 'turns'} and is a reduced one, which a model in "
-            f"the {parted.frame} frame cannot turn: describe it as a RigidBody, {OTHERWISE[parted.frame]}"
+            f"body {name!r} of the {'stator' if name in partition.stator else 'rotor'} is a reduced body, which a "
+            f"model in the {partition.frame} frame cannot rotate: describe it as a RigidBody, "
+            f"{OTHERWISE[partition.frame]}"
         )
-    masses = [view.states(angle)[name].body.mass_matrix for angle in (0.0, *ANGLES)]
+    masses = [view.states(angle)[name].body.mass_matrix for angle in (0.0, *CHECKED_ANGLES)]
     change = max(float(np.linalg.norm((mass - masses[0])[3:, 3:])) for mass in masses)
-    _check_change(parted, f"body {name!r}", change, float(np.linalg.norm(masses[0][3:, 3:])))
-    if name not in parted.standing:
-        unit = parted.velocity / np.linalg.norm(parted.velocity)
-        beside = float(np.linalg.norm(np.cross(unit, body.position - parted.point)))
-        if beside > SAME * np.sqrt(masses[0][3, 3] / masses[0][0, 0]):
+    _check_change(partition, f"body {name!r}", change, float(np.linalg.norm(masses[0][3:, 3:])))
+    if name not in partition.stator:
+        unit = partition.velocity / np.linalg.norm(partition.velocity)
+        beside = float(np.linalg.norm(np.cross(unit, body.position - partition.point)))
+        if beside > CONSTANT_TOLERANCE * np.sqrt(masses[0][3, 3] / masses[0][0, 0]):
             raise ValueError(
-                f"body {name!r} turns with its centre of mass {beside:.3g} m beside the axis: its force turns, as the "
-                f"standing frame sees it; {OTHERWISE[parted.frame]}"
+                f"body {name!r} rotates with its centre of mass {beside:.3g} m beside the axis: its unbalance force "
+                f"rotates in the standing frame; {OTHERWISE[partition.frame]}"
             )
 
 
 def _check_change(
-    parted: RotorPartition, what: str, change: float, size: float, cures: Mapping[str, str] = OTHERWISE
+    partition: RotorPartition, what: str, change: float, size: float, cures: Mapping[str, str] = OTHERWISE
 ) -> None:
-    if change > SAME * size:
+    if change > CONSTANT_TOLERANCE * size:
         raise ValueError(
-            f"{what}: as the {parted.frame} frame sees it, this changes by {100 * change / size:.2g} % while the scene "
-            f"turns, so that no linear model holds; {cures[parted.frame]}"
+            f"{what}: in the {partition.frame} frame, this changes by {100 * change / size:.2g} % while the rotor "
+            f"turns, so that no linear model holds; {cures[partition.frame]}"
         )
 
 
 def _figures(view: FrameView, terms: Iterable[Tie], angle: float) -> list[Array]:
-    """What must stay the same of ties between the same bodies, without units: of joints, what they leave free."""
+    """Return the values of ties between the same bodies that must not change; for joints, what they hold."""
     scale = view.scale
     joints = [view.rows(term, angle) * scale for term in terms if isinstance(term, Constraint)]
     if joints:

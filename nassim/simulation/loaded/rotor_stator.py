@@ -1,4 +1,4 @@
-"""Rotor and stator: on which side of a spindle each body is, by what ties it to others."""
+"""Rotor and stator: the side of a spindle to which each body belongs, by its connections."""
 
 from collections.abc import Iterable, Mapping
 
@@ -21,17 +21,27 @@ from nassim.scene.terms import (
     SpringForce,
     Term,
 )
-from nassim.simulation.model.assembly import Assembly, Coordinates
+from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.states import ReferenceState
 
 Tie = Constraint | ForceLaw
-"""What holds or resists."""
-BORNE = 1e-9
+"""Terms that connect bodies: constraints and force laws."""
+ROTATION_TOLERANCE = 1e-9
 """Share of a row's size by which a rotation about the axis may change its measure."""
 
 
 def term_rows(coordinates: Coordinates, term: Term, states: Mapping[str, ReferenceState] | None = None) -> Array:
-    """Evaluate the rows of a term on all coordinates, (m, n_all); states: other than of the reference."""
+    """Evaluate the rows of a term on all coordinates.
+
+    Args:
+        coordinates: coordinates of the scene.
+        term: the term.
+        states: states of the bodies, by name; default: the reference configuration.
+
+    Returns:
+        The rows, (m, n_all).
+    """
     if isinstance(term, (PrescribedMotion, OutputFilter)):
         return np.zeros((0, len(coordinates.mass)))
     if isinstance(term, SpringForce):
@@ -45,7 +55,14 @@ def term_rows(coordinates: Coordinates, term: Term, states: Mapping[str, Referen
 
 
 def rotation_about(assembly: Assembly, names: Iterable[str], axis: Array, point: Array) -> Array:
-    """Coordinates of a unit rotation of some bodies about the axis, all others at rest, (n_all,)."""
+    """Return the coordinates of a unit rotation of some bodies about an axis, with all others at rest, (n_all,).
+
+    Args:
+        assembly: the assembled scene.
+        names: names of the bodies.
+        axis: the axis, (3,).
+        point: a point of the axis, (3,) [m].
+    """
     unit, scene = axis / np.linalg.norm(axis), assembly.scene
     result = np.zeros(len(assembly.basis))
     for name in names:
@@ -59,13 +76,22 @@ def rotation_about(assembly: Assembly, names: Iterable[str], axis: Array, point:
 
 
 def stator_bodies(assembly: Assembly, joint: Constraint, axis: Array) -> frozenset[str]:
-    """Names of the bodies that stand while a joint is driven about its axis, (3,).
+    """Find the bodies of the stator of a driven joint.
 
-    Bodies stand, or rotate, with those that they are tied to by what resists a rotation about the axis; what is tied to
-    one side only, otherwise, goes with that side.
+    Bodies belong to the side of those to which something connects them that resists a rotation about the axis. A body
+    that
+    is otherwise connected to one side only belongs to that side.
+
+    Args:
+        assembly: the assembled scene.
+        joint: the driven joint.
+        axis: its axis, (3,).
+
+    Returns:
+        Names of the bodies.
 
     Raises:
-        ValueError: for a body whose ties do not tell its side.
+        ValueError: for a body whose connections do not define its side.
     """
     scene, point = assembly.scene, assembly.scene.point_position(joint.points[0])
     groups = {body.name: body.name if body.moves else "" for body in scene.bodies}
@@ -83,9 +109,9 @@ def stator_bodies(assembly: Assembly, joint: Constraint, axis: Array) -> frozens
     driven = [groups[body_of(path)] for path in joint.points[:2]]
     if driven.count(ground) != 1:
         raise ValueError(
-            f"joint {joint.name!r}: a drive of constant speed needs a fixed body on one side, or one that is tied to "
-            "such a body by what resists the turn; and no such tie on the other side. Or say which bodies stand: "
-            "linearize(..., standing=[...])"
+            f"joint {joint.name!r}: a drive of constant speed needs a fixed body on one side, or one that a joint or "
+            "spring which resists the rotation ties to a fixed body; and no such tie on the other side. Or name the "
+            "bodies of the stator: linearize(..., standing=[...])"
         )
     rotor = driven[1 - driven.index(ground)]
     sides = {group: group for group in groups.values()}
@@ -96,8 +122,8 @@ def stator_bodies(assembly: Assembly, joint: Constraint, axis: Array) -> frozens
             met = {sides[groups[name]] for ends in loose if ends & members for name in ends} - {group}
             if {ground, rotor} <= met:
                 raise ValueError(
-                    f"body {min(members)!r} is tied to what turns and to what stands, so it is not known whether it "
-                    "turns: say which bodies stand, fixed ones too: linearize(..., standing=[...])"
+                    f"body {min(members)!r} is tied to the rotor and to the stator, so its side is not known: name "
+                    "all bodies of the stator, fixed ones too: linearize(..., standing=[...])"
                 )
             if met:
                 to = met.pop()
@@ -109,7 +135,7 @@ def stator_bodies(assembly: Assembly, joint: Constraint, axis: Array) -> frozens
 
 
 def resists(assembly: Assembly, term: Tie, rotation: Array) -> bool:
-    """Whether a tie holds, or resists, a rotation, (n_all,); a spring along a driven component resists nothing."""
+    """Whether a tie holds or resists a rotation, (n_all,); a spring along a driven component resists nothing."""
     rows = term_rows(assembly.coordinates, term)
     if isinstance(term, Spring):
         if len(rows) == 1 and _has_drive(assembly, term.measure, rows):
@@ -117,8 +143,8 @@ def resists(assembly: Assembly, term: Tie, rotation: Array) -> bool:
         both = np.vstack(term.matrices)
         rows = both / np.maximum(np.abs(both).max(axis=1, keepdims=True), 1e-300) @ rows
     met = np.abs(rows @ rotation)
-    # What lies on the axis moves by rounding alone, hence the millimetre beside.
-    return bool(np.any(met > BORNE * (np.abs(rows) @ (np.abs(rotation) + 1e-3))))
+    # Points on the axis move by rounding alone, hence the millimetre.
+    return bool(np.any(met > ROTATION_TOLERANCE * (np.abs(rows) @ (np.abs(rotation) + 1e-3))))
 
 
 def label_of(term: Term) -> str:
@@ -132,12 +158,12 @@ def label_of(term: Term) -> str:
     if isinstance(term, Shunt):
         return f"output {term.output!r}"
     if isinstance(term, ForceLaw):
-        return f"what ties {' and '.join(dict.fromkeys(term.measure.points))}"
+        return f"the force law between {' and '.join(dict.fromkeys(term.measure.points))}"
     return type(term).__name__
 
 
 def _has_drive(assembly: Assembly, measure: Measure, rows: Array) -> bool:
-    """Whether a scalar measure is between a joint's points, along what the joint or its drive holds."""
+    """Whether a scalar measure is between a joint's points, along a direction that the joint or its drive holds."""
     for joint in assembly.terms:
         if isinstance(joint, Constraint) and set(joint.points) == set(measure.points):
             driven = [
@@ -146,7 +172,7 @@ def _has_drive(assembly: Assembly, measure: Measure, rows: Array) -> bool:
             held = assembly.coordinates.jacobian(joint.measure)[joint.rows((*joint.held, *driven))]
             scale = 1 / np.sqrt(np.diag(assembly.coordinates.mass))
             rest = (rows * scale).T
-            rest = rest - (held * scale).T @ np.linalg.lstsq((held * scale).T, rest, rcond=BORNE)[0]
-            if np.linalg.norm(rest) <= BORNE * np.linalg.norm(rows * scale) and len(held):
+            rest = rest - (held * scale).T @ np.linalg.lstsq((held * scale).T, rest, rcond=ROTATION_TOLERANCE)[0]
+            if np.linalg.norm(rest) <= ROTATION_TOLERANCE * np.linalg.norm(rows * scale) and len(held):
                 return True
     return False

@@ -1,21 +1,21 @@
-"""A scene that turns as a whole at a constant angular velocity, in the frame that turns with it.
+"""A scene that rotates as a whole at a constant angular velocity, in the rotating frame.
 
 With W the angular velocity, x the position of a particle from a point of the axis and psi_j its displacement per unit
-of coordinate j, the kinetic energy in the turning frame adds to small motion, M q'' + K q = f,
+of coordinate j, the kinetic energy in the rotating frame adds to small motion, M q'' + K q = f,
 
-    Coriolis forces       G_jk = 2 int rho psi_j . (W x psi_k), skew: they do no work
-    centrifugal forces    f_j = int rho psi_j . a with a = -W x (W x x), at rest
-    their change          K_jk = -int rho (W x psi_j) . (W x psi_k), negative, from the velocity field
-    and their stiffness   -int rho a . (second derivatives of the displacement), see `finite_motion`
+    Coriolis forces           G_jk = 2 int rho psi_j . (W x psi_k), skew: they do no work
+    centrifugal forces        f_j = int rho psi_j . a with a = -W x (W x x), at rest
+    their first-order change  K_jk = -int rho (W x psi_j) . (W x psi_k), negative, from the velocity field
+    geometric stiffness       -int rho a . (second derivatives of the displacement), see `geometric_stiffness`
 
-and where joints and springs bear the centrifugal forces, what they bear is stiffness too, as they turn with the bodies:
-a pendulum hinged beside the axis swings as if it hung. All of it is of first order in the forces on the scene as it is
-drawn: exact where its equilibrium is as drawn, and else off by a share like that of its rotations [rad] and of its
-displacements over the arms and the distance from the axis, which stay as drawn. (A bar with a ball on either end, 0.3 %
-longer under its spin: four frequencies within 0.25 % of those of a run in floating frames.)
+Forces by which joints and springs bear the centrifugal forces add stiffness too, as they rotate with the bodies: a
+pendulum hinged beside the axis swings as if it hung. All terms are of first order in the forces on the scene in its
+reference configuration. They are exact where that is its equilibrium, and else wrong by a share like that of its
+rotations [rad] and of its displacements over the arms and the distance from the axis. (A bar with a ball on either end,
+0.3 % longer under its spin: four frequencies within 0.25 % of those of a run in floating frames.)
 
 The stress inside a reduced body stiffens nothing here, as in floating frames in time: a blade clamped at its root
-bends in the plane of rotation as under the negative stiffness alone. A warning tells from where on that matters.
+bends in the plane of rotation as under the negative stiffness alone. A warning tells where that matters.
 
 Source: G. Genta, Dynamics of Rotating Systems, Springer (2005); A. A. Shabana, Dynamics of Multibody Systems, 4th ed.
 (2013), on floating frames.
@@ -32,31 +32,34 @@ from nassim.base.rigid_motion import skew
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.scene import Scene
 from nassim.simulation.loaded.geometric_stiffness import Frame, GeometricStiffness, spring_forces
-from nassim.simulation.loaded.rotor_frame import FrameView, RotorPartition, other_frame_terms, turned_damping
+from nassim.simulation.loaded.rotor_frame import FrameView, RotorPartition, other_frame_terms, rotating_damping
 from nassim.simulation.model.assembly import Assembly, motion_size
 from nassim.simulation.model.buckling import axial_forces, warn_of_buckling
 
 STIFFENING = 1e-3
-"""Relative change of a frequency by centrifugal stiffening that may be left out without a word."""
+"""Relative change of a frequency by centrifugal stiffening above which a warning is given."""
 GUESSED = 1 / 30
-"""Spin over a body's first frequency from which on integrals that are a guess are worth a word."""
+"""Spin over a body's first frequency above which a warning of estimated integrals is given."""
 NOT_SMALL = 0.1
-"""Rotation [rad], and deformation over size, up to which the equilibrium is small."""
-WORTH_A_WORD = 0.01
-"""Rotation [rad], and deformation over size, from which on a warning tells."""
-HELD = 1e-9
+"""Largest rotation [rad], and deformation over size, of an equilibrium in small motion."""
+WARNED_MOTION = 0.01
+"""Rotation [rad], and deformation over size, above which a warning is given."""
+SPIN_ROUNDING = 1e-9
 """Stiffness over a mode's own, and force over the largest, that are rounding."""
 
 
 @dataclass(frozen=True)
 class Spinning:
-    """What spin adds to an assembly: M q'' + (C + gyroscopic) q' + (K + stiffness) q = f about the equilibrium.
+    """Effect of spin on an assembly: M q'' + (C + gyroscopic) q' + (K + stiffness) q = f about the equilibrium.
 
-    gyroscopic: 2 W G in minimal coordinates, (n, n), skew
-    stiffness: centrifugal and geometric, in minimal coordinates, (n, n), symmetric; where a part of the scene stands,
-        also what dampers drive, which is not
-    equilibrium: minimal coordinates of the equilibrium, from the scene as drawn, (n,); charges that leak are drained
-    drag, pull: the gyroscopic and the stiffness forces against the motion of d drives that follow inputs, (n, d)
+    Attributes:
+        gyroscopic: 2 W G in minimal coordinates, (n, n), skew.
+        stiffness: centrifugal and geometric stiffness in minimal coordinates, (n, n), symmetric; with a stator also
+            that of dampers along rotating rows, which is not symmetric.
+        equilibrium: minimal coordinates of the equilibrium, from the reference configuration, (n,); charges of ports
+            with a resistance are zero.
+        drag: gyroscopic forces per unit rate of d drives that follow inputs, (n, d).
+        pull: stiffness forces per unit of these drives' motion, (n, d).
     """
 
     gyroscopic: Array
@@ -76,55 +79,73 @@ class Spinning:
 
 
 def spinning(
-    assembly: Assembly, angular_velocity: ArrayLike, point: ArrayLike, parted: RotorPartition | None = None
+    assembly: Assembly, angular_velocity: ArrayLike, point: ArrayLike, partition: RotorPartition | None = None
 ) -> Spinning:
-    """What it adds to an assembled scene that all of it turns at a constant angular velocity, fixed bodies included.
+    """Compute the effect of a constant angular velocity of a whole scene, fixed bodies included.
 
-    angular_velocity: (3,) [rad/s], and a point of the axis, (3,) [m], along the axes of the scene, which turn along
-    parted: what stands while all else turns, at the same velocity about the same axis; None for nothing
+    Warns of an equilibrium beyond small motion, and of stiffening within bodies and preload near buckling, which are
+    left
+    out.
 
-    Warns of an equilibrium beyond small motion, of stiffening within bodies and of preload near buckling, which are
-    left out. Raises ValueError where there is no equilibrium within some 0.1 rad of the scene as it is drawn: about
-    that, no linear model holds.
+    Args:
+        assembly: the assembled scene.
+        angular_velocity: angular velocity, along the axes of the scene, which rotate with it, (3,) [rad/s].
+        point: a point of the axis, (3,) [m].
+        partition: rotor and stator, where only the rotor has this velocity; None: all rotates.
+
+    Returns:
+        The effect of the spin.
+
+    Raises:
+        ValueError: if there is no equilibrium within some 0.1 rad of the reference configuration, about which a linear
+            model would hold.
     """
     velocity = finite_array("angular_velocity", np.asarray(angular_velocity, dtype=float), (3,))
     axis_point = finite_array("axis_point", np.asarray(point, dtype=float), (3,))
     n, size = len(assembly.frequency), len(assembly.basis)
     if not velocity.any():
-        still = np.zeros((n, len(assembly.following.inputs)))
+        still = np.zeros((n, len(assembly.prescribed.inputs)))
         return Spinning(np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), still, still)
     geometric = GeometricStiffness.of(assembly)
     force, gyroscopic, stiffness = np.zeros(size), np.zeros((size, size)), np.zeros((size, size))
     moment = 0.0
     for name, place in assembly.slices.items():
         body, _ = assembly.scene.split(f"{name}.")
-        if parted is None or name not in parted.standing:
+        if partition is None or name not in partition.stator:
             terms = inertia_terms(body, geometric.frames[name], place, velocity, axis_point)
             gyroscopic[place, place], stiffness[place, place] = terms.coriolis, terms.stiffness
             force[place], moment = terms.force, moment + terms.moment
-    if parted is not None:
-        view = FrameView(assembly, parted)
-        for name in filter(parted.in_other_frame, assembly.slices):
+    if partition is not None:
+        view = FrameView(assembly, partition)
+        for name in filter(partition.in_other_frame, assembly.slices):
             own = (assembly.slices[name],) * 2
             gyroscopic[own], stiffness[own] = other_frame_terms(view, name, gyroscopic[own], stiffness[own])
-        stiffness += turned_damping(view)
+        stiffness += rotating_damping(view)
     rate = float(np.linalg.norm(velocity))
-    elastic, borne = _borne(assembly, force)
+    elastic, borne = _bear(assembly, force)
     stiffness += geometric.of_springs(elastic) + geometric.of_joints(borne)
-    # By Cauchy and Schwarz, no mode of unit mass is pushed by more than W^2 times the root of the moment of inertia.
+    # Cauchy-Schwarz: the force on a mode of unit mass is at most W^2 times the root of the moment of inertia.
     found = _rest(assembly, stiffness, force, rate, rate**2 * np.sqrt(moment))
     coordinates = assembly.basis @ found
     _check_small(assembly, coordinates)
-    _warn_of_stress(assembly, coordinates, rate / (2 * np.pi), parted)
-    basis, followed = assembly.basis, assembly.following.motion
+    _warn_of_stress(assembly, coordinates, rate / (2 * np.pi), partition)
+    basis, followed = assembly.basis, assembly.prescribed.motion
     gyroscopic, stiffness = basis.T @ gyroscopic, basis.T @ stiffness
     return Spinning(gyroscopic @ basis, stiffness @ basis, found, gyroscopic @ followed, stiffness @ followed)
 
 
 def stiffening(scene: Scene, body: FlexibleBody, rate: float) -> tuple[float, float]:
-    """First frequency [Hz] of a body held at its frame, and by what share stress from a spin at a rate [Hz] raises it.
+    """Estimate the stress stiffening of a body's first mode, held at its frame, by a spin.
 
-    An estimate: as of a blade whose frequency is the root of f^2 + rate^2, R. Southwell's law with the coefficient 1.
+    The estimate is that of a blade with the frequency sqrt(f^2 + rate^2): R. Southwell's law with the coefficient 1.
+
+    Args:
+        scene: the scene.
+        body: the body.
+        rate: rate of the spin [Hz].
+
+    Returns:
+        The first frequency [Hz], and the relative increase by stress [-].
     """
     first = float(body.reduced.eigenfrequencies(fixed=[scene.frame_point(body)])[0])
     return first, float(np.hypot(1.0, rate / first)) - 1 if first else np.inf
@@ -132,7 +153,14 @@ def stiffening(scene: Scene, body: FlexibleBody, rate: float) -> tuple[float, fl
 
 @dataclass(frozen=True)
 class InertiaTerms:
-    """Of one body, on its own coordinates: see the module; moment: of inertia about the axis [kg m2]."""
+    """Centrifugal and Coriolis terms of one body on its own coordinates.
+
+    Attributes:
+        force: centrifugal forces, (n,).
+        coriolis: Coriolis matrix, (n, n).
+        stiffness: stiffness, (n, n).
+        moment: moment of inertia about the axis [kg m2].
+    """
 
     force: Array
     coriolis: Array
@@ -141,19 +169,30 @@ class InertiaTerms:
 
 
 def inertia_terms(body: Body, frame: Frame, place: slice, velocity: Array, axis_point: Array) -> InertiaTerms:
-    """Of a body whose coordinates stand at a place among all, under an angular velocity about a point's axis."""
+    """Compute the centrifugal and Coriolis terms of one body.
+
+    Args:
+        body: the body.
+        frame: its frame.
+        place: slice of its coordinates among all.
+        velocity: angular velocity, (3,) [rad/s].
+        axis_point: a point of the axis, (3,) [m].
+
+    Returns:
+        The terms.
+    """
     if isinstance(body, FlexibleBody):
-        turn, origin, gram = body.rotation, body.position, body.reduced.gram
+        rotation, origin, gram = body.rotation, body.position, body.reduced.gram
     else:
-        turn, origin, gram = np.eye(3), body.position, _rigid_gram(*body.rigid_inertia)
+        rotation, origin, gram = np.eye(3), body.position, _rigid_gram(*body.rigid_inertia)
     n = (len(gram) - 4) // 3
-    w, axis, arm = turn.T @ velocity, turn.T @ (axis_point - origin), turn.T @ (frame.position - origin)
+    w, axis, arm = rotation.T @ velocity, rotation.T @ (axis_point - origin), rotation.T @ (frame.position - origin)
     pull = w @ w * np.eye(3) - np.outer(w, w)  # a = pull @ (x - axis)
-    along, around = turn.T @ frame.motion[:3, place], turn.T @ frame.turn[:, place]
+    along, around = rotation.T @ frame.motion[:3, place], rotation.T @ frame.rotation[:, place]
     # Integrals over the body of rho (x - axis) times 1, x and psi_j.
-    beside = np.hstack([-axis[:, None], np.eye(3)])
-    first, second = beside @ gram[:4, 0], beside @ gram[:4, 1:4] - np.outer(beside @ gram[:4, 0], arm)
-    fields = (beside @ gram[:4, 4:]).reshape(3, n, 3)
+    shift = np.hstack([-axis[:, None], np.eye(3)])
+    first, second = shift @ gram[:4, 0], shift @ gram[:4, 1:4] - np.outer(shift @ gram[:4, 0], arm)
+    fields = (shift @ gram[:4, 4:]).reshape(3, n, 3)
     pairs = gram[4:, 4:].reshape(n, 3, n, 3)
     whole, dyad = pull @ first, pull @ second
     moments = np.einsum("da,ajb->dbj", pull, fields)  # a_d psi_jb
@@ -164,12 +203,12 @@ def inertia_terms(body: Body, frame: Frame, place: slice, velocity: Array, axis_
         force=np.einsum("bbj->j", moments),
         coriolis=2 * np.einsum("jakb,ab->jk", pairs, skew(w)),
         stiffness=-np.einsum("jakb,ab->jk", pairs, pull) - half - half.T,
-        moment=float(np.einsum("ab,ab", pull, beside @ gram[:4, :4] @ beside.T)) / float(w @ w),
+        moment=float(np.einsum("ab,ab", pull, shift @ gram[:4, :4] @ shift.T)) / float(w @ w),
     )
 
 
 def _rigid_gram(mass: float, centre: Array, inertia: Array) -> Array:
-    """As `ReducedBody.gram`, of a rigid body about its centre of mass, (22, 22)."""
+    """Return the counterpart of `ReducedBody.gram` for a rigid body about its centre of mass, (22, 22)."""
     moments = np.zeros((4, 4))
     moments[0, 0], moments[1:, 1:] = mass, 0.5 * np.trace(inertia) * np.eye(3) - inertia
     fields = np.zeros((4, 22))
@@ -181,13 +220,14 @@ def _rigid_gram(mass: float, centre: Array, inertia: Array) -> Array:
     return result
 
 
-def _borne(assembly: Assembly, force: Array) -> tuple[Array, Array]:
-    """Where elastic parts come to rest under forces, and what is left for constraints to bear, both (n_all,).
+def _bear(assembly: Assembly, force: Array) -> tuple[Array, Array]:
+    """Return the elastic displacement under forces, and the forces that constraints bear, (n_all,) each.
 
-    Of first order in the forces only: then what follows is the same whichever way a scene is written, and a motion that
-    costs nothing, as a turn about the axis, stays one that costs nothing. Free motions are let go: they take inertia.
+    Both are of first order in the forces: the result then does not depend on how a scene is described, and a motion
+    without
+    stiffness, as a rotation about the axis, keeps none. Rigid-body modes accelerate: they bear no force.
     """
-    modes, elastic = assembly.basis @ assembly.shapes, ~assembly.free
+    modes, elastic = assembly.basis @ assembly.shapes, ~assembly.rigid_modes
     bent, loose = modes[:, elastic], modes[:, ~elastic]
     stiffness = np.diag((2 * np.pi * assembly.frequency[elastic]) ** 2)
     for circuit in assembly.circuits:
@@ -206,12 +246,13 @@ def _borne(assembly: Assembly, force: Array) -> tuple[Array, Array]:
 
 
 def _rest(assembly: Assembly, added: Array, force: Array, rate: float, largest: float) -> Array:
-    """Minimal coordinates at rest under forces on all coordinates, with the stiffness of a spin added, (n,).
+    """Return minimal coordinates at rest under forces on all coordinates, with the stiffness of a spin added, (n,).
 
-    rate: of the spin [rad/s]; largest: that a force on a mode of unit mass can be. Each mode is scaled to its own
-    stiffness, free ones to that of the spin, which a stiff one would else drown in rounding.
+    Each mode is scaled by its own stiffness, a rigid-body mode by that of the spin, which rounding of a stiff mode
+    would
+    else hide. rate: of the spin [rad/s]; largest: largest force that a mode of unit mass can have.
     """
-    modes, free = assembly.basis @ assembly.shapes, assembly.free
+    modes, free = assembly.basis @ assembly.shapes, assembly.rigid_modes
     matrix = modes.T @ added @ modes
     for circuit in assembly.circuits:
         pull = modes.T @ circuit.forces
@@ -219,8 +260,8 @@ def _rest(assembly: Assembly, added: Array, force: Array, rate: float, largest: 
     scale = 1 / np.where(free, rate, 2 * np.pi * assembly.frequency)
     axes, values, answers = np.linalg.svd(np.diag(np.where(free, 0.0, 1.0)) + scale[:, None] * matrix * scale)
     pushed = axes.T @ (scale * (modes.T @ force))
-    held = values > HELD
-    if np.any(np.abs(pushed[~held]) > HELD * largest / rate):
+    held = values > SPIN_ROUNDING
+    if np.any(np.abs(pushed[~held]) > SPIN_ROUNDING * largest / rate):
         raise ValueError(
             f"scene {assembly.scene.name!r} has no spinning equilibrium: centrifugal forces drive a motion that "
             "nothing holds, or that is at its critical speed; add a spring or a joint, put the centre of mass on the "
@@ -235,20 +276,20 @@ def _check_small(assembly: Assembly, coordinates: Array) -> None:
     name = max(sizes, key=lambda name: float(sizes[name].max()))
     rotation, deformation = sizes[name]
     found = (
-        f"under the spin, body {name!r} comes to rest turned by {rotation:.2g} rad and deformed by "
-        f"{100 * deformation:.2g} % of its size from how it is drawn"
+        f"under the spin, body {name!r} comes to rest rotated by {rotation:.2g} rad and deformed by "
+        f"{100 * deformation:.2g} % of its size from the reference configuration"
     )
     if max(rotation, deformation) > NOT_SMALL:
-        raise ValueError(f"{found}, which is no small motion: draw the scene nearer to its spinning equilibrium")
-    if max(rotation, deformation) > WORTH_A_WORD:
+        raise ValueError(f"{found}, which is no small motion: start nearer to the spinning equilibrium")
+    if max(rotation, deformation) > WARNED_MOTION:
         warnings.warn(
             f"{found}; the linear model is about that equilibrium, and off by a share of the same size", stacklevel=5
         )
 
 
-def _warn_of_stress(assembly: Assembly, coordinates: Array, rate: float, parted: RotorPartition | None) -> None:
-    standing = parted.standing if parted else ()
-    bodies = [body for body in assembly.scene.deformable_bodies if body.name not in standing]
+def _warn_of_stress(assembly: Assembly, coordinates: Array, rate: float, partition: RotorPartition | None) -> None:
+    stator = partition.stator if partition else ()
+    bodies = [body for body in assembly.scene.deformable_bodies if body.name not in stator]
     for body in bodies:
         first, rise = stiffening(assembly.scene, body, rate)
         if rise > STIFFENING:

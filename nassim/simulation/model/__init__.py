@@ -1,1 +1,1 @@
-"""Coordinates, bodies' equations, measures on coordinates, constraints, damping, trimming: a scene's model."""
+"""The model of a scene: coordinates, bodies' equations, measures on coordinates, constraints, damping, trimming."""

@@ -1,4 +1,4 @@
-"""What approximations cost: modes left out of bodies, the period error of time steps."""
+"""Errors of approximations: modes that bodies leave out, and the period error of time steps."""
 
 from dataclasses import replace
 
@@ -15,10 +15,18 @@ from nassim.systems.linear_model import frequency_response
 
 
 def truncation_error(scene: Scene, frequency: Array) -> Array:
-    """Estimated relative error of a scene's FRFs due to the modes that its flexible bodies leave out.
+    """Estimate the relative error of a scene's FRFs due to the modes that its flexible bodies leave out.
 
-    frequency: (n,) [Hz]. Returns |H / H_enriched - 1|, shape (outputs, inputs, n) [-], where H_enriched is the FRF of
-    the scene with every body in its `enriched` form. Raises ValueError where a body has none.
+    Args:
+        scene: the scene.
+        frequency: frequencies, (n,) [Hz].
+
+    Returns:
+        |H / H_enriched - 1|, (outputs, inputs, n) [-], where H_enriched is the FRF of the scene with every body in its
+        `enriched` form.
+
+    Raises:
+        ValueError: if a body has no enriched form.
     """
     bodies: list[Body] = []
     for body in scene.bodies:
@@ -36,12 +44,19 @@ def truncation_error(scene: Scene, frequency: Array) -> Array:
 
 
 def integrator_error(frequency: float, time_step: float, *, spectral_radius: float = 1.0) -> tuple[float, float]:
-    """What generalized-alpha alone does to an undamped mode: relative lengthening of its period, damping ratio [-].
+    """Compute the effect of generalized-alpha alone on an undamped mode: relative period error and damping ratio.
 
-    The period is 2 pi over the size of the mode's pole. Simulations make up for its lengthening where they can, which
-    makes the damping larger: see `period_errors` and `numerical_damping` for what is left in a scene.
+    The period is 2 pi over the absolute value of the mode's pole. Simulations correct its lengthening where they can,
+    which
+    increases the damping: see `period_errors` and `numerical_damping` for the remaining errors of a scene.
 
-    frequency: of the mode [Hz]; time_step [s]; spectral_radius: as in `simulate`
+    Args:
+        frequency: frequency of the mode [Hz].
+        time_step: time step [s].
+        spectral_radius: as in `simulate` [-].
+
+    Returns:
+        Relative lengthening of the period [-], and damping ratio [-].
 
     Source: J. Chung, G. M. Hulbert, A time integration algorithm for structural dynamics with improved numerical
     dissipation: the generalized-alpha method, J. Appl. Mech. 60 (1993) 371-375, equations 2 to 4 and 25.
@@ -57,12 +72,21 @@ def integrator_error(frequency: float, time_step: float, *, spectral_radius: flo
 
 
 def period_errors(scene: Scene | Assembly, time_step: float, *, spectral_radius: float = 1.0) -> Array:
-    """Relative error of each undamped mode's frequency in a simulation by generalized-alpha, (n,) [-]; 0 if free.
+    """Compute the relative error of each undamped mode's frequency in a simulation by generalized-alpha.
 
-    Steps make up for what the rule does to periods, mode by mode: exactly in small motion and where only bodies deform,
-    up to 3.5 steps a period; in large motion less where springs, bushings or rigid bodies share in a mode, which then
-    keeps a part of the rule's own error, at most that of `integrator_error`; and not at all in small motion where
-    drives follow inputs. Motion forced at a frequency f far above a mode stays too small, by (2 pi f h)^2 / 6.
+    Simulations correct the rule's period error mode by mode: exactly in small motion and where only bodies deform, up
+    to
+    3.5 steps a period. In large motion they correct less where springs, bushings or rigid bodies share in a mode, which
+    then keeps a part of the rule's own error, at most that of `integrator_error`. They do not correct small motion with
+    drives that follow inputs. Motion forced at a frequency f far above a mode stays too small, by (2 pi f h)^2 / 6.
+
+    Args:
+        scene: the scene, or its assembly.
+        time_step: time step h [s].
+        spectral_radius: as in `simulate` [-].
+
+    Returns:
+        Relative errors, (n,) [-]; 0 for rigid-body modes.
     """
     assembly = scene if isinstance(scene, Assembly) else assemble(scene)
     return _period_errors(assembly, Steps(time_step, spectral_radius))
@@ -70,22 +94,33 @@ def period_errors(scene: Scene | Assembly, time_step: float, *, spectral_radius:
 
 def _period_errors(assembly: Assembly, steps: Steps) -> Array:
     stepped, _ = _stepped_modes(assembly, steps)
-    result: Array = np.where(assembly.rigid_modes, 0.0, stepped / np.where(assembly.rigid_modes, 1.0, assembly.frequency) - 1)
+    result: Array = np.where(
+        assembly.rigid_modes, 0.0, stepped / np.where(assembly.rigid_modes, 1.0, assembly.frequency) - 1
+    )
     return result
 
 
 def numerical_damping(scene: Scene | Assembly, time_step: float, *, spectral_radius: float = 1.0) -> Array:
-    """Damping ratio that generalized-alpha adds to each undamped mode of a scene, (n,) [-]; 0 if free.
+    """Compute the damping ratio that generalized-alpha adds to each undamped mode of a scene.
 
-    More than `integrator_error` tells of the rule alone: what makes up for the lengthening of periods takes mass from
-    modes, which are then as fast, in steps, as modes above them.
+    It is larger than that of `integrator_error`: period correction takes mass from modes, which are then as fast, in
+    steps,
+    as modes above them.
+
+    Args:
+        scene: the scene, or its assembly.
+        time_step: time step [s].
+        spectral_radius: as in `simulate` [-].
+
+    Returns:
+        Damping ratios, (n,) [-]; 0 for rigid-body modes.
     """
     assembly = scene if isinstance(scene, Assembly) else assemble(scene)
     return _stepped_modes(assembly, Steps(time_step, spectral_radius))[1]
 
 
 def _stepped_modes(assembly: Assembly, steps: Steps) -> tuple[Array, Array]:
-    """Frequencies [Hz] and damping ratios with which undamped modes run in steps, (n,) each."""
+    """Return the frequencies [Hz] and damping ratios of undamped modes in steps, (n,) each."""
     frequency = assembly.frequency
     if assembly.scene.in_small_motion:
         mass = np.diag(small_motion_factors(assembly, steps)[0])
@@ -100,7 +135,7 @@ def _stepped_modes(assembly: Assembly, steps: Steps) -> tuple[Array, Array]:
 
 
 def describe_steps(assembly: Assembly, steps: Steps, highest: float) -> str:
-    """What a run's steps do to modes up to a frequency [Hz], in a line; empty where there are none."""
+    """Describe the effect of a run's steps on modes up to a frequency [Hz] in one line; empty without such modes."""
     below = (assembly.frequency <= highest) & ~assembly.rigid_modes
     if not below.any():
         return ""

@@ -1,23 +1,20 @@
-"""A scene's matrices for small motion about its start: bodies and what the parts say put together."""
+"""Assembly of a scene: the matrices of its bodies and terms for small motion about its start."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 import scipy
 
 from nassim.base.checks import Array
-from nassim.base.modal import elastic_ratios
+from nassim.base.modal import elastic_damping_ratios
 from nassim.bodies.floating_frame import FloatingFrame, floating_frame
-from nassim.bodies.strain import Strain, joined, spring_strain, stiffness_root, strained_modes
+from nassim.bodies.strain import Strain, combine_strains, spring_strain, stiffness_root, strain_eigenmodes
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
-from nassim.scene.measures import Measure
 from nassim.scene.scene import Scene
 from nassim.scene.terms import (
     AppliedForce,
     BaseAcceleration,
-    ForceLaw,
     Output,
     Shunt,
     Spring,
@@ -25,31 +22,30 @@ from nassim.scene.terms import (
     Term,
 )
 from nassim.simulation.model.constraints import constraint_rows, null_space
+from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.damping import Damping, own_damping
 from nassim.simulation.model.filters import ground_accelerations, output_filters
-from nassim.simulation.model.prescribed_motion import PrescribedMotions, follow, prescribed_motion_of
+from nassim.simulation.model.prescribed_motion import PrescribedMotions, prescribed_motion_of, prescribed_motions
 from nassim.simulation.model.states import ReferenceState
-from nassim.simulation.model.trimming import trim_scene, undrawn
+from nassim.simulation.model.tangents import Tangent, law_tangents, tangent_of
+from nassim.simulation.model.trimming import trim_scene, without_pictures
 from nassim.simulation.model.unsupported_modes import unsupported_modes
 from nassim.systems.state_space import StateSpace
-
-NO_EQUILIBRIUM = (
-    "no static equilibrium: can a body move freely? Add joints, leave gravity out, or let the scene go as it is drawn "
-    'by simulate(..., start="released")'
-)
-ITERATIONS = 100
-LEFT_OVER = 1e-11
-"""Share of the weight by which forces may be out of balance in static equilibrium."""
 
 
 @dataclass(frozen=True)
 class Circuit:
-    """A resistance across an electrical port, whose charge is a state v = charge / capacitance [V] of its own.
+    """A resistance across an electrical port, whose charge is a state v = charge / capacitance [V].
 
-    forces: on all coordinates per volt of v, (n_all,); the others: see `nassim.scene.terms.Shunt`
-
-    The voltage V = v - forces @ q / capacitance drives the current that discharges it:
+    The port's voltage V = v - forces @ q / capacitance drives the current that discharges it:
     capacitance v' = -V / resistance.
+
+    Attributes:
+        output: name of the output to which the voltage adds.
+        forces: forces on all coordinates q per volt of v, (n_all,).
+        capacitance: capacitance of port and load [F].
+        resistance: resistance [Ohm].
+        gain: output per volt.
     """
 
     output: str
@@ -63,7 +59,10 @@ class Circuit:
 class Amplifier:
     """A low-pass of first order between an input and forces: v' = rate (input - v).
 
-    input: index; forces: on all coordinates per unit of v, (n_all,); rate [1/s]
+    Attributes:
+        input: index of the input.
+        forces: forces on all coordinates per unit of v, (n_all,).
+        rate: rate of the low-pass [1/s].
     """
 
     input: int
@@ -73,37 +72,43 @@ class Amplifier:
 
 @dataclass(frozen=True)
 class Assembly:
-    """A scene's matrices for small motion: all bodies' coordinates, and the minimal ones that the joints leave.
+    """Matrices of a scene for small motion: in all bodies' coordinates, and in the minimal ones that the joints leave.
 
-    scene: what is modelled, after `trim_scene`; its bodies have the stiffness of springs within them, as of electrical
-        ports that keep their charge
-    terms: of the parts, but for these springs
-    coordinates: all coordinates, and measures on them
-    slices: of each moving body's coordinates among all, by body name (flexible: the remote points' motions and
-        the modes, in the body's frame; rigid: motion of the centre of mass in the world's frame)
-    enforced: directions that each joint holds, by name, without those that other joints hold already
-    basis: all coordinates from the minimal ones, shape (n_all, n), orthonormal columns
-    mass, stiffness: in minimal coordinates, (n, n)
-    frequency: eigenfrequencies of the undamped scene, ascending, exactly 0 for free motions only, (n,) [Hz]
-    shapes: (n, n), unit modal mass
-    damping: of the modes, of bodies and of dampers
-    input_matrix: forces on all coordinates per unit input, (n_all, inputs), but for those through amplifiers
-    output_matrix, velocity_matrix, acceleration_matrix: outputs per unit of all coordinates and of their derivatives,
-        before the filters, (outputs, n_all) each
-    ground_matrix: acceleration along what inertial outputs read, of the ground, per unit input, (outputs, inputs)
-    filters: by output that passes one, or to which that adds, see `nassim.simulation.model.filters`
-    weight: forces of gravity on all coordinates, (n_all,)
-    tangents: force laws about the static equilibrium
-    frames: floating frame of each flexible body, by name
-    circuits: electrical ports whose charge leaks through a resistance
-    amplifiers: actuators with a bandwidth
-    following: what drives that follow inputs do; the minimal coordinates are those of motion with these at rest
-    unsupported: modes beyond what the bodies' reductions hold, quasi-static in sampled models, bool (n,)
+    Attributes:
+        scene: the modelled scene, after `trim_scene`. Its bodies include the stiffness of springs within them, such as
+            electrical ports that keep their charge.
+        terms: terms of the parts, except these springs.
+        coordinates: all coordinates, and measures on them.
+        slices: slice of each moving body's coordinates among all, by body name (flexible: motions of the remote points
+            and modes, in the body's frame; rigid: motion of the centre of mass in the world's frame).
+        enforced: directions that each joint holds, by name, without those that other joints hold already.
+        basis: all coordinates per unit of the minimal coordinates, (n_all, n), orthonormal columns.
+        mass: mass matrix in minimal coordinates, (n, n).
+        stiffness: stiffness matrix in minimal coordinates, (n, n).
+        frequency: eigenfrequencies of the undamped scene, ascending, exactly 0 for rigid-body modes only, (n,) [Hz].
+        shapes: eigenmodes in minimal coordinates, (n, n), unit modal mass.
+        damping: damping of the modes, of bodies and of dampers.
+        input_matrix: forces on all coordinates per unit input, (n_all, inputs), without those through amplifiers.
+        output_matrix: outputs before the filters per unit of all coordinates, (outputs, n_all).
+        velocity_matrix: outputs per unit of the coordinates' first derivatives, (outputs, n_all).
+        acceleration_matrix: outputs per unit of the coordinates' second derivatives, (outputs, n_all).
+        ground_matrix: the ground's acceleration along the directions of inertial outputs, per unit input, (outputs,
+            inputs).
+        filters: filters by output, including outputs to which the ground's acceleration adds, see
+            `nassim.simulation.model.filters`.
+        weight: forces of gravity on all coordinates, (n_all,).
+        tangents: force laws about the static equilibrium.
+        frames: floating frame of each flexible body, by name.
+        circuits: electrical ports with a resistance.
+        amplifiers: actuators with a bandwidth.
+        prescribed: effect of drives that follow inputs; the minimal coordinates are those of motion with these at rest.
+        unsupported: modes beyond the valid frequency of the bodies' reductions, quasi-static in sampled models, bool
+            (n,).
     """
 
     scene: Scene
     terms: tuple[Term, ...]
-    coordinates: "Coordinates"
+    coordinates: Coordinates
     slices: dict[str, slice]
     enforced: dict[str, tuple[str, ...]]
     basis: Array
@@ -119,169 +124,45 @@ class Assembly:
     ground_matrix: Array
     filters: dict[str, StateSpace]
     weight: Array
-    tangents: tuple["Tangent", ...]
+    tangents: tuple[Tangent, ...]
     frames: dict[str, FloatingFrame]
     circuits: tuple[Circuit, ...]
     amplifiers: tuple[Amplifier, ...]
-    following: PrescribedMotions
+    prescribed: PrescribedMotions
     unsupported: Array
 
     @property
-    def free(self) -> Array:
-        """Which modes are free motions, that strain no body and no spring, bool (n,)."""
+    def rigid_modes(self) -> Array:
+        """Whether each mode is a rigid-body mode, which strains no body and no spring, bool (n,)."""
         result: Array = self.frequency == 0
         return result
 
     @property
     def scale(self) -> Array:
-        """Roots of the masses of all coordinates, (n_all,)."""
+        """Square roots of the masses of all coordinates, (n_all,)."""
         moving = [body for body in self.scene.bodies if body.moves]
         return np.sqrt(np.concatenate([np.zeros(0), *(np.diag(body.mass_matrix) for body in moving)]))
 
     @property
     def modes_uncoupled(self) -> bool:
-        """Whether nothing couples the undamped modes, outputs read displacements only, and inputs push only."""
-        coupled = self.circuits or self.amplifiers or self.following.inputs or np.any(self.damping.beside)
+        """Whether the undamped modes are uncoupled, outputs read displacements only and inputs act as forces only."""
+        coupled = self.circuits or self.amplifiers or self.prescribed.inputs or np.any(self.damping.non_modal)
         return not (coupled or self.filters or np.any(self.velocity_matrix) or np.any(self.acceleration_matrix))
 
 
-@dataclass(frozen=True)
-class Coordinates:
-    """All coordinates of a scene's moving bodies in the reference configuration, and measures on them.
-
-    scene: its bodies; slices: of each moving body's coordinates among all, by name; mass: (n_all, n_all)
-    """
-
-    scene: Scene
-    slices: dict[str, slice]
-    mass: Array
-
-    @classmethod
-    def of(cls, scene: Scene) -> "Coordinates":
-        """Number the coordinates of a scene."""
-        bodies = [body for body in scene.bodies if body.moves]
-        blocks = [body.mass_matrix for body in bodies]
-        ends = np.cumsum([0, *map(len, blocks)])
-        places = {body.name: slice(ends[k], ends[k + 1]) for k, body in enumerate(bodies)}
-        return cls(scene, places, scipy.linalg.block_diag(*blocks))
-
-    @cached_property
-    def states(self) -> dict[str, ReferenceState]:
-        """Of all bodies, by name."""
-        return {body.name: ReferenceState(body) for body in self.scene.bodies}
-
-    def jacobian(self, measure: Measure, states: Mapping[str, ReferenceState] | None = None) -> Array:
-        """Evaluate a measure's rows on all coordinates, (k, n_all); states: other than of the reference."""
-        _, parts = measure.evaluate(self.states if states is None else states)
-        result = np.zeros((len(measure.components), len(self.mass)))
-        for name, rows in parts.items():
-            if name in self.slices:
-                result[:, self.slices[name]] = rows
-        return result
-
-    def motion(self, path: str) -> Array:
-        """Return the small motion of a point in the world's frame, (6, n_all)."""
-        body, point = self.scene.split(path)
-        rows = np.zeros((6, len(self.mass)))
-        if body.moves:
-            rows[:, self.slices[body.name]] = body.motion(point)
-        return rows
-
-    def weight(self, gravity: Array, states: Mapping[str, ReferenceState] | None = None) -> Array:
-        """Return the forces of a uniform gravity, world frame, (n_all,)."""
-        result = np.zeros(len(self.mass))
-        for name, place in self.slices.items():
-            result[place] = (states or self.states)[name].weight(gravity)
-        return result
-
-
-@dataclass(frozen=True)
-class Tangent:
-    """A force law about the static equilibrium of small motion.
-
-    rows: of its measure on all coordinates, (k, n_all); value: of the measure, (k,)
-    stiffness, damping: derivatives of the resistance, (k, k)
-    """
-
-    law: ForceLaw
-    rows: Array
-    value: Array
-    stiffness: Array
-    damping: Array
-
-    @classmethod
-    def of(cls, law: ForceLaw, rows: Array, coordinates: Array) -> "Tangent":
-        """At given coordinates, (n_all,)."""
-        value = rows @ coordinates
-        return cls(law, rows, value, *law.tangents(value, np.zeros(len(value))))
-
-
-def law_tangents(coordinates: Coordinates, terms: Sequence[Term], basis: Array) -> list[Tangent]:
-    """Force laws about the static equilibrium under gravity, which is at zero where all laws are linear.
-
-    basis: of the motions that constraints leave, (n_all, n)
-
-    Raises ValueError where no equilibrium is found, and for a law that pushes away from it.
-    """
-    laws = [(term, coordinates.jacobian(term.measure)) for term in terms if isinstance(term, ForceLaw)]
-    at_rest = np.zeros(len(coordinates.mass))
-    if any(not law.is_linear for law, _ in laws):
-        at_rest = _nonlinear_equilibrium(coordinates, laws, basis)
-    result = [Tangent.of(law, rows, at_rest) for law, rows in laws]
-    for tangent in result:
-        least = float(np.linalg.eigvalsh(0.5 * (tangent.stiffness + tangent.stiffness.T))[0])
-        if least < -LEFT_OVER * np.abs(tangent.stiffness).max():
-            raise ValueError(
-                f"the {type(tangent.law).__name__} between {', '.join(tangent.law.measure.points)} pushes away from "
-                f"equilibrium, with a tangent of {least:.3g}: no model of small motion holds it; simulate in large "
-                'motion (fidelity "ffrf", or rigid bodies alone)'
-            )
-    return result
-
-
-def tangent_of(coordinates: Coordinates, law: ForceLaw, tangents: Sequence[Tangent]) -> Tangent:
-    """That of a law, which another part states again as its own; of one within a body, about zero."""
-    rows = coordinates.jacobian(law.measure)
-    for tangent in tangents:
-        if type(tangent.law) is type(law) and np.array_equal(tangent.rows, rows):
-            return Tangent(law, rows, tangent.value, *law.tangents(tangent.value, np.zeros(len(rows))))
-    return Tangent.of(law, rows, np.zeros(rows.shape[1]))
-
-
-def _nonlinear_equilibrium(coordinates: Coordinates, laws: Sequence[tuple[ForceLaw, Array]], basis: Array) -> Array:
-    """Coordinates at rest under gravity, (n_all,), by Newton's method with halved steps; free motions stay at zero."""
-    scene, scale = coordinates.scene, 1 / np.sqrt(np.einsum("ij,ij->j", basis, coordinates.mass @ basis))
-    free, weight = basis * scale, coordinates.weight(scene.gravity)
-    elastic = np.zeros_like(coordinates.mass)
-    for body in scene.bodies:
-        if body.moves and body.strain is not None:
-            elastic[coordinates.slices[body.name], coordinates.slices[body.name]] = body.strain.stiffness
-
-    def left(q: Array) -> Array:
-        force = weight - elastic @ q
-        for law, rows in laws:
-            force = force - rows.T @ law.resistance(rows @ q, np.zeros(len(rows)))
-        result: Array = free.T @ force
-        return result
-
-    q, size = np.zeros(len(coordinates.mass)), float(np.linalg.norm(free.T @ weight))
-    for _ in range(ITERATIONS):
-        now = left(q)
-        stiffness = elastic + sum(t.rows.T @ t.stiffness @ t.rows for t in (Tangent.of(*law, q) for law in laws))
-        step = free @ np.linalg.lstsq(free.T @ stiffness @ free, now, rcond=LEFT_OVER)[0]
-        held = np.linalg.norm(free.T @ stiffness @ step)
-        if held <= LEFT_OVER * max(size, 1e-300):
-            return q
-        share = 1.0
-        while share > LEFT_OVER and np.linalg.norm(left(q + share * step)) >= np.linalg.norm(now):
-            share /= 2
-        q = q + share * step
-    raise ValueError(f"scene {scene.name!r}: {NO_EQUILIBRIUM}")
-
-
 def assemble(scene: Scene) -> Assembly:
-    """Assemble a scene's mass and stiffness for small motion, and find its undamped eigenmodes."""
-    scene = trim_scene(undrawn(scene) if scene.cutoff_frequency else scene)
+    """Assemble a scene's matrices for small motion and find its undamped eigenmodes.
+
+    Args:
+        scene: the scene; it is trimmed if it has a cut-off frequency.
+
+    Returns:
+        The assembly.
+
+    Raises:
+        ValueError: for a scene without static equilibrium, and for a drive whose motion other joints or drives hold.
+    """
+    scene = trim_scene(without_pictures(scene) if scene.cutoff_frequency else scene)
     valid = {body.name: body.reduced.valid_frequency for body in scene.flexible_bodies}  # without springs in ports
     scene, terms = _as_modelled(scene)
     frames = {body.name: floating_frame(body.reduced, scene.frame_point(body)) for body in scene.flexible_bodies}
@@ -292,9 +173,9 @@ def assemble(scene: Scene) -> Assembly:
     basis = null_space(held, coordinates.mass)
     tangents = law_tangents(coordinates, terms, basis)
     strains, dampers = _strains(coordinates, tangents)
-    strain = joined(strains, len(coordinates.mass))
+    strain = combine_strains(strains, len(coordinates.mass))
     mass, stiffness = basis.T @ coordinates.mass @ basis, strain.within(basis).stiffness
-    frequency, shapes = strained_modes(strain.within(basis), mass)
+    frequency, shapes = strain_eigenmodes(strain.within(basis), mass)
     modes = basis @ shapes
     followed = prescribed_motion_of(held, moved, modes, 2 * np.pi * frequency, strain, coordinates.mass)
     deformation, root, own = _deformation(coordinates, frames)
@@ -302,7 +183,7 @@ def assemble(scene: Scene) -> Assembly:
         mass,
         frequency,
         shapes,
-        elastic_ratios(frequency, scene.mode_ratios),
+        elastic_damping_ratios(frequency, scene.mode_ratios),
         deformation @ basis,
         root,
         own,
@@ -334,7 +215,7 @@ def assemble(scene: Scene) -> Assembly:
         frames=frames,
         circuits=_circuits(coordinates, terms),
         amplifiers=amplifiers,
-        following=follow(
+        prescribed=prescribed_motions(
             [scene.inputs.index(term.input) for term in drives],
             [2 * np.pi * term.bandwidth for term in drives],
             followed,
@@ -347,18 +228,29 @@ def assemble(scene: Scene) -> Assembly:
 
 
 def motion_size(assembly: Assembly, name: str, coordinates: Array) -> Array:
-    """Largest rotation [rad] of a body's points and largest displacement by deformation over its size [-], shape (2,).
+    """Compute a body's largest rotation [rad] and its largest displacement by deformation over its size [-].
 
-    coordinates: of the body, at one or more times, shape (n, n_times); in a floating frame, those of deformation, so
-    that the rotation is that by deformation only
+    Args:
+        assembly: the assembled scene.
+        name: name of the body.
+        coordinates: coordinates of the body at one or more times, (n, n_times); in a floating frame those of
+            deformation, so that the rotation is by deformation only.
+
+    Returns:
+        Rotation and relative displacement, (2,).
     """
     return np.array([np.abs(rows @ coordinates).max(initial=0.0) for rows in motion_rows(assembly, name)])
 
 
 def motion_rows(assembly: Assembly, name: str) -> tuple[Array, Array]:
-    """Rotations of a body's points [rad] and their displacements by deformation over its size [-], of its coordinates.
+    """Return rotations of a body's points [rad] and their displacements by deformation over its size [-].
 
-    Shape (k, n) each.
+    Args:
+        assembly: the assembled scene.
+        name: name of the body.
+
+    Returns:
+        Rows on the body's coordinates, (k, n) each.
     """
     body = next(body for body in assembly.scene.bodies if body.name == name)
     if isinstance(body, RigidBody):
@@ -366,16 +258,19 @@ def motion_rows(assembly: Assembly, name: str) -> tuple[Array, Array]:
     if not isinstance(body, FlexibleBody):
         return np.vstack([body.motion(point)[3:] for point in body.point_names]), np.zeros((0, len(body.mass_matrix)))
     n_points = len(body.reduced.remote_points)
-    turns, shifts = 6 * np.arange(n_points)[:, None] + [3, 4, 5], 6 * np.arange(n_points - 1)[:, None] + [0, 1, 2]
+    rotations, displacements = (
+        6 * np.arange(n_points)[:, None] + [3, 4, 5],
+        6 * np.arange(n_points - 1)[:, None] + [0, 1, 2],
+    )
     middle = body.reduced.gram[1:4, 1:4] / body.reduced.mass - np.outer(*[body.reduced.center_of_mass] * 2)
-    deformation = assembly.frames[name].deformation(body.reduced)[shifts.ravel()]
-    return np.eye(len(body.reduced.mass_matrix))[turns.ravel()], deformation / np.sqrt(np.trace(middle))
+    deformation = assembly.frames[name].deformation(body.reduced)[displacements.ravel()]
+    return np.eye(len(body.reduced.mass_matrix))[rotations.ravel()], deformation / np.sqrt(np.trace(middle))
 
 
 def _as_modelled(scene: Scene) -> tuple[Scene, tuple[Term, ...]]:
-    """Make springs within bodies part of these; returns the scene and its other terms.
+    """Move springs within bodies into the bodies; return the scene and its other terms.
 
-    Bodies of which nothing but six rigid motions is left are rigid.
+    A floating body that has only six rigid-body coordinates left becomes rigid.
     """
     added: dict[str, Array] = {}
     terms = []
@@ -400,7 +295,7 @@ def _as_modelled(scene: Scene) -> tuple[Scene, tuple[Term, ...]]:
 
 
 def _strains(coordinates: Coordinates, tangents: Sequence[Tangent]) -> tuple[list[Strain], Array]:
-    """What strains, and the damping of spring-dampers, both in all coordinates."""
+    """Return the strains of bodies and springs, and the damping matrix of dampers, in all coordinates."""
     strains = []
     for body in coordinates.scene.bodies:
         if body.moves and body.strain is not None:
@@ -414,7 +309,7 @@ def _strains(coordinates: Coordinates, tangents: Sequence[Tangent]) -> tuple[lis
 
 
 def _deformation(coordinates: Coordinates, frames: Mapping[str, FloatingFrame]) -> tuple[Array, Array, Array]:
-    """Of all bodies that deform, in order: deformation by coordinates, its scale and own damping, as `Damping` says."""
+    """Return deformation by coordinates, its scale and own damping of all bodies that deform, see `Damping`."""
     n_all = len(coordinates.mass)
     deformation, roots, own = [np.zeros((0, n_all))], [np.zeros((0, 0))], [np.zeros((0, 0))]
     for body in coordinates.scene.deformable_bodies:
@@ -426,7 +321,7 @@ def _deformation(coordinates: Coordinates, frames: Mapping[str, FloatingFrame]) 
 
 
 def _undeformed(coordinates: Coordinates, frames: Mapping[str, FloatingFrame]) -> Array:
-    """Rows that vanish while the bodies of fidelity "rigid" keep their shape, (m, n_all)."""
+    """Return rows that vanish while the bodies of fidelity "rigid" do not deform, (m, n_all)."""
     rows = [np.zeros((0, len(coordinates.mass)))]
     for body in coordinates.scene.flexible_bodies:
         if not body.deforms:
@@ -436,7 +331,7 @@ def _undeformed(coordinates: Coordinates, frames: Mapping[str, FloatingFrame]) -
 
 
 def _actions(coordinates: Coordinates, terms: Sequence[Term]) -> tuple[Array, tuple[Amplifier, ...]]:
-    """Forces on all coordinates per unit input, (n_all, inputs), and those behind amplifiers with a bandwidth."""
+    """Return forces on all coordinates per unit input, (n_all, inputs), and amplifiers with a bandwidth."""
     inputs = coordinates.scene.inputs
     matrix, amplifiers = np.zeros((len(coordinates.mass), len(inputs))), []
     for term in terms:
@@ -452,7 +347,7 @@ def _actions(coordinates: Coordinates, terms: Sequence[Term]) -> tuple[Array, tu
 
 
 def _readings(coordinates: Coordinates, terms: Sequence[Term], tangents: Sequence[Tangent]) -> Array:
-    """Outputs per unit of all coordinates and of their first and second derivatives, (3, outputs, n_all)."""
+    """Return outputs per unit of all coordinates and of their first and second derivatives, (3, outputs, n_all)."""
     outputs = coordinates.scene.outputs
     result = np.zeros((3, len(outputs), len(coordinates.mass)))
     for term in terms:

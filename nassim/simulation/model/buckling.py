@@ -1,12 +1,12 @@
-"""How near a preload brings bodies to buckling: an estimate, since no model here carries the stiffness of a preload.
+"""Estimate of how near a preload brings bodies to buckling, since no model here includes the stiffness of a preload.
 
-A body's preload is taken as axial forces along the lines between its remote points, those of least norm that balance
+A body's preload is taken as axial forces along the lines between its remote points: those of least norm that balance
 the forces at the points. Each line bends like a beam between two points, whose cubic shape an axial force N softens
-(C. Felippa, Nonlinear Finite Element Methods, ch. 9; J. Przemieniecki, Theory of Matrix Structural Analysis, ch. 15);
-a mode with all points held, like a beam clamped at both ends, for which the integral of w'^2 is 12.3 / L^2 times that
-of w^2. Against Euler's columns the estimate is right within 3 % where no end may turn against its guide, 18 % too low
-where both may and 33 % where one may; for a column under its own weight 58 % too high. It does not see force that takes
-other ways, as through an arch, nor masses that lean on a column from above.
+(C. Felippa, Nonlinear Finite Element Methods, ch. 9; J. Przemieniecki, Theory of Matrix Structural Analysis, ch. 15).
+A mode with all points held bends like a beam clamped at both ends, for which the integral of w'^2 is 12.3 / L^2 times
+that of w^2. Against Euler's columns the estimate is right within 3 % where no end may rotate against its guide, 18 %
+too low where both may and 33 % where one may; for a column under its own weight it is 58 % too high. It ignores forces
+on other paths, as through an arch, and masses on top of a column.
 """
 
 import warnings
@@ -24,19 +24,27 @@ from nassim.simulation.model.assembly import Assembly
 CLAMPED = 12.3
 """L^2 times the integral of w'^2 over that of w^2, of the first mode of a beam clamped at both ends."""
 FACTOR = 1.6
-"""By how much the share of a slender column may be wrong."""
-WORTH_A_WORD = 0.1
-"""Share of the buckling load from which on a warning tells."""
+"""Factor by which the estimated share may be wrong for slender columns."""
+WARNED_SHARE = 0.1
+"""Share of the buckling load above which a warning is given."""
 
 
 def axial_forces(body: ReducedBody, coordinates: Array) -> Array:
-    """Tension along the lines between every two remote points [N], (lines, n_times), of coordinates (n, n_times)."""
+    """Compute the tensions along the lines between every two remote points.
+
+    Args:
+        body: the reduced body.
+        coordinates: its coordinates, (n, n_times).
+
+    Returns:
+        Tensions, (lines, n_times) [N].
+    """
     result: Array = axial_rows(body) @ coordinates
     return result
 
 
 def axial_rows(body: ReducedBody) -> Array:
-    """`axial_forces` per unit of a body's coordinates, (lines, n)."""
+    """Return `axial_forces` per unit of a body's coordinates, (lines, n)."""
     places = 6 * np.arange(len(body.remote_points))[:, None] + [0, 1, 2]
     lines = _lines(body)
     balance = np.zeros((3 * len(body.remote_points), len(lines)))
@@ -48,11 +56,17 @@ def axial_rows(body: ReducedBody) -> Array:
 
 
 def buckling_share(assembly: Assembly, tensions: Mapping[str, Array]) -> tuple[float, str]:
-    """Preload over the load at which the scene buckles, about its start [-], and the body that contributes most.
+    """Estimate the preload over the load at which the scene buckles, about its start.
 
-    tensions: of each flexible body that deforms, along its lines as `axial_forces` orders them, (lines,) [N]
+    Rigid-body modes are left out: the effect of a weight on a mechanism is no buckling.
 
-    Free motions are left out: what a weight does to a mechanism is no buckling.
+    Args:
+        assembly: the assembled scene.
+        tensions: tensions of each flexible body that deforms, along its lines in the order of `axial_forces`, (lines,)
+            [N].
+
+    Returns:
+        The share [-], and the name of the body that contributes most.
     """
     elastic = ~assembly.rigid_modes
     modes = assembly.basis @ (assembly.shapes / np.where(elastic, 2 * np.pi * assembly.frequency, 1.0))[:, elastic]
@@ -70,7 +84,7 @@ def buckling_share(assembly: Assembly, tensions: Mapping[str, Array]) -> tuple[f
 def warn_of_buckling(assembly: Assembly, tensions: Mapping[str, Array]) -> None:
     """Warn of preload near the buckling load; arguments as of `buckling_share`."""
     share, name = buckling_share(assembly, tensions)
-    if share > WORTH_A_WORD:
+    if share > WARNED_SHARE:
         does = (
             f"lower frequencies by up to some {100 * (1 - np.sqrt(1 - share)):.2g} %" if share < 1 else "let it buckle"
         )
@@ -82,7 +96,7 @@ def warn_of_buckling(assembly: Assembly, tensions: Mapping[str, Array]) -> None:
 
 
 def _geometric_stiffness(body: ReducedBody, tensions: Array) -> Array:
-    """Stiffness that tensions along the lines between its points add to a body, (n, n)."""
+    """Return the stiffness that tensions along the lines between its points add to a body, (n, n)."""
     result = np.zeros_like(body.stiffness_matrix)
     slack = 0.0
     for (i, j), tension in zip(_lines(body), tensions, strict=True):

@@ -1,4 +1,4 @@
-"""What joints hold in small motion: the rows that vanish, those that drives move, and the motions that are left."""
+"""Constraints in small motion: rows that vanish, rows that drives prescribe, and the motions that remain."""
 
 from collections.abc import Callable
 
@@ -11,18 +11,26 @@ from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint, PrescribedMotion
 
 REDUNDANT = 1e-7
-"""Constraints with less than this share of their own are implied by others."""
+"""Share of its own size below which the independent part of a constraint is rounding: other constraints imply it."""
 
 
 def constraint_rows(
     scene: Scene, jacobian: Callable[[Measure], Array], mass: Array, rows: Array
 ) -> tuple[Array, Array, dict[str, tuple[str, ...]]]:
-    """All constraints after given rows, (m, n_all), less those that earlier ones imply, and what each joint holds.
+    """Collect the rows of all constraints, without those that earlier rows imply.
 
-    jacobian: rows of a measure, (k, n_all); mass: (n_all, n_all)
+    Args:
+        scene: the scene.
+        jacobian: function that returns the rows of a measure, (k, n_all).
+        mass: mass matrix, (n_all, n_all).
+        rows: rows that precede those of the constraints, (k, n_all).
 
-    In the middle what these rows are per unit of the drives that follow inputs, (m, d): small motion is about the state
-    of the drives, whose joints' motions are held. Raises ValueError for a drive whose motion others hold.
+    Returns:
+        The rows, (m, n_all); their values per unit of the drives that follow inputs, (m, d), as small motion is about
+        the state of the drives, whose joints' motions are held; and the directions that each joint holds, by name.
+
+    Raises:
+        ValueError: for a drive whose motion other joints or drives hold.
     """
     joints = {joint.name: joint for joint in scene.terms_of(Constraint)}
     wanted: list[tuple[Constraint, str, PrescribedMotion | None]]
@@ -37,7 +45,7 @@ def constraint_rows(
         (row,) = all_rows[joint.name][joint.rows((component,))]
         rest = row * scale
         size = np.linalg.norm(rest)
-        for _ in range(2):  # twice is enough for orthogonality to the last digit
+        for _ in range(2):  # two passes orthogonalise to the last digit
             rest = rest - basis.T @ (basis @ rest)
         if np.linalg.norm(rest) > REDUNDANT * size:
             basis = np.vstack([basis, rest / np.linalg.norm(rest)])
@@ -52,7 +60,7 @@ def constraint_rows(
 
 
 def null_space(constraints: Array, mass: Array) -> Array:
-    """Orthonormal basis of the motions that satisfy the constraints; redundant constraints do no harm."""
+    """Compute an orthonormal basis of the motions that satisfy the constraints, which may be redundant."""
     n = len(mass)
     if len(constraints) == 0:
         return np.eye(n)

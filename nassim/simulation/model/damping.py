@@ -1,4 +1,4 @@
-"""Damping of an assembled scene, of its modes, its bodies and its dampers: one noun that every engine reads."""
+"""Damping of an assembled scene: of its modes, its bodies and its dampers, in one class that every engine uses."""
 
 import warnings
 from dataclasses import dataclass, replace
@@ -7,28 +7,31 @@ from itertools import combinations
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.base.modal import elastic_ratios, modal_damping_matrix
+from nassim.base.modal import elastic_damping_ratios, modal_damping_matrix
 from nassim.bodies.floating_frame import FloatingFrame
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint, ForceLaw
 
 LOST_DAMPING = 0.01
-"""Share of a mode's damping whose loss is worth a warning."""
-ROUNDING = 1e-9
-"""Share of what a mode's damping could add up to that is rounding."""
+"""Share of a mode's damping above whose loss a warning is given."""
+DAMPING_ROUNDING = 1e-9
+"""Share of the largest possible damping of a mode that is rounding."""
 
 
 @dataclass(frozen=True)
 class Damping:
-    """What damps a scene in its minimal coordinates, (n,).
+    """Damping of a scene in its minimal coordinates, (n,).
 
-    mass: (n, n); frequency: of the undamped modes, (n,) [Hz]; shapes: (n, n), unit modal mass
-    ratio: damping ratio that the scene gives each mode, 0 for free motions, (n,) [-]
-    deformation: D, of all bodies that deform, in order, per unit of the minimal coordinates, (m, n)
-    root: scales these to comparable energy, (m, m)
-    own: what the bodies have of their own, on their deformation, the same in every position, (m, m)
-    dampers: of spring-dampers and the like, (n, n)
+    Attributes:
+        mass: mass matrix, (n, n).
+        frequency: frequencies of the undamped modes, (n,) [Hz].
+        shapes: mode shapes, (n, n), unit modal mass.
+        ratio: damping ratio that the scene gives each mode, 0 for rigid-body modes, (n,) [-].
+        deformation: deformation D of all bodies that deform, in order, per unit of the minimal coordinates, (m, n).
+        root: matrix that scales the deformation to comparable energies, (m, m).
+        own: the bodies' own damping, on their deformation, the same in every position, (m, m).
+        dampers: damping matrix of spring-dampers and other dampers, (n, n).
     """
 
     mass: Array
@@ -41,39 +44,40 @@ class Damping:
     dampers: Array
 
     @property
-    def beside(self) -> Array:
-        """What damps beside the scene's ratios: the bodies' own and dampers, (n, n)."""
+    def non_modal(self) -> Array:
+        """Non-modal damping: the bodies' own damping and dampers, (n, n)."""
         result: Array = self.deformation.T @ self.own @ self.deformation + self.dampers
         return result
 
     @property
     def modal(self) -> Array:
-        """The part that gives each mode its ratio, (n, n)."""
+        """Modal damping, which gives each mode its ratio, (n, n)."""
         return modal_damping_matrix(self.mass, self.frequency, self.shapes, self.ratio)
 
     @property
     def matrix(self) -> Array:
         """The damping matrix, (n, n)."""
-        return self.modal + self.beside
+        return self.modal + self.non_modal
 
     @property
     def of_modes(self) -> Array:
-        """The damping matrix in the modes' amplitudes, (n, n) [1/s]; exactly 0 for modes that nothing damps.
+        """The damping matrix in the modes' amplitudes, (n, n) [1/s]; exactly 0 for undamped modes.
 
-        Of rigid-body motion that moves no damper, rounding would make poles that creep, and that couple to others.
+        For rigid-body motion that moves no damper, rounding would else make poles that creep and couple to others.
         """
-        beside = self.shapes.T @ self.beside @ self.shapes
-        size = np.sqrt(np.diag(np.abs(self.shapes).T @ np.abs(self.beside) @ np.abs(self.shapes)))
-        damped = np.any(np.abs(beside) > ROUNDING * np.outer(size, size), axis=1)
-        result: Array = np.diag(4 * np.pi * self.ratio * self.frequency) + beside * np.outer(damped, damped)
+        non_modal = self.shapes.T @ self.non_modal @ self.shapes
+        size = np.sqrt(np.diag(np.abs(self.shapes).T @ np.abs(self.non_modal) @ np.abs(self.shapes)))
+        damped = np.any(np.abs(non_modal) > DAMPING_ROUNDING * np.outer(size, size), axis=1)
+        result: Array = np.diag(4 * np.pi * self.ratio * self.frequency) + non_modal * np.outer(damped, damped)
         return result
 
     def on_deformation(self) -> Array:
-        """All but dampers, as a damping matrix on the deformation of the bodies, (m, m).
+        """Return all damping except dampers as a damping matrix on the deformation of the bodies, (m, m).
 
-        Of the modal part C that is C_f = D^+T C D^+, for which D^T C_f D = C: exact where motion without deformation
-        has no damped mode, and as the scene is drawn. Modes of bodies that only springs hold lose damping, of which a
-        warning tells.
+        The modal damping C becomes C_f = D^+T C D^+, for which D^T C_f D = C. This is exact in the reference
+        configuration
+        where no mode without deformation is damped. Modes of bodies that only springs hold lose damping; a warning
+        reports it.
         """
         # Coordinates in metres, radians and modal units, hence the scale before the pseudo-inverse.
         inverse = np.linalg.pinv(self.root @ self.deformation, rcond=1e-9) @ self.root
@@ -83,11 +87,11 @@ class Damping:
 
     @property
     def of_deformation(self) -> "Damping":
-        """The same with the modes' ratios made a damping of the deformation, see `on_deformation`."""
+        """The same damping with the modal ratios realised as a damping of the deformation, see `on_deformation`."""
         return replace(self, ratio=np.zeros_like(self.ratio), own=self.on_deformation())
 
     def _warn_of_loss(self, realised: Array) -> None:
-        """Warn of modes that a damping matrix in minimal coordinates, (n, n), damps less than they should be."""
+        """Warn of modes that a damping matrix in minimal coordinates, (n, n), damps less than required."""
         wanted = 4 * np.pi * self.ratio * self.frequency
         lost = wanted - np.einsum("ik,ij,jk->k", self.shapes, realised, self.shapes)
         modes = (lost > LOST_DAMPING * wanted) & (self.frequency > 0)
@@ -102,7 +106,7 @@ class Damping:
 
 
 def tied_bodies(scene: Scene) -> tuple[tuple[str, str], ...]:
-    """Every two moving bodies that a joint or a spring ties, whose position to each other shapes the scene's modes."""
+    """Return all pairs of moving bodies that a joint or a spring connects; their relative position shapes the modes."""
     moving = {body.name for body in scene.bodies if body.moves}
     named = [sorted(moving & set(measure.bodies)) for measure in scene.measures_of(Constraint, ForceLaw)]
     return tuple(dict.fromkeys(pair for names in named for pair in combinations(names, 2)))
@@ -115,21 +119,23 @@ def damps(law: ForceLaw) -> bool:
 
 
 def held_alone(scene: Scene, body: FlexibleBody) -> tuple[str, ...]:
-    """Remote points that are clamped in the modes that a body's own damping ratio is of.
+    """Return the remote points that are clamped in the modes to which a body's own damping ratio belongs.
 
-    That of its frame where a joint holds it: of a clamped bar, damping stated for free modes would give the lowest a
-    sixth. A body that no joint holds there is free, so that it does not matter where its frame rides.
+    The frame's point is clamped where a joint holds it: the damping of a clamped bar, stated for free modes, would give
+    its
+    lowest mode a sixth. A body that no joint holds there is free, so that the choice of the frame's point has no
+    effect.
     """
     point = scene.frame_point(body)
     return (point,) if point in scene.held_points(body) else ()
 
 
 def own_damping(scene: Scene, body: FlexibleBody, frame: FloatingFrame) -> Array:
-    """A body's own damping on its m coordinates of deformation, (m, m), positive semidefinite."""
+    """Return a body's own damping on its m coordinates of deformation, (m, m), positive semidefinite."""
     m = len(frame.flexible)
     if body.damping_ratio is None:
         return np.zeros((m, m))
     frequency, shapes = body.reduced.eigenmodes(fixed=held_alone(scene, body))
-    ratio = elastic_ratios(frequency, body.damping_ratio)
+    ratio = elastic_damping_ratios(frequency, body.damping_ratio)
     damping = modal_damping_matrix(body.reduced.mass_matrix, frequency, shapes, ratio)
     return damping[np.ix_(frame.flexible, frame.flexible)]

@@ -1,4 +1,4 @@
-"""What a scene models, with how many coordinates, and what it leaves out, as text."""
+"""Description of a scene as text: what is modelled, with how many coordinates, and what is left out."""
 
 import re
 from collections.abc import Mapping
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.base.progress import wrapped
+from nassim.base.progress import wrap_text
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.scene import Scene
 from nassim.scene.terms import AppliedForce, ForceLaw, Output, Shunt
@@ -15,44 +15,50 @@ from nassim.simulation.model.trimming import trim_scene
 
 
 def describe(scene: Scene) -> str:
-    """What is modelled of each body, with how many coordinates, what is left out and why; the wiring; as text.
+    """Describe a scene as text: the model of each body with its coordinates, what is left out and why, and the wiring.
 
-    Scenes that were placed in this one and read the same, such as six struts, are told once.
+    Placed scenes with equal descriptions, such as six struts, are described once.
+
+    Args:
+        scene: the scene.
+
+    Returns:
+        The text.
     """
     fewer = {body.name: body for body in trim_scene(scene).flexible_bodies}
     entries = [(_placed_in(body.name), _body(scene, body, fewer)) for body in scene.bodies]
     entries += [(_placed_in(part.name), [*filter(None, [part.describe()])]) for part in scene.parts if not part.claims]
     alike = _alike(scene, entries)
-    told = {name for others in alike.values() for name in others}
+    described = {name for others in alike.values() for name in others}
     often = {first: f" (x {1 + len(others)})" for first, others in alike.items()}
     inputs, outputs = (
-        ", ".join(f"{name}{often.get(_placed_in(name), '')}" for name in names if _placed_in(name) not in told)
+        ", ".join(f"{name}{often.get(_placed_in(name), '')}" for name in names if _placed_in(name) not in described)
         for names in (scene.inputs, scene.outputs)
     )
     lines = [f"scene {scene.name!r}: inputs {inputs or 'none'}; outputs {outputs}"]
     for first, others in alike.items():
         lines.append(f"  {first}/, and the same again {', '.join(f'{other}/' for other in others)}:")
         lines += [f"    {_within(line, first)}" for name, text in entries if name == first for line in text]
-    rest = [line for name, text in entries if name not in told and name not in alike for line in text]
+    rest = [line for name, text in entries if name not in described and name not in alike for line in text]
     return "\n".join(map(_folded, [*lines, *(f"  {line}" for line in (*rest, *_rest(scene)))]))
 
 
 def _folded(line: str) -> str:
-    return wrapped(line, next_indent=" " * (len(line) - len(line.lstrip()) + 6))
+    return wrap_text(line, next_indent=" " * (len(line) - len(line.lstrip()) + 6))
 
 
 def _placed_in(name: str) -> str:
-    """Name of the placed scene that a body, part or signal belongs to; empty for the scene's own."""
+    """Return the name of the placed scene that a body, part or signal belongs to; empty for the scene's own."""
     return name.rpartition("/")[0]
 
 
 def _within(line: str, placed: str) -> str:
-    """A line as the placed scene itself would write it."""
+    """Return a line as the placed scene itself would write it."""
     return re.sub(rf"(?<!\S){re.escape(placed)}/", "", line)
 
 
 def _alike(scene: Scene, entries: list[tuple[str, list[str]]]) -> dict[str, list[str]]:
-    """Placed scene -> those that read as it does, for those that some do."""
+    """Return placed scenes with equal descriptions: the first one -> the others."""
     found: dict[tuple[str, ...], list[str]] = {}
     for placed in dict.fromkeys(name for name, _ in entries if name):
         lines = [line for name, text in entries if name == placed for line in text]
@@ -106,14 +112,14 @@ def _ports(scene: Scene, body: FlexibleBody) -> list[str]:
 
 
 def _rest(scene: Scene) -> list[str]:
-    """Damping, gravity and loops."""
+    """Describe damping, gravity and loops."""
     bodies = any(body.damping_ratio is not None for body in scene.deformable_bodies)
-    modes = _ratios(scene.mode_ratios) + ("; the bodies' own beside it" if bodies else "")
+    modes = _ratios(scene.mode_ratios) + ("; plus the bodies' own" if bodies else "")
     dampers = any(damps(term) for term in scene.terms_of(ForceLaw))
-    beside = dampers or scene.terms_of(Shunt) or scene.loops
+    others = dampers or scene.terms_of(Shunt) or scene.loops
     pull = " ".join(f"{g:g}" for g in scene.gravity)
     return [
-        f"damping: {modes}" + ("; dampers and loops beside it" if beside else ""),
+        f"damping: {modes}" + ("; plus dampers and loops" if others else ""),
         f"gravity: {pull} m/s2" if np.any(scene.gravity) else "gravity: none",
         *(
             f"loop {loop.name}: {', '.join(loop.measured)} to {', '.join(loop.driven)} at "

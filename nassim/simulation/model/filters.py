@@ -1,4 +1,4 @@
-"""What outputs pass before they are read: low-passes, band-passes, high-passes, and the ground's own acceleration."""
+"""Filters of outputs, and the acceleration of the ground in inertial outputs."""
 
 import numpy as np
 
@@ -10,7 +10,14 @@ from nassim.systems.state_space import StateSpace, cascade, discretize
 
 
 def output_filters(scene: Scene) -> dict[str, StateSpace]:
-    """By output that passes filters, or to which the acceleration of the ground adds."""
+    """Collect the filters of a scene's outputs.
+
+    Args:
+        scene: the scene.
+
+    Returns:
+        State space by output, for outputs with filters or to which the ground's acceleration adds.
+    """
     result = {}
     shaken = {term.name for term in scene.terms_of(Output) if term.inertial and scene.terms_of(BaseAcceleration)}
     for output in scene.outputs:
@@ -25,7 +32,7 @@ def output_filters(scene: Scene) -> dict[str, StateSpace]:
 
 
 def _section(term: OutputFilter) -> StateSpace:
-    """With states of the input's unit: what a low-pass lets through, and of second order what a band-pass does."""
+    """Return one filter with states in the input's unit: a low-pass, and for second order also a band-pass."""
     w = 2 * np.pi * term.frequency
     if term.damping_ratio is None:
         a, b = np.array([[-w]]), np.array([[w]])
@@ -37,9 +44,9 @@ def _section(term: OutputFilter) -> StateSpace:
 
 
 def ground_accelerations(scene: Scene) -> Array:
-    """Acceleration of the ground along what inertial outputs read, per unit input, (outputs, inputs).
+    """Return the ground's acceleration along the directions of inertial outputs, per unit input, (outputs, inputs).
 
-    The base moves as one, so a measure takes from it what it takes from a common translation of its points.
+    The base translates as a whole, so each measure is evaluated for a common translation of its points.
     """
     result = np.zeros((len(scene.outputs), len(scene.inputs)))
     for term in scene.terms_of(Output):
@@ -62,7 +69,7 @@ def common_translation(scene: Scene, measure: Measure) -> Array:
 
 
 def static_gain(system: StateSpace) -> float:
-    """Of a constant."""
+    """Return the gain of a state space at zero frequency."""
     a, b, c, d = system
     return float((d - c @ np.linalg.solve(a, b))[0, 0]) if len(a) else float(d[0, 0])
 

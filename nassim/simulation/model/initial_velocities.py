@@ -1,4 +1,4 @@
-"""A scene's bodies moved as rigid ones: velocities that joints allow, and constraints that others imply only at rest.
+"""Initial velocities of a scene's bodies, moved as rigid bodies, and a check of constraints that are redundant at rest.
 
 A body's twist (6,) is the motion (ux uy uz rx ry rz) of its point at the world's origin, along the world's axes.
 """
@@ -17,24 +17,31 @@ from nassim.scene.terms import Constraint, ForceLaw, PrescribedMotion
 from nassim.simulation.model.states import RigidState
 
 FOLLOWED = 1e-9
-"""Share of an asked angular velocity that rounding may leave out."""
+"""Relative error of a required angular velocity that rounding may leave."""
 PERTURBATION = 1e-3
 """Rotation [rad], and displacement over the scene's size, of the small finite motions that test constraints."""
 IMPLIED = 1e-4
-"""Violation, over the perturbation squared, up to which a constraint is implied by others in motion too."""
+"""Violation, over the perturbation squared, up to which other constraints imply a constraint in motion too."""
 
 
 def initial_twists(scene: Scene, rates: Mapping[str, float] | None = None) -> dict[str, Array]:
-    """Twists of all moving bodies at the start, in accord with the joints, by body name.
+    """Compute the twists of all moving bodies at the start that satisfy joints and drives.
 
-    rates: at the start, of inputs that drives follow [m/s], [rad/s] (default: 0)
+    Drives run at their speeds and bodies rotate at their given angular velocity. All other motion is at the least
+    distance,
+    in kinetic energy, from the motion without joints, in which each body rotates about its centre of mass. Joints thus
+    take
+    up forces, but a free scene keeps its momentum. Nothing deforms.
 
-    Drives run at their speeds, bodies turn at the angular velocity that they are given; all others, and what that
-    leaves open, move as little as the joints let them: at the least distance, in kinetic energy, to the motion without
-    joints, in which each body turns about its centre of mass. So joints take up forces, but a free scene keeps its
-    momentum. Nothing deforms.
+    Args:
+        scene: the scene.
+        rates: initial rates of inputs that drives follow, by name [m/s], [rad/s] (default: 0).
 
-    Raises ValueError for an angular velocity or a drive's speed that the joints do not allow.
+    Returns:
+        Twists (6,) by body name.
+
+    Raises:
+        ValueError: for an angular velocity or a drive's speed that the joints do not allow.
     """
     bodies = _moving(scene)
     spins = [body for body in bodies.values() if np.any(body.angular_velocity)]
@@ -45,25 +52,25 @@ def initial_twists(scene: Scene, rates: Mapping[str, float] | None = None) -> di
     # Square roots of energy: u = L^T twist, with M = L L^T.
     to_twist = np.linalg.inv(np.linalg.cholesky(scipy.linalg.block_diag(*map(_mass, bodies.values())))).T
     alone = np.zeros(6 * len(bodies))
-    turning = np.zeros((3 * len(spins), 6 * len(bodies)))
+    spin_rows = np.zeros((3 * len(spins), 6 * len(bodies)))
     for k, body in enumerate(spins):
         alone[places[body.name]] = _spinning(body)
-        turning[3 * k : 3 * k + 3, places[body.name]] = np.eye(3, 6, 3)
-    asked = np.concatenate([turning @ alone, speeds])
-    turning = np.vstack([turning, drives])
+        spin_rows[3 * k : 3 * k + 3, places[body.name]] = np.eye(3, 6, 3)
+    asked = np.concatenate([spin_rows @ alone, speeds])
+    spin_rows = np.vstack([spin_rows, drives])
     allowed = to_twist @ _null_space(_all_rows(scene, places) @ to_twist)
     free = allowed.T @ scipy.linalg.block_diag(*map(_mass, bodies.values())) @ alone
-    possible = turning @ allowed
+    possible = spin_rows @ allowed
     found = allowed @ (free + np.linalg.pinv(possible, rcond=1e-9) @ (asked - possible @ free))
     for k, body in enumerate(spins):
-        missing = (asked - turning @ found)[3 * k : 3 * k + 3]
+        missing = (asked - spin_rows @ found)[3 * k : 3 * k + 3]
         if np.linalg.norm(missing) > FOLLOWED * np.linalg.norm(asked):
             raise ValueError(
                 f"body {body.name!r} cannot start to turn at {_listed(body.angular_velocity)} rad/s: its joints, and "
                 f"what else turns, leave {_listed(asked[3 * k : 3 * k + 3] - missing)} rad/s, with all bodies rigid; "
                 "give an angular_velocity that they allow, or free more directions of a joint"
             )
-    # What follows an input may also begin by straining bodies; a constant speed would strain them without end.
+    # A motion that follows an input may begin by straining bodies; a constant speed would strain them without end.
     missed = np.abs(drives @ found - speeds) * [bool(term.speed) for term in scene.terms_of(PrescribedMotion)]
     if missed.size and missed.max() > FOLLOWED * np.abs(asked).max():
         term = scene.terms_of(PrescribedMotion)[int(np.argmax(missed))]
@@ -80,22 +87,27 @@ def starting_energy(scene: Scene) -> float:
     return 0.5 * float(sum(twists[name] @ _mass(body) @ twists[name] for name, body in bodies.items()))
 
 
-def turns_freely(scene: Scene) -> bool:
-    """Return whether joints leave a rotation free to some body, with all bodies rigid and without springs."""
+def has_free_rotation(scene: Scene) -> bool:
+    """Return whether joints leave some body a free rotation, with all bodies rigid and without springs."""
     bodies = _moving(scene)
     places = {name: slice(6 * k, 6 * k + 6) for k, name in enumerate(bodies)}
     motions = _null_space(_all_rows(scene, places)).reshape(len(bodies), 6, -1)
     return bool(np.abs(motions[:, 3:]).max(initial=0.0) > FOLLOWED)
 
 
-def steady_twists(scene: Scene, rates: Mapping[str, float] | None = None) -> dict[str, Array] | None:
-    """Twists of all moving bodies that turn on as they start, each standing still on its turntable, by body name.
+def steady_rotation_twists(scene: Scene, rates: Mapping[str, float] | None = None) -> dict[str, Array] | None:
+    """Compute the twists of all moving bodies in steady rotation, each at rest on its rotor.
 
-    rates: as of `initial_twists`
+    What joints and springs connect is one rotor, which a drive rotates against the ground; all other bodies are at
+    rest.
 
-    What joints and springs tie together stands on one turntable, which a drive turns against the ground; all else
-    stands. None where nothing is driven, and where that is no steady motion: a crank and its slider, a screw, a rotor
-    on a body that moves, bodies in small motion that turn.
+    Args:
+        scene: the scene.
+        rates: initial rates of inputs that drives follow, as in `initial_twists`.
+
+    Returns:
+        Twists (6,) by body name. None where nothing is driven, and where the motion is not steady: a crank and its
+            slider, a screw, a rotor on a moving body, bodies in small motion that rotate.
     """
     bodies, rates = _moving(scene), rates or {}
     joints = {joint.name: joint for joint in scene.terms_of(Constraint)}
@@ -116,8 +128,13 @@ def steady_twists(scene: Scene, rates: Mapping[str, float] | None = None) -> dic
     return found if spindles and _goes_on(scene, found, rates) else None
 
 
-def looks_the_same(scene: Scene, twists: Mapping[str, Array]) -> bool:
-    """Whether a scene that turns at `steady_twists` does so as one, and is the same whichever way it has turned."""
+def is_axisymmetric(scene: Scene, twists: Mapping[str, Array]) -> bool:
+    """Whether a scene in steady rotation rotates as one and is the same at every angle.
+
+    Args:
+        scene: the scene.
+        twists: twists of `steady_rotation_twists`.
+    """
     (twist, *others) = twists.values()
     if any(not np.array_equal(other, twist) for other in others) or np.any(np.cross(twist[3:], scene.gravity)):
         return False
@@ -126,14 +143,14 @@ def looks_the_same(scene: Scene, twists: Mapping[str, Array]) -> bool:
 
 
 def _ties(scene: Scene, spindles: Collection[str]) -> list[set[str]]:
-    """Bodies that joints, but for some, and springs tie together."""
+    """Return the sets of bodies that joints, without the given ones, and springs connect."""
     found = [joint.measure for joint in scene.terms_of(Constraint) if joint.name not in spindles]
     found += [law.measure for law in scene.terms_of(ForceLaw) if not law.measure.within]
     return [set(measure.bodies) for measure in found]
 
 
 def _tied(scene: Scene, spindles: Collection[str]) -> dict[str, int]:
-    """Numbers of the groups of moving bodies that are tied together, by body."""
+    """Return the number of the group of connected moving bodies, by body."""
     names = list(_moving(scene))
     matrix = np.eye(len(names))
     for tied in _ties(scene, spindles):
@@ -144,7 +161,7 @@ def _tied(scene: Scene, spindles: Collection[str]) -> dict[str, int]:
 
 
 def _goes_on(scene: Scene, twists: Mapping[str, Array], rates: Mapping[str, float]) -> bool:
-    """Whether bodies can keep their twists: with joints and drives, and what is asked of bodies themselves."""
+    """Whether bodies can keep their twists: with joints and drives, and with their required angular velocities."""
     bodies = _moving(scene)
     places = {name: slice(6 * k, 6 * k + 6) for k, name in enumerate(bodies)}
     every = np.concatenate([twists[name] for name in bodies])
@@ -152,7 +169,7 @@ def _goes_on(scene: Scene, twists: Mapping[str, Array], rates: Mapping[str, floa
     slips = [_all_rows(scene, places) @ every, drives @ every - speeds]
     for joint in scene.terms_of(Constraint):
         a, b = (twists.get(body_of(path), np.zeros(6)) for path in joint.points[:2])
-        if np.any(a != b):  # a bearing stays where it is, so no point on a circle may pass by
+        if np.any(a != b):  # a bearing stays at its place, so its point must not move on a circle
             slips.append((rigid_transfer(scene.point_position(joint.points[0])) @ (b - a))[:3])
     slips += [b.angular_velocity - twists[b.name][3:] for b in bodies.values() if np.any(b.angular_velocity)]
     small = any(
@@ -163,10 +180,15 @@ def _goes_on(scene: Scene, twists: Mapping[str, Array], rates: Mapping[str, floa
 
 
 def check_implied(scene: Scene, enforced: Mapping[str, Sequence[str]]) -> None:
-    """Raise ValueError for a joint's direction that the others hold at the start, but no more once bodies move.
+    """Check that redundant constraints stay redundant once the bodies move.
 
-    enforced: directions that each joint holds, by name, without those that others hold at the start. Where these,
-    satisfied, let the bodies make small finite motions, the left out must stay satisfied.
+    Args:
+        scene: the scene.
+        enforced: directions that each joint holds, by name, without those that others hold at the start. Small finite
+            motions that satisfy these must also satisfy the redundant directions.
+
+    Raises:
+        ValueError: for a joint's direction that the others hold at the start, but not in motion.
     """
     left_out = {
         joint.name: tuple(d for d in joint.held if d not in enforced[joint.name])
@@ -196,7 +218,7 @@ def check_implied(scene: Scene, enforced: Mapping[str, Sequence[str]]) -> None:
             twists = twists - correct @ opened(twists)
         limit = IMPLIED * PERTURBATION**2 * size
         if np.abs(opened(twists)).max(initial=0.0) > limit:
-            continue  # locked by the others already, so this is no finite motion
+            continue  # the other constraints lock it, so this is no finite motion
         for joint in scene.terms_of(Constraint):
             broken = np.abs(_gaps(scene, places, joint, left_out[joint.name], twists)) > limit
             if broken.any():
@@ -213,7 +235,7 @@ def _moving(scene: Scene) -> dict[str, Body]:
 
 
 def _mass(body: Body) -> Array:
-    """Mass matrix of a rigid body's twist, (6, 6)."""
+    """Return the mass matrix of a rigid body's twist, (6, 6)."""
     mass, center, inertia = body.rigid_inertia
     to_center = rigid_transfer(center)
     result: Array = to_center.T @ scipy.linalg.block_diag(mass * np.eye(3), inertia) @ to_center
@@ -221,12 +243,12 @@ def _mass(body: Body) -> Array:
 
 
 def _spinning(body: Body) -> Array:
-    """Twist of a body that turns about its centre of mass."""
+    """Return the twist of a body that rotates about its centre of mass."""
     return np.concatenate([np.cross(body.rigid_inertia[1], body.angular_velocity), body.angular_velocity])
 
 
 def _driven(scene: Scene, places: Mapping[str, slice], rates: Mapping[str, float]) -> tuple[Array, Array]:
-    """Relative velocities of all drives per unit of all twists, (drives, 6 n_bodies), and what they shall be."""
+    """Return the rows of drives on all twists, (drives, 6 n_bodies), and the drives' velocities, (drives,)."""
     joints = {joint.name: joint for joint in scene.terms_of(Constraint)}
     driven = scene.terms_of(PrescribedMotion)
     rows = [np.zeros((0, 6 * len(places)))]
@@ -235,7 +257,7 @@ def _driven(scene: Scene, places: Mapping[str, slice], rates: Mapping[str, float
 
 
 def _rows(scene: Scene, places: Mapping[str, slice], joint: Constraint, components: tuple[str, ...]) -> Array:
-    """Rates of components of a constraint's measure per unit of all twists, (components, 6 n_bodies)."""
+    """Return the rates of components of a constraint's measure per unit of all twists, (components, 6 n_bodies)."""
     states = {name: RigidState(scene.split(f"{name}.")[0]) for name in joint.measure.bodies}
     result = np.zeros((len(components), 6 * len(places)))
     for name, rows in joint.measure.evaluate(states)[1].items():
@@ -245,7 +267,7 @@ def _rows(scene: Scene, places: Mapping[str, slice], joint: Constraint, componen
 
 
 def _all_rows(scene: Scene, places: Mapping[str, slice], held: Mapping[str, Sequence[str]] | None = None) -> Array:
-    """Rates of all that joints hold, or of given components by name, per unit of all twists."""
+    """Return the rates of all held components, or of given components by name, per unit of all twists."""
     result = [np.zeros((0, 6 * len(places)))]
     for joint in scene.terms_of(Constraint):
         result.append(_rows(scene, places, joint, joint.held if held is None else tuple(held[joint.name])))

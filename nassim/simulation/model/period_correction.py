@@ -1,17 +1,17 @@
-"""Steps that keep periods: masses and dampings that generalized-alpha turns into the true periods of a scene's modes.
+"""Period correction: masses and dampings from which generalized-alpha makes the true periods of a scene's modes.
 
-The rule lengthens periods, by (2 pi h / T)^2 / 12 where it is the trapezoidal one. That is known for each mode, so it
-can be made up for: a modal mass that is a little smaller is stepped to the mode's own frequency, one times
-(x / tan x)^2 with x = pi h / T at a spectral radius of 1, and a damping times 1 + tan(x)^2 more than that mass, to
-first order, to its own damping. Stiffness stays, and with it all statics. The mass that changes is that of deformation,
-so that motion as rigid bodies, its momentum and its forces stay as they are.
+The rule lengthens periods: where it is the trapezoidal rule, by (2 pi h / T)^2 / 12. The error of each mode is known,
+so it can be corrected. A slightly smaller modal mass gives the mode's own frequency in steps; at a spectral radius of 1
+its factor is (x / tan x)^2 with x = pi h / T. A damping with 1 + tan(x)^2 times that factor gives, to first order, the
+mode's own damping. The stiffness does not change, and with it no static result. Only the mass of deformation changes,
+so rigid-body motion, its momentum and its forces do not change either.
 
-What the rule says of velocities and accelerations stays as well: of a harmonic motion they are too large by factors of
+The rule's velocities and accelerations are not corrected: for a harmonic motion they are too large by the factors
 tan(x) / x and its square, at the motion's own frequency.
 
-Source: as for prewarping Tustin's rule, K. J. Astrom, B. Wittenmark, Computer-Controlled Systems, 3rd ed. (1997),
-section 8.2, mode by mode; of slow modes it makes the rule of L. Fox and E. T. Goodwin, Proc. Camb. Phil. Soc. 45 (1949)
-373-388.
+Source: the correction prewarps mode by mode, as Tustin's rule is prewarped in K. J. Astrom, B. Wittenmark,
+Computer-Controlled Systems, 3rd ed. (1997), section 8.2. For slow modes the corrected rule is that of L. Fox and
+E. T. Goodwin, Proc. Camb. Phil. Soc. 45 (1949) 373-388.
 """
 
 from dataclasses import dataclass, replace
@@ -26,26 +26,29 @@ from nassim.scene.terms import PrescribedMotion
 from nassim.simulation.model.assembly import Assembly
 
 FASTEST = 0.9
-"""Half a step's angle [rad] up to which a mode is correct_periods, 3.5 steps a period; faster ones get the same factor."""
-ROUNDS = 5
-"""In which modes that springs share in get from bodies what these must take over."""
-SAME = 1e-6
-"""Relative difference of two frequencies that are one."""
+"""Half a step's angle [rad] up to which a mode is corrected, 3.5 steps a period; faster modes get the same factor."""
+TRANSFER_ROUNDS = 5
+"""Iterations that transfer to bodies the correction of modes in which springs have a share."""
+EQUAL_FREQUENCIES = 1e-6
+"""Relative difference up to which two frequencies count as equal."""
 MOST = 0.6
-"""Share of a modal mass that is taken away at most: masses stay positive."""
+"""Largest share of a modal mass that the correction removes, so that masses stay positive."""
 
 SPARED = 0.9
-"""Share of the mass of a body's deformation in free flight that is taken away at most, in every position."""
+"""Largest share of the mass of a body's deformation in free flight that the correction removes, in every position."""
 
 MASSLESS = 1e-12
-"""Share of the largest below which an inertia is rounding."""
+"""Share of the largest inertia below which an inertia is rounding."""
 
 
 @dataclass(frozen=True)
 class Steps:
-    """Steps of generalized-alpha: time_step [s]; spectral_radius: see `nassim.simulation.integrator_error`.
+    """Steps of generalized-alpha.
 
-    corrected: whether masses and dampings make up for what the rule does to periods
+    Attributes:
+        time_step: time step [s].
+        spectral_radius: spectral radius at infinite frequency [-], see `nassim.simulation.integrator_error`.
+        corrected: whether masses and damping ratios correct the rule's period error.
     """
 
     time_step: float
@@ -60,10 +63,17 @@ class Steps:
         return alpha_m, alpha_f, 0.5 - alpha_m + alpha_f, 0.25 * (1 - alpha_m + alpha_f) ** 2
 
     def factors(self, frequency: Array) -> tuple[Array, Array]:
-        """Of modal masses and of modal dampings at frequencies, (n,) [Hz]; (n,) each, 1 for free motions.
+        """Compute the factors of modal masses and of modal dampings at frequencies.
 
-        The rule's equations for q = z^n with z = exp(i omega h) make M a(z) + C h b(z) + K h^2 d(z) = 0, of which the
-        imaginary part after division by b leaves M.
+        The rule's equations for q = z^n with z = exp(i omega h) give M a(z) + C h b(z) + K h^2 d(z) = 0. The imaginary
+        part of
+        this equation, divided by b, gives M.
+
+        Args:
+            frequency: frequencies of modes, (n,) [Hz].
+
+        Returns:
+            Factors of the masses and of the dampings, (n,) each; 1 for rigid-body modes.
         """
         if not self.corrected:
             return np.ones(len(frequency)), np.ones(len(frequency))
@@ -78,7 +88,10 @@ class Steps:
 
 
 def small_motion_factors(assembly: Assembly, steps: Steps) -> tuple[Array, Array]:
-    """As `Steps.factors`, in small motion; 1 where drives follow inputs, whose inertia forces know the true masses."""
+    """Compute `Steps.factors` of a scene in small motion.
+
+    They are 1 where drives follow inputs, because the inertia forces of prescribed motion are those of the true masses.
+    """
     if assembly.prescribed.inputs:
         ones = np.ones(len(assembly.frequency))
         return ones, ones
@@ -86,12 +99,22 @@ def small_motion_factors(assembly: Assembly, steps: Steps) -> tuple[Array, Array
 
 
 def correct_periods(assembly: Assembly, steps: Steps) -> tuple[Assembly, Array]:
-    """The scene with damping ratios for its steps, and the mass to add on the deformation of its bodies, (m, m).
+    """Correct a scene's damping ratios and the mass of its bodies' deformation for its steps.
 
-    With d_j the deformation in mode j and a_j what its mass lacks, the mass is the inverse of the sum of d_j d_j^T
-    over a_j: exact where only bodies deform; where springs do too it takes from no mode more than the largest a_j.
-    What modes then still lack is asked of the bodies again, as far as they bend: see `period_errors`. Of scenes that
-    can leave the position in which these are their modes, free or driven, no more than bodies can spare everywhere.
+    With d_j the deformation in mode j and a_j the required reduction of its modal mass, the reduction of the mass
+    matrix is
+    the inverse of the sum of d_j d_j^T over a_j. This is exact where only bodies deform. Where springs deform too, it
+    takes
+    from no mode more than the largest a_j; iterations then transfer the missing reduction to the bodies as far as they
+    deform, see `period_errors`. A scene with rigid-body modes or drives can leave the position in which these are its
+    modes; there the reduction is limited to what bodies can lose in every position.
+
+    Args:
+        assembly: the assembled scene.
+        steps: the steps.
+
+    Returns:
+        The assembly with corrected damping ratios, and the mass to add on the deformation of its bodies, (m, m).
     """
     damping, elastic = assembly.damping, ~assembly.rigid_modes
     if not steps.corrected or not damping.root.size or not elastic.any():
@@ -99,24 +122,24 @@ def correct_periods(assembly: Assembly, steps: Steps) -> tuple[Assembly, Array]:
     mass, growth = steps.factors(assembly.frequency)
     wanted, bent = 1 - mass[elastic], damping.root @ damping.deformation @ assembly.shapes[:, elastic]
     asked, taken = wanted, _inverse(bent, wanted)
-    # Modes of one frequency have no axes of their own: what they get is shared, or it would be a matter of rounding.
+    # Modes of equal frequency have arbitrary directions: they share their correction, which would else be rounding.
     frequency = assembly.frequency[elastic]
-    groups = np.cumsum(np.diff(frequency, prepend=0.0) > SAME * frequency) - 1
-    for _ in range(ROUNDS):
+    groups = np.cumsum(np.diff(frequency, prepend=0.0) > EQUAL_FREQUENCIES * frequency) - 1
+    for _ in range(TRANSFER_ROUNDS):
         each = np.sum(bent * (taken @ bent), axis=0)
         given = (np.bincount(groups, each) / np.bincount(groups))[groups]
         asked = np.clip(asked * wanted / np.maximum(given, wanted / 10), wanted, MOST)
         taken = _inverse(bent, asked)
     taken = damping.root.T @ taken @ damping.root
     if assembly.rigid_modes.any() or assembly.scene.terms_of(PrescribedMotion):
-        taken = _borne(assembly, taken)
+        taken = _limit_to_free_flight(assembly, taken)
     return replace(assembly, damping=replace(damping, ratio=damping.ratio * growth)), -taken
 
 
-def _borne(assembly: Assembly, taken: Array) -> Array:
-    """What of a mass bodies can spare in every position, (m, m).
+def _limit_to_free_flight(assembly: Assembly, taken: Array) -> Array:
+    """Limit the reduction of a mass to what bodies can lose in every position, (m, m).
 
-    However joints tie them, bodies have at least the kinetic energy of their deformation in free flight.
+    Bodies have at least the kinetic energy of their deformation in free flight, for any joints.
     """
     frames = [assembly.frames[body.name] for body in assembly.scene.deformable_bodies]
     spare = scipy.linalg.block_diag(*map(in_free_flight, frames))
@@ -132,7 +155,7 @@ def _borne(assembly: Assembly, taken: Array) -> Array:
 
 
 def in_free_flight(frame: FloatingFrame) -> Array:
-    """Mass matrix of a body's deformation while its frame moves as that drives it, (n, n)."""
+    """Compute the mass matrix of a body's deformation while its frame moves freely with it, (n, n)."""
     arm = frame.mass * skew(frame.center_of_mass)
     rigid = np.block([[frame.mass * np.eye(3), -arm], [arm, frame.inertia]])
     driven = np.vstack([frame.translation_flexible, -frame.position_flexible])
@@ -141,5 +164,6 @@ def in_free_flight(frame: FloatingFrame) -> Array:
 
 
 def _inverse(bent: Array, asked: Array) -> Array:
+    """Invert the sum of d d^T over a, of columns d and numbers a."""
     result: Array = np.linalg.pinv((bent / asked) @ bent.T, rcond=1e-12, hermitian=True)
     return result

@@ -1,13 +1,13 @@
-"""How far bodies can get in a run: a bound that follows from the scene and its excitation.
+"""Bounds of the bodies' displacements in a run, from the scene and its excitation.
 
-Let p = sqrt(2 E), with E the energy of a scene. Forces f add at most f v to it per unit of time, and joints, springs
-and dampers nothing, so p' <= |M^(-1/2) f|, and a body of mass m moves by at most the integral of p / sqrt(m). This
-holds in large motion too, for forces and torques as they act on the bodies moved as rigid ones: weight, inputs, ground
-acceleration and commands up to the limits of their converters. Drives move what they carry at their own speed, and can
-throw it as fast. Forces within a body move other bodies by its deformation only, which has bounds of its own.
+Let p = sqrt(2 E), with E the energy of a scene. Forces f add at most f v to it per unit of time; joints, springs and
+dampers add nothing. So p' <= |M^(-1/2) f|, and a body of mass m moves by at most the integral of p / sqrt(m). This also
+holds in large motion, for forces and torques on the bodies moved as rigid bodies: weight, inputs, ground acceleration
+and commands up to the limits of their converters. Drives move what they carry at their own speed, and can throw it at
+that speed. Forces within a body move other bodies only by its deformation, which has bounds of its own.
 
-A loop without a limit may add energy, but one that works does not bring a body many times as far as what excites it
-could alone, unless that is less than the size of the scene. So a loop runs away when it brings a body farther than the
+A loop without a limit may add energy, but a stable loop does not move a body many times as far as its excitation alone
+could, unless that distance is below the size of the scene. So a loop runs away when it moves a body farther than the
 scene is large and `MARGIN` times as far as that bound.
 """
 
@@ -24,15 +24,17 @@ from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.initial_velocities import starting_energy
 
 MARGIN = 10.0
-"""How many times as far as without loops a body may get before a loop runs away."""
+"""Factor on the displacement without loops above which a loop runs away."""
 
 
 @dataclass(frozen=True)
 class Reach:
     """Bounds of all moving bodies' displacements.
 
-    size: of the scene [m]; path: the integral of p until each sample, (n_samples,) [m kg^(1/2)]
-    masses: of the bodies, by name [kg]
+    Attributes:
+        size: size of the scene [m].
+        path: integral of p until each sample, (n_samples,) [m kg^(1/2)].
+        masses: masses of the bodies, by name [kg].
     """
 
     size: float
@@ -40,20 +42,21 @@ class Reach:
     masses: Mapping[str, float]
 
     def at(self, sample: int) -> dict[str, float]:
-        """Return what bodies may have moved by at a sample, by name [m]."""
+        """Return the bounds of the bodies' displacements at a sample, by name [m]."""
         path = MARGIN * float(self.path[min(sample, len(self.path) - 1)])
         return {name: self.size + path / np.sqrt(mass) for name, mass in self.masses.items()}
 
 
 def find_reach(assembly: Assembly, inputs: Array, time_step: float) -> Reach:
-    """Find how far bodies can get.
+    """Compute the bounds of the bodies' displacements in a run.
 
     Args:
-        assembly: the scene.
-        inputs: the excitation at all time steps, shape (inputs, n_samples).
-        time_step: [s].
+        assembly: the assembled scene.
+        inputs: the excitation at all time steps, (inputs, n_samples).
+        time_step: time step [s].
 
-    Returns the bounds.
+    Returns:
+        The bounds.
     """
     return GrowingReach(assembly, time_step).after(inputs)
 
@@ -104,7 +107,7 @@ class GrowingReach:
 
 
 def scene_size(assembly: Assembly) -> float:
-    """Return the size of a scene: of the box around all its points and centres of mass, and of its largest body [m]."""
+    """Return the size of a scene [m]: of the box around all its points and centres of mass, and of its largest body."""
     bodies = [body for body in assembly.scene.bodies if body.moves]
     places = [body.rigid_inertia[1] for body in bodies]
     for body in assembly.scene.bodies:
@@ -114,7 +117,7 @@ def scene_size(assembly: Assembly) -> float:
 
 
 def _strengths(assembly: Assembly, bodies: list[Body]) -> Array:
-    """|M^(-1/2) f| of the bodies moved as rigid ones per unit of each input, (inputs,)."""
+    """Return |M^(-1/2) f| of the bodies moved as rigid bodies per unit of each input, (inputs,)."""
     forces = assembly.input_matrix.copy()
     for amplifier in assembly.amplifiers:
         forces[:, amplifier.input] += amplifier.forces

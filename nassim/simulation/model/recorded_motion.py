@@ -1,7 +1,7 @@
-"""How the bodies of a scene move in a run, kept at some of its steps, on the coordinates that its reduced bodies have.
+"""Recorded motion: the motion of a scene's bodies at some steps of a run, in the coordinates of the reduced bodies.
 
-What simulates may know a body by fewer coordinates than it has, see `trim_scene`; a `Trace` then tells what those mean
-for the body's own.
+A simulation may model a body with fewer coordinates than it has, see `trim_scene`. A `Trace` then expands them to the
+coordinates of the original body.
 """
 
 from collections.abc import Mapping
@@ -18,15 +18,22 @@ from nassim.scene.scene import Scene
 from nassim.simulation.model.assembly import Assembly, assemble
 
 Pose = tuple[Array, Array]
-"""Of a body's own frame at n times: places (n, 3) [m], rotations to the world's axes (n, 3, 3)."""
+"""Poses of a body's own frame at n times: positions (n, 3) [m], rotations to the world's axes (n, 3, 3)."""
 
 
-def frame_steps(frames: int | Array, n_steps: int, time_step: float) -> Array:
-    """Numbers of the steps that are nearest to the times of frames, ascending, int (n,).
+def recorded_steps(frames: int | Array, n_steps: int, time_step: float) -> Array:
+    """Find the numbers of the steps that are nearest to the times of images.
 
-    frames: how many, evenly spread from the first step to the last, or their times [s]
+    Args:
+        frames: number of images, evenly spread from the first step to the last, or their times [s].
+        n_steps: number of steps of the run.
+        time_step: time step [s].
 
-    Raises ValueError for fewer than 2, for more than there are steps, and for times before or after the run.
+    Returns:
+        Numbers of the steps, ascending, int (n,).
+
+    Raises:
+        ValueError: for fewer than 2 images, for more than there are steps, and for times before or after the run.
     """
     if isinstance(frames, (int, np.integer)):
         if not 2 <= frames <= n_steps + 1:
@@ -43,10 +50,11 @@ def frame_steps(frames: int | Array, n_steps: int, time_step: float) -> Array:
 
 
 def traced(scene: Scene) -> Scene:
-    """The scene with reduced bodies that remember their coordinates, however they are trimmed.
+    """Add to a scene's reduced bodies a trace of their coordinates, which survives trimming.
 
-    `simulate_motion` gives motion on these: of a machine whose parts were traced, then trimmed to be fast, the motion
-    of the same machine with its parts whole, which have surfaces to be looked at.
+    `simulate_motion` gives motion in these coordinates: for a machine whose parts were traced, then trimmed to be fast,
+    the
+    motion of the same machine with its whole parts, which have surfaces for pictures.
     """
     return replace(scene, bodies=tuple(map(_traced, scene.bodies)))
 
@@ -61,35 +69,47 @@ def _traced(body: Body) -> Body:
 def recorded_motion(
     assembly: Assembly, time: Array, coordinates: Mapping[str, Array], poses: Mapping[str, Pose]
 ) -> Motion:
-    """What a run of an assembled scene, which is `traced`, has kept.
+    """Make the motion of an assembled scene, which is `traced`, from recorded coordinates and poses.
 
-    coordinates: of the modelled bodies, by name, (n, n_own) each; of a rigid one the motion of its centre of mass along
-        the world's axes. Bodies without do not deform
-    poses: of bodies whose frames move; those of the others stay, but for rigid ones with coordinates
+    Args:
+        assembly: the assembled scene.
+        time: times, (n,) [s].
+        coordinates: coordinates of the modelled bodies, by name, (n, n_own) each; for a rigid body the motion of its
+            centre of mass along the world's axes. Bodies without an entry do not deform.
+        poses: poses of bodies whose frames move, by name; the frames of other bodies stay at rest, except rigid bodies
+            with coordinates.
+
+    Returns:
+        The motion.
     """
-    places, turns, originals = {}, {}, {}
+    places, rotations, originals = {}, {}, {}
     for body in assembly.scene.bodies:
         own = coordinates.get(body.name)
         if body.name in poses:
-            places[body.name], turns[body.name] = poses[body.name]
+            places[body.name], rotations[body.name] = poses[body.name]
         else:
             places[body.name] = np.broadcast_to(body.position, (len(time), 3))
-            turns[body.name] = np.broadcast_to(body.rotation, (len(time), 3, 3))
+            rotations[body.name] = np.broadcast_to(body.rotation, (len(time), 3, 3))
             if isinstance(body, RigidBody) and own is not None:
                 places[body.name] = body.position + own[:, :3]
-                turns[body.name] = Rotation.from_rotvec(own[:, 3:]).as_matrix() @ body.rotation
+                rotations[body.name] = Rotation.from_rotvec(own[:, 3:]).as_matrix() @ body.rotation
         if isinstance(body, FlexibleBody):
             rows = _rows(body)
             originals[body.name] = np.zeros((len(time), len(rows))) if own is None else own @ rows.T
-    return Motion(time, places, turns, originals)
+    return Motion(time, places, rotations, originals)
 
 
 def scene_modes(scene: Scene, *, n: int | None = None) -> tuple[Array, dict[str, Array]]:
-    """A scene's first n modes of small motion about its start (default: all), undamped, of unit modal mass.
+    """Compute a scene's first n undamped modes of small motion about its start, with unit modal mass.
 
-    Returns their frequencies (m,) [Hz], ascending, 0 for free motions only, and what the bodies that move do, by name:
-    coordinates of `FlexibleBody.reduced`, whatever is modelled of them, or of a rigid body the motion of its centre of
-    mass along the world's axes, (n_coordinates, m) each.
+    Args:
+        scene: the scene.
+        n: number of modes; default: all.
+
+    Returns:
+        Frequencies, (m,) [Hz], ascending, 0 for rigid-body modes only; and the motion of the bodies that move, by name:
+            coordinates of `FlexibleBody.reduced`, for any trimming, or for a rigid body the motion of its centre of
+            mass along the world's axes, (n_coordinates, m) each.
     """
     assembly = assemble(traced(scene))
     shapes = assembly.basis @ assembly.shapes[:, :n]
@@ -100,6 +120,6 @@ def scene_modes(scene: Scene, *, n: int | None = None) -> tuple[Array, dict[str,
 
 
 def _rows(body: FlexibleBody) -> Array:
-    """Coordinates of a body before it was trimmed per unit of its own."""
+    """Return the coordinates of the original body per unit of a trimmed body's own."""
     (trace,) = of_kind(body.reduced.readouts, Trace)
     return trace.rows

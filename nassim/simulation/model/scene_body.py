@@ -1,7 +1,7 @@
-"""A whole scene as one flexible body: Craig-Bampton of what is assembled already.
+"""Reduction of a whole scene to one flexible body: Craig-Bampton of the assembled scene.
 
-Coordinates are the scene's own eigenmodes first, in which mass is one and stiffness the squared frequencies, then the
-motions of the points that stay and the modes with these held.
+The scene is first described by its own eigenmodes, in which the mass is one and the stiffness the squared frequencies,
+then by the motions of the retained points and the modes with these held.
 """
 
 from collections.abc import Iterator, Mapping
@@ -12,13 +12,13 @@ import scipy
 
 from nassim.base.checks import Array, unique
 from nassim.base.warning_log import warn
-from nassim.bodies.inertia import completed_gram
+from nassim.bodies.inertia import estimate_gram
 from nassim.bodies.interface import RemotePoint
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.projection import trim_body
 from nassim.bodies.readouts import PassivePoint, Picture, Readout, Surface, by_name
 from nassim.bodies.reduced_body import ReducedBody
-from nassim.bodies.strain import has_rigid_modes, without_rounding
+from nassim.bodies.strain import has_rigid_modes, remove_rounding
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.measures import Displacement, PointVelocity
 from nassim.scene.scene import Scene
@@ -26,7 +26,8 @@ from nassim.scene.terms import ForceLaw, PrescribedMotion
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.damping import damps
 
-DEPENDENT = 1e-9
+DEPENDENT_POINTS = 1e-9
+"""Smallest singular value, of motions scaled to one, of points that move independently."""
 
 
 def reduce_scene(
@@ -37,26 +38,36 @@ def reduce_scene(
     passive: Mapping[str, str] | None = None,
     cutoff_frequency: float | None = None,
 ) -> ReducedBody:
-    """Bodies, joints and springs of a scene as one body, whose frame is the scene's, for `FlexibleBody`.
+    """Reduce the bodies, joints and springs of a scene to one body, whose frame is the scene's, for `FlexibleBody`.
 
-    name: of the body
-    points: remote points of the new body, by the scene's "body.point": {"bottom": "foot.low", "top": "head.high"}; the
-        motions of all must be independent, as of points on different bodies between which something can deform
-    passive: points that only move along, for encoders and the like, in the same way
-    cutoff_frequency: modes with all points held above it are left out [Hz], as `trim_body` does: static answers at the
-        points and to voltages stay exact, and `enriched` is the whole. Default: the scene's; None there too: all modes
+    Electrical ports keep their names, or are named "body/port" where two bodies have the same name; none is wired yet.
+    Actuators, sensors, gravity and damping are left out: give the `FlexibleBody` a damping_ratio. A warning reports
+    dampers
+    among the springs.
 
-    Electrical ports keep their names, or are "body/port" where two bodies have the same; none is wired yet: what the
-    scene's actuators, sensors and gravity do is left out, and so is all damping: give the `FlexibleBody` a
-    damping_ratio. A warning tells of dampers among the springs.
+    With all modes, small motion is exactly the scene's. In a floating frame, deformation is small relative to the
+    frame:
+    terms of second order in the deformation are left out, such as the stiffening by a preload between two parts. Large
+    motion has all required integrals where the integrals of all bodies are complete.
 
-    With all modes, small motion is exactly the scene's. In a floating frame, deformation is small beside it: what its
-    square does is left out, as where a preload between two parts stiffens them. Large motion has all integrals that it
-    needs where those of all bodies are complete.
+    Args:
+        scene: the scene.
+        name: name of the body.
+        points: remote points of the new body, by the scene's "body.point": {"bottom": "foot.low", "top": "head.high"}.
+            The motions of all must be independent, as those of points on different bodies with something elastic
+            between them.
+        passive: points that follow the motion, for encoders and the like, in the same way.
+        cutoff_frequency: frequency above which modes with all points held are left out [Hz], as `trim_body` does:
+            static responses at the points and to voltages stay exact, and `enriched` is the whole. Default: the
+            scene's; if that is None: all modes.
 
-    Raises ValueError for what one body cannot be: a scene with fixed bodies, drives, loops or spinning bodies, springs
-    along axes of the world (they would not turn with it), bodies that move freely against each other, and points
-    that are unknown or do not move independently.
+    Returns:
+        The body.
+
+    Raises:
+        ValueError: for a scene that one body cannot represent: with fixed bodies, drives, loops or spinning bodies,
+            with springs along axes of the world (which would not rotate with the body), with bodies that move freely
+            against each other, and for points that are unknown or do not move independently.
     """
     _check(scene)
     cutoff = scene.cutoff_frequency if cutoff_frequency is None else cutoff_frequency
@@ -101,16 +112,16 @@ def _check(scene: Scene) -> None:
 
 
 def _check_whole(assembly: Assembly) -> None:
-    free = int(np.sum(assembly.free))
+    free = int(np.sum(assembly.rigid_modes))
     if free != 6:
         raise ValueError(
-            f"scene {assembly.scene.name!r} cannot be one body: it has {free} free motions and a body has 6; "
+            f"scene {assembly.scene.name!r} cannot be one body: it has {free} rigid-body modes and a body has 6; "
             + ("join its bodies, or hold them by springs" if free > 6 else "something ties it to the world")
         )
 
 
 def _whole(assembly: Assembly, name: str, points: dict[str, str], passive: dict[str, str]) -> ReducedBody:
-    """The body with all modes."""
+    """Make the body with all modes."""
     if not unique("remote point", (*points, *passive))[: len(points)]:
         raise ValueError(f"body {name!r} needs at least one point, on which its frame rides")
     shapes, omega = assembly.basis @ assembly.shapes, 2 * np.pi * assembly.frequency
@@ -126,7 +137,7 @@ def _whole(assembly: Assembly, name: str, points: dict[str, str], passive: dict[
         name,
         remote_points=remote,
         mass_matrix=_symmetric(condensed.T @ condensed),
-        stiffness_matrix=without_rounding(stiffness, places),
+        stiffness_matrix=remove_rounding(stiffness, places),
         gram=_gram(assembly, change),
         readouts=by_name([*along, *_readouts(assembly, change)]),
         record={"scene": assembly.scene.name, "bodies": ", ".join(body.name for body in assembly.scene.bodies)},
@@ -135,17 +146,23 @@ def _whole(assembly: Assembly, name: str, points: dict[str, str], passive: dict[
 
 
 def _condensed(omega: Array, interface: Array, label: str) -> tuple[Array, Array]:
-    """Change from the eigenmodes to the points' motions and the modes with these held, and the stiffness, (n, n) each.
+    """Change from the eigenmodes to the points' motions and the modes with these held.
 
-    omega: of the eigenmodes [rad/s]; interface: motions of the points per unit of them, (6 r, n)
+    Args:
+        omega: angular frequencies of the eigenmodes, (n,) [rad/s].
+        interface: motions of the points per unit of the eigenmodes, (6 r, n).
+        label: name of the points, for messages.
+
+    Returns:
+        The change of coordinates and the stiffness, (n, n) each.
     """
     size = np.linalg.norm(interface, axis=1)
-    _, independent, turned = np.linalg.svd(interface / np.where(size > 0, size, 1.0)[:, None])
-    if len(independent) < len(interface) or independent[-1] < DEPENDENT:
+    _, independent, right = np.linalg.svd(interface / np.where(size > 0, size, 1.0)[:, None])
+    if len(independent) < len(interface) or independent[-1] < DEPENDENT_POINTS:
         raise ValueError(f"{label} do not move independently; keep one of those that move together and pass the others")
     m = len(interface)
-    held = turned[m:].T
-    # Modes and static shapes from strains, not from their squares: soft joints stay exact beside stiff plates.
+    held = right[m:].T
+    # Modes and static shapes from strains, not from their squares: soft joints stay exact in series with stiff plates.
     stretch, frequency, combinations = np.linalg.svd(omega[:, None] * held, full_matrices=False)
     modes = held @ combinations[::-1].T
     follow = np.linalg.pinv(interface / size[:, None]) / size
@@ -156,14 +173,14 @@ def _condensed(omega: Array, interface: Array, label: str) -> tuple[Array, Array
 
 
 def _gram(assembly: Assembly, change: Array) -> Array:
-    """Integrals over all bodies, in the scene's frame."""
+    """Integrate over all bodies, in the scene's frame."""
     size = 4 + 3 * change.shape[1]
     total = np.zeros((size, size))
     for body, rows in _parts(assembly, change):
         if isinstance(body, FlexibleBody):
             gram, place, axes = body.reduced.gram, body.position, body.rotation
         else:
-            gram, place, axes = completed_gram(body.mass_matrix, np.zeros((1, 3))), body.position, np.eye(3)
+            gram, place, axes = estimate_gram(body.mass_matrix, np.zeros((1, 3))), body.position, np.eye(3)
         fields = np.zeros((len(gram), size))
         fields[0, 0], fields[0, 1:4], fields[1:4, 1:4] = 1.0, place, axes.T
         fields[4:, 4:] = np.kron(rows, axes.T)
@@ -172,7 +189,7 @@ def _gram(assembly: Assembly, change: Array) -> Array:
 
 
 def _readouts(assembly: Assembly, change: Array) -> Iterator[Readout]:
-    """What the bodies read out, but for points, which `reduce_scene` is told."""
+    """Collect the read-outs of the bodies, except points, which `reduce_scene` is given."""
     parts = [(body, rows) for body, rows in _parts(assembly, change) if isinstance(body, FlexibleBody)]
     ports = [port.name for body, _ in parts for port in body.reduced.ports]
     pictures = []
@@ -199,13 +216,13 @@ def _readouts(assembly: Assembly, change: Array) -> Iterator[Readout]:
 
 
 def _parts(assembly: Assembly, change: Array) -> Iterator[tuple[Body, Array]]:
-    """Each body and its coordinates per unit of the new ones."""
+    """Yield each body and its coordinates per unit of the new ones."""
     for body in assembly.scene.bodies:
         yield body, change[assembly.slices[body.name]]
 
 
 def _motions(assembly: Assembly, points: dict[str, str]) -> Array:
-    """Of the points, along the scene's axes, per unit of all coordinates, (6 r, n_all)."""
+    """Return the motions of the points along the scene's axes per unit of all coordinates, (6 r, n_all)."""
     rows = np.zeros((6 * len(points), len(assembly.basis)))
     for k, path in enumerate(points.values()):
         body, point = assembly.scene.split(path)

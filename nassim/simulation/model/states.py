@@ -1,10 +1,10 @@
-"""States of bodies: where their points are and how they move, in the coordinates of each engine.
+"""States of bodies: poses and motions of their points, in the coordinates of each engine.
 
-The linear engine works in the reference configuration, the start of a run finds rigid motions, and Exudyn has frames
-that rotate and carry small deformation, for rigid bodies and floating frames, or bodies whose points move linearly.
+The linear engine works in the reference configuration; the start of a run finds rigid motions. Exudyn has frames that
+rotate and carry small deformation (rigid bodies and floating frames), and bodies whose points move linearly.
 
 In a frame with position p and rotation R, a point at r from the frame's origin, with displacement d and rotation vector
-e by deformation, is at p + R (r + d) and rotated by R exp(e).
+e by deformation, has the position p + R (r + d) and the rotation R exp(e).
 """
 
 from dataclasses import dataclass, field
@@ -20,12 +20,13 @@ from nassim.scene.measures import Pose, inverse_right_jacobian
 
 @dataclass(frozen=True)
 class ReferenceState:
-    """A body in the reference configuration, in the coordinates of `Body.mass_matrix`; of a fixed body there are none.
+    """A body in the reference configuration, in the coordinates of `Body.mass_matrix`; a fixed body has no coordinates.
 
     Attributes:
-        body: as it lies now, where a scene is seen at another angle of its rotor.
-        rotated_from: the body in the reference configuration; None: it lies there.
-        view: rotation of the axes in which positions and motions are told, about `origin`, (3, 3) and (3,).
+        body: the body, where required moved to another angle of its rotor.
+        rotated_from: the body in the reference configuration; None: `body` is there.
+        view: rotation (3, 3) about `origin` of the axes in which positions and motions are written; None: the world's.
+        origin: centre of that rotation, (3,) [m].
     """
 
     body: Body
@@ -35,15 +36,15 @@ class ReferenceState:
 
     @property
     def n_coordinates(self) -> int:
-        """Number of its coordinates."""
+        """Number of the body's coordinates."""
         return len(self.body.mass_matrix) if self.body.moves else 0
 
     def reference(self, point: str) -> Array:
-        """Position of a point in the reference configuration, (3,) [m]."""
+        """Return the position of a point in the reference configuration, (3,) [m]."""
         return (self.rotated_from or self.body).point_position(point)
 
     def pose(self, point: str) -> Pose:
-        """Pose of a point."""
+        """Return the pose of a point."""
         position, rotation = self.body.point_position(point), np.eye(3)
         if self.rotated_from is not None:
             rotation = self.body.rotation @ self.rotated_from.rotation.T
@@ -52,25 +53,26 @@ class ReferenceState:
         return self.origin + self.view @ (position - self.origin), self.view @ rotation
 
     def motion(self, point: str) -> Array:
-        """Velocity and angular velocity of a point per unit rate of the coordinates, (6, n)."""
+        """Return velocity and angular velocity of a point per unit rate of the coordinates, (6, n)."""
         motion = self.body.motion(point)
         return motion if self.view is None else np.kron(np.eye(2), self.view) @ motion
 
     def own(self, weights: Array) -> tuple[Array, Array]:
-        """Weighted sums of the body's own coordinates: value (k,) and rows (k, n)."""
+        """Return weighted sums of the body's own coordinates: value (k,) and rows (k, n)."""
         return np.zeros(len(weights)), weights
 
     def weight(self, gravity: Array) -> Array:
-        """Forces of a uniform gravity, (3,) along the world's axes, on the coordinates, (n,)."""
+        """Return the forces of a uniform gravity, (3,) along the world's axes, on the coordinates, (n,)."""
         return self.body.weight(gravity if self.view is None else self.view.T @ gravity)
 
 
 @dataclass(frozen=True)
 class RigidState:
-    """A body moved as a rigid one; its coordinates are the motion (6,) of its point at the world's origin.
+    """A body moved as a rigid body; its coordinates are the motion (6,) of its point at the world's origin.
 
     Attributes:
-        twist: finite motion, (6,): of a point at x to exp(twist[3:]) x + twist[:3].
+        body: the body.
+        twist: finite motion, (6,): it moves a point at x to exp(twist[3:]) x + twist[:3].
     """
 
     body: Body
@@ -78,57 +80,62 @@ class RigidState:
 
     @property
     def n_coordinates(self) -> int:
-        """Number of its coordinates."""
+        """Number of the body's coordinates."""
         return 6 if self.body.moves else 0
 
     def reference(self, point: str) -> Array:
-        """Position of a point in the reference configuration, (3,) [m]."""
+        """Return the position of a point in the reference configuration, (3,) [m]."""
         return self.body.point_position(point)
 
     def pose(self, point: str) -> Pose:
-        """Pose of a point."""
+        """Return the pose of a point."""
         rotation = Rotation.from_rotvec(self.twist[3:]).as_matrix()
         return rotation @ self.body.point_position(point) + self.twist[:3], rotation
 
     def motion(self, point: str) -> Array:
-        """Velocity and angular velocity of a point per unit rate of the coordinates, (6, 6)."""
+        """Return velocity and angular velocity of a point per unit rate of the coordinates, (6, 6)."""
         return rigid_transfer(self.pose(point)[0])
 
     def own(self, weights: Array) -> tuple[Array, Array]:
-        """Nothing: a rigid motion does not change the body's own coordinates."""
+        """Return zeros: a rigid motion does not change the body's own coordinates."""
         return np.zeros(len(weights)), np.zeros((len(weights), self.n_coordinates))
 
 
 @dataclass(frozen=True)
 class LinearState:
-    """A body whose points move linearly with its coordinates x, (n,)."""
+    """A body whose points move linearly with its coordinates.
+
+    Attributes:
+        body: the body.
+        coordinates: the coordinates x, (n,).
+        change: coordinates of `Body.mass_matrix` per unit of x, (n_body, n); None: they are x.
+    """
 
     body: Body
     coordinates: Array
     change: Array | None = None
-    """Coordinates of `Body.mass_matrix` per unit of x, (n_body, n); None: they are x."""
 
     @property
     def n_coordinates(self) -> int:
-        """Number of its coordinates."""
+        """Number of the coordinates."""
         return len(self.coordinates)
 
     def reference(self, point: str) -> Array:
-        """Position of a point in the reference configuration, (3,) [m]."""
+        """Return the position of a point in the reference configuration, (3,) [m]."""
         return self.body.point_position(point)
 
     def pose(self, point: str) -> Pose:
-        """Pose of a point."""
+        """Return the pose of a point."""
         moved = self.motion(point) @ self.coordinates
         return self.body.point_position(point) + moved[:3], Rotation.from_rotvec(moved[3:]).as_matrix()
 
     def motion(self, point: str) -> Array:
-        """Velocity and angular velocity of a point per unit rate of the coordinates, (6, n)."""
+        """Return velocity and angular velocity of a point per unit rate of the coordinates, (6, n)."""
         motion = self.body.motion(point)
         return motion if self.change is None else motion @ self.change
 
     def own(self, weights: Array) -> tuple[Array, Array]:
-        """Weighted sums of the body's own coordinates: value (k,) and rows (k, n)."""
+        """Return weighted sums of the body's own coordinates: value (k,) and rows (k, n)."""
         rows = weights if self.change is None else weights @ self.change
         return rows @ self.coordinates, rows
 
@@ -140,10 +147,11 @@ class FrameState:
     Attributes:
         body: the body.
         frame: position of the frame in the reference configuration, (3,) [m].
-        position, rotation: of the frame now, (3,) and, since the reference configuration, (3, 3).
+        position: present position of the frame, (3,) [m].
+        rotation: rotation of the frame since the reference configuration, (3, 3).
         frame_motion: velocity and angular velocity of the frame per unit rate of the coordinates, (6, n).
-        deformed: coordinates of the reduced body by deformation beside the frame, (n_reduced,); None where rigid.
-        deforms: the same per unit of the coordinates, (n_reduced, n).
+        deformed: coordinates of the reduced body by deformation relative to the frame, (n_reduced,); None where rigid.
+        deforms: derivative of `deformed` with respect to the coordinates, (n_reduced, n).
     """
 
     body: Body
@@ -156,21 +164,21 @@ class FrameState:
 
     @property
     def n_coordinates(self) -> int:
-        """Number of its coordinates."""
+        """Number of the coordinates."""
         return self.frame_motion.shape[1]
 
     def reference(self, point: str) -> Array:
-        """Position of a point in the reference configuration, (3,) [m]."""
+        """Return the position of a point in the reference configuration, (3,) [m]."""
         return self.body.point_position(point)
 
     def pose(self, point: str) -> Pose:
-        """Pose of a point."""
+        """Return the pose of a point."""
         arm, bent = self._local(point)
         bend = Rotation.from_rotvec(bent[3:]).as_matrix() if np.any(bent[3:]) else np.eye(3)
         return self.position + self.rotation @ (arm + bent[:3]), self.rotation @ bend
 
     def motion(self, point: str) -> Array:
-        """Velocity and angular velocity of a point per unit rate of the coordinates, (6, n)."""
+        """Return velocity and angular velocity of a point per unit rate of the coordinates, (6, n)."""
         arm, bent = self._local(point)
         result: Array = rigid_transfer(self.rotation @ (arm + bent[:3])) @ self.frame_motion
         if self.deforms is not None:
@@ -180,13 +188,13 @@ class FrameState:
         return result
 
     def own(self, weights: Array) -> tuple[Array, Array]:
-        """Weighted sums of the body's own coordinates, by deformation: value (k,) and rows (k, n)."""
+        """Return weighted sums of the body's own coordinates, by deformation: value (k,) and rows (k, n)."""
         assert self.deformed is not None
         assert self.deforms is not None
         return weights @ self.deformed, weights @ self.deforms
 
     def _local(self, point: str) -> tuple[Array, Array]:
-        """Arm of a point from the frame, (3,), and its motion by deformation, (6,), axes of the reference."""
+        """Return a point's arm from the frame, (3,), and its motion by deformation, (6,), in the reference axes."""
         arm = self.body.point_position(point) - self.frame
         return arm, np.zeros(6) if self.deformed is None else self.body.motion(point) @ self.deformed
 
@@ -202,12 +210,15 @@ def euler_state(
     """Make the state of a body whose frame is a node with Euler parameters.
 
     Args:
-        body: rigid or reduced.
+        body: a rigid or reduced body.
         frame: position of the node in the reference configuration, (3,) [m].
         coordinates: change of position (3,) and of the Euler parameters (4,) since the reference, then of m modal
             coordinates, (7 + m,).
         start: Euler parameters in the reference, (4,), e0 first.
-        deforms: reduced coordinates per unit of the modal ones, (n_reduced, m).
+        deforms: reduced coordinates per unit of the modal ones, (n_reduced, m); None where rigid.
+
+    Returns:
+        The state.
     """
     e = coordinates[3:7] + start
     before, _ = _euler(start)
@@ -223,6 +234,6 @@ def euler_state(
 
 
 def _euler(e: Array) -> tuple[Array, Array]:
-    """Rotation matrix of Euler parameters (4,), and E with omega = 2 E e' along the world's axes, (3, 4)."""
+    """Return the rotation matrix of Euler parameters (4,), and E (3, 4) with omega = 2 E e' along the world's axes."""
     cross = skew(e[1:])
     return np.eye(3) + 2 * (e[0] * cross + cross @ cross), np.hstack([-e[1:, None], e[0] * np.eye(3) + cross])

@@ -1,4 +1,4 @@
-"""Scenes with no more of each body than they need below a cut-off frequency."""
+"""Trimming: scenes whose bodies are reduced to what their parts need below a cut-off frequency."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.bodies.projection import keep_ports, trim_body, without_picture
+from nassim.bodies.projection import keep_ports, remove_surface, trim_body
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.measures import Measure
 from nassim.scene.scene import Scene
@@ -16,11 +16,19 @@ from nassim.simulation.model.states import ReferenceState
 
 
 def trim_scene(scene: Scene) -> Scene:
-    """The scene with bodies reduced further to what its parts need below its cut-off frequency.
+    """Reduce the bodies of a scene further, to what its parts need below its cut-off frequency.
 
-    Remote points that nothing holds are no coordinates any more; static answers to the stacks stay exact.
-    Without a cut-off frequency it is the same scene. Raises ValueError for a body with damping ratios of modes
-    above it, which would be those of other modes.
+    Remote points that nothing holds are no longer coordinates; static responses to the stacks stay exact.
+
+    Args:
+        scene: the scene; without a cut-off frequency it is returned as it is.
+
+    Returns:
+        The scene with trimmed bodies, without a cut-off frequency.
+
+    Raises:
+        ValueError: for a body with damping ratios by mode above the cut-off frequency, which would become those of
+            other modes.
     """
     if scene.cutoff_frequency is None:
         return scene
@@ -28,10 +36,10 @@ def trim_scene(scene: Scene) -> Scene:
     return replace(scene, bodies=bodies, cutoff_frequency=None)
 
 
-def undrawn(scene: Scene) -> Scene:
-    """The scene without its bodies' surfaces, whose motion costs more than all else there is to trim."""
+def without_pictures(scene: Scene) -> Scene:
+    """Remove the bodies' surfaces from a scene: trimming them costs more than everything else."""
     flexible = [body for body in scene.bodies if isinstance(body, FlexibleBody)]
-    plain = {body.name: replace(body, reduced=without_picture(body.reduced)) for body in flexible}
+    plain = {body.name: replace(body, reduced=remove_surface(body.reduced)) for body in flexible}
     return replace(scene, bodies=tuple(plain.get(body.name, body) for body in scene.bodies))
 
 
@@ -43,9 +51,9 @@ def _trimmed(scene: Scene, body: Body, cutoff_frequency: float) -> Body:
     given = () if body.damping_ratio is None else np.atleast_1d(body.damping_ratio)
     if len(given) > np.count_nonzero(below) + 1:
         raise ValueError(
-            f"body {body.name!r} has damping ratios of each of its modes, of which cutoff_frequency takes those from "
-            f"{cutoff_frequency:g} Hz and leaves it with others: trim it before, by trim_body of nassim.bodies, and "
-            "then give it its damping"
+            f"body {body.name!r} has damping ratios by mode, and cutoff_frequency removes its modes above "
+            f"{cutoff_frequency:g} Hz, so the ratios would be those of other modes: trim it before, by trim_body of "
+            "nassim.bodies, then give it its damping"
         )
     used = {path.partition(".")[2] for part in scene.parts for path in part.claims if scene.split(path)[0] is body}
     reduced = keep_ports(body.reduced, used)
@@ -56,7 +64,7 @@ def _trimmed(scene: Scene, body: Body, cutoff_frequency: float) -> Body:
 
 
 def _loads(scene: Scene, name: str, ports: Sequence[Array]) -> Array:
-    """Rows on a body's own coordinates that something pushes, holds or reads, (n, k), without those of its ports."""
+    """Return the rows on a body's own coordinates that terms use, (n, k), without those of its ports."""
     found, states = list(ports), {body.name: ReferenceState(body) for body in scene.bodies}
     for measure in _measures(scene.terms):
         if name in measure.bodies:
@@ -68,5 +76,5 @@ def _loads(scene: Scene, name: str, ports: Sequence[Array]) -> Array:
 
 
 def _measures(terms: Sequence[Term]) -> list[Measure]:
-    """Measures of terms that push, resist or record; joints' points are kept whole."""
+    """Return the measures of terms that push, resist or record; points of joints are retained whole."""
     return [term.measure for term in terms if isinstance(term, (AppliedForce, ForceLaw, Output, Shunt))]

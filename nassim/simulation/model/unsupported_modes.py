@@ -1,4 +1,4 @@
-"""Modes beyond the bodies' reductions: which they are, and a warning of loops that they could make unstable."""
+"""Modes beyond the valid frequency of the bodies' reductions, and a warning of loops that they could make unstable."""
 
 import warnings
 from collections.abc import Mapping, Sequence
@@ -15,15 +15,23 @@ from nassim.systems.linear_model import LinearModel
 from nassim.systems.python_controller import PythonController
 
 BEYOND = 0.5
-"""Share of strain energy in bodies that do not have all modes at a mode's frequency, above which it is unsupported."""
+"""Share of strain energy in bodies with incomplete modes at a mode's frequency, above which the mode is unsupported."""
 
 
 def unsupported_modes(
     scene: Scene, valid: Mapping[str, float], strains: Sequence[Strain], frequency: Array, modes: Array
 ) -> Array:
-    """Modes (n_all, n) that most strain energy puts into bodies beyond what is valid, or above the scene's limit, (n,).
+    """Find the modes with most strain energy beyond the bodies' valid frequencies, or above the scene's limit.
 
-    valid: frequency up to which each flexible body has all modes [Hz]; strains: first those of the bodies that deform
+    Args:
+        scene: the scene.
+        valid: frequency up to which each flexible body has all modes, by name [Hz].
+        strains: strains, those of the bodies that deform first.
+        frequency: frequencies of the modes, (n,) [Hz].
+        modes: the modes in all coordinates, (n_all, n).
+
+    Returns:
+        Whether each mode is unsupported, bool (n,).
     """
     if scene.quasi_static_above is not None:
         above: Array = frequency > scene.quasi_static_above
@@ -38,7 +46,9 @@ def unsupported_modes(
 def warn_of_folding(model: LinearModel, loops: Sequence[Loop]) -> None:
     """Warn of modes that are quasi-static in a sampled model and could make a loop unstable where they fold.
 
-    model: continuous, with the loops open
+    Args:
+        model: the continuous model with the loops open.
+        loops: the loops.
     """
     for loop in loops:
         if isinstance(loop.controller, PythonController):  # of no known gain

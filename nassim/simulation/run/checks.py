@@ -95,7 +95,7 @@ def check_stability(scene: Scene, time_step: float) -> None:
     assembly = assemble(scene)
     if assembly.circuits:
         raise ValueError('method "explicit" cannot integrate the charge of a sensor with a resistance; take another')
-    if assembly.following.inputs:
+    if assembly.prescribed.inputs:
         raise ValueError('method "explicit" cannot let joints follow inputs; take another, or let a force act there')
     fastest = float(assembly.frequency[-1])
     limit = STABLE_ANGLE / (2 * np.pi * fastest)

@@ -11,13 +11,18 @@ from nassim.scene.scene import Scene
 from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.solver import solve_static
 from nassim.simulation.exudyn.state import System
-from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.exudyn.steady_state import solve_steady_rotation
+from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.linear.linearization import linearize, state_space
 from nassim.simulation.model.accuracy import describe_steps
 from nassim.simulation.model.assembly import Assembly, assemble, motion_size
 from nassim.simulation.model.buckling import axial_forces, warn_of_buckling
-from nassim.simulation.model.initial_velocities import initial_twists, is_axisymmetric, steady_rotation_twists, has_free_rotation
+from nassim.simulation.model.initial_velocities import (
+    has_free_rotation,
+    initial_twists,
+    is_axisymmetric,
+    steady_rotation_twists,
+)
 from nassim.simulation.model.period_correction import Steps
 from nassim.simulation.model.unsupported_modes import warn_of_folding
 from nassim.simulation.run.checks import check_drives, check_exact, check_loops, check_options, check_stability

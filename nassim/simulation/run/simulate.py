@@ -18,7 +18,7 @@ from nassim.simulation.linear.stopped_runs import Stopped
 from nassim.simulation.model.assembly import assemble, motion_size
 from nassim.simulation.model.buckling import warn_of_buckling
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
-from nassim.simulation.model.recorded_motion import recorded_steps, recorded_motion, traced
+from nassim.simulation.model.recorded_motion import recorded_motion, recorded_steps, traced
 from nassim.simulation.run.excitation import sampled
 from nassim.simulation.run.preparation import (
     METHODS,

@@ -247,7 +247,7 @@ class Simulation:
         n = [*(bool(np.isfinite(row).all()) for row in self._rows), False].index(False)
         del self._rows[n:]
         kept = Stopped(str(stop), np.transpose(self._rows), engine.trusted if engine else 0)
-        return kept.told(self.record if n > 1 else None, self._options.time_step)
+        return kept.public_error(self.record if n > 1 else None, self._options.time_step)
 
     def _merged(self, inputs: Mapping[str, float] | None) -> Array:
         result = self._inputs.copy()

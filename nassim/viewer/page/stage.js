@@ -1,12 +1,12 @@
-// What stands around the shapes: camera, light, axes and scale; figures with their units.
+// Surroundings of the shapes: camera, light, axes and scale; numbers with their units.
 import * as THREE from "three";
 import { OrbitControls } from "orbit";
 
 const $ = id => document.getElementById(id);
-// Directions from the middle to the viewer.
+// Directions from the centre to the camera.
 const VIEWS = { iso: [0.435, -0.819, 0.375], front: [0, -1, 0], side: [1, 0, 0], top: [0, -0.0001, 1] };
 
-// The largest of 1, 2, 5, 10 ... that is not above a number.
+// Largest of 1, 2, 5, 10 ... that is not above a number.
 export function roundDown(x) {
   const power = 10 ** Math.floor(Math.log10(x));
   return power * [5, 2, 1].find(k => k * power <= x * (1 + 1e-9));
@@ -40,7 +40,7 @@ export function makeStage({ size, bounds }) {
     controls.target.copy(middle);
     camera.lookAt(middle);
     camera.updateMatrixWorld();
-    // As large as its corners allow in what the panels leave of the window.
+    // Zoom so that all corners are visible in the part of the window beside the panels.
     let [across, up] = [0, 0];
     for (let k = 0; k < 8; k++) {
       const corner = new THREE.Vector3(...[0, 1, 2].map(i => bounds[k >> i & 1][i])).sub(middle)

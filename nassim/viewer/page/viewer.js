@@ -1,4 +1,4 @@
-// Draws a view: shapes, marks, modes, a motion. All lengths in metres, turns in radians.
+// Shows a view: shapes, marks, modes, a motion. Lengths are in metres, rotations in radians.
 import * as THREE from "three";
 import { makeStage, roundDown, text, unitOf } from "stage";
 
@@ -15,7 +15,7 @@ const COLORS = ("#440154 #482475 #414487 #355f8d #2a788e #21918c #22a884 #44bf70
 const REST = new THREE.Quaternion();
 const largestTrue = () => header.small ? motion.largest : motion.largest_deformation;
 
-// What is shown now. phase: of a mode's swing; frame: of a motion.
+// State of the page. phase: angle in the period of a mode; frame: index of an image of a motion.
 const state = { mode: 0, frame: 0, phase: Math.PI / 2, amplitude: 0.06, magnification: 1, playing: false, speed: 1,
   clock: 0, colored: modes.length > 0 || Boolean(motion && largestTrue()) };
 
@@ -36,7 +36,7 @@ const shapes = header.shapes.map(item => {
 });
 const named = Object.fromEntries(shapes.map(shape => [shape.name, shape]));
 
-// Coordinates of a shape's patterns in the mode or frame shown, for a mode with a largest displacement of 1 m.
+// Coordinates of the patterns of a shape in the current mode or image; modes have a largest displacement of 1 m.
 function coordinates(shape) {
   if (modes.length) return modes[state.mode].coordinates[shape.name] ?? [];
   const values = shape.moved?.coordinates, count = shape.form.scales.length;
@@ -52,7 +52,7 @@ function deform(shape) {
   });
 }
 
-// Shift from rest and turn about the shape's own axes in the frame shown, magnified.
+// Magnified translation from rest, and rotation about the shape's own axes, in the current image.
 function rigid(shape, factor) {
   const at = values => values ? new THREE.Vector3().fromArray(values, 3 * state.frame) : new THREE.Vector3();
   const turn = at(shape.moved?.turn), angle = turn.length() * factor;
@@ -60,7 +60,7 @@ function rigid(shape, factor) {
   return { shift: at(shape.moved?.shift).multiplyScalar(factor), quaternion };
 }
 
-// Displacement of a shape's point from rest along the world's axes, true in a motion, as its coordinates say in a mode.
+// Displacement of a point from rest along the world's axes: without magnification, modes with their own amplitude.
 function displacement(shape, index) {
   const moved = new THREE.Vector3().fromArray(shape.deformation, 3 * index);
   if (modes.length) return moved.multiplyScalar(modes[state.mode].peak).applyQuaternion(shape.turn);
@@ -82,7 +82,7 @@ for (const shape of shapes) {
   shape.color = new THREE.BufferAttribute(new Float32Array(form.points.length).fill(1), 3);
   const geometry = index => {
     const result = new THREE.BufferGeometry().setAttribute("position", attribute);
-    // Shapes may go anywhere: none is left out because of where it was.
+    // Shapes move, so that they must not be culled by their position at rest.
     result.boundingSphere = new THREE.Sphere(new THREE.Vector3(), Infinity);
     return result.setIndex(new THREE.BufferAttribute(index, 1));
   };
@@ -108,7 +108,7 @@ for (const shape of shapes) {
 }
 const meshes = shapes.flatMap(shape => shape.parts);
 
-// Marks: dots, and rods as wide on the screen at any zoom, drawn over all else, as most of them lie inside bodies.
+// Marks: dots and rods of constant width on the screen, in front of all shapes because most of them are inside bodies.
 const over = { depthTest: false, transparent: true, opacity: 0.92 };
 const marks = header.marks.map(mark => {
   const material = new THREE.MeshBasicMaterial({ color: header.kinds[mark.kind], ...over });
@@ -161,7 +161,7 @@ function placeMarks() {
   }
 }
 
-// ---- what is drawn of the state
+// ---- update of the shapes from the state
 
 const largestShown = () => modes.length ? state.amplitude * size : largestTrue();
 
@@ -181,7 +181,7 @@ function update({ deformed = true } = {}) {
   draw();
 }
 
-// Colours tell displacements, in large motion those by deformation; those of a mode at the end of its swing.
+// Colours show displacements (in large motion deformations); those of a mode at its largest amplitude.
 function paint(shape) {
   const target = shape.color.array, color = new THREE.Color(), { deformation } = shape;
   const whole = motion && header.small, most = modes.length ? 1 : largestTrue() || 1;
@@ -210,7 +210,7 @@ function writeFigures() {
   $("quantity").textContent = `${header.small ? "displacement" : "deformation"} [${unit}]`;
   $("figures").replaceChildren(...[1, 0.75, 0.5, 0.25, 0].map(share =>
     element("span", { textContent: Number((share * largest / factor).toPrecision(3)) })));
-  $("amplitude-text").textContent = `${text(state.amplitude * size)}; a mode has no size of its own`;
+  $("amplitude-text").textContent = `${text(state.amplitude * size)}; the amplitude of a mode is arbitrary`;
   $("magnification-text").textContent = `× ${Number(state.magnification.toPrecision(2)).toLocaleString("en")}`;
   $("play").textContent = state.playing ? "pause" : "play";
   if (motion) {
@@ -222,8 +222,7 @@ function writeFigures() {
 }
 const digits = motion ? Math.max(0, Math.min(6, 1 - Math.floor(Math.log10((time.at(-1) - time[0]) / time.length || 1)))) : 0;
 
-// ---- drawing
-
+// ---- rendering
 let wanted = false;
 function draw() {
   if (wanted) return;
@@ -254,7 +253,7 @@ if (seen.length === 1) {
     addSwitch("parts", mesh.userData.label, mesh.userData.color, true, on => { mesh.visible = on; });
   }
 } else {
-  // What was placed as a whole, under a name of its own before a stroke, is one part where there are many.
+  // With many shapes, those of one placed scene (equal name before the slash) share one switch.
   const groups = Object.groupBy(seen, ({ name }) => seen.length > 12 ? name.split("/")[0] : name);
   for (const [name, items] of Object.entries(groups)) {
     addSwitch("parts", name, items[0].colors[0], true, on => { for (const { group } of items) group.visible = on; });
@@ -300,7 +299,7 @@ function advance(now) {
   const passed = Math.min(0.1, Math.max(0, (now - state.last) / 1e3));
   state.last = now;
   if (modes.length) {
-    state.phase += passed * Math.PI; // a swing in two seconds
+    state.phase += passed * Math.PI; // one period in two seconds
     update({ deformed: false });
   } else {
     state.clock = (state.clock + passed * state.speed) % (time.at(-1) - time[0] || 1);
@@ -340,7 +339,7 @@ addEventListener("keydown", event => {
   event.preventDefault();
   play(!state.playing);
 });
-// A button in focus would be pressed by the space bar's release as well.
+// Without this handler, the release of the space bar would also press the button in focus.
 addEventListener("keyup", event => { if (event.code === "Space") event.preventDefault(); });
 
 // ---- names under the pointer
@@ -392,7 +391,7 @@ resize();
 look("iso");
 recolor();
 
-// For whoever wants to read what is shown: [x, y, z] in metres along the world's axes.
+// Interface for programs that read the displayed values: [x, y, z] in metres along the world's axes.
 window.nassim = { header, state, shapes, marks, ready: true, under,
   displacement: (name, index) => displacement(named[name], index).toArray(),
   drawn: (name, index) => drawnAt({ shape: named[name], index }).toArray(),

@@ -1,0 +1,74 @@
+"""Coordinates of a scene: all coordinates of its moving bodies, and measures on them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy
+
+from nassim.base.checks import Array
+from nassim.scene.measures import Measure
+from nassim.scene.scene import Scene
+from nassim.simulation.model.states import ReferenceState
+
+
+@dataclass(frozen=True)
+class Coordinates:
+    """All coordinates of a scene's moving bodies in the reference configuration, and measures on them.
+
+    Attributes:
+        scene: the scene.
+        slices: slice of each moving body's coordinates among all, by name.
+        mass: mass matrix of all coordinates, (n_all, n_all).
+    """
+
+    scene: Scene
+    slices: dict[str, slice]
+    mass: Array
+
+    @classmethod
+    def of(cls, scene: Scene) -> "Coordinates":
+        """Number the coordinates of a scene."""
+        bodies = [body for body in scene.bodies if body.moves]
+        blocks = [body.mass_matrix for body in bodies]
+        ends = np.cumsum([0, *map(len, blocks)])
+        places = {body.name: slice(ends[k], ends[k + 1]) for k, body in enumerate(bodies)}
+        return cls(scene, places, scipy.linalg.block_diag(*blocks))
+
+    @cached_property
+    def states(self) -> dict[str, ReferenceState]:
+        """States of all bodies in the reference configuration, by name."""
+        return {body.name: ReferenceState(body) for body in self.scene.bodies}
+
+    def jacobian(self, measure: Measure, states: Mapping[str, ReferenceState] | None = None) -> Array:
+        """Evaluate a measure's rows on all coordinates.
+
+        Args:
+            measure: the measure, of k components.
+            states: states of the bodies, by name; default: the reference configuration.
+
+        Returns:
+            The rows, (k, n_all).
+        """
+        _, parts = measure.evaluate(self.states if states is None else states)
+        result = np.zeros((len(measure.components), len(self.mass)))
+        for name, rows in parts.items():
+            if name in self.slices:
+                result[:, self.slices[name]] = rows
+        return result
+
+    def motion(self, path: str) -> Array:
+        """Return the small motion of a point in the world's frame, (6, n_all)."""
+        body, point = self.scene.split(path)
+        rows = np.zeros((6, len(self.mass)))
+        if body.moves:
+            rows[:, self.slices[body.name]] = body.motion(point)
+        return rows
+
+    def weight(self, gravity: Array, states: Mapping[str, ReferenceState] | None = None) -> Array:
+        """Return the forces of a uniform gravity, world frame, (3,) [m/s2], on all coordinates, (n_all,)."""
+        result = np.zeros(len(self.mass))
+        for name, place in self.slices.items():
+            result[place] = (states or self.states)[name].weight(gravity)
+        return result

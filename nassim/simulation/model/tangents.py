@@ -1,0 +1,118 @@
+"""Tangents of force laws about the static equilibrium of small motion."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nassim.base.checks import Array
+from nassim.scene.terms import ForceLaw, Term
+from nassim.simulation.model.coordinates import Coordinates
+
+NO_EQUILIBRIUM = (
+    "no static equilibrium: can a body move freely? Add joints, leave gravity out, or start from the reference "
+    'configuration by simulate(..., start="released")'
+)
+EQUILIBRIUM_ITERATIONS = 100
+LEFT_OVER = 1e-11
+"""Share of the weight that may be out of balance in static equilibrium."""
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """A force law about the static equilibrium of small motion.
+
+    Attributes:
+        law: the force law.
+        rows: Jacobian of its measure on all coordinates, (k, n_all).
+        value: value of the measure, (k,).
+        stiffness: derivative of the resistance with respect to the value, (k, k).
+        damping: derivative of the resistance with respect to the rate, (k, k).
+    """
+
+    law: ForceLaw
+    rows: Array
+    value: Array
+    stiffness: Array
+    damping: Array
+
+    @classmethod
+    def of(cls, law: ForceLaw, rows: Array, coordinates: Array) -> "Tangent":
+        """Evaluate the tangent at given coordinates, (n_all,)."""
+        value = rows @ coordinates
+        return cls(law, rows, value, *law.tangents(value, np.zeros(len(value))))
+
+
+def law_tangents(coordinates: Coordinates, terms: Sequence[Term], basis: Array) -> list[Tangent]:
+    """Compute the tangents of force laws about the static equilibrium under gravity.
+
+    The equilibrium is at zero where all laws are linear.
+
+    Args:
+        coordinates: coordinates of the scene.
+        terms: terms of the parts.
+        basis: motions that the constraints leave, (n_all, n).
+
+    Returns:
+        The tangents, in the order of the laws.
+
+    Raises:
+        ValueError: if no equilibrium is found, and for a law whose tangent stiffness is negative there.
+    """
+    laws = [(term, coordinates.jacobian(term.measure)) for term in terms if isinstance(term, ForceLaw)]
+    at_rest = np.zeros(len(coordinates.mass))
+    if any(not law.is_linear for law, _ in laws):
+        at_rest = _nonlinear_equilibrium(coordinates, laws, basis)
+    result = [Tangent.of(law, rows, at_rest) for law, rows in laws]
+    for tangent in result:
+        least = float(np.linalg.eigvalsh(0.5 * (tangent.stiffness + tangent.stiffness.T))[0])
+        if least < -LEFT_OVER * np.abs(tangent.stiffness).max():
+            raise ValueError(
+                f"the {type(tangent.law).__name__} between {', '.join(tangent.law.measure.points)} pushes away from "
+                f"equilibrium, with a tangent of {least:.3g}: it has no model of small motion; simulate in large "
+                'motion (fidelity "ffrf", or rigid bodies alone)'
+            )
+    return result
+
+
+def tangent_of(coordinates: Coordinates, law: ForceLaw, tangents: Sequence[Tangent]) -> Tangent:
+    """Return the tangent of a law that another part states again; a law within a body is taken about zero."""
+    rows = coordinates.jacobian(law.measure)
+    for tangent in tangents:
+        if type(tangent.law) is type(law) and np.array_equal(tangent.rows, rows):
+            return Tangent(law, rows, tangent.value, *law.tangents(tangent.value, np.zeros(len(rows))))
+    return Tangent.of(law, rows, np.zeros(rows.shape[1]))
+
+
+def _nonlinear_equilibrium(coordinates: Coordinates, laws: Sequence[tuple[ForceLaw, Array]], basis: Array) -> Array:
+    """Find the coordinates at rest under gravity, (n_all,), by Newton's method with halved steps.
+
+    Rigid-body modes stay at zero.
+    """
+    scene, scale = coordinates.scene, 1 / np.sqrt(np.einsum("ij,ij->j", basis, coordinates.mass @ basis))
+    free, weight = basis * scale, coordinates.weight(scene.gravity)
+    elastic = np.zeros_like(coordinates.mass)
+    for body in scene.bodies:
+        if body.moves and body.strain is not None:
+            elastic[coordinates.slices[body.name], coordinates.slices[body.name]] = body.strain.stiffness
+
+    def left(q: Array) -> Array:
+        force = weight - elastic @ q
+        for law, rows in laws:
+            force = force - rows.T @ law.resistance(rows @ q, np.zeros(len(rows)))
+        result: Array = free.T @ force
+        return result
+
+    q, size = np.zeros(len(coordinates.mass)), float(np.linalg.norm(free.T @ weight))
+    for _ in range(EQUILIBRIUM_ITERATIONS):
+        now = left(q)
+        stiffness = elastic + sum(t.rows.T @ t.stiffness @ t.rows for t in (Tangent.of(*law, q) for law in laws))
+        step = free @ np.linalg.lstsq(free.T @ stiffness @ free, now, rcond=LEFT_OVER)[0]
+        held = np.linalg.norm(free.T @ stiffness @ step)
+        if held <= LEFT_OVER * max(size, 1e-300):
+            return q
+        share = 1.0
+        while share > LEFT_OVER and np.linalg.norm(left(q + share * step)) >= np.linalg.norm(now):
+            share /= 2
+        q = q + share * step
+    raise ValueError(f"scene {scene.name!r}: {NO_EQUILIBRIUM}")

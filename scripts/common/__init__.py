@@ -1,0 +1,1 @@
+"""What several scripts share: arguments, reports, costs, machines and pictures."""

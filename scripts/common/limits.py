@@ -1,0 +1,49 @@
+"""What nassim's work cannot do without: Exudyn's own steps, products of matrices, solves with unknowns held."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import exudyn as exu
+import numpy as np
+
+from nassim import FEModel, Scene
+from nassim.fem.condensation import vector_dofs
+from nassim.simulation import assemble
+from nassim.simulation.exudyn.state import find_accelerations
+from nassim.simulation.exudyn.system import build_system
+from nassim.simulation.model.period_correction import Steps
+
+BLOCK = 64
+"""Samples in a block of exact steps."""
+PUSH = 1e-5
+"""Of every input [V], [N], [N m]: something must move, else Newton's iterations have nothing to do."""
+
+
+def exudyns_steps(scene: Scene, step: float, n_steps: int) -> Callable[[], Any]:
+    """Steps of Exudyn's solver on a scene's system under constant inputs: no loops, nothing watched nor recorded."""
+    system = build_system(assemble(scene), {}, Steps(step))
+    system.apply(dict.fromkeys(scene.inputs, PUSH))
+    settings = exu.SimulationSettings()
+    settings.solution.file.write = False
+    settings.solution.sensors.writePeriod = settings.timeIntegration.endTime = n_steps * step
+    settings.timeIntegration.verboseMode = 0
+    settings.timeIntegration.numberOfSteps = n_steps
+    settings.timeIntegration.adaptiveStep = False
+    settings.timeIntegration.generalizedAlpha.spectralRadius = 1.0
+    if system.sparse:
+        settings.linearSolver.solverType = exu.LinearSolverType.EigenSparse
+    find_accelerations(system, settings)
+    # The system lives as long as its container.
+    return partial(lambda _, solve: solve(settings), system, system.mbs.SolveDynamic)
+
+
+def bare_product(states: int, inputs: int, outputs: int, samples: int) -> Callable[[], Any]:
+    """The product that makes outputs, block by block, of the states when each begins and of its inputs."""
+    given = states + BLOCK * inputs
+    return partial(np.matmul, np.ones((-(-samples // BLOCK), given)), np.ones((given, BLOCK * outputs)))
+
+
+def held_unknowns(model: FEModel) -> np.ndarray:
+    """What nassim's route holds at zero while it solves, indices."""
+    return np.unique(np.concatenate([vector_dofs(coupling, model.n_dofs) for coupling in model.couplings]))

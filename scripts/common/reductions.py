@@ -1,0 +1,153 @@
+"""Routes from the APA300ML's mesh to its reduction, with what each costs."""
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import exudyn.FEM as exudyn_fem
+import netgen.occ  # noqa: F401  (before ngsolve: loads the CAD kernel)
+import ngsolve as ng
+import numpy as np
+import scipy.sparse as sp
+
+from common.costs import cost_since
+from common.limits import held_unknowns
+from models.apa300ml import make_apa300ml
+from nassim import FEModel, Solid, condense, craig_bampton
+from nassim.base import eigenmodes
+from nassim.fem import assemble_mesh, full_eigenfrequencies, generate_mesh, make_coupling, threads
+from nassim.fem.solver import factorize
+
+N_MODES = 6
+N_SOLVES = 78
+"""What the reduction to five rbe2 points and six modes takes: 24 static modes, 34 for seven modes by Lanczos, 19 for
+the truncation error, one trial."""
+
+
+@dataclass(frozen=True)
+class ExudynReduction:
+    """Exudyn's FE interface with its mode basis, its bilinear forms of mass and stiffness, the interfaces' nodes."""
+
+    fem: Any
+    forms: tuple[Any, Any]
+    interfaces: list[list[int]]
+
+
+def reduce_by_exudyn(mesh: ng.Mesh, solid: Solid, *, n_modes: int, by_ngsolve: bool) -> ExudynReduction:
+    """From the mesh to Exudyn's Hurty-Craig-Bampton basis, by its NGSolve variant or by SciPy."""
+    materials = {
+        name: {"youngsModulus": m.young_modulus, "poissonsRatio": m.poisson_ratio, "density": m.density}
+        for name, m in solid.materials.items()
+    }
+    fem = exudyn_fem.FEMinterface()
+    faces = sorted({face for point in solid.remote_points for face in point.faces})
+    mass, stiffness, _ = fem.ImportMeshFromNGsolve(mesh, materials=materials, meshOrder=2, boundaryNamesList=faces)
+    interfaces = [
+        sorted({node for face in point.faces for node in fem.GetNodesOfNGsolveBoundary(mesh, face)})
+        for point in solid.remote_points
+    ]
+    if by_ngsolve:
+        fem.ComputeHurtyCraigBamptonModesNGsolve(mass, stiffness, interfaces, n_modes)
+    else:
+        fem.ComputeHurtyCraigBamptonModes(interfaces, n_modes, useSparseSolver=True)
+    return ExudynReduction(fem, (mass, stiffness), interfaces)
+
+
+def full_model(reduction: ExudynReduction, solid: Solid) -> FEModel:
+    """Exudyn's own matrices in the form of which nassim knows the full eigenfrequencies."""
+    positions = reduction.fem.GetNodePositionsAsArray()
+    n = len(positions)
+    fields = np.vstack([np.ones(n), positions.T])
+    couplings = tuple(
+        make_coupling(point, np.array(nodes), fields[:, nodes], fields[:, nodes])
+        for point, nodes in zip(solid.remote_points, reduction.interfaces, strict=True)
+    )
+    mass, stiffness = (_to_scipy(form.mat) for form in reduction.forms)
+    return FEModel(solid.name, stiffness=stiffness, scalar_mass_matrix=mass[:n, :n], fields=fields, couplings=couplings)
+
+
+def clamped_eigenfrequencies(reduction: ExudynReduction, model: FEModel) -> np.ndarray:
+    """Eigenfrequencies of Exudyn's basis [Hz]: it leaves out the first interface's motions, as if that were clamped."""
+    basis = reduction.fem.modeBasis["matrix"]
+    # Exudyn counts x y z per node, nassim all nodes per direction.
+    basis = basis.reshape(-1, 3, basis.shape[1]).transpose(1, 0, 2).reshape(model.n_dofs, -1)
+    return eigenmodes(basis.T @ (model.stiffness @ basis), basis.T @ (model.mass_matrix @ basis))[0]
+
+
+def _to_scipy(matrix: Any) -> sp.csr_matrix:
+    values, columns, starts = (np.array(part) for part in matrix.CSR())
+    return sp.csr_matrix((values, columns, starts), shape=(matrix.height, matrix.width))
+
+
+def measure(route: str, size: float, curvature: float) -> dict[str, Any]:
+    """Time and memory of a route: "bare", "reduce", or one of those that stand side by side with their errors.
+
+    "limit" is one of the latter: what nassim's route spends in the sparse solver alone.
+    """
+    if route in ("bare", "reduce"):
+        solid = make_apa300ml()
+        mesh = ng.Mesh(generate_mesh(solid, element_size=size, curvature=curvature))
+        mesh.Curve(2)
+        return bare_factorisation(mesh, solid) if route == "bare" else whole_reduction(mesh, solid)
+    return solver_alone(size, curvature) if route == "limit" else beside_exudyn(route, size, curvature)
+
+
+def whole_reduction(mesh: ng.Mesh, solid: Solid) -> dict[str, Any]:
+    """Everything after meshing."""
+    start = time.perf_counter()
+    body = craig_bampton(assemble_mesh(mesh, solid, 2), n_modes=N_MODES)
+    n = len(body.mass_matrix)
+    return {"nodes": ng.H1(mesh, order=2).ndof, "size": n, **cost_since(start)}
+
+
+def bare_factorisation(mesh: ng.Mesh, solid: Solid) -> dict[str, Any]:
+    """Only assembly and factorisation of the stiffness matrix."""
+    start = time.perf_counter()
+    with threads():
+        space = ng.VectorH1(mesh, order=2, dirichlet="bottom_pad")
+        u, v = space.TnT()
+        lame, mu = (mesh.MaterialCF({k: m.lame_parameters[i] for k, m in solid.materials.items()}) for i in (0, 1))
+        stiffness = ng.BilinearForm(space, symmetric=True, symmetric_storage=True)
+        stiffness += (
+            2 * mu * ng.InnerProduct(ng.Sym(ng.Grad(u)), ng.Sym(ng.Grad(v))) + lame * ng.div(u) * ng.div(v)
+        ) * ng.dx
+        inverse = stiffness.Assemble().mat.Inverse(space.FreeDofs(), inverse="sparsecholesky")
+    cost = cost_since(start)
+    del inverse
+    return {"nodes": space.ndof // 3, **cost}
+
+
+def solver_alone(size: float, curvature: float) -> dict[str, Any]:
+    """The factorisation and the solves that nassim's route makes, all columns known at once, and nothing else."""
+    solid = make_apa300ml(coupling="rbe2", stack_coupling="rbe2")
+    mesh = ng.Mesh(generate_mesh(solid, element_size=size, curvature=curvature))
+    mesh.Curve(2)
+    model = assemble_mesh(mesh, solid, 2)
+    columns = np.random.default_rng(0).standard_normal((model.n_dofs, N_SOLVES))
+    held = held_unknowns(model)
+    start = time.perf_counter()
+    factor = factorize(model.stiffness, held=held)
+    factor.solve(columns)
+    cost = cost_since(start)
+    return {"nodes": model.n_dofs // 3, "factorisation_s": factor.seconds, "n_solves": N_SOLVES, **cost}
+
+
+def beside_exudyn(route: str, size: float, curvature: float) -> dict[str, Any]:
+    """One route from the mesh to its mode basis or reduced body, and its error."""
+    solid = make_apa300ml(coupling="rbe2", stack_coupling="rbe2")
+    mesh = ng.Mesh(generate_mesh(solid, element_size=size, curvature=curvature))
+    start = time.perf_counter()
+    if route == "nassim":
+        mesh.Curve(2)
+        model = assemble_mesh(mesh, solid, 2)
+        body = craig_bampton(model, n_modes=N_MODES)
+        cost = cost_since(start)
+        found = body.eigenfrequencies(fixed=["bottom"])
+    else:
+        reduction = reduce_by_exudyn(mesh, solid, n_modes=N_MODES, by_ngsolve=route == "exudyn_ngsolve")
+        cost = cost_since(start)
+        model = full_model(reduction, solid)
+        found = clamped_eigenfrequencies(reduction, model)
+    full = full_eigenfrequencies(condense(model), fixed=["bottom"], n=10)
+    errors = found[:10] / full - 1
+    return {"nodes": model.n_dofs // 3, "error": float(np.abs(errors).max()), "errors": errors.tolist(), **cost}

@@ -1,0 +1,63 @@
+"""The bench's two frequency responses: compared and drawn side by side."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from common.report import with_prefix
+from nassim import FRF, LinearModel, frequency_response
+from nassim.plotting import plot_frf, plot_frf_error, plt
+
+
+def compare_frf(estimated: FRF, model: LinearModel, *, least_coherence: float = 0.99) -> dict[str, float]:
+    """Per output what `frf_errors` gives of it alone, under `output_key`."""
+    result = {}
+    for output in estimated.outputs:
+        result |= with_prefix(output, frf_errors(estimated, model, [output], least_coherence=least_coherence))
+    return result
+
+
+def frf_errors(estimated: FRF, model: LinearModel, outputs: Sequence[str], *, least_coherence: float) -> dict[str, Any]:
+    """Largest difference in dB and degrees from all inputs to some outputs where the coherence is high, and its share.
+
+    Differences are None where it is nowhere high.
+    """
+    assert estimated.coherence is not None
+    rows = [estimated.outputs.index(output) for output in outputs]
+    good = estimated.coherence[rows] > least_coherence
+    reference = frequency_response(model, estimated.frequency)
+    pairs = [(output, name) for output in outputs for name in estimated.inputs]
+    ratio = np.array([estimated.response(*pair) / reference.response(*pair) for pair in pairs])
+    ratio = ratio[np.repeat(good, len(estimated.inputs), axis=0)]
+    return {
+        "magnitude_error_dB": float(np.max(np.abs(20 * np.log10(np.abs(ratio))))) if good.any() else None,
+        "phase_error_deg": float(np.max(np.abs(np.angle(ratio, deg=True)))) if good.any() else None,
+        "coherent_share": float(np.mean(good)),
+    }
+
+
+COMPARED = {
+    "magnitude [dB]": "magnitude_error_dB:.2f",
+    "phase [deg]": "phase_error_deg:.2f",
+    "coherent [%]": "coherent_share*100:.0f",
+}
+"""Columns that print what `frf_errors` gives."""
+
+
+def plot_bode_pair(frfs: list[FRF], *, markers: list[str] | None = None) -> list[Any]:
+    """The bench's two FRFs side by side in one figure; returns the Axes."""
+    columns = plt.figure(figsize=(13, 7), layout="constrained").subfigures(1, 2)
+    axes: list[Any] = []
+    for column, (output, unit) in zip(columns, (("sensor_voltage", "V/V"), ("encoder", "m/V")), strict=True):
+        axes += plot_frf(frfs, output=output, input="actuator_voltage", unit=unit, markers=markers or [], figure=column)
+    return axes
+
+
+def plot_error_pair(frfs: list[FRF], references: list[FRF]) -> list[Any]:
+    """Errors of the bench's two FRFs side by side in one figure; returns the Axes."""
+    columns = plt.figure(figsize=(13, 6), layout="constrained").subfigures(1, 2)
+    axes: list[Any] = []
+    for column, output in zip(columns, ("sensor_voltage", "encoder"), strict=True):
+        axes += plot_frf_error(frfs, references, output=output, input="actuator_voltage", figure=column)
+    return axes

@@ -1,0 +1,89 @@
+"""Figures of a study as rows by name, for summaries and tables."""
+
+from typing import Any
+
+import numpy as np
+
+from common.report import print_table
+
+
+def labelled(figures: Any) -> dict[str, dict[str, float]]:
+    """Rows by the labels of the first dimension, columns by those of the second, of an xarray.DataArray."""
+    rows, columns = ([n if isinstance(n, str) else f"{n:g}" for n in figures[d].values.tolist()] for d in figures.dims)
+    return {name: dict(zip(columns, row, strict=True)) for name, row in zip(rows, figures.values.tolist(), strict=True)}
+
+
+def spread(study: Any, effects: Any) -> dict[str, dict[str, float]]:
+    """Per result: mean, deviation, lowest and highest of the runs, and how much of the variance a plane explains."""
+    rows = {}
+    for name in effects.result.values.tolist():
+        values = study[name].dropna("run").values
+        rows[name] = {"mean": values.mean(), "deviation": values.std(), "lowest": values.min(), "highest": values.max()}
+        rows[name]["explained"] = float(effects.explained.sel(result=name))
+    return rows
+
+
+def print_spread(title: str, rows: dict[str, dict[str, float]]) -> None:
+    """Print what `spread` gives, values with as many digits as two of the deviation make worth while."""
+    told = {}
+    for name, row in rows.items():
+        told[name] = {key: rounded(row[key], row["deviation"]) for key in ("mean", "deviation", "lowest", "highest")}
+        told[name]["explained"] = f"{100 * row['explained']:.1f}"
+    columns = {key: key for key in ("mean", "deviation", "lowest", "highest")} | {"a plane explains [%]": "explained"}
+    print_table(title, told, columns)
+
+
+def rounded(value: float, uncertainty: float, *, digits: int = 2) -> str:
+    """A number up to so many digits of its uncertainty, as text."""
+    if not (uncertainty and value):
+        return f"{value:.6g}"
+    before = int(np.floor(np.log10(abs(value))) - np.floor(np.log10(abs(uncertainty))))
+    return f"{value:#.{max(before + digits, 1)}g}".rstrip(".")
+
+
+def group_shares(indices: Any, groups: dict[str, list[str]]) -> tuple[dict[str, dict[str, float]], ...]:
+    """Total shares of the variance by group of parameters and result, and half of their intervals.
+
+    All groups together have one where effects add up.
+    """
+    shares, widths = {}, {}
+    for group, members in groups.items():
+        chosen = indices.sel(parameter=members)
+        half = chosen.total_interval.diff("bound").squeeze("bound") / 2
+        for told, values in ((shares, chosen.total.sum("parameter")), (widths, np.sqrt((half**2).sum("parameter")))):
+            told[group] = dict(zip(indices.result.values.tolist(), values.values.tolist(), strict=True))
+    return shares, widths
+
+
+def print_shares(shares: dict[str, dict[str, float]], uncertainties: dict[str, dict[str, float]]) -> None:
+    """Print what `group_shares` gives."""
+    told = {}
+    for group, row in shares.items():
+        known = {name: (share, uncertainties[group][name]) for name, share in row.items()}
+        told[group] = {name: f"{rounded(*pair, digits=1)} +- {pair[1]:.1g}" for name, pair in known.items()}
+    print_table("share of the variance", told, {n.replace("_", " "): n for n in next(iter(shares.values()))})
+
+
+def refinement(study: Any, fine: Any, names: Any) -> dict[str, dict[str, float]]:
+    """Per result: means of both meshes compared, change on the fine one over that on the coarse one, what is left.
+
+    fine: the first runs of a study repeated. Changes are against the mean of these runs, in proportion to it.
+    """
+    rows = {}
+    for name in names:
+        pair = np.array([study[name].values[: len(fine.run)], fine[name].values])
+        pair = pair[:, np.isfinite(pair).all(axis=0)]
+        coarse, refined = pair / pair.mean(axis=1, keepdims=True) - 1
+        slope = coarse @ refined / (coarse @ coarse)
+        left = np.linalg.norm(refined - slope * coarse) / np.linalg.norm(refined)
+        offset = 100 * (pair[1].mean() / pair[0].mean() - 1)
+        rows[name] = {"offset_percent": offset, "slope": slope, "left_over_percent": 100 * left}
+    return rows
+
+
+REFINED = {
+    "fine over coarse mean [%]": "offset_percent:+.2f",
+    "fine over coarse change": "slope:.3f",
+    "left over [%]": "left_over_percent:.0f",
+}
+"""Columns that print `refinement`."""
