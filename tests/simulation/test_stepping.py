@@ -279,7 +279,7 @@ def test_without_the_period_correction_steps_are_the_trapezoidal_rule(bar):
         (corrected, {"period_correction": True}),
     ):
         with Simulation(free, time_step=step, **setting) as run:
-            found += stepped(run, values[1:])[:, 0].tolist()
+            found.extend(stepped(run, values[1:])[:, 0].tolist())
     size = np.abs(rows).max()
     np.testing.assert_allclose(plain, rows, rtol=0, atol=1e-6 * size)
     errors = [np.abs(np.subtract(found, exact)[-40:]).max() / np.abs(exact).max() for found in (plain, corrected)]
@@ -339,12 +339,13 @@ def test_a_loop_that_runs_away_is_told(bar, way):
         def output(self, measured, time):
             return 2e6 * (measured[0] + 1e-9)
 
-    with (
-        Simulation(scene(bar, way, scheduled_loop(Wrong())), time_step=STEP, **options(way)) as run,
-        pytest.raises(SimulationError, match="runs away|integration failed") as caught,
-    ):
+    def run_away(run):
         for _ in range(3000):
             run.step({"f": 0.01})
+
+    with Simulation(scene(bar, way, scheduled_loop(Wrong())), time_step=STEP, **options(way)) as run:
+        with pytest.raises(SimulationError, match=r"runs away|integration failed") as caught:
+            run_away(run)
     assert len(caught.value.record.time) > 20
 
 

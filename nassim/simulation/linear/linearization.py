@@ -321,9 +321,9 @@ def linearize_closed(
 
     Limits and quantisation of the loops' converters are left out.
 
-    The model is sampled at the loops' rate: it is exactly what a simulation without saturation gives at its samples, with
-    the excitation held between them. The sampled model warns of modes that are quasi-static in it and could make a loop
-    unstable.
+    The model is sampled at the loops' rate: it is exactly what a simulation without saturation gives at its samples,
+    with the excitation held between them. The sampled model warns of modes that are quasi-static in it and could make a
+    loop unstable.
 
     Args:
         scene: the scene.
@@ -341,8 +341,8 @@ def linearize_closed(
         The linear model.
 
     Raises:
-        ValueError: for a scene without loops, for an unknown loop, for one whose controller has no linear model, and for several
-            sample rates unless continuous.
+        ValueError: for a scene without loops, for an unknown loop, for one whose controller has no linear model, and
+            for several sample rates unless continuous.
     """
     if not scene.loops:
         raise ValueError(f"scene {scene.name!r} has no loops; use linearize")
