@@ -72,6 +72,7 @@ NOT_DATA = {
         "Limit",
         "Options",
         "PythonController",
+        "SimulationState",
         "WarningLog",
         "RotorPartition",
         "Plant",

@@ -343,9 +343,11 @@ def test_a_loop_that_runs_away_is_told(bar, way):
         for _ in range(3000):
             run.step({"f": 0.01})
 
-    with Simulation(scene(bar, way, scheduled_loop(Wrong())), time_step=STEP, **options(way)) as run:
-        with pytest.raises(SimulationError, match=r"runs away|integration failed") as caught:
-            run_away(run)
+    with (
+        Simulation(scene(bar, way, scheduled_loop(Wrong())), time_step=STEP, **options(way)) as run,
+        pytest.raises(SimulationError, match=r"runs away|integration failed") as caught,
+    ):
+        run_away(run)
     assert len(caught.value.record.time) > 20
 
 

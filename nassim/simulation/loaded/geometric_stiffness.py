@@ -13,9 +13,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
-from nassim.base.rigid_motion import rigid_transfer
+from nassim.base.rigid_motion import rigid_transfer, skew
 from nassim.scene.bodies import FlexibleBody
-from nassim.scene.measures import Measure, PointMeasure, Pose, inverse_right_jacobian
+from nassim.scene.measures import Measure, PointMeasure, Pose
 from nassim.scene.terms import Constraint
 from nassim.simulation.model.assembly import Assembly
 
@@ -121,27 +121,32 @@ class GeometricStiffness:
         reference = [scene.point_position(path) for path in measure.points]
         motion = np.vstack([self._motion(path) for path in measure.points])
         arms = [place - self._frame(path).position for path, place in zip(measure.points, reference, strict=True)]
-        n = len(motion)
-        # Lengths in units of the arms and distances, so that one step fits displacements and rotations.
-        size = max(float(np.ptp(reference, axis=0).max()), *(float(np.linalg.norm(arm)) for arm in arms), 1e-6)
-        scale = np.tile(np.repeat([size, 1.0], 3), n // 6)
+        n, moving = len(motion), np.flatnonzero(motion.any(axis=0))
+        motion = motion[:, moving]
 
         def forces(moved: Array) -> Array:
             charts = [_chart(*chart) for chart in zip(reference, arms, np.split(moved, n // 12), strict=True)]
-            rows = measure.at([pose for pose, _ in charts], reference)[1]
-            parts = [
-                block @ jacobian for block, (_, jacobian) in zip(np.split(rows, n // 12, axis=1), charts, strict=True)
-            ]
-            result: Array = force @ np.hstack(parts)
-            return result
+            along = force @ measure.at([pose for pose, _ in charts], reference)[1]
+            return np.concatenate(
+                [part @ jacobian for part, (_, jacobian) in zip(np.split(along, n // 12), charts, strict=True)]
+            )
 
-        columns = []
-        for k in range(n):
-            step = ROTATION_STEP * scale[k] * np.eye(n)[k]
-            near, far = (forces(m * step) - forces(-m * step) for m in (1, 2))
-            columns.append((8 * near - far) / (12 * step[k]))
-        bends = np.array(columns)
-        result: Array = motion.T @ (0.5 * (bends + bends.T)) @ motion
+        # Rigid bodies have fewer coordinates than the motions of their points and frames have components.
+        unit = np.eye(n)[:, motion.any(axis=1)]
+        directions = motion if len(moving) <= unit.shape[1] else unit
+        # Lengths in units of the arms and distances, so that one step fits displacements and rotations.
+        size = max(float(np.ptp(reference, axis=0).max()), *(float(np.linalg.norm(arm)) for arm in arms), 1e-6)
+        scale = np.tile(np.repeat([size, 1.0], 3), n // 6)
+        slopes = []
+        for direction in directions.T:
+            step = ROTATION_STEP / np.abs(direction / scale).max()
+            near, far = (forces(m * step * direction) - forces(-m * step * direction) for m in (1, 2))
+            slopes.append((8 * near - far) / (12 * step))
+        stiffness = np.array(slopes) @ motion
+        if directions is unit:
+            stiffness = motion.T @ unit @ stiffness
+        result = np.zeros((len(self.assembly.basis),) * 2)
+        result[np.ix_(moving, moving)] = 0.5 * (stiffness + stiffness.T)
         return result
 
     def _frame(self, path: str) -> Frame:
@@ -157,21 +162,28 @@ class GeometricStiffness:
 
 def _chart(reference: Array, arm: Array, moved: Array) -> tuple[Pose, Array]:
     """Return a point's pose at small motions (12,) of its frame and itself, and its velocities by theirs, (6, 12)."""
-    frame, point = moved[:6], moved[6:]
-    theta = frame[3:]
+    shift, theta = moved[:3], moved[3:6]
     rotation = Rotation.from_rotvec(theta).as_matrix()
-    relative = np.hstack([-rigid_transfer(arm), np.eye(6)])  # deformation d and e, linear in the small motions
-    d, e = np.split(relative @ moved, 2)
-    position = reference - arm + frame[:3] + rotation @ (arm + d)
+    beside = moved[6:] - rigid_transfer(arm) @ moved[:6]  # deformation d and e, linear in the small motions
+    d, e = beside[:3], beside[3:]
+    bent = rotation @ left_jacobian(e)
     jacobian = np.zeros((6, 12))
-    left = np.linalg.inv(inverse_right_jacobian(-theta))
-    jacobian[:, :6] = rigid_transfer(rotation @ (arm + d)) @ np.block(
-        [[np.eye(3), np.zeros((3, 3))], [np.zeros((3, 3)), left]]
-    )
-    jacobian[:3] += rotation @ relative[:3]
-    jacobian[3:] += rotation @ np.linalg.inv(inverse_right_jacobian(-e)) @ relative[3:]
-    assert len(point) == 6
+    jacobian[:3, :3], jacobian[:3, 6:9], jacobian[3:, 9:] = np.eye(3) - rotation, rotation, bent
+    spin = left_jacobian(theta)
+    jacobian[:3, 3:6] = skew(rotation @ (arm + d)).T @ spin + rotation @ skew(arm)
+    jacobian[3:, 3:6] = spin - bent
+    position = reference - arm + shift + rotation @ (arm + d)
     return (position, rotation @ Rotation.from_rotvec(e).as_matrix()), jacobian
+
+
+def left_jacobian(vector: Array) -> Array:
+    """Return J with omega = J v' for a rotation vector v, (3,), and the angular velocity omega, (3, 3)."""
+    cross, square = skew(vector), float(vector @ vector)
+    angle = np.sqrt(square)
+    if angle < 1e-4:
+        return np.eye(3) + (0.5 - square / 24) * cross + (1 / 6 - square / 120) * cross @ cross
+    first, second = (1 - np.cos(angle)) / square, (angle - np.sin(angle)) / (angle * square)
+    return np.eye(3) + first * cross + second * cross @ cross
 
 
 def spring_forces(assembly: Assembly, coordinates: Array) -> Array:

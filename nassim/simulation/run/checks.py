@@ -7,10 +7,11 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.scene.scene import Scene
-from nassim.scene.terms import ForceLaw, Output
+from nassim.scene.terms import Output
 from nassim.simulation.linear.digital_controllers import samples_per_period
 from nassim.simulation.linear.linearization import linearize
 from nassim.simulation.model.assembly import assemble
+from nassim.simulation.model.capabilities import EXACT, check_capabilities
 
 STABLE_ANGLE = 2.6
 """Angle [rad] per step up to which Runge and Kutta's rule of order 4 is stable for every damping."""
@@ -81,12 +82,7 @@ def check_exact(scene: Scene) -> None:
         raise ValueError(
             f'method "exact" is for small motion: in scene {scene.name!r}, {found}; take generalized_alpha'
         )
-    for law in scene.terms_of(ForceLaw):
-        if not law.is_linear:
-            raise ValueError(
-                f'method "exact" steps linear models: in scene {scene.name!r}, a {type(law).__name__} between '
-                f"{', '.join(law.measure.points)} is not linear; take generalized_alpha"
-            )
+    check_capabilities(scene, EXACT)
 
 
 def check_stability(scene: Scene, time_step: float) -> None:
