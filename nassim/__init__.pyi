@@ -162,7 +162,7 @@ from .systems.linear_model import (
     LinearModel as LinearModel,
     frequency_response as frequency_response,
 )
-from .systems.noise_budget import (
+from .systems.noise_budgets import (
     NoiseBudget as NoiseBudget,
     noise_budget as noise_budget,
 )

@@ -26,8 +26,8 @@ from nassim.plotting import (
     responses,
     save_figure,
 )
-from nassim.systems.noise_budget import NoiseBudget
-from nassim.systems.root_locus import RootLocus
+from nassim.systems.noise_budgets import NoiseBudget
+from nassim.systems.root_loci import RootLocus
 
 
 @pytest.fixture(autouse=True)

@@ -7,7 +7,7 @@ import numpy as np
 
 from nassim.base.checks import known
 from nassim.plotting.figures import COLORS, plt
-from nassim.systems.noise_budget import NoiseBudget
+from nassim.systems.noise_budgets import NoiseBudget
 
 
 def plot_noise_budget(

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.lines import Line2D
 
 from nassim.plotting.figures import COLORS, plt
-from nassim.systems.root_locus import Optimum, RootLocus
+from nassim.systems.root_loci import Optimum, RootLocus
 
 
 def plot_root_locus(locus: RootLocus, *, frequency: float, optimum: Optimum | None = None, ax: Any = None) -> Any:

@@ -42,7 +42,7 @@ from .linear_model import (
 from .loop_shaping import (
     crossover_controller as crossover_controller,
 )
-from .noise_budget import (
+from .noise_budgets import (
     NoiseBudget as NoiseBudget,
     noise_budget as noise_budget,
 )
@@ -54,7 +54,7 @@ from .python_control import (
 from .python_controller import (
     PythonController as PythonController,
 )
-from .root_locus import (
+from .root_loci import (
     Optimum as Optimum,
     RootLocus as RootLocus,
     iff_optimum as iff_optimum,

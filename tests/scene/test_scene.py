@@ -280,7 +280,10 @@ def test_flexible_body_checks_itself(change, message):
             "bandwidth must be positive, got 'fast'",
         ),
         (lambda: VoltageSensor("s", "a.p", resistance=np.nan), "resistance must be positive, got nan Ohm"),
-        (lambda: Loop("l", None, ("a",), ("b",)), "controller must be a Controller or a PythonController, got a NoneType"),
+        (
+            lambda: Loop("l", None, ("a",), ("b",)),
+            "controller must be a Controller or a PythonController, got a NoneType",
+        ),
         (lambda: replace(reduced(), remote_points=reduced().remote_points[:1] * 2), "used more than once: bottom"),
         (lambda: replace(reduced(), remote_points=("bottom", "top")), "remote_points must be of RemotePoint"),
         (lambda: FlexibleBody("s", replace(reduced(), remote_points=())), "needs at least one remote point"),

@@ -25,7 +25,7 @@ from nassim.systems.feedback import (
     singular_values,
 )
 from nassim.systems.linear_model import frequency_response, sampled, unstable_poles
-from nassim.systems.root_locus import root_locus
+from nassim.systems.root_loci import root_locus
 
 FREQUENCY = np.array([0.4, 31.0, 62.0, 250.0])
 MEASURE = np.array([[1.0, 0.5, -0.2], [0.3, -1.0, 2.0]])

@@ -13,7 +13,7 @@ from nassim.systems.controllers import controller_response, proportional
 from nassim.systems.coordinates import with_inputs
 from nassim.systems.feedback import close_loop
 from nassim.systems.linear_model import LinearModel, frequency_response, sampled
-from nassim.systems.noise_budget import NoiseBudget, noise_budget
+from nassim.systems.noise_budgets import NoiseBudget, noise_budget
 
 BAND = np.geomspace(1e-2, 1e5, 120)
 FINE = np.geomspace(1e-2, 1e5, 2000)

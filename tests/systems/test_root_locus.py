@@ -12,7 +12,7 @@ from nassim.simulation.linear.linearization import linearize
 from nassim.systems.controllers import decentralised, integral_force_feedback, proportional
 from nassim.systems.feedback import close_loop
 from nassim.systems.linear_model import LinearModel, damping, frequency_response, sampled, unstable_poles
-from nassim.systems.root_locus import RootLocus, iff_optimum, optimum_gain, root_locus
+from nassim.systems.root_loci import RootLocus, iff_optimum, optimum_gain, root_locus
 from nassim.systems.state_space import transmission_zeros
 
 GAINS = np.concatenate([[0.0], np.geomspace(0.01, 60.0, 140)])

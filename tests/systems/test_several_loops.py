@@ -12,7 +12,7 @@ from nassim.plotting import plot_root_locus, save_figure
 from nassim.systems.controllers import controller_response, decentralised, integral_force_feedback, proportional
 from nassim.systems.feedback import close_loop
 from nassim.systems.linear_model import LinearModel, sampled, unstable_poles
-from nassim.systems.root_locus import largest_stable_gain, optimum_gain, root_locus
+from nassim.systems.root_loci import largest_stable_gain, optimum_gain, root_locus
 
 BOTH = {"measured": ("fu", "fv"), "driven": ("Fu", "Fv")}
 GAINS = np.concatenate([[0.0], np.geomspace(1e-3, 1e3, 80)])
