@@ -84,9 +84,9 @@ def axial_stiffness(body):
 
 
 def undamped_bench_exactly(apa):
-    """A million steps of the exact solution, undamped, against the closed form."""
+    """A million steps of the exact solution, undamped, against the closed form; all modes move."""
     n = 1_000_000
-    bench = make_bench(apa=apa, fidelity="linear", damping_ratio=0.0)
+    bench = replace(make_bench(apa=apa, fidelity="linear", damping_ratio=0.0), quasi_static_above=np.inf)
     record = simulate(bench, kick(n), time_step=STEP, method="exact", progress=False)
     last = slice(n - 2000, n + 1)
     expected = free_swing(bench, record.time[last])
