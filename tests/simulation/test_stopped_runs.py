@@ -147,6 +147,16 @@ def test_a_loop_that_runs_away_on_a_slide_is_stopped(bar, small, method):
     assert caught.value.trusted_until == pytest.approx(record.time[-1], abs=0.13)
 
 
+def test_a_rigid_body_that_is_held_to_the_ground_has_not_moved():
+    """It has no node of its own beside a loop that works."""
+    scene = carriage(-200.0)
+    post = RigidBody("post", {"foot": np.zeros(3)}, 1.0, np.eye(3), scene.point_position("ground.o"))
+    held = replace(scene, bodies=(*scene.bodies, post), joints=(*scene.joints, Joint("bolt", "ground.o", "post.foot")))
+    run = {"time_step": STEP, "progress": False}
+    found, expected = (simulate(s, pushed(0.5), **run)["x"] for s in (held, scene))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_loops_that_work_are_not_stopped(bar, method):
     """Far out: an idle loop on a free fall, a strong push, a body thrown by its start, a loop at its limit."""

@@ -288,9 +288,11 @@ class System:
         return float(np.linalg.norm(rate))
 
     def distance(self, name: str) -> float:
-        """Return the distance [m] of a body's frame, or of its first point in small motion, from the reference."""
+        """Return the displacement [m] of a body's frame, or of its first point in small motion."""
         if name in self.nodes:
             return float(np.linalg.norm(self._pose(name, reference=False)[1] - self._pose(name, reference=True)[1]))
+        if name not in self.flexible:  # rigid joints hold it to a fixed body
+            return 0.0
         return float(np.linalg.norm(self.deformation(name)[:3]))
 
     def shifting(self, pairs: Sequence[tuple[str, str]]) -> Callable[[], Array]:
