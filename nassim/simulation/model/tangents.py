@@ -15,7 +15,9 @@ NO_EQUILIBRIUM = (
 )
 EQUILIBRIUM_ITERATIONS = 100
 LEFT_OVER = 1e-11
-"""Share of the weight that may be out of balance in static equilibrium."""
+"""Share of the largest stiffness below which a stiffness is rounding."""
+BALANCED = 1e-10
+"""Share of the weight by which forces may be out of balance in static equilibrium."""
 
 
 @dataclass(frozen=True)
@@ -105,14 +107,15 @@ def _nonlinear_equilibrium(coordinates: Coordinates, laws: Sequence[tuple[ForceL
 
     q, size = np.zeros(len(coordinates.mass)), float(np.linalg.norm(free.T @ weight))
     for _ in range(EQUILIBRIUM_ITERATIONS):
-        now = left(q)
         stiffness = elastic + sum(t.rows.T @ t.stiffness @ t.rows for t in (Tangent.of(*law, q) for law in laws))
-        step = free @ np.linalg.lstsq(free.T @ stiffness @ free, now, rcond=LEFT_OVER)[0]
-        held = np.linalg.norm(free.T @ stiffness @ step)
-        if held <= LEFT_OVER * max(size, 1e-300):
+        values, shapes = np.linalg.eigh(free.T @ stiffness @ free)
+        # Forces on what nothing holds stay out of balance: only the others decide.
+        held = np.abs(values) > LEFT_OVER * np.abs(values).max(initial=0.0)
+        now = shapes[:, held].T @ left(q)
+        if np.linalg.norm(now) <= BALANCED * size:
             return q
-        share = 1.0
-        while share > LEFT_OVER and np.linalg.norm(left(q + share * step)) >= np.linalg.norm(now):
+        step, share = free @ (shapes[:, held] @ (now / values[held])), 1.0
+        while share > LEFT_OVER and np.linalg.norm(shapes[:, held].T @ left(q + share * step)) >= np.linalg.norm(now):
             share /= 2
         q = q + share * step
     raise ValueError(f"scene {scene.name!r}: {NO_EQUILIBRIUM}")
