@@ -73,11 +73,11 @@ class ForceLaw(Term):
 
     def resistance(self, value: Array, rate: Array) -> Array:
         """Evaluate the generalised force against the measure, (k,), at its value and rate, (k,) each."""
-        raise NotImplementedError(f"{type(self).__name__} has no method `resistance`")
+        raise NotImplementedError(f"force law {type(self).__name__} must define the method `resistance`")
 
     def tangents(self, value: Array, rate: Array) -> tuple[Array, Array]:
         """Evaluate the derivatives of the resistance with respect to value and rate, (k, k) each."""
-        raise NotImplementedError(f"{type(self).__name__} has no method `tangents`")
+        raise NotImplementedError(f"force law {type(self).__name__} must define the method `tangents`")
 
     @property
     def is_linear(self) -> bool:

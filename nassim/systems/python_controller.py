@@ -10,7 +10,7 @@ from nassim.base.checks import Array, finite, freeze, positive
 
 
 class ControlLaw(Protocol):
-    """What a `PythonController` asks at each of its samples."""
+    """Protocol of the object that a `PythonController` calls at each sample."""
 
     def output(self, measured: Array, time: float) -> ArrayLike:
         """Compute the commands, (driven,), from the measured values, (measured,), at a time [s]."""

@@ -58,11 +58,11 @@ class Filtering:
 
     @property
     def state(self) -> Any:
-        """What changes from step to step."""
+        """Filtered values and states of the filters."""
         return dict(self.passed), {output: step.state for output, step in self.steps.items()}
 
     def restore(self, state: Any) -> None:
-        """Go back to a state."""
+        """Restore a state."""
         passed, states = state
         self.passed = dict(passed)
         for output, own in states.items():

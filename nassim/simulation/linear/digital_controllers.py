@@ -141,7 +141,7 @@ def start_controller(*loops: Loop) -> RunningControllers:
 
 
 def _converters(each: list[tuple[float, float]]) -> Callable[[Array], Array]:
-    """What converters of these resolutions and ranges make of their values."""
+    """Make a function that quantises and limits values as converters of these resolutions and ranges do."""
     if not any(step or limit < math.inf for step, limit in each):
         return lambda values: values
     converters = [converter(step, limit) for step, limit in each]
@@ -149,7 +149,7 @@ def _converters(each: list[tuple[float, float]]) -> Callable[[Array], Array]:
 
 
 def converter(step: float, limit: float) -> Callable[[float], float]:
-    """What a converter of this resolution (0: none) and range makes of a value.
+    """Make a function that quantises and limits a value as a converter of this resolution (0: none) and range does.
 
     For numbers, not arrays: a sample has few values, which NumPy's calls would take several times as long for.
     """

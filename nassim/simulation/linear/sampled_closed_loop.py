@@ -42,7 +42,7 @@ class Plant:
 
 @dataclass(frozen=True)
 class _Wiring:
-    """Where a loop's signals are: outputs that it measures; among states and raw values all others.
+    """Places of a loop's signals: of measured signals among the outputs, of others among states and raw values.
 
     controller: the loop's, without states and gains where that is in Python; law: what is asked there, of this run
     period: in time steps; held, own, waiting, before: states; seen, computed: raw values
@@ -233,12 +233,12 @@ class ClosedSteps:
 
     @property
     def _taken(self) -> Array:
-        """What the inputs do to the states, (n, inputs)."""
+        """Return the effect of the inputs on the states, (n, inputs)."""
         b = self.plant.matrices[1]
         return np.vstack([b, np.zeros((self.n - len(b), b.shape[1]))])
 
     def _shown(self, due: Iterable[_Wiring]) -> Array:
-        """What the outputs show of the states when some loops are due, (outputs, n)."""
+        """Return the outputs per unit of the states when some loops are due, (outputs, n)."""
         return _shown(self.plant, due, self.n)
 
 
@@ -299,7 +299,7 @@ def _each(matrix: Array, rows: Array) -> Array:
 
 
 def _shown(plant: Plant, due: Iterable[_Wiring], n: int) -> Array:
-    """What the outputs show of all n states when some loops are due, (outputs, n)."""
+    """Return the outputs per unit of all n states when some loops are due, (outputs, n)."""
     c = np.hstack([plant.matrices[2], plant.shown])
     result = np.hstack([c, np.zeros((len(c), n - c.shape[1]))])
     for wiring in due:
@@ -308,7 +308,7 @@ def _shown(plant: Plant, due: Iterable[_Wiring], n: int) -> Array:
 
 
 def _earlier(plant: Plant, wiring: _Wiring, n: int) -> Array:
-    """What a sample shows beside of a loop's last command and the one before, of all n states, (outputs, n)."""
+    """Return the share of a loop's last two commands in the outputs of a sample, per unit of n states, (outputs, n)."""
     result = np.zeros((len(plant.settling), n))
     if wiring.before.stop > wiring.before.start:
         first = len(plant.matrices[0])
