@@ -209,10 +209,8 @@ def test_steps_in_large_motion_with_filters_amplifiers_and_drives():
         for f, angle in values[:, 101:].T:
             other.step({"f": f, "angle": angle})
     for name in whole.names:
-        np.testing.assert_array_equal(run.record[name][:101], whole[name][:101])
-        np.testing.assert_array_equal(other.record[name], run.record[name])
-        # Reading the state costs what Newton's iterations leave.
-        np.testing.assert_allclose(run.record[name], whole[name], rtol=0, atol=1e-8 * np.abs(whole[name]).max())
+        np.testing.assert_array_equal(run.record[name], whole[name])  # reading the state has changed nothing
+        np.testing.assert_array_equal(other.record[name], whole[name])
 
 
 @pytest.mark.parametrize("way", WAYS)

@@ -128,6 +128,7 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
         massless,
         constant_forces={number: weight},
         sparse=True,
+        is_linear=all(tangent.law.is_linear for tangent in assembly.tangents),
     )
 
 

@@ -132,6 +132,7 @@ class System:
         massless: objects with coordinates without mass, and the mass matrix that `find_accelerations` gives them.
         constant_forces: forces of objects that do not depend on inputs, by number.
         sparse: whether Exudyn's sparse solver is faster.
+        is_linear: whether the equations are linear, so that Newton's iterations take one step and never restart.
         filtered: filtered values of a run, by output of `Assembly.filters`, (n_samples,) each.
         rotating_axes: by inertial output, sensors of the axes with which its directions rotate, and these directions
             times gains, (3,).
@@ -149,6 +150,7 @@ class System:
     massless: Mapping[int, Any]
     constant_forces: Mapping[int, Array] = field(default_factory=dict)
     sparse: bool = False
+    is_linear: bool = False
     filtered: dict[str, Array] = field(default_factory=dict)
     rotating_axes: dict[str, list[tuple[int, Array]]] = field(default_factory=dict)
     counts: dict[int, float] = field(default_factory=dict)
@@ -241,6 +243,8 @@ class System:
 
     def _present(self, term: Summand) -> float:
         """Return the present value of a summand, unwrapped from its last value."""
+        if term.weights is not None and not term.period:
+            return float(np.vdot(self.mbs.GetSensorValues(term.sensors[0]), term.weights))
         value = float(term.value(*(np.reshape(self.mbs.GetSensorValues(k), (1, -1)) for k in term.sensors))[0])
         if term.period:
             value += term.period * round((self.counts.get(id(term), value) - value) / term.period)

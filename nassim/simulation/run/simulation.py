@@ -13,7 +13,8 @@ from nassim.base.checks import Array, finite, known, positive
 from nassim.scene.scene import Scene
 from nassim.signals.time_history import TimeHistory
 from nassim.simulation.exudyn.monitor import Monitor
-from nassim.simulation.exudyn.solver import SteppedRun, diverged
+from nassim.simulation.exudyn.solver import diverged
+from nassim.simulation.exudyn.stepped_run import SteppedRun
 from nassim.simulation.linear.digital_controllers import runaway, see_runaway
 from nassim.simulation.linear.exact_steps import ExactSteps
 from nassim.simulation.linear.stopped_runs import Stopped, Trust
@@ -197,10 +198,9 @@ class Simulation:
 
     @property
     def state(self) -> SimulationState:
-        """The present state, with that of filters and controllers; what follows from it is the same to the last bit.
+        """The present state, with that of filters, amplifiers and controllers.
 
-        In large motion the solver takes a new Jacobian when a state is read. A run whose state is read therefore parts
-        from one whose state is not by what Newton's iterations leave, some 1e-14 of the coordinates.
+        A run that is restored from it goes on as this one does, to the last bit. Reading it changes nothing.
         """
         engine = self._running()
         return SimulationState(self._count, self._inputs, engine.state, tuple(self._rows), self._scene, self._options)
@@ -255,7 +255,7 @@ class Simulation:
             place = self._places.get(name)
             if place is None:
                 known("input", name, self._scene.inputs)
-            elif type(value) is float and math.isfinite(value):  # a step is short beside a full check
+            elif isinstance(value, float) and math.isfinite(value):  # a step is short beside a full check
                 result[place] = value
             else:
                 result[place] = finite(f"input {name!r}", value)
