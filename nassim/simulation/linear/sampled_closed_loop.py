@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
-from functools import reduce
+from functools import cached_property, reduce
 from itertools import pairwise
 
 import numpy as np
@@ -95,6 +95,11 @@ class ClosedSteps:
         return self.by_law or any(wiring.loop.input_step or wiring.loop.output_step for wiring in self.wirings)
 
     @property
+    def limited(self) -> bool:
+        """Whether a converter has a limit that outputs or commands can meet."""
+        return len(self._limits[0][0]) > 0
+
+    @property
     def n(self) -> int:
         """Number of states."""
         return self.reading.shape[1]
@@ -121,7 +126,7 @@ class ClosedSteps:
         puts = [converter(w.loop.output_step, w.controller.limit) for w in self.wirings for _ in w.loop.driven]
         values = np.empty((len(inputs) + 1, n + len(self.reading)))
         values[0, :n] = state
-        pushes, through = _each(self._taken, inputs), _each(self.through, inputs)
+        pushes, through = each(self._taken, inputs), each(self.through, inputs)
         steps: dict[int, tuple[Array, bool]] = {}
         for k, row in enumerate(values[:-1]):
             phase = (first + k) % period
@@ -154,10 +159,10 @@ class ClosedSteps:
 
     def _rows(self, states: Array, inputs: Array, first: int) -> Array:
         """Outputs and commands of k samples, (k, rows), by states at them and after, (k + 1, n), and inputs."""
-        outputs = _each(self._shown(()), states[:-1]) + _each(self.plant.matrices[3], inputs)
+        outputs = each(self._shown(()), states[:-1]) + each(self.plant.matrices[3], inputs)
         for wiring in self.wirings:
             taken = slice(-first % wiring.period, None, wiring.period)
-            outputs[taken] += _each(_earlier(self.plant, wiring, self.n), states[:-1][taken])
+            outputs[taken] += each(_earlier(self.plant, wiring, self.n), states[:-1][taken])
         return np.hstack([outputs, self._held(states[1:])])
 
     @property
@@ -171,24 +176,34 @@ class ClosedSteps:
         wirings = tuple(replace(w, law=deepcopy(next(found))) if w.law else w for w in self.wirings)
         return replace(self, wirings=wirings)
 
-    def within_limits(self, states: Array, rows: Array) -> int:
-        """How many blocks of samples come before the first in which a converter meets its limit.
+    def within_limits(self, rows: Array) -> Array:
+        """Whether samples meet no converter's limit, by outputs and commands, (..., rows); shape (...)."""
+        places, bounds = self._limits[0]
+        result: Array = np.all(np.abs(rows[..., places]) <= bounds, axis=-1)  # not >: NaN meets every limit
+        return result
 
-        states: after each block, (blocks, n); rows: outputs and commands, (blocks, k, rows)
-        """
-        inside = np.ones(len(states), dtype=bool)
-        commands = len(self.plant.shown) - len(self.plant.pushed)  # from a place among states to that in rows
+    def waits_within_limits(self, states: Array) -> Array:
+        """Whether the commands that wait meet no limit, by states, (..., n); shape (...)."""
+        places, bounds = self._limits[1]
+        result: Array = np.all(np.abs(states[..., places]) <= bounds, axis=-1)
+        return result
+
+    @cached_property
+    def _limits(self) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """Places of limited signals among outputs and commands, and among the states, with their limits."""
+        shift = len(self.plant.shown) - len(self.plant.pushed)  # from a command's place among states to that in rows
+        rows: list[tuple[int, float]] = []
+        waiting: list[tuple[int, float]] = []
         for wiring in self.wirings:
             limit = wiring.controller.limit
-            own = slice(wiring.held.start + commands, wiring.held.stop + commands)
-            for values, bound in (
-                (rows[:, :, wiring.measured], wiring.loop.input_limit),
-                (rows[:, :, own], limit),
-                (states[:, None, wiring.waiting], limit),
-            ):
-                if bound < np.inf:  # not >, as what is no number meets every limit
-                    inside &= np.all(np.abs(values) <= bound, axis=(1, 2))
-        return len(inside) if inside.all() else int(np.argmin(inside))
+            rows += [(place, wiring.loop.input_limit) for place in wiring.measured]
+            rows += [(place + shift, limit) for place in range(wiring.held.start, wiring.held.stop)]
+            waiting += [(place, limit) for place in range(wiring.waiting.start, wiring.waiting.stop)]
+        found = [[(place, bound) for place, bound in one if bound < np.inf] for one in (rows, waiting)]
+        first, second = (
+            (np.array([place for place, _ in one], dtype=int), np.array([bound for _, bound in one])) for one in found
+        )
+        return first, second
 
     def _step(self, due: tuple[bool, ...]) -> Array:
         if due not in self.steps:
@@ -292,8 +307,11 @@ def _linear_part(loop: Loop) -> Controller:
     return Controller(*nothing, given.sample_rate, given.delay, given.limit)
 
 
-def _each(matrix: Array, rows: Array) -> Array:
-    """Product of a matrix with each of some rows, (k, m), by itself: no digit of one depends on the others."""
+def each(matrix: Array, rows: Array) -> Array:
+    """Multiply a matrix, (n, m), with each of some rows, (k, m), by itself: no digit of one depends on the others.
+
+    Returns the products, (k, n).
+    """
     result: Array = np.matmul(matrix, rows[:, :, None])[:, :, 0]
     return result
 

@@ -49,9 +49,8 @@ class SimulationState:
 class Simulation:
     """A run in time that is stepped by its user, as a context manager.
 
-    The scene is assembled and brought to its start once, when the block begins. The steps are those of `simulate`: in
-    generalized-alpha the outputs are the same to the last bit. In the exact method they are so where a controller is in
-    Python or a converter has a resolution; else `simulate` takes many samples at once, and the two differ by rounding.
+    The scene is assembled and brought to its start once, when the block begins. The steps are those of `simulate`: the
+    outputs are the same to the last bit.
 
     Example:
         >>> with Simulation(scene, time_step=1e-4) as run:
