@@ -196,7 +196,7 @@ def test_a_run_is_lost_at_its_bounds(bar):
     looped = replace(plain, loops=(Loop("idle", IDLE, "z", "push"),))
     for scene, bound in ((plain, 1.0), (looped, 0.1)):
         system = build_system(assemble(scene))
-        carried = system.flexible["bar"].coordinates @ system.taken("bar")
+        carried = system.flexible["bar"].coordinates @ system.selection("bar")
         unit = np.zeros(carried.shape[1])
         unit[int(np.argmax(np.abs(carried[6 + 3])))] = 1.0  # of what turns the right end
         data = system.mbs.systemData

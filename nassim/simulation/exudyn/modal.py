@@ -74,8 +74,7 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
 
     Uncoupled entries are zero and not stored, so the time of a step is proportional to the number of modes. With drives
     that follow inputs, the amplitudes are a of `nassim.simulation.model.prescribed_motion`; the motions of the drives
-    and
-    the charges of ports with a resistance are coordinates too. The object carries all forces.
+    and the charges of ports with a resistance are coordinates too. The object carries all forces.
 
     Args:
         assembly: the assembled scene.

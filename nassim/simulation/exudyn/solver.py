@@ -39,10 +39,23 @@ def _settings(system: System) -> Any:
 
 
 def fixed_steps(system: System, n_steps: int, time_step: float, spectral_radius: float) -> Any:
-    """Make Exudyn's settings of a run with a fixed time step [s]."""
+    """Make Exudyn's settings of a run with a fixed time step.
+
+    Exudyn finds the time step as the end over the number of steps. With a power of two it is the given one to the last
+    bit; a run of fewer steps has to be stopped.
+
+    Args:
+        system: the system.
+        n_steps: least number of steps.
+        time_step: [s].
+        spectral_radius: of generalized-alpha.
+
+    Returns:
+        The settings.
+    """
     settings = _settings(system)
-    settings.timeIntegration.numberOfSteps = n_steps
-    settings.timeIntegration.endTime = n_steps * time_step
+    settings.timeIntegration.numberOfSteps = 2 ** (n_steps - 1).bit_length()
+    settings.timeIntegration.endTime = settings.timeIntegration.numberOfSteps * time_step
     settings.timeIntegration.adaptiveStep = False
     settings.timeIntegration.generalizedAlpha.spectralRadius = spectral_radius
     settings.solution.sensors.writePeriod = time_step
@@ -180,7 +193,7 @@ class _WholeRun:
         return True
 
     def begin_step(self, _mbs: Any, _time: float) -> bool:
-        """Take the samples at a time step and set what acts until the next; whether the run can go on."""
+        """Take the samples at a time step and set what acts until the next; whether to go on beyond that."""
         n = self._actions.begun
         self._look(n)
         if not self._sample():
@@ -189,7 +202,7 @@ class _WholeRun:
         if self._actions.begun % self._chunk == 0:
             self._advance(self._chunk)
             self.watch.look(n)
-        return not self._interrupts and not self.watch.lost
+        return not self._interrupts and not self.watch.lost and self._actions.begun < self.n_steps
 
     def end(self, failure: Exception | None, spectral_radius: float) -> None:
         """Take the last sample; raises Stopped where the run has not come to its end."""

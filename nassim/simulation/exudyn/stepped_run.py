@@ -12,7 +12,7 @@ from nassim.simulation.exudyn.state import System, find_accelerations
 from nassim.simulation.exudyn.step_actions import StepActions
 from nassim.simulation.linear.stopped_runs import Stopped
 
-MANY = 10**9
+MANY = 2**30
 """Steps that a run one by one may have."""
 
 
@@ -103,12 +103,12 @@ class SteppedRun:
         """A copy of all that changes from step to step, with the Jacobian, which may be that of an earlier step."""
         data, solver = self.system.mbs.systemData, self._solver
         exudyn = (data.GetSystemState(), np.array(data.GetODE2Coordinates_tt()), np.array(solver.GetAAlgorithmic()))
-        own = self.system.turns, self._actions.state, solver.it.currentTime, self.count, self._inputs, self.row
+        own = self.system.angles, self._actions.state, solver.it.currentTime, self.count, self._inputs, self.row
         return (*exudyn, self._jacobian, *own)
 
     def restore(self, state: Any) -> None:
         """Go back to a state."""
-        (system_state, accelerations, algorithmic, jacobian, turns, actions, time, *own) = state
+        (system_state, accelerations, algorithmic, jacobian, angles, actions, time, *own) = state
         self.count, self._inputs, self.row = own
         data, solver, settings = self.system.mbs.systemData, self._solver, self._settings
         self._jacobian = self._restored = jacobian
@@ -123,7 +123,7 @@ class SteppedRun:
         solver.InitializeSolverInitialConditions(self.system.mbs, settings)
         solver.it.currentTime, solver.it.currentStepSize = time, self._time_step
         data.SetODE2Coordinates_tt(accelerations, exu.ConfigurationType.Current)
-        self.system.restore_turns(turns)
+        self.system.restore_angles(angles)
         self._actions.restore(actions)
 
     def _set_jacobian(self, solver: Any, mbs: Any, settings: Any) -> bool:

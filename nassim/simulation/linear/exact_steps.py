@@ -17,7 +17,7 @@ from nassim.scene.scene import Scene
 from nassim.simulation.linear.digital_controllers import BadCommand, runaway, see_runaway
 from nassim.simulation.linear.linearization import state_space
 from nassim.simulation.linear.sample_blocks import BlockSteps, SampleBlocks, pieces, take_samples
-from nassim.simulation.linear.sampled_closed_loop import ClosedSteps, Plant, closed_steps
+from nassim.simulation.linear.sampled_closed_loop import ClosedSteps, Plant, connect_loops
 from nassim.simulation.linear.stopped_runs import Stopped, Trust
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.reach import find_reach
@@ -27,7 +27,7 @@ from nassim.systems.state_space import discretize, quasi_static, settling_respon
 CHECKS = 200
 """How often all coordinates are looked at, when blocks begin."""
 NEUTRAL = 1e-9
-"""Share of all weight that a free motion may feel by rounding."""
+"""Share of all weight that a rigid-body mode may feel by rounding."""
 
 
 @np.errstate(over="ignore", invalid="ignore")  # where a loop runs away, which is told in words
@@ -56,11 +56,11 @@ def exact_response(
     coordinates at some 200 times and at the kept samples, shape (n_all, n_times) each.
 
     Raises:
-        RuntimeError: when gravity does work on a free motion.
+        RuntimeError: when gravity does work on a rigid-body mode.
         Stopped: when a loop runs away, and when a controller in Python fails.
     """
     plant, start, risen, all_coordinates = _plant(assembly, time_step, hold_order, released)
-    closed = closed_steps(plant, assembly.scene, time_step)
+    closed = connect_loops(plant, assembly.scene, time_step)
     n_samples, n_out = inputs.shape[1], len(plant.shown)
     due = 0.0
     # With inputs that run straight, a state less its share of their present value needs that of the next no more.
@@ -121,7 +121,7 @@ class ExactSteps:
         """
         plant, start, self._risen, every = _plant(assembly, time_step, hold_order, released)
         self.assembly, self._every, self._inputs = assembly, every, inputs
-        closed = closed_steps(plant, assembly.scene, time_step)
+        closed = connect_loops(plant, assembly.scene, time_step)
         start = start - self._risen @ take_samples(inputs[:, None], 0, 1, self._risen.shape[1])[0]
         try:
             self._steps = BlockSteps(SampleBlocks(closed), start, inputs)
@@ -243,7 +243,7 @@ def _reader(
 
 
 def _check_equilibrium(assembly: Assembly) -> None:
-    """RuntimeError when gravity does work on a free motion; where it does none, equilibrium is neutral."""
+    """Raise RuntimeError when gravity does work on a rigid-body mode; without work, equilibrium is neutral."""
     modes = (assembly.basis @ assembly.shapes)[:, assembly.rigid_modes]
     moving = [body for body in assembly.scene.bodies if body.name in assembly.slices]
     mass = sum(body.rigid_inertia[0] for body in moving)

@@ -29,8 +29,8 @@ def linearize(
     *,
     angular_velocity: ArrayLike = NO_SPIN,
     axis_point: ArrayLike = NO_SPIN,
-    standing: Sequence[str] | None = None,
-    frame: str = "turning",
+    stator: Sequence[str] | None = None,
+    frame: str = "rotor",
 ) -> LinearModel:
     """Compute the linear model of a scene about its start, with the damping of its modes, bodies and dampers.
 
@@ -53,10 +53,10 @@ def linearize(
             the frame, the model is about the equilibrium under centrifugal forces, and the damping belongs to the
             rotating parts. See `nassim.simulation.loaded.spinning` for what it includes.
         axis_point: a point of the axis, (3,) [m].
-        standing: names of all bodies of the stator, fixed ones included, while the others rotate. None: with a drive,
+        stator: names of all bodies of the stator, fixed ones included, while the others rotate. None: with a drive,
             the bodies that are tied to the ground rather than to the drive's rotor; without a drive, no body.
-        frame: frame in which the states describe motion, where there are a rotor and a stator: "turning" for the
-            rotor's, "standing" for the stator's. The world's axes stand still, those of a point rotate with its body;
+        frame: frame in which the states describe motion, where there are a rotor and a stator: "rotor" for the
+            rotor's, "stator" for the stator's. The world's axes stand still, those of a point rotate with its body;
             outputs of a rotation are its deviation from the steady rotation. The bodies of the other side must be rigid
             and equal in all directions across the axis, see `nassim.simulation.loaded.rotor_frame`. The scene's
             damping_ratio is then, as in floating frames, a damping of the bodies' deformation.
@@ -69,7 +69,7 @@ def linearize(
             that makes the model depend on the angle of the rotor, and for outputs that would need an input's
             derivative.
     """
-    assembly, spin = spun(scene, angular_velocity, axis_point, standing, frame)
+    assembly, spin = spun(scene, angular_velocity, axis_point, stator, frame)
     a, b, c, d = state_space(assembly, spin)
     unsupported = np.tile(np.where(assembly.unsupported, assembly.frequency, 0.0), 2)
     return LinearModel(
@@ -78,7 +78,7 @@ def linearize(
 
 
 def spun(
-    scene: Scene, angular_velocity: ArrayLike, axis_point: ArrayLike, standing: Sequence[str] | None, frame: str
+    scene: Scene, angular_velocity: ArrayLike, axis_point: ArrayLike, stator: Sequence[str] | None, frame: str
 ) -> tuple[Assembly, Spinning]:
     """Assemble a scene, with its damping at speed, and compute the effect of its spin.
 
@@ -86,8 +86,8 @@ def spun(
         scene: the scene.
         angular_velocity: as of `linearize`, as are the following.
         axis_point: a point of the axis, (3,) [m].
-        standing: names of the bodies of the stator.
-        frame: "turning" or "standing".
+        stator: names of the bodies of the stator.
+        frame: "rotor" or "stator".
 
     Returns:
         The assembly and the effect of the spin.
@@ -97,7 +97,7 @@ def spun(
     """
     assembly = assemble(scene)
     known("frame", frame, FRAMES)
-    stand = frozenset(known("body", name, [body.name for body in scene.bodies]) for name in standing or ())
+    names = frozenset(known("body", name, [body.name for body in scene.bodies]) for name in stator or ())
     if scene.speeds:
         if np.any(angular_velocity):
             raise ValueError(f"scene {scene.name!r} has a drive that sets the spin; give no angular_velocity")
@@ -106,17 +106,17 @@ def spun(
         axis = joint.measure.rotation_axis(drive.component)
         if others or axis is None:
             raise ValueError(f"scene {scene.name!r}: a linear model is about one drive that turns at constant speed")
-        stand = stand if standing is not None else stator_bodies(assembly, joint, axis)
-        ends = [body_of(path) in stand for path in joint.points[:2]]
+        names = names if stator is not None else stator_bodies(assembly, joint, axis)
+        ends = [body_of(path) in names for path in joint.points[:2]]
         if sum(ends) != 1:
             raise ValueError(f"joint {joint.name!r}: a drive of constant speed needs a stator on one of its two sides")
         angular_velocity = (1.0 if ends[0] else -1.0) * drive.speed * axis
         axis_point = scene.point_position(joint.points[0])
-    elif not np.any(angular_velocity) or not stand:
+    elif not np.any(angular_velocity) or not names:
         return assembly, spinning(assembly, angular_velocity, axis_point)
     velocity = finite_array("angular_velocity", np.asarray(angular_velocity, dtype=float), (3,))
     partition = RotorPartition(
-        velocity, finite_array("axis_point", np.asarray(axis_point, dtype=float), (3,)), stand, frame
+        velocity, finite_array("axis_point", np.asarray(axis_point, dtype=float), (3,)), names, frame
     )
     view = FrameView(assembly, partition)
     check_constant(view)
@@ -130,8 +130,8 @@ def spinning_equilibrium(
     *,
     angular_velocity: ArrayLike = NO_SPIN,
     axis_point: ArrayLike = NO_SPIN,
-    standing: Sequence[str] | None = None,
-    frame: str = "turning",
+    stator: Sequence[str] | None = None,
+    frame: str = "rotor",
 ) -> dict[str, float]:
     """Compute the outputs of a scene at rest in a rotating frame, under centrifugal forces without gravity and inputs.
 
@@ -141,8 +141,8 @@ def spinning_equilibrium(
         scene: the scene.
         angular_velocity: as of `linearize`, as are the following.
         axis_point: a point of the axis, (3,) [m].
-        standing: names of the bodies of the stator.
-        frame: "turning" or "standing".
+        stator: names of the bodies of the stator.
+        frame: "rotor" or "stator".
 
     Returns:
         Values of the outputs, by name.
@@ -150,7 +150,7 @@ def spinning_equilibrium(
     Raises:
         ValueError: if there is no equilibrium within small motion, and if it is unstable.
     """
-    assembly, spin = spun(scene, angular_velocity, axis_point, standing, frame)
+    assembly, spin = spun(scene, angular_velocity, axis_point, stator, frame)
     state, _, readings, _ = state_space(assembly, spin)
     growing = unstable_poles(
         LinearModel(state, np.zeros((len(state), 0)), np.zeros((0, len(state))), np.zeros((0, 0)), (), ())
@@ -277,7 +277,7 @@ def _moved_by_drives(a: Assembly, spin: Spinning | None, state: Array) -> Array:
     position, velocity = slice(n), slice(n, 2 * n)
     drag, pull = prescribed.drag, np.zeros_like(prescribed.drag)
     if spin is not None:
-        drag, pull = drag + a.shapes.T @ spin.drag, a.shapes.T @ spin.pull
+        drag, pull = drag + a.shapes.T @ spin.drive_damping, a.shapes.T @ spin.drive_stiffness
     result = np.zeros((len(state), drag.shape[1]))
     # Rounding mixes modes of independent machines a little, which must not look like a prescribed motion.
     sizes = np.linalg.norm(state[velocity, velocity], axis=0)
@@ -314,8 +314,8 @@ def linearize_closed(
     delay_order: int = DELAY_ORDER,
     angular_velocity: ArrayLike = NO_SPIN,
     axis_point: ArrayLike = NO_SPIN,
-    standing: Sequence[str] | None = None,
-    frame: str = "turning",
+    stator: Sequence[str] | None = None,
+    frame: str = "rotor",
 ) -> LinearModel:
     """Compute the linear model of a scene with its loops closed.
 
@@ -334,8 +334,8 @@ def linearize_closed(
         delay_order: order of these approximations.
         angular_velocity: angular velocity of a scene that rotates, (3,) [rad/s], see `linearize`.
         axis_point: a point of the axis, (3,) [m].
-        standing: names of the bodies of the stator, see `linearize`.
-        frame: "turning" or "standing", see `linearize`.
+        stator: names of the bodies of the stator, see `linearize`.
+        frame: "rotor" or "stator", see `linearize`.
 
     Returns:
         The linear model.
@@ -355,7 +355,7 @@ def linearize_closed(
         raise ValueError(
             f"the loops of scene {scene.name!r} have several sample rates; only the continuous model has all"
         )
-    model = linearize(scene, angular_velocity=angular_velocity, axis_point=axis_point, standing=standing, frame=frame)
+    model = linearize(scene, angular_velocity=angular_velocity, axis_point=axis_point, stator=stator, frame=frame)
     if not continuous:
         warn_of_folding(model, closed)
         model = sampled(model, rates.pop())

@@ -58,15 +58,15 @@ class Spinning:
             that of dampers along rotating rows, which is not symmetric.
         equilibrium: minimal coordinates of the equilibrium, from the reference configuration, (n,); charges of ports
             with a resistance are zero.
-        drag: gyroscopic forces per unit rate of d drives that follow inputs, (n, d).
-        pull: stiffness forces per unit of these drives' motion, (n, d).
+        drive_damping: gyroscopic forces per unit rate of d drives with prescribed motion, (n, d).
+        drive_stiffness: stiffness forces per unit of these drives' motion, (n, d).
     """
 
     gyroscopic: Array
     stiffness: Array
     equilibrium: Array
-    drag: Array
-    pull: Array
+    drive_damping: Array
+    drive_stiffness: Array
 
     def __post_init__(self) -> None:
         n = len(self.equilibrium)
@@ -84,8 +84,7 @@ def spinning(
     """Compute the effect of a constant angular velocity of a whole scene, fixed bodies included.
 
     Warns of an equilibrium beyond small motion, and of stiffening within bodies and preload near buckling, which are
-    left
-    out.
+    left out.
 
     Args:
         assembly: the assembled scene.
@@ -224,8 +223,7 @@ def _bear(assembly: Assembly, force: Array) -> tuple[Array, Array]:
     """Return the elastic displacement under forces, and the forces that constraints bear, (n_all,) each.
 
     Both are of first order in the forces: the result then does not depend on how a scene is described, and a motion
-    without
-    stiffness, as a rotation about the axis, keeps none. Rigid-body modes accelerate: they bear no force.
+    without stiffness, as a rotation about the axis, keeps none. Rigid-body modes accelerate: they bear no force.
     """
     modes, elastic = assembly.basis @ assembly.shapes, ~assembly.rigid_modes
     bent, loose = modes[:, elastic], modes[:, ~elastic]
@@ -249,8 +247,7 @@ def _rest(assembly: Assembly, added: Array, force: Array, rate: float, largest: 
     """Return minimal coordinates at rest under forces on all coordinates, with the stiffness of a spin added, (n,).
 
     Each mode is scaled by its own stiffness, a rigid-body mode by that of the spin, which rounding of a stiff mode
-    would
-    else hide. rate: of the spin [rad/s]; largest: largest force that a mode of unit mass can have.
+    would else hide. rate: of the spin [rad/s]; largest: largest force that a mode of unit mass can have.
     """
     modes, free = assembly.basis @ assembly.shapes, assembly.rigid_modes
     matrix = modes.T @ added @ modes

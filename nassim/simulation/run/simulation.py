@@ -29,7 +29,7 @@ from nassim.simulation.run.preparation import (
     warn_after_steps,
 )
 
-METHODS = ("generalized_alpha", "exact")
+STEPPED_METHODS = ("generalized_alpha", "exact")
 LOOK = 50
 """Steps from one look at the run to the next."""
 
@@ -87,7 +87,7 @@ class Simulation:
         inputs: Mapping[str, float] | None = None,
         input_rates: Mapping[str, float] | None = None,
     ) -> None:
-        known("method", method, METHODS)
+        known("method", method, STEPPED_METHODS)
         step = positive("time_step", time_step, "s")
         self._scene = scene
         self._options = Options(step, method, spectral_radius, hold_order, start, period_correction)
