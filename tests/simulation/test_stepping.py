@@ -405,6 +405,19 @@ def test_a_loop_that_runs_away_is_told(bar, way):
         np.testing.assert_array_equal(records[0][name][:n], records[1][name][:n])
 
 
+@pytest.mark.parametrize("way", ["linear", "ffrf"])
+def test_a_run_that_diverges_keeps_its_record(bar, way):
+    with (
+        Simulation(scene(bar, way), time_step=STEP) as run,
+        pytest.raises(SimulationError, match=r"the run diverges: at t = .* s body 'bar'|integration failed") as caught,
+    ):
+        stepped(run, np.full(200, 1e6))
+    assert len(caught.value.record.time) == len(run.record.time) > 5
+    assert caught.value.trusted_until < run.record.time[-1]
+    with pytest.raises(RuntimeError, match="cannot go on: it has failed at t ="):
+        run.step()
+
+
 @pytest.mark.parametrize("way", WAYS)
 def test_a_step_that_is_interrupted_ends_the_run_and_keeps_the_record(bar, way):
     class Stopping:

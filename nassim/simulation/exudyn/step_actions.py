@@ -1,4 +1,4 @@
-"""What acts in a step of an Exudyn run: inputs, commands of loops, amplifiers; filters take their samples before."""
+"""Actions of an Exudyn run at every time step: samples of filters and loops, then inputs behind their amplifiers."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from nassim.simulation.linear.digital_controllers import BadCommand, start_loops
 
 
 class StepActions:
-    """Sampling of filters and loops, and forces and motions for the next step, of runs by either loop over steps.
+    """Samples of filters and loops, and forces and motions for the next step.
 
     Attributes:
         begun: number of steps begun.

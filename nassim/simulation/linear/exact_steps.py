@@ -25,7 +25,9 @@ from nassim.simulation.model.tangents import NO_EQUILIBRIUM
 from nassim.systems.state_space import discretize, quasi_static, settling_response
 
 CHECKS = 200
-"""How often all coordinates are looked at, when blocks begin."""
+"""How often all coordinates of a run are checked, at the first samples of blocks."""
+Pieces = Iterator[tuple[int, Array, Array]]
+"""Pieces of a run, as `pieces` yields them."""
 NEUTRAL = 1e-9
 """Share of all weight that a rigid-body mode may feel by rounding."""
 
@@ -70,7 +72,7 @@ def exact_response(
     read = _reader(assembly.scene, closed, risen, inputs, all_coordinates)
     seen, at_kept, trust = [], [], Trust()
     reach = find_reach(assembly, inputs, time_step) if assembly.scene.loops else None
-    for begin, states, found in _told(pieces(SampleBlocks(closed), start, inputs), rows, trust):
+    for begin, states, found in _with_record(pieces(SampleBlocks(closed), start, inputs), rows, trust):
         end, block = min(n_samples, begin + len(found)), len(found) // len(states)
         rows[:, begin:end] = found[: end - begin].T
         for k, now in enumerate(range(begin, end, block)):
@@ -97,8 +99,10 @@ def exact_response(
     return rows[:n_out], rows[n_out:], np.array(seen).T, all_kept.T
 
 
-def _told(found: Iterator[tuple[int, Array, Array]], rows: Array, trust: Trust) -> Iterator[tuple[int, Array, Array]]:
-    """Pieces of a run until a controller in Python fails, which raises Stopped with the rows until then."""
+def _with_record(
+    found: Iterator[tuple[int, Array, Array]], rows: Array, trust: Trust
+) -> Iterator[tuple[int, Array, Array]]:
+    """Yield the pieces of a run; raise Stopped with the rows until then where a controller in Python fails."""
     try:
         yield from found
     except BadCommand as bad:
@@ -165,19 +169,28 @@ class ExactSteps:
 
 
 def _stopped(bad: BadCommand) -> Stopped:
-    """The end of a run, without readings, in which a controller in Python fails."""
+    """Make the exception of a run in which a controller in Python fails, without readings."""
     return Stopped(str(bad), np.zeros((0, 0)), 0)
 
 
 def _plant(
     assembly: Assembly, h: float, hold_order: int, released: bool
 ) -> tuple[Plant, Array, Array, tuple[Array, Array]]:
-    """A scene from sample to sample, its state at the start, and what the inputs' present value adds to a state.
+    """Discretise a scene without its loops.
 
-    Gravity, where it acts, is the last input, of one. For hold_order 1, x_1 = P x_0 + G u_0 + H (u_1 - u_0), the state
-    is x - H u. Quasi-static modes are no states: see `nassim.systems.sampled`.
+    Gravity, where it acts, is the last input, of constant value one. For hold_order 1, where
+    x_1 = P x_0 + G u_0 + H (u_1 - u_0), the state is x - H u. Quasi-static modes have no states: see
+    `nassim.systems.sampled`.
 
-    Returns also all coordinates per unit of the states x, (n_all, n), and of the inputs beside, (n_all, inputs).
+    Args:
+        assembly: the scene.
+        h: time step [s].
+        hold_order: see `exact_response`.
+        released: see `exact_response`.
+
+    Returns:
+        The plant, the states x at the start, (n,), the matrix H, (n, inputs), and all coordinates per unit of the
+        states, (n_all, n), and of the inputs, (n_all, inputs).
     """
     state, drives, readings, feedthrough = state_space(assembly)
     by_states, by_inputs = _all_coordinates(assembly, *drives.shape)
@@ -212,14 +225,14 @@ def _plant(
 
 
 def _quasi_static_modes(assembly: Assembly, time_step: float) -> Array:
-    """Modes that nobody answers for and that would fold, at the time steps or at the samples of a loop, bool (n,)."""
+    """Return the modes that the mesh does not support and that would alias at a sample rate of the run, bool (n,)."""
     rates = [1 / time_step, *(loop.controller.sample_rate for loop in assembly.scene.loops)]
     result: Array = assembly.unsupported & (assembly.frequency > min(rates) / 2)
     return result
 
 
 def _all_coordinates(assembly: Assembly, n_states: int, n_inputs: int) -> tuple[Array, Array]:
-    """All coordinates per unit of the states of `state_space`, (n_all, n_states), and of its inputs beside."""
+    """Return all coordinates per unit of the states of `state_space`, (n_all, n_states), and of its inputs."""
     modes, following = assembly.basis @ assembly.shapes, assembly.prescribed
     plain = n_states - sum(len(system[0]) for system in assembly.filters.values())
     by_states = np.zeros((len(modes), n_states))
@@ -231,7 +244,7 @@ def _all_coordinates(assembly: Assembly, n_states: int, n_inputs: int) -> tuple[
 def _reader(
     scene: Scene, closed: ClosedSteps, risen: Array, inputs: Array, all_coordinates: tuple[Array, Array]
 ) -> Callable[[Array, int], Array]:
-    """A function of states (k, n), of the scene with its controllers, from a sample on: all coordinates, (k, n_all)."""
+    """Return a function of consecutive states, (k, n), and of the first sample: all coordinates, (k, n_all)."""
     (by_scene, by_inputs), (n, n_in) = all_coordinates, risen.shape
     driven = [scene.inputs.index(name) for loop in scene.loops for name in loop.driven]
     by_states = np.zeros((len(by_scene), closed.n))

@@ -119,7 +119,7 @@ class Simulation:
         try:
             self._engine = make(scene, options, self._inputs, self._rates)
         except Stopped as stop:
-            raise self._told(stop, None) from stop.__cause__
+            raise self._public_error(stop, None) from stop.__cause__
         self._closed = ""
         self._rows = [np.concatenate([self._inputs, self._engine.row])]
 
@@ -136,7 +136,7 @@ class Simulation:
         try:
             self._look(engine, self._count % LOOK or 1)
         except Stopped as stop:
-            raise self._told(stop, engine) from stop.__cause__
+            raise self._public_error(stop, engine) from stop.__cause__
         engine.warn()
 
     @property
@@ -189,7 +189,7 @@ class Simulation:
             if self._count % LOOK == 0:
                 self._look(engine, LOOK)
         except Stopped as stop:
-            raise self._told(stop, engine) from stop.__cause__
+            raise self._public_error(stop, engine) from stop.__cause__
         except BaseException:  # such as Ctrl-C within a step
             self._closed = "it was interrupted within a step"
             raise
@@ -240,7 +240,7 @@ class Simulation:
         if happened:
             raise Stopped(diverged(body, self.time, self._options.radius(scene)), rows.T, 0)
 
-    def _told(self, stop: Stopped, engine: "_ExactEngine | _ExudynEngine | None") -> BaseException:
+    def _public_error(self, stop: Stopped, engine: "_ExactEngine | _ExudynEngine | None") -> BaseException:
         """The public exception of a run that has stopped, with its record; the run cannot go on."""
         self._closed, self._engine = f"it has failed at t = {self.time:g} s", None
         n = [*(bool(np.isfinite(row).all()) for row in self._rows), False].index(False)
