@@ -466,15 +466,15 @@ def test_coriolis_forces_do_no_work():
     assert np.abs(spin.gyroscopic + spin.gyroscopic.T).max() <= 1e-12 * np.abs(spin.gyroscopic).max()
     assert np.abs(spin.stiffness - spin.stiffness.T).max() <= 1e-12 * np.abs(spin.stiffness).max()
     assembly = assemble(scene)
-    energy = scipy.linalg.block_diag(assembly.stiffness + spin.stiffness, assembly.mass)
-    n = len(assembly.mass)
-    inverse = np.linalg.inv(assembly.mass)
+    energy = scipy.linalg.block_diag(assembly.modal.stiffness + spin.stiffness, assembly.modal.mass)
+    n = len(assembly.modal.mass)
+    inverse = np.linalg.inv(assembly.modal.mass)
     step = scipy.linalg.expm(
         0.13
         * np.block(
             [
                 [np.zeros((n, n)), np.eye(n)],
-                [-inverse @ (assembly.stiffness + spin.stiffness), -inverse @ spin.gyroscopic],
+                [-inverse @ (assembly.modal.stiffness + spin.stiffness), -inverse @ spin.gyroscopic],
             ]
         )
     )
