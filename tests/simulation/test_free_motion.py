@@ -246,7 +246,7 @@ def test_a_body_tied_to_the_ground_is_not_free(block):
     tied = grounded_at(block, 1, 1e-5)
     expected = np.sqrt(scipy.linalg.eigh(tied.stiffness_matrix, tied.mass_matrix, eigvals_only=True)) / (2 * np.pi)
     np.testing.assert_allclose(tied.eigenfrequencies(), expected, rtol=1e-6)
-    assert np.count_nonzero(assemble(Scene("tied", (FlexibleBody("b", tied),))).rigid_modes) == 0
+    assert np.count_nonzero(assemble(Scene("tied", (FlexibleBody("b", tied),))).modal.rigid_modes) == 0
 
 
 def hinged(block, axis, gravity, **options):

@@ -667,7 +667,7 @@ def test_inertia_of_a_floating_frame_by_its_nodes(carrier):
         for b in eye
     ]
     assembly = assemble(Scene("nodes", (body,)))
-    terms = inertia_terms(body, frames(assembly)["nodes"], slice(0, 14), w, point)
+    terms = inertia_terms(body, frames(assembly.coordinates)["nodes"], slice(0, 14), w, point)
     np.testing.assert_allclose(terms.force, slope, rtol=0, atol=1e-5 * np.abs(slope).max())
     np.testing.assert_allclose(terms.stiffness, -np.array(bend), rtol=0, atol=1e-5 * np.abs(bend).max())
     turned = np.cross(ASKEW.T @ w, fields.transpose(0, 2, 1))

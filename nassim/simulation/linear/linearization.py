@@ -284,7 +284,7 @@ def _filter(assembly: Assembly, state: Array, drives: Array, readings: Array, fe
 def _moved_by_drives(assembly: Assembly, spin: Spinning | None, state: Array) -> Array:
     """Return the rates of all states per unit of the drives' motions, (size, d)."""
     shapes, prescribed = assembly.modal.shapes, assembly.signals.prescribed
-    n = len(shapes)
+    n = shapes.shape[1]
     position, velocity = slice(n), slice(n, 2 * n)
     drag, pull = prescribed.drag, np.zeros_like(prescribed.drag)
     if spin is not None:
