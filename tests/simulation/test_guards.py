@@ -29,11 +29,12 @@ from nassim.scene.terms import Output, OutputFilter
 from nassim.signals.time_history import occupied_bandwidth
 from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.system import build_system
-from nassim.simulation.linear import digital_controllers
 from nassim.simulation.loaded.spinning import _check_small, _warn_of_stress
 from nassim.simulation.model import buckling
 from nassim.simulation.model.assembly import assemble
+from nassim.simulation.model.digital_controllers import samples_per_period
 from nassim.simulation.model.reach import Reach
+from nassim.simulation.model.runaway import see_runaway
 from nassim.simulation.run import simulate as time_domain, warnings_of_runs
 from nassim.simulation.run.checks import check_stability
 from nassim.simulation.run.excitation import _check_loss, sampled
@@ -217,7 +218,7 @@ def test_a_run_is_lost_at_its_bounds(bar):
     turned[assembly.coordinates.slices["load"].start + 4] = 1.0
 
     def seen(share):
-        return digital_controllers.see_runaway(assembly.coordinates, reach, share * turned, 1)
+        return see_runaway(assembly.coordinates, reach, share * turned, 1)
 
     assert [bool(seen(side * 0.1)[0]) for side in SIDES] == [False, True]
     assert [seen(side * 0.01)[1] for side in SIDES] == [True, False]
@@ -235,7 +236,7 @@ def test_samples_fall_on_steps_within_a_millionth():
     loop = Loop("idle", IDLE, "y", "u")
     both_sides(
         1e-6,
-        lambda off: digital_controllers.samples_per_period(loop, 1e-3 / (4 * (1 + off))),
+        lambda off: samples_per_period(loop, 1e-3 / (4 * (1 + off))),
         refused="every 4 time steps",
     )
 

@@ -9,12 +9,12 @@ import scipy
 from nassim.base.checks import Array
 from nassim.scene.bodies import FlexibleBody
 from nassim.simulation.exudyn.state import System
-from nassim.simulation.linear.digital_controllers import RUNAWAY, SMALL_MOTION, deformed, too_far
-from nassim.simulation.linear.stopped_runs import Trust
 from nassim.simulation.model.buckling import axial_rows
 from nassim.simulation.model.damping import tied_bodies
-from nassim.simulation.model.motion_size import motion_rows
+from nassim.simulation.model.motion_size import SMALL_MOTION, motion_rows
 from nassim.simulation.model.reach import Reach
+from nassim.simulation.model.runaway import RUNAWAY, deformed, too_far
+from nassim.simulation.model.stopped_runs import Trust
 
 DIVERGED = 1.0
 """Deformation over the body's size, or rotation [rad] by deformation, above which a run diverges."""

@@ -19,10 +19,11 @@ from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.springs import rounding
 from nassim.simulation.exudyn.state import System, find_accelerations
 from nassim.simulation.exudyn.steady_state import solve_loaded_equilibrium
-from nassim.simulation.linear.digital_controllers import BadCommand, runaway, start_loops
-from nassim.simulation.linear.stopped_runs import Stopped
 from nassim.simulation.model.buckling import axial_rows
+from nassim.simulation.model.digital_controllers import BadCommand, start_loops
 from nassim.simulation.model.reach import find_reach, scene_size
+from nassim.simulation.model.runaway import runaway
+from nassim.simulation.model.stopped_runs import Stopped
 from nassim.simulation.model.tangents import NO_EQUILIBRIUM
 
 MANY = 10**9

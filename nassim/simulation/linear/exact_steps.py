@@ -15,14 +15,15 @@ import scipy
 from nassim.base.checks import Array
 from nassim.base.progress import Advance, silent
 from nassim.scene.scene import Scene
-from nassim.simulation.linear.digital_controllers import BadCommand, runaway, see_runaway
 from nassim.simulation.linear.linearization import state_space
 from nassim.simulation.linear.sampled_closed_loop import ClosedSteps, Plant, closed_steps
-from nassim.simulation.linear.stopped_runs import Stopped, Trust
 from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.digital_controllers import BadCommand
 from nassim.simulation.model.modal_model import ModalModel
 from nassim.simulation.model.reach import find_reach
+from nassim.simulation.model.runaway import runaway, see_runaway
 from nassim.simulation.model.signals import Signals
+from nassim.simulation.model.stopped_runs import Stopped, Trust
 from nassim.simulation.model.tangents import NO_EQUILIBRIUM
 from nassim.systems.state_space import StateSpace, discretize, quasi_static, repeat_step, settling_response
 

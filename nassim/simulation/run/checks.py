@@ -8,10 +8,10 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Output
-from nassim.simulation.linear.digital_controllers import samples_per_period
 from nassim.simulation.linear.linearization import linearize
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.capabilities import EXACT, check_capabilities
+from nassim.simulation.model.digital_controllers import samples_per_period
 
 STABLE_ANGLE = 2.6
 """Angle [rad] per step up to which Runge and Kutta's rule of order 4 is stable for every damping."""

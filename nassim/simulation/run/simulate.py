@@ -14,12 +14,12 @@ from nassim.simulation.exudyn.motion_recorder import MotionRecorder
 from nassim.simulation.exudyn.solver import axial_tension, eigenfrequencies, solve_dynamic, solve_static
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.linear.exact_steps import exact_response
-from nassim.simulation.linear.stopped_runs import Stopped
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.buckling import warn_of_buckling
 from nassim.simulation.model.motion_size import motion_size
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
 from nassim.simulation.model.recorded_motion import recorded_motion, recorded_steps, traced
+from nassim.simulation.model.stopped_runs import Stopped
 from nassim.simulation.run.excitation import sampled
 from nassim.simulation.run.preparation import (
     METHODS,

@@ -10,9 +10,9 @@ from nassim.base.checks import Array
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Output, OutputFilter
 from nassim.simulation.exudyn.state import System
-from nassim.simulation.linear.digital_controllers import SMALL_MOTION
 from nassim.simulation.loaded.spinning import STIFFENING, stiffening
 from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.motion_size import SMALL_MOTION
 
 RINGING = 0.8
 """Spectral radius above which accelerations in large motion may ring."""
