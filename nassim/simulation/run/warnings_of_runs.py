@@ -10,9 +10,9 @@ from nassim.base.checks import Array
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Output, OutputFilter
 from nassim.simulation.exudyn.state import System
-from nassim.simulation.linear.digital_controllers import SMALL_MOTION
 from nassim.simulation.loaded.spinning import STIFFENING, stiffening
 from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.motion_size import SMALL_MOTION
 
 RINGING = 0.8
 """Spectral radius above which accelerations in large motion may ring."""
@@ -45,7 +45,7 @@ def warn_of_motion(assembly: Assembly, largest: Mapping[str, Array]) -> None:
 
 def warn_of_changed_modes(assembly: Assembly, shifts: Mapping[tuple[str, str], Array]) -> None:
     """Warn of a scene that leaves the position in which its modes have their ratios."""
-    if not (assembly.scene.deformable_bodies and np.any(assembly.damping.ratio)):
+    if not (assembly.scene.deformable_bodies and np.any(assembly.modal.damping.ratio)):
         return
     bodies = [body for body in assembly.scene.bodies if body.moves]
     places = [body.rigid_inertia[1] for body in bodies]
