@@ -8,7 +8,22 @@ import scipy.integrate
 import scipy.signal
 
 from models.bench import make_bench
-from nassim import FRF, RigidBody, TimeHistory, estimate_frf, frequency_response, linearize, load, save, simulate
+from nassim import (
+    FRF,
+    Encoder,
+    PointForce,
+    RigidBody,
+    Scene,
+    SpringDamper,
+    TimeHistory,
+    estimate_frf,
+    frequency_response,
+    linearize,
+    load,
+    prismatic,
+    save,
+    simulate,
+)
 from nassim.base.file_registry import upgrade_fields
 from nassim.identification.apply import apply_identification, modal_gains
 from nassim.identification.modal_fit import ModalFit, identify_modes
@@ -575,6 +590,17 @@ def shifted(fit, frequency):
     )
 
 
+def plain_fit(frequency, gains, input, outputs):
+    """Modes that are known to a millionth, gains (outputs, modes), without a record."""
+    n, (n_outputs, _) = len(frequency), gains.shape
+    recorded = FRF([1.0, 100.0], np.ones((n_outputs, 1, 2)), outputs, (input,))
+    return ModalFit(
+        input=input, outputs=outputs, frequency=np.array(frequency), damping_ratio=np.full(n, 0.01), gains=gains,
+        covariance=1e-12 * np.eye((2 + n_outputs) * n), residual_terms=np.zeros((n_outputs, 0)),
+        residual_powers=np.zeros(0), recorded=recorded, noise=np.ones((n_outputs, 2)), criterion=[0.0], how={},
+    )  # fmt: skip
+
+
 @pytest.mark.parametrize("frequency", [93.0, 96.0, 104.0])
 def test_a_foreign_resonance_near_a_mode_leaves_its_damping_alone(small_bench, bench_fit, frequency):
     """A cable at 1 % of the gain beside the mode, or in place of it, within the distance: it is not modelled."""
@@ -639,6 +665,46 @@ def test_resonances_without_a_mode_are_reported_as_unmodelled(small_bench, bench
 def test_doubtful_matches_are_refused(small_bench, bench_fit, frequency, options, message):
     with pytest.raises(ValueError, match=message):
         apply_identification(small_bench, shifted(bench_fit[0], frequency), **{"trusted": "encoder", **options})
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_a_mode_matches_within_a_tenth_of_the_frequency_and_five_times_the_gain(small_bench, bench_fit, sign):
+    """Relative to the identified frequency, at the gain of the scene's own first mode."""
+    assembly = assemble(small_bench)
+    gains = modal_gains(assembly)[:, 0, :1]
+    for near, alike in ((0.9, 0.9), (1.1, 0.9), (0.9, 1.1)):
+        fit = replace(
+            shifted(bench_fit[0], [assembly.frequency[0] / (1 + sign * 0.1 * near)]), gains=(5 * alike) ** sign * gains
+        )
+        if near < 1 and alike < 1:
+            _, report = apply_identification(small_bench, fit, trusted="encoder")
+            np.testing.assert_array_equal(report.matches, [0])
+        else:
+            with pytest.raises(ValueError, match=r"lies within 10 % of a mode .* a gain within 5 times its own"):
+                apply_identification(small_bench, fit, trusted="encoder")
+
+
+def test_a_mode_is_visible_from_a_ten_thousandth_of_the_largest_gain():
+    """Two blocks on springs, 10 and 20 Hz, whose distance is read; the force is nearly across the second rail."""
+    bodies = [RigidBody(name, {"end": (0, 0, 0)}, 1.0, np.eye(3)) for name in "ab"]
+    ground = RigidBody("ground", {"end": (0, 0, 0)}, fixed=True)
+    stiffness = (2 * np.pi * np.array([10.0, 20.0])) ** 2
+    scene = Scene(
+        "blocks",
+        (ground, *bodies),
+        [prismatic(f"rail_{body.name}", "ground.end", f"{body.name}.end") for body in bodies],
+        [PointForce("push", "a.end", "z", "force")],
+        [Encoder("gap", "a.end", "b.end", axis="z")],
+        [SpringDamper(f"spring_{b}", "ground.end", f"{b}.end", "z", k) for b, k in zip("ab", stiffness, strict=True)],
+    )
+    for share in (0.9, 1.1):
+        nudge = PointForce("nudge", "b.end", (1.0, 0.0, share * 1e-4 * stiffness[1] / stiffness[0]), "force")
+        driven = replace(scene, actuators=(*scene.actuators, nudge))
+        gains = modal_gains(assemble(driven))[:, 0]
+        assert abs(gains[0, 1] / gains[0, 0]) == pytest.approx(share * 1e-4)
+        fit = plain_fit([10.0, 20.0], gains, "force", ("gap",))
+        _, report = apply_identification(driven, fit, trusted="gap")
+        np.testing.assert_array_equal(report.matches, [0, 1 if share > 1 else -1])
 
 
 @dataclass(frozen=True)
