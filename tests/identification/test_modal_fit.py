@@ -590,10 +590,10 @@ def shifted(fit, frequency):
     )
 
 
-def plain_fit(frequency, gains, input, outputs):
+def plain_fit(frequency, gains, input, outputs, band):
     """Modes that are known to a millionth, gains (outputs, modes), without a record."""
     n, (n_outputs, _) = len(frequency), gains.shape
-    recorded = FRF([1.0, 100.0], np.ones((n_outputs, 1, 2)), outputs, (input,))
+    recorded = FRF(band, np.ones((n_outputs, 1, 2)), outputs, (input,))
     return ModalFit(
         input=input, outputs=outputs, frequency=np.array(frequency), damping_ratio=np.full(n, 0.01), gains=gains,
         covariance=1e-12 * np.eye((2 + n_outputs) * n), residual_terms=np.zeros((n_outputs, 0)),
@@ -684,27 +684,47 @@ def test_a_mode_matches_within_a_tenth_of_the_frequency_and_five_times_the_gain(
                 apply_identification(small_bench, fit, trusted="encoder")
 
 
-def test_a_mode_is_visible_from_a_ten_thousandth_of_the_largest_gain():
-    """Two blocks on springs, 10 and 20 Hz, whose distance is read; the force is nearly across the second rail."""
+def blocks(share):
+    """Two blocks on springs, 10 and 20 Hz, whose distance is read; a force has this share of static effect on b."""
     bodies = [RigidBody(name, {"end": (0, 0, 0)}, 1.0, np.eye(3)) for name in "ab"]
     ground = RigidBody("ground", {"end": (0, 0, 0)}, fixed=True)
     stiffness = (2 * np.pi * np.array([10.0, 20.0])) ** 2
-    scene = Scene(
+    across = (1.0, 0.0, share * stiffness[1] / stiffness[0])
+    return Scene(
         "blocks",
         (ground, *bodies),
         [prismatic(f"rail_{body.name}", "ground.end", f"{body.name}.end") for body in bodies],
-        [PointForce("push", "a.end", "z", "force")],
+        [PointForce("push", "a.end", "z", "force"), PointForce("nudge", "b.end", across, "force")],
         [Encoder("gap", "a.end", "b.end", axis="z")],
         [SpringDamper(f"spring_{b}", "ground.end", f"{b}.end", "z", k) for b, k in zip("ab", stiffness, strict=True)],
+        damping_ratio=0.03,
     )
+
+
+def apply_to_blocks(share, frequency, *, band=(1.0, 100.0), **options):
+    """What identified modes at frequencies and with the scene's own gains say of it."""
+    scene = blocks(share)
+    gains = modal_gains(assemble(scene))[:, 0, : len(frequency)]
+    fit = plain_fit(frequency, gains, "force", ("gap",), band)
+    return *apply_identification(scene, fit, trusted="gap", **options), gains
+
+
+def test_a_mode_is_visible_from_a_ten_thousandth_of_the_largest_gain():
     for share in (0.9, 1.1):
-        nudge = PointForce("nudge", "b.end", (1.0, 0.0, share * 1e-4 * stiffness[1] / stiffness[0]), "force")
-        driven = replace(scene, actuators=(*scene.actuators, nudge))
-        gains = modal_gains(assemble(driven))[:, 0]
+        _, report, gains = apply_to_blocks(share * 1e-4, [10.0, 20.0])
         assert abs(gains[0, 1] / gains[0, 0]) == pytest.approx(share * 1e-4)
-        fit = plain_fit([10.0, 20.0], gains, "force", ("gap",))
-        _, report = apply_identification(driven, fit, trusted="gap")
         np.testing.assert_array_equal(report.matches, [0, 1 if share > 1 else -1])
+
+
+def test_a_matched_mode_beyond_the_band_counts_in_the_static_response():
+    _, report, _ = apply_to_blocks(0.5, [10.5, 20.0], band=(10.2, 30.0))
+    np.testing.assert_allclose(report.static_ratio, 1.0)
+
+
+def test_modes_that_were_not_measured_may_be_undamped():
+    changed, report, _ = apply_to_blocks(0.5, [10.0], unmeasured_damping_ratio=0.0)
+    np.testing.assert_array_equal(assemble(changed).damping.ratio, [0.01, 0.0])
+    assert dict(report.unmeasured) == {"mode 2": 0.0}
 
 
 @dataclass(frozen=True)
@@ -741,6 +761,20 @@ def test_a_resonance_that_the_model_misses_is_not_split_in_two():
     assert len(fit.frequency) == 2
     assert np.all(np.abs(fit.frequency / FREQUENCY - 1) < 1.2 * RATIO * np.pi * FREQUENCY / 2000.0)
     assert fit.damping_ratio[0] == pytest.approx(RATIO[0], rel=0.01)
+
+
+def test_a_neighbour_that_is_missed_beside_a_narrow_mode_is_told():
+    """A mode whose half-power width is less than a line, and another of a hundredth of its gain 1 Hz above it."""
+    frequency, random = np.arange(50.0, 150.0, 0.5), np.random.default_rng(0)
+
+    def mode(f, ratio):
+        return 1 / (1 - (frequency / f) ** 2 + 2j * ratio * frequency / f)
+
+    noise = 1e-3 * (random.standard_normal(200) + 1j * random.standard_normal(200))
+    frf = FRF(frequency, (mode(100.1, 2e-3) + 0.01 * mode(101.0, 0.01) + noise)[None, None], ("y",), ("u",))
+    with pytest.warns(UserWarning, match="the residual is systematic near 100.1 Hz"):
+        fit = identify_modes(frf, input="u", outputs=["y"], band=(50.0, 149.5), n_modes=1)
+    assert abs(fit.damping_ratio[0] - 2e-3) < WITHIN * fit.damping_ratio_std[0]
 
 
 def test_a_delay_is_part_of_the_model():
