@@ -7,9 +7,8 @@ from .linear.linearization import (
 from .linear.mode_motion import (
     mode_motion as mode_motion,
 )
-from .linear.stopped_runs import (
-    SimulationError as SimulationError,
-    SimulationInterrupted as SimulationInterrupted,
+from .linear.truncation import (
+    truncation_error as truncation_error,
 )
 from .loaded.spinning import (
     Spinning as Spinning,
@@ -19,7 +18,6 @@ from .model.accuracy import (
     integrator_error as integrator_error,
     numerical_damping as numerical_damping,
     period_errors as period_errors,
-    truncation_error as truncation_error,
 )
 from .model.assembly import (
     Assembly as Assembly,
@@ -37,6 +35,10 @@ from .model.recorded_motion import (
 )
 from .model.scene_body import (
     reduce_scene as reduce_scene,
+)
+from .model.stopped_runs import (
+    SimulationError as SimulationError,
+    SimulationInterrupted as SimulationInterrupted,
 )
 from .model.trimming import (
     trim_scene as trim_scene,

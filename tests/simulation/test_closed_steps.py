@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from nassim.scene.loop import Loop
-from nassim.simulation.linear.digital_controllers import start_controller
 from nassim.simulation.linear.sample_blocks import BLOCK, TOGETHER, BlockSteps, SampleBlocks, pieces
 from nassim.simulation.linear.sampled_closed_loop import Plant, connect_loops
+from nassim.simulation.model.digital_controllers import start_controller
 from nassim.systems.controllers import Controller
 
 RATE = 1000.0

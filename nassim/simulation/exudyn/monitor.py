@@ -9,12 +9,12 @@ import scipy
 from nassim.base.checks import Array
 from nassim.scene.bodies import FlexibleBody
 from nassim.simulation.exudyn.state import System
-from nassim.simulation.linear.digital_controllers import RUNAWAY, SMALL_MOTION, deformed, too_far
-from nassim.simulation.linear.stopped_runs import Trust
-from nassim.simulation.model.assembly import motion_rows
 from nassim.simulation.model.buckling import axial_rows
 from nassim.simulation.model.damping import tied_bodies
+from nassim.simulation.model.motion_size import SMALL_MOTION, motion_rows
 from nassim.simulation.model.reach import Reach
+from nassim.simulation.model.runaway import RUNAWAY, deformed, too_far
+from nassim.simulation.model.stopped_runs import Trust
 
 DIVERGENCE = 1.0
 """Deformation over the body's size, or rotation by deformation [rad], above which a run diverges."""
@@ -73,7 +73,8 @@ class Monitor:
         motions, tensions, places, end = [np.zeros((0, size))], [np.zeros((0, size))], {}, 0
         for name in self.names:
             body, coordinates = bodies[name], system.flexible[name].coordinates @ system.selection(name)
-            motions += [np.vstack([r @ coordinates, np.zeros((1, size))]) for r in motion_rows(system.assembly, name)]
+            sizes = motion_rows(system.assembly.coordinates, name)
+            motions += [np.vstack([rows @ coordinates, np.zeros((1, size))]) for rows in sizes]
             if isinstance(body, FlexibleBody):
                 tensions.append(axial_rows(body.reduced) @ coordinates)
                 places[name] = slice(end, end + len(tensions[-1]))

@@ -19,10 +19,10 @@ from nassim.simulation.exudyn.springs import rounding
 from nassim.simulation.exudyn.state import System, find_accelerations
 from nassim.simulation.exudyn.steady_state import solve_loaded_equilibrium
 from nassim.simulation.exudyn.step_actions import StepActions
-from nassim.simulation.linear.digital_controllers import runaway
-from nassim.simulation.linear.stopped_runs import Stopped
 from nassim.simulation.model.buckling import axial_rows
 from nassim.simulation.model.reach import find_reach, scene_size
+from nassim.simulation.model.runaway import runaway
+from nassim.simulation.model.stopped_runs import Stopped
 from nassim.simulation.model.tangents import NO_EQUILIBRIUM
 
 CHECKS = 200
@@ -88,7 +88,7 @@ def solve_static(system: System) -> None:
         return
     # Exudyn's joints do not tell Newton's rule what the forces in them do when they turn: a weight's own stiffness.
     try:
-        solve_loaded_equilibrium(system, scene_size(system.assembly))
+        solve_loaded_equilibrium(system, scene_size(system.assembly.scene))
     except RuntimeError:
         raise RuntimeError(NO_EQUILIBRIUM) from None
 

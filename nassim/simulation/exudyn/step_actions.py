@@ -7,7 +7,7 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.simulation.exudyn.filtering import Filtering
 from nassim.simulation.exudyn.state import System
-from nassim.simulation.linear.digital_controllers import BadCommand, start_loops
+from nassim.simulation.model.digital_controllers import BadCommand, start_loops
 
 
 class StepActions:

@@ -10,7 +10,7 @@ from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.solver import Silent, describe_end, fixed_steps
 from nassim.simulation.exudyn.state import System, find_accelerations
 from nassim.simulation.exudyn.step_actions import StepActions
-from nassim.simulation.linear.stopped_runs import Stopped
+from nassim.simulation.model.stopped_runs import Stopped
 
 MANY = 2**30
 """Steps that a run one by one may have."""

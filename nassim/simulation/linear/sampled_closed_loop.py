@@ -19,7 +19,7 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.scene.loop import Loop
 from nassim.scene.scene import Scene
-from nassim.simulation.linear.digital_controllers import BadCommand, ask, converter, samples_per_period
+from nassim.simulation.model.digital_controllers import BadCommand, ask, converter, samples_per_period
 from nassim.systems.controllers import Controller
 from nassim.systems.python_controller import ControlLaw, PythonController
 from nassim.systems.state_space import EARLIER, StateSpace, combine_steps

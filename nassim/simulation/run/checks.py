@@ -8,10 +8,10 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Output
-from nassim.simulation.linear.digital_controllers import samples_per_period
 from nassim.simulation.linear.linearization import linearize
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.capabilities import EXACT, check_capabilities
+from nassim.simulation.model.digital_controllers import samples_per_period
 
 STABLE_ANGLE = 2.6
 """Phase angle of a mode per step [rad] up to which the Runge-Kutta rule of order 4 is stable at any damping."""
@@ -128,11 +128,11 @@ def check_stability(scene: Scene, time_step: float) -> None:
     """
     _check_small_motion(scene, "explicit")
     assembly = assemble(scene)
-    if assembly.circuits:
+    if assembly.signals.circuits:
         raise ValueError('method "explicit" cannot integrate the charge of a sensor with a resistance; take another')
-    if assembly.prescribed.inputs:
+    if assembly.signals.prescribed.inputs:
         raise ValueError('method "explicit" cannot let joints follow inputs; take another, or let a force act there')
-    fastest = float(assembly.frequency[-1])
+    fastest = float(assembly.modal.frequency[-1])
     limit = STABLE_ANGLE / (2 * np.pi * fastest)
     if time_step > limit:
         raise ValueError(

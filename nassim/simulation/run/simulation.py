@@ -15,10 +15,10 @@ from nassim.signals.time_history import TimeHistory
 from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.solver import diverged
 from nassim.simulation.exudyn.stepped_run import SteppedRun
-from nassim.simulation.linear.digital_controllers import runaway, see_runaway
 from nassim.simulation.linear.exact_steps import ExactSteps
-from nassim.simulation.linear.stopped_runs import Stopped, Trust
 from nassim.simulation.model.reach import GrowingReach
+from nassim.simulation.model.runaway import runaway, see_runaway
+from nassim.simulation.model.stopped_runs import Stopped, Trust
 from nassim.simulation.run.preparation import (
     Options,
     check_run,
@@ -332,7 +332,7 @@ class _ExactEngine:
         self.seen.append(self.run.coordinates())
         if not self.reach:
             return "", ""
-        happened, sound = see_runaway(self.assembly, self.reach.after(inputs.T), self.seen[-1], len(inputs))
+        happened, sound = see_runaway(self.assembly.coordinates, self.reach.after(inputs.T), self.seen[-1], len(inputs))
         self.trust.see(self.run.count, sound=sound)
         return "", happened
 

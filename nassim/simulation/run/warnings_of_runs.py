@@ -10,9 +10,9 @@ from nassim.base.checks import Array
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Output, OutputFilter
 from nassim.simulation.exudyn.state import System
-from nassim.simulation.linear.digital_controllers import SMALL_MOTION
 from nassim.simulation.loaded.spinning import STIFFENING, stiffening
 from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.motion_size import SMALL_MOTION
 
 RINGING = 0.8
 """Spectral radius above which accelerations in large motion may ring."""
@@ -55,7 +55,7 @@ def warn_of_changed_modes(assembly: Assembly, shifts: Mapping[tuple[str, str], A
         assembly: the assembled scene.
         shifts: largest relative motion of every two connected bodies, (2,) [rad, m], by their names.
     """
-    if not (assembly.scene.deformable_bodies and np.any(assembly.damping.ratio)):
+    if not (assembly.scene.deformable_bodies and np.any(assembly.modal.damping.ratio)):
         return
     bodies = [body for body in assembly.scene.bodies if body.moves]
     places = [body.rigid_inertia[1] for body in bodies]
