@@ -14,9 +14,9 @@ from nassim.simulation.model.damping import tied_bodies
 from nassim.simulation.model.motion_size import SMALL_MOTION, motion_rows
 from nassim.simulation.model.reach import Reach
 from nassim.simulation.model.runaway import RUNAWAY, deformed, too_far
-from nassim.simulation.model.stopped_runs import Trust
+from nassim.simulation.model.stopped_runs import ValidSamples
 
-DIVERGED = 1.0
+DIVERGED_DEFORMATION = 1.0
 """Deformation over the body's size, or rotation [rad] by deformation, above which a run diverges."""
 DRIFT = 1e-2
 """Share of a body's fastest rotation by which its rotation may violate the constraint on its Euler parameters."""
@@ -32,7 +32,7 @@ class Monitor:
         speeds: largest angular speeds of floating bodies [rad/s].
         lost: bodies that are deformed beyond the limit of a run, or farther away than they can get, and a message for
             each.
-        trust: the sample until which the run is sound.
+        valid: samples until the first invalid one.
         drifting: the first body whose velocities violate the constraints, and the sample.
     """
 
@@ -44,9 +44,9 @@ class Monitor:
             reach: bounds of the bodies' displacements; None without bounds.
         """
         scene = system.assembly.scene
-        self.reach, self.trust = reach, Trust()
+        self.reach, self.valid = reach, ValidSamples()
         self.system = system
-        self.threshold = RUNAWAY if scene.loops else DIVERGED
+        self.threshold = RUNAWAY if scene.loops else DIVERGED_DEFORMATION
         self.names = list(system.flexible)
         self.sizes = np.zeros((len(self.names), 2))
         self.rows, self.starts, self.places = self._gather()
@@ -121,7 +121,7 @@ class Monitor:
         drifting = self.turning.drifting()
         if drifting and not self.drifting:
             self.drifting = drifting, sample
-        self.trust.see(sample, sound=sound and not self.lost and not self.drifting)
+        self.valid.check(sample, valid=sound and not self.lost and not self.drifting)
 
     def describe_drift(self, time_step: float, spectral_radius: float) -> str:
         """Describe velocities that violate the constraints; empty where there are none.

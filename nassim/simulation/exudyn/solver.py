@@ -168,7 +168,7 @@ def solve_dynamic(
                 told = runaway(scene, watch.lost[0][1], outputs.T, time_step)
             cause = steps.bad.__cause__ if steps.bad else None if interrupts or watch.lost else failure
             readings = np.vstack([outputs, commands[:n].T])
-            raise Stopped(told, readings, watch.trust.sample, interrupted=bool(interrupts)) from cause
+            raise Stopped(told, readings, watch.valid.last, interrupted=bool(interrupts)) from cause
         if look:
             look(n_steps)
         advance(n_steps % chunk)
@@ -222,7 +222,7 @@ class SteppedRun:
     def _stop(self, failure: Exception | None) -> None:
         told = _ending(self.system, self.watch, self._steps, failure, self._radius, interrupted=False)
         cause = self._steps.bad.__cause__ if self._steps.bad else failure
-        raise Stopped(told, np.zeros((len(self._names), 0)), self.watch.trust.sample) from cause
+        raise Stopped(told, np.zeros((len(self._names), 0)), self.watch.valid.last) from cause
 
     def step(self, inputs: Array) -> None:
         """Go on by a step to these inputs, shape (inputs,).

@@ -23,7 +23,7 @@ from nassim.simulation.model.modal_model import ModalModel
 from nassim.simulation.model.reach import find_reach
 from nassim.simulation.model.runaway import runaway, see_runaway
 from nassim.simulation.model.signals import Signals
-from nassim.simulation.model.stopped_runs import Stopped, Trust
+from nassim.simulation.model.stopped_runs import Stopped, ValidSamples
 from nassim.simulation.model.tangents import NO_EQUILIBRIUM
 from nassim.systems.state_space import StateSpace, discretize, quasi_static, repeat_step, settling_response
 
@@ -80,9 +80,9 @@ def exact_response(
     start = start - risen @ _samples(inputs, 0, 1, n_in)[0]
     rows = np.empty((n_out + len(assembly.scene.commands), n_samples))
     read = _reader(assembly.scene, closed, risen, inputs, all_coordinates)
-    seen, at_kept, trust = [], [], Trust()
+    seen, at_kept, valid = [], [], ValidSamples()
     reach = find_reach(assembly, inputs, time_step) if assembly.scene.loops else None
-    for begin, states, found in _told(pieces(closed, start, inputs, block), rows, trust):
+    for begin, states, found in _told(pieces(closed, start, inputs, block), rows, valid):
         end = min(n_samples, begin + len(found))
         rows[:, begin:end] = found[: end - begin].T
         for k in range(-(begin // block) % stride, len(states), stride):
@@ -90,10 +90,10 @@ def exact_response(
             seen.append(read(states[k, None], now)[0])
             if reach:
                 happened, sound = see_runaway(assembly.coordinates, reach, seen[-1], now)
-                trust.see(now, sound=sound)
+                valid.check(now, valid=sound)
                 if happened:
                     said = runaway(assembly.scene, happened, rows[:n_out, : now + 1].T, time_step)
-                    raise Stopped(said, rows[:, : now + 1], trust.sample)
+                    raise Stopped(said, rows[:, : now + 1], valid.last)
         wanted = [sample for sample in kept if begin <= sample < end]
         for k in sorted({(sample - begin) // block for sample in wanted}):
             now = begin + k * block
@@ -107,13 +107,15 @@ def exact_response(
     return rows[:n_out], rows[n_out:], np.array(seen).T, all_kept.T
 
 
-def _told(found: Iterator[tuple[int, Array, Array]], rows: Array, trust: Trust) -> Iterator[tuple[int, Array, Array]]:
+def _told(
+    found: Iterator[tuple[int, Array, Array]], rows: Array, valid: ValidSamples
+) -> Iterator[tuple[int, Array, Array]]:
     """Pieces of a run until a controller in Python fails, which raises Stopped with the rows until then."""
     try:
         yield from found
     except BadCommand as bad:
         rows[:, bad.sample - len(bad.rows) : bad.sample] = bad.rows.T
-        raise Stopped(str(bad), rows[:, : bad.sample], trust.sample) from bad.__cause__
+        raise Stopped(str(bad), rows[:, : bad.sample], valid.last) from bad.__cause__
 
 
 class ExactSteps:
@@ -226,12 +228,12 @@ def _quasi_static_modes(scene: Scene, modal: ModalModel, time_step: float) -> Ar
 
 def _all_coordinates(modal: ModalModel, signals: Signals, n_states: int, n_inputs: int) -> tuple[Array, Array]:
     """All coordinates per unit of the states of `state_space`, (n_all, n_states), and of its inputs beside."""
-    modes, following = modal.modes, signals.prescribed
+    modes, drives = modal.modes, signals.prescribed
     plain = n_states - sum(len(system[0]) for system in signals.filters.values())
     by_states = np.zeros((len(modes), n_states))
-    by_states[:, :plain] = following.beyond @ following.lagging(plain)
+    by_states[:, :plain] = drives.residual @ drives.by_states(plain)
     by_states[:, : modes.shape[1]] += modes
-    return by_states, following.beyond @ following.taken(n_inputs)
+    return by_states, drives.residual @ drives.by_inputs(n_inputs)
 
 
 def _reader(

@@ -159,8 +159,8 @@ class RunningLoops:
     def __init__(self, scene: Scene, time_step: float) -> None:
         inputs, outputs, driven = scene.inputs, scene.outputs, [name for loop in scene.loops for name in loop.driven]
         self.time_step = time_step
-        self.taken = np.zeros((len(driven), len(inputs)))
-        self.taken[np.arange(len(driven)), [inputs.index(name) for name in driven]] = 1.0
+        self.command_matrix = np.zeros((len(driven), len(inputs)))
+        self.command_matrix[np.arange(len(driven)), [inputs.index(name) for name in driven]] = 1.0
         periods = [samples_per_period(loop, time_step) for loop in scene.loops]
         ends = np.cumsum([0, *(len(loop.driven) for loop in scene.loops)])
         alike: dict[tuple[int, int, int], list[int]] = {}
@@ -203,7 +203,7 @@ class RunningLoops:
             now = held[places]
             end[places] = late + ((now + next_one[places]) / 2 if (n + 1) % period == 0 else now)
         self.both[0] = held
-        on_inputs = self.both.dot(self.taken)
+        on_inputs = self.both.dot(self.command_matrix)
         return on_inputs[0], on_inputs[1], held.copy()
 
     @property

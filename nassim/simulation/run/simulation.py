@@ -17,7 +17,7 @@ from nassim.simulation.exudyn.solver import SteppedRun, diverged
 from nassim.simulation.linear.exact_steps import ExactSteps
 from nassim.simulation.model.reach import GrowingReach
 from nassim.simulation.model.runaway import runaway, see_runaway
-from nassim.simulation.model.stopped_runs import Stopped, Trust
+from nassim.simulation.model.stopped_runs import Stopped, ValidSamples
 from nassim.simulation.run.preparation import (
     Options,
     check_run,
@@ -28,7 +28,7 @@ from nassim.simulation.run.preparation import (
     warn_after_steps,
 )
 
-METHODS = ("generalized_alpha", "exact")
+STEPPED_METHODS = ("generalized_alpha", "exact")
 LOOK = 50
 """Steps from one look at the run to the next."""
 
@@ -87,7 +87,7 @@ class Simulation:
         inputs: Mapping[str, float] | None = None,
         input_rates: Mapping[str, float] | None = None,
     ) -> None:
-        known("method", method, METHODS)
+        known("method", method, STEPPED_METHODS)
         step = positive("time_step", time_step, "s")
         self._scene = scene
         self._options = Options(step, method, spectral_radius, hold_order, start, period_correction)
@@ -296,7 +296,7 @@ class _ExudynEngine:
     @property
     def trusted(self) -> int:
         """Number of the last sample to trust."""
-        return self.watch.trust.sample
+        return self.watch.valid.last
 
     def warn(self) -> None:
         warn_after_steps(self.system, self.watch, self.told, self.options)
@@ -315,7 +315,7 @@ class _ExactEngine:
     """Exact steps, with what is looked at from time to time."""
 
     def __init__(self, scene: Scene, options: Options, inputs: Array, _rates: Mapping[str, float]) -> None:
-        self.assembly, self.options, self.trust = exact_assembly(scene), options, Trust()
+        self.assembly, self.options, self.valid = exact_assembly(scene), options, ValidSamples()
         step, order = options.time_step, options.order
         self.run = ExactSteps(self.assembly, inputs, step, hold_order=order, released=options.released)
         self.reach = GrowingReach(self.assembly, step) if scene.loops else None
@@ -334,13 +334,13 @@ class _ExactEngine:
         if not self.reach:
             return "", ""
         happened, sound = see_runaway(self.assembly.coordinates, self.reach.after(inputs.T), self.seen[-1], len(inputs))
-        self.trust.see(self.run.count, sound=sound)
+        self.valid.check(self.run.count, valid=sound)
         return "", happened
 
     @property
     def trusted(self) -> int:
         """Number of the last sample to trust."""
-        return self.trust.sample
+        return self.valid.last
 
     def warn(self) -> None:
         warn_after_exact_steps(self.assembly, np.transpose(self.seen))
