@@ -10,12 +10,12 @@ from nassim.base.checks import Array, finite_array, known, unique
 from nassim.scene.measures import body_of
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint, Output
+from nassim.simulation.linear.folding import warn_of_folding
 from nassim.simulation.loaded.rotor_frame import FRAMES, FrameView, RotorPartition, check_constant, damps_both
 from nassim.simulation.loaded.rotor_stator import stator_bodies
 from nassim.simulation.loaded.spinning import Spinning, spinning
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.prescribed_motion import cleared, product
-from nassim.simulation.model.unsupported_modes import warn_of_folding
 from nassim.systems.feedback import DELAY_ORDER, close_loop
 from nassim.systems.linear_model import LinearModel, sampled, unstable_poles
 from nassim.systems.state_space import StateSpace

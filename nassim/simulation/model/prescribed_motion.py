@@ -22,8 +22,7 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.simulation.model.constraints import Constraints
-from nassim.simulation.model.modal_model import ModalModel
-from nassim.simulation.model.structure import Structure
+from nassim.simulation.model.modal_model import ModalModel, Structure
 
 SUM_ROUNDING = 1e-9
 """Share of the sum of a sum's absolute terms below which the sum is rounding."""
