@@ -16,8 +16,8 @@ from nassim.simulation.model.reach import Reach
 from nassim.simulation.model.runaway import RUNAWAY, deformed, too_far
 from nassim.simulation.model.stopped_runs import ValidSamples
 
-DIVERGED_DEFORMATION = 1.0
-"""Deformation over the body's size, or rotation [rad] by deformation, above which a run diverges."""
+DIVERGENCE = 1.0
+"""Deformation over the body's size, or rotation by deformation [rad], above which a run diverges."""
 DRIFT = 1e-2
 """Share of a body's fastest rotation by which its rotation may violate the constraint on its Euler parameters."""
 TURNED = 0.1
@@ -46,7 +46,7 @@ class Monitor:
         scene = system.assembly.scene
         self.reach, self.valid = reach, ValidSamples()
         self.system = system
-        self.threshold = RUNAWAY if scene.loops else DIVERGED_DEFORMATION
+        self.threshold = RUNAWAY if scene.loops else DIVERGENCE
         self.names = list(system.flexible)
         self.sizes = np.zeros((len(self.names), 2))
         self.rows, self.starts, self.places = self._gather()

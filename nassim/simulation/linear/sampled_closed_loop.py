@@ -121,7 +121,7 @@ class ClosedSteps:
         puts = [converter(w.loop.output_step, w.controller.limit) for w in self.wirings for _ in w.loop.driven]
         values = np.empty((len(inputs) + 1, n + len(self.reading)))
         values[0, :n] = state
-        pushes, through = _each(self._input_matrix, inputs), _each(self.through, inputs)
+        pushes, through = _each(self._taken, inputs), _each(self.through, inputs)
         steps: dict[int, tuple[Array, bool]] = {}
         for k, row in enumerate(values[:-1]):
             phase = (first + k) % period
@@ -156,8 +156,8 @@ class ClosedSteps:
         """Outputs and commands of k samples, (k, rows), by states at them and after, (k + 1, n), and inputs."""
         outputs = _each(self._shown(()), states[:-1]) + _each(self.plant.matrices[3], inputs)
         for wiring in self.wirings:
-            due = slice(-first % wiring.period, None, wiring.period)
-            outputs[due] += _each(_earlier(self.plant, wiring, self.n), states[:-1][due])
+            taken = slice(-first % wiring.period, None, wiring.period)
+            outputs[taken] += _each(_earlier(self.plant, wiring, self.n), states[:-1][taken])
         return np.hstack([outputs, self._held(states[1:])])
 
     @property
@@ -221,7 +221,7 @@ class ClosedSteps:
         ideal[len(ideal) - len(self.direct) :, : self.direct.shape[1]] = self.direct
         moved = self._moved(due)
         converted = moved[:, self.n :] @ ideal
-        state, taken = moved[:, : self.n] + converted @ self.reading, self._input_matrix + converted @ self.through
+        state, taken = moved[:, : self.n] + converted @ self.reading, self._taken + converted @ self.through
         shown = self._shown([wiring for wiring, now in zip(self.wirings, due, strict=True) if now])
         rows = np.vstack([shown, self._held(state.T).T])
         return state, taken, rows, np.vstack([self.plant.matrices[3], self._held(taken.T).T])
@@ -232,7 +232,7 @@ class ClosedSteps:
         return states[..., start : start + commands]
 
     @property
-    def _input_matrix(self) -> Array:
+    def _taken(self) -> Array:
         """Return the effect of the inputs on the states, (n, inputs)."""
         b = self.plant.matrices[1]
         return np.vstack([b, np.zeros((self.n - len(b), b.shape[1]))])
