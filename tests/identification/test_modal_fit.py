@@ -141,6 +141,14 @@ def test_multisine_lines_without_power_are_left_out():
     np.testing.assert_allclose(found(identify(record)), truth(), rtol=1e-7)
 
 
+def test_the_line_at_half_the_sample_rate_is_left_out():
+    """It is real, whatever the modes: a record of an even number of samples has it within a band up to there."""
+    record = make_record(0, rate=1000.0)
+    even = replace(record, time=record.time[:2000], values=record.values[:, :2000])
+    fit = identify(even, band=(20.0, 500.0), n_modes=2)
+    assert fit.recorded.frequency[-1] == pytest.approx(499.5)
+
+
 def test_modes_outside_the_band_are_left_to_the_residual_terms():
     fit = identify(make_record(0, noise=0.0, duration=4.0), band=(40.0, 180.0), n_modes=1)
     expected = [FREQUENCY[0], RATIO[0], *GAINS[:, 0]]

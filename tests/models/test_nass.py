@@ -10,7 +10,18 @@ from models.hexapods import NANO_HEXAPOD
 from models.nass import DISTURBANCES, END_STATION, SIX, Stage, alike_across, four_corners, make_nass, suspension
 from models.nass_loops import POSE, VOLTAGES, force_loop, pose_loop, wrench_shares
 from models.strut import spring_strut, two_mass_strut, with_own_damping
-from nassim import Bushing, RigidBody, Scene, TimeHistory, frequency_response, linearize, load, save, simulate
+from nassim import (
+    Bushing,
+    LinearModel,
+    RigidBody,
+    Scene,
+    TimeHistory,
+    frequency_response,
+    linearize,
+    load,
+    save,
+    simulate,
+)
 from nassim.kinematics import jacobian
 from nassim.simulation import linearize_closed
 from nassim.systems import (
@@ -18,6 +29,7 @@ from nassim.systems import (
     controller_response,
     damping,
     noise_budget,
+    open_loop,
     sampled,
     unstable_poles,
 )
@@ -203,6 +215,17 @@ def test_each_pose_loop_crosses_where_asked_with_those_before_closed(coordinates
         assert abs(alone) == pytest.approx(1.0, rel=1e-6)
         assert np.degrees(np.angle(-alone)) == pytest.approx(50.0, abs=1e-4)
     assert not unstable_poles(close_loop(damped, loop.controller, measured=loop.measured, driven=loop.driven))
+
+
+@pytest.mark.parametrize("delay", [1, 3])
+def test_pose_loops_wait_as_told(delay):
+    """Six lags of first order along the struts: the phase margin is as asked for in spite of the delay."""
+    lag = LinearModel(-np.eye(6), np.eye(6), np.linalg.inv(jacobian(PLATFORM)), np.zeros((6, 6)), VOLTAGES, POSE)
+    lag = sampled(lag, RATE)
+    loop = pose_loop(lag, 15.0, phase_margin=50.0, sample_rate=RATE, delay=delay, platform=PLATFORM)
+    assert loop.controller.delay == delay
+    opened = open_loop(lag, loop.controller, [15.0], measured=loop.measured, driven=loop.driven).values[..., 0]
+    np.testing.assert_allclose(np.linalg.eigvals(opened), np.exp(-1j * np.radians(130)), atol=1e-6)
 
 
 def test_four_bearings():
