@@ -826,6 +826,15 @@ def test_the_noise_of_a_fit_is_that_of_its_data():
     np.testing.assert_allclose(course[:, [300, 800, 1500]], 1.0, rtol=0.12)
 
 
+def test_the_noise_of_a_records_fit_is_that_of_its_responses():
+    """Line by line, where the input is strong and where it is weak; of 860 lines, the mean square is within 5 %."""
+    fit = identify(make_record(0))
+    share = np.abs(fit.residual.values[:, 0]) ** 2 / fit.noise**2
+    for low, high in ((20.0, 150.0), (150.0, 300.0), (300.0, 450.0)):
+        within = (fit.recorded.frequency >= low) & (fit.recorded.frequency < high)
+        np.testing.assert_allclose(share[:, within].mean(axis=1), 1.0, atol=0.2)
+
+
 def test_a_factor_is_known_the_better_the_more_its_gains_err_together(small_bench, bench_fit):
     """Two gains each uncertain by s with correlation r: their quotient is uncertain by s sqrt(2 - 2 r)."""
     fit, _ = bench_fit
