@@ -7,6 +7,7 @@ import pytest
 import scipy.linalg
 
 from models.hexapods import NANO_HEXAPOD
+from models.nano_hexapod import make_nano_hexapod
 from models.nass import DISTURBANCES, END_STATION, SIX, Stage, alike_across, four_corners, make_nass, suspension
 from models.nass_loops import POSE, VOLTAGES, force_loop, pose_loop, wrench_shares
 from models.strut import spring_strut, two_mass_strut, with_own_damping
@@ -287,6 +288,19 @@ def test_what_no_end_station_is():
         make_nass(STRUT, stages={"tilt": END_STATION["tilt"]})
     with pytest.raises(ValueError, match="six values"):
         END_STATION["micro_hexapod"].alike()
+
+
+def test_the_payload_is_that_of_the_hexapod():
+    options = {"payload_mass": 7.0, "payload_centre": (0.01, 0.02, 0.05), "payload_inertia": np.diag([0.1, 0.2, 0.25])}
+    found, expected = (
+        next(body for body in make(STRUT, platform=PLATFORM, **options).bodies if body.name == "payload")
+        for make in (make_nass, make_nano_hexapod)
+    )
+    assert found.mass == 7.0
+    np.testing.assert_array_equal(found.inertia, options["payload_inertia"])
+    for name in ("position", "rotation", "inertia"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    assert {n: list(p) for n, p in found.points.items()} == {n: list(p) for n, p in expected.points.items()}
 
 
 def test_the_end_station_is_saved(tmp_path):
