@@ -14,9 +14,10 @@ from nassim.base.library_lock import hold_library_lock
 from nassim.base.progress import stage, tell
 from nassim.base.warning_log import collect_messages
 from nassim.bodies.interface import RemotePoint
+from nassim.fem.curving import curve_mesh
 from nassim.fem.fe_model import Coupling, FEModel, Refinement, make_coupling
 from nassim.fem.materials import Material
-from nassim.fem.mesh_checks import check_memory, check_volume, warn_of_thin_walls
+from nassim.fem.mesh_checks import check_folds, check_memory, check_volume, warn_of_thin_walls
 from nassim.fem.meshing import generate_mesh
 from nassim.fem.ports import couple_port
 from nassim.fem.regions import by_body, faces
@@ -58,7 +59,7 @@ def build_fe_model(
             fit in memory
 
     Warns:
-        UserWarning: for thin walls in elements of order 1
+        UserWarning: for folded elements, a wrong volume, and thin walls in elements of order 1
     """
     if not 1 <= order <= MAX_ORDER or int(order) != order:
         raise ValueError(f"order must be a whole number from 1 to {MAX_ORDER}, got {order!r}")
@@ -74,9 +75,9 @@ def build_fe_model(
                     layer_thickness=layer_thickness,
                 )
             )
-            # With isoparametric elements or a lower curvature order, the unknowns represent rigid motions exactly.
-            mesh.Curve(order)
+            curving = curve_mesh(mesh, order)
             check_memory(mesh, solid, order, element_size)
+        check_folds(curving, solid)
         check_volume(mesh, solid)
         if order == 1:
             warn_of_thin_walls(mesh, solid)
