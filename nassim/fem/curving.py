@@ -2,9 +2,9 @@
 
 Netgen curves the edges and faces of elements on curved CAD faces, and leaves their other edges straight. If an element
 is flatter than the curvature of its face, the determinant of its Jacobian has both signs: the element is folded. Folded
-elements count some of the volume twice, and other programs refuse them. Here the nodes inside the solid and within plane
-CAD faces move like those of an elastic body whose curved faces are displaced from flat to curved. The geometry of the
-CAD remains.
+elements count some of the volume twice, and other programs refuse them. Here the nodes inside the solid and those
+within plane CAD faces move like nodes of an elastic body whose curved faces are displaced from flat to curved. The geometry of
+the CAD remains.
 
 Source: P.-O. Persson, J. Peraire, Curved mesh generation and mesh refinement using Lagrangian solid mechanics, AIAA
 2009-949.
