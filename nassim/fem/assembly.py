@@ -12,9 +12,9 @@ import scipy.sparse as sp
 from nassim.base.checks import Array
 from nassim.base.library_lock import hold_library_lock
 from nassim.base.progress import stage, tell
-from nassim.base.warning_log import collect_messages
+from nassim.base.warning_log import collect_messages, note
 from nassim.bodies.interface import RemotePoint
-from nassim.fem.curving import curve_mesh
+from nassim.fem.curving import Curving, curve_mesh
 from nassim.fem.fe_model import Coupling, FEModel, Refinement, make_coupling
 from nassim.fem.materials import Material
 from nassim.fem.mesh_checks import check_folds, check_memory, check_volume, warn_of_thin_walls
@@ -27,6 +27,10 @@ from nassim.fem.solver import threads
 from nassim.fem.sparse import SymmetricMatrix, symmetric_matrix
 
 MAX_ORDER = 6
+FURTHER_MESHES = 3
+"""Largest number of further meshes that replace one with folded elements."""
+SMALLER = 0.5
+"""Size of their elements relative to the shortest edge of the folded element there."""
 ELEMENTS = {ng.ET.TET: "tetrahedra", ng.ET.PRISM: "prisms", ng.ET.PYRAMID: "pyramids", ng.ET.HEX: "hexahedra"}
 
 
@@ -65,17 +69,15 @@ def build_fe_model(
         raise ValueError(f"order must be a whole number from 1 to {MAX_ORDER}, got {order!r}")
     with hold_library_lock(), collect_messages() as log:
         with stage("mesh", enabled=progress):
-            mesh = ng.Mesh(
-                generate_mesh(
-                    solid,
-                    element_size=element_size,
-                    curvature=curvature,
-                    local_sizes=local_sizes,
-                    extrude=extrude,
-                    layer_thickness=layer_thickness,
-                )
+            mesh, curving = _curved_mesh(
+                solid,
+                order,
+                element_size=element_size,
+                curvature=curvature,
+                local_sizes=local_sizes,
+                extrude=extrude,
+                layer_thickness=layer_thickness,
             )
-            curving = curve_mesh(mesh, order)
             check_memory(mesh, solid, order, element_size)
         check_folds(curving, solid)
         check_volume(mesh, solid)
@@ -88,6 +90,24 @@ def build_fe_model(
     if progress:
         tell(model.description)
     return model
+
+
+def _curved_mesh(solid: Solid, order: int, **options: Any) -> tuple[Any, Curving]:
+    """Mesh a solid and curve the mesh; mesh it anew, with smaller elements there, where elements stay folded."""
+    mesh = ng.Mesh(generate_mesh(solid, **options))
+    curving = curve_mesh(mesh, order)
+    points, sizes = np.zeros((0, 3)), np.zeros(0)
+    for _ in range(FURTHER_MESHES):
+        if not len(curving.left):
+            break
+        points = np.vstack([points, curving.corners])
+        sizes = np.concatenate([sizes, SMALLER * curving.sizes])
+        finer = ng.Mesh(generate_mesh(solid, **options, point_sizes=(points, sizes)))
+        found = curve_mesh(finer, order)
+        if len(found.left) < len(curving.left):
+            note(f"meshed anew with smaller elements where {len(curving.left)} elements were folded")
+            mesh, curving = finer, found
+    return mesh, curving
 
 
 def assemble_mesh(mesh: Any, solid: Solid, order: int) -> FEModel:

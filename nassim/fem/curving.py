@@ -3,8 +3,8 @@
 Netgen curves the edges and faces of elements on curved CAD faces, and leaves their other edges straight. If an element
 is flatter than the curvature of its face, the determinant of its Jacobian has both signs: the element is folded. Folded
 elements count some of the volume twice, and other programs refuse them. Here the nodes inside the solid and those
-within plane CAD faces move like nodes of an elastic body whose curved faces are displaced from flat to curved. The geometry of
-the CAD remains.
+within plane CAD faces move like nodes of an elastic body whose curved faces are displaced from flat to curved. The
+geometry of the CAD remains.
 
 Source: P.-O. Persson, J. Peraire, Curved mesh generation and mesh refinement using Lagrangian solid mechanics, AIAA
 2009-949.
@@ -17,6 +17,7 @@ import ngsolve as ng
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.spatial.distance import pdist
 
 from nassim.base.checks import Array
 from nassim.fem.solver import factorize, threads
@@ -46,14 +47,14 @@ class Curving:
         n_elements: number of elements
         n_folded: number of elements that folded on Netgen's curved faces
         left: indices of the elements that are still folded
-        places: their centres, shape (n, 3) [m]
-        sizes: their shortest edges, shape (n,) [m]
+        corners: their corners, one element after the other, shape (m, 3) [m]
+        sizes: shortest edge of the element of each corner, shape (m,) [m]
     """
 
     n_elements: int
     n_folded: int
     left: NDArray[np.int64]
-    places: Array
+    corners: Array
     sizes: Array
 
     def __str__(self) -> str:
@@ -65,9 +66,10 @@ class Curving:
 
     @property
     def places_text(self) -> str:
-        """Centres of some of the elements that are still folded, as text."""
-        told = ["({:.4g}, {:.4g}, {:.4g})".format(*place) for place in self.places[:PLACES_TOLD]]
-        return ", ".join(told) + (", ..." if len(self.places) > PLACES_TOLD else "") + " m"
+        """Places of some of the elements that are still folded, as text."""
+        corners = np.unique(self.corners, axis=0)
+        told = ["({:.4g}, {:.4g}, {:.4g})".format(*corner) for corner in corners[:: len(corners) // PLACES_TOLD]]
+        return ", ".join(told[:PLACES_TOLD]) + " m"
 
 
 def folded_elements(mesh: Any) -> NDArray[np.bool_]:
@@ -89,7 +91,7 @@ def curve_mesh(mesh: Any, order: int) -> Curving:
     """Curve the elements of a mesh along its CAD faces, and mend those that fold.
 
     The mesh has a deformation (`mesh.deformation`) around mended elements. To mesh anew where elements are still
-    folded, with smaller elements there, use the places and sizes of the record.
+    folded, with smaller elements there, use the corners and sizes of the record.
 
     Args:
         mesh: NGSolve mesh from CAD, which is changed
@@ -107,16 +109,11 @@ def curve_mesh(mesh: Any, order: int) -> Curving:
         _mend(mesh, order, folded)
         folded = folded_elements(mesh)
     left = np.flatnonzero(folded)
-    corners = [mesh[ng.ElementId(ng.VOL, int(k))].vertices for k in left]
-    points = [np.array([mesh[vertex].point for vertex in vertices]) for vertices in corners]
-    places = np.array([x.mean(axis=0) for x in points]).reshape(-1, 3)
-    return Curving(mesh.ne, n_folded, left, places, np.array([_shortest_edge(x) for x in points]))
-
-
-def _shortest_edge(points: Array) -> float:
-    """Return the shortest distance between points, shape (n, 3)."""
-    distances = np.linalg.norm(points[:, None] - points[None], axis=2)
-    return float(distances[np.triu_indices(len(points), 1)].min())
+    corners, sizes = [np.zeros((0, 3))], [np.zeros(0)]
+    for number in left.tolist():
+        corners.append(np.array([mesh[v].point for v in mesh[ng.ElementId(ng.VOL, number)].vertices]))
+        sizes.append(np.full(len(corners[-1]), pdist(corners[-1]).min()))
+    return Curving(mesh.ne, n_folded, left, np.vstack(corners), np.concatenate(sizes))
 
 
 def _sample_points(kind: Any) -> list[tuple[float, float, float]]:

@@ -2,6 +2,7 @@
 
 import re
 
+import calculix
 import netgen.occ as occ
 import ngsolve as ng
 import numpy as np
@@ -9,8 +10,11 @@ import pytest
 from conftest import STEEL
 from netgen.meshing import Element3D, Mesh, MeshPoint, Pnt
 
-from nassim import Solid, build_fe_model
+from nassim import RemotePoint, Solid, build_fe_model, condense
+from nassim.fem import assembly
+from nassim.fem.assembly import assemble_mesh
 from nassim.fem.curving import curve_mesh, folded_elements
+from nassim.fem.full_model import full_eigenfrequencies
 from nassim.fem.meshing import generate_mesh
 
 CORNERS = {
@@ -67,12 +71,11 @@ def test_an_element_that_folds_between_its_corners_is_found():
 
 def make_plate():
     """A plate in a general position with a hole that Netgen meshes with few chords, so that flat elements fold."""
-    plate = occ.Box((-4.5e-3, -10e-3, 0), (4.5e-3, 10e-3, 4e-3)) - occ.Cylinder(
-        occ.Pnt(0, 0, -1e-3), occ.Z, 2.1e-3, 6e-3
-    )
-    plate = plate.Rotate(occ.Axis((0, 0, 0), occ.gp_Dir(1, 2, 3)), 35)
-    plate.name = "plate"
-    return Solid("plate", plate, {"plate": STEEL})
+    hole = occ.Cylinder(occ.Pnt(0, 0, -4e-3), occ.Z, 3e-3, 12e-3)
+    plate = occ.Box((-4.5e-3, -10e-3, 0), (4.5e-3, 10e-3, 4e-3)) - hole
+    plate.faces.Min(occ.Y).name, plate.name = "end", "plate"
+    plate = plate.Rotate(occ.Axis((0, 0, 0), occ.gp_Dir(1, 2, 3)), 20)
+    return Solid("plate", plate, {"plate": STEEL}, (RemotePoint("end", "end", np.zeros(3), "rbe2"),))
 
 
 @pytest.fixture(scope="module")
@@ -115,8 +118,29 @@ def test_the_description_tells_how_many_elements_folded():
     assert re.search(r"\d+ of \d+ curved elements folded, all mended by moving inner nodes", description)
 
 
-def test_folded_elements_that_remain_are_warned_of_with_their_places():
-    """Order 3 on three chords around a hole."""
+def test_a_mesh_whose_folds_cannot_be_mended_is_replaced_by_one_with_smaller_elements_there():
+    """Order 3 on three chords around a hole: no motion of inner nodes mends all."""
+    model = build_fe_model(make_plate(), element_size=10e-3, order=3, progress=False)
+    assert re.search(r"meshed anew with smaller elements where \d+ elements were folded", model.description)
+    assert not folded_elements(model._source[0]).any()
+
+
+def test_folded_elements_that_remain_are_warned_of_with_their_places(monkeypatch):
+    monkeypatch.setattr(assembly, "FURTHER_MESHES", 0)
     with pytest.warns(UserWarning, match=r"'plate': \d+ of \d+ curved elements are folded, at \(.*, .*, .*\)"):
         model = build_fe_model(make_plate(), element_size=10e-3, order=3, progress=False)
     assert re.search(r"elements folded, \d+ are still folded", model.description)
+    assert model.warnings
+
+
+@pytest.mark.skipif(calculix.PROGRAM is None, reason="CalculiX is not installed (Debian: calculix-ccx)")
+def test_calculix_accepts_the_mended_mesh_and_finds_the_same_frequencies(plate_mesh, tmp_path):
+    mesh = ng.Mesh(plate_mesh.Copy())
+    mesh.Curve(2)
+    with pytest.raises(RuntimeError, match="nonpositive jacobian"):
+        calculix.eigenfrequencies(assemble_mesh(mesh, make_plate(), 2), tmp_path, fixed=["end"], n=5)
+    curve_mesh(mesh, 2)
+    model = assemble_mesh(mesh, make_plate(), 2)
+    expected = full_eigenfrequencies(condense(model, progress=False), fixed=["end"], n=5, progress=False)
+    found = calculix.eigenfrequencies(model, tmp_path, fixed=["end"], n=5)
+    assert np.allclose(found, expected, rtol=1e-5)
