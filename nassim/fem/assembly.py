@@ -29,8 +29,10 @@ from nassim.fem.sparse import SymmetricMatrix, symmetric_matrix
 MAX_ORDER = 6
 FURTHER_MESHES = 3
 """Largest number of further meshes that replace one with folded elements."""
-SMALLER = 0.5
+SMALLER = 0.7
 """Size of their elements relative to the shortest edge of the folded element there."""
+LARGEST_GROWTH, SMALL_MESH = 2.0, 3000
+"""A further mesh has at most so many times the elements of the first one, unless it is small."""
 ELEMENTS = {ng.ET.TET: "tetrahedra", ng.ET.PRISM: "prisms", ng.ET.PYRAMID: "pyramids", ng.ET.HEX: "hexahedra"}
 
 
@@ -95,14 +97,17 @@ def build_fe_model(
 def _curved_mesh(solid: Solid, order: int, **options: Any) -> tuple[Any, Curving]:
     """Mesh a solid and curve the mesh; mesh it anew, with smaller elements there, where elements stay folded."""
     mesh = ng.Mesh(generate_mesh(solid, **options))
-    curving = curve_mesh(mesh, order)
+    curving = found = curve_mesh(mesh, order)
+    largest = max(LARGEST_GROWTH * mesh.ne, SMALL_MESH)
     points, sizes = np.zeros((0, 3)), np.zeros(0)
     for _ in range(FURTHER_MESHES):
-        if not len(curving.left):
+        if not len(found.left):
             break
-        points = np.vstack([points, curving.corners])
-        sizes = np.concatenate([sizes, SMALLER * curving.sizes])
+        points = np.vstack([points, found.corners])
+        sizes = np.concatenate([sizes, SMALLER * found.sizes])
         finer = ng.Mesh(generate_mesh(solid, **options, point_sizes=(points, sizes)))
+        if finer.ne > largest:
+            break
         found = curve_mesh(finer, order)
         if len(found.left) < len(curving.left):
             note(f"meshed anew with smaller elements where {len(curving.left)} elements were folded")

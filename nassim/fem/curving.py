@@ -190,7 +190,8 @@ def _mend(mesh: Any, order: int, folded: NDArray[np.bool_]) -> None:
         mesh.UnsetDeformation()
         if n_folded < fewest:
             best, fewest = correction.copy(), n_folded
-        if not n_folded:
+        # If most remain, they are flatter than any motion can mend, and further trials only take time.
+        if not n_folded or n_folded > 0.5 * folded.sum():
             break
     correction[:] = best
     mesh.SetDeformation(deformation)
