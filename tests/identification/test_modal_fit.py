@@ -729,6 +729,14 @@ def test_a_matched_mode_beyond_the_band_counts_in_the_static_response():
     np.testing.assert_allclose(report.static_ratio, 1.0)
 
 
+def test_the_report_tells_how_far_identified_modes_are_from_the_scenes():
+    _, report, _ = apply_to_blocks(0.5, [10.5, 19.0])
+    first, second, *rest = report.summary().splitlines()
+    assert first == "10.500 Hz: mode 1 of the scene, 10.000 Hz (+5.00 %)"
+    assert second == "19.000 Hz: mode 2 of the scene, 20.000 Hz (-5.00 %)"
+    assert rest[0].startswith("damping ratio of mode 1: 0.03 -> 0.01 ± ")
+
+
 def test_modes_that_were_not_measured_may_be_undamped():
     changed, report, _ = apply_to_blocks(0.5, [10.0], unmeasured_damping_ratio=0.0)
     np.testing.assert_array_equal(assemble(changed).damping.ratio, [0.01, 0.0])
