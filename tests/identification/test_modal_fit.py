@@ -149,6 +149,46 @@ def test_the_line_at_half_the_sample_rate_is_left_out():
     assert fit.recorded.frequency[-1] == pytest.approx(499.5)
 
 
+def one_mode_frf(first, last):
+    """Of a mode at 98 Hz, every half of a hertz."""
+    frequency = np.arange(first, last + 0.25, 0.5)
+    mode = 1 / (1 - (frequency / 98.0) ** 2 + 2j * 0.01 * frequency / 98.0)
+    return FRF(frequency, mode[None, None], ("y",), ("u",))
+
+
+ONE_MODE = {"outputs": ["y"], "hold_order": None, "n_modes": 1}
+
+
+def test_lines_are_enough_from_as_many_as_there_are_unknowns():
+    """A frequency, a damping ratio, a gain and four residual terms."""
+    assert identify(one_mode_frf(96.0, 99.0), band=(96.0, 99.0), **ONE_MODE).frequency[0] == pytest.approx(98.0)
+    with pytest.raises(ValueError, match=r"6 lines in the band carry no 1 mode\(s\), which need at least 7"):
+        identify(one_mode_frf(96.0, 98.5), band=(96.0, 98.5), **ONE_MODE)
+
+
+def test_bands_end_with_the_data_to_a_billionth():
+    frf = one_mode_frf(80.0, 120.0)
+    for share in (0.9, 1.1):
+        for band in ((80.0 * (1 - 1e-9 * share), 120.0), (80.0, 120.0 * (1 + 1e-9 * share))):
+            if share < 1:
+                assert len(identify(frf, band=band, **ONE_MODE).recorded.frequency) == 81
+            else:
+                with pytest.raises(ValueError, match=r"must ascend within the data.s 80 \.\.\. 120 Hz"):
+                    identify(frf, band=band, **ONE_MODE)
+
+
+def test_lines_with_a_millionth_of_the_largest_input_count():
+    """Without noise; the line at 300 Hz is weaker than the others."""
+    phase = np.random.default_rng(0).uniform(0, 2 * np.pi, 901)
+    for share in (0.9, 1.1):
+        spectrum = np.where(np.arange(2001) < 901, 1.0, 0.0) * np.exp(1j * np.pad(phase, (0, 1100)))
+        spectrum[[0, 600]] = 0.0, share * 1e-6
+        u = np.fft.irfft(spectrum, 4000)
+        values = [u, oscillator(u, 98.0, 0.01, 2000.0)]
+        fit = identify(TimeHistory(np.arange(4000) / 2000.0, values, ("u", "y")), outputs=["y"], n_modes=1)
+        assert (300.0 in fit.recorded.frequency.round(6)) == (share > 1)
+
+
 def test_modes_outside_the_band_are_left_to_the_residual_terms():
     fit = identify(make_record(0, noise=0.0, duration=4.0), band=(40.0, 180.0), n_modes=1)
     expected = [FREQUENCY[0], RATIO[0], *GAINS[:, 0]]
@@ -419,6 +459,8 @@ def test_a_coherence_gives_the_shape_of_the_noise():
         ({"outputs": ["sensor", "sensor"]}, "output names must differ"),
         ({"n_modes": 0}, "n_modes must be 1 ... 12, got 0"),
         ({"n_modes": 1.5}, "n_modes must be 1 ... 12, got 1.5"),
+        ({"n_modes": 13}, "n_modes must be 1 ... 12, got 13"),
+        ({"n_modes": 12, "band": (97.0, 99.0)}, r"4 lines in the band carry no 12 mode\(s\)"),
         ({"n_modes": "2"}, "n_modes must be 1 ... 12, got '2'"),
         ({"outputs": "sensor"}, "output names must be a list of them, got the text 'sensor'"),
         ({"residual_powers": (0, 0)}, r"residual_powers must be different whole numbers from -4 to 8, got \(0, 0\)"),
