@@ -1,5 +1,7 @@
 """Modes identified from signals of oscillators that are known exactly, and written into the bench."""
 
+import re
+import warnings
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -821,18 +823,43 @@ def test_a_resonance_that_the_model_misses_is_not_split_in_two():
     assert fit.damping_ratio[0] == pytest.approx(RATIO[0], rel=0.01)
 
 
-def test_a_neighbour_that_is_missed_beside_a_narrow_mode_is_told():
-    """A mode whose half-power width is less than a line, and another of a hundredth of its gain 1 Hz above it."""
+def noisy_mode(ratio, *, neighbour=0.0, noise):
+    """A fit of one mode near 100 Hz to a noisy FRF, which may hold a weak one at 101 Hz too."""
     frequency, random = np.arange(50.0, 150.0, 0.5), np.random.default_rng(0)
 
     def mode(f, ratio):
         return 1 / (1 - (frequency / f) ** 2 + 2j * ratio * frequency / f)
 
-    noise = 1e-3 * (random.standard_normal(200) + 1j * random.standard_normal(200))
-    frf = FRF(frequency, (mode(100.1, 2e-3) + 0.01 * mode(101.0, 0.01) + noise)[None, None], ("y",), ("u",))
+    errors = noise * (random.standard_normal(200) + 1j * random.standard_normal(200))
+    values = mode(100.1, ratio) + neighbour * mode(101.0, 0.01) + errors
+    frf = FRF(frequency, values[None, None], ("y",), ("u",))
+    return identify_modes(frf, input="u", outputs=["y"], band=(50.0, 149.5), n_modes=1)
+
+
+def test_a_neighbour_that_is_missed_beside_a_narrow_mode_is_told():
+    """A mode whose half-power width is less than a line, and another of a hundredth of its gain 1 Hz above it."""
     with pytest.warns(UserWarning, match="the residual is systematic near 100.1 Hz"):
-        fit = identify_modes(frf, input="u", outputs=["y"], band=(50.0, 149.5), n_modes=1)
+        fit = noisy_mode(2e-3, neighbour=0.01, noise=1e-3)
     assert abs(fit.damping_ratio[0] - 2e-3) < WITHIN * fit.damping_ratio_std[0]
+
+
+def test_a_systematic_residual_is_warned_of_from_one_per_cent_of_a_damping_ratio_on():
+    for neighbour, share in ((0.0078, 0.9), (0.0095, 1.1)):
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            fit = noisy_mode(2e-3, neighbour=neighbour, noise=1e-3)
+        assert fit.damping_ratio_std[0] / fit.damping_ratio[0] == pytest.approx(0.01 * share, rel=0.03)
+        assert "systematic" in fit.how["doubts"]
+        assert len(told) == (share > 1)
+
+
+def test_a_damping_ratio_that_is_known_to_half_of_it_is_taken():
+    fit = noisy_mode(0.02, noise=20.0)
+    assert fit.damping_ratio_std[0] / fit.damping_ratio[0] == pytest.approx(0.9 * 0.5, rel=0.03)
+    with pytest.raises(ValueError, match="do not determine the mode") as refused:
+        noisy_mode(0.02, noise=26.0)
+    ratio, spread = re.search(r"ratio ([\d.]+) has the standard deviation ([\d.]+);", str(refused.value)).groups()
+    assert float(spread) / float(ratio) == pytest.approx(1.1 * 0.5, rel=0.03)
 
 
 def test_a_delay_is_part_of_the_model():
