@@ -15,7 +15,7 @@ from nassim.systems.python_control import to_control
 
 @pytest.fixture(scope="module")
 def body():
-    return craig_bampton(lattice(), n_modes=6, progress=False)
+    return craig_bampton(lattice(), n_modes=6, remote_points=["right", "left"], progress=False)
 
 
 @pytest.mark.parametrize("ending", ["mat", "npz"])

@@ -906,6 +906,8 @@ def test_the_noise_of_a_fit_is_that_of_its_data():
 def test_the_noise_of_a_records_fit_is_that_of_its_responses():
     """Line by line, where the input is strong and where it is weak; of 860 lines, the mean square is within 5 %."""
     fit = identify(make_record(0))
+    model = fit.response(fit.recorded.frequency)
+    np.testing.assert_array_equal(fit.residual.values, fit.recorded.values - model.values)
     share = np.abs(fit.residual.values[:, 0]) ** 2 / fit.noise**2
     for low, high in ((20.0, 150.0), (150.0, 300.0), (300.0, 450.0)):
         within = (fit.recorded.frequency >= low) & (fit.recorded.frequency < high)

@@ -362,6 +362,12 @@ def test_columns_of_an_frf_may_come_in_any_order(tmp_path):
     np.testing.assert_array_equal(frf.coherence[frf.outputs.index("a")], [0.2, 0.3])
 
 
+@pytest.mark.parametrize("ending", [".uff", ".UNV", ".58"])
+def test_endings_of_uff_files(tmp_path, ending):
+    path = write_uff(tmp_path / "record.uff", [data_set(TIME, TIME, 1)]).rename(tmp_path / f"record{ending}")
+    np.testing.assert_allclose(read_record(path).time, TIME, atol=1e-10)
+
+
 def test_axes_of_a_uff_file_are_the_same_to_a_billionth(tmp_path):
     for share in (0.9, -0.9, 1.1, -1.1):
         axes = [np.array([10.0, 20.0, 40.0]), np.array([10.0, 20 * (1 + 1e-9 * share), 40.0])]
