@@ -87,6 +87,12 @@ def test_a_body_goes_to_python_control(body):
     assert np.allclose(system(2j * np.pi * frequency), frequency_response(model, frequency).values, rtol=1e-8)
 
 
+@pytest.mark.parametrize("ending", ["mat", "npz"])
+def test_endings_may_be_in_capitals(body, ending, tmp_path):
+    path = export_body(body, tmp_path / f"body.{ending}").rename(tmp_path / f"body.{ending.upper()}")
+    assert np.array_equal(read_superelement(path).mass_matrix, body.mass_matrix)
+
+
 def test_other_endings_are_refused(body, tmp_path):
     with pytest.raises(ValueError, match="unknown file ending"):
         export_body(body, tmp_path / "body.csv")

@@ -28,7 +28,8 @@ def written(tmp_path, text, name="file.csv"):
     ("unit", "factor", "si"),
     [
         ("um", 1e-6, "m"),
-        ("µm", 1e-6, "m"),
+        ("\N{MICRO SIGN}m", 1e-6, "m"),
+        ("\N{GREEK SMALL LETTER MU}m", 1e-6, "m"),
         ("kV", 1e3, "V"),
         ("um/V", 1e-6, "m/V"),
         ("mm / kN", 1e-6, "m/N"),
