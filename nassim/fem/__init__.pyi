@@ -7,6 +7,20 @@ from .condensation import (
     Condensation as Condensation,
     condense as condense,
 )
+from .face_picks import (
+    Extreme as Extreme,
+    NearestTo as NearestTo,
+    OfColour as OfColour,
+    OnBody as OnBody,
+    OnCylinder as OnCylinder,
+    OnPlane as OnPlane,
+    name_faces as name_faces,
+)
+from .faces import (
+    Face as Face,
+    face_table as face_table,
+    list_faces as list_faces,
+)
 from .fe_model import (
     Coupling as Coupling,
     FEModel as FEModel,
@@ -27,8 +41,6 @@ from .reduction import (
     craig_bampton as craig_bampton,
 )
 from .solid import (
-    NearestTo as NearestTo,
-    OnPlane as OnPlane,
     Solid as Solid,
     body_names as body_names,
     face_names as face_names,
