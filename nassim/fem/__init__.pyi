@@ -53,5 +53,6 @@ from .solver import (
     threads as threads,
 )
 from .tessellation import (
+    face_surface as face_surface,
     solid_surface as solid_surface,
 )

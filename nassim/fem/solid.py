@@ -147,8 +147,9 @@ def read_solid(
         bodies = read_bodies(source, scale, heal=heal)
         _check_bodies(label, bodies)
         warn_of_tiny_features(label, bodies, stacklevel=2)
-        shape = glue(bodies, name=label)
-        name_faces(shape, faces or {})
+        shape = _glue(bodies, label, stacklevel=3)
+        if faces:
+            name_faces(shape, faces)
         return Solid(label, shape, _materials_of(label, body_names(shape), materials), remote_points)
 
 
@@ -165,11 +166,16 @@ def glue(bodies: Sequence[Any], *, name: str = "") -> Any:
     Warns:
         UserWarning: if CAD bodies do not share faces with the others
     """
+    return _glue(bodies, name, stacklevel=3)
+
+
+def _glue(bodies: Sequence[Any], name: str, *, stacklevel: int) -> Any:
+    """Glue CAD bodies; `stacklevel` is that of warnings."""
     if len(bodies) == 1:
         return bodies[0]
     _refuse_overlaps(name, bodies)
     shape = occ.Glue(list(bodies))
-    _warn_of_loose_bodies(name, list(shape.solids))
+    _warn_of_loose_bodies(name, list(shape.solids), stacklevel=stacklevel)
     return shape
 
 
@@ -228,7 +234,7 @@ def _refuse_overlaps(name: str, bodies: Sequence[Any]) -> None:
             )
 
 
-def _warn_of_loose_bodies(name: str, bodies: Sequence[Any]) -> None:
+def _warn_of_loose_bodies(name: str, bodies: Sequence[Any], *, stacklevel: int) -> None:
     """Warn of glued CAD bodies that are not connected to the first one by common faces."""
     faces = [set(body.faces) for body in bodies]
     joined, loose = [0], [*range(1, len(bodies))]
@@ -243,8 +249,8 @@ def _warn_of_loose_bodies(name: str, bodies: Sequence[Any]) -> None:
     others = f" (and {len(loose) - 1} more)" if len(loose) > 1 else ""
     warn(
         f"solid {name!r}: CAD body {nearest!r}{others} has no face in common with the others; the smallest gap is "
-        f"{1e6 * gap:.3g} um: it moves on its own unless you join it",
-        stacklevel=3,
+        f"{1e3 * gap:.3g} mm: it moves on its own unless you join it",
+        stacklevel=stacklevel + 1,
     )
 
 
