@@ -97,13 +97,15 @@ class Extreme:
     def __post_init__(self) -> None:
         if isinstance(self.direction, str):
             known("direction", self.direction, ("+x", "-x", "+y", "-y", "+z", "-z"))
+        else:
+            freeze(self, direction=unit_vector(self.direction))
 
     @property
     def vector(self) -> Array:
         """Unit vector along the direction, shape (3,)."""
         if isinstance(self.direction, str):
             return unit_vector(self.direction[1]) * (-1 if self.direction[0] == "-" else 1)
-        return unit_vector(self.direction)
+        return np.asarray(self.direction)
 
     def find(self, faces: Sequence[Face], shape_faces: Sequence[Any]) -> list[list[Face]]:
         """Return groups of faces, each of which counts as one."""

@@ -119,8 +119,8 @@ def read_solid(
     Args:
         path: of the file
         materials: one material for all CAD bodies, or materials by name. The name of a part stands for all of its
-            instances; "*" stands for any text and "?" for one character. An exact name goes before a part, and a part
-            before a pattern.
+            instances; "*" stands for any text and "?" for one character. An exact name goes before a part, a part
+            before a pattern, and a long pattern before a short one.
         faces: new face name -> `OnPlane`, `NearestTo`, `Extreme`, `OnCylinder`, `OfColour`, `OnBody`, the name of faces
             in the file, or a number from `face_table`; a sequence of these names several faces
         remote_points: as in `Solid`; they use the names given in `faces`
@@ -191,8 +191,9 @@ def _materials_of(
             raise ValueError(
                 f"solid {name!r} has no CAD body for the material {key!r}; its CAD bodies are {', '.join(bodies)}"
             )
+    patterns = sorted(materials, key=len, reverse=True)
     keys = {
-        body: [key for key in (body, part, *(k for k in materials if body in matching(k, bodies))) if key in materials]
+        body: [key for key in (body, part, *(k for k in patterns if body in matching(k, bodies))) if key in materials]
         for body, part in parts.items()
     }
     return {body: materials[found[0]] for body, found in keys.items() if found}

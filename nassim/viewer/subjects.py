@@ -54,7 +54,7 @@ def view_faces(solid: "Solid") -> View:
     pale = label_colors(replace(surface, labels=tuple(face.bodies[0] for face in faces)), ())
     shape = Shape(solid.name, form, colors={str(face): face.colour or pale[face.bodies[0]] for face in faces})
     marks = tuple(
-        Mark(number, "face", ((solid.name, number),), text=str(face))
+        Mark(number, "face", ((solid.name, number),), text=str(face).partition(": ")[2])
         for number, face in zip(numbers, faces, strict=True)
     )
     return View(f"{solid.name}: faces", (shape,), marks)
