@@ -108,7 +108,7 @@ def expected_inertia():
 
 def test_mass_inertia_and_modes_of_an_assembly(machine):
     """Modes are those of the same boxes without a file and without a turn."""
-    options = {"element_size": 0.015, "order": 2, "progress": False}
+    options = {"element_size": 0.015, "order": 3, "progress": False}
     body = craig_bampton(build_fe_model(read(machine), **options), n_modes=8)
     mass, centre, inertia = expected_inertia()
     assert body.mass == pytest.approx(mass, rel=1e-9)
@@ -124,9 +124,9 @@ def test_mass_inertia_and_modes_of_an_assembly(machine):
     materials = {name: material for name, (_, _, material) in BOXES.items()}
     straight = Solid("machine", glue(list(boxes.values())), materials, (foot,))
     other = craig_bampton(build_fe_model(straight, **options), n_modes=8)
-    for fixed in ([], ["foot"]):
-        frequencies = [b.eigenfrequencies(fixed=fixed, n=10)[-4:] for b in (body, other)]
-        assert frequencies[0] == pytest.approx(frequencies[1], rel=0.01)  # the meshes differ
+    for fixed, first in (([], 6), (["foot"], 0)):
+        found, expected = (b.eigenfrequencies(fixed=fixed, n=first + 3)[first:] for b in (body, other))
+        assert found == pytest.approx(expected, rel=5e-3)  # the meshes differ
 
 
 @pytest.mark.parametrize(
@@ -228,7 +228,7 @@ def test_a_sliver_is_told_and_removed_on_request(tmp_path, capfd):
 
 
 def test_a_body_without_thickness():
-    with pytest.raises(ValueError, match="CAD body '' has no thickness: its volume is 1.01 mm3, 0.01 um times"):
+    with pytest.raises(ValueError, match=r"'' has no thickness: its volume is 1\.01 mm3, 0\.01 um times"):
         Solid("plate", occ.Box((0, 0, 0), (10.0, 1.0, 1.01e-7)).Scale(occ.Pnt(0, 0, 0), 0.1), {"": STEEL})
 
 
