@@ -106,6 +106,7 @@ def expected_inertia():
     return mass, centre, sum(moments) + steiner
 
 
+@pytest.mark.slow
 def test_mass_inertia_and_modes_of_an_assembly(machine):
     """Modes are those of the same boxes without a file and without a turn."""
     options = {"element_size": 0.015, "order": 3, "progress": False}
