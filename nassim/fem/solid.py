@@ -264,9 +264,8 @@ def _check_size(name: str, shape: Any) -> None:
             "check the CAD file's unit"
         )
     if not SHORT_SOLID <= size < LONG_SOLID:
-        long = "long" if size >= LONG_SOLID else "short"
         warn(
-            f"solid {name!r} is {size:g} m long; shapes are in metres: check the CAD file's unit if that is too {long}",
+            f"solid {name!r} is {size:g} m long; shapes are in metres: check the CAD file's unit unless that is right",
             stacklevel=4,
         )
 

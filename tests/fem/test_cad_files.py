@@ -173,7 +173,7 @@ def test_inches_are_converted(tmp_path):
 
 def test_metres_read_as_millimetres_are_told(tmp_path):
     path = written(occ.Box((0, 0, 0), (0.3, 0.2, 0.1)), tmp_path / "part.step")
-    with pytest.warns(UserWarning, match=r"'part' is 0\.0003\d* m long; .* if that is too short"):
+    with pytest.warns(UserWarning, match=r"'part' is 0\.0003\d* m long; .* unless that is right"):
         read_solid(path, STEEL)
     assert read_solid(path, STEEL, unit="m").shape.mass == pytest.approx(0.006)
 

@@ -194,7 +194,7 @@ def test_solid_below_a_thousandth_of_a_millimetre_is_refused():
         cube(5e-7)
     with pytest.raises(ValueError, match="at least 1e-06 m"):
         cube(0.9e-6 - MARGIN)
-    with pytest.warns(UserWarning, match="if that is too short"):
+    with pytest.warns(UserWarning, match="unless that is right"):
         cube(1.1e-6 - MARGIN)
 
 
