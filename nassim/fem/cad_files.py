@@ -82,6 +82,9 @@ def read_bodies(source: Path, scale: float, *, heal: float | None = None) -> lis
     Raises:
         FileNotFoundError: if there is no such file
         ValueError: if the file cannot be read or holds no body
+
+    Warns:
+        UserWarning: for faces that belong to no body
     """
     origin = occ.Pnt(0, 0, 0)
     parts = [(name, shape.Scale(origin, scale)) for name, shape in _read_parts(source)]
@@ -96,6 +99,14 @@ def read_bodies(source: Path, scale: float, *, heal: float | None = None) -> lis
             bodies.append(body)
     if not bodies:
         raise ValueError(_without_body(source, [shape for _, shape in parts]))
+    for name, shape in parts:
+        loose = set(shape.faces) - {face for body in shape.solids for face in body.faces}
+        if loose:
+            warn(
+                f"{source.name}: {len(loose)} face(s) of {name or 'the part'!r} belong to no CAD body and are left "
+                f"out, one at {millimetres(loose.pop().center)}; export solids, or close gaps by heal=",
+                stacklevel=3,
+            )
     _number_repeated_names(bodies)
     return bodies
 
@@ -194,7 +205,7 @@ def _read_parts(source: Path) -> list[tuple[str, Any]]:
             geometry = occ.OCCGeometry(str(copy))
         except Exception as error:
             raise ValueError(f"{source} is not a readable {ending[1:].upper()} file: {error}") from error
-    parts = list(_leaves(geometry.GetAssemblyTree()))
+    parts = list(_leaves(geometry.GetAssemblyTree())) if ending == ".step" else []
     if len(parts) < 2:
         parts = [("", geometry.shape)]
     for _, shape in parts:

@@ -21,8 +21,6 @@ CIRCLE = np.arange(4) * np.pi / 2
 """Angles at which a surface is compared with a surface of revolution [rad]."""
 HEIGHTS = (0.0, 0.4)
 """Second parameters of these comparisons [m or rad]. The equator of a sphere and of a torus is at zero."""
-TILTS = ((0.013, 0.0071), (-0.0058, 0.0117), (0.0031, -0.0109))
-"""Slopes of rays against the normal of a triangle. A ray along it may hit an edge between two triangles."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +33,7 @@ class Face:
         area: area [m2]
         centre: centre of area, shape (3,) [m]
         place: a point on the face, shape (3,) [m]
-        normal: outward unit normal at `place`, shape (3,); zero for a face without area
+        normal: outward unit normal at `place`, shape (3,); zero for a face that is too small to be drawn
         axis: point and unit direction of the axis of a cylinder or cone, shape (2, 3) [m, -]; None for other kinds
         radius: radius of a cylinder or sphere [m]; None for other kinds
         hollow: whether the material is outside a cylinder, cone or sphere, as in a hole; None for other kinds
@@ -140,18 +138,19 @@ def face_table(shape: Any) -> str:
     return "\n\n".join(text_table(table, width=TABLE_WIDTH) for table in (bodies, rows))
 
 
-def solid_triangles(body: Any) -> tuple[Array, Array]:
+def solid_triangles(body: Any) -> tuple[Array, Array, Array]:
     """Return the triangles by which OpenCASCADE draws a CAD body.
 
     Args:
         body: OpenCASCADE shape
 
     Returns:
-        Corners, shape (n, 3, 3), in the unit of the shape, and for each triangle the index of its face in `body.faces`.
+        Corners, shape (n, 3, 3), in the unit of the shape; outward unit normals at the corners, of the same shape; for
+        each triangle the index of its face in `body.faces`, shape (n,).
     """
     drawing = occ.OCCGeometry(body)._visualizationData()
-    corners = np.asarray(drawing["vertices"], dtype=float).reshape(-1, 3, 3)
-    return corners, np.asarray(drawing["indices"], dtype=int)
+    corners, normals = (np.asarray(drawing[key], dtype=float).reshape(-1, 3, 3) for key in ("vertices", "normals"))
+    return corners, normals, np.asarray(drawing["indices"], dtype=int)
 
 
 def _describe(number: int, face: Any, place: Array, outward: Array, bodies: tuple[str, ...]) -> Face:
@@ -232,41 +231,16 @@ def _sample(face: Any, u: float, v: float) -> tuple[tuple[float, ...], ...]:
 
 def _places(body: Any) -> Iterator[tuple[Array, Array]]:
     """Yield a point on each face of a body and the outward normal there."""
-    corners, owner = solid_triangles(body)
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas = np.linalg.norm(normals, axis=1)
+    corners, normals, owner = solid_triangles(body)
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     for number, face in enumerate(body.faces):
         own = np.flatnonzero(owner == number)
-        if not len(own) or not areas[own].max():
+        if len(own):
+            largest = own[np.argmax(areas[own])]
+            normal = normals[largest].mean(axis=0)
+            yield corners[largest].mean(axis=0), normal / (np.linalg.norm(normal) or 1.0)
+        else:  # too small to be drawn
             yield np.array(tuple(face.center)), np.zeros(3)
-            continue
-        largest = own[np.argmax(areas[own])]
-        place, normal = corners[largest].mean(axis=0), normals[largest] / areas[largest]
-        yield place, normal * _side(place, normal, np.delete(corners, largest, axis=0))
-
-
-def _side(place: Array, normal: Array, corners: Array) -> int:
-    """Return 1 if a ray along the normal starts outside the closed surface of the other triangles, otherwise -1."""
-    first, second = np.linalg.svd(normal[None])[2][1:]
-    outside = 0
-    for a, b in TILTS:
-        ray = normal + a * first + b * second
-        outside += 1 if _crossings(place, ray, corners) % 2 == 0 else -1
-    return int(np.sign(outside))
-
-
-def _crossings(origin: Array, ray: Array, corners: Array) -> int:
-    """Return the number of triangles that a ray crosses (Moeller and Trumbore 1997)."""
-    start, u, v = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    across = np.cross(ray, v)
-    volume = np.einsum("ij,ij->i", u, across)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        offset = origin - start
-        a = np.einsum("ij,ij->i", offset, across) / volume
-        turned = np.cross(offset, u)
-        b = turned @ ray / volume
-        length = np.einsum("ij,ij->i", v, turned) / volume
-        return int(np.sum((a >= 0) & (b >= 0) & (a + b <= 1) & (length > 0)))
 
 
 def _screen_colour(colour: Sequence[float] | None) -> str:

@@ -136,7 +136,8 @@ def read_solid(
             CAD bodies, and if a choice of faces finds none or too many (the message lists the faces)
 
     Warns:
-        UserWarning: for edges and faces that are far smaller than the solid, and for CAD bodies that touch no other
+        UserWarning: for faces that belong to no CAD body, for edges and faces that are far smaller than the solid, and
+            for CAD bodies that touch no other
     """
     source = Path(path)
     scale = CAD_UNITS[known("unit", unit, CAD_UNITS)]

@@ -49,7 +49,7 @@ def _surface(bodies: Sequence[Any], labels: Sequence[str]) -> Surface:
     numbers: list[Array] = []
     middles: list[tuple[float, ...]] = []
     for body in bodies:
-        triangles, owner = solid_triangles(body)
+        triangles, _, owner = solid_triangles(body)
         corners.append(triangles.reshape(-1, 3))
         numbers.append(owner + len(middles))
         middles += [(*face.center, face.mass) for face in body.faces]

@@ -192,6 +192,16 @@ def test_bodies_that_are_not_closed(tmp_path):
         Solid("part", block, {"block": STEEL})
 
 
+def test_a_part_that_is_not_closed_is_told(tmp_path):
+    block, cover = occ.Box((0, 0, 0), (10, 20, 30)), occ.Box((20, 0, 0), (30, 20, 30))
+    parts = {"block": block, "cover": occ.Sew(list(cover.faces)[1:])}
+    instances = [(part, "", TURN @ SHIFT, TURN) for part in parts]
+    with pytest.warns(UserWarning, match="5 face\\(s\\) of 'cover' belong to no CAD body and are left out") as told:
+        solid = read_solid(write_assembly(tmp_path / "pair.step", parts, instances), STEEL)
+    assert [warning.filename for warning in told] == [__file__]
+    assert body_names(solid.shape) == ("block",)
+
+
 def sheets(*, gap):
     """The faces of a block, one of them shifted along its plane and named [mm]."""
     faces = list(occ.Box((0, 0, 0), (10, 20, 30)).faces)
