@@ -317,7 +317,7 @@ def _joined_cylinders(faces: Sequence[Face], shape_faces: Sequence[Any]) -> list
     edges = {face.number: set(shape_faces[face.number - 1].edges) for face in faces}
     groups: list[list[Face]] = []
     for face in faces:
-        joined = [g for g in groups if any(_one_cylinder(face, f) and edges[face.number] & edges[f.number] for f in g)]
+        joined = [g for g in groups if any(edges[face.number] & edges[f.number] and _one_cylinder(face, f) for f in g)]
         groups = [g for g in groups if g not in joined] + [[f for g in joined for f in g] + [face]]
     return groups
 

@@ -221,11 +221,12 @@ def _check_bodies(name: str, bodies: Sequence[Any]) -> None:
 
 
 def _refuse_overlaps(name: str, bodies: Sequence[Any]) -> None:
-    """Raise ValueError for CAD bodies that overlap."""
+    """Raise ValueError for CAD bodies that overlap. Those that share a face are glued, and gluing leaves no overlap."""
+    faces = [set(body.faces) for body in bodies]
     boxes = [np.array([tuple(corner) for corner in body.bounding_box]) for body in bodies]
     for (i, a), (j, b) in itertools.combinations(enumerate(bodies), 2):
         apart = np.any((boxes[i][0] >= boxes[j][1]) | (boxes[j][0] >= boxes[i][1]))
-        common = None if apart else a * b
+        common = None if apart or faces[i] & faces[j] else a * b
         shared = 0.0 if common is None else common.mass
         smaller = min(a.mass, b.mass)
         if common is not None and shared > OVERLAP * smaller:

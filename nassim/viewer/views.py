@@ -20,7 +20,7 @@ MARK_COLORS = {
     "spring": "#2ca02c",
     "actuator": "#d9480f",
     "sensor": "#7b2cbf",
-    "face": "#23272e",
+    "face": "#37474f",
 }
 """Colours of marks by kind."""
 SHARP = np.cos(np.radians(40.0))
