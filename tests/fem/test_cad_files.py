@@ -1,5 +1,7 @@
 """Assemblies from STEP files as CAD programs write them, and files with faults."""
 
+import warnings
+
 import netgen.occ as occ
 import numpy as np
 import pytest
@@ -224,14 +226,14 @@ def test_surfaces_with_gaps_are_told_and_closed_on_request(tmp_path, ending):
 def test_a_sliver_is_told_and_removed_on_request(tmp_path, capfd):
     """A step of 2 um across a bar of 40 mm."""
     bar = occ.Box((0, 0, 0), (20, 10, 10)) + occ.Box((20, 0, 0), (40, 10, 10.002))
-    bar.faces.Max(occ.X).name, bar.faces.Min(occ.X).name = "end", "root"
+    bar.faces.Max(occ.X).name, bar.faces.Min(occ.Y).name = "end", "side"  # the side gets other edges
     path = written(bar, tmp_path / "bar.step")
     with pytest.warns(UserWarning, match=r"2 edge\(s\) and 1 face\(s\) .* the smallest 2 um at \(20, ") as told:
         solid = read_solid(path, STEEL)
     assert [warning.filename for warning in told] == [__file__]
     healed = read_solid(path, STEEL, heal=5e-6)
     assert (len(solid.shape.faces), len(healed.shape.faces)) == (8, 7)
-    assert set(face_names(healed.shape)) == {"end", "root"}
+    assert set(face_names(healed.shape)) == {"end", "side"}
     assert healed.shape.mass == pytest.approx(solid.shape.mass, rel=1e-4)
     assert capfd.readouterr().out == ""
     with pytest.raises(ValueError, match="heal must be positive, got -1 m"):
@@ -252,9 +254,14 @@ def test_a_body_that_is_inside_out():
 def test_bodies_that_do_not_touch_are_told():
     low, high = occ.Box((0, 0, 0), (0.01, 0.01, 0.01)), occ.Box((0, 0, 0.010002), (0.01, 0.01, 0.02))
     low.name, high.name = "low", "high"
-    with pytest.warns(UserWarning, match="CAD body 'high' has no face in common .* gap is 0.002 mm") as told:
-        glue([low, high], name="tower")
+    roof = occ.Box((0, 0, 0.02), (0.01, 0.01, 0.03))
+    with pytest.warns(UserWarning, match="CAD body 'high' .and 1 more. has no .* smallest gap is 0.002 mm") as told:
+        glue([low, high, roof], name="tower")
     assert [warning.filename for warning in told] == [__file__]
+    middle = occ.Box((0, 0, 0.01), (0.01, 0.01, 0.02))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        glue([low, roof, middle])  # joined through the last one
 
 
 def test_an_overlap_is_told_with_its_size_and_place(machine):

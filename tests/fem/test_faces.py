@@ -127,6 +127,38 @@ def test_picks_find_what_a_person_sees(part, pick, centres):
         assert min(off) < 1e-6
 
 
+def test_two_holes_on_one_axis_are_two():
+    """The ears of a fork: choose one by its place, or both."""
+    fork = occ.Box((0, 0, 0), (0.03, 0.02, 0.02)) - occ.Box((0.01, -1, 0.005), (0.02, 1, 1))
+    fork = moved(fork - occ.Cylinder(occ.Pnt(-1, 0.01, 0.013), occ.X, 0.004, 2))
+    with pytest.raises(ValueError, match="finds 2 faces, one is wanted"):
+        name_faces(fork, {"bore": OnCylinder(0.004)})
+    name_faces(fork, {"bore": OnCylinder(0.004, near=at(28, 10, 13))})
+    (bore,) = [face for face in list_faces(fork) if face.name == "bore"]
+    np.testing.assert_allclose(bore.centre, at(25, 10, 13), atol=1e-9)
+    name_faces(fork, {"both": OnCylinder(0.004, several=True)})
+    assert [face.name for face in list_faces(fork)].count("both") == 2
+
+
+def test_faces_between_bodies():
+    """A pin in a plate, with a dome of the pin's radius on it: what is a hole, a shaft, and on top."""
+    pin = occ.Cylinder(occ.Pnt(0.01, 0.01, 0), occ.Z, 0.004, 0.012)
+    plate = occ.Box((0, 0, 0), (0.02, 0.02, 0.005)) - pin
+    dome = occ.Sphere(occ.Pnt(0.01, 0.01, 0.012), 0.004) - occ.Box((0, 0, 0), (0.02, 0.02, 0.012))
+    plate.name, pin.name, dome.name = "plate", "pin", "dome"
+    shape = glue([moved(body) for body in (plate, pin, dome)])
+    name_faces(shape, {"bore": OnCylinder(hole=True), "top": Extreme(along(0, 0, 1))})
+    found = {face.name: face for face in list_faces(shape)}
+    assert found["bore"].bodies == ("plate", "pin")
+    np.testing.assert_allclose(found["bore"].centre, at(10, 10, 2.5), atol=1e-9)
+    assert found["top"].bodies == ("plate",)
+    name_faces(shape, {"shaft": OnBody("pin", OnCylinder(hole=False)), "seat": OnBody("pin", Extreme(along(0, 0, 1)))})
+    assert sum(face.area for face in list_faces(shape) if face.name == "shaft") == pytest.approx(96e-6 * np.pi)
+    assert {face.name: face for face in list_faces(shape)}["seat"].bodies == ("pin", "dome")
+    with pytest.raises(ValueError, match="finds no face"):
+        name_faces(shape, {"top": OnBody("dome", Extreme(along(0, 0, 1)))})
+
+
 def test_numbers_name_faces(part):
     (top,) = [face for face in list_faces(part) if face.name == "boss"]
     line = next(row for row in face_table(part).splitlines() if row.startswith(f"{top.number} "))
