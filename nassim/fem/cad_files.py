@@ -93,9 +93,8 @@ def read_bodies(source: Path, scale: float, *, heal: float | None = None) -> lis
     bodies: list[Any] = []
     for name, shape in parts:
         for body in shape.solids:
-            body.name = (name if name and (len(shape.solids) == 1 or not body.name) else body.name) or (
-                f"body {len(bodies) + 1}"
-            )
+            only = len(shape.solids) == 1
+            body.name = (name if only else body.name) or body.name or name or f"body {len(bodies) + 1}"
             bodies.append(body)
     if not bodies:
         raise ValueError(_without_body(source, [shape for _, shape in parts]))
