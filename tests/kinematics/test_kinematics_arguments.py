@@ -20,6 +20,7 @@ from nassim.kinematics import (
     strut_directions,
     strut_forces,
     strut_frames,
+    strut_strokes,
     workspace,
 )
 
@@ -132,6 +133,14 @@ def nearly_singular(condition):
     rates = jacobian(skewed(1e-4))
     rates = rates / np.repeat([1, np.abs(rates[:, 3:]).max()], 3)
     return skewed(1e-4 * np.linalg.cond(rates) / condition)
+
+
+def test_a_stroke_counts_both_ways():
+    """About a point halfway up a tall platform, where both ends of a strut lie opposite, turns shorten it by more."""
+    tall = StewartPlatform.from_angles(**{**RING, "height": 1.0}, point=(0, 0, -0.5))
+    strokes = strut_strokes(tall, workspace(tall, (0, 0, 0, 1, 0.5, 0), stroke=5e-3))
+    assert -strokes.min() == pytest.approx(5e-3, rel=1e-9)
+    assert 1e-3 < strokes.max() < 4.999e-3
 
 
 LIMITS = {

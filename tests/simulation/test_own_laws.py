@@ -426,7 +426,7 @@ FASTER = {
 @pytest.mark.parametrize("name", FASTER)
 def test_faster_items_are_the_general_ones(name, monkeypatch):
     """A block released beside a flexible bar that swings: large motion, bodies turned about odd axes."""
-    from nassim.simulation.exudyn import springs
+    from nassim.simulation.exudyn import outputs, springs
 
     body = reduced()
     bar = FlexibleBody("bar", body, -ODD @ body.point("left").position, ODD, angular_velocity=(1.0, -2.0, 3.0))
@@ -436,6 +436,8 @@ def test_faster_items_are_the_general_ones(name, monkeypatch):
     sensors = (
         *(Encoder(axis, "ground.o", "block.c", axis) for axis in "xyz"),
         Encoder("end", "ground.o", "bar.right", "x"),
+        AngleSensor("twist", "bar.right", "block.c", (0.3, 0.4, -1.2)),
+        Encoder("seen", "bar.right", "block.c", (0.3, 0.4, -1.2), frame="bar.right"),
     )
     scene = Scene(
         "tied",
@@ -447,6 +449,7 @@ def test_faster_items_are_the_general_ones(name, monkeypatch):
     )
     found, _ = free_run(scene, 0.05, 1e-3, start="released", spectral_radius=0.9)
     monkeypatch.setattr(springs, "FASTER_FORCES", {})
+    monkeypatch.setattr(outputs, "FASTER_OUTPUTS", {})
     expected, _ = free_run(scene, 0.05, 1e-3, start="released", spectral_radius=0.9)
     free, _ = free_run(replace(scene, springs=()), 0.05, 1e-3, start="released", spectral_radius=0.9)
     for output in found:

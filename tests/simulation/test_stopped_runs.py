@@ -34,7 +34,7 @@ from nassim.simulation.linear import exact_steps
 from nassim.simulation.linear.stopped_runs import Stopped
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.initial_velocities import starting_energy
-from nassim.simulation.model.reach import Reach, find_reach
+from nassim.simulation.model.reach import GrowingReach, Reach, find_reach
 from nassim.systems.controllers import Controller
 
 MASS = 2.0
@@ -246,6 +246,11 @@ def test_reach_of_what_drives_move():
     spun = find_reach(assemble(replace(scene, actuators=(Drive("motor", "hinge", "rz", speed=rate),))), ramp[:0], STEP)
     own = np.sqrt(2 * starting_energy(wheel(rate)) / 0.7)
     assert spun.at(len(spun.path) - 1)["wheel"] == pytest.approx(reach.size + path + MARGIN * own * time, rel=2e-3)
+    growing = GrowingReach(assemble(wheel(rate)), STEP)
+    pieces = [growing.after(np.zeros((0, k))).path for k in (1, 400, 600)]
+    np.testing.assert_allclose(
+        np.concatenate(pieces), find_reach(assemble(wheel(rate)), np.zeros((0, n)), STEP).path, rtol=1e-9
+    )
     limited = Loop("hold", replace(carriage(0.0).loops[0].controller, limit=2.0), "angle", "angle in")
     assert find_reach(assemble(replace(turned, loops=(limited,))), ramp, STEP).size == pytest.approx(3 * reach.size)
 
