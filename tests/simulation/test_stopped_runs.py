@@ -31,7 +31,7 @@ from nassim.scene.joints import prismatic
 from nassim.simulation import SimulationInterrupted
 from nassim.simulation.exudyn import solver
 from nassim.simulation.linear import exact_steps
-from nassim.simulation.linear.stopped_runs import Stopped
+from nassim.simulation.linear.stopped_runs import Stopped, Trust
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.initial_velocities import starting_energy
 from nassim.simulation.model.reach import GrowingReach, Reach, find_reach
@@ -197,6 +197,14 @@ def test_a_body_may_get_as_far_as_it_is_let(monkeypatch, bar, small, method, mod
     assert bounded(0.9)["x"][-1] == farthest
     with pytest.raises(SimulationError, match="body 'carriage' has moved"):
         bounded(1.1)
+
+
+def test_trust_does_not_come_back():
+    """Until the last sound look before the first unsound one."""
+    trust = Trust()
+    for sample, sound in ((10, True), (20, True), (30, False), (40, True)):
+        trust.see(sample, sound=sound)
+    assert trust.sample == 20
 
 
 def test_reach_in_closed_form():
