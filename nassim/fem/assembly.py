@@ -1,5 +1,6 @@
 """Finite element models made by NGSolve: mesh, stiffness and mass of any element order, remote points."""
 
+import time
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
@@ -11,10 +12,10 @@ import scipy.sparse as sp
 
 from nassim.base.checks import Array
 from nassim.base.library_lock import hold_library_lock
-from nassim.base.progress import stage, tell
+from nassim.base.progress import stage
 from nassim.base.warning_log import collect_messages
 from nassim.bodies.interface import RemotePoint
-from nassim.fem.fe_model import Coupling, FEModel, Refinement, make_coupling
+from nassim.fem.fe_model import Coupling, FEModel, MeshRound, Refinement, make_coupling
 from nassim.fem.materials import Material
 from nassim.fem.mesh_checks import check_memory, check_volume, warn_of_thin_walls
 from nassim.fem.meshing import generate_mesh
@@ -29,64 +30,54 @@ MAX_ORDER = 6
 ELEMENTS = {ng.ET.TET: "tetrahedra", ng.ET.PRISM: "prisms", ng.ET.PYRAMID: "pyramids", ng.ET.HEX: "hexahedra"}
 
 
-def build_fe_model(
+def build_by_size(
     solid: Solid,
     *,
     element_size: float,
-    order: int = 3,
-    curvature: float = 0.5,
-    local_sizes: Mapping[str, float] | None = None,
-    extrude: str | None = None,
-    layer_thickness: float | None = None,
-    progress: bool = True,
+    order: int,
+    curvature: float,
+    local_sizes: Mapping[str, float] | None,
+    extrude: str | None,
+    layer_thickness: float | None,
+    progress: bool,
 ) -> FEModel:
-    """Mesh a solid and assemble its stiffness and mass.
-
-    Args:
-        solid: the solid
-        element_size: largest edge length of the elements [m]; see `meshing.generate_mesh` for this and the other
-            arguments of the mesh
-        order: polynomial order of the displacements, 1 to 6; order 1 is far too stiff in thin walls
-        curvature: elements per radius of curvature of curved edges and faces
-        local_sizes: largest edge length on faces, by the names of the faces [m]
-        extrude: axis "x", "y" or "z" along which CAD bodies are extruded and meshed with prisms; None for tetrahedra
-        layer_thickness: largest height of the prisms [m] (default: element_size)
-        progress: show the stages and their times
-
-    Raises:
-        ValueError: for invalid arguments, for a solid whose CAD bodies are not connected, and for a mesh that does not
-            fit in memory
-
-    Warns:
-        UserWarning: for thin walls in elements of order 1
-    """
-    if not 1 <= order <= MAX_ORDER or int(order) != order:
-        raise ValueError(f"order must be a whole number from 1 to {MAX_ORDER}, got {order!r}")
+    """Mesh a solid with elements of a given size and assemble its matrices; see `build_fe_model`."""
+    start = time.perf_counter()
+    check_order(order)
     with hold_library_lock(), collect_messages() as log:
         with stage("mesh", enabled=progress):
-            mesh = ng.Mesh(
-                generate_mesh(
-                    solid,
-                    element_size=element_size,
-                    curvature=curvature,
-                    local_sizes=local_sizes,
-                    extrude=extrude,
-                    layer_thickness=layer_thickness,
-                )
+            netgen_mesh = generate_mesh(
+                solid,
+                element_size=element_size,
+                curvature=curvature,
+                local_sizes=local_sizes,
+                extrude=extrude,
+                layer_thickness=layer_thickness,
             )
-            # With isoparametric elements or a lower curvature order, the unknowns represent rigid motions exactly.
-            mesh.Curve(order)
+            mesh = curved_mesh(netgen_mesh, order)
             check_memory(mesh, solid, order, element_size)
         check_volume(mesh, solid)
         if order == 1:
             warn_of_thin_walls(mesh, solid)
         with stage("assemble", enabled=progress):
             model = assemble_mesh(mesh, solid, order)
+    made = MeshRound(order, mesh.ne, model.n_dofs, seconds=time.perf_counter() - start)
     description = "; ".join([model.description, *log.notes])
-    model = replace(model, description=description, warnings=tuple(log.warnings))
-    if progress:
-        tell(model.description)
-    return model
+    return replace(model, description=description, warnings=tuple(log.warnings), rounds=(made,))
+
+
+def check_order(order: int) -> None:
+    """Raise ValueError for an impossible element order."""
+    if not 1 <= order <= MAX_ORDER or int(order) != order:
+        raise ValueError(f"order must be a whole number from 1 to {MAX_ORDER}, got {order!r}")
+
+
+def curved_mesh(netgen_mesh: Any, order: int) -> Any:
+    """Return an NGSolve mesh with curved elements, on a copy of a Netgen mesh."""
+    mesh = ng.Mesh(netgen_mesh.Copy())
+    # With isoparametric elements or a lower curvature order, the unknowns represent rigid motions exactly.
+    mesh.Curve(order)
+    return mesh
 
 
 def assemble_mesh(mesh: Any, solid: Solid, order: int) -> FEModel:
@@ -170,13 +161,24 @@ def refine_order(fe_model: FEModel) -> Refinement:
         mass = ng.BilinearForm(trialspace=scalar, testspace=fine_scalar)
         mass += _density(mesh, solid) * scalar.TrialFunction() * fine_scalar.TestFunction() * ng.dx(bonus_intorder=2)
         fields = _position_fields(fine_scalar)
+        port_forces = [couple_port(mesh, solid, order + 1, port).forces for port in solid.ports]
         return Refinement(
             _stiffness(mesh, solid, order + 1),
             np.flatnonzero(np.tile(held, 3)),
             _to_scipy(stiffness.Assemble().mat),
             _to_scipy(mass.Assemble().mat),
             tuple(_couple(mesh, fine_scalar, fields, point) for point in solid.remote_points),
+            np.column_stack([np.zeros((3 * fine_scalar.ndof, 0)), *port_forces]),
+            _elements_by_unknown(mesh, fine_scalar),
         )
+
+
+def _elements_by_unknown(mesh: Any, scalar: Any) -> sp.csr_matrix:
+    """Return a matrix of ones where an element has an unknown, shape (n_elements, n)."""
+    unknowns = [list(scalar.GetDofNrs(element)) for element in mesh.Elements(ng.VOL)]
+    counts = [len(numbers) for numbers in unknowns]
+    places = (np.repeat(np.arange(len(counts)), counts), np.concatenate(unknowns))
+    return sp.csr_matrix((np.ones(sum(counts)), places), shape=(len(counts), scalar.ndof))
 
 
 def _elastic_energy(mesh: Any, solid: Solid, u: Any, v: Any) -> Any:

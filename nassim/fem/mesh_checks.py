@@ -18,23 +18,33 @@ THIN_SHARE = 0.5
 LARGEST_VOLUME_ERROR = 0.01
 
 
-def check_memory(mesh: Any, solid: Solid, order: int, element_size: float) -> None:
-    """Raise ValueError for a mesh whose factorisation would not fit in the free memory."""
+def factorization_memory(mesh: Any, order: int) -> float:
+    """Estimate the memory of a factorisation of elements of an order on a mesh [bytes]; 0 for a small model."""
     scalar = ng.H1(mesh, order=order)
     if 3 * scalar.ndof < SMALL_MODEL:
-        return
+        return 0.0
     points = np.array([vertex.point for vertex in mesh.vertices])
     elements = list(mesh.Elements(ng.VOL))
     centres = np.array([points[[v.nr for v in element.vertices]].mean(axis=0) for element in elements])
     unknowns = [np.array(scalar.GetDofNrs(element)) for element in elements]
-    need = USUAL_SHARE * factor_memory(centres, unknowns)
-    free = psutil.virtual_memory().available
+    return USUAL_SHARE * factor_memory(centres, unknowns)
+
+
+def free_memory() -> float:
+    """Return the free memory of the computer [bytes]."""
+    return float(psutil.virtual_memory().available)
+
+
+def check_memory(mesh: Any, solid: Solid, order: int, element_size: float) -> None:
+    """Raise ValueError for a mesh whose factorisation would not fit in the free memory."""
+    need, free = factorization_memory(mesh, order), free_memory()
     if need > free:
         # The memory of the factor is about proportional to the number of unknowns to the power 4/3.
         fitting = element_size * (need / free) ** 0.25
         raise ValueError(
-            f"solid {solid.name!r}: {3 * scalar.ndof} degrees of freedom need about {need / 1e9:.1f} GB to factorise, "
-            f"{free / 1e9:.1f} GB are free; an element_size of {fitting:.2g} m or more would fit"
+            f"solid {solid.name!r}: {3 * ng.H1(mesh, order=order).ndof} degrees of freedom need about "
+            f"{need / 1e9:.1f} GB to factorise, {free / 1e9:.1f} GB are free; an element_size of {fitting:.2g} m or "
+            "more would fit"
         )
 
 

@@ -1,7 +1,10 @@
 """Faces of a CAD object as triangles, for images without a mesh."""
 
+from typing import Any
+
 import netgen.occ as occ
 import numpy as np
+from numpy.typing import NDArray
 
 from nassim.base.checks import Array
 from nassim.base.library_lock import hold_library_lock
@@ -12,6 +15,20 @@ SAME_CORNER = 1e-6
 """Share of the size within which two corners of faces are the same, because coordinates are in single precision."""
 SAME_FACE = 1e-9
 """Largest distance between the centres of one face as seen from the CAD bodies on its two sides [m]."""
+
+
+def body_triangles(body: Any) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Return the triangles by which OpenCASCADE draws a CAD body.
+
+    Args:
+        body: OpenCASCADE shape [m]
+
+    Returns:
+        Corners and outward normals there, each of shape (n, 3, 3), and the number of each triangle's face, shape (n,).
+    """
+    drawing = occ.OCCGeometry(body)._visualizationData()
+    corners, normals = (np.asarray(drawing[key], dtype=float).reshape(-1, 3, 3) for key in ("vertices", "normals"))
+    return corners, normals, np.asarray(drawing["indices"], dtype=int)
 
 
 def solid_surface(solid: Solid) -> Surface:
@@ -29,9 +46,9 @@ def solid_surface(solid: Solid) -> Surface:
     middles: list[tuple[float, ...]] = []
     with hold_library_lock(forkable=True):
         for body in solid.shape.solids:
-            drawing, faces = occ.OCCGeometry(body)._visualizationData(), list(body.faces)
-            corners.append(np.asarray(drawing["vertices"], dtype=float).reshape(-1, 3))
-            numbers.append(np.asarray(drawing["indices"], dtype=int) + len(middles))
+            (triangles_of_body, _, face_numbers), faces = body_triangles(body), list(body.faces)
+            corners.append(triangles_of_body.reshape(-1, 3))
+            numbers.append(face_numbers + len(middles))
             labels += [owner.get(face.name, body.name or "") for face in faces]
             middles += [(*face.center, face.mass) for face in faces]
     places = np.array(middles)
