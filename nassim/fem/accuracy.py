@@ -27,7 +27,7 @@ from nassim.fem.fe_model import FEModel, MeshRound
 from nassim.fem.mesh_checks import check_volume, factorization_memory, free_memory
 from nassim.fem.mesh_error import ReleasedEnergy, released_energy
 from nassim.fem.meshing import generate_mesh
-from nassim.fem.modes import fixed_interface_modes, mass_operator
+from nassim.fem.modes import fixed_interface_modes, largest_n_modes, mass_operator
 from nassim.fem.solid import Solid
 from nassim.fem.solver import threads
 
@@ -46,8 +46,10 @@ SIZE_CHANGE = (0.35, 1.25)
 """Smallest and largest factor on an element's size between two meshes."""
 RELAXED_CAD_SIZES = 1.4
 """Factor on the sizes from CAD in later meshes, whose sizes come from the estimate."""
-COARSENING = 1.5
-"""Factor on all sizes if the first mesh is beyond the limits."""
+COARSENING = 1.3
+"""Factor on all sizes if a mesh is beyond the limits."""
+SMALLEST_GROWTH = 1.1
+"""Smallest useful ratio of the unknowns of two meshes, if a larger one is beyond the limits."""
 COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 EXTRA_MODES = 3
 """Fixed-interface modes of the basis beyond the number of frequencies."""
@@ -152,11 +154,11 @@ class Limits:
         need, free = factorization_memory(mesh, order), free_memory()
         if need > free:
             return f"{unknowns} unknowns and {need / 1e9:.1f} GB to factorise, {free / 1e9:.1f} GB are free"
-        elapsed = time.perf_counter() - self.start
-        if rounds:
-            last = rounds[-1].seconds - (rounds[-2].seconds if len(rounds) > 1 else 0.0)
-            elapsed += last * (unknowns / rounds[-1].n_dofs) ** 1.5
-        return f"about {elapsed:.0f} s, max_time is {self.seconds:g} s" if elapsed > self.seconds else ""
+        if not rounds:
+            return ""
+        last = rounds[-1].seconds - (rounds[-2].seconds if len(rounds) > 1 else 0.0)
+        expected = time.perf_counter() - self.start + last * (unknowns / rounds[-1].n_dofs) ** 1.5
+        return f"about {expected:.0f} s, max_time is {self.seconds:g} s" if expected > self.seconds else ""
 
 
 @dataclass(frozen=True)
@@ -218,11 +220,15 @@ def _refine(
             if netgen_mesh is None:
                 netgen_mesh = sizing.mesh(solid, mesh_options)
             mesh = curved_mesh(netgen_mesh, order)
-        refused = limits.refusal(mesh, order, rounds)
-        if refused and best is not None:
+        unknowns = 3 * ng.H1(mesh, order=order).ndof
+        if refused and best is not None and unknowns < SMALLEST_GROWTH * rounds[-1].n_dofs:
             break
-        if refused:
-            sizing, netgen_mesh = sizing.coarsened(refused), None
+        reason = limits.refusal(mesh, order, rounds)
+        refused = refused or reason
+        if reason:
+            if best is not None and not sizing.can_be_coarser:
+                break
+            sizing, netgen_mesh = sizing.coarsened(reason), None
             continue
         with stage(f"round {len(rounds) + 1}: solve, estimate", enabled=progress):
             condensed = condense(assemble_mesh(mesh, solid, order), progress=False)
@@ -293,17 +299,23 @@ class Sizing:
         """Return a Netgen mesh with these sizes."""
         return generate_mesh(solid, element_size=self.largest, point_sizes=self.points, **options)
 
+    @property
+    def can_be_coarser(self) -> bool:
+        """Whether a size is below the largest."""
+        return bool(np.any(self.points[1] < self.largest))
+
     def coarsened(self, reason: str) -> "Sizing":
         """Return larger sizes; ValueError if they are the largest possible already.
 
         Args:
             reason: why they must be larger, for the message
         """
-        points, sizes = self.points
-        if not np.any(sizes < self.largest):
+        if not self.can_be_coarser:
             raise ValueError(f"the coarsest mesh would need {reason}; allow more, or simplify the CAD")
-        larger = np.minimum(COARSENING * sizes, self.largest)
-        return replace(self, cad=(points, larger), points=(points, larger))
+        cad, points = (
+            (places, np.minimum(COARSENING * sizes, self.largest)) for places, sizes in (self.cad, self.points)
+        )
+        return replace(self, cad=cad, points=points)
 
     def refined(self, mesh: Any, targets: Targets, goal: float) -> "Sizing":
         """Return sizes with which every target's error is the goal, with as few elements as possible.
@@ -360,6 +372,7 @@ class Basis:
     def of(condensed: Condensation, n_modes: int) -> "Basis":
         """Compute the basis of an FE model."""
         model, static = condensed.fe_model, condensed.constraint_modes
+        n_modes = min(n_modes, largest_n_modes(condensed))
         frequency, modes = fixed_interface_modes(condensed, n_modes=n_modes)
         ports = np.column_stack([np.zeros((model.n_dofs, 0)), *(port.forces for port in model.ports)])
         held = np.hstack([modes, condensed.solve_fixed(ports)])

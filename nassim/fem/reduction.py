@@ -84,24 +84,19 @@ def craig_bampton(
             condensed = condense(fe_model, remote_points=remote_points, progress=progress)
         model = condensed.fe_model
         if discretization is None:
-            discretization = bool(model.rounds) and math.isnan(model.rounds[-1].error)
+            discretization = any(math.isnan(made.error) for made in model.rounds)
         kept = model.ports if ports is None else [model.port(name) for name in unique("electrical port", ports)]
         if tolerance is None:
-            rich, count = _reduce(condensed, count, cutoff_frequency, kept, discretization, progress)
+            rich, count, shapes = _reduce(condensed, count, cutoff_frequency, kept, progress)
         else:
-            rich, count = _reduce_within(condensed, tolerance, cutoff_frequency, kept, discretization, progress)
+            rich, count, shapes = _reduce_within(condensed, tolerance, cutoff_frequency, kept, progress)
+        if discretization:
+            rich = _with_released_stiffness(rich, condensed, shapes, progress)
         body = keep_modes(rich, count)
         error = _mesh_error(body, model)
-        if discretization and error > LARGE_MESH_ERROR:
-            warn(
-                f"body {body.name!r}: its elements leave an estimated error of {error_text(error)} in the first "
-                "eigenfrequencies; give build_fe_model a tolerance in place of element_size, or smaller elements or a "
-                "higher order",
-                stacklevel=2,
-            )
-    record = {**body.record, **_report(body, rich, count)}
-    if isinstance(fe_model, FEModel) and model.rounds:
-        record["cost and error"] = _cost(model, time.perf_counter() - start, error)
+        if discretization:
+            _warn_of_coarse_mesh(body.name, error)
+    record = {**body.record, **_report(body, rich, count), **_cost(fe_model, time.perf_counter() - start, error)}
     warnings = [*model.warnings, *log.warnings]
     if progress:
         tell("\n".join(f"{label}: {text}" for label, text in record.items() if label != "finite element model"))
@@ -113,10 +108,12 @@ def _reduce(
     n_modes: int,
     cutoff_frequency: float | None,
     ports: Sequence[PortCoupling],
-    discretization: bool,
     progress: bool,
-) -> tuple[ReducedBody, int]:
-    """Return the body with extra modes and the vectors for all other modes, and the number of modes to keep."""
+) -> tuple[ReducedBody, int, tuple[Array, Array]]:
+    """Return the body with extra modes and the vectors for all other modes, the number of modes to keep, and all modes.
+
+    The modes are frequencies [Hz] and shapes (n_dofs, p).
+    """
     with stage("fixed-interface modes", unit="solves", enabled=progress) as advance:
         if cutoff_frequency is None:
             frequency, modes = fixed_interface_modes(condensed, n_modes=n_modes + 1, advance=advance)
@@ -129,13 +126,18 @@ def _reduce(
     with stage("integrals", enabled=progress), threads():
         parts = [condensed.constraint_modes, modes, vectors]
         rich = _project(condensed, np.concatenate([frequency, more]), parts, ports)
-    if discretization:
-        with stage("discretisation error", unit="solves", enabled=progress) as advance:
-            released = np.zeros_like(rich.stiffness_matrix)
-            n = len(released) - len(more)
-            released[:n, :n] = released_stiffness(condensed, frequency, modes, advance=advance)
-        rich = replace(rich, released_stiffness=released)
-    return rich, n_modes
+    return rich, n_modes, (frequency, modes)
+
+
+def _with_released_stiffness(
+    rich: ReducedBody, condensed: Condensation, modes: tuple[Array, Array], progress: bool
+) -> ReducedBody:
+    """Return the body with the estimate of its discretisation error; the vectors for other modes have none."""
+    with stage("discretisation error", unit="steps", enabled=progress) as advance:
+        released = np.zeros_like(rich.stiffness_matrix)
+        n = len(condensed.stiffness) + len(modes[0])
+        released[:n, :n] = released_stiffness(condensed, *modes, advance=advance)
+    return replace(rich, released_stiffness=released)
 
 
 def _reduce_within(
@@ -143,18 +145,17 @@ def _reduce_within(
     tolerance: float,
     cutoff_frequency: float | None,
     ports: Sequence[PortCoupling],
-    discretization: bool,
     progress: bool,
-) -> tuple[ReducedBody, int]:
+) -> tuple[ReducedBody, int, tuple[Array, Array]]:
     """Return the same as `_reduce`, with the smallest number of modes whose estimated errors meet a tolerance."""
     most = min(LARGEST_N_MODES, condensed.fe_model.n_dofs // 2 - 2)
     available = min(2 * DEFAULT_MODES, most)
     while True:
-        rich, _ = _reduce(condensed, available, None, ports, discretization, progress)
+        rich, _, shapes = _reduce(condensed, available, None, ports, progress)
         errors = [_worst_truncation(keep_modes(rich, count), cutoff_frequency) for count in range(available + 1)]
         within = np.flatnonzero(np.array(errors) <= tolerance)
         if within.size:
-            return rich, int(within[0])
+            return rich, int(within[0]), shapes
         if available == most:
             raise ValueError(
                 f"tolerance {tolerance:g} is out of reach: {int(np.argmin(errors))} of at most {most} modes leave an "
@@ -213,13 +214,32 @@ def _mesh_error(body: ReducedBody, model: FEModel) -> float:
     return float(np.max(np.concatenate(errors), initial=0.0))
 
 
-def _cost(model: FEModel, seconds: float, error: float) -> str:
-    """Describe as text the unknowns, time, memory and error of a reduction; seconds: time after the mesh was made."""
+def _warn_of_coarse_mesh(name: str, error: float) -> None:
+    """Warn of a large discretisation error."""
+    if error > LARGE_MESH_ERROR:
+        warn(
+            f"body {name!r}: its finite elements leave an estimated error of {error_text(error)} in the first "
+            "eigenfrequencies; give build_fe_model a tolerance in place of element_size, or smaller elements or a "
+            "higher order",
+            stacklevel=3,
+        )
+
+
+def _cost(fe_model: FEModel | Condensation, seconds: float, error: float) -> dict[str, str]:
+    """Describe as text the unknowns, time, memory and error of a reduction, if all are known.
+
+    Args:
+        fe_model: what was reduced; the time for a condensation is unknown
+        seconds: time after the mesh was made [s]
+        error: largest estimated discretisation error, NaN if unknown
+    """
+    if not isinstance(fe_model, FEModel) or not fe_model.rounds:
+        return {}
+    seconds += fe_model.rounds[-1].seconds
     known = "not estimated" if math.isnan(error) else f"{error_text(error)} (estimate)"
-    return (
-        f"{model.n_dofs} unknowns, {model.rounds[-1].seconds + seconds:.1f} s with the mesh, "
-        f"{1e-9 * peak_memory():.2f} GB at most in this process; discretisation error {known}"
-    )
+    memory = f"{1e-9 * peak_memory():.2f} GB at most in this process"
+    text = f"{fe_model.n_dofs} unknowns, {seconds:.1f} s with the mesh, {memory}; discretisation error {known}"
+    return {"cost and error": text}
 
 
 def _percent(errors: Array) -> str:
