@@ -1,8 +1,9 @@
 """Finite elements, from CAD to a reduced body. Only this sub-package uses NGSolve and Netgen.
 
-`solid` -> `meshing` -> `assembly` (an `FEModel`) -> `condensation` -> `reduction` (a `ReducedBody`). To add a coupling
-of remote points to faces, edit `fe_model` and `condensation`; a solver for sparse systems, `solver`; a physical load
-over a volume, `ports`; an error estimate, `mesh_error`.
+`solid` -> `meshing` -> `assembly` (an `FEModel`) -> `condensation` -> `reduction` (a `ReducedBody`). `accuracy` repeats
+all but the last until `mesh_error` is below a tolerance. To add a coupling of remote points to faces, edit `fe_model`
+and `condensation`; a solver for sparse systems, `solver`; a physical load over a volume, `ports`; an error estimate,
+`mesh_error`; a quantity that a tolerance holds, `accuracy`.
 """
 
 import lazy_loader
