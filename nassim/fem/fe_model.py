@@ -141,6 +141,11 @@ class FEModel:
         one = self.fields[0]
         return float(one @ (self.scalar_mass_matrix @ one))
 
+    @property
+    def discretization_error(self) -> float:
+        """Largest estimated relative error of what its tolerance was for [-]; NaN if unknown, inf if above 50 %."""
+        return min((made.error for made in self.rounds), default=math.nan)
+
     def rigid_motions(self) -> Array:
         """Return unit translations and rotations about the CAD's origin, shape (3 n, 6)."""
         return rigid_motions(self.fields, np.zeros(3))

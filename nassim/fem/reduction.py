@@ -84,7 +84,7 @@ def craig_bampton(
             condensed = condense(fe_model, remote_points=remote_points, progress=progress)
         model = condensed.fe_model
         if discretization is None:
-            discretization = any(math.isnan(made.error) for made in model.rounds)
+            discretization = bool(model.rounds) and math.isnan(model.discretization_error)
         kept = model.ports if ports is None else [model.port(name) for name in unique("electrical port", ports)]
         if tolerance is None:
             rich, count, shapes = _reduce(condensed, count, cutoff_frequency, kept, progress)
@@ -206,7 +206,7 @@ def _mesh_error(body: ReducedBody, model: FEModel) -> float:
     If it was not estimated, that of the model is returned, which is NaN if it is unknown.
     """
     if body.released_stiffness is None:
-        return min((made.error for made in model.rounds), default=math.nan)
+        return model.discretization_error
     errors = [
         body.discretization_errors(fixed=fixed)[body.eigenfrequencies(fixed=fixed) > 0][:5]
         for fixed in ((), body.point_names[:1])
