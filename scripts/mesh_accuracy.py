@@ -22,11 +22,11 @@ from nassim.bodies.reduced_body import error_text
 from nassim.fem.accuracy import Targets, find_targets
 
 N_FREQUENCIES = 5
-UNIFORM = {"coarse": 10, "finer": 20}
-"""Uniform meshes of order 3: elements per length of the solid."""
+UNIFORM = {"coarse": 200, "finer": 1200}
+"""Uniform meshes of order 3: about how many tetrahedra they would have without thin walls."""
 COUNTED = 5e-4
 FACTOR_ON_REFERENCE = 3.0
-REFERENCE_UNKNOWNS = {"neck": 160_000}
+REFERENCE_UNKNOWNS = {"neck": 130_000}
 """Most unknowns of references that need more than the others."""
 COLUMNS = {
     "unknowns": "n_dofs",
@@ -44,7 +44,7 @@ arguments.add_argument(
     "--tolerance", type=positive, default=0.01, help="tolerance of the errors (default: %(default)s)"
 )
 arguments.add_argument(
-    "--reference", type=whole(1000), default=60_000, help="most unknowns of a usual reference (default: %(default)s)"
+    "--reference", type=whole(1000), default=40_000, help="most unknowns of a usual reference (default: %(default)s)"
 )
 
 
@@ -54,9 +54,10 @@ def measure(solid: Solid, tolerance: float, reference_unknowns: int) -> list[dic
         solid, tolerance=tolerance / 20, n=N_FREQUENCIES, order=4, max_unknowns=reference_unknowns, progress=False
     )
     truth = targets(fine)
-    corners = np.array([tuple(corner) for corner in solid.shape.bounding_box])
-    length = float(np.ptp(corners, axis=0).max())
-    options: dict[str, dict[str, Any]] = {name: {"element_size": length / parts} for name, parts in UNIFORM.items()}
+    volume = sum(body.mass for body in solid.shape.solids)
+    options: dict[str, dict[str, Any]] = {
+        name: {"element_size": (6 * volume / count) ** (1 / 3)} for name, count in UNIFORM.items()
+    }
     options["by tolerance"] = {"tolerance": tolerance, "n": N_FREQUENCIES}
     rows = []
     for name, choice in options.items():
