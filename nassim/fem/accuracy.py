@@ -266,7 +266,7 @@ def _refine(
         warn(
             f"solid {solid.name!r}: the tolerance {tolerance:g} was not reached, the estimated error is "
             f"{error_text(error)} ({label}): {reason}; allow more, or simplify or fillet the CAD there",
-            stacklevel=4,
+            stacklevel=3,
         )
     description = f"{model.description}; estimated error {error_text(error)} ({label})"
     return replace(model, description=description, rounds=tuple(rounds))
