@@ -143,6 +143,10 @@ def test_a_mesh_is_used_again_for_the_reduction(hard_solids):
     assert condense(model).constraint_modes is condense(model).constraint_modes
     assert condense(model).fe_model is model
     assert condense(model, remote_points=["first"], progress=False).names == ("first",)
+    twice = replace(model, stiffness=2 * model.stiffness_matrix)
+    np.testing.assert_allclose(
+        condense(twice, progress=False).stiffness, 2 * condense(model).stiffness, rtol=1e-6, atol=1.0
+    )
     body = craig_bampton(model, progress=False)
     assert body.released_stiffness is None
     assert f"{model.n_dofs} unknowns" in body.record["cost and error"]
