@@ -27,7 +27,7 @@ UNIFORM = {"coarse": 200, "finer": 1200}
 """Uniform meshes of order 3: about how many tetrahedra they would have without thin walls."""
 COUNTED = 5e-4
 FACTOR_ON_REFERENCE = 3.0
-REFERENCE_UNKNOWNS = {"neck": 130_000}
+REFERENCE_UNKNOWNS = {"neck": 130_000, "frame": 110_000}
 """Most unknowns of references that need more than the others."""
 COLUMNS = {
     "unknowns": "n_dofs",

@@ -31,8 +31,11 @@ from nassim.fem.modes import fixed_interface_modes, largest_n_modes, mass_operat
 from nassim.fem.solid import Solid
 from nassim.fem.solver import threads
 
-HIGHEST_ORDER = 4
-"""Highest order to which rounds raise the elements. Beyond it, the matrices cost more than the unknowns say."""
+LOWEST_ORDER, HIGHEST_ORDER = 2, 4
+"""Orders between which rounds change that of the elements.
+
+Order 1 locks, and beyond order 4 the matrices cost more than the number of unknowns shows.
+"""
 MOST_ROUNDS = 6
 LARGEST_PER_LENGTH = 1 / 6
 """Largest element size as a share of the solid's length."""
@@ -228,7 +231,7 @@ def _refine(
         if reason:
             if best is not None and not sizing.can_be_coarser:
                 break
-            sizing, netgen_mesh = sizing.coarsened(reason), None
+            (sizing, order), netgen_mesh = _cheaper(sizing, order, reason), None
             continue
         with stage(f"round {len(rounds) + 1}: solve, estimate", enabled=progress):
             condensed = condense(assemble_mesh(mesh, solid, order), progress=False)
@@ -272,6 +275,15 @@ def _refine(
     return replace(model, description=description, rounds=tuple(rounds))
 
 
+def _cheaper(sizing: "Sizing", order: int, reason: str) -> tuple["Sizing", int]:
+    """Return larger sizes, or a lower order where they are the largest already; ValueError where that is the lowest."""
+    if sizing.can_be_coarser:
+        return sizing.coarsened(), order
+    if order <= LOWEST_ORDER:
+        raise ValueError(f"the coarsest mesh would need {reason}; allow more, or simplify the CAD")
+    return sizing, order - 1
+
+
 @dataclass(frozen=True)
 class Sizing:
     """Element sizes for a mesh.
@@ -304,14 +316,8 @@ class Sizing:
         """Whether a size is below the largest."""
         return bool(np.any(self.points[1] < self.largest))
 
-    def coarsened(self, reason: str) -> "Sizing":
-        """Return larger sizes; ValueError if they are the largest possible already.
-
-        Args:
-            reason: why they must be larger, for the message
-        """
-        if not self.can_be_coarser:
-            raise ValueError(f"the coarsest mesh would need {reason}; allow more, or simplify the CAD")
+    def coarsened(self) -> "Sizing":
+        """Return larger sizes."""
         cad, points = (
             (places, np.minimum(COARSENING * sizes, self.largest)) for places, sizes in (self.cad, self.points)
         )
