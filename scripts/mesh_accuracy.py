@@ -96,14 +96,11 @@ def compare(found: Targets, truth: Targets) -> dict[str, Any]:
 
 def in_order(found: Targets) -> NDArray[np.bool_]:
     """Which targets are stiffnesses, or among the first frequencies both before and after a correction by estimates."""
-    frequencies: dict[str, list[int]] = {}
-    for place, label in enumerate(found.labels):
-        if label.startswith("frequency"):
-            frequencies.setdefault(label.split(maxsplit=2)[2], []).append(place)
-    result = np.ones(len(found.labels), dtype=bool)
-    for places in frequencies.values():
-        order = np.argsort((found.values / (1 + found.errors()))[places], kind="stable")
-        result[places] = (order == np.arange(len(places))) & (order < N_FREQUENCIES)
+    errors, result = found.errors(), np.ones(len(found.labels), dtype=bool)
+    corrected = found.values / (1 + np.where(np.isinf(errors), 0.0, errors))
+    for places in found.sequences:
+        order = np.argsort(corrected[places], kind="stable")
+        result[places] = (order == np.arange(len(order))) & (order < N_FREQUENCIES)
     return result
 
 

@@ -316,8 +316,8 @@ class ReducedBody:
         """Estimate the relative errors [-] of `eigenfrequencies` due to the finite elements, shape (m,).
 
         With elements one order higher, a mode would lose a share of its energy, which follows from
-        `released_stiffness`; see `relative_errors`. An error is inf if all that is known is that it is above 50 %. If
-        the mesh misses a feature of the shape, the estimate does not include it.
+        `released_stiffness`; see `relative_errors`. An error is inf if all that is known is that it, or that of a lower
+        mode, is above 50 %. If the mesh misses a feature of the shape, the estimate does not include it.
 
         Args:
             fixed: remote points that cannot move
@@ -341,7 +341,7 @@ class ReducedBody:
         )
         errors = np.zeros(len(frequency))
         errors[elastic] = relative_errors(released / energy, power=0.5)
-        return errors
+        return unknown_from_first(errors)
 
     def compliance(self, *, fixed: Collection[str], guided: Mapping[str, str] | None = None) -> Array:
         """Compute the static motion of all remote points per unit force at each of them.
@@ -388,6 +388,15 @@ def relative_errors(released: Array, *, power: float | Array) -> Array:
     with np.errstate(divide="ignore"):
         errors = np.maximum(left, 0.0) ** -np.asarray(power) - 1
     result: Array = np.where(errors > LARGEST_KNOWN_ERROR, np.inf, errors)
+    return result
+
+
+def unknown_from_first(errors: Array) -> Array:
+    """Return errors of ascending frequencies, inf from the first one that is inf.
+
+    A mode is orthogonal to all lower ones, so it is unknown where one of these is.
+    """
+    result: Array = np.where(np.logical_or.accumulate(np.isinf(errors)), np.inf, errors)
     return result
 
 

@@ -19,7 +19,7 @@ from nassim.base.library_lock import hold_library_lock
 from nassim.base.modal import eigenmodes
 from nassim.base.progress import stage, tell
 from nassim.base.warning_log import collect_messages, warn
-from nassim.bodies.reduced_body import SATURATION, error_text, relative_errors
+from nassim.bodies.reduced_body import SATURATION, error_text, relative_errors, unknown_from_first
 from nassim.fem.assembly import assemble_mesh, build_by_size, check_order, curved_mesh
 from nassim.fem.cad_sizes import sizes_from_cad
 from nassim.fem.condensation import Condensation, condense
@@ -173,16 +173,21 @@ class Targets:
         values: angular frequencies and stiffnesses, shape (t,)
         powers: exponents of the energy in the values, 0.5 for a frequency and 1 for a stiffness, shape (t,)
         shares: released share of each shape's energy by element, shape (n_elements, t)
+        sequences: places of ascending frequencies under one condition
     """
 
     labels: list[str]
     values: Array
     powers: Array
     shares: Array
+    sequences: list[slice]
 
     def errors(self) -> Array:
-        """Return the estimated relative errors, shape (t,)."""
-        return relative_errors(self.shares.sum(axis=0), power=self.powers)
+        """Return the estimated relative errors, shape (t,); inf if only known to be above 50 %."""
+        result = relative_errors(self.shares.sum(axis=0), power=self.powers)
+        for frequencies in self.sequences:
+            result[frequencies] = unknown_from_first(result[frequencies])
+        return result
 
 
 def _conditions(solid: Solid, fixed: Sequence[Collection[str]] | None) -> list[tuple[str, ...]]:
@@ -463,10 +468,13 @@ def find_targets(condensed: Condensation, n: int, conditions: Sequence[tuple[str
         conditions: sets of fixed remote points
     """
     basis = Basis.of(condensed, n + EXTRA_MODES)
-    found = [target for fixed in conditions for target in basis.frequencies(fixed, n)] + basis.static_responses()
+    groups = [basis.frequencies(fixed, n) for fixed in conditions]
+    found = [target for group in groups for target in group] + basis.static_responses()
+    ends = np.cumsum([len(group) for group in groups]).tolist()
     return Targets(
         [target.label for target in found],
         np.array([target.value for target in found]),
         np.array([target.power for target in found]),
         basis.released.by_element(np.column_stack([target.shape for target in found])),
+        [slice(end - len(group), end) for group, end in zip(groups, ends, strict=True)],
     )

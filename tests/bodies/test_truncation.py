@@ -13,7 +13,7 @@ from models.bench import BENCH_CONDITIONS
 from nassim import Material, build_fe_model, condense, craig_bampton, frequency_response, linearize, load, save
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.bodies.projection import keep_modes, trim_body
-from nassim.bodies.reduced_body import SATURATION
+from nassim.bodies.reduced_body import SATURATION, unknown_from_first
 from nassim.fem.full_model import full_eigenfrequencies, full_frequency_response
 from nassim.fem.mesh_error import released_stiffness
 from nassim.fem.modes import fixed_interface_modes
@@ -118,6 +118,10 @@ def test_an_error_above_a_half_is_unknown():
     assert true.min() > 0.5
     assert np.all(body.discretization_errors(fixed=["left"], n=4) == np.inf)
     assert "unknown, above 50 %" in "".join(body.record.values())
+
+
+def test_modes_above_an_unknown_one_are_unknown():
+    np.testing.assert_array_equal(unknown_from_first(np.array([0.1, np.inf, 0.2])), [0.1, np.inf, np.inf])
 
 
 @pytest.mark.parametrize("order", [2, 3])
