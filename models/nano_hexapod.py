@@ -191,7 +191,7 @@ def _reduced_plate(solid: Solid, element_size: float, order: int, n_modes: int, 
 
     def build() -> ReducedBody:
         fe_model = build_fe_model(solid, element_size=element_size, order=order, progress=progress)
-        return craig_bampton(fe_model, n_modes=n_modes, progress=progress)
+        return craig_bampton(fe_model, n_modes=n_modes, discretization=False, progress=progress)
 
     return load_or_compute("plate", key, build, progress=progress)
 

@@ -49,7 +49,7 @@ from .exchange.superelement import (
     Superelement as Superelement,
     read_superelement as read_superelement,
 )
-from .fem.assembly import (
+from .fem.accuracy import (
     build_fe_model as build_fe_model,
 )
 from .fem.condensation import (

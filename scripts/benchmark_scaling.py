@@ -22,7 +22,7 @@ import scipy
 from matplotlib.ticker import EngFormatter
 
 from common.arguments import parser, positive, run, several, whole
-from common.costs import cpu_time, peak_memory, run_in_own_process
+from common.costs import cpu_time, run_in_own_process
 from common.limits import held_unknowns
 from common.reductions import N_MODES, N_SOLVES
 from common.report import print_table, write_summary
@@ -48,6 +48,7 @@ from nassim import (
     placed,
     simulate,
 )
+from nassim.base import peak_memory
 from nassim.fem import assemble_mesh, generate_mesh
 from nassim.fem.solver import factorize
 from nassim.plotting import COLORS, plt, save_figure

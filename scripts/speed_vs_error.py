@@ -1,27 +1,44 @@
-"""Speed against error of reductions: which elements, how many modes and which coupling pay.
+"""Speed against error of reductions: which elements, how many modes and which coupling pay; of the APA300ML or of a CAD
+file.
 
 Every variant runs in a process of its own. Errors are those of the first five eigenfrequencies, clamped at the bottom
 and free, and of the axial stiffness, against the finest variant, whose own convergence stands above the table; they
 hold no error of truncation. The errors by number of modes kept are those of truncation alone.
+
+With --cad, the remote points are on the faces nearest to the given points, and the first of them is clamped:
+
+    python scripts/speed_vs_error.py --cad part.step --point=0,0,0 --point=50,0,10
 """
 
 import json
+import sys
 import time
+from argparse import Namespace
 from typing import Any
 
 import numpy as np
 
-from common.arguments import parser, run
+from common.arguments import fraction, parser, positive, run, several
 from common.costs import cost_since, run_in_own_process
 from common.report import print_table, write_summary
 from common.variants import by_name, save_pareto, write_rows
 from models.apa300ml import PRISMS as PRISM_MESH, axial_stiffness, make_apa300ml
-from nassim import FEModel, ReducedBody, build_fe_model, condense, craig_bampton
+from nassim import (
+    FEModel,
+    Material,
+    NearestTo,
+    ReducedBody,
+    RemotePoint,
+    Solid,
+    build_fe_model,
+    condense,
+    craig_bampton,
+    read_solid,
+)
 
-PRISMS, TETS = "prisms", "tetrahedra"
+PRISMS, TETS, TOLERANCE = "prisms", "tetrahedra", "by tolerance"
 Variant = tuple[str, int, float, str]
-"""Elements, order, element size [mm], coupling."""
-CASES: dict[str, dict[str, Any]] = {"clamped": {"fixed": ["bottom"]}, "free": {}}
+"""Elements, order, element size [mm] or tolerance [%], coupling."""
 MANY_MODES = 30
 
 REFERENCE: list[Variant] = [(PRISMS, order, 5.0, "rbe3") for order in (3, 4, 5)]
@@ -34,6 +51,8 @@ VARIANTS: list[Variant] = [
     *((PRISMS, 3, size, "rbe3") for size in (8.0, 5.0, 3.0)),
     (PRISMS, 4, 5.0, "rbe3"),
     (PRISMS, 3, 5.0, "rbe2"),
+    (TOLERANCE, 3, 1.0, "rbe3"),
+    (TOLERANCE, 3, 0.2, "rbe3"),
 ]
 QUICK_REFERENCE: list[Variant] = [(TETS, 1, 5.0, "rbe3"), (TETS, 2, 5.0, "rbe3")]
 QUICK: list[Variant] = [(TETS, 1, 8.0, "rbe3"), (TETS, 2, 8.0, "rbe2")]
@@ -47,6 +66,7 @@ ERRORS = {
     **{f"{kind} [%]": f"{kind}_error*100:.3f" for kind in ("clamped", "free", "stiffness")},
     "time [s]": "time_s:.1f",
     "memory [GB]": "memory_B*1e-9:.2f",
+    "estimate [%]": "estimate*100:.3f",
 }
 TRUNCATION = {
     "coordinates": "n_coordinates",
@@ -57,6 +77,13 @@ TRUNCATION = {
 }
 arguments = parser(__doc__, "speed_vs_error")
 arguments.add_argument("--quick", action="store_true", help="few coarse variants, to see the report's form")
+arguments.add_argument("--cad", metavar="FILE", help="STEP, IGES or BREP file in place of the APA300ML")
+arguments.add_argument(
+    "--point", type=several(float), action="append", metavar="X,Y,Z", help="with --cad: place of a remote point [mm]"
+)
+arguments.add_argument("--young-modulus", type=positive, default=200.0, help="with --cad [GPa] (default: 200)")
+arguments.add_argument("--poisson-ratio", type=fraction, default=0.3, help="with --cad (default: 0.3)")
+arguments.add_argument("--density", type=positive, default=7800.0, help="with --cad [kg/m3] (default: 7800)")
 arguments.add_argument(
     "--child", nargs=4, metavar=("KIND", "ORDER", "SIZE", "COUPLING"), help="for the script's own use"
 )
@@ -65,19 +92,26 @@ arguments.add_argument(
 def described(variant: Variant) -> dict[str, Any]:
     """A variant with its name as a row of a table."""
     kind, order, size, coupling = variant
-    name = f"{size:g} mm {kind}, order {order}, {coupling}"
-    return {"name": name, "kind": kind, "order": order, "size_mm": size, "coupling": coupling}
+    name = f"{size:g} % {kind}" if kind == TOLERANCE else f"{size:g} mm {kind}, order {order}"
+    return {"name": f"{name}, {coupling}", "kind": kind, "order": order, "size_mm": size, "coupling": coupling}
 
 
-def measure(variant: Variant) -> dict[str, Any]:
-    """Time and memory from CAD to 36 coordinates; then the answers, without the error of truncation."""
+def measure(variant: Variant, args: Namespace) -> dict[str, Any]:
+    """Time and memory from CAD to a reduced body; then the answers, without the error of truncation."""
     start = time.perf_counter()
-    fe_model = fe_model_of(variant)
-    body = craig_bampton(fe_model)
+    fe_model = fe_model_of(variant, args)
+    body = craig_bampton(fe_model, discretization=False)
     cost = cost_since(start)
     assert body.enriched is not None
-    frequencies = {f"{case}_Hz": first_five(body.enriched, case).tolist() for case in CASES}
-    return {"n_dofs": fe_model.n_dofs, "stiffness_N_per_m": axial_stiffness(body), **frequencies, **cost}
+    frequencies = {f"{case}_Hz": first_five(body.enriched, case).tolist() for case in ("clamped", "free")}
+    estimate = fe_model.discretization_error if variant[0] == TOLERANCE else None
+    stiffness = softest(body) if args.cad else axial_stiffness(body)
+    return {"n_dofs": fe_model.n_dofs, "stiffness_N_per_m": stiffness, "estimate": estimate, **frequencies, **cost}
+
+
+def softest(body: ReducedBody) -> float:
+    """The smallest stiffness of the last point in any direction, with the first one clamped [N/m]."""
+    return float(1 / np.linalg.eigvalsh(body.compliance(fixed=body.point_names[:1])[-6:-3, -6:-3])[-1])
 
 
 def errors_against(reference: dict[str, Any], row: dict[str, Any]) -> dict[str, Any]:
@@ -90,46 +124,75 @@ def errors_against(reference: dict[str, Any], row: dict[str, Any]) -> dict[str, 
     return result
 
 
-def compare_modes(variant: Variant) -> list[dict[str, Any]]:
+def compare_modes(variant: Variant, args: Namespace) -> list[dict[str, Any]]:
     """Truncation errors by number of modes on the mesh of a variant: as each body estimates them, and true."""
-    condensed = condense(fe_model_of(variant, progress=False), progress=False)
-    rich = craig_bampton(condensed, n_modes=MANY_MODES, progress=False).enriched
+    condensed = condense(fe_model_of(variant, args, progress=False), progress=False)
+    rich = craig_bampton(condensed, n_modes=MANY_MODES, discretization=False, progress=False).enriched
     assert rich is not None
     result = []
     for n_modes in (0, 2, 4, 6, 10, 15, 20):
-        body = craig_bampton(condensed, n_modes=n_modes, progress=False)
+        body = craig_bampton(condensed, n_modes=n_modes, discretization=False, progress=False)
         errors: dict[str, Any] = {"name": f"{n_modes} modes", "n_coordinates": len(body.mass_matrix)}
-        for case, conditions in CASES.items():
+        for case, fixed in (("clamped", body.point_names[:1]), ("free", ())):
             errors[case] = float(np.max(first_five(body, case) / first_five(rich, case) - 1))
-            errors[f"{case}_estimate"] = float(np.max(body.truncation_errors(**conditions)[: 5 + 6 * (case == "free")]))
+            estimates = body.truncation_errors(fixed=fixed)[: 5 + 6 * (case == "free")]
+            errors[f"{case}_estimate"] = float(np.max(estimates))
         result.append(errors)
     return result
 
 
-def fe_model_of(variant: Variant, *, progress: bool = True) -> FEModel:
+def fe_model_of(variant: Variant, args: Namespace, *, progress: bool = True) -> FEModel:
     """The FE model of a variant."""
     kind, order, size, coupling = variant
-    solid = make_apa300ml(coupling=coupling, stack_coupling=coupling)
+    solid = solid_of(args, coupling)
+    if kind == TOLERANCE:
+        return build_fe_model(solid, tolerance=0.01 * size, order=order, progress=progress)
     mesh = PRISM_MESH if kind == PRISMS else {}
     return build_fe_model(solid, element_size=1e-3 * size, order=order, progress=progress, **mesh)
 
 
+def solid_of(args: Namespace, coupling: str) -> Solid:
+    """The actuator, or the solid of a CAD file."""
+    if not args.cad:
+        return make_apa300ml(coupling=coupling, stack_coupling=coupling)
+    material = Material("material", 1e9 * args.young_modulus, args.poisson_ratio, args.density)
+    places = {f"point {k}": 1e-3 * np.array(point) for k, point in enumerate(args.point or (), start=1)}
+    points = tuple(RemotePoint(name, name, place, coupling) for name, place in places.items())
+    faces = {name: NearestTo(place) for name, place in places.items()}
+    return read_solid(args.cad, material, faces=faces, remote_points=points)
+
+
+def variants_of(args: Namespace) -> tuple[list[Variant], list[Variant]]:
+    """References, the last of which is the truth, and variants."""
+    if not args.cad:
+        return (QUICK_REFERENCE, QUICK) if args.quick else (REFERENCE, VARIANTS)
+    length = 1e3 * np.ptp([tuple(corner) for corner in solid_of(args, "rbe3").shape.bounding_box], axis=0).max()
+    sizes = [float(f"{length / parts:.2g}") for parts in ((5,) if args.quick else (10, 20))]
+    orders, tolerances = ((2,), (10.0,)) if args.quick else ((2, 3, 4), (3.0, 1.0, 0.3))
+    uniform = [(TETS, order, size, "rbe3") for order in orders for size in sizes]
+    by_tolerance = [(TOLERANCE, orders[0], tolerance, "rbe3") for tolerance in tolerances]
+    return [(TOLERANCE, 3, 5.0 if args.quick else 0.1, "rbe3")], uniform + by_tolerance
+
+
 def first_five(body: ReducedBody, case: str) -> Any:
-    """The first five elastic eigenfrequencies [Hz]."""
-    return body.eigenfrequencies(**CASES[case])[6 if case == "free" else 0 :][:5]
+    """The first five elastic eigenfrequencies [Hz], clamped at the first point or free."""
+    free = case == "free"
+    return body.eigenfrequencies(fixed=() if free else body.point_names[:1])[6 if free else 0 :][:5]
 
 
 def main() -> None:
     args = arguments.parse_args()
+    if args.cad and (len(args.point or ()) < 2 or {len(point) for point in args.point} != {3}):
+        arguments.error("--cad needs two --point=X,Y,Z or more")
     if args.child:
         kind, order, size, coupling = args.child
-        print("\n" + json.dumps(measure((kind, int(order), float(size), coupling))))
+        print("\n" + json.dumps(measure((kind, int(order), float(size), coupling), args)))
         return
-    references, variants = (QUICK_REFERENCE, QUICK) if args.quick else (REFERENCE, VARIANTS)
-    reference = [described(variant) | run_in_own_process(__file__, *variant) for variant in references]
-    rows = [described(variant) | run_in_own_process(__file__, *variant) for variant in variants]
+    references, variants = variants_of(args)
+    reference = [measured(variant) for variant in references]
+    rows = [measured(variant) for variant in variants]
     rows = [row | errors_against(reference[-1], row) for row in rows]
-    summary = {"reference": reference, "variants": rows, "modes": compare_modes(references[0])}
+    summary = {"reference": reference, "variants": rows, "modes": compare_modes(references[0], args)}
 
     print_table("convergence of the reference, clamped", by_name(reference), ANSWERS)
     print_table("largest error of five frequencies", by_name(rows), ERRORS)
@@ -141,10 +204,20 @@ def main() -> None:
             args.output / "pareto.png",
             [row for row in rows if row["coupling"] == "rbe3"],
             ("time, mesh included [s]", "largest error of five clamped eigenfrequencies [-]"),
-            line=lambda row: f"{row['kind']}, order {row['order']}",
-            point=lambda row: (row["time_s"], row["clamped_error"], f"{row['size_mm']:g} mm"),
+            line=lambda row: row["kind"] if row["kind"] == TOLERANCE else f"{row['kind']}, order {row['order']}",
+            point=lambda row: (
+                row["time_s"],
+                row["clamped_error"],
+                f"{row['size_mm']:g} {'%' if row['kind'] == TOLERANCE else 'mm'}",
+            ),
         )
     write_summary(args.output, summary)
+
+
+def measured(variant: Variant) -> dict[str, Any]:
+    """A variant, measured in a process of its own, which gets the same options."""
+    options = [word for word in sys.argv[1:] if word not in ("--quick", "--no-plot")]
+    return described(variant) | run_in_own_process(__file__, *variant, *options)
 
 
 if __name__ == "__main__":

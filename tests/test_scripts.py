@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
+import netgen.occ as occ
 import numpy as np
 import pytest
 import scipy
@@ -454,6 +455,39 @@ def test_script_writes_its_results(name, options, figures, pictures, run_here, c
         assert figure in summary
     for picture in pictures:
         assert (tmp_path / picture).stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_speed_against_error_of_a_step_file(run_here, script, children_here, tmp_path):
+    """Of a wedge, clamped at its thick end; finer elements are better, and a tolerance is kept."""
+    children_here("speed_vs_error")
+    solid = script("common.hard_solids").make_wedge()
+    solid.shape.Scale(occ.Pnt(0, 0, 0), 1e3).WriteStep(str(tmp_path / "wedge.step"))
+    points = ["--point=0,7.5,5", "--point=60,7.5,5"]
+    summary = run_here("speed_vs_error", "--cad", str(tmp_path / "wedge.step"), *points, "--quick", "--no-plot")
+    coarse, tolerance = summary["variants"]
+    assert coarse["stiffness_error"] > tolerance["stiffness_error"]
+    assert tolerance["estimate"] < 0.1
+    assert coarse["estimate"] is None
+    height = np.sqrt(10.0 / 0.5)  # the first frequency of a wedge is far above that of a bar of its thin end
+    assert summary["reference"][0]["clamped_Hz"][0] > height * 0.1615 * np.sqrt(200e9 / 7800) * 0.5e-3 / 0.06**2
+
+
+def test_a_cad_file_needs_places_of_its_points(refused):
+    assert "needs two --point=X,Y,Z or more" in refused("speed_vs_error", "--cad", "part.step", "--point=0,0,0")[0]
+
+
+@pytest.mark.slow
+def test_estimated_against_true_errors_of_two_solids(run_here):
+    """Between half and three times, as the page of errors says, and what a tolerance promises is kept."""
+    options = ["--solids", "bar,wedge", "--reference", "30000", "--tolerance", "0.03"]
+    rows = {row["name"]: row for row in run_here("mesh_accuracy", *options)["rows"]}
+    assert len(rows) == 6
+    efficiencies = np.array([value for row in rows.values() for value in row["efficiencies"].values()])
+    assert len(efficiencies) > 15
+    assert np.all((efficiencies > 0.5) & (efficiencies < 3)), rows
+    for name in ("bar", "wedge"):
+        assert rows[f"{name}, by tolerance"]["true_error"] < 0.03
 
 
 @pytest.mark.slow

@@ -233,7 +233,7 @@ def reduced_apa300ml(
 
     def build() -> ReducedBody:
         model = condensed or build_fe_model(solid, element_size=element_size, order=order, progress=progress, **mesh)
-        return craig_bampton(model, n_modes=n_modes, progress=progress)
+        return craig_bampton(model, n_modes=n_modes, discretization=False, progress=progress)
 
     return load_or_compute(solid.name, key, build, progress=progress)
 

@@ -4,6 +4,9 @@ from .eta import (
 from .file_registry import (
     register as register,
 )
+from .memory import (
+    peak_memory as peak_memory,
+)
 from .modal import (
     decay_poles as decay_poles,
     eigenmodes as eigenmodes,

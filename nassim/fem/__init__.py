@@ -1,8 +1,10 @@
 """Finite elements, from CAD to a reduced body. Only this sub-package uses NGSolve and Netgen.
 
-`cad_files` -> `solid` -> `meshing` -> `assembly` (an `FEModel`) -> `condensation` -> `reduction` (a `ReducedBody`). To
-add a choice of faces, edit `face_picks`; a coupling of remote points to faces, `fe_model` and `condensation`; a solver
-for sparse systems, `solver`; a physical load over a volume, `ports`; an error estimate, `mesh_error`.
+`cad_files` -> `solid` -> `meshing` -> `assembly` (an `FEModel`) -> `condensation` -> `reduction` (a `ReducedBody`).
+`accuracy` repeats meshing to condensation until `mesh_error` is below a tolerance. To add a choice of faces, edit
+`face_picks`; a coupling of remote points to faces, `fe_model` and `condensation`; a solver for sparse systems,
+`solver`; a physical load over a volume, `ports`; an error estimate, `mesh_error`; a quantity that a tolerance holds,
+`accuracy`.
 """
 
 import lazy_loader

@@ -1,6 +1,8 @@
+from .accuracy import (
+    build_fe_model as build_fe_model,
+)
 from .assembly import (
     assemble_mesh as assemble_mesh,
-    build_fe_model as build_fe_model,
     replace_materials as replace_materials,
 )
 from .condensation import (
@@ -28,6 +30,7 @@ from .faces import (
 from .fe_model import (
     Coupling as Coupling,
     FEModel as FEModel,
+    MeshRound as MeshRound,
     make_coupling as make_coupling,
 )
 from .full_model import (

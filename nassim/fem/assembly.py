@@ -1,8 +1,10 @@
 """Finite element models made by NGSolve: mesh, stiffness and mass of any element order, remote points."""
 
+import time
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import ngsolve as ng
@@ -11,11 +13,11 @@ import scipy.sparse as sp
 
 from nassim.base.checks import Array
 from nassim.base.library_lock import hold_library_lock
-from nassim.base.progress import stage, tell
+from nassim.base.progress import stage
 from nassim.base.warning_log import collect_messages, note
 from nassim.bodies.interface import RemotePoint
 from nassim.fem.curving import Curving, curve_mesh
-from nassim.fem.fe_model import Coupling, FEModel, Refinement, make_coupling
+from nassim.fem.fe_model import Coupling, FEModel, MeshRound, Refinement, make_coupling
 from nassim.fem.materials import Material
 from nassim.fem.mesh_checks import check_folds, check_memory, check_volume, warn_of_thin_walls
 from nassim.fem.meshing import generate_mesh
@@ -36,50 +38,30 @@ LARGEST_GROWTH, SMALL_MESH = 2.0, 3000
 ELEMENTS = {ng.ET.TET: "tetrahedra", ng.ET.PRISM: "prisms", ng.ET.PYRAMID: "pyramids", ng.ET.HEX: "hexahedra"}
 
 
-def build_fe_model(
+def build_by_size(
     solid: Solid,
     *,
     element_size: float,
-    order: int = 3,
-    curvature: float = 0.5,
-    local_sizes: Mapping[str, float] | None = None,
-    extrude: str | None = None,
-    layer_thickness: float | None = None,
-    progress: bool = True,
+    order: int,
+    curvature: float,
+    local_sizes: Mapping[str, float] | None,
+    extrude: str | None,
+    layer_thickness: float | None,
+    progress: bool,
 ) -> FEModel:
-    """Mesh a solid and assemble its stiffness and mass.
-
-    Args:
-        solid: the solid
-        element_size: largest edge length of the elements [m]; see `meshing.generate_mesh` for this and the other
-            arguments of the mesh
-        order: polynomial order of the displacements, 1 to 6; order 1 is far too stiff in thin walls
-        curvature: elements per radius of curvature of curved edges and faces
-        local_sizes: largest edge length on faces, by the names of the faces [m]
-        extrude: axis "x", "y" or "z" along which CAD bodies are extruded and meshed with prisms; None for tetrahedra
-        layer_thickness: largest height of the prisms [m] (default: element_size)
-        progress: show the stages and their times
-
-    Raises:
-        ValueError: for invalid arguments, for a solid whose CAD bodies are not connected, and for a mesh that does not
-            fit in memory
-
-    Warns:
-        UserWarning: for folded elements, a wrong volume, and thin walls in elements of order 1
-    """
-    if not 1 <= order <= MAX_ORDER or int(order) != order:
-        raise ValueError(f"order must be a whole number from 1 to {MAX_ORDER}, got {order!r}")
+    """Mesh a solid with elements of a given size and assemble its matrices; see `build_fe_model`."""
+    start = time.perf_counter()
+    check_order(order)
+    options: dict[str, Any] = {
+        "element_size": element_size,
+        "curvature": curvature,
+        "local_sizes": local_sizes,
+        "extrude": extrude,
+        "layer_thickness": layer_thickness,
+    }
     with hold_library_lock(), collect_messages() as log:
         with stage("mesh", enabled=progress):
-            mesh, curving = _curved_mesh(
-                solid,
-                order,
-                element_size=element_size,
-                curvature=curvature,
-                local_sizes=local_sizes,
-                extrude=extrude,
-                layer_thickness=layer_thickness,
-            )
+            _, mesh, curving = unfolded_mesh(partial(generate_mesh, solid, **options), order)
             check_memory(mesh, solid, order, element_size)
         check_folds(curving, solid)
         check_volume(mesh, solid)
@@ -87,32 +69,50 @@ def build_fe_model(
             warn_of_thin_walls(mesh, solid)
         with stage("assemble", enabled=progress):
             model = assemble_mesh(mesh, solid, order)
+    made = MeshRound(order, mesh.ne, model.n_dofs, seconds=time.perf_counter() - start)
     description = "; ".join([model.description, *log.notes])
-    model = replace(model, description=description, warnings=tuple(log.warnings))
-    if progress:
-        tell(model.description)
-    return model
+    return replace(model, description=description, warnings=tuple(log.warnings), rounds=(made,))
 
 
-def _curved_mesh(solid: Solid, order: int, **options: Any) -> tuple[Any, Curving]:
-    """Mesh a solid and curve the mesh; mesh it anew, with smaller elements there, where elements stay folded."""
-    mesh = ng.Mesh(generate_mesh(solid, **options))
-    curving = found = curve_mesh(mesh, order)
-    largest = max(LARGEST_GROWTH * mesh.ne, SMALL_MESH)
+def check_order(order: int) -> None:
+    """Raise ValueError for an impossible element order."""
+    if not 1 <= order <= MAX_ORDER or int(order) != order:
+        raise ValueError(f"order must be a whole number from 1 to {MAX_ORDER}, got {order!r}")
+
+
+def curved_mesh(netgen_mesh: Any, order: int) -> tuple[Any, Curving]:
+    """Return an NGSolve mesh with curved elements, on a copy of a Netgen mesh, and the record of its curving."""
+    mesh = ng.Mesh(netgen_mesh.Copy())
+    return mesh, curve_mesh(mesh, order)
+
+
+def unfolded_mesh(generate: Callable[..., Any], order: int) -> tuple[Any, Any, Curving]:
+    """Mesh a solid and curve the mesh; mesh it anew, with smaller elements there, where elements stay folded.
+
+    Args:
+        generate: function that makes a Netgen mesh; its argument `point_sizes` is as that of `generate_mesh`
+        order: polynomial order of the curved elements
+
+    Returns:
+        The Netgen mesh, the curved NGSolve mesh, and the record of its curving.
+    """
+    netgen_mesh = generate()
+    mesh, curving = curved_mesh(netgen_mesh, order)
+    found, largest = curving, max(LARGEST_GROWTH * mesh.ne, SMALL_MESH)
     points, sizes = np.zeros((0, 3)), np.zeros(0)
     for _ in range(FURTHER_MESHES):
         if not len(found.left):
             break
         points = np.vstack([points, found.corners])
         sizes = np.concatenate([sizes, SMALLER * found.sizes])
-        finer = ng.Mesh(generate_mesh(solid, **options, point_sizes=(points, sizes)))
-        if finer.ne > largest:
+        finer = generate(point_sizes=(points, sizes))
+        if ng.Mesh(finer).ne > largest:
             break
-        found = curve_mesh(finer, order)
+        finer_mesh, found = curved_mesh(finer, order)
         if len(found.left) < len(curving.left):
             note(f"meshed anew with smaller elements where {len(curving.left)} elements were folded")
-            mesh, curving = finer, found
-    return mesh, curving
+            netgen_mesh, mesh, curving = finer, finer_mesh, found
+    return netgen_mesh, mesh, curving
 
 
 def assemble_mesh(mesh: Any, solid: Solid, order: int) -> FEModel:
@@ -196,13 +196,24 @@ def refine_order(fe_model: FEModel) -> Refinement:
         mass = ng.BilinearForm(trialspace=scalar, testspace=fine_scalar)
         mass += _density(mesh, solid) * scalar.TrialFunction() * fine_scalar.TestFunction() * ng.dx(bonus_intorder=2)
         fields = _position_fields(fine_scalar)
+        port_forces = [couple_port(mesh, solid, order + 1, port).forces for port in solid.ports]
         return Refinement(
             _stiffness(mesh, solid, order + 1),
             np.flatnonzero(np.tile(held, 3)),
             _to_scipy(stiffness.Assemble().mat),
             _to_scipy(mass.Assemble().mat),
             tuple(_couple(mesh, fine_scalar, fields, point) for point in solid.remote_points),
+            np.column_stack([np.zeros((3 * fine_scalar.ndof, 0)), *port_forces]),
+            _elements_by_unknown(mesh, fine_scalar),
         )
+
+
+def _elements_by_unknown(mesh: Any, scalar: Any) -> sp.csr_matrix:
+    """Return a matrix of ones where an element has an unknown, shape (n_elements, n)."""
+    unknowns = [list(scalar.GetDofNrs(element)) for element in mesh.Elements(ng.VOL)]
+    counts = [len(numbers) for numbers in unknowns]
+    places = (np.repeat(np.arange(len(counts)), counts), np.concatenate(unknowns))
+    return sp.csr_matrix((np.ones(sum(counts)), places), shape=(len(counts), scalar.ndof))
 
 
 def _elastic_energy(mesh: Any, solid: Solid, u: Any, v: Any) -> Any:

@@ -16,7 +16,7 @@ points need one factorisation and small dense matrices only. The couplings diffe
 """
 
 from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 
 import numpy as np
 import scipy
@@ -111,6 +111,8 @@ def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, p
         ValueError: for unknown names, for no remote points, for rbe2 interfaces that share nodes, and for rbe3
             interfaces with too few nodes of their own to move independently
     """
+    if remote_points is None and (known := _existing(fe_model)) is not None:
+        return known
     names = [p.name for p in fe_model.remote_points] if remote_points is None else list(remote_points)
     if not unique("remote point", names):
         raise ValueError(f"FE model {fe_model.name!r} has no remote points: give its Solid at least one RemotePoint")
@@ -153,6 +155,17 @@ def condense(fe_model: FEModel, *, remote_points: Sequence[str] | None = None, p
         _soft_flexibility=flexibility,
         _border=border,
     )
+
+
+def _existing(fe_model: FEModel) -> Condensation | None:
+    """Return the condensation that was made with the model, unless its matrices were replaced since."""
+    known: Condensation | None = fe_model._condensation
+    if known is None or any(
+        getattr(known.fe_model, name) is not getattr(fe_model, name)
+        for name in ("stiffness", "scalar_mass_matrix", "fields")
+    ):
+        return None
+    return replace(known, fe_model=fe_model)
 
 
 def vector_dofs(coupling: Coupling, n_dofs: int) -> NDArray[np.int64]:

@@ -1,5 +1,6 @@
 """Finite element model: matrices of a meshed solid and its coupled remote points, from any mesher."""
 
+import math
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
 
@@ -11,6 +12,7 @@ from nassim.base.checks import Array, freeze, known
 from nassim.bodies.interface import RemotePoint
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.readouts import Surface
+from nassim.bodies.reduced_body import error_text
 from nassim.fem.sparse import SymmetricMatrix, symmetric_matrix
 
 
@@ -33,6 +35,31 @@ class Coupling:
 
 
 @dataclass(frozen=True)
+class MeshRound:
+    """Cost and error of one mesh that was tried.
+
+    Attributes:
+        order: polynomial order of the elements
+        n_elements: number of elements
+        n_dofs: number of unknowns
+        seconds: time since the work began [s]
+        error: largest estimated relative error of what the tolerance is for [-]; NaN if it was not estimated, inf if
+            all that is known is that it is above 50 %
+    """
+
+    order: int
+    n_elements: int
+    n_dofs: int
+    _: KW_ONLY
+    seconds: float
+    error: float = math.nan
+
+    def __str__(self) -> str:
+        error = "" if math.isnan(self.error) else f", error {error_text(self.error)} (estimate)"
+        return f"order {self.order}, {self.n_elements} elements, {self.n_dofs} unknowns{error}, {self.seconds:.1f} s"
+
+
+@dataclass(frozen=True)
 class FEModel:
     """Stiffness and mass of a meshed solid. Unknowns: all x, then all y, then all z displacements.
 
@@ -49,6 +76,8 @@ class FEModel:
         order: polynomial order of the elements; 0 if unknown
         ports: electrical ports, in the order of the solid
         warnings: warnings given while the mesh was made
+        rounds: the meshes that were tried for a tolerance, in order, with their costs and errors; the model is that of
+            the smallest error
     """
 
     name: str
@@ -63,6 +92,8 @@ class FEModel:
     order: int = field(default=0)
     ports: tuple[PortCoupling, ...] = field(default=(), repr=False)
     warnings: tuple[str, ...] = ()
+    rounds: tuple[MeshRound, ...] = field(default=(), repr=False)
+    _condensation: Any = field(default=None, repr=False)  # with all remote points, if it exists already
     _source: tuple[Any, Any] | None = field(default=None, repr=False)  # NGSolve's mesh, Solid
 
     def __post_init__(self) -> None:
@@ -82,6 +113,7 @@ class FEModel:
             if not np.all(np.isfinite(values)):
                 raise ValueError(f"FE model {self.name!r}: the {label} NaN or infinite values")
         freeze(self, couplings=tuple(self.couplings), ports=tuple(self.ports), warnings=tuple(self.warnings))
+        freeze(self, rounds=tuple(self.rounds))
 
     @property
     def n_dofs(self) -> int:
@@ -108,6 +140,11 @@ class FEModel:
         """Total mass [kg]."""
         one = self.fields[0]
         return float(one @ (self.scalar_mass_matrix @ one))
+
+    @property
+    def discretization_error(self) -> float:
+        """Largest estimated relative error of what its tolerance was for [-]; NaN if unknown, inf if above 50 %."""
+        return min((made.error for made in self.rounds), default=math.nan)
 
     def rigid_motions(self) -> Array:
         """Return unit translations and rotations about the CAD's origin, shape (3 n, 6)."""
@@ -143,6 +180,8 @@ class Refinement:
         mixed_stiffness: forces on the finer unknowns from displacements of the model, shape (3 m, 3 n)
         mixed_mass: the same for the mass, one scalar block, shape (m, n)
         couplings: remote points coupled to the finer elements
+        port_forces: forces of the electrical ports per volt, shape (3 m, n_ports) [N/V]
+        elements: ones where an element has an unknown, shape (n_elements, m)
     """
 
     stiffness: SymmetricMatrix
@@ -150,6 +189,8 @@ class Refinement:
     mixed_stiffness: sp.csr_matrix
     mixed_mass: sp.csr_matrix
     couplings: tuple[Coupling, ...]
+    port_forces: Array
+    elements: sp.csr_matrix
 
 
 def rigid_motions(fields: Array, centre: Array) -> Array:

@@ -19,23 +19,33 @@ THIN_SHARE = 0.5
 LARGEST_VOLUME_ERROR = 0.01
 
 
-def check_memory(mesh: Any, solid: Solid, order: int, element_size: float) -> None:
-    """Raise ValueError for a mesh whose factorisation would not fit in the free memory."""
+def factorization_memory(mesh: Any, order: int) -> float:
+    """Estimate the memory of a factorisation of elements of an order on a mesh [bytes]; 0 for a small model."""
     scalar = ng.H1(mesh, order=order)
     if 3 * scalar.ndof < SMALL_MODEL:
-        return
+        return 0.0
     points = np.array([vertex.point for vertex in mesh.vertices])
     elements = list(mesh.Elements(ng.VOL))
     centres = np.array([points[[v.nr for v in element.vertices]].mean(axis=0) for element in elements])
     unknowns = [np.array(scalar.GetDofNrs(element)) for element in elements]
-    need = USUAL_SHARE * factor_memory(centres, unknowns)
-    free = psutil.virtual_memory().available
+    return USUAL_SHARE * factor_memory(centres, unknowns)
+
+
+def free_memory() -> float:
+    """Return the free memory of the computer [bytes]."""
+    return float(psutil.virtual_memory().available)
+
+
+def check_memory(mesh: Any, solid: Solid, order: int, element_size: float) -> None:
+    """Raise ValueError for a mesh whose factorisation would not fit in the free memory."""
+    need, free = factorization_memory(mesh, order), free_memory()
     if need > free:
         # The memory of the factor is about proportional to the number of unknowns to the power 4/3.
         fitting = element_size * (need / free) ** 0.25
         raise ValueError(
-            f"solid {solid.name!r}: {3 * scalar.ndof} degrees of freedom need about {need / 1e9:.1f} GB to factorise, "
-            f"{free / 1e9:.1f} GB are free; an element_size of {fitting:.2g} m or more would fit"
+            f"solid {solid.name!r}: {3 * ng.H1(mesh, order=order).ndof} degrees of freedom need about "
+            f"{need / 1e9:.1f} GB to factorise, {free / 1e9:.1f} GB are free; an element_size of {fitting:.2g} m or "
+            "more would fit"
         )
 
 
@@ -48,7 +58,7 @@ def check_folds(curving: Curving, solid: Solid) -> None:
             f"solid {solid.name!r}: {len(curving.left)} of {curving.n_elements} curved elements are folded, at "
             f"{curving.places_text}; they count volume twice, and other programs refuse them: give the curved faces "
             "there smaller elements (local_sizes, curvature)",
-            stacklevel=3,
+            stacklevel=4,
         )
 
 
@@ -60,7 +70,7 @@ def check_volume(mesh: Any, solid: Solid) -> None:
         warn(
             f"solid {solid.name!r}: the mesh has {100 * excess:+.1f} % more volume than the CAD; give its curved "
             "faces smaller elements (local_sizes, curvature) or a higher order",
-            stacklevel=3,
+            stacklevel=4,
         )
 
 
@@ -75,5 +85,5 @@ def warn_of_thin_walls(mesh: Any, solid: Solid) -> None:
             f"solid {solid.name!r}: {100 * thin:.0f} % of the elements reach from surface to surface, so walls "
             "are one element thick; with order 1 they are far too stiff (the first clamped frequency of an APA300ML "
             "comes out 2.6 times too high on 5 mm elements): use order 2 or more",
-            stacklevel=3,
+            stacklevel=4,
         )

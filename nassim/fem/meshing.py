@@ -114,7 +114,7 @@ def _mesh(
             warn(
                 f"Netgen fails to mesh solid {solid.name!r} with prisms: tetrahedra are used instead, with a larger "
                 "error; other sizes may help",
-                stacklevel=4,
+                stacklevel=5,
             )
     try:
         return _run_netgen(solid.shape, size, curvature, sizes, point_sizes)

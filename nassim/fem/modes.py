@@ -49,8 +49,7 @@ def fixed_interface_modes(condensed: Condensation, *, n_modes: int, advance: Adv
     Returns:
         Frequencies, shape (p,) [Hz], and mode shapes of unit modal mass, shape (n_dofs, p).
     """
-    n = condensed.fe_model.n_dofs
-    n_free = n - sum(3 * len(c.dofs) if c.point.coupling == "rbe2" else 6 for c in condensed.couplings)
+    n, n_free = condensed.fe_model.n_dofs, _n_free(condensed)
     check_n_modes(n_modes, min(n, 2 * n_free))
     if n_modes == 0:
         return np.zeros(0), np.zeros((n, 0))
@@ -70,6 +69,17 @@ def fixed_interface_modes(condensed: Condensation, *, n_modes: int, advance: Adv
         )
     order = np.argsort(eigenvalues)
     return np.sqrt(eigenvalues[order]) / (2 * np.pi), modes[:, order]
+
+
+def _n_free(condensed: Condensation) -> int:
+    """Return the number of motions with all remote points fixed."""
+    held = sum(3 * len(c.dofs) if c.point.coupling == "rbe2" else 6 for c in condensed.couplings)
+    return condensed.fe_model.n_dofs - held
+
+
+def largest_n_modes(condensed: Condensation) -> int:
+    """Return the largest number of modes that `fixed_interface_modes` computes."""
+    return max(0, min(condensed.fe_model.n_dofs // 2, _n_free(condensed)) - 1)
 
 
 def modes_below(condensed: Condensation, cutoff_frequency: float, *, advance: Advance = silent) -> tuple[Array, Array]:

@@ -1,5 +1,7 @@
 """Craig-Bampton reduction of an FE model to remote points and fixed-interface modes."""
 
+import math
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -7,12 +9,13 @@ import numpy as np
 
 from nassim.base.checks import Array, positive, unique
 from nassim.base.library_lock import hold_library_lock
+from nassim.base.memory import peak_memory
 from nassim.base.progress import stage, tell
-from nassim.base.warning_log import collect_messages
+from nassim.base.warning_log import collect_messages, warn
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.projection import keep_modes
 from nassim.bodies.readouts import Picture, Readout, by_name
-from nassim.bodies.reduced_body import ReducedBody
+from nassim.bodies.reduced_body import ReducedBody, error_text
 from nassim.fem.condensation import Condensation, condense, deformation_projector
 from nassim.fem.fe_model import FEModel
 from nassim.fem.mesh_error import released_stiffness
@@ -22,6 +25,8 @@ from nassim.fem.solver import threads
 DEFAULT_MODES = 6
 LARGEST_N_MODES = 400
 """Largest number of modes for a tolerance; the number is doubled until the tolerance is met."""
+LARGE_MESH_ERROR = 0.02
+"""Estimated discretisation error above which there is a warning."""
 COLUMNS = 64
 """Number of fields whose products with the mass matrix are held at once."""
 
@@ -34,7 +39,7 @@ def craig_bampton(
     tolerance: float | None = None,
     remote_points: Sequence[str] | None = None,
     ports: Sequence[str] | None = None,
-    discretization: bool = False,
+    discretization: bool | None = None,
     progress: bool = True,
 ) -> ReducedBody:
     """Reduce an FE model to the motions of its remote points and fixed-interface modes, and estimate the error.
@@ -50,14 +55,19 @@ def craig_bampton(
         remote_points: names (default: all)
         ports: names of the electrical ports to keep (default: all); each adds one modal coordinate, which makes the
             static response to its voltage exact
-        discretization: also estimate the error of the finite elements, for `ReducedBody.discretization_errors`; doubles
-            the time
+        discretization: also estimate the error of the finite elements, for `ReducedBody.discretization_errors`, and
+            warn where it is large; doubles the time (default: only for a model of `build_fe_model` with an
+            element_size; with a tolerance its error is known)
         progress: show the stages and the report
 
     Raises:
         ValueError: for no remote points, unknown names, more modes than unknowns, n_modes together with
             cutoff_frequency or tolerance, and a tolerance that cannot be met (the message gives one that can)
+
+    Warns:
+        UserWarning: if the estimated error of the finite elements exceeds 2 %
     """
+    start = time.perf_counter()
     if n_modes is not None and not (cutoff_frequency is None and tolerance is None):
         raise ValueError("give either n_modes, or cutoff_frequency and/or tolerance, not both")
     for label, value, unit in (("cutoff_frequency", cutoff_frequency, "Hz"), ("tolerance", tolerance, "")):
@@ -72,18 +82,22 @@ def craig_bampton(
         else:
             check_n_modes(count, fe_model.n_dofs)
             condensed = condense(fe_model, remote_points=remote_points, progress=progress)
-        kept = (
-            [condensed.fe_model.port(name) for name in unique("electrical port", ports)]
-            if ports is not None
-            else condensed.fe_model.ports
-        )
+        model = condensed.fe_model
+        if discretization is None:
+            discretization = bool(model.rounds) and math.isnan(model.discretization_error)
+        kept = model.ports if ports is None else [model.port(name) for name in unique("electrical port", ports)]
         if tolerance is None:
-            rich, count = _reduce(condensed, count, cutoff_frequency, kept, discretization, progress)
+            rich, count, shapes = _reduce(condensed, count, cutoff_frequency, kept, progress)
         else:
-            rich, count = _reduce_within(condensed, tolerance, cutoff_frequency, kept, discretization, progress)
-    body = keep_modes(rich, count)
-    record = {**body.record, **_report(body, rich, count)}
-    warnings = [*condensed.fe_model.warnings, *log.warnings]
+            rich, count, shapes = _reduce_within(condensed, tolerance, cutoff_frequency, kept, progress)
+        if discretization:
+            rich = _with_released_stiffness(rich, condensed, shapes, progress)
+        body = keep_modes(rich, count)
+        error = _mesh_error(body, model)
+        if discretization:
+            _warn_of_coarse_mesh(body.name, error)
+    record = {**body.record, **_report(body, rich, count), **_cost(fe_model, time.perf_counter() - start, error)}
+    warnings = [*model.warnings, *log.warnings]
     if progress:
         tell("\n".join(f"{label}: {text}" for label, text in record.items() if label != "finite element model"))
     return replace(body, record={**record, **({"warnings": "\n".join(warnings)} if warnings else {})})
@@ -94,10 +108,12 @@ def _reduce(
     n_modes: int,
     cutoff_frequency: float | None,
     ports: Sequence[PortCoupling],
-    discretization: bool,
     progress: bool,
-) -> tuple[ReducedBody, int]:
-    """Return the body with extra modes and the vectors for all other modes, and the number of modes to keep."""
+) -> tuple[ReducedBody, int, tuple[Array, Array]]:
+    """Return the body with extra modes and the vectors for all other modes, the number of modes to keep, and all modes.
+
+    The modes are frequencies [Hz] and shapes (n_dofs, p).
+    """
     with stage("fixed-interface modes", unit="solves", enabled=progress) as advance:
         if cutoff_frequency is None:
             frequency, modes = fixed_interface_modes(condensed, n_modes=n_modes + 1, advance=advance)
@@ -110,13 +126,18 @@ def _reduce(
     with stage("integrals", enabled=progress), threads():
         parts = [condensed.constraint_modes, modes, vectors]
         rich = _project(condensed, np.concatenate([frequency, more]), parts, ports)
-    if discretization:
-        with stage("discretisation error", unit="solves", enabled=progress) as advance:
-            released = np.zeros_like(rich.stiffness_matrix)
-            n = len(released) - len(more)
-            released[:n, :n] = released_stiffness(condensed, frequency, modes, advance=advance)
-        rich = replace(rich, released_stiffness=released)
-    return rich, n_modes
+    return rich, n_modes, (frequency, modes)
+
+
+def _with_released_stiffness(
+    rich: ReducedBody, condensed: Condensation, modes: tuple[Array, Array], progress: bool
+) -> ReducedBody:
+    """Return the body with the estimate of its discretisation error; the vectors for other modes have none."""
+    with stage("discretisation error", unit="steps", enabled=progress) as advance:
+        released = np.zeros_like(rich.stiffness_matrix)
+        n = len(condensed.stiffness) + len(modes[0])
+        released[:n, :n] = released_stiffness(condensed, *modes, advance=advance)
+    return replace(rich, released_stiffness=released)
 
 
 def _reduce_within(
@@ -124,18 +145,17 @@ def _reduce_within(
     tolerance: float,
     cutoff_frequency: float | None,
     ports: Sequence[PortCoupling],
-    discretization: bool,
     progress: bool,
-) -> tuple[ReducedBody, int]:
+) -> tuple[ReducedBody, int, tuple[Array, Array]]:
     """Return the same as `_reduce`, with the smallest number of modes whose estimated errors meet a tolerance."""
     most = min(LARGEST_N_MODES, condensed.fe_model.n_dofs // 2 - 2)
     available = min(2 * DEFAULT_MODES, most)
     while True:
-        rich, _ = _reduce(condensed, available, None, ports, discretization, progress)
+        rich, _, shapes = _reduce(condensed, available, None, ports, progress)
         errors = [_worst_truncation(keep_modes(rich, count), cutoff_frequency) for count in range(available + 1)]
         within = np.flatnonzero(np.array(errors) <= tolerance)
         if within.size:
-            return rich, int(within[0])
+            return rich, int(within[0]), shapes
         if available == most:
             raise ValueError(
                 f"tolerance {tolerance:g} is out of reach: {int(np.argmin(errors))} of at most {most} modes leave an "
@@ -171,17 +191,60 @@ def _report(body: ReducedBody, rich: ReducedBody, p: int) -> dict[str, str]:
     if len(frequency) > p:
         record["modes left out"] = f"all from {frequency[p]:.1f} Hz"
     for label, fixed in (("free", ()), (f"{first!r} clamped", (first,))):
-        errors = body.truncation_errors(fixed=fixed)[body.eigenfrequencies(fixed=fixed) > 0][:5]
+        elastic = body.eigenfrequencies(fixed=fixed) > 0
+        errors = body.truncation_errors(fixed=fixed)[elastic][:5]
         record[f"truncation error of the first eigenfrequencies, {label} (estimate)"] = _percent(errors)
-    if body.released_stiffness is not None:
-        errors = body.discretization_errors(fixed=(first,), n=5)
-        record[f"discretisation error of the first eigenfrequencies, {first!r} clamped (estimate)"] = _percent(errors)
+        if body.released_stiffness is not None:
+            errors = body.discretization_errors(fixed=fixed)[elastic][:5]
+            record[f"discretisation error of the first eigenfrequencies, {label} (estimate)"] = _percent(errors)
     return record
+
+
+def _mesh_error(body: ReducedBody, model: FEModel) -> float:
+    """Return the largest estimated discretisation error of the first eigenfrequencies, free and clamped at one point.
+
+    If it was not estimated, that of the model is returned, which is NaN if it is unknown.
+    """
+    if body.released_stiffness is None:
+        return model.discretization_error
+    errors = [
+        body.discretization_errors(fixed=fixed)[body.eigenfrequencies(fixed=fixed) > 0][:5]
+        for fixed in ((), body.point_names[:1])
+    ]
+    return float(np.max(np.concatenate(errors), initial=0.0))
+
+
+def _warn_of_coarse_mesh(name: str, error: float) -> None:
+    """Warn of a large discretisation error."""
+    if error > LARGE_MESH_ERROR:
+        warn(
+            f"body {name!r}: its finite elements leave an estimated error of {error_text(error)} in the first "
+            "eigenfrequencies; give build_fe_model a tolerance in place of element_size, or smaller elements or a "
+            "higher order",
+            stacklevel=3,
+        )
+
+
+def _cost(fe_model: FEModel | Condensation, seconds: float, error: float) -> dict[str, str]:
+    """Describe as text the unknowns, time, memory and error of a reduction, if all are known.
+
+    Args:
+        fe_model: what was reduced; the time for a condensation is unknown
+        seconds: time after the mesh was made [s]
+        error: largest estimated discretisation error, NaN if unknown
+    """
+    if not isinstance(fe_model, FEModel) or not fe_model.rounds:
+        return {}
+    seconds += fe_model.rounds[-1].seconds
+    known = "not estimated" if math.isnan(error) else f"{error_text(error)} (estimate)"
+    memory = f"{1e-9 * peak_memory():.2f} GB at most in this process"
+    text = f"{fe_model.n_dofs} unknowns, {seconds:.1f} s with the mesh, {memory}; discretisation error {known}"
+    return {"cost and error": text}
 
 
 def _percent(errors: Array) -> str:
     """Return errors as text in per cent."""
-    return " ".join(f"{100 * e:.2g}" for e in errors) + " %" if errors.size else "none: it has no such modes"
+    return ", ".join(map(error_text, errors)) if errors.size else "none: it has no such modes"
 
 
 def _project(

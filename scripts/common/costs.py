@@ -1,6 +1,5 @@
 """What work costs: its time, and the memory of a process of its own."""
 
-import importlib
 import json
 import shlex
 import subprocess
@@ -10,9 +9,7 @@ import time
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-import psutil
-
-from nassim.base import stage
+from nassim.base import peak_memory, stage
 
 Result = TypeVar("Result")
 
@@ -34,16 +31,6 @@ def cpu_time(work: Callable[..., Result], *given: Any, **options: Any) -> tuple[
 def cost_since(start: float) -> dict[str, float]:
     """Time since a reading of `time.perf_counter` and the process's largest memory."""
     return {"time_s": time.perf_counter() - start, "memory_B": peak_memory()}
-
-
-def peak_memory() -> float:
-    """Largest memory that this process has used so far [bytes]."""
-    info = psutil.Process().memory_info()
-    if hasattr(info, "peak_wset"):  # Windows
-        return float(info.peak_wset)
-    resource = importlib.import_module("resource")
-    unit = 1 if sys.platform == "darwin" else 1024
-    return float(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit)
 
 
 def run_in_own_process(script: str, *arguments: object) -> dict[str, Any]:

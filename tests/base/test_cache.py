@@ -142,7 +142,7 @@ def thin_bar():
 
 
 def reduced_thin_bar():
-    return craig_bampton(thin_bar(), n_modes=2, progress=False)
+    return craig_bampton(thin_bar(), n_modes=2, discretization=False, progress=False)
 
 
 THIN = "solid 'bar': 100 % of the elements reach from surface to surface"
@@ -164,7 +164,7 @@ def test_a_body_without_warnings_keeps_none():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         model = build_fe_model(make_bar(), element_size=0.02, order=2, progress=False)
-        assert "warnings" not in craig_bampton(model, n_modes=2, progress=False).record
+        assert "warnings" not in craig_bampton(model, n_modes=2, discretization=False, progress=False).record
 
 
 def test_warnings_outlast_other_materials():
@@ -192,7 +192,10 @@ def refuse_first_gradings(monkeypatch, count):
 def test_other_grading_and_size_stand_in_the_record(monkeypatch, capsys):
     def build():
         return craig_bampton(
-            build_fe_model(make_bar(), element_size=0.02, order=2, progress=False), n_modes=1, progress=False
+            build_fe_model(make_bar(), element_size=0.02, order=2, progress=False),
+            n_modes=1,
+            discretization=False,
+            progress=False,
         )
 
     for count, told in ((0, None), (1, "grading 0.5 and 1 times the size"), (3, "grading 0.7 and 0.8 times the size")):
@@ -210,7 +213,7 @@ def test_other_grading_and_size_stand_in_the_record(monkeypatch, capsys):
 def test_tetrahedra_in_place_of_prisms_stand_in_the_record(monkeypatch):
     def build():
         model = build_fe_model(make_bar(), element_size=0.02, order=2, extrude="x", progress=False)
-        return craig_bampton(model, n_modes=1, progress=False)
+        return craig_bampton(model, n_modes=1, discretization=False, progress=False)
 
     refuse_first_gradings(monkeypatch, len(meshing.TRIALS))
     for _ in range(2):

@@ -61,6 +61,7 @@ NOT_DATA = {
         "Constraints",
         "Coupling",
         "Curve",
+        "AccuracyTarget",
         "Curving",
         "SampleBlock",
         "Damping",

@@ -1,0 +1,486 @@
+"""FE models of a wanted accuracy: rounds of mesh, static condensation, error estimate and refinement.
+
+The first mesh takes its element sizes from the CAD. After each round, the released energy (`mesh_error`) gives the
+error of every target, element by element. If the error is spread over many elements, the order rises on the same mesh;
+if a few elements hold it, a new mesh has other sizes.
+"""
+
+import time
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import ngsolve as ng
+import numpy as np
+import scipy.linalg
+
+from nassim.base.checks import Array, known, positive
+from nassim.base.library_lock import hold_library_lock
+from nassim.base.modal import eigenmodes
+from nassim.base.progress import stage, tell
+from nassim.base.warning_log import collect_messages, warn
+from nassim.bodies.reduced_body import SATURATION, error_text, relative_errors, unknown_from_first
+from nassim.fem.assembly import assemble_mesh, build_by_size, check_order, curved_mesh, unfolded_mesh
+from nassim.fem.cad_sizes import sizes_from_cad
+from nassim.fem.condensation import Condensation, condense
+from nassim.fem.curving import Curving
+from nassim.fem.fe_model import FEModel, MeshRound
+from nassim.fem.mesh_checks import check_folds, check_volume, factorization_memory, free_memory
+from nassim.fem.mesh_error import ReleasedEnergy, released_energy
+from nassim.fem.meshing import generate_mesh
+from nassim.fem.modes import fixed_interface_modes, largest_n_modes, mass_operator
+from nassim.fem.solid import Solid
+from nassim.fem.solver import threads
+
+LOWEST_ORDER, HIGHEST_ORDER = 2, 4
+"""Orders between which rounds change that of the elements.
+
+Order 1 locks, and beyond order 4 the matrices cost more than the number of unknowns shows.
+"""
+MOST_ROUNDS = 6
+LARGEST_PER_LENGTH = 1 / 6
+"""Largest element size as a share of the solid's length."""
+CONVERGENCE = 1.5
+"""Exponent r of the elements' error, size^(2 r); below the order because of corners and flat elements."""
+SPREAD = 0.08
+"""Share of the elements that hold 80 % of the error above which a higher order pays more than smaller elements."""
+AIM = 0.8
+"""Share of the tolerance at which new sizes aim."""
+SIZE_CHANGE = (0.35, 1.25)
+"""Smallest and largest factor on an element's size between two meshes."""
+RELAXED_CAD_SIZES = 1.4
+"""Factor on the sizes from CAD in later meshes, whose sizes come from the estimate."""
+COARSENING = 1.3
+"""Factor on all sizes if a mesh is beyond the limits."""
+SMALLEST_GROWTH = 1.1
+"""Smallest useful ratio of the unknowns of two meshes, if a larger one is beyond the limits."""
+COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
+EXTRA_MODES = 3
+"""Fixed-interface modes of the basis beyond the number of frequencies."""
+
+
+def build_fe_model(
+    solid: Solid,
+    *,
+    element_size: float | None = None,
+    tolerance: float | None = None,
+    n: int = 5,
+    fixed: Sequence[Collection[str]] | None = None,
+    max_unknowns: int = 300_000,
+    max_time: float = np.inf,
+    order: int = 3,
+    curvature: float = 0.5,
+    local_sizes: Mapping[str, float] | None = None,
+    extrude: str | None = None,
+    layer_thickness: float | None = None,
+    progress: bool = True,
+) -> FEModel:
+    """Mesh a solid and assemble its stiffness and mass, for a wanted accuracy or with elements of a given size.
+
+    With a tolerance, the mesh is refined until the estimated relative discretisation errors are below it: those of the
+    first n elastic eigenfrequencies, of the static stiffnesses at each remote point with the first one fixed, and of
+    the responses to the electrical ports. If a limit ends this first, the result is the model of the smallest error.
+
+    Args:
+        solid: the solid; a tolerance needs remote points
+        element_size: largest edge length of the elements [m]; see `meshing.generate_mesh` for this and the other
+            arguments of the mesh. Give either this or tolerance
+        tolerance: largest allowed estimate of the relative errors [-]
+        n: number of eigenfrequencies to which the tolerance applies
+        fixed: sets of remote points that cannot move, for which the frequencies count, such as [(), ("bottom",)]
+            (default: none, each one alone, and all)
+        max_unknowns: largest number of unknowns of a mesh for a tolerance
+        max_time: time after which no further mesh for a tolerance begins, and within which it must be expected to end
+            [s]
+        order: polynomial order of the displacements, 1 to 6, or that of the first mesh for a tolerance; order 1 is far
+            too stiff in thin walls
+        curvature: elements per radius of curvature of curved edges and faces
+        local_sizes: largest edge length on faces, by the names of the faces [m]
+        extrude: axis "x", "y" or "z" along which CAD bodies are extruded and meshed with prisms; None for tetrahedra
+        layer_thickness: largest height of the prisms [m] (default: element_size)
+        progress: show the stages and their times, and for a tolerance the unknowns and the error of every round
+
+    Raises:
+        ValueError: for invalid arguments, for a solid whose CAD bodies are not connected, and for a mesh that does not
+            fit in memory
+
+    Warns:
+        UserWarning: for thin walls in elements of order 1, and for a tolerance that the limits do not let it reach
+    """
+    mesh_options: dict[str, Any] = {
+        "curvature": curvature,
+        "local_sizes": local_sizes,
+        "extrude": extrude,
+        "layer_thickness": layer_thickness,
+    }
+    if element_size is not None and tolerance is None:
+        model = build_by_size(solid, element_size=element_size, order=order, progress=progress, **mesh_options)
+    elif tolerance is None or element_size is not None:
+        raise ValueError(
+            f"give either element_size [m] or tolerance [-], got element_size={element_size!r} and "
+            f"tolerance={tolerance!r}; tolerance=0.01 asks for errors below 1 %"
+        )
+    else:
+        limits = Limits(positive("max_unknowns", max_unknowns), time.perf_counter(), max_time)
+        wanted = positive("tolerance", tolerance)
+        check_order(order)
+        if n != int(n) or n < 1:
+            raise ValueError(f"n must be a whole number of frequencies, at least 1, got {n!r}")
+        conditions = _conditions(solid, fixed)
+        with hold_library_lock(), collect_messages() as log:
+            model = _refine(solid, wanted, int(n), conditions, limits, order, mesh_options, progress)
+        description = "; ".join([model.description, *dict.fromkeys(log.notes)])
+        model = replace(model, description=description, warnings=tuple(dict.fromkeys(log.warnings)))
+    if progress:
+        tell(model.description)
+    return model
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of the rounds.
+
+    Attributes:
+        unknowns: largest number of unknowns
+        start: time at which the work began, of `time.perf_counter` [s]
+        seconds: largest time [s]
+    """
+
+    unknowns: float
+    start: float
+    seconds: float
+
+    def refusal(self, mesh: Any, order: int, rounds: Sequence[MeshRound]) -> str:
+        """Return why a mesh must not be factorised, '' if it may."""
+        unknowns = 3 * ng.H1(mesh, order=order).ndof
+        if unknowns > self.unknowns:
+            return f"{unknowns} unknowns, max_unknowns is {self.unknowns:.0f}"
+        need, free = factorization_memory(mesh, order), free_memory()
+        if need > free:
+            return f"{unknowns} unknowns and {need / 1e9:.1f} GB to factorise, {free / 1e9:.1f} GB are free"
+        if not rounds:
+            return ""
+        last = rounds[-1].seconds - (rounds[-2].seconds if len(rounds) > 1 else 0.0)
+        expected = time.perf_counter() - self.start + last * (unknowns / rounds[-1].n_dofs) ** 1.5
+        return f"about {expected:.0f} s, max_time is {self.seconds:g} s" if expected > self.seconds else ""
+
+
+@dataclass(frozen=True)
+class Targets:
+    """Quantities that must be right, and the shapes whose energies decide their errors.
+
+    Attributes:
+        labels: descriptions for messages, of length t
+        values: angular frequencies and stiffnesses, shape (t,)
+        powers: exponents of the energy in the values, 0.5 for a frequency and 1 for a stiffness, shape (t,)
+        shares: released share of each shape's energy by element, shape (n_elements, t)
+        sequences: places of ascending frequencies under one condition
+    """
+
+    labels: list[str]
+    values: Array
+    powers: Array
+    shares: Array
+    sequences: list[slice]
+
+    def errors(self) -> Array:
+        """Return the estimated relative errors, shape (t,); inf if only known to be above 50 %."""
+        result = relative_errors(self.shares.sum(axis=0), power=self.powers)
+        for frequencies in self.sequences:
+            result[frequencies] = unknown_from_first(result[frequencies])
+        return result
+
+
+def _conditions(solid: Solid, fixed: Sequence[Collection[str]] | None) -> list[tuple[str, ...]]:
+    """Return the sets of fixed remote points, each once."""
+    names = [point.name for point in solid.remote_points]
+    if not names:
+        raise ValueError(
+            f"solid {solid.name!r} has no remote points, at which a tolerance is defined: give it at least one, or "
+            "give element_size instead"
+        )
+    if fixed is None:
+        return list(dict.fromkeys([(), *((name,) for name in names), tuple(names)]))
+    for name in (name for choice in fixed for name in choice):
+        known("remote point", name, names)
+    if isinstance(fixed, str) or any(isinstance(choice, str) for choice in fixed) or not len(fixed):
+        raise ValueError(f"fixed must be sets of remote points, such as [(), ({names[0]!r},)], got {fixed!r}")
+    return [tuple(choice) for choice in fixed]
+
+
+def _refine(
+    solid: Solid,
+    tolerance: float,
+    n: int,
+    conditions: Sequence[tuple[str, ...]],
+    limits: Limits,
+    order: int,
+    mesh_options: Mapping[str, Any],
+    progress: bool,
+) -> FEModel:
+    """Return the model of the smallest error, with all rounds."""
+    sizing = Sizing.from_cad(solid)
+    rounds: list[MeshRound] = []
+    best: tuple[FEModel, Any, Curving, float, str] | None = None
+    values: list[Array] = []
+    netgen_mesh, refused, aim = None, "", AIM
+    while len(rounds) < MOST_ROUNDS:
+        with stage(f"round {len(rounds) + 1}: mesh", enabled=progress):
+            if netgen_mesh is None:
+                netgen_mesh, mesh, curving = unfolded_mesh(partial(sizing.mesh, solid, mesh_options), order)
+            else:
+                mesh, curving = curved_mesh(netgen_mesh, order)
+        unknowns = 3 * ng.H1(mesh, order=order).ndof
+        if refused and best is not None and unknowns < SMALLEST_GROWTH * rounds[-1].n_dofs:
+            break
+        reason = limits.refusal(mesh, order, rounds)
+        refused = refused or reason
+        if reason:
+            if best is not None and not sizing.can_be_coarser:
+                break
+            (sizing, order), netgen_mesh = _cheaper(sizing, order, reason), None
+            continue
+        with stage(f"round {len(rounds) + 1}: solve, estimate", enabled=progress):
+            condensed = condense(assemble_mesh(mesh, solid, order), progress=False)
+            targets = find_targets(condensed, n, conditions)
+        values.append(targets.values)
+        # Finite elements only stiffen, so what another mesh found softer is at least this one's error.
+        errors = np.maximum(targets.errors(), targets.values / np.min(values, axis=0) - 1)
+        worst = int(np.argmax(errors))
+        made = MeshRound(
+            order,
+            mesh.ne,
+            condensed.fe_model.n_dofs,
+            seconds=time.perf_counter() - limits.start,
+            error=float(errors[worst]),
+        )
+        rounds.append(made)
+        if progress:
+            tell(f"round {len(rounds)}: {made}")
+        if best is None or errors[worst] < best[3]:
+            model = replace(condensed.fe_model, _condensation=condensed)
+            best = model, mesh, curving, made.error, targets.labels[worst]
+        if errors[worst] <= tolerance:
+            break
+        spread = _spread(targets, tolerance)
+        if spread > SPREAD and order < HIGHEST_ORDER:
+            order += 1
+        else:
+            sizing, netgen_mesh = sizing.refined(mesh, targets, aim * tolerance), None
+            aim *= float(np.clip(tolerance / errors[worst], 0.4, 0.8))
+    assert best is not None
+    model, mesh, curving, error, label = best
+    check_folds(curving, solid)
+    check_volume(mesh, solid)
+    if error > tolerance:
+        reason = f"the next mesh would need {refused}" if refused else f"{MOST_ROUNDS} meshes were tried"
+        warn(
+            f"solid {solid.name!r}: the tolerance {tolerance:g} was not reached, the estimated error is "
+            f"{error_text(error)} ({label}): {reason}; allow more, or simplify or fillet the CAD there",
+            stacklevel=3,
+        )
+    description = f"{model.description}; estimated error {error_text(error)} ({label})"
+    return replace(model, description=description, rounds=tuple(rounds))
+
+
+def _cheaper(sizing: "Sizing", order: int, reason: str) -> tuple["Sizing", int]:
+    """Return larger sizes, or a lower order where they are the largest already; ValueError where that is the lowest."""
+    if sizing.can_be_coarser:
+        return sizing.coarsened(), order
+    if order <= LOWEST_ORDER:
+        raise ValueError(f"the coarsest mesh would need {reason}; allow more, or simplify the CAD")
+    return sizing, order - 1
+
+
+@dataclass(frozen=True)
+class Sizing:
+    """Element sizes for a mesh.
+
+    Attributes:
+        largest: largest size [m]
+        cad: points and sizes from the CAD, shapes (n, 3) and (n,) [m]
+        points: points and sizes of the next mesh, shapes (m, 3) and (m,) [m]
+    """
+
+    largest: float
+    cad: tuple[Array, Array]
+    points: tuple[Array, Array]
+
+    @staticmethod
+    def from_cad(solid: Solid) -> "Sizing":
+        """Return the sizes before the first mesh."""
+        corners = np.array([tuple(corner) for corner in solid.shape.bounding_box])
+        largest = LARGEST_PER_LENGTH * float(np.ptp(corners, axis=0).max())
+        points, sizes = sizes_from_cad(solid)
+        small = sizes < largest
+        return Sizing(largest, (points[small], sizes[small]), (points[small], sizes[small]))
+
+    def mesh(self, solid: Solid, options: Mapping[str, Any], *, point_sizes: tuple[Array, Array] | None = None) -> Any:
+        """Return a Netgen mesh with these sizes, and with further sizes at points."""
+        places, sizes = point_sizes or (np.zeros((0, 3)), np.zeros(0))
+        points = np.vstack([self.points[0], places]), np.concatenate([self.points[1], sizes])
+        return generate_mesh(solid, element_size=self.largest, point_sizes=points, **options)
+
+    @property
+    def can_be_coarser(self) -> bool:
+        """Whether a size is below the largest."""
+        return bool(np.any(self.points[1] < self.largest))
+
+    def coarsened(self) -> "Sizing":
+        """Return larger sizes."""
+        cad, points = (
+            (places, np.minimum(COARSENING * sizes, self.largest)) for places, sizes in (self.cad, self.points)
+        )
+        return replace(self, cad=cad, points=points)
+
+    def refined(self, mesh: Any, targets: Targets, goal: float) -> "Sizing":
+        """Return sizes with which every target's error is the goal, with as few elements as possible.
+
+        The error of an element falls with size^(2 r), and the number of elements grows with size^-3. The optimum has
+        equal errors in all elements.
+        """
+        centres, size = element_sizes(mesh)
+        worst = np.max(targets.shares * (SATURATION * targets.powers / goal), axis=1)
+        worst = np.maximum(worst, 1e-9 * worst.max())
+        r = CONVERGENCE
+        equal = np.sum(worst ** (3 / (2 * r + 3))) ** (-(2 * r + 3) / (2 * r))
+        wanted = size * np.clip((equal / worst) ** (1 / (2 * r + 3)), *SIZE_CHANGE)
+        points = np.vstack([centres, self.cad[0]]), np.concatenate([wanted, RELAXED_CAD_SIZES * self.cad[1]])
+        return replace(self, points=points)
+
+
+def element_sizes(mesh: Any) -> tuple[Array, Array]:
+    """Return the centres (n, 3) and mean edge lengths (n,) of the elements [m]."""
+    points = np.array([vertex.point for vertex in mesh.vertices])
+    ends = np.array([[vertex.nr for vertex in edge.vertices] for edge in mesh.edges])
+    length = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
+    elements = list(mesh.Elements(ng.VOL))
+    centres = np.array([points[[vertex.nr for vertex in element.vertices]].mean(axis=0) for element in elements])
+    return centres, np.array([length[[edge.nr for edge in element.edges]].mean() for element in elements])
+
+
+def _spread(targets: Targets, goal: float) -> float:
+    """Return the share of the elements that hold 80 % of the error."""
+    load = np.sort(np.max(targets.shares * (SATURATION * targets.powers / goal), axis=1))[::-1]
+    return float((1 + np.searchsorted(np.cumsum(load), 0.8 * load.sum())) / len(load))
+
+
+@dataclass(frozen=True)
+class Basis:
+    """Displacement shapes of which the targets are combinations.
+
+    The shapes are the constraint modes of the remote points, the first fixed-interface modes, and the responses to one
+    volt at each electrical port with all remote points fixed.
+
+    Attributes:
+        condensed: static condensation
+        mass: mass matrix of constraint modes and fixed-interface modes
+        stiffness: stiffness matrix of all shapes
+        released: energy that a higher order would release in the shapes
+    """
+
+    condensed: Condensation
+    mass: Array
+    stiffness: Array
+    released: ReleasedEnergy
+
+    @staticmethod
+    def of(condensed: Condensation, n_modes: int) -> "Basis":
+        """Compute the basis of an FE model."""
+        model, static = condensed.fe_model, condensed.constraint_modes
+        n_modes = min(n_modes, largest_n_modes(condensed))
+        frequency, modes = fixed_interface_modes(condensed, n_modes=n_modes)
+        ports = np.column_stack([np.zeros((model.n_dofs, 0)), *(port.forces for port in model.ports)])
+        held = np.hstack([modes, condensed.solve_fixed(ports)])
+        shapes = np.hstack([static, held])
+        accelerations = np.zeros_like(shapes)
+        nb, n = static.shape[1], static.shape[1] + n_modes
+        accelerations[:, nb:n] = modes * (2 * np.pi * frequency) ** 2
+        voltages = np.eye(len(model.ports), shapes.shape[1], n)
+        with threads():
+            mass = shapes[:, :n].T @ (mass_operator(model) @ shapes[:, :n])
+            stiffness = scipy.linalg.block_diag(condensed.stiffness, held.T @ (model.stiffness @ held))
+        released = released_energy(condensed, shapes, accelerations=accelerations, voltages=voltages)
+        return Basis(condensed, 0.5 * (mass + mass.T), 0.5 * (stiffness + stiffness.T), released)
+
+    def frequencies(self, fixed: Collection[str], n: int) -> list["AccuracyTarget"]:
+        """Return the first n elastic eigenfrequencies with some remote points fixed."""
+        free = np.array([i for i in range(len(self.mass)) if self._point(i) not in fixed])
+        square, vectors = eigenmodes(self.stiffness[np.ix_(free, free)], self.mass[np.ix_(free, free)])
+        first = 0 if fixed else 6
+        where = f"with {', '.join(map(repr, fixed))} fixed" if fixed else "of the free body"
+        targets = []
+        for k in range(first, min(first + n, len(square))):
+            shape = np.zeros(len(self.stiffness))
+            shape[free] = vectors[:, k]
+            targets.append(self._target(f"frequency {k - first + 1} {where}", shape, power=0.5))
+        return targets
+
+    def static_responses(self) -> list["AccuracyTarget"]:
+        """Return the stiffnesses at each remote point but the first, which is fixed, and the responses to the ports."""
+        n_points, names = len(self.condensed.stiffness), self.condensed.names
+        flexibility = np.linalg.inv(self.condensed.stiffness[6:, 6:])
+        targets = []
+        for i, column in enumerate(flexibility.T):
+            shape = np.zeros(len(self.stiffness))
+            shape[6:n_points] = column
+            label = f"stiffness along {COMPONENTS[i % 6]} at {names[1 + i // 6]!r} with {names[0]!r} fixed"
+            targets.append(self._target(label, shape, power=1.0))
+        for port, shape in zip(
+            self.condensed.fe_model.ports, np.eye(len(self.stiffness))[len(self.mass) :], strict=True
+        ):
+            targets.append(self._target(f"charge of port {port.name!r} with all points fixed", shape, power=1.0))
+            if len(names) > 1:
+                stroke = shape.copy()
+                stroke[6:n_points] = flexibility @ (port.forces @ self.condensed.constraint_modes)[6:]
+                targets.append(self._target(f"stroke by port {port.name!r}", stroke, power=1.0))
+        return targets
+
+    def _point(self, coordinate: int) -> str | None:
+        """Return the name of the remote point that has a coordinate."""
+        return self.condensed.names[coordinate // 6] if coordinate < len(self.condensed.stiffness) else None
+
+    def _target(self, label: str, shape: Array, *, power: float) -> "AccuracyTarget":
+        """Return the target that a shape decides."""
+        energy = float(shape @ self.stiffness @ shape)
+        # The energy of a mode of unit modal mass is a squared frequency, that of a unit load a compliance.
+        return AccuracyTarget(label, energy**power if power < 1 else 1 / energy, power, shape / np.sqrt(energy))
+
+
+@dataclass(frozen=True)
+class AccuracyTarget:
+    """A quantity that must be right.
+
+    Attributes:
+        label: description for messages
+        value: a quantity that every error increases: angular frequency or stiffness
+        power: exponent of the energy in the quantity, 0.5 for a frequency and 1 for a stiffness
+        shape: combination of the shapes of a `Basis` with unit energy
+    """
+
+    label: str
+    value: float
+    power: float
+    shape: Array
+
+
+def find_targets(condensed: Condensation, n: int, conditions: Sequence[tuple[str, ...]]) -> Targets:
+    """Compute what a tolerance applies to, and its errors by element.
+
+    Args:
+        condensed: static condensation with all remote points
+        n: number of elastic eigenfrequencies under each condition
+        conditions: sets of fixed remote points
+    """
+    basis = Basis.of(condensed, n + EXTRA_MODES)
+    groups = [basis.frequencies(fixed, n) for fixed in conditions]
+    found = [target for group in groups for target in group] + basis.static_responses()
+    ends = np.cumsum([len(group) for group in groups]).tolist()
+    return Targets(
+        [target.label for target in found],
+        np.array([target.value for target in found]),
+        np.array([target.power for target in found]),
+        basis.released.by_element(np.column_stack([target.shape for target in found])),
+        [slice(end - len(group), end) for group, end in zip(groups, ends, strict=True)],
+    )

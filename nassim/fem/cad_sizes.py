@@ -1,0 +1,106 @@
+"""Element sizes from CAD, before there is a mesh: from the curvature of faces and the thickness of walls.
+
+A face with the radius of curvature R over a wall of thickness t bends like a notch or a shell: its strain changes over
+lengths of about sqrt(R t), and nowhere within less than t. The thickness is the length of a ray from the face through
+the CAD body to the opposite face.
+Source: S. Timoshenko, S. Woinowsky-Krieger, Theory of Plates and Shells (1959), section 15, on the decay length.
+"""
+
+import numpy as np
+
+from nassim.base.checks import Array
+from nassim.base.library_lock import hold_library_lock
+from nassim.fem.faces import solid_triangles
+from nassim.fem.solid import Solid
+
+FINENESS = 0.5
+"""Element size as a share of the length over which strains change."""
+LARGEST_PER_RADIUS = 2.0
+"""Largest element size as a multiple of the radius of curvature."""
+LARGEST_PER_THICKNESS = 10.0
+"""Largest element size as a multiple of the wall's thickness."""
+MOST_POINTS = 6000
+"""Largest number of points per CAD body at which the thickness is measured."""
+RAYS_AT_ONCE = 100
+
+
+def sizes_from_cad(solid: Solid) -> tuple[Array, Array]:
+    """Compute element sizes at points on the faces of a solid.
+
+    Args:
+        solid: the solid
+
+    Returns:
+        Points, shape (n, 3) [m], and element sizes there, shape (n,) [m].
+    """
+    with hold_library_lock(forkable=True):
+        bodies = [solid_triangles(body)[:2] for body in solid.shape.solids]
+    length = max(np.ptp(corners.reshape(-1, 3), axis=0).max() for corners, _ in bodies)
+    parts = [_sizes_on_body(corners, normals, length) for corners, normals in bodies]
+    return np.vstack([points for points, _ in parts]), np.concatenate([sizes for _, sizes in parts])
+
+
+def _sizes_on_body(corners: Array, normals: Array, length: float) -> tuple[Array, Array]:
+    """Return points on the triangles of one CAD body and element sizes there; length: that of the solid [m]."""
+    edges = corners[:, [1, 2, 0]] - corners
+    real = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) > 1e-14 * length**2
+    corners, normals, edges = corners[real], normals[real], edges[real]
+    extent = np.linalg.norm(edges, axis=2)
+    turn = np.linalg.norm(normals[:, [1, 2, 0]] - normals, axis=2)
+    radius = 1 / np.maximum(np.max(turn / np.maximum(extent, 1e-9 * length), axis=1), 1e-3 / length)
+    points, outward, radii = _samples(corners, normals, radius, length)
+    outward /= np.linalg.norm(outward, axis=1)[:, None]
+    thickness = ray_lengths(points - 1e-6 * length * outward, -outward, corners)
+    thickness = np.where(np.isfinite(thickness), thickness, length)
+    sizes = FINENESS * np.maximum(np.sqrt(radii * thickness), thickness)
+    return points, np.minimum(np.minimum(sizes, LARGEST_PER_RADIUS * radii), LARGEST_PER_THICKNESS * thickness)
+
+
+def _samples(corners: Array, normals: Array, radius: Array, length: float) -> tuple[Array, Array, Array]:
+    """Return points on triangles, their normals and radii of curvature; long triangles get several points."""
+    extent = np.linalg.norm(corners[:, [1, 2, 0]] - corners, axis=2)
+    points, outward, radii = [], [], []
+    for x, n, r, e in zip(corners, normals, radius, extent, strict=True):
+        step = np.clip(0.35 * r, 2e-3 * length, 0.05 * length)
+        along = (np.arange(k := int(np.clip(np.ceil(e.max() / step), 1, 60))) + 0.5) / k
+        across = [1 / 3] if e.min() < step else np.linspace(0.1, 0.9, int(min(np.ceil(e.min() / step) + 1, 30)))
+        a, b, c = (np.arange(3) + np.argmax(e)) % 3  # from a to b is the longest edge
+        points += [(1 - w) * (x[a] + along[:, None] * (x[b] - x[a])) + w * x[c] for w in across]
+        outward += [(1 - w) * (n[a] + along[:, None] * (n[b] - n[a])) + w * n[c] for w in across]
+        radii += [np.full(k * len(across), r)]
+    result = np.vstack(points), np.vstack(outward), np.concatenate(radii)
+    if len(result[2]) <= MOST_POINTS:
+        return result
+    chosen = np.random.default_rng(0).choice(len(result[2]), MOST_POINTS, replace=False)
+    return result[0][chosen], result[1][chosen], result[2][chosen]
+
+
+def ray_lengths(points: Array, directions: Array, corners: Array) -> Array:
+    """Compute the distance from each point along its direction to the nearest triangle, inf where there is none.
+
+    Args:
+        points: shape (n, 3) [m]
+        directions: unit vectors, shape (n, 3)
+        corners: of the triangles, shape (m, 3, 3) [m]
+
+    Returns:
+        Distances, shape (n,) [m].
+
+    Source: T. Möller, B. Trumbore, Fast, minimum storage ray-triangle intersection, J. Graphics Tools 2 (1997) 21-28.
+    """
+    a, e1, e2 = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    across = np.cross(e1, e2)
+    result = np.empty(len(points))
+    for start in range(0, len(points), RAYS_AT_ONCE):
+        part = slice(start, start + RAYS_AT_ONCE)
+        d = directions[part]
+        offset = points[part, None] - a[None]
+        with np.errstate(all="ignore"):
+            turned = np.cross(offset, d[:, None])
+            volume = -(d @ across.T)
+            u = np.einsum("ijk,jk->ij", turned, e2) / volume
+            v = -np.einsum("ijk,jk->ij", turned, e1) / volume
+            t = np.einsum("ijk,jk->ij", offset, across) / volume
+            hit = (u > -1e-9) & (v > -1e-9) & (u + v < 1 + 1e-9) & (t > 0)
+        result[part] = np.where(hit, t, np.inf).min(axis=1)
+    return result

@@ -1,0 +1,218 @@
+"""FE models of a wanted accuracy: sizes from CAD, error estimates against true errors, limits, refused input."""
+
+import importlib
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import netgen.occ as occ
+import numpy as np
+import pytest
+import scipy
+from conftest import STEEL, make_bar
+
+from nassim import ElectricalPort, Material, PiezoStack, RemotePoint, Solid, build_fe_model, condense, craig_bampton
+from nassim.fem.accuracy import find_targets
+from nassim.fem.assembly import refine_order
+from nassim.fem.cad_sizes import FINENESS, LARGEST_PER_THICKNESS, ray_lengths, sizes_from_cad
+from nassim.fem.mesh_error import released_energy
+
+SCRIPTS = Path(__file__).parents[2] / "scripts"
+
+
+@pytest.fixture
+def hard_solids(monkeypatch):
+    monkeypatch.syspath_prepend(str(SCRIPTS))
+    return importlib.import_module("common.hard_solids").HARD_SOLIDS
+
+
+def named(name, shape, axis=occ.X, material=STEEL):
+    """A solid with rbe2 points on its ends along an axis."""
+    faces = shape.faces.Min(axis), shape.faces.Max(axis)
+    for face, label in zip(faces, ("first", "second"), strict=True):
+        face.name = label
+    shape.name = "body"
+    points = tuple(RemotePoint(face.name, face.name, np.array(tuple(face.center)), "rbe2") for face in faces)
+    return Solid(name, shape, {"body": material}, points)
+
+
+def make_step():
+    """A bar with a sharp step, in a general position."""
+    shape = occ.Box((0, 0, 0), (0.03, 0.01, 0.01)) + occ.Box((0.03, 0, 0), (0.06, 0.01, 0.003))
+    return named("step", shape.Rotate(occ.Axis((0, 0, 0), occ.Vec(1, 2, 3)), 20))
+
+
+def test_rays_measure_a_box():
+    corners = np.array([[[0.0, 0, 2], [5, 0, 2], [0, 5, 2]], [[0, 0, 3], [5, 0, 3], [0, 5, 3]]])
+    points = np.array([[1.0, 1, 0], [1, 1, 2.5], [4, 4, 0], [1, 1, 4]])
+    directions = np.array([[0.0, 0, 1], [0.6, 0, 0.8], [0, 0, 1], [0, 0, 1]])
+    np.testing.assert_allclose(ray_lengths(points, directions, corners), [2, 0.5 / 0.8, np.inf, np.inf], rtol=1e-12)
+
+
+def test_sizes_from_cad_of_a_tube():
+    """c sqrt(R t) on a thin tube, and no more than ten times the thickness on a plate."""
+    tube = occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, 0.02, 0.03) - occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, 0.0195, 0.03)
+    points, sizes = sizes_from_cad(named("tube", tube, occ.Z))
+    curved = (points[:, 2] > 0.005) & (points[:, 2] < 0.025)
+    assert np.median(sizes[curved]) == pytest.approx(FINENESS * np.sqrt(0.02 * 0.0005), rel=0.1)
+    points, sizes = sizes_from_cad(named("plate", occ.Box((0, 0, 0), (0.1, 0.06, 0.0004))))
+    flat = (points[:, 0] > 0.01) & (points[:, 0] < 0.09) & (points[:, 1] > 0.01) & (points[:, 1] < 0.05)
+    np.testing.assert_allclose(sizes[flat], LARGEST_PER_THICKNESS * 0.0004, rtol=1e-3)
+
+
+@pytest.fixture(scope="module")
+def fine_step():
+    """The sharp step to 0.05 %."""
+    return condense(build_fe_model(make_step(), element_size=4e-3, order=5, progress=False), progress=False)
+
+
+CONDITIONS = [(), ("first",)]
+
+
+@pytest.mark.slow
+def test_tolerance_is_met_on_a_sharp_step(fine_step):
+    """Sharp edges cap the rate, so the first mesh is not enough."""
+    model = build_fe_model(make_step(), tolerance=0.005, n=4, fixed=CONDITIONS, progress=False)
+    assert len(model.rounds) > 1
+    assert model.rounds[-1].error < 0.005
+    assert model.n_dofs == model.rounds[-1].n_dofs
+    found, truth = (find_targets(c, 4, CONDITIONS).values for c in (condense(model, progress=False), fine_step))
+    assert np.all(np.abs(found / truth - 1) < 0.005)
+
+
+@pytest.mark.slow
+def test_estimates_of_all_targets_against_a_finer_mesh(fine_step):
+    """Between half and three times the true error, on coarse elements."""
+    coarse = build_fe_model(make_step(), element_size=0.01, order=3, progress=False)
+    targets = find_targets(condense(coarse, progress=False), 4, CONDITIONS)
+    true = targets.values / find_targets(fine_step, 4, CONDITIONS).values - 1
+    ratio = targets.errors() / true
+    large = true > 3e-3
+    assert np.count_nonzero(large) >= 6
+    assert np.all((ratio[large] > 0.5) & (ratio[large] < 3)), dict(zip(targets.labels, ratio, strict=True))
+
+
+def test_estimates_by_element_add_up(bar):
+    """To the whole energy, of one shape and of a combination; the energy is that of a factorisation but for 3 %."""
+    condensed, energy = bar
+    whole = np.random.default_rng(0).standard_normal((energy.stiffness.shape[0], 2))
+    by_element = energy.by_element(whole)
+    assert by_element.shape == (condensed.fe_model.rounds[0].n_elements, 2)
+    assert by_element.min() >= 0
+    np.testing.assert_allclose(by_element.sum(axis=0), np.diag(whole.T @ energy.stiffness @ whole), rtol=1e-9)
+    finer = refine_order(condensed.fe_model)
+    free = np.flatnonzero(energy.correction.any(axis=1))
+    matrix = finer.stiffness.to_scipy()[free][:, free]
+    exact = energy.residual[free].T @ scipy.sparse.linalg.spsolve(matrix.tocsc(), energy.residual[free])
+    found = np.diag(energy.stiffness) / np.diag(exact)
+    assert np.all((found > 0.96) & (found < 1 + 1e-9))
+
+
+def make_stack():
+    """A piezo stack whose ends cannot deform."""
+    stack = PiezoStack.from_datasheet(
+        free_stroke=20e-6, blocked_force=4700.0, voltage_range=170.0, capacitance=6.7e-6, size=(20e-3, 10e-3, 10e-3)
+    )
+    shape = occ.Box(occ.Pnt(0, -5e-3, -5e-3), occ.Pnt(20e-3, 5e-3, 5e-3))
+    solid = named("stack", shape, material=Material("ceramic", stack.young_modulus, 0.31, 7800.0))
+    return replace(solid, ports=(ElectricalPort("drive", "body", stack),))
+
+
+@pytest.fixture(scope="module")
+def bar():
+    condensed = condense(build_fe_model(make_bar(), element_size=0.01, order=2, progress=False), progress=False)
+    shapes = condensed.constraint_modes[:, 6:]
+    return condensed, released_energy(condensed, shapes, accelerations=np.zeros_like(shapes))
+
+
+def test_the_error_of_a_port_is_a_target():
+    """A stack between two pads, whose free stroke and charge a coarse mesh makes too small."""
+    model = build_fe_model(make_stack(), element_size=0.01, order=2, progress=False)
+    fine = build_fe_model(make_stack(), element_size=0.005, order=4, progress=False)
+    coarse, truth = (find_targets(condense(m, progress=False), 1, [("first",)]) for m in (model, fine))
+    assert coarse.labels[-2:] == ["charge of port 'drive' with all points fixed", "stroke by port 'drive'"]
+    true = coarse.values[-2:] / truth.values[-2:] - 1
+    assert np.all(true > 1e-3)
+    ratio = coarse.errors()[-2:] / true
+    assert np.all((ratio > 0.5) & (ratio < 3)), ratio
+
+
+def test_a_mesh_is_used_again_for_the_reduction(hard_solids):
+    """The condensation of the last round; another choice of points is condensed anew."""
+    model = build_fe_model(hard_solids["bar"](), tolerance=0.1, n=1, fixed=[("first",)], progress=False)
+    assert condense(model).constraint_modes is condense(model).constraint_modes
+    assert condense(model).fe_model is model
+    assert condense(model, remote_points=["first"], progress=False).names == ("first",)
+    twice = replace(model, stiffness=2 * model.stiffness_matrix)
+    np.testing.assert_allclose(
+        condense(twice, progress=False).stiffness, 2 * condense(model).stiffness, rtol=1e-6, atol=1.0
+    )
+    body = craig_bampton(model, progress=False)
+    assert body.released_stiffness is None
+    assert f"{model.n_dofs} unknowns" in body.record["cost and error"]
+    assert f"{100 * model.rounds[-1].error:.2g} % (estimate)" in body.record["cost and error"]
+
+
+def test_limits_end_the_rounds_with_the_best_model(hard_solids, capsys):
+    with pytest.warns(UserWarning, match=r"tolerance 1e-05 was not reached.*max_unknowns is 4000"):
+        model = build_fe_model(hard_solids["bar"](), tolerance=1e-5, n=1, fixed=[("first",)], max_unknowns=4000)
+    assert model.n_dofs <= 4000
+    errors = [made.error for made in model.rounds]
+    assert [made.n_dofs for made in model.rounds][int(np.argmin(errors))] == model.n_dofs
+    assert f"round 1: {model.rounds[0]}" in " ".join(capsys.readouterr().out.split())
+    assert "tolerance 1e-05 was not reached" in model.warnings[0]
+
+
+def test_no_further_round_beyond_the_time(hard_solids):
+    with pytest.warns(UserWarning, match="max_time is 1e-09 s"):
+        model = build_fe_model(
+            hard_solids["bar"](), tolerance=1e-5, n=1, fixed=[("first",)], max_time=1e-9, progress=False
+        )
+    assert len(model.rounds) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({}, "give either element_size"),
+        ({"element_size": 0.01, "tolerance": 0.01}, "give either element_size"),
+        ({"tolerance": 0.0}, "tolerance must be positive"),
+        ({"tolerance": 0.01, "n": 0}, "n must be a whole number"),
+        ({"tolerance": 0.01, "order": 0}, "order must be"),
+        ({"tolerance": 0.01, "fixed": [("middle",)]}, "known: left, right"),
+        ({"tolerance": 0.01, "fixed": "left"}, "known: left, right"),
+        ({"tolerance": 0.01, "fixed": ["left"]}, "known: left, right"),
+        ({"tolerance": 0.01, "fixed": []}, "fixed must be sets"),
+        ({"tolerance": 0.01, "max_unknowns": 300}, "the coarsest mesh would need .* max_unknowns is 300"),
+    ],
+)
+def test_arguments_of_a_tolerance(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        build_fe_model(make_bar(), progress=False, **arguments)
+
+
+def test_a_tolerance_needs_remote_points():
+    solid = Solid("bar", make_bar().shape, {"bar": STEEL})
+    with pytest.raises(ValueError, match="no remote points, at which a tolerance is defined"):
+        build_fe_model(solid, tolerance=0.01, progress=False)
+
+
+def test_a_coarse_mesh_is_warned_of_and_a_fine_one_is_not():
+    for size, order, warned in ((0.02, 2, True), (0.012, 4, False)):
+        model = build_fe_model(make_bar(), element_size=size, order=order, progress=False)
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            body = craig_bampton(model, progress=False)
+        assert any("finite elements leave an estimated error" in str(w.message) for w in told) == warned
+        assert ("tolerance" in body.record.get("warnings", "")) == warned
+
+
+@pytest.mark.slow
+def test_a_neck_on_a_coarse_mesh_has_an_unknown_error(hard_solids):
+    """At 2 mm and order 2 the first frequency is more than twice the true one."""
+    model = build_fe_model(hard_solids["neck"](), element_size=2e-3, order=2, progress=False)
+    with pytest.warns(UserWarning, match="estimated error of unknown, above 50 %"):
+        body = craig_bampton(model, progress=False)
+    assert body.eigenfrequencies(fixed=["first"])[0] > 2 * 296
+    assert body.discretization_errors(fixed=["first"])[0] == np.inf
+    assert "above 50 %" in body.record["cost and error"]
