@@ -14,6 +14,7 @@ from nassim.base.modal import eigenmodes
 from nassim.bodies.readouts import PassivePoint, Picture, by_name
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.bodies.strain import has_rigid_modes, remove_rounding
+from nassim.bodies.stress_stiffness import STRESS_STIFFNESS
 
 DEPENDENT_SHAPE = 1e-10
 """Load shapes below this share of the largest energy are rounding errors and are left out.
@@ -130,13 +131,17 @@ def open_circuit(body: ReducedBody, ports: Mapping[str, float]) -> ReducedBody:
         ports: name -> capacitance connected to the port, such as that of a cable [F]; 0 for none. All other ports stay
             at zero voltage.
     """
-    stiffness = body.stiffness_matrix.copy()
+    stiffness, voltages = body.stiffness_matrix.copy(), {}
     for name, capacitance in ports.items():
         port = body.port(name)
         total = port.blocked_capacitance + not_negative(f"capacitance at port {name!r}", capacitance, "F")
         stiffness += np.outer(port.forces, port.forces) / total
+        voltages[name] = -port.forces / total
+    readouts = dict(body.readouts)
+    if body.stress_stiffness is not None:
+        readouts[STRESS_STIFFNESS] = body.stress_stiffness.with_voltage_rows(voltages)
     enriched = None if body.enriched is None else open_circuit(body.enriched, ports)
-    return replace(body, stiffness_matrix=stiffness, enriched=enriched)
+    return replace(body, stiffness_matrix=stiffness, readouts=readouts, enriched=enriched)
 
 
 def keep_ports(body: ReducedBody, names: Collection[str]) -> ReducedBody:

@@ -13,11 +13,14 @@ from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.projection import keep_modes
 from nassim.bodies.readouts import Picture, Readout, by_name
 from nassim.bodies.reduced_body import ReducedBody
+from nassim.bodies.stress_stiffness import BODY_FORCES
+from nassim.fem.assembly import mesh_and_solid
 from nassim.fem.condensation import Condensation, condense, deformation_projector
 from nassim.fem.fe_model import FEModel
 from nassim.fem.mesh_error import released_stiffness
 from nassim.fem.modes import check_n_modes, fixed_interface_modes, modes_below, residual_vectors
 from nassim.fem.solver import threads
+from nassim.fem.stress_stiffness import stress_stiffness
 
 DEFAULT_MODES = 6
 LARGEST_N_MODES = 400
@@ -35,6 +38,7 @@ def craig_bampton(
     remote_points: Sequence[str] | None = None,
     ports: Sequence[str] | None = None,
     discretization: bool = False,
+    geometric_stiffness: bool = False,
     progress: bool = True,
 ) -> ReducedBody:
     """Reduce an FE model to the motions of its remote points and fixed-interface modes, and estimate the error.
@@ -52,11 +56,14 @@ def craig_bampton(
             static response to its voltage exact
         discretization: also estimate the error of the finite elements, for `ReducedBody.discretization_errors`; doubles
             the time
+        geometric_stiffness: also compute the body's geometric stiffness under loads, `ReducedBody.stress_stiffness`,
+            for 12 more solves and one scalar matrix per coordinate, omitted modes included
         progress: show the stages and the report
 
     Raises:
         ValueError: for no remote points, unknown names, more modes than unknowns, n_modes together with
-            cutoff_frequency or tolerance, and a tolerance that cannot be met (the message gives one that can)
+            cutoff_frequency or tolerance, a tolerance that cannot be met (the message gives one that can), and with
+            geometric_stiffness or discretization for a model that was not made from a mesh
     """
     if n_modes is not None and not (cutoff_frequency is None and tolerance is None):
         raise ValueError("give either n_modes, or cutoff_frequency and/or tolerance, not both")
@@ -77,10 +84,14 @@ def craig_bampton(
             if ports is not None
             else condensed.fe_model.ports
         )
+        if geometric_stiffness:
+            mesh_and_solid(condensed.fe_model)
         if tolerance is None:
-            rich, count = _reduce(condensed, count, cutoff_frequency, kept, discretization, progress)
+            rich, count, basis = _reduce(condensed, count, cutoff_frequency, kept, discretization, progress)
         else:
-            rich, count = _reduce_within(condensed, tolerance, cutoff_frequency, kept, discretization, progress)
+            rich, count, basis = _reduce_within(condensed, tolerance, cutoff_frequency, kept, discretization, progress)
+        if geometric_stiffness:
+            rich = _add_stress_stiffness(rich, condensed, basis, kept, progress)
     body = keep_modes(rich, count)
     record = {**body.record, **_report(body, rich, count)}
     warnings = [*condensed.fe_model.warnings, *log.warnings]
@@ -96,8 +107,8 @@ def _reduce(
     ports: Sequence[PortCoupling],
     discretization: bool,
     progress: bool,
-) -> tuple[ReducedBody, int]:
-    """Return the body with extra modes and the vectors for all other modes, and the number of modes to keep."""
+) -> tuple[ReducedBody, int, list[Array]]:
+    """Return the body with extra modes and vectors for all other modes, the number of modes to keep, and the basis."""
     with stage("fixed-interface modes", unit="solves", enabled=progress) as advance:
         if cutoff_frequency is None:
             frequency, modes = fixed_interface_modes(condensed, n_modes=n_modes + 1, advance=advance)
@@ -116,7 +127,7 @@ def _reduce(
             n = len(released) - len(more)
             released[:n, :n] = released_stiffness(condensed, frequency, modes, advance=advance)
         rich = replace(rich, released_stiffness=released)
-    return rich, n_modes
+    return rich, n_modes, parts
 
 
 def _reduce_within(
@@ -126,22 +137,32 @@ def _reduce_within(
     ports: Sequence[PortCoupling],
     discretization: bool,
     progress: bool,
-) -> tuple[ReducedBody, int]:
+) -> tuple[ReducedBody, int, list[Array]]:
     """Return the same as `_reduce`, with the smallest number of modes whose estimated errors meet a tolerance."""
     most = min(LARGEST_N_MODES, condensed.fe_model.n_dofs // 2 - 2)
     available = min(2 * DEFAULT_MODES, most)
     while True:
-        rich, _ = _reduce(condensed, available, None, ports, discretization, progress)
+        rich, _, basis = _reduce(condensed, available, None, ports, discretization, progress)
         errors = [_worst_truncation(keep_modes(rich, count), cutoff_frequency) for count in range(available + 1)]
         within = np.flatnonzero(np.array(errors) <= tolerance)
         if within.size:
-            return rich, int(within[0])
+            return rich, int(within[0]), basis
         if available == most:
             raise ValueError(
                 f"tolerance {tolerance:g} is out of reach: {int(np.argmin(errors))} of at most {most} modes leave an "
                 f"estimated error of {min(errors):.2g}; ask for that or more, or give cutoff_frequency or n_modes"
             )
         available = min(2 * available, most)
+
+
+def _add_stress_stiffness(
+    body: ReducedBody, condensed: Condensation, basis: Sequence[Array], ports: Sequence[PortCoupling], progress: bool
+) -> ReducedBody:
+    """Return the body with its geometric stiffness among the read-outs."""
+    n_fields = len(body.mass_matrix) - 6 + BODY_FORCES + len(ports)
+    with stage("geometric stiffness", total=n_fields, unit="fields", enabled=progress) as advance:
+        stress = stress_stiffness(condensed, np.hstack(basis), ports, advance=advance)
+    return replace(body, readouts=by_name([*body.readouts.values(), stress]))
 
 
 def _worst_truncation(body: ReducedBody, cutoff_frequency: float | None) -> float:
