@@ -324,12 +324,12 @@ def suspension(scene: Scene, highest: float = 150.0) -> list[tuple[float, dict[s
         Per mode: frequency [Hz] and shares of bodies in the kinetic energy [-].
     """
     assembly = assemble(replace(scene, loops=()))
-    motions = assembly.basis @ assembly.shapes
+    motions = assembly.modal.modes
     found = []
-    for frequency, motion in zip(assembly.frequency, motions.T, strict=True):
+    for frequency, motion in zip(assembly.modal.frequency, motions.T, strict=True):
         if 0 < frequency < highest:
             shares: dict[str, float] = {}
-            for name, place in assembly.slices.items():
+            for name, place in assembly.coordinates.slices.items():
                 group = "struts" if name.startswith("strut_") else name
                 energy = motion[place] @ scene.split(f"{name}.")[0].mass_matrix @ motion[place]
                 shares[group] = shares.get(group, 0.0) + float(energy)

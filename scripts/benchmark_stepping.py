@@ -198,7 +198,7 @@ def _hexapod(apa: ReducedBody, count: int, fidelity: str) -> Scene:
 def add_flexible_body(mbs: Any, scene: Scene, faces: Faces) -> dict[str, int]:
     """Add the scene's flexible body in a floating frame; returns a marker per face, at the mean of its nodes."""
     assembly, body = assemble(scene), scene.flexible_bodies[0]
-    frame, reduced = assembly.frames[body.name], body.reduced
+    frame, reduced = assembly.coordinates.frames[body.name], body.reduced
     assert reduced.surface is not None
     assert reduced.surface_modes is not None
     chosen = np.concatenate(list(faces.values()))
@@ -221,7 +221,7 @@ def add_flexible_body(mbs: Any, scene: Scene, faces: Faces) -> dict[str, int]:
             centerOfMass=frame.center_of_mass,
             massMatrixReduced=container_of(frame.mass_matrix),
             stiffnessMatrixReduced=container_of(frame.stiffness_matrix),
-            dampingMatrixReduced=container_of(assembly.damping.on_deformation()),
+            dampingMatrixReduced=container_of(assembly.modal.damping.on_deformation()),
             mPhitTPsi=frame.translation_flexible,
             mPhitTPsiTilde=frame.translation_rotated,
             mXRefTildePsi=frame.position_flexible,

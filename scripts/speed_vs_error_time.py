@@ -43,7 +43,7 @@ def main() -> None:
     finest = 2.5e-5
     noise = band_limited_noise(args.duration, 1 / finest, cutoff_frequency=300.0, rms=0.01)
     exact = simulate(make_bench(apa=apa, fidelity="linear"), noise, time_step=finest, method="exact", progress=False)
-    first = float(assemble(make_bench(apa=apa)).frequency[0])
+    first = float(assemble(make_bench(apa=apa)).modal.frequency[0])
 
     steps = (1e-4, 2e-4) if args.quick else (2.5e-5, 5e-5, 1e-4, 2e-4)
     variants = [

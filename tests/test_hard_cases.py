@@ -52,9 +52,9 @@ def kick(n_steps):
 def free_swing(scene, time):
     """Closed form of the encoder after `kick`, undamped, shape of time."""
     a = assemble(scene)
-    omega = 2 * np.pi * a.frequency
-    modes = a.basis @ a.shapes
-    gain = (a.output_matrix[1] @ modes) * (modes.T @ a.input_matrix)[:, 0]
+    omega = 2 * np.pi * a.modal.frequency
+    modes = a.modal.modes
+    gain = (a.signals.output_matrix[1] @ modes) * (modes.T @ a.signals.input_matrix)[:, 0]
     strength = gain * STEP * np.sinc(omega * STEP / (2 * np.pi)) ** 2 / omega
     return sum(s * np.sin(w * (time - STEP)) for s, w in zip(strength, omega, strict=True))
 
@@ -98,7 +98,7 @@ def undamped_bench_stepped(apa):
     n = 100_000
     bench = make_bench(apa=apa, fidelity="linear", damping_ratio=0.0)
     record = simulate(bench, kick(n), time_step=STEP, progress=False)
-    omega = 2 * np.pi * assemble(bench).frequency[:3]
+    omega = 2 * np.pi * assemble(bench).modal.frequency[:3]
     found = []
     for part in (slice(1000, 4000), slice(n - 3000, n)):
         waves = np.exp(1j * np.outer(record.time[part], omega))

@@ -95,12 +95,12 @@ def modal_gains(assembly: Assembly) -> Array:
     Returns:
         Gains, (outputs, inputs, modes) [output unit over V]; 0 for rigid-body modes.
     """
-    modes = assembly.basis @ assembly.shapes
-    omega = 2 * np.pi * assembly.frequency
+    modal, signals = assembly.modal, assembly.signals
+    modes, omega = modal.modes, 2 * np.pi * modal.frequency
     compliance = np.zeros(len(omega))
-    flexible = ~assembly.rigid_modes
+    flexible = ~modal.rigid_modes
     compliance[flexible] = 1 / omega[flexible] ** 2
-    readings, drives = assembly.output_matrix @ modes, assembly.input_matrix.T @ modes
+    readings, drives = signals.output_matrix @ modes, signals.input_matrix.T @ modes
     return np.einsum("or,ir,r->oir", readings, drives, compliance)
 
 
@@ -160,13 +160,14 @@ def apply_identification(
             raise ValueError(f"output {output!r} of the scene does not respond to {fit.input!r}: leave it out")
     visible = np.abs(gains) > VISIBLE * np.abs(gains).max(axis=1, keepdims=True)
     alike = _alike(fit.gains, gains, visible, fit.outputs.index(trusted), factor)
-    matches = _match(fit.frequency, assembly.frequency, alike, distance, factor)
+    modal = assembly.modal
+    matches = _match(fit.frequency, modal.frequency, alike, distance, factor)
     if np.all(matches < 0):
         opposite = _alike(-fit.gains, gains, visible, fit.outputs.index(trusted), factor)
-        raise ValueError(_no_match(fit.frequency, assembly.frequency, alike, opposite, distance, factor))
+        raise ValueError(_no_match(fit.frequency, modal.frequency, alike, opposite, distance, factor))
 
-    n_free = np.count_nonzero(assembly.rigid_modes)  # a scene counts its elastic modes only
-    ratios = assembly.damping.ratio.copy()
+    n_free = np.count_nonzero(modal.rigid_modes)  # a scene counts its elastic modes only
+    ratios = modal.damping.ratio.copy()
     if unmeasured_damping_ratio is not None:
         ratios[:] = not_negative("unmeasured_damping_ratio", unmeasured_damping_ratio)
     changes = []
@@ -174,13 +175,13 @@ def apply_identification(
         if mode >= 0:
             ratios[mode], std = fit.damping_ratio[k], fit.damping_ratio_std[k]
             name = f"damping ratio of mode {mode + 1 - n_free}"
-            changes.append(Change(name, float(assembly.damping.ratio[mode]), float(ratios[mode]), float(std)))
-    within = (assembly.frequency >= fit.recorded.frequency[0]) & (assembly.frequency <= fit.recorded.frequency[-1])
+            changes.append(Change(name, float(modal.damping.ratio[mode]), float(ratios[mode]), float(std)))
+    within = (modal.frequency >= fit.recorded.frequency[0]) & (modal.frequency <= fit.recorded.frequency[-1])
     within[matches[matches >= 0]] = True
     static = gains[:, within].sum(axis=1)
     scaled, factors = _scale(scene, fit, static, trusted)
     unmeasured = {f"mode {k + 1 - n_free}": float(r) for k, r in enumerate(ratios) if k not in matches and k >= n_free}
-    found = np.where(matches >= 0, assembly.frequency[matches], 0.0)
+    found = np.where(matches >= 0, modal.frequency[matches], 0.0)
     report = UpdateReport(
         changes=(*changes, *factors),
         matches=matches,

@@ -77,7 +77,7 @@ def blind_scene(seed: int, apa: ReducedBody) -> tuple[Scene, dict[str, float]]:
     assembly = assemble(scene)
     gains = modal_gains(assembly)[:, 0]
     for k in range(2):
-        truth[f"frequency_{k + 1}_Hz"] = float(assembly.frequency[k])
+        truth[f"frequency_{k + 1}_Hz"] = float(assembly.modal.frequency[k])
         truth[f"sensor_voltage_gain_{k + 1}_V_per_V"] = float(gains[0, k])
         truth[f"encoder_gain_{k + 1}_m_per_V"] = float(gains[1, k])
     return scene, truth

@@ -203,7 +203,7 @@ def test_imported_bodies_run_in_both_fidelities(own, apart, capsys):
     expected = body.eigenfrequencies(fixed=["left"], guided={"right": axis}, masses={"right": 2.0}, n=3)
     for fidelity in ("linear", "ffrf"):
         scene = make_passive_bench(body, payload_mass=2.0, fidelity=fidelity)
-        assert assemble(scene).frequency[:3] == pytest.approx(expected, rel=1e-9)
+        assert assemble(scene).modal.frequency[:3] == pytest.approx(expected, rel=1e-9)
         assert exudyn_eigenfrequencies(scene, n_modes=3) == pytest.approx(expected, rel=1e-6)
         coordinate = body.coordinate_names.index(f"right.u{axis}")
         compliance = body.compliance(fixed=["left"], guided={"right": axis})[coordinate, coordinate]

@@ -517,8 +517,10 @@ def test_free_motions_take_nothing_from_an_identified_list(small_bench, bench_fi
         apply_identification(scene, bench_fit[0], trusted="encoder", unmeasured_damping_ratio=0.02)
         for scene in (small_bench, beside)
     )
-    np.testing.assert_array_equal(assemble(found).damping.ratio[:6], 0.0)
-    np.testing.assert_allclose(assemble(found).damping.ratio[6:], assemble(expected).damping.ratio, rtol=1e-9)
+    np.testing.assert_array_equal(assemble(found).modal.damping.ratio[:6], 0.0)
+    np.testing.assert_allclose(
+        assemble(found).modal.damping.ratio[6:], assemble(expected).modal.damping.ratio, rtol=1e-9
+    )
     assert same.changes[0].parameter == report.changes[0].parameter == "damping ratio of mode 1"
     assert set(same.unmeasured) == set(report.unmeasured)
 
@@ -526,8 +528,8 @@ def test_free_motions_take_nothing_from_an_identified_list(small_bench, bench_fi
 def test_damping_and_factors_return_to_the_scene(small_bench, bench_fit):
     fit, real = bench_fit
     updated, report = apply_identification(small_bench, fit, trusted="encoder", unmeasured_damping_ratio=0.02)
-    assert assemble(updated).damping.ratio[0] == pytest.approx(0.017, rel=0.01)
-    np.testing.assert_array_equal(assemble(updated).damping.ratio[1:], 0.02)
+    assert assemble(updated).modal.damping.ratio[0] == pytest.approx(0.017, rel=0.01)
+    np.testing.assert_array_equal(assemble(updated).modal.damping.ratio[1:], 0.02)
     assert updated.actuators[0].gain == pytest.approx(real.actuators[0].gain, rel=2e-3)
     expected = real.sensors[0].voltage_per_elongation
     assert updated.sensors[0].voltage_per_elongation == pytest.approx(expected, rel=2e-3)
@@ -559,7 +561,7 @@ def test_other_modes_keep_their_ratio_unless_told(small_bench, bench_fit):
     updated, report = apply_identification(
         replace(small_bench, damping_ratio=[0.01, 0.03]), bench_fit[0], trusted="encoder"
     )
-    np.testing.assert_array_equal(assemble(updated).damping.ratio[1:], 0.03)
+    np.testing.assert_array_equal(assemble(updated).modal.damping.ratio[1:], 0.03)
     assert set(report.unmeasured.values()) == {0.03}
 
 
@@ -585,7 +587,7 @@ def test_a_foreign_resonance_near_a_mode_leaves_its_damping_alone(small_bench, b
     both = replace(both, gains=gains, damping_ratio=np.array([0.2, 0.017]))
     updated, report = apply_identification(small_bench, both, trusted="encoder")
     np.testing.assert_array_equal(report.unmodelled, [frequency])
-    assert assemble(updated).damping.ratio[0] == pytest.approx(0.017)
+    assert assemble(updated).modal.damping.ratio[0] == pytest.approx(0.017)
     assert f"{frequency:.3f} Hz: not modelled, the scene has no mode of about its gain" in report.summary()
     alone = replace(shifted(fit, [frequency]), gains=0.01 * fit.gains)
     with pytest.raises(ValueError, match=r"no identified mode .* with a gain within 5 times its own"):

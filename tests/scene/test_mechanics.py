@@ -124,7 +124,7 @@ ODD = np.array([2.0, -1.0, 2.0]) / 3
 )
 def test_what_a_joint_leaves_free(make, shifts, turns):
     """The free motions of one body on the ground span what the joint's name says."""
-    basis = assemble(scene(joints=make("j", "base.o", "body.o"))).basis if shifts or turns else np.zeros((6, 0))
+    basis = assemble(scene(joints=make("j", "base.o", "body.o"))).modal.basis if shifts or turns else np.zeros((6, 0))
     wanted = np.array([[*s, 0, 0, 0] for s in shifts] + [[0, 0, 0, *t] for t in turns]).reshape(-1, 6).T
     assert basis.shape[1] == wanted.shape[1]
     both = np.linalg.matrix_rank(np.hstack([basis / 1.0, wanted]), tol=1e-9)

@@ -170,7 +170,7 @@ def test_a_list_of_damping_ratios_counts_elastic_modes():
     assert elastic.sum() == len(elastic) - 6
     expected = np.where(elastic, 0.05, 0.0)
     expected[6] = 0.02
-    np.testing.assert_array_equal(assembly.damping.ratio, expected)
+    np.testing.assert_array_equal(assembly.modal.damping.ratio, expected)
 
 
 def trimmed():
@@ -188,7 +188,7 @@ def test_passive_points_cannot_be_held(fidelity):
     with pytest.raises(ValueError, match=r"joint 'pin': 'strut.right' is a passive point.*trim_body\(points=...\)"):
         Scene("s", (base, strut), joints)
     held = Scene("s", (base, replace(strut, fidelity="rigid")), joints)
-    assert not len(assemble(held).mass)
+    assert not len(assemble(held).modal.mass)
     with pytest.raises(ValueError, match="unknown remote point 'right'; known: left"):
         FlexibleBody("strut", body, frame="right")
 

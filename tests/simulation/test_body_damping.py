@@ -108,8 +108,8 @@ def test_modes_of_a_free_body_have_its_ratios_wherever_its_frame_rides(bar):
     for frame in ("left", "right"):
         body = FlexibleBody("bar", bar, rotation=OBLIQUE, frame=frame, damping_ratio=(0.02, 0.01))
         assembly = assemble(Scene("free", (body,)))
-        found = assembly.damping.of_modes
-        omega = 2 * np.pi * assembly.frequency
+        found = assembly.modal.damping.of_modes
+        omega = 2 * np.pi * assembly.modal.frequency
         expected = np.concatenate([np.zeros(6), [0.04], np.full(len(omega) - 7, 0.02)]) * omega
         np.testing.assert_allclose(found, np.diag(expected), atol=1e-8 * expected.max())
 
@@ -217,15 +217,15 @@ def test_damping_takes_energy_from_deformation_only(bar):
     for k, name in enumerate(bar.point_names):
         x, y, z = bar.point(name).position
         rigid[6 * k : 6 * k + 3, 3:] = [[0, z, -y], [-z, 0, x], [y, -x, 0]]
-    motions = np.linalg.lstsq(free.basis, np.vstack([rigid, np.zeros((bar.n_modes, 6))]), rcond=None)[0]
-    assert np.abs(free.damping.matrix @ motions).max() < 1e-10 * np.abs(free.damping.matrix).max()
+    motions = np.linalg.lstsq(free.modal.basis, np.vstack([rigid, np.zeros((bar.n_modes, 6))]), rcond=None)[0]
+    assert np.abs(free.modal.damping.matrix @ motions).max() < 1e-10 * np.abs(free.modal.damping.matrix).max()
     for assembly in (free, assemble(elbow(bar, (0.0, 0.9, 0.01)))):
-        for matrix in (assembly.damping.matrix, assembly.damping.on_deformation()):
+        for matrix in (assembly.modal.damping.matrix, assembly.modal.damping.on_deformation()):
             np.testing.assert_allclose(matrix, matrix.T, atol=1e-12 * np.abs(matrix).max())
             values = np.linalg.eigvalsh(matrix)
             assert values[0] > -1e-12 * values[-1]
     n = len(bar.mass_matrix) - 6
-    assert not np.any(assembly.damping.on_deformation()[:n, n:])
+    assert not np.any(assembly.modal.damping.on_deformation()[:n, n:])
 
 
 def test_a_free_spinning_body_keeps_its_angular_momentum(bar):

@@ -26,7 +26,8 @@ from nassim import (
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.bodies.inertia import RigidInertia
 from nassim.scene.joints import cylindrical, fixed, planar, prismatic, revolute, spherical, universal
-from nassim.simulation.model.assembly import assemble, motion_size
+from nassim.simulation.model.assembly import assemble
+from nassim.simulation.model.motion_size import motion_size
 from nassim.simulation.run.simulate import exudyn_eigenfrequencies
 from nassim.systems.linear_model import damping
 from nassim.systems.state_space import discretize
@@ -117,8 +118,8 @@ def test_free_motions_strain_nothing():
     body = dumbbell()
     scene = Scene("free", (FlexibleBody("dumbbell", body, fidelity="linear"),))
     assembly = assemble(scene)
-    assert np.array_equal(assembly.frequency == 0, np.arange(12) < 6)
-    motions = (assembly.basis @ assembly.shapes)[:, :6]
+    assert np.array_equal(assembly.modal.frequency == 0, np.arange(12) < 6)
+    motions = assembly.modal.modes[:, :6]
     forces = np.abs(body.stiffness_matrix @ motions)
     assert np.all(forces <= 1e-9 * np.abs(body.stiffness_matrix) @ np.abs(motions))
 
@@ -128,7 +129,7 @@ def test_damping_ratios_belong_to_modes_in_order():
     scene = pushed(Joint("clamp", "ground.left", "dumbbell.left"), damping_ratio=given)
     frequency, ratio = damping(linearize(scene))
     assert len(frequency) == 6
-    assert np.allclose(frequency, assemble(scene).frequency, rtol=1e-9)
+    assert np.allclose(frequency, assemble(scene).modal.frequency, rtol=1e-9)
     assert np.allclose(ratio, [0.02, 0.05, 0.03, 0.03, 0.03, 0.03], rtol=1e-9)
 
 
@@ -164,7 +165,7 @@ def test_size_of_a_motion_does_not_depend_on_the_bodys_origin():
         scene = Scene("free", (GROUND, body), (Joint("clamp", "ground.left", "dumbbell.left"),))
         coordinates = np.zeros((12, 1))
         coordinates[[6, 11]] = [[2e-3], [4e-3]]
-        found.append(motion_size(assemble(scene), "dumbbell", coordinates))
+        found.append(motion_size(assemble(scene).coordinates, "dumbbell", coordinates))
     assert np.allclose(found[0], found[1], rtol=1e-9)
     assert found[0][0] == pytest.approx(4e-3)
     # Radius of gyration of two masses at a distance, and of the points around them.
@@ -192,7 +193,7 @@ def test_a_lever_turns_about_its_hinge():
     slow = frequency_response(linearize(scene), np.array([1e-3])).response("reading", "force")[0]
     assert slow == pytest.approx(expected, rel=1e-9)
     frequency = np.sqrt(4e4 * 0.05**2 / 0.02) / (2 * np.pi)
-    assert assemble(scene).frequency == pytest.approx([frequency], rel=1e-9)
+    assert assemble(scene).modal.frequency == pytest.approx([frequency], rel=1e-9)
     assert exudyn_eigenfrequencies(scene) == pytest.approx([frequency], rel=1e-6)
 
 
@@ -214,7 +215,7 @@ def test_a_spring_between_two_masses_that_move():
         damping_ratio=0.0,
     )
     expected = np.sqrt(np.array([3e4, 5e4]) / 2.0) / (2 * np.pi)
-    assert np.allclose(assemble(scene).frequency, expected, rtol=1e-9)
+    assert np.allclose(assemble(scene).modal.frequency, expected, rtol=1e-9)
     assert np.allclose(exudyn_eigenfrequencies(scene), expected, rtol=1e-6)
     # Force 1 N on a: x_b = k_c / (k (k + 2 k_c)), x_b - x_a = -1 / (k + 2 k_c).
     answer = [1e4 / (3e4 * 5e4), -1 / 5e4]
@@ -246,7 +247,7 @@ def test_what_joints_leave_free(joint, shifts, turns):
     """Motions of a rigid body whose centre of mass is in its joint to the ground."""
     base = RigidBody("base", {"o": np.array([0.1, 0.2, 0.3])}, fixed=True)
     body = RigidBody("body", {"o": STILL}, 2.0, np.diag([1e-2, 2e-2, 2.5e-2]), [0.1, 0.2, 0.3])
-    basis = assemble(Scene("joint", (base, body), (joint,))).basis
+    basis = assemble(Scene("joint", (base, body), (joint,))).modal.basis
     expected = [np.concatenate([shift, STILL]) for shift in shifts] + [np.concatenate([STILL, turn]) for turn in turns]
     assert basis.shape == (6, len(expected))
     for motion in expected:

@@ -109,7 +109,7 @@ def test_springs_that_share_in_the_modes(link, seat, share):
 def test_period_errors_are_those_of_a_run(link, seat):
     """Poles of a decay in floating frames against the frequencies with what `period_errors` says of them."""
     scene = elbow(link, ("ffrf", "ffrf"), seat=seat, own=0.003)
-    frequency = assemble(scene).frequency[:6]
+    frequency = assemble(scene).modal.frequency[:6]
     kick = TimeHistory(STEP * np.arange(1501), 1e-3 * (np.arange(1501) < 3)[None], ("f",), ("N",))
     run = simulate(scene, kick, time_step=STEP, progress=False)
     poles = decay_poles(run.values[1:, 10:], STEP, n_poles=40)
@@ -135,7 +135,7 @@ def test_numerical_damping_is_that_of_a_run(link, fidelity, driven):
         (Encoder("e", "base.end", "load.p", "x"),),
         damping_ratio=0.0,
     )
-    step = 1 / (6 * assemble(scene).frequency[0])
+    step = 1 / (6 * assemble(scene).modal.frequency[0])
     time = step * np.arange(60)
     push = TimeHistory(
         time, np.array([np.arange(60) < 3, np.zeros(60)])[: 1 + driven], scene.inputs, ("N", "m")[: 1 + driven]
@@ -162,7 +162,7 @@ def test_nothing_is_made_up_for_beside_a_drive_in_small_motion(link, radius):
         (*joints, fixed("b", "link.right", "load.p")),
         (Drive("motor", "rail", "z", "way"),),
     )
-    frequency = assemble(scene).frequency[:3]
+    frequency = assemble(scene).modal.frequency[:3]
     am, af = (2 * radius - 1) / (radius + 1), radius / (radius + 1)
     gamma, beta = 0.5 - am + af, 0.25 * (1 - am + af) ** 2
     for mode, told in zip(frequency, period_errors(scene, STEP, spectral_radius=radius), strict=False):
@@ -186,7 +186,7 @@ def test_masses_stay_positive(link):
     for seat in (None, 1e7, 1e5, 1e3):
         for step in (1e-5, 1e-3, 1.0):
             assembly = assemble(elbow(link, ("ffrf", "ffrf"), seat=seat))
-            bent = assembly.damping.deformation @ assembly.shapes
+            bent = assembly.modal.damping.deformation @ assembly.modal.shapes
             change = np.linalg.eigvalsh(bent.T @ correct_periods(assembly, Steps(step))[1] @ bent)
             assert -0.61 < change.min() <= change.max() < 1e-9
 
@@ -197,8 +197,8 @@ def test_what_moves_far_has_positive_masses_everywhere(link):
     hinge = replace(scene.joints[0], free=("rx", "ry", "rz"))
     for step in (1e-4, 1e-2):
         assembly = assemble(replace(scene, joints=(hinge, *scene.joints[1:])))
-        assert assembly.rigid_modes.any()
-        frames = [assembly.frames[name] for name in "ab"]
+        assert assembly.modal.rigid_modes.any()
+        frames = [assembly.coordinates.frames[name] for name in "ab"]
         spare = scipy.linalg.block_diag(*map(period_correction.in_free_flight, frames))
         taken = scipy.linalg.eigh(-correct_periods(assembly, Steps(step))[1], spare, eigvals_only=True)
         assert -1e-9 < taken.min() < taken.max() < 0.9 + 1e-9
@@ -207,13 +207,11 @@ def test_what_moves_far_has_positive_masses_everywhere(link):
 def test_double_modes_have_no_axes_of_their_own(link):
     """Whichever two shapes stand for a pair of modes, the mass is the same."""
     assembly = assemble(elbow(link, ("ffrf", "ffrf"), seat=1e6))
-    frequency, turned = assembly.frequency.copy(), assembly.shapes.copy()
+    frequency, turned = assembly.modal.frequency.copy(), assembly.modal.shapes.copy()
     frequency[3] = frequency[2]
     turned[:, 2:4] = turned[:, 2:4] @ np.array([[0.8, -0.6], [0.6, 0.8]])
-    one, other = (
-        correct_periods(replace(assembly, frequency=frequency, shapes=shapes), Steps(STEP))[1]
-        for shapes in (assembly.shapes, turned)
-    )
+    models = (replace(assembly.modal, frequency=frequency, shapes=s) for s in (assembly.modal.shapes, turned))
+    one, other = (correct_periods(replace(assembly, modal=modal), Steps(STEP))[1] for modal in models)
     np.testing.assert_allclose(one, other, rtol=0, atol=1e-9 * np.abs(one).max())
 
 

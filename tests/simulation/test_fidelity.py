@@ -54,7 +54,7 @@ def relative(found, expected):
 def test_exudyns_linearisation_equals_ours(apa, fidelity):
     bench = make_bench(apa=apa, fidelity=fidelity)
     found = exudyn_eigenfrequencies(bench)
-    expected = assemble(bench).frequency
+    expected = assemble(bench).modal.frequency
     n = min(len(found), len(expected))
     assert np.allclose(found[:n], expected[:n], rtol=1e-6)
 
@@ -92,7 +92,7 @@ def test_rigid_fidelity_has_the_bodys_mass_and_inertia(apa):
         )
         joints = (Joint("clamp", "base.top", "apa.bottom"), Joint("middle", "apa.top", "upper.bottom"))
         scenes.append(Scene("stack", bodies, joints))
-    flexible, rigid = (assemble(scene).frequency[:3] for scene in scenes)
+    flexible, rigid = (assemble(scene).modal.frequency[:3] for scene in scenes)
     assert np.allclose(exudyn_eigenfrequencies(scenes[1], n_modes=3), rigid, rtol=1e-6)
     assert np.all(rigid > flexible * (1 - 1e-12))
     assert np.allclose(rigid[0], flexible[0], rtol=0.1)
@@ -171,24 +171,21 @@ def test_exact_solution_of_one_mass_on_a_spring(stiff_bar, ratio):
     clamp, push = Joint("clamp", "base.hook", "bar.left"), PointForce("f", "bar.right", "x", "f")
     sensor = Encoder("e", "base.hook", "bar.right")
     assembly = assemble(Scene("bar", (base, bar), (clamp,), (push,), (sensor,), damping_ratio=ratio))
-    shape = assembly.basis @ assembly.shapes[:, 0]
+    modal, n_all = assembly.modal, assembly.coordinates.size
     inputs = np.sin(np.arange(200.0))[None]
-    one = {"input_matrix": np.ones((len(shape), 1)) * 1e3, "output_matrix": np.ones((1, len(shape)))}
-    assembly = replace(assembly, **one)
-    omega = 2 * np.pi * assembly.frequency
+    one = {"input_matrix": np.ones((n_all, 1)) * 1e3, "output_matrix": np.ones((1, n_all))}
+    signals = replace(assembly.signals, **one, prescribed=PrescribedMotions.none(n_all, 3))
+    omega, modes = 2 * np.pi * modal.frequency, modal.modes
     step = 0.3 / omega[0]
-    modes = assembly.basis @ assembly.shapes
     expected = np.zeros(200)
     for k, w in enumerate(omega[:3]):
-        drive, reading = (modes.T @ assembly.input_matrix)[k, 0], (assembly.output_matrix @ modes)[0, k]
+        drive, reading = (modes.T @ signals.input_matrix)[k, 0], (signals.output_matrix @ modes)[0, k]
         system = [[0, 1], [-(w**2), -2 * ratio * w]], [[0], [drive]], [[1, 0]], [[0]]
         expected += reading * scipy.signal.lsim(system, inputs[0], np.arange(200) * step, interp=True)[1]
-    few = {"frequency": assembly.frequency[:3], "shapes": assembly.shapes[:, :3]}
-    of_few = {"prescribed": PrescribedMotions.none(len(shape), 3), "unsupported": np.zeros(3, dtype=bool)}
-    rest = replace(
-        assembly, **few, **of_few, damping=replace(assembly.damping, **few, ratio=assembly.damping.ratio[:3])
-    )
-    found, *_ = exact_response(rest, inputs, step)
+    few = {"frequency": modal.frequency[:3], "shapes": modal.shapes[:, :3]}
+    damping = replace(modal.damping, **few, ratio=modal.damping.ratio[:3])
+    modal = replace(modal, **few, damping=damping, unsupported=np.zeros(3, dtype=bool))
+    found, *_ = exact_response(replace(assembly, modal=modal, signals=signals), inputs, step)
     assert relative(found[0], expected) < 1e-8
 
 
@@ -310,7 +307,7 @@ def test_free_body_in_gravity_has_no_exact_equilibrium(apa):
 def test_system_in_small_motion_has_no_joints(apa):
     system = build_system(assemble(make_bench(apa=apa, fidelity="linear")))
     assert system.mbs.systemData.AEsize() == 0
-    assert system.mbs.systemData.ODE2Size() == len(system.assembly.mass)
+    assert system.mbs.systemData.ODE2Size() == len(system.assembly.modal.mass)
     assert build_system(assemble(make_bench(apa=apa))).mbs.systemData.AEsize() > 0
     assert set(system.flexible) == {"apa", "payload"}
 
@@ -394,7 +391,7 @@ def test_frf_of_exudyns_linearisation_equals_ours(apa, fidelity):
 
 def test_explicit_integration_equals_the_exact_solution_and_knows_its_limit(apa):
     bench = make_bench(apa=apa, fidelity="linear", cutoff_frequency=1500.0)
-    fastest = assemble(bench).frequency[-1]
+    fastest = assemble(bench).modal.frequency[-1]
     limit = 2.6 / (2 * np.pi * fastest)
     step = 0.9 * limit
     time = np.arange(1501) * step

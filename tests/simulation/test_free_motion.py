@@ -78,8 +78,8 @@ def test_soft_springs_beside_a_stiff_body(flexure, frequency, damper):
     """An oscillator's closed form, though its frequency is less than a millionth of the highest."""
     scene = table(flexure, frequency, spring_damping=damper, damping_ratio=0.0)
     assembly = assemble(scene)
-    assert frequency < 1e-6 * assembly.frequency[-1]
-    assert np.count_nonzero(assembly.rigid_modes) == 3  # springs at one point leave the rotations free
+    assert frequency < 1e-6 * assembly.modal.frequency[-1]
+    assert np.count_nonzero(assembly.modal.rigid_modes) == 3  # springs at one point leave the rotations free
     step = 1e-3 / frequency
     time = np.arange(2001) * step
     push = TimeHistory(time, np.ones((1, 2001)), ("force",), ("N",))
@@ -113,7 +113,7 @@ def test_soft_modes_have_their_share_of_the_static_response(flexure):
 
 def test_soft_modes_have_the_modal_damping_that_the_scene_states(flexure):
     assembly = assemble(table(flexure, 0.7, damping_ratio=(0.01, 0.02, 0.03, 0.04)))
-    np.testing.assert_array_equal(assembly.damping.ratio[:8], [0, 0, 0, 0.01, 0.02, 0.03, 0.04, 0.04])
+    np.testing.assert_array_equal(assembly.modal.damping.ratio[:8], [0, 0, 0, 0.01, 0.02, 0.03, 0.04, 0.04])
 
 
 def test_loss_of_damping_of_soft_springs_is_told(flexure):
@@ -246,7 +246,7 @@ def test_a_body_tied_to_the_ground_is_not_free(block):
     tied = grounded_at(block, 1, 1e-5)
     expected = np.sqrt(scipy.linalg.eigh(tied.stiffness_matrix, tied.mass_matrix, eigvals_only=True)) / (2 * np.pi)
     np.testing.assert_allclose(tied.eigenfrequencies(), expected, rtol=1e-6)
-    assert np.count_nonzero(assemble(Scene("tied", (FlexibleBody("b", tied),))).rigid_modes) == 0
+    assert np.count_nonzero(assemble(Scene("tied", (FlexibleBody("b", tied),))).modal.rigid_modes) == 0
 
 
 def hinged(block, axis, gravity, **options):
@@ -264,7 +264,7 @@ def test_gravity_is_refused_only_where_it_does_work(block, along, gravity):
     axis = np.eye(3)["xyz".index(along[-1])]
     velocity = np.cross(axis, lever) if along[0] == "r" else axis
     scene = hinged(block, (along,), gravity)
-    assert np.count_nonzero(assemble(scene).rigid_modes) == 1
+    assert np.count_nonzero(assemble(scene).modal.rigid_modes) == 1
     if abs(velocity @ gravity) > 1e-6 * 9.81 * np.linalg.norm(lever):
         with pytest.raises(RuntimeError, match="no static equilibrium"):
             simulate(scene, QUIET, time_step=0.1, method="exact", progress=False)
@@ -314,7 +314,8 @@ def test_neutral_equilibrium_of_a_slide_that_carries_all_weight(block, along):
     rail = Joint("rail", "base.rail", "sled.left", free=along)
     push = GroundAcceleration("shake", along, "shake")
     scene = Scene("slide", (base, sled), (rail,), (push,), gravity=(0, 0, -9.81))
-    assert np.any(assemble(scene).shapes.T @ assemble(scene).basis.T @ assemble(scene).weight)
+    assembly = assemble(scene)
+    assert np.any(assembly.modal.modes.T @ assembly.signals.weight)
     shake = TimeHistory(np.array([0.0, 1.0]), np.ones((1, 2)), ("shake",), ("m/s2",))
     simulate(scene, shake, time_step=0.1, method="exact", progress=False)
 

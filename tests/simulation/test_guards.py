@@ -127,21 +127,21 @@ def test_stiffening_by_spin_is_told_from_a_thousandth_on(bar):
     assert told(warnings_of_runs.warn_of_spin, clamped(bar, "linear"), speed(0.1)) == 0
 
     assembly = assemble(scene)
-    still = np.zeros(sum(place.stop - place.start for place in assembly.slices.values()))
+    still = np.zeros(sum(place.stop - place.start for place in assembly.coordinates.slices.values()))
     both_sides(1e-3, lambda x: _warn_of_stress(assembly, still, speed(x)["bar"] / (2 * np.pi), None))
 
 
 def test_a_spinning_equilibrium_is_told_from_a_hundredth_on_and_refused_from_a_tenth(bar):
     assembly = assemble(clamped(bar))
-    n = sum(place.stop - place.start for place in assembly.slices.values())
+    n = sum(place.stop - place.start for place in assembly.coordinates.slices.values())
     turned = np.zeros(n)
-    turned[assembly.slices["load"].start + 4] = 1.0
-    both_sides(0.01, lambda x: _check_small(assembly, x * turned))
+    turned[assembly.coordinates.slices["load"].start + 4] = 1.0
+    both_sides(0.01, lambda x: _check_small(assembly.coordinates, x * turned))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        _check_small(assembly, 0.09 * turned)
+        _check_small(assembly.coordinates, 0.09 * turned)
     with pytest.raises(ValueError, match="no small motion"):
-        _check_small(assembly, 0.11 * turned)
+        _check_small(assembly.coordinates, 0.11 * turned)
 
 
 def test_preload_is_told_from_a_tenth_of_buckling_on(bar):
@@ -213,19 +213,19 @@ def test_a_run_is_lost_at_its_bounds(bar):
 
     assembly = assemble(looped)
     reach = Reach(1.0, np.zeros(2), {"bar": 1.0, "load": 1.0})
-    turned = np.zeros(len(assembly.basis))
-    turned[assembly.slices["load"].start + 4] = 1.0
-    seen = [digital_controllers.see_runaway(assembly, reach, side * 0.1 * turned, 1) for side in SIDES]
-    assert [bool(what) for what, _ in seen] == [False, True]
-    assert [digital_controllers.see_runaway(assembly, reach, side * 0.01 * turned, 1)[1] for side in SIDES] == [
-        True,
-        False,
-    ]
+    turned = np.zeros(assembly.coordinates.size)
+    turned[assembly.coordinates.slices["load"].start + 4] = 1.0
+
+    def seen(share):
+        return digital_controllers.see_runaway(assembly.coordinates, reach, share * turned, 1)
+
+    assert [bool(seen(side * 0.1)[0]) for side in SIDES] == [False, True]
+    assert [seen(side * 0.01)[1] for side in SIDES] == [True, False]
 
 
 def test_the_explicit_rule_is_refused_beyond_its_limit(bar):
     scene = clamped(bar, "linear")
-    fastest = assemble(scene).frequency[-1]
+    fastest = assemble(scene).modal.frequency[-1]
     both_sides(
         2.6 / (2 * np.pi * fastest), lambda h: check_stability(scene, h), refused="beyond the explicit rule's limit"
     )

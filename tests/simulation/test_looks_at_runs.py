@@ -22,8 +22,9 @@ from nassim import (
 from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.rigid_groups import find_rigid_groups
 from nassim.simulation.exudyn.system import build_system
-from nassim.simulation.model.assembly import assemble, motion_size
+from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.buckling import axial_forces
+from nassim.simulation.model.motion_size import motion_size
 
 
 def chain(*fidelities):
@@ -57,7 +58,7 @@ def test_a_look_sees_all_bodies_as_one_by_one(fidelities):
         states.append({name: system.deformation(name) for name in system.flexible})
     assert set(seen.largest) == set(system.flexible)
     for name in system.flexible:
-        sizes = [motion_size(system.assembly, name, state[name][:, None]) for state in states]
+        sizes = [motion_size(system.assembly.coordinates, name, state[name][:, None]) for state in states]
         np.testing.assert_allclose(seen.largest[name], np.max(sizes, axis=0), rtol=1e-12, atol=1e-20)
     assert set(seen.slackest) == {body.name for body in system.assembly.scene.deformable_bodies}
     for body in system.assembly.scene.deformable_bodies:

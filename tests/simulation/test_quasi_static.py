@@ -186,19 +186,19 @@ def test_modes_are_static_by_where_their_energy_is(condensed, crude):
         joints=(*scene.joints, Joint("weld", "lattice.right", "fine.left")),
     )
     assembly = assemble(scene)
-    modes = assembly.basis @ assembly.shapes
-    share = np.zeros(len(assembly.frequency))
+    modes = assembly.modal.modes
+    share = np.zeros(len(assembly.modal.frequency))
     for name, body in (("lattice", crude), ("fine", fine)):
-        own = modes[assembly.slices[name]]
-        energy = np.einsum("ik,ij,jk->k", own, body.stiffness_matrix, own) / (2 * np.pi * assembly.frequency) ** 2
-        share += energy * (assembly.frequency > body.valid_frequency)
-    np.testing.assert_array_equal(assembly.unsupported, share > 0.5)
-    beyond = assembly.frequency > crude.valid_frequency
-    assert 0 < np.count_nonzero(assembly.unsupported) < np.count_nonzero(beyond)
+        own = modes[assembly.coordinates.slices[name]]
+        energy = np.einsum("ik,ij,jk->k", own, body.stiffness_matrix, own) / (2 * np.pi * assembly.modal.frequency) ** 2
+        share += energy * (assembly.modal.frequency > body.valid_frequency)
+    np.testing.assert_array_equal(assembly.modal.unsupported, share > 0.5)
+    beyond = assembly.modal.frequency > crude.valid_frequency
+    assert 0 < np.count_nonzero(assembly.modal.unsupported) < np.count_nonzero(beyond)
     assert f"complete up to {crude.valid_frequency:.4g} Hz" in describe(scene)
     chosen = assemble(replace(scene, quasi_static_above=500.0))
-    np.testing.assert_array_equal(chosen.unsupported, chosen.frequency > 500.0)
-    assert not assemble(replace(scene, quasi_static_above=np.inf)).unsupported.any()
+    np.testing.assert_array_equal(chosen.modal.unsupported, chosen.modal.frequency > 500.0)
+    assert not assemble(replace(scene, quasi_static_above=np.inf)).modal.unsupported.any()
     for bad in (0.0, -1.0, np.nan):
         with pytest.raises(ValueError, match="quasi_static_above must be positive"):
             replace(scene, quasi_static_above=bad)
@@ -216,8 +216,8 @@ def test_placed_and_joined_scenes_keep_where_modes_are_static(crude):
 def static_shares(scene):
     """Of the modes that are quasi-static: displacements per force, (outputs, inputs), from the modes themselves."""
     a = assemble(scene)
-    modes = (a.basis @ a.shapes)[:, a.unsupported] / (2 * np.pi * a.frequency[a.unsupported])
-    return a.output_matrix @ modes @ modes.T @ a.input_matrix
+    modes = a.modal.modes[:, a.modal.unsupported] / (2 * np.pi * a.modal.frequency[a.modal.unsupported])
+    return a.signals.output_matrix @ modes @ modes.T @ a.signals.input_matrix
 
 
 def test_exact_runs_between_samples(crude):
@@ -227,7 +227,7 @@ def test_exact_runs_between_samples(crude):
     forces = band_limited_noise(time[-1], 2e3, cutoff_frequency=100.0, rms=1.0, seed=3).values[0, : len(time)]
     given = TimeHistory(time, [forces, np.roll(forces, 7)], ("force", "side"))
     record = simulate(scene, given, time_step=1 / 2e3, method="exact", progress=False)
-    model, slow = linearize(scene), np.flatnonzero(np.tile(~assemble(scene).unsupported, 2))
+    model, slow = linearize(scene), np.flatnonzero(np.tile(~assemble(scene).modal.unsupported, 2))
     system = model.A[np.ix_(slow, slow)], model.B[slow], model.C[:, slow], static_shares(scene)
     scale = np.concatenate([np.ones(len(slow) // 2), np.full(len(slow) // 2, 1e3)])
     system = (system[0] * scale / scale[:, None], system[1] / scale[:, None], system[2] * scale, system[3])
@@ -248,7 +248,7 @@ def test_bodies_move_as_outputs_read(crude):
     a = assemble(held(crude, quasi_static_above=900.0, springs=(damper,)))
     forces = np.random.default_rng(2).normal(size=(2, 40)).cumsum(axis=1)
     outputs, _, _, coordinates = exact_response(a, forces, 1e-3, kept=[0, 7, 31])
-    np.testing.assert_allclose(a.output_matrix @ coordinates, outputs[:, [0, 7, 31]], rtol=1e-9)
+    np.testing.assert_allclose(a.signals.output_matrix @ coordinates, outputs[:, [0, 7, 31]], rtol=1e-9)
 
 
 def looped(body, rate, share, *, delay=1, **options):
@@ -316,9 +316,11 @@ def test_accelerations_lose_what_is_quasi_static(crude):
     scene = held(crude, quasi_static_above=900.0)
     scene = replace(scene, sensors=(Accelerometer("a", "lattice.right", "x"),))
     a = assemble(scene)
-    modes = (a.basis @ a.shapes)[:, ~a.unsupported]
+    modes = a.modal.modes[:, ~a.modal.unsupported]
     model = sampled(linearize(scene), 1e3)
-    np.testing.assert_allclose(model.D, a.acceleration_matrix @ modes @ modes.T @ a.input_matrix, rtol=1e-8)
+    np.testing.assert_allclose(
+        model.D, a.signals.acceleration_matrix @ modes @ modes.T @ a.signals.input_matrix, rtol=1e-8
+    )
     assert len(model.A) == 2 * modes.shape[1]
 
 
@@ -349,7 +351,7 @@ def test_gains_of_the_bench_with_ports_vary_smoothly_with_the_sample_rate(apa_wi
     """Load shapes of the stacks at 11 to 194 kHz no longer decide; where they might, `folding_modes` tells."""
     scene = make_bench(apa=apa_with_ports, fidelity="linear", resistance=np.inf)
     assembly, plant = assemble(scene), linearize(scene)
-    np.testing.assert_array_equal(assembly.unsupported, assembly.frequency > apa_with_ports.valid_frequency)
+    np.testing.assert_array_equal(assembly.modal.unsupported, assembly.modal.frequency > apa_with_ports.valid_frequency)
     smooth = np.array([edge(plant, rate) for rate in RATES]) / RATES
     assert np.ptp(smooth) < 0.1 * smooth.mean()
     folded = np.array([edge(replace(plant, unsupported=[]), rate) for rate in RATES]) / RATES

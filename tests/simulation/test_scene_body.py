@@ -140,7 +140,7 @@ def test_sensors_and_drives_are_left_out(bar):
     scene = replace(strut(bar), sensors=wired, actuators=(VoltageDrive("d", "bar.a", "u"),), gravity=(0, 0, -9))
     found, expected = (reduce_scene(s, "strut", points=POINTS) for s in (scene, strut(bar)))
     np.testing.assert_array_equal(found.stiffness_matrix, expected.stiffness_matrix)
-    stiffened, bare = (assemble(s).frequency[6:] for s in (scene, strut(bar)))
+    stiffened, bare = (assemble(s).modal.frequency[6:] for s in (scene, strut(bar)))
     assert np.abs(stiffened / bare - 1).max() > 0.01
 
 
@@ -201,7 +201,7 @@ def test_inertia_of_the_whole(bar):
 
 def test_a_free_body_has_the_scene_s_modes(bar):
     body = reduce_scene(strut(bar), "strut", points=POINTS)
-    np.testing.assert_allclose(body.eigenfrequencies()[6:], assemble(strut(bar)).frequency[6:], rtol=1e-8)
+    np.testing.assert_allclose(body.eigenfrequencies()[6:], assemble(strut(bar)).modal.frequency[6:], rtol=1e-8)
     assert (body.eigenfrequencies()[:6] == 0).all()
 
 

@@ -466,15 +466,15 @@ def test_coriolis_forces_do_no_work():
     assert np.abs(spin.gyroscopic + spin.gyroscopic.T).max() <= 1e-12 * np.abs(spin.gyroscopic).max()
     assert np.abs(spin.stiffness - spin.stiffness.T).max() <= 1e-12 * np.abs(spin.stiffness).max()
     assembly = assemble(scene)
-    energy = scipy.linalg.block_diag(assembly.stiffness + spin.stiffness, assembly.mass)
-    n = len(assembly.mass)
-    inverse = np.linalg.inv(assembly.mass)
+    energy = scipy.linalg.block_diag(assembly.modal.stiffness + spin.stiffness, assembly.modal.mass)
+    n = len(assembly.modal.mass)
+    inverse = np.linalg.inv(assembly.modal.mass)
     step = scipy.linalg.expm(
         0.13
         * np.block(
             [
                 [np.zeros((n, n)), np.eye(n)],
-                [-inverse @ (assembly.stiffness + spin.stiffness), -inverse @ spin.gyroscopic],
+                [-inverse @ (assembly.modal.stiffness + spin.stiffness), -inverse @ spin.gyroscopic],
             ]
         )
     )
@@ -667,7 +667,7 @@ def test_inertia_of_a_floating_frame_by_its_nodes(carrier):
         for b in eye
     ]
     assembly = assemble(Scene("nodes", (body,)))
-    terms = inertia_terms(body, frames(assembly)["nodes"], slice(0, 14), w, point)
+    terms = inertia_terms(body, frames(assembly.coordinates)["nodes"], slice(0, 14), w, point)
     np.testing.assert_allclose(terms.force, slope, rtol=0, atol=1e-5 * np.abs(slope).max())
     np.testing.assert_allclose(terms.stiffness, -np.array(bend), rtol=0, atol=1e-5 * np.abs(bend).max())
     turned = np.cross(ASKEW.T @ w, fields.transpose(0, 2, 1))

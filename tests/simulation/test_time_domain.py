@@ -33,7 +33,7 @@ def quiet(duration, sample_rate=1e4):
 def test_eigenfrequencies_equal_the_reductions(bench, apa):
     found = exudyn_eigenfrequencies(bench, n_modes=10)
     expected = apa.eigenfrequencies(fixed=["bottom"], guided={"top": "z"}, n=10)
-    with_payload = assemble(bench).frequency[:10]
+    with_payload = assemble(bench).modal.frequency[:10]
     assert np.allclose(found, with_payload, rtol=1e-6)
     assert found[0] < expected[0]
     assert found[0] == pytest.approx(
@@ -122,11 +122,11 @@ def test_modal_damping_is_what_the_scene_states(apa):
     poles = linearize(scene).poles()
     assert np.allclose(-poles.real / np.abs(poles), 0.03, rtol=1e-6)
     assembly = assemble(scene)
-    frame = assembly.frames["apa"]
+    frame = assembly.coordinates.frames["apa"]
     body = scene.flexible_bodies[0].reduced
-    shapes = frame.deformation(body) @ assembly.basis[assembly.slices["apa"]] @ assembly.shapes
-    modal = shapes.T @ assembly.damping.on_deformation() @ shapes
-    expected = np.diag(2 * 0.03 * 2 * np.pi * assembly.frequency)
+    shapes = frame.deformation(body) @ assembly.modal.basis[assembly.coordinates.slices["apa"]] @ assembly.modal.shapes
+    modal = shapes.T @ assembly.modal.damping.on_deformation() @ shapes
+    expected = np.diag(2 * 0.03 * 2 * np.pi * assembly.modal.frequency)
     assert np.allclose(modal, expected, atol=1e-9 * expected.max())
 
 

@@ -225,7 +225,7 @@ def test_a_scene_turned_as_a_whole_gives_the_same_figures(soft, fidelities, q):
     """Gravity, statics, eigenfrequencies, frequency responses and simulation, by Exudyn and by the linear model."""
     scene, turned = suspended(soft, fidelities, np.eye(3)), suspended(soft, fidelities, q)
     to_inputs, to_outputs = inputs_turned(q), outputs_turned(q)
-    np.testing.assert_allclose(assemble(turned).frequency, assemble(scene).frequency, rtol=1e-7)
+    np.testing.assert_allclose(assemble(turned).modal.frequency, assemble(scene).modal.frequency, rtol=1e-7)
 
     def statics(of, values):
         return np.array(list(static_response(of, dict(zip(of.inputs, values, strict=True))).values()))
@@ -294,7 +294,7 @@ def test_rigid_fidelity_of_turned_bodies_against_their_masses(soft, soft_model):
     mass, stiffness, payload = by_hand(soft_model, soft)
     scene = suspended(soft, ("rigid", "rigid"), np.eye(3))
     expected = np.sqrt(scipy.linalg.eigh(stiffness, mass, eigvals_only=True)) / (2 * np.pi)
-    np.testing.assert_allclose(assemble(scene).frequency, expected, rtol=1e-9)
+    np.testing.assert_allclose(assemble(scene).modal.frequency, expected, rtol=1e-9)
     np.testing.assert_allclose(exudyn_eigenfrequencies(replace(scene, gravity=np.zeros(3)))[:6], expected, rtol=1e-5)
     tip = np.hstack([np.eye(3), -cross(payload + TIP)])
     pull = mass[:, :3] @ (GRAVITY - LOAD[4:]) + tip.T @ LOAD[1:4]

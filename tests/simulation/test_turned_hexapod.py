@@ -143,10 +143,10 @@ def alike(found, expected, atol):
 @pytest.mark.parametrize("fidelity", ["linear", "ffrf"])
 def test_frequencies_and_responses_of_the_turned_machine(struts, fidelity):
     scene, *turned = three(struts, fidelity)
-    frequency, expected = np.geomspace(5.0, 5e3, 40), assemble(scene).frequency
+    frequency, expected = np.geomspace(5.0, 5e3, 40), assemble(scene).modal.frequency
     responses = frequency_response(linearize(scene), frequency).values
     for other in turned:
-        np.testing.assert_allclose(assemble(other).frequency, expected, rtol=1e-9)
+        np.testing.assert_allclose(assemble(other).modal.frequency, expected, rtol=1e-9)
         alike(frequency_response(linearize(other), frequency).values, responses, 1e-9)
 
 
@@ -228,7 +228,7 @@ def test_machine_against_matrices_written_out(struts):
     m, k = basis.T @ mass @ basis, basis.T @ stiffness @ basis
     expected = np.sqrt(scipy.linalg.eigh(k, m, eigvals_only=True)) / (2 * np.pi)
     turned = machine(struts, "linear", WHOLE, AWAY)
-    np.testing.assert_allclose(assemble(turned).frequency, expected, rtol=1e-9)
+    np.testing.assert_allclose(assemble(turned).modal.frequency, expected, rtol=1e-9)
 
     sag = (look @ basis @ np.linalg.solve(k, basis.T @ pull))[:3]
     seen = np.array([2, -1, 2]) / 3

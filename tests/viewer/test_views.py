@@ -335,7 +335,7 @@ def test_ports_are_marked_where_their_stacks_lie():
 
 def test_modes_of_a_scene_hold_its_joints_and_keep_rigid_bodies_stiff():
     view = view_scene_modes(machine(), n=9)
-    frequency = assemble(machine()).frequency
+    frequency = assemble(machine()).modal.frequency
     assert frequency[0] == 0
     assert [m.name for m in view.modes][:1] == ["mode 1: rigid-body mode"]
     for k, mode in enumerate(view.modes):

@@ -18,10 +18,10 @@ class Filtering:
 
     def __init__(self, system: System, time_step: float) -> None:
         """Start the filters of a system; time_step [s]."""
-        scene = system.assembly.scene
+        scene, signals = system.assembly.scene, system.assembly.signals
         self.system, self.time_step = system, time_step
         self.steps: dict[str, RunningFilter] = {}
-        self.passed = dict.fromkeys(system.assembly.filters, 0.0)
+        self.passed = dict.fromkeys(signals.filters, 0.0)
         self.at_rest = not scene.speeds and not any(np.any(body.angular_velocity) for body in scene.bodies)
         self.falls = np.zeros((3, len(scene.inputs)))
         for base in scene.terms_of(BaseAcceleration):
@@ -34,14 +34,14 @@ class Filtering:
         system = self.system
         for output in self.passed:
             k, value = self.outputs.index(output), system.measured(output)
-            share = system.assembly.ground_matrix[k]
+            share = system.assembly.signals.ground_matrix[k]
             for sensor, weights in system.rotating_axes.get(output, ()):
                 axes = np.reshape(system.mbs.GetSensorValues(sensor), (3, 3))
                 share = share - (axes @ weights - weights) @ self.falls
             value += float(sum(share[j] * inputs[j] for j in np.flatnonzero(share)))
             if output not in self.steps:
-                calm = self.at_rest and np.any(system.assembly.acceleration_matrix[k])
-                filtering = system.assembly.filters[output]
+                calm = self.at_rest and np.any(system.assembly.signals.acceleration_matrix[k])
+                filtering = system.assembly.signals.filters[output]
                 self.steps[output] = start_filter(filtering, self.time_step, 0.0 if calm else value)
             self.passed[output] = self.steps[output](value)
 
@@ -66,5 +66,5 @@ class Filtering:
         passed, states = state
         self.passed = dict(passed)
         for output, own in states.items():
-            self.steps[output] = start_filter(self.system.assembly.filters[output], self.time_step, 0.0)
+            self.steps[output] = start_filter(self.system.assembly.signals.filters[output], self.time_step, 0.0)
             self.steps[output].state = own

@@ -47,20 +47,21 @@ class _Equations:
     @classmethod
     def of(cls, assembly: Assembly, motion: Array, steps: Steps | None) -> "_Equations":
         """Make the equations; motion: all coordinates by amplitudes and drives, (n_all, n + d)."""
-        drives, (n, d) = assembly.prescribed, assembly.prescribed.momentum.shape
-        size, squares = n + d + len(assembly.circuits), (2 * np.pi * assembly.frequency) ** 2
+        modal, drives, circuits = assembly.modal, assembly.signals.prescribed, assembly.signals.circuits
+        n, d = drives.momentum.shape
+        size, squares = n + d + len(circuits), (2 * np.pi * modal.frequency) ** 2
         mass, stiffness, damping = np.zeros((3, size, size))
         factors, growth = small_motion_factors(assembly, steps) if steps else np.ones((2, n))
         mass[:n, :n], stiffness[:n, :n] = np.diag(factors), np.diag(squares)
-        damping[:n, :n] = np.sqrt(growth)[:, None] * assembly.damping.of_modes * np.sqrt(growth)
+        damping[:n, :n] = np.sqrt(growth)[:, None] * modal.damping.of_modes * np.sqrt(growth)
         # Rows k u = k input: k as large as the forces of u on the modes, else the tolerance of Newton's iterations
         # ignores them.
         push, driven = squares[:, None] * drives.momentum, slice(n, n + d)
         sizes = np.maximum(np.linalg.norm(push, axis=0), 1.0)
         stiffness[:n, driven], stiffness[driven, driven] = -push, np.diag(sizes)
-        slip = assembly.damping.of_modes @ drives.momentum - drives.drag
+        slip = modal.damping.of_modes @ drives.momentum - drives.drag
         damping[:n, driven] = -slip
-        charges = [Charge.of(circuit, motion.T @ circuit.forces) for circuit in assembly.circuits]
+        charges = [Charge.of(circuit, motion.T @ circuit.forces) for circuit in circuits]
         for k, charge in enumerate(charges, start=n + d):
             stiffness[k, : n + d] = -charge.push
             stiffness[:n, k] = -charge.push[:n]  # no force moves drives
@@ -85,11 +86,13 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
     Returns:
         The system.
     """
-    scene, drives, (n, d) = assembly.scene, assembly.prescribed, assembly.prescribed.momentum.shape
+    scene, slices, signals = assembly.scene, assembly.coordinates.slices, assembly.signals
+    drives = signals.prescribed
+    n, d = drives.momentum.shape
     container = exu.SystemContainer()
     mbs = container.AddSystem()
-    modes = assembly.basis @ assembly.shapes
-    charges = np.zeros((len(modes), len(assembly.circuits)))
+    modes = assembly.modal.modes
+    charges = np.zeros((len(modes), len(signals.circuits)))
     motion = np.hstack([modes, drives.beyond, charges])
     equations = _Equations.of(assembly, motion[:, : n + d], steps)
     size = len(equations.mass)
@@ -99,7 +102,7 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
     speeds[n : n + d] = [rates.get(name, 0.0) * at_once for name, at_once in zip(names, direct, strict=True)]
     node = mbs.AddNode(modal_node(size, speeds.tolist()))
     weight = np.zeros(size)
-    weight[:n] = modes.T @ assembly.weight
+    weight[:n] = modes.T @ signals.weight
     number = mbs.AddObject(
         eii.ObjectGenericODE2(
             nodeNumbers=[node],
@@ -113,8 +116,8 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
     for tangent in assembly.tangents:
         if not tangent.law.is_linear:
             _add_curvature(mbs, node, tangent, tangent.rows @ motion)
-    bodies = [body for body in scene.bodies if body.name in assembly.slices]
-    flexible = {body.name: FlexibleCoordinates(((node, size),), motion[assembly.slices[body.name]]) for body in bodies}
+    bodies = [body for body in scene.bodies if body.name in slices]
+    flexible = {body.name: FlexibleCoordinates(((node, size),), motion[slices[body.name]]) for body in bodies}
     readings = _add_readings(mbs, assembly, node, motion, equations.gains)
     mbs.Assemble()
     return System(
@@ -133,23 +136,21 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
 
 def _pushes(assembly: Assembly, number: int, modes: Array, held: Array) -> tuple[InputChannel, ...]:
     """Return the input channels: forces on modes, directly and through amplifiers, and drives; held: rows of drives."""
-    scene, drives, n = assembly.scene, assembly.prescribed, modes.shape[1]
+    scene, signals, drives, n = assembly.scene, assembly.signals, assembly.signals.prescribed, modes.shape[1]
     beyond = np.zeros((len(held) - n, len(scene.inputs)))
-    forces = np.vstack([modes.T @ assembly.input_matrix, beyond])
+    forces = np.vstack([modes.T @ signals.input_matrix, beyond])
     found = [(name, forces[:, k], np.inf) for k, name in enumerate(scene.inputs)]
-    found += [(scene.inputs[a.input], np.append(modes.T @ a.forces, beyond[:, 0]), a.rate) for a in assembly.amplifiers]
+    found += [(scene.inputs[a.input], np.append(modes.T @ a.forces, beyond[:, 0]), a.rate) for a in signals.amplifiers]
     found += [(scene.inputs[k], held[n + j], drives.rates[j]) for j, k in enumerate(drives.inputs)]
     return tuple(InputChannel(number, name, row, rate=rate) for name, row, rate in found if np.any(row))
 
 
 def _add_readings(mbs: Any, assembly: Assembly, node: int, motion: Array, gains: Array) -> dict[str, list[Summand]]:
     """Add a sensor for each derivative that an output reads; gains: outputs of circuits per charge, (c,)."""
-    scene = assembly.scene
+    scene, signals = assembly.scene, assembly.signals
     readings: dict[str, list[Summand]] = {name: [] for name in scene.outputs}
-    rows = [
-        product(m, motion) for m in (assembly.output_matrix, assembly.velocity_matrix, assembly.acceleration_matrix)
-    ]
-    for k, (circuit, gain) in enumerate(zip(assembly.circuits, gains, strict=True), start=motion.shape[1] - len(gains)):
+    rows = [product(m, motion) for m in (signals.output_matrix, signals.velocity_matrix, signals.acceleration_matrix)]
+    for k, (circuit, gain) in enumerate(zip(signals.circuits, gains, strict=True), start=motion.shape[1] - len(gains)):
         rows[0][scene.outputs.index(circuit.output), k] += gain
     for kind, weights in zip(COORDINATES, rows, strict=True):
         if np.any(weights):

@@ -11,9 +11,9 @@ from nassim.scene.bodies import FlexibleBody
 from nassim.simulation.exudyn.state import System
 from nassim.simulation.linear.digital_controllers import RUNAWAY, SMALL_MOTION, deformed, too_far
 from nassim.simulation.linear.stopped_runs import Trust
-from nassim.simulation.model.assembly import motion_rows
 from nassim.simulation.model.buckling import axial_rows
 from nassim.simulation.model.damping import tied_bodies
+from nassim.simulation.model.motion_size import motion_rows
 from nassim.simulation.model.reach import Reach
 
 DIVERGED = 1.0
@@ -72,7 +72,8 @@ class Monitor:
         motions, tensions, places, end = [np.zeros((0, size))], [np.zeros((0, size))], {}, 0
         for name in self.names:
             body, carried = bodies[name], system.flexible[name].coordinates @ system.taken(name)
-            motions += [np.vstack([rows @ carried, np.zeros((1, size))]) for rows in motion_rows(system.assembly, name)]
+            sizes = motion_rows(system.assembly.coordinates, name)
+            motions += [np.vstack([rows @ carried, np.zeros((1, size))]) for rows in sizes]
             if isinstance(body, FlexibleBody):
                 tensions.append(axial_rows(body.reduced) @ carried)
                 places[name] = slice(end, end + len(tensions[-1]))

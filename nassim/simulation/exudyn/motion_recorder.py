@@ -37,4 +37,4 @@ class MotionRecorder:
             for name, kept in self.poses.items()
         }
         coordinates = {name: np.array(kept) for name, kept in self.deformations.items()}
-        return recorded_motion(self.system.assembly, time, coordinates, poses)
+        return recorded_motion(self.system.assembly.scene, time, coordinates, poses)

@@ -45,7 +45,8 @@ def find_rigid_groups(assembly: Assembly) -> RigidGroups:
         a, b = (leaders.get(path.partition(".")[0]) for path in joint.points[:2])
         # Directions that other joints hold already, and those that a drive moves, are not enforced by this joint.
         pose = isinstance(joint.measure, RelativePose)
-        rigid = pose and len(joint.held) == len(assembly.enforced[joint.name]) == len(joint.measure.components)
+        enforced = assembly.constraints.enforced[joint.name]
+        rigid = pose and len(joint.held) == len(enforced) == len(joint.measure.components)
         if rigid and a is not None and b is not None:
             first, second = sorted((a, b), key=lambda name: moves[name])
             leaders = {name: first if leader == second else leader for name, leader in leaders.items()}

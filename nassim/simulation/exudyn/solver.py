@@ -76,7 +76,7 @@ def solve_static(system: System) -> None:
         return
     # Exudyn's joints do not tell Newton's rule what the forces in them do when they turn: a weight's own stiffness.
     try:
-        solve_loaded_equilibrium(system, scene_size(system.assembly))
+        solve_loaded_equilibrium(system, scene_size(system.assembly.scene))
     except RuntimeError:
         raise RuntimeError(NO_EQUILIBRIUM) from None
 

@@ -12,8 +12,9 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.scene.bodies import Body
-from nassim.simulation.model.assembly import Assembly, Circuit
+from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.filters import static_gain
+from nassim.simulation.model.signals import Circuit
 
 COORDINATES = (
     exu.OutputVariableType.Coordinates,
@@ -132,7 +133,7 @@ class System:
         massless: objects with coordinates without mass, and the mass matrix that `find_accelerations` gives them.
         constant_forces: forces of objects that do not depend on inputs, by number.
         sparse: whether Exudyn's sparse solver is faster.
-        filtered: filtered values of a run, by output of `Assembly.filters`, (n_samples,) each.
+        filtered: filtered values of a run, by output of `Signals.filters`, (n_samples,) each.
         rotating_axes: by inertial output, sensors of the axes with which its directions rotate, and these directions
             times gains, (3,).
         counts: last values of unwrapped summands, by their `id`.
@@ -249,7 +250,7 @@ class System:
 
     def at_rest(self, output: str) -> float:
         """Return the present value of one output after its filter, for a system at rest."""
-        filters = self.assembly.filters
+        filters = self.assembly.signals.filters
         return self.measured(output) * (static_gain(filters[output]) if output in filters else 1.0)
 
     def deformation(self, name: str) -> Array:

@@ -78,12 +78,12 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, s
         ValueError: for joints and angular velocities that contradict each other, see
             `nassim.simulation.model.initial_velocities`.
     """
-    if assembly.scene.in_small_motion and len(assembly.mass):
+    if assembly.scene.in_small_motion and len(assembly.modal.mass):
         return small_motion_system(assembly, rates or {}, steps)
     check_capabilities(assembly.scene, LARGE_MOTION)
-    size = len(assembly.damping.root)
+    size = len(assembly.modal.damping.root)
     assembly, added = correct_periods(assembly, steps) if steps else (assembly, np.zeros((size, size)))
-    check_implied(assembly.scene, assembly.enforced)
+    check_implied(assembly.scene, assembly.constraints.enforced)
     container = exu.SystemContainer()
     mbs = container.AddSystem()
     items = _add_bodies(mbs, assembly, rates, added)
@@ -99,8 +99,8 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, s
         else:
             drives += _realise(items, term, assembly)
     massless = {}
-    for circuit in assembly.circuits:
-        forces = {name: circuit.forces[assembly.slices[name]] for name in items.flexible}
+    for circuit in assembly.signals.circuits:
+        forces = {name: circuit.forces[assembly.coordinates.slices[name]] for name in items.flexible}
         parts = [part for name, coordinates in items.flexible.items() for part in coordinates.parts(forces[name])]
         if parts:
             row = np.concatenate([piece for _, piece in parts])
@@ -129,9 +129,9 @@ def _realise(items: Items, term: Term, assembly: Assembly) -> list[InputChannel]
     Shunts are circuits of the assembly, filters are the assembly's, prescribed motions belong to their constraints.
     """
     if isinstance(term, Constraint):
-        if assembly.enforced[term.name] and term.name not in items.rigid_joints:
+        if assembly.constraints.enforced[term.name] and term.name not in items.rigid_joints:
             driven = [t for t in assembly.terms if isinstance(t, PrescribedMotion) and t.constraint == term.name]
-            return add_constraint(items, term, assembly.enforced[term.name], driven)
+            return add_constraint(items, term, assembly.constraints.enforced[term.name], driven)
     elif isinstance(term, ForceLaw):
         add_force_law(items, term)
     elif isinstance(term, AppliedForce):
@@ -145,7 +145,7 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None,
     """Add the bodies with their weight, the mass added on their deformation, (m, m), and the damping between them."""
     scene, groups = assembly.scene, find_rigid_groups(assembly)
     twists = initial_twists(scene, rates)
-    damping, mass = _by_bodies(assembly, assembly.damping.on_deformation()), _by_bodies(assembly, added)
+    damping, mass = _by_bodies(assembly, assembly.modal.damping.on_deformation()), _by_bodies(assembly, added)
     nodes: dict[str, int] = {}
     flexible: dict[str, FlexibleCoordinates] = {}
     marker_factories: dict[Place, MarkerFactory] = {}
@@ -159,13 +159,13 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None,
             mbs,
             scene,
             body,
-            assembly.frames[body.name],
+            assembly.coordinates.frames[body.name],
             (mass[body.name, body.name], damping[body.name, body.name]),
             twists[body.name],
         )
         nodes[body.name] = node
         coordinates, number = flexible[body.name], objects[body.name]
-        body_nodes[body.name] = _flexible_nodes(body, assembly.frames[body.name], node, coordinates, number)
+        body_nodes[body.name] = _flexible_nodes(body, assembly.coordinates.frames[body.name], node, coordinates, number)
         marker_factories.update(
             {(f"{body.name}.{point}", offset): factory for (point, offset), factory in found.items()}
         )
@@ -235,7 +235,7 @@ def _as_rigid(body: Body, assembly: Assembly) -> RigidBody:
     if isinstance(body, RigidBody):
         return body.along_world
     assert isinstance(body, FlexibleBody)
-    frame, turn = assembly.frames[body.name], body.rotation
+    frame, turn = assembly.coordinates.frames[body.name], body.rotation
     c = frame.center_of_mass
     inertia = turn @ (frame.inertia - frame.mass * (c @ c * np.eye(3) - np.outer(c, c))) @ turn.T
     position = body.centre
@@ -395,7 +395,7 @@ Blocks = dict[tuple[str, str], Array]
 def _by_bodies(assembly: Assembly, full: Array) -> Blocks:
     """Split a matrix on the deformation of all bodies into blocks."""
     bodies = assembly.scene.deformable_bodies
-    ends = np.cumsum([0, *(len(assembly.frames[body.name].flexible) for body in bodies)])
+    ends = np.cumsum([0, *(len(assembly.coordinates.frames[body.name].flexible) for body in bodies)])
     places = {body.name: slice(ends[k], ends[k + 1]) for k, body in enumerate(bodies)}
     return {(a, b): full[places[a], places[b]] for a in places for b in places}
 
@@ -405,7 +405,7 @@ def _couple(
 ) -> None:
     """Add mass and damping between the deformations of several flexible bodies, as modes of their assembly require."""
     bodies = assembly.scene.deformable_bodies
-    rows = [assembly.frames[b.name].deformation(b.reduced) @ flexible[b.name].coordinates for b in bodies]
+    rows = [assembly.coordinates.frames[b.name].deformation(b.reduced) @ flexible[b.name].coordinates for b in bodies]
 
     def between(blocks: Blocks) -> Array:
         if not any(np.any(block) for (a, b), block in blocks.items() if a != b):

@@ -12,7 +12,8 @@ from scipy.linalg import block_diag
 from nassim.base.checks import Array
 from nassim.scene.loop import Loop
 from nassim.scene.scene import Scene
-from nassim.simulation.model.assembly import Assembly, motion_size
+from nassim.simulation.model.coordinates import Coordinates
+from nassim.simulation.model.motion_size import motion_size
 from nassim.simulation.model.reach import Reach
 from nassim.systems.python_controller import ControlLaw, PythonController
 
@@ -236,21 +237,21 @@ def _span(places: list[int]) -> Array | slice:
     return whole if places == list(range(whole.start, whole.stop)) else np.array(places)
 
 
-def see_runaway(assembly: Assembly, reach: Reach, coordinates: Array, sample: int) -> tuple[str, bool]:
+def see_runaway(coordinates: Coordinates, reach: Reach, values: Array, sample: int) -> tuple[str, bool]:
     """Look for a body that a loop has driven beyond what it can bear, or beyond where it can get.
 
     Args:
-        assembly: the scene.
-        reach: how far its bodies can get.
-        coordinates: of all bodies now, shape (n_all,).
+        coordinates: coordinates of the scene.
+        reach: bounds of its bodies' displacements.
+        values: values of all coordinates now, (n_all,).
         sample: number of the present sample.
 
     Returns what has happened to such a body, empty without one, and whether the model holds for all bodies.
     """
     sound, allowed = True, reach.at(sample)
-    for name, place in assembly.slices.items():
-        own = coordinates[place]
-        largest = motion_size(assembly, name, own[:, None])
+    for name, place in coordinates.slices.items():
+        own = values[place]
+        largest = motion_size(coordinates, name, own[:, None])
         if not np.all(largest < RUNAWAY):
             return deformed(name), False
         if not np.linalg.norm(own[:3]) < allowed[name]:

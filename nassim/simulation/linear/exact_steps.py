@@ -20,7 +20,9 @@ from nassim.simulation.linear.linearization import state_space
 from nassim.simulation.linear.sampled_closed_loop import ClosedSteps, Plant, closed_steps
 from nassim.simulation.linear.stopped_runs import Stopped, Trust
 from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.modal_model import ModalModel
 from nassim.simulation.model.reach import find_reach
+from nassim.simulation.model.signals import Signals
 from nassim.simulation.model.tangents import NO_EQUILIBRIUM
 from nassim.systems.state_space import StateSpace, discretize, quasi_static, repeat_step, settling_response
 
@@ -86,7 +88,7 @@ def exact_response(
             now = begin + k * block
             seen.append(read(states[k, None], now)[0])
             if reach:
-                happened, sound = see_runaway(assembly, reach, seen[-1], now)
+                happened, sound = see_runaway(assembly.coordinates, reach, seen[-1], now)
                 trust.see(now, sound=sound)
                 if happened:
                     said = runaway(assembly.scene, happened, rows[:n_out, : now + 1].T, time_step)
@@ -100,7 +102,7 @@ def exact_response(
                 between = closed.by_samples(states[k], _samples(inputs, now, now + places[-1] + 1, n_in), now)[0][:-1]
             at_kept.append(read(between, now)[places])
         advance(end - max(begin, 1))  # to the first sample leads no step
-    all_kept = np.vstack([np.zeros((0, len(assembly.basis))), *at_kept])
+    all_kept = np.vstack([np.zeros((0, assembly.coordinates.size)), *at_kept])
     return rows[:n_out], rows[n_out:], np.array(seen).T, all_kept.T
 
 
@@ -182,23 +184,23 @@ def _plant(
 
     Returns also all coordinates per unit of the states x, (n_all, n), and of the inputs beside, (n_all, inputs).
     """
+    scene, modal, weight = assembly.scene, assembly.modal, assembly.signals.weight
     state, drives, readings, feedthrough = state_space(assembly)
-    by_states, by_inputs = _all_coordinates(assembly, *drives.shape)
-    if not np.any(assembly.weight):
+    by_states, by_inputs = _all_coordinates(modal, assembly.signals, *drives.shape)
+    if not np.any(weight):
         drives, feedthrough, by_inputs = drives[:, :-1], feedthrough[:, :-1], by_inputs[:, :-1]
-    n = 2 * len(assembly.frequency)
+    n = 2 * len(modal.frequency)
     fast, held_by_stiffness = np.zeros(len(state), dtype=bool), np.ones(len(state), dtype=bool)
-    fast[:n], held_by_stiffness[:n] = np.tile(_quasi_static_modes(assembly, h), 2), np.tile(~assembly.rigid_modes, 2)
+    fast[:n], held_by_stiffness[:n] = np.tile(_quasi_static_modes(scene, modal, h), 2), np.tile(~modal.rigid_modes, 2)
     state, drives, kept, taken = quasi_static(state, drives, fast)
     readings, settling = readings @ kept, readings @ taken
     by_states, by_inputs = by_states @ kept, by_inputs + by_states @ taken
     start = np.zeros(len(state))
-    if np.any(assembly.weight) and not released:
+    if np.any(weight) and not released:
         _check_equilibrium(assembly)
         part = held_by_stiffness[~fast]
         start[part] = np.linalg.solve(state[np.ix_(part, part)], -drives[part, -1])
     phi, held, risen = discretize(state, drives, h)
-    scene = assembly.scene
     driven = [scene.inputs.index(name) for loop in scene.loops for name in loop.driven]
     pushed, shown = held[:, driven], (feedthrough + settling)[:, driven]
     followed = np.where(feedthrough == 0, settling, 0.0)[:, driven]
@@ -214,17 +216,17 @@ def _plant(
     return Plant(matrices, pushed, shown, followed), start, risen, (by_states, by_inputs)
 
 
-def _quasi_static_modes(assembly: Assembly, time_step: float) -> Array:
+def _quasi_static_modes(scene: Scene, modal: ModalModel, time_step: float) -> Array:
     """Modes that nobody answers for and that would fold, at the time steps or at the samples of a loop, bool (n,)."""
-    rates = [1 / time_step, *(loop.controller.sample_rate for loop in assembly.scene.loops)]
-    result: Array = assembly.unsupported & (assembly.frequency > min(rates) / 2)
+    rates = [1 / time_step, *(loop.controller.sample_rate for loop in scene.loops)]
+    result: Array = modal.unsupported & (modal.frequency > min(rates) / 2)
     return result
 
 
-def _all_coordinates(assembly: Assembly, n_states: int, n_inputs: int) -> tuple[Array, Array]:
+def _all_coordinates(modal: ModalModel, signals: Signals, n_states: int, n_inputs: int) -> tuple[Array, Array]:
     """All coordinates per unit of the states of `state_space`, (n_all, n_states), and of its inputs beside."""
-    modes, following = assembly.basis @ assembly.shapes, assembly.prescribed
-    plain = n_states - sum(len(system[0]) for system in assembly.filters.values())
+    modes, following = modal.modes, signals.prescribed
+    plain = n_states - sum(len(system[0]) for system in signals.filters.values())
     by_states = np.zeros((len(modes), n_states))
     by_states[:, :plain] = following.beyond @ following.lagging(plain)
     by_states[:, : modes.shape[1]] += modes
@@ -245,12 +247,12 @@ def _reader(
 
 def _check_equilibrium(assembly: Assembly) -> None:
     """RuntimeError when gravity does work on a free motion; where it does none, equilibrium is neutral."""
-    modes = (assembly.basis @ assembly.shapes)[:, assembly.rigid_modes]
-    moving = [body for body in assembly.scene.bodies if body.name in assembly.slices]
+    modes = assembly.modal.modes[:, assembly.modal.rigid_modes]
+    moving = [body for body in assembly.scene.bodies if body.name in assembly.coordinates.slices]
     mass = sum(body.rigid_inertia[0] for body in moving)
     # Of unit modal mass, no motion can feel more than all masses falling together.
     most = np.sqrt(mass) * float(np.linalg.norm(assembly.scene.gravity))
-    if np.abs(modes.T @ assembly.weight).max(initial=0.0) > NEUTRAL * most:
+    if np.abs(modes.T @ assembly.signals.weight).max(initial=0.0) > NEUTRAL * most:
         raise RuntimeError(NO_EQUILIBRIUM)
 
 

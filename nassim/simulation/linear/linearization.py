@@ -71,7 +71,8 @@ def linearize(
     """
     assembly, spin = spun(scene, angular_velocity, axis_point, standing, frame)
     a, b, c, d = state_space(assembly, spin)
-    unsupported = np.tile(np.where(assembly.unsupported, assembly.frequency, 0.0), 2)
+    modal = assembly.modal
+    unsupported = np.tile(np.where(modal.unsupported, modal.frequency, 0.0), 2)
     return LinearModel(
         a, b[:, :-1], c, d[:, :-1], scene.inputs, scene.outputs, scene.output_units, unsupported=unsupported
     )
@@ -121,7 +122,8 @@ def spun(
     view = FrameView(assembly, partition)
     check_constant(view)
     if damps_both(view):
-        assembly = replace(assembly, damping=assembly.damping.of_deformation)
+        damping = assembly.modal.damping.of_deformation
+        assembly = replace(assembly, modal=replace(assembly.modal, damping=damping))
     return assembly, spinning(assembly, partition.velocity, partition.point, partition)
 
 
@@ -158,12 +160,12 @@ def spinning_equilibrium(
     if growing:
         raise ValueError(f"the spinning equilibrium of scene {scene.name!r} is unstable: {growing[0]}; spin slower")
     at_rest = np.zeros(len(state))
-    at_rest[: len(spin.equilibrium)] = np.linalg.solve(assembly.shapes, spin.equilibrium)
-    for j, circuit in enumerate(assembly.circuits, start=2 * len(spin.equilibrium)):
-        at_rest[j] = circuit.forces @ assembly.basis @ spin.equilibrium / circuit.capacitance
+    modal, signals, n = assembly.modal, assembly.signals, len(spin.equilibrium)
+    at_rest[:n] = np.linalg.solve(modal.shapes, spin.equilibrium)
+    for j, circuit in enumerate(signals.circuits, start=2 * n):
+        at_rest[j] = circuit.forces @ modal.basis @ spin.equilibrium / circuit.capacitance
     # Accelerations of what rests vanish but for rounding.
-    modes, n = assembly.basis @ assembly.shapes, len(spin.equilibrium)
-    values: Array = (readings - assembly.acceleration_matrix @ modes @ state[n : 2 * n]) @ at_rest
+    values: Array = (readings - signals.acceleration_matrix @ modal.modes @ state[n : 2 * n]) @ at_rest
     return dict(zip(scene.outputs, map(float, values), strict=True))
 
 
@@ -186,71 +188,78 @@ def state_space(assembly: Assembly, spin: Spinning | None = None) -> StateSpace:
     Raises:
         ValueError: for outputs that would need a derivative of a prescribed motion's input.
     """
-    a = assembly
-    omega = 2 * np.pi * a.frequency
-    n, n_in, n_out = len(omega), a.input_matrix.shape[1], len(a.output_matrix)
-    modes = a.basis @ a.shapes
-    plain = 2 * n + len(a.circuits) + len(a.amplifiers) + len(a.prescribed.lags)
-    size = plain + sum(len(system[0]) for system in a.filters.values())
+    modal, signals, servos = assembly.modal, assembly.signals, assembly.signals.prescribed
+    omega, modes = 2 * np.pi * modal.frequency, modal.modes
+    n, n_in, n_out = len(omega), signals.input_matrix.shape[1], len(signals.output_matrix)
+    plain = 2 * n + len(signals.circuits) + len(signals.amplifiers) + len(servos.lags)
+    size = plain + sum(len(system[0]) for system in signals.filters.values())
     state, drives = np.zeros((size, size)), np.zeros((size, n_in + 1))
     readings, feedthrough = np.zeros((n_out, size)), np.zeros((n_out, n_in + 1))
     velocity = slice(n, 2 * n)
     state[:n, velocity] = np.eye(n)
     state[velocity, :n] = -np.diag(omega**2)
-    state[velocity, velocity] = -a.damping.of_modes
+    state[velocity, velocity] = -modal.damping.of_modes
     if spin is not None:
-        _refuse_inertial(a, spin)
-        state[velocity, :n] -= a.shapes.T @ spin.stiffness @ a.shapes
-        state[velocity, velocity] -= a.shapes.T @ spin.gyroscopic @ a.shapes
-    drives[velocity, :n_in], drives[velocity, n_in] = modes.T @ a.input_matrix, modes.T @ a.weight
-    for j, circuit in enumerate(a.circuits, start=2 * n):
+        _refuse_inertial(assembly, spin)
+        state[velocity, :n] -= modal.shapes.T @ spin.stiffness @ modal.shapes
+        state[velocity, velocity] -= modal.shapes.T @ spin.gyroscopic @ modal.shapes
+    drives[velocity, :n_in], drives[velocity, n_in] = modes.T @ signals.input_matrix, modes.T @ signals.weight
+    for j, circuit in enumerate(signals.circuits, start=2 * n):
         pull = modes.T @ circuit.forces
         rate = 1 / (circuit.resistance * circuit.capacitance)
         state[velocity, j] = pull
         state[j, :n] = rate * pull / circuit.capacitance
         state[j, j] = -rate
-        readings[a.scene.outputs.index(circuit.output), j] = circuit.gain
-    for j, amplifier in enumerate(a.amplifiers, start=2 * n + len(a.circuits)):
+        readings[assembly.scene.outputs.index(circuit.output), j] = circuit.gain
+    for j, amplifier in enumerate(signals.amplifiers, start=2 * n + len(signals.circuits)):
         state[velocity, j] = modes.T @ amplifier.forces
         state[j, j] = -amplifier.rate
         drives[j, amplifier.input] = amplifier.rate
-    for j, k in enumerate(a.prescribed.lags, start=plain - len(a.prescribed.lags)):
-        state[j, j], drives[j, a.prescribed.inputs[k]] = -a.prescribed.rates[k], a.prescribed.rates[k]
-    _follow_drives(a, spin, state, drives, readings, feedthrough, plain)
-    feedthrough[:, :n_in] += a.ground_matrix
-    _filter(a, state, drives, readings, feedthrough)
+    for j, k in enumerate(servos.lags, start=plain - len(servos.lags)):
+        state[j, j], drives[j, servos.inputs[k]] = -servos.rates[k], servos.rates[k]
+    _follow_drives(assembly, spin, state, drives, readings, feedthrough, plain)
+    feedthrough[:, :n_in] += signals.ground_matrix
+    _filter(assembly, state, drives, readings, feedthrough)
     return state, drives, readings, feedthrough
 
 
 def _follow_drives(
-    a: Assembly, spin: Spinning | None, state: Array, drives: Array, readings: Array, feedthrough: Array, plain: int
+    assembly: Assembly,
+    spin: Spinning | None,
+    state: Array,
+    drives: Array,
+    readings: Array,
+    feedthrough: Array,
+    plain: int,
 ) -> None:
     """Add the effect of drives that follow inputs on states and outputs.
 
     plain: number of states before those of filters.
     """
-    n = len(a.frequency)
-    lagging, taken = np.zeros((len(a.prescribed.inputs), len(state))), a.prescribed.taken(drives.shape[1])
-    lagging[:, :plain] = a.prescribed.lagging(plain)
-    moved = _moved_by_drives(a, spin, state)
+    modes, signals, scale = assembly.modal.modes, assembly.signals, assembly.coordinates.scale
+    prescribed, n = signals.prescribed, modes.shape[1]
+    lagging, taken = np.zeros((len(prescribed.inputs), len(state))), prescribed.taken(drives.shape[1])
+    lagging[:, :plain] = prescribed.lagging(plain)
+    moved = _moved_by_drives(assembly, spin, state)
     state += moved @ lagging
     drives += moved @ taken
-    pushed = np.append(np.linalg.norm(a.input_matrix / a.scale[:, None], axis=0), 0.0)
-    for order, rows in enumerate((a.output_matrix, a.velocity_matrix, a.acceleration_matrix)):
-        size = np.linalg.norm(rows / a.scale, axis=1, keepdims=True)
-        at_once = product(rows, a.prescribed.beyond)
+    pushed = np.append(np.linalg.norm(signals.input_matrix / scale[:, None], axis=0), 0.0)
+    for order, rows in enumerate((signals.output_matrix, signals.velocity_matrix, signals.acceleration_matrix)):
+        size = np.linalg.norm(rows / scale, axis=1, keepdims=True)
+        at_once = product(rows, prescribed.beyond)
         seen, direct = at_once @ lagging, at_once @ taken
-        seen[:, :n] += rows @ a.basis @ a.shapes
+        seen[:, :n] += rows @ modes
         for _ in range(order):
-            _refuse_derivatives(a, direct)
+            _refuse_derivatives(assembly, direct)
             seen, direct = seen @ state, product(cleared(seen, size), cleared(drives, pushed))
         readings += seen
         feedthrough += direct
 
 
-def _refuse_inertial(a: Assembly, spin: Spinning) -> None:
+def _refuse_inertial(assembly: Assembly, spin: Spinning) -> None:
     """Refuse filtered and inertial outputs in a rotating frame, whose own rotation they would read too."""
-    read = [*a.filters, *(term.name for term in a.terms if isinstance(term, Output) and term.inertial)]
+    inertial = [term.name for term in assembly.terms if isinstance(term, Output) and term.inertial]
+    read = [*assembly.signals.filters, *inertial]
     if read and np.any(spin.gyroscopic):
         raise ValueError(
             f"output {read[0]!r} reads motion against inertial space, or through a filter, which a linear model of a "
@@ -258,11 +267,12 @@ def _refuse_inertial(a: Assembly, spin: Spinning) -> None:
         )
 
 
-def _filter(a: Assembly, state: Array, drives: Array, readings: Array, feedthrough: Array) -> None:
+def _filter(assembly: Assembly, state: Array, drives: Array, readings: Array, feedthrough: Array) -> None:
     """Add the filters of outputs, whose states are the last ones."""
-    end = len(state) - sum(len(system[0]) for system in a.filters.values())
-    for output, (fa, fb, fc, fd) in a.filters.items():
-        k, place = a.scene.outputs.index(output), slice(end, end + len(fa))
+    filters = assembly.signals.filters
+    end = len(state) - sum(len(system[0]) for system in filters.values())
+    for output, (fa, fb, fc, fd) in filters.items():
+        k, place = assembly.scene.outputs.index(output), slice(end, end + len(fa))
         state[place], drives[place] = np.outer(fb[:, 0], readings[k]), np.outer(fb[:, 0], feedthrough[k])
         state[place, place] = fa
         readings[k] *= fd[0, 0]
@@ -271,28 +281,30 @@ def _filter(a: Assembly, state: Array, drives: Array, readings: Array, feedthrou
         end = place.stop
 
 
-def _moved_by_drives(a: Assembly, spin: Spinning | None, state: Array) -> Array:
+def _moved_by_drives(assembly: Assembly, spin: Spinning | None, state: Array) -> Array:
     """Return the rates of all states per unit of the drives' motions, (size, d)."""
-    n, prescribed = len(a.frequency), a.prescribed
+    shapes, prescribed = assembly.modal.shapes, assembly.signals.prescribed
+    n = shapes.shape[1]
     position, velocity = slice(n), slice(n, 2 * n)
     drag, pull = prescribed.drag, np.zeros_like(prescribed.drag)
     if spin is not None:
-        drag, pull = drag + a.shapes.T @ spin.drag, a.shapes.T @ spin.pull
+        drag, pull = drag + shapes.T @ spin.drag, shapes.T @ spin.pull
     result = np.zeros((len(state), drag.shape[1]))
     # Rounding mixes modes of independent machines a little, which must not look like a prescribed motion.
     sizes = np.linalg.norm(state[velocity, velocity], axis=0)
     damping = cleared(-state[velocity, velocity], np.maximum.outer(sizes, sizes))
     result[position] = slip = product(np.hstack([damping, -np.eye(n)]), np.vstack([prescribed.momentum, drag]))
     result[velocity] = -damping @ slip - state[velocity, position] @ prescribed.momentum - pull
-    for j, circuit in enumerate(a.circuits, start=2 * n):
+    for j, circuit in enumerate(assembly.signals.circuits, start=2 * n):
         result[j] = circuit.forces @ prescribed.beyond / (circuit.resistance * circuit.capacitance**2)
     return result
 
 
-def _refuse_derivatives(a: Assembly, direct: Array) -> None:
+def _refuse_derivatives(assembly: Assembly, direct: Array) -> None:
     """Refuse outputs that read a derivative of the direct effect of inputs, direct, (outputs, inputs + 1)."""
-    lagging = {a.prescribed.inputs[k] for k in a.prescribed.lags}
-    for output, row, accelerations in zip(a.scene.outputs, direct, a.acceleration_matrix, strict=True):
+    scene, signals, prescribed = assembly.scene, assembly.signals, assembly.signals.prescribed
+    lagging = {prescribed.inputs[k] for k in prescribed.lags}
+    for output, row, accelerations in zip(scene.outputs, direct, signals.acceleration_matrix, strict=True):
         if np.any(row):
             place = int(np.argmax(np.abs(row)))
             kind = "an acceleration" if np.any(accelerations) else "a velocity"
@@ -300,7 +312,7 @@ def _refuse_derivatives(a: Assembly, direct: Array) -> None:
             if place in lagging:
                 cure = "the drive's bandwidth, of first order, smooths velocities: read one, or a displacement"
             raise ValueError(
-                f"output {output!r} reads {kind} that follows a derivative of input {a.scene.inputs[place]!r} at once, "
+                f"output {output!r} reads {kind} that follows a derivative of input {scene.inputs[place]!r} at once, "
                 f"which no linear model of these inputs includes: {cure}; or simulate by generalized_alpha"
             )
 

@@ -7,7 +7,7 @@ from nassim.base.checks import Array
 from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
 from nassim.simulation.linear.linearization import NO_SPIN, spun, state_space
-from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.recorded_motion import recorded_motion, traced
 
 N_IMAGES = 48
@@ -49,21 +49,21 @@ def mode_motion(
     if not 1 <= number <= len(order):
         raise ValueError(f"scene {scene.name!r} has oscillations 1 ... {len(order)}, got {number}")
     pole, vector = poles[order[number - 1]], vectors[:, order[number - 1]]
-    shape = assembly.basis @ (assembly.shapes @ vector[: len(assembly.frequency)])
+    shape = assembly.modal.modes @ vector[: len(assembly.modal.frequency)]
     angle = np.linspace(0, 2 * np.pi, frames)
-    swing = np.real(np.outer(np.exp(1j * angle), shape / _size(assembly, shape)))
-    own = {name: swing[:, place] for name, place in assembly.slices.items()}
-    return complex(pole), recorded_motion(assembly, angle / pole.imag, own, {})
+    swing = np.real(np.outer(np.exp(1j * angle), shape / _size(assembly.coordinates, shape)))
+    own = {name: swing[:, place] for name, place in assembly.coordinates.slices.items()}
+    return complex(pole), recorded_motion(assembly.scene, angle / pole.imag, own, {})
 
 
-def _size(assembly: Assembly, shape: Array) -> float:
+def _size(coordinates: Coordinates, shape: Array) -> float:
     """Return the largest rotation [rad] or displacement over the distance between points, over `SHOWN_AMPLITUDE`."""
     rows, places = [], []
-    for body in assembly.scene.bodies:
+    for body in coordinates.scene.bodies:
         names = body.point_names
         places += [body.point_position(name) for name in names]
         if body.moves:
-            rows += [body.motion(name) @ shape[assembly.slices[body.name]] for name in names]
+            rows += [body.motion(name) @ shape[coordinates.slices[body.name]] for name in names]
     span = float(np.linalg.norm(np.ptp(places, axis=0))) or 1.0
     moved = np.abs(np.reshape(rows, (-1, 6))) / np.repeat([span, 1.0], 3)
     return float(moved.max(initial=0.0)) / SHOWN_AMPLITUDE or 1.0

@@ -6,7 +6,7 @@ at r from the frame's origin p moves to p + R(theta) (r + d) and rotates by R(th
 frame. A force f in a measure with the Jacobian J has the stiffness d(J^T f)/dq.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,9 @@ from nassim.scene.bodies import FlexibleBody
 from nassim.scene.measures import Measure, PointMeasure, Pose
 from nassim.scene.terms import Constraint
 from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.constraints import undeformed_rows
+from nassim.simulation.model.coordinates import Coordinates
+from nassim.simulation.model.tangents import Tangent
 
 ROTATION_STEP = 5e-4
 """Rotation [rad], and displacement over the size of the scene, of difference quotients of fourth order."""
@@ -41,12 +44,12 @@ class Frame:
         return self.motion[3:]
 
 
-def frames(assembly: Assembly) -> dict[str, Frame]:
+def frames(coordinates: Coordinates) -> dict[str, Frame]:
     """Return the frame of each moving body, by name."""
-    scene, result = assembly.scene, {}
-    for name, place in assembly.slices.items():
+    scene, result = coordinates.scene, {}
+    for name, place in coordinates.slices.items():
         body, _ = scene.split(f"{name}.")
-        motion = np.zeros((6, len(assembly.basis)))
+        motion = np.zeros((6, coordinates.size))
         if isinstance(body, FlexibleBody):
             point = scene.frame_point(body)
             motion[:, place] = body.motion(point)
@@ -64,8 +67,8 @@ class GeometricStiffness:
     Attributes:
         assembly: the assembled scene.
         frames: frames of the moving bodies, by name.
-        held: rows on all coordinates that vanish, (m, n_all): those of the joints, see `Assembly.enforced`, then those
-            of bodies that do not deform, without terms of second order.
+        held: rows on all coordinates that vanish, (m, n_all): those of the joints, see `Constraints.enforced`, then
+            those of bodies that do not deform, without terms of second order.
     """
 
     assembly: Assembly
@@ -75,16 +78,12 @@ class GeometricStiffness:
     @classmethod
     def of(cls, assembly: Assembly) -> "GeometricStiffness":
         """Make the geometric stiffness of an assembled scene."""
-        size = len(assembly.basis)
-        rows = [np.zeros((0, size))]
+        coordinates, enforced = assembly.coordinates, assembly.constraints.enforced
+        rows = [np.zeros((0, coordinates.size))]
         for joint in _joints(assembly):
-            rows.append(assembly.coordinates.jacobian(joint.measure)[joint.rows(assembly.enforced[joint.name])])
-        for body in assembly.scene.flexible_bodies:
-            if not body.deforms:
-                kept = assembly.frames[body.name].deformation(body.reduced)
-                rows.append(np.zeros((len(kept), size)))
-                rows[-1][:, assembly.slices[body.name]] = kept
-        return cls(assembly, frames(assembly), np.vstack(rows))
+            rows.append(coordinates.jacobian(joint.measure)[joint.rows(enforced[joint.name])])
+        rows.append(undeformed_rows(coordinates))
+        return cls(assembly, frames(coordinates), np.vstack(rows))
 
     def of_joints(self, forces: Array) -> Array:
         """Compute the stiffness of constraint forces, (n_all,), as the joints' axes and arms rotate, (n_all, n_all)."""
@@ -93,7 +92,7 @@ class GeometricStiffness:
             return result
         multipliers, first = _shares_of(self.held, forces), 0
         for joint in _joints(self.assembly):
-            components = self.assembly.enforced[joint.name]
+            components = self.assembly.constraints.enforced[joint.name]
             force = np.zeros(len(joint.measure.components))
             force[joint.rows(components)] = multipliers[first : first + len(components)]
             first += len(components)
@@ -109,7 +108,7 @@ class GeometricStiffness:
         return result
 
     def _of(self, measure: Measure, force: Array) -> Array:
-        result = np.zeros((len(self.assembly.basis),) * 2)
+        result = np.zeros((self.assembly.coordinates.size,) * 2)
         if np.any(force):
             for factor, part in measure.point_measures:
                 result += self._of_points(part, factor * force)
@@ -145,7 +144,7 @@ class GeometricStiffness:
         stiffness = np.array(slopes) @ motion
         if directions is unit:
             stiffness = motion.T @ unit @ stiffness
-        result = np.zeros((len(self.assembly.basis),) * 2)
+        result = np.zeros((self.assembly.coordinates.size,) * 2)
         result[np.ix_(moving, moving)] = 0.5 * (stiffness + stiffness.T)
         return result
 
@@ -153,7 +152,7 @@ class GeometricStiffness:
         body, _ = self.assembly.scene.split(path)
         if body.moves:
             return self.frames[body.name]
-        return Frame(self.assembly.scene.point_position(path), np.zeros((6, len(self.assembly.basis))))
+        return Frame(self.assembly.scene.point_position(path), np.zeros((6, self.assembly.coordinates.size)))
 
     def _motion(self, path: str) -> Array:
         """Return the small motion of a point's frame, then of the point, (12, n_all)."""
@@ -186,10 +185,10 @@ def left_jacobian(vector: Array) -> Array:
     return np.eye(3) + first * cross + second * cross @ cross
 
 
-def spring_forces(assembly: Assembly, coordinates: Array) -> Array:
+def spring_forces(tangents: Sequence[Tangent], coordinates: Array) -> Array:
     """Compute the resistance of springs, (n_all,), at given coordinates, (n_all,)."""
     result = np.zeros(len(coordinates))
-    for tangent in assembly.tangents:
+    for tangent in tangents:
         rows = tangent.rows
         result += rows.T @ tangent.law.resistance(rows @ coordinates, np.zeros(len(rows)))
     return result

@@ -149,7 +149,7 @@ class FrameView:
     @cached_property
     def scale(self) -> Array:
         """Factors that scale all coordinates to comparable square roots of energy, (n_all,)."""
-        masses = [np.diag(self.states(0.0)[name].body.mass_matrix) for name in self.assembly.slices]
+        masses = [np.diag(self.states(0.0)[name].body.mass_matrix) for name in self.assembly.coordinates.slices]
         result: Array = 1 / np.sqrt(np.concatenate(masses))
         return result
 
@@ -191,14 +191,15 @@ def check_constant(view: FrameView) -> None:
     Raises:
         ValueError: for a part that changes it; the message names the part.
     """
-    assembly, partition = view.assembly, view.partition
-    for name in filter(partition.in_other_frame, assembly.slices):
+    partition, coordinates = view.partition, view.assembly.coordinates
+    for name in filter(partition.in_other_frame, coordinates.slices):
         _check_other_frame_body(view, name)
-    rotation = rotation_about(assembly, assembly.slices.keys() - partition.stator, partition.velocity, partition.point)
+    rotor = coordinates.slices.keys() - partition.stator
+    rotation = rotation_about(coordinates, rotor, partition.velocity, partition.point)
     ties: dict[tuple[str, ...], list[Tie]] = {}
-    for term in assembly.terms:
+    for term in view.assembly.terms:
         if isinstance(term, Tie):
-            if resists(assembly, term, rotation):
+            if resists(view.assembly, term, rotation):
                 raise ValueError(
                     f"{label_of(term)} resists the rotation of the rotor about its axis, against the stator or against "
                     "the world's axes: free that motion, put its points on the axis, or let its axes rotate with it"
@@ -210,7 +211,7 @@ def check_constant(view: FrameView) -> None:
                     f"{label_of(term)}: axes of a bushing rotate halfway between its bodies, so its damping would "
                     "belong neither to stator nor rotor; damp by a SpringDamper with the frame of either body"
                 )
-            moving = {name for name in term.measure.bodies if name in assembly.slices}
+            moving = {name for name in term.measure.bodies if name in coordinates.slices}
             ties.setdefault(("joint",) * isinstance(term, Constraint) + tuple(sorted(moving)), []).append(term)
         else:
             start = view.rows(term, 0.0) * view.scale
@@ -227,7 +228,7 @@ def check_constant(view: FrameView) -> None:
 def damps_both(view: FrameView) -> bool:
     """Whether a damping of the scene's modes would act on stator and rotor at once, or on bodies in the other frame."""
     stator = view.partition.stator
-    if any(name in stator or view.partition.in_other_frame(name) for name in view.assembly.slices):
+    if any(name in stator or view.partition.in_other_frame(name) for name in view.assembly.coordinates.slices):
         return True
     laws = (term for term in view.assembly.terms if isinstance(term, ForceLaw))
     return any(name in stator for law in laws for name in law.measure.bodies)

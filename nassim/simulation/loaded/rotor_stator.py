@@ -54,24 +54,24 @@ def term_rows(coordinates: Coordinates, term: Term, states: Mapping[str, Referen
     return rows[term.rows(term.held)] if isinstance(term, Constraint) else rows
 
 
-def rotation_about(assembly: Assembly, names: Iterable[str], axis: Array, point: Array) -> Array:
+def rotation_about(coordinates: Coordinates, names: Iterable[str], axis: Array, point: Array) -> Array:
     """Return the coordinates of a unit rotation of some bodies about an axis, with all others at rest, (n_all,).
 
     Args:
-        assembly: the assembled scene.
+        coordinates: coordinates of the scene.
         names: names of the bodies.
         axis: the axis, (3,).
         point: a point of the axis, (3,) [m].
     """
-    unit, scene = axis / np.linalg.norm(axis), assembly.scene
-    result = np.zeros(len(assembly.basis))
+    unit, scene = axis / np.linalg.norm(axis), coordinates.scene
+    result = np.zeros(coordinates.size)
     for name in names:
         body, _ = scene.split(f"{name}.")
         twist = np.concatenate([np.cross(unit, body.position - point), unit])
         if isinstance(body, FlexibleBody):
             places = np.array([p.position for p in body.reduced.remote_points])
             twist = rigid_motions(places, len(body.mass_matrix)) @ np.kron(np.eye(2), body.rotation.T) @ twist
-        result[assembly.slices[name]] = twist
+        result[coordinates.slices[name]] = twist
     return result
 
 
@@ -93,14 +93,15 @@ def stator_bodies(assembly: Assembly, joint: Constraint, axis: Array) -> frozens
     Raises:
         ValueError: for a body whose connections do not define its side.
     """
-    scene, point = assembly.scene, assembly.scene.point_position(joint.points[0])
+    scene, coordinates = assembly.scene, assembly.coordinates
+    point = scene.point_position(joint.points[0])
     groups = {body.name: body.name if body.moves else "" for body in scene.bodies}
     loose: list[set[str]] = []
     for term in assembly.terms:
         if isinstance(term, Tie):
             ends = term.measure.bodies
-            names = [name for name in ends if name in assembly.slices]
-            if any(resists(assembly, term, rotation_about(assembly, [name], axis, point)) for name in names):
+            names = [name for name in ends if name in coordinates.slices]
+            if any(resists(assembly, term, rotation_about(coordinates, [name], axis, point)) for name in names):
                 first, *others = (groups[name] for name in ends)
                 groups = {name: first if group in others else group for name, group in groups.items()}
             else:

@@ -33,8 +33,10 @@ from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.scene import Scene
 from nassim.simulation.loaded.geometric_stiffness import Frame, GeometricStiffness, spring_forces
 from nassim.simulation.loaded.rotor_frame import FrameView, RotorPartition, other_frame_terms, rotating_damping
-from nassim.simulation.model.assembly import Assembly, motion_size
+from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.buckling import axial_forces, warn_of_buckling
+from nassim.simulation.model.coordinates import Coordinates
+from nassim.simulation.model.motion_size import motion_size
 
 STIFFENING = 1e-3
 """Relative change of a frequency by centrifugal stiffening above which a warning is given."""
@@ -102,14 +104,15 @@ def spinning(
     """
     velocity = finite_array("angular_velocity", np.asarray(angular_velocity, dtype=float), (3,))
     axis_point = finite_array("axis_point", np.asarray(point, dtype=float), (3,))
-    n, size = len(assembly.frequency), len(assembly.basis)
+    modal, slices = assembly.modal, assembly.coordinates.slices
+    n, size = len(modal.frequency), assembly.coordinates.size
     if not velocity.any():
-        still = np.zeros((n, len(assembly.prescribed.inputs)))
+        still = np.zeros((n, len(assembly.signals.prescribed.inputs)))
         return Spinning(np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), still, still)
     geometric = GeometricStiffness.of(assembly)
     force, gyroscopic, stiffness = np.zeros(size), np.zeros((size, size)), np.zeros((size, size))
     moment = 0.0
-    for name, place in assembly.slices.items():
+    for name, place in slices.items():
         body, _ = assembly.scene.split(f"{name}.")
         if partition is None or name not in partition.stator:
             terms = inertia_terms(body, geometric.frames[name], place, velocity, axis_point)
@@ -117,8 +120,8 @@ def spinning(
             force[place], moment = terms.force, moment + terms.moment
     if partition is not None:
         view = FrameView(assembly, partition)
-        for name in filter(partition.in_other_frame, assembly.slices):
-            own = (assembly.slices[name],) * 2
+        for name in filter(partition.in_other_frame, slices):
+            own = (slices[name],) * 2
             gyroscopic[own], stiffness[own] = other_frame_terms(view, name, gyroscopic[own], stiffness[own])
         stiffness += rotating_damping(view)
     rate = float(np.linalg.norm(velocity))
@@ -126,10 +129,10 @@ def spinning(
     stiffness += geometric.of_springs(elastic) + geometric.of_joints(borne)
     # Cauchy-Schwarz: the force on a mode of unit mass is at most W^2 times the root of the moment of inertia.
     found = _rest(assembly, stiffness, force, rate, rate**2 * np.sqrt(moment))
-    coordinates = assembly.basis @ found
-    _check_small(assembly, coordinates)
+    coordinates = modal.basis @ found
+    _check_small(assembly.coordinates, coordinates)
     _warn_of_stress(assembly, coordinates, rate / (2 * np.pi), partition)
-    basis, followed = assembly.basis, assembly.prescribed.motion
+    basis, followed = modal.basis, assembly.signals.prescribed.motion
     gyroscopic, stiffness = basis.T @ gyroscopic, basis.T @ stiffness
     return Spinning(gyroscopic @ basis, stiffness @ basis, found, gyroscopic @ followed, stiffness @ followed)
 
@@ -227,20 +230,21 @@ def _bear(assembly: Assembly, force: Array) -> tuple[Array, Array]:
     without
     stiffness, as a rotation about the axis, keeps none. Rigid-body modes accelerate: they bear no force.
     """
-    modes, elastic = assembly.basis @ assembly.shapes, ~assembly.rigid_modes
+    modal, circuits = assembly.modal, assembly.signals.circuits
+    modes, elastic = modal.modes, ~modal.rigid_modes
     bent, loose = modes[:, elastic], modes[:, ~elastic]
-    stiffness = np.diag((2 * np.pi * assembly.frequency[elastic]) ** 2)
-    for circuit in assembly.circuits:
+    stiffness = np.diag((2 * np.pi * modal.frequency[elastic]) ** 2)
+    for circuit in circuits:
         stiffness -= np.outer(bent.T @ circuit.forces, bent.T @ circuit.forces) / circuit.capacitance
     q = bent @ np.linalg.solve(stiffness, bent.T @ force)
-    left, accelerations = force - spring_forces(assembly, q), loose @ (loose.T @ force)
-    for name, place in assembly.slices.items():
+    left, accelerations = force - spring_forces(assembly.tangents, q), loose @ (loose.T @ force)
+    for name, place in assembly.coordinates.slices.items():
         body, _ = assembly.scene.split(f"{name}.")
         left[place] -= body.mass_matrix @ accelerations[place]
         if isinstance(body, FlexibleBody) and body.deforms:
             root = body.reduced.strain.root
             left[place] -= root.T @ (root @ q[place])
-    for circuit in assembly.circuits:
+    for circuit in circuits:
         left += circuit.forces * (circuit.forces @ q) / circuit.capacitance
     return q, left
 
@@ -252,12 +256,12 @@ def _rest(assembly: Assembly, added: Array, force: Array, rate: float, largest: 
     would
     else hide. rate: of the spin [rad/s]; largest: largest force that a mode of unit mass can have.
     """
-    modes, free = assembly.basis @ assembly.shapes, assembly.rigid_modes
+    modal, modes, free = assembly.modal, assembly.modal.modes, assembly.modal.rigid_modes
     matrix = modes.T @ added @ modes
-    for circuit in assembly.circuits:
+    for circuit in assembly.signals.circuits:
         pull = modes.T @ circuit.forces
         matrix -= np.outer(pull, pull) / circuit.capacitance
-    scale = 1 / np.where(free, rate, 2 * np.pi * assembly.frequency)
+    scale = 1 / np.where(free, rate, 2 * np.pi * modal.frequency)
     axes, values, answers = np.linalg.svd(np.diag(np.where(free, 0.0, 1.0)) + scale[:, None] * matrix * scale)
     pushed = axes.T @ (scale * (modes.T @ force))
     held = values > SPIN_ROUNDING
@@ -267,12 +271,12 @@ def _rest(assembly: Assembly, added: Array, force: Array, rate: float, largest: 
             "nothing holds, or that is at its critical speed; add a spring or a joint, put the centre of mass on the "
             "axis, or change the speed"
         )
-    result: Array = assembly.shapes @ (scale * (answers[held].T @ (pushed[held] / values[held])))
+    result: Array = modal.shapes @ (scale * (answers[held].T @ (pushed[held] / values[held])))
     return result
 
 
-def _check_small(assembly: Assembly, coordinates: Array) -> None:
-    sizes = {name: motion_size(assembly, name, coordinates[place, None]) for name, place in assembly.slices.items()}
+def _check_small(coordinates: Coordinates, values: Array) -> None:
+    sizes = {name: motion_size(coordinates, name, values[place, None]) for name, place in coordinates.slices.items()}
     name = max(sizes, key=lambda name: float(sizes[name].max()))
     rotation, deformation = sizes[name]
     found = (
@@ -306,7 +310,7 @@ def _warn_of_stress(assembly: Assembly, coordinates: Array, rate: float, partiti
                 stacklevel=5,
             )
     tensions = {
-        body.name: axial_forces(body.reduced, coordinates[assembly.slices[body.name], None])[:, 0]
+        body.name: axial_forces(body.reduced, coordinates[assembly.coordinates.slices[body.name], None])[:, 0]
         for body in assembly.scene.deformable_bodies
     }
     warn_of_buckling(assembly, tensions)

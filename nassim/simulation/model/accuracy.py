@@ -89,15 +89,7 @@ def period_errors(scene: Scene | Assembly, time_step: float, *, spectral_radius:
         Relative errors, (n,) [-]; 0 for rigid-body modes.
     """
     assembly = scene if isinstance(scene, Assembly) else assemble(scene)
-    return _period_errors(assembly, Steps(time_step, spectral_radius))
-
-
-def _period_errors(assembly: Assembly, steps: Steps) -> Array:
-    stepped, _ = _stepped_modes(assembly, steps)
-    result: Array = np.where(
-        assembly.rigid_modes, 0.0, stepped / np.where(assembly.rigid_modes, 1.0, assembly.frequency) - 1
-    )
-    return result
+    return _stepped_modes(assembly, Steps(time_step, spectral_radius))[0]
 
 
 def numerical_damping(scene: Scene | Assembly, time_step: float, *, spectral_radius: float = 1.0) -> Array:
@@ -120,25 +112,27 @@ def numerical_damping(scene: Scene | Assembly, time_step: float, *, spectral_rad
 
 
 def _stepped_modes(assembly: Assembly, steps: Steps) -> tuple[Array, Array]:
-    """Return the frequencies [Hz] and damping ratios of undamped modes in steps, (n,) each."""
-    frequency = assembly.frequency
+    """Return the relative frequency errors and damping ratios of undamped modes in steps, (n,) each."""
+    frequency, rigid = assembly.modal.frequency, assembly.modal.rigid_modes
     if assembly.scene.in_small_motion:
         mass = np.diag(small_motion_factors(assembly, steps)[0])
     else:
-        deformation = assembly.damping.deformation @ assembly.shapes
+        deformation = assembly.modal.damping.deformation @ assembly.modal.shapes
         mass = np.eye(len(frequency)) + deformation.T @ correct_periods(assembly, steps)[1] @ deformation
     model, _ = eigenmodes(np.diag((2 * np.pi * frequency) ** 2), mass)
     options = {"spectral_radius": steps.spectral_radius}
     errors = [integrator_error(f, steps.time_step, **options) if f else (0.0, 0.0) for f in model]
     longer, damping = np.reshape(errors, (-1, 2)).T
-    return model / (1 + longer), np.where(assembly.rigid_modes, 0.0, damping)
+    stepped = model / (1 + longer)
+    return np.where(rigid, 0.0, stepped / np.where(rigid, 1.0, frequency) - 1), np.where(rigid, 0.0, damping)
 
 
 def describe_steps(assembly: Assembly, steps: Steps, highest: float) -> str:
     """Describe the effect of a run's steps on modes up to a frequency [Hz] in one line; empty without such modes."""
-    below = (assembly.frequency <= highest) & ~assembly.rigid_modes
+    below = (assembly.modal.frequency <= highest) & ~assembly.modal.rigid_modes
     if not below.any():
         return ""
-    errors, damping = _period_errors(assembly, steps)[below], _stepped_modes(assembly, steps)[1][below].max()
-    damped = f" and damp them by up to {100 * damping:.2g} % of critical" if damping > 0 else ""
+    errors, damping = (values[below] for values in _stepped_modes(assembly, steps))
+    most = damping.max()
+    damped = f" and damp them by up to {100 * most:.2g} % of critical" if most > 0 else ""
     return f"the steps shift modes up to {highest:.4g} Hz by up to {100 * np.abs(errors).max():.2g} %{damped}"

@@ -68,11 +68,11 @@ def buckling_share(assembly: Assembly, tensions: Mapping[str, Array]) -> tuple[f
     Returns:
         The share [-], and the name of the body that contributes most.
     """
-    elastic = ~assembly.rigid_modes
-    modes = assembly.basis @ (assembly.shapes / np.where(elastic, 2 * np.pi * assembly.frequency, 1.0))[:, elastic]
+    modal, elastic = assembly.modal, ~assembly.modal.rigid_modes
+    modes = modal.modes[:, elastic] / (2 * np.pi * modal.frequency[elastic])
     softening = {}
     for body in assembly.scene.deformable_bodies:
-        part = modes[assembly.slices[body.name]]
+        part = modes[assembly.coordinates.slices[body.name]]
         softening[body.name] = -part.T @ _geometric_stiffness(body.reduced, tensions[body.name]) @ part
     if not softening or not elastic.any():
         return 0.0, ""

@@ -8,6 +8,7 @@ import numpy as np
 import scipy
 
 from nassim.base.checks import Array
+from nassim.bodies.floating_frame import FloatingFrame, floating_frame
 from nassim.scene.measures import Measure
 from nassim.scene.scene import Scene
 from nassim.simulation.model.states import ReferenceState
@@ -19,7 +20,8 @@ class Coordinates:
 
     Attributes:
         scene: the scene.
-        slices: slice of each moving body's coordinates among all, by name.
+        slices: slice of each moving body's coordinates among all, by name (flexible: motions of the remote points and
+            modes, in the body's frame; rigid: motion of the centre of mass in the world's frame).
         mass: mass matrix of all coordinates, (n_all, n_all).
     """
 
@@ -36,10 +38,31 @@ class Coordinates:
         places = {body.name: slice(ends[k], ends[k + 1]) for k, body in enumerate(bodies)}
         return cls(scene, places, scipy.linalg.block_diag(*blocks))
 
+    @property
+    def size(self) -> int:
+        """Number n_all of all coordinates."""
+        return len(self.mass)
+
+    @cached_property
+    def scale(self) -> Array:
+        """Square roots of the masses of all coordinates, (n_all,)."""
+        return np.sqrt(np.diag(self.mass))
+
+    @cached_property
+    def frames(self) -> dict[str, FloatingFrame]:
+        """Floating frame of each flexible body, by name."""
+        return {
+            body.name: floating_frame(body.reduced, self.scene.frame_point(body)) for body in self.scene.flexible_bodies
+        }
+
     @cached_property
     def states(self) -> dict[str, ReferenceState]:
         """States of all bodies in the reference configuration, by name."""
         return {body.name: ReferenceState(body) for body in self.scene.bodies}
+
+    def of_body(self, name: str) -> Array:
+        """Select the coordinates of one body, (n, n_all)."""
+        return np.eye(self.size)[self.slices[name]]
 
     def jacobian(self, measure: Measure, states: Mapping[str, ReferenceState] | None = None) -> Array:
         """Evaluate a measure's rows on all coordinates.
@@ -52,7 +75,7 @@ class Coordinates:
             The rows, (k, n_all).
         """
         _, parts = measure.evaluate(self.states if states is None else states)
-        result = np.zeros((len(measure.components), len(self.mass)))
+        result = np.zeros((len(measure.components), self.size))
         for name, rows in parts.items():
             if name in self.slices:
                 result[:, self.slices[name]] = rows
@@ -61,14 +84,14 @@ class Coordinates:
     def motion(self, path: str) -> Array:
         """Return the small motion of a point in the world's frame, (6, n_all)."""
         body, point = self.scene.split(path)
-        rows = np.zeros((6, len(self.mass)))
+        rows = np.zeros((6, self.size))
         if body.moves:
             rows[:, self.slices[body.name]] = body.motion(point)
         return rows
 
     def weight(self, gravity: Array, states: Mapping[str, ReferenceState] | None = None) -> Array:
         """Return the forces of a uniform gravity, world frame, (3,) [m/s2], on all coordinates, (n_all,)."""
-        result = np.zeros(len(self.mass))
+        result = np.zeros(self.size)
         for name, place in self.slices.items():
             result[place] = (states or self.states)[name].weight(gravity)
         return result

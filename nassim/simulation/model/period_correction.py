@@ -24,6 +24,7 @@ from nassim.base.rigid_motion import skew
 from nassim.bodies.floating_frame import FloatingFrame
 from nassim.scene.terms import PrescribedMotion
 from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.coordinates import Coordinates
 
 FASTEST = 0.9
 """Half a step's angle [rad] up to which a mode is corrected, 3.5 steps a period; faster modes get the same factor."""
@@ -92,10 +93,10 @@ def small_motion_factors(assembly: Assembly, steps: Steps) -> tuple[Array, Array
 
     They are 1 where drives follow inputs, because the inertia forces of prescribed motion are those of the true masses.
     """
-    if assembly.prescribed.inputs:
-        ones = np.ones(len(assembly.frequency))
+    if assembly.signals.prescribed.inputs:
+        ones = np.ones(len(assembly.modal.frequency))
         return ones, ones
-    return steps.factors(assembly.frequency)
+    return steps.factors(assembly.modal.frequency)
 
 
 def correct_periods(assembly: Assembly, steps: Steps) -> tuple[Assembly, Array]:
@@ -116,14 +117,14 @@ def correct_periods(assembly: Assembly, steps: Steps) -> tuple[Assembly, Array]:
     Returns:
         The assembly with corrected damping ratios, and the mass to add on the deformation of its bodies, (m, m).
     """
-    damping, elastic = assembly.damping, ~assembly.rigid_modes
+    modal, damping, elastic = assembly.modal, assembly.modal.damping, ~assembly.modal.rigid_modes
     if not steps.corrected or not damping.root.size or not elastic.any():
         return assembly, np.zeros_like(damping.root)
-    mass, growth = steps.factors(assembly.frequency)
-    wanted, bent = 1 - mass[elastic], damping.root @ damping.deformation @ assembly.shapes[:, elastic]
+    mass, growth = steps.factors(modal.frequency)
+    wanted, bent = 1 - mass[elastic], damping.root @ damping.deformation @ modal.shapes[:, elastic]
     asked, taken = wanted, _inverse(bent, wanted)
     # Modes of equal frequency have arbitrary directions: they share their correction, which would else be rounding.
-    frequency = assembly.frequency[elastic]
+    frequency = modal.frequency[elastic]
     groups = np.cumsum(np.diff(frequency, prepend=0.0) > EQUAL_FREQUENCIES * frequency) - 1
     for _ in range(TRANSFER_ROUNDS):
         each = np.sum(bent * (taken @ bent), axis=0)
@@ -131,17 +132,18 @@ def correct_periods(assembly: Assembly, steps: Steps) -> tuple[Assembly, Array]:
         asked = np.clip(asked * wanted / np.maximum(given, wanted / 10), wanted, MOST)
         taken = _inverse(bent, asked)
     taken = damping.root.T @ taken @ damping.root
-    if assembly.rigid_modes.any() or assembly.scene.terms_of(PrescribedMotion):
-        taken = _limit_to_free_flight(assembly, taken)
-    return replace(assembly, damping=replace(damping, ratio=damping.ratio * growth)), -taken
+    if modal.rigid_modes.any() or assembly.scene.terms_of(PrescribedMotion):
+        taken = _limit_to_free_flight(assembly.coordinates, taken)
+    corrected = replace(damping, ratio=damping.ratio * growth)
+    return replace(assembly, modal=replace(modal, damping=corrected)), -taken
 
 
-def _limit_to_free_flight(assembly: Assembly, taken: Array) -> Array:
+def _limit_to_free_flight(coordinates: Coordinates, taken: Array) -> Array:
     """Limit the reduction of a mass to what bodies can lose in every position, (m, m).
 
     Bodies have at least the kinetic energy of their deformation in free flight, for any joints.
     """
-    frames = [assembly.frames[body.name] for body in assembly.scene.deformable_bodies]
+    frames = [coordinates.frames[body.name] for body in coordinates.scene.deformable_bodies]
     spare = scipy.linalg.block_diag(*map(in_free_flight, frames))
     scale = np.sqrt(np.maximum(np.diag(spare), np.finfo(float).tiny))
     sizes, axes = np.linalg.eigh(spare / np.outer(scale, scale))

@@ -16,13 +16,14 @@ Modal damping acts on the strain relative to the quasi-static motion, for which 
 proportional to the stiffness. Rigid-body motion with a drive is therefore undamped, as in floating frames.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from nassim.base.checks import Array
-from nassim.bodies.strain import Strain
+from nassim.simulation.model.constraints import Constraints
+from nassim.simulation.model.modal_model import ModalModel
+from nassim.simulation.model.structure import Structure
 
 SUM_ROUNDING = 1e-9
 """Share of the sum of a sum's absolute terms below which the sum is rounding."""
@@ -32,7 +33,7 @@ MODE_ROUNDING = 1e-12
 
 @dataclass(frozen=True)
 class PrescribedMotions:
-    """Effect of d drives that follow inputs on an assembly.
+    """Effect of d drives that follow inputs on a scene.
 
     Attributes:
         inputs: index of each drive's input, (d,).
@@ -55,6 +56,25 @@ class PrescribedMotions:
         """Make the effect of no drives."""
         return cls((), (), np.zeros((n_all, 0)), np.zeros((n, 0)), np.zeros((n, 0)), np.zeros((n_all, 0)))
 
+    @classmethod
+    def of(cls, constraints: Constraints, structure: Structure, modal: ModalModel) -> "PrescribedMotions":
+        """Find the effect of a scene's drives that follow inputs."""
+        coordinates, modes = constraints.coordinates, modal.modes
+        scene, scale = coordinates.scene, coordinates.scale[:, None]
+        motion = _quasi_static_motion(constraints, structure, modal)
+        forces, size = structure.damping_forces(motion), np.linalg.norm(scale * motion, axis=0)
+        momentum = cleared(modes.T @ coordinates.mass @ motion, size)
+        drag = cleared(modes.T @ forces, np.linalg.norm(forces / scale, axis=0))
+        outside = product(np.hstack([np.eye(len(modes)), -modes]), np.vstack([motion, momentum]))
+        return cls(
+            tuple(scene.inputs.index(drive.input) for drive in scene.prescribed),
+            tuple(2 * np.pi * drive.bandwidth for drive in scene.prescribed),
+            motion,
+            momentum,
+            drag,
+            cleared(outside, size / scale),
+        )
+
     @property
     def lags(self) -> tuple[int, ...]:
         """Indices of the drives with a servo, whose outputs are the last states."""
@@ -74,28 +94,17 @@ class PrescribedMotions:
         return result
 
 
-def prescribed_motion_of(held: Array, moved: Array, modes: Array, omega: Array, strain: Strain, mass: Array) -> Array:
-    """Compute the quasi-static motion F with held @ F = moved.
-
-    Args:
-        held: rows of all constraints, (m, n_all).
-        moved: their values per unit of the drives' motions, (m, d).
-        modes: modes X, (n_all, n).
-        omega: angular frequencies of the modes, (n,) [rad/s].
-        strain: strains, in all coordinates.
-        mass: mass matrix in all coordinates, (n_all, n_all).
-
-    Returns:
-        F, (n_all, d).
-    """
-    if not moved.shape[1]:
+def _quasi_static_motion(constraints: Constraints, structure: Structure, modal: ModalModel) -> Array:
+    """Return the quasi-static motion F, (n_all, d), which satisfies the constraints: rows @ F = driven."""
+    driven, mass, strain = constraints.driven, constraints.coordinates.mass, structure.strain
+    if not driven.shape[1]:
         return np.zeros((len(mass), 0))
-    scale = 1.0 / np.sqrt(np.diag(mass))
-    sizes = np.linalg.norm(held * scale, axis=1, keepdims=True)
-    rows = held * scale / sizes
-    result: Array = scale[:, None] * np.linalg.lstsq(rows, moved / sizes, rcond=SUM_ROUNDING)[0]
-    free, elastic = modes[:, omega == 0], modes[:, omega > 0]
-    strained = (strain.root @ elastic).T / omega[omega > 0, None] ** 2
+    scale = 1.0 / constraints.coordinates.scale
+    sizes = np.linalg.norm(constraints.rows * scale, axis=1, keepdims=True)
+    rows = constraints.rows * scale / sizes
+    result: Array = scale[:, None] * np.linalg.lstsq(rows, driven / sizes, rcond=SUM_ROUNDING)[0]
+    free, elastic = modal.modes[:, modal.rigid_modes], modal.modes[:, ~modal.rigid_modes]
+    strained = (strain.root @ elastic).T / (2 * np.pi * modal.frequency[~modal.rigid_modes, None]) ** 2
     for _ in range(2):  # two passes orthogonalise to the last digit
         result = result - free @ (free.T @ (mass @ result)) - elastic @ (strained @ (strain.root @ result))
     return cleared(result, scale[:, None] * np.linalg.norm(result / scale[:, None], axis=0))
@@ -114,27 +123,3 @@ def product(a: Array, b: Array) -> Array:
     """Multiply a @ b, exactly 0 where the result is rounding."""
     result: Array = a @ b
     return np.where(np.abs(result) > SUM_ROUNDING * (np.abs(a) @ np.abs(b)), result, 0.0)
-
-
-def prescribed_motions(
-    inputs: Sequence[int], rates: Sequence[float], motion: Array, modes: Array, mass: Array, dragged: Array
-) -> PrescribedMotions:
-    """Make the effect of drives from their motion F, (n_all, d), in an assembly of modes X, (n_all, n).
-
-    Args:
-        inputs: index of each drive's input.
-        rates: rate of each drive's servo [1/s].
-        motion: F, (n_all, d).
-        modes: X, (n_all, n).
-        mass: mass matrix in all coordinates, (n_all, n_all).
-        dragged: forces of dampers on all coordinates per unit rate of the drives, (n_all, d).
-
-    Returns:
-        The effect of the drives.
-    """
-    scale = np.sqrt(np.diag(mass))[:, None]
-    size = np.linalg.norm(scale * motion, axis=0)
-    momentum = cleared(modes.T @ mass @ motion, size)
-    drag = cleared(modes.T @ dragged, np.linalg.norm(dragged / scale, axis=0))
-    beyond = cleared(product(np.hstack([np.eye(len(mass)), -modes]), np.vstack([motion, momentum])), size / scale)
-    return PrescribedMotions(tuple(inputs), tuple(rates), motion, momentum, drag, beyond)

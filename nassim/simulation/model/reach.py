@@ -19,6 +19,7 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_motions
 from nassim.scene.bodies import Body, FlexibleBody
+from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint, PrescribedMotion
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.initial_velocities import starting_energy
@@ -69,7 +70,7 @@ class GrowingReach:
         bodies = [body for body in scene.bodies if body.moves]
         self._scene, self._time_step = scene, time_step
         self._masses = {body.name: body.rigid_inertia[0] for body in bodies}
-        self._mass, self._size = float(np.sum([*self._masses.values()])), scene_size(assembly)
+        self._mass, self._size = float(np.sum([*self._masses.values()])), scene_size(scene)
         self._limits = np.zeros(len(scene.inputs))
         for loop in scene.loops:
             if np.isfinite(loop.controller.limit):
@@ -106,11 +107,11 @@ class GrowingReach:
         return Reach(size, path, self._masses)
 
 
-def scene_size(assembly: Assembly) -> float:
+def scene_size(scene: Scene) -> float:
     """Return the size of a scene [m]: of the box around all its points and centres of mass, and of its largest body."""
-    bodies = [body for body in assembly.scene.bodies if body.moves]
+    bodies = [body for body in scene.bodies if body.moves]
     places = [body.rigid_inertia[1] for body in bodies]
-    for body in assembly.scene.bodies:
+    for body in scene.bodies:
         places += [body.point_position(name) for name in body.point_names]
     radii = [np.sqrt(np.trace(inertia) / mass) for mass, _, inertia in (body.rigid_inertia for body in bodies)]
     return float(np.linalg.norm(np.ptp(places, axis=0)) + max(radii, default=0.0))
@@ -118,8 +119,8 @@ def scene_size(assembly: Assembly) -> float:
 
 def _strengths(assembly: Assembly, bodies: list[Body]) -> Array:
     """Return |M^(-1/2) f| of the bodies moved as rigid bodies per unit of each input, (inputs,)."""
-    forces = assembly.input_matrix.copy()
-    for amplifier in assembly.amplifiers:
+    forces = assembly.signals.input_matrix.copy()
+    for amplifier in assembly.signals.amplifiers:
         forces[:, amplifier.input] += amplifier.forces
     squares = np.zeros(forces.shape[1])
     for body in bodies:
@@ -127,7 +128,7 @@ def _strengths(assembly: Assembly, bodies: list[Body]) -> Array:
         if isinstance(body, FlexibleBody):
             points = np.array([p.position for p in body.reduced.remote_points]) - body.reduced.center_of_mass
             rigid = rigid_motions(points, len(body.mass_matrix))
-        acting = rigid.T @ forces[assembly.slices[body.name]]
+        acting = rigid.T @ forces[assembly.coordinates.slices[body.name]]
         inverse = np.linalg.pinv(rigid.T @ body.mass_matrix @ rigid, rcond=1e-9, hermitian=True)
         squares += np.sum(acting * (inverse @ acting), axis=0)
     result: Array = np.sqrt(squares)

@@ -15,7 +15,7 @@ from nassim.bodies.readouts import Trace, of_kind
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
 from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
-from nassim.simulation.model.assembly import Assembly, assemble
+from nassim.simulation.model.assembly import assemble
 
 Pose = tuple[Array, Array]
 """Poses of a body's own frame at n times: positions (n, 3) [m], rotations to the world's axes (n, 3, 3)."""
@@ -66,13 +66,11 @@ def _traced(body: Body) -> Body:
     return replace(body, reduced=replace(body.reduced, readouts={**body.reduced.readouts, trace.name: trace}))
 
 
-def recorded_motion(
-    assembly: Assembly, time: Array, coordinates: Mapping[str, Array], poses: Mapping[str, Pose]
-) -> Motion:
-    """Make the motion of an assembled scene, which is `traced`, from recorded coordinates and poses.
+def recorded_motion(scene: Scene, time: Array, coordinates: Mapping[str, Array], poses: Mapping[str, Pose]) -> Motion:
+    """Make the motion of a modelled scene, which is `traced`, from recorded coordinates and poses.
 
     Args:
-        assembly: the assembled scene.
+        scene: the scene as modelled, see `Assembly.scene`.
         time: times, (n,) [s].
         coordinates: coordinates of the modelled bodies, by name, (n, n_own) each; for a rigid body the motion of its
             centre of mass along the world's axes. Bodies without an entry do not deform.
@@ -83,7 +81,7 @@ def recorded_motion(
         The motion.
     """
     places, rotations, originals = {}, {}, {}
-    for body in assembly.scene.bodies:
+    for body in scene.bodies:
         own = coordinates.get(body.name)
         if body.name in poses:
             places[body.name], rotations[body.name] = poses[body.name]
@@ -112,11 +110,11 @@ def scene_modes(scene: Scene, *, n: int | None = None) -> tuple[Array, dict[str,
             mass along the world's axes, (n_coordinates, m) each.
     """
     assembly = assemble(traced(scene))
-    shapes = assembly.basis @ assembly.shapes[:, :n]
-    own = {body.name: shapes[assembly.slices[body.name]] for body in assembly.scene.bodies if body.moves}
+    modes = assembly.modal.modes[:, :n]
+    own = {name: modes[place] for name, place in assembly.coordinates.slices.items()}
     for body in assembly.scene.flexible_bodies:
         own[body.name] = _rows(body) @ own[body.name]
-    return assembly.frequency[:n], own
+    return assembly.modal.frequency[:n], own
 
 
 def _rows(body: FlexibleBody) -> Array:

@@ -24,6 +24,7 @@ from nassim.scene.measures import Displacement, PointVelocity
 from nassim.scene.scene import Scene
 from nassim.scene.terms import ForceLaw, PrescribedMotion
 from nassim.simulation.model.assembly import Assembly, assemble
+from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.damping import damps
 
 DEPENDENT_POINTS = 1e-9
@@ -112,7 +113,7 @@ def _check(scene: Scene) -> None:
 
 
 def _check_whole(assembly: Assembly) -> None:
-    free = int(np.sum(assembly.rigid_modes))
+    free = int(np.sum(assembly.modal.rigid_modes))
     if free != 6:
         raise ValueError(
             f"scene {assembly.scene.name!r} cannot be one body: it has {free} rigid-body modes and a body has 6; "
@@ -124,24 +125,25 @@ def _whole(assembly: Assembly, name: str, points: dict[str, str], passive: dict[
     """Make the body with all modes."""
     if not unique("remote point", (*points, *passive))[: len(points)]:
         raise ValueError(f"body {name!r} needs at least one point, on which its frame rides")
-    shapes, omega = assembly.basis @ assembly.shapes, 2 * np.pi * assembly.frequency
-    interface = _motions(assembly, points) @ shapes
+    scene, coordinates = assembly.scene, assembly.coordinates
+    shapes, omega = assembly.modal.modes, 2 * np.pi * assembly.modal.frequency
+    interface = _motions(coordinates, points) @ shapes
     condensed, stiffness = _condensed(omega, interface, f"the points {', '.join(points)} of body {name!r}")
-    remote = tuple(_point(assembly.scene, *item) for item in points.items())
+    remote = tuple(_point(scene, *item) for item in points.items())
     places = np.array([point.position for point in remote])
     if not has_rigid_modes(stiffness, condensed.T @ condensed, places):
-        raise ValueError(f"scene {assembly.scene.name!r} cannot be one body: something ties it to the world")
+        raise ValueError(f"scene {scene.name!r} cannot be one body: something ties it to the world")
     change = shapes @ condensed
-    along = [PassivePoint(_point(assembly.scene, *p), _motions(assembly, dict([p])) @ change) for p in passive.items()]
+    along = [PassivePoint(_point(scene, *p), _motions(coordinates, dict([p])) @ change) for p in passive.items()]
     return ReducedBody(
         name,
         remote_points=remote,
         mass_matrix=_symmetric(condensed.T @ condensed),
         stiffness_matrix=remove_rounding(stiffness, places),
-        gram=_gram(assembly, change),
-        readouts=by_name([*along, *_readouts(assembly, change)]),
-        record={"scene": assembly.scene.name, "bodies": ", ".join(body.name for body in assembly.scene.bodies)},
-        full_integrals=all(body.reduced.full_integrals for body in assembly.scene.deformable_bodies),
+        gram=_gram(coordinates, change),
+        readouts=by_name([*along, *_readouts(coordinates, change)]),
+        record={"scene": scene.name, "bodies": ", ".join(body.name for body in scene.bodies)},
+        full_integrals=all(body.reduced.full_integrals for body in scene.deformable_bodies),
     )
 
 
@@ -172,11 +174,11 @@ def _condensed(omega: Array, interface: Array, label: str) -> tuple[Array, Array
     return np.hstack([relaxed, modes]), stiffness
 
 
-def _gram(assembly: Assembly, change: Array) -> Array:
+def _gram(coordinates: Coordinates, change: Array) -> Array:
     """Integrate over all bodies, in the scene's frame."""
     size = 4 + 3 * change.shape[1]
     total = np.zeros((size, size))
-    for body, rows in _parts(assembly, change):
+    for body, rows in _parts(coordinates, change):
         if isinstance(body, FlexibleBody):
             gram, place, axes = body.reduced.gram, body.position, body.rotation
         else:
@@ -188,9 +190,9 @@ def _gram(assembly: Assembly, change: Array) -> Array:
     return _symmetric(total)
 
 
-def _readouts(assembly: Assembly, change: Array) -> Iterator[Readout]:
+def _readouts(coordinates: Coordinates, change: Array) -> Iterator[Readout]:
     """Collect the read-outs of the bodies, except points, which `reduce_scene` is given."""
-    parts = [(body, rows) for body, rows in _parts(assembly, change) if isinstance(body, FlexibleBody)]
+    parts = [(body, rows) for body, rows in _parts(coordinates, change) if isinstance(body, FlexibleBody)]
     ports = [port.name for body, _ in parts for port in body.reduced.ports]
     pictures = []
     for body, rows in parts:
@@ -215,19 +217,15 @@ def _readouts(assembly: Assembly, change: Array) -> Iterator[Readout]:
         yield Picture(surface, np.concatenate([modes for _, modes in pictures]))
 
 
-def _parts(assembly: Assembly, change: Array) -> Iterator[tuple[Body, Array]]:
+def _parts(coordinates: Coordinates, change: Array) -> Iterator[tuple[Body, Array]]:
     """Yield each body and its coordinates per unit of the new ones."""
-    for body in assembly.scene.bodies:
-        yield body, change[assembly.slices[body.name]]
+    for body in coordinates.scene.bodies:
+        yield body, change[coordinates.slices[body.name]]
 
 
-def _motions(assembly: Assembly, points: dict[str, str]) -> Array:
+def _motions(coordinates: Coordinates, points: dict[str, str]) -> Array:
     """Return the motions of the points along the scene's axes per unit of all coordinates, (6 r, n_all)."""
-    rows = np.zeros((6 * len(points), len(assembly.basis)))
-    for k, path in enumerate(points.values()):
-        body, point = assembly.scene.split(path)
-        rows[6 * k : 6 * k + 6, assembly.slices[body.name]] = body.motion(point)
-    return rows
+    return np.vstack([coordinates.motion(path) for path in points.values()])
 
 
 def _point(scene: Scene, name: str, path: str) -> RemotePoint:

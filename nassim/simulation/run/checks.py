@@ -89,11 +89,11 @@ def check_stability(scene: Scene, time_step: float) -> None:
     """Raise ValueError for a scene or steps that the explicit rule does not fit."""
     _check_small_motion(scene, "explicit")
     assembly = assemble(scene)
-    if assembly.circuits:
+    if assembly.signals.circuits:
         raise ValueError('method "explicit" cannot integrate the charge of a sensor with a resistance; take another')
-    if assembly.prescribed.inputs:
+    if assembly.signals.prescribed.inputs:
         raise ValueError('method "explicit" cannot let joints follow inputs; take another, or let a force act there')
-    fastest = float(assembly.frequency[-1])
+    fastest = float(assembly.modal.frequency[-1])
     limit = STABLE_ANGLE / (2 * np.pi * fastest)
     if time_step > limit:
         raise ValueError(

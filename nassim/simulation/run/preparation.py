@@ -15,7 +15,7 @@ from nassim.simulation.exudyn.steady_state import solve_steady_rotation
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.linear.linearization import linearize, state_space
 from nassim.simulation.model.accuracy import describe_steps
-from nassim.simulation.model.assembly import Assembly, assemble, motion_size
+from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.buckling import axial_forces, warn_of_buckling
 from nassim.simulation.model.initial_velocities import (
     has_free_rotation,
@@ -23,6 +23,7 @@ from nassim.simulation.model.initial_velocities import (
     is_axisymmetric,
     steady_rotation_twists,
 )
+from nassim.simulation.model.motion_size import motion_size
 from nassim.simulation.model.period_correction import Steps
 from nassim.simulation.model.unsupported_modes import warn_of_folding
 from nassim.simulation.run.checks import check_drives, check_exact, check_loops, check_options, check_stability
@@ -98,7 +99,7 @@ def check_run(scene: Scene, options: Options, signals: Mapping[str, Array]) -> N
 def exact_assembly(scene: Scene) -> Assembly:
     """Assemble a scene for exact steps; warn of modes that could make its loops unstable."""
     assembly = assemble(scene)
-    if scene.loops and np.any(assembly.unsupported):
+    if scene.loops and np.any(assembly.modal.unsupported):
         warn_of_folding(linearize(scene), scene.loops)
     return assembly
 
@@ -160,10 +161,10 @@ def warn_after_steps(system: System, watch: Monitor, told: Sequence[str], option
 
 def warn_after_exact_steps(assembly: Assembly, coordinates: Array) -> None:
     """Warn of motion and preload in exact steps; coordinates: all, at some times, (n_all, n_times)."""
-    places = assembly.slices.items()
-    warn_of_motion(assembly, {name: motion_size(assembly, name, coordinates[place]) for name, place in places})
+    every, slices = assembly.coordinates, assembly.coordinates.slices
+    warn_of_motion(assembly, {name: motion_size(every, name, coordinates[place]) for name, place in slices.items()})
     bodies = assembly.scene.deformable_bodies
-    forces = {b.name: axial_forces(b.reduced, coordinates[assembly.slices[b.name]]).min(axis=1) for b in bodies}
+    forces = {b.name: axial_forces(b.reduced, coordinates[slices[b.name]]).min(axis=1) for b in bodies}
     warn_of_buckling(assembly, forces)
 
 

@@ -15,8 +15,9 @@ from nassim.simulation.exudyn.solver import axial_tension, eigenfrequencies, sol
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.linear.exact_steps import exact_response
 from nassim.simulation.linear.stopped_runs import Stopped
-from nassim.simulation.model.assembly import assemble, motion_size
+from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.buckling import warn_of_buckling
+from nassim.simulation.model.motion_size import motion_size
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
 from nassim.simulation.model.recorded_motion import recorded_motion, recorded_steps, traced
 from nassim.simulation.run.excitation import sampled
@@ -254,8 +255,8 @@ def _solve_exactly(
             advance=advance,
         )
     warn_after_exact_steps(assembly, coordinates)
-    own = {name: at_kept[place].T for name, place in assembly.slices.items()}
-    motion = recorded_motion(assembly, kept * time_step, own, {}) if len(kept) else None
+    own = {name: at_kept[place].T for name, place in assembly.coordinates.slices.items()}
+    motion = recorded_motion(assembly.scene, kept * time_step, own, {}) if len(kept) else None
     return np.vstack([readings, commands]), motion
 
 
@@ -282,9 +283,9 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
     system.apply(values)
     if not settle(system, {}):
         solve_static(system)
-    assembly = system.assembly
+    assembly, every = system.assembly, system.assembly.coordinates
     warn_of_motion(
-        assembly, {name: motion_size(assembly, name, system.deformation(name)[:, None]) for name in system.flexible}
+        assembly, {name: motion_size(every, name, system.deformation(name)[:, None]) for name in system.flexible}
     )
     warn_of_buckling(assembly, {body.name: axial_tension(system, body) for body in assembly.scene.deformable_bodies})
     return {name: system.at_rest(name) for name in scene.outputs}
@@ -302,5 +303,6 @@ def exudyn_eigenfrequencies(scene: Scene, *, n_modes: int | None = None) -> Arra
     Returns the frequencies, ascending, shape (n_modes,) [Hz].
     """
     assembly = assemble(scene)
-    still = PrescribedMotions.none(*assembly.basis.shape)
-    return eigenfrequencies(build_system(replace(assembly, circuits=(), prescribed=still)))[:n_modes]
+    still = PrescribedMotions.none(*assembly.modal.basis.shape)
+    signals = replace(assembly.signals, circuits=(), prescribed=still)
+    return eigenfrequencies(build_system(replace(assembly, signals=signals)))[:n_modes]

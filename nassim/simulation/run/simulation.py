@@ -333,7 +333,7 @@ class _ExactEngine:
         self.seen.append(self.run.coordinates())
         if not self.reach:
             return "", ""
-        happened, sound = see_runaway(self.assembly, self.reach.after(inputs.T), self.seen[-1], len(inputs))
+        happened, sound = see_runaway(self.assembly.coordinates, self.reach.after(inputs.T), self.seen[-1], len(inputs))
         self.trust.see(self.run.count, sound=sound)
         return "", happened
 

@@ -45,7 +45,7 @@ def warn_of_motion(assembly: Assembly, largest: Mapping[str, Array]) -> None:
 
 def warn_of_changed_modes(assembly: Assembly, shifts: Mapping[tuple[str, str], Array]) -> None:
     """Warn of a scene that leaves the position in which its modes have their ratios."""
-    if not (assembly.scene.deformable_bodies and np.any(assembly.damping.ratio)):
+    if not (assembly.scene.deformable_bodies and np.any(assembly.modal.damping.ratio)):
         return
     bodies = [body for body in assembly.scene.bodies if body.moves]
     places = [body.rigid_inertia[1] for body in bodies]

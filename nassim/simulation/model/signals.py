@@ -1,0 +1,162 @@
+"""Signals of a scene: how its inputs act on all coordinates, and how its outputs read them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nassim.base.checks import Array
+from nassim.scene.terms import AppliedForce, BaseAcceleration, Output, Shunt, SpringForce, Term
+from nassim.simulation.model.coordinates import Coordinates
+from nassim.simulation.model.filters import ground_accelerations, output_filters
+from nassim.simulation.model.prescribed_motion import PrescribedMotions
+from nassim.simulation.model.tangents import Tangent, tangent_of
+from nassim.systems.state_space import StateSpace
+
+
+@dataclass(frozen=True)
+class Circuit:
+    """A resistance across an electrical port, whose charge is a state v = charge / capacitance [V].
+
+    The port's voltage V = v - forces @ q / capacitance drives the current that discharges it:
+    capacitance v' = -V / resistance.
+
+    Attributes:
+        output: name of the output to which the voltage adds.
+        forces: forces on all coordinates q per volt of v, (n_all,).
+        capacitance: capacitance of port and load [F].
+        resistance: resistance [Ohm].
+        gain: output per volt.
+    """
+
+    output: str
+    forces: Array
+    capacitance: float
+    resistance: float
+    gain: float
+
+
+@dataclass(frozen=True)
+class Amplifier:
+    """A low-pass of first order between an input and forces: v' = rate (input - v).
+
+    Attributes:
+        input: index of the input.
+        forces: forces on all coordinates per unit of v, (n_all,).
+        rate: rate of the low-pass [1/s].
+    """
+
+    input: int
+    forces: Array
+    rate: float
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Inputs and outputs of a scene, on all coordinates.
+
+    Attributes:
+        input_matrix: forces per unit input, (n_all, inputs), without those through amplifiers.
+        weight: forces of gravity, (n_all,).
+        amplifiers: actuators with a bandwidth.
+        prescribed: effect of drives that follow inputs.
+        circuits: electrical ports with a resistance.
+        output_matrix: outputs before the filters per unit of the coordinates, (outputs, n_all).
+        velocity_matrix: outputs per unit of the coordinates' first derivatives, (outputs, n_all).
+        acceleration_matrix: outputs per unit of the coordinates' second derivatives, (outputs, n_all).
+        ground_matrix: the ground's acceleration along the directions of inertial outputs, per unit input, (outputs,
+            inputs).
+        filters: filters by output, including outputs to which the ground's acceleration adds, see
+            `nassim.simulation.model.filters`.
+    """
+
+    input_matrix: Array
+    weight: Array
+    amplifiers: tuple[Amplifier, ...]
+    prescribed: PrescribedMotions
+    circuits: tuple[Circuit, ...]
+    output_matrix: Array
+    velocity_matrix: Array
+    acceleration_matrix: Array
+    ground_matrix: Array
+    filters: dict[str, StateSpace]
+
+    @classmethod
+    def of(
+        cls,
+        coordinates: Coordinates,
+        terms: Sequence[Term],
+        tangents: Sequence[Tangent],
+        prescribed: PrescribedMotions,
+    ) -> "Signals":
+        """Collect the signals of a scene.
+
+        Args:
+            coordinates: coordinates of the scene.
+            terms: terms of the parts.
+            tangents: tangents of the force laws, which outputs of spring forces read.
+            prescribed: effect of drives that follow inputs.
+
+        Returns:
+            The signals.
+        """
+        scene = coordinates.scene
+        input_matrix, amplifiers = _actions(coordinates, terms)
+        output_matrix, velocity_matrix, acceleration_matrix = _readings(coordinates, terms, tangents)
+        return cls(
+            input_matrix=input_matrix,
+            weight=coordinates.weight(scene.gravity),
+            amplifiers=amplifiers,
+            prescribed=prescribed,
+            circuits=_circuits(coordinates, terms),
+            output_matrix=output_matrix,
+            velocity_matrix=velocity_matrix,
+            acceleration_matrix=acceleration_matrix,
+            ground_matrix=ground_accelerations(scene),
+            filters=output_filters(scene),
+        )
+
+    @property
+    def are_static(self) -> bool:
+        """Whether inputs act as forces only, and outputs read displacements only, both without states of their own."""
+        states = self.circuits or self.amplifiers or self.prescribed.inputs or self.filters
+        return not (states or np.any(self.velocity_matrix) or np.any(self.acceleration_matrix))
+
+
+def _actions(coordinates: Coordinates, terms: Sequence[Term]) -> tuple[Array, tuple[Amplifier, ...]]:
+    """Return forces on all coordinates per unit input, (n_all, inputs), and amplifiers with a bandwidth."""
+    inputs = coordinates.scene.inputs
+    matrix, amplifiers = np.zeros((coordinates.size, len(inputs))), []
+    for term in terms:
+        if isinstance(term, BaseAcceleration):
+            matrix[:, inputs.index(term.input)] -= coordinates.weight(term.direction)
+        elif isinstance(term, AppliedForce):
+            index, forces = inputs.index(term.input), term.gain * coordinates.jacobian(term.measure)[0]
+            if np.isfinite(term.bandwidth):
+                amplifiers.append(Amplifier(index, forces, 2 * np.pi * term.bandwidth))
+            else:
+                matrix[:, index] += forces
+    return matrix, tuple(amplifiers)
+
+
+def _readings(coordinates: Coordinates, terms: Sequence[Term], tangents: Sequence[Tangent]) -> Array:
+    """Return outputs per unit of all coordinates and of their first and second derivatives, (3, outputs, n_all)."""
+    outputs = coordinates.scene.outputs
+    result = np.zeros((3, len(outputs), coordinates.size))
+    for term in terms:
+        if isinstance(term, Output):
+            result[term.derivative, outputs.index(term.name)] += term.gain * coordinates.jacobian(term.measure)[0]
+        elif isinstance(term, SpringForce):
+            tangent = tangent_of(coordinates, term.spring, tangents)
+            k = term.spring.measure.components.index(term.component)
+            pulls = np.stack([tangent.stiffness[k], tangent.damping[k]])
+            result[:2, outputs.index(term.name)] += pulls @ tangent.rows
+    return result
+
+
+def _circuits(coordinates: Coordinates, terms: Sequence[Term]) -> tuple[Circuit, ...]:
+    return tuple(
+        Circuit(term.output, coordinates.jacobian(term.measure)[0], term.capacitance, term.resistance, term.gain)
+        for term in terms
+        if isinstance(term, Shunt)
+    )
