@@ -87,6 +87,18 @@ class StressStiffness:
                 changed[self._case(port)] += rows[port]
         return replace(self, rows=changed)
 
+    def with_responses(self, responses: Array) -> "StressStiffness":
+        """Return the geometric stiffness where body forces also move the coordinates.
+
+        Args:
+            responses: coordinates per unit of the body forces, shape (n, 12), which coordinates given to `stiffness`
+                do not include
+        """
+        first = len(self.rows) - len(self.ports) - BODY_FORCES
+        changed = self.matrices.copy()
+        changed[first : first + BODY_FORCES] += np.tensordot((self.rows @ responses).T, self.matrices, axes=1)
+        return replace(self, matrices=changed)
+
     def stiffness(
         self, coordinates: Array, body_force: Array | None = None, voltages: Mapping[str, float] | None = None
     ) -> Array:

@@ -11,9 +11,9 @@ from .linear.stopped_runs import (
     SimulationError as SimulationError,
     SimulationInterrupted as SimulationInterrupted,
 )
-from .loaded.spinning import (
-    Spinning as Spinning,
-    spinning as spinning,
+from .loaded.loaded_state import (
+    LoadedState as LoadedState,
+    loaded_state as loaded_state,
 )
 from .model.accuracy import (
     integrator_error as integrator_error,

@@ -1,0 +1,165 @@
+"""Linear models about loaded equilibria: published machines under gravity and spin, hung and standing bars."""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import make_bar, meshed
+from scipy.spatial.transform import Rotation
+
+from nassim import (
+    FlexibleBody,
+    Material,
+    RigidBody,
+    Scene,
+    SpringDamper,
+    craig_bampton,
+    fixed,
+    linearize,
+    revolute,
+    spherical,
+    universal,
+)
+from nassim.bodies.projection import trim_body
+from nassim.fem.meshing import generate_mesh
+from nassim.scene.joints import planar
+from nassim.systems import unstable_poles
+
+GRAVITY = (0, 0, -9.81)
+DOWN = np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], dtype=float)
+"""Axes in which a bar along x hangs."""
+TURN = Rotation.from_rotvec([0.4, -0.7, 1.1]).as_matrix()
+
+
+def squares(model):
+    """Squares of the angular frequencies of an undamped model at rest, ascending, (n,) [rad2/s2]."""
+    n = len(model.A) // 2
+    return np.sort(np.linalg.eigvals(-model.A[n:, :n]).real)
+
+
+def frequencies(scene, **options):
+    """Frequencies [Hz], negative for real poles."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = squares(linearize(replace(scene, damping_ratio=0.0), **options))
+    return np.sign(found) * np.sqrt(np.abs(found)) / (2 * np.pi)
+
+
+@pytest.fixture(scope="module")
+def gravimeter():
+    """V. Lafarga and others' suspended mass: three springs, loaded as drawn; rotates by t about y."""
+    mass_points = {"c": (0, 0, 0), "h": (0, 0, -1.7), "v": (-0.5, 0, -1.7), "w": (0.5, 0, -1.7)}
+    ground_points = {"c": (0, 0, 0), "h": (-0.2, 0, -1.7), "v": (-0.5, 0, -1.9), "w": (0.5, 0, -1.9)}
+    mass = RigidBody("mass", mass_points, 400.0, 115 * np.eye(3))
+    springs = tuple(SpringDamper(k, f"ground.{k}", f"mass.{k}", "line", 15e3, 0.03) for k in "hvw")
+    plane = planar("plane", "ground.c", "mass.c", "y")
+    ground = RigidBody("ground", ground_points, fixed=True)
+    return Scene("gravimeter", (ground, mass), (plane,), springs=springs, gravity=(0, 0, -9.80665))
+
+
+def test_gravimeter(gravimeter):
+    """Its three modes, without and with gravity, which makes one of them two real poles."""
+    assert 2 * np.pi * frequencies(gravimeter, loaded=False) == pytest.approx([2.27025, 8.65936, 21.7596], rel=5e-3)
+    assert 2 * np.pi * frequencies(gravimeter) == pytest.approx([-10.984, 0.83296, 8.65963], rel=5e-3)
+
+
+def test_unstable_equilibria_are_told_with_their_pole(gravimeter):
+    with pytest.warns(UserWarning, match=r"scene 'gravimeter' under its weight is unstable: .* pole \+10\.997 rad/s"):
+        model = linearize(gravimeter)
+    (pole,) = unstable_poles(model)
+    assert pole.growth_rate == pytest.approx(10.984, rel=5e-3)
+
+
+@pytest.mark.parametrize("turn", [np.eye(3), TURN], ids=["along z", "anyhow"])
+def test_pendulums_swing_and_stand(turn):
+    """1.2 kg at 2.3 m, described along any axes: 0.328693 Hz, and a pole of the same size where it stands."""
+    ball = RigidBody("ball", {"hinge": turn @ [0, 0, 2.3]}, 1.2, 1e-9 * np.eye(3), turn @ [0, 0, -2.3])
+    wall = RigidBody("wall", {"o": np.zeros(3)}, fixed=True)
+    scene = Scene("pendulum", (wall, ball), (revolute("hinge", "wall.o", "ball.hinge", turn[:, 1]),))
+    assert frequencies(replace(scene, gravity=turn @ GRAVITY)) == pytest.approx([0.328693], rel=1e-6)
+    assert frequencies(replace(scene, gravity=-turn @ GRAVITY)) == pytest.approx([-0.328693], rel=1e-6)
+    assert frequencies(replace(scene, gravity=turn @ GRAVITY), loaded=False) == pytest.approx([0.0], abs=1e-9)
+
+
+def test_a_body_on_two_links():
+    """R. Gasch, K. Knothe, Strukturdynamik 2: rigid links, and line springs of the same length, hold a square body."""
+    a, m = 1.75, 8.8
+    inertia = 2 / 3 * m * a**2 * np.eye(3)
+    ground = RigidBody("ground", {"l": (-3 * a, 0, 3 * a), "r": (3 * a, 0, 3 * a)}, fixed=True)
+    mass = RigidBody("mass", {"l": (-a, 0, a), "r": (a, 0, a)}, m, inertia)
+    bodies, joints = [ground, mass], []
+    for name, half in (("l", np.array([-a, 0, a])), ("r", np.array([a, 0, a]))):
+        bodies.append(RigidBody(name, {"up": half, "low": -half}, 1e-7, 1e-9 * np.eye(3), 2 * half))
+        joints.append(universal(f"{name}_up", f"ground.{name}", f"{name}.up", "y", np.cross(half, (0, 1, 0))))
+        joints.append(spherical(f"{name}_low", f"{name}.low", f"mass.{name}"))
+    expected = [0.208787, 0.565232, 0.588976, 0.799359]
+    links = Scene("links", tuple(bodies), tuple(joints), gravity=GRAVITY)
+    assert frequencies(links)[:4] == pytest.approx(expected, rel=1e-5)
+    springs = tuple(SpringDamper(k, f"ground.{k}", f"mass.{k}", "line", 1e9) for k in "lr")
+    stiff = Scene("springs", (ground, mass), springs=springs, gravity=GRAVITY)
+    assert frequencies(stiff)[:4] == pytest.approx(expected, rel=1e-5)
+
+
+def test_free_bodies_fall_without_stress_and_stiffness(hung):
+    """Far from any joint, a reduced body in gravity has the modes of one in space."""
+    scene = Scene("fall", (FlexibleBody("bar", hung, rotation=TURN),), gravity=GRAVITY)
+    np.testing.assert_allclose(frequencies(scene)[6:], frequencies(scene, loaded=False)[6:], rtol=1e-9)
+    assert np.abs(frequencies(scene)[:6]).max() < 1e-3
+
+
+STEEL = Material("steel", 200e9, 0.3, 7800.0)
+
+
+@pytest.fixture(scope="module")
+def hung():
+    """A bar of 2 m x 4 mm x 4 mm."""
+    solid = make_bar(length=2.0, side=4e-3, material=STEEL)
+    mesh = generate_mesh(solid, element_size=8e-3, layer_thickness=0.25, extrude="x")
+    return craig_bampton(meshed(mesh, solid, 4), n_modes=8, geometric_stiffness=True, progress=False)
+
+
+def hanging(body, **more):
+    wall = RigidBody("wall", {"c": np.zeros(3)}, fixed=True)
+    hinge = revolute("hinge", "wall.c", "bar.left", "y")
+    return Scene("hung", (wall, FlexibleBody("bar", body, rotation=DOWN, **more)), (hinge,), gravity=GRAVITY)
+
+
+@pytest.mark.parametrize("frame", ["left", "right"])
+def test_a_hung_bar(hung, frame):
+    """A beam with tension: the same with the frame on either end."""
+    found = frequencies(hanging(hung, frame=frame))[[0, 2]]
+    assert found == pytest.approx([0.43116, 3.74295], rel=5e-4)
+
+
+def test_a_trimmed_hung_bar_keeps_its_stress(hung):
+    """Its free end is no coordinate any more, and no load of its own weight is asked for."""
+    trimmed = trim_body(hung, points=["left"], loads=np.zeros((len(hung.mass_matrix), 0)), cutoff_frequency=60.0)
+    assert len(trimmed.mass_matrix) < len(hung.mass_matrix)
+    found = frequencies(hanging(trimmed))[[0, 2]]
+    assert found == pytest.approx([0.43116, 3.74295], rel=1e-3)
+
+
+def test_bodies_without_geometric_stiffness_are_estimated_and_told(hung):
+    bare = replace(hung, readouts={})
+    with pytest.warns(UserWarning, match=r"stress in body 'bar' under load changes the mode at .* Hz by some \+"):
+        linearize(hanging(bare))
+    for frame in ("left", "right"):
+        assert frequencies(hanging(bare, frame=frame))[2] == pytest.approx(3.743, rel=0.07), frame
+
+
+@pytest.mark.filterwarnings("ignore:under the spin")
+def test_rotating_cantilevers():
+    """Slenderness 70, A. Hamza Cherif and A. Houmat: flap and chord at speeds of sqrt(E I / (rho A L^4))."""
+    height = np.sqrt(12) / 70
+    solid = make_bar(length=1.0, side=height, material=STEEL, coupling="rbe2")
+    mesh = generate_mesh(solid, element_size=2 * height, layer_thickness=0.25, extrude="x")
+    body = craig_bampton(meshed(mesh, solid, 4), n_modes=12, geometric_stiffness=True, progress=False)
+    hub = RigidBody("hub", {"c": np.zeros(3)}, fixed=True)
+    bodies, root = (hub, FlexibleBody("blade", body, rotation=TURN)), fixed("root", "hub.c", "blade.left")
+    scene = Scene("blade", bodies, (root,), damping_ratio=0.0)
+    unit = np.sqrt(STEEL.young_modulus * height**2 / 12 / STEEL.density)
+    for speed, chord, flap in ((2, 3.6195, 4.1373), (6, 4.2393, 7.3603), (10, 4.97, 11.2023)):
+        poles = np.linalg.eigvals(linearize(scene, angular_velocity=speed * unit * TURN[:, 2]).A)
+        found = np.sort(poles.imag[poles.imag > 0])[:2] / unit
+        assert found == pytest.approx([chord, flap], rel=3e-3)
