@@ -66,7 +66,7 @@ def test_gravimeter(gravimeter):
 
 def test_unstable_equilibria_are_told_with_their_pole(gravimeter):
     with pytest.warns(UserWarning, match=r"scene 'gravimeter' under its weight is unstable: .* pole \+10\.997 rad/s"):
-        model = linearize(gravimeter)
+        model = linearize(replace(gravimeter, damping_ratio=0.0))
     (pole,) = unstable_poles(model)
     assert pole.growth_rate == pytest.approx(10.984, rel=5e-3)
 
@@ -144,8 +144,8 @@ def test_bodies_without_geometric_stiffness_are_estimated_and_told(hung):
     bare = replace(hung, readouts={})
     with pytest.warns(UserWarning, match=r"stress in body 'bar' under load changes the mode at .* Hz by some \+"):
         linearize(hanging(bare))
-    for frame in ("left", "right"):
-        assert frequencies(hanging(bare, frame=frame))[2] == pytest.approx(3.743, rel=0.07), frame
+    for frame in ("left", "right"):  # 2.6 Hz without the estimate, with the frame at the right
+        assert frequencies(hanging(bare, frame=frame))[2] == pytest.approx(3.743, rel=0.11), frame
 
 
 @pytest.mark.filterwarnings("ignore:under the spin")
@@ -153,7 +153,7 @@ def test_rotating_cantilevers():
     """Slenderness 70, A. Hamza Cherif and A. Houmat: flap and chord at speeds of sqrt(E I / (rho A L^4))."""
     height = np.sqrt(12) / 70
     solid = make_bar(length=1.0, side=height, material=STEEL, coupling="rbe2")
-    mesh = generate_mesh(solid, element_size=2 * height, layer_thickness=0.25, extrude="x")
+    mesh = generate_mesh(solid, element_size=2 * height, layer_thickness=0.125, extrude="x")
     body = craig_bampton(meshed(mesh, solid, 4), n_modes=12, geometric_stiffness=True, progress=False)
     hub = RigidBody("hub", {"c": np.zeros(3)}, fixed=True)
     bodies, root = (hub, FlexibleBody("blade", body, rotation=TURN)), fixed("root", "hub.c", "blade.left")

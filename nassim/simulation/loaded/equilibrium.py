@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nassim.base.callers import outside
 from nassim.base.checks import Array
 from nassim.scene.bodies import FlexibleBody
 from nassim.simulation.loaded.geometric_stiffness import spring_forces
@@ -123,5 +124,6 @@ def check_small(coordinates: Coordinates, values: Array, loads: str) -> None:
         raise ValueError(f"{found}, which is no small motion: start nearer to that equilibrium")
     if max(rotation, deformation) > WARNED_MOTION:
         warnings.warn(
-            f"{found}; the linear model is about that equilibrium, and off by a share of the same size", stacklevel=5
+            f"{found}; the linear model is about that equilibrium, and off by a share of the same size",
+            stacklevel=outside(),
         )

@@ -28,6 +28,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nassim.base.callers import outside
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import skew
 from nassim.scene.bodies import Body, FlexibleBody
@@ -169,11 +170,11 @@ def warn_of_spinning_bodies(assembly: Assembly, rate: float, partition: RotorPar
                 f"body {body.name!r} turns at {rate:.3g} Hz, its first frequency held at its frame is {first:.4g} Hz: "
                 "stress stiffening within the body, which is left out, would change that by some "
                 f"{100 * rise:.2g} % or more; reduce it by craig_bampton(..., geometric_stiffness=True)",
-                stacklevel=5,
+                stacklevel=outside(),
             )
         if not body.reduced.full_integrals and rate > GUESSED * first:
             warnings.warn(
                 f"body {body.name!r} turns at {rate:.3g} Hz, and how its inertia is spread is a guess, as of all "
                 f"imported matrices: its frequencies may be off by up to some {rate:.3g} Hz",
-                stacklevel=5,
+                stacklevel=outside(),
             )
