@@ -9,19 +9,22 @@ from conftest import make_bar, meshed
 from scipy.spatial.transform import Rotation
 
 from nassim import (
+    Encoder,
     FlexibleBody,
     Material,
     RigidBody,
     Scene,
     SpringDamper,
+    TimeHistory,
     craig_bampton,
     fixed,
     linearize,
     revolute,
+    simulate,
     spherical,
     universal,
 )
-from nassim.bodies.projection import trim_body
+from nassim.bodies.projection import keep_modes, trim_body
 from nassim.fem.meshing import generate_mesh
 from nassim.scene.joints import planar
 from nassim.systems import unstable_poles
@@ -130,6 +133,19 @@ def test_a_hung_bar(hung, frame):
     """A beam with tension: the same with the frame on either end."""
     found = frequencies(hanging(hung, frame=frame))[[0, 2]]
     assert found == pytest.approx([0.43116, 3.74295], rel=5e-4)
+
+
+@pytest.mark.parametrize("frame", ["left", "right"])
+def test_a_hung_bar_swings_in_time_as_in_the_linear_model(hung, frame):
+    """Its weight is slightly beside its axis: the first swing about the equilibrium, from the reference."""
+    scene = replace(hanging(keep_modes(hung, 2), frame=frame), gravity=(0.02, 0, -9.81), damping_ratio=0.0)
+    sensor = Encoder("tip", "wall.c", "bar.right", "x")
+    rest = TimeHistory(np.arange(130) * 0.02, np.zeros((0, 130)), (), ())
+    told = simulate(replace(scene, sensors=(sensor,)), rest, time_step=0.02, start="released", progress=False)
+    tip = told.values[0]
+    turning = np.argmax(tip)  # half of a period after the start
+    fit = np.polyfit(told.time[turning - 3 : turning + 4], tip[turning - 3 : turning + 4], 2)
+    assert 0.5 / (-fit[1] / (2 * fit[0])) == pytest.approx(0.431, rel=0.01)
 
 
 def test_a_trimmed_hung_bar_keeps_its_stress(hung):
