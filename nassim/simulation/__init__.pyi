@@ -11,6 +11,9 @@ from .linear.stopped_runs import (
     SimulationError as SimulationError,
     SimulationInterrupted as SimulationInterrupted,
 )
+from .loaded.buckling_factors import (
+    buckling_factors as buckling_factors,
+)
 from .loaded.loaded_state import (
     LoadedState as LoadedState,
     loaded_state as loaded_state,

@@ -12,6 +12,7 @@ from nassim import (
     Encoder,
     FlexibleBody,
     Material,
+    PointForce,
     RigidBody,
     Scene,
     SpringDamper,
@@ -27,6 +28,7 @@ from nassim import (
 from nassim.bodies.projection import keep_modes, trim_body
 from nassim.fem.meshing import generate_mesh
 from nassim.scene.joints import planar
+from nassim.simulation import buckling_factors
 from nassim.systems import unstable_poles
 
 GRAVITY = (0, 0, -9.81)
@@ -68,7 +70,7 @@ def test_gravimeter(gravimeter):
 
 
 def test_unstable_equilibria_are_told_with_their_pole(gravimeter):
-    with pytest.warns(UserWarning, match=r"scene 'gravimeter' under its weight is unstable: .* pole \+10\.997 rad/s"):
+    with pytest.warns(UserWarning, match=r"scene 'gravimeter' under its loads is unstable: .* pole \+10\.997 rad/s"):
         model = linearize(replace(gravimeter, damping_ratio=0.0))
     (pole,) = unstable_poles(model)
     assert pole.growth_rate == pytest.approx(10.984, rel=5e-3)
@@ -179,3 +181,59 @@ def test_rotating_cantilevers():
         poles = np.linalg.eigvals(linearize(scene, angular_velocity=speed * unit * TURN[:, 2]).A)
         found = np.sort(poles.imag[poles.imag > 0])[:2] / unit
         assert found == pytest.approx([chord, flap], rel=3e-3)
+
+
+SLENDER = 0.5
+"""Length of a standing strip [m], 10 mm wide and thick."""
+
+
+@pytest.fixture(scope="module")
+def strip():
+    solid = make_bar(length=SLENDER, side=0.01, material=STEEL)
+    mesh = generate_mesh(solid, element_size=0.02, layer_thickness=0.125, extrude="x")
+    return craig_bampton(meshed(mesh, solid, 4), n_modes=4, geometric_stiffness=True, progress=False)
+
+
+def standing(strip, gravity=0.0, frame=None):
+    """A strip clamped at its foot, with a force at its top, in no particular direction of the world."""
+    ground = RigidBody("ground", {"c": np.zeros(3)}, fixed=True)
+    body = FlexibleBody("strip", strip, rotation=TURN, frame=frame)
+    push = PointForce("push", "strip.right", TURN[:, 0], "force")
+    foot = fixed("foot", "ground.c", "strip.left")
+    return Scene("standing", (ground, body), (foot,), (push,), damping_ratio=0.0, gravity=-gravity * TURN[:, 0])
+
+
+@pytest.mark.parametrize("frame", ["left", "right"])
+def test_buckling_factors_of_columns(strip, frame):
+    """Euler's load with Engesser's shear, and Greenhill's own weight, with the frame on either end."""
+    bending = STEEL.young_modulus * 0.01**4 / 12
+    euler = np.pi**2 * bending / (4 * SLENDER**2)
+    euler /= 1 + euler / (5 / 6 * STEEL.young_modulus / 2.6 * 0.01**2)
+    factors, shapes = buckling_factors(standing(strip, frame=frame), inputs={"force": -100.0}, n=2)
+    assert factors == pytest.approx(2 * [euler / 100], rel=1e-3)
+    assert np.linalg.norm(shapes["strip"][7:9], axis=0).min() > 0, "it moves sideways"
+    greenhill = 7.8373 * bending / (STEEL.density * 0.01**2 * SLENDER**3)
+    factors, _ = buckling_factors(standing(strip, 9.81, frame))
+    assert factors == pytest.approx([greenhill / 9.81], rel=2e-3)
+
+
+def test_constant_inputs_soften_as_they_press(strip):
+    """Half of Euler's load leaves 0.7 of the frequency of a column, a little more as the two shapes differ."""
+    scene = standing(strip)
+    factor = buckling_factors(scene, inputs={"force": -1.0})[0][0]
+    free, pressed = (frequencies(scene, constant_inputs={"force": -share * factor})[0] for share in (0.0, 0.5))
+    assert (pressed / free) ** 2 == pytest.approx(0.5, abs=0.02)
+    with pytest.warns(UserWarning, match=r"under its loads is unstable: it has the real pole \+"):
+        linearize(scene, constant_inputs={"force": -1.01 * factor})
+
+
+def test_what_cannot_load_a_scene_is_refused(strip):
+    scene = standing(strip)
+    with pytest.raises(ValueError, match="no load that could grow"):
+        buckling_factors(scene)
+    with pytest.raises(ValueError, match="unknown input 'push'"):
+        linearize(scene, constant_inputs={"push": 1.0})
+    with pytest.raises(ValueError, match="load a scene at rest"):
+        linearize(scene, constant_inputs={"force": 1.0}, angular_velocity=(0, 0, 1))
+    with pytest.raises(ValueError, match="no small motion: start nearer"):
+        linearize(replace(scene, gravity=3e3 * TURN[:, 2]))

@@ -1,6 +1,6 @@
 """Linear models of scenes: small motion about the start, at rest or spinning, with loops open or closed."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -32,12 +32,13 @@ def linearize(
     standing: Sequence[str] | None = None,
     frame: str = "turning",
     loaded: bool = True,
+    constant_inputs: Mapping[str, float] | None = None,
 ) -> LinearModel:
     """Compute the linear model of a scene about its equilibrium, with the damping of its modes, bodies and dampers.
 
     The equilibrium is that under gravity and spin, which give stiffness to rigid bodies, joints, springs and, where
     their reduction holds their geometric stiffness, flexible bodies, see `nassim.simulation.loaded.loaded_state`. In a
-    rotating frame only the gravity along the axis is constant and counts. Inputs are zero.
+    rotating frame only the gravity along the axis is constant and counts.
 
     A drive of constant speed defines the rotor and its speed; all else is the stator, as is the ground.
 
@@ -66,6 +67,8 @@ def linearize(
             damping_ratio is then, as in floating frames, a damping of the bodies' deformation.
         loaded: whether gravity and the stress inside bodies change the stiffness. Without, the model is that of the
             reference configuration, in which a pendulum does not swing; a spin has its other terms.
+        constant_inputs: constant values of inputs that load the scene too, by name: forces, voltages, accelerations of
+            the base. Inputs of the model are deviations from them, outputs those from the equilibrium.
 
     Returns:
         The linear model.
@@ -79,7 +82,9 @@ def linearize(
         UserWarning: for an equilibrium that is unstable under gravity, one beyond small motion, and bodies whose
             stress matters but is only estimated or left out.
     """
-    assembly, loads = loaded_assembly(scene, angular_velocity, axis_point, standing, frame, loaded=loaded)
+    assembly, loads = loaded_assembly(
+        scene, angular_velocity, axis_point, standing, frame, loaded=loaded, inputs=constant_inputs
+    )
     a, b, c, d = state_space(assembly, loads)
     modal = assembly.modal
     unsupported = np.tile(np.where(modal.unsupported, modal.frequency, 0.0), 2)
@@ -97,6 +102,7 @@ def loaded_assembly(
     *,
     loaded: bool = True,
     weight: bool = True,
+    inputs: Mapping[str, float] | None = None,
 ) -> tuple[Assembly, LoadedState]:
     """Assemble a scene, with its damping at speed, and compute the effect of its loads.
 
@@ -108,6 +114,7 @@ def loaded_assembly(
         frame: "turning" or "standing".
         loaded: whether gravity and the stress inside bodies change the stiffness.
         weight: whether gravity is one of the loads.
+        inputs: constant values of inputs, by name.
 
     Returns:
         The assembly and the effect of the loads.
@@ -117,6 +124,8 @@ def loaded_assembly(
     """
     assembly = assemble(scene)
     known("frame", frame, FRAMES)
+    if inputs and (not loaded or np.any(angular_velocity) or scene.speeds):
+        raise ValueError("constant_inputs load a scene at rest: give them with loaded=True and without a spin")
     stand = frozenset(known("body", name, [body.name for body in scene.bodies]) for name in standing or ())
     if scene.speeds:
         if np.any(angular_velocity):
@@ -139,7 +148,14 @@ def loaded_assembly(
         axis = velocity / rate
         gravity = axis * (axis @ gravity)
     if not rate or not stand:
-        state = loaded_state(assembly, gravity=gravity, angular_velocity=velocity, axis_point=axis_point, stress=loaded)
+        state = loaded_state(
+            assembly,
+            gravity=gravity,
+            inputs=inputs,
+            angular_velocity=velocity,
+            axis_point=axis_point,
+            stress=loaded,
+        )
         return assembly, state
     partition = RotorPartition(
         velocity, finite_array("axis_point", np.asarray(axis_point, dtype=float), (3,)), stand, frame

@@ -15,7 +15,12 @@ WARNED_SHIFT = 0.01
 """Relative change of a frequency by an estimated geometric stiffness above which a warning is given."""
 
 
-def stress_of_bodies(assembly: Assembly, displacement: Array, body_forces: Mapping[str, Array]) -> Array:
+def stress_of_bodies(
+    assembly: Assembly,
+    displacement: Array,
+    body_forces: Mapping[str, Array],
+    voltages: Mapping[str, Mapping[str, float]],
+) -> Array:
     """Compute the geometric stiffness of bodies that hold it, see `nassim.bodies.stress_stiffness`.
 
     Args:
@@ -23,6 +28,7 @@ def stress_of_bodies(assembly: Assembly, displacement: Array, body_forces: Mappi
         displacement: elastic displacement under the loads in all coordinates, (n_all,).
         body_forces: body force per mass of each body as coefficients of 1, x, y, z along its axes, less the
             acceleration of its material, by name, (3, 4).
+        voltages: constant voltages at electrical ports, by body and port [V].
 
     Returns:
         Stiffness on all coordinates, (n_all, n_all).
@@ -34,7 +40,8 @@ def stress_of_bodies(assembly: Assembly, displacement: Array, body_forces: Mappi
         place, frame = assembly.coordinates.slices[body.name], assembly.coordinates.frames[body.name]
         bent, deformation = np.zeros(stress.n_coordinates), frame.deformation(body.reduced)
         bent[frame.flexible] = deformation @ displacement[place]
-        result[place, place] = _on_deformation(assembly, body, stress.stiffness(bent, body_forces[body.name]))
+        own = stress.stiffness(bent, body_forces[body.name], voltages.get(body.name))
+        result[place, place] = _on_deformation(assembly, body, own)
     return result
 
 

@@ -12,6 +12,7 @@ from nassim.simulation.loaded.geometric_stiffness import spring_forces
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.motion_size import motion_size
+from nassim.simulation.model.tangents import nonlinear_equilibrium
 
 NOT_SMALL = 0.1
 """Largest rotation [rad], and deformation over size, of an equilibrium in small motion."""
@@ -39,8 +40,8 @@ class Balance:
 def balance(assembly: Assembly, force: Array) -> Balance:
     """Compute how a scene bears forces, (n_all,).
 
-    The result is of first order in the forces, so it does not depend on the description of the scene, and a motion
-    without stiffness, as a rotation about the axis of a spin, keeps none.
+    The result is of first order in the forces, except in nonlinear springs, so it does not depend on the description of
+    the scene, and a motion without stiffness, as a rotation about the axis of a spin, keeps none.
     """
     modal, circuits = assembly.modal, assembly.signals.circuits
     modes, elastic = modal.modes, ~modal.rigid_modes
@@ -49,6 +50,9 @@ def balance(assembly: Assembly, force: Array) -> Balance:
     for circuit in circuits:
         stiffness -= np.outer(bent.T @ circuit.forces, bent.T @ circuit.forces) / circuit.capacitance
     q = bent @ np.linalg.solve(stiffness, bent.T @ force)
+    if not all(tangent.law.is_linear for tangent in assembly.tangents):
+        laws = [(tangent.law, tangent.rows) for tangent in assembly.tangents]
+        q = nonlinear_equilibrium(assembly.coordinates, laws, modal.basis, force)
     left, acceleration = force - spring_forces(assembly.tangents, q), loose @ (loose.T @ force)
     for name, place in assembly.coordinates.slices.items():
         body, _ = assembly.scene.split(f"{name}.")

@@ -96,7 +96,7 @@ class GeometricStiffness:
             force = np.zeros(len(joint.measure.components))
             force[joint.rows(components)] = multipliers[first : first + len(components)]
             first += len(components)
-            result += self._of(joint.measure, force)
+            result += self.of_measure(joint.measure, force)
         return result
 
     def of_springs(self, coordinates: Array) -> Array:
@@ -104,10 +104,11 @@ class GeometricStiffness:
         result = np.zeros((len(coordinates), len(coordinates)))
         for tangent in self.assembly.tangents:
             force = tangent.law.resistance(tangent.rows @ coordinates, np.zeros(len(tangent.rows)))
-            result += self._of(tangent.law.measure, force)
+            result += self.of_measure(tangent.law.measure, force)
         return result
 
-    def _of(self, measure: Measure, force: Array) -> Array:
+    def of_measure(self, measure: Measure, force: Array) -> Array:
+        """Compute the stiffness of a force that resists a measure, (k,), as its rows change, (n_all, n_all)."""
         result = np.zeros((self.assembly.coordinates.size,) * 2)
         if np.any(force):
             for factor, part in measure.point_measures:

@@ -1,8 +1,8 @@
-"""Loaded state of a scene: the stiffness of gravity and of a spin, about the equilibrium under both.
+"""Loaded state of a scene: the stiffness of gravity, constant inputs and a spin, about the equilibrium under them.
 
 Loads give small motion a stiffness of four kinds, all of first order in the loads:
 
-- weights and centrifugal forces act on points that frames carry on circles, see `body_force_terms`;
+- weights, centrifugal and applied forces act on points that frames carry on circles, see `body_force_terms`;
 - forces in joints and springs change their directions and arms, see `geometric_stiffness`;
 - the stress inside flexible bodies acts on their deformation, see `body_stress`;
 - centrifugal forces grow with the distance from the axis, see `spinning`.
@@ -18,8 +18,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.callers import outside
-from nassim.base.checks import Array, finite_array, freeze
+from nassim.base.checks import Array, finite, finite_array, freeze, known
 from nassim.base.rigid_motion import skew
+from nassim.scene.measures import BodyCoordinates
+from nassim.scene.terms import BaseAcceleration, Driven, PrescribedMotion
 from nassim.simulation.loaded.body_stress import estimated_stress, stress_of_bodies
 from nassim.simulation.loaded.equilibrium import Balance, balance, check_small, spinning_rest
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
@@ -27,6 +29,7 @@ from nassim.simulation.loaded.rotor_frame import FrameView, RotorPartition, othe
 from nassim.simulation.loaded.spinning import body_force_terms, inertia_terms, integrals, warn_of_spinning_bodies
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.buckling import axial_forces, warn_of_buckling
+from nassim.simulation.model.tangents import Tangent
 
 NO_LOAD = (0.0, 0.0, 0.0)
 """Default: no gravity, no angular velocity, and the origin as axis point."""
@@ -74,6 +77,7 @@ class _Loads:
     stiffness: Array
     gyroscopic: Array
     body_forces: dict[str, Array] = field(default_factory=dict)
+    voltages: dict[str, dict[str, float]] = field(default_factory=dict)
     moment: float = 0.0
 
     @classmethod
@@ -87,42 +91,51 @@ def loaded_state(
     assembly: Assembly,
     *,
     gravity: ArrayLike = NO_LOAD,
+    inputs: Mapping[str, float] | None = None,
     angular_velocity: ArrayLike = NO_LOAD,
     axis_point: ArrayLike = NO_LOAD,
     partition: RotorPartition | None = None,
     stress: bool = True,
+    checked: bool = True,
 ) -> LoadedState:
-    """Compute the effect of gravity and of a constant angular velocity on small motion.
+    """Compute the effect of gravity, constant inputs and a constant angular velocity on small motion.
 
-    Warns of an equilibrium beyond small motion, of one that is unstable under gravity, and of bodies whose stress
+    Warns of an equilibrium beyond small motion, of one that is unstable without a spin, and of bodies whose stress
     matters but is not known.
 
     Args:
         assembly: the assembled scene.
         gravity: constant gravity along the axes in which the scene is described, (3,) [m/s2].
+        inputs: constant values of inputs, by name; others are zero. Forces along axes of the world keep their
+            direction, those along axes of a point follow it.
         angular_velocity: angular velocity of a whole scene, fixed bodies included, along the axes of the scene, which
             rotate with it, (3,) [rad/s].
         axis_point: a point of the axis, (3,) [m].
         partition: rotor and stator, where only the rotor has this velocity; None: all rotates.
         stress: whether to include the geometric stiffness of the stress in flexible bodies.
+        checked: whether to check that an equilibrium at rest is stable and within small motion.
 
     Returns:
         The loaded state.
 
     Raises:
         ValueError: if there is no equilibrium within some 0.1 rad of the reference configuration, about which a linear
-            model would hold.
+            model would hold; for unknown inputs and those that a drive follows.
     """
+    values = {
+        known("input", name, assembly.scene.inputs): finite(name, value) for name, value in (inputs or {}).items()
+    }
     gravity = finite_array("gravity", np.asarray(gravity, dtype=float), (3,))
     velocity = finite_array("angular_velocity", np.asarray(angular_velocity, dtype=float), (3,))
     point = finite_array("axis_point", np.asarray(axis_point, dtype=float), (3,))
     modal, followed = assembly.modal, assembly.signals.prescribed.motion
     n = len(modal.frequency)
-    if not velocity.any() and not gravity.any():
+    resting = gravity.any() or any(values.values())
+    if not velocity.any() and not resting:
         still = np.zeros((n, followed.shape[1]))
         return LoadedState(np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), still, still)
     geometric = GeometricStiffness.of(assembly)
-    weights, hung = _weights(assembly, geometric, gravity)
+    weights, hung = _static_loads(assembly, geometric, gravity, values)
     spun = _spin(assembly, geometric, velocity, point, partition)
     swung = balance(assembly, spun.force)
     displacement = hung.displacement + swung.displacement
@@ -130,37 +143,59 @@ def loaded_state(
     stiffness += geometric.of_springs(displacement) + geometric.of_joints(hung.borne + swung.borne)
     if stress:
         body_forces = {name: weights.body_forces[name] + spun.body_forces[name] for name in weights.body_forces}
-        stiffness += stress_of_bodies(assembly, displacement, body_forces)
+        stiffness += stress_of_bodies(assembly, displacement, body_forces, weights.voltages)
         stiffness += estimated_stress(assembly, hung.displacement)
     equilibrium = modal.shapes @ (modal.modes.T @ (assembly.coordinates.mass @ hung.displacement))
-    if gravity.any():
-        check_small(assembly.coordinates, hung.displacement, "its weight")
+    if resting and checked:
+        check_small(assembly.coordinates, hung.displacement, "its loads")
     if velocity.any():
         rate = float(np.linalg.norm(velocity))
         # Cauchy-Schwarz: the force on a mode of unit mass is at most W^2 times the root of the moment of inertia.
         found = spinning_rest(assembly, stiffness, spun.force, rate, rate**2 * np.sqrt(spun.moment))
         _warn_of_spin(assembly, modal.basis @ found, rate / (2 * np.pi), partition, stress)
         equilibrium = equilibrium + found
-    elif gravity.any():
+    elif checked:
         _warn_of_instability(assembly, stiffness)
     basis = modal.basis
     gyroscopic, stiffness = basis.T @ spun.gyroscopic, basis.T @ stiffness
     return LoadedState(gyroscopic @ basis, stiffness @ basis, equilibrium, gyroscopic @ followed, stiffness @ followed)
 
 
-def _weights(assembly: Assembly, geometric: GeometricStiffness, gravity: Array) -> tuple[_Loads, Balance]:
-    """Collect the weights, less the inertia forces of free fall, and how the scene bears them."""
-    loads = _Loads.none(assembly)
-    loads.force = assembly.coordinates.weight(gravity)
+def _static_loads(
+    assembly: Assembly, geometric: GeometricStiffness, gravity: Array, values: Mapping[str, float]
+) -> tuple[_Loads, Balance]:
+    """Collect weights and forces of inputs, less the inertia forces of rigid-body modes, and how they are borne."""
+    loads, coordinates = _Loads.none(assembly), assembly.coordinates
+    for term in assembly.terms:
+        if not isinstance(term, Driven) or not values.get(term.input):
+            continue
+        value = values[term.input]
+        if isinstance(term, PrescribedMotion):
+            raise ValueError(f"input {term.input!r} moves a drive; only forces, voltages and accelerations are loads")
+        if isinstance(term, BaseAcceleration):
+            gravity = gravity - value * np.asarray(term.direction)
+            continue
+        loads.force += value * term.gain * coordinates.jacobian(term.measure)[0]
+        loads.stiffness += geometric.of_measure(term.measure, np.array([-value * term.gain]))
+        charge = term.measure
+        for flexible in assembly.scene.deformable_bodies:
+            if isinstance(charge, BodyCoordinates) and charge.body == flexible.name:
+                driven = [port.name for port in flexible.reduced.ports if np.array_equal(port.forces, charge.weights)]
+                ports = loads.voltages.setdefault(flexible.name, {})
+                ports.update({port: ports.get(port, 0.0) + value * term.gain for port in driven})
+    loads.force += coordinates.weight(gravity)
     hung = balance(assembly, loads.force)
-    for name, place in assembly.coordinates.slices.items():
+    for tangent in assembly.tangents:
+        now = Tangent.of(tangent.law, tangent.rows, hung.displacement)
+        loads.stiffness += tangent.rows.T @ (now.stiffness - tangent.stiffness) @ tangent.rows
+    for name, place in coordinates.slices.items():
         body, frame = assembly.scene.split(f"{name}.")[0], geometric.frames[name]
         rotation, origin, _ = integrals(body)
         fall = frame.motion @ hung.acceleration
         turning = rotation.T @ skew(fall[3:])
         at_origin = rotation.T @ (gravity - fall[:3]) - turning @ (origin - frame.position)
         loads.body_forces[name] = np.column_stack([at_origin, -turning @ rotation])
-        loads.stiffness[place, place] = body_force_terms(body, frame, place, loads.body_forces[name])[1]
+        loads.stiffness[place, place] += body_force_terms(body, frame, place, loads.body_forces[name])[1]
     return loads, hung
 
 
@@ -198,23 +233,23 @@ def _warn_of_spin(
     """Warn of a spinning equilibrium beyond small motion, of stress that is left out, and of preload near buckling."""
     check_small(assembly.coordinates, coordinates, "the spin")
     warn_of_spinning_bodies(assembly, rate, partition, stress)
-    known = {body.name for body in assembly.scene.deformable_bodies if stress and body.reduced.stress_stiffness}
+    exact = {body.name for body in assembly.scene.deformable_bodies if stress and body.reduced.stress_stiffness}
     tensions: Mapping[str, Array] = {
         body.name: axial_forces(body.reduced, coordinates[assembly.coordinates.slices[body.name], None])[:, 0]
-        * (body.name not in known)
+        * (body.name not in exact)
         for body in assembly.scene.deformable_bodies
     }
     warn_of_buckling(assembly, tensions)
 
 
 def _warn_of_instability(assembly: Assembly, stiffness: Array) -> None:
-    """Warn of an equilibrium that gravity makes unstable, with its pole."""
+    """Warn of an equilibrium at rest that is unstable, with its pole."""
     modes = assembly.modal.modes
     added = modes.T @ stiffness @ modes
     squares = np.linalg.eigvalsh(np.diag((2 * np.pi * assembly.modal.frequency) ** 2) + 0.5 * (added + added.T))
     if squares[0] < -UNSTABLE_ROUNDING * np.abs(added).max():
         warnings.warn(
-            f"the equilibrium of scene {assembly.scene.name!r} under its weight is unstable: it has the real pole "
+            f"the equilibrium of scene {assembly.scene.name!r} under its loads is unstable: it has the real pole "
             f"{np.sqrt(-squares[0]):+.5g} rad/s",
             stacklevel=outside(),
         )
