@@ -1,6 +1,6 @@
 """nassim: multibody simulation with reduced-order flexible bodies.
 
-The names of the chain, from CAD to frequency responses, loaded when they are first used; each wing has more:
+The names of the chain, from CAD to frequency responses, loaded when they are first used; each sub-package has more:
 `nassim.signals`, `nassim.bodies`, `nassim.kinematics`, `nassim.systems`, `nassim.fem`, `nassim.scene`,
 `nassim.exchange`, `nassim.simulation`, `nassim.identification`, `nassim.studies`, `nassim.plotting`, `nassim.viewer`.
 """

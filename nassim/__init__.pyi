@@ -132,10 +132,7 @@ from .signals.time_history import (
 from .simulation.linear.linearization import (
     linearize as linearize,
 )
-from .simulation.linear.stopped_runs import (
-    SimulationError as SimulationError,
-)
-from .simulation.model.accuracy import (
+from .simulation.linear.truncation import (
     truncation_error as truncation_error,
 )
 from .simulation.model.description import (
@@ -143,6 +140,9 @@ from .simulation.model.description import (
 )
 from .simulation.model.scene_body import (
     reduce_scene as reduce_scene,
+)
+from .simulation.model.stopped_runs import (
+    SimulationError as SimulationError,
 )
 from .simulation.model.trimming import (
     trim_scene as trim_scene,

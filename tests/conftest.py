@@ -4,9 +4,12 @@ import os
 from pathlib import Path
 
 os.environ.setdefault("MPLBACKEND", "Agg")
+PROCESSORS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 if "PYTEST_XDIST_WORKER" in os.environ:  # threads that spin while they wait would take the other workers' processors
+    _share = max(1, PROCESSORS // int(os.environ["PYTEST_XDIST_WORKER_COUNT"]))
     for _threads in ("NASSIM_THREADS", "NGS_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(_threads, "1")
+        _asked = os.environ.get(_threads, "1")
+        os.environ[_threads] = str(min(int(_asked) if _asked.isdigit() else 1, _share))
 
 import exudyn as exu
 import netgen.occ as occ
@@ -35,9 +38,8 @@ def pytest_cmdline_main(config):
     """
     asked = config.getoption("numprocesses", 0) is not None or config.option.dist != "no" or config.option.usepdb
     folders = all(Path(place).is_dir() for place in config.args)
-    processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if folders and processors > 1 and not asked and not hasattr(config, "workerinput"):
-        config.option.numprocesses, config.option.dist = min(processors, MOST_WORKERS), "worksteal"
+    if folders and PROCESSORS > 1 and not asked and not hasattr(config, "workerinput"):
+        config.option.numprocesses, config.option.dist = min(PROCESSORS, MOST_WORKERS), "worksteal"
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -29,6 +29,14 @@ LAYERS = (
 )
 """Sub-packages from the lowest layer up; sub-packages of one layer do not import each other."""
 LAYER = {name: number for number, names in enumerate(LAYERS) for name in names}
+SIMULATION = {
+    "model": set(),
+    "loaded": {"model"},
+    "linear": {"model", "loaded"},
+    "exudyn": {"model"},
+    "run": {"model", "loaded", "linear", "exudyn"},
+}
+"""Sub-packages of `nassim.simulation` and those that each may import."""
 IMPORTED_IN = {
     "cloudpickle": {"nassim.studies.job"},
     "control": {"nassim.systems.python_control"},
@@ -101,6 +109,27 @@ def test_imports_between_sub_packages_point_down(name):
         assert other == sub_package(name) or LAYER[other] < LAYER[sub_package(name)], (
             f"{name} imports {target}, which is in the same layer or above"
         )
+
+
+def wrong_imports_within_simulation(name, tree):
+    """Imports of `nassim.simulation` that a module of one of its sub-packages may not make."""
+    own = name.split(".")[2]
+    allowed = tuple(f"nassim.simulation.{other}" for other in (own, *SIMULATION[own]))
+    used = [target for target in imports(tree) if target.startswith("nassim.simulation")]
+    return [target for target in used if not target.startswith(allowed)]
+
+
+@pytest.mark.parametrize(
+    "name", [name for name in TREES if name.startswith("nassim.simulation.") and name.count(".") > 2]
+)
+def test_imports_within_simulation_point_one_way(name):
+    assert wrong_imports_within_simulation(name, TREES[name]) == []
+
+
+@pytest.mark.parametrize("module", ["nassim.simulation", "nassim.simulation.linear", "nassim.simulation.run.checks"])
+def test_imports_within_functions_count(module):
+    late = ast.parse(f"def late():\n    from {module} import name\n")
+    assert wrong_imports_within_simulation("nassim.simulation.exudyn.solver", late)
 
 
 def test_modules_import_each_other_without_cycles():

@@ -1,4 +1,4 @@
-"""Drives of scenes: motors that prescribe a joint's free motion by an input or at constant speed."""
+"""Drives of scenes: motors that prescribe a joint's free component by an input or at constant speed."""
 
 import math
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from nassim.scene.terms import Constraint, PrescribedMotion
 
 @dataclass(frozen=True)
 class Drive(Actuator):
-    """A stiff motor in a joint: one of its free motions, of b against a, follows an input or runs at constant speed.
+    """A stiff motor in a joint: one of its free components, of b against a, follows an input or runs at constant speed.
 
     An input that starts with a rate jolts what is at rest: in small motion all bodies. In large motion the bodies start
     to move with the drive as rigid bodies.

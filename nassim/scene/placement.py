@@ -201,16 +201,16 @@ class _Place:
 
 
 @functools.cache
-def _kinds(noun: type[Any]) -> dict[str, Any]:
+def _kinds(part: type[Any]) -> dict[str, Any]:
     """Return the types of a class's fields with their annotations; the field `name` is renamed as a path."""
     try:
-        hints = get_type_hints(noun, include_extras=True)
+        hints = get_type_hints(part, include_extras=True)
     except NameError as error:
         raise ValueError(
-            f"{noun.__name__} cannot be placed: the types of its fields cannot be read ({error}); import them for "
+            f"{part.__name__} cannot be placed: the types of its fields cannot be read ({error}); import them for "
             "running, not for type checkers only"
         ) from error
-    return {f.name: Path if f.name == "name" else hints[f.name] for f in fields(noun) if f.init}
+    return {f.name: Path if f.name == "name" else hints[f.name] for f in fields(part) if f.init}
 
 
 def _alike(a: Any, b: Any) -> bool:

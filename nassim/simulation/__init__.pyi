@@ -7,9 +7,8 @@ from .linear.linearization import (
 from .linear.mode_motion import (
     mode_motion as mode_motion,
 )
-from .linear.stopped_runs import (
-    SimulationError as SimulationError,
-    SimulationInterrupted as SimulationInterrupted,
+from .linear.truncation import (
+    truncation_error as truncation_error,
 )
 from .loaded.buckling_factors import (
     buckling_factors as buckling_factors,
@@ -22,7 +21,6 @@ from .model.accuracy import (
     integrator_error as integrator_error,
     numerical_damping as numerical_damping,
     period_errors as period_errors,
-    truncation_error as truncation_error,
 )
 from .model.assembly import (
     Assembly as Assembly,
@@ -40,6 +38,10 @@ from .model.recorded_motion import (
 )
 from .model.scene_body import (
     reduce_scene as reduce_scene,
+)
+from .model.stopped_runs import (
+    SimulationError as SimulationError,
+    SimulationInterrupted as SimulationInterrupted,
 )
 from .model.trimming import (
     trim_scene as trim_scene,

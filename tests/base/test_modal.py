@@ -1,9 +1,11 @@
 """Dense modal analysis against the spring-mass chain, whose modes are known in closed form."""
 
+import warnings
+
 import numpy as np
 import pytest
 
-from nassim.base.modal import decay_poles, discretize_pole, eigenmodes, mac, modal_damping_matrix
+from nassim.base.modal import damping_ratios, decay_poles, discretize_pole, eigenmodes, mac, modal_damping_matrix
 
 N, MASS, STIFFNESS = 8, 0.3, 2e5
 
@@ -142,3 +144,11 @@ def test_a_pole_driven_by_held_and_by_straight_inputs(rate):
     for hold_order, expected, tolerance in ((0, held, 1e-11), (1, straight, 1e-7)):
         now, earlier, decay = discretize_pole(rate, step, hold_order=hold_order)
         assert abs(decay * before + now * end + earlier * start - expected) < tolerance * step
+
+
+def test_critical_damping_is_told():
+    for ratio in (0.9, 1.1):
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            damping_ratios("ratio", [0.01, ratio])
+        assert ["critical damping or more" in str(each.message) for each in told] == [True] * (ratio > 1)

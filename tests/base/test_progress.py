@@ -66,6 +66,23 @@ def test_a_long_stage_shows_its_tenths_in_a_file(clock, capsys):
     assert quick.split() == ["study", "0.8", "s"]
 
 
+def test_a_stage_tells_a_tenth_at_most_every_ten_seconds(clock, capsys):
+    for seconds in (9.0, 11.0):
+        with stage("study", total=2, unit="runs") as advance:
+            clock.pass_by(seconds)
+            advance()
+        assert ("50 %" in capsys.readouterr().out) == (seconds > 10)
+
+
+def test_the_pace_is_that_of_the_first_tenth_or_more(clock):
+    """A stage that took 9 or 11 of 100 s takes twice as long."""
+    for reached, left in ((9.0, 91.0), (11.0, 178.0)):
+        with track_stages((("read", reached), ("all", 100.0))) as current:
+            clock.pass_by(2 * reached)
+            current.end("read")
+            assert current.left() == pytest.approx(left)
+
+
 EARLIER = (("mesh", 2.0), ("solve", 4.0), ("solve", 6.0), ("all", 10.0))
 
 
@@ -133,12 +150,12 @@ def test_a_count_without_an_end_is_a_counter(monkeypatch, capsys):
 
 
 def test_times_left_are_in_seconds_or_minutes(clock, capsys):
-    for whole in (99.0, 180.0):
+    for whole in (99.0, 110.0):
         with track_stages((("first", 1.0), ("all", whole + 1.0))), stage("first"):
             clock.pass_by(1.0)
     first, second = capsys.readouterr().out.splitlines()
     assert first.endswith("1.0 s   99 s left")
-    assert second.endswith("1.0 s   3 min left")
+    assert second.endswith("1.0 s   2 min left")
 
 
 def test_the_same_run_knows_its_time_the_second_time(tmp_path, monkeypatch, clock, capsys):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nassim.base.rigid_motion import axes_along, rigid_motions, rigid_transfer
+from nassim.base.rigid_motion import axes_along, proper_rotation, rigid_motions, rigid_transfer
 
 
 @pytest.mark.parametrize("z", [*np.eye(3), *-np.eye(3), (0.1, -0.9, 0.4), (-0.5, -0.6, 0.2), (0.2, 0.3, -4.0)])
@@ -29,3 +29,17 @@ def test_rigid_motions_of_points():
         np.testing.assert_allclose(moved[6 * k + 3 : 6 * k + 6], twist[3:])
         np.testing.assert_allclose(rigid_transfer(place) @ twist, moved[6 * k : 6 * k + 6])
     assert not moved[12:].any()
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda x: axes_along("z", (1e-9 / x, 0, 1)), "span no plane"),
+        (lambda x: proper_rotation("turn", (1 + 5e-10 * x) * np.eye(3)), "turn must be a proper orthogonal matrix"),
+    ],
+    ids=["axes that are nearly parallel", "a rotation's rounding"],
+)
+def test_limits_lie_where_they_should(make, message):
+    make(0.9)
+    with pytest.raises(ValueError, match=message):
+        make(1.1)

@@ -16,7 +16,7 @@ from nassim.bodies.projection import keep_modes, trim_body
 from nassim.fem.full_model import full_eigenfrequencies, full_frequency_response
 from nassim.fem.mesh_error import released_stiffness
 from nassim.fem.modes import fixed_interface_modes
-from nassim.simulation.model.accuracy import truncation_error
+from nassim.simulation.linear.truncation import truncation_error
 
 FACTOR = 3.0
 APA_CASES = [

@@ -227,6 +227,42 @@ def test_overlapping_bodies_are_refused_by_name(tmp_path):
         Solid("tower", occ.Compound([body.Scale(occ.Pnt(0, 0, 0), 1e-3) for body in overlapping()]), materials)
 
 
+def test_bodies_overlap_from_a_ten_thousandth_of_the_smaller_one():
+    for share in (0.9e-4, 1.1e-4):
+        low, high = occ.Box((0, 0, 0), (10, 10, 10)), occ.Box((0, 0, 10 - 10 * share), (10, 10, 20))
+        if share < 1e-4:
+            glue([low, high])
+        else:
+            with pytest.raises(ValueError, match=r"share 0\.011 % of the smaller one's volume"):
+                glue([low, high])
+
+
+def test_picks_are_exact_to_a_ten_millionth_of_a_metre():
+    """A plane beside the floor or tilted against it, by the floor's root mean square distance from it."""
+    spread = 0.01 / np.sqrt(12)
+    for share in (0.9, 1.1):
+        beside = OnPlane((0.005, 0.01, 1e-7 * share), (0, 0, 1))
+        tilted = OnPlane((0.005, 0.01, 0), (1e-7 * share / spread, 0, 1))
+        for pick in (beside, tilted):
+            if share < 1:
+                name_faces(shape := block(unit=1.0), "floor", pick)
+                assert [face.center.z for face in shape.faces if face.name == "floor"] == [0.0]
+            else:
+                with pytest.raises(ValueError, match="finds no face"):
+                    name_faces(block(unit=1.0), "floor", pick)
+
+
+def test_two_faces_are_equally_near_to_a_billionth_of_a_metre():
+    for share in (0.9, 1.1):
+        shape, pick = block(unit=1.0), NearestTo((1e-3, 1e-3 + 1e-9 * share, 0.015))
+        if share > 1:
+            name_faces(shape, "west", pick)
+            assert [face.center.x for face in shape.faces if face.name == "west"] == [0.0]
+        else:
+            with pytest.raises(ValueError, match="finds 2 faces, one is wanted"):
+                name_faces(shape, "west", pick)
+
+
 def test_bodies_that_touch_on_curved_faces_do_not_overlap():
     """A pin in its bore, their boxes one within the other."""
     pin = occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, 0.01, 0.02)
@@ -318,6 +354,16 @@ def test_mesh_fills_the_volume():
 def test_element_size_is_checked(size, message):
     with pytest.raises(ValueError, match=message):
         generate_mesh(solid_with(), element_size=size)
+
+
+def test_an_element_is_between_a_thousandth_and_all_of_the_length(monkeypatch):
+    def mesh(*_):
+        raise InterruptedError
+
+    monkeypatch.setattr("nassim.fem.meshing._mesh", mesh)
+    for size, fault in ((0.9e-3, ValueError), (1.1e-3, InterruptedError), (0.9, InterruptedError), (1.1, ValueError)):
+        with pytest.raises(fault):
+            generate_mesh(solid_with(), element_size=size * SIZE.max())
 
 
 def test_shape_bytes_see_shape_and_names(tmp_path):

@@ -106,6 +106,43 @@ def test_what_was_not_fitted_moves_what_was():
         at_bounds(cantilever, [MODULUS], [WIDTH, HEIGHT], [target], sensitivity=[[1.0]])
 
 
+def width_to_itself(values):
+    return {"width": values["width"]}
+
+
+def fit_width(gap, **options):
+    """Fit a width that is off by a gap in its logarithm to a target of one per cent."""
+    target = Target("width", WIDTH.start * np.exp(gap), 0.01)
+    return calibrate(width_to_itself, [WIDTH], [target], **options)
+
+
+def test_a_fit_has_converged_within_a_fiftieth_of_a_deviation():
+    assert fit_width(0.9 * 0.02 * 0.01, sensitivity=[[1.0]]).n_evaluations == 1
+    assert fit_width(1.1 * 0.02 * 0.01, sensitivity=[[1.0]]).n_evaluations == 2
+
+
+def test_a_fit_may_take_eight_steps():
+    """With twice the true sensitivity, each step leaves a half."""
+    assert fit_width(0.9 * 2**7 * 0.02 * 0.01, sensitivity=[[2.0]]).n_evaluations == 8
+    with pytest.raises(RuntimeError, match="has not settled after 8 steps"):
+        fit_width(1.1 * 2**7 * 0.02 * 0.01, sensitivity=[[2.0]])
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_parameters_move_by_up_to_a_factor_of_five_with_others_at_their_bounds(sign):
+    target = Target("area", 1.0, 0.01)
+
+    def moved(share):
+        other = Parameter("height", 1.0, *sorted((1.0, (5 * share) ** sign)))
+        free = [Parameter("width", 1.0, 0.9, 1.1)]
+        model = lambda values: {"area": values["width"] * values["height"]}  # noqa: E731
+        return at_bounds(model, free, [other], [target], sensitivity=[[1.0]])["height"]["width"]
+
+    assert moved(0.9) == pytest.approx(((4.5 - 1, 0.0) if sign < 0 else (0.0, 1 / 4.5 - 1)), abs=1e-9)
+    with pytest.raises(ValueError, match="would need width"):
+        moved(1.1)
+
+
 def test_more_parameters_than_figures():
     with pytest.raises(ValueError, match=r"2 parameters cannot be fitted to 1 figure.*alone.*: width, height"):
         calibrate(cantilever, [WIDTH, HEIGHT], [Target("stiffness", 1e4, 0.01)], sensitivity=[[1.0, 3.0]])

@@ -8,7 +8,22 @@ import scipy.integrate
 import scipy.signal
 
 from models.bench import make_bench
-from nassim import FRF, RigidBody, TimeHistory, estimate_frf, frequency_response, linearize, load, save, simulate
+from nassim import (
+    FRF,
+    Encoder,
+    PointForce,
+    RigidBody,
+    Scene,
+    SpringDamper,
+    TimeHistory,
+    estimate_frf,
+    frequency_response,
+    linearize,
+    load,
+    prismatic,
+    save,
+    simulate,
+)
 from nassim.base.file_registry import upgrade_fields
 from nassim.identification.apply import apply_identification, modal_gains
 from nassim.identification.modal_fit import ModalFit, identify_modes
@@ -577,6 +592,17 @@ def shifted(fit, frequency):
     )
 
 
+def plain_fit(frequency, gains, input, outputs, band):
+    """Modes that are known to a millionth, gains (outputs, modes), without a record."""
+    n, (n_outputs, _) = len(frequency), gains.shape
+    recorded = FRF(band, np.ones((n_outputs, 1, 2)), outputs, (input,))
+    return ModalFit(
+        input=input, outputs=outputs, frequency=np.array(frequency), damping_ratio=np.full(n, 0.01), gains=gains,
+        covariance=1e-12 * np.eye((2 + n_outputs) * n), residual_terms=np.zeros((n_outputs, 0)),
+        residual_powers=np.zeros(0), recorded=recorded, noise=np.ones((n_outputs, 2)), criterion=[0.0], how={},
+    )  # fmt: skip
+
+
 @pytest.mark.parametrize("frequency", [93.0, 96.0, 104.0])
 def test_a_foreign_resonance_near_a_mode_leaves_its_damping_alone(small_bench, bench_fit, frequency):
     """A cable at 1 % of the gain beside the mode, or in place of it, within the distance: it is not modelled."""
@@ -643,6 +669,66 @@ def test_doubtful_matches_are_refused(small_bench, bench_fit, frequency, options
         apply_identification(small_bench, shifted(bench_fit[0], frequency), **{"trusted": "encoder", **options})
 
 
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_a_mode_matches_within_a_tenth_of_the_frequency_and_five_times_the_gain(small_bench, bench_fit, sign):
+    """Relative to the identified frequency, at the gain of the scene's own first mode."""
+    assembly = assemble(small_bench)
+    gains = modal_gains(assembly)[:, 0, :1]
+    for near, alike in ((0.9, 0.9), (1.1, 0.9), (0.9, 1.1)):
+        fit = replace(
+            shifted(bench_fit[0], [assembly.frequency[0] / (1 + sign * 0.1 * near)]), gains=(5 * alike) ** sign * gains
+        )
+        if near < 1 and alike < 1:
+            _, report = apply_identification(small_bench, fit, trusted="encoder")
+            np.testing.assert_array_equal(report.matches, [0])
+        else:
+            with pytest.raises(ValueError, match=r"lies within 10 % of a mode .* a gain within 5 times its own"):
+                apply_identification(small_bench, fit, trusted="encoder")
+
+
+def blocks(share):
+    """Two blocks on springs, 10 and 20 Hz, whose distance is read; a force has this share of static effect on b."""
+    bodies = [RigidBody(name, {"end": (0, 0, 0)}, 1.0, np.eye(3)) for name in "ab"]
+    ground = RigidBody("ground", {"end": (0, 0, 0)}, fixed=True)
+    stiffness = (2 * np.pi * np.array([10.0, 20.0])) ** 2
+    across = (1.0, 0.0, share * stiffness[1] / stiffness[0])
+    return Scene(
+        "blocks",
+        (ground, *bodies),
+        [prismatic(f"rail_{body.name}", "ground.end", f"{body.name}.end") for body in bodies],
+        [PointForce("push", "a.end", "z", "force"), PointForce("nudge", "b.end", across, "force")],
+        [Encoder("gap", "a.end", "b.end", axis="z")],
+        [SpringDamper(f"spring_{b}", "ground.end", f"{b}.end", "z", k) for b, k in zip("ab", stiffness, strict=True)],
+        damping_ratio=0.03,
+    )
+
+
+def apply_to_blocks(share, frequency, *, band=(1.0, 100.0), **options):
+    """What identified modes at frequencies and with the scene's own gains say of it."""
+    scene = blocks(share)
+    gains = modal_gains(assemble(scene))[:, 0, : len(frequency)]
+    fit = plain_fit(frequency, gains, "force", ("gap",), band)
+    return *apply_identification(scene, fit, trusted="gap", **options), gains
+
+
+def test_a_mode_is_visible_from_a_ten_thousandth_of_the_largest_gain():
+    for share in (0.9, 1.1):
+        _, report, gains = apply_to_blocks(share * 1e-4, [10.0, 20.0])
+        assert abs(gains[0, 1] / gains[0, 0]) == pytest.approx(share * 1e-4)
+        np.testing.assert_array_equal(report.matches, [0, 1 if share > 1 else -1])
+
+
+def test_a_matched_mode_beyond_the_band_counts_in_the_static_response():
+    _, report, _ = apply_to_blocks(0.5, [10.5, 20.0], band=(10.2, 30.0))
+    np.testing.assert_allclose(report.static_ratio, 1.0)
+
+
+def test_modes_that_were_not_measured_may_be_undamped():
+    changed, report, _ = apply_to_blocks(0.5, [10.0], unmeasured_damping_ratio=0.0)
+    np.testing.assert_array_equal(assemble(changed).damping.ratio, [0.01, 0.0])
+    assert dict(report.unmeasured) == {"mode 2": 0.0}
+
+
 @dataclass(frozen=True)
 class Broken(Sensor):
     """An encoder that reads nothing."""
@@ -677,6 +763,20 @@ def test_a_resonance_that_the_model_misses_is_not_split_in_two():
     assert len(fit.frequency) == 2
     assert np.all(np.abs(fit.frequency / FREQUENCY - 1) < 1.2 * RATIO * np.pi * FREQUENCY / 2000.0)
     assert fit.damping_ratio[0] == pytest.approx(RATIO[0], rel=0.01)
+
+
+def test_a_neighbour_that_is_missed_beside_a_narrow_mode_is_told():
+    """A mode whose half-power width is less than a line, and another of a hundredth of its gain 1 Hz above it."""
+    frequency, random = np.arange(50.0, 150.0, 0.5), np.random.default_rng(0)
+
+    def mode(f, ratio):
+        return 1 / (1 - (frequency / f) ** 2 + 2j * ratio * frequency / f)
+
+    noise = 1e-3 * (random.standard_normal(200) + 1j * random.standard_normal(200))
+    frf = FRF(frequency, (mode(100.1, 2e-3) + 0.01 * mode(101.0, 0.01) + noise)[None, None], ("y",), ("u",))
+    with pytest.warns(UserWarning, match="the residual is systematic near 100.1 Hz"):
+        fit = identify_modes(frf, input="u", outputs=["y"], band=(50.0, 149.5), n_modes=1)
+    assert abs(fit.damping_ratio[0] - 2e-3) < WITHIN * fit.damping_ratio_std[0]
 
 
 def test_a_delay_is_part_of_the_model():

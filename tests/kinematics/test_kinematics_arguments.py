@@ -122,19 +122,38 @@ def with_first_strut(vector):
     return replace(PLATFORM, platform_joints=joints)
 
 
+def skewed(angle):
+    """Two hexagons, one above the other, with neighbouring corners of the upper one shifted by an angle to and fro."""
+    ring = {**RING, "platform_angles": np.arange(0, 360, 60) + angle * np.array([1, -1, 1, -1, 1, -1])}
+    return StewartPlatform.from_angles(**ring)
+
+
 def nearly_singular(condition):
     """Similar hexagons one above the other hold no turn about z; this far from it, a little does, in proportion."""
-
-    def skewed(angle):
-        ring = {**RING, "platform_angles": np.arange(0, 360, 60) + angle * np.array([1, -1, 1, -1, 1, -1])}
-        return StewartPlatform.from_angles(**ring)
-
     rates = jacobian(skewed(1e-4))
     rates = rates / np.repeat([1, np.abs(rates[:, 3:]).max()], 3)
     return skewed(1e-4 * np.linalg.cond(rates) / condition)
 
 
+def stroke_upwards(share):
+    """What struts need to rise by three times their mean length and a share."""
+    rise = share * 3 * inverse_kinematics(PLATFORM).mean()
+    return np.max(inverse_kinematics(PLATFORM, [0, 0, rise]) - inverse_kinematics(PLATFORM))
+
+
+def too_short(gap):
+    """The pose nearest to lengths that lack a gap, over the mean length at rest, even with all joints in one plane."""
+    platform = skewed(10.0)
+    flat = inverse_kinematics(platform, [0, 0, -0.09])
+    return forward_kinematics(platform, flat - gap * inverse_kinematics(platform).mean())
+
+
 LIMITS = {
+    "an endless workspace": (
+        lambda x: workspace(PLATFORM, [0, 0, 1, 0, 0, 0], stroke=stroke_upwards(x)),
+        "nothing limits",
+    ),
+    "lengths out of reach": (lambda x: too_short(1e-9 * x), "no pose found"),
     "a rotation's rounding": (lambda x: inverse_kinematics(PLATFORM, rotation=(1 + 5e-10 * x) * TURN), "orthogonal"),
     "a strut without length": (lambda x: with_first_strut([0, 0, 1e-10 / x]), "begin where they end"),
     "a strut along y": (lambda x: strut_frames(with_first_strut([1e-10 / x, 0.1, 0])), "along F's y axis"),

@@ -52,6 +52,24 @@ def test_impossible_dimensions(change):
         APAGeometry(**change)
 
 
+@pytest.mark.parametrize(
+    ("name", "low", "high"),
+    [
+        ("arm_thickness", 0.1e-3, 3e-3),
+        ("pad_fillet", 0.05e-3, 0.7e-3),
+        ("relief", 0.5e-3, 4.5e-3),
+        ("depth", 10e-3, 100e-3),
+        ("hole_diameter", 0.5e-3, 8e-3),
+    ],
+)
+def test_dimensions_have_limits(name, low, high):
+    for value in (1.1 * low, 0.9 * high):
+        APAGeometry(**{name: value})
+    for value in (0.9 * low, 1.1 * high):
+        with pytest.raises(ValueError, match=f"{name} must lie between {low:g} and {high:g} m"):
+            APAGeometry(**{name: value})
+
+
 def test_reduction_is_cached_and_recomputed_when_an_input_changes(tmp_path, monkeypatch, told):
     """With the mesh of a bar, which takes no time."""
     bar = build_fe_model(make_bar(), element_size=0.02, order=2, progress=False)

@@ -9,7 +9,7 @@ from conftest import lattice
 
 from models import nano_hexapod
 from models.apa300ml import PORTS, axial_stiffness, reduced_apa300ml
-from models.bench import AMPLIFIER_GAIN, SENSOR_RESISTANCE
+from models.bench import AMPLIFIER_GAIN, SENSOR_RESISTANCE, make_passive_bench
 from models.hexapods import DEFAULT_PLATFORM, NANO_HEXAPOD
 from models.nano_hexapod import (
     PLATE_HEIGHT,
@@ -501,6 +501,44 @@ def test_ends_that_are_not_found(foreign, apa_with_ports):
         imported_strut(foreign[0], bottom="left", top="up")
     with pytest.raises(ValueError, match="the same place"):
         imported_strut(foreign[0], bottom="left", top="left")
+
+
+def with_right_end(body, place):
+    """A body with its second point elsewhere, and no other change."""
+    left, right = body.remote_points
+    return replace(body, remote_points=(left, replace(right, position=np.asarray(place))))
+
+
+def test_ends_are_found_within_a_thousandth_of_a_millimetre(foreign):
+    body = foreign[0]
+    (left, right), up = body.positions, np.eye(3)[2]
+    for share in (0.9, 1.1):
+        for call in (
+            lambda off: imported_strut(body, bottom="left", top=right + off * up),
+            lambda off: imported_strut(with_right_end(body, left + 1e-12 / off * up)),
+        ):
+            if share < 1:
+                call(1e-6 * share)
+            else:
+                with pytest.raises(ValueError, match=r"within 1e-06 m|the same place"):
+                    call(1e-6 * share)
+
+
+def test_the_passive_bench_guides_along_z_where_ends_coincide(foreign):
+    left = foreign[0].positions[0]
+    for length, direction in ((0.9e-6, 2), (1.1e-6, 0)):
+        scene = make_passive_bench(with_right_end(foreign[0], left + length * np.eye(3)[0]))
+        np.testing.assert_array_equal(scene.gravity, -9.81 * np.eye(3)[direction])
+
+
+def test_struts_have_the_platforms_lengths_to_a_nanometre():
+    for share in (0.9, -0.9, 1.1, -1.1):
+        strut = spring_strut(1e6, length=LENGTH + 1e-9 * share)
+        if abs(share) < 1:
+            make_nano_hexapod(strut)
+        else:
+            with pytest.raises(ValueError, match="strut 1: the platform wants its ends"):
+                make_nano_hexapod(strut)
 
 
 def test_struts_that_do_not_fit():

@@ -78,3 +78,10 @@ def test_the_platform_in_time():
     poles = decay_poles(np.array([run["u/encoder"], run["v/encoder"]])[:, 10::5], 5 * step, n_poles=8)
     for pole in (-0.042503 + 1.699841j, -0.007497 + 0.299841j):
         assert np.abs(poles - pole).min() < 0.01 * abs(pole)
+
+
+def test_not_all_stiffness_is_beside_the_sensors():
+    make_rotating_platform(0.1, parallel_share=0.9)
+    for share in (1.1, -0.1):
+        with pytest.raises(ValueError, match="parallel_share must be at least 0 and below 1"):
+            make_rotating_platform(0.1, parallel_share=share)

@@ -41,6 +41,11 @@ def test_select_and_after_keep_names_units_and_values():
     np.testing.assert_allclose(part["y"], part.time**2)
 
 
+def test_a_part_begins_with_the_sample_of_its_start_to_a_billionth_of_the_record():
+    for share in (0.9, 1.1):
+        assert len(history().after(0.2 + share * 0.4e-9).time) == (3 if share < 1 else 2)
+
+
 def test_arrays_are_read_only_copies():
     values = np.zeros((1, 3))
     record = TimeHistory([0.0, 1.0, 2.0], values, ("x",))
@@ -313,8 +318,9 @@ def test_orthogonal_multisines_check_their_arguments(change, message):
 
 
 def test_long_records_lose_their_last_samples_to_a_fast_transform():
-    """Below a million none, above so few that the number left has small factors only."""
-    assert [fast_length(n) for n in (997, 1_000_000, 1_000_001, 10_000_001)] == [997, 1_000_000, 1_000_000, 10_000_000]
+    """Below a million none, even of a prime number; above so few that the number left has small factors only."""
+    assert [fast_length(n) for n in (899_981, 1_000_000, 1_000_001)] == [899_981, 1_000_000, 1_000_000]
+    assert fast_length(10_000_001) == 10_000_000
     for n in (1_234_567, 3_000_017):
         left = shorter = fast_length(n)
         assert 0.995 * n < left <= n

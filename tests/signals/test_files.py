@@ -342,6 +342,21 @@ def test_faults_of_uff_files(tmp_path, sets, message):
     assert "file.uff" in str(fault.value)
 
 
+def test_axes_of_a_uff_file_are_the_same_to_a_billionth(tmp_path):
+    for share in (0.9, -0.9, 1.1, -1.1):
+        axes = [np.array([10.0, 20.0, 40.0]), np.array([10.0, 20 * (1 + 1e-9 * share), 40.0])]
+        curves = [
+            data_set(axis, np.ones(3), 4, ordinate_axis_lab=name, abscissa_spacing=0, binary=1)
+            for axis, name in zip(axes, "ab", strict=True)
+        ]
+        path = write_uff(tmp_path / "frf.uff", curves)
+        if abs(share) < 1:
+            np.testing.assert_array_equal(read_frf(path).frequency, axes[0])
+        else:
+            with pytest.raises(ValueError, match="data set 2: its axis differs from that of data set 1"):
+                read_frf(path)
+
+
 @pytest.mark.parametrize("func_type", [4, 6])
 def test_points_of_one_label_do_not_overwrite_each_other(tmp_path, func_type):
     frequency = 10.0 + np.arange(20.0)

@@ -168,6 +168,55 @@ def test_lines_without_power_are_zero_and_say_so():
     np.testing.assert_allclose(frf.coherence[0], first | second, rtol=1e-9)
 
 
+def lines(*numbers):
+    """A tenth of a second with lines of equal size at multiples of 10 Hz."""
+    spectrum = np.zeros(51, dtype=complex)
+    spectrum[list(numbers)] = np.exp(1j * np.arange(len(numbers)) ** 2)
+    return np.fft.irfft(spectrum, 100)
+
+
+def in_pieces(*inputs, method="H1"):
+    """The response y = 2 u1 to inputs in pieces of a tenth of a second."""
+    signals = {f"u{k + 1}": np.concatenate(pieces) for k, pieces in enumerate(inputs)}
+    options = {"segment_duration": 0.1, "window": "boxcar", "overlap": 0.0, "method": method}
+    record = history(**signals, y=2 * signals["u1"])
+    return estimate_frf(record, inputs=list(signals), outputs=["y"], **options).response("y", "u1")
+
+
+def test_inputs_are_told_apart_by_a_ten_thousandth_of_their_own():
+    """The second input is the first, but for a share of its power that is orthogonal to it over three pieces."""
+    w = lines(*range(1, 50))
+    for share in (0.9e-4, 1.1e-4):
+        common, own = np.sqrt(1 - share) * w, np.sqrt(1.5 * share) * w
+        inputs = [w, w, w], [common + own, common - own, common]
+        if share > 1e-4:
+            assert in_pieces(*inputs)[:49] == pytest.approx(2.0, rel=1e-6)
+        else:
+            with pytest.raises(ValueError, match="cannot be separated at 49 of 50 lines"):
+                in_pieces(*inputs)
+
+
+def test_a_tenth_of_the_power_may_be_alike():
+    """Four lines of forty are the same in both inputs."""
+    for share in (0.09, 0.11):
+        common, own = np.sqrt(9 * share / (1 - share)) * lines(1, 2, 3, 4), lines(*range(5, 41))
+        inputs = [common + own] * 3, [common + own, common - own, common + own]
+        if share < 0.1:
+            with pytest.warns(UserWarning, match="cannot be separated at 4 of 50 lines in 10 ... 40 Hz"):
+                assert in_pieces(*inputs)[:40] == pytest.approx([0.0] * 4 + [2.0] * 36)
+        else:
+            with pytest.raises(ValueError, match="cannot be separated at 4 of 50 lines"):
+                in_pieces(*inputs)
+
+
+@pytest.mark.parametrize("method", ["H1", "H2"])
+def test_a_line_has_power_from_a_share_of_1e_20(method):
+    """Of the power of the largest; a weaker line holds rounding errors, and the response there is zero."""
+    for share in (0.9, 1.1):
+        w = lines(1) + np.sqrt(share * 1e-20) * lines(2)
+        assert in_pieces([w] * 2, method=method)[:2] == pytest.approx([2.0, 2.0 * (share > 1)], rel=1e-3)
+
+
 @pytest.mark.parametrize("noise", [0.0, 0.5, 1.0, 2.0])
 def test_coherence_and_h1_with_noise_at_the_output(noise):
     u = white(1)

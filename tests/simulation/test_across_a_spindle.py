@@ -1,12 +1,13 @@
-"""What ties a rotor to what stands, by kind, side and means, against equations of Newton and Euler written down here.
+"""Ties of a rotor to a stator, by kind, side and means, against equations of Newton and Euler written down here.
 
 The machine is a stator on legs and a rotor of two halves, about an axis askew; all bodies have axes of their own. With
-z along the axis and W the speed, the motion v of a body is described in the turning frame or in the standing one:
+z along the axis and W the speed, the motion v of a body is described in the frame of the rotor or of the stator:
 
-    rotor, turning      m (v'' + 2 W~ v' + W~ W~ v),   I v'' + (I W~ + W~ I - (I W)~) v' + (W~ I W~ - (I W)~ W~) v
-    stator, turning     as a motion R v of what stands: v' is v' + W~ v there, with inertias alike across z
-    stator, standing    m v'',   I v''
-    rotor, standing     m v'',   I v'' - (I W)~ v', with inertias alike across z
+    body    frame
+    rotor   rotor    m (v'' + 2 W~ v' + W~ W~ v),   I v'' + (I W~ + W~ I - (I W)~) v' + (W~ I W~ - (I W)~ W~) v
+    stator  rotor    as a motion R v in its own frame: v' is v' + W~ v there, with inertias alike across z
+    stator  stator   m v'',   I v''
+    rotor   stator   m v'',   I v'' - (I W)~ v', with inertias alike across z
 
 Dampers resist the rate that the side of their axes sees. Ties are joints, as rows that vanish, or springs.
 """
@@ -109,7 +110,7 @@ class Machine:
 
     def __init__(self, frame, *, grounded=False, ratio=0.0, coupling="bushing", stand="legs"):
         self.frame, self.grounded, self.ratio = frame, grounded, ratio
-        turns = frame == "turning"
+        turns = frame == "rotor"
         own = {"stator": EVEN if turns else ODD} | dict.fromkeys(TURNING, ODD if turns else EVEN)
         self.names = TURNING if grounded else ("stator", *TURNING)
         self.slices = {name: slice(6 * k, 6 * k + 6) for k, name in enumerate(self.names)}
@@ -146,13 +147,13 @@ class Machine:
         if name in TURNING:
             momentum = skew(moments @ [0, 0, SPEED])
             gyro[3:, 3:] = -momentum
-            if self.frame == "turning":
+            if self.frame == "rotor":
                 m = MASSES[name]
                 self.drag[place, place] = scipy.linalg.block_diag(2 * m * W, moments @ W + W @ moments - momentum)
                 self.stiff[place, place] = scipy.linalg.block_diag(m * W @ W, W @ moments @ W - momentum @ W)
             else:
                 self.drag[place, place] = gyro
-        elif self.frame == "turning":
+        elif self.frame == "rotor":
             own = self.mass[place, place]
             self.drag[place, place], self.stiff[place, place] = 2 * own @ both, own @ both @ both
 
@@ -166,17 +167,17 @@ class Machine:
         return np.kron(np.eye(2), turn.T) @ result
 
     def law(self, rows, stiffness, damping, side):
-        """A spring, and a damper of a side, "turning" or "standing"."""
+        """A spring, and a damper of a side, "rotor" or "stator"."""
         self.elastic += rows.T @ np.diag(stiffness) @ rows
         damper = rows.T @ np.diag(damping) @ rows
         self.drag += damper
         if side != self.frame:
             sees = np.kron(np.eye(self.n // 3), W)
-            self.stiff += damper @ (sees if self.frame == "turning" else -sees)
+            self.stiff += damper @ (sees if self.frame == "rotor" else -sees)
 
     def bushing(self, name, a, b, stiffness, share, turn=EYE):
         self.springs.append(Bushing(name, a, b, stiffness, share * stiffness, AXES @ turn))
-        side = "turning" if a.partition(".")[0] in TURNING else "standing"
+        side = "rotor" if a.partition(".")[0] in TURNING else "stator"
         self.law(self.rows(a, b, turn), stiffness, share * stiffness, side)
 
     def body(self, name, a, b, stiffness):
@@ -197,7 +198,7 @@ class Machine:
         spots = ("on", "on") if means == "joint" else ("on", "above")
         a, b = (
             f"{name}.{spot}"
-            for name, spot in zip(("hub", other) if owner == "turning" else (other, "hub"), spots, strict=True)
+            for name, spot in zip(("hub", other) if owner == "rotor" else (other, "hub"), spots, strict=True)
         )
         chosen = [DIRECTIONS.index(d) for d in held]
         rows = self.rows(a, b)[chosen]
@@ -216,7 +217,7 @@ class Machine:
 
     def frfs(self):
         """The scene, and its transfer functions where they are compared, (outputs, inputs, n)."""
-        turns, stand = self.frame == "turning", "ground" if self.grounded else "stator"
+        turns, stand = self.frame == "rotor", "ground" if self.grounded else "stator"
         pushed, at, a = ("disc.rim", "hub.on", "hub.side") if turns else ("disc.above", "", "ground.side")
         direction, about, across = np.array([0.3, -0.5, 0.8]), np.array([0.7, 0.4, -0.2]), np.array([0.6, 0.7, -0.2])
         actuators = (
@@ -274,21 +275,21 @@ def assert_same(found, expected, share=1e-7):
 
 
 JOINTS = ["x y z rx ry", "x y rx ry", "x y z", "z rx ry", "x y", "rx ry", "z", "x", "rx", "x z"]
-CASES = [(held, "joint", owner) for held in JOINTS for owner in ("turning", "standing")]
-CASES += [(held, "bushing", owner) for held in JOINTS for owner in ("turning", "standing")]
-CASES += [(held, "spring", owner) for held in ("x y z", "x y", "z", "x", "x z") for owner in ("turning", "standing")]
+CASES = [(held, "joint", owner) for held in JOINTS for owner in ("rotor", "stator")]
+CASES += [(held, "bushing", owner) for held in JOINTS for owner in ("rotor", "stator")]
+CASES += [(held, "spring", owner) for held in ("x y z", "x y", "z", "x", "x z") for owner in ("rotor", "stator")]
 
 
 def found_of(scene, frame):
     """Transfer functions of the package's linear model."""
     standing = [body.name for body in scene.bodies if body.name in ("ground", "stator", "leg")]
-    model = linearize(scene, angular_velocity=SPEED * AXIS, axis_point=POINT, standing=standing, frame=frame)
+    model = linearize(scene, angular_velocity=SPEED * AXIS, axis_point=POINT, stator=standing, frame=frame)
     a, b, c, d = model.matrices
     return np.moveaxis([c @ np.linalg.solve(s * np.eye(len(a)) - a, b) + d for s in NEAR], 0, 2)
 
 
 @pytest.mark.parametrize("grounded", [False, True])
-@pytest.mark.parametrize("frame", ["turning", "standing"])
+@pytest.mark.parametrize("frame", ["rotor", "stator"])
 @pytest.mark.parametrize(("held", "means", "owner"), CASES)
 def test_every_tie_across_a_spindle(held, means, owner, frame, grounded):
     """What is not alike across the axis is constant as its owner sees it, and is refused by name in the other frame.
@@ -309,15 +310,15 @@ def test_every_tie_across_a_spindle(held, means, owner, frame, grounded):
 
 
 DAMPED = [
-    ("turning", {"grounded": True}),
-    ("turning", {"grounded": True, "coupling": "body"}),
-    ("turning", {"stand": "slide", "coupling": "body"}),
-    ("standing", {"stand": "body", "coupling": "joint"}),
+    ("rotor", {"grounded": True}),
+    ("rotor", {"grounded": True, "coupling": "body"}),
+    ("rotor", {"stand": "slide", "coupling": "body"}),
+    ("stator", {"stand": "body", "coupling": "joint"}),
 ]
 HINGE = ["x", "y", "z", "rx", "ry"]
 
 
-@pytest.mark.parametrize("owner", ["turning", "standing"])
+@pytest.mark.parametrize("owner", ["rotor", "stator"])
 @pytest.mark.parametrize(("frame", "options"), DAMPED)
 def test_modal_damping_across_a_spindle(frame, options, owner):
     """It is that of the parts that deform: it turns with a rotor and stands with a stator."""
@@ -328,13 +329,13 @@ def test_modal_damping_across_a_spindle(frame, options, owner):
 
 
 def test_modal_damping_of_a_rotor_does_not_stand():
-    """The standing frame knows the rotor as rigid bodies, whose modes then lose their damping, of which it tells."""
-    machine, undamped = Machine("standing", grounded=True, ratio=0.04), Machine("standing", grounded=True)
+    """The frame of the stator knows rigid bodies of the rotor, whose modes lose their damping, with a warning."""
+    machine, undamped = Machine("stator", grounded=True, ratio=0.04), Machine("stator", grounded=True)
     for each in (machine, undamped):
-        each.tie(HINGE, "standing", "joint")
+        each.tie(HINGE, "stator", "joint")
     scene, _ = machine.frfs()
     with pytest.warns(UserWarning, match="damping_ratio acts through deformation only"):
-        found = found_of(scene, "standing")
+        found = found_of(scene, "stator")
     assert_same(found, undamped.frfs()[1])
 
 
@@ -373,7 +374,7 @@ def test_a_foundation_that_stands_damps_an_unbalance():
     expected = np.linalg.solve(dynamic, [2e-4 * 2.0 * SPEED**2, 0.0])[0]
     assert abs(expected.imag) > 0.1 * abs(expected.real)
     for standing in (["ground", "stator"], ["ground", "stator", "ring"]):
-        found = spinning_equilibrium(scene, standing=standing)
+        found = spinning_equilibrium(scene, stator=standing)
         assert found["0"] + 1j * found["1"] == pytest.approx(expected, rel=1e-6)
     with pytest.raises(ValueError, match="name all bodies of the stator"):
         spinning_equilibrium(scene)
@@ -385,13 +386,13 @@ def test_an_equilibrium_in_either_frame():
     ground, stator, rotor = uneven.bodies
     even = replace(rotor, position=POINT, points={"on": np.zeros(3)}, inertia=unbalanced().bodies[2].inertia)
     scene = replace(uneven, bodies=(ground, stator, even), sensors=(Encoder("0", "ground.on", "rotor.on", "x"),))
-    spin = {"angular_velocity": SPEED * AXIS, "axis_point": POINT, "standing": ["ground", "stator"]}
-    assert spinning_equilibrium(scene, **spin, frame="standing") == pytest.approx({"0": 0.0}, abs=1e-12)
-    with pytest.raises(ValueError, match="body 'stator': in the turning frame"):
+    spin = {"angular_velocity": SPEED * AXIS, "axis_point": POINT, "stator": ["ground", "stator"]}
+    assert spinning_equilibrium(scene, **spin, frame="stator") == pytest.approx({"0": 0.0}, abs=1e-12)
+    with pytest.raises(ValueError, match="body 'stator': in the rotor frame"):
         spinning_equilibrium(scene, **spin)
 
 
-@pytest.mark.parametrize("frame", ["turning", "standing"])
+@pytest.mark.parametrize("frame", ["rotor", "stator"])
 def test_a_loop_across_a_spindle(frame):
     """A weak sampled loop along the axis moves a pole as its gain times the transfer function's residue."""
     machine = Machine(frame)
@@ -399,7 +400,7 @@ def test_a_loop_across_a_spindle(frame):
     scene, _ = machine.frfs()
     rate, gain = 2e4, 10.0
     loop = Loop("loop", proportional(gain, sample_rate=rate, delay=0), "gap", "lift")
-    spin = {"angular_velocity": SPEED * AXIS, "axis_point": POINT, "standing": ["ground", "stator"], "frame": frame}
+    spin = {"angular_velocity": SPEED * AXIS, "axis_point": POINT, "stator": ["ground", "stator"], "frame": frame}
     closed = linearize_closed(replace(scene, loops=(loop,)), continuous=True, delay_order=0, **spin)
     a, b, c, _ = linearize(scene, **spin).matrices
     rows, columns = [closed.outputs.index("gap")], [closed.inputs.index("lift")]
@@ -409,14 +410,14 @@ def test_a_loop_across_a_spindle(frame):
 @pytest.mark.parametrize(
     ("frame", "cure"),
     [
-        ("turning", r'take the axis, or a direction whose frame is a point of the rotor: frame="body\.point"'),
-        ("standing", "take the axis, or a direction whose frame is the world or a point of the stator"),
+        ("rotor", r'take the axis, or a direction whose frame is a point of the rotor: frame="body\.point"'),
+        ("stator", "take the axis, or a direction whose frame is the world or a point of the stator"),
     ],
 )
 def test_a_signal_across_the_axis_is_told_which_frame_serves(frame, cure):
     machine = Machine(frame)
     machine.tie(HINGE, frame, "joint")
-    other = "ground.on" if frame == "turning" else "disc.on"
+    other = "ground.on" if frame == "rotor" else "disc.on"
     across = Encoder("across", "ground.on", "disc.on", tuple(AXES[:, 0]), frame=other)
     scene = replace(machine.frfs()[0], sensors=(across,))
     with pytest.raises(ValueError, match=f"output 'across': in the {frame} frame, .*; {cure}$"):

@@ -160,7 +160,7 @@ def test_what_stands_and_whose_frame_in_closed_loops_and_at_rest():
         sensors=(Encoder("lift", "ground.top", "foundation.low", AXIS),),
         loops=(Loop("idle", idle, "lift", "push"),),
     )
-    for frame in ("turning", "standing"):
+    for frame in ("rotor", "stator"):
         expected = linearize(scene, **spin, frame=frame).poles()
         found = linearize_closed(scene, **spin, frame=frame).poles()
         assert max(np.abs(found - pole).min() for pole in expected) < 1e-5
@@ -182,9 +182,9 @@ def test_what_stands_and_whose_frame_in_closed_loops_and_at_rest():
         ),
         damping_ratio=0.0,
     )
-    turning = {"angular_velocity": (0, 0, 30.0), "frame": "standing"}
+    turning = {"angular_velocity": (0, 0, 30.0), "frame": "stator"}
     flung = spinning_equilibrium(machine, angular_velocity=(0, 0, 30.0))["x"]
     assert flung == pytest.approx(2.0 * 900.0 * 0.1 / (1e5 - 2.0 * 900.0), rel=1e-9)
-    assert spinning_equilibrium(machine, **turning, standing=("ground", "load"))["x"] == pytest.approx(0.0, abs=1e-15)
+    assert spinning_equilibrium(machine, **turning, stator=("ground", "load"))["x"] == pytest.approx(0.0, abs=1e-15)
     with pytest.raises(ValueError, match="load"):  # what stands is not the same in all directions
-        spinning_equilibrium(machine, angular_velocity=(0, 0, 30.0), standing=("ground", "load"))
+        spinning_equilibrium(machine, angular_velocity=(0, 0, 30.0), stator=("ground", "load"))

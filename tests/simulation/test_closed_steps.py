@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from nassim.scene.loop import Loop
-from nassim.simulation.linear.digital_controllers import start_controller
-from nassim.simulation.linear.exact_steps import BLOCK, TOGETHER, pieces
-from nassim.simulation.linear.sampled_closed_loop import Plant, closed_steps
+from nassim.simulation.linear.sample_blocks import BLOCK, TOGETHER, BlockSteps, SampleBlocks, pieces
+from nassim.simulation.linear.sampled_closed_loop import Plant, connect_loops
+from nassim.simulation.model.digital_controllers import start_controller
 from nassim.systems.controllers import Controller
 
 RATE = 1000.0
@@ -61,9 +61,11 @@ def sample_by_sample(plant, loops, inputs, start):
 
 
 def run(plant, loops, inputs, start, block):
-    closed = closed_steps(plant, scene(*loops), 1 / RATE)
-    rows, begins = [], []
-    for begin, states, found in pieces(closed, start, inputs, block):
+    """In blocks that grow up to a length, which are the same one by one to the last bit."""
+    closed = connect_loops(plant, scene(*loops), 1 / RATE)
+    blocks, rows, begins = SampleBlocks(closed, block, growth=2), [], []
+    for begin, states, found in pieces(blocks, start, inputs):
+        block = len(found) // len(states)
         assert len(found) == block * len(states)
         begins.append(begin)
         rows.append(found)
@@ -77,7 +79,14 @@ def run(plant, loops, inputs, start, block):
             found[::block, :3][: len(firsts)], outputs[: len(firsts)] + firsts @ plant.matrices[3].T, atol=1e-10
         )
     assert begins == [0, *np.cumsum([len(found) for found in rows])[:-1]]
-    return np.concatenate(rows)[: inputs.shape[1]]
+    found = np.concatenate(rows)[: inputs.shape[1]]
+    steps = BlockSteps(SampleBlocks(closed, block, growth=2), start, inputs[:, 0])
+    one_by_one = [steps.row]
+    for now in inputs.T[1:]:
+        steps.step(now)
+        one_by_one.append(steps.row)
+    np.testing.assert_array_equal(one_by_one, found)
+    return found
 
 
 def compare(loops, n_samples, block=8, *, size=1.0, start=True, seed=0, settling=0.0):
@@ -176,9 +185,9 @@ def test_loops_that_overflow_do_so_in_time():
     here = plant(size=0.5)
     loop = Loop("p", Controller(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[1e30]], RATE), "a", "u")
     here = replace(here, pushed=here.pushed[:, :1], shown=0 * here.shown[:, :1])
-    closed = closed_steps(here, scene(loop), 1 / RATE)
+    closed = connect_loops(here, scene(loop), 1 / RATE)
     with np.errstate(all="ignore"):
-        _, _, rows = next(pieces(closed, np.zeros(5), np.eye(2, 64), 64))
+        _, _, rows = next(pieces(SampleBlocks(closed, growth=0), np.zeros(5), np.eye(2, 64)))
         expected = sample_by_sample(here, (loop,), np.eye(2, 64), np.zeros(5))
     np.testing.assert_allclose(rows[:5], expected[:5], rtol=1e-9)
     assert np.isfinite(rows[:5]).all()
@@ -186,9 +195,9 @@ def test_loops_that_overflow_do_so_in_time():
 
 def test_memory_does_not_grow_with_the_run():
     """Beside its inputs and outputs a run holds a piece of itself."""
-    closed, inputs = closed_steps(plant(size=0.9), scene(*TWO), 1 / RATE), np.ones((2, 400_000))
+    closed, inputs = connect_loops(plant(size=0.9), scene(*TWO), 1 / RATE), np.ones((2, 400_000))
     tracemalloc.start()
-    last = sum(len(rows) for *_, rows in pieces(closed, np.zeros(5), inputs, BLOCK))
+    last = sum(len(rows) for *_, rows in pieces(SampleBlocks(closed), np.zeros(5), inputs))
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert last >= 400_000

@@ -249,7 +249,7 @@ def test_static_stiffness_of_the_rotating_platform():
 
 @pytest.mark.parametrize("kind", ["rigid", "ffrf"])
 def test_the_rotating_platform_in_time(kind):
-    """Poles fitted to a simulated decay in the turning frame: 1 %."""
+    """Poles fitted to a simulated decay in the rotor frame: 1 %."""
     body = None
     if kind == "ffrf":
         reduced = craig_bampton(lattice(stiffness=1e6), n_modes=2, progress=False)
@@ -347,7 +347,7 @@ def test_what_drives_cannot_do_is_told_before_long_work():
             simulate(
                 replace(arm(input="turn"), joints=joints), history(time, turn=time), time_step=0.01, progress=False
             )
-    with pytest.raises(ValueError, match="output 'x': in the turning frame, this changes by"):
+    with pytest.raises(ValueError, match="output 'x': in the rotor frame, this changes by"):
         linearize(arm(speed=1.0))
 
 

@@ -29,12 +29,13 @@ from nassim.scene.terms import Output, OutputFilter
 from nassim.signals.time_history import occupied_bandwidth
 from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.system import build_system
-from nassim.simulation.linear import digital_controllers
 from nassim.simulation.loaded.equilibrium import check_small
 from nassim.simulation.loaded.spinning import warn_of_spinning_bodies
 from nassim.simulation.model import buckling
 from nassim.simulation.model.assembly import assemble
+from nassim.simulation.model.digital_controllers import samples_per_period
 from nassim.simulation.model.reach import Reach
+from nassim.simulation.model.runaway import see_runaway
 from nassim.simulation.run import simulate as time_domain, warnings_of_runs
 from nassim.simulation.run.checks import check_stability
 from nassim.simulation.run.excitation import _check_loss, sampled
@@ -196,7 +197,7 @@ def test_a_run_is_lost_at_its_bounds(bar):
     looped = replace(plain, loops=(Loop("idle", IDLE, "z", "push"),))
     for scene, bound in ((plain, 1.0), (looped, 0.1)):
         system = build_system(assemble(scene))
-        carried = system.flexible["bar"].coordinates @ system.taken("bar")
+        carried = system.flexible["bar"].coordinates @ system.selection("bar")
         unit = np.zeros(carried.shape[1])
         unit[int(np.argmax(np.abs(carried[6 + 3])))] = 1.0  # of what turns the right end
         data = system.mbs.systemData
@@ -217,7 +218,7 @@ def test_a_run_is_lost_at_its_bounds(bar):
     turned[assembly.coordinates.slices["load"].start + 4] = 1.0
 
     def seen(share):
-        return digital_controllers.see_runaway(assembly.coordinates, reach, share * turned, 1)
+        return see_runaway(assembly.coordinates, reach, share * turned, 1)
 
     assert [bool(seen(side * 0.1)[0]) for side in SIDES] == [False, True]
     assert [seen(side * 0.01)[1] for side in SIDES] == [True, False]
@@ -235,7 +236,7 @@ def test_samples_fall_on_steps_within_a_millionth():
     loop = Loop("idle", IDLE, "y", "u")
     both_sides(
         1e-6,
-        lambda off: digital_controllers.samples_per_period(loop, 1e-3 / (4 * (1 + off))),
+        lambda off: samples_per_period(loop, 1e-3 / (4 * (1 + off))),
         refused="every 4 time steps",
     )
 

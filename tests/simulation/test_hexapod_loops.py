@@ -28,7 +28,7 @@ from nassim import (
 )
 from nassim.signals import low_pass
 from nassim.simulation import linearize_closed
-from nassim.simulation.linear.digital_controllers import start_controller
+from nassim.simulation.model.digital_controllers import start_controller
 from nassim.systems import (
     close_loop,
     crossover_controller,

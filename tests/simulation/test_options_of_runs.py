@@ -33,8 +33,8 @@ from nassim import (
     static_response,
 )
 from nassim.scene import Displacement, Output, Sensor
-from nassim.simulation.linear.digital_controllers import runaway
 from nassim.simulation.model.buckling import estimated_stiffness
+from nassim.simulation.model.runaway import runaway
 from nassim.simulation.run.excitation import sampled
 from nassim.systems import proportional
 

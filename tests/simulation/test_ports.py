@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from conftest import make_bar
 from scipy.sparse.linalg import splu
 
-from models.apa300ml import STACK
+from models.apa300ml import PZT, STACK
 from models.apa300ml.calibration import data_sheet_figures
 from models.bench import BENCH_CONDITIONS, make_bench
 from nassim import (
@@ -437,6 +437,26 @@ def test_ceramic_that_cannot_be():
     """No transverse strain in an isotropic ceramic of this stiffness: more energy out than in, so refused."""
     with pytest.raises(ValueError, match="less than none"):
         make_stack(capacitance=4.4e-6, transverse_ratio=0.0)
+
+
+@pytest.mark.parametrize("share", [-0.9, 1.1])
+@pytest.mark.parametrize(
+    ("longer", "message"), [(0, "mm3; give each stack"), (1, "mm long along the port's direction")]
+)
+def test_a_stack_may_differ_from_its_data_sheet_by_two_per_cent(share, longer, message):
+    """By its cross-section, or by its length with the same volume."""
+    sides = np.array([20e-3, 10e-3, 10e-3])
+    sides[0] *= 1 + longer * 0.02 * share
+    sides[1] *= (1 + 0.02 * share) ** (1 - 2 * longer)
+    bar = occ.Box((0, 0, 0), tuple(sides))
+    bar.name = "bar"
+    port = ElectricalPort("v", "bar", PiezoStack.from_datasheet(**SHEET))
+    solid = Solid("bar", bar, {"bar": PZT}, (), (port,))
+    if abs(share) < 1:
+        build_fe_model(solid, element_size=10e-3, order=2, progress=False)
+    else:
+        with pytest.raises(ValueError, match=message):
+            build_fe_model(solid, element_size=10e-3, order=2, progress=False)
 
 
 def test_bad_ports():

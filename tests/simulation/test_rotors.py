@@ -79,7 +79,7 @@ def whirl(matrices):
 
 
 def assert_whirls(found, speed, expected):
-    """Poles in the turning frame, seen from the ground, hold all of these to 0.5 %."""
+    """Poles in the rotor frame, seen from the ground, hold all of these to 0.5 %."""
     for pole in expected:
         assert np.abs(found + 1j * speed - pole).min() < 5e-3 * abs(pole)
 
@@ -252,7 +252,7 @@ def rigid_machine(speed, *, k=(4e5, 4e5), arms=3, wobble=0.0, transverse=0.03, t
         for j, (axis, stiffness) in enumerate(zip(axes.T, (*k, 5e5), strict=True))
     ]
     scene = Scene("machine", (ground, foundation, rotor), springs=(*feet, *springs), sensors=signals, damping_ratio=0.0)
-    return scene, {"angular_velocity": speed * AXIS, "axis_point": POINT, "standing": ("ground", "foundation")}
+    return scene, {"angular_velocity": speed * AXIS, "axis_point": POINT, "stator": ("ground", "foundation")}
 
 
 def own_matrices(speed, k, arms=3, wobble=0.0):
@@ -294,7 +294,7 @@ def assert_same_poles(found, expected, rtol=1e-7):
 def test_a_rigid_rotor_in_the_standing_frame(speed, k, arms, wobble):
     """What stands may differ across the axis where what turns does not: equations of Newton and Euler."""
     scene, spin = rigid_machine(speed, k=k, arms=arms, wobble=wobble)
-    found = linearize(scene, **spin, frame="standing").poles()
+    found = linearize(scene, **spin, frame="stator").poles()
     assert_same_poles(found, own_poles(*own_matrices(speed, k, arms, wobble)))
 
 
@@ -382,7 +382,7 @@ def test_a_machine_on_a_spindle_in_a_granite_on_feet():
     stiff = linearize(strutted(speed, 1e13)).poles()
     for frequency in (10.4091, 12.1414, 36.9134, 46.7331, 74.4199, 75.7247):
         assert np.abs(np.abs(stiff) / (2 * np.pi) - frequency).min() < 1e-4
-    turning, standing = linearize(strutted(speed)), linearize(strutted(speed), frame="standing")
+    turning, standing = linearize(strutted(speed)), linearize(strutted(speed), frame="stator")
     for pole in turning.poles():
         shifted = pole + 1j * speed * np.array([-1, 0, 1])
         assert np.abs(standing.poles()[:, None] - shifted).min() < 1e-6 * abs(pole)
@@ -397,8 +397,8 @@ def test_a_machine_on_a_spindle_in_a_granite_on_feet():
     # Pushed and read in pairs, all around alike: the feet are alike in all directions, too.
     answer = (c @ np.linalg.solve(40j * np.eye(len(a)) - a, b))[:, 1:]
     np.testing.assert_allclose(answer[2:, 2:], answer[:-2, :-2], rtol=1e-6, atol=1e-9 * np.abs(answer).max())
-    with pytest.raises(ValueError, match="input 'F0': in the standing frame"):
-        linearize(legs, frame="standing")
+    with pytest.raises(ValueError, match="input 'F0': in the stator frame"):
+        linearize(legs, frame="stator")
 
 
 def test_angles_are_read_against_the_steady_turn():
@@ -423,7 +423,7 @@ CHANGES = {
         {"k": (4e5, 5e5)},
         "the force law between foundation.low and rotor.low, the force law between foundation.high and",
     ),
-    "foundation": ({"wobble": 0.1}, "body 'foundation': in the turning frame, this changes by"),
+    "foundation": ({"wobble": 0.1}, "body 'foundation': in the rotor frame, this changes by"),
 }
 
 
@@ -433,36 +433,36 @@ def test_what_changes_as_a_part_turns_is_named(case):
     scene, spin = rigid_machine(50.0, **changes)
     with pytest.raises(ValueError, match=message):
         linearize(scene, **spin)
-    linearize(scene, **spin, frame="standing")
+    linearize(scene, **spin, frame="stator")
     uneven, spin = rigid_machine(50.0, turned=0.2)
-    with pytest.raises(ValueError, match="body 'rotor': in the standing frame, this changes by 1"):
-        linearize(uneven, **spin, frame="standing")
+    with pytest.raises(ValueError, match="body 'rotor': in the stator frame, this changes by 1"):
+        linearize(uneven, **spin, frame="stator")
     linearize(uneven, **spin)
     scene, spin = rigid_machine(50.0)
     beside = replace(scene.bodies[2], position=scene.bodies[2].position + 0.001 * axes_along(AXIS)[:, 0])
     with pytest.raises(ValueError, match=r"body 'rotor' rotates with its centre of mass 0\.001 m beside the axis"):
-        linearize(replace(scene, bodies=(*scene.bodies[:2], beside)), **spin, frame="standing")
+        linearize(replace(scene, bodies=(*scene.bodies[:2], beside)), **spin, frame="stator")
 
 
 def test_signals_that_change_as_a_part_turns_are_named():
     across = axes_along(AXIS)[:, 0]
     cases = [
-        (Encoder("x", "ground.top", "rotor.top", across), "turning", "output 'x'"),
-        (Encoder("x", "ground.top", "rotor.top", across, frame="rotor.top"), "standing", "output 'x'"),
+        (Encoder("x", "ground.top", "rotor.top", across), "rotor", "output 'x'"),
+        (Encoder("x", "ground.top", "rotor.top", across, frame="rotor.top"), "stator", "output 'x'"),
     ]
     for sensor, frame, message in cases:
         scene, spin = rigid_machine(50.0, signals=(sensor,))
         with pytest.raises(ValueError, match=f"{message}: in the {frame} frame"):
             linearize(scene, **spin, frame=frame)
-        linearize(scene, **spin, frame={"turning": "standing", "standing": "turning"}[frame])
+        linearize(scene, **spin, frame={"rotor": "stator", "stator": "rotor"}[frame])
     scene, spin = rigid_machine(50.0)
     for push, message in (
         (PointForce("f", "rotor.top", across, "f"), "'f'"),
         (GroundAcceleration("g", across, "g"), "'g'"),
     ):
-        with pytest.raises(ValueError, match=f"input {message}: in the turning frame"):
+        with pytest.raises(ValueError, match=f"input {message}: in the rotor frame"):
             linearize(replace(scene, actuators=(push,)), **spin)
-        linearize(replace(scene, actuators=(push,)), **spin, frame="standing")
+        linearize(replace(scene, actuators=(push,)), **spin, frame="stator")
 
 
 def test_what_cannot_stand_beside_what_turns_is_refused(shaft):
@@ -484,11 +484,11 @@ def test_what_cannot_stand_beside_what_turns_is_refused(shaft):
     with pytest.raises(ValueError, match="unknown frame 'stander'"):
         linearize(scene, **spin, frame="stander")
     with pytest.raises(ValueError, match="unknown body 'granite'"):
-        linearize(scene, angular_velocity=(0, 0, 1.0), standing=["granite"])
+        linearize(scene, angular_velocity=(0, 0, 1.0), stator=["granite"])
     with pytest.raises(
-        ValueError, match="body 'shaft' of the rotor is a reduced body, which a model in the standing frame"
+        ValueError, match="body 'shaft' of the rotor is a reduced body, which a model in the stator frame"
     ):
-        linearize(overhung(shaft, 10.0), frame="standing")
+        linearize(overhung(shaft, 10.0), frame="stator")
 
 
 def test_friction_of_a_bushing_stands_with_the_ground_too():
@@ -514,9 +514,9 @@ def test_a_force_sensor_of_a_bearing_is_named_where_its_reading_turns():
     scene = Scene(
         "r", (ground, rotor), (guide,), sensors=(ForceSensor("pull", "x"),), springs=springs, damping_ratio=0.0
     )
-    spin = {"angular_velocity": (0, 0, 5.0), "standing": ["ground"]}
-    linearize(scene, **spin, frame="standing")
-    with pytest.raises(ValueError, match="output 'pull': in the turning frame, this changes by"):
+    spin = {"angular_velocity": (0, 0, 5.0), "stator": ["ground"]}
+    linearize(scene, **spin, frame="stator")
+    with pytest.raises(ValueError, match="output 'pull': in the rotor frame, this changes by"):
         linearize(scene, **spin)
 
 
@@ -528,10 +528,10 @@ def test_who_stands_is_said_or_asked():
     hung = replace(scene, bodies=(*scene.bodies, ring), springs=(*scene.springs, *ties))
     with pytest.raises(ValueError, match="body 'ring' is tied to the rotor and to the stator"):
         linearize(hung)
-    linearize(hung, standing=["ground", "granite", "ring"])
-    linearize(hung, standing=["ground", "granite"])
+    linearize(hung, stator=["ground", "granite", "ring"])
+    linearize(hung, stator=["ground", "granite"])
     with pytest.raises(ValueError, match="joint 'spindle': a drive of constant speed needs a stator"):
-        linearize(scene, standing=["ground", "granite", "table"])
+        linearize(scene, stator=["ground", "granite", "table"])
     with pytest.raises(ValueError, match="joint 'spindle': a drive of constant speed needs a fixed body on one side"):
         linearize(replace(scene, springs=scene.springs[:6]))
 
@@ -594,4 +594,4 @@ def test_a_drive_bears_the_friction_of_its_joint(shaft):
     np.testing.assert_allclose(linearize(rubbing).A, linearize(scene).A, rtol=1e-12, atol=1e-9)
     seal = replace(scene, springs=(Friction("seal", "ground.disc", "disc.p"),))
     with pytest.raises(ValueError, match=r"the force law between ground\.disc and disc\.p resists the rotation"):
-        linearize(seal, standing=["ground", "housing"])
+        linearize(seal, stator=["ground", "housing"])

@@ -30,9 +30,9 @@ from nassim.base.modal import decay_poles
 from nassim.scene.mechanics import Bushing, PointTorque
 from nassim.signals.excitations import low_pass
 from nassim.simulation.exudyn import solver
-from nassim.simulation.linear.digital_controllers import samples_per_period, start_controller, start_loops
 from nassim.simulation.linear.linearization import linearize_closed
 from nassim.simulation.model.description import describe
+from nassim.simulation.model.digital_controllers import samples_per_period, start_controller, start_loops
 from nassim.simulation.run import simulate as time_domain
 from nassim.simulation.run.simulate import exudyn_eigenfrequencies
 from nassim.systems.controllers import Controller

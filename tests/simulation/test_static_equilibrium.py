@@ -1,4 +1,4 @@
-"""Equilibria in which weight stiffens or softens about as much as springs: against roots of the moment's equation."""
+"""Static equilibria that weight stiffens or softens: pendulums, by themselves and on springs, against closed forms."""
 
 import numpy as np
 import pytest
@@ -10,6 +10,7 @@ from nassim import (
     AngleSensor,
     Bushing,
     FlexibleBody,
+    Joint,
     RigidBody,
     Scene,
     SpringDamper,
@@ -51,8 +52,39 @@ def pendulum(angle, springs, **points):
     )
 
 
-@pytest.mark.parametrize("ratio", [0.45, 0.55, 0.9])
-@pytest.mark.parametrize("angle", [0.02, 0.1, 1.6, 3.0])
+@pytest.mark.filterwarnings("ignore:the run starts")
+@pytest.mark.parametrize("turn", [-1.5, -0.3, 0.02, 0.5, 1.2])
+def test_a_pendulum_hangs_along_its_weight(turn):
+    assert static_response(pendulum(np.pi - turn, ()))["turn"] == pytest.approx(turn, rel=1e-6)
+
+
+@pytest.mark.parametrize("angle", [0.1, np.pi / 2])
+def test_a_pendulum_without_a_stable_equilibrium_nearby_has_none(angle):
+    """Upright, where nothing holds it, and level, where its weight has no stiffness."""
+    with pytest.raises(RuntimeError, match="no static equilibrium"):
+        static_response(pendulum(angle, ()))
+
+
+@pytest.mark.filterwarnings("ignore:the run starts")
+def test_a_soft_bar_hangs():
+    """A flexible bar in floating frame on its hinge, in oblique axes: its centre of mass comes below the hinge."""
+    bar, turn = craig_bampton(lattice(stiffness=1e4), n_modes=1, progress=False), UPWARDS.T
+    axis = turn @ [0, 1, 0]
+    base = RigidBody("base", {"o": np.zeros(3)}, fixed=True)
+    body = FlexibleBody("bar", bar, -turn @ bar.point("left").position, turn)
+    hinge = Joint("hinge", "base.o", "bar.left", ("rz",), revolute("h", "base.o", "bar.left", axis=axis).axes)
+    arm = body.centre - axis * (axis @ body.centre)
+    for angle in (0.05, 0.8):
+        down = Rotation.from_rotvec(angle * axis).apply(arm / np.linalg.norm(arm))
+        sensor = AngleSensor("turn", "base.o", "bar.left", axis=axis)
+        scene = Scene("bar", (base, body), (hinge,), sensors=(sensor,), gravity=GRAVITY * down)
+        assert static_response(scene)["turn"] == pytest.approx(angle, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("angle", "ratio"),
+    [*((angle, ratio) for angle in (0.02, 0.1, 1.6, 3.0) for ratio in (0.45, 0.55, 0.9)), (2.9, 2.0), (2.9, 30.0)],
+)
 def test_a_pendulum_on_a_turning_spring(angle, ratio):
     """Standing (0), beside and hanging (pi); ratio of the weight's largest stiffness to the spring's."""
     stiffness = WEIGHT / ratio

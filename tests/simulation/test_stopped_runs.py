@@ -31,10 +31,10 @@ from nassim.scene.joints import prismatic
 from nassim.simulation import SimulationInterrupted
 from nassim.simulation.exudyn import solver
 from nassim.simulation.linear import exact_steps
-from nassim.simulation.linear.stopped_runs import Stopped
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.initial_velocities import starting_energy
 from nassim.simulation.model.reach import MARGIN, Reach, find_reach
+from nassim.simulation.model.stopped_runs import Stopped
 from nassim.systems.controllers import Controller
 
 MASS = 2.0

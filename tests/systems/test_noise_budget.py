@@ -185,6 +185,17 @@ def test_the_error_of_wide_steps_is_estimated_and_told():
         noise_budget(machine(1e-5), {"floor": 1.0}, np.geomspace(0.1, 1e3, 60))
 
 
+def test_an_error_of_two_per_cent_is_told():
+    """Three frequencies: without the middle one, the rms falls by three times the error."""
+    still = LinearModel(-1e3 * np.eye(1), [[0.0]], np.eye(1), np.eye(1), ("u",), ("y",))
+    for error in (0.9 * 0.02, 1.1 * 0.02):
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            budget = noise_budget(still, {"u": [1.0, 2 / (1 - 3 * error) ** 2 - 1, 1.0]}, [0.0, 1.0, 2.0])
+        assert budget.integration_error[0, 0] == pytest.approx(error)
+        assert len(told) == (error > 0.02)
+
+
 def test_points_at_resonances_keep_the_band():
     band = np.geomspace(2.0, 90.0, 30)
     frequency = noise_budget(machine(), {"floor": 1.0}, band).frequency

@@ -449,6 +449,36 @@ def test_sharp_edges_between_faces_are_seen_and_shallow_ones_are_not():
     assert Shape("c", form).points.shape == (96, 3)
 
 
+def test_edges_are_sharp_from_40_degrees_on():
+    """A square folded along its diagonal."""
+    for angle in np.radians([36.0, 44.0]):
+        across = np.array([-1.0, 1.0, 0.0]) / np.sqrt(2)
+        folded = 0.5 * np.array([1, 1, 0]) + (np.cos(angle) * across + np.sin(angle) * np.eye(3)[2]) / np.sqrt(2)
+        points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], folded])
+        form = Form(Surface(points, np.array([[0, 1, 2], [0, 2, 3]]), np.zeros((0, 2), int), ("a", "a")))
+        assert len(form.outline) == 4 + (angle > np.radians(40))
+
+
+def test_halves_of_a_joint_are_in_one_place_to_a_nanometre():
+    for share in (0.9, 1.1):
+        off = np.array([0.0, 0.0, 1e-9 * share])
+        free = RigidBody("free", {"p": np.zeros(3)}, 0.01, 1e-6 * np.eye(3))
+        held = RigidBody("held", {"p": -off}, 0.01, 1e-6 * np.eye(3), off)
+        scene = Scene("joint", (free, held), springs=(Bushing("joint", "free.p", "held.p", [1e7] * 3 + [10.0] * 3),))
+        assert len(view_scene(scene).shape("held").form.surface.points) == (96 if share < 1 else 8)
+
+
+def test_points_near_the_centre_of_mass_have_no_rod():
+    """A fiftieth of the size, over which a rod is as thick as long."""
+    body = craig_bampton(lattice(), n_modes=1, progress=False)
+    centre, (left, right) = body.center_of_mass, body.remote_points
+    span = np.linalg.norm(right.position - centre)
+    for share in (0.9, 1.1):
+        near = replace(left, position=centre + np.array([0, 0, 0.02 * share * span]))
+        rods = view_body(replace(body, remote_points=(near, right), readouts={})).shape(body.name).form.surface
+        assert len(rods.points) == (8 if share < 1 else 16)
+
+
 @pytest.mark.parametrize(
     ("triangles", "labels", "lines"),
     [

@@ -26,7 +26,7 @@ from nassim.simulation.exudyn.general import BodyNodes, Evaluator, add_general_a
 from nassim.simulation.exudyn.state import FlexibleCoordinates, InputChannel, add_forces
 from nassim.simulation.model.states import ReferenceState
 
-COINCIDENT = 1e-12
+SAME_PLACE = 1e-12
 """Distance [m] up to which two points coincide."""
 Place = tuple[str, tuple[float, float, float]]
 """A point, and the offset [m] of a place that moves rigidly with it; world frame at the start."""
@@ -172,7 +172,7 @@ class Items:
 def offset_of(scene: Scene, path: str, place: Array) -> tuple[float, float, float]:
     """Return the offset from a point to a place, see `Place`; zero where it is rounding."""
     x, y, z = (place - scene.point_position(path)).tolist()
-    return (x, y, z) if max(abs(x), abs(y), abs(z)) > COINCIDENT else (0.0, 0.0, 0.0)
+    return (x, y, z) if max(abs(x), abs(y), abs(z)) > SAME_PLACE else (0.0, 0.0, 0.0)
 
 
 def frame_at(position: Array, axes: Array) -> Array:

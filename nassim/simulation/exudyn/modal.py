@@ -75,8 +75,7 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
 
     Uncoupled entries are zero and not stored, so the time of a step is proportional to the number of modes. With drives
     that follow inputs, the amplitudes are a of `nassim.simulation.model.prescribed_motion`; the motions of the drives
-    and
-    the charges of ports with a resistance are coordinates too. The object carries all forces.
+    and the charges of ports with a resistance are coordinates too. The object carries all forces.
 
     Args:
         assembly: the assembled scene.
@@ -131,6 +130,7 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
         massless,
         constant_forces={number: weight},
         sparse=True,
+        is_linear=all(tangent.law.is_linear for tangent in assembly.tangents),
     )
 
 

@@ -9,15 +9,15 @@ import scipy
 from nassim.base.checks import Array
 from nassim.scene.bodies import FlexibleBody
 from nassim.simulation.exudyn.state import System
-from nassim.simulation.linear.digital_controllers import RUNAWAY, SMALL_MOTION, deformed, too_far
-from nassim.simulation.linear.stopped_runs import Trust
 from nassim.simulation.model.buckling import axial_rows
 from nassim.simulation.model.damping import tied_bodies
-from nassim.simulation.model.motion_size import motion_rows
+from nassim.simulation.model.motion_size import SMALL_MOTION, motion_rows
 from nassim.simulation.model.reach import Reach
+from nassim.simulation.model.runaway import RUNAWAY, deformed, too_far
+from nassim.simulation.model.stopped_runs import Trust
 
-DIVERGED = 1.0
-"""Deformation over the body's size, or rotation [rad] by deformation, above which a run diverges."""
+DIVERGENCE = 1.0
+"""Deformation over the body's size, or rotation by deformation [rad], above which a run diverges."""
 DRIFT = 1e-2
 """Share of a body's fastest rotation by which its rotation may violate the constraint on its Euler parameters."""
 TURNED = 0.1
@@ -46,7 +46,7 @@ class Monitor:
         scene = system.assembly.scene
         self.reach, self.trust = reach, Trust()
         self.system = system
-        self.threshold = RUNAWAY if scene.loops else DIVERGED
+        self.threshold = RUNAWAY if scene.loops else DIVERGENCE
         self.names = list(system.flexible)
         self.sizes = np.zeros((len(self.names), 2))
         self.rows, self.starts, self.places = self._gather()
@@ -56,26 +56,27 @@ class Monitor:
         self.speeds = {body.name: 0.0 for body in scene.flexible_bodies if body.fidelity == "ffrf" and system.nodes}
         self.lost: list[tuple[str, str]] = []
         self.drifting: tuple[str, int] | None = None
-        self.turning = _Turning(system)
+        self.rotation = _RotationCheck(system)
 
     def _gather(self) -> tuple[Any, Array, dict[str, slice]]:
         """Return the monitored quantities per unit of all of Exudyn's coordinates, sparse, for one product per check.
 
-        First come, by body, the rotations and the displacements, each with a row of zeros so that none is empty, then
-        the axial
-        forces of bodies that deform. The second result is where each of the former and then the latter begin, (2 n +
-        1,); the
-        third is the slice of each body among the axial forces.
+        Each body has its rotations and its displacements, with a row of zeros each so that none is empty. The axial
+        forces of deforming bodies follow.
+
+        Returns:
+            The rows, the first row of each group of rotations or displacements and of the axial forces, (2 n + 1,),
+            and the slice of each body among the axial forces.
         """
         system, bodies = self.system, {body.name: body for body in self.system.assembly.scene.bodies}
         size = system.mbs.systemData.ODE2Size()
         motions, tensions, places, end = [np.zeros((0, size))], [np.zeros((0, size))], {}, 0
         for name in self.names:
-            body, carried = bodies[name], system.flexible[name].coordinates @ system.taken(name)
+            body, coordinates = bodies[name], system.flexible[name].coordinates @ system.selection(name)
             sizes = motion_rows(system.assembly.coordinates, name)
-            motions += [np.vstack([rows @ carried, np.zeros((1, size))]) for rows in sizes]
+            motions += [np.vstack([rows @ coordinates, np.zeros((1, size))]) for rows in sizes]
             if isinstance(body, FlexibleBody):
-                tensions.append(axial_rows(body.reduced) @ carried)
+                tensions.append(axial_rows(body.reduced) @ coordinates)
                 places[name] = slice(end, end + len(tensions[-1]))
                 end = places[name].stop
         starts = np.cumsum([len(rows) for rows in motions])
@@ -118,7 +119,7 @@ class Monitor:
                 self.shifts[pair] = np.maximum(self.shifts[pair], now)
         for name in self.speeds:
             self.speeds[name] = max(self.speeds[name], system.speed(name))
-        drifting = self.turning.drifting()
+        drifting = self.rotation.drifting()
         if drifting and not self.drifting:
             self.drifting = drifting, sample
         self.trust.see(sample, sound=sound and not self.lost and not self.drifting)
@@ -136,21 +137,21 @@ class Monitor:
         if not self.drifting:
             return ""
         name, sample = self.drifting
+        turn = time_step * self.rotation.fastest_turn(name)
         bears = -float(np.log(spectral_radius)) if spectral_radius else np.inf
         return (
             f"body {name!r} has velocities that violate its constraints, from t = {sample * time_step:g} s on: it "
-            f"turns by up to {time_step * self.turning.fastest_turn(name):.2g} rad in a step, and a spectral_radius of "
+            f"turns by up to {turn:.2g} rad in a step, and a spectral_radius of "
             f"{spectral_radius:g} holds for {abs(bears):.2g} rad; take a smaller time_step or a smaller spectral_radius"
         )
 
 
-class _Turning:
+class _RotationCheck:
     """Check of bodies' velocities against the constraint on their Euler parameters, e e' = 0.
 
     Generalized-alpha enforces constraints on positions. At a spectral radius r, the velocities' violation by rounding
     changes sign and shrinks to r in a step, but grows by the angle [rad] by which the constraints rotate in a step: as
-    the
-    bodies do at joints, and half as far for Euler parameters alone. So a radius holds for rotations up to -ln(r).
+    the bodies do at joints, and half as far for Euler parameters alone. So a radius holds for rotations up to -ln(r).
     """
 
     def __init__(self, system: System) -> None:

@@ -133,6 +133,7 @@ class System:
         massless: objects with coordinates without mass, and the mass matrix that `find_accelerations` gives them.
         constant_forces: forces of objects that do not depend on inputs, by number.
         sparse: whether Exudyn's sparse solver is faster.
+        is_linear: whether the equations are linear, so that Newton's iterations take one step and never restart.
         filtered: filtered values of a run, by output of `Signals.filters`, (n_samples,) each.
         rotating_axes: by inertial output, sensors of the axes with which its directions rotate, and these directions
             times gains, (3,).
@@ -150,6 +151,7 @@ class System:
     massless: Mapping[int, Any]
     constant_forces: Mapping[int, Array] = field(default_factory=dict)
     sparse: bool = False
+    is_linear: bool = False
     filtered: dict[str, Array] = field(default_factory=dict)
     rotating_axes: dict[str, list[tuple[int, Array]]] = field(default_factory=dict)
     counts: dict[int, float] = field(default_factory=dict)
@@ -188,13 +190,13 @@ class System:
         return result
 
     @property
-    def turns(self) -> Any:
-        """How far angles have been counted on."""
+    def angles(self) -> Any:
+        """Last values of unwrapped angles."""
         return list(self.counts.items()), [evaluate.last for evaluate in self.evaluators]
 
-    def restore_turns(self, turns: Any) -> None:
-        """Count angles on from there; also from those of another system of the same scene."""
-        counts, lasts = turns
+    def restore_angles(self, angles: Any) -> None:
+        """Unwrap angles from these values, which may be those of another system of the same scene."""
+        counts, lasts = angles
         found = [term for name in self.assembly.scene.outputs for term in self.readings[name] if term.period]
         self.counts.clear()
         self.counts.update(zip(map(id, found), (value for _, value in counts), strict=False))
@@ -242,6 +244,8 @@ class System:
 
     def _present(self, term: Summand) -> float:
         """Return the present value of a summand, unwrapped from its last value."""
+        if term.weights is not None and not term.period:
+            return float(np.vdot(self.mbs.GetSensorValues(term.sensors[0]), term.weights))
         value = float(term.value(*(np.reshape(self.mbs.GetSensorValues(k), (1, -1)) for k in term.sensors))[0])
         if term.period:
             value += term.period * round((self.counts.get(id(term), value) - value) / term.period)
@@ -255,16 +259,16 @@ class System:
 
     def deformation(self, name: str) -> Array:
         """Return the present coordinates of a flexible body that deforms, in the order of `ReducedBody`, (n,)."""
-        result: Array = self.flexible[name].coordinates @ self.carried(name)
+        result: Array = self.flexible[name].coordinates @ self.node_coordinates(name)
         return result
 
-    def carried(self, name: str) -> Array:
+    def node_coordinates(self, name: str) -> Array:
         """Return the present coordinates of the nodes of a flexible body's deformation, (m,)."""
         kind = exu.OutputVariableType.Coordinates
         nodes = self.flexible[name].nodes
         return np.concatenate([np.atleast_1d(self.mbs.GetNodeOutput(node, kind))[:count] for node, count in nodes])
 
-    def taken(self, name: str) -> Array:
+    def selection(self, name: str) -> Array:
         """Return the selection of these coordinates from all of Exudyn's coordinates, (m, all)."""
         nodes, every = self.flexible[name].nodes, np.eye(self.mbs.systemData.ODE2Size())
         firsts = [self.mbs.GetNodeODE2Index(node) for node, _ in nodes]
@@ -279,7 +283,7 @@ class System:
         turn = now @ before.T
         return place + turn @ (body.position - start), turn @ body.rotation
 
-    def turn(self, name: str) -> float:
+    def rotation_angle(self, name: str) -> float:
         """Return the rotation angle of a body's frame since the reference configuration [rad]."""
         return _angle(self._pose(name, reference=False)[0] @ self._pose(name, reference=True)[0].T)
 

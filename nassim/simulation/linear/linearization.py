@@ -29,8 +29,8 @@ def linearize(
     *,
     angular_velocity: ArrayLike = NO_SPIN,
     axis_point: ArrayLike = NO_SPIN,
-    standing: Sequence[str] | None = None,
-    frame: str = "turning",
+    stator: Sequence[str] | None = None,
+    frame: str = "rotor",
     loaded: bool = True,
     constant_inputs: Mapping[str, float] | None = None,
 ) -> LinearModel:
@@ -58,10 +58,10 @@ def linearize(
             the frame, the model is about the equilibrium under centrifugal forces, and the damping belongs to the
             rotating parts. See `nassim.simulation.loaded.spinning` for what it includes.
         axis_point: a point of the axis, (3,) [m].
-        standing: names of all bodies of the stator, fixed ones included, while the others rotate. None: with a drive,
+        stator: names of all bodies of the stator, fixed ones included, while the others rotate. None: with a drive,
             the bodies that are tied to the ground rather than to the drive's rotor; without a drive, no body.
-        frame: frame in which the states describe motion, where there are a rotor and a stator: "turning" for the
-            rotor's, "standing" for the stator's. The world's axes stand still, those of a point rotate with its body;
+        frame: frame in which the states describe motion, where there are a rotor and a stator: "rotor" for the
+            rotor's, "stator" for the stator's. The world's axes stand still, those of a point rotate with its body;
             outputs of a rotation are its deviation from the steady rotation. The bodies of the other side must be rigid
             and equal in all directions across the axis, see `nassim.simulation.loaded.rotor_frame`. The scene's
             damping_ratio is then, as in floating frames, a damping of the bodies' deformation.
@@ -83,7 +83,7 @@ def linearize(
             stress matters but is only estimated or left out.
     """
     assembly, loads = loaded_assembly(
-        scene, angular_velocity, axis_point, standing, frame, loaded=loaded, inputs=constant_inputs
+        scene, angular_velocity, axis_point, stator, frame, loaded=loaded, inputs=constant_inputs
     )
     a, b, c, d = state_space(assembly, loads)
     modal = assembly.modal
@@ -97,7 +97,7 @@ def loaded_assembly(
     scene: Scene,
     angular_velocity: ArrayLike,
     axis_point: ArrayLike,
-    standing: Sequence[str] | None,
+    stator: Sequence[str] | None,
     frame: str,
     *,
     loaded: bool = True,
@@ -110,8 +110,8 @@ def loaded_assembly(
         scene: the scene.
         angular_velocity: as of `linearize`, as are the following.
         axis_point: a point of the axis, (3,) [m].
-        standing: names of the bodies of the stator.
-        frame: "turning" or "standing".
+        stator: names of the bodies of the stator.
+        frame: "rotor" or "stator".
         loaded: whether gravity and the stress inside bodies change the stiffness.
         weight: whether gravity is one of the loads.
         inputs: constant values of inputs, by name.
@@ -126,7 +126,7 @@ def loaded_assembly(
     known("frame", frame, FRAMES)
     if inputs and (not loaded or np.any(angular_velocity) or scene.speeds):
         raise ValueError("constant_inputs load a scene at rest: give them with loaded=True and without a spin")
-    stand = frozenset(known("body", name, [body.name for body in scene.bodies]) for name in standing or ())
+    names = frozenset(known("body", name, [body.name for body in scene.bodies]) for name in stator or ())
     if scene.speeds:
         if np.any(angular_velocity):
             raise ValueError(f"scene {scene.name!r} has a drive that sets the spin; give no angular_velocity")
@@ -135,8 +135,8 @@ def loaded_assembly(
         axis = joint.measure.rotation_axis(drive.component)
         if others or axis is None:
             raise ValueError(f"scene {scene.name!r}: a linear model is about one drive that turns at constant speed")
-        stand = stand if standing is not None else stator_bodies(assembly, joint, axis)
-        ends = [body_of(path) in stand for path in joint.points[:2]]
+        names = names if stator is not None else stator_bodies(assembly, joint, axis)
+        ends = [body_of(path) in names for path in joint.points[:2]]
         if sum(ends) != 1:
             raise ValueError(f"joint {joint.name!r}: a drive of constant speed needs a stator on one of its two sides")
         angular_velocity = (1.0 if ends[0] else -1.0) * drive.speed * axis
@@ -144,10 +144,10 @@ def loaded_assembly(
     velocity = finite_array("angular_velocity", np.asarray(angular_velocity, dtype=float), (3,))
     gravity = np.asarray(scene.gravity) * (loaded and weight)
     rate = float(np.linalg.norm(velocity))
-    if rate and not (stand and frame == "standing"):
+    if rate and not (names and frame == "stator"):
         axis = velocity / rate
         gravity = axis * (axis @ gravity)
-    if not rate or not stand:
+    if not rate or not names:
         state = loaded_state(
             assembly,
             gravity=gravity,
@@ -158,7 +158,7 @@ def loaded_assembly(
         )
         return assembly, state
     partition = RotorPartition(
-        velocity, finite_array("axis_point", np.asarray(axis_point, dtype=float), (3,)), stand, frame
+        velocity, finite_array("axis_point", np.asarray(axis_point, dtype=float), (3,)), names, frame
     )
     view = FrameView(assembly, partition)
     check_constant(view)
@@ -181,8 +181,8 @@ def spinning_equilibrium(
     *,
     angular_velocity: ArrayLike = NO_SPIN,
     axis_point: ArrayLike = NO_SPIN,
-    standing: Sequence[str] | None = None,
-    frame: str = "turning",
+    stator: Sequence[str] | None = None,
+    frame: str = "rotor",
 ) -> dict[str, float]:
     """Compute the outputs of a scene at rest in a rotating frame, under centrifugal forces without gravity and inputs.
 
@@ -192,8 +192,8 @@ def spinning_equilibrium(
         scene: the scene.
         angular_velocity: as of `linearize`, as are the following.
         axis_point: a point of the axis, (3,) [m].
-        standing: names of the bodies of the stator.
-        frame: "turning" or "standing".
+        stator: names of the bodies of the stator.
+        frame: "rotor" or "stator".
 
     Returns:
         Values of the outputs, by name.
@@ -201,7 +201,7 @@ def spinning_equilibrium(
     Raises:
         ValueError: if there is no equilibrium within small motion, and if it is unstable.
     """
-    assembly, loads = loaded_assembly(scene, angular_velocity, axis_point, standing, frame, weight=False)
+    assembly, loads = loaded_assembly(scene, angular_velocity, axis_point, stator, frame, weight=False)
     state, _, readings, _ = state_space(assembly, loads)
     growing = unstable_poles(
         LinearModel(state, np.zeros((len(state), 0)), np.zeros((0, len(state))), np.zeros((0, 0)), (), ())
@@ -338,7 +338,7 @@ def _moved_by_drives(assembly: Assembly, loads: LoadedState | None, state: Array
     position, velocity = slice(n), slice(n, 2 * n)
     drag, pull = prescribed.drag, np.zeros_like(prescribed.drag)
     if loads is not None:
-        drag, pull = drag + shapes.T @ loads.drag, shapes.T @ loads.pull
+        drag, pull = drag + shapes.T @ loads.drive_damping, shapes.T @ loads.drive_stiffness
     result = np.zeros((len(state), drag.shape[1]))
     # Rounding mixes modes of independent machines a little, which must not look like a prescribed motion.
     sizes = np.linalg.norm(state[velocity, velocity], axis=0)
@@ -376,8 +376,8 @@ def linearize_closed(
     delay_order: int = DELAY_ORDER,
     angular_velocity: ArrayLike = NO_SPIN,
     axis_point: ArrayLike = NO_SPIN,
-    standing: Sequence[str] | None = None,
-    frame: str = "turning",
+    stator: Sequence[str] | None = None,
+    frame: str = "rotor",
     loaded: bool = True,
 ) -> LinearModel:
     """Compute the linear model of a scene with its loops closed.
@@ -397,8 +397,8 @@ def linearize_closed(
         delay_order: order of these approximations.
         angular_velocity: angular velocity of a scene that rotates, (3,) [rad/s], see `linearize`.
         axis_point: a point of the axis, (3,) [m].
-        standing: names of the bodies of the stator, see `linearize`.
-        frame: "turning" or "standing", see `linearize`.
+        stator: names of the bodies of the stator, see `linearize`.
+        frame: "rotor" or "stator", see `linearize`.
         loaded: whether gravity and the stress inside bodies change the stiffness, see `linearize`.
 
     Returns:
@@ -423,7 +423,7 @@ def linearize_closed(
         scene,
         angular_velocity=angular_velocity,
         axis_point=axis_point,
-        standing=standing,
+        stator=stator,
         frame=frame,
         loaded=loaded,
     )

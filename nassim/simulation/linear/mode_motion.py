@@ -42,7 +42,7 @@ def mode_motion(
     Raises:
         ValueError: for a number without a mode.
     """
-    assembly, loads = loaded_assembly(traced(scene), angular_velocity, axis_point, None, "turning")
+    assembly, loads = loaded_assembly(traced(scene), angular_velocity, axis_point, None, "rotor")
     poles, vectors = np.linalg.eig(state_space(assembly, loads)[0])
     swinging = np.flatnonzero(poles.imag > 1e-9 * np.abs(poles).max())
     order = swinging[np.argsort(np.abs(poles[swinging]))]

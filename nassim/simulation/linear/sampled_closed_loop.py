@@ -1,16 +1,17 @@
-"""A scene from sample to sample, its digital controllers included: one system that is linear but for the converters.
+"""Discrete-time system of a scene with its digital controllers, linear except for the converters.
 
-Its states are the scene's, then the commands that are held, then of each loop the controller's own and the commands
-that wait, and where modes are quasi-static the commands that were held before. Ahead of the converters stand the *raw*
-values: the outputs that all loops measure, then what their controllers compute of their states. A sample is then a
-conversion of these and one product with a matrix; without converters it is linear, and so are many samples at once.
+The states are, in this order: the states of the scene, the commands that are held, for each loop the states of its
+controller and the commands in its delay line, and with quasi-static modes the commands that were held before. The *raw*
+values are the inputs of the converters: the outputs that the loops measure, then the outputs of the controllers. A
+sample converts the raw values and multiplies states and converted values by one matrix. Without converters a sample is
+linear, and so is a block of several samples.
 """
 
 import math
 from collections.abc import Iterable, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
-from functools import reduce
+from functools import cached_property, reduce
 from itertools import pairwise
 
 import numpy as np
@@ -18,7 +19,7 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.scene.loop import Loop
 from nassim.scene.scene import Scene
-from nassim.simulation.linear.digital_controllers import BadCommand, ask, converter, samples_per_period
+from nassim.simulation.model.digital_controllers import BadCommand, ask, converter, samples_per_period
 from nassim.systems.controllers import Controller
 from nassim.systems.python_controller import ControlLaw, PythonController
 from nassim.systems.state_space import EARLIER, StateSpace, combine_steps
@@ -28,10 +29,12 @@ from nassim.systems.state_space import EARLIER, StateSpace, combine_steps
 class Plant:
     """A scene without its controllers: x_1 = A x_0 + B u_0 + G c_0 and y_0 = C x_0 + D u_0 + E c_(-1).
 
-    matrices: A, B, C and D, for all that acts but commands
-    pushed, shown: G (n, commands) and E (outputs, commands); outputs show the commands that are held until the sample
-    settling: the part of E that quasi-static modes add, which a sample of the command's own loop shows as
-        `nassim.systems.state_space.settling_response` does
+    Attributes:
+        matrices: A, B, C and D, for all inputs except the commands c.
+        pushed: G, (n, commands).
+        shown: E, (outputs, commands): outputs contain the commands that are held until the sample.
+        settling: part of E by quasi-static modes. At samples of the command's own loop, outputs contain it as in
+            `nassim.systems.state_space.settling_response`.
     """
 
     matrices: StateSpace
@@ -42,10 +45,20 @@ class Plant:
 
 @dataclass(frozen=True)
 class _Wiring:
-    """Places of a loop's signals: of measured signals among the outputs, of others among states and raw values.
+    """A loop and the indices of its signals.
 
-    controller: the loop's, without states and gains where that is in Python; law: what is asked there, of this run
-    period: in time steps; held, own, waiting, before: states; seen, computed: raw values
+    Attributes:
+        loop: the loop.
+        controller: its linear controller; one without states and gains for a controller in Python.
+        law: controller in Python of this run; None for a linear one.
+        period: sample period in time steps.
+        measured: indices of the measured signals among the outputs.
+        held: slice of the held commands among the states.
+        own: slice of the controller's states.
+        waiting: slice of the delay line among the states.
+        before: slice of the commands held before among the states.
+        seen: slice of the measured signals among the raw values.
+        computed: slice of the controller's outputs among the raw values.
     """
 
     loop: Loop
@@ -63,12 +76,16 @@ class _Wiring:
 
 @dataclass(frozen=True)
 class ClosedSteps:
-    """A scene with its controllers from sample to sample.
+    """Discrete-time system of a scene with its controllers.
 
-    time_step: [s]
-    reading, through: raw values of the states, (raw, n), and of the inputs, (raw, inputs)
-    direct: D of all controllers, (computed, seen)
-    steps: what a sample does to states and raw values, by which loops are due; filled when used
+    Attributes:
+        plant: the scene without its controllers.
+        wirings: its loops.
+        time_step: [s].
+        reading: raw values per unit of the states, (raw, n).
+        through: raw values per unit of the inputs, (raw, inputs).
+        direct: feedthrough D of all controllers, (computed, seen).
+        steps: matrices of a sample by the loops that are due, computed when used.
     """
 
     plant: Plant
@@ -81,18 +98,23 @@ class ClosedSteps:
 
     @property
     def period(self) -> int:
-        """Samples after which all loops are due together again."""
+        """Least common multiple of the sample periods, in time steps."""
         return math.lcm(*(wiring.period for wiring in self.wirings))
 
     @property
     def by_law(self) -> bool:
-        """Whether a controller is in Python, which every sample must ask once."""
+        """Whether a controller is in Python, which is called once at each of its samples."""
         return any(wiring.law for wiring in self.wirings)
 
     @property
     def nonlinear(self) -> bool:
-        """Whether a controller is in Python or a converter has a resolution; else all is linear within the limits."""
+        """Whether a controller is in Python or a converter has a resolution; else all is linear within limits."""
         return self.by_law or any(wiring.loop.input_step or wiring.loop.output_step for wiring in self.wirings)
+
+    @property
+    def limited(self) -> bool:
+        """Whether a converter has a limit that outputs or commands can meet."""
+        return len(self._limits[0][0]) > 0
 
     @property
     def n(self) -> int:
@@ -100,28 +122,33 @@ class ClosedSteps:
         return self.reading.shape[1]
 
     def linear(self) -> StateSpace:
-        """Without converters over a period: of the inputs, the outputs and then the commands, of all its samples."""
+        """Combine the samples of a period without converters into one linear system.
+
+        Returns:
+            Its matrices; inputs, and outputs followed by commands, are those of all samples in order.
+        """
         return reduce(combine_steps, (self._linear(self._due(k)) for k in range(self.period)))
 
     def by_samples(self, state: Array, inputs: Array, first: int) -> tuple[Array, Array]:
-        """Go through the converters, sample by sample. What a sample gives is the same alone as among others.
+        """Simulate sample by sample, with converters. Results do not depend on how many samples a call has.
 
         Args:
             state: at the first sample, shape (n,).
             inputs: shape (k, inputs).
             first: number of the first sample since the start of the run.
 
-        Returns states at all samples and after them, shape (k + 1, n), outputs and commands, shape (k, rows).
+        Returns:
+            States at all samples and after them, shape (k + 1, n), and outputs and commands, shape (k, rows).
 
         Raises:
-            BadCommand: when a controller in Python fails, with the rows until then.
+            BadCommand: when a controller in Python fails; it has the rows until then.
         """
         n, split, period = self.n, self.n + self.direct.shape[1], self.period
         sees = [converter(w.loop.input_step, w.loop.input_limit) for w in self.wirings for _ in w.measured]
         puts = [converter(w.loop.output_step, w.controller.limit) for w in self.wirings for _ in w.loop.driven]
         values = np.empty((len(inputs) + 1, n + len(self.reading)))
         values[0, :n] = state
-        pushes, through = _each(self._taken, inputs), _each(self.through, inputs)
+        pushes, through = each(self._taken, inputs), each(self.through, inputs)
         steps: dict[int, tuple[Array, bool]] = {}
         for k, row in enumerate(values[:-1]):
             phase = (first + k) % period
@@ -145,7 +172,13 @@ class ClosedSteps:
         return states, self._rows(states, inputs, first)
 
     def _ask(self, row: Array, computed: Array, sample: int) -> None:
-        """Put the commands of controllers in Python that are due among the computed values, of a row of all values."""
+        """Write the commands of controllers in Python that are due into the computed values.
+
+        Args:
+            row: states and raw values, (n + raw,).
+            computed: computed values, which are changed, (computed,).
+            sample: number of the sample.
+        """
         raw, start = row[self.n :], self.direct.shape[1]
         for wiring in self.wirings:
             if wiring.law and sample % wiring.period == 0:
@@ -153,42 +186,58 @@ class ClosedSteps:
                 computed[wiring.computed.start - start : wiring.computed.stop - start] = found
 
     def _rows(self, states: Array, inputs: Array, first: int) -> Array:
-        """Outputs and commands of k samples, (k, rows), by states at them and after, (k + 1, n), and inputs."""
-        outputs = _each(self._shown(()), states[:-1]) + _each(self.plant.matrices[3], inputs)
+        """Return outputs and commands of k samples, (k, rows).
+
+        Args:
+            states: at the samples and after them, (k + 1, n).
+            inputs: shape (k, inputs).
+            first: number of the first sample.
+        """
+        outputs = each(self._shown(()), states[:-1]) + each(self.plant.matrices[3], inputs)
         for wiring in self.wirings:
             taken = slice(-first % wiring.period, None, wiring.period)
-            outputs[taken] += _each(_earlier(self.plant, wiring, self.n), states[:-1][taken])
+            outputs[taken] += each(_earlier(self.plant, wiring, self.n), states[:-1][taken])
         return np.hstack([outputs, self._held(states[1:])])
 
     @property
     def laws(self) -> list[ControlLaw]:
-        """Copies of the controllers in Python as they are now."""
+        """Copies of the controllers in Python in their present state."""
         return [deepcopy(wiring.law) for wiring in self.wirings if wiring.law]
 
     def with_laws(self, laws: Sequence[ControlLaw]) -> "ClosedSteps":
-        """The same with copies of these controllers in Python."""
+        """Return the same system with copies of these controllers in Python."""
         found = iter(laws)
         wirings = tuple(replace(w, law=deepcopy(next(found))) if w.law else w for w in self.wirings)
         return replace(self, wirings=wirings)
 
-    def within_limits(self, states: Array, rows: Array) -> int:
-        """How many blocks of samples come before the first in which a converter meets its limit.
+    def within_limits(self, rows: Array) -> Array:
+        """Whether samples meet no converter's limit, by outputs and commands, (..., rows); shape (...)."""
+        places, bounds = self._limits[0]
+        result: Array = np.all(np.abs(rows[..., places]) <= bounds, axis=-1)  # not >: NaN meets every limit
+        return result
 
-        states: after each block, (blocks, n); rows: outputs and commands, (blocks, k, rows)
-        """
-        inside = np.ones(len(states), dtype=bool)
-        commands = len(self.plant.shown) - len(self.plant.pushed)  # from a place among states to that in rows
+    def waits_within_limits(self, states: Array) -> Array:
+        """Whether the commands that wait meet no limit, by states, (..., n); shape (...)."""
+        places, bounds = self._limits[1]
+        result: Array = np.all(np.abs(states[..., places]) <= bounds, axis=-1)
+        return result
+
+    @cached_property
+    def _limits(self) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """Places of limited signals among outputs and commands, and among the states, with their limits."""
+        shift = len(self.plant.shown) - len(self.plant.pushed)  # from a command's place among states to that in rows
+        rows: list[tuple[int, float]] = []
+        waiting: list[tuple[int, float]] = []
         for wiring in self.wirings:
             limit = wiring.controller.limit
-            own = slice(wiring.held.start + commands, wiring.held.stop + commands)
-            for values, bound in (
-                (rows[:, :, wiring.measured], wiring.loop.input_limit),
-                (rows[:, :, own], limit),
-                (states[:, None, wiring.waiting], limit),
-            ):
-                if bound < np.inf:  # not >, as what is no number meets every limit
-                    inside &= np.all(np.abs(values) <= bound, axis=(1, 2))
-        return len(inside) if inside.all() else int(np.argmin(inside))
+            rows += [(place, wiring.loop.input_limit) for place in wiring.measured]
+            rows += [(place + shift, limit) for place in range(wiring.held.start, wiring.held.stop)]
+            waiting += [(place, limit) for place in range(wiring.waiting.start, wiring.waiting.stop)]
+        found = [[(place, bound) for place, bound in one if bound < np.inf] for one in (rows, waiting)]
+        first, second = (
+            (np.array([place for place, _ in one], dtype=int), np.array([bound for _, bound in one])) for one in found
+        )
+        return first, second
 
     def _step(self, due: tuple[bool, ...]) -> Array:
         if due not in self.steps:
@@ -199,7 +248,7 @@ class ClosedSteps:
         return tuple([sample % wiring.period == 0 for wiring in self.wirings])
 
     def _moved(self, due: tuple[bool, ...]) -> Array:
-        """States after a sample, but for the inputs' effect, of those before and converted values, (n, n + raw)."""
+        """Return the states after a sample per unit of states and converted values, without inputs, (n, n + raw)."""
         a, *_ = self.plant.matrices
         before = np.eye(self.n + len(self.reading))
         states, converted = before[: self.n], before[self.n :]
@@ -216,7 +265,7 @@ class ClosedSteps:
         return after
 
     def _linear(self, due: tuple[bool, ...]) -> StateSpace:
-        """One sample without converters."""
+        """Return one sample without converters as a linear system."""
         ideal = np.eye(len(self.reading))
         ideal[len(ideal) - len(self.direct) :, : self.direct.shape[1]] = self.direct
         moved = self._moved(due)
@@ -227,7 +276,7 @@ class ClosedSteps:
         return state, taken, rows, np.vstack([self.plant.matrices[3], self._held(taken.T).T])
 
     def _held(self, states: Array) -> Array:
-        """The commands that are held, of states (..., n)."""
+        """Return the held commands of states, (..., n)."""
         start, commands = self.plant.pushed.shape
         return states[..., start : start + commands]
 
@@ -242,13 +291,16 @@ class ClosedSteps:
         return _shown(self.plant, due, self.n)
 
 
-def closed_steps(plant: Plant, scene: Scene, time_step: float) -> ClosedSteps:
-    """Wire a scene's loops to it, their controllers at rest.
+def connect_loops(plant: Plant, scene: Scene, time_step: float) -> ClosedSteps:
+    """Connect a scene's loops to its plant, with all controllers at rest.
 
     Args:
-        plant: the scene without them.
-        scene: whose loops are wired.
+        plant: the scene without its controllers.
+        scene: the scene with its loops.
         time_step: [s].
+
+    Returns:
+        The discrete-time system.
 
     Raises:
         ValueError: for sample rates that do not fit the time step.
@@ -283,7 +335,7 @@ def closed_steps(plant: Plant, scene: Scene, time_step: float) -> ClosedSteps:
 
 
 def _linear_part(loop: Loop) -> Controller:
-    """A loop's controller, without states and gains in place of one in Python."""
+    """Return a loop's linear controller; one without states and gains for a controller in Python."""
     given = loop.controller
     if isinstance(given, Controller):
         return given
@@ -292,8 +344,11 @@ def _linear_part(loop: Loop) -> Controller:
     return Controller(*nothing, given.sample_rate, given.delay, given.limit)
 
 
-def _each(matrix: Array, rows: Array) -> Array:
-    """Product of a matrix with each of some rows, (k, m), by itself: no digit of one depends on the others."""
+def each(matrix: Array, rows: Array) -> Array:
+    """Multiply a matrix, (n, m), with each of some rows, (k, m), by itself: no digit of one depends on the others.
+
+    Returns the products, (k, n).
+    """
     result: Array = np.matmul(matrix, rows[:, :, None])[:, :, 0]
     return result
 
@@ -318,5 +373,5 @@ def _earlier(plant: Plant, wiring: _Wiring, n: int) -> Array:
 
 
 def _slices(start: int, sizes: Sequence[int]) -> list[slice]:
-    """One behind the other."""
+    """Return consecutive slices of given sizes."""
     return [slice(int(a), int(b)) for a, b in pairwise(start + np.cumsum([0, *sizes]))]

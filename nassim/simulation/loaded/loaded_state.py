@@ -49,15 +49,15 @@ class LoadedState:
             dampers along rotating rows, which is not symmetric.
         equilibrium: minimal coordinates of the equilibrium, from the reference configuration, (n,); charges of ports
             with a resistance are zero.
-        drag: gyroscopic forces per unit rate of d drives that follow inputs, (n, d).
-        pull: stiffness forces per unit of these drives' motion, (n, d).
+        drive_damping: gyroscopic forces per unit rate of d drives with prescribed motion, (n, d).
+        drive_stiffness: stiffness forces per unit of these drives' motion, (n, d).
     """
 
     gyroscopic: Array
     stiffness: Array
     equilibrium: Array
-    drag: Array
-    pull: Array
+    drive_damping: Array
+    drive_stiffness: Array
 
     def __post_init__(self) -> None:
         n = len(self.equilibrium)

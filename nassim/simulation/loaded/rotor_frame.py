@@ -34,21 +34,21 @@ from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.damping import damps
 from nassim.simulation.model.states import ReferenceState
 
-FRAMES = ("turning", "standing")
+FRAMES = ("rotor", "stator")
 CHECKED_ANGLES = (1.0, 2.3)
 """Angles of the rotor [rad] at which everything must equal the start."""
 CONSTANT_TOLERANCE = 1e-7
 """Relative difference up to which it counts as equal."""
 OTHERWISE = {
-    "turning": "make the stator equal in all directions across the axis, or, if the rotor is rigid and equal in all "
-    'directions, take frame="standing"; or simulate in time',
-    "standing": "make the rotor equal in all directions across the axis, or, if the stator is rigid and equal in all "
-    'directions, take frame="turning"; or simulate in time',
+    "rotor": "make the stator equal in all directions across the axis, or, if the rotor is rigid and equal in all "
+    'directions, take frame="stator"; or simulate in time',
+    "stator": "make the rotor equal in all directions across the axis, or, if the stator is rigid and equal in all "
+    'directions, take frame="rotor"; or simulate in time',
 }
 """Remedies for parts that change with the angle, by frame."""
 ALONG = {
-    "turning": 'take the axis, or a direction whose frame is a point of the rotor: frame="body.point"',
-    "standing": "take the axis, or a direction whose frame is the world or a point of the stator",
+    "rotor": 'take the axis, or a direction whose frame is a point of the rotor: frame="body.point"',
+    "stator": "take the axis, or a direction whose frame is the world or a point of the stator",
 }
 """Remedies for signals that change with the angle, by frame."""
 
@@ -61,13 +61,13 @@ class RotorPartition:
         velocity: angular velocity of the rotor, (3,) [rad/s], not zero.
         point: a point of the axis, (3,) [m].
         stator: names of the bodies of the stator.
-        frame: "turning" for the rotor's frame or "standing" for the stator's.
+        frame: "rotor" for the rotor's frame or "stator" for the stator's.
     """
 
     velocity: Array
     point: Array
     stator: frozenset[str]
-    frame: str = "turning"
+    frame: str = "rotor"
 
     def spin(self, name: str) -> Array:
         """Return the angular velocity of a body, (3,) [rad/s]."""
@@ -75,12 +75,12 @@ class RotorPartition:
 
     def in_other_frame(self, name: str) -> bool:
         """Whether a body, or "" for the world with its axes, belongs to the side that does not describe the motion."""
-        return (not name or name in self.stator) == (self.frame == "turning")
+        return (not name or name in self.stator) == (self.frame == "rotor")
 
     @property
     def relative_velocity(self) -> Array:
         """Angular velocity V of the other side in the describing frame, (3,) [rad/s]."""
-        return -self.velocity if self.frame == "turning" else self.velocity
+        return -self.velocity if self.frame == "rotor" else self.velocity
 
     def rotation_at(self, angle: float) -> Array:
         """Return the rotation of the other side in the describing frame, (3, 3), at an angle [rad]."""
@@ -252,7 +252,7 @@ def _check_other_frame_body(view: FrameView, name: str) -> None:
         if beside > CONSTANT_TOLERANCE * np.sqrt(masses[0][3, 3] / masses[0][0, 0]):
             raise ValueError(
                 f"body {name!r} rotates with its centre of mass {beside:.3g} m beside the axis: its unbalance force "
-                f"rotates in the standing frame; {OTHERWISE[partition.frame]}"
+                f"rotates in the frame of the stator; {OTHERWISE[partition.frame]}"
             )
 
 

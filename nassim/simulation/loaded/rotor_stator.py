@@ -79,8 +79,7 @@ def stator_bodies(assembly: Assembly, joint: Constraint, axis: Array) -> frozens
     """Find the bodies of the stator of a driven joint.
 
     Bodies belong to the side of those to which something connects them that resists a rotation about the axis. A body
-    that
-    is otherwise connected to one side only belongs to that side.
+    that is otherwise connected to one side only belongs to that side.
 
     Args:
         assembly: the assembled scene.
@@ -112,7 +111,7 @@ def stator_bodies(assembly: Assembly, joint: Constraint, axis: Array) -> frozens
         raise ValueError(
             f"joint {joint.name!r}: a drive of constant speed needs a fixed body on one side, or one that a joint or "
             "spring which resists the rotation ties to a fixed body; and no such tie on the other side. Or name the "
-            "bodies of the stator: linearize(..., standing=[...])"
+            "bodies of the stator: linearize(..., stator=[...])"
         )
     rotor = driven[1 - driven.index(ground)]
     sides = {group: group for group in groups.values()}
@@ -124,7 +123,7 @@ def stator_bodies(assembly: Assembly, joint: Constraint, axis: Array) -> frozens
             if {ground, rotor} <= met:
                 raise ValueError(
                     f"body {min(members)!r} is tied to the rotor and to the stator, so its side is not known: name "
-                    "all bodies of the stator, fixed ones too: linearize(..., standing=[...])"
+                    "all bodies of the stator, fixed ones too: linearize(..., stator=[...])"
                 )
             if met:
                 to = met.pop()

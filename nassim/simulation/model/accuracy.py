@@ -1,46 +1,12 @@
-"""Errors of approximations: modes that bodies leave out, and the period error of time steps."""
-
-from dataclasses import replace
+"""Errors of time steps: periods and damping of modes in generalized-alpha."""
 
 import numpy as np
 
 from nassim.base.checks import Array
 from nassim.base.modal import eigenmodes
-from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.scene import Scene
-from nassim.simulation.linear.linearization import linearize
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.period_correction import Steps, correct_periods, small_motion_factors
-from nassim.systems.linear_model import frequency_response
-
-
-def truncation_error(scene: Scene, frequency: Array) -> Array:
-    """Estimate the relative error of a scene's FRFs due to the modes that its flexible bodies leave out.
-
-    Args:
-        scene: the scene.
-        frequency: frequencies, (n,) [Hz].
-
-    Returns:
-        |H / H_enriched - 1|, (outputs, inputs, n) [-], where H_enriched is the FRF of the scene with every body in its
-        `enriched` form.
-
-    Raises:
-        ValueError: if a body has no enriched form.
-    """
-    bodies: list[Body] = []
-    for body in scene.bodies:
-        if isinstance(body, FlexibleBody):
-            if body.reduced.enriched is None:
-                raise ValueError(f"body {body.name!r} carries no enriched form, so its truncation error is unknown")
-            bodies.append(replace(body, reduced=body.reduced.enriched))
-        else:
-            bodies.append(body)
-    better = frequency_response(
-        linearize(replace(scene, bodies=tuple(bodies), cutoff_frequency=None)), frequency
-    ).values
-    result: Array = np.abs(frequency_response(linearize(scene), frequency).values / better - 1)
-    return result
 
 
 def integrator_error(frequency: float, time_step: float, *, spectral_radius: float = 1.0) -> tuple[float, float]:

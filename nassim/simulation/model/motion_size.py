@@ -6,6 +6,9 @@ from nassim.base.checks import Array
 from nassim.scene.bodies import FlexibleBody, RigidBody
 from nassim.simulation.model.coordinates import Coordinates
 
+SMALL_MOTION = 0.01
+"""Rotation [rad], and deformation over size, up to which small motion holds: the error is about half of its square."""
+
 
 def motion_size(coordinates: Coordinates, name: str, values: Array) -> Array:
     """Compute a body's largest rotation [rad] and its largest displacement by deformation over its size [-].

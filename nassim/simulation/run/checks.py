@@ -1,4 +1,4 @@
-"""What is checked before a run in time: whether method, options, loops and drives fit each other and the scene."""
+"""Checks before a run in time: whether method, options, loops and drives fit each other and the scene."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -8,17 +8,26 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Output
-from nassim.simulation.linear.digital_controllers import samples_per_period
 from nassim.simulation.linear.linearization import linearize
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.capabilities import EXACT, check_capabilities
+from nassim.simulation.model.digital_controllers import samples_per_period
 
 STABLE_ANGLE = 2.6
-"""Angle [rad] per step up to which Runge and Kutta's rule of order 4 is stable for every damping."""
+"""Phase angle of a mode per step [rad] up to which the Runge-Kutta rule of order 4 is stable at any damping."""
 
 
 def check_options(method: str, spectral_radius: float | None, hold_order: int | None) -> None:
-    """Raise ValueError for options that a method does not have."""
+    """Check the options of a method.
+
+    Args:
+        method: name of the method.
+        spectral_radius: of generalized-alpha [-]; None where it is not given.
+        hold_order: 0 or 1; None where it is not given.
+
+    Raises:
+        ValueError: for values out of range, and for options that the method does not have.
+    """
     if spectral_radius is not None:
         if not 0.0 <= spectral_radius <= 1.0:
             raise ValueError(f"spectral_radius must lie in 0 ... 1, got {spectral_radius:g}")
@@ -36,7 +45,16 @@ def check_options(method: str, spectral_radius: float | None, hold_order: int | 
 
 
 def check_loops(scene: Scene, time_step: float) -> None:
-    """Raise ValueError for loops whose sample rates do not fit the steps, or that measure at once what they drive."""
+    """Check the loops of a scene.
+
+    Args:
+        scene: the scene.
+        time_step: [s].
+
+    Raises:
+        ValueError: for a sample period that is no whole number of steps, and for a loop that measures an output with
+            direct feedthrough from an input that it drives.
+    """
     for loop in scene.loops:
         samples_per_period(loop, time_step)
     at_once = scene.prescribed or any(output.derivative == 2 for output in scene.terms_of(Output))
@@ -56,12 +74,20 @@ def check_loops(scene: Scene, time_step: float) -> None:
 
 
 def check_drives(scene: Scene, signals: Mapping[str, Array]) -> None:
-    """Raise ValueError for an input that drives a joint from elsewhere than where it is drawn."""
+    """Check that the inputs of prescribed motions start at zero, the reference configuration.
+
+    Args:
+        scene: the scene.
+        signals: values of the inputs by name, shape (n,) each.
+
+    Raises:
+        ValueError: for an input that starts elsewhere.
+    """
     for drive in scene.prescribed:
         if signals[drive.input][0]:
             raise ValueError(
-                f"input {drive.input!r} drives joint {drive.constraint!r} from where it is drawn: it must start at 0, "
-                f"not at {signals[drive.input][0]:g} {drive.unit}"
+                f"input {drive.input!r} prescribes the motion of joint {drive.constraint!r} from the reference "
+                f"configuration: it must start at 0, not at {signals[drive.input][0]:g} {drive.unit}"
             )
 
 
@@ -75,7 +101,11 @@ def _check_small_motion(scene: Scene, method: str) -> None:
 
 
 def check_exact(scene: Scene) -> None:
-    """Raise ValueError for a scene that the exact method does not fit."""
+    """Check that the exact method can simulate a scene.
+
+    Raises:
+        ValueError: for a floating-frame body, for spin, and for terms that exact steps refuse.
+    """
     floating = [body.name for body in scene.flexible_bodies if body.fidelity == "ffrf"]
     if floating or not scene.at_rest:
         found = f'body {floating[0]!r} has fidelity "ffrf"' if floating else "something spins"
@@ -86,7 +116,16 @@ def check_exact(scene: Scene) -> None:
 
 
 def check_stability(scene: Scene, time_step: float) -> None:
-    """Raise ValueError for a scene or steps that the explicit rule does not fit."""
+    """Check that the explicit rule is stable and can simulate a scene.
+
+    Args:
+        scene: the scene.
+        time_step: [s].
+
+    Raises:
+        ValueError: for large motion, for circuits and prescribed motions, and for a time step beyond the stability
+            limit.
+    """
     _check_small_motion(scene, "explicit")
     assembly = assemble(scene)
     if assembly.signals.circuits:

@@ -11,7 +11,7 @@ from nassim.signals.time_history import TimeHistory, occupied_bandwidth
 
 STEPS_PER_PERIOD = 8
 """Fewest time steps in the shortest period that an excitation holds."""
-LOST = 0.02
+LOST_POWER = 0.02
 """Share of a signal's power that straight lines between the time steps may lose; a sine of 8 steps loses 0.003."""
 
 
@@ -93,7 +93,7 @@ def _check_loss(excitation: TimeHistory, time_step: float, end: float) -> None:
     until = time <= end * (1 + 1e-9)
     shares = _lost_power(time[until], excitation.values[:, until], time_step)
     worst = int(np.argmax(shares)) if len(shares) else 0
-    if not len(shares) or shares[worst] <= LOST:
+    if not len(shares) or shares[worst] <= LOST_POWER:
         return
     good = _longest_step(time[until], excitation.values[:, until], time_step)
     raise ValueError(
@@ -120,7 +120,7 @@ def _longest_step(time: Array, values: Array, time_step: float) -> float:
     good, bad = 1, int(np.ceil(time_step / sample))
     while bad - good > 1:
         middle = (good + bad) // 2
-        if np.all(_lost_power(time, values, middle * sample) <= LOST):
+        if np.all(_lost_power(time, values, middle * sample) <= LOST_POWER):
             good = middle
         else:
             bad = middle

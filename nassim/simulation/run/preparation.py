@@ -1,4 +1,4 @@
-"""What comes before and after the steps of a run, whoever makes them: checks, systems, equilibrium, warnings."""
+"""Checks, assembly and equilibrium before the steps of a run, and warnings after them, for all engines."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -68,7 +68,7 @@ class Options:
 
     @property
     def released(self) -> bool:
-        """Whether the scene starts as drawn."""
+        """Whether the scene starts in its reference configuration."""
         return self.start == "released"
 
     def radius(self, scene: Scene) -> float:
@@ -85,7 +85,16 @@ class Options:
 
 
 def check_run(scene: Scene, options: Options, signals: Mapping[str, Array]) -> None:
-    """Check that a scene, its first inputs, shape (n,) each, and a method fit each other; warn of ringing."""
+    """Check that a scene, its inputs and the options of a run fit each other; warn of ringing.
+
+    Args:
+        scene: the scene.
+        options: of the run.
+        signals: values of the inputs by name, shape (n,) each; the first one counts.
+
+    Raises:
+        ValueError: where they do not fit.
+    """
     check_loops(scene, options.time_step)
     check_drives(scene, signals)
     if options.method == "exact":
@@ -132,7 +141,15 @@ def start_system(
 
 
 def settle(system: System, rates: Mapping[str, float]) -> bool:
-    """Bring a system into equilibrium, at rest or turning steadily; whether there is anything that moves it there."""
+    """Bring a system into its static equilibrium or into that of its steady rotation.
+
+    Args:
+        system: Exudyn's system, changed.
+        rates: initial rates of prescribed motions, by input; 0 for those that are not steady.
+
+    Returns:
+        Whether gravity or rotation loads the system.
+    """
     scene = system.assembly.scene
     twists = steady_rotation_twists(scene, rates)
     if twists is None:
@@ -143,13 +160,20 @@ def settle(system: System, rates: Mapping[str, float]) -> bool:
     if growing and not scene.loops and is_axisymmetric(scene, twists):
         raise ValueError(
             f"the spinning equilibrium of scene {scene.name!r} to start from is unstable: {growing[0]}; change the "
-            'speed, or let the scene go as it is drawn by simulate(..., start="released")'
+            'speed, or start in the reference configuration by simulate(..., start="released")'
         )
     return True
 
 
 def warn_after_steps(system: System, watch: Monitor, told: Sequence[str], options: Options) -> None:
-    """Warn of what looks at a run of Exudyn have found."""
+    """Warn of what the checks of a run of Exudyn have found.
+
+    Args:
+        system: Exudyn's system after the run.
+        watch: the checks of the run.
+        told: bodies that a warning has named before.
+        options: of the run.
+    """
     assembly, scene = system.assembly, system.assembly.scene
     warn_of_spin(scene, watch.speeds, told)
     warn_of_motion(assembly, watch.largest)
@@ -160,7 +184,12 @@ def warn_after_steps(system: System, watch: Monitor, told: Sequence[str], option
 
 
 def warn_after_exact_steps(assembly: Assembly, coordinates: Array) -> None:
-    """Warn of motion and preload in exact steps; coordinates: all, at some times, (n_all, n_times)."""
+    """Warn of motion and preload in exact steps.
+
+    Args:
+        assembly: the assembled scene.
+        coordinates: all coordinates at some times, (n_all, n_times).
+    """
     every, slices = assembly.coordinates, assembly.coordinates.slices
     warn_of_motion(assembly, {name: motion_size(every, name, coordinates[place]) for name, place in slices.items()})
     bodies = assembly.scene.deformable_bodies

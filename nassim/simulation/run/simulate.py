@@ -14,12 +14,12 @@ from nassim.simulation.exudyn.motion_recorder import MotionRecorder
 from nassim.simulation.exudyn.solver import axial_tension, eigenfrequencies, solve_dynamic, solve_static
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.linear.exact_steps import exact_response
-from nassim.simulation.linear.stopped_runs import Stopped
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.buckling import warn_of_buckling
 from nassim.simulation.model.motion_size import motion_size
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
 from nassim.simulation.model.recorded_motion import recorded_motion, recorded_steps, traced
+from nassim.simulation.model.stopped_runs import Stopped
 from nassim.simulation.run.excitation import sampled
 from nassim.simulation.run.preparation import (
     METHODS,
@@ -75,7 +75,8 @@ def simulate(
             that keep their value.
         start: what gravity and spin have done before: "equilibrium", the scene hangs at rest in static equilibrium, and
             what a drive turns at constant speed from the start is at rest on its turntable, under centrifugal forces
-            too; "released", it is as drawn, unloaded, and falls from the first step on: a pendulum let go at an angle.
+            too; "released", it is unloaded in its reference configuration and falls from the first step on, such as a
+            pendulum released at an angle.
             Bodies with an angular_velocity turn from the start in both.
         period_correction: of generalized-alpha only. True changes masses that the rule steps so that every mode keeps
             its period: a mode of period T loses the share 2/3 (pi h / T)^2 of its mass at steps h and a spectral radius
@@ -206,9 +207,19 @@ def _integrate(
     *,
     progress: bool,
 ) -> tuple[Array, Motion | None]:
-    """Run Exudyn; highest: frequency up to which is told what steps do [Hz].
+    """Run Exudyn.
 
-    Returns outputs and commands, and the motion at the steps that are kept, if any.
+    Args:
+        scene: the scene.
+        signals: inputs by name, (n_steps + 1,) each.
+        n_steps: number of steps.
+        options: of the run.
+        kept: numbers of the steps at which the motion is kept.
+        highest: frequency up to which a message describes the error of the steps [Hz].
+        progress: whether to show a bar.
+
+    Returns:
+        Outputs and commands, and the motion at the kept steps, if any.
     """
     rates, steady = _starting_rates(scene, signals, options.time_step)
     system, told = start_system(scene, options, rates, steady, highest)
@@ -233,7 +244,7 @@ def _integrate(
 def _starting_rates(
     scene: Scene, signals: Mapping[str, Array], time_step: float
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Rates at the start of inputs that drives follow, and those with which they go on through two steps."""
+    """Return the initial rates of inputs of prescribed motions, and the same with 0 for rates that change at once."""
     steps = {drive.input: np.diff(signals[drive.input][:3]) / time_step for drive in scene.prescribed}
     rates = {name: float(step[0]) for name, step in steps.items()}
     return rates, {name: rate * (abs(steps[name][-1] - rate) <= STEADY * abs(rate)) for name, rate in rates.items()}

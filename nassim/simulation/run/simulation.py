@@ -13,11 +13,12 @@ from nassim.base.checks import Array, finite, known, positive
 from nassim.scene.scene import Scene
 from nassim.signals.time_history import TimeHistory
 from nassim.simulation.exudyn.monitor import Monitor
-from nassim.simulation.exudyn.solver import SteppedRun, diverged
-from nassim.simulation.linear.digital_controllers import runaway, see_runaway
+from nassim.simulation.exudyn.solver import diverged
+from nassim.simulation.exudyn.stepped_run import SteppedRun
 from nassim.simulation.linear.exact_steps import ExactSteps
-from nassim.simulation.linear.stopped_runs import Stopped, Trust
 from nassim.simulation.model.reach import GrowingReach
+from nassim.simulation.model.runaway import runaway, see_runaway
+from nassim.simulation.model.stopped_runs import Stopped, Trust
 from nassim.simulation.run.preparation import (
     Options,
     check_run,
@@ -28,7 +29,7 @@ from nassim.simulation.run.preparation import (
     warn_after_steps,
 )
 
-METHODS = ("generalized_alpha", "exact")
+STEPPED_METHODS = ("generalized_alpha", "exact")
 LOOK = 50
 """Steps from one look at the run to the next."""
 
@@ -48,9 +49,8 @@ class SimulationState:
 class Simulation:
     """A run in time that is stepped by its user, as a context manager.
 
-    The scene is assembled and brought to its start once, when the block begins. The steps are those of `simulate`: in
-    generalized-alpha the outputs are the same to the last bit. In the exact method they are so where a controller is in
-    Python or a converter has a resolution; else `simulate` takes many samples at once, and the two differ by rounding.
+    The scene is assembled and brought to its start once, when the block begins. The steps are those of `simulate`: the
+    outputs are the same to the last bit.
 
     Example:
         >>> with Simulation(scene, time_step=1e-4) as run:
@@ -87,7 +87,7 @@ class Simulation:
         inputs: Mapping[str, float] | None = None,
         input_rates: Mapping[str, float] | None = None,
     ) -> None:
-        known("method", method, METHODS)
+        known("method", method, STEPPED_METHODS)
         step = positive("time_step", time_step, "s")
         self._scene = scene
         self._options = Options(step, method, spectral_radius, hold_order, start, period_correction)
@@ -119,7 +119,7 @@ class Simulation:
         try:
             self._engine = make(scene, options, self._inputs, self._rates)
         except Stopped as stop:
-            raise self._told(stop, None) from stop.__cause__
+            raise self._public_error(stop, None) from stop.__cause__
         self._closed = ""
         self._rows = [np.concatenate([self._inputs, self._engine.row])]
 
@@ -136,7 +136,7 @@ class Simulation:
         try:
             self._look(engine, self._count % LOOK or 1)
         except Stopped as stop:
-            raise self._told(stop, engine) from stop.__cause__
+            raise self._public_error(stop, engine) from stop.__cause__
         engine.warn()
 
     @property
@@ -189,7 +189,7 @@ class Simulation:
             if self._count % LOOK == 0:
                 self._look(engine, LOOK)
         except Stopped as stop:
-            raise self._told(stop, engine) from stop.__cause__
+            raise self._public_error(stop, engine) from stop.__cause__
         except BaseException:  # such as Ctrl-C within a step
             self._closed = "it was interrupted within a step"
             raise
@@ -197,10 +197,9 @@ class Simulation:
 
     @property
     def state(self) -> SimulationState:
-        """The present state, with that of filters and controllers; what follows from it is the same to the last bit.
+        """The present state, with that of filters, amplifiers and controllers.
 
-        In large motion the solver takes a new Jacobian when a state is read. A run whose state is read therefore parts
-        from one whose state is not by what Newton's iterations leave, some 1e-14 of the coordinates.
+        A run that is restored from it goes on as this one does, to the last bit. Reading it changes nothing.
         """
         engine = self._running()
         return SimulationState(self._count, self._inputs, engine.state, tuple(self._rows), self._scene, self._options)
@@ -241,7 +240,7 @@ class Simulation:
         if happened:
             raise Stopped(diverged(body, self.time, self._options.radius(scene)), rows.T, 0)
 
-    def _told(self, stop: Stopped, engine: "_ExactEngine | _ExudynEngine | None") -> BaseException:
+    def _public_error(self, stop: Stopped, engine: "_ExactEngine | _ExudynEngine | None") -> BaseException:
         """The public exception of a run that has stopped, with its record; the run cannot go on."""
         self._closed, self._engine = f"it has failed at t = {self.time:g} s", None
         n = [*(bool(np.isfinite(row).all()) for row in self._rows), False].index(False)
@@ -255,7 +254,7 @@ class Simulation:
             place = self._places.get(name)
             if place is None:
                 known("input", name, self._scene.inputs)
-            elif type(value) is float and math.isfinite(value):  # a step is short beside a full check
+            elif isinstance(value, float) and math.isfinite(value):  # a step is short beside a full check
                 result[place] = value
             else:
                 result[place] = finite(f"input {name!r}", value)

@@ -1,4 +1,4 @@
-"""What a run in time warns of: motion beyond what holds, preload, spin, damping that belongs elsewhere, ringing."""
+"""Warnings of runs in time: large motion, changed modes, distant equilibria, spin, drift and ringing."""
 
 import warnings
 from collections.abc import Collection, Mapping
@@ -10,23 +10,28 @@ from nassim.base.checks import Array
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Output, OutputFilter
 from nassim.simulation.exudyn.state import System
-from nassim.simulation.linear.digital_controllers import SMALL_MOTION
 from nassim.simulation.loaded.spinning import STIFFENING, stiffening
 from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.motion_size import SMALL_MOTION
 
 RINGING = 0.8
 """Spectral radius above which accelerations in large motion may ring."""
 STILL = 1e-6
 """Rate [Hz] below which nothing spins: a turn in eleven days."""
-CALM = 0.1
-"""Corner of a low-pass over the rate of steps, below which 4 % or less of such ringing pass."""
+LOW_PASS = 0.1
+"""Corner frequency of a low-pass over the rate of the steps, below which 4 % or less of such ringing pass."""
 FAR = 0.1
-"""Rotation [rad], or displacement over size, from the scene as drawn that is worth a word: ratios of modes that are
-realised as it is drawn are then wrong by some 3 % in an elbow of two bars."""
+"""Rotation [rad], or displacement over size, from the reference configuration above which a warning is given. Damping
+ratios of modes in the reference configuration are then wrong by some 3 % in an elbow of two bars."""
 
 
 def warn_of_motion(assembly: Assembly, largest: Mapping[str, Array]) -> None:
-    """Warn of motion beyond what small motion and reduced bodies hold for; largest: `motion_size` by body."""
+    """Warn of motion beyond the range of small motion or of reduced bodies.
+
+    Args:
+        assembly: the assembled scene.
+        largest: largest `motion_size` of each body, (2,) [rad, -], by name.
+    """
     for name, (rotation, deformation) in largest.items():
         floating = any(b.name == name and b.fidelity == "ffrf" for b in assembly.scene.flexible_bodies)
         if rotation > SMALL_MOTION and not floating:
@@ -44,7 +49,12 @@ def warn_of_motion(assembly: Assembly, largest: Mapping[str, Array]) -> None:
 
 
 def warn_of_changed_modes(assembly: Assembly, shifts: Mapping[tuple[str, str], Array]) -> None:
-    """Warn of a scene that leaves the position in which its modes have their ratios."""
+    """Warn of a scene that leaves the configuration in which its modes have their damping ratios.
+
+    Args:
+        assembly: the assembled scene.
+        shifts: largest relative motion of every two connected bodies, (2,) [rad, m], by their names.
+    """
     if not (assembly.scene.deformable_bodies and np.any(assembly.modal.damping.ratio)):
         return
     bodies = [body for body in assembly.scene.bodies if body.moves]
@@ -56,26 +66,41 @@ def warn_of_changed_modes(assembly: Assembly, shifts: Mapping[tuple[str, str], A
         if turn > FAR or displacement > FAR * size:
             warnings.warn(
                 f"body {name!r} moved by up to {turn:.2g} rad and {displacement:.2g} m as seen from {other!r}, and the "
-                "scene's damping_ratio is that of its modes as it is drawn: elsewhere they have other ratios. Give "
-                "flexible bodies a damping_ratio of their own, which holds in every position, and the scene 0",
+                "scene's damping_ratio holds in the reference configuration: elsewhere its modes have other ratios. "
+                "Give flexible bodies a damping_ratio of their own, which holds in every position, and the scene 0",
                 stacklevel=outside(),
             )
             return
 
 
 def warn_of_far_equilibrium(system: System) -> None:
-    """Warn of a run that starts far from where its scene is drawn."""
-    name, angle = max(((name, system.turn(name)) for name in system.nodes), key=lambda item: item[1], default=("", 0.0))
+    """Warn of a run that starts far from the reference configuration of its scene.
+
+    Args:
+        system: Exudyn's system in the equilibrium from which the run starts.
+    """
+    name, angle = max(
+        ((name, system.rotation_angle(name)) for name in system.nodes), key=lambda item: item[1], default=("", 0.0)
+    )
     if angle > FAR:
         warnings.warn(
-            f"the run starts in static equilibrium, with body {name!r} turned by {angle:.2g} rad from where it is "
-            'drawn; to let it go as it is drawn, give start="released"',
+            f"the run starts in static equilibrium, with body {name!r} turned by {angle:.2g} rad from its "
+            'reference configuration; to start there, give start="released"',
             stacklevel=outside(),
         )
 
 
 def warn_of_spin(scene: Scene, speeds: Mapping[str, float], told: Collection[str] = ()) -> list[str]:
-    """Warn of bodies whose speed [rad/s] takes a stiffening that is left out; returns those not told before."""
+    """Warn of bodies that spin so fast that centrifugal stiffening, which is left out, matters.
+
+    Args:
+        scene: the scene.
+        speeds: angular speeds of the bodies [rad/s], by name.
+        told: names of bodies that a warning has named before.
+
+    Returns:
+        The names of the bodies that this warning names.
+    """
     found = []
     for body in scene.flexible_bodies:
         rate = speeds.get(body.name, 0.0) / (2 * np.pi)
@@ -92,16 +117,28 @@ def warn_of_spin(scene: Scene, speeds: Mapping[str, float], told: Collection[str
     return found
 
 
-def warn_of_drift(said: str) -> None:
-    """Warn of a run whose velocities have parted from the constraints; said: of it, empty where they have not."""
-    if said:
-        warnings.warn(f"{said}; do not trust what comes after that time", stacklevel=outside())
+def warn_of_drift(description: str) -> None:
+    """Warn of a run whose velocities violate the constraints.
+
+    Args:
+        description: body, time and cause; empty for a run without such a violation.
+    """
+    if description:
+        warnings.warn(f"{description}; do not trust what comes after that time", stacklevel=outside())
 
 
 def warn_of_ringing(scene: Scene, spectral_radius: float, time_step: float) -> None:
-    """Warn of accelerations that are read from steps which let them ring."""
-    calmed = {f.output for f in scene.terms_of(OutputFilter) if f.passes != "high" and f.frequency * time_step < CALM}
-    read = [term.name for term in scene.terms_of(Output) if term.derivative == 2 and term.name not in calmed]
+    """Warn of outputs that read accelerations in large motion at a spectral radius that lets them ring.
+
+    Args:
+        scene: the scene.
+        spectral_radius: of generalized-alpha [-].
+        time_step: [s].
+    """
+    filtered = {
+        f.output for f in scene.terms_of(OutputFilter) if f.passes != "high" and f.frequency * time_step < LOW_PASS
+    }
+    read = [term.name for term in scene.terms_of(Output) if term.derivative == 2 and term.name not in filtered]
     if read and spectral_radius > RINGING:
         warnings.warn(
             f"output {read[0]!r} reads an acceleration in large motion, which rings from step to step at "

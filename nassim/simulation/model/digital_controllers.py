@@ -12,15 +12,8 @@ from scipy.linalg import block_diag
 from nassim.base.checks import Array
 from nassim.scene.loop import Loop
 from nassim.scene.scene import Scene
-from nassim.simulation.model.coordinates import Coordinates
-from nassim.simulation.model.motion_size import motion_size
-from nassim.simulation.model.reach import Reach
 from nassim.systems.python_controller import ControlLaw, PythonController
 
-RUNAWAY = 0.1
-"""A deformation of this share of a body's size, or this rotation [rad], means that a loop runs away."""
-SMALL_MOTION = 0.01
-"""Rotation [rad], and deformation over size, up to which small motion holds: the error is about half of its square."""
 WHOLE = 1.5 * 2.0**52
 """Added and taken away, it rounds a number to the nearest whole one, ties to even, and lets infinite ones pass."""
 
@@ -235,62 +228,3 @@ def _span(places: list[int]) -> Array | slice:
     """Places in an array, as a slice where they follow each other: that costs less at every step."""
     whole = slice(places[0], places[-1] + 1)
     return whole if places == list(range(whole.start, whole.stop)) else np.array(places)
-
-
-def see_runaway(coordinates: Coordinates, reach: Reach, values: Array, sample: int) -> tuple[str, bool]:
-    """Look for a body that a loop has driven beyond what it can bear, or beyond where it can get.
-
-    Args:
-        coordinates: coordinates of the scene.
-        reach: bounds of its bodies' displacements.
-        values: values of all coordinates now, (n_all,).
-        sample: number of the present sample.
-
-    Returns what has happened to such a body, empty without one, and whether the model holds for all bodies.
-    """
-    sound, allowed = True, reach.at(sample)
-    for name, place in coordinates.slices.items():
-        own = values[place]
-        largest = motion_size(coordinates, name, own[:, None])
-        if not np.all(largest < RUNAWAY):
-            return deformed(name), False
-        if not np.linalg.norm(own[:3]) < allowed[name]:
-            return too_far(name, float(np.linalg.norm(own[:3])), allowed[name]), False
-        sound &= bool(np.all(largest <= SMALL_MOTION))
-    return "", sound
-
-
-def deformed(body: str) -> str:
-    """Return what to say of a body that a loop has deformed."""
-    return f"body {body!r} is deformed by more than {100 * RUNAWAY:g} % of its size or turned by {RUNAWAY:g} rad"
-
-
-def too_far(body: str, distance: float, allowed: float) -> str:
-    """Return what to say of a body that a loop has moved too far; both [m]."""
-    return (
-        f"body {body!r} has moved by {distance:.3g} m, where the scene's size, forces, speeds and drives account for "
-        f"{allowed:.3g} m at most"
-    )
-
-
-def runaway(scene: Scene, happened: str, outputs: Array, time_step: float) -> str:
-    """Return what to say of a loop that runs away: when, which of its signals has grown most, and by how much.
-
-    Args:
-        scene: the scene.
-        happened: what has happened to a body.
-        outputs: of the scene from the start until now, shape (n_samples, outputs).
-        time_step: [s].
-    """
-    n = len(outputs)
-    recent, before = outputs[-max(1, n // 8) :], outputs[: max(1, n // 2)]
-    size = np.abs(recent).max(axis=0)
-    growth = size / np.maximum(np.abs(before).max(axis=0), np.finfo(float).tiny)
-    measured = [scene.outputs.index(name) for loop in scene.loops for name in loop.measured]
-    worst = max(measured, key=lambda k: growth[k])
-    names = ", ".join(repr(loop.name) for loop in scene.loops)
-    return (
-        f"the closed loop runs away: at t = {(n - 1) * time_step:g} s {scene.outputs[worst]!r} has grown to "
-        f"{size[worst]:.3g} {scene.output_units[worst]} and {happened}. Unstable, unless the excitation is far too "
-        f"large: check the sign, gain and delay of loop {names} on the linear model (linearize_closed, unstable_poles)"
-    )

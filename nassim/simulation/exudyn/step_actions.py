@@ -1,0 +1,105 @@
+"""Actions of an Exudyn run at every time step: samples of filters and loops, then inputs behind their amplifiers."""
+
+from typing import Any
+
+import numpy as np
+
+from nassim.base.checks import Array
+from nassim.simulation.exudyn.filtering import Filtering
+from nassim.simulation.exudyn.state import System
+from nassim.simulation.model.digital_controllers import BadCommand, start_loops
+
+
+class StepActions:
+    """Samples of filters and loops, and forces and motions for the next step.
+
+    Attributes:
+        begun: number of steps begun.
+        commands: commands of the loops at the last sample, (commands,).
+        bad: failure of a controller in Python, which must not pass through Exudyn's callbacks.
+    """
+
+    def __init__(self, system: System, start: Array, time_step: float, *, explicit: bool) -> None:
+        """Begin before the first step.
+
+        Args:
+            system: in its state at the start.
+            start: the inputs at the start, (inputs,).
+            time_step: [s].
+            explicit: whether the rule holds inputs from step to step.
+        """
+        scene = system.assembly.scene
+        self.system, self.explicit, self.time_step = system, explicit, time_step
+        self.begun = 0
+        self.bad: BadCommand | None = None
+        self.commands = np.zeros(len(scene.commands))
+        self.loops = start_loops(scene, time_step)
+        self.filtering = Filtering(system, time_step)
+        self.held = self.end = np.zeros(len(scene.inputs))
+        self.places = np.array([scene.inputs.index(drive.input) for drive in system.drives], dtype=int)
+        rates = [drive.rate for drive in system.drives]
+        self.amplifiers = {k: _Amplifier(rate, time_step) for k, rate in enumerate(rates) if np.isfinite(rate)}
+        starting = start[self.places]
+        starting[list(self.amplifiers)] = 0.0
+        self.acting = starting
+        system.act(starting)
+
+    def sample(self, inputs: Array) -> bool:
+        """Let filters and loops take their samples at these inputs, (inputs,); whether the controllers have worked."""
+        self.filtering.step(inputs + self.held)
+        if self.commands.size:
+            try:
+                self.held, self.end, self.commands = self.loops(self.begun, self.filtering.measure)
+            except BadCommand as bad:
+                self.bad = bad
+                return False
+        return True
+
+    def act(self, before: Array, after: Array) -> None:
+        """Set what acts during the next step, with inputs before and after it, (inputs,) each."""
+        held, explicit = self.held, self.explicit
+        # The implicit rule takes forces at both ends of a step. A command that jumps there enters with its mean, else
+        # the loop would have half a step of delay more.
+        values = (before + held if explicit else after + self.end)[self.places]
+        for k, amplify in self.amplifiers.items():
+            place = self.places[k]
+            values[k] = amplify(before[place] + held[place], (before if explicit else after)[place] + held[place])
+        self.acting = values
+        self.system.act(values)
+        self.begun += 1
+
+    @property
+    def state(self) -> Any:
+        """A copy of all that changes from step to step."""
+        amplified = {k: amplifier.value for k, amplifier in self.amplifiers.items()}
+        now = self.begun, self.acting.copy(), self.commands.copy(), self.held.copy(), self.end.copy()
+        return (*now, amplified, self.loops.state, self.filtering.state)
+
+    def restore(self, state: Any) -> None:
+        """Go back to a state."""
+        self.begun, acting, commands, held, end, amplified, loops, filtering = state
+        self.acting, self.commands, self.held, self.end = acting, commands, held, end
+        for k, value in amplified.items():
+            self.amplifiers[k].value = value
+        self.loops.restore(loops)
+        self.filtering.restore(filtering)
+        self.system.act(acting)
+
+
+class _Amplifier:
+    """Amplifier at rest, whose input runs straight between the two values of a step.
+
+    Attributes:
+        value: output at the end of the last step.
+    """
+
+    def __init__(self, rate: float, time_step: float) -> None:
+        """Make one; rate: of its low-pass [1/s]."""
+        x = rate * time_step
+        self.share = -float(np.expm1(-x))
+        self.slope = 1 - self.share / x
+        self.value = 0.0
+
+    def __call__(self, before: float, after: float) -> float:
+        self.value += self.share * (before - self.value) + self.slope * (after - before)
+        return self.value

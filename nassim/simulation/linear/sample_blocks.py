@@ -1,0 +1,262 @@
+"""Blocks of samples: a scene with its loops over several samples as one linear system, and what that cannot do.
+
+A block's outputs are one product of a matrix with the state when it begins and all its inputs. Each sample has rows of
+its own in that matrix, of which no entry belongs to a later input. So a sample has the same value to the last bit
+whether its block is known as a whole or only up to it, and a run in blocks is the same as its steps one by one.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy
+
+from nassim.base.checks import Array
+from nassim.simulation.linear.sampled_closed_loop import ClosedSteps, each
+from nassim.systems.state_space import StateSpace, repeat_step
+
+BLOCK = 64
+"""Most samples in a block, but for loops that are due together more rarely, up to 4 times as many."""
+GROWTH = 64
+"""Least number of samples before a block, over its length: runs of any length have many blocks."""
+TOGETHER = 64
+"""Most blocks that are computed together."""
+ENTRIES = 2_000_000
+"""Most entries of the matrix that takes a block's inputs to its outputs."""
+SPARSE_STATES, SPARSE = 200, 0.1
+"""States from which on, and share of entries below which a matrix is held as sparse, as that of uncoupled modes."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """Linear system of several samples.
+
+    Attributes:
+        size: number of samples.
+        state: state after the block per unit of the state before, (n, n), dense or sparse.
+        inputs: the same per unit of the inputs of all samples, (n, size * inputs).
+        rows: outputs and commands of each sample per unit of the state and these inputs, (size, rows, n + size inputs).
+    """
+
+    size: int
+    state: Array
+    inputs: Array
+    rows: Array
+
+    def after(self, state: Array, inputs: Array) -> Array:
+        """Find the state after the block, (n,), from that before, (n,), and all its inputs, (size, inputs)."""
+        result: Array = each(self.inputs, inputs.reshape(1, -1))[0]
+        result += self.state @ state
+        return result
+
+    def sample(self, k: int, state: Array, inputs: Array) -> Array:
+        """Find outputs and commands of sample k, (rows,); inputs after it do not count."""
+        return each(self.rows[k], np.concatenate([state, inputs.ravel()])[None])[0]
+
+    def several(self, state: Array, inputs: Array) -> tuple[Array, Array]:
+        """Run several of these blocks.
+
+        Args:
+            state: before the first, (n,).
+            inputs: shape (blocks, size, inputs).
+
+        Returns states before the blocks and after them, (blocks + 1, n); outputs and commands, (blocks, size, rows).
+        """
+        given = inputs.reshape(len(inputs), -1)
+        states = np.empty((len(inputs) + 1, len(state)))
+        states[0], states[1:] = state, each(self.inputs, given)
+        for k in range(len(inputs)):
+            states[k + 1] += self.state @ states[k]
+        begins = np.hstack([states[:-1], given])
+        return states, np.matmul(self.rows[:, None], begins[None, :, :, None])[..., 0].swapaxes(0, 1)
+
+
+class SampleBlocks:
+    """The blocks of a run: at which sample which length, and each length as a linear system.
+
+    Attributes:
+        closed: the scene with its controllers.
+        first: length of the first blocks.
+        longest: length of the longest.
+    """
+
+    def __init__(self, closed: ClosedSteps, longest: int = BLOCK, growth: int = GROWTH) -> None:
+        """Make the blocks of a run.
+
+        Args:
+            closed: the scene with its controllers.
+            longest: most samples in a block, but for loops that are due together more rarely.
+            growth: see `GROWTH`.
+        """
+        outputs, n_in = len(closed.plant.matrices[3]) + closed.plant.pushed.shape[1], closed.through.shape[1]
+        self.closed, self._growth = closed, growth
+        self.first = closed.period if closed.period <= 4 * BLOCK else 1
+        self.longest = min(longest, int(np.sqrt(ENTRIES / (outputs * n_in + 1))))
+        if closed.by_law:  # every state is then seen without asking a controller twice
+            self.first = self.longest = 1
+        self._systems: dict[int, StateSpace] = {}
+        self._blocks: dict[int, Block | None] = {}
+
+    def size(self, sample: int) -> int:
+        """Length of the block that begins at a sample."""
+        size = self.first
+        while 2 * size <= self.longest and self._growth * 2 * size <= sample:
+            size *= 2
+        return size
+
+    def alike(self, sample: int) -> int:
+        """Count the blocks from a sample on that are as long as the one that begins there, `TOGETHER` at most."""
+        size = self.size(sample)
+        last = self._growth * 2 * size
+        return TOGETHER if 2 * size > self.longest else min(TOGETHER, -(-(last - sample) // size))
+
+    @np.errstate(over="ignore", invalid="ignore")
+    def system(self, size: int) -> Block | None:
+        """Linear system of a block; None where it is not linear, and where loops make numbers overflow."""
+        if size not in self._blocks:
+            closed = self.closed
+            linear = not closed.nonlinear and size % closed.period == 0
+            self._blocks[size] = _as_block(size, self._system(size)) if linear else None
+        return self._blocks[size]
+
+    def _system(self, size: int) -> StateSpace:
+        if size not in self._systems:
+            once = size == self.first
+            self._systems = {size: self.closed.linear() if once else repeat_step(self._system(size // 2), 2)}
+        return self._systems[size]
+
+
+def _as_block(size: int, system: StateSpace) -> Block | None:
+    a, b, c, d = system
+    if not all(np.isfinite(part).all() for part in system):
+        return None
+    sparse = len(a) >= SPARSE_STATES and np.count_nonzero(a) < SPARSE * a.size
+    rows = np.hstack([c, d]).reshape(size, -1, len(a) + b.shape[1])
+    return Block(size, scipy.sparse.csr_matrix(a) if sparse else a, b, rows)
+
+
+def take_samples(inputs: Array, begin: int, end: int, n: int) -> Array:
+    """Samples of n inputs, (end - begin, n): those given, zero after the last; beyond, gravity's one."""
+    result = np.zeros((end - begin, n))
+    part = inputs[:, begin:end].T
+    result[: len(part), : len(inputs)], result[:, len(inputs) :] = part, 1.0
+    return result
+
+
+def pieces(blocks: SampleBlocks, start: Array, inputs: Array) -> Iterator[tuple[int, Array, Array]]:
+    """Run through given inputs piece by piece, each of blocks of one length.
+
+    Args:
+        blocks: of the run.
+        start: state of the scene at the first sample.
+        inputs: shape (inputs, n_samples).
+
+    Yields the number of its first sample, states when its blocks begin, (blocks, n), outputs and commands, (k, rows).
+    """
+    closed = blocks.closed
+    state = np.concatenate([start, np.zeros(closed.n - len(start))])
+    begin, together, n_samples = 0, TOGETHER, inputs.shape[1]
+    while begin < n_samples:
+        size = blocks.size(begin)
+        count = min(together, blocks.alike(begin), -(-(n_samples - begin) // size))
+        pushes = take_samples(inputs, begin, begin + count * size, closed.through.shape[1]).reshape(count, size, -1)
+        system, good = blocks.system(size), 0
+        if system:
+            states, rows = system.several(state, pushes)
+            within = closed.within_limits(rows)
+            whole = np.all(within, axis=1) & closed.waits_within_limits(states[1:])
+            good = count if whole.all() else int(np.argmin(whole))
+            if good:
+                yield begin, states[:good], rows[:good].reshape(good * size, -1)
+                state, begin = states[good], begin + good * size
+        if good < count:
+            again = pushes.reshape(count * size, -1) if system is None else pushes[good]
+            after, found = closed.by_samples(state, again, begin)
+            if system:  # until a limit is met the block's samples stay, as steps one by one have them
+                linear = size if within[good].all() else int(np.argmin(within[good]))
+                found[:linear] = rows[good, :linear]
+            yield begin, after[:-1:size], found
+            state, begin = after[-1], begin + len(again)
+        together = TOGETHER if system is None else 1 if good < count else min(2 * together, TOGETHER)
+
+
+class BlockSteps:
+    """A run in blocks whose inputs come one by one, with the same values as by `pieces`.
+
+    Attributes:
+        count: number of the present sample.
+        row: outputs and commands now, (rows,).
+    """
+
+    def __init__(self, blocks: SampleBlocks, start: Array, inputs: Array) -> None:
+        """Begin a run.
+
+        Args:
+            blocks: of the run.
+            start: state of the scene at the first sample.
+            inputs: those given at the first sample, (inputs,); beyond them comes gravity's one, see `take_samples`.
+        """
+        self.closed, self._blocks = blocks.closed, blocks
+        self.count = 0
+        self._begin(np.concatenate([start, np.zeros(self.closed.n - len(start))]))
+        self._sample(inputs)
+
+    def _begin(self, state: Array) -> None:
+        """Begin a block in a state."""
+        size = self._blocks.size(self.count)
+        self._first, self._state, self._system = self.count, state, self._blocks.system(size)
+        self._inputs = np.zeros((size, self.closed.through.shape[1]))
+        self._now: Array | None = None if self._system else state  # where samples are not those of a linear block
+        self._next = state
+
+    def step(self, inputs: Array) -> None:
+        """Go on by a step to these inputs, (inputs,)."""
+        k = self.count - self._first
+        self.count += 1
+        if k + 1 == len(self._inputs):
+            self._begin(self._after() if self._now is None else self._next)
+        else:
+            self._now = None if self._now is None else self._next
+        self._sample(inputs)
+
+    def _after(self) -> Array:
+        """State after the present block, none of whose samples has met a limit."""
+        assert self._system
+        after = self._system.after(self._state, self._inputs)
+        if not self.closed.waits_within_limits(after):
+            after = self.closed.by_samples(self._state, self._inputs, self._first)[0][-1]
+        return after
+
+    def _sample(self, inputs: Array) -> None:
+        k, closed = self.count - self._first, self.closed
+        self._inputs[k, : len(inputs)], self._inputs[k, len(inputs) :] = inputs, 1.0
+        if self._system and self._now is None:
+            self.row = self._system.sample(k, self._state, self._inputs)
+            if not closed.limited or closed.within_limits(self.row):
+                return
+        begin = 0 if self._now is None else k
+        state = self._state if self._now is None else self._now
+        states, rows = closed.by_samples(state, self._inputs[begin : k + 1], self._first + begin)
+        self._now, self._next, self.row = states[-2], states[-1], rows[-1]
+
+    def present_state(self) -> Array:
+        """State now, (n,), found again from where the block began."""
+        if self._now is not None:
+            return self._now
+        k = self.count - self._first
+        return self.closed.by_samples(self._state, self._inputs[:k], self._first)[0][-1] if k else self._state
+
+    @property
+    def saved(self) -> Any:
+        """A copy of all that changes from step to step."""
+        block = self._first, self._state, self._system, self._inputs.copy(), self._now, self._next
+        return self.count, self.row, block, self.closed.laws
+
+    def restore(self, saved: Any) -> None:
+        """Go back to a state."""
+        self.count, self.row, block, laws = saved
+        self._first, self._state, self._system, inputs, self._now, self._next = block
+        self._inputs = inputs.copy()
+        if laws:
+            self.closed = self.closed.with_laws(laws)
