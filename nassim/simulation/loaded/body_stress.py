@@ -20,7 +20,7 @@ def stress_of_bodies(
     displacement: Array,
     body_forces: Mapping[str, Array],
     voltages: Mapping[str, Mapping[str, float]],
-) -> Array:
+) -> dict[str, Array]:
     """Compute the geometric stiffness of bodies that hold it, see `nassim.bodies.stress_stiffness`.
 
     Args:
@@ -31,9 +31,9 @@ def stress_of_bodies(
         voltages: constant voltages at electrical ports, by body and port [V].
 
     Returns:
-        Stiffness on all coordinates, (n_all, n_all).
+        Stiffness on the coordinates of each of these bodies, by name, (n, n).
     """
-    result = np.zeros((len(displacement),) * 2)
+    result = {}
     for body in assembly.scene.deformable_bodies:
         if (stress := body.reduced.stress_stiffness) is None:
             continue
@@ -41,11 +41,11 @@ def stress_of_bodies(
         bent, deformation = np.zeros(stress.n_coordinates), frame.deformation(body.reduced)
         bent[frame.flexible] = deformation @ displacement[place]
         own = stress.stiffness(bent, body_forces[body.name], voltages.get(body.name))
-        result[place, place] = _on_deformation(assembly, body, own)
+        result[body.name] = _on_deformation(assembly, body, own)
     return result
 
 
-def estimated_stress(assembly: Assembly, displacement: Array) -> Array:
+def estimated_stress(assembly: Assembly, displacement: Array) -> dict[str, Array]:
     """Estimate the geometric stiffness of bodies that do not hold it, from the forces at their points.
 
     Args:
@@ -53,12 +53,12 @@ def estimated_stress(assembly: Assembly, displacement: Array) -> Array:
         displacement: elastic displacement under the loads in all coordinates, (n_all,).
 
     Returns:
-        Stiffness on all coordinates, (n_all, n_all).
+        Stiffness on the coordinates of each of these bodies, by name, (n, n).
 
     Warns:
         UserWarning: for a body whose estimate changes a frequency of the scene by more than `WARNED_SHIFT`.
     """
-    result, modal = np.zeros((len(displacement),) * 2), assembly.modal
+    result, modal = {}, assembly.modal
     elastic = np.flatnonzero(~modal.rigid_modes)
     for body in assembly.scene.deformable_bodies:
         if body.reduced.stress_stiffness is not None:
@@ -66,7 +66,7 @@ def estimated_stress(assembly: Assembly, displacement: Array) -> Array:
         place = assembly.coordinates.slices[body.name]
         tensions = axial_forces(body.reduced, displacement[place, None])[:, 0]
         own = _on_deformation(assembly, body, estimated_stiffness(body.reduced, tensions))
-        result[place, place] = own
+        result[body.name] = own
         part = modal.modes[place][:, elastic]
         shift = 0.5 * np.einsum("ij,ij->j", part, own @ part) / (2 * np.pi * modal.frequency[elastic]) ** 2
         if np.abs(shift).max(initial=0.0) > WARNED_SHIFT:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.callers import outside
-from nassim.base.checks import Array, finite, finite_array, freeze, known
+from nassim.base.checks import Array, finite, finite_array, freeze, frozen_mapping, known
 from nassim.base.rigid_motion import skew
 from nassim.scene.measures import BodyCoordinates
 from nassim.scene.terms import BaseAcceleration, Driven, PrescribedMotion
@@ -51,6 +51,7 @@ class LoadedState:
             with a resistance are zero.
         drive_damping: gyroscopic forces per unit rate of d drives with prescribed motion, (n, d).
         drive_stiffness: stiffness forces per unit of these drives' motion, (n, d).
+        inside: part of the stiffness by the stress inside bodies, on the coordinates of each, by name, (n_own, n_own).
     """
 
     gyroscopic: Array
@@ -58,6 +59,7 @@ class LoadedState:
     equilibrium: Array
     drive_damping: Array
     drive_stiffness: Array
+    inside: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         n = len(self.equilibrium)
@@ -66,6 +68,7 @@ class LoadedState:
             gyroscopic=finite_array("gyroscopic matrix", self.gyroscopic, (n, n)),
             stiffness=finite_array("stiffness of the loads", self.stiffness, (n, n)),
             equilibrium=finite_array("equilibrium", self.equilibrium, (n,)),
+            inside=frozen_mapping(self.inside),
         )
 
 
@@ -141,10 +144,14 @@ def loaded_state(
     displacement = hung.displacement + swung.displacement
     stiffness = weights.stiffness + spun.stiffness
     stiffness += geometric.of_springs(displacement) + geometric.of_joints(hung.borne + swung.borne)
+    inside: dict[str, Array] = {}
     if stress:
         body_forces = {name: weights.body_forces[name] + spun.body_forces[name] for name in weights.body_forces}
-        stiffness += stress_of_bodies(assembly, displacement, body_forces, weights.voltages)
-        stiffness += estimated_stress(assembly, hung.displacement)
+        inside = stress_of_bodies(assembly, displacement, body_forces, weights.voltages)
+        inside |= estimated_stress(assembly, hung.displacement)
+        for name, own in inside.items():
+            place = assembly.coordinates.slices[name]
+            stiffness[place, place] += own
     equilibrium = modal.shapes @ (modal.modes.T @ (assembly.coordinates.mass @ hung.displacement))
     if resting and checked:
         check_small(assembly.coordinates, hung.displacement, "its loads")
@@ -158,7 +165,9 @@ def loaded_state(
         _warn_of_instability(assembly, stiffness)
     basis = modal.basis
     gyroscopic, stiffness = basis.T @ spun.gyroscopic, basis.T @ stiffness
-    return LoadedState(gyroscopic @ basis, stiffness @ basis, equilibrium, gyroscopic @ followed, stiffness @ followed)
+    return LoadedState(
+        gyroscopic @ basis, stiffness @ basis, equilibrium, gyroscopic @ followed, stiffness @ followed, inside
+    )
 
 
 def _static_loads(
