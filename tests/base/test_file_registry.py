@@ -82,7 +82,7 @@ NOT_DATA = {
         "Signals",
         "Solution",
         "LoadedState",
-        "Balance",
+        "StaticBalance",
         "Steps",
         "Structure",
         "Summand",

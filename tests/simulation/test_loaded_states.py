@@ -9,8 +9,11 @@ from conftest import make_bar, meshed
 from scipy.spatial.transform import Rotation
 
 from nassim import (
+    Bushing,
     Encoder,
     FlexibleBody,
+    ForceSensor,
+    Joint,
     Material,
     PointForce,
     RigidBody,
@@ -23,6 +26,7 @@ from nassim import (
     revolute,
     simulate,
     spherical,
+    static_response,
     universal,
 )
 from nassim.bodies.projection import keep_modes, trim_body
@@ -256,3 +260,60 @@ def test_what_cannot_load_a_scene_is_refused(strip):
         linearize(scene, constant_inputs={"force": 1.0}, angular_velocity=(0, 0, 1))
     with pytest.raises(ValueError, match="no small motion: start nearer"):
         linearize(replace(scene, gravity=3e3 * TURN[:, 2]))
+
+
+def strung(tension, axis, **more):
+    """A point mass of 2 kg between two springs along an axis, 0.3 m each, under tension as drawn."""
+    ball = RigidBody("ball", {"c": np.zeros(3)}, 2.0, 1e-3 * np.eye(3))
+    ground = RigidBody("ground", {"a": -0.3 * axis, "b": 0.3 * axis}, fixed=True)
+    springs = tuple(SpringDamper(k, f"ground.{k}", "ball.c", "line", 5e3, preload=tension) for k in "ab")
+    return Scene("strung", (ground, ball), springs=springs, damping_ratio=0.0, **more)
+
+
+def test_a_string_under_tension_holds_its_mass_sideways():
+    """By 2 T / L, in the linear model and in time, and falls aside where it is pressed."""
+    sideways = np.sqrt(2 * 60.0 / (0.3 * 2.0)) / (2 * np.pi)
+    axial = np.sqrt(2 * 5e3 / 2.0) / (2 * np.pi)
+    scene = strung(60.0, TURN[:, 0])
+    assert frequencies(scene)[3:] == pytest.approx([sideways, sideways, axial], rel=1e-6)
+    assert frequencies(strung(-60.0, TURN[:, 0]))[:2] == pytest.approx([-sideways, -sideways], rel=1e-6)
+    assert frequencies(scene, loaded=False)[:5] == pytest.approx(np.zeros(5), abs=1e-6)
+    weighed = strung(
+        60.0, TURN[:, 0], gravity=0.01 * TURN[:, 2], sensors=(Encoder("u", "ground.a", "ball.c", TURN[:, 2]),)
+    )
+    time = np.arange(200) * 2e-3
+    rest = TimeHistory(time, np.zeros((0, 200)), (), ())
+    found = simulate(weighed, rest, time_step=2e-3, start="released", progress=False).values[0]
+    swing = 0.01 / (2 * np.pi * sideways) ** 2 * (1 - np.cos(2 * np.pi * sideways * time))
+    np.testing.assert_allclose(found, swing, atol=2e-3 * swing.max())
+
+
+@pytest.mark.parametrize("kind", ["spring", "bushing"])
+def test_a_preload_that_bears_a_weight_leaves_it_as_drawn(kind):
+    """It pulls with -m g; relaxed springs sag by m g / k and then pull as much."""
+
+    def resting(preload):
+        mass = RigidBody("mass", {"c": np.zeros(3)}, 3.0, 1e-2 * np.eye(3))
+        ground = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
+        if kind == "spring":
+            held = SpringDamper("k", "ground.o", "mass.c", "z", 2e3, preload=preload)
+            joints = (Joint("slide", "ground.o", "mass.c", free=("z",)),)
+        else:
+            held = Bushing("k", "ground.o", "mass.c", [2e3] * 3 + [10.0] * 3, preload=[0, 0, preload, 0, 0, 0])
+            joints = ()
+        sensors = (Encoder("z", "ground.o", "mass.c", "z"), ForceSensor("f", "k"))
+        return static_response(Scene("held", (ground, mass), joints, sensors=sensors, springs=(held,), gravity=GRAVITY))
+
+    force = "f" if kind == "spring" else "f.fz"
+    drawn, relaxed = resting(-3.0 * 9.81), resting(0.0)
+    assert (drawn["z"], relaxed["z"]) == (pytest.approx(0.0, abs=1e-9), pytest.approx(-3.0 * 9.81 / 2e3, rel=1e-6))
+    assert drawn[force] == pytest.approx(-3.0 * 9.81, rel=1e-6)
+    assert relaxed[force] == pytest.approx(-3.0 * 9.81, rel=1e-6)
+
+
+def test_the_gravimeter_as_drawn(gravimeter):
+    """Its vertical springs bear the weight as drawn, so it rests there and has the same modes."""
+    borne = -400.0 * 9.80665 / 2
+    springs = tuple(replace(s, preload=0.0 if s.name == "h" else borne) for s in gravimeter.springs)
+    drawn = replace(gravimeter, springs=springs)
+    np.testing.assert_allclose(frequencies(drawn), frequencies(gravimeter), rtol=1e-6)

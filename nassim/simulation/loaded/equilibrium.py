@@ -23,7 +23,7 @@ SPIN_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class Balance:
+class StaticBalance:
     """How a scene bears constant forces.
 
     Attributes:
@@ -37,7 +37,7 @@ class Balance:
     acceleration: Array
 
 
-def balance(assembly: Assembly, force: Array) -> Balance:
+def balance(assembly: Assembly, force: Array) -> StaticBalance:
     """Compute how a scene bears forces, (n_all,).
 
     The result is of first order in the forces, except in nonlinear springs, so it does not depend on the description of
@@ -62,7 +62,7 @@ def balance(assembly: Assembly, force: Array) -> Balance:
             left[place] -= root.T @ (root @ q[place])
     for circuit in circuits:
         left += circuit.forces * (circuit.forces @ q) / circuit.capacitance
-    return Balance(q, left, acceleration)
+    return StaticBalance(q, left, acceleration)
 
 
 def spinning_rest(assembly: Assembly, added: Array, force: Array, rate: float, largest: float) -> Array:

@@ -195,6 +195,12 @@ def spring_forces(tangents: Sequence[Tangent], coordinates: Array) -> Array:
     return result
 
 
+def is_preloaded(tangents: Sequence[Tangent]) -> bool:
+    """Return whether a spring has a force in the reference configuration."""
+    zeros = [np.zeros(len(tangent.rows)) for tangent in tangents]
+    return any(np.any(tangent.law.resistance(zero, zero)) for tangent, zero in zip(tangents, zeros, strict=True))
+
+
 def _joints(assembly: Assembly) -> list[Constraint]:
     return [term for term in assembly.terms if isinstance(term, Constraint)]
 

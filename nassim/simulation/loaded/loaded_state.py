@@ -23,8 +23,8 @@ from nassim.base.rigid_motion import skew
 from nassim.scene.measures import BodyCoordinates
 from nassim.scene.terms import BaseAcceleration, Driven, PrescribedMotion
 from nassim.simulation.loaded.body_stress import estimated_stress, stress_of_bodies
-from nassim.simulation.loaded.equilibrium import Balance, balance, check_small, spinning_rest
-from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
+from nassim.simulation.loaded.equilibrium import StaticBalance, balance, check_small, spinning_rest
+from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness, is_preloaded
 from nassim.simulation.loaded.rotor_frame import FrameView, RotorPartition, other_frame_terms, rotating_damping
 from nassim.simulation.loaded.spinning import body_force_terms, inertia_terms, integrals, warn_of_spinning_bodies
 from nassim.simulation.model.assembly import Assembly
@@ -133,21 +133,20 @@ def loaded_state(
     point = finite_array("axis_point", np.asarray(axis_point, dtype=float), (3,))
     modal, followed = assembly.modal, assembly.signals.prescribed.motion
     n = len(modal.frequency)
-    resting = gravity.any() or any(values.values())
+    resting = stress and (gravity.any() or any(values.values()) or is_preloaded(assembly.tangents))
     if not velocity.any() and not resting:
         still = np.zeros((n, followed.shape[1]))
         return LoadedState(np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), still, still)
     geometric = GeometricStiffness.of(assembly)
     weights, hung = _static_loads(assembly, geometric, gravity, values)
     spun = _spin(assembly, geometric, velocity, point, partition)
-    swung = balance(assembly, spun.force)
-    displacement = hung.displacement + swung.displacement
+    whole = balance(assembly, weights.force + spun.force) if velocity.any() else hung
     stiffness = weights.stiffness + spun.stiffness
-    stiffness += geometric.of_springs(displacement) + geometric.of_joints(hung.borne + swung.borne)
+    stiffness += geometric.of_springs(whole.displacement) + geometric.of_joints(whole.borne)
     inside: dict[str, Array] = {}
     if stress:
         body_forces = {name: weights.body_forces[name] + spun.body_forces[name] for name in weights.body_forces}
-        inside = stress_of_bodies(assembly, displacement, body_forces, weights.voltages)
+        inside = stress_of_bodies(assembly, whole.displacement, body_forces, weights.voltages)
         inside |= estimated_stress(assembly, hung.displacement)
         for name, own in inside.items():
             place = assembly.coordinates.slices[name]
@@ -172,7 +171,7 @@ def loaded_state(
 
 def _static_loads(
     assembly: Assembly, geometric: GeometricStiffness, gravity: Array, values: Mapping[str, float]
-) -> tuple[_Loads, Balance]:
+) -> tuple[_Loads, StaticBalance]:
     """Collect weights and forces of inputs, less the inertia forces of rigid-body modes, and how they are borne."""
     loads, coordinates = _Loads.none(assembly), assembly.coordinates
     for term in assembly.terms:

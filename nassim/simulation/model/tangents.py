@@ -48,7 +48,7 @@ class Tangent:
 def law_tangents(coordinates: Coordinates, terms: Sequence[Term], basis: Array) -> list[Tangent]:
     """Compute the tangents of force laws about the static equilibrium under gravity.
 
-    The equilibrium is at zero where all laws are linear.
+    The equilibrium is at zero where all laws are linear and relaxed.
 
     Args:
         coordinates: coordinates of the scene.
@@ -119,7 +119,8 @@ def nonlinear_equilibrium(
         result: Array = free.T @ force
         return result
 
-    q, size = np.zeros(len(coordinates.mass)), float(np.linalg.norm(free.T @ weight))
+    q = np.zeros(len(coordinates.mass))
+    size = max(float(np.linalg.norm(free.T @ weight)), float(np.linalg.norm(left(q))))
     for _ in range(EQUILIBRIUM_ITERATIONS):
         stiffness = elastic + sum(t.rows.T @ t.stiffness @ t.rows for t in (Tangent.of(*law, q) for law in laws))
         values, shapes = np.linalg.eigh(free.T @ stiffness @ free)
