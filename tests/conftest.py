@@ -22,6 +22,7 @@ from models.apa300ml import COARSE, PORTS, PRISMS, STACK, make_apa300ml, reduced
 from models.bench import AMPLIFIER_GAIN, make_bench, sensor_span_constant
 from nassim import FEModel, Material, RemotePoint, Solid, build_fe_model, condense
 from nassim.fem.assembly import assemble_mesh
+from nassim.fem.curving import curve_mesh
 from nassim.fem.fe_model import make_coupling
 from nassim.fem.meshing import generate_mesh
 from nassim.simulation.model import period_correction as compensation
@@ -131,7 +132,7 @@ def meshed(mesh, solid, order):
     Models of one mesh share its curving, so that another order would change those that are there.
     """
     curved = ng.Mesh(mesh.Copy())
-    curved.Curve(order)
+    curve_mesh(curved, order)
     return assemble_mesh(curved, solid, order)
 
 

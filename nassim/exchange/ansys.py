@@ -22,7 +22,7 @@ DOFS = ("UX", "UY", "UZ", "ROTX", "ROTY", "ROTZ")
 _TITLE = r"(?P<title>\b[A-Za-z]+_(?P<letter>[KMCD])\s*:)"
 _ENTRY = r"\[\s*(?P<row>\d{1,9})\s*,\s*(?P<column>\d{1,9})\s*\]\s*:\s*(?P<value>[^\s\[\]]*)"
 _BROKEN = r"(?P<broken>\[)"
-_MATRIX = re.compile(f"{_ENTRY}|{_BROKEN}|{_TITLE}")
+_MATRIX_TEXT = re.compile(f"{_ENTRY}|{_BROKEN}|{_TITLE}")
 _REAL = r"[+-]?(?:\d+\.\d*|\.\d+)(?:[EeDd][+-]?\d+)?"
 _INTEGER = r"[+-]?\d+"
 # A node with three or six reals anywhere in the text, or with any numbers on a line of its own.
@@ -116,7 +116,7 @@ def _matrices(file: str, text: str) -> dict[str, Array]:
     # Row, column, value and position of each entry; arrays, because a listing may contain millions of entries.
     entries: dict[str, _Entries] = {}
     letter = ""
-    for match in _MATRIX.finditer(text):
+    for match in _MATRIX_TEXT.finditer(text):
         if match["title"]:
             letter = match["letter"].upper()
             entries.setdefault(letter, (array("i"), array("i"), array("d"), array("q")))

@@ -7,6 +7,10 @@ from .condensation import (
     Condensation as Condensation,
     condense as condense,
 )
+from .curving import (
+    curve_mesh as curve_mesh,
+    folded_elements as folded_elements,
+)
 from .fe_model import (
     Coupling as Coupling,
     FEModel as FEModel,

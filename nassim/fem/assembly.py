@@ -12,11 +12,12 @@ import scipy.sparse as sp
 from nassim.base.checks import Array
 from nassim.base.library_lock import hold_library_lock
 from nassim.base.progress import stage, tell
-from nassim.base.warning_log import collect_messages
+from nassim.base.warning_log import collect_messages, note
 from nassim.bodies.interface import RemotePoint
+from nassim.fem.curving import Curving, curve_mesh
 from nassim.fem.fe_model import Coupling, FEModel, Refinement, make_coupling
 from nassim.fem.materials import Material
-from nassim.fem.mesh_checks import check_memory, check_volume, warn_of_thin_walls
+from nassim.fem.mesh_checks import check_folds, check_memory, check_volume, warn_of_thin_walls
 from nassim.fem.meshing import generate_mesh
 from nassim.fem.ports import couple_port
 from nassim.fem.regions import by_body, faces
@@ -26,6 +27,12 @@ from nassim.fem.solver import threads
 from nassim.fem.sparse import SymmetricMatrix, symmetric_matrix
 
 MAX_ORDER = 6
+FURTHER_MESHES = 3
+"""Largest number of further meshes that replace one with folded elements."""
+SMALLER = 0.7
+"""Size of their elements relative to the shortest edge of the folded element there."""
+LARGEST_GROWTH, SMALL_MESH = 2.0, 3000
+"""A further mesh has at most so many times the elements of the first one, unless it is small."""
 ELEMENTS = {ng.ET.TET: "tetrahedra", ng.ET.PRISM: "prisms", ng.ET.PYRAMID: "pyramids", ng.ET.HEX: "hexahedra"}
 
 
@@ -58,25 +65,23 @@ def build_fe_model(
             fit in memory
 
     Warns:
-        UserWarning: for thin walls in elements of order 1
+        UserWarning: for folded elements, a wrong volume, and thin walls in elements of order 1
     """
     if not 1 <= order <= MAX_ORDER or int(order) != order:
         raise ValueError(f"order must be a whole number from 1 to {MAX_ORDER}, got {order!r}")
     with hold_library_lock(), collect_messages() as log:
         with stage("mesh", enabled=progress):
-            mesh = ng.Mesh(
-                generate_mesh(
-                    solid,
-                    element_size=element_size,
-                    curvature=curvature,
-                    local_sizes=local_sizes,
-                    extrude=extrude,
-                    layer_thickness=layer_thickness,
-                )
+            mesh, curving = _curved_mesh(
+                solid,
+                order,
+                element_size=element_size,
+                curvature=curvature,
+                local_sizes=local_sizes,
+                extrude=extrude,
+                layer_thickness=layer_thickness,
             )
-            # With isoparametric elements or a lower curvature order, the unknowns represent rigid motions exactly.
-            mesh.Curve(order)
             check_memory(mesh, solid, order, element_size)
+        check_folds(curving, solid)
         check_volume(mesh, solid)
         if order == 1:
             warn_of_thin_walls(mesh, solid)
@@ -87,6 +92,27 @@ def build_fe_model(
     if progress:
         tell(model.description)
     return model
+
+
+def _curved_mesh(solid: Solid, order: int, **options: Any) -> tuple[Any, Curving]:
+    """Mesh a solid and curve the mesh; mesh it anew, with smaller elements there, where elements stay folded."""
+    mesh = ng.Mesh(generate_mesh(solid, **options))
+    curving = found = curve_mesh(mesh, order)
+    largest = max(LARGEST_GROWTH * mesh.ne, SMALL_MESH)
+    points, sizes = np.zeros((0, 3)), np.zeros(0)
+    for _ in range(FURTHER_MESHES):
+        if not len(found.left):
+            break
+        points = np.vstack([points, found.corners])
+        sizes = np.concatenate([sizes, SMALLER * found.sizes])
+        finer = ng.Mesh(generate_mesh(solid, **options, point_sizes=(points, sizes)))
+        if finer.ne > largest:
+            break
+        found = curve_mesh(finer, order)
+        if len(found.left) < len(curving.left):
+            note(f"meshed anew with smaller elements where {len(curving.left)} elements were folded")
+            mesh, curving = finer, found
+    return mesh, curving
 
 
 def assemble_mesh(mesh: Any, solid: Solid, order: int) -> FEModel:

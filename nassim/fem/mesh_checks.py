@@ -1,4 +1,4 @@
-"""Checks of a mesh: memory of its factorisation, volume, and thickness of walls in elements."""
+"""Checks of a mesh: memory of its factorisation, folded elements, volume, and thickness of walls in elements."""
 
 from typing import Any
 
@@ -6,7 +6,8 @@ import ngsolve as ng
 import numpy as np
 import psutil
 
-from nassim.base.warning_log import warn
+from nassim.base.warning_log import note, warn
+from nassim.fem.curving import Curving
 from nassim.fem.solid import Solid
 from nassim.fem.solver import factor_memory
 
@@ -35,6 +36,19 @@ def check_memory(mesh: Any, solid: Solid, order: int, element_size: float) -> No
         raise ValueError(
             f"solid {solid.name!r}: {3 * scalar.ndof} degrees of freedom need about {need / 1e9:.1f} GB to factorise, "
             f"{free / 1e9:.1f} GB are free; an element_size of {fitting:.2g} m or more would fit"
+        )
+
+
+def check_folds(curving: Curving, solid: Solid) -> None:
+    """Note how many elements folded when a mesh was curved, and warn of those that could not be mended."""
+    if curving.n_folded:
+        note(str(curving))
+    if len(curving.left):
+        warn(
+            f"solid {solid.name!r}: {len(curving.left)} of {curving.n_elements} curved elements are folded, at "
+            f"{curving.places_text}; they count volume twice, and other programs refuse them: give the curved faces "
+            "there smaller elements (local_sizes, curvature)",
+            stacklevel=3,
         )
 
 

@@ -12,9 +12,9 @@ from typing import Any
 
 import netgen.occ as occ
 import numpy as np
-from netgen.libngpy._meshing import NgException, _SetTerminate
+from netgen.libngpy._meshing import MeshingParameters, NgException, _SetTerminate
 
-from nassim.base.checks import known, positive
+from nassim.base.checks import Array, known, positive
 from nassim.base.library_lock import hold_library_lock
 from nassim.base.warning_log import note, warn
 from nassim.fem.solid import Solid, face_names
@@ -43,6 +43,7 @@ def generate_mesh(
     local_sizes: Mapping[str, float] | None = None,
     extrude: str | None = None,
     layer_thickness: float | None = None,
+    point_sizes: tuple[Array, Array] | None = None,
 ) -> Any:
     """Mesh a solid by Netgen.
 
@@ -55,6 +56,7 @@ def generate_mesh(
             with tetrahedra; None meshes all with tetrahedra. Prisms on curved faces represent rigid rotations only
             approximately, unless their remote points are of kind rbe3.
         layer_thickness: largest height of the prisms [m] (default: element_size)
+        point_sizes: points, shape (n, 3) [m], and largest edge lengths there, shape (n,) [m]
 
     Returns:
         The Netgen mesh, with coordinates in metres.
@@ -89,18 +91,25 @@ def generate_mesh(
         known("extrude", extrude, OCC_AXES)
     with hold_library_lock(), _name_by_index(solid.shape) as names:
         numbered_sizes = {str(names.index(name)): local_size for name, local_size in sizes.items()}
-        mesh = _mesh(solid, size, curvature, numbered_sizes, extrude, thickness)
+        mesh = _mesh(solid, size, curvature, numbered_sizes, extrude, thickness, point_sizes)
         _restore_mesh_names(mesh, names)
     return mesh
 
 
 def _mesh(
-    solid: Solid, size: float, curvature: float, sizes: Mapping[str, float], extrude: str | None, thickness: float
+    solid: Solid,
+    size: float,
+    curvature: float,
+    sizes: Mapping[str, float],
+    extrude: str | None,
+    thickness: float,
+    point_sizes: tuple[Array, Array] | None,
 ) -> Any:
     """Mesh a solid with prisms if asked for and possible, otherwise with tetrahedra."""
     if extrude is not None:
         try:
-            return _run_netgen(cut_in_layers(solid, axis=extrude, thickness=thickness), size, curvature, sizes)
+            layers = cut_in_layers(solid, axis=extrude, thickness=thickness)
+            return _run_netgen(layers, size, curvature, sizes, point_sizes)
         except NgException:
             warn(
                 f"Netgen fails to mesh solid {solid.name!r} with prisms: tetrahedra are used instead, with a larger "
@@ -108,7 +117,7 @@ def _mesh(
                 stacklevel=4,
             )
     try:
-        return _run_netgen(solid.shape, size, curvature, sizes)
+        return _run_netgen(solid.shape, size, curvature, sizes, point_sizes)
     except NgException as error:
         raise ValueError(
             f"Netgen cannot mesh solid {solid.name!r} with element_size {size:g} m ({error}); try another size or "
@@ -139,11 +148,18 @@ def _restore_mesh_names(mesh: Any, names: Sequence[str]) -> None:
         mesh.SetBCName(face, original.get(mesh.GetBCName(face), ""))
 
 
-def _run_netgen(shape: Any, size: float, curvature: float, sizes: Mapping[str, float]) -> Any:
+def _run_netgen(
+    shape: Any,
+    size: float,
+    curvature: float,
+    sizes: Mapping[str, float],
+    point_sizes: tuple[Array, Array] | None,
+) -> Any:
     """Mesh a shape with several gradings and sizes, because Netgen sometimes fails between prisms and tetrahedra."""
     _set_face_sizes(shape, sizes)
     try:
-        for grading, share in TRIALS:
+        trials = TRIALS if point_sizes is None else TRIALS[1:]
+        for grading, share in trials:
             # With Netgen's defaults, a 0.3 mm fillet gets 30 times more elements than curved elements need.
             options = {
                 "maxh": share * size,
@@ -156,21 +172,24 @@ def _run_netgen(shape: Any, size: float, curvature: float, sizes: Mapping[str, f
             }
             try:
                 with _silence():
-                    mesh = _run_interruptibly(partial(_generate, shape, options))
+                    mesh = _run_interruptibly(partial(_generate, shape, options, point_sizes, share))
             except NgException:
-                if (grading, share) == TRIALS[-1]:
+                if (grading, share) == trials[-1]:
                     raise
             else:
-                if (grading, share) != TRIALS[0]:
+                if (grading, share) != trials[0]:
                     note(f"made with grading {grading:g} and {share:g} times the size, finer than asked: Netgen failed")
                 return mesh
     finally:
         _set_face_sizes(shape, dict.fromkeys(sizes, UNLIMITED))
 
 
-def _generate(shape: Any, options: Mapping[str, Any]) -> Any:
-    """Call Netgen with options."""
-    return occ.OCCGeometry(shape).GenerateMesh(**options)
+def _generate(shape: Any, options: Mapping[str, Any], point_sizes: tuple[Array, Array] | None, share: float) -> Any:
+    """Call Netgen with options, and with sizes at points times a share."""
+    parameters = MeshingParameters(**options)
+    for point, size in zip(*(point_sizes or ((), ())), strict=True):
+        parameters.RestrictH(*map(float, point), h=share * float(size))
+    return occ.OCCGeometry(shape).GenerateMesh(mp=parameters)
 
 
 def _run_interruptibly(work: Callable[[], Any]) -> Any:

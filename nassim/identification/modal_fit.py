@@ -29,7 +29,7 @@ from nassim.signals.time_history import TimeHistory
 
 MOST_MODES_IN_BAND = 12
 """Largest number of modes in a band."""
-EXACT = 1e-10
+FIT_ROUNDING = 1e-10
 """Residual over response that counts as rounding; nothing remains to be fitted below it."""
 POOR = 0.01
 """Relative standard deviation of a damping ratio above which a systematic residual causes a warning."""
@@ -264,11 +264,11 @@ def _search(
     """Add the strongest remaining pole and refit, up to n_modes or until the criterion rises; also return doubts."""
     doubt = ""
     size = np.sqrt(np.mean(np.abs(lines.responses) ** 2, axis=1, keepdims=True))
-    noise = np.broadcast_to(size, lines.responses.shape) if shape is None else np.maximum(shape, EXACT * size)
+    noise = np.broadcast_to(size, lines.responses.shape) if shape is None else np.maximum(shape, FIT_ROUNDING * size)
     best = _refined(lines, np.zeros((0, 2)), noise, shape)
     criterion = [_bic(lines, best)]
     for _ in range(n_modes or MOST_MODES_IN_BAND):
-        if n_modes is None and np.all(np.abs(best.residual) < EXACT * size):
+        if n_modes is None and np.all(np.abs(best.residual) < FIT_ROUNDING * size):
             break
         start, alike = np.vstack([best.poles, strongest_pole(lines, best.residual, best.weights)]), ""
         try:
@@ -307,7 +307,7 @@ def _refined(lines: Lines, start: Array, noise: Array, shape: Array | None) -> S
 def _noise(lines: Lines, solution: Solution, shape: Array | None) -> Array:
     """Return the standard deviation of complex responses, (outputs, n), smooth in frequency, scaled to the residual."""
     responses, power = lines.responses, solution.residual.real**2 + solution.residual.imag**2
-    floor = EXACT * np.sqrt(np.mean(np.abs(responses) ** 2, axis=1, keepdims=True))
+    floor = FIT_ROUNDING * np.sqrt(np.mean(np.abs(responses) ** 2, axis=1, keepdims=True))
     noise = shape
     if noise is None:
         # Only the shape of log |r|^2 matters: its level, biased by Euler's constant, is set by the misfit below.

@@ -86,7 +86,8 @@ def folding_modes(
         loops = np.einsum("uyf,yk,kv->fuv", gains, shows[:, group], drives[group])
         around = np.abs(np.linalg.eigvals(loops)).max(axis=1) * np.sin(FOLDED_ANGLES / 2)
         pole = poles[group[0]]
-        size = 2 / abs(pole) / -np.expm1(pole.real / rate) * around.max()
+        decay, undamped = -np.expm1(pole.real / rate), 2 / abs(pole) * around.max()
+        size = undamped / decay if decay > 0 else np.inf if undamped else 0.0
         at = float(abs(pole)) / (2 * np.pi)
         found.append(FoldingMode(at, abs(at - rate * round(at / rate)), float(size)))
     return tuple(sorted(found, key=lambda mode: -mode.loop_gain))

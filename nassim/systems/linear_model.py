@@ -58,6 +58,9 @@ class LinearModel:
             B=finite_array("B", self.B, (n, n_in)),
             C=finite_array("C", self.C, (n_out, n)),
             D=finite_array("D", self.D, (n_out, n_in)),
+            inputs=tuple(self.inputs),
+            outputs=tuple(self.outputs),
+            units=tuple(self.units),
             time_step=None if self.time_step is None else positive("time_step", self.time_step, "s"),
             unsupported=finite_array("unsupported", self.unsupported, (None,)),
         )

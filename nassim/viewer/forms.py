@@ -24,7 +24,7 @@ THIN = 0.02
 AROUND = 48
 NECK = 0.2
 """Smaller radius of the cones of a joint over the larger one."""
-COINCIDENT = 1e-9
+SAME_POINT = 1e-9
 """Distance below which points coincide [m]."""
 NEAREST_POINTS = 12
 """Number of surface points that determine the motion of a place between them."""
@@ -151,7 +151,7 @@ def bushing_sides(scene: Scene) -> dict[str, Array]:
             continue
         held = [body for body, _ in map(scene.split, pose.points) if isinstance(body, RigidBody) and body.moves]
         away = [np.abs(body.position - scene.point_position(pose.b)).max() for body in held]
-        if len(held) == 2 and max(away) < COINCIDENT:
+        if len(held) == 2 and max(away) < SAME_POINT:
             along = pose.axes[:, np.argmax(np.diag(spring.matrices[0])[:3])]
             first, second = (np.mean([body.point_position(point) for point in body.points], axis=0) for body in held)
             along = along if along @ (second - first) >= 0 else -along

@@ -18,7 +18,7 @@ CAMERA = (0.435, -0.819, 0.375)
 """Direction from the centre to the camera, the same as at the start of a page."""
 SHARE = 0.06
 """Largest displacement of a mode in a picture over the size of the view, as on a page."""
-LINE, RESTING = "#23272e", "#8a94a3"
+LINE_COLOR, RESTING = "#23272e", "#8a94a3"
 ROOM = 1.45
 """Size of a picture over that of the view; the margin is for names and motion."""
 MOST_NAMES = 12
@@ -155,9 +155,9 @@ def _draw(pyvista: Any, plotter: Any, view: View, drawing: _Drawing, *, mesh: bo
             legend |= colors if len(seen) == 1 else {shape.name: colors[shape.form.labels[0]]}
             body.cell_data["color"] = np.array([pyvista.Color(colors[k]).int_rgb for k in surface.labels], np.uint8)
             plotter.add_mesh(body, scalars="color", rgb=True, **light)
-        _add_lines(pyvista, plotter, points, shape.form.outline, LINE, 1.6)
+        _add_lines(pyvista, plotter, points, shape.form.outline, LINE_COLOR, 1.6)
         if mesh:
-            _add_lines(pyvista, plotter, points, surface.edges, LINE, 1.0, opacity=0.3)
+            _add_lines(pyvista, plotter, points, surface.edges, LINE_COLOR, 1.0, opacity=0.3)
     if not drawing.largest:
         legend = legend if len(legend) <= MOST_NAMES else {}
         if drawing.lengths is None:

@@ -1,6 +1,7 @@
 """Files of nassim's data classes, fingerprints and the cache."""
 
 import hashlib
+import os
 import platform
 import re
 import subprocess
@@ -53,6 +54,11 @@ def test_saving_again_replaces_the_file(tmp_path):
     save(record(1.0), path)
     save(record(2.0), path)
     assert_same(load(path), record(2.0))
+
+
+@pytest.mark.skipif(os.name != "posix", reason="other systems have no such modes")
+def test_all_may_read_a_file_that_one_wrote(tmp_path):
+    assert save(record(), tmp_path / "data.h5").stat().st_mode & 0o777 == 0o644
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.9])

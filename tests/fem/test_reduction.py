@@ -131,6 +131,17 @@ def test_tolerance_out_of_reach_says_what_is_within():
     assert body.truncation_errors()[6:11].max() <= 1.1 * within
 
 
+def test_remote_points_come_in_the_order_asked_for():
+    model = lattice()
+    names = [point.name for point in model.remote_points]
+    usual, turned = (craig_bampton(model, n_modes=2, remote_points=o, progress=False) for o in (names, names[::-1]))
+    assert turned.point_names == tuple(names[::-1])
+    order = np.r_[6:12, 0:6]
+    for matrix in ("stiffness_matrix", "mass_matrix"):
+        a, b = (getattr(body, matrix)[:12, :12] for body in (usual, turned))
+        np.testing.assert_allclose(b, a[np.ix_(order, order)], rtol=1e-6, atol=1e-9 * np.abs(a).max())
+
+
 def test_boundary_conditions_with_unknown_names(apa):
     with pytest.raises(ValueError, match="known: bottom, top"):
         apa.eigenfrequencies(fixed=["botom"])

@@ -490,6 +490,14 @@ def test_a_strut_reduced_to_one_body_makes_the_same_hexapod(apa):
     np.testing.assert_allclose(statics[1] / scale, statics[0] / scale, rtol=0, atol=1e-8)
 
 
+@pytest.mark.parametrize("length", [LENGTH, 0.12])
+def test_the_actuator_is_amid_its_strut(apa, length):
+    strut = fe_strut(apa=apa, length=length)
+    ends = np.array([strut.point_position(path) for path in ("bottom.end", "apa.bottom", "apa.top", "top.end")])
+    np.testing.assert_allclose(ends[:, :2], 0.0, atol=1e-12)
+    np.testing.assert_allclose(ends[:, 2], [0.0, length / 2 - 0.015, length / 2 + 0.015, length], atol=1e-12)
+
+
 def test_ends_that_are_not_found(foreign, apa_with_ports):
     with pytest.raises(ValueError, match=r"has 5 remote points \(bottom, top, .*bottom=\.\.\., top="):
         imported_strut(apa_with_ports)

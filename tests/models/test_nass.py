@@ -7,10 +7,22 @@ import pytest
 import scipy.linalg
 
 from models.hexapods import NANO_HEXAPOD
+from models.nano_hexapod import make_nano_hexapod
 from models.nass import DISTURBANCES, END_STATION, SIX, Stage, alike_across, four_corners, make_nass, suspension
 from models.nass_loops import POSE, VOLTAGES, force_loop, pose_loop, wrench_shares
 from models.strut import spring_strut, two_mass_strut, with_own_damping
-from nassim import Bushing, RigidBody, Scene, TimeHistory, frequency_response, linearize, load, save, simulate
+from nassim import (
+    Bushing,
+    LinearModel,
+    RigidBody,
+    Scene,
+    TimeHistory,
+    frequency_response,
+    linearize,
+    load,
+    save,
+    simulate,
+)
 from nassim.kinematics import jacobian
 from nassim.simulation import linearize_closed
 from nassim.systems import (
@@ -18,6 +30,7 @@ from nassim.systems import (
     controller_response,
     damping,
     noise_budget,
+    open_loop,
     sampled,
     unstable_poles,
 )
@@ -205,6 +218,17 @@ def test_each_pose_loop_crosses_where_asked_with_those_before_closed(coordinates
     assert not unstable_poles(close_loop(damped, loop.controller, measured=loop.measured, driven=loop.driven))
 
 
+@pytest.mark.parametrize("delay", [1, 3])
+def test_pose_loops_wait_as_told(delay):
+    """Six lags of first order along the struts: the phase margin is as asked for in spite of the delay."""
+    lag = LinearModel(-np.eye(6), np.eye(6), np.linalg.inv(jacobian(PLATFORM)), np.zeros((6, 6)), VOLTAGES, POSE)
+    lag = sampled(lag, RATE)
+    loop = pose_loop(lag, 15.0, phase_margin=50.0, sample_rate=RATE, delay=delay, platform=PLATFORM)
+    assert loop.controller.delay == delay
+    opened = open_loop(lag, loop.controller, [15.0], measured=loop.measured, driven=loop.driven).values[..., 0]
+    np.testing.assert_allclose(np.linalg.eigvals(opened), np.exp(-1j * np.radians(130)), atol=1e-6)
+
+
 def test_four_bearings():
     """Held at four corners, each as stiff along x, y, z."""
     found = four_corners((1.0, 2.0, 5.0), 0.3, 0.2)
@@ -264,6 +288,19 @@ def test_what_no_end_station_is():
         make_nass(STRUT, stages={"tilt": END_STATION["tilt"]})
     with pytest.raises(ValueError, match="six values"):
         END_STATION["micro_hexapod"].alike()
+
+
+def test_the_payload_is_that_of_the_hexapod():
+    options = {"payload_mass": 7.0, "payload_centre": (0.01, 0.02, 0.05), "payload_inertia": np.diag([0.1, 0.2, 0.25])}
+    found, expected = (
+        next(body for body in make(STRUT, platform=PLATFORM, **options).bodies if body.name == "payload")
+        for make in (make_nass, make_nano_hexapod)
+    )
+    assert found.mass == 7.0
+    np.testing.assert_array_equal(found.inertia, options["payload_inertia"])
+    for name in ("position", "rotation", "inertia"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    assert {n: list(p) for n, p in found.points.items()} == {n: list(p) for n, p in expected.points.items()}
 
 
 def test_the_end_station_is_saved(tmp_path):

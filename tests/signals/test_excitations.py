@@ -317,6 +317,13 @@ def test_orthogonal_multisines_check_their_arguments(change, message):
         orthogonal_multisines(**arguments)
 
 
+def test_an_offset_occupies_no_bandwidth():
+    noise = band_limited_noise(2.0, RATE, cutoff_frequency=100.0)
+    offset = TimeHistory(noise.time, noise.values + 1e3, noise.names)
+    assert occupied_bandwidth(offset) == pytest.approx(occupied_bandwidth(noise), rel=0.01)
+    assert occupied_bandwidth(noise) > 50.0
+
+
 def test_long_records_lose_their_last_samples_to_a_fast_transform():
     """Below a million none, even of a prime number; above so few that the number left has small factors only."""
     assert [fast_length(n) for n in (899_981, 1_000_000, 1_000_001)] == [899_981, 1_000_000, 1_000_000]

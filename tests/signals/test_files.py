@@ -342,6 +342,26 @@ def test_faults_of_uff_files(tmp_path, sets, message):
     assert "file.uff" in str(fault.value)
 
 
+def test_columns_of_an_frf_may_come_in_any_order(tmp_path):
+    """Outputs z and a, whose coherences come in the other order, of inputs v and b."""
+    values = {
+        f"{output}/{input}": row for output, input, row in (("z", "v", 1), ("a", "v", 2), ("a", "b", 4), ("z", "b", 3))
+    }
+    cells = {"frequency [Hz]": [5, 6], "a coherence [-]": [0.2, 0.3], "z coherence [-]": [0.8, 0.9]}
+    for pair, value in values.items():
+        cells |= {f"{pair} imag [mm/V]": [10 * value] * 2, f"{pair} real [mm/V]": [value, value + 0.5]}
+    lines = [list(cells), *zip(*cells.values(), strict=True)]
+    path = tmp_path / "frf.csv"
+    path.write_text("\n".join(",".join(map(str, line)) for line in lines))
+    frf = read_frf(path)
+    for pair, value in values.items():
+        np.testing.assert_allclose(
+            frf.response(*pair.split("/")), 1e-3 * (np.array([value, value + 0.5]) + 10j * value)
+        )
+    np.testing.assert_array_equal(frf.coherence[frf.outputs.index("z")], [0.8, 0.9])
+    np.testing.assert_array_equal(frf.coherence[frf.outputs.index("a")], [0.2, 0.3])
+
+
 def test_axes_of_a_uff_file_are_the_same_to_a_billionth(tmp_path):
     for share in (0.9, -0.9, 1.1, -1.1):
         axes = [np.array([10.0, 20.0, 40.0]), np.array([10.0, 20 * (1 + 1e-9 * share), 40.0])]

@@ -137,6 +137,9 @@ def test_optional_arguments_of_files(tmp_path):
     path = write_record(RECORD, tmp_path / "record.csv")
     assert read_record(path).names == ("u", "y")
     assert np.allclose(read_record(path, names=["y"]).values, RECORD.values[1:])
+    turned = read_record(path, names=["y", "u"])
+    assert turned.names == ("y", "u")
+    assert np.allclose(turned.values, RECORD.values[::-1])
     path.write_text("frequency [Hz],y/u real [m/V],y/u imag [m/V]\n1,2,3\n2,3,4\n")
     assert (read_frf(path).label, read_frf(path, label="here").label) == ("recorded", "here")
 

@@ -210,7 +210,7 @@ def test_a_run_is_lost_at_its_bounds(bar):
 
         scale = 1.0 / max(float(sizes.max()) for sizes in look(1e-3).largest.values()) * 1e-3
         assert [bool(look(side * bound * scale).lost) for side in SIDES] == [False, True]
-        assert [look(side * 0.01 * scale).trust.sample for side in SIDES] == [1, 0]
+        assert [look(side * 0.01 * scale).valid.last for side in SIDES] == [1, 0]
 
     assembly = assemble(looped)
     reach = Reach(1.0, np.zeros(2), {"bar": 1.0, "load": 1.0})

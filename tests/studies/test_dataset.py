@@ -48,6 +48,16 @@ def test_real_results_among_complex_ones_are_kept():
     assert quiet(pole, samples={"ratio": [1.5, 1.25]}).pole.dtype.kind == "f"
 
 
+def test_units_of_axes_and_times_are_those_given():
+    def response(a):
+        return FRF([1.0, 2.0], a * np.ones((1, 1, 2), complex), ("y",), ("u",))
+
+    units = {"frequency": "kHz", "wall_time": "d"}
+    for given, expected in (({}, ("Hz", "s")), (units, ("kHz", "d"))):
+        found = quiet(response, samples={"a": [3.0]}, units=given)
+        assert (found.frequency.attrs["units"], found.wall_time.attrs["units"]) == expected
+
+
 def test_an_axis_that_differs_is_named():
     def response(a):
         return FRF([1.0, 2.0, a], np.ones((1, 1, 3), complex), ("y",), ("u",))

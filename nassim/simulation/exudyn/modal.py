@@ -59,7 +59,7 @@ class _Equations:
         push, driven = squares[:, None] * drives.momentum, slice(n, n + d)
         sizes = np.maximum(np.linalg.norm(push, axis=0), 1.0)
         stiffness[:n, driven], stiffness[driven, driven] = -push, np.diag(sizes)
-        slip = modal.damping.of_modes @ drives.momentum - drives.drag
+        slip = modal.damping.of_modes @ drives.momentum - drives.damping
         damping[:n, driven] = -slip
         charges = [Charge.of(circuit, motion.T @ circuit.forces) for circuit in circuits]
         for k, charge in enumerate(charges, start=n + d):
@@ -92,7 +92,7 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
     mbs = container.AddSystem()
     modes = assembly.modal.modes
     charges = np.zeros((len(modes), len(signals.circuits)))
-    motion = np.hstack([modes, drives.beyond, charges])
+    motion = np.hstack([modes, drives.residual, charges])
     equations = _Equations.of(assembly, motion[:, : n + d], steps)
     size = len(equations.mass)
     names = [scene.inputs[index] for index in drives.inputs]

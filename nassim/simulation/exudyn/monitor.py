@@ -14,7 +14,7 @@ from nassim.simulation.model.damping import tied_bodies
 from nassim.simulation.model.motion_size import SMALL_MOTION, motion_rows
 from nassim.simulation.model.reach import Reach
 from nassim.simulation.model.runaway import RUNAWAY, deformed, too_far
-from nassim.simulation.model.stopped_runs import Trust
+from nassim.simulation.model.stopped_runs import ValidSamples
 
 DIVERGENCE = 1.0
 """Deformation over the body's size, or rotation by deformation [rad], above which a run diverges."""
@@ -32,7 +32,7 @@ class Monitor:
         speeds: largest angular speeds of floating bodies [rad/s].
         lost: bodies that are deformed beyond the limit of a run, or farther away than they can get, and a message for
             each.
-        trust: the sample until which the run is sound.
+        valid: samples until the first invalid one.
         drifting: the first body whose velocities violate the constraints, and the sample.
     """
 
@@ -44,7 +44,7 @@ class Monitor:
             reach: bounds of the bodies' displacements; None without bounds.
         """
         scene = system.assembly.scene
-        self.reach, self.trust = reach, Trust()
+        self.reach, self.valid = reach, ValidSamples()
         self.system = system
         self.threshold = RUNAWAY if scene.loops else DIVERGENCE
         self.names = list(system.flexible)
@@ -122,7 +122,7 @@ class Monitor:
         drifting = self.rotation.drifting()
         if drifting and not self.drifting:
             self.drifting = drifting, sample
-        self.trust.see(sample, sound=sound and not self.lost and not self.drifting)
+        self.valid.check(sample, valid=sound and not self.lost and not self.drifting)
 
     def describe_drift(self, time_step: float, spectral_radius: float) -> str:
         """Describe velocities that violate the constraints; empty where there are none.

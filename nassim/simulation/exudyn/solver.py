@@ -222,7 +222,7 @@ class _WholeRun:
             told = runaway(scene, watch.lost[0][1], outputs.T, self._actions.time_step)
         cause = bad.__cause__ if bad else None if interrupted or watch.lost else failure
         readings = np.vstack([outputs, self.commands[:n].T])
-        raise Stopped(told, readings, watch.trust.sample, interrupted=interrupted) from cause
+        raise Stopped(told, readings, watch.valid.last, interrupted=interrupted) from cause
 
 
 def _integrate(system: System, settings: Any, *, explicit: bool) -> Exception | None:

@@ -69,7 +69,7 @@ class SteppedRun:
     def _stop(self, failure: Exception | None) -> None:
         told = describe_end(self.system, self.watch, self._actions, failure, self._radius, interrupted=False)
         cause = self._actions.bad.__cause__ if self._actions.bad else failure
-        raise Stopped(told, np.zeros((len(self._names), 0)), self.watch.trust.sample) from cause
+        raise Stopped(told, np.zeros((len(self._names), 0)), self.watch.valid.last) from cause
 
     def step(self, inputs: Array) -> None:
         """Go on by a step to these inputs, shape (inputs,).

@@ -23,7 +23,7 @@ from nassim.simulation.model.modal_model import ModalModel
 from nassim.simulation.model.reach import find_reach
 from nassim.simulation.model.runaway import runaway, see_runaway
 from nassim.simulation.model.signals import Signals
-from nassim.simulation.model.stopped_runs import Stopped, Trust
+from nassim.simulation.model.stopped_runs import Stopped, ValidSamples
 from nassim.simulation.model.tangents import NO_EQUILIBRIUM
 from nassim.systems.state_space import discretize, quasi_static, settling_response
 
@@ -73,9 +73,9 @@ def exact_response(
     start = start - risen @ take_samples(inputs, 0, 1, n_in)[0]
     rows = np.empty((n_out + len(assembly.scene.commands), n_samples))
     read = _reader(assembly.scene, closed, risen, inputs, all_coordinates)
-    seen, at_kept, trust = [], [], Trust()
+    seen, at_kept, valid = [], [], ValidSamples()
     reach = find_reach(assembly, inputs, time_step) if assembly.scene.loops else None
-    for begin, states, found in _with_record(pieces(SampleBlocks(closed), start, inputs), rows, trust):
+    for begin, states, found in _with_record(pieces(SampleBlocks(closed), start, inputs), rows, valid):
         end, block = min(n_samples, begin + len(found)), len(found) // len(states)
         rows[:, begin:end] = found[: end - begin].T
         for k, now in enumerate(range(begin, end, block)):
@@ -85,10 +85,10 @@ def exact_response(
             seen.append(read(states[k, None], now)[0])
             if reach:
                 happened, sound = see_runaway(assembly.coordinates, reach, seen[-1], now)
-                trust.see(now, sound=sound)
+                valid.check(now, valid=sound)
                 if happened:
                     said = runaway(assembly.scene, happened, rows[:n_out, : now + 1].T, time_step)
-                    raise Stopped(said, rows[:, : now + 1], trust.sample)
+                    raise Stopped(said, rows[:, : now + 1], valid.last)
         wanted = [sample for sample in kept if begin <= sample < end]
         for k in sorted({(sample - begin) // block for sample in wanted}):
             now = begin + k * block
@@ -103,14 +103,14 @@ def exact_response(
 
 
 def _with_record(
-    found: Iterator[tuple[int, Array, Array]], rows: Array, trust: Trust
+    found: Iterator[tuple[int, Array, Array]], rows: Array, valid: ValidSamples
 ) -> Iterator[tuple[int, Array, Array]]:
     """Yield the pieces of a run; raise Stopped with the rows until then where a controller in Python fails."""
     try:
         yield from found
     except BadCommand as bad:
         rows[:, bad.sample - len(bad.rows) : bad.sample] = bad.rows.T
-        raise Stopped(str(bad), rows[:, : bad.sample], trust.sample) from bad.__cause__
+        raise Stopped(str(bad), rows[:, : bad.sample], valid.last) from bad.__cause__
 
 
 class ExactSteps:
@@ -236,12 +236,12 @@ def _quasi_static_modes(scene: Scene, modal: ModalModel, time_step: float) -> Ar
 
 def _all_coordinates(modal: ModalModel, signals: Signals, n_states: int, n_inputs: int) -> tuple[Array, Array]:
     """Return all coordinates per unit of the states of `state_space`, (n_all, n_states), and of its inputs."""
-    modes, following = modal.modes, signals.prescribed
+    modes, drives = modal.modes, signals.prescribed
     plain = n_states - sum(len(system[0]) for system in signals.filters.values())
     by_states = np.zeros((len(modes), n_states))
-    by_states[:, :plain] = following.beyond @ following.lagging(plain)
+    by_states[:, :plain] = drives.residual @ drives.by_states(plain)
     by_states[:, : modes.shape[1]] += modes
-    return by_states, following.beyond @ following.taken(n_inputs)
+    return by_states, drives.residual @ drives.by_inputs(n_inputs)
 
 
 def _reader(

@@ -10,12 +10,12 @@ from nassim.base.checks import Array, finite_array, known, unique
 from nassim.scene.measures import body_of
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint, Output
+from nassim.simulation.linear.folding import warn_of_folding
 from nassim.simulation.loaded.loaded_state import LoadedState, loaded_state
 from nassim.simulation.loaded.rotor_frame import FRAMES, FrameView, RotorPartition, check_constant, damps_both
 from nassim.simulation.loaded.rotor_stator import stator_bodies
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.prescribed_motion import cleared, product
-from nassim.simulation.model.unsupported_modes import warn_of_folding
 from nassim.systems.feedback import DELAY_ORDER, close_loop
 from nassim.systems.linear_model import LinearModel, sampled, unstable_poles
 from nassim.systems.state_space import StateSpace
@@ -238,10 +238,10 @@ def state_space(assembly: Assembly, loads: LoadedState | None = None) -> StateSp
     Raises:
         ValueError: for outputs that would need a derivative of a prescribed motion's input.
     """
-    modal, signals, servos = assembly.modal, assembly.signals, assembly.signals.prescribed
+    modal, signals, prescribed = assembly.modal, assembly.signals, assembly.signals.prescribed
     omega, modes = 2 * np.pi * modal.frequency, modal.modes
     n, n_in, n_out = len(omega), signals.input_matrix.shape[1], len(signals.output_matrix)
-    plain = 2 * n + len(signals.circuits) + len(signals.amplifiers) + len(servos.lags)
+    plain = 2 * n + len(signals.circuits) + len(signals.amplifiers) + len(prescribed.servos)
     size = plain + sum(len(system[0]) for system in signals.filters.values())
     state, drives = np.zeros((size, size)), np.zeros((size, n_in + 1))
     readings, feedthrough = np.zeros((n_out, size)), np.zeros((n_out, n_in + 1))
@@ -265,8 +265,8 @@ def state_space(assembly: Assembly, loads: LoadedState | None = None) -> StateSp
         state[velocity, j] = modes.T @ amplifier.forces
         state[j, j] = -amplifier.rate
         drives[j, amplifier.input] = amplifier.rate
-    for j, k in enumerate(servos.lags, start=plain - len(servos.lags)):
-        state[j, j], drives[j, servos.inputs[k]] = -servos.rates[k], servos.rates[k]
+    for j, k in enumerate(prescribed.servos, start=plain - len(prescribed.servos)):
+        state[j, j], drives[j, prescribed.inputs[k]] = -prescribed.rates[k], prescribed.rates[k]
     _follow_drives(assembly, loads, state, drives, readings, feedthrough, plain)
     feedthrough[:, :n_in] += signals.ground_matrix
     _filter(assembly, state, drives, readings, feedthrough)
@@ -288,16 +288,16 @@ def _follow_drives(
     """
     modes, signals, scale = assembly.modal.modes, assembly.signals, assembly.coordinates.scale
     prescribed, n = signals.prescribed, modes.shape[1]
-    lagging, taken = np.zeros((len(prescribed.inputs), len(state))), prescribed.taken(drives.shape[1])
-    lagging[:, :plain] = prescribed.lagging(plain)
+    by_states, by_inputs = np.zeros((len(prescribed.inputs), len(state))), prescribed.by_inputs(drives.shape[1])
+    by_states[:, :plain] = prescribed.by_states(plain)
     moved = _moved_by_drives(assembly, loads, state)
-    state += moved @ lagging
-    drives += moved @ taken
+    state += moved @ by_states
+    drives += moved @ by_inputs
     pushed = np.append(np.linalg.norm(signals.input_matrix / scale[:, None], axis=0), 0.0)
     for order, rows in enumerate((signals.output_matrix, signals.velocity_matrix, signals.acceleration_matrix)):
         size = np.linalg.norm(rows / scale, axis=1, keepdims=True)
-        at_once = product(rows, prescribed.beyond)
-        seen, direct = at_once @ lagging, at_once @ taken
+        at_once = product(rows, prescribed.residual)
+        seen, direct = at_once @ by_states, at_once @ by_inputs
         seen[:, :n] += rows @ modes
         for _ in range(order):
             _refuse_derivatives(assembly, direct)
@@ -336,30 +336,30 @@ def _moved_by_drives(assembly: Assembly, loads: LoadedState | None, state: Array
     shapes, prescribed = assembly.modal.shapes, assembly.signals.prescribed
     n = shapes.shape[1]
     position, velocity = slice(n), slice(n, 2 * n)
-    drag, pull = prescribed.drag, np.zeros_like(prescribed.drag)
+    by_rate, by_motion = prescribed.damping, np.zeros_like(prescribed.damping)  # forces of the drives on the modes
     if loads is not None:
-        drag, pull = drag + shapes.T @ loads.drive_damping, shapes.T @ loads.drive_stiffness
-    result = np.zeros((len(state), drag.shape[1]))
+        by_rate, by_motion = by_rate + shapes.T @ loads.drive_damping, shapes.T @ loads.drive_stiffness
+    result = np.zeros((len(state), by_rate.shape[1]))
     # Rounding mixes modes of independent machines a little, which must not look like a prescribed motion.
     sizes = np.linalg.norm(state[velocity, velocity], axis=0)
     damping = cleared(-state[velocity, velocity], np.maximum.outer(sizes, sizes))
-    result[position] = slip = product(np.hstack([damping, -np.eye(n)]), np.vstack([prescribed.momentum, drag]))
-    result[velocity] = -damping @ slip - state[velocity, position] @ prescribed.momentum - pull
+    result[position] = slip = product(np.hstack([damping, -np.eye(n)]), np.vstack([prescribed.momentum, by_rate]))
+    result[velocity] = -damping @ slip - state[velocity, position] @ prescribed.momentum - by_motion
     for j, circuit in enumerate(assembly.signals.circuits, start=2 * n):
-        result[j] = circuit.forces @ prescribed.beyond / (circuit.resistance * circuit.capacitance**2)
+        result[j] = circuit.forces @ prescribed.residual / (circuit.resistance * circuit.capacitance**2)
     return result
 
 
 def _refuse_derivatives(assembly: Assembly, direct: Array) -> None:
     """Refuse outputs that read a derivative of the direct effect of inputs, direct, (outputs, inputs + 1)."""
     scene, signals, prescribed = assembly.scene, assembly.signals, assembly.signals.prescribed
-    lagging = {prescribed.inputs[k] for k in prescribed.lags}
+    servo_inputs = {prescribed.inputs[k] for k in prescribed.servos}
     for output, row, accelerations in zip(scene.outputs, direct, signals.acceleration_matrix, strict=True):
         if np.any(row):
             place = int(np.argmax(np.abs(row)))
             kind = "an acceleration" if np.any(accelerations) else "a velocity"
             cure = "give the drive a bandwidth, or read a displacement"
-            if place in lagging:
+            if place in servo_inputs:
                 cure = "the drive's bandwidth, of first order, smooths velocities: read one, or a displacement"
             raise ValueError(
                 f"output {output!r} reads {kind} that follows a derivative of input {scene.inputs[place]!r} at once, "

@@ -11,11 +11,10 @@ from nassim.scene.scene import Scene
 from nassim.scene.terms import Spring, Term
 from nassim.simulation.model.constraints import Constraints
 from nassim.simulation.model.coordinates import Coordinates
-from nassim.simulation.model.modal_model import ModalModel
+from nassim.simulation.model.modal_model import ModalModel, Structure
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
 from nassim.simulation.model.signals import Signals
 from nassim.simulation.model.states import ReferenceState
-from nassim.simulation.model.structure import Structure
 from nassim.simulation.model.tangents import Tangent, law_tangents
 from nassim.simulation.model.trimming import trim_scene, without_pictures
 

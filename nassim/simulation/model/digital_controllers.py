@@ -1,4 +1,4 @@
-"""What a digital controller does with every sample: convert, compute, saturate, wait, convert."""
+"""Digital controllers in time: conversion of measured values, control law, limits, delay and hold."""
 
 import math
 from collections import deque
@@ -15,14 +15,14 @@ from nassim.scene.scene import Scene
 from nassim.systems.python_controller import ControlLaw, PythonController
 
 WHOLE = 1.5 * 2.0**52
-"""Added and taken away, it rounds a number to the nearest whole one, ties to even, and lets infinite ones pass."""
+"""Added to a number and subtracted again, it rounds to the nearest whole number, ties to even; infinity stays."""
 
 
 def samples_per_period(loop: Loop, time_step: float) -> int:
     """Count the time steps in one sample period of a loop.
 
     Raises:
-        ValueError: when that is not a whole number.
+        ValueError: if the number is not whole.
     """
     steps = 1 / (loop.controller.sample_rate * time_step)
     whole = round(steps)
@@ -49,93 +49,96 @@ class BadCommand(RuntimeError):
 
 
 def ask(loop: Loop, law: ControlLaw, measured: Array, time: float) -> Array:
-    """Ask a loop's object for its commands.
+    """Compute the commands of a loop whose controller is a Python object.
 
     Args:
-        loop: whose object it is.
-        law: the object, as the run has it.
-        measured: behind the converters, shape (measured,).
-        time: [s].
+        loop: the loop.
+        law: the object, in its present state.
+        measured: measured values after the converters, (measured,).
+        time: time [s].
 
-    Returns the commands, shape (driven,).
+    Returns:
+        The commands, (driven,).
 
     Raises:
-        BadCommand: when the object raises an error or returns what is no command.
+        BadCommand: if the object raises an error or returns no finite commands.
     """
-    said = f"loop {loop.name!r}: its controller, a {type(law).__name__} in Python,"
+    subject = f"loop {loop.name!r}: its controller, a {type(law).__name__} in Python,"
     n = len(loop.driven)
     try:
         found = np.atleast_1d(np.asarray(law.output(np.array(measured), time), dtype=float))
     except Exception as error:
-        raise BadCommand(f"{said} raised {type(error).__name__} at t = {time:g} s: {error}") from error
+        raise BadCommand(f"{subject} raised {type(error).__name__} at t = {time:g} s: {error}") from error
     if found.shape != (n,):
         raise BadCommand(
-            f"{said} returned an array of shape {found.shape} at t = {time:g} s; it must return one command for each "
-            f"of the inputs {', '.join(loop.driven)}, shape ({n},)"
+            f"{subject} returned an array of shape {found.shape} at t = {time:g} s; it must return one command for "
+            f"each of the inputs {', '.join(loop.driven)}, shape ({n},)"
         )
     if not np.isfinite(found).all():
-        raise BadCommand(f"{said} returned {found.tolist()} at t = {time:g} s; commands must be finite numbers")
+        raise BadCommand(f"{subject} returned {found.tolist()} at t = {time:g} s; commands must be finite numbers")
     return found
 
 
 class RunningControllers:
-    """Controllers at rest of loops with one delay, all linear, or a single one in Python."""
+    """Running controllers of linear loops with equal delays, or the running controller of one loop in Python."""
 
     def __init__(self, *loops: Loop) -> None:
         controller = loops[0].controller
         self.loop, self.law = loops[0], None
         n_in, n_out = sum(len(loop.measured) for loop in loops), sum(len(loop.driven) for loop in loops)
         if isinstance(controller, PythonController):
-            self.law, self.whole = deepcopy(controller.law), np.zeros((0, 0))
-            self.now = np.zeros(0)
+            self.law, self.matrix = deepcopy(controller.law), np.zeros((0, 0))
+            self.values = np.zeros(0)
         else:
             linear = [loop.linear_controller for loop in loops]
             a, b, c, d = (block_diag(*(getattr(one, name) for one in linear)) for name in "ABCD")
-            self.whole = np.block([[a, b], [c, d]])
-            self.now = np.zeros(len(a) + n_in)  # states, then what is seen
-        self.n = len(self.now) - n_in
-        self.see = _converters([(loop.input_step, loop.input_limit) for loop in loops for _ in loop.measured])
-        self.put_out = _converters([(loop.output_step, loop.controller.limit) for loop in loops for _ in loop.driven])
-        self.waiting = deque(np.zeros((controller.delay, n_out)))
+            self.matrix = np.block([[a, b], [c, d]])
+            self.values = np.zeros(len(a) + n_in)  # states, then converted inputs
+        self.n = len(self.values) - n_in
+        inputs = [(loop.input_step, loop.input_limit) for loop in loops for _ in loop.measured]
+        outputs = [(loop.output_step, loop.controller.limit) for loop in loops for _ in loop.driven]
+        self.convert_inputs, self.convert_outputs = _converters(inputs), _converters(outputs)
+        self.delay_line = deque(np.zeros((controller.delay, n_out)))
 
     def __call__(self, measured: Array, time: float = 0.0) -> tuple[Array, Array]:
         """Take a sample.
 
         Args:
-            measured: what the loops measure, shape (measured,).
-            time: of the sample [s].
+            measured: values that the loops measure, (measured,).
+            time: time of the sample [s].
 
-        Returns what the loops then add to their inputs until the next sample, shape (driven,), and what from then on
-        as far as that is known already: with a delay of at least one sample it is, without one it is taken as the same.
+        Returns:
+            Commands until the next sample, and commands after it, (driven,) each. The latter are known with a delay of
+            at least one sample; without a delay they are those until the next sample.
         """
         if self.law is None:
-            self.now[self.n :] = self.see(measured)
-            after = self.whole.dot(self.now)
-            self.now[: self.n] = after[: self.n]
+            self.values[self.n :] = self.convert_inputs(measured)
+            after = self.matrix.dot(self.values)
+            self.values[: self.n] = after[: self.n]
             computed = after[self.n :]
         else:
-            computed = ask(self.loop, self.law, self.see(measured), time)
-        self.waiting.append(self.put_out(computed))
-        acting = self.waiting.popleft()
-        return acting, self.waiting[0] if self.waiting else acting
+            computed = ask(self.loop, self.law, self.convert_inputs(measured), time)
+        self.delay_line.append(self.convert_outputs(computed))
+        acting = self.delay_line.popleft()
+        return acting, self.delay_line[0] if self.delay_line else acting
 
     @property
     def state(self) -> Any:
-        """A copy of all that changes from sample to sample."""
-        return deepcopy((self.now, self.waiting, self.law))
+        """Copy of the values that change from sample to sample."""
+        return deepcopy((self.values, self.delay_line, self.law))
 
     def restore(self, state: Any) -> None:
-        """Go back to a state."""
-        self.now, self.waiting, self.law = deepcopy(state)
+        """Restore a state."""
+        self.values, self.delay_line, self.law = deepcopy(state)
 
 
 def start_controller(*loops: Loop) -> RunningControllers:
-    """Start controllers at rest, of loops with one delay that are linear, or of one loop."""
+    """Start controllers at rest: of linear loops with equal delays, or of one loop."""
     return RunningControllers(*loops)
 
 
 def _converters(each: list[tuple[float, float]]) -> Callable[[Array], Array]:
-    """Make a function that quantises and limits values as converters of these resolutions and ranges do."""
+    """Make a function that quantises and limits values like converters of given resolutions and ranges."""
     if not any(step or limit < math.inf for step, limit in each):
         return lambda values: values
     converters = [converter(step, limit) for step, limit in each]
@@ -143,9 +146,9 @@ def _converters(each: list[tuple[float, float]]) -> Callable[[Array], Array]:
 
 
 def converter(step: float, limit: float) -> Callable[[float], float]:
-    """Make a function that quantises and limits a value as a converter of this resolution (0: none) and range does.
+    """Make a function that quantises and limits a value like a converter of a resolution (0: none) and range.
 
-    For numbers, not arrays: a sample has few values, which NumPy's calls would take several times as long for.
+    It takes numbers, not arrays: for the few values of a sample, NumPy's functions would be several times slower.
     """
     if not step:
         return lambda value: min(max(value, -limit), limit)
@@ -154,13 +157,13 @@ def converter(step: float, limit: float) -> Callable[[float], float]:
 
 
 class RunningLoops:
-    """All loops of a scene at rest, to be called at every time step n = 0, 1, ..."""
+    """Running loops of a scene, to be called at every time step n = 0, 1, ..."""
 
     def __init__(self, scene: Scene, time_step: float) -> None:
         inputs, outputs, driven = scene.inputs, scene.outputs, [name for loop in scene.loops for name in loop.driven]
         self.time_step = time_step
-        self.taken = np.zeros((len(driven), len(inputs)))
-        self.taken[np.arange(len(driven)), [inputs.index(name) for name in driven]] = 1.0
+        self.command_matrix = np.zeros((len(driven), len(inputs)))
+        self.command_matrix[np.arange(len(driven)), [inputs.index(name) for name in driven]] = 1.0
         periods = [samples_per_period(loop, time_step) for loop in scene.loops]
         ends = np.cumsum([0, *(len(loop.driven) for loop in scene.loops)])
         alike: dict[tuple[int, int, int], list[int]] = {}
@@ -177,44 +180,47 @@ class RunningLoops:
             )
             for (period, delay, _), chosen in alike.items()
         ]
-        self.held, self.next_one, self.both = np.zeros(len(driven)), np.zeros(len(driven)), np.zeros((2, len(driven)))
+        n = len(driven)
+        self.held, self.next_commands, self.both = np.zeros(n), np.zeros(n), np.zeros((2, n))
 
     def __call__(self, n: int, measure: Callable[[], Array]) -> tuple[Array, Array, Array]:
         """Take the samples that are due at a time step.
 
-        Args:
-            n: its number.
-            measure: returns the scene's outputs at that time, shape (outputs,); called only where a sample is due.
-
-        Returns what the loops add to the scene's inputs until the next step, shape (inputs,); what of it acts at the
-        end of that step, for a rule that takes forces at both ends of one; and their commands in the order of
-        `Scene.commands`. Where a command jumps, the rule has the mean of both its values there: known before by a
-        delay, or else, as the rule has taken the old value there already, with the missing half of the jump a step
+        An implicit rule evaluates forces at both ends of a step. Where a command jumps, it takes the mean of the values
+        before and after the jump. Without a delay the jump is not known in time; half of it is then added one step
         later.
+
+        Args:
+            n: number of the time step.
+            measure: function that returns the scene's present outputs, (outputs,); called only where a sample is due.
+
+        Returns:
+            What the loops add to the scene's inputs until the next step, and at the end of that step, (inputs,) each;
+            and the commands in the order of `Scene.commands`.
         """
-        held, next_one, found, end = self.held, self.next_one, None, self.both[1]
+        held, next_commands, found, end = self.held, self.next_commands, None, self.both[1]
         for period, at_once, control, measured, places in self.groups:
-            late: Array | float = 0.0
+            correction: Array | float = 0.0
             if n % period == 0:
                 found = measure() if found is None else found
-                now, next_one[places] = control(found[measured], n * self.time_step)
-                late = (now - held[places]) / 2 if at_once else 0.0
+                now, next_commands[places] = control(found[measured], n * self.time_step)
+                correction = (now - held[places]) / 2 if at_once else 0.0
                 held[places] = now
             now = held[places]
-            end[places] = late + ((now + next_one[places]) / 2 if (n + 1) % period == 0 else now)
+            end[places] = correction + ((now + next_commands[places]) / 2 if (n + 1) % period == 0 else now)
         self.both[0] = held
-        on_inputs = self.both.dot(self.taken)
-        return on_inputs[0], on_inputs[1], held.copy()
+        added = self.both.dot(self.command_matrix)
+        return added[0], added[1], held.copy()
 
     @property
     def state(self) -> Any:
-        """A copy of all that changes from step to step."""
-        return self.held.copy(), self.next_one.copy(), [control.state for _, _, control, _, _ in self.groups]
+        """Copy of the values that change from step to step."""
+        return self.held.copy(), self.next_commands.copy(), [control.state for _, _, control, _, _ in self.groups]
 
     def restore(self, state: Any) -> None:
-        """Go back to a state."""
-        held, next_one, controls = state
-        self.held[:], self.next_one[:] = held, next_one
+        """Restore a state."""
+        held, next_commands, controls = state
+        self.held[:], self.next_commands[:] = held, next_commands
         for (_, _, control, _, _), own in zip(self.groups, controls, strict=True):
             control.restore(own)
 
@@ -225,6 +231,6 @@ def start_loops(scene: Scene, time_step: float) -> RunningLoops:
 
 
 def _span(places: list[int]) -> Array | slice:
-    """Places in an array, as a slice where they follow each other: that costs less at every step."""
+    """Return places in an array, as a slice where they are consecutive, which is faster at every step."""
     whole = slice(places[0], places[-1] + 1)
     return whole if places == list(range(whole.start, whole.stop)) else np.array(places)

@@ -1,16 +1,74 @@
-"""Modal model of a scene: matrices in the minimal coordinates that the constraints leave, and its undamped modes."""
+"""Modal model of a scene: strains and damping in all coordinates, and the undamped modes that constraints leave."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+import scipy
+
 from nassim.base.checks import Array
 from nassim.base.modal import elastic_damping_ratios
-from nassim.bodies.strain import strain_eigenmodes
+from nassim.bodies.strain import Strain, combine_strains, spring_strain, stiffness_root, strain_eigenmodes
+from nassim.scene.scene import Scene
 from nassim.simulation.model.constraints import Constraints
-from nassim.simulation.model.damping import Damping
-from nassim.simulation.model.structure import Structure
-from nassim.simulation.model.unsupported_modes import unsupported_modes
+from nassim.simulation.model.coordinates import Coordinates
+from nassim.simulation.model.damping import Damping, own_damping
+from nassim.simulation.model.tangents import Tangent
+
+UNSUPPORTED_SHARE = 0.5
+"""Share of strain energy in bodies with incomplete modes at a mode's frequency, above which the mode is unsupported."""
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Strains and damping of bodies and force laws in all coordinates.
+
+    Attributes:
+        strains: strains of the bodies, then of the force laws.
+        dampers: damping matrix of the force laws, (n_all, n_all).
+        deformation: deformation of all bodies that deform, in order, per unit of all coordinates, (m, n_all).
+        root: matrix that scales the deformation to comparable energies, (m, m).
+        own: the bodies' own damping, on their deformation, (m, m).
+    """
+
+    strains: tuple[Strain, ...]
+    dampers: Array
+    deformation: Array
+    root: Array
+    own: Array
+
+    @classmethod
+    def of(cls, coordinates: Coordinates, tangents: Sequence[Tangent]) -> "Structure":
+        """Collect the structure of a scene whose force laws have given tangents."""
+        strains = [
+            body.strain.within(coordinates.of_body(body.name))
+            for body in coordinates.scene.bodies
+            if body.moves and body.strain is not None
+        ]
+        dampers = np.zeros_like(coordinates.mass)
+        for tangent in tangents:
+            rows, (sizes, directions) = tangent.rows, np.linalg.eigh(tangent.stiffness)
+            strains += [spring_strain(d @ rows, k, coordinates.mass) for k, d in zip(sizes, directions.T, strict=True)]
+            dampers += rows.T @ tangent.damping @ rows
+        deformation, roots, own = [np.zeros((0, coordinates.size))], [np.zeros((0, 0))], [np.zeros((0, 0))]
+        for body in coordinates.scene.deformable_bodies:
+            frame, n_points = coordinates.frames[body.name], 6 * len(body.reduced.remote_points) - 6
+            deformation.append(frame.deformation(body.reduced) @ coordinates.of_body(body.name))
+            roots.append(stiffness_root(frame.stiffness_matrix, n_points=n_points)[1])
+            own.append(own_damping(coordinates.scene, body, frame))
+        block_diagonal = scipy.linalg.block_diag
+        return cls(tuple(strains), dampers, np.vstack(deformation), block_diagonal(*roots), block_diagonal(*own))
+
+    @cached_property
+    def strain(self) -> Strain:
+        """All strains as one."""
+        return combine_strains(self.strains, len(self.dampers))
+
+    def damping_forces(self, rates: Array) -> Array:
+        """Compute the forces of dampers and of the bodies' own damping, (n_all, k), at rates (n_all, k)."""
+        result: Array = self.deformation.T @ (self.own @ (self.deformation @ rates)) + self.dampers @ rates
+        return result
 
 
 @dataclass(frozen=True)
@@ -61,7 +119,7 @@ class ModalModel:
             structure.own,
             basis.T @ structure.dampers @ basis,
         )
-        unsupported = unsupported_modes(coordinates.scene, valid, structure.strains, frequency, basis @ shapes)
+        unsupported = _unsupported_modes(coordinates.scene, valid, structure.strains, frequency, basis @ shapes)
         return cls(basis, mass, strain.stiffness, frequency, shapes, damping, unsupported)
 
     @cached_property
@@ -74,3 +132,28 @@ class ModalModel:
         """Whether each mode is a rigid-body mode, which strains no body and no spring, bool (n,)."""
         result: Array = self.frequency == 0
         return result
+
+
+def _unsupported_modes(
+    scene: Scene, valid: Mapping[str, float], strains: Sequence[Strain], frequency: Array, modes: Array
+) -> Array:
+    """Find the modes with most strain energy energy the bodies' valid frequencies, or above the scene's limit.
+
+    Args:
+        scene: the scene.
+        valid: frequency up to which each flexible body has all modes, by name [Hz].
+        strains: strains, those of the bodies that deform first.
+        frequency: frequencies of the modes, (n,) [Hz].
+        modes: the modes in all coordinates, (n_all, n).
+
+    Returns:
+        Whether each mode is unsupported, bool (n,).
+    """
+    if scene.quasi_static_above is not None:
+        above: Array = frequency > scene.quasi_static_above
+        return above
+    energy = np.zeros(len(frequency))
+    for body, strain in zip(scene.deformable_bodies, strains, strict=False):
+        energy += (frequency > valid[body.name]) * np.sum((strain.root @ modes) ** 2, axis=0)
+    result: Array = energy > UNSUPPORTED_SHARE * (2 * np.pi * frequency) ** 2
+    return result

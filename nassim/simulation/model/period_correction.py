@@ -103,12 +103,10 @@ def correct_periods(assembly: Assembly, steps: Steps) -> tuple[Assembly, Array]:
     """Correct a scene's damping ratios and the mass of its bodies' deformation for its steps.
 
     With d_j the deformation in mode j and a_j the required reduction of its modal mass, the reduction of the mass
-    matrix is
-    the inverse of the sum of d_j d_j^T over a_j. This is exact where only bodies deform. Where springs deform too, it
-    takes
-    from no mode more than the largest a_j; iterations then transfer the missing reduction to the bodies as far as they
-    deform, see `period_errors`. A scene with rigid-body modes or drives can leave the position in which these are its
-    modes; there the reduction is limited to what bodies can lose in every position.
+    matrix is the inverse of the sum of d_j d_j^T over a_j. This is exact where only bodies deform. Where springs deform
+    too, it takes from no mode more than the largest a_j; iterations then transfer the missing reduction to the bodies
+    as far as they deform, see `period_errors`. A scene with rigid-body modes or drives can leave the position in which
+    these are its modes; there the reduction is limited to what bodies can lose in every position.
 
     Args:
         assembly: the assembled scene.
@@ -121,24 +119,24 @@ def correct_periods(assembly: Assembly, steps: Steps) -> tuple[Assembly, Array]:
     if not steps.corrected or not damping.root.size or not elastic.any():
         return assembly, np.zeros_like(damping.root)
     mass, growth = steps.factors(modal.frequency)
-    wanted, bent = 1 - mass[elastic], damping.root @ damping.deformation @ modal.shapes[:, elastic]
-    asked, taken = wanted, _inverse(bent, wanted)
+    required, bent = 1 - mass[elastic], damping.root @ damping.deformation @ modal.shapes[:, elastic]
+    requested, reduction = required, _inverse(bent, required)
     # Modes of equal frequency have arbitrary directions: they share their correction, which would else be rounding.
     frequency = modal.frequency[elastic]
     groups = np.cumsum(np.diff(frequency, prepend=0.0) > EQUAL_FREQUENCIES * frequency) - 1
     for _ in range(TRANSFER_ROUNDS):
-        each = np.sum(bent * (taken @ bent), axis=0)
-        given = (np.bincount(groups, each) / np.bincount(groups))[groups]
-        asked = np.clip(asked * wanted / np.maximum(given, wanted / 10), wanted, MOST)
-        taken = _inverse(bent, asked)
-    taken = damping.root.T @ taken @ damping.root
+        modal_reduction = np.sum(bent * (reduction @ bent), axis=0)
+        achieved = (np.bincount(groups, modal_reduction) / np.bincount(groups))[groups]
+        requested = np.clip(requested * required / np.maximum(achieved, required / 10), required, MOST)
+        reduction = _inverse(bent, requested)
+    reduction = damping.root.T @ reduction @ damping.root
     if modal.rigid_modes.any() or assembly.scene.terms_of(PrescribedMotion):
-        taken = _limit_to_free_flight(assembly.coordinates, taken)
+        reduction = _limit_to_free_flight(assembly.coordinates, reduction)
     corrected = replace(damping, ratio=damping.ratio * growth)
-    return replace(assembly, modal=replace(modal, damping=corrected)), -taken
+    return replace(assembly, modal=replace(modal, damping=corrected)), -reduction
 
 
-def _limit_to_free_flight(coordinates: Coordinates, taken: Array) -> Array:
+def _limit_to_free_flight(coordinates: Coordinates, reduction: Array) -> Array:
     """Limit the reduction of a mass to what bodies can lose in every position, (m, m).
 
     Bodies have at least the kinetic energy of their deformation in free flight, for any joints.
@@ -150,8 +148,8 @@ def _limit_to_free_flight(coordinates: Coordinates, taken: Array) -> Array:
     heavy = sizes > MASSLESS
     factor = scale[:, None] * axes[:, heavy] * np.sqrt(sizes[heavy])
     inverse = axes[:, heavy] / scale[:, None] / np.sqrt(sizes[heavy])
-    shares, turn = np.linalg.eigh(inverse.T @ taken @ inverse)
-    weighted = factor @ turn
+    shares, vectors = np.linalg.eigh(inverse.T @ reduction @ inverse)
+    weighted = factor @ vectors
     result: Array = (weighted * np.minimum(shares, SPARED)) @ weighted.T
     return result
 
@@ -165,7 +163,7 @@ def in_free_flight(frame: FloatingFrame) -> Array:
     return 0.5 * (result + result.T)
 
 
-def _inverse(bent: Array, asked: Array) -> Array:
+def _inverse(bent: Array, requested: Array) -> Array:
     """Invert the sum of d d^T over a, of columns d and numbers a."""
-    result: Array = np.linalg.pinv((bent / asked) @ bent.T, rcond=1e-12, hermitian=True)
+    result: Array = np.linalg.pinv((bent / requested) @ bent.T, rcond=1e-12, hermitian=True)
     return result

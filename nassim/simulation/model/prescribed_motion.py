@@ -22,8 +22,7 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.simulation.model.constraints import Constraints
-from nassim.simulation.model.modal_model import ModalModel
-from nassim.simulation.model.structure import Structure
+from nassim.simulation.model.modal_model import ModalModel, Structure
 
 SUM_ROUNDING = 1e-9
 """Share of the sum of a sum's absolute terms below which the sum is rounding."""
@@ -40,16 +39,16 @@ class PrescribedMotions:
         rates: rate of each drive's servo, a low-pass of first order, (d,) [1/s]; infinite without a servo.
         motion: F, motion of all coordinates per unit of the drives' motion, (n_all, d).
         momentum: P, in the modes' amplitudes, (n, d).
-        drag: R, in the modes' amplitudes, (n, d).
-        beyond: F - X P, (n_all, d), exactly 0 where it is rounding.
+        damping: R, in the modes' amplitudes, (n, d).
+        residual: F - X P, motion of all coordinates that no mode has, (n_all, d), exactly 0 where it is rounding.
     """
 
     inputs: tuple[int, ...]
     rates: tuple[float, ...]
     motion: Array
     momentum: Array
-    drag: Array
-    beyond: Array
+    damping: Array
+    residual: Array
 
     @classmethod
     def none(cls, n_all: int, n: int) -> "PrescribedMotions":
@@ -64,29 +63,29 @@ class PrescribedMotions:
         motion = _quasi_static_motion(constraints, structure, modal)
         forces, size = structure.damping_forces(motion), np.linalg.norm(scale * motion, axis=0)
         momentum = cleared(modes.T @ coordinates.mass @ motion, size)
-        drag = cleared(modes.T @ forces, np.linalg.norm(forces / scale, axis=0))
-        outside = product(np.hstack([np.eye(len(modes)), -modes]), np.vstack([motion, momentum]))
+        damping = cleared(modes.T @ forces, np.linalg.norm(forces / scale, axis=0))
+        residual = product(np.hstack([np.eye(len(modes)), -modes]), np.vstack([motion, momentum]))
         return cls(
             tuple(scene.inputs.index(drive.input) for drive in scene.prescribed),
             tuple(2 * np.pi * drive.bandwidth for drive in scene.prescribed),
             motion,
             momentum,
-            drag,
-            cleared(outside, size / scale),
+            damping,
+            cleared(residual, size / scale),
         )
 
     @property
-    def lags(self) -> tuple[int, ...]:
+    def servos(self) -> tuple[int, ...]:
         """Indices of the drives with a servo, whose outputs are the last states."""
         return tuple(k for k, rate in enumerate(self.rates) if np.isfinite(rate))
 
-    def lagging(self, n_states: int) -> Array:
+    def by_states(self, n_states: int) -> Array:
         """Return the motion of the drives per unit of a model's states, (d, n_states)."""
         result = np.zeros((len(self.inputs), n_states))
-        result[list(self.lags), n_states - len(self.lags) :] = np.eye(len(self.lags))
+        result[list(self.servos), n_states - len(self.servos) :] = np.eye(len(self.servos))
         return result
 
-    def taken(self, n_inputs: int) -> Array:
+    def by_inputs(self, n_inputs: int) -> Array:
         """Return the motion of the drives per unit of a scene's inputs, (d, n_inputs)."""
         result = np.zeros((len(self.inputs), n_inputs))
         for k, (index, rate) in enumerate(zip(self.inputs, self.rates, strict=True)):

@@ -1,4 +1,4 @@
-"""Closed loops that run away: a body deformed or moved beyond what any stable loop does, and what is said of it."""
+"""Closed loops that run away: their check and their messages."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ RUNAWAY = 0.1
 
 
 def see_runaway(coordinates: Coordinates, reach: Reach, values: Array, sample: int) -> tuple[str, bool]:
-    """Look for a body that a loop has driven beyond what it can bear, or beyond where it can get.
+    """Find a body that a loop has deformed or moved beyond its bounds.
 
     Args:
         coordinates: coordinates of the scene.
@@ -21,7 +21,8 @@ def see_runaway(coordinates: Coordinates, reach: Reach, values: Array, sample: i
         values: values of all coordinates now, (n_all,).
         sample: number of the present sample.
 
-    Returns what has happened to such a body, empty without one, and whether the model holds for all bodies.
+    Returns:
+        Description of such a body, empty without one, and whether the model is valid for all bodies.
     """
     sound, allowed = True, reach.at(sample)
     for name, place in coordinates.slices.items():
@@ -36,12 +37,12 @@ def see_runaway(coordinates: Coordinates, reach: Reach, values: Array, sample: i
 
 
 def deformed(body: str) -> str:
-    """Return what to say of a body that a loop has deformed."""
+    """Describe a body that a loop has deformed too much."""
     return f"body {body!r} is deformed by more than {100 * RUNAWAY:g} % of its size or turned by {RUNAWAY:g} rad"
 
 
 def too_far(body: str, distance: float, allowed: float) -> str:
-    """Return what to say of a body that a loop has moved too far; both [m]."""
+    """Describe a body that a loop has moved too far; distance and allowed distance in [m]."""
     return (
         f"body {body!r} has moved by {distance:.3g} m, where the scene's size, forces, speeds and drives account for "
         f"{allowed:.3g} m at most"
@@ -49,13 +50,16 @@ def too_far(body: str, distance: float, allowed: float) -> str:
 
 
 def runaway(scene: Scene, happened: str, outputs: Array, time_step: float) -> str:
-    """Return what to say of a loop that runs away: when, which of its signals has grown most, and by how much.
+    """Describe a loop that runs away: when, which of its signals has grown most, and by how much.
 
     Args:
         scene: the scene.
-        happened: what has happened to a body.
-        outputs: of the scene from the start until now, shape (n_samples, outputs).
-        time_step: [s].
+        happened: description of a body, from `see_runaway`.
+        outputs: outputs of the scene from the start until now, (n_samples, outputs).
+        time_step: time step [s].
+
+    Returns:
+        The message.
     """
     n = len(outputs)
     recent, before = outputs[-max(1, n // 8) :], outputs[: max(1, n // 2)]

@@ -64,18 +64,18 @@ class Stopped(RuntimeError):
         return (SimulationInterrupted if self.interrupted else SimulationError)(message, record, until)
 
 
-class Trust:
-    """The sample until which a run is to be trusted.
+class ValidSamples:
+    """Samples of a run until the first one that a check finds invalid.
 
     Attributes:
-        sample: the last sound sample before the first unsound one.
+        last: the last valid sample.
     """
 
     def __init__(self) -> None:
-        self.sample, self._lost = 0, False
+        self.last, self._ended = 0, False
 
-    def see(self, sample: int, *, sound: bool) -> None:
-        """Note whether a checked sample is sound."""
-        self._lost |= not sound
-        if not self._lost:
-            self.sample = sample
+    def check(self, sample: int, *, valid: bool) -> None:
+        """Take the result of a sample's check."""
+        self._ended |= not valid
+        if not self._ended:
+            self.last = sample

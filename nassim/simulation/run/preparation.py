@@ -13,6 +13,7 @@ from nassim.simulation.exudyn.solver import solve_static
 from nassim.simulation.exudyn.state import System
 from nassim.simulation.exudyn.steady_state import solve_steady_rotation
 from nassim.simulation.exudyn.system import build_system
+from nassim.simulation.linear.folding import warn_of_folding
 from nassim.simulation.linear.linearization import linearize, state_space
 from nassim.simulation.model.accuracy import describe_steps
 from nassim.simulation.model.assembly import Assembly, assemble
@@ -25,7 +26,6 @@ from nassim.simulation.model.initial_velocities import (
 )
 from nassim.simulation.model.motion_size import motion_size
 from nassim.simulation.model.period_correction import Steps
-from nassim.simulation.model.unsupported_modes import warn_of_folding
 from nassim.simulation.run.checks import check_drives, check_exact, check_loops, check_options, check_stability
 from nassim.simulation.run.warnings_of_runs import (
     warn_of_changed_modes,

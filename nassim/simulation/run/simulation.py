@@ -18,7 +18,7 @@ from nassim.simulation.exudyn.stepped_run import SteppedRun
 from nassim.simulation.linear.exact_steps import ExactSteps
 from nassim.simulation.model.reach import GrowingReach
 from nassim.simulation.model.runaway import runaway, see_runaway
-from nassim.simulation.model.stopped_runs import Stopped, Trust
+from nassim.simulation.model.stopped_runs import Stopped, ValidSamples
 from nassim.simulation.run.preparation import (
     Options,
     check_run,
@@ -295,7 +295,7 @@ class _ExudynEngine:
     @property
     def trusted(self) -> int:
         """Number of the last sample to trust."""
-        return self.watch.trust.sample
+        return self.watch.valid.last
 
     def warn(self) -> None:
         warn_after_steps(self.system, self.watch, self.told, self.options)
@@ -314,7 +314,7 @@ class _ExactEngine:
     """Exact steps, with what is looked at from time to time."""
 
     def __init__(self, scene: Scene, options: Options, inputs: Array, _rates: Mapping[str, float]) -> None:
-        self.assembly, self.options, self.trust = exact_assembly(scene), options, Trust()
+        self.assembly, self.options, self.valid = exact_assembly(scene), options, ValidSamples()
         step, order = options.time_step, options.order
         self.run = ExactSteps(self.assembly, inputs, step, hold_order=order, released=options.released)
         self.reach = GrowingReach(self.assembly, step) if scene.loops else None
@@ -333,13 +333,13 @@ class _ExactEngine:
         if not self.reach:
             return "", ""
         happened, sound = see_runaway(self.assembly.coordinates, self.reach.after(inputs.T), self.seen[-1], len(inputs))
-        self.trust.see(self.run.count, sound=sound)
+        self.valid.check(self.run.count, valid=sound)
         return "", happened
 
     @property
     def trusted(self) -> int:
         """Number of the last sample to trust."""
-        return self.trust.sample
+        return self.valid.last
 
     def warn(self) -> None:
         warn_after_exact_steps(self.assembly, np.transpose(self.seen))

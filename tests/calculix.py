@@ -1,0 +1,58 @@
+"""Run CalculiX on the mesh of an FE model, if it is installed (Debian: calculix-ccx)."""
+
+import re
+import shutil
+import subprocess
+
+import netgen.occ  # noqa: F401 (its classes must be known before meshes of CAD are read)
+import ngsolve as ng
+import numpy as np
+
+from nassim.fem.regions import faces
+from nassim.fem.skin import _edge_functions_at_midpoint
+
+PROGRAM = shutil.which("ccx")
+EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
+"""Edges of a tetrahedron in the order of C3D10's nodes on them."""
+
+
+def input_file(model, *, fixed, n):
+    """Input for the first n eigenfrequencies of an FE model of order 2 on tetrahedra, with fixed faces."""
+    mesh, solid = model._source
+    assert model.order == 2
+    (at_middle,) = _edge_functions_at_midpoint(2)
+    places = model.fields[1:].T.copy()
+    edge_of = {}
+    for number, edge in enumerate(mesh.edges):
+        a, b = (vertex.nr for vertex in edge.vertices)
+        edge_of[frozenset((a, b))] = mesh.nv + number
+        places[mesh.nv + number] = 0.5 * (places[a] + places[b]) + at_middle * places[mesh.nv + number]
+    lines = ["*NODE"] + [f"{k + 1}, " + ", ".join(f"{x:.12e}" for x in place) for k, place in enumerate(places)]
+    materials = mesh.GetMaterials()
+    members = {index: [] for index in range(len(materials))}
+    for number, element in enumerate(mesh.Elements(ng.VOL)):
+        corners = [vertex.nr for vertex in element.vertices]
+        arms = places[corners[1:]] - places[corners[0]]
+        if np.linalg.det(arms) < 0:
+            corners[:2] = corners[1::-1]
+        nodes = corners + [edge_of[frozenset((corners[a], corners[b]))] for a, b in EDGES]
+        members[element.index].append(", ".join(str(k + 1) for k in (number, *nodes)))
+    for index, elements in members.items():
+        lines += [f"*ELEMENT, TYPE=C3D10, ELSET=BODY{index}", *elements]
+        material = solid.materials[materials[index]]
+        lines += [f"*MATERIAL, NAME=M{index}", "*ELASTIC", f"{material.young_modulus!r}, {material.poisson_ratio!r}"]
+        lines += ["*DENSITY", f"{material.density!r}", f"*SOLID SECTION, ELSET=BODY{index}, MATERIAL=M{index}"]
+    held = np.flatnonzero(np.array(ng.H1(mesh, order=2).GetDofs(faces(mesh, fixed))))
+    lines += ["*BOUNDARY", *(f"{k + 1}, 1, 3" for k in held), "*STEP", "*FREQUENCY", f"{n}", "*END STEP"]
+    return "\n".join(lines) + "\n"
+
+
+def eigenfrequencies(model, folder, *, fixed, n):
+    """The first n eigenfrequencies by CalculiX [Hz]; RuntimeError with its message if it refuses the mesh."""
+    (folder / "model.inp").write_text(input_file(model, fixed=fixed, n=n))
+    done = subprocess.run([PROGRAM, "model"], cwd=folder, capture_output=True, text=True, timeout=300, check=False)
+    result = folder / "model.dat"
+    rows = re.findall(r"^ +(\d+) +(\S+) +(\S+) +(\S+) +\S+$", result.read_text() if result.exists() else "", re.M)
+    if "*ERROR" in done.stdout or not rows:
+        raise RuntimeError(done.stdout[done.stdout.find("*ERROR") :][:300])
+    return np.array([float(row[3]) for row in rows[:n]])

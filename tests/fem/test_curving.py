@@ -1,0 +1,155 @@
+"""Curved elements: folds against closed forms, mending that keeps the geometry."""
+
+import re
+from dataclasses import replace
+
+import calculix
+import netgen.occ as occ
+import ngsolve as ng
+import numpy as np
+import pytest
+from conftest import STEEL, meshed
+from netgen.meshing import Element3D, Mesh, MeshPoint, Pnt
+
+from models.apa300ml import make_apa300ml
+from nassim import RemotePoint, Solid, build_fe_model, condense
+from nassim.fem import assembly
+from nassim.fem.assembly import assemble_mesh
+from nassim.fem.curving import curve_mesh, folded_elements
+from nassim.fem.full_model import full_eigenfrequencies
+from nassim.fem.meshing import generate_mesh
+
+CORNERS = {
+    "tetrahedron": [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, -1)],
+    "prism": [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, -1), (1, 0, -1), (0, 1, -1)],
+    "pyramid": [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, -1)],
+    "hexahedron": [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, -1), (1, 0, -1), (1, 1, -1), (0, 1, -1)],
+}
+"""Corners in Netgen's order, of elements of unit edges in the half space z < 0."""
+MAP = np.array([[1.3, 0.2, -0.4], [0.1, 0.8, 0.5], [-0.6, 0.3, 0.9]])
+SHIFT = np.array([0.7, -0.2, 0.4])
+
+
+def one_element(kind, shift, reflect=1.0):
+    """An element, displaced by `shift` 4 x (1 - x) along x, in a general position."""
+    mesh = Mesh(dim=3)
+    places = (np.array(CORNERS[kind]) * [1, 1, reflect]) @ MAP.T + SHIFT
+    mesh.Add(Element3D(1, [mesh.Add(MeshPoint(Pnt(*place))) for place in places]))
+    mesh.SetMaterial(1, "body")
+    result = ng.Mesh(mesh)
+    arms = ng.CoefficientFunction((ng.x - SHIFT[0], ng.y - SHIFT[1], ng.z - SHIFT[2]))
+    x = ng.InnerProduct(ng.CoefficientFunction(tuple(np.linalg.inv(MAP)[0])), arms)
+    deformation = ng.GridFunction(ng.VectorH1(result, order=2))
+    deformation.Set(4 * shift * x * (1 - x) * ng.CoefficientFunction(tuple(MAP[:, 0])))
+    result.SetDeformation(deformation)
+    return result
+
+
+@pytest.mark.parametrize("kind", CORNERS)
+@pytest.mark.parametrize(("shift", "folded"), [(0.24, False), (0.26, True), (-0.24, False), (-0.26, True)])
+def test_an_element_folds_where_its_middle_is_nearer_than_a_quarter_to_an_end(kind, shift, folded):
+    """The determinant is 1 + 4 shift (1 - 2 x) times that of the straight element: zero at an end for a quarter."""
+    assert folded_elements(one_element(kind, shift)).tolist() == [folded]
+
+
+@pytest.mark.parametrize("kind", CORNERS)
+def test_an_inverted_element_is_found(kind):
+    assert folded_elements(one_element(kind, 0.0, reflect=-1.0)).tolist() == [True]
+    assert folded_elements(one_element(kind, 0.0)).tolist() == [False]
+
+
+def test_an_element_that_folds_between_its_corners_is_found():
+    """The determinant is 1 at the ends of x and 1 - 1.5 share in the middle."""
+    mesh = one_element("hexahedron", 0.0)
+    deformation = ng.GridFunction(ng.VectorH1(mesh, order=3))
+    arms = ng.CoefficientFunction((ng.x - SHIFT[0], ng.y - SHIFT[1], ng.z - SHIFT[2]))
+    x = ng.InnerProduct(ng.CoefficientFunction(tuple(np.linalg.inv(MAP)[0])), arms)
+    for share, folded in ((0.6, False), (0.7, True)):
+        mesh.UnsetDeformation()
+        deformation.Set(-share * (3 * x**2 - 2 * x**3) * ng.CoefficientFunction(tuple(MAP[:, 0])))
+        mesh.SetDeformation(deformation)
+        assert folded_elements(mesh).tolist() == [folded]
+
+
+def make_plate():
+    """A plate in a general position with a hole that Netgen meshes with few chords, so that flat elements fold."""
+    hole = occ.Cylinder(occ.Pnt(0, 0, -4e-3), occ.Z, 3e-3, 12e-3)
+    plate = occ.Box((-4.5e-3, -10e-3, 0), (4.5e-3, 10e-3, 4e-3)) - hole
+    plate.faces.Min(occ.Y).name, plate.name = "end", "plate"
+    plate = plate.Rotate(occ.Axis((0, 0, 0), occ.gp_Dir(1, 2, 3)), 20)
+    return Solid("plate", plate, {"plate": STEEL}, (RemotePoint("end", "end", np.zeros(3), "rbe2"),))
+
+
+@pytest.fixture(scope="module")
+def plate_mesh():
+    return generate_mesh(make_plate(), element_size=10e-3)
+
+
+def volume_inside(mesh):
+    """Volume inside the outer faces by the divergence theorem, which does not depend on the elements inside."""
+    faces = [mesh.ngmesh.FaceDescriptor(k + 1) for k in range(mesh.ngmesh.GetNFaceDescriptors())]
+    outside = ng.Region(mesh, ng.BND, ng.BitArray([not (face.domin and face.domout) for face in faces]))
+    position = ng.CoefficientFunction((ng.x, ng.y, ng.z))
+    return ng.Integrate(position * ng.specialcf.normal(3), mesh, definedon=outside, order=8) / 3
+
+
+@pytest.mark.parametrize("name", ["plate_mesh", "apa_tetrahedra"])
+def test_mended_elements_fill_the_same_volume_once(name, request):
+    """Folded elements count some volume twice; mended ones do not, and the outer faces remain as they are."""
+    mesh = ng.Mesh(request.getfixturevalue(name).Copy())
+    mesh.Curve(2)
+    inside = volume_inside(mesh)
+    assert ng.Integrate(1.0, mesh, order=6) > (1 + 1e-4) * inside
+    curving = curve_mesh(mesh, 2)
+    assert curving.n_folded > 5
+    assert not len(curving.left)
+    assert not folded_elements(mesh).any()
+    assert volume_inside(mesh) == pytest.approx(inside, rel=1e-12)
+    assert ng.Integrate(1.0, mesh, order=6) == pytest.approx(inside, rel=1e-12)
+
+
+def test_the_default_actuator_has_no_folded_element(apa_prisms):
+    mesh = ng.Mesh(apa_prisms.Copy())
+    curving = curve_mesh(mesh, 3)
+    assert curving.n_folded > 0
+    assert not folded_elements(mesh).any()
+
+
+@pytest.mark.filterwarnings("ignore:.*more volume than the CAD")
+def test_the_description_tells_how_many_elements_folded(plate_mesh, monkeypatch):
+    monkeypatch.setattr(assembly, "generate_mesh", lambda *_, **__: plate_mesh.Copy())
+    description = build_fe_model(make_plate(), element_size=10e-3, order=2, progress=False).description
+    assert re.search(r"\d+ of \d+ curved elements folded, all mended by moving inner nodes", description)
+
+
+def test_a_mesh_whose_folds_cannot_be_mended_is_replaced_by_one_with_smaller_elements_there():
+    """Order 3 on three chords around a hole: no motion of inner nodes mends all."""
+    model = build_fe_model(make_plate(), element_size=10e-3, order=3, progress=False)
+    assert re.search(r"meshed anew with smaller elements where \d+ elements were folded", model.description)
+    assert not folded_elements(model._source[0]).any()
+
+
+@pytest.mark.filterwarnings("ignore:.*more volume than the CAD")
+def test_folded_elements_that_remain_are_warned_of_with_their_places(plate_mesh, monkeypatch):
+    monkeypatch.setattr(assembly, "generate_mesh", lambda *_, **__: plate_mesh.Copy())
+    monkeypatch.setattr(assembly, "FURTHER_MESHES", 0)
+    with pytest.warns(UserWarning, match=r"'plate': \d+ of \d+ curved elements are folded, at \(.*, .*, .*\)"):
+        model = build_fe_model(make_plate(), element_size=10e-3, order=3, progress=False)
+    assert re.search(r"elements folded, \d+ are still folded", model.description)
+    assert model.warnings
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(calculix.PROGRAM is None, reason="CalculiX is not installed (Debian: calculix-ccx)")
+def test_calculix_accepts_the_mended_mesh_and_finds_the_same_frequencies(apa_tetrahedra, tmp_path):
+    """On few strongly curved elements, the two programs' integration rules differ by more."""
+    solid = make_apa300ml(coupling="rbe2")
+    solid = replace(solid, remote_points=solid.remote_points[:1])
+    mesh = ng.Mesh(apa_tetrahedra.Copy())
+    mesh.Curve(2)
+    with pytest.raises(RuntimeError, match="nonpositive jacobian"):
+        calculix.eigenfrequencies(assemble_mesh(mesh, solid, 2), tmp_path, fixed=["bottom_pad"], n=5)
+    model = meshed(apa_tetrahedra, solid, 2)
+    expected = full_eigenfrequencies(condense(model, progress=False), fixed=["bottom"], n=5, progress=False)
+    found = calculix.eigenfrequencies(model, tmp_path, fixed=["bottom_pad"], n=5)
+    assert np.allclose(found, expected, rtol=1e-5)
