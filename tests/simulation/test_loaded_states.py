@@ -246,8 +246,23 @@ def test_constant_inputs_soften_as_they_press(strip):
     factor = buckling_factors(scene, inputs={"force": -1.0})[0][0]
     free, pressed = (frequencies(scene, constant_inputs={"force": -share * factor})[0] for share in (0.0, 0.5))
     assert (pressed / free) ** 2 == pytest.approx(0.5, abs=0.02)
-    with pytest.warns(UserWarning, match=r"under its loads is unstable: it has the real pole \+"):
+    with pytest.warns(UserWarning, match=r"under its loads is unstable: .* pole \+"):
         linearize(scene, constant_inputs={"force": -1.01 * factor})
+
+
+@pytest.mark.parametrize(("frame", "left"), [("", 1.0), ("rod.tip", 0.0)], ids=["dead", "follower"])
+def test_forces_that_follow_a_point_are_told_from_dead_ones(frame, left):
+    """On a rod with a torsion spring at its hinge: a dead force P takes P L from it, one along the rod nothing."""
+    rod = RigidBody("rod", {"foot": 0.4 * TURN[:, 0], "tip": -0.4 * TURN[:, 0]}, 1.5, 0.02 * np.eye(3))
+    ground = RigidBody("ground", {"o": 0.4 * TURN[:, 0]}, fixed=True)
+    hinge = revolute("hinge", "ground.o", "rod.foot", TURN[:, 1])
+    torsion = Bushing("torsion", "ground.o", "rod.foot", [0.0] * 3 + [50.0] * 3)
+    push = PointForce("push", "rod.tip", TURN[:, 0], "force", frame)
+    scene = Scene("rod", (ground, rod), (hinge,), (push,), springs=(torsion,))
+    inertia = 0.02 + 1.5 * 0.4**2
+    for force in (20.0, -20.0):
+        expected = np.sqrt((50.0 - left * force * 0.8) / inertia) / (2 * np.pi)
+        assert frequencies(scene, constant_inputs={"force": force}) == pytest.approx([expected], rel=1e-6)
 
 
 def test_what_cannot_load_a_scene_is_refused(strip):

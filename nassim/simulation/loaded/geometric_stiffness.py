@@ -107,16 +107,25 @@ class GeometricStiffness:
             result += self.of_measure(tangent.law.measure, force)
         return result
 
-    def of_measure(self, measure: Measure, force: Array) -> Array:
-        """Compute the stiffness of a force that resists a measure, (k,), as its rows change, (n_all, n_all)."""
+    def of_measure(self, measure: Measure, force: Array, *, conservative: bool = True) -> Array:
+        """Compute the stiffness of a force that resists a measure, as the rows of the measure change.
+
+        Args:
+            measure: the measure, of k components.
+            force: the force, (k,).
+            conservative: whether the force has an energy, so that the stiffness is symmetric but for rounding.
+
+        Returns:
+            The stiffness, (n_all, n_all).
+        """
         result = np.zeros((self.assembly.coordinates.size,) * 2)
         if np.any(force):
             for factor, part in measure.point_measures:
                 result += self._of_points(part, factor * force)
-        return result
+        return 0.5 * (result + result.T) if conservative else result
 
     def _of_points(self, measure: PointMeasure, force: Array) -> Array:
-        """Return the stiffness of a force in a measure of points, symmetric, (n_all, n_all)."""
+        """Return the stiffness of a force in a measure of points, (n_all, n_all)."""
         scene = self.assembly.scene
         reference = [scene.point_position(path) for path in measure.points]
         motion = np.vstack([self._motion(path) for path in measure.points])
@@ -146,7 +155,7 @@ class GeometricStiffness:
         if directions is unit:
             stiffness = motion.T @ unit @ stiffness
         result = np.zeros((self.assembly.coordinates.size,) * 2)
-        result[np.ix_(moving, moving)] = 0.5 * (stiffness + stiffness.T)
+        result[np.ix_(moving, moving)] = stiffness.T
         return result
 
     def _frame(self, path: str) -> Frame:

@@ -45,8 +45,8 @@ class LoadedState:
 
     Attributes:
         gyroscopic: 2 W G of a spin in minimal coordinates, (n, n), skew.
-        stiffness: stiffness that the loads add in minimal coordinates, (n, n), symmetric; with a stator also that of
-            dampers along rotating rows, which is not symmetric.
+        stiffness: stiffness that the loads add in minimal coordinates, (n, n), symmetric except for dampers along
+            rotating rows, where there is a stator, and for constant forces that follow a point.
         equilibrium: minimal coordinates of the equilibrium, from the reference configuration, (n,); charges of ports
             with a resistance are zero.
         drive_damping: gyroscopic forces per unit rate of d drives with prescribed motion, (n, d).
@@ -184,7 +184,7 @@ def _static_loads(
             gravity = gravity - value * np.asarray(term.direction)
             continue
         loads.force += value * term.gain * coordinates.jacobian(term.measure)[0]
-        loads.stiffness += geometric.of_measure(term.measure, np.array([-value * term.gain]))
+        loads.stiffness += geometric.of_measure(term.measure, np.array([-value * term.gain]), conservative=False)
         charge = term.measure
         for flexible in assembly.scene.deformable_bodies:
             if isinstance(charge, BodyCoordinates) and charge.body == flexible.name:
@@ -193,7 +193,7 @@ def _static_loads(
                 ports.update({port: ports.get(port, 0.0) + value * term.gain for port in driven})
     loads.force += coordinates.weight(gravity)
     hung = balance(assembly, loads.force)
-    for tangent in assembly.tangents:
+    for tangent in assembly.tangents if any(values.values()) else ():  # those of the assembly are about gravity
         now = Tangent.of(tangent.law, tangent.rows, hung.displacement)
         loads.stiffness += tangent.rows.T @ (now.stiffness - tangent.stiffness) @ tangent.rows
     for name, place in coordinates.slices.items():
@@ -251,13 +251,17 @@ def _warn_of_spin(
 
 
 def _warn_of_instability(assembly: Assembly, stiffness: Array) -> None:
-    """Warn of an equilibrium at rest that is unstable, with its pole."""
+    """Warn of an equilibrium at rest that is unstable, with its pole, which is real unless forces follow a point."""
     modes = assembly.modal.modes
     added = modes.T @ stiffness @ modes
-    squares = np.linalg.eigvalsh(np.diag((2 * np.pi * assembly.modal.frequency) ** 2) + 0.5 * (added + added.T))
-    if squares[0] < -UNSTABLE_ROUNDING * np.abs(added).max():
+    squares = np.linalg.eigvals(np.diag((2 * np.pi * assembly.modal.frequency) ** 2) + added).astype(complex)
+    poles = np.sqrt(-squares)
+    pole = poles[np.argmax(poles.real)]
+    if pole.real**2 > UNSTABLE_ROUNDING * np.abs(added).max():
+        flutters = abs(pole.imag) > UNSTABLE_ROUNDING * pole.real
+        text = f"{pole.real:+.5g}" + (f" +- {abs(pole.imag):.5g}i" if flutters else "")
         warnings.warn(
-            f"the equilibrium of scene {assembly.scene.name!r} under its loads is unstable: it has the real pole "
-            f"{np.sqrt(-squares[0]):+.5g} rad/s",
+            f"the equilibrium of scene {assembly.scene.name!r} under its loads is unstable: without damping it has the "
+            f"pole {text} rad/s",
             stacklevel=outside(),
         )
