@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import make_bar, meshed
+from conftest import lattice, make_bar, meshed
 from scipy.spatial.transform import Rotation
 
 from nassim import (
@@ -20,6 +20,8 @@ from nassim import (
     Scene,
     SpringDamper,
     TimeHistory,
+    VoltageDrive,
+    VoltageSensor,
     craig_bampton,
     fixed,
     linearize,
@@ -29,10 +31,13 @@ from nassim import (
     static_response,
     universal,
 )
+from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.projection import keep_modes, trim_body
+from nassim.bodies.readouts import by_name
+from nassim.bodies.stress_stiffness import StressStiffness
 from nassim.fem.meshing import generate_mesh
 from nassim.scene.joints import planar
-from nassim.simulation import buckling_factors, prestress_scene
+from nassim.simulation import assemble, buckling_factors, loaded_state, prestress_scene
 from nassim.systems import unstable_poles
 
 GRAVITY = (0, 0, -9.81)
@@ -332,3 +337,50 @@ def test_the_gravimeter_as_drawn(gravimeter):
     springs = tuple(replace(s, preload=0.0 if s.name == "h" else borne) for s in gravimeter.springs)
     drawn = replace(gravimeter, springs=springs)
     np.testing.assert_allclose(frequencies(drawn), frequencies(gravimeter), rtol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def wired():
+    """A body with a port and any geometric stiffness, clamped at its left, with the port driven or open."""
+    rng, plain = np.random.default_rng(7), craig_bampton(lattice(), n_modes=2, progress=False)
+    n = len(plain.mass_matrix)
+    forces = np.zeros(n)
+    forces[6], forces[0], forces[12:] = 3.0, -3.0, [0.2, -0.1]
+    matrices = rng.standard_normal((12 + 12 + 1, n, n))
+    rows = np.eye(25, n) * (np.arange(25) < 12)[:, None]
+    stress = StressStiffness(rows, matrices + matrices.transpose(0, 2, 1), ("v",))
+    body = replace(plain, readouts=by_name([PortCoupling("v", forces, 1e-3), stress]))
+    ground = RigidBody("ground", {"o": body.point("left").position}, fixed=True)
+    return Scene("wired", (ground, FlexibleBody("bar", body)), (fixed("clamp", "ground.o", "bar.left"),))
+
+
+def test_constant_voltages_load_a_body(wired):
+    drive = VoltageDrive("drive", "bar.v", "volts")
+    assembly = assemble(replace(wired, actuators=(drive,)))
+    body = wired.bodies[1].reduced
+    found = loaded_state(assembly, inputs={"volts": 3.0}, checked=False).inside["bar"][6:, 6:]
+    static = np.zeros(len(body.mass_matrix))
+    static[6:] = np.linalg.solve(body.stiffness_matrix[6:, 6:], 3.0 * drive.gain * body.port("v").forces[6:])
+    expected = body.stress_stiffness.stiffness(static, voltages={"v": 3.0 * drive.gain})[6:, 6:]
+    np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_the_voltage_of_an_open_port_loads_its_body(wired):
+    sensor = VoltageSensor("read", "bar.v", capacitance=2e-3)
+    body = wired.bodies[1].reduced
+    q = np.random.default_rng(8).standard_normal(len(body.mass_matrix))
+    modelled = assemble(replace(wired, sensors=(sensor,))).scene.bodies[1].reduced.stress_stiffness
+    expected = body.stress_stiffness.stiffness(q, voltages={"v": -body.port("v").forces @ q / 3e-3})
+    np.testing.assert_allclose(modelled.stiffness(q), expected, atol=1e-12 * np.abs(expected).max())
+
+
+def test_a_port_with_a_resistance_has_no_voltage_at_rest(wired):
+    sensor = VoltageSensor("read", "bar.v", resistance=1e5, capacitance=2e-3)
+    scene = replace(wired, sensors=(sensor,), gravity=GRAVITY)
+    body = wired.bodies[1]
+    found = loaded_state(assemble(scene), gravity=GRAVITY, checked=False).inside["bar"][6:, 6:]
+    static = np.zeros(len(body.mass_matrix))
+    static[6:] = np.linalg.solve(body.reduced.stiffness_matrix[6:, 6:], body.weight(np.array(GRAVITY))[6:])
+    field = np.column_stack([GRAVITY, np.zeros((3, 3))])
+    expected = body.reduced.stress_stiffness.stiffness(static, field)[6:, 6:]
+    np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())

@@ -40,7 +40,13 @@ def stress_of_bodies(
         place, frame = assembly.coordinates.slices[body.name], assembly.coordinates.frames[body.name]
         bent, deformation = np.zeros(stress.n_coordinates), frame.deformation(body.reduced)
         bent[frame.flexible] = deformation @ displacement[place]
-        own = stress.stiffness(bent, body_forces[body.name], voltages.get(body.name))
+        applied = dict(voltages.get(body.name, {}))
+        for circuit in assembly.signals.circuits:  # at rest, a resistance has taken the voltage of the charge away
+            for port in body.reduced.ports:
+                if np.array_equal(port.forces, circuit.forces[place]):
+                    taken = float(port.forces @ displacement[place]) / circuit.capacitance
+                    applied[port.name] = applied.get(port.name, 0.0) + taken
+        own = stress.stiffness(bent, body_forces[body.name], applied)
         result[body.name] = _on_deformation(assembly, body, own)
     return result
 
