@@ -57,7 +57,8 @@ def craig_bampton(
         discretization: also estimate the error of the finite elements, for `ReducedBody.discretization_errors`; doubles
             the time
         geometric_stiffness: also compute the body's geometric stiffness under loads, `ReducedBody.stress_stiffness`,
-            for 12 more solves and one scalar matrix per coordinate, omitted modes included
+            for 12 more solves and one scalar matrix per coordinate, omitted modes included; condensation and reduction
+            then take three to four times as long
         progress: show the stages and the report
 
     Raises:

@@ -37,7 +37,7 @@ from nassim.bodies.readouts import by_name
 from nassim.bodies.stress_stiffness import StressStiffness
 from nassim.fem.meshing import generate_mesh
 from nassim.scene.joints import planar
-from nassim.simulation import assemble, buckling_factors, loaded_state, prestress_scene
+from nassim.simulation import assemble, buckling_factors, loaded_state, prestress_scene, reduce_scene
 from nassim.systems import unstable_poles
 
 GRAVITY = (0, 0, -9.81)
@@ -278,7 +278,7 @@ def test_what_cannot_load_a_scene_is_refused(strip):
         linearize(scene, constant_inputs={"push": 1.0})
     with pytest.raises(ValueError, match="load a scene at rest"):
         linearize(scene, constant_inputs={"force": 1.0}, angular_velocity=(0, 0, 1))
-    with pytest.raises(ValueError, match="no small motion: start nearer"):
+    with pytest.raises(ValueError, match="no small motion: describe the scene nearer"):
         linearize(replace(scene, gravity=3e3 * TURN[:, 2]))
 
 
@@ -384,3 +384,12 @@ def test_a_port_with_a_resistance_has_no_voltage_at_rest(wired):
     field = np.column_stack([GRAVITY, np.zeros((3, 3))])
     expected = body.reduced.stress_stiffness.stiffness(static, field)[6:, 6:]
     np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_a_body_made_of_several_has_no_geometric_stiffness(wired):
+    """That of the joints between them is not of any body."""
+    body = wired.bodies[1].reduced
+    apart = body.point("right").position - body.point("left").position
+    two = FlexibleBody("a", body), FlexibleBody("b", body, position=apart)
+    scene = Scene("two", two, (fixed("weld", "a.right", "b.left"),))
+    assert reduce_scene(scene, "one", points={"left": "a.left"}).stress_stiffness is None

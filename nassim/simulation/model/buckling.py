@@ -1,4 +1,4 @@
-"""Estimate of how near a preload brings bodies to buckling, since no model here includes the stiffness of a preload.
+"""Estimate of the geometric stiffness of a preload, for runs in time and for bodies whose reduction does not hold it.
 
 A body's preload is taken as axial forces along the lines between its remote points: those of least norm that balance
 the forces at the points. Each line bends like a beam between two points, whose cubic shape an axial force N softens
