@@ -10,6 +10,7 @@ import scipy.linalg
 import scipy.sparse as sp
 from conftest import lattice, meshed
 
+from models.apa300ml import make_apa300ml
 from nassim import (
     ElectricalPort,
     Material,
@@ -24,7 +25,9 @@ from nassim import (
 from nassim.base.rigid_motion import rigid_motions
 from nassim.bodies.projection import keep_modes, open_circuit, project, trim_body
 from nassim.fem.assembly import mesh_and_solid
+from nassim.fem.condensation import vector_dofs
 from nassim.fem.meshing import generate_mesh
+from nassim.fem.regions import by_body
 
 STEEL = Material("steel", 210e9, 0.3, 7800.0)
 STACK = PiezoStack(
@@ -78,28 +81,40 @@ def weight(body, body_force):
     return np.einsum("bjb->j", (body_force @ body.gram[:4, 4:]).reshape(3, n, 3))
 
 
-def tangent_change(model, displacement, voltage):
-    """First-order change of the full model's tangent stiffness, by NGSolve's derivatives of the energy itself."""
+def energy_form(model, voltage):
+    """NGSolve's form of the strain energy of large deformation, whose derivatives it takes itself, and its state."""
     mesh, solid = mesh_and_solid(model)
     space = ng.VectorH1(mesh, order=model.order)
-    u, volts = space.TrialFunction(), ng.Parameter(0.0)
-    lambda_, mu = solid.materials["bar"].lame_parameters
+    u = space.TrialFunction()
+    lame = {name: material.lame_parameters for name, material in solid.materials.items()}
+    lambda_, mu = (by_body(mesh, {name: values[k] for name, values in lame.items()}) for k in range(2))
     strain = ng.Sym(ng.Grad(u)) + 0.5 * ng.Grad(u).trans * ng.Grad(u)
     energy = mu * ng.InnerProduct(strain, strain) + 0.5 * lambda_ * ng.Trace(strain) ** 2
     for port in solid.ports:
-        free = port.strain_per_volt
-        blocked = lambda_ * np.trace(free) * np.eye(3) + 2 * mu * free
-        energy -= volts * ng.InnerProduct(ng.CoefficientFunction(tuple(blocked.ravel()), dims=(3, 3)), strain)
+        (first, second), free = solid.materials[port.bodies[0]].lame_parameters, port.strain_per_volt
+        blocked = first * np.trace(free) * np.eye(3) + 2 * second * free
+        energy -= voltage * ng.InnerProduct(ng.CoefficientFunction(tuple(blocked.ravel()), dims=(3, 3)), strain)
     form = ng.BilinearForm(space)
     form += ng.Variation(energy * ng.dx(bonus_intorder=2 * model.order))
-    state, change = ng.GridFunction(space), 0.0
+    return form, ng.GridFunction(space)
+
+
+def tangent(form, state, displacement):
+    """The full model's tangent stiffness at a displacement."""
+    state.vec.FV().NumPy()[:] = displacement
+    form.AssembleLinearization(state.vec)
+    values, columns, starts = (np.array(part) for part in form.mat.CSR())
+    return sp.csr_matrix((values, columns, starts), shape=2 * [len(displacement)])
+
+
+def tangent_change(model, displacement, voltage):
+    """First-order change of the full model's tangent stiffness."""
+    volts = ng.Parameter(0.0)
+    (form, state), change = energy_form(model, volts), 0.0
     step = 0.1 / np.abs(displacement).max() * np.ptp(model.fields[1])  # far from rounding; the tangent is quadratic
     for sign in (1, -1):
-        state.vec.FV().NumPy()[:] = sign * step * displacement
         volts.Set(sign * step * voltage)
-        form.AssembleLinearization(state.vec)
-        values, columns, starts = (np.array(part) for part in form.mat.CSR())
-        change = change + sign * sp.csr_matrix((values, columns, starts), shape=2 * [model.n_dofs]) / (2 * step)
+        change = change + sign * tangent(form, state, sign * step * displacement) / (2 * step)
     return change
 
 
@@ -203,6 +218,51 @@ def test_a_leaf_spring_under_half_its_buckling_load_as_the_prestressed_full_mode
         found = np.sqrt(scipy.linalg.eigh(stiffness + sign * load * stress, mass)[0][:2])
         expected = np.sqrt(np.sort(sp.linalg.eigsh((k + sign * k_s).tocsc(), k=2, M=m.tocsc(), sigma=0.0)[0]))
         assert found == pytest.approx(expected, rel=2e-4)
+
+
+def averages(model, name):
+    """Rows that read the motion of a remote point, (6, n_dofs)."""
+    coupling = model.coupling(name)
+    rows = sp.lil_matrix((6, model.n_dofs))
+    rows[:, vector_dofs(coupling, model.n_dofs)] = coupling.averages
+    return rows.tocsr()
+
+
+@pytest.mark.slow
+def test_a_pulled_actuator_as_by_large_deformation_of_the_full_model():
+    """The APA300ML clamped at its bottom, 50 N along its axis: the shape changes as much as the stress acts."""
+    solid = make_apa300ml()
+    model = meshed(generate_mesh(solid, element_size=12e-3), solid, 2)
+    form, state = energy_form(model, ng.Parameter(0.0))
+    held, mass = averages(model, "bottom"), model.mass_matrix.tocsc()
+    pull = 50.0 * averages(model, "top").toarray()[2]
+
+    def clamped(matrix):
+        """Frequencies with the bottom held, and the solver of static displacements."""
+        scale, n = np.abs(matrix).max(), model.n_dofs
+        factor = sp.linalg.splu(sp.bmat([[matrix / scale, held.T], [held, None]]).tocsc())
+
+        def solve(load):
+            return factor.solve(np.concatenate([load / scale, np.zeros(6)]))[:n]
+
+        inverse = sp.linalg.LinearOperator((n, n), matvec=solve)
+        start = solve(mass @ np.random.default_rng(0).standard_normal(n))
+        return np.sqrt(np.sort(sp.linalg.eigsh(matrix, k=4, M=mass, sigma=0.0, OPinv=inverse, v0=start)[0])), solve
+
+    displacement, rest = np.zeros(model.n_dofs), ng.GridFunction(state.space).vec
+    before, solve = clamped(tangent(form, state, displacement))
+    for _ in range(3):
+        tangent(form, state, displacement)
+        form.Apply(state.vec, rest)
+        displacement = displacement + solve(pull - rest.FV().NumPy())
+        after, solve = clamped(tangent(form, state, displacement))
+    body = reduced(model, 12)
+    bottom = 6 * body.point_names.index("bottom")
+    free = np.delete(np.arange(len(body.mass_matrix)), np.s_[bottom : bottom + 6])
+    force = 50.0 * (free == body.coordinate_names.index("top.uz"))
+    stiffness, inertia, stress = under(body, free, force)
+    unloaded, loaded = (np.sqrt(scipy.linalg.eigh(k, inertia)[0][:4]) for k in (stiffness, stiffness + stress))
+    assert loaded - unloaded == pytest.approx(after - before, rel=0.05)
 
 
 def test_rotating_cantilevers_stiffen():
