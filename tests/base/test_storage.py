@@ -56,6 +56,14 @@ def test_saving_again_replaces_the_file(tmp_path):
     assert_same(load(path), record(2.0))
 
 
+def test_a_cache_without_progress_prints_nothing(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("NASSIM_CACHE", str(tmp_path))
+    for progress in (False, False, True):
+        assert not capsys.readouterr().out
+        load_or_compute("record", "0" * 16, record, progress=progress)
+    assert capsys.readouterr().out.startswith("record: loaded from")
+
+
 @pytest.mark.skipif(os.name != "posix", reason="other systems have no such modes")
 def test_all_may_read_a_file_that_one_wrote(tmp_path):
     assert save(record(), tmp_path / "data.h5").stat().st_mode & 0o777 == 0o644

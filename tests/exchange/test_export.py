@@ -15,7 +15,7 @@ from nassim.systems.python_control import to_control
 
 @pytest.fixture(scope="module")
 def body():
-    return craig_bampton(lattice(), n_modes=6, progress=False)
+    return craig_bampton(lattice(), n_modes=6, remote_points=["right", "left"], progress=False)
 
 
 @pytest.mark.parametrize("ending", ["mat", "npz"])
@@ -85,6 +85,12 @@ def test_a_body_goes_to_python_control(body):
     system = to_control(model)
     assert system.output_labels == [name.replace(".", "_") for name in model.outputs]
     assert np.allclose(system(2j * np.pi * frequency), frequency_response(model, frequency).values, rtol=1e-8)
+
+
+@pytest.mark.parametrize("ending", ["mat", "npz"])
+def test_endings_may_be_in_capitals(body, ending, tmp_path):
+    path = export_body(body, tmp_path / f"body.{ending}").rename(tmp_path / f"body.{ending.upper()}")
+    assert np.array_equal(read_superelement(path).mass_matrix, body.mass_matrix)
 
 
 def test_other_endings_are_refused(body, tmp_path):

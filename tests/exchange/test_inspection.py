@@ -276,7 +276,7 @@ def test_the_spin_limit_is_a_thirtieth_of_the_first_elastic_frequency(own):
     assert f"right below some {limit:.3g} rev/min" in report["inertia integrals"].text
 
 
-@pytest.mark.parametrize(("away", "verdict"), [(0.15, "ok"), (0.5, "warning")])
+@pytest.mark.parametrize(("away", "verdict"), [(0.9 * 0.2, "ok"), (1.1 * 0.2, "warning")])
 def test_a_centre_of_mass_far_from_all_nodes_is_told(away, verdict):
     """A box of 0.1 m and 2 kg that two nodes 0.2 m apart hold, its centre beside them."""
     arms = np.array([[away, -0.1, 0.0], [away, 0.1, 0.0]])
@@ -338,6 +338,23 @@ def with_a_mode(mass, coupling):
     return superelement(stiffness, masses, POINTS[:2])
 
 
+def with_a_mode_at(share):
+    """A unit mode whose frequency is this share of the lowest elastic one of the body without it."""
+    sound = with_a_mode(0.0, 0.0)
+    bare = replace(sound, stiffness_matrix=sound.stiffness_matrix[:12, :12], mass_matrix=sound.mass_matrix[:12, :12])
+    first = check(bare)["rigid motions"].figures["first_elastic_Hz"]
+    stiffness = np.array(sound.stiffness_matrix)
+    stiffness[12, 12] = (2 * np.pi * share * first) ** 2
+    return replace(sound, stiffness_matrix=stiffness)
+
+
+def tied(share):
+    """One node whose translations along x and y have this share of their inertia in common."""
+    mass = np.eye(6)
+    mass[0, 1] = mass[1, 0] = share
+    return superelement(np.zeros((6, 6)), mass, np.zeros((1, 3)))
+
+
 BEAM = beam_of_nodes(POINTS)
 LIMITS = {
     "symmetry of K, warned of": (lambda x: skewed(BEAM, "stiffness_matrix", 1e-12 * x), "symmetry", "ok", "warning"),
@@ -349,6 +366,9 @@ LIMITS = {
     "rows": (lambda x: lump([1 + 0.03 * x / (1 - 0.01 * x), 1, 1], [1, 1.2, 1.4]), "row order", "ok", "warning"),
     "mass": (lambda x: lump([1 + 0.3 * x / (1 - 0.1 * x), 1, 1]), "mass", "ok", "fault"),
     "inertia": (lambda x: lump([1, 1, 1], [1, 1, 2 * (1 + 2e-3 * x)]), "inertia", "ok", "fault"),
+    "a motion without inertia": (lambda x: lump([1, 1, 1], [1, 1, 1e-30 * x]), "mass matrix", "fault", "ok"),
+    "a definite mass": (lambda x: tied(1 - 6e-13 * x), "mass matrix", "fault", "ok"),
+    "the range of a mode": (lambda x: with_a_mode_at(1.5 / x), "range", "ok", "warning"),
     "modal masses": (lambda x: with_a_mode(1e-3 * x, 0.0), "modal rows", "ok", "warning"),
     "coupling of modes": (lambda x: with_a_mode(0.0, 1e-3 * x), "modal rows", "ok", "warning"),
 }
@@ -358,6 +378,25 @@ LIMITS = {
 def test_verdicts_change_at_their_limits(name):
     make, finding, below, above = LIMITS[name]
     assert [verdict_of(make(share), finding) for share in (0.9, 1.1)] == [below, above]
+
+
+def test_negative_eigenvalues_are_repaired_up_to_a_hundredth_of_positive_ones(capsys):
+    """Of a mass with unit diagonal, and of an elastic motion against the slowest stable one."""
+
+    def falling(share):
+        body = with_a_mode_at(1.0)
+        stiffness = np.array(body.stiffness_matrix)
+        stiffness[12, 12] *= -0.01 * share
+        return replace(body, stiffness_matrix=stiffness)
+
+    for spoilt in (falling, lambda share: tied(1 + 0.01 * share)):
+        assert repair(spoilt(0.9)).after["mass matrix"].verdict == "ok"
+        with pytest.raises(ValueError, match="no rounding"):
+            repair(spoilt(1.1))
+
+
+def test_eight_digits_are_few():
+    assert [verdict_of(replace(BEAM, digits=digits), "digits") for digits in (8, 9)] == ["warning", "ok"]
 
 
 def test_nodes_within_a_millionth_of_the_size_are_in_one_place():

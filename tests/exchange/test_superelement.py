@@ -428,3 +428,33 @@ def test_digits_are_counted_unless_they_are_told():
     assert (counted.digits, told.digits) == (3, 9)
     assert [check(body)["digits"].verdict for body in (counted, told)] == ["warning", "ok"]
     assert check(replace(told, digits=8))["digits"].verdict == "warning"
+
+
+def lump(**change):
+    arguments = {"stiffness_matrix": np.zeros((6, 6)), "mass_matrix": np.eye(6), "positions": np.zeros((1, 3))} | change
+    return superelement(**arguments)
+
+
+LIMITS = {
+    "an orientation's rounding": (lambda x: lump(orientations=[(1 + 5e-7 * x) * np.eye(3)]), "orientations must be"),
+    "a huge mass": (lambda x: lump(mass_matrix=1e40 * x * np.eye(6)), "mass matrix holds"),
+    "a huge stiffness": (lambda x: lump(stiffness_matrix=1e40 * x * np.eye(6)), "stiffness matrix holds"),
+    "a huge position": (lambda x: lump(positions=[[0, 1e40 * x, 0]]), "positions holds"),
+    "many coordinates": (
+        lambda x: lump(stiffness_matrix=np.zeros((round(1500 * x),) * 2), mass_matrix=np.eye(round(1500 * x))),
+        "nassim takes up to 1500",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", LIMITS)
+def test_limits_lie_where_they_should(case):
+    make, message = LIMITS[case]
+    make(0.9)
+    with pytest.raises(ValueError, match=message):
+        make(1.1)
+
+
+def test_entries_below_1e_100_count_as_zero():
+    stiffness = np.diag([0.9e-100, 1.1e-100, 1, 1, 1, 1])
+    np.testing.assert_array_equal(np.diag(lump(stiffness_matrix=stiffness).stiffness_matrix)[:2], [0.0, 1.1e-100])

@@ -7,11 +7,12 @@ import pytest
 import scipy.linalg
 from conftest import lattice
 
-from nassim import craig_bampton
+from nassim import condense, craig_bampton
 from nassim.base.modal import eigenmodes
 from nassim.bodies.projection import keep_modes
 from nassim.fem.condensation import vector_dofs
 from nassim.fem.full_model import full_eigenfrequencies
+from nassim.fem.modes import fixed_interface_modes
 
 
 @pytest.fixture(scope="module")
@@ -140,6 +141,14 @@ def test_remote_points_come_in_the_order_asked_for():
     for matrix in ("stiffness_matrix", "mass_matrix"):
         a, b = (getattr(body, matrix)[:12, :12] for body in (usual, turned))
         np.testing.assert_allclose(b, a[np.ix_(order, order)], rtol=1e-6, atol=1e-9 * np.abs(a).max())
+
+
+def test_a_record_tells_which_modes_were_kept_and_from_where_on_they_are_left_out():
+    frequency, _ = fixed_interface_modes(condense(lattice(), progress=False), n_modes=3)
+    record = craig_bampton(lattice(), n_modes=2, progress=False).record
+    assert record["fixed-interface frequencies [Hz]"] == f"{frequency[0]:.1f} {frequency[1]:.1f}"
+    assert record["modes left out"] == f"all from {frequency[2]:.1f} Hz"
+    assert record["coordinates"].startswith("2 remote points x 6 + 2 fixed-interface modes = 14;")
 
 
 def test_boundary_conditions_with_unknown_names(apa):

@@ -3,6 +3,7 @@
 import importlib.util
 
 import numpy as np
+import psutil
 import pytest
 import scipy.sparse as sp
 
@@ -97,6 +98,19 @@ def test_threads_may_be_nested(capfd):
     with threads(), threads():
         pass
     assert "can't change" not in capfd.readouterr().err
+
+
+@pytest.mark.skipif(not hasattr(psutil.Process, "cpu_affinity"), reason="this system tells no processors of a process")
+def test_threads_are_as_many_as_told_or_as_there_are_processors(monkeypatch):
+    asked = []
+    monkeypatch.setattr("ngsolve.SetNumThreads", asked.append)
+    monkeypatch.setenv("NASSIM_THREADS", "3")
+    with threads():
+        pass
+    monkeypatch.delenv("NASSIM_THREADS")
+    with threads():
+        pass
+    assert asked == [3, len(psutil.Process().cpu_affinity())]
 
 
 def test_memory_estimate_of_a_dense_triangle():

@@ -1,5 +1,7 @@
 """Modes identified from signals of oscillators that are known exactly, and written into the bench."""
 
+import re
+import warnings
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -147,6 +149,46 @@ def test_the_line_at_half_the_sample_rate_is_left_out():
     even = replace(record, time=record.time[:2000], values=record.values[:, :2000])
     fit = identify(even, band=(20.0, 500.0), n_modes=2)
     assert fit.recorded.frequency[-1] == pytest.approx(499.5)
+
+
+def one_mode_frf(first, last):
+    """Of a mode at 98 Hz, every half of a hertz."""
+    frequency = np.arange(first, last + 0.25, 0.5)
+    mode = 1 / (1 - (frequency / 98.0) ** 2 + 2j * 0.01 * frequency / 98.0)
+    return FRF(frequency, mode[None, None], ("y",), ("u",))
+
+
+ONE_MODE = {"outputs": ["y"], "hold_order": None, "n_modes": 1}
+
+
+def test_lines_are_enough_from_as_many_as_there_are_unknowns():
+    """A frequency, a damping ratio, a gain and four residual terms."""
+    assert identify(one_mode_frf(96.0, 99.0), band=(96.0, 99.0), **ONE_MODE).frequency[0] == pytest.approx(98.0)
+    with pytest.raises(ValueError, match=r"6 lines in the band carry no 1 mode\(s\), which need at least 7"):
+        identify(one_mode_frf(96.0, 98.5), band=(96.0, 98.5), **ONE_MODE)
+
+
+def test_bands_end_with_the_data_to_a_billionth():
+    frf = one_mode_frf(80.0, 120.0)
+    for share in (0.9, 1.1):
+        for band in ((80.0 * (1 - 1e-9 * share), 120.0), (80.0, 120.0 * (1 + 1e-9 * share))):
+            if share < 1:
+                assert len(identify(frf, band=band, **ONE_MODE).recorded.frequency) == 81
+            else:
+                with pytest.raises(ValueError, match=r"must ascend within the data.s 80 \.\.\. 120 Hz"):
+                    identify(frf, band=band, **ONE_MODE)
+
+
+def test_lines_with_a_millionth_of_the_largest_input_count():
+    """Without noise; the line at 300 Hz is weaker than the others."""
+    phase = np.random.default_rng(0).uniform(0, 2 * np.pi, 901)
+    for share in (0.9, 1.1):
+        spectrum = np.where(np.arange(2001) < 901, 1.0, 0.0) * np.exp(1j * np.pad(phase, (0, 1100)))
+        spectrum[[0, 600]] = 0.0, share * 1e-6
+        u = np.fft.irfft(spectrum, 4000)
+        values = [u, oscillator(u, 98.0, 0.01, 2000.0)]
+        fit = identify(TimeHistory(np.arange(4000) / 2000.0, values, ("u", "y")), outputs=["y"], n_modes=1)
+        assert (300.0 in fit.recorded.frequency.round(6)) == (share > 1)
 
 
 def test_modes_outside_the_band_are_left_to_the_residual_terms():
@@ -419,6 +461,8 @@ def test_a_coherence_gives_the_shape_of_the_noise():
         ({"outputs": ["sensor", "sensor"]}, "output names must differ"),
         ({"n_modes": 0}, "n_modes must be 1 ... 12, got 0"),
         ({"n_modes": 1.5}, "n_modes must be 1 ... 12, got 1.5"),
+        ({"n_modes": 13}, "n_modes must be 1 ... 12, got 13"),
+        ({"n_modes": 12, "band": (97.0, 99.0)}, r"4 lines in the band carry no 12 mode\(s\)"),
         ({"n_modes": "2"}, "n_modes must be 1 ... 12, got '2'"),
         ({"outputs": "sensor"}, "output names must be a list of them, got the text 'sensor'"),
         ({"residual_powers": (0, 0)}, r"residual_powers must be different whole numbers from -4 to 8, got \(0, 0\)"),
@@ -731,6 +775,14 @@ def test_a_matched_mode_beyond_the_band_counts_in_the_static_response():
     np.testing.assert_allclose(report.static_ratio, 1.0)
 
 
+def test_the_report_tells_how_far_identified_modes_are_from_the_scenes():
+    _, report, _ = apply_to_blocks(0.5, [10.5, 19.0])
+    first, second, *rest = report.summary().splitlines()
+    assert first == "10.500 Hz: mode 1 of the scene, 10.000 Hz (+5.00 %)"
+    assert second == "19.000 Hz: mode 2 of the scene, 20.000 Hz (-5.00 %)"
+    assert rest[0].startswith("damping ratio of mode 1: 0.03 -> 0.01 ± ")
+
+
 def test_modes_that_were_not_measured_may_be_undamped():
     changed, report, _ = apply_to_blocks(0.5, [10.0], unmeasured_damping_ratio=0.0)
     np.testing.assert_array_equal(assemble(changed).damping.ratio, [0.01, 0.0])
@@ -773,18 +825,43 @@ def test_a_resonance_that_the_model_misses_is_not_split_in_two():
     assert fit.damping_ratio[0] == pytest.approx(RATIO[0], rel=0.01)
 
 
-def test_a_neighbour_that_is_missed_beside_a_narrow_mode_is_told():
-    """A mode whose half-power width is less than a line, and another of a hundredth of its gain 1 Hz above it."""
+def noisy_mode(ratio, *, neighbour=0.0, noise):
+    """A fit of one mode near 100 Hz to a noisy FRF, which may hold a weak one at 101 Hz too."""
     frequency, random = np.arange(50.0, 150.0, 0.5), np.random.default_rng(0)
 
     def mode(f, ratio):
         return 1 / (1 - (frequency / f) ** 2 + 2j * ratio * frequency / f)
 
-    noise = 1e-3 * (random.standard_normal(200) + 1j * random.standard_normal(200))
-    frf = FRF(frequency, (mode(100.1, 2e-3) + 0.01 * mode(101.0, 0.01) + noise)[None, None], ("y",), ("u",))
+    errors = noise * (random.standard_normal(200) + 1j * random.standard_normal(200))
+    values = mode(100.1, ratio) + neighbour * mode(101.0, 0.01) + errors
+    frf = FRF(frequency, values[None, None], ("y",), ("u",))
+    return identify_modes(frf, input="u", outputs=["y"], band=(50.0, 149.5), n_modes=1)
+
+
+def test_a_neighbour_that_is_missed_beside_a_narrow_mode_is_told():
+    """A mode whose half-power width is less than a line, and another of a hundredth of its gain 1 Hz above it."""
     with pytest.warns(UserWarning, match="the residual is systematic near 100.1 Hz"):
-        fit = identify_modes(frf, input="u", outputs=["y"], band=(50.0, 149.5), n_modes=1)
+        fit = noisy_mode(2e-3, neighbour=0.01, noise=1e-3)
     assert abs(fit.damping_ratio[0] - 2e-3) < WITHIN * fit.damping_ratio_std[0]
+
+
+def test_a_systematic_residual_is_warned_of_from_one_per_cent_of_a_damping_ratio_on():
+    for neighbour, share in ((0.0078, 0.9), (0.0095, 1.1)):
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            fit = noisy_mode(2e-3, neighbour=neighbour, noise=1e-3)
+        assert fit.damping_ratio_std[0] / fit.damping_ratio[0] == pytest.approx(0.01 * share, rel=0.03)
+        assert "systematic" in fit.how["doubts"]
+        assert len(told) == (share > 1)
+
+
+def test_a_damping_ratio_that_is_known_to_half_of_it_is_taken():
+    fit = noisy_mode(0.02, noise=20.0)
+    assert fit.damping_ratio_std[0] / fit.damping_ratio[0] == pytest.approx(0.9 * 0.5, rel=0.03)
+    with pytest.raises(ValueError, match="do not determine the mode") as refused:
+        noisy_mode(0.02, noise=26.0)
+    ratio, spread = re.search(r"ratio ([\d.]+) has the standard deviation ([\d.]+);", str(refused.value)).groups()
+    assert float(spread) / float(ratio) == pytest.approx(1.1 * 0.5, rel=0.03)
 
 
 def test_a_delay_is_part_of_the_model():
@@ -831,6 +908,8 @@ def test_the_noise_of_a_fit_is_that_of_its_data():
 def test_the_noise_of_a_records_fit_is_that_of_its_responses():
     """Line by line, where the input is strong and where it is weak; of 860 lines, the mean square is within 5 %."""
     fit = identify(make_record(0))
+    model = fit.response(fit.recorded.frequency)
+    np.testing.assert_array_equal(fit.residual.values, fit.recorded.values - model.values)
     share = np.abs(fit.residual.values[:, 0]) ** 2 / fit.noise**2
     for low, high in ((20.0, 150.0), (150.0, 300.0), (300.0, 450.0)):
         within = (fit.recorded.frequency >= low) & (fit.recorded.frequency < high)

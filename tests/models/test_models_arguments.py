@@ -140,3 +140,9 @@ def test_spindles_turn_as_often_as_told():
     for make in (make_nano_hexapod, make_nass):
         (drive,) = (part for part in make(STRUT, spindle_rpm=30.0).actuators if part.name == "spindle")
         assert drive.speed == pytest.approx(np.pi)
+
+
+def test_the_first_of_two_points_is_the_bottom():
+    (low, high), strut = body().point_names, imported_strut(body())
+    length = np.linalg.norm(np.diff(body().positions, axis=0))
+    np.testing.assert_allclose([at(f"apa.{low}")(strut), at(f"apa.{high}")(strut)], [0.0, length], atol=1e-12)

@@ -1,5 +1,7 @@
 """Mechanical parts and joints refuse what has no meaning, before any long work."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -19,6 +21,7 @@ from nassim.simulation.model.assembly import assemble
 
 MIRROR = np.diag([1.0, 1.0, -1.0])
 SHEARED = np.eye(3) + 0.1 * np.eye(3, k=1)
+ODD = np.array([2.0, -1.0, 2.0]) / 3
 
 
 def bodies():
@@ -69,6 +72,48 @@ def test_axes_of_a_universal_joint_are_perpendicular():
         axes_along("z", (0, 0, -2))
 
 
+def with_entry(value, *places):
+    """A unit matrix (6, 6) with another value at some places."""
+    matrix = np.eye(6)
+    for place in places:
+        matrix[place] = value
+    return matrix
+
+
+def with_gap(gap):
+    """Bodies that a joint connects, so far apart [m]."""
+    base, body = bodies()
+    return Scene("s", (base, replace(body, position=gap * ODD)), (fixed("p", "base.o", "body.o"),))
+
+
+def with_inertia(inertia):
+    return RigidBody("p", {}, 1.0, inertia)
+
+
+LIMITS = {
+    "a gap in a joint": (lambda x: with_gap(1e-9 * x), "m apart"),
+    "skew axes": (lambda x: universal("p", "base.o", "body.o", "x", (1e-9 * x, 1, 0)), "must be perpendicular"),
+    "a skew bushing": (
+        lambda x: Bushing("p", "base.o", "body.o", with_entry(1e-9 * x, (0, 1))),
+        "symmetric and not negative",
+    ),
+    "a negative bushing": (
+        lambda x: Bushing("p", "base.o", "body.o", with_entry(1 + 1e-9 * x, (0, 1), (1, 0))),
+        "symmetric and not negative",
+    ),
+    "a skew inertia": (lambda x: with_inertia(with_entry(1e-9 * x, (0, 1))[:3, :3]), "inertia must be symmetric"),
+    "more than flat": (lambda x: with_inertia(np.diag([1.0, 3.0, 4.0 * (1 + 2e-3 * x)])), "no body has the principal"),
+}
+
+
+@pytest.mark.parametrize("case", LIMITS)
+def test_limits_lie_where_they_should(case):
+    make, message = LIMITS[case]
+    make(0.9)
+    with pytest.raises(ValueError, match=message):
+        make(1.1)
+
+
 @pytest.mark.parametrize(
     ("parts", "message"),
     [
@@ -104,9 +149,6 @@ def test_a_bushing_that_is_none(stiffness):
 def test_a_fixed_body_does_not_spin():
     with pytest.raises(ValueError, match="cannot spin"):
         RigidBody("p", {}, fixed=True, angular_velocity=(0, 0, 1))
-
-
-ODD = np.array([2.0, -1.0, 2.0]) / 3
 
 
 @pytest.mark.parametrize(

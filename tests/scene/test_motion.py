@@ -47,6 +47,13 @@ def test_what_is_no_motion(changes, said):
         motion(**changes)
 
 
+def test_rotations_may_differ_from_proper_ones_by_a_millionth():
+    """The largest entry of R^T R - I."""
+    motion(rotations={"a": np.sqrt(1 + 0.9e-6) * TURNS})
+    with pytest.raises(ValueError, match="rotations of 'a' must be proper"):
+        motion(rotations={"a": np.sqrt(1 + 1.1e-6) * TURNS})
+
+
 def test_points_of_a_turned_rigid_body():
     body = RigidBody("a", {"tip": [0.1, -0.2, 0.3]}, 1.0, np.diag([1.0, 2.0, 2.5]))
     places, turns = point_motion(Scene("scene", (body,)), motion(), "a.tip")

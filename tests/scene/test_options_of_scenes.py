@@ -140,6 +140,15 @@ def test_a_frame_that_nothing_else_holds_stays_when_a_body_is_trimmed(bar):
     assert frequency[:4] == pytest.approx(damping(linearize(scene))[0][:4], rel=1e-2)
 
 
+def test_a_cutoff_keeps_the_modes_that_have_ratios_of_their_own(bar):
+    """Three modes are kept: three ratios and that of all others, but not one more."""
+    frequency = bar.eigenfrequencies(fixed=["left"])
+    cutoff = {"cutoff_frequency": 0.5 * (frequency[2] + frequency[3])}
+    trim_scene(clamped(bar, ([0.01, 0.02, 0.03, 0.04], None), **cutoff))
+    with pytest.raises(ValueError, match="body 'a' has damping ratios by mode, and cutoff_frequency removes its modes"):
+        trim_scene(clamped(bar, ([0.01, 0.02, 0.03, 0.04, 0.05], None), **cutoff))
+
+
 def test_what_a_cutoff_leaves_out_counts_as_truncation(bar):
     """The better model is the one with all that the bodies know, not one trimmed again."""
     push, read = PointForce("push", "a.right", "y", "push"), Encoder("way", "ground.a", "a.right", "y")

@@ -28,7 +28,8 @@ def written(tmp_path, text, name="file.csv"):
     ("unit", "factor", "si"),
     [
         ("um", 1e-6, "m"),
-        ("µm", 1e-6, "m"),
+        ("\N{MICRO SIGN}m", 1e-6, "m"),
+        ("\N{GREEK SMALL LETTER MU}m", 1e-6, "m"),
         ("kV", 1e3, "V"),
         ("um/V", 1e-6, "m/V"),
         ("mm / kN", 1e-6, "m/N"),
@@ -360,6 +361,12 @@ def test_columns_of_an_frf_may_come_in_any_order(tmp_path):
         )
     np.testing.assert_array_equal(frf.coherence[frf.outputs.index("z")], [0.8, 0.9])
     np.testing.assert_array_equal(frf.coherence[frf.outputs.index("a")], [0.2, 0.3])
+
+
+@pytest.mark.parametrize("ending", [".uff", ".UNV", ".58"])
+def test_endings_of_uff_files(tmp_path, ending):
+    path = write_uff(tmp_path / "record.uff", [data_set(TIME, TIME, 1)]).rename(tmp_path / f"record{ending}")
+    np.testing.assert_allclose(read_record(path).time, TIME, atol=1e-10)
 
 
 def test_axes_of_a_uff_file_are_the_same_to_a_billionth(tmp_path):

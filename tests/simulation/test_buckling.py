@@ -126,6 +126,17 @@ def test_a_force_presses_as_a_weight_does(column):
     assert told(lambda: static_response(light, {"force": 0.5 * EULER})) == []
 
 
+@pytest.mark.parametrize("action", ["exact", "implicit"])
+def test_the_largest_compression_of_a_run_counts(column, action):
+    """A force from the second sample on, from no preload: at least what it does in statics, at most twice that."""
+    light = loaded(column, "linear", 0.01, gravity=False)
+    time = constant(0.0).time
+    pressed = TimeHistory(time, -0.5 * EULER * (time > 0)[None], ("force",), ("N",))
+    options = {"time_step": 1e-3, "progress": False, **({"method": "exact"} if action == "exact" else {})}
+    (share,) = told(lambda: simulate(light, pressed, **options))
+    assert 0.49 < share < 1.02
+
+
 @pytest.mark.parametrize("action", ACTIONS)
 def test_light_and_hanging_loads_are_not_told(column, action):
     assert told(lambda: ACTIONS[action](loaded(column, "linear", 0.08 * EULER / 9.81), 0.0)) == []

@@ -105,6 +105,15 @@ def test_springs_that_share_in_the_modes(link, seat, share):
     assert found < share * plain
 
 
+def test_modes_are_corrected_up_to_nine_tenths_of_half_a_step():
+    """(x / tan x)^2 of the mass with x = pi h f; faster modes get the factor of the fastest that are corrected."""
+    x = 0.9 * np.array([0.1, 0.9, 1.0, 1.1, 3.0])
+    kept = np.minimum(x, 0.9)
+    mass, damping = Steps(1.0).factors(x / np.pi)
+    np.testing.assert_allclose(mass, (kept / np.tan(kept)) ** 2, rtol=1e-9)
+    np.testing.assert_allclose(damping, (kept / np.sin(kept)) ** 2, rtol=1e-9)
+
+
 @pytest.mark.parametrize("seat", [None, 1e6])
 def test_period_errors_are_those_of_a_run(link, seat):
     """Poles of a decay in floating frames against the frequencies with what `period_errors` says of them."""

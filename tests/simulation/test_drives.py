@@ -72,6 +72,13 @@ def test_a_joint_follows_an_angle_through_several_turns():
     np.testing.assert_allclose(run.values[2:], expected, atol=1e-8)
 
 
+def test_a_servo_starts_at_rest():
+    """What follows a ramp at once moves from the start; through a low-pass, it begins to."""
+    at_once, late = (initial_twists(arm(input="turn", bandwidth=f), {"turn": 3.0})["arm"] for f in (np.inf, 20.0))
+    np.testing.assert_allclose(at_once[3:], 3.0 * AXIS, atol=1e-12)
+    np.testing.assert_allclose(late, 0.0, atol=1e-15)
+
+
 def test_weight_that_is_there_before_a_slide_starts():
     """A load hangs from a crane that drives off at constant speed: it starts where it hangs, beside its start alone."""
     base = RigidBody("base", {"rail": np.zeros(3)}, fixed=True)

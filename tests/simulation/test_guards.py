@@ -21,6 +21,7 @@ from nassim import (
     TimeHistory,
     craig_bampton,
 )
+from nassim.base.rigid_motion import axes_along
 from nassim.scene.drives import Drive
 from nassim.scene.joints import revolute
 from nassim.scene.measures import Displacement
@@ -33,6 +34,7 @@ from nassim.simulation.loaded.equilibrium import check_small
 from nassim.simulation.loaded.spinning import warn_of_spinning_bodies
 from nassim.simulation.model import buckling
 from nassim.simulation.model.assembly import assemble
+from nassim.simulation.model.damping import Damping
 from nassim.simulation.model.digital_controllers import samples_per_period
 from nassim.simulation.model.reach import Reach
 from nassim.simulation.model.runaway import see_runaway
@@ -112,6 +114,19 @@ def turned_wheel(angle):
     return system, place
 
 
+def test_hinges_in_line_to_a_ten_millionth_are_one():
+    """Of a body of equal moments of inertia: a second hinge whose axis is tilted by more locks it."""
+    axes = axes_along(NORMAL)
+    body = RigidBody("mass", {"c": (0, 0, 0)}, 1.0, 1e-3 * np.eye(3))
+
+    def free(tilt):
+        axis = axes[:, 2] + tilt * axes[:, 0]
+        hinges = (revolute(name, "ground.o", "mass.c", a) for name, a in (("one", NORMAL), ("other", axis)))
+        return len(assemble(Scene("mass", (ground(), body), tuple(hinges))).frequency)
+
+    assert [free(side * 1e-7) for side in SIDES] == [1, 0]
+
+
 def test_an_equilibrium_is_far_from_a_tenth_of_a_radian_on():
     both_sides(0.1, lambda angle: warnings_of_runs.warn_of_far_equilibrium(turned_wheel(angle)[0]))
 
@@ -145,6 +160,27 @@ def test_a_spinning_equilibrium_is_told_from_a_hundredth_on_and_refused_from_a_t
         check_small(assembly.coordinates, 0.11 * turned, "the spin")
 
 
+def test_damping_that_is_lost_is_told_from_a_hundredth_on():
+    """One of two coordinates deforms nothing but by sin a: of the first mode's damping, cos(a)^4 is left."""
+
+    def realised(lost):
+        cosine = (1 - lost) ** 0.25
+        damping = Damping(
+            mass=np.eye(2),
+            frequency=np.array([10.0, 20.0]),
+            shapes=np.eye(2),
+            ratio=np.array([0.02, 0.0]),
+            deformation=np.array([[cosine, np.sqrt(1 - cosine**2)]]),
+            root=np.eye(1),
+            own=np.zeros((1, 1)),
+            dampers=np.zeros((2, 2)),
+        )
+        left = damping.of_deformation.non_modal[0, 0]
+        assert left == pytest.approx((1 - lost) * 4 * np.pi * 0.02 * 10.0)
+
+    both_sides(0.01, realised)
+
+
 def test_preload_is_told_from_a_tenth_of_buckling_on(bar):
     assembly = assemble(clamped(bar))
     unit, _ = buckling.buckling_share(assembly, {"bar": np.array([-1.0])})
@@ -152,14 +188,14 @@ def test_preload_is_told_from_a_tenth_of_buckling_on(bar):
     both_sides(0.1, lambda share: buckling.warn_of_buckling(assembly, {"bar": np.array([-share / unit])}))
 
 
-def acceleration(cutoff=None):
-    """A mass whose acceleration is read, through a low-pass."""
+def acceleration(cutoff=None, passes="low"):
+    """A mass whose acceleration is read, through a filter."""
     body = RigidBody("mass", {"c": (0, 0, 0)}, 1.0, INERTIA)
     reading = Output("a", "m/s2", Displacement((("mass.c", NORMAL),)), derivative=2)
 
     class Accelerometer(Sensor):
         def terms(self, scene):
-            filters = () if cutoff is None else (OutputFilter("a", "low", cutoff),)
+            filters = () if cutoff is None else (OutputFilter("a", passes, cutoff),)
             return (reading, *filters)
 
     return Scene("mass", (body,), sensors=(Accelerometer("a"),))
@@ -169,6 +205,7 @@ def test_accelerations_ring_above_a_radius_of_four_fifths():
     """Unless a low-pass below a tenth of the rate of steps takes that away."""
     both_sides(0.8, lambda radius: warnings_of_runs.warn_of_ringing(acceleration(), radius, 1e-3))
     both_sides(100.0, lambda corner: warnings_of_runs.warn_of_ringing(acceleration(corner), 1.0, 1e-3))
+    assert told(warnings_of_runs.warn_of_ringing, acceleration(1.0, "high"), 1.0, 1e-3) == 1
 
 
 def test_velocities_may_part_from_constraints_by_a_hundredth():

@@ -184,6 +184,27 @@ def test_what_cannot_turn_keeps_its_amplitude():
     assert late == pytest.approx(early, rel=2e-4)
 
 
+def test_the_spectral_radius_of_what_may_turn_is_nine_tenths():
+    """Unless another one is given; a body on a guide takes the trapezoidal rule."""
+    mass = RigidBody("mass", {"c": (0, 0, 0)}, 2.0, INERTIA)
+    guided = Scene(
+        "guided",
+        (ground(), mass),
+        (prismatic("guide", "ground.o", "mass.c", NORMAL),),
+        springs=(SpringDamper("spring", "ground.o", "mass.c", NORMAL, 2e4),),
+        sensors=(Encoder("x", "ground.o", "mass.c", NORMAL),),
+        gravity=GRAVITY,
+        damping_ratio=0.0,
+    )
+    for scene, radius in ((wheel(), 0.9), (guided, 1.0)):
+        default, given, other = (
+            run(scene, 0.04, STEP, start="released", **options).values
+            for options in ({}, {"spectral_radius": radius}, {"spectral_radius": 0.95})
+        )
+        np.testing.assert_array_equal(default, given)
+        assert np.any(default != other)
+
+
 def test_the_turn_in_a_step_that_a_spectral_radius_bears():
     """-ln(r): right for thousands of steps below it; far above, rounding grows until the run fails, which tells why."""
     limit = -np.log(0.8)

@@ -13,6 +13,8 @@ from nassim import (
     Bushing,
     Encoder,
     FlexibleBody,
+    GroundAcceleration,
+    Joint,
     PointForce,
     RigidBody,
     Scene,
@@ -159,6 +161,27 @@ def test_a_cubic_spring_is_linearised_about_its_equilibrium():
     along = SpringDamper("hook", "hook.o", "bar.right", "z", tangent)
     expected = linearize(bar_on_a_cubic_spring(along), loaded=False)
     np.testing.assert_allclose(np.sort(found.poles().imag), np.sort(expected.poles().imag), rtol=1e-7, atol=1e-6)
+
+
+def test_tangents_that_are_not_given_are_differences():
+    """Of two components, by value and by rate; the damper of a mass is that of its linear model."""
+    both = np.array([[300.0, -40.0], [60.0, 500.0]])
+    law = NonlinearSpring(
+        RelativePose("ground.o", "mass.c"), force=lambda x, v: 0.1 * both @ x[:2] ** 3 + both.T @ np.sin(v[:2])
+    )
+    x, v = np.array([0.3, -0.8]), np.array([0.5, 1.2])
+    found = law.tangents(x, v)
+    np.testing.assert_allclose(found[0], 0.3 * both * x**2, rtol=1e-6)
+    np.testing.assert_allclose(found[1], both.T * np.cos(v), rtol=1e-6)
+
+    mass = RigidBody("mass", {"c": np.zeros(3)}, 0.7, 1e-2 * np.eye(3))
+    guide = Joint("guide", "ground.o", "mass.c", free="x")
+    along = Displacement.between("ground.o", "mass.c", np.eye(3)[0])
+    rubber = NonlinearSpring(along, force=lambda x, v: 300.0 * x + 4.0 * np.tanh(v))
+    poles = linearize(
+        Scene("mass", (GROUND, mass), (guide,), springs=(Given("rubber", (rubber,)),), damping_ratio=0.0)
+    ).poles()
+    np.testing.assert_allclose(np.sort_complex(poles), np.sort_complex(np.roots([0.7, 4.0, 300.0])), rtol=1e-6)
 
 
 def rates_by_weight(scene):
@@ -386,16 +409,18 @@ class Tie(ForceElement):
 
 FASTER = {
     "distance": Spring(Distance("ground.p", "block.c"), 300.0, 0.4),
-    "axis": Spring(Displacement.between("ground.p", "block.c", np.array([0.0, 1.0, 0.0])), 300.0, 0.4),
-    "oblique": Spring(Displacement.between("ground.p", "block.c", np.array([0.6, 0.0, 0.8])), 300.0, 0.4),
+    "axis": Spring(Displacement.between("ground.p", "block.c", np.array([0.0, 1.5, 0.0])), 300.0, 0.4),
+    "oblique": Spring(Displacement.between("ground.p", "block.c", np.array([0.9, 0.0, 1.2])), 300.0, 0.4),
     "turning": Spring(
         Displacement.between("bar.right", "block.c", np.array([0.6, 0.0, 0.8]), axes_of="block.c"), 9.0, 0.4
     ),
     "bushing": Spring(RelativePose("bar.right", "block.c", ODD), np.diag([90.0, 50, 70, 2, 3, 4]), 0.02 * np.eye(6)),
     "damper": Spring(
-        PointVelocity((("bar.right", -ODD[0]), ("block.c", ODD[0])), "bar.right", angular=True), 0.0, 0.02
+        PointVelocity((("bar.right", -1.5 * ODD[0]), ("block.c", 1.5 * ODD[0])), "bar.right", angular=True), 0.0, 0.02
     ),
 }
+
+"""Springs and dampers along directions of any length."""
 
 
 @pytest.mark.parametrize("name", FASTER)
@@ -574,6 +599,28 @@ def test_accelerations_of_any_measure_are_derivatives_of_its_rates():
             middle = (found[low][2:] - found[low][:-2]) / 2e-3
             np.testing.assert_allclose(found[high][1:-1], middle, rtol=0, atol=3e-3 * np.ptp(middle))
     assert np.ptp(found["angle0"]) > 0.3
+
+
+def test_the_ground_moves_all_parts_of_a_combination():
+    """A mass on a spring on a shaking ground: each part of an inertial output counts by its factor."""
+    up, mass, stiffness = np.eye(3)[2], 0.7, 300.0
+    body = RigidBody("mass", {"c": np.zeros(3), "p": [0.1, 0, 0], "q": [0, 0.2, 0]}, mass, 1e-2 * np.eye(3))
+    both = Combination(((2.0, PointVelocity((("mass.p", up),))), (-0.5, PointVelocity((("mass.q", up),)))))
+    scene = Scene(
+        "mass",
+        (GROUND, body),
+        (Joint("guide", "ground.o", "mass.c", free="z"),),
+        (GroundAcceleration("shake", "z", "shake"),),
+        springs=(
+            SpringDamper("spring", "ground.o", "mass.c", "z", stiffness),
+            Given("reading", (Output("a", "m/s2", both, derivative=2, inertial=True),)),
+        ),
+        damping_ratio=0.0,
+    )
+    frequency = np.array([0.5, 2.0, 9.0])
+    found = frequency_response(linearize(scene), frequency).response("a", "shake")
+    expected = 1.5 * stiffness / (stiffness - mass * (2 * np.pi * frequency) ** 2)
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
 def test_a_force_along_any_measure_is_a_torque_about_its_axis():

@@ -38,6 +38,7 @@ from nassim.simulation import linearize_closed, static_response
 from nassim.simulation.linear.exact_steps import exact_response
 from nassim.simulation.model.assembly import assemble
 from nassim.systems import (
+    PythonController,
     folding_modes,
     integral_force_feedback,
     largest_stable_gain,
@@ -136,6 +137,20 @@ def iff(rate, *, delay=1, gain=1.0):
 
 def edge(model, rate, delay=1):
     return largest_stable_gain(sampled(model, rate), iff(rate, delay=delay), np.geomspace(100.0, 3e4, 16), **WIRES)
+
+
+@pytest.mark.parametrize("share", [0.45, 0.55])
+def test_a_mode_folds_that_has_most_of_its_motion_beyond_what_holds(share):
+    """Two equal masses, one of them beyond: of each mode it has a share, which decides for one of the two."""
+    frequency, rate = np.array([700.0, 900.0]), 1e3
+    turn = np.sqrt([[share, 1 - share], [1 - share, share]]) * [[1, -1], [1, 1]]
+    stiffness = turn @ np.diag((2 * np.pi * frequency) ** 2) @ turn.T
+    state = np.block([[np.zeros((2, 2)), np.eye(2)], [-stiffness, -10.0 * np.eye(2)]])
+    drive, show = np.array([[0.0, 0, 1, 0.3]]).T, np.array([[1.0, 0.2, 0, 0]])
+    beyond = np.array([800.0, 0.0, 800.0, 0.0])
+    model = LinearModel(state, drive, show, np.zeros((1, 1)), ("u",), ("y",), unsupported=beyond)
+    (mode,) = folding_modes(model, proportional(1.0, sample_rate=rate), measured="y", driven="u")
+    assert mode.frequency == pytest.approx(frequency[0] if share > 0.5 else frequency[1], rel=1e-4)
 
 
 def test_gains_vary_smoothly_with_the_sample_rate_and_folding_modes_tell_which_are_safe():
@@ -286,6 +301,30 @@ def test_loops_run_as_the_sampled_model_says(crude, delay):
 RELEASED = {"start": "released", "progress": False}
 
 
+class Gain:
+    """A proportional controller in Python."""
+
+    def __init__(self, gain):
+        self.gain = gain
+
+    def output(self, measured, _time):
+        return self.gain @ measured
+
+
+@pytest.mark.parametrize("steps", [3, 5])
+def test_quasi_static_modes_show_a_controller_in_python_the_same(crude, steps):
+    """As the linear one of the same gain, at all samples and between them, through several pieces of a run."""
+    linear = looped(crude, 1e3, 0.4, gravity=[3.0, -8.0, 5.0], damping_ratio=0.2)
+    (loop,) = linear.loops
+    python = replace(loop, controller=PythonController(Gain(loop.controller.D), 1e3))
+    still = TimeHistory(np.arange(61) / 1e3, np.zeros((2, 61)), ("force", "side"))
+    expected, found = (
+        simulate(scene, still, time_step=1e-3 / steps, method="exact", **RELEASED).values[2:]
+        for scene in (linear, replace(linear, loops=(python,)))
+    )
+    assert np.all(np.abs(found - expected).max(axis=1) < 1e-9 * np.abs(expected).max(axis=1))
+
+
 def test_equilibrium_is_whole(crude):
     """Statics lose nothing: against Exudyn's equilibrium, before, during and after a constant push."""
     scene = held(crude, gravity=(3.0, -8.0, 5.0), quasi_static_above=500.0, damping_ratio=0.2)
@@ -336,7 +375,9 @@ def test_loops_that_may_be_unstable_where_modes_fold_are_told(crude):
     (loop,) = scene.loops
     modes = folding_modes(linearize(scene), loop.controller, measured="along", driven="force")
     assert f"{modes[0].frequency:.4g} (folds to {modes[0].folded:.4g})" in str(told[0].message)
-    weaker = looped(crude, 1e3, 0.99 / modes[0].loop_gain, damping_ratio=0.005)
+    weaker, stronger = (looped(crude, 1e3, g / modes[0].loop_gain, damping_ratio=0.005) for g in (0.99, 1.01))
+    with pytest.warns(UserWarning, match="loop 'hold' may be unstable on modes that are quasi-static"):
+        linearize_closed(stronger)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         linearize_closed(weaker)

@@ -1,5 +1,6 @@
 """Machines of which a part spins and a part stands: whirl against closed forms, own matrices and runs in time."""
 
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,9 +36,9 @@ from nassim import (
 )
 from nassim.base.modal import decay_poles
 from nassim.base.rigid_motion import axes_along, rigid_transfer, skew
-from nassim.scene.measures import PointVelocity
-from nassim.scene.part import ForceElement
-from nassim.scene.terms import Spring
+from nassim.scene.measures import Displacement, PointVelocity
+from nassim.scene.part import ForceElement, Sensor
+from nassim.scene.terms import Output, Spring
 from nassim.simulation.linear.linearization import spinning_equilibrium
 from nassim.systems.linear_model import unstable_poles
 
@@ -223,22 +224,22 @@ POINT = np.array([0.3, -0.2, 0.1])
 """Of the axis along AXIS."""
 
 
-def rigid_machine(speed, *, k=(4e5, 4e5), arms=3, wobble=0.0, transverse=0.03, turned=0.0, signals=()):
+def rigid_machine(speed, *, k=(4e5, 4e5), arms=3, wobble=0.0, transverse=0.03, turned=0.0, signals=(), point=POINT):
     """A rotor in two bearings of a foundation that stands on three legs, about an odd axis; no drive turns it."""
     axes = axes_along(AXIS)
     around = 2 * np.pi / arms * np.arange(arms)
     legs = {f"leg {j}": 0.2 * np.array([np.cos(t), np.sin(t), -0.3]) for j, t in enumerate(around)}
     bearings = {"low": np.array([0, 0, 0.05]), "high": np.array([0, 0, 0.25])}
     middle, centre = np.array([0.0, 0.0, -0.02]), np.array([0.0, 0.0, 0.12])
-    places = {name: POINT + axes @ at for name, at in legs.items()}
-    ground = RigidBody("ground", {**places, "top": POINT + 0.3 * AXIS}, fixed=True)
+    places = {name: point + axes @ at for name, at in legs.items()}
+    ground = RigidBody("ground", {**places, "top": point + 0.3 * AXIS}, fixed=True)
     inertia = axes @ np.diag([0.2, 0.2 * (1 + wobble), 0.3]) @ axes.T
     held = {name: axes @ (at - middle) for name, at in (legs | bearings).items()}
-    foundation = RigidBody("foundation", held, 8.0, inertia, POINT + axes @ middle)
+    foundation = RigidBody("foundation", held, 8.0, inertia, point + axes @ middle)
     spread = axes @ np.diag([transverse, transverse * (1 + turned), 0.045]) @ axes.T
     spots = {name: axes @ (at - centre) for name, at in bearings.items()}
     rotor = RigidBody(
-        "rotor", {**spots, "top": 0.18 * AXIS, "rim": 0.1 * axes[:, 0]}, 3.0, spread, POINT + axes @ centre
+        "rotor", {**spots, "top": 0.18 * AXIS, "rim": 0.1 * axes[:, 0]}, 3.0, spread, point + axes @ centre
     )
     feet = []
     for j, t in enumerate(around):
@@ -252,7 +253,7 @@ def rigid_machine(speed, *, k=(4e5, 4e5), arms=3, wobble=0.0, transverse=0.03, t
         for j, (axis, stiffness) in enumerate(zip(axes.T, (*k, 5e5), strict=True))
     ]
     scene = Scene("machine", (ground, foundation, rotor), springs=(*feet, *springs), sensors=signals, damping_ratio=0.0)
-    return scene, {"angular_velocity": speed * AXIS, "axis_point": POINT, "stator": ("ground", "foundation")}
+    return scene, {"angular_velocity": speed * AXIS, "axis_point": point, "stator": ("ground", "foundation")}
 
 
 def own_matrices(speed, k, arms=3, wobble=0.0):
@@ -444,6 +445,25 @@ def test_what_changes_as_a_part_turns_is_named(case):
         linearize(replace(scene, bodies=(*scene.bodies[:2], beside)), **spin, frame="stator")
 
 
+@pytest.mark.parametrize(("share", "told"), [(0.9, False), (1.1, True)])
+def test_rounding_of_what_must_not_change_is_one_in_ten_million(share, told):
+    """Of an inertia diag(a, a (1 + w), c), which turns by sqrt(2) a w sin(angle), and of the radius of inertia."""
+    inertia = np.array([0.2, 0.2, 0.3])
+    wobble = share * 1e-7 * np.linalg.norm(inertia) / (np.sqrt(2) * 0.2 * np.sin(1.0))
+    scene, spin = rigid_machine(50.0)
+    rotor = scene.bodies[2]
+    beside = share * 1e-7 * np.sqrt(rotor.inertia[0, 0] / rotor.mass) * axes_along(AXIS)[:, 0]
+    points = {name: at - beside for name, at in rotor.points.items()}
+    rotor = replace(rotor, position=rotor.position + beside, points=points)
+    moved = replace(scene, bodies=(*scene.bodies[:2], rotor))
+    uneven, _ = rigid_machine(50.0, wobble=wobble)
+    with pytest.raises(ValueError, match="body 'foundation': in the rotor") if told else nullcontext():
+        linearize(uneven, **spin)
+    message = "with its centre of mass" if told else "the force law between"  # the arms of the bearings change too
+    with pytest.raises(ValueError, match=message):
+        linearize(moved, **spin, frame="stator")
+
+
 def test_signals_that_change_as_a_part_turns_are_named():
     across = axes_along(AXIS)[:, 0]
     cases = [
@@ -463,6 +483,24 @@ def test_signals_that_change_as_a_part_turns_are_named():
         with pytest.raises(ValueError, match=f"input {message}: in the rotor frame"):
             linearize(replace(scene, actuators=(push,)), **spin)
         linearize(replace(scene, actuators=(push,)), **spin, frame="stator")
+
+
+@dataclass(frozen=True)
+class Mark(Sensor):
+    """Reads how far a point of the rotor is from the world's origin, along the rotor's axis."""
+
+    def terms(self, scene):
+        """A displacement of one point along axes that turn."""
+        return (Output(self.name, "m", Displacement((("rotor.rim", AXIS),), "rotor.top")),)
+
+
+def test_places_seen_from_the_rotor_turn_about_its_axis():
+    """A tilt of axes that turn moves what is read from an origin beside the axis, and the more so the more it is."""
+    scene, spin = rigid_machine(50.0, signals=(Mark("mark"),), point=np.zeros(3))
+    linearize(scene, **spin)
+    scene, spin = rigid_machine(50.0, signals=(Mark("mark"),))
+    with pytest.raises(ValueError, match="output 'mark': in the rotor frame, this changes by"):
+        linearize(scene, **spin)
 
 
 def test_what_cannot_stand_beside_what_turns_is_refused(shaft):

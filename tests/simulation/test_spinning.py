@@ -1,5 +1,6 @@
 """Scenes that turn as a whole: closed forms, published figures, node masses, and integration in the inertial frame."""
 
+import warnings
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -684,6 +685,12 @@ def test_a_guessed_inertia_is_worth_a_word():
     scene = Scene("blade", (table, body), (Joint("foot", "table.foot", "box.left"),))
     with pytest.warns(UserWarning, match=r"how its inertia is spread is a guess.* off by up to some 14\.3 Hz"):
         spun(scene, (0, 0, 90.0), body.centre)
+    limit = 2 * np.pi * reduced.eigenfrequencies(fixed=["left"])[0] / 30
+    for share, expected in ((0.9, 0), (1.1, 1)):
+        with warnings.catch_warnings(record=True) as told:
+            warnings.simplefilter("always")
+            linearize(scene, angular_velocity=(0, 0, share * limit), axis_point=body.centre)
+        assert sum("how its inertia is spread is a guess" in str(one.message) for one in told) == expected
 
 
 @pytest.mark.filterwarnings("ignore:under the spin, body 'box' comes to rest rotated by 0.0")

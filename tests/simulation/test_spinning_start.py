@@ -12,6 +12,7 @@ from nassim import (
     Encoder,
     FlexibleBody,
     Joint,
+    Loop,
     PointForce,
     RigidBody,
     Scene,
@@ -28,6 +29,7 @@ from nassim.bodies.piezo import PortCoupling
 from nassim.scene.mechanics import AngleSensor, Bushing
 from nassim.simulation.linear.linearization import spinning_equilibrium
 from nassim.simulation.model.initial_velocities import steady_rotation_twists
+from nassim.systems import proportional
 
 AXIS = np.array([2.0, -1.0, 2.0]) / 3
 ACROSS = np.cross(AXIS, [0.0, 0.6, 0.8]) / np.linalg.norm(np.cross(AXIS, [0.0, 0.6, 0.8]))
@@ -189,6 +191,8 @@ def test_an_unstable_equilibrium_is_refused_with_its_pole():
         static_response(scene)
     record = run(scene, 1.0, 0.01, signals={"push": lambda t: 1e-3 + 0.0 * t}, start="released")
     assert record["du"][-1] > 1e-4
+    looped = replace(scene, loops=(Loop("hold", proportional(-1.0, sample_rate=100.0), "du", "push"),))
+    assert run(looped, 1.0, 0.01)["du"][0] == pytest.approx(0.0, abs=1e-9)  # a loop may hold it
 
 
 def test_what_nothing_holds_has_no_equilibrium():

@@ -1,6 +1,8 @@
 """Runs that are stepped one by one: against `simulate`, against own loops over matrices, from saved states."""
 
+import gc
 import math
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -32,7 +34,9 @@ from nassim.bodies.piezo import PortCoupling
 from nassim.scene.drives import Drive
 from nassim.scene.instruments import Accelerometer, Geophone, Vibrometer
 from nassim.simulation import SimulationError
+from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.linear.linearization import linearize_closed
+from nassim.simulation.run import preparation
 from nassim.systems.controllers import Controller
 
 STEP = 1e-4
@@ -300,6 +304,24 @@ def test_two_runs_at_once(bar):
         stepped(alone, values[1:])
     np.testing.assert_array_equal(one.record["x"], alone.record["x"])
     assert np.abs(two.record["x"]).max() > 1.5 * np.abs(one.record["x"]).max()
+
+
+@pytest.mark.parametrize("way", ["linear", "ffrf"])
+def test_a_run_leaves_no_system_behind(bar, way, monkeypatch):
+    systems = []
+
+    def build(*arguments):
+        system = build_system(*arguments)
+        systems.append(weakref.ref(system))
+        return system
+
+    monkeypatch.setattr(preparation, "build_system", build)
+    simulate(scene(bar, way, scheduled_loop()), excitation(60), time_step=STEP, progress=False)
+    with Simulation(scene(bar, way, scheduled_loop()), time_step=STEP) as run:
+        run.step({"f": 1.0})
+        assert systems[1]()
+    gc.collect()
+    assert [system() for system in systems] == [None, None]
 
 
 def test_inputs_keep_their_value_and_start_where_told(bar):

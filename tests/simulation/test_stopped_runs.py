@@ -33,11 +33,13 @@ from nassim.simulation.exudyn import solver
 from nassim.simulation.linear import exact_steps
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.initial_velocities import starting_energy
-from nassim.simulation.model.reach import MARGIN, Reach, find_reach
+from nassim.simulation.model.reach import Reach, find_reach
 from nassim.simulation.model.stopped_runs import Stopped
 from nassim.systems.controllers import Controller
 
 MASS = 2.0
+MARGIN = 10.0
+"""By how much a loop may move a body farther than forces and drives alone could."""
 METHODS = ("exact", "generalized_alpha")
 
 
@@ -250,6 +252,8 @@ def test_reach_of_what_drives_move():
     slid = replace(carriage(0.0), actuators=(Drive("motor", "guide", "z", "x in"),), loops=())
     moved = find_reach(assemble(slid), ramp, STEP)
     assert moved.at(n - 1)["carriage"] == pytest.approx(moved.size + MARGIN * rate * time, rel=2e-3)
+    stopped = find_reach(assemble(slid), np.minimum(ramp, ramp[0, n // 2]), STEP)
+    np.testing.assert_allclose(stopped.path, moved.path, rtol=1e-12)  # what was thrown goes on
     lagging = (Lagging("force", "carriage.c", NORMAL, "force"),)
     late, prompt = (
         find_reach(assemble(s), np.ones((1, n)), STEP).path

@@ -58,6 +58,13 @@ def test_units_of_axes_and_times_are_those_given():
         assert (found.frequency.attrs["units"], found.wall_time.attrs["units"]) == expected
 
 
+@pytest.mark.parametrize("seed", [0, 7])
+def test_a_studys_seed_is_kept(seed):
+    found = quiet(lambda a, seed: a, samples={"a": [3.0]}, seed=seed)
+    assert found.attrs["seed"] == seed
+    assert "seed" not in quiet(lambda a: a, samples={"a": [3.0]}).attrs
+
+
 def test_an_axis_that_differs_is_named():
     def response(a):
         return FRF([1.0, 2.0, a], np.ones((1, 1, 3), complex), ("y",), ("u",))

@@ -1,6 +1,7 @@
 """What every optional argument of the verbs of linear systems does, and limits a tenth below and above."""
 
 import math
+import warnings
 from dataclasses import replace
 from functools import partial
 
@@ -111,9 +112,9 @@ def tustin_of_lag(**options):
     return (c @ b / (np.exp(2j * np.pi * 310.0 / RATE) - a) + d).item()
 
 
-def from_control(**options):
+def from_control(time_step=0, **options):
     control = pytest.importorskip("control")
-    return controller_from_control(control.ss(-3.0, 1.0, 2.0, 0.0), sample_rate=RATE, **options)
+    return controller_from_control(control.ss(-3.0, 1.0, 2.0, 0.0, time_step), sample_rate=RATE, **options)
 
 
 OMEGA = 2 * np.pi
@@ -260,6 +261,10 @@ LIMITS = {
         "no lead gives",
     ),
     "another rate": (lambda x: open_loop(at_another_rate(1e-9 * x), KEPT, F, **LOOP), "sampled at"),
+    "another rate of python-control": (
+        lambda x: from_control(time_step=(1 + 1e-9 * x) / RATE),
+        "is not the sample rate's",
+    ),
     "a loop at once": (lambda x: with_feedthrough(1e-9 / x), "no solution within a sample"),
     "growing by rounding": (lambda x: noise_budget(first_order(1e-8 * x, -1.0), {"u": 1.0}, F), "unstable model"),
     "at rest": (lambda x: noise_budget(first_order(-1e-8 / x, -1.0), {"u": 1.0}, [0.0, 1.0]), "pole at s = 0"),
@@ -289,6 +294,17 @@ def test_limits_lie_where_they_should(case):
 def test_growth_that_is_no_rounding_is_told():
     assert unstable_poles(first_order(0.9e-8, -1.0)) == ()
     assert len(unstable_poles(first_order(1.1e-8, -1.0))) == 1
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.9, 0), (1.1, 1)])
+def test_coarse_frequencies_are_told_from_two_hundredths_on(share, told):
+    """Of the rms of 1, 1 + e, 1 at 1, 2, 3 Hz, a third of what the middle adds: (1 - sqrt(2 / (2 + e))) / 3."""
+    middle = 2 / (1 - 3 * 0.02 * share) ** 2 - 1
+    nothing = np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1))
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        noise_budget(LinearModel(*nothing, ("u",), ("y",)), {"u": [1.0, middle, 1.0]}, [1.0, 2.0, 3.0])
+    assert sum("frequencies are too coarse" in str(one.message) for one in found) == told
 
 
 def test_a_gain_that_destabilises_is_seen_within_the_given_ones():

@@ -391,6 +391,7 @@ def test_a_long_motion_is_thinned_and_a_small_one_is_known():
     assert view.small
     assert view.motion.time == pytest.approx(np.linspace(0, 0.3, 101))
     assert view.motion.coordinates["bar_2"][-1] == pytest.approx(motion.coordinates["bar_2"][-1])
+    assert view_motion(machine(), motion, frames=1).motion.time == pytest.approx([0.0])
     with pytest.raises(ValueError, match="frames must be 1 or more, got 0"):
         view_motion(machine(), motion, frames=0)
     far = {"bar_1": motion.positions["bar_1"] + 0.1}

@@ -142,6 +142,7 @@ def solve_dynamic(
         system.mbs.SetPreStepUserFunction(run.begin_step)
         # Exudyn's own loop over steps: `SteppedRun` makes the same steps, but costs more for calls into Exudyn.
         failure = _integrate(system, settings, explicit=explicit)
+        system.mbs.SetPreStepUserFunction(0)  # Python cannot collect a cycle through Exudyn
         run.end(failure, spectral_radius)
     return run.watch, run.commands.T
 

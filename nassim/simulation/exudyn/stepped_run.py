@@ -1,6 +1,7 @@
 """Runs of Exudyn's generalized-alpha solver step by step."""
 
 from typing import Any
+from weakref import WeakMethod
 
 import exudyn as exu
 import numpy as np
@@ -45,7 +46,13 @@ class SteppedRun:
         self._jacobians, self._solver = self._start_solver(), self._start_solver()
         self._jacobian: Array | None = None
         self._restored: Array | None = None
-        self._solver.SetUserFunctionComputeNewtonJacobian(system.mbs, self._set_jacobian)
+        weak = WeakMethod(self._set_jacobian)  # Python cannot collect a cycle through Exudyn
+
+        def set_jacobian(*arguments: Any) -> bool:
+            own = weak()
+            return own is not None and own(*arguments)
+
+        self._solver.SetUserFunctionComputeNewtonJacobian(system.mbs, set_jacobian)
         self._sample()
 
     def _start_solver(self) -> Any:
