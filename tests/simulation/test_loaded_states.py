@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from nassim import (
     Bushing,
+    Drive,
     Encoder,
     FlexibleBody,
     ForceSensor,
@@ -24,6 +25,7 @@ from nassim import (
     VoltageSensor,
     craig_bampton,
     fixed,
+    frequency_response,
     linearize,
     revolute,
     simulate,
@@ -37,7 +39,14 @@ from nassim.bodies.readouts import by_name
 from nassim.bodies.stress_stiffness import StressStiffness
 from nassim.fem.meshing import generate_mesh
 from nassim.scene.joints import planar
-from nassim.simulation import assemble, buckling_factors, loaded_state, prestress_scene, reduce_scene
+from nassim.simulation import (
+    assemble,
+    buckling_factors,
+    loaded_state,
+    prestress_scene,
+    reduce_scene,
+    truncation_error,
+)
 from nassim.systems import unstable_poles
 
 GRAVITY = (0, 0, -9.81)
@@ -186,6 +195,19 @@ def test_a_trimmed_hung_bar_keeps_its_stress(hung):
     assert found == pytest.approx([0.43116, 3.74295], rel=1e-3)
 
 
+def test_truncation_errors_hold_under_load(hung):
+    """Estimates compare with the enriched body, which has the stress too."""
+    scene = replace(hanging(keep_modes(hung, 1)), damping_ratio=0.01)
+    push, tip = PointForce("push", "bar.right", "x", "f"), Encoder("tip", "wall.c", "bar.right", "x")
+    scene = replace(scene, actuators=(push,), sensors=(tip,))
+    body = scene.bodies[1]
+    richer = replace(scene, bodies=(scene.bodies[0], replace(body, reduced=body.reduced.enriched)))
+    assert frequencies(richer)[2] == pytest.approx(3.74295, rel=2e-4)
+    frequency = np.array([3.0, 3.5])
+    coarse, fine = (frequency_response(linearize(s), frequency).values for s in (scene, richer))
+    np.testing.assert_allclose(truncation_error(scene, frequency), np.abs(coarse / fine - 1), rtol=1e-6)
+
+
 def test_bodies_without_geometric_stiffness_are_estimated_and_told(hung):
     bare = replace(hung, readouts={})
     with pytest.warns(UserWarning, match=r"stress in body 'bar' under load changes the mode at .* Hz by some \+"):
@@ -194,21 +216,56 @@ def test_bodies_without_geometric_stiffness_are_estimated_and_told(hung):
         assert frequencies(hanging(bare, frame=frame))[2] == pytest.approx(3.743, rel=0.11), frame
 
 
+HEIGHT = np.sqrt(12) / 70
+UNIT = np.sqrt(STEEL.young_modulus * HEIGHT**2 / 12 / STEEL.density)
+"""sqrt(E I / (rho A L^4)) of the blade [rad/s]."""
+
+
+@pytest.fixture(scope="module")
+def blade():
+    """A blade of slenderness 70, 1 m long."""
+    solid = make_bar(length=1.0, side=HEIGHT, material=STEEL, coupling="rbe2")
+    mesh = generate_mesh(solid, element_size=2 * HEIGHT, layer_thickness=0.125, extrude="x")
+    return craig_bampton(meshed(mesh, solid, 4), n_modes=12, geometric_stiffness=True, progress=False)
+
+
 @pytest.mark.filterwarnings("ignore:under the spin")
-def test_rotating_cantilevers():
-    """Slenderness 70, A. Hamza Cherif and A. Houmat: flap and chord at speeds of sqrt(E I / (rho A L^4))."""
-    height = np.sqrt(12) / 70
-    solid = make_bar(length=1.0, side=height, material=STEEL, coupling="rbe2")
-    mesh = generate_mesh(solid, element_size=2 * height, layer_thickness=0.125, extrude="x")
-    body = craig_bampton(meshed(mesh, solid, 4), n_modes=12, geometric_stiffness=True, progress=False)
+def test_rotating_cantilevers(blade):
+    """Flap and chord at some speeds: A. Hamza Cherif and A. Houmat."""
     hub = RigidBody("hub", {"c": np.zeros(3)}, fixed=True)
-    bodies, root = (hub, FlexibleBody("blade", body, rotation=TURN)), fixed("root", "hub.c", "blade.left")
+    bodies, root = (hub, FlexibleBody("blade", blade, rotation=TURN)), fixed("root", "hub.c", "blade.left")
     scene = Scene("blade", bodies, (root,), damping_ratio=0.0)
-    unit = np.sqrt(STEEL.young_modulus * height**2 / 12 / STEEL.density)
     for speed, chord, flap in ((2, 3.6195, 4.1373), (6, 4.2393, 7.3603), (10, 4.97, 11.2023)):
-        poles = np.linalg.eigvals(linearize(scene, angular_velocity=speed * unit * TURN[:, 2]).A)
-        found = np.sort(poles.imag[poles.imag > 0])[:2] / unit
+        poles = np.linalg.eigvals(linearize(scene, angular_velocity=speed * UNIT * TURN[:, 2]).A)
+        found = np.sort(poles.imag[poles.imag > 0])[:2] / UNIT
         assert found == pytest.approx([chord, flap], rel=3e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:under the spin", "ignore:body 'blade' turns at")
+def test_a_prestressed_blade_on_a_drive_in_time(blade):
+    """After a pulse across and along the axis, at a speed of 6; without its stress it is refused as unstable."""
+    ground, shaft = (
+        RigidBody("ground", {"c": np.zeros(3)}, fixed=True),
+        revolute("shaft", "ground.c", "blade.left", "z"),
+    )
+    push = PointForce("push", "blade.right", (0, 1, 1), "f", "blade.right")
+    sensors = tuple(Encoder(axis, "blade.left", "blade.right", axis, "blade.left") for axis in "yz")
+    motor = Drive("motor", "shaft", "rz", speed=6 * UNIT)
+    body = FlexibleBody("blade", blade)
+    scene = Scene("blade", (ground, body), (shaft,), (motor, push), sensors, damping_ratio=0.0)
+    step = 2 * np.pi / (4.24 * UNIT) / 90
+    time = np.arange(1500) * step
+    pulse = TimeHistory(time, 100.0 * (time < 5 * step)[None], ("f",), ("N",))
+    with pytest.raises(ValueError, match="unstable: a drift"):
+        simulate(scene, pulse, time_step=step, progress=False)
+    record = simulate(prestress_scene(scene), pulse, time_step=step, progress=False)
+    for axis, expected in (("y", 4.2393), ("z", 7.3603)):
+        signal = record.values[record.names.index(axis), 20:]
+        tried = expected * np.linspace(0.9, 1.1, 801)
+        waves = np.exp(-1j * UNIT * np.outer(tried, time[20:]))
+        found = tried[np.argmax(np.abs(waves @ ((signal - signal.mean()) * np.hanning(len(signal)))))]
+        assert found == pytest.approx(expected, rel=3e-3)
 
 
 SLENDER = 0.5
