@@ -335,7 +335,7 @@ def test_what_cannot_load_a_scene_is_refused(strip):
         linearize(scene, constant_inputs={"push": 1.0})
     with pytest.raises(ValueError, match="load a scene at rest"):
         linearize(scene, constant_inputs={"force": 1.0}, angular_velocity=(0, 0, 1))
-    with pytest.raises(ValueError, match="no small motion: describe the scene nearer"):
+    with pytest.raises(ValueError, match="under its loads .*no small motion: start nearer"):
         linearize(replace(scene, gravity=3e3 * TURN[:, 2]))
 
 

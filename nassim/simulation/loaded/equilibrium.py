@@ -125,10 +125,7 @@ def check_small(coordinates: Coordinates, values: Array, loads: str) -> None:
         f"{100 * deformation:.2g} % of its size from the reference configuration"
     )
     if max(rotation, deformation) > NOT_SMALL:
-        raise ValueError(
-            f"{found}, which is no small motion: describe the scene nearer to that equilibrium, or leave the effect of "
-            "its loads out by loaded=False"
-        )
+        raise ValueError(f"{found}, which is no small motion: start nearer to that equilibrium")
     if max(rotation, deformation) > WARNED_MOTION:
         warnings.warn(
             f"{found}; the linear model is about that equilibrium, and off by a share of the same size",

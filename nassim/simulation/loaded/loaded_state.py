@@ -153,7 +153,7 @@ def loaded_state(
             stiffness[place, place] += own
     equilibrium = modal.shapes @ (modal.modes.T @ (assembly.coordinates.mass @ hung.displacement))
     if resting and checked:
-        check_small(assembly.coordinates, hung.displacement, "its loads")
+        check_small(assembly.coordinates, hung.displacement, "its loads (left out by loaded=False)")
     if velocity.any():
         rate = float(np.linalg.norm(velocity))
         # Cauchy-Schwarz: the force on a mode of unit mass is at most W^2 times the root of the moment of inertia.
