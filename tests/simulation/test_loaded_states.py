@@ -1,7 +1,7 @@
 """Linear models about loaded equilibria: published machines under gravity and spin, hung and standing bars."""
 
 import warnings
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -39,6 +39,9 @@ from nassim.bodies.readouts import by_name
 from nassim.bodies.stress_stiffness import StressStiffness
 from nassim.fem.meshing import generate_mesh
 from nassim.scene.joints import planar
+from nassim.scene.measures import Displacement
+from nassim.scene.part import ForceElement
+from nassim.scene.terms import NonlinearSpring
 from nassim.simulation import (
     assemble,
     buckling_factors,
@@ -327,6 +330,28 @@ def test_forces_that_follow_a_point_are_told_from_dead_ones(frame, left):
         assert frequencies(scene, constant_inputs={"force": force}) == pytest.approx([expected], rel=1e-6)
 
 
+def test_zieglers_column_flutters_beyond_its_follower_load():
+    """H. Ziegler (1952): two links, masses 2 m and m at their ends, (7/2 - sqrt(2)) k / l; dead loads fall aside."""
+    length, stiffness = 0.5, 10.0
+    ground = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
+    ends = {"foot": (-length, 0, 0), "tip": (0, 0, 0)}
+    links = [
+        RigidBody(name, ends, mass, 1e-9 * np.eye(3), (k * length, 0, 0))
+        for k, name, mass in ((1, "lower", 2.0), (2, "upper", 1.0))
+    ]
+    pairs = (("ground.o", "lower.foot"), ("lower.tip", "upper.foot"))
+    joints = tuple(revolute(f"hinge_{k}", a, b, "z") for k, (a, b) in enumerate(pairs))
+    springs = tuple(Bushing(f"k_{k}", a, b, [0.0] * 3 + [stiffness] * 3) for k, (a, b) in enumerate(pairs))
+    push = PointForce("push", "upper.tip", "x", "force", "upper.tip")
+    scene = Scene("column", (ground, *links), joints, (push,), springs=springs, damping_ratio=0.0)
+    critical = (3.5 - np.sqrt(2)) * stiffness / length
+    below, above = (
+        linearize(scene, constant_inputs={"force": -share * critical}).poles().real.max() for share in (0.995, 1.005)
+    )
+    assert below < 1e-4
+    assert above > 0.1
+
+
 def test_what_cannot_load_a_scene_is_refused(strip):
     scene = standing(strip)
     with pytest.raises(ValueError, match="no load that could grow"):
@@ -335,8 +360,28 @@ def test_what_cannot_load_a_scene_is_refused(strip):
         linearize(scene, constant_inputs={"push": 1.0})
     with pytest.raises(ValueError, match="load a scene at rest"):
         linearize(scene, constant_inputs={"force": 1.0}, angular_velocity=(0, 0, 1))
-    with pytest.raises(ValueError, match="under its loads .*no small motion: start nearer"):
+    with pytest.raises(ValueError, match=r"under its loads .*no small motion: start nearer"):
         linearize(replace(scene, gravity=3e3 * TURN[:, 2]))
+
+
+@dataclass(frozen=True)
+class Hardening(ForceElement):
+    """A spring that hardens, between ground and ball."""
+
+    def terms(self, scene):
+        along = Displacement.between("ground.o", "ball.c", np.array([1.0, 0.0, 0.0]))
+        return (NonlinearSpring(along, force=lambda v, _: 1e3 * v + 1e8 * v**3),)
+
+
+def test_a_constant_force_moves_along_a_springs_law():
+    """Its tangent is that of the equilibrium, where both the linear and the cubic part carry."""
+    ball = RigidBody("ball", {"c": np.zeros(3)}, 2.0, 1e-3 * np.eye(3))
+    ground = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
+    slide, push = Joint("slide", "ground.o", "ball.c", free=("x",)), PointForce("push", "ball.c", "x", "force")
+    scene = Scene("hardening", (ground, ball), (slide,), (push,), springs=(Hardening("spring"),))
+    stretch = 2e-3
+    found = frequencies(scene, constant_inputs={"force": 1e3 * stretch + 1e8 * stretch**3})
+    assert found == pytest.approx([np.sqrt((1e3 + 3e8 * stretch**2) / 2.0) / (2 * np.pi)], rel=1e-5)
 
 
 def strung(tension, axis, **more):
@@ -450,3 +495,13 @@ def test_a_body_made_of_several_has_no_geometric_stiffness(wired):
     two = FlexibleBody("a", body), FlexibleBody("b", body, position=apart)
     scene = Scene("two", two, (fixed("weld", "a.right", "b.left"),))
     assert reduce_scene(scene, "one", points={"left": "a.left"}).stress_stiffness is None
+
+
+def test_stress_belongs_to_deformation_not_to_where_a_body_sags(wired):
+    """A soft foot lets the body turn, but the body's own deformation under its weight is the same."""
+    soft = replace(wired, joints=(), springs=(Bushing("foot", "ground.o", "bar.left", [1e3] * 3 + [1.0] * 3),))
+    found = [
+        loaded_state(assemble(scene), gravity=GRAVITY, checked=False).inside["bar"]
+        for scene in (replace(wired, gravity=GRAVITY), replace(soft, gravity=GRAVITY))
+    ]
+    np.testing.assert_allclose(*found, atol=1e-6 * np.abs(found[0]).max())
