@@ -299,6 +299,16 @@ class Chain(Body):
         return self.n * self.mass, self.position, self.n * self.mass * np.eye(3)
 
 
+def test_a_body_formulation_of_its_own_under_its_weight():
+    """Its points move linearly, so a hung chain has the modes of one in space; a spin is refused by name."""
+    springs = (SpringDamper("wall", "ground.o", "chain.m0", "z", 2e4),)
+    scene = Scene("chain", (GROUND, Chain("chain", 4, 0.2, 3e4)), springs=springs, damping_ratio=0.0)
+    hung = linearize(replace(scene, gravity=(0, 0, -9.81)))
+    np.testing.assert_allclose(np.sort(hung.poles().imag), np.sort(linearize(scene).poles().imag), atol=1e-6)
+    with pytest.raises(ValueError, match="body 'chain' is a Chain, whose centrifugal forces are not known"):
+        linearize(scene, angular_velocity=(0, 0, 1.0))
+
+
 @pytest.mark.parametrize("method", ["exact", "generalized_alpha", "ffrf"])
 def test_a_body_formulation_of_its_own_runs_in_every_engine(method):
     """A chain between a wall and a bar, against its own matrices where the bar is rigidly light and, in all, exact."""

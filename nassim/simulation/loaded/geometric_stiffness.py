@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer, skew
-from nassim.scene.bodies import FlexibleBody
+from nassim.scene.bodies import FlexibleBody, RigidBody
 from nassim.scene.measures import Measure, PointMeasure, Pose
 from nassim.scene.terms import Constraint
 from nassim.simulation.model.assembly import Assembly
@@ -45,7 +45,7 @@ class Frame:
 
 
 def frames(coordinates: Coordinates) -> dict[str, Frame]:
-    """Return the frame of each moving body, by name."""
+    """Return the frame of each moving body, by name; bodies of other formulations move linearly beside a fixed one."""
     scene, result = coordinates.scene, {}
     for name, place in coordinates.slices.items():
         body, _ = scene.split(f"{name}.")
@@ -55,7 +55,8 @@ def frames(coordinates: Coordinates) -> dict[str, Frame]:
             motion[:, place] = body.motion(point)
             result[name] = Frame(body.point_position(point), motion)
         else:
-            motion[:, place] = np.eye(6)
+            if isinstance(body, RigidBody):
+                motion[:, place] = np.eye(6)
             result[name] = Frame(body.position, motion)
     return result
 

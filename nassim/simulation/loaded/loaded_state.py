@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from nassim.base.callers import outside
 from nassim.base.checks import Array, finite, finite_array, freeze, frozen_mapping, known
 from nassim.base.rigid_motion import skew
+from nassim.scene.bodies import FlexibleBody, RigidBody
 from nassim.scene.measures import BodyCoordinates
 from nassim.scene.terms import BaseAcceleration, Driven, PrescribedMotion
 from nassim.simulation.loaded.body_stress import estimated_stress, stress_of_bodies
@@ -198,6 +199,8 @@ def _static_loads(
         loads.stiffness += tangent.rows.T @ (now.stiffness - tangent.stiffness) @ tangent.rows
     for name, place in coordinates.slices.items():
         body, frame = assembly.scene.split(f"{name}.")[0], geometric.frames[name]
+        if not isinstance(body, (RigidBody, FlexibleBody)):
+            continue  # its points move linearly with its coordinates, so its weight has no stiffness
         rotation, origin, _ = integrals(body)
         fall = frame.motion @ hung.acceleration
         turning = rotation.T @ skew(fall[3:])
@@ -220,6 +223,8 @@ def _spin(
         return loads
     for name, place in slices.items():
         body, _ = assembly.scene.split(f"{name}.")
+        if not isinstance(body, (RigidBody, FlexibleBody)):
+            raise ValueError(f"body {name!r} is a {type(body).__name__}, whose centrifugal forces are not known")
         if partition is None or name not in partition.stator:
             terms = inertia_terms(body, geometric.frames[name], place, velocity, axis_point)
             loads.gyroscopic[place, place], loads.stiffness[place, place] = terms.coriolis, terms.stiffness
