@@ -56,6 +56,19 @@ from .fem.condensation import (
     Condensation as Condensation,
     condense as condense,
 )
+from .fem.face_picks import (
+    Extreme as Extreme,
+    NearestTo as NearestTo,
+    OfColour as OfColour,
+    OnBody as OnBody,
+    OnCylinder as OnCylinder,
+    OnPlane as OnPlane,
+    name_faces as name_faces,
+)
+from .fem.faces import (
+    face_table as face_table,
+    list_faces as list_faces,
+)
 from .fem.fe_model import (
     FEModel as FEModel,
 )
@@ -66,8 +79,6 @@ from .fem.reduction import (
     craig_bampton as craig_bampton,
 )
 from .fem.solid import (
-    NearestTo as NearestTo,
-    OnPlane as OnPlane,
     Solid as Solid,
     read_solid as read_solid,
 )

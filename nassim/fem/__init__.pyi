@@ -11,6 +11,20 @@ from .curving import (
     curve_mesh as curve_mesh,
     folded_elements as folded_elements,
 )
+from .face_picks import (
+    Extreme as Extreme,
+    NearestTo as NearestTo,
+    OfColour as OfColour,
+    OnBody as OnBody,
+    OnCylinder as OnCylinder,
+    OnPlane as OnPlane,
+    name_faces as name_faces,
+)
+from .faces import (
+    Face as Face,
+    face_table as face_table,
+    list_faces as list_faces,
+)
 from .fe_model import (
     Coupling as Coupling,
     FEModel as FEModel,
@@ -31,8 +45,6 @@ from .reduction import (
     craig_bampton as craig_bampton,
 )
 from .solid import (
-    NearestTo as NearestTo,
-    OnPlane as OnPlane,
     Solid as Solid,
     body_names as body_names,
     face_names as face_names,
@@ -45,5 +57,6 @@ from .solver import (
     threads as threads,
 )
 from .tessellation import (
+    face_surface as face_surface,
     solid_surface as solid_surface,
 )

@@ -1,6 +1,7 @@
 """Solids: CAD objects that consist of named CAD bodies, with named faces, materials and remote points."""
 
 import itertools
+import re
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -9,22 +10,26 @@ from typing import Any
 
 import netgen.occ as occ
 import numpy as np
-from numpy.typing import ArrayLike
 
-from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, known, unique
+from nassim.base.checks import freeze, frozen_mapping, known, positive, unique
 from nassim.base.library_lock import hold_library_lock
 from nassim.base.warning_log import warn
 from nassim.bodies.interface import RemotePoint
 from nassim.bodies.piezo import ElectricalPort
 from nassim.bodies.readouts import SURFACE
+from nassim.fem.cad_files import millimetres, open_edges, read_bodies, warn_of_tiny_features
+from nassim.fem.face_picks import FacePick, matching, name_faces
 from nassim.fem.materials import Material
 
-CAD_ENDINGS = {".step": ".step", ".stp": ".step", ".iges": ".iges", ".igs": ".iges", ".brep": ".brep"}
 CAD_UNITS = {"m": 1.0, "mm": 1e-3, "inch": 0.0254}
 SHORTEST_SOLID = 1e-6
 """Smallest length of a solid [m]. OpenCASCADE merges points within 1e-7."""
 LONG_SOLID = 10.0
 """Length of a solid from which its CAD was probably drawn in millimetres [m]."""
+SHORT_SOLID = 1e-3
+"""Length of a solid below which its CAD was probably drawn in metres, and read as millimetres [m]."""
+THINNEST_BODY = 1e-7
+"""Smallest thickness of a CAD body, averaged over its faces [m]."""
 OVERLAP = 1e-4
 """Share of the smaller CAD body's volume above which two CAD bodies overlap and do not only touch."""
 
@@ -45,11 +50,11 @@ class Solid:
 
     Raises:
         ValueError: for a CAD body without material, an unknown face or CAD body, a face of two remote points, a CAD
-            body of two ports, a name of both a point and a port ("surface" is reserved), CAD bodies that overlap, and a
-            shape below 1e-6 m
+            body of two ports, a name of both a point and a port ("surface" is reserved), CAD bodies that overlap, are
+            not closed or have no thickness, and a shape below 1e-6 m
 
     Warns:
-        UserWarning: for a shape of 10 m or more
+        UserWarning: for a shape of 10 m or more, or below 1 mm
     """
 
     name: str
@@ -89,118 +94,167 @@ class Solid:
         for body in unique("CAD body of electrical port", (body for port in ports for body in port.bodies)):
             known("CAD body", body, bodies)
         with hold_library_lock(forkable=True):
+            _check_bodies(self.name, list(self.shape.solids))
             _refuse_overlaps(self.name, list(self.shape.solids))
         _check_size(self.name, self.shape)
         freeze(self, materials=frozen_mapping(self.materials), remote_points=points, ports=ports)
-
-
-@dataclass(frozen=True)
-class OnPlane:
-    """Choice of the flat faces that lie in a plane.
-
-    Attributes:
-        point: point on the plane, shape (3,) [m]
-        normal: normal of the plane, shape (3,)
-        several: accept more than one face
-    """
-
-    point: Array
-    normal: Array
-    several: bool = False
-
-    def __post_init__(self) -> None:
-        normal = finite_array("normal", self.normal, (3,))
-        if not np.any(normal):
-            raise ValueError("the normal of a plane must not be zero")
-        freeze(self, point=finite_array("point", self.point, (3,)), normal=normal / np.linalg.norm(normal))
-
-
-@dataclass(frozen=True)
-class NearestTo:
-    """Choice of the face nearest to a point.
-
-    Attributes:
-        point: the point, shape (3,) [m]
-    """
-
-    point: Array
-
-    def __post_init__(self) -> None:
-        freeze(self, point=finite_array("point", self.point, (3,)))
-
-
-FacePick = OnPlane | NearestTo | str
 
 
 def read_solid(
     path: str | Path,
     materials: Material | Mapping[str, Material],
     *,
-    faces: Mapping[str, FacePick] | None = None,
+    faces: Mapping[str, FacePick | Sequence[FacePick]] | None = None,
     remote_points: tuple[RemotePoint, ...] = (),
     unit: str = "mm",
     name: str | None = None,
+    heal: float | None = None,
 ) -> Solid:
     """Read a solid from a STEP, IGES or BREP file (endings in any letter case).
 
+    CAD bodies that touch are glued, so that the mesh is conforming. A CAD body of an assembly has the name of its part.
+    Further instances of the part are "bolt:2", "bolt:3", ... in the order of the file. CAD bodies without a name become
+    "body 1", "body 2", ... `face_table` lists all of them.
+
     Args:
         path: of the file
-        materials: one material for all CAD bodies, or materials by name (CAD bodies without a name become "body 1",
-            "body 2", ...)
-        faces: new face name -> `OnPlane`, `NearestTo` or the name of the face in the file
+        materials: one material for all CAD bodies, or materials by name. The name of a part stands for all of its
+            instances; "*" stands for any text and "?" for one character. An exact name goes before a part, a part
+            before a pattern, and a long pattern before a short one.
+        faces: new face name -> `OnPlane`, `NearestTo`, `Extreme`, `OnCylinder`, `OfColour`, `OnBody`, the name of faces
+            in the file, or a number from `face_table`; a sequence of these names several faces
         remote_points: as in `Solid`; they use the names given in `faces`
         unit: length of one coordinate unit after reading. OpenCASCADE converts STEP and IGES to "mm" from any declared
             unit. Other values are for BREP files, which declare none, and for wrong declarations.
         name: name of the solid (default: that of the file)
+        heal: length below which OpenCASCADE removes edges and slivers and closes gaps between faces [m]; None changes
+            nothing
 
     Raises:
         FileNotFoundError: if there is no such file
-        ValueError: if the file cannot be read, or a choice of faces finds none or too many (the message lists the
-            faces)
+        ValueError: if the file cannot be read, for CAD bodies that overlap or are not closed, for materials of unknown
+            CAD bodies, and if a choice of faces finds none or too many (the message lists the faces)
+
+    Warns:
+        UserWarning: for faces that belong to no CAD body, for edges and faces that are far smaller than the solid, and
+            for CAD bodies that touch no other
     """
     source = Path(path)
+    scale = CAD_UNITS[known("unit", unit, CAD_UNITS)]
+    if heal is not None:
+        positive("heal", heal, "m")
+    label = name or source.stem
     with hold_library_lock(forkable=True):
-        shape = _read_shape(source).Scale(occ.Pnt(0, 0, 0), CAD_UNITS[known("unit", unit, CAD_UNITS)])
-        if len(shape.solids) == 0:
-            raise ValueError(f"{source} holds no CAD body, only surfaces or curves; export solids")
-        for index, body in enumerate(shape.solids, start=1):
-            body.name = body.name or f"body {index}"
-        if len(shape.solids) > 1:
-            shape = glue(list(shape.solids), name=name or source.stem)
-        for face_name, pick in (faces or {}).items():
-            name_faces(shape, face_name, pick)
-        if isinstance(materials, Material):
-            materials = dict.fromkeys(body_names(shape), materials)
-        return Solid(name or source.stem, shape, materials, remote_points)
+        bodies = read_bodies(source, scale, heal=heal)
+        _check_bodies(label, bodies)
+        warn_of_tiny_features(label, bodies, stacklevel=2)
+        shape = _glue(bodies, label, stacklevel=3)
+        if faces:
+            name_faces(shape, faces)
+        return Solid(label, shape, _materials_of(label, body_names(shape), materials), remote_points)
 
 
 def glue(bodies: Sequence[Any], *, name: str = "") -> Any:
     """Join CAD bodies that touch into one shape, in which they share their common faces.
 
     Args:
-        bodies: the CAD bodies
+        bodies: the CAD bodies [m]
         name: name of the solid, for messages
 
     Raises:
         ValueError: if CAD bodies overlap, because the material of the overlap is unknown
+
+    Warns:
+        UserWarning: if CAD bodies do not share faces with the others
     """
+    return _glue(bodies, name, stacklevel=3)
+
+
+def _glue(bodies: Sequence[Any], name: str, *, stacklevel: int) -> Any:
+    """Glue CAD bodies; `stacklevel` is that of warnings."""
+    if len(bodies) == 1:
+        return bodies[0]
     _refuse_overlaps(name, bodies)
-    return occ.Glue(list(bodies))
+    shape = occ.Glue(list(bodies))
+    _warn_of_loose_bodies(name, list(shape.solids), stacklevel=stacklevel)
+    return shape
+
+
+def _materials_of(
+    name: str, bodies: Sequence[str], materials: Material | Mapping[str, Material]
+) -> Mapping[str, Material]:
+    """Return materials by CAD body from materials by CAD body, part or pattern."""
+    if isinstance(materials, Material):
+        return dict.fromkeys(bodies, materials)
+    parts = {body: re.sub(r":\d+$", "", body) for body in bodies}
+    for key in materials:
+        if key not in parts.values() and not matching(key, bodies):
+            raise ValueError(
+                f"solid {name!r} has no CAD body for the material {key!r}; its CAD bodies are {', '.join(bodies)}"
+            )
+    patterns = sorted(materials, key=len, reverse=True)
+    keys = {
+        body: [key for key in (body, part, *(k for k in patterns if body in matching(k, bodies))) if key in materials]
+        for body, part in parts.items()
+    }
+    return {body: materials[found[0]] for body, found in keys.items() if found}
+
+
+def _check_bodies(name: str, bodies: Sequence[Any]) -> None:
+    """Raise ValueError for CAD bodies that are not closed or have no thickness."""
+    for body in bodies:
+        label = f"solid {name!r}: CAD body {body.name or ''!r}"
+        gaps = open_edges(body)
+        if gaps:
+            raise ValueError(
+                f"{label} is not closed: {len(gaps)} of its edges bound only one face, one at "
+                f"{millimetres(gaps[0].center)}; repair it in the CAD, or close small gaps by read_solid(..., heal=...)"
+            )
+        thickness = 2 * body.mass / sum(face.mass for face in body.faces)
+        if abs(thickness) < THINNEST_BODY:
+            raise ValueError(
+                f"{label} has no thickness: its volume is {1e9 * body.mass:.3g} mm3, {1e6 * thickness:.2g} um times "
+                f"half of its surface; at least {1e6 * THINNEST_BODY:g} um are needed"
+            )
+        if thickness < 0:
+            raise ValueError(f"{label} is inside out: its volume is {1e9 * body.mass:.3g} mm3; reverse it in the CAD")
 
 
 def _refuse_overlaps(name: str, bodies: Sequence[Any]) -> None:
-    """Raise ValueError for CAD bodies that overlap."""
+    """Raise ValueError for CAD bodies that overlap. Those that share a face are glued, and gluing leaves no overlap."""
+    faces = [set(body.faces) for body in bodies]
     boxes = [np.array([tuple(corner) for corner in body.bounding_box]) for body in bodies]
     for (i, a), (j, b) in itertools.combinations(enumerate(bodies), 2):
         apart = np.any((boxes[i][0] >= boxes[j][1]) | (boxes[j][0] >= boxes[i][1]))
-        shared = 0.0 if apart else (a * b).mass
+        common = None if apart or faces[i] & faces[j] else a * b
+        shared = 0.0 if common is None else common.mass
         smaller = min(a.mass, b.mass)
-        if shared > OVERLAP * smaller:
+        if common is not None and shared > OVERLAP * smaller:
             raise ValueError(
                 f"solid {name!r}: CAD bodies {a.name or ''!r} and {b.name or ''!r} share "
-                f"{100 * shared / smaller:.2g} % of the smaller one's volume, so its material there is "
-                "unknown: cut one by the other in the CAD"
+                f"{100 * shared / smaller:.2g} % of the smaller one's volume, {1e9 * shared:.3g} mm3 around "
+                f"{millimetres(common.center)}, so its material there is unknown: cut one by the other in the CAD"
             )
+
+
+def _warn_of_loose_bodies(name: str, bodies: Sequence[Any], *, stacklevel: int) -> None:
+    """Warn of glued CAD bodies that are not connected to the first one by common faces."""
+    faces = [set(body.faces) for body in bodies]
+    joined, loose = [0], [*range(1, len(bodies))]
+    for i in joined:  # grows
+        touching = [j for j in loose if faces[i] & faces[j]]
+        joined += touching
+        loose = [j for j in loose if j not in touching]
+    if not loose:
+        return
+    gaps = [(min(bodies[i].Distance(bodies[j]) for i in joined), bodies[j].name or "") for j in loose]
+    gap, nearest = min(gaps)
+    others = f" (and {len(loose) - 1} more)" if len(loose) > 1 else ""
+    warn(
+        f"solid {name!r}: CAD body {nearest!r}{others} has no face in common with the others; the smallest gap is "
+        f"{1e3 * gap:.3g} mm: it moves on its own unless you join it",
+        stacklevel=stacklevel + 1,
+    )
 
 
 def _check_size(name: str, shape: Any) -> None:
@@ -211,29 +265,11 @@ def _check_size(name: str, shape: Any) -> None:
             f"solid {name!r} is {size:g} m long; at least {SHORTEST_SOLID:g} m is needed, and shapes are in metres: "
             "check the CAD file's unit"
         )
-    if size >= LONG_SOLID:
+    if not SHORT_SOLID <= size < LONG_SOLID:
         warn(
-            f"solid {name!r} is {size:g} m long; shapes are in metres: check the CAD file's unit if that is too long",
+            f"solid {name!r} is {size:g} m long; shapes are in metres: check the CAD file's unit unless that is right",
             stacklevel=4,
         )
-
-
-def name_faces(shape: Any, name: str, pick: FacePick) -> None:
-    """Give the chosen face of a shape [m] a name.
-
-    Args:
-        shape: OpenCASCADE shape
-        name: new name
-        pick: choice of the face
-
-    Raises:
-        ValueError: if the choice fails; the message lists the faces
-    """
-    chosen = _pick(shape, name, pick)
-    for face in shape.faces:
-        # A face between two CAD bodies is listed once for each side; both entries need the name.
-        if any(_same_place(face, other) for other in chosen):
-            face.name = name
 
 
 def body_names(shape: Any) -> tuple[str, ...]:
@@ -253,63 +289,3 @@ def shape_bytes(shape: Any) -> bytes:
         shape.WriteBrep(str(file))
         names = [body.name or "" for body in shape.solids] + [face.name or "" for face in shape.faces]
         return file.read_bytes() + "\n".join(names).encode()
-
-
-def _read_shape(source: Path) -> Any:
-    """Read a CAD file."""
-    ending = CAD_ENDINGS.get(source.suffix.lower())
-    if ending is None:
-        raise ValueError(f"{source}: unknown ending {source.suffix!r}; known: {', '.join(CAD_ENDINGS)}")
-    if not source.is_file():
-        raise FileNotFoundError(f"no such CAD file: {source}")
-    with tempfile.TemporaryDirectory() as folder:
-        # OpenCASCADE's readers accept only endings in lower case.
-        copy = Path(folder) / f"shape{ending}"
-        copy.write_bytes(source.read_bytes())
-        try:
-            return occ.OCCGeometry(str(copy)).shape
-        except Exception as error:
-            raise ValueError(f"{source} is not a readable {ending[1:].upper()} file: {error}") from error
-
-
-def _pick(shape: Any, name: str, pick: FacePick) -> list[Any]:
-    """Return the faces of a choice."""
-    faces = list(shape.faces)
-    if isinstance(pick, str):
-        found = [face for face in faces if face.name == pick]
-        several = True
-    elif isinstance(pick, OnPlane):
-        found = [face for face in faces if _lies_on(face, pick)]
-        several = pick.several
-    else:
-        vertex = occ.Vertex(occ.Pnt(*map(float, pick.point)))
-        distances = np.array([face.Distance(vertex) for face in faces])
-        found = [face for face, distance in zip(faces, distances, strict=True) if distance <= distances.min() + 1e-9]
-        several = False
-    found = [f for i, f in enumerate(found) if not any(_same_place(f, other) for other in found[:i])]
-    if found and (several or len(found) == 1):
-        return found
-    problem = "finds no face" if not found else f"finds {len(found)} faces, one is wanted"
-    listing = "\n".join(f"  {_describe(face)}" for face in (found or faces))
-    raise ValueError(f"face {name!r}: {pick} {problem}. {'Found' if found else 'The solid has'}:\n{listing}")
-
-
-def _lies_on(face: Any, plane: OnPlane) -> bool:
-    """Return whether a face is in a plane: centre on the plane, no variance of the area along the normal."""
-    inertia = np.array([[face.inertia[i, j] for j in range(3)] for i in range(3)])
-    spread = 0.5 * np.trace(inertia) - plane.normal @ inertia @ plane.normal
-    offset = (np.array(tuple(face.center)) - plane.point) @ plane.normal
-    return bool(abs(offset) < 1e-7 and np.sqrt(max(spread, 0.0) / face.mass) < 1e-7)
-
-
-def _same_place(face: Any, other: Any) -> bool:
-    """Return whether two faces are in the same place."""
-    distance: ArrayLike = np.array(tuple(face.center)) - np.array(tuple(other.center))
-    return bool(np.linalg.norm(distance) < 1e-9 and abs(face.mass - other.mass) < 1e-9 * abs(face.mass))
-
-
-def _describe(face: Any) -> str:
-    """Return a line of text about a face."""
-    x, y, z = (1e3 * c for c in tuple(face.center))
-    label = f", named {face.name!r}" if face.name else ""
-    return f"{1e6 * face.mass:.4g} mm2 around ({x:.4g}, {y:.4g}, {z:.4g}) mm{label}"

@@ -1,11 +1,14 @@
 """Faces of a CAD object as triangles, for images without a mesh."""
 
-import netgen.occ as occ
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
 from nassim.base.checks import Array
 from nassim.base.library_lock import hold_library_lock
 from nassim.bodies.readouts import Surface
+from nassim.fem.faces import list_faces, occ_faces, solid_triangles
 from nassim.fem.solid import Solid
 
 SAME_CORNER = 1e-6
@@ -23,17 +26,33 @@ def solid_surface(solid: Solid) -> Surface:
         solid: the solid
     """
     owner = {face: point.name for point in solid.remote_points for face in point.faces}
+    with hold_library_lock(forkable=True):
+        bodies = list(solid.shape.solids)
+        return _surface(bodies, [owner.get(face.name, body.name or "") for body in bodies for face in body.faces])
+
+
+def face_surface(shape: Any) -> Surface:
+    """Return the outer faces of a shape as triangles, labelled with the description of each face.
+
+    Args:
+        shape: OpenCASCADE shape in metres
+    """
+    with hold_library_lock(forkable=True):
+        labels = dict(zip(occ_faces(shape), map(str, list_faces(shape)), strict=True))
+        bodies = list(shape.solids) or [shape]
+        return _surface(bodies, [labels[face] for body in bodies for face in body.faces])
+
+
+def _surface(bodies: Sequence[Any], labels: Sequence[str]) -> Surface:
+    """Return the outer faces of CAD bodies as triangles, given the labels of all faces of all bodies."""
     corners: list[Array] = []
     numbers: list[Array] = []
-    labels: list[str] = []
     middles: list[tuple[float, ...]] = []
-    with hold_library_lock(forkable=True):
-        for body in solid.shape.solids:
-            drawing, faces = occ.OCCGeometry(body)._visualizationData(), list(body.faces)
-            corners.append(np.asarray(drawing["vertices"], dtype=float).reshape(-1, 3))
-            numbers.append(np.asarray(drawing["indices"], dtype=int) + len(middles))
-            labels += [owner.get(face.name, body.name or "") for face in faces]
-            middles += [(*face.center, face.mass) for face in faces]
+    for body in bodies:
+        triangles, _, owner = solid_triangles(body)
+        corners.append(triangles.reshape(-1, 3))
+        numbers.append(owner + len(middles))
+        middles += [(*face.center, face.mass) for face in body.faces]
     places = np.array(middles)
     outer = np.sum(np.all(np.abs(places[:, None] - places) < SAME_FACE, axis=2), axis=1) == 1
     face = np.concatenate(numbers)

@@ -74,6 +74,7 @@ def save_picture(
             plotter.subplot(*divmod(k, columns))
             _draw(pyvista, plotter, view, drawing, mesh=mesh, alone=len(names) == 1)
             _aim(plotter, view, unit_vector(camera))
+            _draw_numbers(pyvista, plotter, view)
         buffer = io.BytesIO()
         plotter.screenshot(buffer)
         plotter.close()
@@ -162,7 +163,7 @@ def _draw(pyvista: Any, plotter: Any, view: View, drawing: _Drawing, *, mesh: bo
         legend = legend if len(legend) <= MOST_NAMES else {}
         if drawing.lengths is None:
             _draw_marks(pyvista, plotter, view)
-            legend |= {f"{mark.kind}s": MARK_COLORS[mark.kind] for mark in view.marks}
+            legend |= {f"{mark.kind}s": MARK_COLORS[mark.kind] for mark in view.marks if mark.kind != "face"}
         _add_legend(pyvista, plotter, legend)
     elif alone:
         text = {"title": f"share of the largest {drawing.quantity}", "color": "black", "vertical": False, "n_labels": 3}
@@ -218,8 +219,9 @@ def _draw_marks(pyvista: Any, plotter: Any, view: View) -> None:
     """Draw points and lines of marks in front of all shapes, and their names, joined for marks in one place."""
     reach = 60.0 * view.size
     named: dict[tuple[float, ...], list[str]] = {}
+    others = [mark for mark in view.marks if mark.kind != "face"]
     for kind, color in MARK_COLORS.items():
-        marks = [mark for mark in view.marks if mark.kind == kind]
+        marks = [mark for mark in others if mark.kind == kind]
         places = [[1e3 * _place(view, end) for end in mark.ends] for mark in marks]
         for mark, ends in zip(marks, places, strict=True):
             named.setdefault(tuple(np.round(ends[-1], 6)), []).append(mark.name)
@@ -235,10 +237,26 @@ def _draw_marks(pyvista: Any, plotter: Any, view: View) -> None:
             actors.append(plotter.add_mesh(lines, color=color, line_width=3, lighting=False))
         for actor in actors:
             _bring_forward(actor, BEFORE_ALL)
-    if named and len(view.marks) <= MOST_NAMES:
+    if named and len(others) <= MOST_NAMES:
         texts = [f"  {', '.join(dict.fromkeys(names))}" for names in named.values()]
         style = {"always_visible": True, "shape": None, "font_size": 17, "bold": False, "show_points": False}
         plotter.add_point_labels(np.array(list(named)), texts, text_color="black", **style)
+
+
+def _draw_numbers(pyvista: Any, plotter: Any, view: View) -> None:
+    """Draw the names of the faces whose marks the camera sees."""
+    places = {mark.name: 1e3 * _place(view, mark.ends[0]) for mark in view.marks if mark.kind == "face"}
+    bodies = [
+        pyvista.PolyData.from_regular_faces(1e3 * shape.points, shape.form.surface.triangles) for shape in view.shapes
+    ]
+    seen = {
+        name: place
+        for name, place in places.items()
+        if not any(len(body.ray_trace(place, plotter.camera.position)[0]) for body in bodies)
+    }
+    if seen:
+        style = {"always_visible": True, "shape": None, "font_size": 17, "bold": False, "show_points": False}
+        plotter.add_point_labels(np.array(list(seen.values())), list(seen), text_color="black", **style)
 
 
 def _rods(mark: Mark, ends: Sequence[Array], reach: float) -> list[tuple[Array, Array]]:

@@ -15,7 +15,10 @@ from nassim.scene.scene import Scene
 from nassim.simulation.model.recorded_motion import scene_modes
 from nassim.viewer.forms import MATERIALS, body_form, bushing_sides, label_colors, scene_form
 from nassim.viewer.marks import point_mark, scene_marks
-from nassim.viewer.views import Form, Mode, Shape, View
+from nassim.viewer.views import Form, Mark, Mode, Shape, View
+
+LIFT = 0.003
+"""Distance of the number of a face from the face, over the size."""
 
 if TYPE_CHECKING:
     from nassim.bodies.interface import RemotePoint
@@ -32,6 +35,29 @@ def view_solid(solid: "Solid") -> View:
     from nassim.fem.tessellation import solid_surface  # noqa: PLC0415  loads OpenCASCADE
 
     return _at_rest(solid.name, solid_surface(solid), solid.remote_points, "CAD")
+
+
+def view_faces(solid: "Solid") -> View:
+    """Return a view of the outer faces of a CAD object with their numbers.
+
+    Args:
+        solid: the CAD object.
+    """
+    from nassim.fem.faces import list_faces  # noqa: PLC0415  loads OpenCASCADE
+    from nassim.fem.tessellation import face_surface  # noqa: PLC0415
+
+    surface = face_surface(solid.shape)
+    faces = [face for face in list_faces(solid.shape) if len(face.bodies) == 1]
+    lift = LIFT * np.ptp(surface.points, axis=0).max()
+    numbers = tuple(str(face.number) for face in faces)
+    form = Form(surface, numbers, np.array([face.place + lift * face.normal for face in faces]))
+    pale = label_colors(replace(surface, labels=tuple(face.bodies[0] for face in faces)), ())
+    shape = Shape(solid.name, form, colors={str(face): face.colour or pale[face.bodies[0]] for face in faces})
+    marks = tuple(
+        Mark(number, "face", ((solid.name, number),), text=str(face).partition(": ")[2])
+        for number, face in zip(numbers, faces, strict=True)
+    )
+    return View(f"{solid.name}: faces", (shape,), marks)
 
 
 def view_mesh(fe_model: "FEModel") -> View:

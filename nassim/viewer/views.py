@@ -20,6 +20,7 @@ MARK_COLORS = {
     "spring": "#2ca02c",
     "actuator": "#d9480f",
     "sensor": "#7b2cbf",
+    "face": "#37474f",
 }
 """Colours of marks by kind."""
 SHARP = np.cos(np.radians(40.0))
@@ -119,7 +120,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class Mark:
-    """Mark of a part without a surface: a remote point, a joint, a spring, an actuator or a sensor.
+    """Mark of a part without a surface (a remote point, a joint, a spring, an actuator, a sensor), or of a CAD face.
 
     Attributes:
         name: name for the user.

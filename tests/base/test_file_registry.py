@@ -88,6 +88,8 @@ NOT_DATA = {
         "Summand",
         "RigidGroups",
     ),
+    # description of a face of a shape, which is not saved either
+    "Face",
     # contents of a page or an image
     *("Block", "Form", "Mark", "Mode", "Shape", "View"),
     # runs of a study, which has its own folder and results

@@ -6,11 +6,12 @@ import exudyn as exu
 import numpy as np
 import pytest
 from conftest import lattice, make_bar
+from scipy.spatial.transform import Rotation
 
 from nassim import FlexibleBody, Scene, build_fe_model, craig_bampton
 from nassim.base.rigid_motion import rigid_motions
 from nassim.bodies.floating_frame import floating_frame
-from nassim.bodies.inertia import estimate_gram, rigid_inertia
+from nassim.bodies.inertia import RigidInertia, estimate_gram, rigid_inertia
 from nassim.bodies.projection import trim_body
 from nassim.simulation.exudyn.solver import solve_dynamic
 from nassim.simulation.exudyn.system import build_system
@@ -31,6 +32,18 @@ GUESSED = ("position_rotated", "rotated_flexible", "rotated_rotated")
 @pytest.fixture(scope="module")
 def bar():
     return craig_bampton(build_fe_model(make_bar(), element_size=0.01, order=2, progress=False), progress=False)
+
+
+def test_a_box_is_known_by_its_inertia():
+    """Sides a, b, c: moments m (b^2 + c^2) / 12 and so on, about any axes."""
+    sides, mass = np.array([0.03, 0.5, 0.2]), 4.0
+    turn = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
+    inertia = turn @ np.diag(mass / 12 * (np.sum(sides**2) - sides**2)) @ turn.T
+    centre = np.array([0.1, -0.2, 0.3])
+    about = inertia + mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    found = RigidInertia(mass, centre, about, 0.0)
+    np.testing.assert_allclose(found.box, np.sort(sides**2), rtol=1e-9)
+    assert found.box_density == pytest.approx(mass / np.prod(sides), rel=1e-9)
 
 
 def forgetful(body):

@@ -20,6 +20,7 @@ from nassim.kinematics import (
     strut_directions,
     strut_forces,
     strut_frames,
+    strut_strokes,
     workspace,
 )
 
@@ -146,6 +147,14 @@ def too_short(gap):
     platform = skewed(10.0)
     flat = inverse_kinematics(platform, [0, 0, -0.09])
     return forward_kinematics(platform, flat - gap * inverse_kinematics(platform).mean())
+
+
+def test_a_stroke_counts_both_ways():
+    """About a point halfway up a tall platform, where both ends of a strut lie opposite, turns shorten it by more."""
+    tall = StewartPlatform.from_angles(**{**RING, "height": 1.0}, point=(0, 0, -0.5))
+    strokes = strut_strokes(tall, workspace(tall, (0, 0, 0, 1, 0.5, 0), stroke=5e-3))
+    assert -strokes.min() == pytest.approx(5e-3, rel=1e-9)
+    assert 1e-3 < strokes.max() < 4.999e-3
 
 
 LIMITS = {

@@ -76,6 +76,13 @@ def test_a_duration_is_a_whole_number_of_steps(duration, fits):
         steady(1.0, duration=duration)
 
 
+def test_rounding_loses_no_step():
+    """0.3 s over 0.1 s is 2.9999999999999996 in floating point: three steps."""
+    history = TimeHistory(0.1 * np.arange(5), np.zeros((1, 5)), ("push",), ("N",))
+    run = simulate(held(), history, time_step=0.1, duration=0.3, method="exact", progress=False)
+    assert len(run.time) == 4
+
+
 def test_a_duration_ends_with_the_excitation():
     with pytest.raises(ValueError, match=r"duration 0.011 s is longer than the excitation \(0.01 s\)"):
         steady(1.0, duration=0.011)

@@ -436,7 +436,7 @@ FASTER = {
 @pytest.mark.parametrize("name", FASTER)
 def test_faster_items_are_the_general_ones(name, monkeypatch):
     """A block released beside a flexible bar that swings: large motion, bodies turned about odd axes."""
-    from nassim.simulation.exudyn import springs
+    from nassim.simulation.exudyn import outputs, springs
 
     body = reduced()
     bar = FlexibleBody("bar", body, -ODD @ body.point("left").position, ODD, angular_velocity=(1.0, -2.0, 3.0))
@@ -446,6 +446,8 @@ def test_faster_items_are_the_general_ones(name, monkeypatch):
     sensors = (
         *(Encoder(axis, "ground.o", "block.c", axis) for axis in "xyz"),
         Encoder("end", "ground.o", "bar.right", "x"),
+        AngleSensor("twist", "bar.right", "block.c", (0.3, 0.4, -1.2)),
+        Encoder("seen", "bar.right", "block.c", (0.3, 0.4, -1.2), frame="bar.right"),
     )
     scene = Scene(
         "tied",
@@ -457,6 +459,7 @@ def test_faster_items_are_the_general_ones(name, monkeypatch):
     )
     found, _ = free_run(scene, 0.05, 1e-3, start="released", spectral_radius=0.9)
     monkeypatch.setattr(springs, "FASTER_FORCES", {})
+    monkeypatch.setattr(outputs, "FASTER_OUTPUTS", {})
     expected, _ = free_run(scene, 0.05, 1e-3, start="released", spectral_radius=0.9)
     free, _ = free_run(replace(scene, springs=()), 0.05, 1e-3, start="released", spectral_radius=0.9)
     for output in found:
@@ -600,11 +603,13 @@ def test_accelerations_of_any_measure_are_derivatives_of_its_rates():
     measures = {
         "line": Distance("ground.p", "arm.tip"),
         "angle": RotationAngle("arm.tip", np.array([0, 0.6, 0.8]), "ground.o"),
+        "axes": Displacement.between("ground.p", "arm.tip", np.array([0.3, -0.5, 0.8]), axes_of="arm.tip"),
     }
     outputs = tuple(Output(f"{name}{k}", "", m, 2.0, k) for name, m in measures.items() for k in range(3))
     scene = Scene("arm", (GROUND, arm), (hinge,), springs=(Given("out", outputs),), gravity=(5.0, 0, -9.81))
     found, _ = free_run(scene, 0.3, 1e-3, start="released", spectral_radius=0.7)
     for name in measures:
+        assert found[f"{name}0"][0] == pytest.approx(0.0, abs=1e-12)
         for low, high in ((f"{name}0", f"{name}1"), (f"{name}1", f"{name}2")):
             middle = (found[low][2:] - found[low][:-2]) / 2e-3
             np.testing.assert_allclose(found[high][1:-1], middle, rtol=0, atol=3e-3 * np.ptp(middle))

@@ -85,6 +85,28 @@ def scene(bar, way, *loops, **options):
     )
 
 
+class Break(BaseException):
+    """What, like Ctrl-C, is no Exception."""
+
+
+class Interrupted:
+    """A controller that is broken off while it computes, after the first sample."""
+
+    def output(self, measured, time):
+        if time:
+            raise Break
+        return np.zeros(1)
+
+
+def test_a_run_that_is_interrupted_within_a_step_cannot_go_on(bar):
+    loop = Loop("own", PythonController(Interrupted(), sample_rate=1e4), "x", "f")
+    with Simulation(scene(bar, "exact", loop), time_step=STEP, method="exact") as run:
+        with pytest.raises(Break):
+            run.step()
+        with pytest.raises(RuntimeError, match="it was interrupted within a step"):
+            run.step()
+
+
 def excitation(n, name="f", unit="N", size=1.0):
     time = STEP * np.arange(n + 1)
     burst = np.exp(-(((time / time[-1] - 0.4) / 0.17) ** 2))

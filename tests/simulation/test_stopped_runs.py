@@ -33,8 +33,8 @@ from nassim.simulation.exudyn import solver
 from nassim.simulation.linear import exact_steps
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.initial_velocities import starting_energy
-from nassim.simulation.model.reach import Reach, find_reach
-from nassim.simulation.model.stopped_runs import Stopped
+from nassim.simulation.model.reach import GrowingReach, Reach, find_reach
+from nassim.simulation.model.stopped_runs import Stopped, ValidSamples
 from nassim.systems.controllers import Controller
 
 MASS = 2.0
@@ -199,6 +199,14 @@ def test_a_body_may_get_as_far_as_it_is_let(monkeypatch, bar, small, method, mod
         bounded(1.1)
 
 
+def test_trust_does_not_come_back():
+    """Until the last sound look before the first unsound one."""
+    trust = ValidSamples()
+    for sample, sound in ((10, True), (20, True), (30, False), (40, True)):
+        trust.check(sample, valid=sound)
+    assert trust.sample == 20
+
+
 def test_reach_in_closed_form():
     """Under a constant force F, weight and ground acceleration a: size + margin (F / m + g + a) t^2 / 2, and drives."""
     scene = carriage(0.0, gravity=GRAVITY)
@@ -246,6 +254,11 @@ def test_reach_of_what_drives_move():
     spun = find_reach(assemble(replace(scene, actuators=(Drive("motor", "hinge", "rz", speed=rate),))), ramp[:0], STEP)
     own = np.sqrt(2 * starting_energy(wheel(rate)) / 0.7)
     assert spun.at(len(spun.path) - 1)["wheel"] == pytest.approx(reach.size + path + MARGIN * own * time, rel=2e-3)
+    growing = GrowingReach(assemble(wheel(rate)), STEP)
+    pieces = [growing.after(np.zeros((0, k))).path for k in (1, 400, 600)]
+    np.testing.assert_allclose(
+        np.concatenate(pieces), find_reach(assemble(wheel(rate)), np.zeros((0, n)), STEP).path, rtol=1e-9
+    )
     limited = Loop("hold", replace(carriage(0.0).loops[0].controller, limit=2.0), "angle", "angle in")
     assert find_reach(assemble(replace(turned, loops=(limited,))), ramp, STEP).size == pytest.approx(3 * reach.size)
 

@@ -3,11 +3,23 @@
 import sys
 from dataclasses import replace
 
+import netgen.occ as occ
 import numpy as np
 import pytest
+from conftest import STEEL
 from seen import bar, bar_model, machine, turning
 
-from nassim.viewer import picture, save_picture, view_mesh, view_modes, view_motion, view_scene, view_scene_modes
+from nassim import Solid, list_faces
+from nassim.viewer import (
+    picture,
+    save_picture,
+    view_faces,
+    view_mesh,
+    view_modes,
+    view_motion,
+    view_scene,
+    view_scene_modes,
+)
 from nassim.viewer.views import MARK_COLORS
 
 
@@ -40,6 +52,25 @@ def test_a_sheet_of_modes_and_a_frame_of_a_scene(tmp_path):
     frames = [drawn(save_picture(moving, tmp_path / "f.png", frame=k, size=(400, 300))) for k in (0, 6)]
     assert np.mean(np.abs(frames[0] - frames[1]).max(axis=2) > 40) > 0.01
     assert drawn(save_picture(view_scene(machine()), tmp_path / "scene.png", size=(400, 300))).std() > 5
+
+
+def test_a_picture_numbers_the_faces_in_sight(tmp_path, monkeypatch):
+    """A bracket seen from above shows the numbers of its two steps, and not that of its underside."""
+    pyvista = pytest.importorskip("pyvista")
+    told, draw = [], pyvista.Plotter.add_point_labels
+
+    def add_point_labels(self, points, labels, **style):
+        told.extend(labels)
+        return draw(self, points, labels, **style)
+
+    monkeypatch.setattr(pyvista.Plotter, "add_point_labels", add_point_labels)
+    bracket = occ.Box((0, 0, 0), (0.04, 0.02, 0.005)) + occ.Box((0, 0, 0), (0.005, 0.02, 0.03))
+    solid = Solid("bracket", bracket, {"": STEEL})
+    save_picture(view_faces(solid), tmp_path / "faces.png", camera=(0.001, 0.0, 1.0), size=(300, 200))
+    up, down = ({str(f.number) for f in list_faces(bracket) if sign * f.normal[2] > 0.5} for sign in (1, -1))
+    assert (len(up), len(down)) == (2, 1)
+    assert up <= set(told)
+    assert not down & set(told)
 
 
 class Told:

@@ -22,7 +22,7 @@ from nassim import (
 )
 from nassim.bodies import PortCoupling, Surface, trim_body
 from nassim.bodies.readouts import by_name
-from nassim.fem import glue, solid_surface
+from nassim.fem import glue, list_faces, solid_surface
 from nassim.scene import BodyCoordinates, Motion, Output, Sensor, SpringDamper
 from nassim.scene.joints import prismatic
 from nassim.simulation import assemble, traced, trim_scene
@@ -35,6 +35,7 @@ from nassim.viewer import (
     block,
     cylinder,
     view_body,
+    view_faces,
     view_mesh,
     view_modes,
     view_motion,
@@ -81,6 +82,26 @@ def test_a_solid_shows_its_outer_faces_by_owner():
     view = view_solid(solid)
     assert [mark.name for mark in view.marks] == ["tip"]
     assert view.size == pytest.approx(np.sqrt(6) * 1e-3)
+
+
+def test_faces_show_their_numbers():
+    """A red tile on a block: nine faces in sight, each with a mark just outside of it that says what it is."""
+    block_, tile = occ.Box((0, 0, 0), (0.04, 0.03, 0.02)), occ.Box((0, 0, 0.02), (0.04, 0.03, 0.022))
+    block_.name, tile.name = "block", "tile"
+    tile.faces.col = (1, 0, 0)
+    solid = Solid("pair", glue([block_, tile]), {"block": STEEL, "tile": STEEL})
+    view = view_faces(solid)
+    shape = view.shape("pair")
+    faces = {str(face.number): face for face in list_faces(solid.shape) if len(face.bodies) == 1}
+    assert {mark.name: mark.text for mark in view.marks} == {
+        number: str(face).removeprefix(f"face {number}: ") for number, face in faces.items()
+    }
+    for number, face in faces.items():
+        assert area(shape.form.surface, str(face)) == pytest.approx(face.area)
+        height = (shape.form.points[shape.form.index(number)] - face.centre) @ face.normal
+        assert 0 < height < 0.01 * view.size
+    reds = [label for label, color in shape.colors.items() if color == "#ff0000"]
+    assert sorted(reds) == sorted(str(face) for face in faces.values() if face.bodies == ("tile",))
 
 
 def test_a_mesh_shows_its_surface_and_lines_a_hand_made_one_says_it_has_none():

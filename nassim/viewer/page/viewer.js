@@ -111,7 +111,9 @@ const meshes = shapes.flatMap(shape => shape.parts);
 // Marks: dots and rods of constant width on the screen, in front of all shapes because most of them are inside bodies.
 const over = { depthTest: false, transparent: true, opacity: 0.92 };
 const marks = header.marks.map(mark => {
-  const material = new THREE.MeshBasicMaterial({ color: header.kinds[mark.kind], ...over });
+  // Marks of faces are outside of bodies, and those on the far side are hidden.
+  const depthTest = mark.kind === "face";
+  const material = new THREE.MeshBasicMaterial({ color: header.kinds[mark.kind], ...over, depthTest });
   const count = mark.axes.length, arrows = ["actuator", "sensor"].includes(mark.kind);
   const object = new THREE.Group();
   const add = (length, geometry) => Array.from({ length }, () => {
