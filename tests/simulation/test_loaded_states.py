@@ -74,7 +74,7 @@ def frequencies(scene, **options):
 
 @pytest.fixture(scope="module")
 def gravimeter():
-    """V. Lafarga and others' suspended mass: three springs, loaded as drawn; rotates by t about y."""
+    """A published gravimeter in its plane: a mass on three springs, whose lengths are those under its weight."""
     mass_points = {"c": (0, 0, 0), "h": (0, 0, -1.7), "v": (-0.5, 0, -1.7), "w": (0.5, 0, -1.7)}
     ground_points = {"c": (0, 0, 0), "h": (-0.2, 0, -1.7), "v": (-0.5, 0, -1.9), "w": (0.5, 0, -1.9)}
     mass = RigidBody("mass", mass_points, 400.0, 115 * np.eye(3))
@@ -108,8 +108,20 @@ def test_pendulums_swing_and_stand(turn):
     assert frequencies(replace(scene, gravity=turn @ GRAVITY), loaded=False) == pytest.approx([0.0], abs=1e-9)
 
 
+def test_a_pendulum_hangs_on_a_spindle_until_the_spin_throws_it_out():
+    """In the frame that turns about the vertical: g / l - W^2; gravity across the axis is not constant there."""
+    ball = RigidBody("ball", {"hinge": TURN @ [0, 0, 2.3]}, 1.2, 1e-9 * np.eye(3), TURN @ [0, 0, -2.3])
+    bodies = RigidBody("wall", {"o": np.zeros(3)}, fixed=True), ball
+    hinge = revolute("hinge", "wall.o", "ball.hinge", TURN[:, 1])
+    for sideways in (0.0, 5.0):
+        scene = Scene("spindle", bodies, (hinge,), gravity=TURN @ [sideways, 0, -9.81], damping_ratio=0.0)
+        for rate in (0.5, 1.9, 3.0):
+            (square, _) = linearize(scene, angular_velocity=rate * TURN[:, 2]).poles() ** 2
+            assert square == pytest.approx(rate**2 - 9.81 / 2.3, rel=1e-6)
+
+
 def test_a_body_on_two_links():
-    """R. Gasch, K. Knothe, Strukturdynamik 2: rigid links, and line springs of the same length, hold a square body."""
+    """R. Gasch, K. Knothe, Strukturdynamik: rigid links, and line springs of the same length, hold a square body."""
     a, m = 1.75, 8.8
     inertia = 2 / 3 * m * a**2 * np.eye(3)
     ground = RigidBody("ground", {"l": (-3 * a, 0, 3 * a), "r": (3 * a, 0, 3 * a)}, fixed=True)
