@@ -180,11 +180,11 @@ def refuse_first_gradings(monkeypatch, count):
     """Let Netgen fail at the first gradings that are tried."""
     generate, calls = meshing._generate, []
 
-    def fail_first(shape, options):
+    def fail_first(shape, options, *sizes):
         calls.append(options)
         if len(calls) <= count:
             raise meshing.NgException("Meshing failed!")
-        return generate(shape, options)
+        return generate(shape, options, *sizes)
 
     monkeypatch.setattr(meshing, "_generate", fail_first)
 

@@ -61,6 +61,8 @@ NOT_DATA = {
         "Constraints",
         "Coupling",
         "Curve",
+        "Curving",
+        "SampleBlock",
         "Damping",
         "InputChannel",
         "GeometricStiffness",

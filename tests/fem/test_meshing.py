@@ -298,11 +298,11 @@ def test_each_trial_has_its_own_grading_and_size(monkeypatch):
     """Netgen fails four times: finer elements are asked for at last, and the model says so."""
     asked, generate = [], meshing._generate
 
-    def fail_at_first(shape, options):
+    def fail_at_first(shape, options, *sizes):
         asked.append((options["grading"], options["maxh"]))
         if len(asked) < 5:
             raise meshing.NgException("Meshing failed!")
-        return generate(shape, options)
+        return generate(shape, options, *sizes)
 
     monkeypatch.setattr(meshing, "_generate", fail_at_first)
     model = build_fe_model(make_bar(), element_size=0.02, order=2, progress=False)

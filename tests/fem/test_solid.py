@@ -241,30 +241,29 @@ def test_bodies_overlap_from_a_ten_thousandth_of_the_smaller_one():
                 glue([low, high])
 
 
-def test_picks_are_exact_to_a_ten_millionth_of_a_metre():
-    """A plane beside the floor or tilted against it, by the floor's root mean square distance from it."""
-    spread = 0.01 / np.sqrt(12)
+def test_picks_are_exact_to_a_thousandth_of_a_millimetre_and_of_a_radian():
+    """A plane beside the floor, or tilted against it about the floor's centre."""
     for share in (0.9, 1.1):
-        beside = OnPlane((0.005, 0.01, 1e-7 * share), (0, 0, 1))
-        tilted = OnPlane((0.005, 0.01, 0), (1e-7 * share / spread, 0, 1))
+        beside = OnPlane((0.005, 0.01, 1e-6 * share), (0, 0, 1))
+        tilted = OnPlane((0.005, 0.01, 0), (1e-3 * share, 0, 1))
         for pick in (beside, tilted):
             if share < 1:
-                name_faces(shape := block(unit=1.0), "floor", pick)
+                name_faces(shape := block(unit=1.0), {"floor": pick})
                 assert [face.center.z for face in shape.faces if face.name == "floor"] == [0.0]
             else:
                 with pytest.raises(ValueError, match="finds no face"):
-                    name_faces(block(unit=1.0), "floor", pick)
+                    name_faces(block(unit=1.0), {"floor": pick})
 
 
 def test_two_faces_are_equally_near_to_a_billionth_of_a_metre():
     for share in (0.9, 1.1):
         shape, pick = block(unit=1.0), NearestTo((1e-3, 1e-3 + 1e-9 * share, 0.015))
         if share > 1:
-            name_faces(shape, "west", pick)
+            name_faces(shape, {"west": pick})
             assert [face.center.x for face in shape.faces if face.name == "west"] == [0.0]
         else:
             with pytest.raises(ValueError, match="finds 2 faces, one is wanted"):
-                name_faces(shape, "west", pick)
+                name_faces(shape, {"west": pick})
 
 
 def test_bodies_that_touch_on_curved_faces_do_not_overlap():

@@ -731,7 +731,8 @@ def test_a_mode_matches_within_a_tenth_of_the_frequency_and_five_times_the_gain(
     gains = modal_gains(assembly)[:, 0, :1]
     for near, alike in ((0.9, 0.9), (1.1, 0.9), (0.9, 1.1)):
         fit = replace(
-            shifted(bench_fit[0], [assembly.frequency[0] / (1 + sign * 0.1 * near)]), gains=(5 * alike) ** sign * gains
+            shifted(bench_fit[0], [assembly.modal.frequency[0] / (1 + sign * 0.1 * near)]),
+            gains=(5 * alike) ** sign * gains,
         )
         if near < 1 and alike < 1:
             _, report = apply_identification(small_bench, fit, trusted="encoder")
@@ -788,7 +789,7 @@ def test_the_report_tells_how_far_identified_modes_are_from_the_scenes():
 
 def test_modes_that_were_not_measured_may_be_undamped():
     changed, report, _ = apply_to_blocks(0.5, [10.0], unmeasured_damping_ratio=0.0)
-    np.testing.assert_array_equal(assemble(changed).damping.ratio, [0.01, 0.0])
+    np.testing.assert_array_equal(assemble(changed).modal.damping.ratio, [0.01, 0.0])
     assert dict(report.unmeasured) == {"mode 2": 0.0}
 
 

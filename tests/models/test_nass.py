@@ -250,7 +250,7 @@ def test_a_wrench_of_the_pose_loop_moves_the_sample_along_itself():
 
 
 def test_a_spinning_linear_model_needs_stages_alike_across_the_axis():
-    with pytest.raises(ValueError, match="body 'translation': in the turning frame, this changes by"):
+    with pytest.raises(ValueError, match="body 'translation': in the rotor frame, this changes by"):
         linearize(make_nass(STRUT, spindle_rpm=60.0, axes="turning"))
     scene = make_nass(STRUT, stages=alike_across(), spindle_rpm=60.0, axes="turning")
     assert "floor_z" in scene.inputs

@@ -201,10 +201,10 @@ def test_a_body_may_get_as_far_as_it_is_let(monkeypatch, bar, small, method, mod
 
 def test_trust_does_not_come_back():
     """Until the last sound look before the first unsound one."""
-    trust = ValidSamples()
+    valid = ValidSamples()
     for sample, sound in ((10, True), (20, True), (30, False), (40, True)):
-        trust.check(sample, valid=sound)
-    assert trust.sample == 20
+        valid.check(sample, valid=sound)
+    assert valid.last == 20
 
 
 def test_reach_in_closed_form():

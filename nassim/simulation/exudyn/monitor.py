@@ -21,7 +21,7 @@ DIVERGENCE = 1.0
 DRIFT = 1e-2
 """Share of a body's fastest rotation by which its rotation may violate the constraint on its Euler parameters."""
 TURNED = 0.1
-"""Rotation [rad] of a body above which it is not rounding."""
+"""Rotation [rad] of a body since the start of a run above which it is not rounding."""
 
 
 class Monitor:
@@ -162,6 +162,7 @@ class _RotationCheck:
         firsts = [system.mbs.GetNodeODE2Index(system.nodes[name]) + 3 for name in self.names]
         self.places = np.reshape(firsts, (-1, 1)).astype(int) + np.arange(4)
         self.reference = self.data.GetODE2Coordinates(exu.ConfigurationType.Reference)
+        self.start = (self.reference + self.data.GetODE2Coordinates())[self.places]
         self.fastest, self.turned = np.zeros(len(self.names)), np.zeros(len(self.names), dtype=bool)
 
     def fastest_turn(self, name: str) -> float:
@@ -175,7 +176,7 @@ class _RotationCheck:
         parameters = (self.reference + self.data.GetODE2Coordinates())[self.places]
         rates = self.data.GetODE2Coordinates_t()[self.places]
         self.fastest = np.maximum(self.fastest, np.linalg.norm(rates, axis=1))
-        cosines = np.abs(np.sum(parameters * self.reference[self.places], axis=1))
+        cosines = np.abs(np.sum(parameters * self.start, axis=1))
         self.turned |= ~(cosines > np.cos(TURNED / 2))
         apart = np.abs(np.sum(parameters * rates, axis=1))
         parted = self.turned & ~(apart <= DRIFT * self.fastest)

@@ -45,7 +45,7 @@ NO_REST = (
 
 
 @dataclass(frozen=True)
-class _Equations:
+class _SteadyEquations:
     """The system's equations of motion, with V (n, n) and v (n,) of its rotation."""
 
     system: System
@@ -54,7 +54,7 @@ class _Equations:
     shift: Array
 
     @classmethod
-    def of(cls, system: System, twists: Mapping[str, Array]) -> "_Equations":
+    def of(cls, system: System, twists: Mapping[str, Array]) -> "_SteadyEquations":
         """Make the equations of a system with twists of its bodies."""
         solver: Any = exu.MainSolverStatic()
         settings = exu.SimulationSettings()
@@ -139,7 +139,7 @@ class _Motion:
     squares: Array
 
     @classmethod
-    def about(cls, equations: _Equations, x: Array) -> "_Motion":
+    def about(cls, equations: _SteadyEquations, x: Array) -> "_Motion":
         """Linearise the equations about x, (n,)."""
         mass, left = equations.mass(x), equations.left(x)
         violations, rows = equations.constraints(x)
@@ -186,7 +186,7 @@ class _Motion:
         going = v[held].T @ (pushed[held] / values[held])
         return self.back + self.allowed @ (scale * going), float(np.abs(going).max(initial=0.0))
 
-    def poles(self, equations: _Equations, x: Array) -> Array:
+    def poles(self, equations: _SteadyEquations, x: Array) -> Array:
         """Return the poles in the rotating frame [rad/s], with the symmetric part of the stiffness.
 
         The skew part of the stiffness is an artefact of Exudyn's joints.
@@ -217,7 +217,7 @@ def solve_steady_rotation(system: System, twists: Mapping[str, Array]) -> tuple[
     Raises:
         RuntimeError: if there is no equilibrium.
     """
-    equations = _Equations.of(system, twists)
+    equations = _SteadyEquations.of(system, twists)
     speed = max(float(np.linalg.norm(twist[3:])) for twist in twists.values())
 
     def energy_root(x: Array) -> float:
@@ -245,13 +245,13 @@ def solve_loaded_equilibrium(system: System, size: float) -> None:
         raise RuntimeError(NO_EQUILIBRIUM)
     mass = sum(body.rigid_inertia[0] for body in scene.bodies if body.moves)
     falling = float(np.sqrt(2 * mass * gravity * size))
-    equations = _Equations.of(system, {name: np.zeros(6) for name in system.nodes})
+    equations = _SteadyEquations.of(system, {name: np.zeros(6) for name in system.nodes})
     if _come_to_rest(equations, float(np.sqrt(gravity / size)), lambda _: falling):
         raise RuntimeError(NO_EQUILIBRIUM)
 
 
 def _come_to_rest(
-    equations: _Equations, speed: float, energy_root: Callable[[Array], float]
+    equations: _SteadyEquations, speed: float, energy_root: Callable[[Array], float]
 ) -> tuple[UnstablePole, ...]:
     """Find the equilibrium of a system and make it the initial state.
 

@@ -29,7 +29,7 @@ SPARSE_STATES, SPARSE = 200, 0.1
 
 
 @dataclass(frozen=True)
-class Block:
+class SampleBlock:
     """Linear system of several samples.
 
     Attributes:
@@ -96,7 +96,7 @@ class SampleBlocks:
         if closed.by_law:  # every state is then seen without asking a controller twice
             self.first = self.longest = 1
         self._systems: dict[int, StateSpace] = {}
-        self._blocks: dict[int, Block | None] = {}
+        self._blocks: dict[int, SampleBlock | None] = {}
 
     def size(self, sample: int) -> int:
         """Length of the block that begins at a sample."""
@@ -112,7 +112,7 @@ class SampleBlocks:
         return TOGETHER if 2 * size > self.longest else min(TOGETHER, -(-(last - sample) // size))
 
     @np.errstate(over="ignore", invalid="ignore")
-    def system(self, size: int) -> Block | None:
+    def system(self, size: int) -> SampleBlock | None:
         """Linear system of a block; None where it is not linear, and where loops make numbers overflow."""
         if size not in self._blocks:
             closed = self.closed
@@ -127,13 +127,13 @@ class SampleBlocks:
         return self._systems[size]
 
 
-def _as_block(size: int, system: StateSpace) -> Block | None:
+def _as_block(size: int, system: StateSpace) -> SampleBlock | None:
     a, b, c, d = system
     if not all(np.isfinite(part).all() for part in system):
         return None
     sparse = len(a) >= SPARSE_STATES and np.count_nonzero(a) < SPARSE * a.size
     rows = np.hstack([c, d]).reshape(size, -1, len(a) + b.shape[1])
-    return Block(size, scipy.sparse.csr_matrix(a) if sparse else a, b, rows)
+    return SampleBlock(size, scipy.sparse.csr_matrix(a) if sparse else a, b, rows)
 
 
 def take_samples(inputs: Array, begin: int, end: int, n: int) -> Array:
