@@ -188,6 +188,7 @@ def reduced_apa300ml(
     ceramic: Material = PZT,
     mesh: Mapping[str, Any] = MappingProxyType(PRISMS),
     condensed: Condensation | None = None,
+    geometric_stiffness: bool = False,
     progress: bool = True,
 ) -> ReducedBody:
     """Reduce the APA300ML by Craig-Bampton to 5 x 6 + 6 = 36 coordinates.
@@ -207,6 +208,7 @@ def reduced_apa300ml(
             that of the paper
         mesh: further arguments of `build_fe_model`; {} for tetrahedra only
         condensed: condensed FE model with all these arguments, if it exists already
+        geometric_stiffness: also compute its geometric stiffness under loads, see `craig_bampton`
         progress: show the stages and their times
 
     Raises:
@@ -225,7 +227,7 @@ def reduced_apa300ml(
         solid.materials,
         solid.remote_points,
         solid.ports,
-        (element_size, order, n_modes),
+        (element_size, order, n_modes, geometric_stiffness),
         dict(mesh),
         solver_name(),
         code_fingerprint(),
@@ -233,7 +235,13 @@ def reduced_apa300ml(
 
     def build() -> ReducedBody:
         model = condensed or build_fe_model(solid, element_size=element_size, order=order, progress=progress, **mesh)
-        return craig_bampton(model, n_modes=n_modes, discretization=False, progress=progress)
+        return craig_bampton(
+            model,
+            n_modes=n_modes,
+            discretization=False,
+            geometric_stiffness=geometric_stiffness,
+            progress=progress,
+        )
 
     return load_or_compute(solid.name, key, build, progress=progress)
 

@@ -68,6 +68,7 @@ DATA_CLASSES: dict[str, str] = {
     "StackSensor": "nassim.scene.piezo",
     "StewartPlatform": "nassim.kinematics.stewart",
     "Strain": "nassim.bodies.strain",
+    "StressStiffness": "nassim.bodies.stress_stiffness",
     "Superelement": "nassim.exchange.superelement",
     "Surface": "nassim.bodies.readouts",
     "TabulatedSpectrum": "nassim.signals.spectra",

@@ -30,3 +30,6 @@ from .readouts import (
 from .reduced_body import (
     ReducedBody as ReducedBody,
 )
+from .stress_stiffness import (
+    StressStiffness as StressStiffness,
+)

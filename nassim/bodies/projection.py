@@ -14,6 +14,7 @@ from nassim.base.modal import eigenmodes
 from nassim.bodies.readouts import PassivePoint, Picture, by_name
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.bodies.strain import has_rigid_modes, remove_rounding
+from nassim.bodies.stress_stiffness import BODY_FORCES
 
 DEPENDENT_SHAPE = 1e-10
 """Load shapes below this share of the largest energy are rounding errors and are left out.
@@ -32,7 +33,8 @@ def trim_body(body: ReducedBody, *, points: Collection[str], loads: Array, cutof
         body: the reduced body
         points: names of the points that joints may hold; at least one
         loads: forces on the body's coordinates, shape (n, k). Their static responses, and those to voltages at the
-            electrical ports, stay exact at every point.
+            electrical ports, stay exact at every point. The stress of body forces stays exact in the geometric
+            stiffness without them.
         cutoff_frequency: fixed-interface modes (all given points held) above this frequency are left out [Hz]
 
     Raises:
@@ -61,7 +63,18 @@ def trim_body(body: ReducedBody, *, points: Collection[str], loads: Array, cutof
     change = np.zeros((n, len(held) + modes.shape[1] + shapes.shape[1]))
     change[held, np.arange(len(held))] = 1.0
     change[inner] = np.hstack([statics[:, : len(held)], modes, shapes])
-    return replace(project(body, change, points=kept), enriched=body.enriched or remove_surface(body))
+    whole = body
+    if body.stress_stiffness is not None:
+        # Static response to body forces, with the kept points held, that the kept coordinates do not contain.
+        forces = body.gram[:4, 4:].reshape(4, n, 3).transpose(1, 0, 2).reshape(n, BODY_FORCES)[inner]
+        response = np.zeros((n, BODY_FORCES))
+        response[inner] = scale[:, None] * np.linalg.solve(scale[:, None] * stiffness * scale, scale[:, None] * forces)
+        held_still = change[:, len(held) :]
+        within = _congruent(body.stiffness_matrix, held_still)
+        response -= held_still @ np.linalg.solve(within, held_still[inner].T @ forces)
+        stress = body.stress_stiffness.with_responses(response)
+        whole = replace(body, readouts={**body.readouts, stress.name: stress})
+    return replace(project(whole, change, points=kept), enriched=body.enriched or remove_surface(body))
 
 
 def keep_modes(body: ReducedBody, n_modes: int) -> ReducedBody:
@@ -130,13 +143,27 @@ def open_circuit(body: ReducedBody, ports: Mapping[str, float]) -> ReducedBody:
         ports: name -> capacitance connected to the port, such as that of a cable [F]; 0 for none. All other ports stay
             at zero voltage.
     """
-    stiffness = body.stiffness_matrix.copy()
+    stiffness, voltages = body.stiffness_matrix.copy(), {}
     for name, capacitance in ports.items():
         port = body.port(name)
         total = port.blocked_capacitance + not_negative(f"capacitance at port {name!r}", capacitance, "F")
         stiffness += np.outer(port.forces, port.forces) / total
+        voltages[name] = -port.forces / total
     enriched = None if body.enriched is None else open_circuit(body.enriched, ports)
-    return replace(body, stiffness_matrix=stiffness, enriched=enriched)
+    return with_voltage_rows(replace(body, stiffness_matrix=stiffness, enriched=enriched), voltages)
+
+
+def with_voltage_rows(body: ReducedBody, rows: Mapping[str, Array]) -> ReducedBody:
+    """Return a body whose geometric stiffness, if any, includes port voltages that follow its coordinates.
+
+    Args:
+        body: the reduced body
+        rows: name of a port -> its voltage per unit of the coordinates, shape (n,) [V]
+    """
+    if body.stress_stiffness is None:
+        return body
+    stress = body.stress_stiffness.with_voltage_rows(rows)
+    return replace(body, readouts={**body.readouts, stress.name: stress})
 
 
 def keep_ports(body: ReducedBody, names: Collection[str]) -> ReducedBody:

@@ -11,6 +11,7 @@ from nassim.bodies.interface import RemotePoint, coordinate_names, free_coordina
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.readouts import PassivePoint, Picture, Readout, Surface, of_kind
 from nassim.bodies.strain import Strain, body_strain, strain_eigenmodes
+from nassim.bodies.stress_stiffness import StressStiffness
 
 SATURATION = 2.5
 """Ratio of a mesh's whole error to the part of it that elements one order higher remove, as the estimate finds it.
@@ -38,7 +39,8 @@ class ReducedBody:
             1, x, y, z, psi_1x, psi_1y, psi_1z, psi_2x, ..., shape (4 + 3 n, 4 + 3 n), where psi_j is the displacement
             field of coordinate j. It holds all inertia data that large motion needs.
         readouts: further quantities that follow from the coordinates, by name: the surface for images ("surface"),
-            electrical ports, whose static responses the coordinates contain exactly, and passive points
+            electrical ports, whose static responses the coordinates contain exactly, passive points, and the geometric
+            stiffness under loads ("stress stiffness")
         record: how the reduction was made, as text; "warnings" holds the warnings given meanwhile, one per line
         enriched: the same body with the omitted modes as further coordinates. The difference between its results and
             those of this body is the truncation error. None if unknown
@@ -153,6 +155,11 @@ class ReducedBody:
     def ports(self) -> tuple[PortCoupling, ...]:
         """Electrical ports with their forces on the coordinates per volt."""
         return of_kind(self.readouts, PortCoupling)
+
+    @property
+    def stress_stiffness(self) -> StressStiffness | None:
+        """Geometric stiffness under loads; None for a body that was reduced without it."""
+        return next(iter(of_kind(self.readouts, StressStiffness)), None)
 
     @property
     def passive_points(self) -> tuple[RemotePoint, ...]:

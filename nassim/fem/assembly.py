@@ -161,14 +161,18 @@ def replace_materials(fe_model: FEModel, materials: Mapping[str, Material]) -> F
     Raises:
         ValueError: for a model that was not made from a mesh
     """
-    mesh, solid = _source(fe_model)
+    mesh, solid = mesh_and_solid(fe_model)
     changed = replace(solid, materials={**solid.materials, **materials})
     model = assemble_mesh(mesh, changed, fe_model.order)
     return replace(model, description=fe_model.description, warnings=fe_model.warnings)
 
 
-def _source(fe_model: FEModel) -> tuple[Any, Solid]:
-    """Return the mesh and the solid of an FE model; ValueError for a model that was not made from a mesh."""
+def mesh_and_solid(fe_model: FEModel) -> tuple[Any, Solid]:
+    """Return NGSolve's mesh and the solid of an FE model.
+
+    Raises:
+        ValueError: for a model that was not made from a mesh
+    """
     if fe_model._source is None:
         raise ValueError(
             f"FE model {fe_model.name!r} was not made from a mesh by build_fe_model, so its mesh is unknown"
@@ -182,7 +186,7 @@ def refine_order(fe_model: FEModel) -> Refinement:
     Raises:
         ValueError: for a model that was not made from a mesh
     """
-    mesh, solid = _source(fe_model)
+    mesh, solid = mesh_and_solid(fe_model)
     order = fe_model.order
     with threads():
         scalar, fine_scalar = ng.H1(mesh, order=order), ng.H1(mesh, order=order + 1)

@@ -12,6 +12,7 @@ from typing import Any
 import ngsolve as ng
 import numpy as np
 
+from nassim.base.checks import Array
 from nassim.bodies.piezo import ElectricalPort, PortCoupling
 from nassim.fem.regions import bodies
 from nassim.fem.solid import Solid
@@ -53,8 +54,7 @@ def couple_port(mesh: Any, solid: Solid, order: int, port: ElectricalPort) -> Po
                 f"electrical port {port.name!r}: CAD body {body!r} is {1e3 * extent:.4g} mm long along the port's "
                 f"direction, its stack {1e3 * stack.length:.4g} mm; does the direction follow the stack?"
             )
-        lambda_, mu = solid.materials[body].lame_parameters
-        stress = lambda_ * np.trace(strain) * np.eye(3) + 2 * mu * strain
+        stress = blocked_stress(solid, port, body)
         field = ng.CoefficientFunction(tuple(stress.ravel()), dims=(3, 3))
         form += ng.InnerProduct(field, ng.Grad(test)) * ng.dx(definedon=region)
         total += volume
@@ -62,3 +62,11 @@ def couple_port(mesh: Any, solid: Solid, order: int, port: ElectricalPort) -> Po
         capacitance += stack.capacitance - volume * float(np.sum(stress * strain))
     form.Assemble()
     return PortCoupling(port.name, form.vec.FV().NumPy().copy(), capacitance, moment / total)
+
+
+def blocked_stress(solid: Solid, port: ElectricalPort, body: str) -> Array:
+    """Return minus the stress of a CAD body of a port under one volt, if nothing moves, shape (3, 3) [Pa/V]."""
+    lambda_, mu = solid.materials[body].lame_parameters
+    strain = port.strain_per_volt
+    result: Array = lambda_ * np.trace(strain) * np.eye(3) + 2 * mu * strain
+    return result

@@ -16,11 +16,14 @@ from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.projection import keep_modes
 from nassim.bodies.readouts import Picture, Readout, by_name
 from nassim.bodies.reduced_body import ReducedBody, error_text
+from nassim.bodies.stress_stiffness import BODY_FORCES
+from nassim.fem.assembly import mesh_and_solid
 from nassim.fem.condensation import Condensation, condense, deformation_projector
 from nassim.fem.fe_model import FEModel
 from nassim.fem.mesh_error import released_stiffness
 from nassim.fem.modes import check_n_modes, fixed_interface_modes, modes_below, residual_vectors
 from nassim.fem.solver import threads
+from nassim.fem.stress_stiffness import stress_stiffness
 
 DEFAULT_MODES = 6
 LARGEST_N_MODES = 400
@@ -40,6 +43,7 @@ def craig_bampton(
     remote_points: Sequence[str] | None = None,
     ports: Sequence[str] | None = None,
     discretization: bool | None = None,
+    geometric_stiffness: bool = False,
     progress: bool = True,
 ) -> ReducedBody:
     """Reduce an FE model to the motions of its remote points and fixed-interface modes, and estimate the error.
@@ -58,11 +62,15 @@ def craig_bampton(
         discretization: also estimate the error of the finite elements, for `ReducedBody.discretization_errors`, and
             warn where it is large; doubles the time (default: only for a model of `build_fe_model` with an
             element_size; with a tolerance its error is known)
+        geometric_stiffness: also compute the body's geometric stiffness under loads, `ReducedBody.stress_stiffness`,
+            for 12 more solves and one scalar matrix per coordinate, omitted modes included; condensation and reduction
+            then take three to four times as long
         progress: show the stages and the report
 
     Raises:
         ValueError: for no remote points, unknown names, more modes than unknowns, n_modes together with
-            cutoff_frequency or tolerance, and a tolerance that cannot be met (the message gives one that can)
+            cutoff_frequency or tolerance, a tolerance that cannot be met (the message gives one that can), and with
+            geometric_stiffness or discretization for a model that was not made from a mesh
 
     Warns:
         UserWarning: if the estimated error of the finite elements exceeds 2 %
@@ -86,12 +94,16 @@ def craig_bampton(
         if discretization is None:
             discretization = bool(model.rounds) and math.isnan(model.discretization_error)
         kept = model.ports if ports is None else [model.port(name) for name in unique("electrical port", ports)]
+        if geometric_stiffness:
+            mesh_and_solid(model)
         if tolerance is None:
-            rich, count, shapes = _reduce(condensed, count, cutoff_frequency, kept, progress)
+            rich, count, frequency, basis = _reduce(condensed, count, cutoff_frequency, kept, progress)
         else:
-            rich, count, shapes = _reduce_within(condensed, tolerance, cutoff_frequency, kept, progress)
+            rich, count, frequency, basis = _reduce_within(condensed, tolerance, cutoff_frequency, kept, progress)
         if discretization:
-            rich = _with_released_stiffness(rich, condensed, shapes, progress)
+            rich = _with_released_stiffness(rich, condensed, frequency, basis[1], progress)
+        if geometric_stiffness:
+            rich = _add_stress_stiffness(rich, condensed, basis, kept, progress)
         body = keep_modes(rich, count)
         error = _mesh_error(body, model)
         if discretization:
@@ -109,10 +121,12 @@ def _reduce(
     cutoff_frequency: float | None,
     ports: Sequence[PortCoupling],
     progress: bool,
-) -> tuple[ReducedBody, int, tuple[Array, Array]]:
-    """Return the body with extra modes and the vectors for all other modes, the number of modes to keep, and all modes.
+) -> tuple[ReducedBody, int, Array, list[Array]]:
+    """Reduce with extra modes and with vectors for all other modes.
 
-    The modes are frequencies [Hz] and shapes (n_dofs, p).
+    Returns:
+        The body; the number of modes to keep; the frequencies of its modes [Hz]; its basis: constraint modes, modes and
+        vectors for other modes, of n_dofs rows each.
     """
     with stage("fixed-interface modes", unit="solves", enabled=progress) as advance:
         if cutoff_frequency is None:
@@ -126,17 +140,17 @@ def _reduce(
     with stage("integrals", enabled=progress), threads():
         parts = [condensed.constraint_modes, modes, vectors]
         rich = _project(condensed, np.concatenate([frequency, more]), parts, ports)
-    return rich, n_modes, (frequency, modes)
+    return rich, n_modes, frequency, parts
 
 
 def _with_released_stiffness(
-    rich: ReducedBody, condensed: Condensation, modes: tuple[Array, Array], progress: bool
+    rich: ReducedBody, condensed: Condensation, frequency: Array, modes: Array, progress: bool
 ) -> ReducedBody:
     """Return the body with the estimate of its discretisation error; the vectors for other modes have none."""
     with stage("discretisation error", unit="steps", enabled=progress) as advance:
         released = np.zeros_like(rich.stiffness_matrix)
-        n = len(condensed.stiffness) + len(modes[0])
-        released[:n, :n] = released_stiffness(condensed, *modes, advance=advance)
+        n = len(condensed.stiffness) + len(frequency)
+        released[:n, :n] = released_stiffness(condensed, frequency, modes, advance=advance)
     return replace(rich, released_stiffness=released)
 
 
@@ -146,22 +160,32 @@ def _reduce_within(
     cutoff_frequency: float | None,
     ports: Sequence[PortCoupling],
     progress: bool,
-) -> tuple[ReducedBody, int, tuple[Array, Array]]:
+) -> tuple[ReducedBody, int, Array, list[Array]]:
     """Return the same as `_reduce`, with the smallest number of modes whose estimated errors meet a tolerance."""
     most = min(LARGEST_N_MODES, condensed.fe_model.n_dofs // 2 - 2)
     available = min(2 * DEFAULT_MODES, most)
     while True:
-        rich, _, shapes = _reduce(condensed, available, None, ports, progress)
+        rich, _, frequency, basis = _reduce(condensed, available, None, ports, progress)
         errors = [_worst_truncation(keep_modes(rich, count), cutoff_frequency) for count in range(available + 1)]
         within = np.flatnonzero(np.array(errors) <= tolerance)
         if within.size:
-            return rich, int(within[0]), shapes
+            return rich, int(within[0]), frequency, basis
         if available == most:
             raise ValueError(
                 f"tolerance {tolerance:g} is out of reach: {int(np.argmin(errors))} of at most {most} modes leave an "
                 f"estimated error of {min(errors):.2g}; ask for that or more, or give cutoff_frequency or n_modes"
             )
         available = min(2 * available, most)
+
+
+def _add_stress_stiffness(
+    body: ReducedBody, condensed: Condensation, basis: Sequence[Array], ports: Sequence[PortCoupling], progress: bool
+) -> ReducedBody:
+    """Return the body with its geometric stiffness among the read-outs."""
+    n_fields = len(body.mass_matrix) - 6 + BODY_FORCES + len(ports)
+    with stage("geometric stiffness", total=n_fields, unit="fields", enabled=progress) as advance:
+        stress = stress_stiffness(condensed, np.hstack(basis), ports, advance=advance)
+    return replace(body, readouts=by_name([*body.readouts.values(), stress]))
 
 
 def _worst_truncation(body: ReducedBody, cutoff_frequency: float | None) -> float:

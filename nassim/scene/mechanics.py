@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from nassim.base.checks import Array, finite_array, freeze, known, not_negative
+from nassim.base.checks import Array, finite, finite_array, freeze, known, not_negative
 from nassim.base.rigid_motion import proper_rotation, unit_vector
 from nassim.scene.measures import (
     QUATERNION,
@@ -28,7 +28,7 @@ from nassim.scene.measures import (
 )
 from nassim.scene.part import Actuator, ForceElement, Sensor
 from nassim.scene.scene import Scene
-from nassim.scene.terms import AppliedForce, BaseAcceleration, Output, Spring
+from nassim.scene.terms import AppliedForce, BaseAcceleration, ForceLaw, NonlinearSpring, Output, Spring
 
 LINE = "line"
 SYMMETRIC = 1e-9
@@ -37,7 +37,7 @@ SYMMETRIC = 1e-9
 
 @dataclass(frozen=True)
 class SpringDamper(ForceElement):
-    """A spring and a viscous damper in parallel between two points, relaxed at the start.
+    """A spring and a viscous damper in parallel between two points.
 
     Attributes:
         name: name of the spring-damper.
@@ -47,6 +47,9 @@ class SpringDamper(ForceElement):
         stiffness: stiffness [N/m].
         damping: damping [N s/m].
         frame: "" for the world's axes, or a point whose axes count, which must be a or b.
+        preload: force in the reference configuration, positive where it pulls b back along the axis, as tension along
+            the "line" does [N]. Springs with a preload are laws of their own in time: general items of Exudyn, which
+            are slower, and refused by exact steps.
     """
 
     name: str
@@ -56,6 +59,7 @@ class SpringDamper(ForceElement):
     stiffness: float = 0.0
     damping: float = 0.0
     frame: Path = ""
+    preload: float = 0.0
 
     def __post_init__(self) -> None:
         label = f"spring-damper {self.name!r}"
@@ -65,24 +69,27 @@ class SpringDamper(ForceElement):
             axis=checked_axis(label, self.axis, line=True),
             stiffness=not_negative(f"{label}: stiffness", self.stiffness, "N/m"),
             damping=not_negative(f"{label}: damping", self.damping, "N s/m"),
+            preload=finite(f"{label}: preload", self.preload),
         )
         if not self.stiffness and not self.damping:
             raise ValueError(f"{label} has neither stiffness nor damping")
 
-    def terms(self, scene: Scene) -> tuple[Spring]:
+    def terms(self, scene: Scene) -> tuple[ForceLaw]:
         """Return a spring on the motion of b against a."""
         _check_apart(scene, f"spring {self.name!r}", self.a, self.b)
-        return (Spring(_between(scene, self.a, self.b, self.axis, self.frame), self.stiffness, self.damping),)
+        return (_spring(_between(scene, self.a, self.b, self.axis, self.frame), self),)
 
     def describe(self) -> str:
-        """Describe the points, the axis, the stiffness and the damping."""
+        """Describe the points, the axis, the stiffness, the damping and the preload."""
         figures = f"{self.stiffness:g} N/m, {self.damping:g} N s/m"
+        if self.preload:
+            figures += f", preload {self.preload:g} N"
         return f"spring {self.name}: {self.a} to {self.b} along {_axis_text(self.axis, self.frame)}, {figures}"
 
 
 @dataclass(frozen=True)
 class Bushing(ForceElement):
-    """A spring and a viscous damper in all six directions between two points, relaxed at the start.
+    """A spring and a viscous damper in all six directions between two points.
 
     Relative rotations of a and b are small; common rotations may have any size.
 
@@ -95,6 +102,8 @@ class Bushing(ForceElement):
         damping: the same per velocity [m/s] and angular velocity [rad/s], (6, 6) or (6,).
         axes: axes of the six components at the start, as columns, world frame, (3, 3). They rotate with the mean
             rotation of a and b.
+        preload: forces [N] and moments [N m] in the reference configuration with which b pulls back along these axes,
+            (6,), see `SpringDamper`.
     """
 
     name: str
@@ -103,6 +112,7 @@ class Bushing(ForceElement):
     stiffness: Array
     damping: Array = field(default_factory=lambda: np.zeros(6))
     axes: Axes = field(default_factory=lambda: np.eye(3))
+    preload: Array = field(default_factory=lambda: np.zeros(6))
 
     def __post_init__(self) -> None:
         label = f"bushing {self.name!r}"
@@ -112,13 +122,14 @@ class Bushing(ForceElement):
             stiffness=_six(f"{label}: stiffness", self.stiffness),
             damping=_six(f"{label}: damping", self.damping),
             axes=proper_rotation(f"{label}: axes", self.axes),
+            preload=finite_array(f"{label}: preload", self.preload, (6,)),
         )
 
-    def terms(self, scene: Scene) -> tuple[Spring]:
+    def terms(self, scene: Scene) -> tuple[ForceLaw]:
         """Return a spring on the relative pose of a and b."""
         _check_apart(scene, f"bushing {self.name!r}", self.a, self.b)
         pose = RelativePose(self.a, self.b, self.axes, QUATERNION if self._is_bearing else VECTOR)
-        return (Spring(pose, self.stiffness, self.damping),)
+        return (_spring(pose, self),)
 
     @property
     def _is_bearing(self) -> bool:
@@ -407,6 +418,19 @@ def _check_apart(scene: Scene, label: str, a: str, b: str) -> None:
         raise ValueError(f"{label}: {a!r} and {b!r} belong to one rigid body")
     if not (first.moves or second.moves):
         raise ValueError(f"{label}: {a!r} and {b!r} belong to fixed bodies")
+
+
+def _spring(measure: Measure, part: SpringDamper | Bushing) -> ForceLaw:
+    """Return the law of a spring and a damper on a measure; with a preload it does not vanish at zero."""
+    if not np.any(part.preload):
+        return Spring(measure, part.stiffness, part.damping)
+    stiffness, damping = np.atleast_2d(part.stiffness), np.atleast_2d(part.damping)
+
+    def force(value: Array, rate: Array) -> Array:
+        result: Array = part.preload + stiffness @ value + damping @ rate
+        return result
+
+    return NonlinearSpring(measure, force=force, tangent=lambda _value, _rate: (stiffness, damping))
 
 
 def _six(label: str, value: ArrayLike) -> Array:

@@ -7,12 +7,18 @@ from .linear.linearization import (
 from .linear.mode_motion import (
     mode_motion as mode_motion,
 )
+from .linear.prestress import (
+    prestress_scene as prestress_scene,
+)
 from .linear.truncation import (
     truncation_error as truncation_error,
 )
-from .loaded.spinning import (
-    Spinning as Spinning,
-    spinning as spinning,
+from .loaded.buckling_factors import (
+    buckling_factors as buckling_factors,
+)
+from .loaded.loaded_state import (
+    LoadedState as LoadedState,
+    loaded_state as loaded_state,
 )
 from .model.accuracy import (
     integrator_error as integrator_error,

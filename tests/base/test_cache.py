@@ -79,6 +79,7 @@ CHANGES = {
         {**MESH, "local_sizes": {"arm_roots": 0.4e-3}},
         {**MESH, "local_sizes": {"holes": 0.3e-3}},
     ],
+    "geometric_stiffness": [True],
 }
 
 

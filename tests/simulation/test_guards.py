@@ -30,7 +30,8 @@ from nassim.scene.terms import Output, OutputFilter
 from nassim.signals.time_history import occupied_bandwidth
 from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.system import build_system
-from nassim.simulation.loaded.spinning import _check_small, _warn_of_stress
+from nassim.simulation.loaded.equilibrium import check_small
+from nassim.simulation.loaded.spinning import warn_of_spinning_bodies
 from nassim.simulation.model import buckling
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.damping import Damping
@@ -143,8 +144,7 @@ def test_stiffening_by_spin_is_told_from_a_thousandth_on(bar):
     assert told(warnings_of_runs.warn_of_spin, clamped(bar, "linear"), speed(0.1)) == 0
 
     assembly = assemble(scene)
-    still = np.zeros(sum(place.stop - place.start for place in assembly.coordinates.slices.values()))
-    both_sides(1e-3, lambda x: _warn_of_stress(assembly, still, speed(x)["bar"] / (2 * np.pi), None))
+    both_sides(1e-3, lambda x: warn_of_spinning_bodies(assembly, speed(x)["bar"] / (2 * np.pi), None, True))
 
 
 def test_a_spinning_equilibrium_is_told_from_a_hundredth_on_and_refused_from_a_tenth(bar):
@@ -152,12 +152,12 @@ def test_a_spinning_equilibrium_is_told_from_a_hundredth_on_and_refused_from_a_t
     n = sum(place.stop - place.start for place in assembly.coordinates.slices.values())
     turned = np.zeros(n)
     turned[assembly.coordinates.slices["load"].start + 4] = 1.0
-    both_sides(0.01, lambda x: _check_small(assembly.coordinates, x * turned))
+    both_sides(0.01, lambda x: check_small(assembly.coordinates, x * turned, "the spin"))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        _check_small(assembly.coordinates, 0.09 * turned)
+        check_small(assembly.coordinates, 0.09 * turned, "the spin")
     with pytest.raises(ValueError, match="no small motion"):
-        _check_small(assembly.coordinates, 0.11 * turned)
+        check_small(assembly.coordinates, 0.11 * turned, "the spin")
 
 
 def test_damping_that_is_lost_is_told_from_a_hundredth_on():

@@ -143,12 +143,12 @@ class Hook(ForceElement):
 def test_a_cubic_spring_is_linearised_about_its_equilibrium():
     """As a linear spring of its tangent, found by bisection of the force that both carry."""
     law = Hook("hook", lambda v, _: 2e3 * v + 3e9 * v**3)
-    loaded = linearize(bar_on_a_cubic_spring(law))
+    found = linearize(bar_on_a_cubic_spring(law), loaded=False)
 
     free = bar_on_a_cubic_spring(Hook("hook", lambda v, _: 0.0 * v))
     end, push = Encoder("z", "hook.o", "bar.right", "z"), PointForce("f", "bar.right", "z", "f")
     free = replace(free, sensors=(end,), actuators=(push,))
-    a, b, c, _ = linearize(free).matrices
+    a, b, c, _ = linearize(free, loaded=False).matrices
     by_weight, by_force = c[0] @ np.linalg.solve(-a, np.column_stack([rates_by_weight(free), b[:, 0]]))
 
     def sag(stretch):
@@ -159,8 +159,8 @@ def test_a_cubic_spring_is_linearised_about_its_equilibrium():
     tangent = 2e3 + 9e9 * stretch**2
     assert tangent > 3 * 2e3
     along = SpringDamper("hook", "hook.o", "bar.right", "z", tangent)
-    expected = linearize(bar_on_a_cubic_spring(along))
-    np.testing.assert_allclose(np.sort(loaded.poles().imag), np.sort(expected.poles().imag), rtol=1e-7, atol=1e-6)
+    expected = linearize(bar_on_a_cubic_spring(along), loaded=False)
+    np.testing.assert_allclose(np.sort(found.poles().imag), np.sort(expected.poles().imag), rtol=1e-7, atol=1e-6)
 
 
 def test_tangents_that_are_not_given_are_differences():
@@ -297,6 +297,16 @@ class Chain(Body):
     @property
     def rigid_inertia(self):
         return self.n * self.mass, self.position, self.n * self.mass * np.eye(3)
+
+
+def test_a_body_formulation_of_its_own_under_its_weight():
+    """Its points move linearly, so a hung chain has the modes of one in space; a spin is refused by name."""
+    springs = (SpringDamper("wall", "ground.o", "chain.m0", "z", 2e4),)
+    scene = Scene("chain", (GROUND, Chain("chain", 4, 0.2, 3e4)), springs=springs, damping_ratio=0.0)
+    hung = linearize(replace(scene, gravity=(0, 0, -9.81)))
+    np.testing.assert_allclose(np.sort(hung.poles().imag), np.sort(linearize(scene).poles().imag), atol=1e-6)
+    with pytest.raises(ValueError, match="body 'chain' is a Chain, whose centrifugal forces are not known"):
+        linearize(scene, angular_velocity=(0, 0, 1.0))
 
 
 @pytest.mark.parametrize("method", ["exact", "generalized_alpha", "ffrf"])

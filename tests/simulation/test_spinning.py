@@ -40,7 +40,8 @@ from nassim.scene.part import Actuator, ForceElement, Sensor
 from nassim.scene.terms import AppliedForce, Output, Spring
 from nassim.simulation.linear.linearization import linearize_closed, spinning_equilibrium
 from nassim.simulation.loaded.geometric_stiffness import frames
-from nassim.simulation.loaded.spinning import inertia_terms, spinning
+from nassim.simulation.loaded.loaded_state import loaded_state
+from nassim.simulation.loaded.spinning import inertia_terms
 from nassim.simulation.model.assembly import assemble
 from nassim.systems.linear_model import damping
 
@@ -463,7 +464,7 @@ def test_a_double_pendulum_of_three_bodies():
 def test_coriolis_forces_do_no_work():
     """G is skew, K symmetric, so without damping the Jacobi integral q'^2 + q (K q) of a run is constant."""
     scene = replace(halves(joined=True), damping_ratio=0.0)
-    spin = spinning(assemble(scene), (3.0, -5.0, 7.0), (0.05, 0.0, 0.1))
+    spin = loaded_state(assemble(scene), angular_velocity=(3.0, -5.0, 7.0), axis_point=(0.05, 0.0, 0.1))
     assert np.abs(spin.gyroscopic + spin.gyroscopic.T).max() <= 1e-12 * np.abs(spin.gyroscopic).max()
     assert np.abs(spin.stiffness - spin.stiffness.T).max() <= 1e-12 * np.abs(spin.stiffness).max()
     assembly = assemble(scene)
@@ -482,7 +483,7 @@ def test_coriolis_forces_do_no_work():
     before = np.random.default_rng(5).standard_normal(2 * n)
     after = step @ before
     assert after @ energy @ after == pytest.approx(before @ energy @ before, rel=1e-9)
-    assert not spinning(assembly, (0, 0, 0), (1, 2, 3)).gyroscopic.any()
+    assert not loaded_state(assembly, axis_point=(1, 2, 3)).gyroscopic.any()
 
 
 def test_without_spin_it_is_the_model_at_rest():
@@ -494,7 +495,8 @@ def test_without_spin_it_is_the_model_at_rest():
 def test_gyroscopic_matrix_is_of_first_and_the_rest_of_second_order():
     """Twice as fast: the Coriolis forces double, the centrifugal ones and their stiffness quadruple."""
     assembly = assemble(halves(joined=True))
-    slow, fast = (spinning(assembly, v * np.array([0.3, -0.5, 0.7]), (0.05, 0, 0.1)) for v in (0.1, 0.2))
+    axis, point = np.array([0.3, -0.5, 0.7]), (0.05, 0, 0.1)
+    slow, fast = (loaded_state(assembly, angular_velocity=v * axis, axis_point=point) for v in (0.1, 0.2))
     np.testing.assert_allclose(fast.gyroscopic, 2 * slow.gyroscopic, rtol=0, atol=1e-12 * np.abs(fast.gyroscopic).max())
     np.testing.assert_allclose(fast.stiffness, 4 * slow.stiffness, rtol=0, atol=1e-9 * np.abs(fast.stiffness).max())
 

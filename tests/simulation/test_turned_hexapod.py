@@ -239,7 +239,7 @@ def test_machine_against_matrices_written_out(struts):
     springs = tuple(replace(spring, damping=0.0) for spring in turned.springs)
     undamped = replace(turned, damping_ratio=0.0, springs=springs)
     frequency = np.geomspace(5.0, 3e3, 20)
-    response = frequency_response(linearize(undamped), frequency)
+    response = frequency_response(linearize(undamped, loaded=False), frequency)
     for f, value in zip(frequency, response.response("seen", "force"), strict=True):
         answer = np.linalg.solve(k - (2 * np.pi * f) ** 2 * m, basis.T @ look[0])
         assert value == pytest.approx(seen @ (look @ basis @ answer)[:3], rel=1e-7)

@@ -137,6 +137,33 @@ class Items:
         assert isinstance(body, FlexibleBody)
         return self.flexible[body.name].nodes[body.reduced.point_names.index(point)][0]
 
+    def add_body_force(self, name: str, acceleration: Array) -> tuple[int, float]:
+        """Add the load of a uniform body force per mass on a body.
+
+        Exudyn's load that is proportional to mass leaves out the moment of the force on the deformation of a floating
+        frame, which does not conserve energy. There the force acts on the centre of mass of the deformed body.
+
+        Args:
+            name: name of the body.
+            acceleration: body force per mass, world frame, (3,) [m/s2].
+
+        Returns:
+            Number of the load, and its load vector per unit of the acceleration.
+        """
+        number = self.objects[name]
+        if self.fidelity(name) != "ffrf":
+            marker = self.mbs.AddMarker(eii.MarkerBodyMass(bodyNumber=number))
+            return self.mbs.AddLoad(eii.LoadMassProportional(markerNumber=marker, loadVector=list(acceleration))), 1.0
+        body = self.scene.split(f"{name}.")[0]
+        assert isinstance(body, FlexibleBody)
+        mass = body.reduced.mass
+        centre = len(self.mbs.GetObject(number)["referencePositions"]) // 3 - 1
+        marker = self.mbs.AddMarker(
+            eii.MarkerSuperElementPosition(bodyNumber=number, meshNodeNumbers=[centre], weightingFactors=[1.0])
+        )
+        load = eii.LoadForceVector(markerNumber=marker, loadVector=list(mass * np.asarray(acceleration)))
+        return self.mbs.AddLoad(load), mass
+
     def moves(self, path: str) -> bool:
         """Whether a point's body moves."""
         return path.partition(".")[0] in self.body_nodes
@@ -199,9 +226,8 @@ def add_base_acceleration(items: Items, term: BaseAcceleration) -> list[InputCha
             forces = items.flexible[name].coordinates.T @ weight
             drives.append(InputChannel(add_forces(items.mbs, numbers, len(forces)), term.input, forces))
         else:
-            marker = items.mbs.AddMarker(eii.MarkerBodyMass(bodyNumber=items.objects[name]))
-            number = items.mbs.AddLoad(eii.LoadMassProportional(markerNumber=marker, loadVector=[0.0, 0.0, 0.0]))
-            drives.append(InputChannel(number, term.input, -term.direction, "loadVector"))
+            number, factor = items.add_body_force(name, np.zeros(3))
+            drives.append(InputChannel(number, term.input, -factor * np.asarray(term.direction), "loadVector"))
     return drives
 
 

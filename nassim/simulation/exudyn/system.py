@@ -188,16 +188,16 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None,
             nodes_of = body_nodes[other.name].nodes
             flexible[other.name] = FlexibleCoordinates(nodes_of, np.eye(len(other.mass_matrix)))
     own = [name for name in nodes if groups.leaders.get(name, name) == name]
+    _couple(mbs, assembly, flexible, mass, damping)
+    items = Items(
+        mbs, scene, nodes, own, groups.joints, objects, rigid, flexible, marker_factories, virtual_nodes, body_nodes
+    )
     # A linear body carries its weight itself.
     linear = [body.name for body in scene.flexible_bodies if body.fidelity == "linear"]
     for name in own:
         if np.any(scene.gravity) and name not in linear:
-            marker = mbs.AddMarker(eii.MarkerBodyMass(bodyNumber=objects[name]))
-            mbs.AddLoad(eii.LoadMassProportional(markerNumber=marker, loadVector=list(scene.gravity)))
-    _couple(mbs, assembly, flexible, mass, damping)
-    return Items(
-        mbs, scene, nodes, own, groups.joints, objects, rigid, flexible, marker_factories, virtual_nodes, body_nodes
-    )
+            items.add_body_force(name, scene.gravity)
+    return items
 
 
 def _add_linear_body(mbs: Any, scene: Scene, body: Body) -> BodyNodes:
@@ -357,8 +357,10 @@ def _places(scene: Scene, body: FlexibleBody, frame_point: str) -> list[Place]:
 def _virtual_nodes(body: FlexibleBody, frame: FloatingFrame, places: Sequence[Place]) -> tuple[Array, Array]:
     """Return virtual mesh nodes: three around each place, whose displacements define the rigid motion of its point.
 
+    The last node is the centre of mass, which moves with the deformation.
+
     Returns:
-        Their positions (3 n_nodes,) and mode rows (3 n_nodes, n). At least one node must exist.
+        Their positions (3 n_nodes,) and mode rows (3 n_nodes, n).
     """
     everyone = np.array([p.position for p in body.reduced.remote_points])
     radius = VIRTUAL_NODE_RADIUS * max(float(np.ptp(everyone, axis=0).max()), 1e-6)
@@ -368,6 +370,8 @@ def _virtual_nodes(body: FlexibleBody, frame: FloatingFrame, places: Sequence[Pl
         for offset in body.rotation.T @ away + radius * VIRTUAL_NODE_DIRECTIONS:
             positions.append(body.reduced.point(point).position - frame.origin + offset)
             rows.append((rigid_transfer(offset) @ motion[:, frame.flexible])[:3])
+    positions.append(frame.center_of_mass)
+    rows.append(frame.translation_flexible / frame.mass)
     return np.hstack(positions), np.vstack(rows)
 
 

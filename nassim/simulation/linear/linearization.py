@@ -1,6 +1,6 @@
 """Linear models of scenes: small motion about the start, at rest or spinning, with loops open or closed."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,9 +11,9 @@ from nassim.scene.measures import body_of
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint, Output
 from nassim.simulation.linear.folding import warn_of_folding
+from nassim.simulation.loaded.loaded_state import LoadedState, loaded_state
 from nassim.simulation.loaded.rotor_frame import FRAMES, FrameView, RotorPartition, check_constant, damps_both
 from nassim.simulation.loaded.rotor_stator import stator_bodies
-from nassim.simulation.loaded.spinning import Spinning, spinning
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.prescribed_motion import cleared, product
 from nassim.systems.feedback import DELAY_ORDER, close_loop
@@ -31,20 +31,22 @@ def linearize(
     axis_point: ArrayLike = NO_SPIN,
     stator: Sequence[str] | None = None,
     frame: str = "rotor",
+    loaded: bool = True,
+    constant_inputs: Mapping[str, float] | None = None,
 ) -> LinearModel:
-    """Compute the linear model of a scene about its start, with the damping of its modes, bodies and dampers.
+    """Compute the linear model of a scene about its equilibrium, with the damping of its modes, bodies and dampers.
+
+    The equilibrium is that under gravity and spin, which give stiffness to rigid bodies, joints, springs and, where
+    their reduction holds their geometric stiffness, flexible bodies, see `nassim.simulation.loaded.loaded_state`. In a
+    rotating frame only the gravity along the axis is constant and counts.
 
     A drive of constant speed defines the rotor and its speed; all else is the stator, as is the ground.
 
-    The states are the modal amplitudes of the scene at rest, in minimal coordinates, and their rates, then the charges
-    of
-    ports with a resistance (as volts), the outputs of amplifiers and drives with a bandwidth, and the states of
-    sensors'
-    filters. With drives that follow inputs, the amplitudes are those of `nassim.simulation.model.prescribed_motion`.
-    The
-    scene's loops are open. The model excludes the effect of gravity on the stiffness and a body's own angular_velocity.
-    A
-    model may be unstable: `unstable_poles` finds its unstable poles.
+    The states are the modal amplitudes of the scene without loads, in minimal coordinates, and their rates, then the
+    charges of ports with a resistance (as volts), the outputs of amplifiers and drives with a bandwidth, and the states
+    of sensors' filters. With drives that follow inputs, the amplitudes are those of
+    `nassim.simulation.model.prescribed_motion`. The scene's loops are open. The model excludes a body's own
+    angular_velocity. A model may be unstable: `unstable_poles` finds its unstable poles.
 
     Args:
         scene: the scene.
@@ -60,17 +62,27 @@ def linearize(
             outputs of a rotation are its deviation from the steady rotation. The bodies of the other side must be rigid
             and equal in all directions across the axis, see `nassim.simulation.loaded.rotor_frame`. The scene's
             damping_ratio is then, as in floating frames, a damping of the bodies' deformation.
+        loaded: whether gravity and the stress inside bodies change the stiffness. Without, the model is that of the
+            reference configuration, in which a pendulum does not swing; a spin has its other terms.
+        constant_inputs: constant values of inputs that load the scene too, by name: forces, voltages, accelerations of
+            the base. Inputs of the model are deviations from them, outputs those from the equilibrium.
 
     Returns:
         The linear model.
 
     Raises:
-        ValueError: for a spin without an equilibrium near the start, for inertial sensors in it, for a part (by name)
-            that makes the model depend on the angle of the rotor, and for outputs that would need an input's
+        ValueError: for loads without an equilibrium near the start, for inertial sensors in a spin, for a part (by
+            name) that makes the model depend on the angle of the rotor, and for outputs that would need an input's
             derivative.
+
+    Warns:
+        UserWarning: for an equilibrium that is unstable under gravity, one beyond small motion, and bodies whose
+            stress matters but is only estimated or left out.
     """
-    assembly, spin = spun(scene, angular_velocity, axis_point, stator, frame)
-    a, b, c, d = state_space(assembly, spin)
+    assembly, loads = loaded_assembly(
+        scene, angular_velocity, axis_point, stator, frame, loaded=loaded, inputs=constant_inputs
+    )
+    a, b, c, d = state_space(assembly, loads)
     modal = assembly.modal
     unsupported = np.tile(np.where(modal.unsupported, modal.frequency, 0.0), 2)
     return LinearModel(
@@ -78,10 +90,18 @@ def linearize(
     )
 
 
-def spun(
-    scene: Scene, angular_velocity: ArrayLike, axis_point: ArrayLike, stator: Sequence[str] | None, frame: str
-) -> tuple[Assembly, Spinning]:
-    """Assemble a scene, with its damping at speed, and compute the effect of its spin.
+def loaded_assembly(
+    scene: Scene,
+    angular_velocity: ArrayLike,
+    axis_point: ArrayLike,
+    stator: Sequence[str] | None,
+    frame: str,
+    *,
+    loaded: bool = True,
+    weight: bool = True,
+    inputs: Mapping[str, float] | None = None,
+) -> tuple[Assembly, LoadedState]:
+    """Assemble a scene, with its damping at speed, and compute the effect of its loads.
 
     Args:
         scene: the scene.
@@ -89,15 +109,20 @@ def spun(
         axis_point: a point of the axis, (3,) [m].
         stator: names of the bodies of the stator.
         frame: "rotor" or "stator".
+        loaded: whether gravity and the stress inside bodies change the stiffness.
+        weight: whether gravity is one of the loads.
+        inputs: constant values of inputs, by name.
 
     Returns:
-        The assembly and the effect of the spin.
+        The assembly and the effect of the loads.
 
     Raises:
         ValueError: for several drives of constant speed, and for one that translates.
     """
     assembly = assemble(scene)
     known("frame", frame, FRAMES)
+    if inputs and (not loaded or np.any(angular_velocity) or scene.speeds):
+        raise ValueError("constant_inputs load a scene at rest: give them with loaded=True and without a spin")
     names = frozenset(known("body", name, [body.name for body in scene.bodies]) for name in stator or ())
     if scene.speeds:
         if np.any(angular_velocity):
@@ -113,9 +138,22 @@ def spun(
             raise ValueError(f"joint {joint.name!r}: a drive of constant speed needs a stator on one of its two sides")
         angular_velocity = (1.0 if ends[0] else -1.0) * drive.speed * axis
         axis_point = scene.point_position(joint.points[0])
-    elif not np.any(angular_velocity) or not names:
-        return assembly, spinning(assembly, angular_velocity, axis_point)
     velocity = finite_array("angular_velocity", np.asarray(angular_velocity, dtype=float), (3,))
+    gravity = np.asarray(scene.gravity) * (loaded and weight)
+    rate = float(np.linalg.norm(velocity))
+    if rate and not (names and frame == "stator"):
+        axis = velocity / rate
+        gravity = axis * (axis @ gravity)
+    if not rate or not names:
+        state = loaded_state(
+            assembly,
+            gravity=gravity,
+            inputs=inputs,
+            angular_velocity=velocity,
+            axis_point=axis_point,
+            stress=loaded,
+        )
+        return assembly, state
     partition = RotorPartition(
         velocity, finite_array("axis_point", np.asarray(axis_point, dtype=float), (3,)), names, frame
     )
@@ -124,7 +162,15 @@ def spun(
     if damps_both(view):
         damping = assembly.modal.damping.of_deformation
         assembly = replace(assembly, modal=replace(assembly.modal, damping=damping))
-    return assembly, spinning(assembly, partition.velocity, partition.point, partition)
+    state = loaded_state(
+        assembly,
+        gravity=gravity,
+        angular_velocity=velocity,
+        axis_point=partition.point,
+        partition=partition,
+        stress=loaded,
+    )
+    return assembly, state
 
 
 def spinning_equilibrium(
@@ -152,24 +198,24 @@ def spinning_equilibrium(
     Raises:
         ValueError: if there is no equilibrium within small motion, and if it is unstable.
     """
-    assembly, spin = spun(scene, angular_velocity, axis_point, stator, frame)
-    state, _, readings, _ = state_space(assembly, spin)
+    assembly, loads = loaded_assembly(scene, angular_velocity, axis_point, stator, frame, weight=False)
+    state, _, readings, _ = state_space(assembly, loads)
     growing = unstable_poles(
         LinearModel(state, np.zeros((len(state), 0)), np.zeros((0, len(state))), np.zeros((0, 0)), (), ())
     )
     if growing:
         raise ValueError(f"the spinning equilibrium of scene {scene.name!r} is unstable: {growing[0]}; spin slower")
     at_rest = np.zeros(len(state))
-    modal, signals, n = assembly.modal, assembly.signals, len(spin.equilibrium)
-    at_rest[:n] = np.linalg.solve(modal.shapes, spin.equilibrium)
+    modal, signals, n = assembly.modal, assembly.signals, len(loads.equilibrium)
+    at_rest[:n] = np.linalg.solve(modal.shapes, loads.equilibrium)
     for j, circuit in enumerate(signals.circuits, start=2 * n):
-        at_rest[j] = circuit.forces @ modal.basis @ spin.equilibrium / circuit.capacitance
+        at_rest[j] = circuit.forces @ modal.basis @ loads.equilibrium / circuit.capacitance
     # Accelerations of what rests vanish but for rounding.
     values: Array = (readings - signals.acceleration_matrix @ modal.modes @ state[n : 2 * n]) @ at_rest
     return dict(zip(scene.outputs, map(float, values), strict=True))
 
 
-def state_space(assembly: Assembly, spin: Spinning | None = None) -> StateSpace:
+def state_space(assembly: Assembly, loads: LoadedState | None = None) -> StateSpace:
     """Compute A, B, C and D of an assembled scene; the last column of B and D is gravity, a constant input of one.
 
     The states are modal amplitudes and their rates, then the charges of circuits (as volts), the outputs of amplifiers
@@ -180,7 +226,8 @@ def state_space(assembly: Assembly, spin: Spinning | None = None) -> StateSpace:
 
     Args:
         assembly: the assembled scene.
-        spin: effect of the spin, in whose rotating frame gravity is constant only along the axis; None: at rest.
+        loads: effect of constant loads on the stiffness; None: the reference configuration. In a rotating frame gravity
+            is constant only along the axis.
 
     Returns:
         A (n, n), B (n, inputs + 1), C (outputs, n) and D (outputs, inputs + 1).
@@ -199,10 +246,10 @@ def state_space(assembly: Assembly, spin: Spinning | None = None) -> StateSpace:
     state[:n, velocity] = np.eye(n)
     state[velocity, :n] = -np.diag(omega**2)
     state[velocity, velocity] = -modal.damping.of_modes
-    if spin is not None:
-        _refuse_inertial(assembly, spin)
-        state[velocity, :n] -= modal.shapes.T @ spin.stiffness @ modal.shapes
-        state[velocity, velocity] -= modal.shapes.T @ spin.gyroscopic @ modal.shapes
+    if loads is not None:
+        _refuse_inertial(assembly, loads)
+        state[velocity, :n] -= modal.shapes.T @ loads.stiffness @ modal.shapes
+        state[velocity, velocity] -= modal.shapes.T @ loads.gyroscopic @ modal.shapes
     drives[velocity, :n_in], drives[velocity, n_in] = modes.T @ signals.input_matrix, modes.T @ signals.weight
     for j, circuit in enumerate(signals.circuits, start=2 * n):
         pull = modes.T @ circuit.forces
@@ -217,7 +264,7 @@ def state_space(assembly: Assembly, spin: Spinning | None = None) -> StateSpace:
         drives[j, amplifier.input] = amplifier.rate
     for j, k in enumerate(prescribed.servos, start=plain - len(prescribed.servos)):
         state[j, j], drives[j, prescribed.inputs[k]] = -prescribed.rates[k], prescribed.rates[k]
-    _follow_drives(assembly, spin, state, drives, readings, feedthrough, plain)
+    _follow_drives(assembly, loads, state, drives, readings, feedthrough, plain)
     feedthrough[:, :n_in] += signals.ground_matrix
     _filter(assembly, state, drives, readings, feedthrough)
     return state, drives, readings, feedthrough
@@ -225,7 +272,7 @@ def state_space(assembly: Assembly, spin: Spinning | None = None) -> StateSpace:
 
 def _follow_drives(
     assembly: Assembly,
-    spin: Spinning | None,
+    loads: LoadedState | None,
     state: Array,
     drives: Array,
     readings: Array,
@@ -240,7 +287,7 @@ def _follow_drives(
     prescribed, n = signals.prescribed, modes.shape[1]
     by_states, by_inputs = np.zeros((len(prescribed.inputs), len(state))), prescribed.by_inputs(drives.shape[1])
     by_states[:, :plain] = prescribed.by_states(plain)
-    moved = _moved_by_drives(assembly, spin, state)
+    moved = _moved_by_drives(assembly, loads, state)
     state += moved @ by_states
     drives += moved @ by_inputs
     pushed = np.append(np.linalg.norm(signals.input_matrix / scale[:, None], axis=0), 0.0)
@@ -256,11 +303,11 @@ def _follow_drives(
         feedthrough += direct
 
 
-def _refuse_inertial(assembly: Assembly, spin: Spinning) -> None:
+def _refuse_inertial(assembly: Assembly, loads: LoadedState) -> None:
     """Refuse filtered and inertial outputs in a rotating frame, whose own rotation they would read too."""
     inertial = [term.name for term in assembly.terms if isinstance(term, Output) and term.inertial]
     read = [*assembly.signals.filters, *inertial]
-    if read and np.any(spin.gyroscopic):
+    if read and np.any(loads.gyroscopic):
         raise ValueError(
             f"output {read[0]!r} reads motion against inertial space, or through a filter, which a linear model of a "
             "scene that spins does not include: simulate in time, or read velocity against the table (Vibrometer)"
@@ -281,14 +328,14 @@ def _filter(assembly: Assembly, state: Array, drives: Array, readings: Array, fe
         end = place.stop
 
 
-def _moved_by_drives(assembly: Assembly, spin: Spinning | None, state: Array) -> Array:
+def _moved_by_drives(assembly: Assembly, loads: LoadedState | None, state: Array) -> Array:
     """Return the rates of all states per unit of the drives' motions, (size, d)."""
     shapes, prescribed = assembly.modal.shapes, assembly.signals.prescribed
     n = shapes.shape[1]
     position, velocity = slice(n), slice(n, 2 * n)
     by_rate, by_motion = prescribed.damping, np.zeros_like(prescribed.damping)  # forces of the drives on the modes
-    if spin is not None:
-        by_rate, by_motion = by_rate + shapes.T @ spin.drive_damping, shapes.T @ spin.drive_stiffness
+    if loads is not None:
+        by_rate, by_motion = by_rate + shapes.T @ loads.drive_damping, shapes.T @ loads.drive_stiffness
     result = np.zeros((len(state), by_rate.shape[1]))
     # Rounding mixes modes of independent machines a little, which must not look like a prescribed motion.
     sizes = np.linalg.norm(state[velocity, velocity], axis=0)
@@ -328,6 +375,7 @@ def linearize_closed(
     axis_point: ArrayLike = NO_SPIN,
     stator: Sequence[str] | None = None,
     frame: str = "rotor",
+    loaded: bool = True,
 ) -> LinearModel:
     """Compute the linear model of a scene with its loops closed.
 
@@ -348,6 +396,7 @@ def linearize_closed(
         axis_point: a point of the axis, (3,) [m].
         stator: names of the bodies of the stator, see `linearize`.
         frame: "rotor" or "stator", see `linearize`.
+        loaded: whether gravity and the stress inside bodies change the stiffness, see `linearize`.
 
     Returns:
         The linear model.
@@ -367,7 +416,14 @@ def linearize_closed(
         raise ValueError(
             f"the loops of scene {scene.name!r} have several sample rates; only the continuous model has all"
         )
-    model = linearize(scene, angular_velocity=angular_velocity, axis_point=axis_point, stator=stator, frame=frame)
+    model = linearize(
+        scene,
+        angular_velocity=angular_velocity,
+        axis_point=axis_point,
+        stator=stator,
+        frame=frame,
+        loaded=loaded,
+    )
     if not continuous:
         warn_of_folding(model, closed)
         model = sampled(model, rates.pop())

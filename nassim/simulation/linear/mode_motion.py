@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike
 from nassim.base.checks import Array
 from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
-from nassim.simulation.linear.linearization import NO_SPIN, spun, state_space
+from nassim.simulation.linear.linearization import NO_SPIN, loaded_assembly, state_space
 from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.recorded_motion import recorded_motion, traced
 
@@ -42,8 +42,8 @@ def mode_motion(
     Raises:
         ValueError: for a number without a mode.
     """
-    assembly, spin = spun(traced(scene), angular_velocity, axis_point, None, "rotor")
-    poles, vectors = np.linalg.eig(state_space(assembly, spin)[0])
+    assembly, loads = loaded_assembly(traced(scene), angular_velocity, axis_point, None, "rotor")
+    poles, vectors = np.linalg.eig(state_space(assembly, loads)[0])
     swinging = np.flatnonzero(poles.imag > 1e-9 * np.abs(poles).max())
     order = swinging[np.argsort(np.abs(poles[swinging]))]
     if not 1 <= number <= len(order):

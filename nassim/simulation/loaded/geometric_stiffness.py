@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer, skew
-from nassim.scene.bodies import FlexibleBody
+from nassim.scene.bodies import FlexibleBody, RigidBody
 from nassim.scene.measures import Measure, PointMeasure, Pose
 from nassim.scene.terms import Constraint
 from nassim.simulation.model.assembly import Assembly
@@ -45,7 +45,7 @@ class Frame:
 
 
 def frames(coordinates: Coordinates) -> dict[str, Frame]:
-    """Return the frame of each moving body, by name."""
+    """Return the frame of each moving body, by name; bodies of other formulations move linearly beside a fixed one."""
     scene, result = coordinates.scene, {}
     for name, place in coordinates.slices.items():
         body, _ = scene.split(f"{name}.")
@@ -55,7 +55,8 @@ def frames(coordinates: Coordinates) -> dict[str, Frame]:
             motion[:, place] = body.motion(point)
             result[name] = Frame(body.point_position(point), motion)
         else:
-            motion[:, place] = np.eye(6)
+            if isinstance(body, RigidBody):
+                motion[:, place] = np.eye(6)
             result[name] = Frame(body.position, motion)
     return result
 
@@ -96,7 +97,7 @@ class GeometricStiffness:
             force = np.zeros(len(joint.measure.components))
             force[joint.rows(components)] = multipliers[first : first + len(components)]
             first += len(components)
-            result += self._of(joint.measure, force)
+            result += self.of_measure(joint.measure, force)
         return result
 
     def of_springs(self, coordinates: Array) -> Array:
@@ -104,18 +105,28 @@ class GeometricStiffness:
         result = np.zeros((len(coordinates), len(coordinates)))
         for tangent in self.assembly.tangents:
             force = tangent.law.resistance(tangent.rows @ coordinates, np.zeros(len(tangent.rows)))
-            result += self._of(tangent.law.measure, force)
+            result += self.of_measure(tangent.law.measure, force)
         return result
 
-    def _of(self, measure: Measure, force: Array) -> Array:
+    def of_measure(self, measure: Measure, force: Array, *, conservative: bool = True) -> Array:
+        """Compute the stiffness of a force that resists a measure, as the rows of the measure change.
+
+        Args:
+            measure: the measure, of k components.
+            force: the force, (k,).
+            conservative: whether the force has an energy, so that the stiffness is symmetric but for rounding.
+
+        Returns:
+            The stiffness, (n_all, n_all).
+        """
         result = np.zeros((self.assembly.coordinates.size,) * 2)
         if np.any(force):
             for factor, part in measure.point_measures:
                 result += self._of_points(part, factor * force)
-        return result
+        return 0.5 * (result + result.T) if conservative else result
 
     def _of_points(self, measure: PointMeasure, force: Array) -> Array:
-        """Return the stiffness of a force in a measure of points, symmetric, (n_all, n_all)."""
+        """Return the stiffness of a force in a measure of points, (n_all, n_all)."""
         scene = self.assembly.scene
         reference = [scene.point_position(path) for path in measure.points]
         motion = np.vstack([self._motion(path) for path in measure.points])
@@ -145,7 +156,7 @@ class GeometricStiffness:
         if directions is unit:
             stiffness = motion.T @ unit @ stiffness
         result = np.zeros((self.assembly.coordinates.size,) * 2)
-        result[np.ix_(moving, moving)] = 0.5 * (stiffness + stiffness.T)
+        result[np.ix_(moving, moving)] = stiffness.T
         return result
 
     def _frame(self, path: str) -> Frame:
@@ -192,6 +203,12 @@ def spring_forces(tangents: Sequence[Tangent], coordinates: Array) -> Array:
         rows = tangent.rows
         result += rows.T @ tangent.law.resistance(rows @ coordinates, np.zeros(len(rows)))
     return result
+
+
+def is_preloaded(tangents: Sequence[Tangent]) -> bool:
+    """Return whether a spring has a force in the reference configuration."""
+    zeros = [np.zeros(len(tangent.rows)) for tangent in tangents]
+    return any(np.any(tangent.law.resistance(zero, zero)) for tangent, zero in zip(tangents, zeros, strict=True))
 
 
 def _joints(assembly: Assembly) -> list[Constraint]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nassim.base.checks import Array
+from nassim.bodies.projection import with_voltage_rows
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Spring, Term
@@ -75,15 +76,22 @@ def assemble(scene: Scene) -> Assembly:
 def _as_modelled(scene: Scene) -> tuple[Scene, tuple[Term, ...]]:
     """Move springs within bodies into the bodies; return the scene and its other terms.
 
-    A floating body that has only six rigid-body coordinates left becomes rigid.
+    A spring on the charge of an electrical port is that of its own voltage, which stresses the body. A floating body
+    that has only six rigid-body coordinates left becomes rigid.
     """
     added: dict[str, Array] = {}
+    voltages: dict[str, dict[str, Array]] = {}
     terms = []
     for term in scene.terms:
         name = term.measure.within if isinstance(term, Spring) and not np.any(term.damping) else None
         if isinstance(term, Spring) and name is not None:
-            rows = term.measure.evaluate({name: ReferenceState(scene.split(f"{name}.")[0])})[1][name]
-            added[name] = added.get(name, 0.0) + rows.T @ term.matrices[0] @ rows
+            body = scene.split(f"{name}.")[0]
+            rows = term.measure.evaluate({name: ReferenceState(body)})[1][name]
+            force = term.matrices[0] @ rows
+            added[name] = added.get(name, 0.0) + rows.T @ force
+            if isinstance(body, FlexibleBody):
+                charges = [port.name for port in body.reduced.ports if np.array_equal(port.forces, rows[0])]
+                voltages.setdefault(name, {}).update(dict.fromkeys(charges, -force[0]))
         else:
             terms.append(term)
     bodies: list[Body] = []
@@ -94,6 +102,7 @@ def _as_modelled(scene: Scene) -> tuple[Scene, tuple[Term, ...]]:
         reduced = body.reduced
         if body.name in added:
             reduced = replace(reduced, stiffness_matrix=reduced.stiffness_matrix + added[body.name])
+            reduced = with_voltage_rows(reduced, voltages.get(body.name, {}))
         stiff = body.fidelity == "ffrf" and len(reduced.mass_matrix) == 6
         bodies.append(replace(body, reduced=reduced, fidelity="rigid" if stiff else body.fidelity))
     return replace(scene, bodies=tuple(bodies)), tuple(terms)

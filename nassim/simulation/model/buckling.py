@@ -1,4 +1,4 @@
-"""Estimate of how near a preload brings bodies to buckling, since no model here includes the stiffness of a preload.
+"""Estimate of the geometric stiffness of a preload, for runs in time and for bodies whose reduction does not hold it.
 
 A body's preload is taken as axial forces along the lines between its remote points: those of least norm that balance
 the forces at the points. Each line bends like a beam between two points, whose cubic shape an axial force N softens
@@ -73,7 +73,7 @@ def buckling_share(assembly: Assembly, tensions: Mapping[str, Array]) -> tuple[f
     softening = {}
     for body in assembly.scene.deformable_bodies:
         part = modes[assembly.coordinates.slices[body.name]]
-        softening[body.name] = -part.T @ _geometric_stiffness(body.reduced, tensions[body.name]) @ part
+        softening[body.name] = -part.T @ estimated_stiffness(body.reduced, tensions[body.name]) @ part
     if not softening or not elastic.any():
         return 0.0, ""
     shares, shapes = np.linalg.eigh(sum(softening.values(), np.zeros((elastic.sum(),) * 2)))
@@ -95,8 +95,16 @@ def warn_of_buckling(assembly: Assembly, tensions: Mapping[str, Array]) -> None:
         )
 
 
-def _geometric_stiffness(body: ReducedBody, tensions: Array) -> Array:
-    """Return the stiffness that tensions along the lines between its points add to a body, (n, n)."""
+def estimated_stiffness(body: ReducedBody, tensions: Array) -> Array:
+    """Estimate the stiffness that tensions along the lines between its points add to a body.
+
+    Args:
+        body: the reduced body.
+        tensions: tensions in the order of `axial_forces`, (lines,) [N].
+
+    Returns:
+        Stiffness on the body's coordinates, (n, n).
+    """
     result = np.zeros_like(body.stiffness_matrix)
     slack = 0.0
     for (i, j), tension in zip(_lines(body), tensions, strict=True):

@@ -15,7 +15,7 @@ from nassim.bodies.readouts import Trace, of_kind
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
 from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
-from nassim.simulation.model.assembly import assemble
+from nassim.simulation.model.assembly import Assembly, assemble
 
 Pose = tuple[Array, Array]
 """Poses of a body's own frame at n times: positions (n, 3) [m], rotations to the world's axes (n, 3, 3)."""
@@ -110,11 +110,24 @@ def scene_modes(scene: Scene, *, n: int | None = None) -> tuple[Array, dict[str,
             mass along the world's axes, (n_coordinates, m) each.
     """
     assembly = assemble(traced(scene))
-    modes = assembly.modal.modes[:, :n]
-    own = {name: modes[place] for name, place in assembly.coordinates.slices.items()}
+    return assembly.modal.frequency[:n], original_coordinates(assembly, assembly.modal.modes[:, :n])
+
+
+def original_coordinates(assembly: Assembly, shapes: Array) -> dict[str, Array]:
+    """Split motions of an assembled scene, which is `traced`, by bodies.
+
+    Args:
+        assembly: the assembled scene.
+        shapes: motions in all coordinates, (n_all, m).
+
+    Returns:
+        By the name of each body that moves, coordinates of the original reduced body, or for a rigid body the motion of
+        its centre of mass along the world's axes, (n_coordinates, m).
+    """
+    own = {name: shapes[place] for name, place in assembly.coordinates.slices.items()}
     for body in assembly.scene.flexible_bodies:
         own[body.name] = _rows(body) @ own[body.name]
-    return assembly.modal.frequency[:n], own
+    return own
 
 
 def _rows(body: FlexibleBody) -> Array:

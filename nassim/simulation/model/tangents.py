@@ -48,7 +48,7 @@ class Tangent:
 def law_tangents(coordinates: Coordinates, terms: Sequence[Term], basis: Array) -> list[Tangent]:
     """Compute the tangents of force laws about the static equilibrium under gravity.
 
-    The equilibrium is at zero where all laws are linear.
+    The equilibrium is at zero where all laws are linear and relaxed.
 
     Args:
         coordinates: coordinates of the scene.
@@ -64,7 +64,7 @@ def law_tangents(coordinates: Coordinates, terms: Sequence[Term], basis: Array) 
     laws = [(term, coordinates.jacobian(term.measure)) for term in terms if isinstance(term, ForceLaw)]
     at_rest = np.zeros(len(coordinates.mass))
     if any(not law.is_linear for law, _ in laws):
-        at_rest = _nonlinear_equilibrium(coordinates, laws, basis)
+        at_rest = nonlinear_equilibrium(coordinates, laws, basis, coordinates.weight(coordinates.scene.gravity))
     result = [Tangent.of(law, rows, at_rest) for law, rows in laws]
     for tangent in result:
         least = float(np.linalg.eigvalsh(0.5 * (tangent.stiffness + tangent.stiffness.T))[0])
@@ -86,13 +86,27 @@ def tangent_of(coordinates: Coordinates, law: ForceLaw, tangents: Sequence[Tange
     return Tangent.of(law, rows, np.zeros(rows.shape[1]))
 
 
-def _nonlinear_equilibrium(coordinates: Coordinates, laws: Sequence[tuple[ForceLaw, Array]], basis: Array) -> Array:
-    """Find the coordinates at rest under gravity, (n_all,), by Newton's method with halved steps.
+def nonlinear_equilibrium(
+    coordinates: Coordinates, laws: Sequence[tuple[ForceLaw, Array]], basis: Array, weight: Array
+) -> Array:
+    """Find the coordinates at rest under constant forces by Newton's method with halved steps.
 
     Rigid-body modes stay at zero.
+
+    Args:
+        coordinates: coordinates of the scene.
+        laws: force laws and the Jacobians of their measures.
+        basis: motions that the constraints leave, (n_all, n).
+        weight: constant forces, (n_all,).
+
+    Returns:
+        The coordinates, (n_all,).
+
+    Raises:
+        ValueError: if no equilibrium is found.
     """
     scene, scale = coordinates.scene, 1 / np.sqrt(np.einsum("ij,ij->j", basis, coordinates.mass @ basis))
-    free, weight = basis * scale, coordinates.weight(scene.gravity)
+    free = basis * scale
     elastic = np.zeros_like(coordinates.mass)
     for body in scene.bodies:
         if body.moves and body.strain is not None:
@@ -105,7 +119,8 @@ def _nonlinear_equilibrium(coordinates: Coordinates, laws: Sequence[tuple[ForceL
         result: Array = free.T @ force
         return result
 
-    q, size = np.zeros(len(coordinates.mass)), float(np.linalg.norm(free.T @ weight))
+    q = np.zeros(len(coordinates.mass))
+    size = max(float(np.linalg.norm(free.T @ weight)), float(np.linalg.norm(left(q))))
     for _ in range(EQUILIBRIUM_ITERATIONS):
         stiffness = elastic + sum(t.rows.T @ t.stiffness @ t.rows for t in (Tangent.of(*law, q) for law in laws))
         values, shapes = np.linalg.eigh(free.T @ stiffness @ free)

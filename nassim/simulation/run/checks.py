@@ -62,7 +62,7 @@ def check_loops(scene: Scene, time_step: float) -> None:
         return
     measured = {name for loop in scene.loops for name in loop.measured}
     sensors = [s for s in scene.sensors if any(isinstance(t, Output) and t.name in measured for t in s.terms(scene))]
-    model = linearize(replace(scene, sensors=tuple(sensors), loops=()))
+    model = linearize(replace(scene, sensors=tuple(sensors), loops=()), loaded=False)
     for loop in scene.loops:
         rows, columns = map(model.outputs.index, loop.measured), list(map(model.inputs.index, loop.driven))
         for row in rows:

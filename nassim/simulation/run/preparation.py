@@ -109,7 +109,7 @@ def exact_assembly(scene: Scene) -> Assembly:
     """Assemble a scene for exact steps; warn of modes that could make its loops unstable."""
     assembly = assemble(scene)
     if scene.loops and np.any(assembly.modal.unsupported):
-        warn_of_folding(linearize(scene), scene.loops)
+        warn_of_folding(linearize(scene, loaded=False), scene.loops)
     return assembly
 
 

@@ -1,0 +1,94 @@
+"""Geometric stiffness of the stress in a scene's bodies: exact where their reduction holds it, otherwise estimated."""
+
+import warnings
+from collections.abc import Mapping
+
+import numpy as np
+
+from nassim.base.callers import outside
+from nassim.base.checks import Array
+from nassim.scene.bodies import FlexibleBody
+from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.buckling import FACTOR, axial_forces, estimated_stiffness
+
+WARNED_SHIFT = 0.01
+"""Relative change of a frequency by an estimated geometric stiffness above which a warning is given."""
+
+
+def stress_of_bodies(
+    assembly: Assembly,
+    displacement: Array,
+    body_forces: Mapping[str, Array],
+    voltages: Mapping[str, Mapping[str, float]],
+) -> dict[str, Array]:
+    """Compute the geometric stiffness of bodies that hold it, see `nassim.bodies.stress_stiffness`.
+
+    Args:
+        assembly: the assembled scene.
+        displacement: elastic displacement under the loads in all coordinates, (n_all,).
+        body_forces: body force per mass of each body as coefficients of 1, x, y, z along its axes, less the
+            acceleration of its material, by name, (3, 4).
+        voltages: constant voltages at electrical ports, by body and port [V].
+
+    Returns:
+        Stiffness on the coordinates of each of these bodies, by name, (n, n).
+    """
+    result = {}
+    for body in assembly.scene.deformable_bodies:
+        if (stress := body.reduced.stress_stiffness) is None:
+            continue
+        place, frame = assembly.coordinates.slices[body.name], assembly.coordinates.frames[body.name]
+        bent, deformation = np.zeros(stress.n_coordinates), frame.deformation(body.reduced)
+        bent[frame.flexible] = deformation @ displacement[place]
+        applied = dict(voltages.get(body.name, {}))
+        for circuit in assembly.signals.circuits:  # at rest, a resistance has taken the voltage of the charge away
+            for port in body.reduced.ports:
+                if np.array_equal(port.forces, circuit.forces[place]):
+                    taken = float(port.forces @ displacement[place]) / circuit.capacitance
+                    applied[port.name] = applied.get(port.name, 0.0) + taken
+        own = stress.stiffness(bent, body_forces[body.name], applied)
+        result[body.name] = _on_deformation(assembly, body, own)
+    return result
+
+
+def estimated_stress(assembly: Assembly, displacement: Array) -> dict[str, Array]:
+    """Estimate the geometric stiffness of bodies that do not hold it, from the forces at their points.
+
+    Args:
+        assembly: the assembled scene.
+        displacement: elastic displacement under the loads in all coordinates, (n_all,).
+
+    Returns:
+        Stiffness on the coordinates of each of these bodies, by name, (n, n).
+
+    Warns:
+        UserWarning: for a body whose estimate changes a frequency of the scene by more than `WARNED_SHIFT`.
+    """
+    result, modal = {}, assembly.modal
+    elastic = np.flatnonzero(~modal.rigid_modes)
+    for body in assembly.scene.deformable_bodies:
+        if body.reduced.stress_stiffness is not None:
+            continue
+        place = assembly.coordinates.slices[body.name]
+        tensions = axial_forces(body.reduced, displacement[place, None])[:, 0]
+        own = _on_deformation(assembly, body, estimated_stiffness(body.reduced, tensions))
+        result[body.name] = own
+        part = modal.modes[place][:, elastic]
+        shift = 0.5 * np.einsum("ij,ij->j", part, own @ part) / (2 * np.pi * modal.frequency[elastic]) ** 2
+        if np.abs(shift).max(initial=0.0) > WARNED_SHIFT:
+            k = int(np.argmax(np.abs(shift)))
+            warnings.warn(
+                f"the stress in body {body.name!r} under load changes the mode at {modal.frequency[elastic[k]]:.4g} Hz "
+                f"by some {100 * shift[k]:+.2g} %, which is only estimated (within a factor of {FACTOR} for slender "
+                "columns): reduce the body by craig_bampton(..., geometric_stiffness=True)",
+                stacklevel=outside(),
+            )
+    return result
+
+
+def _on_deformation(assembly: Assembly, body: FlexibleBody, stiffness: Array) -> Array:
+    """Return a stiffness of a body's coordinates, (n, n), as it acts on deformation relative to the floating frame."""
+    frame = assembly.coordinates.frames[body.name]
+    rows = frame.deformation(body.reduced)
+    result: Array = rows.T @ stiffness[np.ix_(frame.flexible, frame.flexible)] @ rows
+    return result

@@ -1,0 +1,50 @@
+"""Linear buckling of scenes: factors by which loads must grow until the equilibrium becomes unstable."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from nassim.base.checks import Array
+from nassim.scene.scene import Scene
+from nassim.simulation.loaded.loaded_state import loaded_state
+from nassim.simulation.model.assembly import assemble
+from nassim.simulation.model.recorded_motion import original_coordinates, traced
+
+NEGLIGIBLE = 1e-12
+"""Share of the largest softening below which a softening is rounding."""
+
+
+def buckling_factors(
+    scene: Scene, *, inputs: Mapping[str, float] | None = None, n: int = 1
+) -> tuple[Array, dict[str, Array]]:
+    """Compute by which factors gravity and constant inputs must grow until the scene buckles, with the shapes.
+
+    With the stiffness K of the reference configuration and the stiffness S that the loads add (see
+    `nassim.simulation.loaded.loaded_state`), K x + factor S x = 0. All loads grow together, and the displacement before
+    buckling is small. Rigid-body modes are left out: under gravity a mechanism does not buckle but hangs or falls. A
+    factor of one or less means that the scene does not bear its loads.
+
+    Args:
+        scene: the scene.
+        inputs: constant values of inputs, by name; others are zero.
+        n: number of factors.
+
+    Returns:
+        The smallest positive factors, ascending, (m,) with m at most n, empty if no load softens the scene; and the
+        shapes of the bodies that move, by name: coordinates of `FlexibleBody.reduced`, for any trimming, or for a
+        rigid body the motion of its centre of mass along the world's axes, (n_coordinates, m) each, of unit strain
+        energy.
+
+    Raises:
+        ValueError: for a scene without loads and for unknown inputs.
+    """
+    if not np.any(scene.gravity) and not any((inputs or {}).values()):
+        raise ValueError(f"scene {scene.name!r} has no load that could grow: give it gravity, or inputs with values")
+    assembly = assemble(traced(scene))
+    state = loaded_state(assembly, gravity=scene.gravity, inputs=inputs, checked=False)
+    modal, elastic = assembly.modal, ~assembly.modal.rigid_modes
+    change = (modal.shapes / np.where(elastic, 2 * np.pi * modal.frequency, 1.0))[:, elastic]
+    softening, combinations = np.linalg.eigh(-change.T @ state.stiffness @ change)
+    found = np.flatnonzero(softening > NEGLIGIBLE * np.abs(softening).max(initial=0.0))[::-1][:n]
+    shapes = modal.basis @ change @ combinations[:, found]
+    return 1 / softening[found], original_coordinates(assembly, shapes)

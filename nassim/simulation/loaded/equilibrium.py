@@ -1,0 +1,133 @@
+"""Equilibrium of a scene under constant loads, of first order in them, and what its parts bear there."""
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+
+from nassim.base.callers import outside
+from nassim.base.checks import Array
+from nassim.scene.bodies import FlexibleBody
+from nassim.simulation.loaded.geometric_stiffness import spring_forces
+from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.coordinates import Coordinates
+from nassim.simulation.model.motion_size import motion_size
+from nassim.simulation.model.tangents import nonlinear_equilibrium
+
+NOT_SMALL = 0.1
+"""Largest rotation [rad], and deformation over size, of an equilibrium in small motion."""
+WARNED_MOTION = 0.01
+"""Rotation [rad], and deformation over size, above which a warning is given."""
+SPIN_ROUNDING = 1e-9
+"""Stiffness over a mode's own, and force over the largest, that are rounding."""
+
+
+@dataclass(frozen=True)
+class StaticBalance:
+    """How a scene bears constant forces.
+
+    Attributes:
+        displacement: elastic displacement in all coordinates, (n_all,).
+        borne: forces that constraints bear, (n_all,).
+        acceleration: acceleration of rigid-body modes, which bear no force, in all coordinates, (n_all,).
+    """
+
+    displacement: Array
+    borne: Array
+    acceleration: Array
+
+
+def balance(assembly: Assembly, force: Array) -> StaticBalance:
+    """Compute how a scene bears forces, (n_all,).
+
+    The result is of first order in the forces, except in nonlinear springs, so it does not depend on the description of
+    the scene, and a motion without stiffness, as a rotation about the axis of a spin, keeps none.
+    """
+    modal, circuits = assembly.modal, assembly.signals.circuits
+    modes, elastic = modal.modes, ~modal.rigid_modes
+    bent, loose = modes[:, elastic], modes[:, ~elastic]
+    stiffness = np.diag((2 * np.pi * modal.frequency[elastic]) ** 2)
+    for circuit in circuits:
+        stiffness -= np.outer(bent.T @ circuit.forces, bent.T @ circuit.forces) / circuit.capacitance
+    q = bent @ np.linalg.solve(stiffness, bent.T @ force)
+    if not all(tangent.law.is_linear for tangent in assembly.tangents):
+        laws = [(tangent.law, tangent.rows) for tangent in assembly.tangents]
+        q = nonlinear_equilibrium(assembly.coordinates, laws, modal.basis, force)
+    left, acceleration = force - spring_forces(assembly.tangents, q), loose @ (loose.T @ force)
+    for name, place in assembly.coordinates.slices.items():
+        body, _ = assembly.scene.split(f"{name}.")
+        left[place] -= body.mass_matrix @ acceleration[place]
+        if isinstance(body, FlexibleBody) and body.deforms:
+            root = body.reduced.strain.root
+            left[place] -= root.T @ (root @ q[place])
+    for circuit in circuits:
+        left += circuit.forces * (circuit.forces @ q) / circuit.capacitance
+    return StaticBalance(q, left, acceleration)
+
+
+def spinning_rest(assembly: Assembly, added: Array, force: Array, rate: float, largest: float) -> Array:
+    """Return minimal coordinates at rest under forces on all coordinates, with the stiffness of a spin added, (n,).
+
+    Each mode is scaled by its own stiffness, a rigid-body mode by that of the spin, because the rounding of a stiff
+    mode would hide that.
+
+    Args:
+        assembly: the assembled scene.
+        added: stiffness that the loads add, (n_all, n_all).
+        force: centrifugal forces, (n_all,).
+        rate: rate of the spin [rad/s].
+        largest: largest force that a mode of unit mass can have.
+
+    Returns:
+        The minimal coordinates.
+
+    Raises:
+        ValueError: if centrifugal forces drive a motion that nothing holds.
+    """
+    modal, modes, free = assembly.modal, assembly.modal.modes, assembly.modal.rigid_modes
+    matrix = modes.T @ added @ modes
+    for circuit in assembly.signals.circuits:
+        pull = modes.T @ circuit.forces
+        matrix -= np.outer(pull, pull) / circuit.capacitance
+    scale = 1 / np.where(free, rate, 2 * np.pi * modal.frequency)
+    axes, values, answers = np.linalg.svd(np.diag(np.where(free, 0.0, 1.0)) + scale[:, None] * matrix * scale)
+    pushed = axes.T @ (scale * (modes.T @ force))
+    held = values > SPIN_ROUNDING
+    if np.any(np.abs(pushed[~held]) > SPIN_ROUNDING * largest / rate):
+        raise ValueError(
+            f"scene {assembly.scene.name!r} has no spinning equilibrium: centrifugal forces drive a motion that "
+            "nothing holds, or that is at its critical speed; add a spring or a joint, put the centre of mass on the "
+            "axis, or change the speed"
+        )
+    result: Array = modal.shapes @ (scale * (answers[held].T @ (pushed[held] / values[held])))
+    return result
+
+
+def check_small(coordinates: Coordinates, values: Array, loads: str) -> None:
+    """Check that an equilibrium is small motion.
+
+    Args:
+        coordinates: coordinates of the scene.
+        values: their values in equilibrium, (n_all,).
+        loads: what brings the scene there, for messages.
+
+    Raises:
+        ValueError: for rotations or deformations above `NOT_SMALL`.
+
+    Warns:
+        UserWarning: for those above `WARNED_MOTION`.
+    """
+    sizes = {name: motion_size(coordinates, name, values[place, None]) for name, place in coordinates.slices.items()}
+    name = max(sizes, key=lambda name: float(sizes[name].max()))
+    rotation, deformation = sizes[name]
+    found = (
+        f"under {loads}, body {name!r} comes to rest rotated by {rotation:.2g} rad and deformed by "
+        f"{100 * deformation:.2g} % of its size from the reference configuration"
+    )
+    if max(rotation, deformation) > NOT_SMALL:
+        raise ValueError(f"{found}, which is no small motion: start nearer to that equilibrium")
+    if max(rotation, deformation) > WARNED_MOTION:
+        warnings.warn(
+            f"{found}; the linear model is about that equilibrium, and off by a share of the same size",
+            stacklevel=outside(),
+        )

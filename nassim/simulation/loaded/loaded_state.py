@@ -1,0 +1,272 @@
+"""Loaded state of a scene: the stiffness of gravity, constant inputs and a spin, about the equilibrium under them.
+
+Loads give small motion a stiffness of four kinds, all of first order in the loads:
+
+- weights, centrifugal and applied forces act on points that frames carry on circles, see `body_force_terms`;
+- forces in joints and springs change their directions and arms, see `geometric_stiffness`;
+- the stress inside flexible bodies acts on their deformation, see `body_stress`;
+- centrifugal forces grow with the distance from the axis, see `spinning`.
+
+Each kind depends on the choice of the bodies' floating frames, and only the sum does not.
+"""
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from nassim.base.callers import outside
+from nassim.base.checks import Array, finite, finite_array, freeze, frozen_mapping, known
+from nassim.base.rigid_motion import skew
+from nassim.scene.bodies import FlexibleBody, RigidBody
+from nassim.scene.measures import BodyCoordinates
+from nassim.scene.terms import BaseAcceleration, Driven, PrescribedMotion
+from nassim.simulation.loaded.body_stress import estimated_stress, stress_of_bodies
+from nassim.simulation.loaded.equilibrium import StaticBalance, balance, check_small, spinning_rest
+from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness, is_preloaded
+from nassim.simulation.loaded.rotor_frame import FrameView, RotorPartition, other_frame_terms, rotating_damping
+from nassim.simulation.loaded.spinning import body_force_terms, inertia_terms, integrals, warn_of_spinning_bodies
+from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.buckling import axial_forces, warn_of_buckling
+from nassim.simulation.model.tangents import Tangent
+
+NO_LOAD = (0.0, 0.0, 0.0)
+"""Default: no gravity, no angular velocity, and the origin as axis point."""
+UNSTABLE_ROUNDING = 1e-7
+"""Share of the loads' largest stiffness in modes of unit mass below which a negative stiffness is rounding."""
+
+
+@dataclass(frozen=True)
+class LoadedState:
+    """Effect of constant loads on an assembly: M q'' + (C + gyroscopic) q' + (K + stiffness) q = f.
+
+    Small motion q is about the equilibrium under the loads.
+
+    Attributes:
+        gyroscopic: 2 W G of a spin in minimal coordinates, (n, n), skew.
+        stiffness: stiffness that the loads add in minimal coordinates, (n, n), symmetric except for dampers along
+            rotating rows, where there is a stator, and for constant forces that follow a point.
+        equilibrium: minimal coordinates of the equilibrium, from the reference configuration, (n,); charges of ports
+            with a resistance are zero.
+        drive_damping: gyroscopic forces per unit rate of d drives with prescribed motion, (n, d).
+        drive_stiffness: stiffness forces per unit of these drives' motion, (n, d).
+        inside: part of the stiffness by the stress inside bodies, on the coordinates of each, by name, (n_own, n_own).
+    """
+
+    gyroscopic: Array
+    stiffness: Array
+    equilibrium: Array
+    drive_damping: Array
+    drive_stiffness: Array
+    inside: Mapping[str, Array] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        n = len(self.equilibrium)
+        freeze(
+            self,
+            gyroscopic=finite_array("gyroscopic matrix", self.gyroscopic, (n, n)),
+            stiffness=finite_array("stiffness of the loads", self.stiffness, (n, n)),
+            equilibrium=finite_array("equilibrium", self.equilibrium, (n,)),
+            inside=frozen_mapping(self.inside),
+        )
+
+
+@dataclass
+class _Loads:
+    """Loads of one kind on all coordinates, collected body by body."""
+
+    force: Array
+    stiffness: Array
+    gyroscopic: Array
+    body_forces: dict[str, Array] = field(default_factory=dict)
+    voltages: dict[str, dict[str, float]] = field(default_factory=dict)
+    moment: float = 0.0
+
+    @classmethod
+    def none(cls, assembly: Assembly) -> "_Loads":
+        size = assembly.coordinates.size
+        fields = dict.fromkeys(assembly.coordinates.slices, np.zeros((3, 4)))
+        return cls(np.zeros(size), np.zeros((size, size)), np.zeros((size, size)), fields)
+
+
+def loaded_state(
+    assembly: Assembly,
+    *,
+    gravity: ArrayLike = NO_LOAD,
+    inputs: Mapping[str, float] | None = None,
+    angular_velocity: ArrayLike = NO_LOAD,
+    axis_point: ArrayLike = NO_LOAD,
+    partition: RotorPartition | None = None,
+    stress: bool = True,
+    checked: bool = True,
+) -> LoadedState:
+    """Compute the effect of gravity, constant inputs and a constant angular velocity on small motion.
+
+    Warns of an equilibrium beyond small motion, of one that is unstable without a spin, and of bodies whose stress
+    matters but is not known.
+
+    Args:
+        assembly: the assembled scene.
+        gravity: constant gravity along the axes in which the scene is described, (3,) [m/s2].
+        inputs: constant values of inputs, by name; others are zero. Forces along axes of the world keep their
+            direction, those along axes of a point follow it.
+        angular_velocity: angular velocity of a whole scene, fixed bodies included, along the axes of the scene, which
+            rotate with it, (3,) [rad/s].
+        axis_point: a point of the axis, (3,) [m].
+        partition: rotor and stator, where only the rotor has this velocity; None: all rotates.
+        stress: whether to include the geometric stiffness of the stress in flexible bodies.
+        checked: whether to check that an equilibrium at rest is stable and within small motion.
+
+    Returns:
+        The loaded state.
+
+    Raises:
+        ValueError: if there is no equilibrium within some 0.1 rad of the reference configuration, about which a linear
+            model would hold; for unknown inputs and those that a drive follows.
+    """
+    values = {
+        known("input", name, assembly.scene.inputs): finite(name, value) for name, value in (inputs or {}).items()
+    }
+    gravity = finite_array("gravity", np.asarray(gravity, dtype=float), (3,))
+    velocity = finite_array("angular_velocity", np.asarray(angular_velocity, dtype=float), (3,))
+    point = finite_array("axis_point", np.asarray(axis_point, dtype=float), (3,))
+    modal, followed = assembly.modal, assembly.signals.prescribed.motion
+    n = len(modal.frequency)
+    resting = stress and (gravity.any() or any(values.values()) or is_preloaded(assembly.tangents))
+    if not velocity.any() and not resting:
+        still = np.zeros((n, followed.shape[1]))
+        return LoadedState(np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), still, still)
+    geometric = GeometricStiffness.of(assembly)
+    weights, hung = _static_loads(assembly, geometric, gravity, values)
+    spun = _spin(assembly, geometric, velocity, point, partition)
+    whole = balance(assembly, weights.force + spun.force) if velocity.any() else hung
+    stiffness = weights.stiffness + spun.stiffness
+    stiffness += geometric.of_springs(whole.displacement) + geometric.of_joints(whole.borne)
+    inside: dict[str, Array] = {}
+    if stress:
+        body_forces = {name: weights.body_forces[name] + spun.body_forces[name] for name in weights.body_forces}
+        inside = stress_of_bodies(assembly, whole.displacement, body_forces, weights.voltages)
+        inside |= estimated_stress(assembly, hung.displacement)
+        for name, own in inside.items():
+            place = assembly.coordinates.slices[name]
+            stiffness[place, place] += own
+    equilibrium = modal.shapes @ (modal.modes.T @ (assembly.coordinates.mass @ hung.displacement))
+    if resting and checked:
+        check_small(assembly.coordinates, hung.displacement, "its loads (left out by loaded=False)")
+    if velocity.any():
+        rate = float(np.linalg.norm(velocity))
+        # Cauchy-Schwarz: the force on a mode of unit mass is at most W^2 times the root of the moment of inertia.
+        found = spinning_rest(assembly, stiffness, spun.force, rate, rate**2 * np.sqrt(spun.moment))
+        _warn_of_spin(assembly, modal.basis @ found, rate / (2 * np.pi), partition, stress)
+        equilibrium = equilibrium + found
+    elif checked:
+        _warn_of_instability(assembly, stiffness)
+    basis = modal.basis
+    gyroscopic, stiffness = basis.T @ spun.gyroscopic, basis.T @ stiffness
+    return LoadedState(
+        gyroscopic @ basis, stiffness @ basis, equilibrium, gyroscopic @ followed, stiffness @ followed, inside
+    )
+
+
+def _static_loads(
+    assembly: Assembly, geometric: GeometricStiffness, gravity: Array, values: Mapping[str, float]
+) -> tuple[_Loads, StaticBalance]:
+    """Collect weights and forces of inputs, less the inertia forces of rigid-body modes, and how they are borne."""
+    loads, coordinates = _Loads.none(assembly), assembly.coordinates
+    for term in assembly.terms:
+        if not isinstance(term, Driven) or not values.get(term.input):
+            continue
+        value = values[term.input]
+        if isinstance(term, PrescribedMotion):
+            raise ValueError(f"input {term.input!r} moves a drive; only forces, voltages and accelerations are loads")
+        if isinstance(term, BaseAcceleration):
+            gravity = gravity - value * np.asarray(term.direction)
+            continue
+        loads.force += value * term.gain * coordinates.jacobian(term.measure)[0]
+        loads.stiffness += geometric.of_measure(term.measure, np.array([-value * term.gain]), conservative=False)
+        charge = term.measure
+        for flexible in assembly.scene.deformable_bodies:
+            if isinstance(charge, BodyCoordinates) and charge.body == flexible.name:
+                driven = [port.name for port in flexible.reduced.ports if np.array_equal(port.forces, charge.weights)]
+                ports = loads.voltages.setdefault(flexible.name, {})
+                ports.update({port: ports.get(port, 0.0) + value * term.gain for port in driven})
+    loads.force += coordinates.weight(gravity)
+    hung = balance(assembly, loads.force)
+    for tangent in assembly.tangents if any(values.values()) else ():  # those of the assembly are about gravity
+        now = Tangent.of(tangent.law, tangent.rows, hung.displacement)
+        loads.stiffness += tangent.rows.T @ (now.stiffness - tangent.stiffness) @ tangent.rows
+    for name, place in coordinates.slices.items():
+        body, frame = assembly.scene.split(f"{name}.")[0], geometric.frames[name]
+        if not isinstance(body, (RigidBody, FlexibleBody)):
+            continue  # its points move linearly with its coordinates, so its weight has no stiffness
+        rotation, origin, _ = integrals(body)
+        fall = frame.motion @ hung.acceleration
+        turning = rotation.T @ skew(fall[3:])
+        at_origin = rotation.T @ (gravity - fall[:3]) - turning @ (origin - frame.position)
+        loads.body_forces[name] = np.column_stack([at_origin, -turning @ rotation])
+        loads.stiffness[place, place] += body_force_terms(body, frame, place, loads.body_forces[name])[1]
+    return loads, hung
+
+
+def _spin(
+    assembly: Assembly,
+    geometric: GeometricStiffness,
+    velocity: Array,
+    axis_point: Array,
+    partition: RotorPartition | None,
+) -> _Loads:
+    """Collect the centrifugal and Coriolis terms of all bodies and dampers."""
+    loads, slices = _Loads.none(assembly), assembly.coordinates.slices
+    if not velocity.any():
+        return loads
+    for name, place in slices.items():
+        body, _ = assembly.scene.split(f"{name}.")
+        if not isinstance(body, (RigidBody, FlexibleBody)):
+            raise ValueError(f"body {name!r} is a {type(body).__name__}, whose centrifugal forces are not known")
+        if partition is None or name not in partition.stator:
+            terms = inertia_terms(body, geometric.frames[name], place, velocity, axis_point)
+            loads.gyroscopic[place, place], loads.stiffness[place, place] = terms.coriolis, terms.stiffness
+            loads.force[place], loads.moment = terms.force, loads.moment + terms.moment
+            loads.body_forces[name] = terms.body_force
+    if partition is not None:
+        view = FrameView(assembly, partition)
+        for name in filter(partition.in_other_frame, slices):
+            own = (slices[name],) * 2
+            gyroscopic, stiffness = loads.gyroscopic[own], loads.stiffness[own]
+            loads.gyroscopic[own], loads.stiffness[own] = other_frame_terms(view, name, gyroscopic, stiffness)
+        loads.stiffness += rotating_damping(view)
+    return loads
+
+
+def _warn_of_spin(
+    assembly: Assembly, coordinates: Array, rate: float, partition: RotorPartition | None, stress: bool
+) -> None:
+    """Warn of a spinning equilibrium beyond small motion, of stress that is left out, and of preload near buckling."""
+    check_small(assembly.coordinates, coordinates, "the spin")
+    warn_of_spinning_bodies(assembly, rate, partition, stress)
+    exact = {body.name for body in assembly.scene.deformable_bodies if stress and body.reduced.stress_stiffness}
+    tensions: Mapping[str, Array] = {
+        body.name: axial_forces(body.reduced, coordinates[assembly.coordinates.slices[body.name], None])[:, 0]
+        * (body.name not in exact)
+        for body in assembly.scene.deformable_bodies
+    }
+    warn_of_buckling(assembly, tensions)
+
+
+def _warn_of_instability(assembly: Assembly, stiffness: Array) -> None:
+    """Warn of an equilibrium at rest that is unstable, with its pole, which is real unless forces follow a point."""
+    modes = assembly.modal.modes
+    added = modes.T @ stiffness @ modes
+    squares = np.linalg.eigvals(np.diag((2 * np.pi * assembly.modal.frequency) ** 2) + added).astype(complex)
+    poles = np.sqrt(-squares)
+    pole = poles[np.argmax(poles.real)]
+    if pole.real**2 > UNSTABLE_ROUNDING * np.abs(added).max():
+        flutters = abs(pole.imag) > UNSTABLE_ROUNDING * pole.real
+        text = f"{pole.real:+.5g}" + (f" +- {abs(pole.imag):.5g}i" if flutters else "")
+        warnings.warn(
+            f"the equilibrium of scene {assembly.scene.name!r} under its loads is unstable: without damping it has the "
+            f"pole {text} rad/s",
+            stacklevel=outside(),
+        )

@@ -1,0 +1,519 @@
+"""Linear models about loaded equilibria: published machines under gravity and spin, hung and standing bars."""
+
+import warnings
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from conftest import lattice, make_bar, meshed
+from scipy.spatial.transform import Rotation
+
+from nassim import (
+    Bushing,
+    Drive,
+    Encoder,
+    FlexibleBody,
+    ForceSensor,
+    Joint,
+    Material,
+    PointForce,
+    RigidBody,
+    Scene,
+    SpringDamper,
+    TimeHistory,
+    VoltageDrive,
+    VoltageSensor,
+    craig_bampton,
+    fixed,
+    frequency_response,
+    linearize,
+    revolute,
+    simulate,
+    spherical,
+    static_response,
+    universal,
+)
+from nassim.bodies.piezo import PortCoupling
+from nassim.bodies.projection import keep_modes, trim_body
+from nassim.bodies.readouts import by_name
+from nassim.bodies.stress_stiffness import StressStiffness
+from nassim.fem.meshing import generate_mesh
+from nassim.scene.joints import planar
+from nassim.scene.measures import Displacement
+from nassim.scene.part import ForceElement
+from nassim.scene.terms import NonlinearSpring
+from nassim.simulation import (
+    assemble,
+    buckling_factors,
+    loaded_state,
+    prestress_scene,
+    reduce_scene,
+    truncation_error,
+)
+from nassim.systems import unstable_poles
+
+GRAVITY = (0, 0, -9.81)
+DOWN = np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], dtype=float)
+"""Axes in which a bar along x hangs."""
+TURN = Rotation.from_rotvec([0.4, -0.7, 1.1]).as_matrix()
+
+
+def squares(model):
+    """Squares of the angular frequencies of an undamped model at rest, ascending, (n,) [rad2/s2]."""
+    n = len(model.A) // 2
+    return np.sort(np.linalg.eigvals(-model.A[n:, :n]).real)
+
+
+def frequencies(scene, **options):
+    """Frequencies [Hz], negative for real poles."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = squares(linearize(replace(scene, damping_ratio=0.0), **options))
+    return np.sign(found) * np.sqrt(np.abs(found)) / (2 * np.pi)
+
+
+@pytest.fixture(scope="module")
+def gravimeter():
+    """A published gravimeter in its plane: a mass on three springs, whose lengths are those under its weight."""
+    mass_points = {"c": (0, 0, 0), "h": (0, 0, -1.7), "v": (-0.5, 0, -1.7), "w": (0.5, 0, -1.7)}
+    ground_points = {"c": (0, 0, 0), "h": (-0.2, 0, -1.7), "v": (-0.5, 0, -1.9), "w": (0.5, 0, -1.9)}
+    mass = RigidBody("mass", mass_points, 400.0, 115 * np.eye(3))
+    springs = tuple(SpringDamper(k, f"ground.{k}", f"mass.{k}", "line", 15e3, 0.03) for k in "hvw")
+    plane = planar("plane", "ground.c", "mass.c", "y")
+    ground = RigidBody("ground", ground_points, fixed=True)
+    return Scene("gravimeter", (ground, mass), (plane,), springs=springs, gravity=(0, 0, -9.80665))
+
+
+def test_gravimeter(gravimeter):
+    """Its three modes, without and with gravity, which makes one of them two real poles."""
+    assert 2 * np.pi * frequencies(gravimeter, loaded=False) == pytest.approx([2.27025, 8.65936, 21.7596], rel=5e-3)
+    assert 2 * np.pi * frequencies(gravimeter) == pytest.approx([-10.984, 0.83296, 8.65963], rel=5e-3)
+
+
+def test_unstable_equilibria_are_told_with_their_pole(gravimeter):
+    with pytest.warns(UserWarning, match=r"scene 'gravimeter' under its loads is unstable: .* pole \+10\.997 rad/s"):
+        model = linearize(replace(gravimeter, damping_ratio=0.0))
+    (pole,) = unstable_poles(model)
+    assert pole.growth_rate == pytest.approx(10.984, rel=5e-3)
+
+
+@pytest.mark.parametrize("turn", [np.eye(3), TURN], ids=["along z", "anyhow"])
+def test_pendulums_swing_and_stand(turn):
+    """1.2 kg at 2.3 m, described along any axes: 0.328693 Hz, and a pole of the same size where it stands."""
+    ball = RigidBody("ball", {"hinge": turn @ [0, 0, 2.3]}, 1.2, 1e-9 * np.eye(3), turn @ [0, 0, -2.3])
+    wall = RigidBody("wall", {"o": np.zeros(3)}, fixed=True)
+    scene = Scene("pendulum", (wall, ball), (revolute("hinge", "wall.o", "ball.hinge", turn[:, 1]),))
+    assert frequencies(replace(scene, gravity=turn @ GRAVITY)) == pytest.approx([0.328693], rel=1e-6)
+    assert frequencies(replace(scene, gravity=-turn @ GRAVITY)) == pytest.approx([-0.328693], rel=1e-6)
+    assert frequencies(replace(scene, gravity=turn @ GRAVITY), loaded=False) == pytest.approx([0.0], abs=1e-9)
+
+
+def test_a_pendulum_hangs_on_a_spindle_until_the_spin_throws_it_out():
+    """In the frame that turns about the vertical: g / l - W^2; gravity across the axis is not constant there."""
+    ball = RigidBody("ball", {"hinge": TURN @ [0, 0, 2.3]}, 1.2, 1e-9 * np.eye(3), TURN @ [0, 0, -2.3])
+    bodies = RigidBody("wall", {"o": np.zeros(3)}, fixed=True), ball
+    hinge = revolute("hinge", "wall.o", "ball.hinge", TURN[:, 1])
+    for sideways in (0.0, 5.0):
+        scene = Scene("spindle", bodies, (hinge,), gravity=TURN @ [sideways, 0, -9.81], damping_ratio=0.0)
+        for rate in (0.5, 1.9, 3.0):
+            (square, _) = linearize(scene, angular_velocity=rate * TURN[:, 2]).poles() ** 2
+            assert square == pytest.approx(rate**2 - 9.81 / 2.3, rel=1e-6)
+
+
+def test_a_body_on_two_links():
+    """R. Gasch, K. Knothe, Strukturdynamik: rigid links, and line springs of the same length, hold a square body."""
+    a, m = 1.75, 8.8
+    inertia = 2 / 3 * m * a**2 * np.eye(3)
+    ground = RigidBody("ground", {"l": (-3 * a, 0, 3 * a), "r": (3 * a, 0, 3 * a)}, fixed=True)
+    mass = RigidBody("mass", {"l": (-a, 0, a), "r": (a, 0, a)}, m, inertia)
+    bodies, joints = [ground, mass], []
+    for name, half in (("l", np.array([-a, 0, a])), ("r", np.array([a, 0, a]))):
+        bodies.append(RigidBody(name, {"up": half, "low": -half}, 1e-7, 1e-9 * np.eye(3), 2 * half))
+        joints.append(universal(f"{name}_up", f"ground.{name}", f"{name}.up", "y", np.cross(half, (0, 1, 0))))
+        joints.append(spherical(f"{name}_low", f"{name}.low", f"mass.{name}"))
+    expected = [0.208787, 0.565232, 0.588976, 0.799359]
+    links = Scene("links", tuple(bodies), tuple(joints), gravity=GRAVITY)
+    assert frequencies(links)[:4] == pytest.approx(expected, rel=1e-5)
+    springs = tuple(SpringDamper(k, f"ground.{k}", f"mass.{k}", "line", 1e9) for k in "lr")
+    stiff = Scene("springs", (ground, mass), springs=springs, gravity=GRAVITY)
+    assert frequencies(stiff)[:4] == pytest.approx(expected, rel=1e-5)
+
+
+def test_free_bodies_fall_without_stress_and_stiffness(hung):
+    """Far from any joint, a reduced body in gravity has the modes of one in space."""
+    scene = Scene("fall", (FlexibleBody("bar", hung, rotation=TURN),), gravity=GRAVITY)
+    np.testing.assert_allclose(frequencies(scene)[6:], frequencies(scene, loaded=False)[6:], rtol=1e-9)
+    assert np.abs(frequencies(scene)[:6]).max() < 1e-3
+
+
+STEEL = Material("steel", 200e9, 0.3, 7800.0)
+
+
+@pytest.fixture(scope="module")
+def hung():
+    """A bar of 2 m x 4 mm x 4 mm."""
+    solid = make_bar(length=2.0, side=4e-3, material=STEEL)
+    mesh = generate_mesh(solid, element_size=8e-3, layer_thickness=0.25, extrude="x")
+    return craig_bampton(meshed(mesh, solid, 3), n_modes=8, geometric_stiffness=True, progress=False)
+
+
+def hanging(body, **more):
+    wall = RigidBody("wall", {"c": np.zeros(3)}, fixed=True)
+    hinge = revolute("hinge", "wall.c", "bar.left", "y")
+    return Scene("hung", (wall, FlexibleBody("bar", body, rotation=DOWN, **more)), (hinge,), gravity=GRAVITY)
+
+
+@pytest.mark.parametrize("frame", ["left", "right"])
+def test_a_hung_bar(hung, frame):
+    """A beam with tension: the same with the frame on either end."""
+    found = frequencies(hanging(hung, frame=frame))[[0, 2]]
+    assert found == pytest.approx([0.43116, 3.74295], rel=2e-4)
+
+
+@pytest.mark.parametrize("frame", ["left", "right"])
+def test_a_hung_bar_swings_in_time_as_in_the_linear_model(hung, frame):
+    """Its weight is slightly beside its axis: the first swing about the equilibrium, from the reference."""
+    scene = replace(hanging(keep_modes(hung, 2), frame=frame), gravity=(0.02, 0, -9.81), damping_ratio=0.0)
+    sensor = Encoder("tip", "wall.c", "bar.right", "x")
+    rest = TimeHistory(np.arange(130) * 0.02, np.zeros((0, 130)), (), ())
+    told = simulate(replace(scene, sensors=(sensor,)), rest, time_step=0.02, start="released", progress=False)
+    tip = told.values[0]
+    turning = np.argmax(tip)  # half of a period after the start
+    fit = np.polyfit(told.time[turning - 3 : turning + 4], tip[turning - 3 : turning + 4], 2)
+    assert 0.5 / (-fit[1] / (2 * fit[0])) == pytest.approx(0.431, rel=0.01)
+
+
+def test_a_prestressed_bar_has_its_second_mode_in_time(hung):
+    """Without its stress 3.37 Hz, as the weight on its bent shape has less to do than the tension."""
+    scene = hanging(keep_modes(hung, 4), frame="right")
+    push, tip = PointForce("push", "bar.right", "x", "f"), Encoder("tip", "wall.c", "bar.right", "x")
+    scene = prestress_scene(replace(scene, actuators=(push,), sensors=(tip,), damping_ratio=0.0))
+    time = np.arange(2000) * 4e-3
+    pulse = TimeHistory(time, 1e-4 * (time < 0.05)[None], ("f",), ("N",))
+    record = simulate(scene, pulse, time_step=4e-3, progress=False).values[1, 50:]
+    window = np.hanning(len(record)) * (record - record.mean())
+    tried = np.linspace(3.2, 4.0, 1601)
+    spectrum = np.abs(np.exp(-2j * np.pi * np.outer(tried, time[50:])) @ window)
+    assert tried[np.argmax(spectrum)] == pytest.approx(3.74295, rel=2e-3)
+
+
+def test_prestress_without_weights_and_joints_is_refused(hung):
+    with pytest.raises(ValueError, match="body 'bar' is in small motion"):
+        prestress_scene(hanging(hung, fidelity="linear"))
+
+
+def test_a_trimmed_hung_bar_keeps_its_stress(hung):
+    """Its free end is no coordinate any more, and no load of its own weight is asked for."""
+    trimmed = trim_body(hung, points=["left"], loads=np.zeros((len(hung.mass_matrix), 0)), cutoff_frequency=60.0)
+    assert len(trimmed.mass_matrix) < len(hung.mass_matrix)
+    found = frequencies(hanging(trimmed))[[0, 2]]
+    assert found == pytest.approx([0.43116, 3.74295], rel=1e-3)
+
+
+def test_truncation_errors_hold_under_load(hung):
+    """Estimates compare with the enriched body, which has the stress too."""
+    scene = replace(hanging(keep_modes(hung, 1)), damping_ratio=0.01)
+    push, tip = PointForce("push", "bar.right", "x", "f"), Encoder("tip", "wall.c", "bar.right", "x")
+    scene = replace(scene, actuators=(push,), sensors=(tip,))
+    body = scene.bodies[1]
+    richer = replace(scene, bodies=(scene.bodies[0], replace(body, reduced=body.reduced.enriched)))
+    assert frequencies(richer)[2] == pytest.approx(3.74295, rel=2e-4)
+    frequency = np.array([3.0, 3.5])
+    coarse, fine = (frequency_response(linearize(s), frequency).values for s in (scene, richer))
+    np.testing.assert_allclose(truncation_error(scene, frequency), np.abs(coarse / fine - 1), rtol=1e-6)
+
+
+def test_bodies_without_geometric_stiffness_are_estimated_and_told(hung):
+    bare = replace(hung, readouts={})
+    with pytest.warns(UserWarning, match=r"stress in body 'bar' under load changes the mode at .* Hz by some \+"):
+        linearize(hanging(bare))
+    for frame in ("left", "right"):  # 2.6 Hz without the estimate, with the frame at the right
+        assert frequencies(hanging(bare, frame=frame))[2] == pytest.approx(3.743, rel=0.11), frame
+
+
+HEIGHT = np.sqrt(12) / 70
+UNIT = np.sqrt(STEEL.young_modulus * HEIGHT**2 / 12 / STEEL.density)
+"""sqrt(E I / (rho A L^4)) of the blade [rad/s]."""
+
+
+@pytest.fixture(scope="module")
+def blade():
+    """A blade of slenderness 70, 1 m long."""
+    solid = make_bar(length=1.0, side=HEIGHT, material=STEEL, coupling="rbe2")
+    mesh = generate_mesh(solid, element_size=2 * HEIGHT, layer_thickness=0.125, extrude="x")
+    return craig_bampton(meshed(mesh, solid, 4), n_modes=12, geometric_stiffness=True, progress=False)
+
+
+@pytest.mark.filterwarnings("ignore:under the spin")
+def test_rotating_cantilevers(blade):
+    """Flap and chord at some speeds: A. Hamza Cherif and A. Houmat."""
+    hub = RigidBody("hub", {"c": np.zeros(3)}, fixed=True)
+    bodies, root = (hub, FlexibleBody("blade", blade, rotation=TURN)), fixed("root", "hub.c", "blade.left")
+    scene = Scene("blade", bodies, (root,), damping_ratio=0.0)
+    for speed, chord, flap in ((2, 3.6195, 4.1373), (6, 4.2393, 7.3603), (10, 4.97, 11.2023)):
+        poles = np.linalg.eigvals(linearize(scene, angular_velocity=speed * UNIT * TURN[:, 2]).A)
+        found = np.sort(poles.imag[poles.imag > 0])[:2] / UNIT
+        assert found == pytest.approx([chord, flap], rel=3e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:under the spin", "ignore:body 'blade' turns at")
+def test_a_prestressed_blade_on_a_drive_in_time(blade):
+    """After a pulse across and along the axis, at a speed of 6; without its stress it is refused as unstable."""
+    ground, shaft = (
+        RigidBody("ground", {"c": np.zeros(3)}, fixed=True),
+        revolute("shaft", "ground.c", "blade.left", "z"),
+    )
+    push = PointForce("push", "blade.right", (0, 1, 1), "f", "blade.right")
+    sensors = tuple(Encoder(axis, "blade.left", "blade.right", axis, "blade.left") for axis in "yz")
+    motor = Drive("motor", "shaft", "rz", speed=6 * UNIT)
+    body = FlexibleBody("blade", blade)
+    scene = Scene("blade", (ground, body), (shaft,), (motor, push), sensors, damping_ratio=0.0)
+    step = 2 * np.pi / (4.24 * UNIT) / 90
+    time = np.arange(1500) * step
+    pulse = TimeHistory(time, 100.0 * (time < 5 * step)[None], ("f",), ("N",))
+    with pytest.raises(ValueError, match="unstable: a drift"):
+        simulate(scene, pulse, time_step=step, progress=False)
+    record = simulate(prestress_scene(scene), pulse, time_step=step, progress=False)
+    for axis, expected in (("y", 4.2393), ("z", 7.3603)):
+        signal = record.values[record.names.index(axis), 20:]
+        tried = expected * np.linspace(0.9, 1.1, 801)
+        waves = np.exp(-1j * UNIT * np.outer(tried, time[20:]))
+        found = tried[np.argmax(np.abs(waves @ ((signal - signal.mean()) * np.hanning(len(signal)))))]
+        assert found == pytest.approx(expected, rel=3e-3)
+
+
+SLENDER = 0.5
+"""Length of a standing strip [m], 10 mm wide and thick."""
+
+
+@pytest.fixture(scope="module")
+def strip():
+    solid = make_bar(length=SLENDER, side=0.01, material=STEEL)
+    mesh = generate_mesh(solid, element_size=0.02, layer_thickness=0.125, extrude="x")
+    return craig_bampton(meshed(mesh, solid, 3), n_modes=4, geometric_stiffness=True, progress=False)
+
+
+def standing(strip, gravity=0.0, frame=None):
+    """A strip clamped at its foot, with a force at its top, in no particular direction of the world."""
+    ground = RigidBody("ground", {"c": np.zeros(3)}, fixed=True)
+    body = FlexibleBody("strip", strip, rotation=TURN, frame=frame)
+    push = PointForce("push", "strip.right", TURN[:, 0], "force")
+    foot = fixed("foot", "ground.c", "strip.left")
+    return Scene("standing", (ground, body), (foot,), (push,), damping_ratio=0.0, gravity=-gravity * TURN[:, 0])
+
+
+@pytest.mark.parametrize("frame", ["left", "right"])
+def test_buckling_factors_of_columns(strip, frame):
+    """Euler's load with Engesser's shear, and Greenhill's own weight, with the frame on either end."""
+    bending = STEEL.young_modulus * 0.01**4 / 12
+    euler = np.pi**2 * bending / (4 * SLENDER**2)
+    euler /= 1 + euler / (5 / 6 * STEEL.young_modulus / 2.6 * 0.01**2)
+    factors, shapes = buckling_factors(standing(strip, frame=frame), inputs={"force": -100.0}, n=2)
+    assert factors == pytest.approx(2 * [euler / 100], rel=1e-3)
+    assert np.linalg.norm(shapes["strip"][7:9], axis=0).min() > 0, "it moves sideways"
+    greenhill = 7.8373 * bending / (STEEL.density * 0.01**2 * SLENDER**3)
+    factors, _ = buckling_factors(standing(strip, 9.81, frame))
+    assert factors == pytest.approx([greenhill / 9.81], rel=2e-3)
+
+
+def test_constant_inputs_soften_as_they_press(strip):
+    """Half of Euler's load leaves 0.7 of the frequency of a column, a little more as the two shapes differ."""
+    scene = standing(strip)
+    factor = buckling_factors(scene, inputs={"force": -1.0})[0][0]
+    free, pressed = (frequencies(scene, constant_inputs={"force": -share * factor})[0] for share in (0.0, 0.5))
+    assert (pressed / free) ** 2 == pytest.approx(0.5, abs=0.02)
+    with pytest.warns(UserWarning, match=r"under its loads is unstable: .* pole \+"):
+        linearize(scene, constant_inputs={"force": -1.01 * factor})
+
+
+@pytest.mark.parametrize(("frame", "left"), [("", 1.0), ("rod.tip", 0.0)], ids=["dead", "follower"])
+def test_forces_that_follow_a_point_are_told_from_dead_ones(frame, left):
+    """On a rod with a torsion spring at its hinge: a dead force P takes P L from it, one along the rod nothing."""
+    rod = RigidBody("rod", {"foot": 0.4 * TURN[:, 0], "tip": -0.4 * TURN[:, 0]}, 1.5, 0.02 * np.eye(3))
+    ground = RigidBody("ground", {"o": 0.4 * TURN[:, 0]}, fixed=True)
+    hinge = revolute("hinge", "ground.o", "rod.foot", TURN[:, 1])
+    torsion = Bushing("torsion", "ground.o", "rod.foot", [0.0] * 3 + [50.0] * 3)
+    push = PointForce("push", "rod.tip", TURN[:, 0], "force", frame)
+    scene = Scene("rod", (ground, rod), (hinge,), (push,), springs=(torsion,))
+    inertia = 0.02 + 1.5 * 0.4**2
+    for force in (20.0, -20.0):
+        expected = np.sqrt((50.0 - left * force * 0.8) / inertia) / (2 * np.pi)
+        assert frequencies(scene, constant_inputs={"force": force}) == pytest.approx([expected], rel=1e-6)
+
+
+def test_zieglers_column_flutters_beyond_its_follower_load():
+    """H. Ziegler (1952): two links, masses 2 m and m at their ends, (7/2 - sqrt(2)) k / l; dead loads fall aside."""
+    length, stiffness = 0.5, 10.0
+    ground = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
+    ends = {"foot": (-length, 0, 0), "tip": (0, 0, 0)}
+    links = [
+        RigidBody(name, ends, mass, 1e-9 * np.eye(3), (k * length, 0, 0))
+        for k, name, mass in ((1, "lower", 2.0), (2, "upper", 1.0))
+    ]
+    pairs = (("ground.o", "lower.foot"), ("lower.tip", "upper.foot"))
+    joints = tuple(revolute(f"hinge_{k}", a, b, "z") for k, (a, b) in enumerate(pairs))
+    springs = tuple(Bushing(f"k_{k}", a, b, [0.0] * 3 + [stiffness] * 3) for k, (a, b) in enumerate(pairs))
+    push = PointForce("push", "upper.tip", "x", "force", "upper.tip")
+    scene = Scene("column", (ground, *links), joints, (push,), springs=springs, damping_ratio=0.0)
+    critical = (3.5 - np.sqrt(2)) * stiffness / length
+    below, above = (
+        linearize(scene, constant_inputs={"force": -share * critical}).poles().real.max() for share in (0.995, 1.005)
+    )
+    assert below < 1e-4
+    assert above > 0.1
+
+
+def test_what_cannot_load_a_scene_is_refused(strip):
+    scene = standing(strip)
+    with pytest.raises(ValueError, match="no load that could grow"):
+        buckling_factors(scene)
+    with pytest.raises(ValueError, match="unknown input 'push'"):
+        linearize(scene, constant_inputs={"push": 1.0})
+    with pytest.raises(ValueError, match="load a scene at rest"):
+        linearize(scene, constant_inputs={"force": 1.0}, angular_velocity=(0, 0, 1))
+    with pytest.raises(ValueError, match=r"under its loads .*no small motion: start nearer"):
+        linearize(replace(scene, gravity=3e3 * TURN[:, 2]))
+
+
+@dataclass(frozen=True)
+class Hardening(ForceElement):
+    """A spring that hardens, between ground and ball."""
+
+    def terms(self, scene):
+        along = Displacement.between("ground.o", "ball.c", np.array([1.0, 0.0, 0.0]))
+        return (NonlinearSpring(along, force=lambda v, _: 1e3 * v + 1e8 * v**3),)
+
+
+def test_a_constant_force_moves_along_a_springs_law():
+    """Its tangent is that of the equilibrium, where both the linear and the cubic part carry."""
+    ball = RigidBody("ball", {"c": np.zeros(3)}, 2.0, 1e-3 * np.eye(3))
+    ground = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
+    slide, push = Joint("slide", "ground.o", "ball.c", free=("x",)), PointForce("push", "ball.c", "x", "force")
+    scene = Scene("hardening", (ground, ball), (slide,), (push,), springs=(Hardening("spring"),))
+    stretch = 2e-3
+    found = frequencies(scene, constant_inputs={"force": 1e3 * stretch + 1e8 * stretch**3})
+    assert found == pytest.approx([np.sqrt((1e3 + 3e8 * stretch**2) / 2.0) / (2 * np.pi)], rel=1e-5)
+
+
+def strung(tension, axis, **more):
+    """A point mass of 2 kg between two springs along an axis, 0.3 m each, under tension as drawn."""
+    ball = RigidBody("ball", {"c": np.zeros(3)}, 2.0, 1e-3 * np.eye(3))
+    ground = RigidBody("ground", {"a": -0.3 * axis, "b": 0.3 * axis}, fixed=True)
+    springs = tuple(SpringDamper(k, f"ground.{k}", "ball.c", "line", 5e3, preload=tension) for k in "ab")
+    return Scene("strung", (ground, ball), springs=springs, damping_ratio=0.0, **more)
+
+
+def test_a_string_under_tension_holds_its_mass_sideways():
+    """By 2 T / L, in the linear model and in time, and falls aside where it is pressed."""
+    sideways = np.sqrt(2 * 60.0 / (0.3 * 2.0)) / (2 * np.pi)
+    axial = np.sqrt(2 * 5e3 / 2.0) / (2 * np.pi)
+    scene = strung(60.0, TURN[:, 0])
+    assert frequencies(scene)[3:] == pytest.approx([sideways, sideways, axial], rel=1e-6)
+    assert frequencies(strung(-60.0, TURN[:, 0]))[:2] == pytest.approx([-sideways, -sideways], rel=1e-6)
+    assert frequencies(scene, loaded=False)[:5] == pytest.approx(np.zeros(5), abs=1e-6)
+    weighed = strung(
+        60.0, TURN[:, 0], gravity=0.01 * TURN[:, 2], sensors=(Encoder("u", "ground.a", "ball.c", TURN[:, 2]),)
+    )
+    time = np.arange(200) * 2e-3
+    rest = TimeHistory(time, np.zeros((0, 200)), (), ())
+    found = simulate(weighed, rest, time_step=2e-3, start="released", progress=False).values[0]
+    swing = 0.01 / (2 * np.pi * sideways) ** 2 * (1 - np.cos(2 * np.pi * sideways * time))
+    np.testing.assert_allclose(found, swing, atol=2e-3 * swing.max())
+
+
+@pytest.mark.parametrize("kind", ["spring", "bushing"])
+def test_a_preload_that_bears_a_weight_leaves_it_as_drawn(kind):
+    """It pulls with -m g; relaxed springs sag by m g / k and then pull as much."""
+
+    def resting(preload):
+        mass = RigidBody("mass", {"c": np.zeros(3)}, 3.0, 1e-2 * np.eye(3))
+        ground = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
+        if kind == "spring":
+            held = SpringDamper("k", "ground.o", "mass.c", "z", 2e3, preload=preload)
+            joints = (Joint("slide", "ground.o", "mass.c", free=("z",)),)
+        else:
+            held = Bushing("k", "ground.o", "mass.c", [2e3] * 3 + [10.0] * 3, preload=[0, 0, preload, 0, 0, 0])
+            joints = ()
+        sensors = (Encoder("z", "ground.o", "mass.c", "z"), ForceSensor("f", "k"))
+        return static_response(Scene("held", (ground, mass), joints, sensors=sensors, springs=(held,), gravity=GRAVITY))
+
+    force = "f" if kind == "spring" else "f.fz"
+    drawn, relaxed = resting(-3.0 * 9.81), resting(0.0)
+    assert (drawn["z"], relaxed["z"]) == (pytest.approx(0.0, abs=1e-9), pytest.approx(-3.0 * 9.81 / 2e3, rel=1e-6))
+    assert drawn[force] == pytest.approx(-3.0 * 9.81, rel=1e-6)
+    assert relaxed[force] == pytest.approx(-3.0 * 9.81, rel=1e-6)
+
+
+def test_the_gravimeter_as_drawn(gravimeter):
+    """Its vertical springs bear the weight as drawn, so it rests there and has the same modes."""
+    borne = -400.0 * 9.80665 / 2
+    springs = tuple(replace(s, preload=0.0 if s.name == "h" else borne) for s in gravimeter.springs)
+    drawn = replace(gravimeter, springs=springs)
+    np.testing.assert_allclose(frequencies(drawn), frequencies(gravimeter), rtol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def wired():
+    """A body with a port and any geometric stiffness, clamped at its left, with the port driven or open."""
+    rng, plain = np.random.default_rng(7), craig_bampton(lattice(), n_modes=2, progress=False)
+    n = len(plain.mass_matrix)
+    forces = np.zeros(n)
+    forces[6], forces[0], forces[12:] = 3.0, -3.0, [0.2, -0.1]
+    matrices = rng.standard_normal((12 + 12 + 1, n, n))
+    rows = np.eye(25, n) * (np.arange(25) < 12)[:, None]
+    stress = StressStiffness(rows, matrices + matrices.transpose(0, 2, 1), ("v",))
+    body = replace(plain, readouts=by_name([PortCoupling("v", forces, 1e-3), stress]))
+    ground = RigidBody("ground", {"o": body.point("left").position}, fixed=True)
+    return Scene("wired", (ground, FlexibleBody("bar", body)), (fixed("clamp", "ground.o", "bar.left"),))
+
+
+def test_constant_voltages_load_a_body(wired):
+    drive = VoltageDrive("drive", "bar.v", "volts")
+    assembly = assemble(replace(wired, actuators=(drive,)))
+    body = wired.bodies[1].reduced
+    found = loaded_state(assembly, inputs={"volts": 3.0}, checked=False).inside["bar"][6:, 6:]
+    static = np.zeros(len(body.mass_matrix))
+    static[6:] = np.linalg.solve(body.stiffness_matrix[6:, 6:], 3.0 * drive.gain * body.port("v").forces[6:])
+    expected = body.stress_stiffness.stiffness(static, voltages={"v": 3.0 * drive.gain})[6:, 6:]
+    np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_the_voltage_of_an_open_port_loads_its_body(wired):
+    sensor = VoltageSensor("read", "bar.v", capacitance=2e-3)
+    body = wired.bodies[1].reduced
+    q = np.random.default_rng(8).standard_normal(len(body.mass_matrix))
+    modelled = assemble(replace(wired, sensors=(sensor,))).scene.bodies[1].reduced.stress_stiffness
+    expected = body.stress_stiffness.stiffness(q, voltages={"v": -body.port("v").forces @ q / 3e-3})
+    np.testing.assert_allclose(modelled.stiffness(q), expected, atol=1e-12 * np.abs(expected).max())
+
+
+def test_a_port_with_a_resistance_has_no_voltage_at_rest(wired):
+    sensor = VoltageSensor("read", "bar.v", resistance=1e5, capacitance=2e-3)
+    scene = replace(wired, sensors=(sensor,), gravity=GRAVITY)
+    body = wired.bodies[1]
+    found = loaded_state(assemble(scene), gravity=GRAVITY, checked=False).inside["bar"][6:, 6:]
+    static = np.zeros(len(body.mass_matrix))
+    static[6:] = np.linalg.solve(body.reduced.stiffness_matrix[6:, 6:], body.weight(np.array(GRAVITY))[6:])
+    field = np.column_stack([GRAVITY, np.zeros((3, 3))])
+    expected = body.reduced.stress_stiffness.stiffness(static, field)[6:, 6:]
+    np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_a_body_made_of_several_has_no_geometric_stiffness(wired):
+    """That of the joints between them is not of any body."""
+    body = wired.bodies[1].reduced
+    apart = body.point("right").position - body.point("left").position
+    two = FlexibleBody("a", body), FlexibleBody("b", body, position=apart)
+    scene = Scene("two", two, (fixed("weld", "a.right", "b.left"),))
+    assert reduce_scene(scene, "one", points={"left": "a.left"}).stress_stiffness is None
+
+
+def test_stress_belongs_to_deformation_not_to_where_a_body_sags(wired):
+    """A soft foot lets the body turn, but the body's own deformation under its weight is the same."""
+    soft = replace(wired, joints=(), springs=(Bushing("foot", "ground.o", "bar.left", [1e3] * 3 + [1.0] * 3),))
+    found = [
+        loaded_state(assemble(scene), gravity=GRAVITY, checked=False).inside["bar"]
+        for scene in (replace(wired, gravity=GRAVITY), replace(soft, gravity=GRAVITY))
+    ]
+    np.testing.assert_allclose(*found, atol=1e-6 * np.abs(found[0]).max())
