@@ -20,7 +20,7 @@ from common.variants import by_name
 from nassim import FEModel, Solid, build_fe_model, condense
 from nassim.base import stage
 from nassim.bodies.reduced_body import error_text
-from nassim.fem.accuracy import Targets, find_targets
+from nassim.fem.accuracy import MeshTargets, find_targets
 
 N_FREQUENCIES = 5
 UNIFORM = {"coarse": 200, "finer": 1200}
@@ -70,13 +70,13 @@ def measure(solid: Solid, tolerance: float, reference_unknowns: int) -> list[dic
     return [row | compare(found, truth) for row, found in zip(rows, answers[1:], strict=True)]
 
 
-def targets(model: FEModel) -> Targets:
+def targets(model: FEModel) -> MeshTargets:
     """What a tolerance applies to, of a model: free, held at one point and at both."""
     names = tuple(point.name for point in model.remote_points)
     return find_targets(condense(model, progress=False), N_FREQUENCIES + 3, [(), *((name,) for name in names), names])
 
 
-def compare(found: Targets, truth: Targets) -> dict[str, Any]:
+def compare(found: MeshTargets, truth: MeshTargets) -> dict[str, Any]:
     """The largest errors, true and estimated, and the range of the efficiencies."""
     chosen = in_order(found)
     true, estimate, own = (found.values / truth.values - 1)[chosen], found.errors()[chosen], truth.errors()[chosen]
@@ -94,7 +94,7 @@ def compare(found: Targets, truth: Targets) -> dict[str, Any]:
     }
 
 
-def in_order(found: Targets) -> NDArray[np.bool_]:
+def in_order(found: MeshTargets) -> NDArray[np.bool_]:
     """Which targets are stiffnesses, or among the first frequencies both before and after a correction by estimates."""
     errors, result = found.errors(), np.ones(len(found.labels), dtype=bool)
     corrected = found.values / (1 + np.where(np.isinf(errors), 0.0, errors))

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from common.arguments import fraction, parser, positive, run, several
+from common.arguments import fraction, parser, positive, run
 from common.costs import cost_since, run_in_own_process
 from common.report import print_table, write_summary
 from common.variants import by_name, save_pareto, write_rows
@@ -79,7 +79,7 @@ arguments = parser(__doc__, "speed_vs_error")
 arguments.add_argument("--quick", action="store_true", help="few coarse variants, to see the report's form")
 arguments.add_argument("--cad", metavar="FILE", help="STEP, IGES or BREP file in place of the APA300ML")
 arguments.add_argument(
-    "--point", type=several(float), action="append", metavar="X,Y,Z", help="with --cad: place of a remote point [mm]"
+    "--point", action="append", default=[], metavar="X,Y,Z", help="with --cad: place of a remote point [mm]"
 )
 arguments.add_argument("--young-modulus", type=positive, default=200.0, help="with --cad [GPa] (default: 200)")
 arguments.add_argument("--poisson-ratio", type=fraction, default=0.3, help="with --cad (default: 0.3)")
@@ -156,10 +156,19 @@ def solid_of(args: Namespace, coupling: str) -> Solid:
     if not args.cad:
         return make_apa300ml(coupling=coupling, stack_coupling=coupling)
     material = Material("material", 1e9 * args.young_modulus, args.poisson_ratio, args.density)
-    places = {f"point {k}": 1e-3 * np.array(point) for k, point in enumerate(args.point or (), start=1)}
+    places = {f"point {k}": place_of(text) for k, text in enumerate(args.point, start=1)}
     points = tuple(RemotePoint(name, name, place, coupling) for name, place in places.items())
     faces = {name: NearestTo(place) for name, place in places.items()}
     return read_solid(args.cad, material, faces=faces, remote_points=points)
+
+
+def place_of(text: str) -> Any:
+    """The place that an option gives in millimetres [m]; raises ValueError for anything but three numbers."""
+    try:
+        x, y, z = map(float, text.split(","))
+    except ValueError:
+        raise ValueError(f"--point must be three numbers, such as --point=0,0,10 [mm], got {text!r}") from None
+    return 1e-3 * np.array([x, y, z])
 
 
 def variants_of(args: Namespace) -> tuple[list[Variant], list[Variant]]:
@@ -182,7 +191,7 @@ def first_five(body: ReducedBody, case: str) -> Any:
 
 def main() -> None:
     args = arguments.parse_args()
-    if args.cad and (len(args.point or ()) < 2 or {len(point) for point in args.point} != {3}):
+    if args.cad and len(args.point) < 2:
         arguments.error("--cad needs two --point=X,Y,Z or more")
     if args.child:
         kind, order, size, coupling = args.child

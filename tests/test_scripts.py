@@ -475,6 +475,8 @@ def test_speed_against_error_of_a_step_file(run_here, script, children_here, tmp
 
 def test_a_cad_file_needs_places_of_its_points(refused):
     assert "needs two --point=X,Y,Z or more" in refused("speed_vs_error", "--cad", "part.step", "--point=0,0,0")[0]
+    told = refused("speed_vs_error", "--cad", "part.step", "--point=0,0,0", "--point=0,1")
+    assert "--point must be three numbers" in told[0]
 
 
 @pytest.mark.slow

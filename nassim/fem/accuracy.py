@@ -122,7 +122,7 @@ def build_fe_model(
             f"tolerance={tolerance!r}; tolerance=0.01 asks for errors below 1 %"
         )
     else:
-        limits = Limits(positive("max_unknowns", max_unknowns), time.perf_counter(), max_time)
+        limits = MeshLimits(positive("max_unknowns", max_unknowns), time.perf_counter(), max_time)
         wanted = positive("tolerance", tolerance)
         check_order(order)
         if n != int(n) or n < 1:
@@ -138,7 +138,7 @@ def build_fe_model(
 
 
 @dataclass(frozen=True)
-class Limits:
+class MeshLimits:
     """Limits of the rounds.
 
     Attributes:
@@ -167,7 +167,7 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Targets:
+class MeshTargets:
     """Quantities that must be right, and the shapes whose energies decide their errors.
 
     Attributes:
@@ -214,13 +214,13 @@ def _refine(
     tolerance: float,
     n: int,
     conditions: Sequence[tuple[str, ...]],
-    limits: Limits,
+    limits: MeshLimits,
     order: int,
     mesh_options: Mapping[str, Any],
     progress: bool,
 ) -> FEModel:
     """Return the model of the smallest error, with all rounds."""
-    sizing = Sizing.from_cad(solid)
+    sizing = MeshSizing.from_cad(solid)
     rounds: list[MeshRound] = []
     best: tuple[FEModel, Any, Curving, float, str] | None = None
     values: list[Array] = []
@@ -284,7 +284,7 @@ def _refine(
     return replace(model, description=description, rounds=tuple(rounds))
 
 
-def _cheaper(sizing: "Sizing", order: int, reason: str) -> tuple["Sizing", int]:
+def _cheaper(sizing: "MeshSizing", order: int, reason: str) -> tuple["MeshSizing", int]:
     """Return larger sizes, or a lower order where they are the largest already; ValueError where that is the lowest."""
     if sizing.can_be_coarser:
         return sizing.coarsened(), order
@@ -294,7 +294,7 @@ def _cheaper(sizing: "Sizing", order: int, reason: str) -> tuple["Sizing", int]:
 
 
 @dataclass(frozen=True)
-class Sizing:
+class MeshSizing:
     """Element sizes for a mesh.
 
     Attributes:
@@ -308,13 +308,13 @@ class Sizing:
     points: tuple[Array, Array]
 
     @staticmethod
-    def from_cad(solid: Solid) -> "Sizing":
+    def from_cad(solid: Solid) -> "MeshSizing":
         """Return the sizes before the first mesh."""
         corners = np.array([tuple(corner) for corner in solid.shape.bounding_box])
         largest = LARGEST_PER_LENGTH * float(np.ptp(corners, axis=0).max())
         points, sizes = sizes_from_cad(solid)
         small = sizes < largest
-        return Sizing(largest, (points[small], sizes[small]), (points[small], sizes[small]))
+        return MeshSizing(largest, (points[small], sizes[small]), (points[small], sizes[small]))
 
     def mesh(self, solid: Solid, options: Mapping[str, Any], *, point_sizes: tuple[Array, Array] | None = None) -> Any:
         """Return a Netgen mesh with these sizes, and with further sizes at points."""
@@ -327,14 +327,14 @@ class Sizing:
         """Whether a size is below the largest."""
         return bool(np.any(self.points[1] < self.largest))
 
-    def coarsened(self) -> "Sizing":
+    def coarsened(self) -> "MeshSizing":
         """Return larger sizes."""
         cad, points = (
             (places, np.minimum(COARSENING * sizes, self.largest)) for places, sizes in (self.cad, self.points)
         )
         return replace(self, cad=cad, points=points)
 
-    def refined(self, mesh: Any, targets: Targets, goal: float) -> "Sizing":
+    def refined(self, mesh: Any, targets: MeshTargets, goal: float) -> "MeshSizing":
         """Return sizes with which every target's error is the goal, with as few elements as possible.
 
         The error of an element falls with size^(2 r), and the number of elements grows with size^-3. The optimum has
@@ -360,14 +360,14 @@ def element_sizes(mesh: Any) -> tuple[Array, Array]:
     return centres, np.array([length[[edge.nr for edge in element.edges]].mean() for element in elements])
 
 
-def _spread(targets: Targets, goal: float) -> float:
+def _spread(targets: MeshTargets, goal: float) -> float:
     """Return the share of the elements that hold 80 % of the error."""
     load = np.sort(np.max(targets.shares * (SATURATION * targets.powers / goal), axis=1))[::-1]
     return float((1 + np.searchsorted(np.cumsum(load), 0.8 * load.sum())) / len(load))
 
 
 @dataclass(frozen=True)
-class Basis:
+class TargetBasis:
     """Displacement shapes of which the targets are combinations.
 
     The shapes are the constraint modes of the remote points, the first fixed-interface modes, and the responses to one
@@ -386,7 +386,7 @@ class Basis:
     released: ReleasedEnergy
 
     @staticmethod
-    def of(condensed: Condensation, n_modes: int) -> "Basis":
+    def of(condensed: Condensation, n_modes: int) -> "TargetBasis":
         """Compute the basis of an FE model."""
         model, static = condensed.fe_model, condensed.constraint_modes
         n_modes = min(n_modes, largest_n_modes(condensed))
@@ -402,9 +402,9 @@ class Basis:
             mass = shapes[:, :n].T @ (mass_operator(model) @ shapes[:, :n])
             stiffness = scipy.linalg.block_diag(condensed.stiffness, held.T @ (model.stiffness @ held))
         released = released_energy(condensed, shapes, accelerations=accelerations, voltages=voltages)
-        return Basis(condensed, 0.5 * (mass + mass.T), 0.5 * (stiffness + stiffness.T), released)
+        return TargetBasis(condensed, 0.5 * (mass + mass.T), 0.5 * (stiffness + stiffness.T), released)
 
-    def frequencies(self, fixed: Collection[str], n: int) -> list["AccuracyTarget"]:
+    def frequencies(self, fixed: Collection[str], n: int) -> list["MeshTarget"]:
         """Return the first n elastic eigenfrequencies with some remote points fixed."""
         free = np.array([i for i in range(len(self.mass)) if self._point(i) not in fixed])
         square, vectors = eigenmodes(self.stiffness[np.ix_(free, free)], self.mass[np.ix_(free, free)])
@@ -417,7 +417,7 @@ class Basis:
             targets.append(self._target(f"frequency {k - first + 1} {where}", shape, power=0.5))
         return targets
 
-    def static_responses(self) -> list["AccuracyTarget"]:
+    def static_responses(self) -> list["MeshTarget"]:
         """Return the stiffnesses at each remote point but the first, which is fixed, and the responses to the ports."""
         n_points, names = len(self.condensed.stiffness), self.condensed.names
         flexibility = np.linalg.inv(self.condensed.stiffness[6:, 6:])
@@ -441,22 +441,22 @@ class Basis:
         """Return the name of the remote point that has a coordinate."""
         return self.condensed.names[coordinate // 6] if coordinate < len(self.condensed.stiffness) else None
 
-    def _target(self, label: str, shape: Array, *, power: float) -> "AccuracyTarget":
+    def _target(self, label: str, shape: Array, *, power: float) -> "MeshTarget":
         """Return the target that a shape decides."""
         energy = float(shape @ self.stiffness @ shape)
         # The energy of a mode of unit modal mass is a squared frequency, that of a unit load a compliance.
-        return AccuracyTarget(label, energy**power if power < 1 else 1 / energy, power, shape / np.sqrt(energy))
+        return MeshTarget(label, energy**power if power < 1 else 1 / energy, power, shape / np.sqrt(energy))
 
 
 @dataclass(frozen=True)
-class AccuracyTarget:
+class MeshTarget:
     """A quantity that must be right.
 
     Attributes:
         label: description for messages
         value: a quantity that every error increases: angular frequency or stiffness
         power: exponent of the energy in the quantity, 0.5 for a frequency and 1 for a stiffness
-        shape: combination of the shapes of a `Basis` with unit energy
+        shape: combination of the shapes of a `TargetBasis` with unit energy
     """
 
     label: str
@@ -465,7 +465,7 @@ class AccuracyTarget:
     shape: Array
 
 
-def find_targets(condensed: Condensation, n: int, conditions: Sequence[tuple[str, ...]]) -> Targets:
+def find_targets(condensed: Condensation, n: int, conditions: Sequence[tuple[str, ...]]) -> MeshTargets:
     """Compute what a tolerance applies to, and its errors by element.
 
     Args:
@@ -473,11 +473,11 @@ def find_targets(condensed: Condensation, n: int, conditions: Sequence[tuple[str
         n: number of elastic eigenfrequencies under each condition
         conditions: sets of fixed remote points
     """
-    basis = Basis.of(condensed, n + EXTRA_MODES)
+    basis = TargetBasis.of(condensed, n + EXTRA_MODES)
     groups = [basis.frequencies(fixed, n) for fixed in conditions]
     found = [target for group in groups for target in group] + basis.static_responses()
     ends = np.cumsum([len(group) for group in groups]).tolist()
-    return Targets(
+    return MeshTargets(
         [target.label for target in found],
         np.array([target.value for target in found]),
         np.array([target.power for target in found]),

@@ -91,15 +91,16 @@ def craig_bampton(
             check_n_modes(count, fe_model.n_dofs)
             condensed = condense(fe_model, remote_points=remote_points, progress=progress)
         model = condensed.fe_model
-        if discretization is None:
-            discretization = bool(model.rounds) and math.isnan(model.discretization_error)
+        known_error = not model.rounds or not math.isnan(model.discretization_error)
+        discretization = not known_error if discretization is None else discretization
         kept = model.ports if ports is None else [model.port(name) for name in unique("electrical port", ports)]
         if geometric_stiffness:
             mesh_and_solid(model)
-        if tolerance is None:
-            rich, count, frequency, basis = _reduce(condensed, count, cutoff_frequency, kept, progress)
-        else:
-            rich, count, frequency, basis = _reduce_within(condensed, tolerance, cutoff_frequency, kept, progress)
+        rich, count, frequency, basis = (
+            _reduce(condensed, count, cutoff_frequency, kept, progress)
+            if tolerance is None
+            else _reduce_within(condensed, tolerance, cutoff_frequency, kept, progress)
+        )
         if discretization:
             rich = _with_released_stiffness(rich, condensed, frequency, basis[1], progress)
         if geometric_stiffness:

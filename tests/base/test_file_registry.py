@@ -36,6 +36,7 @@ DATA = Path(__file__).parents[1] / "data"
 NOT_DATA = {
     # contain matrices of SciPy, shapes, meshes, solvers or slices, which files cannot hold
     *("Assembly", "Condensation", "FEModel", "Factorization", "FullModel", "Refinement", "Solid"),
+    *("MeshLimits", "MeshRound", "MeshSizing", "MeshTarget", "MeshTargets", "ReleasedEnergy", "TargetBasis"),
     *("SymmetricMatrix", "System", "Items"),
     # base classes of parts
     *("Part", "Actuator", "Sensor", "ForceElement", "Connection"),
@@ -61,7 +62,6 @@ NOT_DATA = {
         "Constraints",
         "Coupling",
         "Curve",
-        "AccuracyTarget",
         "Curving",
         "SampleBlock",
         "Damping",
