@@ -255,14 +255,27 @@ def _warn_of_spin(
     warn_of_buckling(assembly, tensions)
 
 
+def loaded_squares(squares: Array, added: Array) -> tuple[Array, float]:
+    """Compute the squared angular frequencies of modes under load.
+
+    Args:
+        squares: squared angular frequencies without load, ascending, (n,).
+        added: stiffness that the loads add, on these modes of unit mass, (n, n).
+
+    Returns:
+        The squares under load, by ascending real part, complex (n,), and the size below which they are rounding.
+    """
+    found = np.linalg.eigvals(np.diag(squares) + added).astype(complex)
+    return found[np.argsort(found.real)], UNSTABLE_ROUNDING * float(np.abs(added).max(initial=0.0))
+
+
 def _warn_of_instability(assembly: Assembly, stiffness: Array) -> None:
     """Warn of an equilibrium at rest that is unstable, with its pole, which is real unless forces follow a point."""
     modes = assembly.modal.modes
-    added = modes.T @ stiffness @ modes
-    squares = np.linalg.eigvals(np.diag((2 * np.pi * assembly.modal.frequency) ** 2) + added).astype(complex)
+    squares, rounding = loaded_squares((2 * np.pi * assembly.modal.frequency) ** 2, modes.T @ stiffness @ modes)
     poles = np.sqrt(-squares)
     pole = poles[np.argmax(poles.real)]
-    if pole.real**2 > UNSTABLE_ROUNDING * np.abs(added).max():
+    if pole.real**2 > rounding:
         flutters = abs(pole.imag) > UNSTABLE_ROUNDING * pole.real
         text = f"{pole.real:+.5g}" + (f" +- {abs(pole.imag):.5g}i" if flutters else "")
         warnings.warn(

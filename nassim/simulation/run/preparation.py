@@ -34,6 +34,7 @@ from nassim.simulation.run.warnings_of_runs import (
     warn_of_motion,
     warn_of_ringing,
     warn_of_spin,
+    warn_of_unloaded_stiffness,
 )
 
 METHODS = ("generalized_alpha", "exact", "explicit")
@@ -108,6 +109,7 @@ def check_run(scene: Scene, options: Options, signals: Mapping[str, Array]) -> N
 def exact_assembly(scene: Scene) -> Assembly:
     """Assemble a scene for exact steps; warn of modes that could make its loops unstable."""
     assembly = assemble(scene)
+    warn_of_unloaded_stiffness(assembly)
     if scene.loops and np.any(assembly.modal.unsupported):
         warn_of_folding(linearize(scene, loaded=False), scene.loops)
     return assembly
@@ -131,6 +133,7 @@ def start_system(
     told = warn_of_spin(scene, {name: float(np.linalg.norm(twist[3:])) for name, twist in twists.items()})
     assembly, steps = assemble(scene), options.steps(scene)
     if scene.in_small_motion:
+        warn_of_unloaded_stiffness(assembly)
         state_space(assembly)  # refuses outputs that need a derivative of what a drive follows
     if steps and (line := describe_steps(assembly, steps, highest)):
         tell(line)
