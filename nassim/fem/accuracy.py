@@ -52,7 +52,9 @@ SIZE_CHANGE = (0.35, 1.25)
 RELAXED_CAD_SIZES = 1.4
 """Factor on the sizes from CAD in later meshes, whose sizes come from the estimate."""
 COARSENING = 1.3
-"""Factor on all sizes if a mesh is beyond the limits."""
+"""Smallest factor on all sizes if a mesh is beyond the limits."""
+MOST_REFUSED = 4
+"""Largest number of meshes that are made in vain, beyond the limits, once there is a model."""
 SMALLEST_GROWTH = 1.1
 """Smallest useful ratio of the unknowns of two meshes, if a larger one is beyond the limits."""
 COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
@@ -224,7 +226,7 @@ def _refine(
     rounds: list[MeshRound] = []
     best: tuple[FEModel, Any, Curving, float, str] | None = None
     values: list[Array] = []
-    netgen_mesh, refused, aim = None, "", AIM
+    netgen_mesh, refused, n_refused, aim = None, "", 0, AIM
     while len(rounds) < MOST_ROUNDS:
         with stage(f"round {len(rounds) + 1}: mesh", enabled=progress):
             if netgen_mesh is None:
@@ -237,9 +239,11 @@ def _refine(
         reason = limits.refusal(mesh, order, rounds)
         refused = refused or reason
         if reason:
-            if best is not None and not sizing.can_be_coarser:
+            n_refused += 1
+            if best is not None and (n_refused > MOST_REFUSED or not sizing.can_be_coarser):
                 break
-            (sizing, order), netgen_mesh = _cheaper(sizing, order, reason), None
+            factor = max(COARSENING, (unknowns / limits.unknowns) ** (1 / 3))
+            (sizing, order), netgen_mesh = _cheaper(sizing, order, factor, reason), None
             continue
         with stage(f"round {len(rounds) + 1}: solve, estimate", enabled=progress):
             condensed = condense(assemble_mesh(mesh, solid, order), progress=False)
@@ -284,10 +288,10 @@ def _refine(
     return replace(model, description=description, rounds=tuple(rounds))
 
 
-def _cheaper(sizing: "MeshSizing", order: int, reason: str) -> tuple["MeshSizing", int]:
+def _cheaper(sizing: "MeshSizing", order: int, factor: float, reason: str) -> tuple["MeshSizing", int]:
     """Return larger sizes, or a lower order where they are the largest already; ValueError where that is the lowest."""
     if sizing.can_be_coarser:
-        return sizing.coarsened(), order
+        return sizing.coarsened(factor), order
     if order <= LOWEST_ORDER:
         raise ValueError(f"the coarsest mesh would need {reason}; allow more, or simplify the CAD")
     return sizing, order - 1
@@ -327,11 +331,9 @@ class MeshSizing:
         """Whether a size is below the largest."""
         return bool(np.any(self.points[1] < self.largest))
 
-    def coarsened(self) -> "MeshSizing":
-        """Return larger sizes."""
-        cad, points = (
-            (places, np.minimum(COARSENING * sizes, self.largest)) for places, sizes in (self.cad, self.points)
-        )
+    def coarsened(self, factor: float) -> "MeshSizing":
+        """Return sizes larger by a factor, if that is below the largest."""
+        cad, points = ((places, np.minimum(factor * sizes, self.largest)) for places, sizes in (self.cad, self.points))
         return replace(self, cad=cad, points=points)
 
     def refined(self, mesh: Any, targets: MeshTargets, goal: float) -> "MeshSizing":
