@@ -20,6 +20,10 @@ from .loaded.loaded_state import (
     LoadedState as LoadedState,
     loaded_state as loaded_state,
 )
+from .loaded.static_equilibrium import (
+    LoadedEquilibrium as LoadedEquilibrium,
+    loaded_equilibrium as loaded_equilibrium,
+)
 from .model.accuracy import (
     integrator_error as integrator_error,
     numerical_damping as numerical_damping,

@@ -63,6 +63,7 @@ NOT_DATA = {
         "Coupling",
         "Curve",
         "Curving",
+        "LoadedEquilibrium",
         "SampleBlock",
         "Damping",
         "InputChannel",

@@ -45,6 +45,7 @@ from nassim.scene.terms import NonlinearSpring
 from nassim.simulation import (
     assemble,
     buckling_factors,
+    loaded_equilibrium,
     loaded_state,
     prestress_scene,
     reduce_scene,
@@ -325,6 +326,45 @@ def test_constant_inputs_soften_as_they_press(strip):
     assert (pressed / free) ** 2 == pytest.approx(0.5, abs=0.02)
     with pytest.warns(UserWarning, match=r"under its loads is unstable: .* pole \+"):
         linearize(scene, constant_inputs={"force": -1.01 * factor})
+
+
+def test_forces_of_joints_and_springs_balance_the_loads(strip):
+    """A strip welded to the ground bears a block that also hangs on a preloaded spring; anyhow in space."""
+    skewed, along = Rotation.from_rotvec([0.4, -0.7, 0.2]).as_matrix(), np.array([2.0, -1.0, 2.0]) / 3
+    tip, arm = TURN @ [SLENDER, 0, 0], np.array([0.1, 0.05, -0.2])
+    ground = RigidBody("ground", {"c": np.zeros(3), "hook": tip + arm}, fixed=True)
+    block = RigidBody("block", {"a": arm, "b": [-0.03, 0.2, 0.1]}, 0.3, 1e-3 * np.eye(3), tip - arm)
+    bolt = Joint("bolt", "strip.right", "block.a", axes=skewed)
+    spring = SpringDamper("spring", "ground.hook", "block.b", along, stiffness=4e3, preload=2.5)
+    push = PointForce("push", "block.b", skewed[:, 1], "force")
+    sensors = (Encoder("e", "ground.c", "block.b", along), ForceSensor("f", "spring"))
+    scene = standing(strip, 0.3)
+    scene = replace(
+        scene,
+        bodies=(ground, scene.bodies[1], block),
+        joints=(Joint("foot", "ground.c", "strip.left", axes=TURN), bolt),
+        actuators=(push,),
+        springs=(spring,),
+        sensors=sensors,
+        gravity=np.array(GRAVITY) / 20,
+    )
+    found = loaded_equilibrium(scene, inputs={"force": 0.2})
+    names = ("x", "y", "z", "rx", "ry", "rz")
+    foot, bolted = (np.array([found.joint_forces[name][c] for c in names]) for name in ("foot", "bolt"))
+    foot, bolted = (np.concatenate([a @ f[:3], a @ f[3:]]) for a, f in ((TURN, foot), (skewed, bolted)))
+    sprung = found.spring_forces["spring"]["value"] * along
+    applied = 0.2 * skewed[:, 1] - sprung
+    np.testing.assert_allclose(applied + 0.3 * scene.gravity, bolted[:3], rtol=1e-9)
+    moments = np.cross(block.points["b"], applied) - np.cross(block.points["a"], bolted[:3])
+    np.testing.assert_allclose(moments, bolted[3:], rtol=1e-9)
+    weight = strip.mass * scene.gravity
+    np.testing.assert_allclose(bolted[:3] + weight, foot[:3], rtol=1e-9)
+    np.testing.assert_allclose(
+        bolted[3:] + np.cross(tip, bolted[:3]) + np.cross(TURN @ strip.center_of_mass, weight), foot[3:], rtol=1e-9
+    )
+    rest = static_response(scene, {"force": 0.2})
+    assert along @ found.motions["block.b"][:3] == pytest.approx(rest["e"], rel=1e-2)  # large deflections, by Exudyn
+    assert found.spring_forces["spring"]["value"] == pytest.approx(rest["f"], rel=1e-2)
 
 
 @pytest.mark.parametrize("method", ["exact", "generalized_alpha"])

@@ -74,7 +74,7 @@ class LoadedState:
 
 
 @dataclass
-class _Loads:
+class Loads:
     """Loads of one kind on all coordinates, collected body by body."""
 
     force: Array
@@ -85,7 +85,8 @@ class _Loads:
     moment: float = 0.0
 
     @classmethod
-    def none(cls, assembly: Assembly) -> "_Loads":
+    def none(cls, assembly: Assembly) -> "Loads":
+        """Make loads that are zero."""
         size = assembly.coordinates.size
         fields = dict.fromkeys(assembly.coordinates.slices, np.zeros((3, 4)))
         return cls(np.zeros(size), np.zeros((size, size)), np.zeros((size, size)), fields)
@@ -139,7 +140,7 @@ def loaded_state(
         still = np.zeros((n, followed.shape[1]))
         return LoadedState(np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), still, still)
     geometric = GeometricStiffness.of(assembly)
-    weights, hung = _static_loads(assembly, geometric, gravity, values)
+    weights, hung = static_loads(assembly, geometric, gravity, values)
     spun = _spin(assembly, geometric, velocity, point, partition)
     whole = balance(assembly, weights.force + spun.force) if velocity.any() else hung
     stiffness = weights.stiffness + spun.stiffness
@@ -170,11 +171,21 @@ def loaded_state(
     )
 
 
-def _static_loads(
+def static_loads(
     assembly: Assembly, geometric: GeometricStiffness, gravity: Array, values: Mapping[str, float]
-) -> tuple[_Loads, StaticBalance]:
-    """Collect weights and forces of inputs, less the inertia forces of rigid-body modes, and how they are borne."""
-    loads, coordinates = _Loads.none(assembly), assembly.coordinates
+) -> tuple[Loads, StaticBalance]:
+    """Collect weights and forces of inputs, less the inertia forces of rigid-body modes, and how they are borne.
+
+    Args:
+        assembly: the assembled scene.
+        geometric: its geometric stiffness.
+        gravity: gravity, (3,) [m/s2].
+        values: constant values of inputs, by name.
+
+    Returns:
+        The loads, and the equilibrium under them.
+    """
+    loads, coordinates = Loads.none(assembly), assembly.coordinates
     for term in assembly.terms:
         if not isinstance(term, Driven) or not values.get(term.input):
             continue
@@ -216,9 +227,9 @@ def _spin(
     velocity: Array,
     axis_point: Array,
     partition: RotorPartition | None,
-) -> _Loads:
+) -> Loads:
     """Collect the centrifugal and Coriolis terms of all bodies and dampers."""
-    loads, slices = _Loads.none(assembly), assembly.coordinates.slices
+    loads, slices = Loads.none(assembly), assembly.coordinates.slices
     if not velocity.any():
         return loads
     for name, place in slices.items():
