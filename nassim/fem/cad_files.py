@@ -5,13 +5,10 @@ file. Here the text is changed before it is read, so that names carry them: an i
 coloured face or body gets its colour behind its name.
 """
 
-import os
 import re
-import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +16,7 @@ import netgen.occ as occ
 import numpy as np
 
 from nassim.base.warning_log import note, warn
+from nassim.fem.netgen_output import silence
 
 CAD_ENDINGS = {".step": ".step", ".stp": ".step", ".iges": ".iges", ".igs": ".iges", ".brep": ".brep"}
 SAME_PLACE = 1e-9
@@ -318,7 +316,7 @@ def _healed(name: str, shape: Any, length: float) -> Any:
     before = [(face, np.array(tuple(face.center)), face.mass) for face in shape.faces]
     names = [body.name for body in shape.solids]
     geometry = occ.OCCGeometry(shape)
-    with _silence():
+    with silence():
         geometry.Heal(length)
     healed = geometry.shape
     if len(healed.solids) == len(names):
@@ -334,18 +332,3 @@ def _healed(name: str, shape: Any, length: float) -> Any:
         f"{len(names)} CAD bodies {len(healed.solids)}"
     )
     return healed
-
-
-@contextmanager
-def _silence() -> Iterator[None]:
-    """Suppress the output of Netgen's C++ code."""
-    sys.stdout.flush()
-    kept = os.dup(1)
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nowhere, 1)
-        yield
-    finally:
-        os.dup2(kept, 1)
-        os.close(kept)
-        os.close(nowhere)

@@ -1,8 +1,6 @@
 """Meshes of solids by Netgen: tetrahedra in general, prisms where CAD bodies are extruded along an axis."""
 
 import itertools
-import os
-import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
@@ -17,6 +15,7 @@ from netgen.libngpy._meshing import MeshingParameters, NgException, _SetTerminat
 from nassim.base.checks import Array, known, positive
 from nassim.base.library_lock import hold_library_lock
 from nassim.base.warning_log import note, warn
+from nassim.fem.netgen_output import silence
 from nassim.fem.solid import Solid, face_names
 
 OCC_AXES = {"x": occ.X, "y": occ.Y, "z": occ.Z}
@@ -171,7 +170,7 @@ def _run_netgen(
                 "maxoutersteps": FILL_ATTEMPTS,
             }
             try:
-                with _silence():
+                with silence():
                     mesh = _run_interruptibly(partial(_generate, shape, options, point_sizes, share))
             except NgException:
                 if (grading, share) == trials[-1]:
@@ -207,24 +206,6 @@ def _run_interruptibly(work: Callable[[], Any]) -> Any:
             raise
         finally:
             _SetTerminate(False)
-
-
-@contextmanager
-def _silence() -> Iterator[None]:
-    """Suppress output of Netgen's C++ code about failed attempts; exceptions are still raised."""
-    sys.stdout.flush()
-    sys.stderr.flush()
-    kept = [os.dup(stream) for stream in (1, 2)]
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    try:
-        for stream in (1, 2):
-            os.dup2(nowhere, stream)
-        yield
-    finally:
-        for stream, copy in zip((1, 2), kept, strict=True):
-            os.dup2(copy, stream)
-            os.close(copy)
-        os.close(nowhere)
 
 
 def _set_face_sizes(shape: Any, sizes: Mapping[str, float]) -> None:
