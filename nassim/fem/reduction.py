@@ -243,8 +243,8 @@ def _warn_of_coarse_mesh(name: str, error: float) -> None:
     """Warn of a large discretisation error."""
     if error > LARGE_MESH_ERROR:
         warn(
-            f"body {name!r}: its finite elements leave an estimated error of {error_text(error)} in the first "
-            "eigenfrequencies; give build_fe_model a tolerance in place of element_size, or smaller elements or a "
+            f"body {name!r}: the error that its finite elements leave in the first eigenfrequencies is estimated as "
+            f"{error_text(error)}; give build_fe_model a tolerance in place of element_size, or smaller elements or a "
             "higher order",
             stacklevel=3,
         )

@@ -203,15 +203,15 @@ def test_a_coarse_mesh_is_warned_of_and_a_fine_one_is_not():
         with warnings.catch_warnings(record=True) as told:
             warnings.simplefilter("always")
             body = craig_bampton(model, progress=False)
-        assert any("finite elements leave an estimated error" in str(w.message) for w in told) == warned
+        assert any("its finite elements leave" in str(w.message) for w in told) == warned
         assert ("tolerance" in body.record.get("warnings", "")) == warned
 
 
 @pytest.mark.slow
 def test_a_neck_on_a_coarse_mesh_has_an_unknown_error(hard_solids):
-    """At 2 mm and order 2 the first frequency is more than twice the true one."""
-    model = build_fe_model(hard_solids["neck"](), element_size=2e-3, order=2, progress=False)
-    with pytest.warns(UserWarning, match="estimated error of unknown, above 50 %"):
+    """At 3 mm and order 2 the first frequency is more than twice the true one."""
+    model = build_fe_model(hard_solids["neck"](), element_size=3e-3, order=2, progress=False)
+    with pytest.warns(UserWarning, match="is estimated as unknown, above 50 %"):
         body = craig_bampton(model, progress=False)
     assert body.eigenfrequencies(fixed=["first"])[0] > 2 * 296
     assert body.discretization_errors(fixed=["first"])[0] == np.inf
