@@ -160,7 +160,8 @@ def _draw(pyvista: Any, plotter: Any, view: View, drawing: _Drawing, *, mesh: bo
         if mesh:
             _add_lines(pyvista, plotter, points, surface.edges, LINE_COLOR, 1.0, opacity=0.3)
     if not drawing.largest:
-        legend = legend if len(legend) <= MOST_NAMES else {}
+        numbered = any(mark.kind == "face" for mark in view.marks)
+        legend = legend if len(legend) <= MOST_NAMES and not numbered else {}
         if drawing.lengths is None:
             _draw_marks(pyvista, plotter, view)
             legend |= {f"{mark.kind}s": MARK_COLORS[mark.kind] for mark in view.marks if mark.kind != "face"}

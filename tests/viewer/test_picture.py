@@ -63,7 +63,9 @@ def test_a_picture_numbers_the_faces_in_sight(tmp_path, monkeypatch):
         told.extend(labels)
         return draw(self, points, labels, **style)
 
+    legends = []
     monkeypatch.setattr(pyvista.Plotter, "add_point_labels", add_point_labels)
+    monkeypatch.setattr(picture, "_add_legend", lambda _pyvista, _plotter, colors: legends.append(colors))
     bracket = occ.Box((0, 0, 0), (0.04, 0.02, 0.005)) + occ.Box((0, 0, 0), (0.005, 0.02, 0.03))
     solid = Solid("bracket", bracket, {"": STEEL})
     save_picture(view_faces(solid), tmp_path / "faces.png", camera=(0.001, 0.0, 1.0), size=(300, 200))
@@ -71,6 +73,7 @@ def test_a_picture_numbers_the_faces_in_sight(tmp_path, monkeypatch):
     assert (len(up), len(down)) == (2, 1)
     assert up <= set(told)
     assert not down & set(told)
+    assert legends == [{}], "numbers take the place of a legend"
 
 
 class Told:
