@@ -64,6 +64,7 @@ NOT_DATA = {
         "Curve",
         "Curving",
         "LoadedEquilibrium",
+        "Loads",
         "SampleBlock",
         "Damping",
         "InputChannel",
