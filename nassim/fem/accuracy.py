@@ -8,7 +8,6 @@ if a few elements hold it, a new mesh has other sizes.
 import time
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import ngsolve as ng
@@ -21,7 +20,7 @@ from nassim.base.modal import eigenmodes
 from nassim.base.progress import stage, tell
 from nassim.base.warning_log import collect_messages, warn
 from nassim.bodies.reduced_body import SATURATION, error_text, relative_errors, unknown_from_first
-from nassim.fem.assembly import assemble_mesh, build_by_size, check_order, curved_mesh, unfolded_mesh
+from nassim.fem.assembly import assemble_mesh, build_by_size, check_order, curved_mesh
 from nassim.fem.cad_sizes import sizes_from_cad
 from nassim.fem.condensation import Condensation, condense
 from nassim.fem.curving import Curving
@@ -229,10 +228,8 @@ def _refine(
     netgen_mesh, refused, n_refused, aim = None, "", 0, AIM
     while len(rounds) < MOST_ROUNDS:
         with stage(f"round {len(rounds) + 1}: mesh", enabled=progress):
-            if netgen_mesh is None:
-                netgen_mesh, mesh, curving = unfolded_mesh(partial(sizing.mesh, solid, mesh_options), order)
-            else:
-                mesh, curving = curved_mesh(netgen_mesh, order)
+            netgen_mesh = netgen_mesh or sizing.mesh(solid, mesh_options)
+            mesh = ng.Mesh(netgen_mesh)
         unknowns = 3 * ng.H1(mesh, order=order).ndof
         if refused and best is not None and unknowns < SMALLEST_GROWTH * rounds[-1].n_dofs:
             break
@@ -246,6 +243,7 @@ def _refine(
             (sizing, order), netgen_mesh = _cheaper(sizing, order, factor, reason), None
             continue
         with stage(f"round {len(rounds) + 1}: solve, estimate", enabled=progress):
+            mesh, curving = curved_mesh(netgen_mesh, order)
             condensed = condense(assemble_mesh(mesh, solid, order), progress=False)
             targets = find_targets(condensed, n, conditions)
         values.append(targets.values)
@@ -320,11 +318,9 @@ class MeshSizing:
         small = sizes < largest
         return MeshSizing(largest, (points[small], sizes[small]), (points[small], sizes[small]))
 
-    def mesh(self, solid: Solid, options: Mapping[str, Any], *, point_sizes: tuple[Array, Array] | None = None) -> Any:
-        """Return a Netgen mesh with these sizes, and with further sizes at points."""
-        places, sizes = point_sizes or (np.zeros((0, 3)), np.zeros(0))
-        points = np.vstack([self.points[0], places]), np.concatenate([self.points[1], sizes])
-        return generate_mesh(solid, element_size=self.largest, point_sizes=points, **options)
+    def mesh(self, solid: Solid, options: Mapping[str, Any]) -> Any:
+        """Return a Netgen mesh with these sizes."""
+        return generate_mesh(solid, element_size=self.largest, point_sizes=self.points, **options)
 
     @property
     def can_be_coarser(self) -> bool:
