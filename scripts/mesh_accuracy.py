@@ -1,10 +1,9 @@
 """Estimated against true discretisation errors on twelve solids, and what a tolerance costs beside uniform meshes.
 
 The true error is that against the reference, the best of all meshes and of a finer one of order 4, which was refined
-where its own estimate is largest. The
-efficiency is the estimate over the true error, for each frequency and static stiffness to which a tolerance applies. It
-is counted where the true error is above 0.05 % and above three times the reference's own estimate, and where modes do
-not swap places.
+where its own estimate is largest. The efficiency is the estimate over the true error, for each frequency and static
+stiffness to which a tolerance applies. It is counted where the true error is above 0.05 % and above three times the
+reference's own estimate, and where modes do not swap places.
 """
 
 import time

@@ -61,7 +61,7 @@ def build_by_size(
     }
     with hold_library_lock(), collect_messages() as log:
         with stage("mesh", enabled=progress):
-            _, mesh, curving = unfolded_mesh(partial(generate_mesh, solid, **options), order)
+            mesh, curving = _unfolded_mesh(partial(generate_mesh, solid, **options), order)
             check_memory(mesh, solid, order, element_size)
         check_folds(curving, solid)
         check_volume(mesh, solid)
@@ -86,7 +86,7 @@ def curved_mesh(netgen_mesh: Any, order: int) -> tuple[Any, Curving]:
     return mesh, curve_mesh(mesh, order)
 
 
-def unfolded_mesh(generate: Callable[..., Any], order: int) -> tuple[Any, Any, Curving]:
+def _unfolded_mesh(generate: Callable[..., Any], order: int) -> tuple[Any, Curving]:
     """Mesh a solid and curve the mesh; mesh it anew, with smaller elements there, where elements stay folded.
 
     Args:
@@ -94,10 +94,9 @@ def unfolded_mesh(generate: Callable[..., Any], order: int) -> tuple[Any, Any, C
         order: polynomial order of the curved elements
 
     Returns:
-        The Netgen mesh, the curved NGSolve mesh, and the record of its curving.
+        The curved NGSolve mesh, and the record of its curving.
     """
-    netgen_mesh = generate()
-    mesh, curving = curved_mesh(netgen_mesh, order)
+    mesh, curving = curved_mesh(generate(), order)
     found, largest = curving, max(LARGEST_GROWTH * mesh.ne, SMALL_MESH)
     points, sizes = np.zeros((0, 3)), np.zeros(0)
     for _ in range(FURTHER_MESHES):
@@ -111,8 +110,8 @@ def unfolded_mesh(generate: Callable[..., Any], order: int) -> tuple[Any, Any, C
         finer_mesh, found = curved_mesh(finer, order)
         if len(found.left) < len(curving.left):
             note(f"meshed anew with smaller elements where {len(curving.left)} elements were folded")
-            netgen_mesh, mesh, curving = finer, finer_mesh, found
-    return netgen_mesh, mesh, curving
+            mesh, curving = finer_mesh, found
+    return mesh, curving
 
 
 def assemble_mesh(mesh: Any, solid: Solid, order: int) -> FEModel:
