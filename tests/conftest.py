@@ -53,6 +53,13 @@ def _cache(tmp_path_factory, pytestconfig):
 STEEL = Material("steel", young_modulus=200e9, poisson_ratio=0.3, density=7800.0)
 
 
+def assert_limit(make, message):
+    """A size may be 0.9 of its limit, and 1.1 of it is refused with a message; make: function of the share."""
+    make(0.9)
+    with pytest.raises(ValueError, match=message):
+        make(1.1)
+
+
 def make_bar(length=0.1, side=0.01, material=STEEL, coupling="rbe3"):
     """A square bar along x with a remote point at either end."""
     shape = occ.Box(occ.Pnt(0, -side / 2, -side / 2), occ.Pnt(length, side / 2, side / 2))

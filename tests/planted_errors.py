@@ -32,6 +32,7 @@ import functools
 import os
 import queue
 import random
+import re
 import shutil
 import subprocess
 import sys
@@ -55,6 +56,8 @@ PATIENCE = 600.0
 """Seconds after which a planted run counts as hanging."""
 FAILED, USAGE = 1, 4
 """Exit statuses of pytest; the latter when there is no test of the name."""
+NO_CODE = re.compile(r"\b(NameError|SyntaxError|IndentationError|ImportError|ModuleNotFoundError): .*")
+"""Failures of planted code that no engineer could have left: names that have changed since."""
 CAUGHT, STALE = "caught", "stale, skipped"
 
 
@@ -168,6 +171,8 @@ def _tried(place: Path, error: PlantedError) -> str:
         return f"its tests hang for more than {PATIENCE:g} s"
     finally:
         (place / error.file).write_text(before, encoding="utf-8")
+    if broken := NO_CODE.search(output):
+        return f"its tests do not run: {broken[0]}"
     if status == FAILED:
         return CAUGHT
     last = output.strip().splitlines()[-1] if output.strip() else ""

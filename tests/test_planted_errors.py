@@ -40,6 +40,7 @@ HALF = PlantedError(
         ({"new": "r * r * 3.0"}, "SURVIVES"),
         ({"tests": ("test_circle.py::test_skipped",)}, "SURVIVES"),
         ({"new": "3.0 * r *"}, "do not run"),
+        ({"new": "3.0 * r * radius"}, "do not run: NameError"),
         ({"tests": ("test_circle.py::test_broken",)}, "fail without it"),
         ({"tests": ("test_circle.py::test_area[of-another-unit]",)}, STALE),
     ],

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import assert_limit
 
 from nassim.base.rigid_motion import axes_along, proper_rotation, rigid_motions, rigid_transfer
 
@@ -40,6 +41,4 @@ def test_rigid_motions_of_points():
     ids=["axes that are nearly parallel", "a rotation's rounding"],
 )
 def test_limits_lie_where_they_should(make, message):
-    make(0.9)
-    with pytest.raises(ValueError, match=message):
-        make(1.1)
+    assert_limit(make, message)

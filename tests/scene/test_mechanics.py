@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import assert_limit
 
 from nassim import Encoder, Joint, PointForce, RigidBody, Scene, SpringDamper, linearize
 from nassim.base.rigid_motion import axes_along
@@ -108,10 +109,7 @@ LIMITS = {
 
 @pytest.mark.parametrize("case", LIMITS)
 def test_limits_lie_where_they_should(case):
-    make, message = LIMITS[case]
-    make(0.9)
-    with pytest.raises(ValueError, match=message):
-        make(1.1)
+    assert_limit(*LIMITS[case])
 
 
 @pytest.mark.parametrize(

@@ -69,10 +69,6 @@ class RotorPartition:
     stator: frozenset[str]
     frame: str = "rotor"
 
-    def spin(self, name: str) -> Array:
-        """Return the angular velocity of a body, (3,) [rad/s]."""
-        return np.zeros(3) if name in self.stator else self.velocity
-
     def in_other_frame(self, name: str) -> bool:
         """Whether a body, or "" for the world with its axes, belongs to the side that does not describe the motion."""
         return (not name or name in self.stator) == (self.frame == "rotor")
