@@ -1,6 +1,7 @@
 """Runs that are stepped one time step at a time by their user."""
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass
@@ -96,7 +97,7 @@ class Simulation:
         self._places = {name: k for k, name in enumerate(scene.inputs)}
         self._inputs = np.zeros(len(scene.inputs))
         self._inputs = self._merged(inputs)
-        self._engine: _ExactEngine | _ExudynEngine | None = None
+        self._engine: _Engine | None = None
         self._rows: list[Array] = []
         self._count, self._closed = 0, "it has not begun: use it as `with Simulation(...) as run:`"
 
@@ -132,7 +133,7 @@ class Simulation:
         if engine and kind is None and not failed:
             self._end(engine)
 
-    def _end(self, engine: "_ExactEngine | _ExudynEngine") -> None:
+    def _end(self, engine: "_Engine") -> None:
         try:
             self._look(engine, self._count % LOOK or 1)
         except Stopped as stop:
@@ -225,12 +226,12 @@ class Simulation:
         self._count, self._inputs, self._rows = state._count, state._inputs, list(state._rows)
         engine.restore(state._engine)
 
-    def _running(self) -> "_ExactEngine | _ExudynEngine":
+    def _running(self) -> "_Engine":
         if self._closed or self._engine is None:
             raise RuntimeError(f"this Simulation cannot go on: {self._closed}")
         return self._engine
 
-    def _look(self, engine: "_ExactEngine | _ExudynEngine", n: int) -> None:
+    def _look(self, engine: "_Engine", n: int) -> None:
         """Look at the run after n steps without a look; raises Stopped where it has gone wrong."""
         scene, step, n_in = self._scene, self._options.time_step, len(self._inputs)
         body, happened = engine.look(np.array(self._rows[-n:])[:, :n_in])
@@ -240,7 +241,7 @@ class Simulation:
         if happened:
             raise Stopped(diverged(body, self.time, self._options.radius(scene)), rows.T, 0)
 
-    def _public_error(self, stop: Stopped, engine: "_ExactEngine | _ExudynEngine | None") -> BaseException:
+    def _public_error(self, stop: Stopped, engine: "_Engine | None") -> BaseException:
         """The public exception of a run that has stopped, with its record; the run cannot go on."""
         self._closed, self._engine = f"it has failed at t = {self.time:g} s", None
         n = [*(bool(np.isfinite(row).all()) for row in self._rows), False].index(False)
@@ -264,8 +265,48 @@ class Simulation:
         return {known("input", k, self._scene.inputs): finite(f"input {k!r}", v) for k, v in given.items()}
 
 
-class _ExudynEngine:
-    """Steps by Exudyn, with what is looked at from time to time."""
+class _Engine(ABC):
+    """Steps of a run, and its checks from time to time."""
+
+    run: SteppedRun | ExactSteps
+    reach: GrowingReach | None
+
+    @property
+    def row(self) -> Array:
+        return self.run.row
+
+    def step(self, inputs: Array) -> None:
+        self.run.step(inputs)
+
+    @property
+    def state(self) -> Any:
+        return self.run.state, copy(self.reach)
+
+    def restore(self, state: Any) -> None:
+        own, reach = state
+        self.run.restore(own)
+        self.reach = copy(reach)
+
+    @abstractmethod
+    def look(self, inputs: Array) -> tuple[str, str]:
+        """Check the run; inputs: since the last check, (n, inputs).
+
+        Returns:
+            The name of a body that is lost, and what has happened to it; empty without one.
+        """
+
+    @property
+    @abstractmethod
+    def trusted(self) -> int:
+        """Number of the last valid sample."""
+
+    @abstractmethod
+    def warn(self) -> None:
+        """Warn of what the checks have found."""
+
+
+class _ExudynEngine(_Engine):
+    """Steps by Exudyn."""
 
     def __init__(self, scene: Scene, options: Options, inputs: Array, rates: Mapping[str, float]) -> None:
         rates = {drive.input: rates.get(drive.input, 0.0) for drive in scene.prescribed}
@@ -275,18 +316,7 @@ class _ExudynEngine:
         self.reach = GrowingReach(self.system.assembly, options.time_step) if scene.commands else None
         self.watch: Monitor = self.run.watch
 
-    @property
-    def row(self) -> Array:
-        return self.run.row
-
-    def step(self, inputs: Array) -> None:
-        self.run.step(inputs)
-
     def look(self, inputs: Array) -> tuple[str, str]:
-        """Look at the run; inputs: since the last look, (n, inputs).
-
-        Returns the name of a body that is lost, and what has happened to it; empty without one.
-        """
         if self.reach:
             self.watch.reach = self.reach.after(inputs.T)
         self.watch.look(self.run.count)
@@ -294,24 +324,16 @@ class _ExudynEngine:
 
     @property
     def trusted(self) -> int:
-        """Number of the last sample to trust."""
         return self.watch.valid.last
 
     def warn(self) -> None:
         warn_after_steps(self.system, self.watch, self.told, self.options)
 
-    @property
-    def state(self) -> Any:
-        return self.run.state, copy(self.reach)
 
-    def restore(self, state: Any) -> None:
-        own, reach = state
-        self.run.restore(own)
-        self.reach = copy(reach)
+class _ExactEngine(_Engine):
+    """Exact steps."""
 
-
-class _ExactEngine:
-    """Exact steps, with what is looked at from time to time."""
+    run: ExactSteps
 
     def __init__(self, scene: Scene, options: Options, inputs: Array, _rates: Mapping[str, float]) -> None:
         self.assembly, self.options, self.valid = exact_assembly(scene), options, ValidSamples()
@@ -320,15 +342,7 @@ class _ExactEngine:
         self.reach = GrowingReach(self.assembly, step) if scene.loops else None
         self.seen: list[Array] = []
 
-    @property
-    def row(self) -> Array:
-        return self.run.row
-
-    def step(self, inputs: Array) -> None:
-        self.run.step(inputs)
-
     def look(self, inputs: Array) -> tuple[str, str]:
-        """Look at the run; see `_ExudynEngine`."""
         self.seen.append(self.run.coordinates())
         if not self.reach:
             return "", ""
@@ -338,17 +352,7 @@ class _ExactEngine:
 
     @property
     def trusted(self) -> int:
-        """Number of the last sample to trust."""
         return self.valid.last
 
     def warn(self) -> None:
         warn_after_exact_steps(self.assembly, np.transpose(self.seen))
-
-    @property
-    def state(self) -> Any:
-        return self.run.state, copy(self.reach)
-
-    def restore(self, state: Any) -> None:
-        own, reach = state
-        self.run.restore(own)
-        self.reach = copy(reach)
