@@ -1,7 +1,9 @@
 """Optional arguments of public verbs: each has the default that its signature documents, and changes what it should."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, is_dataclass
+import inspect
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -33,12 +35,47 @@ def table(calls: Mapping[str, Callable[..., Any]], rows: list[tuple[str, str, An
     return {f"{verb}: {name}": Argument(calls[verb], name, *rest) for verb, name, *rest in rows}
 
 
+def optional_arguments(module: ModuleType) -> set[str]:
+    """Return "verb: argument" of every optional argument of what a module exports, methods included."""
+    return {f"{verb}: {name}" for verb, call in _verbs(module) for name in _optional(call)}
+
+
+def _verbs(module: ModuleType) -> Iterator[tuple[str, Callable[..., Any]]]:
+    for name in module.__all__:
+        item = getattr(module, name)
+        yield name, item
+        for method, member in vars(item).items() if inspect.isclass(item) else ():
+            call = getattr(member, "__func__", member)
+            if not method.startswith("_") and inspect.isfunction(call):
+                yield f"{name}.{method}", call
+
+
+def _optional(call: Callable[..., Any]) -> list[str]:
+    known = inspect.signature(call).parameters.values()
+    return [p.name for p in known if p.default is not p.empty and not p.name.startswith("_")]
+
+
+def check_fields(make: Callable[..., Any], values: Mapping[str, tuple[Any, Any]]) -> None:
+    """Fail where fields of a data class, name -> (default, other value), have other defaults or do not take a value.
+
+    The fields are all that have a default.
+    """
+    plain = make()
+    with_default = [f for f in fields(plain) if f.default is not MISSING or f.default_factory is not MISSING]
+    assert {f.name for f in with_default if not f.name.startswith("_")} == set(values)
+    for name, (default, other) in values.items():
+        assert same(getattr(plain, name), default), f"{name} is not {default!r} by default"
+        assert same(getattr(make(**{name: other}), name), other), f"{name} is not what it was made with"
+
+
 def same(a: Any, b: Any) -> bool:
     """Whether results are equal to the last digits: numbers, arrays, tuples and data classes of these."""
+    if a is b:
+        return True
     if is_dataclass(a):
-        return all(same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
+        return type(a) is type(b) and all(same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
     if isinstance(a, tuple | list):
         return len(a) == len(b) and all(map(same, a, b))
-    if a is None or isinstance(a, str):
-        return a == b
+    if a is None or isinstance(a, str | Mapping):
+        return bool(a == b)
     return np.shape(a) == np.shape(b) and np.allclose(a, b, rtol=1e-13, atol=1e-300, equal_nan=True)

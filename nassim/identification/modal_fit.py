@@ -265,35 +265,44 @@ def _search(
     doubt = ""
     size = np.sqrt(np.mean(np.abs(lines.responses) ** 2, axis=1, keepdims=True))
     noise = np.broadcast_to(size, lines.responses.shape) if shape is None else np.maximum(shape, FIT_ROUNDING * size)
-    best = _refined(lines, np.zeros((0, 2)), noise, shape)
+    best = last = _refined(lines, np.zeros((0, 2)), noise, shape)
     criterion = [_bic(lines, best)]
     for _ in range(n_modes or MOST_MODES_IN_BAND):
-        if n_modes is None and np.all(np.abs(best.residual) < FIT_ROUNDING * size):
+        if n_modes is None and np.all(np.abs(last.residual) < FIT_ROUNDING * size):
             break
-        start, alike = np.vstack([best.poles, strongest_pole(lines, best.residual, best.weights)]), ""
+        start = np.vstack([last.poles, strongest_pole(lines, last.residual, last.weights)])
         try:
             _enough(lines, len(start))
-            candidate = _refined(lines, start, np.sqrt(2) / best.weights, shape)
-            alike = "" if n_modes else describe_similar_modes(candidate)
-            problem = _problem(lines, candidate, 0.5 if n_modes else 0.25) or alike
+            candidate = _refined(lines, start, np.sqrt(2) / last.weights, shape)
         except (ValueError, np.linalg.LinAlgError) as error:
-            problem = str(error)
-        if n_modes is None and (problem or _bic(lines, candidate) >= criterion[-1]):
+            if n_modes is None:
+                break
+            raise _too_many(n_modes, band, str(error)) from error
+        alike = "" if n_modes else describe_similar_modes(candidate)
+        problem = _problem(lines, candidate, 0.5 if n_modes else 0.25) or alike
+        # Modes that are still missing may be all that is wrong with a candidate, so one more is tried.
+        if n_modes is None and (_bic(lines, candidate) >= criterion[-1] or alike or (problem and last is not best)):
             doubt = f"one mode more would fit better, but {problem}, or give n_modes={len(start)}" if alike else ""
             break
-        if problem:
-            raise ValueError(
-                f"no {n_modes} resonance(s) in {band[0]:g} ... {band[1]:g} Hz: {problem}; ask for fewer modes or "
-                "another band, or record longer"
-            )
-        best = candidate
-        criterion.append(_bic(lines, best))
+        if problem and n_modes == len(start):
+            raise _too_many(n_modes, band, problem)
+        last = candidate
+        criterion.append(_bic(lines, last))
+        best = best if problem else last
     if not len(best.poles):
         raise ValueError(
             f"no resonance in {band[0]:g} ... {band[1]:g} Hz stands out of the noise: check band and outputs, or "
             "excite it more"
         )
-    return best, criterion, doubt
+    return best, criterion[: len(best.poles) + 1], doubt
+
+
+def _too_many(n_modes: int, band: tuple[float, float], problem: str) -> ValueError:
+    """Return the error for more modes than the data determine."""
+    return ValueError(
+        f"no {n_modes} resonance(s) in {band[0]:g} ... {band[1]:g} Hz: {problem}; ask for fewer modes or another band, "
+        "or record longer"
+    )
 
 
 def _refined(lines: Lines, start: Array, noise: Array, shape: Array | None) -> Solution:

@@ -1,0 +1,208 @@
+"""What every optional argument of reduced bodies and their parts does, and limits a tenth below and above."""
+
+import functools
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+import scipy.linalg
+from arguments import check_fields, optional_arguments, table
+from conftest import lattice
+
+from nassim import ReducedBody, RemotePoint, bodies, craig_bampton
+from nassim.bodies import ElectricalPort, PiezoStack, PortCoupling, StressStiffness
+from nassim.bodies.interface import free_coordinates
+from nassim.bodies.readouts import PassivePoint
+
+SHEET = {"free_stroke": 20e-6, "blocked_force": 1000.0, "capacitance": 5e-6}
+STACK = partial(PiezoStack, **SHEET, voltage_range=200.0, stiffness=50e6, length=20e-3, area=25e-6)
+FROM_SHEET = partial(PiezoStack.from_datasheet, **SHEET, voltage_range=200.0, size=(20e-3, 5e-3, 5e-3))
+RANDOM = np.random.default_rng(3)
+ROWS = RANDOM.standard_normal((14, 4))
+MATRICES = (square := RANDOM.standard_normal((14, 4, 4))) + square.transpose(0, 2, 1)
+
+
+@functools.cache
+def body():
+    """The lattice with two modes, whose finite elements would release one per cent of the energy of each coordinate."""
+    plain = craig_bampton(lattice(), n_modes=2, progress=False)
+    scale = np.sqrt(np.diag(plain.stiffness_matrix))
+    released = np.outer(scale, scale) * np.linspace(0.2, 1.0, 14) * np.linspace(0.2, 1.0, 14)[:, None] * 1e-3
+    return replace(plain, released_stiffness=released)
+
+
+# Data classes
+
+
+POINT = RemotePoint("right", "right", np.zeros(3))
+PASSIVE = PassivePoint(RemotePoint("middle", (), np.zeros(3)), np.ones((6, 6)))
+PLAIN = partial(
+    ReducedBody, "one", remote_points=(POINT,), mass_matrix=np.eye(6), stiffness_matrix=np.eye(6), gram=np.eye(22)
+)
+FIELDS = {
+    "ElectricalPort": (
+        partial(ElectricalPort, "drive", "stack", STACK()), {"direction": (np.eye(3)[0], np.eye(3)[2])}
+    ),
+    "PiezoStack": (STACK, {"transverse_ratio": (-0.45, -0.3)}),
+    "PortCoupling": (partial(PortCoupling, "drive", np.ones(3), 1e-6), {"place": (None, np.arange(3.0))}),
+    "RemotePoint": (partial(RemotePoint, "end", "face", np.zeros(3)), {"coupling": ("rbe3", "rbe2")}),
+    "StressStiffness": (partial(StressStiffness, ROWS, MATRICES), {"ports": ((), ("p", "q"))}),
+    "ReducedBody": (
+        PLAIN,
+        {"readouts": ({}, {"middle": PASSIVE}), "record": ({}, {"made": "by hand"}), "enriched": (None, PLAIN()),
+         "released_stiffness": (None, np.eye(6)), "full_integrals": (True, False)},
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_fields_have_their_defaults_and_take_a_value(name):
+    check_fields(*FIELDS[name])
+
+
+# Methods
+
+
+def dense(of, fixed=(), guided=None, masses=None, n=None):
+    """Frequencies [Hz] and mode shapes by SciPy, from the rows and columns that stay."""
+    free = free_coordinates(of.point_names, fixed=fixed, guided=guided)
+    free = np.concatenate([free, np.arange(12, len(of.mass_matrix))])
+    mass = np.array(of.mass_matrix)
+    for point, more in (masses or {}).items():
+        at = 6 * of.point_names.index(point) + np.arange(3)
+        mass[at, at] += more
+    squares, vectors = scipy.linalg.eigh(of.stiffness_matrix[np.ix_(free, free)], mass[np.ix_(free, free)])
+    frequency = np.sqrt(np.maximum(squares, 0.0)) / (2 * np.pi)
+    shapes = np.zeros((len(mass), len(free)))
+    shapes[free] = vectors
+    return np.where(frequency > 1.0, frequency, 0.0)[:n], shapes[:, :n]
+
+
+def frequencies(**conditions):
+    return dense(body(), **conditions)[0]
+
+
+def modes(**conditions):
+    return frequencies(**conditions), np.abs(dense(body(), **conditions)[1])
+
+
+def truncation(n=None, **conditions):
+    own, better = frequencies(**conditions), dense(body().enriched, **conditions)[0]
+    better = np.where(own > 0, better[: len(own)], 1.0)
+    return np.where(own > 0, own / better - 1, 0.0)[:n]
+
+
+def discretization(**conditions):
+    """(1 - 2.5 share of the energy)^(-1/2) - 1."""
+    frequency, shapes = dense(body(), **conditions)
+    released, energy = (
+        np.einsum("ij,ij->j", shapes, matrix @ shapes)
+        for matrix in (body().released_stiffness, body().stiffness_matrix)
+    )
+    share = np.where(frequency > 0, released / np.where(frequency > 0, energy, 1.0), 0.0)
+    return (1 - 2.5 * share) ** -0.5 - 1
+
+
+def compliance(fixed=("left",), guided=None):
+    free = free_coordinates(body().point_names, fixed=fixed, guided=guided)
+    result = np.zeros((12, 12))
+    result[np.ix_(free, free)] = np.linalg.inv(body().stiffness_matrix[np.ix_(free, free)])
+    return result
+
+
+def elastic(modes):
+    """Frequencies and elastic shapes without their signs; rigid-body modes may turn among themselves."""
+    frequency, shapes = modes
+    return frequency, np.abs(shapes) * (frequency > 0)
+
+
+def rows_of(verb, expected, read=lambda result: result):
+    """Rows of a verb with boundary conditions: each changes the result as SciPy says."""
+
+    def law(name, other):
+        def holds(before, after):
+            pairs = ((before, read(expected())), (after, read(expected(**{name: other}))))
+            return all(
+                np.allclose(a, b, rtol=1e-5, atol=1e-8 * np.abs(b).max())
+                for found, wanted in pairs
+                for a, b in zip(*((x if isinstance(x, tuple) else (x,)) for x in (found, wanted)), strict=True)
+            )
+
+        return holds
+
+    for name, default, other in (
+        ("fixed", (), ["left"]),
+        ("guided", None, {"right": "rx"}),
+        ("masses", None, {"right": 0.5}),
+        ("n", None, 8),
+    ):
+        yield verb, name, default, other, law(name, other)
+
+
+def stress_stiffness(body_force=None, voltages=None):
+    """Of the twelve body forces, then one voltage; 1, x, y, z one after the other."""
+    amplitudes = ROWS @ [0.1, -0.2, 0.3, 0.4]
+    if body_force is not None:
+        amplitudes[1:13] += np.ravel(body_force, order="F")
+    amplitudes[13] += (voltages or {}).get("p", 0.0)
+    return np.einsum("k,kij->ij", amplitudes, MATRICES)
+
+
+STRESS = StressStiffness(ROWS, MATRICES, ("p",))
+FIELD = RANDOM.standard_normal((3, 4))
+
+
+def stressed(**loads):
+    return lambda *results: np.allclose(results, (stress_stiffness(), stress_stiffness(**loads)), rtol=1e-12)
+
+
+CALLS = {
+    "ElectricalPort": lambda **o: ElectricalPort("drive", "stack", STACK(), **o).strain_per_volt * 20e-3 / 1e-7,
+    "PiezoStack": lambda **o: ElectricalPort("drive", "stack", STACK(**o)).strain_per_volt * 20e-3 / 1e-7,
+    "PiezoStack.from_datasheet": FROM_SHEET,
+    "ReducedBody.eigenfrequencies": lambda **o: body().eigenfrequencies(**o),
+    "ReducedBody.eigenmodes": lambda **o: elastic(body().eigenmodes(**o)),
+    "ReducedBody.truncation_errors": lambda **o: body().truncation_errors(**o),
+    "ReducedBody.discretization_errors": lambda **o: body().discretization_errors(**o),
+    "ReducedBody.compliance": lambda **o: body().compliance(fixed=["left"], **o),
+    "StressStiffness.stiffness": partial(STRESS.stiffness, [0.1, -0.2, 0.3, 0.4]),
+}
+ARGUMENTS = table(
+    CALLS,
+    [
+        (
+            "ElectricalPort", "direction", (1, 0, 0), (0, 0, 2),
+            lambda *r: np.allclose(r, [np.diag([1, -0.45, -0.45]), np.diag([-0.45, -0.45, 1])]),
+        ),
+        (
+            "PiezoStack", "transverse_ratio", -0.45, -0.3,
+            lambda *r: np.allclose(r, [np.diag([1, -0.45, -0.45]), np.diag([1, -0.3, -0.3])]),
+        ),
+        ("PiezoStack.from_datasheet", "stiffness", None, 45e6, lambda *r: np.allclose([x.stiffness for x in r], [50e6, 45e6])),
+        (
+            "PiezoStack.from_datasheet", "transverse_ratio", -0.45, -0.3,
+            lambda *r: [x.transverse_ratio for x in r] == [-0.45, -0.3],
+        ),
+        *rows_of("ReducedBody.eigenfrequencies", frequencies),
+        *rows_of("ReducedBody.eigenmodes", modes, elastic),
+        *rows_of("ReducedBody.truncation_errors", truncation),
+        *rows_of("ReducedBody.discretization_errors", discretization),
+        (
+            "ReducedBody.compliance", "guided", None, {"right": "y"},
+            lambda *r: np.allclose(r, [compliance(), compliance(guided={"right": "y"})], rtol=1e-6, atol=1e-13),
+        ),
+        ("StressStiffness.stiffness", "body_force", None, FIELD, stressed(body_force=FIELD)),
+        ("StressStiffness.stiffness", "voltages", None, {"p": 7.0}, stressed(voltages={"p": 7.0})),
+    ],
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("case", ARGUMENTS)
+def test_an_optional_argument_does_what_it_should(case):
+    ARGUMENTS[case].check()
+
+
+def test_every_optional_argument_is_here():
+    rows = {*ARGUMENTS, *(f"{name}: {field}" for name, (_, values) in FIELDS.items() for field in values)}
+    assert rows == optional_arguments(bodies)

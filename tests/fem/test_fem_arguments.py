@@ -1,0 +1,437 @@
+"""What every optional argument of the verbs of finite elements does, and limits a tenth below and above."""
+
+import functools
+from dataclasses import replace
+from functools import partial
+from types import SimpleNamespace
+
+import netgen.occ as occ
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from arguments import check_fields, optional_arguments, table
+from conftest import STEEL, assert_limit, lattice, make_bar
+
+from nassim import FEModel, RemotePoint, Solid, build_fe_model, condense, craig_bampton, fem
+from nassim.bodies.interface import free_coordinates
+from nassim.bodies.piezo import ElectricalPort, PiezoStack, PortCoupling
+from nassim.bodies.readouts import Surface
+from nassim.fem import (
+    Extreme,
+    Face,
+    MeshRound,
+    OnCylinder,
+    OnPlane,
+    accuracy,
+    face_names,
+    face_picks,
+    full_eigenfrequencies,
+    full_frequency_response,
+    generate_mesh,
+    glue,
+    list_faces,
+    meshing,
+    name_faces,
+    read_solid,
+    reduction,
+)
+from nassim.fem.faces import occ_faces
+
+QUIET = {"progress": False}
+BAR = make_bar()
+SURFACE = Surface(np.eye(3), np.array([[0, 1, 2]]), np.array([[0, 1]]), ("bar",))
+ROUND = MeshRound(2, 10, 300, seconds=1.0, error=0.01)
+STACK = PiezoStack.from_datasheet(
+    free_stroke=20e-6, blocked_force=4700.0, voltage_range=170.0, capacitance=6.7e-6, size=(0.1, 0.01, 0.01)
+)
+
+
+@functools.cache
+def model():
+    """The lattice with two electrical ports, made by hand."""
+    plain = lattice()
+    force = np.random.default_rng(1).standard_normal((2, plain.n_dofs))
+    force -= force @ (motions := plain.rigid_motions()) @ np.linalg.pinv(motions)
+    return replace(plain, ports=tuple(PortCoupling(name, f, 1e-6) for name, f in zip("pq", force, strict=True)))
+
+
+@functools.cache
+def condensed():
+    return condense(model(), progress=False)
+
+
+@functools.cache
+def rich():
+    """So many modes that the lattice's low frequencies are exact."""
+    return craig_bampton(condensed(), n_modes=40, progress=False).enriched
+
+
+@functools.cache
+def meshed_bar():
+    return build_fe_model(BAR, element_size=0.05, order=1, progress=False)
+
+
+# Data classes
+
+
+FACE = partial(Face, 1, "plane", 1.0, np.zeros(3), np.zeros(3), np.eye(3)[0])
+MODEL = {"stiffness": lattice().stiffness_matrix, "scalar_mass_matrix": lattice().scalar_mass_matrix}
+FIELDS = {
+    "Face": (
+        FACE,
+        {"axis": (None, np.eye(2, 3)), "radius": (None, 0.1), "hollow": (None, True), "name": ("", "lid"),
+         "colour": ("", "#ff0000"), "bodies": ((), ("a", "b"))},
+    ),
+    "MeshRound": (partial(MeshRound, 2, 10, 300, seconds=1.0), {"error": (np.nan, 0.01)}),
+    "FEModel": (
+        partial(FEModel, "model", fields=lattice().fields, **MODEL),
+        {"couplings": ((), lattice().couplings), "surface": (None, SURFACE), "surface_evaluation": (None, sp.eye(3)),
+         "description": ("", "coarse"), "order": (0, 3), "ports": ((), model().ports), "warnings": ((), ("thin",)),
+         "rounds": ((), (ROUND,))},
+    ),
+    "Solid": (
+        partial(Solid, "bar", BAR.shape, BAR.materials),
+        {"remote_points": ((), BAR.remote_points), "ports": ((), (ElectricalPort("drive", "bar", STACK),))},
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_fields_have_their_defaults_and_take_a_value(name):
+    check_fields(*FIELDS[name])
+
+
+# Verbs
+
+
+def refusal(call, **options):
+    """Result of a call, or the words with which it refuses."""
+    try:
+        return call(**options)
+    except ValueError as error:
+        return str(error)
+
+
+def drilled():
+    """A block with a hole of 3 mm along x, one of 2 mm along z, a boss of 2 mm along z, and two equal steps."""
+    shape = occ.Box((0, 0, 0), (0.04, 0.02, 0.02)) - occ.Box((0.015, -1, 0.015), (0.025, 1, 1))
+    shape = shape - occ.Cylinder(occ.Pnt(-1, 0.01, 0.007), occ.X, 3e-3, 2)
+    shape = shape - occ.Cylinder(occ.Pnt(0.035, 0.01, 0.012), occ.Z, 2e-3, 1)
+    return shape + occ.Cylinder(occ.Pnt(0.02, 0.01, 0.015), occ.Z, 2e-3, 0.002)
+
+
+def cylinders(**options):
+    shape = drilled()
+    groups = OnCylinder(**options).find(list_faces(shape), occ_faces(shape))
+    return sorted(tuple(np.round(1e3 * group[0].centre, 6).tolist()) for group in groups)
+
+
+def n_named(pick, **options):
+    """Number of faces that a choice of one or several names, or 0 if it is refused."""
+    shape = drilled()
+    try:
+        name_faces(shape, {"chosen": pick(**options)})
+    except ValueError:
+        return 0
+    return [face.name for face in shape.faces].count("chosen")
+
+
+def halves(**options):
+    """Words about two boxes that overlap."""
+    return refusal(lambda **o: glue([occ.Box((0, 0, 0), (2, 2, 2)), occ.Box((1, 0, 0), (3, 2, 2))], **o), **options)
+
+
+class Asked(Exception):
+    """Carries what a function was called with."""
+
+
+def asked_of(module, name, call):
+    """Return what a call asks of a function of a module, which is replaced: arguments and options."""
+
+    def ask(*arguments, **options):
+        raise Asked(arguments, options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, name, ask)
+        try:
+            return "refused" if isinstance(refusal(call), str) else "not asked"
+        except Asked as found:
+            return found.args
+
+
+def netgen(**options):
+    """What is asked of Netgen: options, number of CAD bodies, sizes on the face "left" and at points."""
+
+    def see(shape, parameters, points, share):
+        left = min(face.maxh for face in shape.faces if face.name == "1")  # while a mesh is made, names are numbers
+        layers = len(list(shape.solids))
+        raise Asked(parameters["curvaturesafety"], left, layers, points)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(meshing, "_generate", see)
+        with pytest.raises(Asked) as found:
+            generate_mesh(BAR, element_size=0.02, **options)
+    return found.value.args
+
+
+POINTS = (np.array([[0.05, 0.0, 0.0]]), np.array([0.001]))
+
+
+def sized(**options):
+    """What `build_fe_model` asks of the mesher for elements of a size, or that it does not."""
+    given = {"element_size": 0.02, **QUIET, **options}
+    found = asked_of(fem.assembly, "generate_mesh", lambda: build_fe_model(BAR, **given))
+    return found if isinstance(found, str) else tuple(found[1].values())
+
+
+def for_tolerance(**options):
+    """What `build_fe_model` asks for a tolerance: that, n, conditions, limits, order, options of the mesh."""
+    found = asked_of(accuracy, "_refine", lambda: build_fe_model(BAR, **{"tolerance": 0.01, **QUIET, **options}))
+    if isinstance(found, str):
+        return found
+    _, tolerance, n, conditions, limits, order, mesh, progress = found[0]
+    return tolerance, n, tuple(conditions), limits.unknowns, limits.seconds, order, tuple(mesh.values()), progress
+
+
+def becomes(index, *expected):
+    """Whether one of the results is as expected before and after."""
+    return lambda *results: [result[index] for result in results] == list(expected)
+
+
+def are(*expected):
+    return lambda *results: list(results) == list(expected)
+
+
+def reduced(read, given=None, **base):
+    return lambda **options: read(craig_bampton(given() if given else condensed(), **{**QUIET, **base, **options}))
+
+
+def full(**options):
+    return full_eigenfrequencies(condensed(), **{**QUIET, "n": 9, **options})
+
+
+def as_reduced(**conditions):
+    def law(_, after):
+        return np.allclose(after, rich().eigenfrequencies(**conditions)[: len(after)], rtol=1e-3, atol=0.1)
+
+    return law
+
+
+def response(**options):
+    """Receptance along two directions, and the number of solves; "refused" where the model can move."""
+    inputs, outputs = {"f": {"right.uy": 1.0}}, {"y": {"right.uy": 1.0}, "x": {"right.ux": 1.0}}
+    given = {"inputs": inputs, "outputs": outputs, "damping_ratio": 0.02, "fixed": ["left"], **QUIET, **options}
+    try:
+        found = full_frequency_response(condensed(), np.array([20.0, 90.0]), **given)
+    except (ValueError, RuntimeError) as error:
+        return str(error)[:40]
+    return found.frf.values[:, 0], found.n_solves
+
+
+def receptance(**conditions):
+    """Of the reduced body with so many modes, by a direct solution."""
+    body = rich()
+    free = free_coordinates(body.point_names, fixed=["left"], guided=conditions.get("guided"))
+    free = np.concatenate([free, np.arange(12, len(body.mass_matrix))])
+    frequency, shapes = body.eigenmodes(fixed=["left"], **conditions)
+    omega = 2 * np.pi * np.array([20.0, 90.0])
+    terms = shapes[[7, 6]][:, :, None] * shapes[7][:, None] / (
+        (2 * np.pi * frequency[:, None]) ** 2 - omega**2 + 0.04j * 2 * np.pi * frequency[:, None] * omega
+    )  # fmt: skip
+    return terms.sum(axis=1)
+
+
+def responds(**conditions):
+    return lambda _, after: np.allclose(
+        after[0], receptance(**conditions), rtol=1e-3, atol=1e-9 * np.abs(after[0]).max()
+    )
+
+
+MESH = {"curvature": 1.5, "local_sizes": {"left": 0.001}, "extrude": "x", "layer_thickness": 0.002}
+NO_MESH = (0.5, None, None, None)
+
+
+def meshes(order, k):
+    """Rows of `build_fe_model`: each argument of the mesh is asked of the mesher, with n options before them."""
+    for place, (name, value) in enumerate(MESH.items()):
+        after = tuple(value if j == place else NO_MESH[j] for j in range(4))
+        yield (
+            name,
+            NO_MESH[place],
+            value,
+            becomes(k, NO_MESH, after) if order else are((0.02, *NO_MESH), (0.02, *after)),
+        )
+
+
+CONDITIONS = ((), ("left",), ("right",), ("left", "right"))
+CALLS = {
+    "Extreme": partial(n_named, Extreme, direction="+z"),
+    "OnPlane": partial(n_named, OnPlane, point=(0, 0, 0.02), normal=(0, 0, 1)),
+    "OnCylinder": cylinders,
+    "OnCylinder of a choice": partial(n_named, OnCylinder, radius=2e-3),
+    "glue": halves,
+    "generate_mesh": netgen,
+    "build_fe_model": sized,
+    "build_fe_model to a tolerance": for_tolerance,
+    "condense": lambda **options: condense(model(), **{**QUIET, **options}).names,
+    "full_eigenfrequencies": full,
+    "full_frequency_response": response,
+    "craig_bampton": reduced(lambda body: body.n_modes, ports=()),
+    "craig_bampton: points": reduced(lambda body: body.point_names, model),
+    "craig_bampton: of ports": reduced(lambda body: tuple(port.name for port in body.ports)),
+    "craig_bampton: mesh": reduced(lambda body: body.released_stiffness is not None, meshed_bar),
+    "craig_bampton: known error": reduced(
+        lambda body: body.released_stiffness is not None, lambda: replace(meshed_bar(), rounds=(ROUND,))
+    ),
+    "craig_bampton: stress": reduced(lambda body: body.stress_stiffness is not None, meshed_bar, discretization=False),
+}
+HOLE_X, HOLE_Z, BOSS = (20.0, 10.0, 7.0), (35.0, 10.0, 16.0), (20.0, 10.0, 16.0)
+ARGUMENTS = table(
+    CALLS,
+    [
+        ("Extreme", "several", False, True, are(0, 2)),
+        ("OnPlane", "several", False, True, are(0, 2)),
+        ("OnCylinder of a choice", "several", False, True, are(0, 2)),
+        ("OnCylinder", "radius", None, 3e-3, are([HOLE_X, BOSS, HOLE_Z], [HOLE_X])),
+        ("OnCylinder", "near", None, (0.036, 0.01, 0.02), are([HOLE_X, BOSS, HOLE_Z], [HOLE_Z])),
+        ("OnCylinder", "axis", None, "x", are([HOLE_X, BOSS, HOLE_Z], [HOLE_X])),
+        ("OnCylinder", "hole", None, False, are([HOLE_X, BOSS, HOLE_Z], [BOSS])),
+        ("glue", "name", "", "tower", lambda *words: ["''" in words[0], "'tower'" in words[1]] == [True, True]),
+        ("generate_mesh", "curvature", 0.5, 2.0, becomes(0, 0.5, 2.0)),
+        ("generate_mesh", "local_sizes", None, {"left": 0.001}, becomes(1, 1e99, 0.001)),
+        ("generate_mesh", "extrude", None, "x", becomes(2, 1, 5)),
+        ("generate_mesh", "layer_thickness", None, 0.01, becomes(2, 1, 1)),
+        ("generate_mesh", "point_sizes", None, POINTS, lambda before, after: before[3] is None and after[3] is POINTS),
+        *(("build_fe_model", *row) for row in meshes(0, 0)),
+        *(("build_fe_model to a tolerance", *row) for row in meshes(2, 6)),
+        ("build_fe_model", "tolerance", None, 0.01, lambda _, after: after == "refused"),
+        ("build_fe_model to a tolerance", "element_size", None, 0.01, lambda _, after: after == "refused"),
+        ("build_fe_model to a tolerance", "n", 5, 2, becomes(1, 5, 2)),
+        ("build_fe_model to a tolerance", "fixed", None, [("right",)], becomes(2, CONDITIONS, (("right",),))),
+        ("build_fe_model to a tolerance", "max_unknowns", 300_000, 7e5, becomes(3, 3e5, 7e5)),
+        ("build_fe_model to a tolerance", "max_time", np.inf, 60.0, becomes(4, np.inf, 60.0)),
+        ("build_fe_model to a tolerance", "order", 3, 2, becomes(5, 3, 2)),
+        ("condense", "remote_points", None, ["right"], are(("left", "right"), ("right",))),
+        ("full_eigenfrequencies", "fixed", (), ["right"], as_reduced(fixed=["right"])),
+        ("full_eigenfrequencies", "guided", None, {"right": "rx"}, as_reduced(guided={"right": "rx"})),
+        ("full_eigenfrequencies", "masses", None, {"right": 0.5}, as_reduced(masses={"right": 0.5})),
+        ("full_frequency_response", "guided", None, {"right": "y"}, responds(guided={"right": "y"})),
+        ("full_frequency_response", "masses", None, {"right": 0.5}, responds(masses={"right": 0.5})),
+        ("full_frequency_response", "tolerance", 1e-8, 1e-2, lambda before, after: 2 < after[1] < before[1]),
+        ("full_frequency_response", "max_solves", 200, 2, lambda _, after: after.startswith("the response has not")),
+        ("craig_bampton", "n_modes", None, 3, are(6, 3)),
+        ("craig_bampton", "cutoff_frequency", None, 1e-3, are(6, 0)),
+        ("craig_bampton", "tolerance", None, 0.9, lambda before, after: before == 6 > after),
+        ("craig_bampton: points", "remote_points", None, ["right"], are(("left", "right"), ("right",))),
+        ("craig_bampton: of ports", "ports", None, ["q"], are(("p", "q"), ("q",))),
+        ("craig_bampton: mesh", "discretization", None, False, are(True, False)),
+        ("craig_bampton: known error", "discretization", None, True, are(False, True)),
+        ("craig_bampton: stress", "geometric_stiffness", False, True, are(False, True)),
+    ],
+)
+
+
+@pytest.mark.filterwarnings("ignore:.*its finite elements leave")
+@pytest.mark.parametrize("case", ARGUMENTS)
+def test_an_optional_argument_does_what_it_should(case):
+    ARGUMENTS[case].check()
+
+
+def test_ten_eigenfrequencies_unless_told():
+    every = full_eigenfrequencies(condensed(), progress=False)
+    assert len(every) == 10
+    np.testing.assert_allclose(full(n=8), every[:8], rtol=1e-8)
+
+
+def test_a_free_model_has_no_response():
+    assert response(fixed=()).startswith("the full model can move freely")
+
+
+def test_layers_are_as_thick_as_elements_unless_told():
+    assert netgen(extrude="x")[2] == 5
+    assert netgen(extrude="x", layer_thickness=0.01)[2] == 10
+
+
+def test_sizes_at_points_refine_there():
+    plain, finer = (ng_mesh.Coordinates() for ng_mesh in (
+        generate_mesh(BAR, element_size=0.02), generate_mesh(BAR, element_size=0.02, point_sizes=POINTS)
+    ))  # fmt: skip
+    near, far = (np.sum(np.abs(finer[:, 0] - x) < 0.01) for x in (0.05, 0.09))
+    assert near > 5 * far
+    assert near > 5 * np.sum(np.abs(plain[:, 0] - 0.05) < 0.01)
+
+
+def test_elements_of_a_size_are_of_order_3_unless_told():
+    for options, order in (({}, 3), ({"order": 2}, 2)):
+        assert build_fe_model(BAR, element_size=0.1, **QUIET, **options).order == order
+
+
+def test_a_tolerance_applies_to_what_was_asked_for(monkeypatch):
+    """The order of the first mesh, its options, the number of frequencies and the conditions go on to the rounds."""
+    given = {"tolerance": 0.01, "n": 2, "fixed": [("right",)], "order": 2, **QUIET}
+    (found, n, conditions), _ = asked_of(accuracy, "find_targets", lambda: build_fe_model(BAR, **given))
+    assert (found.fe_model.order, n, conditions) == (2, 2, [("right",)])
+    _, options = asked_of(accuracy, "generate_mesh", lambda: build_fe_model(BAR, **given, **MESH))
+    assert {name: options[name] for name in MESH} == MESH
+
+
+def test_arguments_of_files(tmp_path):
+    """A block of 10 x 20 x 30 mm with a step of 2 um."""
+    shape = occ.Box((0, 0, 0), (10, 20, 30)) + occ.Box((0, 20, 0), (10, 25, 30.002))
+    shape.WriteBrep(str(tmp_path / "part.brep"))
+    read = partial(read_solid, tmp_path / "part.brep", STEEL)
+    with pytest.warns(UserWarning, match="shorter or narrower"):
+        plain = read()
+    assert (plain.name, face_names(plain.shape), plain.remote_points) == ("part", (), ())
+    assert len(plain.shape.faces) == 8
+    point = RemotePoint("end", "end", np.zeros(3))
+    other = read(name="foot", faces={"end": Extreme("-z")}, remote_points=(point,), unit="inch", heal=1e-4)
+    assert (other.name, face_names(other.shape), other.remote_points) == ("foot", ("end",), (point,))
+    assert len(other.shape.faces) < 8
+    assert other.shape.mass / plain.shape.mass == pytest.approx(25.4**3, rel=1e-3)
+
+
+CALLS_WITH_PROGRESS = {
+    "build_fe_model": (partial(build_fe_model, BAR, element_size=0.1, order=2), ("mesh", "assemble", "order 2")),
+    "condense": (lambda **options: condense(replace(lattice(), name="other"), **options), ("factorise", "static modes")),
+    "craig_bampton": (
+        lambda **options: craig_bampton(meshed_bar(), n_modes=1, geometric_stiffness=True, **options),
+        ("static modes", "fixed-interface modes", "truncation error", "integrals", "discretisation error",
+         "geometric stiffness", "coordinates: 2 remote points"),
+    ),
+    "craig_bampton to a tolerance": (
+        lambda **options: craig_bampton(condensed(), tolerance=0.5, **options), ("fixed-interface modes", "integrals")
+    ),
+    "full_eigenfrequencies": (partial(full_eigenfrequencies, condensed(), n=7), ("full model's eigenmodes",)),
+    "full_frequency_response": (
+        lambda **options: response(**({"progress": True} | options)), ("full model's response",)
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.filterwarnings("ignore:.*its finite elements leave")
+@pytest.mark.parametrize("verb", CALLS_WITH_PROGRESS)
+def test_stages_are_shown_unless_they_are_not_wanted(verb, capfd):
+    call, stages = CALLS_WITH_PROGRESS[verb]
+    for options, shown in (({}, True), ({"progress": True}, True), (QUIET, False)):
+        call(**options)
+        told = "".join(capfd.readouterr())
+        assert all(stage in told for stage in stages) if shown else not told
+
+
+def test_every_solve_is_counted():
+    counted = []
+    load = np.random.default_rng(0).standard_normal((model().n_dofs, 3))
+    found = condensed().solve_fixed(load, advance=counted.append)
+    assert sum(counted) == 3
+    np.testing.assert_array_equal(found, condensed().solve_fixed(load))
+
+
+def test_every_optional_argument_is_here():
+    """Also those of the tests above."""
+    rows = {f"{case.split(':')[0].split()[0]}: {case.split(': ')[-1]}" for case in ARGUMENTS}
+    rows |= {f"{name}: {field}" for name, (_, values) in FIELDS.items() for field in values}
+    rows |= {f"{case.split()[0]}: progress" for case in CALLS_WITH_PROGRESS}
+    rows |= {f"read_solid: {name}" for name in ("faces", "remote_points", "unit", "name", "heal")}
+    rows |= {"full_eigenfrequencies: n", "full_frequency_response: fixed", "Condensation.solve_fixed: advance"}
+    assert rows == optional_arguments(fem)
