@@ -8,12 +8,17 @@ import numpy as np
 import pytest
 import scipy.linalg
 from arguments import check_fields, optional_arguments, table
-from conftest import lattice
+from conftest import assert_limit, lattice
 
 from nassim import ReducedBody, RemotePoint, bodies, craig_bampton
-from nassim.bodies import ElectricalPort, PiezoStack, PortCoupling, StressStiffness
+from nassim.base.rigid_motion import rigid_motions
+from nassim.bodies import ElectricalPort, PiezoStack, PortCoupling, StressStiffness, inertia
+from nassim.bodies.inertia import RigidInertia, rigid_inertia
 from nassim.bodies.interface import free_coordinates
+from nassim.bodies.projection import trim_body
 from nassim.bodies.readouts import PassivePoint
+from nassim.bodies.reduced_body import error_text, relative_errors
+from nassim.bodies.strain import Strain, has_rigid_modes, strain_eigenmodes
 
 SHEET = {"free_stroke": 20e-6, "blocked_force": 1000.0, "capacitance": 5e-6}
 STACK = partial(PiezoStack, **SHEET, voltage_range=200.0, stiffness=50e6, length=20e-3, area=25e-6)
@@ -179,7 +184,10 @@ ARGUMENTS = table(
             "PiezoStack", "transverse_ratio", -0.45, -0.3,
             lambda *r: np.allclose(r, [np.diag([1, -0.45, -0.45]), np.diag([1, -0.3, -0.3])]),
         ),
-        ("PiezoStack.from_datasheet", "stiffness", None, 45e6, lambda *r: np.allclose([x.stiffness for x in r], [50e6, 45e6])),
+        (
+            "PiezoStack.from_datasheet", "stiffness", None, 45e6,
+            lambda *r: np.allclose([x.stiffness for x in r], [50e6, 45e6]),
+        ),
         (
             "PiezoStack.from_datasheet", "transverse_ratio", -0.45, -0.3,
             lambda *r: [x.transverse_ratio for x in r] == [-0.45, -0.3],
@@ -206,3 +214,94 @@ def test_an_optional_argument_does_what_it_should(case):
 def test_every_optional_argument_is_here():
     rows = {*ARGUMENTS, *(f"{name}: {field}" for name, (_, values) in FIELDS.items() for field in values)}
     assert rows == optional_arguments(bodies)
+
+
+# Limits
+
+
+def asymmetric(share):
+    """A stiffness matrix, one entry of which differs from its mirror image by a share of a billionth."""
+    stiffness = np.eye(6)
+    stiffness[0, 1] = 1e-9 * share
+    PLAIN(stiffness_matrix=stiffness)
+
+
+def test_matrices_are_symmetric_to_a_billionth():
+    assert_limit(asymmetric, "the stiffness matrix must be square and symmetric")
+
+
+def test_an_error_is_known_up_to_a_half():
+    """A stiffness of which one order more releases so much that the rest is two thirds of it."""
+    for share, text in ((0.9, "45 %"), (1.1, "unknown, above 50 %")):
+        error = 0.5 * share
+        (found,) = relative_errors(np.array([(1 - 1 / (1 + error)) / 2.5]), power=1)
+        assert found == (pytest.approx(error) if share < 1 else np.inf)
+        assert error_text(found) == text
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_a_motion_is_free_below_a_billionth_of_the_strain(share):
+    """Two masses of 1 kg, a stiff spring on one, and one that is soft by its row on the other."""
+    rows = np.diag([1.0, 1e-9 * share])
+    frequency, _ = strain_eigenmodes(Strain(rows, 100.0 * np.diag([1.0, 1.0])), np.eye(2))
+    assert np.count_nonzero(frequency == 0.0) == (share < 1)
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_a_body_is_free_where_rigid_motions_cost_a_hundred_billionth_of_the_largest_force(share):
+    """A spring to the ground at one point; the law of the forces follows from their definition."""
+    plain, mass = body().stiffness_matrix, body().mass_matrix
+    scale = 1 / np.sqrt(np.diag(mass))
+    motions = rigid_motions(body().positions, len(mass)) / scale[:, None]
+
+    def worst(stiffness):
+        scaled = scale[:, None] * stiffness * scale
+        forces = np.linalg.norm(scaled @ motions, axis=0) / np.linalg.norm(motions, axis=0)
+        return forces.max() / np.linalg.norm(scaled)
+
+    ground = np.diag(np.eye(14)[1])
+    size = 1e-3 * plain[1, 1]  # far above rounding, far below the body's own
+    spring = share * 1e-11 * size / (worst(plain + size * ground) - worst(plain))
+    assert worst(plain + spring * ground) == pytest.approx(share * 1e-11, rel=0.05)
+    assert has_rigid_modes(plain + spring * ground, mass, body().positions) == (share < 1)
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_a_load_shape_that_modes_hold_but_for_a_ten_billionth_of_its_energy_is_left_out(share):
+    """Two masses on springs to a held point, one of them faster than all modes that are kept."""
+    n = 8
+    mass, stiffness = np.eye(n), np.eye(n)
+    stiffness[6, 6], stiffness[7, 7] = (2 * np.pi * 10) ** 2, (2 * np.pi * 100) ** 2
+    simple = PLAIN(mass_matrix=mass, stiffness_matrix=stiffness, gram=np.eye(4 + 3 * n))
+    # Energies of the two shares of a load f: f^2 / 2 k.
+    load = np.zeros((n, 1))
+    load[6], load[7] = 2 * np.pi * 10, 2 * np.pi * 100 * np.sqrt(share * 1e-10)
+    trimmed = trim_body(simple, points=["right"], loads=load, cutoff_frequency=50.0)
+    assert trimmed.n_modes == (1 if share < 1 else 2)
+
+
+def flat_box(share):
+    """A box of unit mass, the square of whose thickness is a share of 1e-5 of that of its length."""
+    squares = np.array([1e-5 * share, 0.5, 1.0])
+    return RigidInertia(1.0, np.zeros(3), np.diag((squares.sum() - squares) / 12), 0.0)
+
+
+def test_a_box_is_flat_below_a_hundred_thousandth_of_the_square_of_its_length():
+    assert np.isnan(flat_box(0.9).box_density)
+    assert flat_box(1.1).box_density == pytest.approx(1 / np.sqrt(0.5 * 1.1e-5))
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_points_span_a_direction_from_a_millionth_of_the_bodys_size(share):
+    """Four point masses along x, beside their line by so little; sizes are radii of gyration and root sums of squares.
+
+    Only from there on they tell of strain along y.
+    """
+    positions = np.zeros((4, 3))
+    positions[:, 0] = [-2.0, -1.0, 1.0, 2.0]
+    positions[:, 1] = share * 1e-6 * np.sqrt(2 * 10 / 4) * np.array([0.5, -0.5, -0.5, 0.5])
+    mass = np.diag(np.tile([1.0] * 3 + [1e-9] * 3, 4))
+    strains = inertia._homogeneous_strains(mass, positions, rigid_inertia(mass, rigid_motions(positions, 24)))
+    # Of a homogeneous strain, each point shows a share that is its arm over the sum of squares.
+    np.testing.assert_allclose(strains[0, ::6, 0], positions[:, 0] / 10.0, rtol=1e-6)
+    assert np.any(strains[1]) == (share > 1)

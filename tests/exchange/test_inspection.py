@@ -1,6 +1,7 @@
 """What `check` says: of the sample, of sound bodies, and of every defect that a body can be given."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,8 +10,9 @@ from superelements import SAMPLE, grounded_at, joint_like, rounded, sample, with
 
 from nassim import craig_bampton
 from nassim.base.rigid_motion import rigid_transfer
+from nassim.exchange.coordinates import motions_without_stiffness, positions_from_motions
 from nassim.exchange.inspection import Finding, as_superelement, check
-from nassim.exchange.repairing import repair, to_body
+from nassim.exchange.repairing import _damaged_node, repair, to_body
 from nassim.exchange.row_order import guess_order, order_misfit
 from nassim.exchange.superelement import read_superelement, superelement
 
@@ -407,3 +409,41 @@ def test_nodes_within_a_millionth_of_the_size_are_in_one_place():
     size = of(0.0)["units"].figures["size_m"]
     assert "in one place: node_4 and node_5" in of(0.9e-6 * size)["nodes"].text
     assert "in one place" not in of(1.1e-6 * size)["nodes"].text
+
+
+# Limits
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_six_motions_are_rigid_up_to_a_tenth_of_the_lowest_elastic_frequency(share):
+    stiffness = np.diag([0.0, 0.0, 0.0, 0.0, 0.0, (0.1 * share) ** 2, 1.0, 4.0])
+    motions = motions_without_stiffness(stiffness, np.eye(8))
+    assert (motions is not None) == (share < 1)
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+@pytest.mark.parametrize("block", [0, 3])
+def test_rows_are_those_of_nodes_where_rigid_rotations_agree_to_a_tenth(block, share):
+    """The second node 0.2 m along y, turned against the first in its translations or its rotations."""
+    second = rigid_transfer(np.array([0.0, 0.2, 0.0]))
+    second[block, block + 1] += 0.1 * share
+    found = positions_from_motions(np.vstack([np.eye(6), second]), 2)
+    if share < 1:
+        np.testing.assert_allclose(found, [[0, 0, 0], [0, 0.2, 0]], atol=1e-12)
+    else:
+        assert found is None
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_one_node_is_damaged_where_others_have_a_hundredth_of_its_residual(share):
+    """Two nodes in one place on springs to the ground, whose scaled forces are the roots of their stiffness."""
+    body = SimpleNamespace(positions=np.zeros((2, 3)), rigid_motions=np.tile(np.eye(6), (2, 1)))
+    stiffness = np.diag(np.repeat([(0.01 * share) ** 2, 1.0], 6))
+    assert _damaged_node(stiffness, body) == (1 if share < 1 else None)
+
+
+def test_another_order_is_sought_from_a_misfit_of_a_fiftieth_on(monkeypatch):
+    shuffled = sample().reordered(orders(sample())["direction by direction"])
+    for share in (0.9, 1.1):
+        monkeypatch.setattr("nassim.exchange.row_order.order_misfit", lambda _, misfit=0.02 * share: misfit)
+        assert (guess_order(shuffled) is not None) == (share > 1)

@@ -14,7 +14,7 @@ from conftest import STEEL, make_bar
 from nassim import ElectricalPort, Material, PiezoStack, RemotePoint, Solid, build_fe_model, condense, craig_bampton
 from nassim.fem.accuracy import find_targets
 from nassim.fem.assembly import refine_order
-from nassim.fem.cad_sizes import FINENESS, LARGEST_PER_THICKNESS, ray_lengths, sizes_from_cad
+from nassim.fem.cad_sizes import ray_lengths, sizes_from_cad
 from nassim.fem.mesh_error import released_energy
 
 SCRIPTS = Path(__file__).parents[2] / "scripts"
@@ -50,14 +50,14 @@ def test_rays_measure_a_box():
 
 
 def test_sizes_from_cad_of_a_tube():
-    """c sqrt(R t) on a thin tube, and no more than ten times the thickness on a plate."""
+    """Half of sqrt(R t) on a thin tube, and no more than ten times the thickness on a plate."""
     tube = occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, 0.02, 0.03) - occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, 0.0195, 0.03)
     points, sizes = sizes_from_cad(named("tube", tube, occ.Z))
     curved = (points[:, 2] > 0.005) & (points[:, 2] < 0.025)
-    assert np.median(sizes[curved]) == pytest.approx(FINENESS * np.sqrt(0.02 * 0.0005), rel=0.1)
+    assert np.median(sizes[curved]) == pytest.approx(0.5 * np.sqrt(0.02 * 0.0005), rel=0.1)
     points, sizes = sizes_from_cad(named("plate", occ.Box((0, 0, 0), (0.1, 0.06, 0.0004))))
     flat = (points[:, 0] > 0.01) & (points[:, 0] < 0.09) & (points[:, 1] > 0.01) & (points[:, 1] < 0.05)
-    np.testing.assert_allclose(sizes[flat], LARGEST_PER_THICKNESS * 0.0004, rtol=1e-3)
+    np.testing.assert_allclose(sizes[flat], 10 * 0.0004, rtol=1e-3)
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,7 @@
 """What every optional argument of the verbs of finite elements does, and limits a tenth below and above."""
 
 import functools
+import warnings
 from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
@@ -24,7 +25,6 @@ from nassim.fem import (
     OnPlane,
     accuracy,
     face_names,
-    face_picks,
     full_eigenfrequencies,
     full_frequency_response,
     generate_mesh,
@@ -33,9 +33,14 @@ from nassim.fem import (
     meshing,
     name_faces,
     read_solid,
-    reduction,
 )
+from nassim.fem.accuracy import MeshTargets
+from nassim.fem.cad_sizes import sizes_from_cad
+from nassim.fem.condensation import vector_dofs
+from nassim.fem.face_picks import _joined_cylinders, _turns_fully
 from nassim.fem.faces import occ_faces
+from nassim.fem.meshing import CADBody
+from nassim.fem.reduction import _warn_of_coarse_mesh
 
 QUIET = {"progress": False}
 BAR = make_bar()
@@ -393,7 +398,7 @@ def test_arguments_of_files(tmp_path):
 
 CALLS_WITH_PROGRESS = {
     "build_fe_model": (partial(build_fe_model, BAR, element_size=0.1, order=2), ("mesh", "assemble", "order 2")),
-    "condense": (lambda **options: condense(replace(lattice(), name="other"), **options), ("factorise", "static modes")),
+    "condense": (partial(condense, lattice()), ("factorise", "static modes")),
     "craig_bampton": (
         lambda **options: craig_bampton(meshed_bar(), n_modes=1, geometric_stiffness=True, **options),
         ("static modes", "fixed-interface modes", "truncation error", "integrals", "discretisation error",
@@ -435,3 +440,143 @@ def test_every_optional_argument_is_here():
     rows |= {f"read_solid: {name}" for name in ("faces", "remote_points", "unit", "name", "heal")}
     rows |= {"full_eigenfrequencies: n", "full_frequency_response: fixed", "Condensation.solve_fixed: advance"}
     assert rows == optional_arguments(fem)
+
+
+# Limits
+
+
+def warned(call):
+    """Whether a call warns."""
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        call()
+    return bool(told)
+
+
+def cube(side):
+    shape = occ.Box((0, 0, 0), (1, 1, 1)).Scale(occ.Pnt(0, 0, 0), side)
+    shape.name = "bar"
+    return Solid("cube", shape, BAR.materials)
+
+
+def test_a_solid_below_a_millimetre_is_warned_of():
+    # OpenCASCADE's bounding boxes are larger by 2e-7 m.
+    assert [warned(lambda s=share: cube(1e-3 * s)) for share in (0.9, 1.1)] == [True, False]
+
+
+def test_a_body_is_thicker_than_a_tenth_of_a_micrometre():
+    """Twice the volume over the surface."""
+
+    def plate(share):
+        height = 1e-7 / share
+        shape = occ.Box((0, 0, 0), (1e4, 1e4, 1.0)).Scale(occ.Pnt(0, 0, 0), height)
+        shape.name = "bar"
+        return Solid("plate", shape, BAR.materials)
+
+    assert_limit(plate, "has no thickness")
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_a_feature_is_tiny_below_a_ten_thousandth_of_the_solid(tmp_path, share):
+    shape = occ.Box((0, 0, 0), (20, 10, 10)) + occ.Box((20, 0, 0), (40, 10, 10 + share * 40e-4))
+    shape.WriteBrep(str(tmp_path / "bar.brep"))
+    assert warned(lambda: read_solid(tmp_path / "bar.brep", STEEL)) == (share < 1)
+
+
+def round_face(number, radius=1e-3, offset=0.0):
+    axis = np.array([[offset, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    return Face(number, "cylinder", 1.0, axis[0], axis[0], np.zeros(3), axis, radius, True)
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_round_faces_are_one_cylinder_to_a_millionth_and_fit_a_radius_to_a_thousandth(share):
+    edge = SimpleNamespace(edges=["common"])
+    for other in (round_face(2, offset=1e-6 * share), round_face(2, radius=1e-3 * (1 + 1e-6 * share))):
+        assert len(_joined_cylinders([round_face(1), other], [edge, edge])) == (1 if share < 1 else 2)
+    found = OnCylinder(1e-3).find([round_face(1, 1e-3 * (1 + 1e-3 * share))], [edge])
+    assert len(found) == (share < 1)
+    # The centre of half a cylinder is at 2 / pi of its radius.
+    assert _turns_fully([replace(round_face(1), centre=np.array([0.05e-3 * share, 0.0, 0.3]))]) == (share < 1)
+
+
+@pytest.mark.parametrize(("n_faces", "more"), [(30, ""), (33, "and 3 more: see face_table")])
+def test_thirty_faces_are_listed(monkeypatch, n_faces, more):
+    monkeypatch.setattr("nassim.fem.face_picks.list_faces", lambda _: [round_face(k) for k in range(n_faces)])
+    monkeypatch.setattr("nassim.fem.face_picks.occ_faces", lambda _: [])
+    with pytest.raises(ValueError, match="number 99 finds no face") as refused:
+        name_faces(None, {"a": 99})
+    lines = str(refused.value).splitlines()[1:]
+    assert len(lines) == 30 + bool(more)
+    assert more in lines[-1]
+
+
+def test_an_element_is_extruded_to_a_billionth_of_its_volume():
+    end = [SimpleNamespace(mass=2.0)]
+    for share in (0.9, 1.1):
+        body = CADBody(SimpleNamespace(mass=6.0 * (1 + 1e-9 * share)), 1.0, 4.0, end, end)
+        assert body.is_prism() == (share < 1)
+
+
+def test_an_element_may_be_longer_than_the_solid_by_a_billionth():
+    length = np.ptp(np.array([tuple(corner) for corner in BAR.shape.bounding_box]), axis=0).max()
+
+    for share, asked in ((0.9, True), (1.1, False)):
+        size = length * (1 + 1e-9 * share)
+        found = asked_of(meshing, "_mesh", lambda size=size: generate_mesh(BAR, element_size=size))
+        assert (found != "refused") == asked
+
+
+def test_sizes_from_cad_are_at_most_twice_a_radius():
+    """A thin hole through a thick block, whose walls would allow more."""
+    shape = occ.Box((0, 0, 0), (0.1, 0.1, 0.1)) - occ.Cylinder(occ.Pnt(0.05, 0.05, -1), occ.Z, 1e-3, 2)
+    shape.name = "bar"
+    points, sizes = sizes_from_cad(Solid("block", shape, BAR.materials))
+    round_ones = np.abs(np.hypot(points[:, 0] - 0.05, points[:, 1] - 0.05) - 1e-3) < 1e-4
+    inner = round_ones & (points[:, 2] > 0.02) & (points[:, 2] < 0.08)
+    assert inner.any()
+    np.testing.assert_allclose(sizes[inner], 2e-3, rtol=0.05)
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_a_soft_point_has_a_motion_of_its_own_from_a_billionth(share):
+    """Two points with the same interface, whose readings differ by a small angle a: 1 - cos(a) of them is left."""
+    plain = lattice()
+    first = plain.couplings[0]
+    basis = np.linalg.qr(first.averages.T)[0].T
+    other = np.linalg.svd(basis)[2][6:12]
+    cosine = 1 - share * 1e-9
+    averages = cosine * basis + np.sqrt(1 - cosine**2) * other
+    twin = replace(first, point=replace(first.point, name="twin"), averages=averages)
+    call = partial(condense, replace(plain, couplings=(replace(first, averages=basis), twin)), progress=False)
+    assert (vector_dofs(twin, plain.n_dofs) == vector_dofs(first, plain.n_dofs)).all()
+    assert ("cannot move by themselves" in str(refusal(call))) == (share < 1)
+
+
+def test_two_per_cent_of_error_are_warned_of():
+    for share in (0.9, 1.1):
+        assert warned(lambda error=0.02 * share: _warn_of_coarse_mesh("bar", error)) == (share > 1)
+
+
+def spread_errors(more):
+    """A search for targets that finds one, 81 % of whose error is in 8 % of the elements, rounded down, and more."""
+
+    def find(condensed, n, conditions):
+        n_elements = condensed.fe_model._source[0].ne
+        held = int(0.08 * n_elements) + more
+        shares = np.where(np.arange(n_elements) < held, 0.081 / held, 0.019 / (n_elements - held))
+        return MeshTargets(["stiffness"], np.ones(1), np.ones(1), shares[:, None], [])
+
+    return find
+
+
+@pytest.mark.parametrize(("more", "orders"), [(0, [2, 2]), (1, [2, 3, 4, 4, 4, 4])])
+def test_rounds_raise_the_order_up_to_four_where_errors_are_spread_and_end_with_the_sixth(monkeypatch, more, orders):
+    """Where more than 8 % of the elements hold 80 % of the error; nothing is solved, and no element gets smaller."""
+    monkeypatch.setattr(accuracy, "find_targets", spread_errors(more))
+    monkeypatch.setattr(accuracy, "condense", lambda fe_model, **_: SimpleNamespace(fe_model=fe_model))
+    monkeypatch.setattr(accuracy.MeshSizing, "refined", lambda self, *_: self)
+    if not more:
+        monkeypatch.setattr(accuracy, "MOST_ROUNDS", 2)
+    with pytest.warns(UserWarning, match=f"{len(orders)} meshes were tried"):
+        model = build_fe_model(BAR, tolerance=0.01, order=2, progress=False)
+    assert [made.order for made in model.rounds] == orders

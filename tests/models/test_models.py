@@ -218,3 +218,25 @@ def test_disturbances_of_the_bench_at_rest(apa):
     load = -(apa.mass_matrix @ lifted + 3.0 * (np.arange(n) == top))
     moved[free] = np.linalg.solve(apa.stiffness_matrix[np.ix_(free, free)], load[free])
     assert static[model.inputs.index("ground_acceleration")] == pytest.approx(moved[top], rel=1e-8)
+
+
+def slot_radius(**dimensions):
+    """Radius of the round end of the slot beside the stack, the smallest in the frame's outline [mm]."""
+    radii = []
+    for edge in apa300ml._quarter_outline(APAGeometry(**dimensions)):
+        low, high = edge.parameter_interval
+        a, b, c = (np.array(tuple(edge.Value(t))) for t in (low, (low + high) / 2, high))
+        area = 0.5 * np.linalg.norm(np.cross(b - a, c - a))
+        sides = np.linalg.norm(b - a) * np.linalg.norm(c - b) * np.linalg.norm(a - c)
+        radii.append(sides / (4 * area) if area > 1e-9 else np.inf)
+    return min(radii)
+
+
+def test_a_slot_is_open_from_a_twentieth_of_a_millimetre_on():
+    """The thicker the arm, the smaller the radius, in proportion."""
+    thin, thick = 1.4e-3, 1.5e-3
+    slope = (slot_radius(arm_thickness=thick) - slot_radius(arm_thickness=thin)) / (thick - thin)
+    wide, narrow = (thin + (share * 0.05 - slot_radius(arm_thickness=thin)) / slope for share in (1.1, 0.9))
+    assert slot_radius(arm_thickness=wide) == pytest.approx(1.1 * 0.05, rel=1e-6)
+    with pytest.raises(ValueError, match="the slot beside the stack closes"):
+        slot_radius(arm_thickness=narrow)

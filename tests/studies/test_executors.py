@@ -3,6 +3,7 @@
 import functools
 import os
 import pickle
+import queue
 import warnings
 from concurrent.futures import BrokenExecutor, Future
 from types import SimpleNamespace
@@ -182,3 +183,19 @@ def test_one_process_carries_out_all_runs():
     found = quiet(tiny_functions.surroundings, grid={"a": range(6)}, n_processes=1)
     assert len(set(found.process.values)) == 1
     assert (found.limited == len(THREADS)).all()
+
+
+def test_workers_are_asked_for_once_after_thirty_seconds():
+    """Within a wait in steps of a second."""
+    for n_waits, n_asked in ((29, 0), (30, 1), (35, 1)):
+        waits, asked = [], []
+
+        def get(timeout, waits=waits, n_waits=n_waits):
+            waits.append(timeout)
+            if len(waits) <= n_waits:
+                raise queue.Empty
+            return "done"
+
+        assert executors._next(SimpleNamespace(get=get), lambda asked=asked: asked.append(1) or True) == "done"
+        assert len(asked) == n_asked
+        assert sum(waits[:-1]) == n_waits
