@@ -158,47 +158,44 @@ def apply_identification(
     for output, row in zip(fit.outputs, gains, strict=True):
         if not np.any(row):
             raise ValueError(f"output {output!r} of the scene does not respond to {fit.input!r}: leave it out")
-    visible = np.abs(gains) > VISIBLE * np.abs(gains).max(axis=1, keepdims=True)
-    alike = _alike(fit.gains, gains, visible, fit.outputs.index(trusted), factor)
-    modal = assembly.modal
-    matches = _match(fit.frequency, modal.frequency, alike, distance, factor)
-    if np.all(matches < 0):
-        opposite = _alike(-fit.gains, gains, visible, fit.outputs.index(trusted), factor)
+    base, modal = fit.outputs.index(trusted), assembly.modal
+    alike, opposite = (_alike(sign * fit.gains, gains, base, factor) for sign in (1, -1))
+    matches = _match(fit.frequency, modal.frequency, alike, distance)
+    found = matches >= 0
+    if not found.any():
         raise ValueError(_no_match(fit.frequency, modal.frequency, alike, opposite, distance, factor))
-
-    n_free = np.count_nonzero(modal.rigid_modes)  # a scene counts its elastic modes only
-    ratios = modal.damping.ratio.copy()
+    modes, before = matches[found], modal.damping.ratio
+    ratios = before.copy()
     if unmeasured_damping_ratio is not None:
         ratios[:] = not_negative("unmeasured_damping_ratio", unmeasured_damping_ratio)
-    changes = []
-    for k, mode in enumerate(matches):
-        if mode >= 0:
-            ratios[mode], std = fit.damping_ratio[k], fit.damping_ratio_std[k]
-            name = f"damping ratio of mode {mode + 1 - n_free}"
-            changes.append(Change(name, float(modal.damping.ratio[mode]), float(ratios[mode]), float(std)))
+    ratios[modes] = fit.damping_ratio[found]
+    n_free = np.count_nonzero(modal.rigid_modes)  # a scene counts its elastic modes only
+    changes = [
+        Change(f"damping ratio of mode {mode + 1 - n_free}", float(before[mode]), float(ratios[mode]), float(std))
+        for mode, std in zip(modes, fit.damping_ratio_std[found], strict=True)
+    ]
     within = (modal.frequency >= fit.recorded.frequency[0]) & (modal.frequency <= fit.recorded.frequency[-1])
-    within[matches[matches >= 0]] = True
-    static = gains[:, within].sum(axis=1)
-    scaled, factors = _scale(scene, fit, static, trusted)
-    unmeasured = {f"mode {k + 1 - n_free}": float(r) for k, r in enumerate(ratios) if k not in matches and k >= n_free}
-    found = np.where(matches >= 0, modal.frequency[matches], 0.0)
+    within[modes] = True
+    static_ratio = fit.gains.sum(axis=1) / gains[:, within].sum(axis=1)
+    scaled, factors = _scale(scene, fit, static_ratio, base)
     report = UpdateReport(
         changes=(*changes, *factors),
         matches=matches,
         identified=fit.frequency,
-        scene=found,
-        unmeasured=unmeasured,
-        static_ratio=fit.gains.sum(axis=1) / static,
+        scene=np.where(found, modal.frequency[matches], 0.0),
+        unmeasured={f"mode {k + 1 - n_free}": float(ratios[k]) for k in range(n_free, len(ratios)) if k not in modes},
+        static_ratio=static_ratio,
     )
     return replace(scaled, damping_ratio=ratios[n_free:]), report
 
 
-def _alike(identified: Array, gains: Array, visible: Array, base: int, factor: float) -> Array:
+def _alike(identified: Array, gains: Array, base: int, factor: float) -> Array:
     """Return whether the gains of an identified mode and of a mode of the scene agree, (identified, modes).
 
-    identified: (outputs, identified); gains, visible: (outputs, modes); base: row of the trusted output
+    identified: (outputs, identified); gains: (outputs, modes); base: row of the trusted output
     """
     share = np.abs(gains) / np.abs(gains).max(axis=1, keepdims=True)
+    visible = share > VISIBLE
     row = np.where(visible[base], base, share.argmax(axis=0))
     columns = np.arange(gains.shape[1])
     size = np.abs(gains[row, columns])
@@ -207,7 +204,7 @@ def _alike(identified: Array, gains: Array, visible: Array, base: int, factor: f
     return result
 
 
-def _match(identified: Array, frequency: Array, alike: Array, distance: float, factor: float) -> Array:
+def _match(identified: Array, frequency: Array, alike: Array, distance: float) -> Array:
     """Return the index of the scene's mode for each identified mode, -1 for none; alike: (identified, modes)."""
     result = np.full(len(identified), -1)
     for k, f in enumerate(identified):
@@ -250,13 +247,13 @@ def _no_match(
     return text + "check units, the scene's masses, or give a larger distance or factor"
 
 
-def _scale(scene: Scene, fit: ModalFit, static: Array, trusted: str) -> tuple[Scene, list[Change]]:
-    """Scale actuators and sensors by the ratio of the fit's static responses to those of the scene, (outputs,)."""
+def _scale(scene: Scene, fit: ModalFit, ratio: Array, base: int) -> tuple[Scene, list[Change]]:
+    """Scale actuators and sensors by the ratio of the fit's static responses to those of the scene, (outputs,).
+
+    base: row of the trusted output
+    """
     n_outputs, n_modes = fit.gains.shape
-    base = fit.outputs.index(trusted)
-    identified = fit.gains.sum(axis=1)
-    ratio = identified / static
-    summing = np.kron(np.eye(n_outputs), np.ones(n_modes)) / identified[:, None]
+    summing = np.kron(np.eye(n_outputs), np.ones(n_modes)) / fit.gains.sum(axis=1)[:, None]
     covariance = summing @ fit.covariance[2 * n_modes :, 2 * n_modes :] @ summing.T
     actuator = float(ratio[base]), float(np.sqrt(covariance[base, base]))
     drives = {part.name: actuator for part in scene.actuators if _acts_by(scene, part, fit.input)}
