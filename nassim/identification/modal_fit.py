@@ -183,9 +183,10 @@ def identify_modes(
         input: name of the input.
         outputs: names of the outputs.
         band: lowest and highest fitted frequency [Hz].
-        n_modes: number of resonances in the band. None adds modes while Bayes' information criterion decreases, but no
-            two modes that overlap and have similar shapes: such modes are one resonance that the model misrepresents (a
-            hold, a delay, another input).
+        n_modes: number of resonances in the band. None adds modes while Bayes' information criterion decreases and
+            each damping ratio is known to a quarter of it, if need be with one more mode; but no two modes that overlap
+            and have similar shapes: such modes are one resonance that the model misrepresents (a hold, a delay, another
+            input).
         hold_order: behaviour of the input between samples: 0 for a DAC that keeps each value until the next, 1 for
             straight lines, None for an input without content above half the sample rate. A neglected hold lowers gains
             by the fraction 0.6 x^2 (order 0) or x^2 / 3 (order 1) with x = pi f / sample rate, and frequencies by x

@@ -376,3 +376,9 @@ def test_shape_bytes_see_shape_and_names(tmp_path):
     larger = shape_bytes(read_solid(path, STEEL, unit="inch").shape)
     assert same[0] == same[1]
     assert len({same[0], renamed, larger}) == 3
+    shape = read_solid(path, STEEL).shape
+    for item in (shape.faces.Max(occ.Z), next(iter(shape.solids))):
+        name, item.name = item.name, "other"
+        assert shape_bytes(shape) not in same
+        item.name = name
+    assert shape_bytes(shape) == same[0]
