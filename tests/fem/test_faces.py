@@ -170,6 +170,14 @@ def test_numbers_name_faces(part):
     assert [face.name for face in list_faces(part)].count("others") == 2
 
 
+def test_bodies_have_their_volumes_and_centres_in_millimetres(part):
+    """The second plate, without the half of a hole, whose centre is 4 r / 3 pi from its axis."""
+    half = np.pi * 9 * 6 / 2
+    volume = 2400 - half
+    x, y, z = 1e3 * at(20, (2400 * 15 - half * (10 + 4 * 3 / (3 * np.pi))) / volume, 3)
+    assert re.search(rf"\nback +{volume:.5g} +{x:.4g}, {y:.4g}, {z:.4g} +\d+ *\n", face_table(part))
+
+
 @pytest.mark.parametrize(
     ("faces", "message"),
     [
