@@ -10,7 +10,7 @@ from nassim.base.checks import Array, finite, freeze, frozen_mapping, known, not
 from nassim.identification.modal_fit import ModalFit
 from nassim.scene.part import Actuator, Sensor
 from nassim.scene.scene import Scene
-from nassim.scene.terms import AppliedForce, BaseAcceleration
+from nassim.scene.terms import AppliedForce
 from nassim.simulation.model.assembly import Assembly, assemble
 
 Kind = TypeVar("Kind", Actuator, Sensor)
@@ -269,7 +269,7 @@ def _scale(scene: Scene, fit: ModalFit, ratio: Array, base: int) -> tuple[Scene,
 
 
 def _acts_by(scene: Scene, part: Actuator, name: str) -> bool:
-    return any(isinstance(term, (AppliedForce, BaseAcceleration)) and term.input == name for term in part.terms(scene))
+    return any(isinstance(term, AppliedForce) and term.input == name for term in part.terms(scene))
 
 
 def _scaled(part: Kind, factors: Mapping[str, tuple[float, float]], changes: list[Change]) -> Kind:

@@ -7,11 +7,21 @@ import numpy as np
 import pytest
 import scipy
 from arguments import optional_arguments, table
-from conftest import assert_limit
+from conftest import assert_limit, lattice
 from test_calibration import HEIGHT, WIDTH, cantilever
 from test_modal_fit import blocks, plain_fit
 
-from nassim import FRF, identification
+from nassim import (
+    FRF,
+    Encoder,
+    FlexibleBody,
+    Joint,
+    RigidBody,
+    Scene,
+    TimeHistory,
+    craig_bampton,
+    identification,
+)
 from nassim.identification import (
     Parameter,
     Target,
@@ -22,7 +32,8 @@ from nassim.identification import (
     modal_gains,
     sensitivities,
 )
-from nassim.identification.pole_fit import Solution, describe_similar_modes
+from nassim.identification.pole_fit import Solution, describe_misfit, describe_similar_modes
+from nassim.scene.piezo import StackActuator, StackSensor
 from nassim.simulation.model.assembly import assemble
 
 F = np.arange(60.0, 160.25, 0.5)
@@ -229,3 +240,60 @@ def test_sensitivities_are_differences_over_eight_per_cent():
     asked = []
     sensitivities(lambda values: asked.append(values["width"]) or cantilever(values), [WIDTH, HEIGHT], ["mass"])
     np.testing.assert_allclose(np.log(np.array(asked) / WIDTH.start), [-0.04, 0.04, 0.0, 0.0], atol=1e-12)
+
+
+# What errors planted here have shown
+
+
+def test_factors_below_zero_have_deviations_above_it():
+    """An amplifier and a sensor with reversed polarity, in the scene as in the record."""
+    bar = craig_bampton(lattice(), n_modes=1, progress=False)
+    scene = Scene(
+        "stack",
+        (
+            RigidBody("ground", {"o": bar.point("left").position}, fixed=True),
+            FlexibleBody("bar", bar, fidelity="linear"),
+        ),
+        (Joint("clamp", "ground.o", "bar.left"),),
+        (StackActuator("stack", "bar.left", "bar.right", 2.0, "v", gain=-10.0),),
+        (Encoder("x", "ground.o", "bar.right", "x"), StackSensor("s", "bar.left", "bar.right", -1e3)),
+    )
+    assembly = assemble(scene)
+    gains = modal_gains(assembly)[:, 0]
+    mode = np.abs(gains[0]).argmax()
+    frequency = assembly.modal.frequency[mode]
+    fit = plain_fit([frequency], gains[:, [mode]] * [[1.1], [0.88]], "v", ("x", "s"), (frequency - 1, frequency + 1))
+    sizes = np.concatenate([[1e-3, 1e-3], 0.01 * fit.gains[:, 0]])
+    _, report = apply_identification(scene, replace(fit, covariance=np.diag(sizes**2)), trusted="x")
+    drive, sensor = report.changes[1:]
+    assert (drive.parameter, sensor.parameter) == ("stack.gain", "s.voltage_per_elongation")
+    assert (drive.after, sensor.after) == pytest.approx((-11.0, -800.0), rel=1e-6)
+    assert (drive.std, sensor.std) == pytest.approx((0.11, 8.0 * np.sqrt(2)), rel=1e-6)
+
+
+def test_outputs_of_an_frf_in_any_order_have_their_own_coherence():
+    random = np.random.default_rng(0).standard_normal((2, 2, len(F)))
+    values = np.stack([mode(100.0), 0.3 * mode(100.0)]) + 0.05 * (random[0] + 1j * random[1])
+    coherence = np.stack([np.linspace(0.99, 0.3, len(F)), np.linspace(0.4, 0.95, len(F))])
+    data = FRF(F, values[:, None], ("y", "z"), ("u",), coherence)
+    there, back = (
+        identify_modes(data, **{**OPTIONS, "outputs": names, "n_modes": 1}) for names in (("y", "z"), ("z", "y"))
+    )
+    np.testing.assert_allclose(back.noise, there.noise[::-1], rtol=1e-6)
+    np.testing.assert_allclose(back.frequency, there.frequency, rtol=1e-9)
+
+
+@pytest.mark.parametrize("unit", ["m/s", "m/s2", "N/s"])
+def test_rates_are_refused(unit):
+    record = TimeHistory(np.arange(4.0), np.eye(2, 4), ("u", "y"), ("V", unit))
+    with pytest.raises(ValueError, match=f"'y' is a rate .{unit}.; modes are fitted to motions"):
+        identify_modes(record, **OPTIONS)
+
+
+def test_a_systematic_residual_tells_how_much_it_enlarges_deviations():
+    """The misfit as many times the variance of noise; in the sum of both, deviations are the root of it."""
+    fitted = Solution(
+        np.array([[90.0, 0.01], [100.0, 0.01]]), np.ones((1, 2)), np.zeros((1, 4)), np.ones((1, 4)), np.eye(6)
+    )
+    assert "near 100 Hz (7 times), deviations enlarged" in describe_misfit(fitted, np.array([0.0, 48.0]))
+    assert describe_misfit(fitted, np.zeros(2)) == ""

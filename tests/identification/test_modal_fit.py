@@ -877,13 +877,6 @@ def test_a_delay_is_part_of_the_model():
     assert np.allclose(fit.damping_ratio, RATIO, rtol=1e-2)
 
 
-def test_velocities_are_refused():
-    record = make_record(0)
-    rates = TimeHistory(record.time, record.values, record.names, ("V", "V", "m/s"))
-    with pytest.raises(ValueError, match=r"'encoder' is a rate \[m/s\].*integrate it first"):
-        identify(rates)
-
-
 def test_scenes_that_are_damped_otherwise_are_refused(small_bench, bench_fit):
     slow = replace(small_bench, actuators=(replace(small_bench.actuators[0], bandwidth=300.0),))
     damped = [body if isinstance(body, RigidBody) else replace(body, damping_ratio=0.01) for body in small_bench.bodies]
