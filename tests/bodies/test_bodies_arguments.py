@@ -305,3 +305,22 @@ def test_points_span_a_direction_from_a_millionth_of_the_bodys_size(share):
     # Of a homogeneous strain, each point shows a share that is its arm over the sum of squares.
     np.testing.assert_allclose(strains[0, ::6, 0], positions[:, 0] / 10.0, rtol=1e-6)
     assert np.any(strains[1]) == (share > 1)
+
+
+# What errors planted here have shown
+
+
+def test_guessed_strains_need_no_more_inertia_than_there_is_and_no_less():
+    """Masses of points that are coupled at random, whose homogeneous strains would need more than the matrix holds."""
+    random = np.random.default_rng(0)
+    positions, noise = random.uniform(-1, 1, (3, 3)), random.standard_normal((18, 18))
+    scale = np.sqrt(np.tile([1.0] * 3 + [0.05] * 3, 3))
+    mass = np.diag(scale**2) + 0.4 * scale[:, None] * scale * (noise @ noise.T) / 18
+    motions = rigid_motions(positions, 18)
+    rigid = rigid_inertia(mass, motions)
+    strains = inertia._homogeneous_strains(mass, positions, rigid)
+    central = 0.5 * np.trace(rigid.central_inertia) * np.eye(3) - rigid.central_inertia
+    needed = np.einsum("ajb,ac,ckb->jk", strains, central, strains)
+    free = inertia.elastic_basis(mass, motions)
+    shares = scipy.linalg.eigh(free.T @ needed @ free, free.T @ mass @ free, eigvals_only=True)
+    assert shares[-1] == pytest.approx(1.0, rel=1e-9)

@@ -297,3 +297,17 @@ def test_a_systematic_residual_tells_how_much_it_enlarges_deviations():
     )
     assert "near 100 Hz (7 times), deviations enlarged" in describe_misfit(fitted, np.array([0.0, 48.0]))
     assert describe_misfit(fitted, np.zeros(2)) == ""
+
+
+def test_parameters_move_by_up_to_a_factor_of_five_from_their_start():
+    """Also where the fit with all others as they are has moved them already, here to twice the start."""
+
+    def moved(share):
+        other = Parameter("height", 1.0, 2 / (5 * share), 1.0)
+        return at_bounds(
+            lambda values: {"area": values["width"] * values["height"]},
+            [Parameter("width", 1.0, 0.9, 1.1)], [other], [Target("area", 2.0, 0.01)], sensitivity=[[1.0]],
+        )  # fmt: skip
+
+    assert moved(0.9)["height"]["width"] == pytest.approx((4.5 / 2 - 1, 0.0), abs=1e-9)
+    assert_limit(moved, "would need width")
