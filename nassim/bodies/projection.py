@@ -11,6 +11,7 @@ import numpy as np
 
 from nassim.base.checks import Array, known, not_negative, positive
 from nassim.base.modal import eigenmodes
+from nassim.base.rigid_motion import rigid_motions
 from nassim.bodies.readouts import PassivePoint, Picture, by_name
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.bodies.strain import has_rigid_modes, remove_rounding
@@ -21,6 +22,9 @@ DEPENDENT_SHAPE = 1e-10
 
 A shape of which the modes leave less than this share of its own energy is left out too.
 """
+
+SAME_MOTION = 1e-6
+"""Difference of unit rigid motions below which a change of coordinates represents them by its points alone."""
 
 
 def trim_body(body: ReducedBody, *, points: Collection[str], loads: Array, cutoff_frequency: float) -> ReducedBody:
@@ -120,7 +124,11 @@ def project(body: ReducedBody, change: Array, *, points: Sequence[str]) -> Reduc
     released = body.released_stiffness
     stiffness, kept = _congruent(body.stiffness_matrix, change), tuple(body.point(name) for name in points)
     if kept and has_rigid_modes(body.stiffness_matrix, body.mass_matrix, body.positions):
-        stiffness = remove_rounding(stiffness, np.array([point.position for point in kept]))
+        places = np.array([point.position for point in kept])
+        moved = change @ rigid_motions(places, change.shape[1])
+        # With other modal coordinates, which move in rigid motions, rounding cannot be told from stiffness.
+        if np.allclose(moved, rigid_motions(body.positions, len(change)), rtol=0.0, atol=SAME_MOTION):
+            stiffness = remove_rounding(stiffness, places)
     return replace(
         body,
         remote_points=kept,

@@ -15,8 +15,8 @@ from nassim.base.rigid_motion import rigid_motions
 from nassim.bodies import ElectricalPort, PiezoStack, PortCoupling, StressStiffness, inertia
 from nassim.bodies.inertia import RigidInertia, rigid_inertia
 from nassim.bodies.interface import free_coordinates
-from nassim.bodies.projection import trim_body
-from nassim.bodies.readouts import PassivePoint
+from nassim.bodies.projection import open_circuit, project, trim_body
+from nassim.bodies.readouts import PassivePoint, Trace, by_name
 from nassim.bodies.reduced_body import error_text, relative_errors
 from nassim.bodies.strain import Strain, has_rigid_modes, strain_eigenmodes
 
@@ -324,3 +324,73 @@ def test_guessed_strains_need_no_more_inertia_than_there_is_and_no_less():
     free = inertia.elastic_basis(mass, motions)
     shares = scipy.linalg.eigh(free.T @ needed @ free, free.T @ mass @ free, eigvals_only=True)
     assert shares[-1] == pytest.approx(1.0, rel=1e-9)
+
+
+def test_a_trimmed_body_has_the_stress_of_body_forces_that_its_coordinates_lack():
+    """Held at one point under a body force: the geometric stiffness of the whole body, whatever it is, projected."""
+    random = np.random.default_rng(1)
+    plain, n = craig_bampton(lattice(), n_modes=4, progress=False), 16
+    matrices = random.standard_normal((n + 12, n, n))
+    stress = StressStiffness(np.eye(n + 12, n), matrices + matrices.transpose(0, 2, 1))
+    whole = replace(plain, readouts=by_name([stress, Trace(np.eye(n))]))
+    trimmed = trim_body(whole, points=["left"], loads=np.zeros((n, 0)), cutoff_frequency=plain.eigenfrequencies(
+        fixed=["left"])[3] + 1.0)  # fmt: skip
+    assert 6 < len(trimmed.mass_matrix) < n
+    field = random.standard_normal((3, 4))
+    found = []
+    for one in (whole, trimmed):
+        load = np.einsum("kjc,ck->j", one.gram[:4, 4:].reshape(4, -1, 3), field)
+        rest = np.zeros(len(load))
+        rest[6:] = np.linalg.solve(one.stiffness_matrix[6:, 6:], load[6:])
+        found.append(one.stress_stiffness.stiffness(rest, field))
+    change = trimmed.readouts["trace"].rows
+    expected = change.T @ found[0] @ change
+    np.testing.assert_allclose(found[1], expected, rtol=1e-6, atol=1e-8 * np.abs(expected).max())
+
+
+def test_an_open_port_stiffens_a_body_its_richer_form_and_its_statics():
+    """V = -b q / (c + cable) adds b b^T / (c + cable), by which modes take part in static motion."""
+    random = np.random.default_rng(2)
+    plain = craig_bampton(lattice(), n_modes=2, progress=False)
+
+    def with_port(one):
+        forces = 0.1 * np.sqrt(np.diag(one.stiffness_matrix)) * random.standard_normal(len(one.mass_matrix))
+        return replace(one, readouts=by_name([PortCoupling("p", forces, 1.5)]))
+
+    whole = replace(with_port(plain), enriched=with_port(plain.enriched))
+    opened = open_circuit(whole, {"p": 0.5})
+    for before, after in ((whole, opened), (whole.enriched, opened.enriched)):
+        (port,) = before.ports
+        added = np.outer(port.forces, port.forces) / 2.0
+        np.testing.assert_allclose(after.stiffness_matrix, before.stiffness_matrix + added, rtol=1e-12)
+    inner = np.linalg.inv(opened.stiffness_matrix[6:, 6:])[:6, :6]
+    np.testing.assert_allclose(opened.compliance(fixed=["left"])[6:, 6:], inner, rtol=1e-6, atol=1e-9 * inner.max())
+
+
+def test_a_passive_point_becomes_a_remote_point_again():
+    """Its motion as coordinates in place of that of the point that was kept; the body stays the same."""
+    n = len(body().mass_matrix)
+    loads = np.eye(n)[:, 6:12]
+    trimmed = trim_body(body(), points=["left"], loads=loads, cutoff_frequency=1e6)
+    assert trimmed.passive_points == (body().point("right"),)
+    m = len(trimmed.mass_matrix)
+    others = np.linalg.svd(trimmed.motion("right"))[2][6:]
+    swapped = project(trimmed, np.linalg.inv(np.vstack([trimmed.motion("right"), others])), points=["right"])
+    assert (swapped.point_names, swapped.passive_points) == (("right",), (body().point("left"),))
+    np.testing.assert_allclose(swapped.eigenfrequencies(), trimmed.eigenfrequencies(), rtol=1e-6, atol=1e-3)
+    np.testing.assert_allclose(
+        swapped.eigenfrequencies(fixed=["right"]), dense(body(), fixed=["right"])[0][: m - 6], rtol=1e-3
+    )
+
+
+def test_bodies_may_have_coordinates_without_mass():
+    assert PLAIN(mass_matrix=np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])).mass_matrix[3, 3] == 0.0
+    with pytest.raises(ValueError, match="diagonal of the mass matrix holds -1"):
+        PLAIN(mass_matrix=-np.eye(6))
+
+
+def test_voltages_that_follow_coordinates_add_up():
+    rows = RANDOM.standard_normal((2, 4))
+    twice = STRESS.with_voltage_rows({"p": rows[0], "other": rows[1]}).with_voltage_rows({"p": rows[1]})
+    np.testing.assert_allclose(twice.rows[13], ROWS[13] + rows[0] + rows[1], rtol=1e-12)
+    np.testing.assert_array_equal(twice.rows[:13], ROWS[:13])
