@@ -13,10 +13,11 @@ import scipy.sparse as sp
 from arguments import check_fields, optional_arguments, table
 from conftest import STEEL, assert_limit, lattice, make_bar
 
-from nassim import FEModel, RemotePoint, Solid, build_fe_model, condense, craig_bampton, fem
+from nassim import FEModel, Material, RemotePoint, Solid, build_fe_model, condense, craig_bampton, fem
 from nassim.bodies.interface import free_coordinates
 from nassim.bodies.piezo import ElectricalPort, PiezoStack, PortCoupling
 from nassim.bodies.readouts import Surface
+from nassim.bodies.reduced_body import error_text
 from nassim.fem import (
     Extreme,
     Face,
@@ -30,9 +31,11 @@ from nassim.fem import (
     generate_mesh,
     glue,
     list_faces,
+    make_coupling,
     meshing,
     name_faces,
     read_solid,
+    replace_materials,
 )
 from nassim.fem.accuracy import MeshTargets
 from nassim.fem.cad_sizes import sizes_from_cad
@@ -580,3 +583,88 @@ def test_rounds_raise_the_order_up_to_four_where_errors_are_spread_and_end_with_
     with pytest.warns(UserWarning, match=f"{len(orders)} meshes were tried"):
         model = build_fe_model(BAR, tolerance=0.01, order=2, progress=False)
     assert [made.order for made in model.rounds] == orders
+
+
+# What errors planted here have shown
+
+
+def test_other_materials_on_the_same_mesh():
+    """Twice the modulus and a third of the density; what was told of the mesh stays."""
+    told = replace(meshed_bar(), warnings=("thin walls",), description="coarse")
+    other = replace_materials(told, {"bar": Material("other", 400e9, STEEL.poisson_ratio, 2600.0)})
+    assert (other.warnings, other.description) == (("thin walls",), "coarse")
+    assert other.mass == pytest.approx(told.mass / 3, rel=1e-12)
+    difference = other.stiffness_matrix - 2 * told.stiffness_matrix
+    assert abs(difference).max() < 1e-9 * abs(told.stiffness_matrix).max()
+    np.testing.assert_array_equal(replace_materials(told, {}).stiffness_matrix.data, told.stiffness_matrix.data)
+
+
+@pytest.mark.parametrize("order", [("left", "right"), ("right", "left")])
+def test_a_tolerance_holds_for_the_body_clamped_at_each_point(order):
+    """Between the largest error and the second, more modes are needed, wherever the point stands."""
+    reduce = partial(craig_bampton, lattice(), remote_points=order, progress=False)
+    for n_modes in (1, 3):
+        body = reduce(n_modes=n_modes)
+        errors = [
+            max(body.truncation_errors(fixed=fixed)[6 - 6 * len(fixed) :][:5]) for fixed in ([], ["left"], ["right"])
+        ]
+        second, largest = np.sort(errors)[1:]
+        assert reduce(tolerance=0.5 * (second + largest)).n_modes > n_modes
+
+
+@pytest.mark.filterwarnings("ignore:.*its finite elements leave")
+def test_a_record_tells_the_warnings_of_the_mesh_and_the_largest_error():
+    model = build_fe_model(BAR, element_size=0.02, order=2, progress=False)
+    body = craig_bampton(replace(model, warnings=("thin walls",)), progress=False)
+    first, second = body.record["warnings"].splitlines()
+    assert first == "thin walls"
+    assert "its finite elements leave" in second
+    free, clamped = (body.discretization_errors(fixed=fixed) for fixed in ((), ("left",)))
+    worst = max(clamped[:5])
+    assert worst > 1.01 * max(free[6:11])
+    assert f"discretisation error {error_text(worst)} (estimate)" in body.record["cost and error"]
+
+
+def test_a_model_is_that_of_the_round_with_the_smallest_error():
+    rounds = [replace(ROUND, error=error) for error in (0.3, 0.01, 0.2)]
+    assert replace(meshed_bar(), rounds=rounds).discretization_error == 0.01
+
+
+def strip(width, size=1.0):
+    """A coupling of four nodes of equal areas on a strip of size x width."""
+    x, y = size * np.array([[1.0, 1.0, -1.0, -1.0], [width, -width, width, -width]])
+    fields = np.vstack([np.ones(4), x, y, np.zeros(4)])
+    return make_coupling(RemotePoint("end", "face", np.zeros(3)), np.arange(4), size**2 * fields, fields)
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-6])
+def test_an_interface_carries_a_rotation_from_a_billionth_of_the_area_on(size):
+    """Mean square of the arms about the strip over a third of that about all axes, 2 + 2 w^2, whatever the size."""
+    assert_limit(lambda share: strip(np.sqrt(2e-9 / share), size), "collinear or too small")
+    coupling = strip(0.5, size)
+    np.testing.assert_allclose(coupling.averages @ coupling.motions, np.eye(6), atol=1e-12)
+
+
+def test_sizes_at_points_shrink_with_all_others_where_netgen_fails():
+    options = {"maxh": 0.02, "grading": 0.7}
+    usual, finer = (len(meshing._generate(BAR.shape, options, POINTS, share).Elements3D()) for share in (1.0, 0.5))
+    assert finer > 1.5 * usual
+
+
+def test_what_another_mesh_found_softer_is_an_error(monkeypatch):
+    """Elements only stiffen: a mesh whose stiffness is 10 % above that of the one before errs by that at least."""
+    values = iter([1.0, 1.1])
+
+    def find(condensed, n, conditions):
+        n_elements = condensed.fe_model._source[0].ne
+        shares = np.full((n_elements, 1), 0.02 / n_elements)
+        return MeshTargets(["stiffness"], np.array([next(values)]), np.ones(1), shares, [])
+
+    monkeypatch.setattr(accuracy, "find_targets", find)
+    monkeypatch.setattr(accuracy, "condense", lambda fe_model, **_: SimpleNamespace(fe_model=fe_model))
+    monkeypatch.setattr(accuracy, "MOST_ROUNDS", 2)
+    with pytest.warns(UserWarning, match="2 meshes were tried"):
+        model = build_fe_model(BAR, tolerance=0.01, order=2, progress=False)
+    # Shares of 2 % of the energy leave 1 / (1 - 2.5 x 0.02) - 1.
+    np.testing.assert_allclose([made.error for made in model.rounds], [1 / 0.95 - 1, 0.1], rtol=1e-9)
+    assert model.discretization_error == pytest.approx(1 / 0.95 - 1)
