@@ -1,7 +1,9 @@
 """Optional arguments of public verbs: each has the default that its signature documents, and changes what it should."""
 
+import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, is_dataclass
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -33,12 +35,24 @@ def table(calls: Mapping[str, Callable[..., Any]], rows: list[tuple[str, str, An
     return {f"{verb}: {name}": Argument(calls[verb], name, *rest) for verb, name, *rest in rows}
 
 
+def optional_arguments(package: ModuleType) -> set[str]:
+    """Names "verb: argument" of the optional arguments of all public functions and classes, methods included."""
+    public = [getattr(package, name) for name in package.__all__]
+    classes = list(filter(inspect.isclass, public))
+    methods = (getattr(one, name) for one in classes for name in vars(one) if not name.startswith("_"))
+    calls = (*filter(inspect.isfunction, public), *classes, *filter(callable, methods))
+    given = ((call.__name__, one) for call in calls for one in inspect.signature(call).parameters.values())
+    return {f"{verb}: {one.name}" for verb, one in given if one.default is not one.empty}
+
+
 def same(a: Any, b: Any) -> bool:
-    """Whether results are equal to the last digits: numbers, arrays, tuples and data classes of these."""
+    """Whether results are equal to the last digits: numbers, arrays, tuples, mappings and data classes of these."""
     if is_dataclass(a):
         return all(same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
     if isinstance(a, tuple | list):
         return len(a) == len(b) and all(map(same, a, b))
+    if isinstance(a, Mapping):
+        return list(a) == list(b) and all(same(a[key], b[key]) for key in a)
     if a is None or isinstance(a, str):
         return a == b
     return np.shape(a) == np.shape(b) and np.allclose(a, b, rtol=1e-13, atol=1e-300, equal_nan=True)
