@@ -1,8 +1,9 @@
 """Optional arguments of public verbs: each has the default that its signature documents, and changes what it should."""
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -35,14 +36,22 @@ def table(calls: Mapping[str, Callable[..., Any]], rows: list[tuple[str, str, An
     return {f"{verb}: {name}": Argument(calls[verb], name, *rest) for verb, name, *rest in rows}
 
 
-def optional_arguments(package: ModuleType) -> set[str]:
-    """Names "verb: argument" of the optional arguments of all public functions and classes, methods included."""
+def assert_all_tried(package: ModuleType, tables: Collection[str], elsewhere: Mapping[str, str] | None = None) -> None:
+    """Fail unless every optional argument of a package's public verbs is in a table, or in a test "folder/file::name".
+
+    Arguments are called "verb: argument", those of methods too.
+    """
     public = [getattr(package, name) for name in package.__all__]
     classes = list(filter(inspect.isclass, public))
     methods = (getattr(one, name) for one in classes for name in vars(one) if not name.startswith("_"))
     calls = (*filter(inspect.isfunction, public), *classes, *filter(callable, methods))
     given = ((call.__name__, one) for call in calls for one in inspect.signature(call).parameters.values())
-    return {f"{verb}: {one.name}" for verb, one in given if one.default is not one.empty}
+    assert {f"{verb}: {one.name}" for verb, one in given if one.default is not one.empty} == {
+        *tables,
+        *(elsewhere or ()),
+    }
+    for file, _, name in (place.partition("::") for place in (elsewhere or {}).values()):
+        assert f"def {name}(" in (Path(__file__).parent / file).read_text(), f"there is no test {name} in {file}"
 
 
 def same(a: Any, b: Any) -> bool:

@@ -5,7 +5,7 @@ from functools import cache, partial
 
 import numpy as np
 import pytest
-from arguments import optional_arguments, table
+from arguments import assert_all_tried, table
 from conftest import lattice
 from scipy.spatial.transform import Rotation
 
@@ -633,4 +633,5 @@ def test_a_drive_follows_an_input_or_runs_at_a_speed():
 
 
 def test_every_optional_argument_is_tried():
-    assert optional_arguments(nassim.scene) == {*ARGUMENTS, "Drive: input", "Drive: speed"}
+    here = "scene/test_scene_arguments.py::test_a_drive_follows_an_input_or_runs_at_a_speed"
+    assert_all_tried(nassim.scene, ARGUMENTS, {"Drive: input": here, "Drive: speed": here})
