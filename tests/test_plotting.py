@@ -5,9 +5,11 @@ import netgen.occ as occ
 import numpy as np
 import pytest
 import scipy
+from arguments import assert_all_tried
 from conftest import STEEL, make_bar
 from matplotlib.container import BarContainer
 
+import nassim.plotting
 from nassim import FRF, RemotePoint, Solid, Superelement, TimeHistory, build_fe_model, craig_bampton, studies
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.identification.modal_fit import ModalFit
@@ -27,7 +29,7 @@ from nassim.plotting import (
     save_figure,
 )
 from nassim.systems.noise_budgets import NoiseBudget
-from nassim.systems.root_loci import RootLocus
+from nassim.systems.root_loci import Optimum, RootLocus
 
 
 @pytest.fixture(autouse=True)
@@ -329,10 +331,10 @@ SIX = Superelement("s", stiffness_matrix=np.eye(6), mass_matrix=np.eye(6), posit
 BUDGET = NoiseBudget(np.array([1.0, 2.0]), np.ones((1, 1, 2)), ("y",), ("n",), ("m",))
 IN_A_FIGURE = {
     "frf": lambda _, **into: plot_frf([delayed(0.0)], output="y", input="u", unit="1", **into),
-    "error": lambda _, **into: plot_frf_error([delayed(1e-3)], [delayed(0.0)], output="y", input="u", **into),
-    "fit": lambda _, **into: plot_modal_fit(a_fit(), [], output="b", unit="m/N", **into),
-    "history": lambda _, **into: plot_time_history(HISTORY, **into),
-    "budget": lambda _, **into: plot_noise_budget(BUDGET, output="y", **into),
+    "frf_error": lambda _, **into: plot_frf_error([delayed(1e-3)], [delayed(0.0)], output="y", input="u", **into),
+    "modal_fit": lambda _, **into: plot_modal_fit(a_fit(), [], output="b", unit="m/N", **into),
+    "time_history": lambda _, **into: plot_time_history(HISTORY, **into),
+    "noise_budget": lambda _, **into: plot_noise_budget(BUDGET, output="y", **into),
     "inspection": lambda _, **into: plot_inspection({"s": SIX}, **into),
     "scatter": lambda plane, **into: plot_scatter(plane, studies.correlations(plane), **into),
     "sobol": lambda plane, **into: plot_sobol(studies.sobol_indices(plane, n_resamples=2), **into),
@@ -340,7 +342,7 @@ IN_A_FIGURE = {
 IN_AXES = {
     "pareto": lambda _, **into: plot_pareto({"order 2": [(3.0, 0.1, "2 mm")]}, "s", "-", **into),
     "tornado": lambda plane, **into: plot_tornado(studies.linear_effects(plane), result="f_m", **into),
-    "locus": lambda _, **into: plot_root_locus(LOCUS, frequency=3.0, **into),
+    "root_locus": lambda _, **into: plot_root_locus(LOCUS, frequency=3.0, **into),
 }
 
 
@@ -365,3 +367,42 @@ def test_frfs_of_named_labels_are_points():
     axes = plot_frf([delayed(0.0), delayed(1e-3)], output="y", input="u", unit="1", markers=["late by 0.001 s"])
     for ax in axes:
         assert [(line.get_linestyle(), line.get_marker()) for line in ax.get_lines()] == [("-", "None"), ("None", "o")]
+
+
+def test_a_root_locus_has_its_branches_zeros_and_optimum_where_they_are():
+    """Of the upper half plane over 2 pi, in Hz; what lies beyond 1.1 times the largest frequency is left out."""
+    poles = 2 * np.pi * np.array([[-1 + 9j, -1 - 9j, -30 + 0j], [-2 + 8j, -2 - 8j, -11.5 + 0j]])
+    locus = RootLocus(np.array([0.0, 3.0]), poles, 2 * np.pi * np.array([-0.5 + 5j, -0.5 - 5j]))
+    axis = plot_root_locus(locus, frequency=10.0, optimum=Optimum(2.0, 0.6, 5.0))
+    by_marker = {line.get_marker(): line.get_xydata() for line in axis.get_lines()}
+    branches = [line.get_xydata() for line in axis.get_lines() if line.get_marker() == "."]
+    assert len(branches) == 2
+    for branch in branches:
+        assert branch == pytest.approx(np.array([[-1.0, 9.0], [-2.0, 8.0]]))
+    for marker, place in (("x", (-1.0, 9.0)), ("o", (-0.5, 5.0)), ("*", (-3.0, 4.0))):
+        assert by_marker[marker] == pytest.approx(np.array([place]))
+    told = [text.get_text() for text in axis.get_legend().get_texts()]
+    assert told == [
+        "poles at gain 0", "zeros of the open loop", "poles up to gain 3", "gain 2: damping 0.6 at 5 Hz"
+    ]  # fmt: skip
+    assert len(plot_root_locus(locus, frequency=10.0).get_legend().get_texts()) == 3
+    wider = plot_root_locus(locus, frequency=11.0)
+    assert sum(line.get_marker() == "." for line in wider.get_lines()) == 3
+
+
+def test_every_optional_argument_is_tried():
+    here = "test_plotting.py"
+    drawn = (*(f"plot_{name}: figure" for name in IN_A_FIGURE), *(f"plot_{name}: ax" for name in IN_AXES))
+    assert_all_tried(
+        nassim.plotting,
+        (),
+        {
+            **dict.fromkeys(drawn, f"{here}::test_pictures_are_drawn_where_they_are_asked_for"),
+            "plot_frf: markers": f"{here}::test_frfs_of_named_labels_are_points",
+            "plot_noise_budget: limit": f"{here}::test_a_budgets_largest_part_comes_first_and_the_total_last",
+            "plot_root_locus: optimum": f"{here}::test_a_root_locus_has_its_branches_zeros_and_optimum_where_they_are",
+            "plot_sobol: results": f"{here}::test_shares_of_several_results_stand_in_one_order",
+            "plot_time_history: names": f"{here}::test_signals_stand_over_their_time",
+            "plot_tornado: unit": f"{here}::test_a_tornado_has_the_largest_effect_on_top_and_tells_its_sign",
+        },
+    )

@@ -177,6 +177,18 @@ def test_the_camera_stands_where_it_is_told(tmp_path, monkeypatch):
         assert told.up == pytest.approx(np.eye(3)["xyz".index(up)])
 
 
+def test_the_mesh_is_drawn_where_it_is_asked_for_and_the_size_is_that_of_a_page(tmp_path, monkeypatch):
+    """Lines of the outline alone, or those of all triangles too; 1200 x 900 pixels, or as many as are wanted."""
+    told, view = Told(monkeypatch), view_mesh(bar_model())
+    form = view.shapes[0].form
+    for options, size, lines in ({}, (1200, 900), 0), ({"mesh": True, "size": (90, 60)}, (90, 60), 1):
+        told.meshes.clear()
+        pixels = drawn(save_picture(view, tmp_path / "p.png", **options))
+        assert pixels.shape == (*size[::-1], 3)
+        drawn_lines = [mesh.n_lines for mesh, style in told.meshes if style.get("color") == picture.LINE_COLOR]
+        assert drawn_lines == [len(form.outline), len(form.surface.edges)][: 1 + lines]
+
+
 def test_a_drawing_of_a_mode_is_as_large_as_on_a_page():
     view = view_modes(bar(), fixed=["left"], n=2)
     drawing = picture._drawing(view, view.modes[1].name, None, 1.0)
