@@ -5,7 +5,7 @@ import netgen.occ as occ
 import numpy as np
 import pytest
 import scipy
-from arguments import assert_all_tried
+from arguments import assert_all_tried, table
 from conftest import STEEL, make_bar
 from matplotlib.container import BarContainer
 
@@ -390,19 +390,64 @@ def test_a_root_locus_has_its_branches_zeros_and_optimum_where_they_are():
     assert sum(line.get_marker() == "." for line in wider.get_lines()) == 3
 
 
-def test_every_optional_argument_is_tried():
-    here = "test_plotting.py"
-    drawn = (*(f"plot_{name}: figure" for name in IN_A_FIGURE), *(f"plot_{name}: ax" for name in IN_AXES))
-    assert_all_tried(
-        nassim.plotting,
-        (),
-        {
-            **dict.fromkeys(drawn, f"{here}::test_pictures_are_drawn_where_they_are_asked_for"),
-            "plot_frf: markers": f"{here}::test_frfs_of_named_labels_are_points",
-            "plot_noise_budget: limit": f"{here}::test_a_budgets_largest_part_comes_first_and_the_total_last",
-            "plot_root_locus: optimum": f"{here}::test_a_root_locus_has_its_branches_zeros_and_optimum_where_they_are",
-            "plot_sobol: results": f"{here}::test_shares_of_several_results_stand_in_one_order",
-            "plot_time_history: names": f"{here}::test_signals_stand_over_their_time",
-            "plot_tornado: unit": f"{here}::test_a_tornado_has_the_largest_effect_on_top_and_tells_its_sign",
-        },
+def markers(axes):
+    return tuple(str(line.get_marker()) for line in axes[0].get_lines())
+
+
+def two_signals(**options):
+    history = TimeHistory(np.arange(3.0), np.zeros((2, 3)), ("a", "b"), ("V", "m"))
+    return tuple(ax.get_ylabel() for ax in plot_time_history(history, **options))
+
+
+def shares(**options):
+    """Titles of the pictures of two results."""
+    xr = pytest.importorskip("xarray")
+    axes = ("result", "parameter")
+    variables = {name: (axes, np.ones((2, 1))) for name in ("total", "first_order")}
+    variables |= {f"{name}_interval": ((*axes, "bound"), np.ones((2, 1, 2))) for name in variables}
+    indices = xr.Dataset(variables, {"result": ["f", "g"], "parameter": ["a"]})
+    return tuple(ax.get_title() for ax in plot_sobol(indices, **options))
+
+
+def tornado(**options):
+    xr = pytest.importorskip("xarray")
+    figures = {name: ("result", [0.5]) for name in ("mean", "explained")}
+    effects = xr.Dataset(
+        {"effect": (("result", "parameter"), [[1.0]]), **figures}, {"result": ["f"], "parameter": ["a"]}
     )
+    return plot_tornado(effects, result="f", **options).get_xlabel()
+
+
+def are(*expected):
+    return lambda *found: found == expected
+
+
+ARGUMENTS = table(
+    {
+        "plot_frf": lambda **options: markers(plot_frf([delayed(0.0)], output="y", input="u", unit="1", **options)),
+        "plot_noise_budget": lambda **options: len(plot_noise_budget(BUDGET, output="y", **options)[1].get_lines()),
+        "plot_root_locus": lambda **options: markers([plot_root_locus(LOCUS, frequency=3.0, **options)])[-3],
+        "plot_sobol": shares,
+        "plot_time_history": two_signals,
+        "plot_tornado": tornado,
+    },
+    [
+        ("plot_frf", "markers", (), ["late by 0 s"], are(("None",), ("o",))),
+        ("plot_noise_budget", "limit", None, 2.0, are(2, 3)),
+        ("plot_root_locus", "optimum", None, Optimum(2.0, 0.6, 5.0), are("o", "*")),
+        ("plot_sobol", "results", None, ["g"], are(("f", "g"), ("g",))),
+        ("plot_time_history", "names", None, ["b"], are(("a\n[V]", "b\n[m]"), ("b\n[m]",))),
+        ("plot_tornado", "unit", "", "m", are("f", "f [m]")),
+    ],
+)
+
+
+@pytest.mark.parametrize("case", ARGUMENTS)
+def test_an_optional_argument_does_what_it_should(case):
+    ARGUMENTS[case].check()
+
+
+def test_every_optional_argument_is_tried():
+    drawn = (*(f"plot_{name}: figure" for name in IN_A_FIGURE), *(f"plot_{name}: ax" for name in IN_AXES))
+    there = dict.fromkeys(drawn, "test_plotting.py::test_pictures_are_drawn_where_they_are_asked_for")
+    assert_all_tried(nassim.plotting, ARGUMENTS, there)

@@ -158,3 +158,13 @@ def test_each_confirmation_is_of_one_fault():
             with pytest.raises(ValueError, match=f"confirm by {option}=True"):
                 to_body(faulty, **given)
         np.testing.assert_array_equal(to_body(faulty, **{option: True}).positions, faulty.positions)
+
+
+def test_units_count_in_files_of_arrays_too(tmp_path):
+    given = matrices()
+    np.savez(tmp_path / "body.npz", K=given["stiffness_matrix"], M=given["mass_matrix"], P=given["positions"])
+    expected = superelement(**given, units="in-lbf-slinch")
+    found = read_superelement(tmp_path / "body.npz", units="in-lbf-slinch")
+    assert found.units == expected.units
+    for name in given:
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-12)

@@ -189,6 +189,14 @@ def test_the_mesh_is_drawn_where_it_is_asked_for_and_the_size_is_that_of_a_page(
         assert drawn_lines == [len(form.outline), len(form.surface.edges)][: 1 + lines]
 
 
+def test_a_motion_is_drawn_at_rest_or_as_it_is_unless_more_is_asked_for(tmp_path, monkeypatch):
+    told, view = [], view_motion(machine(), turning())
+    monkeypatch.setattr(picture, "_draw", lambda *arguments, **_: told.append(arguments[3].title))
+    for options in {}, {"frame": 4}, {"frame": 4, "magnification": 1.0}, {"frame": 4, "magnification": 2.0}:
+        save_picture(view, tmp_path / "p.png", size=(30, 20), **options)
+    assert told == ["machine", "machine: 0.2 s", "machine: 0.2 s", "machine: 0.2 s, deformation x 2"]
+
+
 def test_a_drawing_of_a_mode_is_as_large_as_on_a_page():
     view = view_modes(bar(), fixed=["left"], n=2)
     drawing = picture._drawing(view, view.modes[1].name, None, 1.0)
