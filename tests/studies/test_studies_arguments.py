@@ -91,11 +91,11 @@ ELSEWHERE = {
     "sweep: units": f"{SWEEPS}::test_a_grid_has_a_dimension_per_parameter_and_units",
     "sweep: samples": f"{SWEEPS}::test_samples_have_one_dimension",
     "sweep: seed": f"{SWEEPS}::test_seeds_depend_on_neither_order_nor_company",
-    "sweep: retry": f"{SWEEPS}::test_failed_runs_are_repeated_when_asked",
+    "sweep: retry": f"{HERE}::test_runs_in_a_folder_are_repeated_only_when_asked",
     "sweep: folder": f"{SWEEPS}::test_only_what_a_folder_does_not_hold_is_run",
-    "sweep: executor": f"{HERE}::test_children_get_the_limits_asked_for_and_as_many_processors_as_there_are",
-    "sweep: time_limit": f"{HERE}::test_children_get_the_limits_asked_for_and_as_many_processors_as_there_are",
-    "sweep: n_processes": f"{HERE}::test_children_get_the_limits_asked_for_and_as_many_processors_as_there_are",
+    "sweep: executor": f"{HERE}::test_runs_get_the_limits_asked_for_and_as_many_processors_as_there_are",
+    "sweep: time_limit": f"{HERE}::test_runs_get_the_limits_asked_for_and_as_many_processors_as_there_are",
+    "sweep: n_processes": f"{HERE}::test_runs_get_the_limits_asked_for_and_as_many_processors_as_there_are",
     "sweep: progress": f"{HERE}::test_progress_is_told_unless_it_is_not_wanted",
 }
 
@@ -109,20 +109,47 @@ def test_every_optional_argument_is_tried():
     assert_all_tried(nassim.studies, ARGUMENTS, ELSEWHERE)
 
 
-def test_children_get_the_limits_asked_for_and_as_many_processors_as_there_are(monkeypatch):
+def test_runs_get_the_limits_asked_for_and_as_many_processors_as_there_are(monkeypatch):
     """Where nothing else is asked for, runs happen in children, all that there can be, for as long as they take."""
     asked = []
 
-    def run_here(_payload, requests, time_limit, n_processes):
-        asked.append((time_limit, n_processes))
+    def run_here(_payload, requests, *options):
+        asked.append(options)
         yield from sweeping.run_serially(sweeping.make_job(tiny_functions.product, ("a", "b"), None).task, requests)
 
     monkeypatch.setattr(sweeping, "run_in_children", run_here)
-    study = partial(sweep, tiny_functions.product, grid={"a": [1.0], "b": [2.0]}, progress=False)
-    for options in {}, {"executor": None, "time_limit": None, "n_processes": None}, {"time_limit": 5, "n_processes": 3}:
+    monkeypatch.setattr(sweeping, "run_on_executor", run_here)
+    study, elsewhere = (
+        partial(sweep, tiny_functions.product, grid={"a": [1.0], "b": [2.0]}, progress=False),
+        Elsewhere(),
+    )
+    for options in (
+        {},
+        {"executor": None, "time_limit": None, "n_processes": None},
+        {"time_limit": 5, "n_processes": 3},
+        {"executor": elsewhere},
+        {"executor": elsewhere, "time_limit": 7},
+    ):
         assert study(**options).result.item() == 2.0
     there_are = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    assert asked == [(None, there_are), (None, there_are), (5.0, 3)]
+    assert asked == [(None, there_are), (None, there_are), (5.0, 3), (None, elsewhere), (7.0, elsewhere)]
+
+
+class Elsewhere:
+    """An executor that has nothing to do."""
+
+    def submit(self):
+        """Never called."""
+
+
+def test_runs_in_a_folder_are_repeated_only_when_asked(tmp_path):
+    """A run that fails at first is not tried again by the same call."""
+    function = partial(tiny_functions.fails_at_first, calls=str(tmp_path / "calls"))
+    study = partial(sweep, function, grid={"a": [1.0]}, folder=tmp_path / "study", executor="serial", progress=False)
+    for options in {}, {}, {"retry": ()}:
+        with pytest.warns(UserWarning, match="no run"):
+            assert study(**options).status.item() == "failed"
+    assert study(retry=["failed"]).status.item() == "ok"
 
 
 def test_progress_is_told_unless_it_is_not_wanted(capfd, tmp_path, monkeypatch):
