@@ -1,5 +1,7 @@
 """What pictures show: the numbers in their lines, and the surface that they draw."""
 
+from dataclasses import replace
+
 import matplotlib.pyplot as plt
 import netgen.occ as occ
 import numpy as np
@@ -262,6 +264,25 @@ def test_runs_are_dots_and_correlations_their_titles(plane):
     assert (rows[0][0].get_ylabel(), rows[0][2].get_xlabel()) == ("f m\n[m]", "c")
 
 
+def test_ranks_of_three_tenths_are_strong():
+    xr = pytest.importorskip("xarray")
+    data = xr.Dataset({"f": ("run", [0.0, 1.0])}, {name: ("run", [0.0, 1.0]) for name in "ab"})
+    ranks = xr.Dataset(
+        {"spearman": (("result", "parameter"), [[0.27, -0.33]])}, {"result": ["f"], "parameter": ["a", "b"]}
+    )
+    weak, strong = plot_scatter(data, ranks)[0]
+    assert [ax.title.get_fontweight() == "bold" for ax in (weak, strong)] == [False, True]
+    assert weak.get_lines()[0].get_color() != strong.get_lines()[0].get_color()
+
+
+def test_phases_are_drawn_where_responses_are_three_times_the_noise():
+    fit = a_fit()
+    share = np.where(np.arange(50) < 20, 0.9, 1.1)
+    noisy = replace(fit, noise=np.abs(fit.recorded.values[0]) * share / 3)
+    dots = plot_modal_fit(noisy, [], output="b", unit="m/N")[1].get_lines()[0]
+    assert dots.get_xdata() == pytest.approx(fit.recorded.frequency[:20])
+
+
 def test_a_tornado_has_the_largest_effect_on_top_and_tells_its_sign(plane):
     """Ninety per cent of the range: 1.8 from low to high a, -2.7 of b, about a mean of 0.5."""
     axis = plot_tornado(studies.linear_effects(plane), result="f_m", unit="m")
@@ -367,6 +388,7 @@ def test_frfs_of_named_labels_are_points():
     axes = plot_frf([delayed(0.0), delayed(1e-3)], output="y", input="u", unit="1", markers=["late by 0.001 s"])
     for ax in axes:
         assert [(line.get_linestyle(), line.get_marker()) for line in ax.get_lines()] == [("-", "None"), ("None", "o")]
+        assert ax.get_lines()[1].get_markevery() == 400 // 50
 
 
 def test_a_root_locus_has_its_branches_zeros_and_optimum_where_they_are():

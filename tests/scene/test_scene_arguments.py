@@ -6,7 +6,7 @@ from functools import cache, partial
 import numpy as np
 import pytest
 from arguments import assert_all_tried, table
-from conftest import lattice
+from conftest import assert_limit, lattice
 from scipy.spatial.transform import Rotation
 
 import nassim.scene
@@ -630,6 +630,31 @@ def test_a_drive_follows_an_input_or_runs_at_a_speed():
     for given, input, speed in ({"input": "u"}, "u", 0.0), ({"speed": -2.0}, "", -2.0):
         drive = Drive("part", "guide", "z", **given)
         assert drive.terms(SLIDE) == (PrescribedMotion("guide", "z", input, "m", speed, np.inf),)
+
+
+@dataclass(frozen=True)
+class Rounded(Sensor):
+    """Reads along an axis that is rounded in copies: a share of it points across."""
+
+    share: float = 0.0
+
+    def terms(self, scene):
+        """The displacement of the only body that moves."""
+        (body,) = (body.name for body in scene.bodies if body.moves)
+        across = 0.0 if self.name == "rounded" else self.share
+        return (Output(self.name, "m", Displacement(((f"{body}.p", np.array([4.0, 4.0 * across, 0.0])),))),)
+
+
+def stack(length):
+    """A stack between two points of a body so far apart [m]."""
+    right = replace(bar().point("right"), position=bar().point("left").position + length * Z)
+    reduced = replace(bar(), remote_points=(bar().point("left"), right))
+    return StackActuator("s", "bar.left", "bar.right", 1.0, "u").terms(Scene("s", (FlexibleBody("bar", reduced),)))
+
+
+def test_limits_lie_where_they_should():
+    assert_limit(lambda x: stack(1e-9 / x), "lie in one place")
+    assert_limit(lambda x: placed(whole(sensors=(Rounded("rounded", 1e-9 * x),)), "new"), "cannot be placed")
 
 
 def test_every_optional_argument_is_tried():

@@ -11,6 +11,11 @@ from seen import bar, bar_model, machine, turning
 
 from nassim import Solid, list_faces
 from nassim.viewer import (
+    Form,
+    Mark,
+    Shape,
+    View,
+    block,
     picture,
     save_picture,
     view_faces,
@@ -187,6 +192,20 @@ def test_the_mesh_is_drawn_where_it_is_asked_for_and_the_size_is_that_of_a_page(
         assert pixels.shape == (*size[::-1], 3)
         drawn_lines = [mesh.n_lines for mesh, style in told.meshes if style.get("color") == picture.LINE_COLOR]
         assert drawn_lines == [len(form.outline), len(form.surface.edges)][: 1 + lines]
+
+
+def test_twelve_marks_have_names_in_a_picture_and_more_have_none(tmp_path, monkeypatch):
+    pyvista = pytest.importorskip("pyvista")
+    told = []
+    monkeypatch.setattr(
+        pyvista.Plotter, "add_point_labels", lambda _self, _points, labels, **_: told.append(len(labels))
+    )
+    for n in (12, 13):
+        names = tuple(f"p{k}" for k in range(n))
+        form = Form(block((1, 1, 1)), names, np.linspace(0, 0.4, 3 * n).reshape(n, 3))
+        marks = tuple(Mark(name, "joint", (("brick", name),)) for name in names)
+        save_picture(View("brick", (Shape("brick", form),), marks), tmp_path / "p.png", size=(60, 40))
+    assert told == [12]
 
 
 def test_a_motion_is_drawn_at_rest_or_as_it_is_unless_more_is_asked_for(tmp_path, monkeypatch):
