@@ -1,0 +1,56 @@
+"""Measures of parts, and frames of bodies, in configurations that are rare."""
+
+import numpy as np
+import pytest
+from conftest import lattice
+from scipy.spatial.transform import Rotation
+
+from nassim import Bushing, FlexibleBody, RigidBody, Scene, SpringDamper, craig_bampton, fixed
+from nassim.scene import Loop, RotationAngle
+from nassim.systems import proportional
+
+NORMAL = np.array([1.0, 2.0, -2.0]) / 3
+TURN = Rotation.from_rotvec([0.5, -0.9, 0.4])
+BODIES = tuple(RigidBody(name, {"p": np.zeros(3)}, 1.0, np.eye(3)) for name in "ab")
+
+
+def test_what_turns_together_has_no_angle_between_it():
+    """Of a rate of both the deviation sees nothing, of that of b its component along an axis that turns with a."""
+    deviation = RotationAngle("b.p", NORMAL, "a.p").deviation
+    assert deviation.points == ("b.p", "a.p", "a.p")
+    turned = (np.zeros(3), TURN.as_matrix())
+    _, rows = deviation.at([turned] * 3, [np.zeros(3)] * 3)
+    rates = rows[0].reshape(3, 6)[:, 3:]
+    np.testing.assert_allclose(rates[0], TURN.as_matrix() @ NORMAL, atol=1e-12)
+    np.testing.assert_allclose(rates.sum(axis=0), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("free", "expected"), [(0, TURN.as_rotvec()), (1, 2 * TURN.as_quat()[:3])])
+def test_a_bushing_twists_by_the_rotation_vector_and_a_bearing_tilts_at_any_angle_of_its_shaft(free, expected):
+    stiffness = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0 - free])
+    (law,) = Bushing("bushing", "a.p", "b.p", stiffness).terms(Scene("scene", BODIES))
+    value, _ = law.measure.at([(np.zeros(3), np.eye(3)), (np.zeros(3), TURN.as_matrix())], [np.zeros(3)] * 2)
+    np.testing.assert_allclose(value[3:], expected, atol=1e-12)
+
+
+def test_a_frame_rides_where_a_joint_holds_before_where_a_spring_does():
+    """Whatever the order of the points of the body."""
+    reduced = craig_bampton(lattice(), n_modes=1, progress=False)
+    body = FlexibleBody("bar", reduced)
+    places = {name: reduced.point(name).position for name in ("left", "right")}
+    ground = RigidBody("ground", {**places, "o": np.array([0.0, 0.0, -0.1])}, fixed=True)
+    for held, sprung in (("left", "right"), ("right", "left")):
+        parts = {
+            "joints": (fixed("clamp", f"ground.{held}", f"bar.{held}"),),
+            "springs": (SpringDamper("spring", "ground.o", f"bar.{sprung}", stiffness=1.0),),
+        }
+        assert Scene("both", (ground, body), **parts).frame_point(body) == held
+        assert Scene("sprung", (ground, body), springs=parts["springs"]).frame_point(body) == sprung
+        assert Scene("free", (ground, body)).frame_point(body) == "left"
+
+
+@pytest.mark.parametrize(("gains", "commands"), [([[1.0, 2.0]], ("l",)), ([[1.0], [2.0]], ("l.u0", "l.u1"))])
+def test_commands_of_a_loop_are_called_by_what_it_drives(gains, commands):
+    n_driven, n_measured = np.shape(gains)
+    names = (tuple(f"y{k}" for k in range(n_measured)), tuple(f"u{k}" for k in range(n_driven)))
+    assert Loop("l", proportional(gains, sample_rate=1e3), *names).commands == commands
