@@ -394,15 +394,16 @@ def test_frfs_of_named_labels_are_points():
 def test_a_root_locus_has_its_branches_zeros_and_optimum_where_they_are():
     """Of the upper half plane over 2 pi, in Hz; what lies beyond 1.1 times the largest frequency is left out."""
     poles = 2 * np.pi * np.array([[-1 + 9j, -1 - 9j, -30 + 0j], [-2 + 8j, -2 - 8j, -11.5 + 0j]])
-    locus = RootLocus(np.array([0.0, 3.0]), poles, 2 * np.pi * np.array([-0.5 + 5j, -0.5 - 5j]))
+    locus = RootLocus(np.array([0.0, 3.0]), poles, 2 * np.pi * np.array([-0.5 + 5j, -0.5 - 5j, -4.0, 2.0]))
     axis = plot_root_locus(locus, frequency=10.0, optimum=Optimum(2.0, 0.6, 5.0))
     by_marker = {line.get_marker(): line.get_xydata() for line in axis.get_lines()}
     branches = [line.get_xydata() for line in axis.get_lines() if line.get_marker() == "."]
     assert len(branches) == 2
     for branch in branches:
         assert branch == pytest.approx(np.array([[-1.0, 9.0], [-2.0, 8.0]]))
-    for marker, place in (("x", (-1.0, 9.0)), ("o", (-0.5, 5.0)), ("*", (-3.0, 4.0))):
-        assert by_marker[marker] == pytest.approx(np.array([place]))
+    places = {"x": [(-1.0, 9.0)], "o": [(-0.5, 5.0), (-4.0, 0.0), (2.0, 0.0)], "*": [(-3.0, 4.0)]}
+    for marker, expected in places.items():
+        assert by_marker[marker] == pytest.approx(np.array(expected))
     told = [text.get_text() for text in axis.get_legend().get_texts()]
     assert told == [
         "poles at gain 0", "zeros of the open loop", "poles up to gain 3", "gain 2: damping 0.6 at 5 Hz"
