@@ -101,6 +101,7 @@ class Told:
             def close(self):
                 told.camera = [np.array(self.camera.position), np.array(self.camera.focal_point)]
                 told.up = np.array(self.camera.up)
+                told.height = 2 * self.camera.parallel_scale
                 super().close()
 
         monkeypatch.setattr(pyvista, "Plotter", Plotter)
@@ -180,6 +181,18 @@ def test_the_camera_stands_where_it_is_told(tmp_path, monkeypatch):
         assert focus == pytest.approx(middle)
         assert (position - focus) / np.linalg.norm(position - focus) == pytest.approx(wanted, abs=1e-3)
         assert told.up == pytest.approx(np.eye(3)["xyz".index(up)])
+
+
+def test_a_picture_of_any_shape_has_all_of_the_body_in_it(tmp_path, monkeypatch):
+    """Of a bar of 100 x 10 x 10 mm along x, from the front and from its end, with a margin of 45 %."""
+    told, view = Told(monkeypatch), view_mesh(bar_model())
+    for camera, size, height in (
+        ((0, -1, 0), (90, 60), 1.45 * 100 * 60 / 90),
+        ((0, -1, 0), (30, 60), 1.45 * 100 * 60 / 30),
+        ((1, 0, 0), (90, 60), 1.45 * 10),
+    ):
+        save_picture(view, tmp_path / "p.png", size=size, camera=camera)
+        assert told.height == pytest.approx(height)
 
 
 def test_the_mesh_is_drawn_where_it_is_asked_for_and_the_size_is_that_of_a_page(tmp_path, monkeypatch):
