@@ -6,7 +6,9 @@ from conftest import lattice
 from scipy.spatial.transform import Rotation
 
 from nassim import Bushing, FlexibleBody, RigidBody, Scene, SpringDamper, craig_bampton, fixed
+from nassim.base.rigid_motion import skew
 from nassim.scene import Loop, RotationAngle
+from nassim.scene.measures import inverse_right_jacobian
 from nassim.systems import proportional
 
 NORMAL = np.array([1.0, 2.0, -2.0]) / 3
@@ -54,3 +56,13 @@ def test_commands_of_a_loop_are_called_by_what_it_drives(gains, commands):
     n_driven, n_measured = np.shape(gains)
     names = (tuple(f"y{k}" for k in range(n_measured)), tuple(f"u{k}" for k in range(n_driven)))
     assert Loop("l", proportional(gains, sample_rate=1e3), *names).commands == commands
+
+
+@pytest.mark.parametrize("angle", [1e-9, 0.9e-2, 1.1e-2, 0.8, 3.0])
+def test_rates_of_rotation_vectors_of_any_size(angle):
+    """Inverse of the right Jacobian I - (1 - cos t) / t^2 [v] + (t - sin t) / t^3 [v]^2."""
+    cross = angle * skew(NORMAL)
+    squares = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
+    cubes = 1 / 6 - angle**2 / 120 + angle**4 / 5040 if angle < 0.1 else (angle - np.sin(angle)) / angle**3
+    forth = np.eye(3) - squares * cross + cubes * cross @ cross
+    np.testing.assert_allclose(inverse_right_jacobian(NORMAL * angle) @ forth, np.eye(3), atol=1e-10)
