@@ -1,5 +1,7 @@
 """Measures of parts, and frames of bodies, in configurations that are rare."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import lattice
@@ -7,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from nassim import Bushing, FlexibleBody, RigidBody, Scene, SpringDamper, craig_bampton, fixed
 from nassim.base.rigid_motion import skew
-from nassim.scene import Loop, RotationAngle
+from nassim.scene import Loop, RotationAngle, StackActuator, StackSensor
 from nassim.scene.measures import inverse_right_jacobian
 from nassim.systems import proportional
 
@@ -66,3 +68,31 @@ def test_rates_of_rotation_vectors_of_any_size(angle):
     cubes = 1 / 6 - angle**2 / 120 + angle**4 / 5040 if angle < 0.1 else (angle - np.sin(angle)) / angle**3
     forth = np.eye(3) - squares * cross + cubes * cross @ cross
     np.testing.assert_allclose(inverse_right_jacobian(NORMAL * angle) @ forth, np.eye(3), atol=1e-10)
+
+
+def test_stacks_push_apart_and_tell_compression_by_a_positive_voltage():
+    """A body squeezed by 2 um between its points: 5 V/m and -3 N/V of them, along the line through both."""
+    reduced = craig_bampton(lattice(), n_modes=1, progress=False)
+    scene = Scene("scene", (FlexibleBody("bar", reduced),))
+    along = reduced.point("right").position - reduced.point("left").position
+    squeezed = np.zeros(len(reduced.mass_matrix))
+    squeezed[6:9] = -2e-6 * along / np.linalg.norm(along)
+    (output,) = StackSensor("s", "bar.left", "bar.right", 5.0).terms(scene)
+    (force,) = StackActuator("a", "bar.left", "bar.right", -3.0, "u").terms(scene)
+    assert output.gain * (output.measure.weights @ squeezed) == pytest.approx(1e-5)
+    assert force.gain * (force.measure.weights @ squeezed) == pytest.approx(6e-6)
+
+
+def test_small_motion_is_of_linear_bodies_and_of_nothing_that_spins():
+    reduced = craig_bampton(lattice(), n_modes=1, progress=False)
+    linear, floating = (FlexibleBody(kind, reduced, fidelity=kind) for kind in ("linear", "ffrf"))
+    rigid, still = FlexibleBody("rigid", reduced, fidelity="rigid"), BODIES[0]
+    spinning = replace(still, angular_velocity=(0.0, 0.0, 1.0))
+    for bodies, small in (
+        ((linear, still), True),
+        ((linear, rigid), True),
+        ((rigid, still), False),
+        ((linear, floating), False),
+        ((linear, spinning), False),
+    ):
+        assert Scene("scene", bodies).in_small_motion == small
