@@ -1,8 +1,9 @@
 """Optional arguments of public verbs: each has the default that its signature documents, and changes what it should."""
 
 import inspect
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -68,14 +69,27 @@ def check_fields(make: Callable[..., Any], values: Mapping[str, tuple[Any, Any]]
         assert same(getattr(make(**{name: other}), name), other), f"{name} is not what it was made with"
 
 
+def assert_all_tried(package: ModuleType, tables: Collection[str], elsewhere: Mapping[str, str] | None = None) -> None:
+    """Fail unless every optional argument of a package's public verbs is in a table, or in a test "folder/file::name".
+
+    Arguments are called "verb: argument", those of methods too.
+    """
+    verbs = ((verb.partition(".")[2] or verb, call) for verb, call in _verbs(package))
+    assert {f"{verb}: {name}" for verb, call in verbs for name in _optional(call)} == {*tables, *(elsewhere or ())}
+    for file, _, name in (place.partition("::") for place in (elsewhere or {}).values()):
+        assert f"def {name}(" in (Path(__file__).parent / file).read_text(), f"there is no test {name} in {file}"
+
+
 def same(a: Any, b: Any) -> bool:
-    """Whether results are equal to the last digits: numbers, arrays, tuples and data classes of these."""
+    """Whether results are equal to the last digits: numbers, arrays, tuples, mappings and data classes of these."""
     if a is b:
         return True
     if is_dataclass(a):
         return type(a) is type(b) and all(same(getattr(a, f.name), getattr(b, f.name)) for f in fields(a))
     if isinstance(a, tuple | list):
         return len(a) == len(b) and all(map(same, a, b))
-    if a is None or isinstance(a, str | Mapping):
-        return bool(a == b)
+    if isinstance(a, Mapping):
+        return list(a) == list(b) and all(same(a[key], b[key]) for key in a)
+    if a is None or isinstance(a, str):
+        return a == b
     return np.shape(a) == np.shape(b) and np.allclose(a, b, rtol=1e-13, atol=1e-300, equal_nan=True)

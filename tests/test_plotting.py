@@ -1,13 +1,17 @@
 """What pictures show: the numbers in their lines, and the surface that they draw."""
 
+from dataclasses import replace
+
 import matplotlib.pyplot as plt
 import netgen.occ as occ
 import numpy as np
 import pytest
 import scipy
+from arguments import assert_all_tried, table
 from conftest import STEEL, make_bar
 from matplotlib.container import BarContainer
 
+import nassim.plotting
 from nassim import FRF, RemotePoint, Solid, Superelement, TimeHistory, build_fe_model, craig_bampton, studies
 from nassim.base.rigid_motion import rigid_transfer
 from nassim.identification.modal_fit import ModalFit
@@ -27,7 +31,7 @@ from nassim.plotting import (
     save_figure,
 )
 from nassim.systems.noise_budgets import NoiseBudget
-from nassim.systems.root_loci import RootLocus
+from nassim.systems.root_loci import Optimum, RootLocus
 
 
 @pytest.fixture(autouse=True)
@@ -260,6 +264,25 @@ def test_runs_are_dots_and_correlations_their_titles(plane):
     assert (rows[0][0].get_ylabel(), rows[0][2].get_xlabel()) == ("f m\n[m]", "c")
 
 
+def test_ranks_of_three_tenths_are_strong():
+    xr = pytest.importorskip("xarray")
+    data = xr.Dataset({"f": ("run", [0.0, 1.0])}, {name: ("run", [0.0, 1.0]) for name in "ab"})
+    ranks = xr.Dataset(
+        {"spearman": (("result", "parameter"), [[0.27, -0.33]])}, {"result": ["f"], "parameter": ["a", "b"]}
+    )
+    weak, strong = plot_scatter(data, ranks)[0]
+    assert [ax.title.get_fontweight() == "bold" for ax in (weak, strong)] == [False, True]
+    assert weak.get_lines()[0].get_color() != strong.get_lines()[0].get_color()
+
+
+def test_phases_are_drawn_where_responses_are_three_times_the_noise():
+    fit = a_fit()
+    share = np.where(np.arange(50) < 20, 0.9, 1.1)
+    noisy = replace(fit, noise=np.abs(fit.recorded.values[0]) * share / 3)
+    dots = plot_modal_fit(noisy, [], output="b", unit="m/N")[1].get_lines()[0]
+    assert dots.get_xdata() == pytest.approx(fit.recorded.frequency[:20])
+
+
 def test_a_tornado_has_the_largest_effect_on_top_and_tells_its_sign(plane):
     """Ninety per cent of the range: 1.8 from low to high a, -2.7 of b, about a mean of 0.5."""
     axis = plot_tornado(studies.linear_effects(plane), result="f_m", unit="m")
@@ -329,10 +352,10 @@ SIX = Superelement("s", stiffness_matrix=np.eye(6), mass_matrix=np.eye(6), posit
 BUDGET = NoiseBudget(np.array([1.0, 2.0]), np.ones((1, 1, 2)), ("y",), ("n",), ("m",))
 IN_A_FIGURE = {
     "frf": lambda _, **into: plot_frf([delayed(0.0)], output="y", input="u", unit="1", **into),
-    "error": lambda _, **into: plot_frf_error([delayed(1e-3)], [delayed(0.0)], output="y", input="u", **into),
-    "fit": lambda _, **into: plot_modal_fit(a_fit(), [], output="b", unit="m/N", **into),
-    "history": lambda _, **into: plot_time_history(HISTORY, **into),
-    "budget": lambda _, **into: plot_noise_budget(BUDGET, output="y", **into),
+    "frf_error": lambda _, **into: plot_frf_error([delayed(1e-3)], [delayed(0.0)], output="y", input="u", **into),
+    "modal_fit": lambda _, **into: plot_modal_fit(a_fit(), [], output="b", unit="m/N", **into),
+    "time_history": lambda _, **into: plot_time_history(HISTORY, **into),
+    "noise_budget": lambda _, **into: plot_noise_budget(BUDGET, output="y", **into),
     "inspection": lambda _, **into: plot_inspection({"s": SIX}, **into),
     "scatter": lambda plane, **into: plot_scatter(plane, studies.correlations(plane), **into),
     "sobol": lambda plane, **into: plot_sobol(studies.sobol_indices(plane, n_resamples=2), **into),
@@ -340,7 +363,7 @@ IN_A_FIGURE = {
 IN_AXES = {
     "pareto": lambda _, **into: plot_pareto({"order 2": [(3.0, 0.1, "2 mm")]}, "s", "-", **into),
     "tornado": lambda plane, **into: plot_tornado(studies.linear_effects(plane), result="f_m", **into),
-    "locus": lambda _, **into: plot_root_locus(LOCUS, frequency=3.0, **into),
+    "root_locus": lambda _, **into: plot_root_locus(LOCUS, frequency=3.0, **into),
 }
 
 
@@ -365,3 +388,89 @@ def test_frfs_of_named_labels_are_points():
     axes = plot_frf([delayed(0.0), delayed(1e-3)], output="y", input="u", unit="1", markers=["late by 0.001 s"])
     for ax in axes:
         assert [(line.get_linestyle(), line.get_marker()) for line in ax.get_lines()] == [("-", "None"), ("None", "o")]
+        assert ax.get_lines()[1].get_markevery() == 400 // 50
+
+
+def test_a_root_locus_has_its_branches_zeros_and_optimum_where_they_are():
+    """Of the upper half plane over 2 pi, in Hz; what lies beyond 1.1 times the largest frequency is left out."""
+    poles = 2 * np.pi * np.array([[-1 + 9j, -1 - 9j, -30 + 0j], [-2 + 8j, -2 - 8j, -11.5 + 0j]])
+    locus = RootLocus(np.array([0.0, 3.0]), poles, 2 * np.pi * np.array([-0.5 + 5j, -0.5 - 5j, -4.0, 2.0]))
+    axis = plot_root_locus(locus, frequency=10.0, optimum=Optimum(2.0, 0.6, 5.0))
+    by_marker = {line.get_marker(): line.get_xydata() for line in axis.get_lines()}
+    branches = [line.get_xydata() for line in axis.get_lines() if line.get_marker() == "."]
+    assert len(branches) == 2
+    for branch in branches:
+        assert branch == pytest.approx(np.array([[-1.0, 9.0], [-2.0, 8.0]]))
+    places = {"x": [(-1.0, 9.0)], "o": [(-0.5, 5.0), (-4.0, 0.0), (2.0, 0.0)], "*": [(-3.0, 4.0)]}
+    for marker, expected in places.items():
+        assert by_marker[marker] == pytest.approx(np.array(expected))
+    told = [text.get_text() for text in axis.get_legend().get_texts()]
+    assert told == [
+        "poles at gain 0", "zeros of the open loop", "poles up to gain 3", "gain 2: damping 0.6 at 5 Hz"
+    ]  # fmt: skip
+    assert len(plot_root_locus(locus, frequency=10.0).get_legend().get_texts()) == 3
+    wider = plot_root_locus(locus, frequency=11.0)
+    assert sum(line.get_marker() == "." for line in wider.get_lines()) == 3
+
+
+def markers(axes):
+    return tuple(str(line.get_marker()) for line in axes[0].get_lines())
+
+
+def two_signals(**options):
+    history = TimeHistory(np.arange(3.0), np.zeros((2, 3)), ("a", "b"), ("V", "m"))
+    return tuple(ax.get_ylabel() for ax in plot_time_history(history, **options))
+
+
+def shares(**options):
+    """Titles of the pictures of two results."""
+    xr = pytest.importorskip("xarray")
+    axes = ("result", "parameter")
+    variables = {name: (axes, np.ones((2, 1))) for name in ("total", "first_order")}
+    variables |= {f"{name}_interval": ((*axes, "bound"), np.ones((2, 1, 2))) for name in variables}
+    indices = xr.Dataset(variables, {"result": ["f", "g"], "parameter": ["a"]})
+    return tuple(ax.get_title() for ax in plot_sobol(indices, **options))
+
+
+def tornado(**options):
+    xr = pytest.importorskip("xarray")
+    figures = {name: ("result", [0.5]) for name in ("mean", "explained")}
+    effects = xr.Dataset(
+        {"effect": (("result", "parameter"), [[1.0]]), **figures}, {"result": ["f"], "parameter": ["a"]}
+    )
+    return plot_tornado(effects, result="f", **options).get_xlabel()
+
+
+def are(*expected):
+    return lambda *found: found == expected
+
+
+ARGUMENTS = table(
+    {
+        "plot_frf": lambda **options: markers(plot_frf([delayed(0.0)], output="y", input="u", unit="1", **options)),
+        "plot_noise_budget": lambda **options: len(plot_noise_budget(BUDGET, output="y", **options)[1].get_lines()),
+        "plot_root_locus": lambda **options: markers([plot_root_locus(LOCUS, frequency=3.0, **options)])[-3],
+        "plot_sobol": shares,
+        "plot_time_history": two_signals,
+        "plot_tornado": tornado,
+    },
+    [
+        ("plot_frf", "markers", (), ["late by 0 s"], are(("None",), ("o",))),
+        ("plot_noise_budget", "limit", None, 2.0, are(2, 3)),
+        ("plot_root_locus", "optimum", None, Optimum(2.0, 0.6, 5.0), are("o", "*")),
+        ("plot_sobol", "results", None, ["g"], are(("f", "g"), ("g",))),
+        ("plot_time_history", "names", None, ["b"], are(("a\n[V]", "b\n[m]"), ("b\n[m]",))),
+        ("plot_tornado", "unit", "", "m", are("f", "f [m]")),
+    ],
+)
+
+
+@pytest.mark.parametrize("case", ARGUMENTS)
+def test_an_optional_argument_does_what_it_should(case):
+    ARGUMENTS[case].check()
+
+
+def test_every_optional_argument_is_tried():
+    drawn = (*(f"plot_{name}: figure" for name in IN_A_FIGURE), *(f"plot_{name}: ax" for name in IN_AXES))
+    there = dict.fromkeys(drawn, "test_plotting.py::test_pictures_are_drawn_where_they_are_asked_for")
+    assert_all_tried(nassim.plotting, ARGUMENTS, there)

@@ -152,3 +152,19 @@ def test_critical_damping_is_told():
             warnings.simplefilter("always")
             damping_ratios("ratio", [0.01, ratio])
         assert ["critical damping or more" in str(each.message) for each in told] == [True] * (ratio > 1)
+
+
+@pytest.mark.parametrize(("share", "found"), [(1e-6, [-5.0, -1.0]), (1e-13, [-1.0])])
+def test_what_rounding_excites_is_no_pole(share, found):
+    """A decay and one beside it that is a millionth as large, or as small as rounding."""
+    time = 0.1 * np.arange(40)
+    decay = np.exp(-time) + share * np.exp(-5 * time)
+    poles = decay_poles(decay[None], 0.1, n_poles=2)
+    np.testing.assert_allclose(np.sort(poles.real), found, rtol=1e-3)
+
+
+def test_a_pole_needs_four_samples():
+    decay = np.exp(-0.1 * np.arange(8))[None]
+    assert decay_poles(decay, 0.1, n_poles=2)[0] == pytest.approx(-1.0)
+    with pytest.raises(ValueError, match="2 poles need at least 8 samples, got 7"):
+        decay_poles(decay[:, :7], 0.1, n_poles=2)

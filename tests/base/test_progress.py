@@ -66,6 +66,16 @@ def test_a_long_stage_shows_its_tenths_in_a_file(clock, capsys):
     assert quick.split() == ["study", "0.8", "s"]
 
 
+def test_a_stage_that_ends_does_not_tell_its_last_tenth(clock, capsys):
+    with stage("study", total=10, unit="runs") as advance:
+        for _ in range(10):
+            clock.pass_by(20.0)
+            advance(1)
+    told = capsys.readouterr().out
+    assert " 90 %" in told
+    assert "100 %" not in told
+
+
 def test_a_stage_tells_a_tenth_at_most_every_ten_seconds(clock, capsys):
     for seconds in (9.0, 11.0):
         with stage("study", total=2, unit="runs") as advance:

@@ -397,6 +397,16 @@ def test_negative_eigenvalues_are_repaired_up_to_a_hundredth_of_positive_ones(ca
             repair(spoilt(1.1))
 
 
+def test_negative_eigenvalues_in_rigid_motions_are_told():
+    """A foundation of negative stiffness under all of the body, which moves it far more slowly than it bends."""
+    for share, told in ((1e-3, False), (-1e-3, True)):
+        first = 2 * np.pi * check(BEAM)["rigid motions"].figures["first_elastic_Hz"]
+        foundation = np.sign(share) * (share * first) ** 2 * BEAM.mass_matrix
+        finding = check(replace(BEAM, stiffness_matrix=BEAM.stiffness_matrix + foundation))["stiffness matrix"]
+        assert finding.verdict == "ok"
+        assert ("negative eigenvalues in rigid motions only" in finding.text) == told
+
+
 def test_eight_digits_are_few():
     assert [verdict_of(replace(BEAM, digits=digits), "digits") for digits in (8, 9)] == ["warning", "ok"]
 

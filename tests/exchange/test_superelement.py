@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from superelements import DOFS, SAMPLE, master_text, matrix_text, node_text, sample
 
 from nassim.exchange import mat_npz
-from nassim.exchange.ansys import nodal_frame
+from nassim.exchange.ansys import nodal_frame, parse_listings
 from nassim.exchange.inspection import check
 from nassim.exchange.mat_npz import read_arrays
 from nassim.exchange.superelement import Superelement, read_superelement, significant_digits, superelement
@@ -90,6 +90,15 @@ def test_listings_vary(variation, order, raw, tmp_path):
     assert np.array_equal(body.stiffness_matrix, expected.stiffness_matrix)
     assert np.array_equal(body.mass_matrix, expected.mass_matrix)
     assert np.allclose(body.positions, expected.positions, atol=1e-12)
+
+
+@pytest.mark.parametrize("letter", "Dd")
+def test_exponents_of_fortran_are_read_in_capitals_or_not(letter):
+    """In matrices and in coordinates of nodes."""
+    text = "MAT_K:\n[1,1]: 1.5D+03\nMAT_M:\n[1,1]: 2.5D-03\nNODE X Y Z\n7 1.0D-01 2.0 -3.0D+02\n"
+    listing = parse_listings({"a": text.replace("D+", f"{letter}+").replace("D-", f"{letter}-")})
+    assert (listing.matrices["K"].item(), listing.matrices["M"].item()) == (1500.0, 0.0025)
+    assert listing.nodes[7].tolist() == [0.1, 2.0, -300.0]
 
 
 def test_the_master_table_says_which_row_is_which(raw, tmp_path):

@@ -1,15 +1,17 @@
 """Craig-Bampton: exact statics, convergence from above, errors of the 36-coordinate APA."""
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import scipy.linalg
-from conftest import lattice
+from conftest import assert_limit, lattice
 
 from nassim import condense, craig_bampton
 from nassim.base.modal import eigenmodes
 from nassim.bodies.projection import keep_modes
+from nassim.fem import reduction
 from nassim.fem.condensation import vector_dofs
 from nassim.fem.full_model import full_eigenfrequencies
 from nassim.fem.modes import fixed_interface_modes
@@ -168,3 +170,16 @@ def _arm(offset):
     result = np.eye(6)
     result[:3, 3:] = -_cross(offset)
     return result
+
+
+def test_a_tolerance_may_need_four_hundred_modes(monkeypatch):
+    """Of a model with many more; the errors are made up, as so many modes would take minutes."""
+
+    def needed(share):
+        monkeypatch.setattr(reduction, "_reduce", lambda _condensed, count, *_: (count, 0, None, None))
+        monkeypatch.setattr(reduction, "keep_modes", lambda _rich, count: count)
+        monkeypatch.setattr(reduction, "_worst_truncation", lambda count, _cutoff: float(count < share * 400))
+        large = SimpleNamespace(fe_model=SimpleNamespace(n_dofs=10_000))
+        assert reduction._reduce_within(large, 0.1, None, (), False)[1] == share * 400
+
+    assert_limit(needed, "of at most 400 modes")

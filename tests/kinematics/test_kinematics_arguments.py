@@ -5,11 +5,12 @@ from functools import partial
 
 import numpy as np
 import pytest
-from arguments import table
+from arguments import assert_all_tried, table
 from conftest import assert_limit
 from scipy.spatial.transform import Rotation
 from test_poses import odd_platform
 
+import nassim.kinematics
 from nassim.kinematics import (
     StewartPlatform,
     compliance_matrix,
@@ -116,6 +117,10 @@ ARGUMENTS = table(
 @pytest.mark.parametrize("case", ARGUMENTS)
 def test_an_optional_argument_does_what_it_should(case):
     ARGUMENTS[case].check()
+
+
+def test_every_optional_argument_is_tried():
+    assert_all_tried(nassim.kinematics, ARGUMENTS)
 
 
 def with_first_strut(vector):

@@ -91,7 +91,15 @@ def with_inertia(inertia):
     return RigidBody("p", {}, 1.0, inertia)
 
 
+def on_a_line(gap):
+    """An encoder between points so far apart [m]."""
+    base, body = bodies()
+    sensor = Encoder("e", "base.o", "body.o", "line")
+    return Scene("s", (base, replace(body, position=gap * np.array([0.0, 1.0, 0.0]))), sensors=(sensor,))
+
+
 LIMITS = {
+    "a line between points": (lambda x: on_a_line(1e-12 / x), "lie in one place"),
     "a gap in a joint": (lambda x: with_gap(1e-9 * x), "m apart"),
     "skew axes": (lambda x: universal("p", "base.o", "body.o", "x", (1e-9 * x, 1, 0)), "must be perpendicular"),
     "a skew bushing": (

@@ -1,10 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import tiny_functions
 
 from nassim import FRF, TimeHistory
 from nassim.studies.outcome import Task
-from nassim.studies.results import flatten_result
+from nassim.studies.results import Axis, Layout, Quantity, flatten_result
 
 
 def read(result, taken=()):
@@ -113,3 +115,21 @@ def test_leaving_python_is_a_failed_run_and_ctrl_c_is_not():
     assert Task(leave, ())({"error": SystemExit(3)}).status == "failed"
     with pytest.raises(KeyboardInterrupt):
         Task(leave, ())({"error": KeyboardInterrupt()})
+
+
+def test_layouts_differ_by_everything_that_describes_them():
+    """Runs of different layouts do not share one array."""
+    quantity, axis = Quantity(("x",), (2,)), Axis("x", (1.0, 2.0), "m")
+    given = Layout({"f": quantity}, {"x": axis})
+    others = [
+        Layout({"g": quantity}, {"x": axis}),
+        Layout({"f": replace(quantity, complex=True)}, {"x": axis}),
+        Layout({"f": replace(quantity, shape=(2, 1))}, {"x": axis}),
+        Layout({"f": quantity}, {"y": axis}),
+        *(
+            Layout({"f": quantity}, {"x": replace(axis, **change)})
+            for change in ({"unit": "mm"}, {"values": (1.0, 3.0)}, {"along": "z"})
+        ),
+    ]
+    assert len({layout.digest() for layout in (given, *others)}) == 1 + len(others)
+    assert Layout({"f": quantity}, {"x": axis}).digest() == given.digest()

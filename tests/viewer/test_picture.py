@@ -11,6 +11,11 @@ from seen import bar, bar_model, machine, turning
 
 from nassim import Solid, list_faces
 from nassim.viewer import (
+    Form,
+    Mark,
+    Shape,
+    View,
+    block,
     picture,
     save_picture,
     view_faces,
@@ -96,6 +101,7 @@ class Told:
             def close(self):
                 told.camera = [np.array(self.camera.position), np.array(self.camera.focal_point)]
                 told.up = np.array(self.camera.up)
+                told.height = 2 * self.camera.parallel_scale
                 super().close()
 
         monkeypatch.setattr(pyvista, "Plotter", Plotter)
@@ -175,6 +181,52 @@ def test_the_camera_stands_where_it_is_told(tmp_path, monkeypatch):
         assert focus == pytest.approx(middle)
         assert (position - focus) / np.linalg.norm(position - focus) == pytest.approx(wanted, abs=1e-3)
         assert told.up == pytest.approx(np.eye(3)["xyz".index(up)])
+
+
+def test_a_picture_of_any_shape_has_all_of_the_body_in_it(tmp_path, monkeypatch):
+    """Of a bar of 100 x 10 x 10 mm along x, from the front and from its end, with a margin of 45 %."""
+    told, view = Told(monkeypatch), view_mesh(bar_model())
+    for camera, size, height in (
+        ((0, -1, 0), (90, 60), 1.45 * 100 * 60 / 90),
+        ((0, -1, 0), (30, 60), 1.45 * 100 * 60 / 30),
+        ((1, 0, 0), (90, 60), 1.45 * 10),
+    ):
+        save_picture(view, tmp_path / "p.png", size=size, camera=camera)
+        assert told.height == pytest.approx(height)
+
+
+def test_the_mesh_is_drawn_where_it_is_asked_for_and_the_size_is_that_of_a_page(tmp_path, monkeypatch):
+    """Lines of the outline alone, or those of all triangles too; 1200 x 900 pixels, or as many as are wanted."""
+    told, view = Told(monkeypatch), view_mesh(bar_model())
+    form = view.shapes[0].form
+    for options, size, lines in ({}, (1200, 900), 0), ({"mesh": True, "size": (90, 60)}, (90, 60), 1):
+        told.meshes.clear()
+        pixels = drawn(save_picture(view, tmp_path / "p.png", **options))
+        assert pixels.shape == (*size[::-1], 3)
+        drawn_lines = [mesh.n_lines for mesh, style in told.meshes if style.get("color") == picture.LINE_COLOR]
+        assert drawn_lines == [len(form.outline), len(form.surface.edges)][: 1 + lines]
+
+
+def test_twelve_marks_have_names_in_a_picture_and_more_have_none(tmp_path, monkeypatch):
+    pyvista = pytest.importorskip("pyvista")
+    told = []
+    monkeypatch.setattr(
+        pyvista.Plotter, "add_point_labels", lambda _self, _points, labels, **_: told.append(len(labels))
+    )
+    for n in (12, 13):
+        names = tuple(f"p{k}" for k in range(n))
+        form = Form(block((1, 1, 1)), names, np.linspace(0, 0.4, 3 * n).reshape(n, 3))
+        marks = tuple(Mark(name, "joint", (("brick", name),)) for name in names)
+        save_picture(View("brick", (Shape("brick", form),), marks), tmp_path / "p.png", size=(60, 40))
+    assert told == [12]
+
+
+def test_a_motion_is_drawn_at_rest_or_as_it_is_unless_more_is_asked_for(tmp_path, monkeypatch):
+    told, view = [], view_motion(machine(), turning())
+    monkeypatch.setattr(picture, "_draw", lambda *arguments, **_: told.append(arguments[3].title))
+    for options in {}, {"frame": 4}, {"frame": 4, "magnification": 1.0}, {"frame": 4, "magnification": 2.0}:
+        save_picture(view, tmp_path / "p.png", size=(30, 20), **options)
+    assert told == ["machine", "machine: 0.2 s", "machine: 0.2 s", "machine: 0.2 s, deformation x 2"]
 
 
 def test_a_drawing_of_a_mode_is_as_large_as_on_a_page():

@@ -23,7 +23,7 @@ from nassim import (
 from nassim.bodies import PortCoupling, Surface, trim_body
 from nassim.bodies.readouts import by_name
 from nassim.fem import glue, list_faces, solid_surface
-from nassim.scene import BodyCoordinates, Motion, Output, Sensor, SpringDamper
+from nassim.scene import BodyCoordinates, Displacement, Motion, Output, Sensor, SpringDamper
 from nassim.scene.joints import prismatic
 from nassim.simulation import assemble, traced, trim_scene
 from nassim.viewer import (
@@ -327,6 +327,22 @@ def test_marks_stand_where_parts_are_and_point_where_they_act():
     assert marks["encoder"].axes == pytest.approx(np.array([[1, 0, 0]]))
     assert "sensor encoder [m]" in marks["encoder"].text
     assert "free in rz" in marks["pin"].text
+
+
+@dataclass(frozen=True)
+class Mean(Sensor):
+    """Reads the mean displacement of several points."""
+
+    def terms(self, scene):
+        """One displacement, of the last point along another axis."""
+        axes = {"bar_1.right": (0, 0, 1), "bar_2.right": (0, 0, 1), "block.corner": (0, 3, 0)}
+        return (Output(self.name, "m", Displacement(tuple((path, np.array(axis)) for path, axis in axes.items()))),)
+
+
+def test_a_mark_of_several_points_points_where_its_last_one_moves():
+    (mark,) = (one for one in view_scene(replace(machine(), sensors=(Mean("mean"),))).marks if one.name == "mean")
+    assert mark.ends == (("bar_2", "right"), ("block", "corner"))
+    assert mark.axes == pytest.approx(np.array([[0.0, 1.0, 0.0]]))
 
 
 def test_ports_are_marked_where_their_stacks_lie():
