@@ -44,6 +44,8 @@ def optional_arguments(module: ModuleType) -> set[str]:
 def _verbs(module: ModuleType) -> Iterator[tuple[str, Callable[..., Any]]]:
     for name in module.__all__:
         item = getattr(module, name)
+        if not callable(item):
+            continue
         yield name, item
         for method, member in vars(item).items() if inspect.isclass(item) else ():
             call = getattr(member, "__func__", member)
