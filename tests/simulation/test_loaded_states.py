@@ -39,7 +39,7 @@ from nassim.bodies.readouts import by_name
 from nassim.bodies.stress_stiffness import StressStiffness
 from nassim.fem.meshing import generate_mesh
 from nassim.scene.joints import planar
-from nassim.scene.measures import Displacement
+from nassim.scene.measures import Combination, Displacement, Distance
 from nassim.scene.part import ForceElement
 from nassim.scene.terms import NonlinearSpring
 from nassim.simulation import (
@@ -481,6 +481,35 @@ def test_a_string_under_tension_holds_its_mass_sideways():
     found = simulate(weighed, rest, time_step=2e-3, start="released", progress=False).values[0]
     swing = 0.01 / (2 * np.pi * sideways) ** 2 * (1 - np.cos(2 * np.pi * sideways * time))
     np.testing.assert_allclose(found, swing, atol=2e-3 * swing.max())
+
+
+def test_a_rope_of_unequal_turns_holds_its_mass():
+    """T + k v on v = sum of f |x - p|: k r r^T + T sum of f (1 - u u^T) / |x - p|, with r the sum of f u."""
+
+    class Rope(ForceElement):
+        def terms(self, scene):
+            lengths = [Distance(f"ground.p{k}", "mass.c") for k in range(3)]
+            rope = Combination(((2.0, lengths[0]), (-0.7, Combination(((1.5, lengths[1]), (-2.0, lengths[2]))))))
+            return (NonlinearSpring(rope, force=lambda v, _: 40.0 + 300.0 * v, tangent=lambda _v, _w: (300.0, 0.0)),)
+
+    ends, turns = np.random.default_rng(5).normal(size=(3, 3)), np.array([2.0, -0.7 * 1.5, 0.7 * 2.0])
+    lengths = np.linalg.norm(ends, axis=1)
+    along = -ends / lengths[:, None]
+    pull = turns @ along
+    ground = RigidBody("ground", {"o": np.zeros(3)} | {f"p{k}": end for k, end in enumerate(ends)}, fixed=True)
+    mass = RigidBody("mass", {"c": np.zeros(3)}, 1.7, np.eye(3))
+    springs = (
+        Rope("rope"),
+        Bushing("hold", "ground.o", "mass.c", [500.0] * 3 + [0.0] * 3, preload=[*(-40.0 * pull), 0, 0, 0]),
+    )
+    scene = Scene(
+        "rope", (ground, mass), (Joint("slide", "ground.o", "mass.c", free=("x", "y", "z")),), springs=springs
+    )
+    stiffness = 500.0 * np.eye(3) + 300.0 * np.outer(pull, pull)
+    for turn, unit, length in zip(turns, along, lengths, strict=True):
+        stiffness += 40.0 * turn * (np.eye(3) - np.outer(unit, unit)) / length
+    expected = np.sqrt(np.linalg.eigvalsh(stiffness) / 1.7) / (2 * np.pi)
+    assert frequencies(scene) == pytest.approx(expected, rel=1e-7)
 
 
 @pytest.mark.parametrize("kind", ["spring", "bushing"])

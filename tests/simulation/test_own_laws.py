@@ -33,6 +33,7 @@ from nassim.scene import (
     AngleSensor,
     AppliedForce,
     Body,
+    BodyCoordinates,
     Combination,
     Connection,
     Constraint,
@@ -553,6 +554,38 @@ class Given(ForceElement):
 
     def terms(self, scene):
         return self.given
+
+
+def test_a_law_within_a_body_in_small_motion_beside_one_that_spins():
+    """On coordinates of a turned bar: by the general item, as by exact steps of the bar alone with a linear spring."""
+    body = reduced()
+    bar = FlexibleBody("bar", body, -ODD @ body.point("left").position, ODD, "linear")
+    stretch = BodyCoordinates.between(bar, "left", "right", np.array([0.3, 0.8, -0.5]))
+    foot = Bushing("foot", "ground.o", "bar.left", [1e4, 2e4, 3e4, 20.0, 30.0, 40.0], 0.1 * np.ones(6))
+    push, end = PointForce("push", "bar.right", (0.6, 0.0, 0.8), "push"), Encoder("end", "ground.o", "bar.right", "y")
+    alone = Scene(
+        "bar",
+        (GROUND, bar),
+        actuators=(push,),
+        sensors=(end,),
+        springs=(foot, Given("within", (Spring(stretch, 3e4, 2.0),))),
+        damping_ratio=0.0,
+    )
+    top = RigidBody("top", {"c": np.zeros(3)}, 1.0, 1e-3 * np.eye(3), (1.0, 0, 0), angular_velocity=(0, 5.0, 0))
+    law = NonlinearSpring(stretch, force=lambda v, w: 3e4 * v + 2.0 * w, tangent=lambda _v, _w: (3e4, 2.0))
+    beside = replace(alone, bodies=(GROUND, bar, top), springs=(foot, Given("within", (law,))))
+    time = 1e-4 * np.arange(81)
+    pulse = TimeHistory(time, 20.0 * np.sin(np.pi * np.minimum(time / 4e-3, 1.0))[None] ** 2, ("push",), ("N",))
+    found, expected, without = (
+        simulate(scene, pulse, time_step=1e-4, progress=False, **options)["end"]
+        for scene, options in (
+            (beside, {"spectral_radius": 1.0}),
+            (alone, {"method": "exact"}),
+            (replace(alone, springs=(foot,)), {"method": "exact"}),
+        )
+    )
+    assert np.abs(without - expected).max() > 0.1 * np.ptp(expected)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=5e-3 * np.ptp(expected))
 
 
 def test_unknown_terms_and_measures_are_refused_when_a_scene_is_made():
