@@ -53,7 +53,7 @@ from nassim.scene import (
     placed,
     revolute,
 )
-from nassim.simulation import mode_motion
+from nassim.simulation import assemble, mode_motion
 from nassim.simulation.model.states import RigidState
 from nassim.viewer import view_scene
 
@@ -554,6 +554,23 @@ class Given(ForceElement):
 
     def terms(self, scene):
         return self.given
+
+
+def test_a_spring_of_some_directions_leaves_the_others_free():
+    """A stiffness of rank two, with the default damping: four rigid-body modes, and two by M and K alone."""
+    shape = np.random.default_rng(4).normal(size=(6, 2))
+    inertia = ODD @ np.diag([2e-3, 3e-3, 4e-3]) @ ODD.T
+    mass = RigidBody("mass", {"c": np.zeros(3)}, 0.7, inertia)
+    given = Given("spring", (Spring(RelativePose("ground.o", "mass.c"), 1e4 * shape @ shape.T),))
+    assembly = assemble(Scene("mass", (GROUND, mass), springs=(given,)))
+    whole = scipy.linalg.block_diag(0.7 * np.eye(3), inertia)
+    squares = np.sort(np.linalg.eigvals(1e4 * shape.T @ np.linalg.solve(whole, shape)).real)
+    assert np.count_nonzero(assembly.modal.rigid_modes) == 4
+    assert (2 * np.pi * assembly.modal.frequency[4:]) ** 2 == pytest.approx(squares, rel=1e-9)
+    same = Given("spring", (Spring(RelativePose("ground.o", "mass.c"), 50.0, 0.2),))
+    poles = linearize(Scene("mass", (GROUND, mass), springs=(same,), damping_ratio=0.0)).poles()
+    for inert in (0.7, 2e-3, 3e-3, 4e-3):
+        assert np.abs(poles - np.roots([inert, 0.2, 50.0])[0]).min() < 1e-6
 
 
 def test_a_law_within_a_body_in_small_motion_beside_one_that_spins():
