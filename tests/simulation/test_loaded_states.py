@@ -328,6 +328,15 @@ def test_constant_inputs_soften_as_they_press(strip):
         linearize(scene, constant_inputs={"force": -1.01 * factor})
 
 
+def test_a_prestress_by_inputs_is_that_of_the_linear_model(strip):
+    """Of a column, whose frame does not move at its foot."""
+    scene = standing(strip, frame="left")
+    load = {"force": -0.5 * buckling_factors(scene, inputs={"force": -1.0})[0][0]}
+    expected = frequencies(scene, constant_inputs=load)
+    assert frequencies(prestress_scene(scene, inputs=load)) == pytest.approx(expected, rel=1e-9)
+    assert frequencies(scene)[0] > 1.3 * expected[0]
+
+
 def test_forces_of_joints_and_springs_balance_the_loads(strip):
     """A strip welded to the ground bears a block that also hangs on a preloaded spring; anyhow in space."""
     skewed, along = Rotation.from_rotvec([0.4, -0.7, 0.2]).as_matrix(), np.array([2.0, -1.0, 2.0]) / 3
