@@ -20,6 +20,7 @@ from nassim import (
     Scene,
     TimeHistory,
     craig_bampton,
+    linearize,
 )
 from nassim.base.rigid_motion import axes_along
 from nassim.scene.drives import Drive
@@ -186,6 +187,32 @@ def test_preload_is_told_from_a_tenth_of_buckling_on(bar):
     unit, _ = buckling.buckling_share(assembly, {"bar": np.array([-1.0])})
     assert unit > 0
     both_sides(0.1, lambda share: buckling.warn_of_buckling(assembly, {"bar": np.array([-share / unit])}))
+
+
+def test_estimated_stress_is_told_from_a_hundredth_of_a_frequency_on(bar):
+    """In a body that does not hold its geometric stiffness, pulled along: the change is as large as the force."""
+    push = PointForce("pull", "load.c", SKEWED @ (bar.point("right").position - bar.point("left").position), "pull")
+    scene = replace(clamped(bar, actuators=(push,)), damping_ratio=0.0)
+
+    def frequency(pull):
+        return np.unique(linearize(scene, constant_inputs={"pull": pull}).poles().imag.round(9))[-8:]
+
+    still, pulled = frequency(0.0), frequency(1e-3)
+    unit = np.abs(pulled / still - 1).max() / 1e-3
+    both_sides(0.01, lambda share: linearize(scene, constant_inputs={"pull": share / unit}))
+
+
+def test_an_instability_is_rounding_below_a_ten_millionth_of_what_loads_stiffen():
+    """A body that stands, so heavy to turn that it falls that much slower than another one swings."""
+
+    def told_of(share):
+        swing = RigidBody("swing", {"o": (0, 0, 0.1)}, 1.0, 1e-12 * np.eye(3), (1.0, 0, -0.1))
+        stand = RigidBody("stand", {"o": (0, 0, -1e-3)}, 1.0, 1e3 / share * np.eye(3), (0, 0, 1e-3))
+        hinges = revolute("one", "ground.o", "stand.o", "y"), revolute("other", "ground.p", "swing.o", "y")
+        bodies = (ground(o=np.zeros(3), p=np.array([1.0, 0, 0])), swing, stand)
+        linearize(Scene("both", bodies, hinges, gravity=(0, 0, -9.81)))
+
+    both_sides(1.0, told_of)
 
 
 def acceleration(cutoff=None, passes="low"):
