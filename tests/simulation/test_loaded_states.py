@@ -578,6 +578,17 @@ def test_constant_voltages_load_a_body(wired):
     np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
 
 
+@pytest.mark.filterwarnings("ignore:body 'strip' turns at")
+def test_a_spin_without_loads_leaves_out_the_stress_inside(strip):
+    """As of a body that does not hold its geometric stiffness; with it the same spin stiffens."""
+    bare = replace(strip, readouts={n: r for n, r in strip.readouts.items() if not isinstance(r, StressStiffness)})
+    spin = {"angular_velocity": 100.0 * TURN[:, 2], "loaded": False}
+    found, expected = (np.sort(np.abs(linearize(standing(body), **spin).poles())) for body in (strip, bare))
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    loaded = np.sort(np.abs(linearize(standing(strip), angular_velocity=spin["angular_velocity"]).poles()))
+    assert loaded[0] > 1.05 * found[0]
+
+
 def test_the_voltage_of_an_open_port_loads_its_body(wired):
     sensor = VoltageSensor("read", "bar.v", capacitance=2e-3)
     body = wired.bodies[1].reduced
