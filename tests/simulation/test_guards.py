@@ -315,15 +315,16 @@ def test_excitations_have_eight_steps_a_period_and_lose_two_hundredths():
     limit = 1 / (8 * occupied_bandwidth(sine))
     both_sides(limit, lambda h: sampled(scene, sine, time_step=h, duration=None), refused="is too long: the excitation")
 
-    # A sine, and a pulse of one sample between two steps: straight lines lose the pulse.
+    # A sine about any mean, and a pulse of one sample between two steps: straight lines lose the pulse.
     slow = np.sin(2 * np.pi * 2.5 * fine)
 
-    def pulsed(share):
+    def pulsed(share, mean):
         pulse = np.zeros(len(fine))
         pulse[20050] = np.sqrt(share / (1 - share) * np.sum(slow**2))
-        _check_loss(TimeHistory(fine, [slow + pulse], ("force",), ("N",)), 1e-3, fine[-1])
+        _check_loss(TimeHistory(fine, [mean + slow + pulse], ("force",), ("N",)), 1e-3, fine[-1])
 
-    both_sides(0.02, pulsed, refused="straight lines between the steps lose")
+    for mean in (0.0, 30.0):
+        both_sides(0.02, lambda share, mean=mean: pulsed(share, mean), refused="straight lines between the steps lose")
 
 
 def test_a_drive_starts_at_speed_when_it_goes_on_within_a_thousandth():

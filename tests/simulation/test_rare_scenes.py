@@ -37,7 +37,7 @@ from nassim.scene.joints import prismatic
 from nassim.scene.measures import Displacement, PointVelocity
 from nassim.scene.part import ForceElement, Sensor
 from nassim.scene.terms import NonlinearSpring, Output, SpringForce
-from nassim.simulation import loaded_equilibrium, spinning_equilibrium
+from nassim.simulation import Simulation, loaded_equilibrium, spinning_equilibrium
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
 from nassim.simulation.loaded.loaded_state import static_loads
 from nassim.simulation.model.assembly import assemble
@@ -313,3 +313,59 @@ def test_a_force_behind_an_amplifier_begins_at_zero(spins):
     expected = (time - (1 - np.exp(-rate * time)) / rate) / 2.0
     found = NORMAL @ [record[f"v.{k}"] for k in range(3)]
     np.testing.assert_allclose(found, expected, rtol=0, atol=2e-3 * expected[-1])
+
+
+def test_bodies_that_have_moved_back_at_the_end_are_told_of():
+    """An arm that a drive turns by 0.3 rad and back, on a bar of damped modes."""
+    body = craig_bampton(lattice(), n_modes=1, progress=False)
+    bar = FlexibleBody("bar", body, -SKEWED @ body.point("left").position, SKEWED)
+    arm = RigidBody("arm", {"c": (0, 0, 0)}, 1e-3, 1e-3 * INERTIA, bar.point_position("right"))
+    joints = fixed("clamp", "ground.o", "bar.left"), revolute("hinge", "bar.right", "arm.c", NORMAL)
+    drive = Drive("motor", "hinge", "rz", "turn")
+    scene = Scene("arm", (ground(), bar, arm), joints, (drive,), damping_ratio=0.01)
+    for angle, n in ((0.3, 1), (0.05, 0)):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            run(scene, 0.1, 1e-3, {"turn": lambda t, angle=angle: angle * np.sin(np.pi * t / 0.1) ** 2})
+        assert sum("as seen from" in str(w.message) for w in caught) == n
+
+
+def test_explicit_steps_hold_what_goes_through_an_amplifier():
+    """As exact steps do that hold inputs, at the first steps of a force that changes from step to step."""
+    body = craig_bampton(lattice(stiffness=1e4), n_modes=1, progress=False)
+    bar = FlexibleBody("bar", body, -SKEWED @ body.point("left").position, SKEWED, "linear")
+    foot = Bushing("foot", "ground.o", "bar.left", [1e3] * 3 + [1.0] * 3)
+    push, read = Lagging("push", "bar.left", NORMAL, "push"), Encoder("x", "ground.o", "bar.left", NORMAL)
+    scene = Scene("bar", (ground(), bar), (), (push,), (read,), (foot,), damping_ratio=0.0)
+    force = {"push": lambda t: np.sin(600.0 * t)}
+    found = run(scene, 0.01, 2e-4, force, method="explicit")["x"]
+    expected = run(scene, 0.01, 2e-4, force, method="exact", hold_order=0)["x"]
+    straight = run(scene, 0.01, 2e-4, force, method="exact")["x"]
+    error = np.abs(found - expected).max()
+    assert error < 0.1 * np.abs(straight - expected).max()
+
+
+def test_a_restored_run_has_the_reach_of_its_state():
+    """How far bodies can get counts from the start of the run, not the steps that were taken back."""
+    mass, guide = sliding("mass", np.zeros(3), 2.0)
+    push, read = PointForce("push", "mass.c", NORMAL, "push"), Encoder("x", "ground.mass", "mass.c", NORMAL)
+    loop = Loop("loop", proportional(-1.0, sample_rate=1e3, limit=2.0), "x", "push")
+    scene = Scene("mass", (ground(mass=np.zeros(3)), mass), (guide,), (push,), (read,), loops=(loop,))
+    for method in ("exact", "generalized_alpha"):
+        with Simulation(scene, time_step=1e-3, method=method) as steps:
+            start, paths = steps.state, []
+            for _ in range(2):
+                steps.restore(start)
+                for _ in range(100):
+                    steps.step()
+                paths.append(steps._engine.reach._path)
+        assert paths[0] == paths[1] > 0
+
+
+def test_chosen_outputs_have_their_own_units():
+    mass, guide = sliding("mass", np.zeros(3), 2.0)
+    sensors = Encoder("x", "ground.mass", "mass.c", NORMAL), Speed("v", "mass.c")
+    scene = Scene("mass", (ground(mass=np.zeros(3)), mass), (guide,), sensors=sensors)
+    nothing = TimeHistory(1e-3 * np.arange(3), np.zeros((0, 3)), (), ())
+    record = simulate(scene, nothing, time_step=1e-3, outputs=["v.1", "x"], method="exact", progress=False)
+    assert (record.names, record.units) == (("v.1", "x"), ("m/s", "m"))
