@@ -163,6 +163,15 @@ def test_modes_fold_as_one_up_to_a_thousandth_of_their_frequency(apart, n):
     assert len(folding_modes(model, proportional(1.0, sample_rate=1e3), measured="y", driven="u")) == n
 
 
+def test_a_mode_without_damping_folds_with_any_gain():
+    state = np.array([[0.0, 1.0], [-((2 * np.pi * 900.0) ** 2), 0.0]])
+    matrices = state, [[0.0], [1.0]], [[1.0, 0.0]], [[0.0]]
+    model = LinearModel(*matrices, ("u",), ("y",), unsupported=[900.0, 900.0])
+    (mode,) = folding_modes(model, proportional(1e-9, sample_rate=1e3), measured="y", driven="u")
+    assert mode.loop_gain == np.inf
+    assert folding_modes(model, proportional(0.0, sample_rate=1e3), measured="y", driven="u")[0].loop_gain == 0.0
+
+
 def test_gains_vary_smoothly_with_the_sample_rate_and_folding_modes_tell_which_are_safe():
     """With the mode in its place the edge jumps with where it folds, by its frequency and the sample rate.
 
