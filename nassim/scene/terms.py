@@ -90,8 +90,8 @@ class Spring(ForceLaw):
     """A spring and a viscous damper in parallel, relaxed in the reference configuration.
 
     Attributes:
-        stiffness: stiffness per unit of the measure, a number or a symmetric matrix (k, k).
-        damping: damping per unit of the measure's rate, a number or a symmetric matrix (k, k).
+        stiffness: stiffness per unit of the measure, a symmetric matrix (k, k), or a number for all components.
+        damping: damping per unit of the measure's rate, a symmetric matrix (k, k), or a number for all components.
     """
 
     stiffness: float | Array = 0.0
@@ -116,7 +116,9 @@ class Spring(ForceLaw):
 
     def tangents(self, value: Array, rate: Array) -> tuple[Array, Array]:
         """Evaluate stiffness and damping, (k, k) each."""
-        return np.atleast_2d(self.stiffness), np.atleast_2d(self.damping)
+        one = np.eye(len(self.measure.components))
+        stiffness, damping = (part if np.ndim(part) else part * one for part in (self.stiffness, self.damping))
+        return np.asarray(stiffness), np.asarray(damping)
 
 
 @dataclass(frozen=True)

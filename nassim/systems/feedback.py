@@ -293,9 +293,9 @@ class Margins:
     """Stability margins of an open loop.
 
     Attributes:
-        gain_margin: factor by which the gain may grow; inf where no factor destabilises the loop. An unstable loop that
-            passes beyond -1 has a value below 1: the factor that makes it stable [-].
-        gain_margin_frequency: frequency of the gain margin; nan with an infinite margin [Hz].
+        gain_margin: factor by which the gain may grow; inf where no factor destabilises the loop. An unstable loop has
+            a value below 1: the factor that makes it stable; 0 where no factor is known within the frequencies [-].
+        gain_margin_frequency: frequency of the gain margin; nan with a margin of inf or 0 [Hz].
         phase_margin: amount by which the phase may change where |L| = 1; inf where |L| never crosses 1. An unstable
             loop has a negative value: the phase that it lacks there [deg].
         phase_margin_frequency: frequency of the phase margin; nan with an infinite margin [Hz].
@@ -340,10 +340,15 @@ def margins(loop: FRF) -> Margins:
     on_axis = _crossings(f, values, values.imag)
     beyond = [(-1 / value.real, at, 1 if rises else -1) for at, value, rises in on_axis if value.real < -1]
     begun = bool(values[0].real < -1 and values[0].imag >= 0)
-    unstable = begun + sum(turn for *_, turn in beyond) > 0
-    growing = [(-1 / value.real, at) for at, value, _ in on_axis if -1 < value.real < 0]
-    falling = [(factor, at) for factor, at, turn in beyond if turn > 0] if unstable else []
-    gain, gain_at = min(falling or growing, default=(math.inf, math.nan))
+    if begun and values[0].imag == 0:
+        beyond.append((float(-1 / values[0].real), float(f[0]), 1))
+    unstable = (begun and values[0].imag > 0) + sum(turn for *_, turn in beyond) > 0
+    if unstable:
+        falling = [(factor, at) for factor, at, turn in beyond if turn > 0]
+        gain, gain_at = min(falling, default=(0.0, math.nan))
+    else:
+        growing = [(-1 / value.real, at) for at, value, _ in on_axis if -1 < value.real < 0]
+        gain, gain_at = min(growing, default=(math.inf, math.nan))
     # Where |L| rises through 1, a phase lead destabilises. An unstable loop lacks up to 360 deg of phase.
     angles = [
         (math.degrees(np.angle(-value)) * (-1 if rises else 1), at)

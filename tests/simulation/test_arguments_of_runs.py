@@ -23,9 +23,10 @@ from nassim import (
     simulate,
     static_response,
 )
-from nassim.scene.joints import prismatic
+from nassim.scene.joints import prismatic, revolute
 from nassim.scene.mechanics import Bushing
 from nassim.simulation import (
+    Simulation,
     exudyn_eigenfrequencies,
     integrator_error,
     linearize_closed,
@@ -68,12 +69,13 @@ OPTIONS = [
     {"spectral_radius": 0.3},
     {"method": "exact", "hold_order": 0},
     {"start": "released"},
+    {"period_correction": False},
 ]
 
 
 @pytest.mark.parametrize("options", OPTIONS, ids=str)
-def test_both_verbs_heed_every_option(scene, options):
-    """The one with motion gives the same record, and its motion is the record's."""
+def test_all_runs_heed_every_option(scene, options):
+    """Those with motion, and those step by step, give the same record, and the motion is the record's."""
     record = simulate(scene, PUSH, time_step=STEP, progress=False, **options)
     again, motion = simulate_motion(scene, PUSH, time_step=STEP, frames=5, progress=False, **options)
     assert again.names == record.names
@@ -81,6 +83,11 @@ def test_both_verbs_heed_every_option(scene, options):
     if "x" in record.names:
         moved = motion.positions["mass"] @ NORMAL
         np.testing.assert_allclose(moved, record["x"][:: (len(record.time) - 1) // 4], rtol=1e-9, atol=1e-12)
+    if not {"duration", "outputs"} & set(options):
+        with Simulation(scene, time_step=STEP, **options) as run:
+            for value in PUSH.values[0, 1:]:
+                run.step({"push": value})
+        np.testing.assert_allclose(run.record.values, record.values, rtol=1e-12, atol=1e-15)
     others = {key: value for key, value in options.items() if key not in list(options)[-1:]}
     plain = simulate(scene, PUSH, time_step=STEP, progress=False, **others)
     if plain.values.shape == record.values.shape:
@@ -111,6 +118,44 @@ def test_progress_is_shown_unless_it_is_not_wanted(scene, verb, progress, capfd)
     options = {} if progress is None else {"progress": progress}
     verb(scene, PUSH, time_step=STEP, **options, **({"frames": 2} if verb is simulate_motion else {}))
     assert bool("".join(capfd.readouterr())) == (progress is not False)
+
+
+def pendulum(**parts):
+    """A point mass 0.2 m outside a hinge along z, which is 0.3 m beside the origin, with a loop that does nothing."""
+    bodies = (
+        ground(o=(0.3, 0, 0)),
+        RigidBody("bob", {"o": (-0.2, 0, 0), "c": (0, 0, 0)}, 2.0, 1e-12 * np.eye(3), (0.5, 0, 0)),
+    )
+    hinge = revolute("hinge", "ground.o", "bob.o", "z")
+    pushes, reads = (PointForce("push", "bob.c", "y", "push"),), (Encoder("y", "ground.o", "bob.c", "y"),)
+    return Scene("pendulum", bodies, (hinge,), pushes, reads, loops=(Loop("idle", IDLE, "y", "push"),), **parts)
+
+
+IDLE = Controller(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[0.0]], 1e4)
+
+
+@pytest.mark.parametrize(
+    ("options", "radius"),
+    [({}, 0.3), ({"axis_point": (0.1, 0, 0)}, 0.2), ({"axis_point": (0, 0.3, 0)}, np.nan)],
+    ids=["origin", "along", "aside"],
+)
+def test_a_pendulum_on_a_table_swings_about_the_given_axis(options, radius):
+    """At W sqrt(r / l), in closed loops and in pictures; with the axis aside it does not rest as drawn."""
+    spin = {"angular_velocity": (0, 0, 7.0), **options}
+    if np.isnan(radius):
+        with pytest.raises(ValueError, match="the spin, body 'bob' comes to rest rotated"):
+            linearize_closed(pendulum(), **spin)
+        return
+    expected = 7.0 * np.sqrt(radius / 0.2)
+    assert np.abs(linearize_closed(pendulum(), **spin).poles() - 1j * expected).min() < 1e-6 * expected
+    assert mode_motion(pendulum(), 1, **spin)[0] == pytest.approx(1j * expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("loaded", [True, False])
+def test_weight_in_closed_loops_is_optional(loaded):
+    """It swings, or moves freely."""
+    model = linearize_closed(pendulum(gravity=(9.81, 0, 0)), loaded=loaded)
+    assert np.abs(model.poles() - 1j * loaded * np.sqrt(9.81 / 0.2)).min() < 1e-4
 
 
 def test_a_number_of_modes(scene):
@@ -153,12 +198,11 @@ def test_the_spectral_radius_of_errors(scene):
 def test_what_stands_and_whose_frame_in_closed_loops_and_at_rest():
     """A loop that does nothing leaves the poles of the scene; a load that stands beside the axis is not flung out."""
     scene, spin = rigid_machine(40.0, k=(4e5, 4e5), arms=3)
-    idle = Controller(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[0.0]], 1e4)
     scene = replace(
         scene,
         actuators=(PointForce("push", "foundation.low", AXIS, "push"),),
         sensors=(Encoder("lift", "ground.top", "foundation.low", AXIS),),
-        loops=(Loop("idle", idle, "lift", "push"),),
+        loops=(Loop("idle", IDLE, "lift", "push"),),
     )
     for frame in ("rotor", "stator"):
         expected = linearize(scene, **spin, frame=frame).poles()
@@ -188,3 +232,8 @@ def test_what_stands_and_whose_frame_in_closed_loops_and_at_rest():
     assert spinning_equilibrium(machine, **turning, stator=("ground", "load"))["x"] == pytest.approx(0.0, abs=1e-15)
     with pytest.raises(ValueError, match="load"):  # what stands is not the same in all directions
         spinning_equilibrium(machine, angular_velocity=(0, 0, 30.0), stator=("ground", "load"))
+    push = PointForce("push", "load.c", "x", "push")
+    looped = replace(machine, actuators=(push,), loops=(Loop("idle", IDLE, "x", "push"),))
+    for stands, square in ((None, 5e4 - 900.0), (("ground", "load"), 5e4)):
+        poles = linearize_closed(looped, **turning, stator=stands).poles()
+        assert np.abs(poles - 1j * np.sqrt(square)).min() < 1e-5

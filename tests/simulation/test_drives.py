@@ -364,3 +364,34 @@ def test_a_linear_model_of_nothing_but_what_is_driven():
     model = linearize(arm(input="turn"))
     assert model.A.shape == (0, 0)
     np.testing.assert_allclose(model.D[:, 0], [1.0, *np.cross(AXIS, [0.5, 0.1, -0.05])], atol=1e-12)
+
+
+def spindles(order):
+    """Three wheels on the ground: two at constant speeds, the second joint with the ground last, one on an input."""
+    axes, speeds = np.array([[2.0, -1, 2], [1, 2, -2], [2, 2, 1]]) / 3, (5.0, -3.0, 0.0)
+    places = np.array([[0.1, 0.2, 0.3], [-0.4, 0.5, 0.1], [0.3, -0.6, 0.2]])
+    base = RigidBody("base", {f"p{k}": place for k, place in enumerate(places)}, fixed=True)
+    bodies = tuple(RigidBody(f"w{k}", {"o": (0, 0, 0)}, 1.0, np.diag([2e-3, 3e-3, 4e-3]), places[k]) for k in order)
+    ends = [(f"base.p{k}", f"w{k}.o") for k in range(3)]
+    ends[1] = ends[1][::-1]
+    joints = tuple(revolute(f"j{k}", *ends[k], axes[k]) for k in range(3))
+    drives = tuple(
+        Drive(f"d{k}", f"j{k}", "rz", speed=speeds[k]) if speeds[k] else Drive(f"d{k}", f"j{k}", "rz", "turn")
+        for k in order[::-1]
+    )
+    sensors = tuple(AngleSensor(f"angle{k}", *ends[k], axes[k]) for k in range(3))
+    return Scene("spindles", (base, *bodies), joints, drives, sensors, damping_ratio=0.0), axes, places
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2), (2, 0, 1), (1, 2, 0)])
+def test_each_of_several_spindles_turns_at_its_own_speed(order):
+    """About its own axis through its own place; where the ground comes last in a joint, the other way round."""
+    scene, axes, places = spindles(order)
+    for twists in (initial_twists(scene, {"turn": 7.0}), steady_rotation_twists(scene, {"turn": 7.0})):
+        for k, speed in enumerate((5.0, 3.0, 7.0)):
+            expected = [*np.cross(places[k], speed * axes[k]), *(speed * axes[k])]
+            np.testing.assert_allclose(twists[f"w{k}"], expected, atol=1e-9)
+    time = 1e-3 * np.arange(41)
+    record = simulate(scene, history(time, turn=7.0 * time), time_step=1e-3, progress=False)
+    for k, speed in enumerate((5.0, -3.0, 7.0)):
+        np.testing.assert_allclose(record[f"angle{k}"], speed * time, atol=1e-6)

@@ -20,6 +20,7 @@ from nassim import (
     Scene,
     TimeHistory,
     craig_bampton,
+    linearize,
 )
 from nassim.base.rigid_motion import axes_along
 from nassim.scene.drives import Drive
@@ -188,6 +189,32 @@ def test_preload_is_told_from_a_tenth_of_buckling_on(bar):
     both_sides(0.1, lambda share: buckling.warn_of_buckling(assembly, {"bar": np.array([-share / unit])}))
 
 
+def test_estimated_stress_is_told_from_a_hundredth_of_a_frequency_on(bar):
+    """In a body that does not hold its geometric stiffness, pulled along: the change is as large as the force."""
+    push = PointForce("pull", "load.c", SKEWED @ (bar.point("right").position - bar.point("left").position), "pull")
+    scene = replace(clamped(bar, actuators=(push,)), damping_ratio=0.0)
+
+    def frequency(pull):
+        return np.unique(linearize(scene, constant_inputs={"pull": pull}).poles().imag.round(9))[-8:]
+
+    still, pulled = frequency(0.0), frequency(1e-3)
+    unit = np.abs(pulled / still - 1).max() / 1e-3
+    both_sides(0.01, lambda share: linearize(scene, constant_inputs={"pull": share / unit}))
+
+
+def test_an_instability_is_rounding_below_a_ten_millionth_of_what_loads_stiffen():
+    """A body that stands, so heavy to turn that it falls that much slower than another one swings."""
+
+    def told_of(share):
+        swing = RigidBody("swing", {"o": (0, 0, 0.1)}, 1.0, 1e-12 * np.eye(3), (1.0, 0, -0.1))
+        stand = RigidBody("stand", {"o": (0, 0, -1e-3)}, 1.0, 1e3 / share * np.eye(3), (0, 0, 1e-3))
+        hinges = revolute("one", "ground.o", "stand.o", "y"), revolute("other", "ground.p", "swing.o", "y")
+        bodies = (ground(o=np.zeros(3), p=np.array([1.0, 0, 0])), swing, stand)
+        linearize(Scene("both", bodies, hinges, gravity=(0, 0, -9.81)))
+
+    both_sides(1.0, told_of)
+
+
 def acceleration(cutoff=None, passes="low"):
     """A mass whose acceleration is read, through a filter."""
     body = RigidBody("mass", {"c": (0, 0, 0)}, 1.0, INERTIA)
@@ -288,15 +315,16 @@ def test_excitations_have_eight_steps_a_period_and_lose_two_hundredths():
     limit = 1 / (8 * occupied_bandwidth(sine))
     both_sides(limit, lambda h: sampled(scene, sine, time_step=h, duration=None), refused="is too long: the excitation")
 
-    # A sine, and a pulse of one sample between two steps: straight lines lose the pulse.
+    # A sine about any mean, and a pulse of one sample between two steps: straight lines lose the pulse.
     slow = np.sin(2 * np.pi * 2.5 * fine)
 
-    def pulsed(share):
+    def pulsed(share, mean):
         pulse = np.zeros(len(fine))
         pulse[20050] = np.sqrt(share / (1 - share) * np.sum(slow**2))
-        _check_loss(TimeHistory(fine, [slow + pulse], ("force",), ("N",)), 1e-3, fine[-1])
+        _check_loss(TimeHistory(fine, [mean + slow + pulse], ("force",), ("N",)), 1e-3, fine[-1])
 
-    both_sides(0.02, pulsed, refused="straight lines between the steps lose")
+    for mean in (0.0, 30.0):
+        both_sides(0.02, lambda share, mean=mean: pulsed(share, mean), refused="straight lines between the steps lose")
 
 
 def test_a_drive_starts_at_speed_when_it_goes_on_within_a_thousandth():

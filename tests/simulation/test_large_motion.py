@@ -5,15 +5,27 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 import scipy.integrate
+from conftest import lattice
 from newton_euler import integrate, point_rows, wrench
 from scipy.spatial.transform import Rotation
 
-from nassim import Encoder, Joint, PointForce, RigidBody, Scene, SpringDamper, TimeHistory, simulate
+from nassim import (
+    Encoder,
+    FlexibleBody,
+    Joint,
+    PointForce,
+    RigidBody,
+    Scene,
+    SpringDamper,
+    TimeHistory,
+    craig_bampton,
+    simulate,
+)
 from nassim.scene.joints import prismatic, revolute, spherical, universal
 from nassim.scene.measures import Displacement, Distance, PointVelocity, RotationAngle
 from nassim.scene.mechanics import AngleSensor, Bushing, LinearActuator, PointTorque, Pose
-from nassim.scene.part import Sensor
-from nassim.scene.terms import Output
+from nassim.scene.part import Actuator, Sensor
+from nassim.scene.terms import AppliedForce, Output
 
 
 @dataclass(frozen=True)
@@ -503,3 +515,55 @@ def test_forces_and_torques_that_turn_with_their_body():
         for t, m in zip(record.time[::100], found, strict=True)
     ]
     assert np.abs(three(record, "a")[::100] - pushed).max() < 2e-5 * np.abs(pushed).max()
+
+
+@dataclass(frozen=True)
+class Twist(Actuator):
+    """A torque about an axis along the axes of any body."""
+
+    name: str
+    point: str
+    axis: np.ndarray
+    frame: str
+
+    def terms(self, scene):
+        about = PointVelocity(((self.point, self.axis),), self.frame, angular=True)
+        return (AppliedForce(self.name, "N m", about),)
+
+
+@pytest.mark.parametrize("frame", ["left", "right"])
+def test_torques_on_a_floating_body_along_axes_of_three_kinds(frame):
+    """Of the world, of the bar, too stiff to bend and free, and of a top that spins beside it: Euler's equations."""
+    model = lattice(stiffness=1e6)
+    bar = craig_bampton(model, n_modes=1, progress=False)
+    masses, spots = model.scalar_mass_matrix.diagonal(), model.fields[1:].T
+    centre = masses @ spots / masses.sum()
+    arms = (spots - centre) @ SKEWED.T
+    inertia = (masses @ (arms**2).sum(axis=1)) * IDENTITY - arms.T @ (masses[:, None] * arms)
+    body = FlexibleBody("bar", bar, -SKEWED @ centre, SKEWED, frame=frame)
+    spin = np.array([6.0, -4.0, 8.0])
+    top = RigidBody("top", {"c": (0, 0, 0)}, 1.0, 1e-2 * IDENTITY, (1.0, 0, 0), angular_velocity=spin)
+    own, still, other = np.array([[2.0, 1, -2], [-1, 2, 2], [2, -2, 1]]) / 3
+    actuators = (
+        PointTorque("own", "bar.right", own, "own", frame="bar.right"),
+        PointTorque("still", "bar.right", still, "still"),
+        Twist("other", "bar.left", other, "top.c"),
+    )
+    inputs = {
+        "own": lambda t: 0.06 * np.sin(12 * t) ** 2,
+        "still": lambda t: 0.06 * np.sin(18 * t) ** 2,
+        "other": lambda t: -0.06 * np.sin(15 * t) ** 2,
+    }
+    scene = Scene("torques", (body, top), (), actuators, (Motions("w", "bar.left", 1, turns=True),), damping_ratio=0.0)
+    record = run(scene, 0.1, 2e-3, inputs)
+
+    def forces(t, motions):
+        (m,) = motions
+        sizes = [f(t) for f in inputs.values()]
+        axes = m.R @ own, still, turn(*(t * spin)) @ other
+        return [np.concatenate([np.zeros(3), sum(size * axis for size, axis in zip(sizes, axes, strict=True))])]
+
+    found = integrate([masses.sum()], [inertia], np.zeros((1, 3)), np.zeros((1, 3)), record.time[::10], forces)
+    rates = np.array([m.w for (m,) in found])
+    assert Rotation.from_matrix(found[-1][0].R).magnitude() > 2.0
+    assert np.abs(three(record, "w")[::10] - rates).max() < 3e-3 * np.abs(rates).max()

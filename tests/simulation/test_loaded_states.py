@@ -39,7 +39,7 @@ from nassim.bodies.readouts import by_name
 from nassim.bodies.stress_stiffness import StressStiffness
 from nassim.fem.meshing import generate_mesh
 from nassim.scene.joints import planar
-from nassim.scene.measures import Displacement
+from nassim.scene.measures import Combination, Displacement, Distance
 from nassim.scene.part import ForceElement
 from nassim.scene.terms import NonlinearSpring
 from nassim.simulation import (
@@ -328,6 +328,15 @@ def test_constant_inputs_soften_as_they_press(strip):
         linearize(scene, constant_inputs={"force": -1.01 * factor})
 
 
+def test_a_prestress_by_inputs_is_that_of_the_linear_model(strip):
+    """Of a column, whose frame does not move at its foot."""
+    scene = standing(strip, frame="left")
+    load = {"force": -0.5 * buckling_factors(scene, inputs={"force": -1.0})[0][0]}
+    expected = frequencies(scene, constant_inputs=load)
+    assert frequencies(prestress_scene(scene, inputs=load)) == pytest.approx(expected, rel=1e-9)
+    assert frequencies(scene)[0] > 1.3 * expected[0]
+
+
 def test_forces_of_joints_and_springs_balance_the_loads(strip):
     """A strip welded to the ground bears a block that also hangs on a preloaded spring; anyhow in space."""
     skewed, along = Rotation.from_rotvec([0.4, -0.7, 0.2]).as_matrix(), np.array([2.0, -1.0, 2.0]) / 3
@@ -483,6 +492,35 @@ def test_a_string_under_tension_holds_its_mass_sideways():
     np.testing.assert_allclose(found, swing, atol=2e-3 * swing.max())
 
 
+def test_a_rope_of_unequal_turns_holds_its_mass():
+    """T + k v on v = sum of f |x - p|: k r r^T + T sum of f (1 - u u^T) / |x - p|, with r the sum of f u."""
+
+    class Rope(ForceElement):
+        def terms(self, scene):
+            lengths = [Distance(f"ground.p{k}", "mass.c") for k in range(3)]
+            rope = Combination(((2.0, lengths[0]), (-0.7, Combination(((1.5, lengths[1]), (-2.0, lengths[2]))))))
+            return (NonlinearSpring(rope, force=lambda v, _: 40.0 + 300.0 * v, tangent=lambda _v, _w: (300.0, 0.0)),)
+
+    ends, turns = np.random.default_rng(5).normal(size=(3, 3)), np.array([2.0, -0.7 * 1.5, 0.7 * 2.0])
+    lengths = np.linalg.norm(ends, axis=1)
+    along = -ends / lengths[:, None]
+    pull = turns @ along
+    ground = RigidBody("ground", {"o": np.zeros(3)} | {f"p{k}": end for k, end in enumerate(ends)}, fixed=True)
+    mass = RigidBody("mass", {"c": np.zeros(3)}, 1.7, np.eye(3))
+    springs = (
+        Rope("rope"),
+        Bushing("hold", "ground.o", "mass.c", [500.0] * 3 + [0.0] * 3, preload=[*(-40.0 * pull), 0, 0, 0]),
+    )
+    scene = Scene(
+        "rope", (ground, mass), (Joint("slide", "ground.o", "mass.c", free=("x", "y", "z")),), springs=springs
+    )
+    stiffness = 500.0 * np.eye(3) + 300.0 * np.outer(pull, pull)
+    for turn, unit, length in zip(turns, along, lengths, strict=True):
+        stiffness += 40.0 * turn * (np.eye(3) - np.outer(unit, unit)) / length
+    expected = np.sqrt(np.linalg.eigvalsh(stiffness) / 1.7) / (2 * np.pi)
+    assert frequencies(scene) == pytest.approx(expected, rel=1e-7)
+
+
 @pytest.mark.parametrize("kind", ["spring", "bushing"])
 def test_a_preload_that_bears_a_weight_leaves_it_as_drawn(kind):
     """It pulls with -m g; relaxed springs sag by m g / k and then pull as much."""
@@ -538,6 +576,17 @@ def test_constant_voltages_load_a_body(wired):
     static[6:] = np.linalg.solve(body.stiffness_matrix[6:, 6:], 3.0 * drive.gain * body.port("v").forces[6:])
     expected = body.stress_stiffness.stiffness(static, voltages={"v": 3.0 * drive.gain})[6:, 6:]
     np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.filterwarnings("ignore:body 'strip' turns at")
+def test_a_spin_without_loads_leaves_out_the_stress_inside(strip):
+    """As of a body that does not hold its geometric stiffness; with it the same spin stiffens."""
+    bare = replace(strip, readouts={n: r for n, r in strip.readouts.items() if not isinstance(r, StressStiffness)})
+    spin = {"angular_velocity": 100.0 * TURN[:, 2], "loaded": False}
+    found, expected = (np.sort(np.abs(linearize(standing(body), **spin).poles())) for body in (strip, bare))
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    loaded = np.sort(np.abs(linearize(standing(strip), angular_velocity=spin["angular_velocity"]).poles()))
+    assert loaded[0] > 1.05 * found[0]
 
 
 def test_the_voltage_of_an_open_port_loads_its_body(wired):

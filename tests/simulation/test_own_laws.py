@@ -33,6 +33,7 @@ from nassim.scene import (
     AngleSensor,
     AppliedForce,
     Body,
+    BodyCoordinates,
     Combination,
     Connection,
     Constraint,
@@ -52,7 +53,7 @@ from nassim.scene import (
     placed,
     revolute,
 )
-from nassim.simulation import mode_motion
+from nassim.simulation import assemble, mode_motion
 from nassim.simulation.model.states import RigidState
 from nassim.viewer import view_scene
 
@@ -553,6 +554,59 @@ class Given(ForceElement):
 
     def terms(self, scene):
         return self.given
+
+
+def test_a_spring_of_some_directions_leaves_the_others_free():
+    """A stiffness of rank two, with the default damping: four rigid-body modes, and two by M and K alone."""
+    shape = np.random.default_rng(4).normal(size=(6, 2))
+    inertia = ODD @ np.diag([2e-3, 3e-3, 4e-3]) @ ODD.T
+    mass = RigidBody("mass", {"c": np.zeros(3)}, 0.7, inertia)
+    given = Given("spring", (Spring(RelativePose("ground.o", "mass.c"), 1e4 * shape @ shape.T),))
+    assembly = assemble(Scene("mass", (GROUND, mass), springs=(given,)))
+    whole = scipy.linalg.block_diag(0.7 * np.eye(3), inertia)
+    squares = np.sort(np.linalg.eigvals(1e4 * shape.T @ np.linalg.solve(whole, shape)).real)
+    assert np.count_nonzero(assembly.modal.rigid_modes) == 4
+    assert (2 * np.pi * assembly.modal.frequency[4:]) ** 2 == pytest.approx(squares, rel=1e-9)
+    same = Given("spring", (Spring(RelativePose("ground.o", "mass.c"), 50.0, 0.2),))
+    poles = linearize(Scene("mass", (GROUND, mass), springs=(same,), damping_ratio=0.0)).poles()
+    for inert in (0.7, 2e-3, 3e-3, 4e-3):
+        assert np.abs(poles - np.roots([inert, 0.2, 50.0])[0]).min() < 1e-6
+
+
+@pytest.mark.parametrize("linear", [True, False])
+def test_a_law_within_a_body_in_small_motion_beside_one_that_spins(linear):
+    """On coordinates of a turned bar: as by exact steps of the bar alone with a spring and its damper."""
+    body = reduced()
+    bar = FlexibleBody("bar", body, -ODD @ body.point("left").position, ODD, "linear")
+    stretch = BodyCoordinates.between(bar, "left", "right", np.array([0.3, 0.8, -0.5]))
+    foot = Bushing("foot", "ground.o", "bar.left", [1e4, 2e4, 3e4, 20.0, 30.0, 40.0], 0.1 * np.ones(6))
+    push, end = PointForce("push", "bar.right", (0.6, 0.0, 0.8), "push"), Encoder("end", "ground.o", "bar.right", "y")
+    alone = Scene(
+        "bar",
+        (GROUND, bar),
+        actuators=(push,),
+        sensors=(end,),
+        springs=(foot, Given("within", (Spring(stretch, 3e4, 30.0),))),
+        damping_ratio=0.0,
+    )
+    top = RigidBody("top", {"c": np.zeros(3)}, 1.0, 1e-3 * np.eye(3), (1.0, 0, 0), angular_velocity=(0, 5.0, 0))
+    law = NonlinearSpring(stretch, force=lambda v, w: 3e4 * v + 30.0 * w, tangent=lambda _v, _w: (3e4, 30.0))
+    law = Spring(stretch, 3e4, 30.0) if linear else law
+    beside = replace(alone, bodies=(GROUND, bar, top), springs=(foot, Given("within", (law,))))
+    time = 1e-4 * np.arange(81)
+    pulse = TimeHistory(time, 20.0 * np.sin(np.pi * np.minimum(time / 4e-3, 1.0))[None] ** 2, ("push",), ("N",))
+    undamped = replace(alone, springs=(foot, Given("within", (Spring(stretch, 3e4),))))
+    found, expected, *others = (
+        simulate(scene, pulse, time_step=1e-4, progress=False, **options)["end"]
+        for scene, options in (
+            (beside, {"spectral_radius": 1.0}),
+            (alone, {"method": "exact"}),
+            (replace(alone, springs=(foot,)), {"method": "exact"}),
+            (undamped, {"method": "exact"}),
+        )
+    )
+    assert min(np.abs(other - expected).max() for other in others) > 0.05 * np.ptp(expected)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=5e-3 * np.ptp(expected))
 
 
 def test_unknown_terms_and_measures_are_refused_when_a_scene_is_made():

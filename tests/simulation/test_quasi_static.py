@@ -153,6 +153,25 @@ def test_a_mode_folds_that_has_most_of_its_motion_beyond_what_holds(share):
     assert mode.frequency == pytest.approx(frequency[0] if share > 0.5 else frequency[1], rel=1e-4)
 
 
+@pytest.mark.parametrize(("apart", "n"), [(0.9e-3, 1), (1.1e-3, 2)])
+def test_modes_fold_as_one_up_to_a_thousandth_of_their_frequency(apart, n):
+    omega = 2 * np.pi * 900.0 * np.array([1.0, 1.0 + apart])
+    state = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.diag(omega**2), -10.0 * np.eye(2)]])
+    drive, show = np.array([[0.0, 0, 1, 1]]).T, np.array([[1.0, 1.0, 0, 0]])
+    beyond = np.full(4, 800.0)
+    model = LinearModel(state, drive, show, np.zeros((1, 1)), ("u",), ("y",), unsupported=beyond)
+    assert len(folding_modes(model, proportional(1.0, sample_rate=1e3), measured="y", driven="u")) == n
+
+
+def test_a_mode_without_damping_folds_with_any_gain():
+    state = np.array([[0.0, 1.0], [-((2 * np.pi * 900.0) ** 2), 0.0]])
+    matrices = state, [[0.0], [1.0]], [[1.0, 0.0]], [[0.0]]
+    model = LinearModel(*matrices, ("u",), ("y",), unsupported=[900.0, 900.0])
+    (mode,) = folding_modes(model, proportional(1e-9, sample_rate=1e3), measured="y", driven="u")
+    assert mode.loop_gain == np.inf
+    assert folding_modes(model, proportional(0.0, sample_rate=1e3), measured="y", driven="u")[0].loop_gain == 0.0
+
+
 def test_gains_vary_smoothly_with_the_sample_rate_and_folding_modes_tell_which_are_safe():
     """With the mode in its place the edge jumps with where it folds, by its frequency and the sample rate.
 

@@ -200,6 +200,40 @@ def test_a_turn_that_joints_do_not_allow_is_refused(bar, free, spin, left):
         run(swinging_bar(bar, "ffrf", free, np.array(spin)), 0.01, 1e-3)
 
 
+def test_three_bodies_start_with_a_spin_each():
+    """On ball joints: their spins are as asked, points there have one velocity, and nothing moves on the whole."""
+    random, bodies = np.random.default_rng(2), []
+    for k in range(3):
+        place, p, q = random.normal(size=(3, 3))
+        if bodies:
+            p = bodies[-1].position + bodies[-1].points["q"] - place
+        inertia = TURN @ np.diag([1.0, 1.5, 2.0]) @ TURN.T
+        spin = random.normal(size=3)
+        bodies.append(RigidBody(f"b{k}", {"p": p, "q": q}, 1.0 + k, inertia, place, angular_velocity=spin))
+    joints = tuple(Joint(f"j{k}", f"b{k}.q", f"b{k + 1}.p", free=("rx", "ry", "rz")) for k in range(2))
+    twists = initial_twists(Scene("chain", tuple(bodies), joints))
+    velocity = [twists[b.name][:3] + np.cross(b.angular_velocity, b.position) for b in bodies]
+    for body in bodies:
+        np.testing.assert_allclose(twists[body.name][3:], body.angular_velocity, rtol=1e-10)
+    for a, b, u, v in zip(bodies, bodies[1:], velocity, velocity[1:], strict=False):
+        before, after = np.cross(a.angular_velocity, a.points["q"]), np.cross(b.angular_velocity, b.points["p"])
+        np.testing.assert_allclose(u + before, v + after, atol=1e-10)
+    np.testing.assert_allclose(sum(b.mass * v for b, v in zip(bodies, velocity, strict=True)), 0.0, atol=1e-10)
+
+
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_of_several_spins_the_one_that_a_hinge_does_not_allow_is_named(place):
+    """Beside free bodies, wherever it stands among them."""
+    bodies = [
+        RigidBody(name, {"c": (0, 0, 0)}, 1.0, IDENTITY, angular_velocity=spin)
+        for name, spin in (("one", (1.0, 2, 3)), ("two", (-3.0, 2, 5)))
+    ]
+    bodies.insert(place, RigidBody("hung", {"c": (0, 0, 0)}, 1.0, IDENTITY, angular_velocity=(0, 4.0, 9.0)))
+    scene = Scene("three", (base(), *bodies), (Joint("hinge", "base.origin", "hung.c", free="rz"),))
+    with pytest.raises(ValueError, match=r"'hung' cannot start to turn at \(0, 4, 9\) .* leave \(0, 0, 9\) rad/s"):
+        initial_twists(scene)
+
+
 @pytest.mark.parametrize(("rate", "told"), [(400.0, True), (40.0, False)])
 def test_a_body_that_is_taken_along_is_told_of_its_spin(bar, rate, told):
     """A bar of 817 Hz bolted to one that is asked to turn, at 64 and 6.4 Hz."""
@@ -213,7 +247,7 @@ def test_a_body_that_is_taken_along_is_told_of_its_spin(bar, rate, told):
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         run(scene, 1e-4, 1e-5, spectral_radius=0.8)
-    assert any(f"'second' turns at {rate / 2 / np.pi:.3g} Hz" in str(w.message) for w in caught) == told
+    assert sum(f"'second' turns at {rate / 2 / np.pi:.3g} Hz" in str(w.message) for w in caught) == told, "once"
 
 
 def in_a_slot(bar, fidelity):

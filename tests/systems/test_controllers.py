@@ -1,5 +1,7 @@
 """Controllers against the formulas of their field, their connection, and bad input."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.signal
@@ -7,6 +9,7 @@ import scipy.signal
 from nassim.systems.controllers import (
     Controller,
     controller_response,
+    decentralised,
     integral_force_feedback,
     lead,
     notch,
@@ -109,6 +112,8 @@ def test_series_multiplies_and_parallel_adds_with_one_delay():
     side = parallel(*parts[:2])
     assert response(side) == pytest.approx((first + second) * late(FREQUENCY, 1), rel=1e-10)
     assert (side.delay, side.limit) == (1, np.inf)
+    later = [replace(part, delay=3, limit=np.inf) for part in parts]
+    assert [connect(*later).delay for connect in (series, parallel, decentralised)] == [3, 3, 3]
 
 
 def test_series_of_several_signals_multiplies_in_order():

@@ -262,6 +262,27 @@ def test_margins_of_an_unstable_loop_are_negative_and_below_one():
     assert (found.gain_margin, found.gain_margin_frequency) == pytest.approx((1 / 5, np.sqrt(5) / 2 / np.pi), rel=1e-5)
 
 
+def test_a_loop_beyond_the_critical_point_at_zero_frequency_is_unstable():
+    """L = -2 / (s + 1), as 1 + L = 0 at s = 1: half of the gain would be stable, 60 deg are lacking at w^2 = 3.
+
+    Where the frequencies begin above zero, no factor within them makes it stable.
+    """
+    for first, factor in ((0.0, 0.5), (0.01, 0.0)):
+        found = margins(of_polynomials([-2.0], [1.0, 1.0], np.linspace(first, 10.0, 2001)))
+        assert found.gain_margin == pytest.approx(factor)
+        assert found.phase_margin == pytest.approx(-60.0, abs=1e-2)
+
+
+def test_an_unstable_loop_lacks_the_least_of_what_its_crossings_lack():
+    """|L| falls through 1 at 10 and 50 Hz, at 70 and 20 deg beyond -180 deg, and rises through it between."""
+    f = np.linspace(1.0, 59.0, 20001)
+    phase = np.interp(f, [1.0, 10.0, 30.0, 50.0, 59.0], [-100.0, -250.0, -220.0, -200.0, -200.0])
+    loop = np.exp(np.cos(2 * np.pi * f / 40) + 1j * np.radians(phase))
+    found = margins(FRF(f, loop[None, None], ("y",), ("y",)))
+    assert (found.phase_margin, found.phase_margin_frequency) == pytest.approx((-20.0, 50.0), rel=1e-4)
+    assert found.gain_margin < 1
+
+
 def test_signs_of_margins_tell_stability():
     """Random loops, with resonances, integrators and zeros on both sides, by the roots of 1 + L = 0."""
     random, told = np.random.default_rng(8), {True: 0, False: 0}
@@ -278,7 +299,8 @@ def test_signs_of_margins_tell_stability():
         if np.isfinite(found.phase_margin):
             assert (found.phase_margin > 0) == stable
             told[stable] += 1
-        if np.isfinite(found.gain_margin):
+        assert (found.gain_margin > 1) == stable
+        if 0 < found.gain_margin < np.inf:
             for factor in (0.999, 1.001):
                 real = np.roots(np.polyadd(denominator, factor * found.gain_margin * numerator)).real
                 told[factor] = np.sum(real > 0)
@@ -406,3 +428,50 @@ def test_series_with_a_notch_closes_too():
     loop = open_loop(SAMPLED, chain, np.array([30.0, 400.0]), **LOOP).values[0, 0]
     g = frequency_response(SAMPLED, [30.0, 400.0]).response("force", "stroke")
     assert frequency_response(closed, [30.0, 400.0]).response("force", "stroke") == pytest.approx(g / (1 + loop))
+
+
+def test_two_loops_that_read_one_sensor_share_its_noise():
+    """As one loop of both controllers does: the sensor's noise reaches both."""
+    plant, first, second = (
+        one_mode(0.02),
+        iff(20.0, corner_frequency=5.0),
+        iff(10.0, corner_frequency=30.0, high_pass=1.0),
+    )
+    once = close_loop(plant, first, **LOOP, noise=True)
+    both = close_loop(once, second, **LOOP, noise=True)
+    assert both.inputs == ("stroke", "push", "force noise")
+    frequency = np.array([20.0, 95.0, 300.0])
+    g = frequency_response(plant, frequency).response("force", "stroke")
+    k = sum(
+        frequency_response(controller_model(one, inputs="y", outputs="u"), frequency).values[0, 0]
+        for one in (first, second)
+    )
+    noise = frequency_response(both, frequency).response("force", "force noise")
+    np.testing.assert_allclose(noise, g * k / (1 - g * k), rtol=1e-9)
+
+
+def test_frequency_and_damping_of_every_kind_of_pole():
+    """A drift, a decay, a growth, a slow and a fast oscillation, of which one grows: once each, by size."""
+    swings = [np.array([[-0.6, 1.0], [-1.0, -0.6]]) * 5, np.array([[0.28, 0.96], [-0.96, 0.28]]) * 20]
+    a = scipy.linalg.block_diag(0.0, -3.0, 8.0, *swings)
+    model = LinearModel(a, np.zeros((7, 0)), np.zeros((0, 7)), np.zeros((0, 0)), (), ())
+    frequency, ratio = damping(model)
+    sizes = np.hypot(0.6, 1.0) * 5
+    assert 2 * np.pi * frequency == pytest.approx([0.0, 3.0, sizes, 8.0, 20.0])
+    assert ratio == pytest.approx([0.0, 1.0, 3.0 / sizes, -1.0, -0.28])
+
+
+def test_closing_an_analog_loop_keeps_what_the_model_does_not_support():
+    """Sampled afterwards, the unsupported mode is still static: the slow mode with its loop, and a constant."""
+    slow, fast = 2 * np.pi * np.array([50.0, 3000.0])
+    a = np.zeros((4, 4))
+    a[:2, 2:], a[2:, :2], a[2:, 2:] = np.eye(2), -np.diag([slow**2, fast**2]), -np.diag([0.02 * slow, 0.02 * fast])
+    model = LinearModel(
+        a, [[0.0], [0], [1], [1]], [[1.0, 1, 0, 0]], [[0.0]], ("u",), ("y",), unsupported=[0.0, 3000.0, 0.0, 3000.0]
+    )
+    loop = proportional(-0.3 * slow**2, sample_rate=RATE)
+    closed = close_loop(model, loop, measured="y", driven="u", delay_order=0)
+    poles = sampled(closed, RATE).poles()
+    folded = (np.abs(poles) > 2 * slow) & (np.abs(poles) < 5 * np.pi * RATE)  # beyond are values of the last samples
+    assert not folded.any()
+    assert np.abs(np.abs(poles) - slow * np.sqrt(1.3)).min() < 1e-3 * slow

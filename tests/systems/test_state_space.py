@@ -142,3 +142,14 @@ def test_a_system_without_states_is_its_feedthrough():
     system = np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((3, 0)), np.arange(6.0).reshape(3, 2)
     response = transfer_matrix(system, np.array([1j, 2j]))
     np.testing.assert_array_equal(response, np.repeat(system[3][:, :, None], 2, axis=2))
+
+
+def test_beside_a_fast_filter_a_light_resonance_keeps_its_digits():
+    """A mode read by a fast filter that feeds back: at its peak, and nowhere else, eigenvectors lose digits."""
+    omega, ratio, fast, back = 30.0, 1e-8, 1e9, 0.5
+    a = np.array([[0.0, 1.0, 0.0], [-(omega**2), -2 * ratio * omega, -back * omega**2], [fast, 0.0, -fast]])
+    peak, width = omega * np.sqrt(1 + back), 7.5e-8
+    s = 1j * np.array([0.01 * omega, *(peak + width * np.arange(-2, 3)), 100 * omega])
+    expected = 1 / (s**2 + 2 * ratio * omega * s + omega**2 * (1 + back * fast / (s + fast)))
+    found = transfer_matrix((a, np.eye(3)[:, 1:2], np.eye(3)[:1], np.zeros((1, 1))), s)
+    np.testing.assert_allclose(found[0, 0], expected, rtol=1e-5)

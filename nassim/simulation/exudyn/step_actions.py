@@ -62,8 +62,8 @@ class StepActions:
         # the loop would have half a step of delay more.
         values = (before + held if explicit else after + self.end)[self.places]
         for k, amplify in self.amplifiers.items():
-            place = self.places[k]
-            values[k] = amplify(before[place] + held[place], (before if explicit else after)[place] + held[place])
+            first, last = (inputs[self.places[k]] + held[self.places[k]] for inputs in (before, after))
+            values[k] = amplify.mean(first) if explicit else amplify(first, last)
         self.acting = values
         self.system.act(values)
         self.begun += 1
@@ -103,3 +103,9 @@ class _Amplifier:
     def __call__(self, before: float, after: float) -> float:
         self.value += self.share * (before - self.value) + self.slope * (after - before)
         return self.value
+
+    def mean(self, held: float) -> float:
+        """Go on by a step with a held input; return the mean of the output over the step."""
+        start = self.value
+        self(held, held)
+        return self.slope * held + (1 - self.slope) * start

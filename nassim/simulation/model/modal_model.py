@@ -17,7 +17,7 @@ from nassim.simulation.model.damping import Damping, own_damping
 from nassim.simulation.model.tangents import Tangent
 
 UNSUPPORTED_SHARE = 0.5
-"""Share of strain energy in bodies with incomplete modes at a mode's frequency, above which the mode is unsupported."""
+"""Share of its strain energy in bodies that lack modes at its frequency, above which a mode is unsupported."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +49,8 @@ class Structure:
         dampers = np.zeros_like(coordinates.mass)
         for tangent in tangents:
             rows, (sizes, directions) = tangent.rows, np.linalg.eigh(tangent.stiffness)
+            rounding = len(sizes) * np.finfo(float).eps * np.abs(sizes).max()
+            sizes = np.where(sizes > rounding, sizes, 0.0)  # what a law does not resist stays free
             strains += [spring_strain(d @ rows, k, coordinates.mass) for k, d in zip(sizes, directions.T, strict=True)]
             dampers += rows.T @ tangent.damping @ rows
         deformation, roots, own = [np.zeros((0, coordinates.size))], [np.zeros((0, 0))], [np.zeros((0, 0))]
@@ -137,7 +139,7 @@ class ModalModel:
 def _unsupported_modes(
     scene: Scene, valid: Mapping[str, float], strains: Sequence[Strain], frequency: Array, modes: Array
 ) -> Array:
-    """Find the modes with most strain energy energy the bodies' valid frequencies, or above the scene's limit.
+    """Find the modes with most strain energy in bodies beyond their valid frequencies, or above the scene's limit.
 
     Args:
         scene: the scene.

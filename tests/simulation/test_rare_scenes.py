@@ -1,0 +1,371 @@
+"""Configurations that few scenes have, each against a closed form or against a scene that must give the same."""
+
+import warnings
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from conftest import lattice
+from test_large_motion import GRAVITY, INERTIA, NORMAL, SKEWED, ground, run
+from test_loaded_states import frequencies
+
+from nassim import (
+    Bushing,
+    Drive,
+    Encoder,
+    FlexibleBody,
+    ForceSensor,
+    GroundAcceleration,
+    Joint,
+    Loop,
+    PointForce,
+    PointTorque,
+    RigidBody,
+    Scene,
+    SpringDamper,
+    TimeHistory,
+    VoltageSensor,
+    craig_bampton,
+    fixed,
+    linearize,
+    revolute,
+    simulate,
+)
+from nassim.bodies.piezo import PortCoupling
+from nassim.bodies.readouts import by_name
+from nassim.scene.joints import prismatic
+from nassim.scene.measures import Displacement, PointVelocity
+from nassim.scene.part import ForceElement, Sensor
+from nassim.scene.terms import NonlinearSpring, Output, SpringForce
+from nassim.simulation import Simulation, loaded_equilibrium, spinning_equilibrium
+from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
+from nassim.simulation.loaded.loaded_state import static_loads
+from nassim.simulation.model.assembly import assemble
+from nassim.simulation.model.initial_velocities import is_axisymmetric, steady_rotation_twists
+from nassim.simulation.model.reach import find_reach
+from nassim.systems import proportional
+
+
+@dataclass(frozen=True)
+class Given(ForceElement):
+    """Any terms."""
+
+    given: tuple = ()
+
+    def terms(self, scene):
+        return self.given
+
+
+def sliding(name, place, mass, **more):
+    """A mass and its guide along NORMAL."""
+    body = RigidBody(name, {"c": (0, 0, 0)}, mass, INERTIA, place, **more)
+    return body, prismatic(f"{name} guide", f"ground.{name}", f"{name}.c", NORMAL)
+
+
+def test_the_force_of_each_of_two_nonlinear_springs():
+    """Of a chain that hangs on f = c v^3: either bears the whole force on the lower mass, by its own tangent."""
+    places = {"upper": np.array([0.1, 0, 0]), "lower": np.array([0.3, 0.2, 0])}
+    (upper, one), (lower, other) = (
+        sliding(name, places[name], mass) for name, mass in (("upper", 1.0), ("lower", 2.0))
+    )
+    ends = (("ground.upper", "upper.c", 2e7), ("upper.c", "lower.c", 5e6))
+    terms = []
+    for k, (a, b, cubic) in enumerate(ends):
+        law = NonlinearSpring(Displacement.between(a, b, NORMAL), force=lambda v, _, c=cubic: 50.0 * v + c * v**3)
+        terms += [law, SpringForce(f"f{k}", "N", law)]
+    scene = Scene(
+        "chain",
+        (ground(**places), upper, lower),
+        (one, other),
+        (PointForce("push", "lower.c", NORMAL, "push"),),
+        springs=(Given("springs", tuple(terms)),),
+        gravity=9.81 * NORMAL,
+        damping_ratio=0.0,
+    )
+    a, b, c, d = linearize(scene).matrices
+    np.testing.assert_allclose(d - c @ np.linalg.solve(a, b), [[1.0], [1.0]], rtol=1e-6)
+
+
+def test_limits_of_loops_on_one_input_add_up():
+    """Two loops may push as far as one of both limits."""
+    mass, guide = sliding("mass", np.zeros(3), 2.0)
+    push, read = PointForce("push", "mass.c", NORMAL, "push"), Encoder("x", "ground.mass", "mass.c", NORMAL)
+
+    def path(*limits):
+        loops = tuple(
+            Loop(f"loop {k}", proportional(-1.0, sample_rate=1e3, limit=limit), "x", "push")
+            for k, limit in enumerate(limits)
+        )
+        scene = Scene("mass", (ground(mass=np.zeros(3)), mass), (guide,), (push,), (read,), loops=loops)
+        return find_reach(assemble(scene), np.zeros((1, 101)), 1e-3).path
+
+    np.testing.assert_allclose(path(3.0, 4.0), path(7.0), rtol=1e-12)
+
+
+def test_a_turntable_is_the_same_at_every_angle_without_weight_across_its_axis():
+    """And without a spring to what stands."""
+    bodies = (
+        ground(o=np.zeros(3), side=(0.5, 0, 0)),
+        RigidBody("table", {"o": (0, 0, 0)}, 1.0, INERTIA),
+        RigidBody("load", {"c": (0, 0, 0)}, 1.0, INERTIA, (0.1, 0, 0)),
+    )
+    hinge, spindle = revolute("hinge", "ground.o", "table.o", NORMAL), Drive("motor", "hinge", "rz", speed=5.0)
+    tie = Bushing("tie", "table.o", "load.c", [1e4] * 6)
+    scene = Scene("table", bodies, (hinge,), (spindle,), springs=(tie,))
+    for gravity, same in ((0.0 * NORMAL, True), (-9.0 * NORMAL, True), (GRAVITY, False)):
+        now = replace(scene, gravity=gravity)
+        assert is_axisymmetric(now, steady_rotation_twists(now)) == same
+    held = replace(scene, springs=(tie, SpringDamper("hold", "ground.side", "load.c", "line", 10.0)))
+    assert not is_axisymmetric(held, steady_rotation_twists(held))
+
+
+def test_a_stator_swings_under_weight_across_the_axis_of_its_rotor():
+    """In the stator's frame all weight is constant: a pendulum beside a spinning wheel, sqrt(g / l)."""
+    place = np.array([0.5, 0.0, 0.0])
+    bodies = (
+        ground(o=np.zeros(3), side=place),
+        RigidBody("wheel", {"o": (0, 0, 0)}, 1.0, 1e-3 * np.eye(3)),
+        RigidBody("bob", {"o": (0, 0.2, 0)}, 2.0, 1e-12 * np.eye(3), place - [0, 0.2, 0]),
+    )
+    joints = revolute("spindle", "ground.o", "wheel.o", "z"), revolute("pin", "ground.side", "bob.o", "z")
+    scene = Scene("beside", bodies, joints, (Drive("motor", "spindle", "rz", speed=40.0),), gravity=(0, -9.81, 0))
+    poles = linearize(scene, frame="stator", stator=("ground", "bob")).poles()
+    assert np.abs(poles - 1j * np.sqrt(9.81 / 0.2)).min() < 1e-6
+
+
+def test_a_spinning_equilibrium_is_without_weight():
+    """A mass on a spring along the axis stays; beside it a radial one stretches by m W^2 r / (k - m W^2)."""
+    places = {"up": np.array([0.0, 0, 0.1]), "out": np.array([0.2, 0, 0])}
+    axes = {"up": "z", "out": "x"}
+    bodies = [RigidBody(name, {"c": (0, 0, 0)}, 2.0, INERTIA, place) for name, place in places.items()]
+    joints = tuple(prismatic(f"guide {name}", f"ground.{name}", f"{name}.c", axis) for name, axis in axes.items())
+    springs = tuple(
+        SpringDamper(name, f"ground.{name}", f"{name}.c", axis, 1e4, frame=f"ground.{name}")
+        for name, axis in axes.items()
+    )
+    sensors = tuple(Encoder(name, f"ground.{name}", f"{name}.c", axis) for name, axis in axes.items())
+    scene = Scene("table", (ground(**places), *bodies), joints, (), sensors, springs, gravity=(0, 0, -9.81))
+    found = spinning_equilibrium(scene, angular_velocity=(0, 0, 20.0))
+    assert found["up"] == pytest.approx(0.0, abs=1e-15)
+    assert found["out"] == pytest.approx(2.0 * 400.0 * 0.2 / (1e4 - 2.0 * 400.0), rel=1e-9)
+
+
+def test_a_port_with_a_resistance_bears_nothing_at_rest():
+    """Its charge has left: a clamped body with one pulls at its clamp as its weight does, and by no more."""
+    plain = craig_bampton(lattice(stiffness=1e4), n_modes=2, progress=False)
+    forces = np.zeros(len(plain.mass_matrix))
+    forces[6], forces[0], forces[12:] = 3.0, -3.0, [0.2, -0.1]
+    body = replace(plain, readouts=by_name([*plain.readouts.values(), PortCoupling("v", forces, 1e-3)]))
+    bar = FlexibleBody("bar", body, -SKEWED @ body.point("left").position, SKEWED)
+    clamp, read = fixed("clamp", "ground.o", "bar.left"), VoltageSensor("read", "bar.v", resistance=1e5)
+    scene = Scene("wired", (ground(), bar), (clamp,), sensors=(read,), gravity=GRAVITY)
+    found = loaded_equilibrium(scene).joint_forces["clamp"]
+    weight = plain.mass * GRAVITY
+    arm = SKEWED @ (plain.center_of_mass - body.point("left").position)
+    np.testing.assert_allclose([*found.values()], [*weight, *np.cross(arm, weight)], rtol=1e-9, atol=1e-12)
+
+
+def test_a_pendulum_on_accelerating_ground_swings_as_under_more_weight():
+    """sqrt((g + a) / l) for an acceleration of the ground upwards."""
+    up = -GRAVITY / np.linalg.norm(GRAVITY)
+    across = np.cross(up, NORMAL) / np.linalg.norm(np.cross(up, NORMAL))
+    bob = RigidBody("bob", {"o": 0.2 * up}, 2.0, 1e-12 * np.eye(3), -0.2 * up)
+    scene = Scene(
+        "pendulum",
+        (ground(), bob),
+        (revolute("hinge", "ground.o", "bob.o", across),),
+        (GroundAcceleration("lift", up, "a"),),
+        gravity=GRAVITY,
+    )
+    expected = np.sqrt((np.linalg.norm(GRAVITY) + 3.0) / 0.2) / (2 * np.pi)
+    assert frequencies(scene, constant_inputs={"a": 3.0}) == pytest.approx([expected], rel=1e-6)
+
+
+def test_a_free_body_under_a_torque_and_weight_feels_less_of_it_where_it_turns_away():
+    """Body force per mass: weight less the acceleration a + alpha x r of its material, along the body's axes."""
+    model = lattice(stiffness=1e5)
+    body = craig_bampton(model, n_modes=2, progress=False)
+    masses, spots = model.scalar_mass_matrix.diagonal(), model.fields[1:].T
+    centre = masses @ spots / masses.sum()
+    arms = spots - centre
+    inertia = (masses @ (arms**2).sum(axis=1)) * np.eye(3) - arms.T @ (masses[:, None] * arms)
+    force, torque = np.array([0.3, -0.2, 0.5]), np.array([2e-3, 1e-3, -3e-3])
+    bar = FlexibleBody("bar", body, (0.1, 0.2, 0.3), SKEWED)
+    pushes = PointForce("push", "bar.left", force, "push"), PointTorque("twist", "bar.right", torque, "twist")
+    assembly = assemble(Scene("free", (bar,), (), pushes))
+    values = {"push": float(np.linalg.norm(force)), "twist": float(np.linalg.norm(torque))}
+    loads, _ = static_loads(assembly, GeometricStiffness.of(assembly), GRAVITY, values)
+    force, torque = SKEWED.T @ force, SKEWED.T @ torque
+    turning = np.linalg.solve(inertia, torque + np.cross(body.point("left").position - centre, force))
+    for place in np.random.default_rng(1).normal(size=(3, 3)):
+        expected = -force / masses.sum() - np.cross(turning, place - centre)
+        np.testing.assert_allclose(loads.body_forces["bar"] @ [1.0, *place], expected, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("kN", 1e3), ("mN", 1e-3)])
+def test_an_excitation_in_another_unit(unit, factor):
+    mass, guide = sliding("mass", np.zeros(3), 2.0)
+    scene = Scene(
+        "mass",
+        (ground(mass=np.zeros(3)), mass),
+        (guide,),
+        (PointForce("push", "mass.c", NORMAL, "push"),),
+        (Encoder("x", "ground.mass", "mass.c", NORMAL),),
+    )
+    time = 1e-3 * np.arange(51)
+    record = simulate(
+        scene, TimeHistory(time, np.ones((1, 51)), ("push",), (unit,)), time_step=1e-3, method="exact", progress=False
+    )
+    np.testing.assert_allclose(record["x"], factor / 2.0 * time**2 / 2, rtol=1e-9, atol=1e-15)
+    assert record.units[0] == "N"
+    np.testing.assert_allclose(record["push"], factor)
+
+
+def test_the_ground_shakes_a_body_in_small_motion_beside_one_that_spins():
+    """As it shakes the body alone, by exact steps."""
+    body = craig_bampton(lattice(stiffness=1e5), n_modes=2, progress=False)
+    bar = FlexibleBody("bar", body, -SKEWED @ body.point("left").position, SKEWED, "linear")
+    alone = Scene(
+        "bar",
+        (ground(), bar),
+        (),
+        (GroundAcceleration("quake", NORMAL, "a"),),
+        (Encoder("end", "ground.o", "bar.right", "y"),),
+        (Bushing("foot", "ground.o", "bar.left", [1e4, 2e4, 3e4, 20.0, 30.0, 40.0], 0.1 * np.ones(6)),),
+        damping_ratio=0.0,
+    )
+    top = RigidBody("top", {"c": (0, 0, 0)}, 1.0, INERTIA, (1.0, 0, 0), angular_velocity=(0, 5.0, 0))
+    shake = {"a": lambda t: np.sin(400 * t) ** 2}
+    expected = run(alone, 0.01, 1e-4, shake, method="exact")["end"]
+    found = run(replace(alone, bodies=(*alone.bodies, top)), 0.01, 1e-4, shake, spectral_radius=1.0)["end"]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=5e-3 * np.abs(expected).max())
+
+
+def test_the_force_of_a_bushing_is_what_moves_its_body():
+    """Between bodies that spin unlike each other, with a damper: m a of either one, as |a| has no axes."""
+    place, start = np.array([0.06, -0.02, 0.03]), np.array([0.1, 0.0, 0.05])
+    base = RigidBody("base", {"o": place, "c": (0, 0, 0)}, 2.0, 50 * INERTIA, angular_velocity=(8.0, -6.0, 5.0))
+    load = RigidBody(
+        "load", {"o": place - start, "c": (0, 0, 0)}, 0.7, 5 * INERTIA, start, angular_velocity=(-9.0, 3.0, 4)
+    )
+    bushing = Bushing("bushing", "base.o", "load.o", [300.0] * 3 + [0.5] * 3, [6.0] * 3 + [0.0] * 3, SKEWED)
+    sensors = (ForceSensor("f", "bushing"), Speed("v", "load.c"))
+    scene = Scene("two", (base, load), springs=(bushing,), sensors=sensors, damping_ratio=0.0)
+    record = run(scene, 0.02, 5e-5)
+    speed = np.array([record[f"v.{k}"] for k in range(3)])
+    moved = 0.7 * np.linalg.norm(np.gradient(speed, 5e-5, axis=1), axis=0)[20:-20]
+    force = np.linalg.norm([record[f"f.f{axis}"] for axis in "xyz"], axis=0)[20:-20]
+    np.testing.assert_allclose(force, moved, rtol=0, atol=5e-3 * moved.max())
+
+
+@dataclass(frozen=True)
+class Speed(Sensor):
+    """Three outputs: the velocity of a point."""
+
+    name: str
+    point: str
+
+    def terms(self, scene):
+        velocities = (PointVelocity(((self.point, axis),)) for axis in np.eye(3))
+        return tuple(Output(f"{self.name}.{k}", "m/s", of, derivative=1) for k, of in enumerate(velocities))
+
+
+def test_bodies_that_turn_together_do_not_move_against_each_other():
+    """Two arms welded by a stiff bushing on a hinge turn by more than a radian; one alone is told."""
+    body = craig_bampton(lattice(), n_modes=1, progress=False)
+    bar = FlexibleBody("bar", body, -SKEWED @ body.point("left").position, SKEWED, angular_velocity=20.0 * NORMAL)
+    tip = SKEWED @ (body.point("right").position - body.point("left").position)
+    arm = RigidBody("arm", {"c": (0, 0, 0)}, 0.1, INERTIA, tip, angular_velocity=20.0 * NORMAL)
+    hinge, tie = (
+        revolute("hinge", "ground.o", "bar.left", NORMAL),
+        Bushing("tie", "bar.right", "arm.c", [1e5] * 3 + [100.0] * 3),
+    )
+    scene = Scene("arms", (ground(), bar, arm), (hinge,), springs=(tie,), damping_ratio=0.01)
+
+    def told(scene):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            run(scene, 0.1, 1e-3)
+        return [str(w.message) for w in caught if "as seen from" in str(w.message)]
+
+    assert told(scene) == []
+    free = replace(scene, joints=(hinge, Joint("pin", "bar.right", "arm.c", free=("rx", "ry", "rz"))), springs=())
+    free = replace(free, bodies=(ground(), bar, replace(arm, angular_velocity=-20.0 * NORMAL)))
+    assert len(told(free)) == 1
+
+
+class Lagging(PointForce):
+    """A force behind an amplifier."""
+
+    def terms(self, scene):
+        return tuple(replace(term, bandwidth=30.0) for term in super().terms(scene))
+
+
+@pytest.mark.parametrize("spins", [False, True])
+def test_a_force_behind_an_amplifier_begins_at_zero(spins):
+    """Under a step at the start, by the first steps: the velocity of a low-pass of first order, integrated."""
+    mass, guide = sliding("mass", np.zeros(3), 2.0)
+    top = RigidBody("top", {"c": (0, 0, 0)}, 1.0, INERTIA, (1.0, 0, 0), angular_velocity=(0, 5.0 * spins, 0))
+    push = Lagging("push", "mass.c", NORMAL, "push")
+    scene = Scene("mass", (ground(mass=np.zeros(3)), mass, top), (guide,), (push,), (Speed("v", "mass.c"),))
+    record = run(scene, 0.004, 1e-4, {"push": lambda t: 1.0 + 0 * t}, spectral_radius=0.9)
+    rate, time = 2 * np.pi * 30.0, record.time
+    expected = (time - (1 - np.exp(-rate * time)) / rate) / 2.0
+    found = NORMAL @ [record[f"v.{k}"] for k in range(3)]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=2e-3 * expected[-1])
+
+
+def test_bodies_that_have_moved_back_at_the_end_are_told_of():
+    """An arm that a drive turns by 0.3 rad and back, on a bar of damped modes."""
+    body = craig_bampton(lattice(), n_modes=1, progress=False)
+    bar = FlexibleBody("bar", body, -SKEWED @ body.point("left").position, SKEWED)
+    arm = RigidBody("arm", {"c": (0, 0, 0)}, 1e-3, 1e-3 * INERTIA, bar.point_position("right"))
+    joints = fixed("clamp", "ground.o", "bar.left"), revolute("hinge", "bar.right", "arm.c", NORMAL)
+    drive = Drive("motor", "hinge", "rz", "turn")
+    scene = Scene("arm", (ground(), bar, arm), joints, (drive,), damping_ratio=0.01)
+    for angle, n in ((0.3, 1), (0.05, 0)):
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            run(scene, 0.1, 1e-3, {"turn": lambda t, angle=angle: angle * np.sin(np.pi * t / 0.1) ** 2})
+        assert sum("as seen from" in str(w.message) for w in caught) == n
+
+
+def test_explicit_steps_hold_what_goes_through_an_amplifier():
+    """As exact steps do that hold inputs, at the first steps of a force that changes from step to step."""
+    body = craig_bampton(lattice(stiffness=1e4), n_modes=1, progress=False)
+    bar = FlexibleBody("bar", body, -SKEWED @ body.point("left").position, SKEWED, "linear")
+    foot = Bushing("foot", "ground.o", "bar.left", [1e3] * 3 + [1.0] * 3)
+    push, read = Lagging("push", "bar.left", NORMAL, "push"), Encoder("x", "ground.o", "bar.left", NORMAL)
+    scene = Scene("bar", (ground(), bar), (), (push,), (read,), (foot,), damping_ratio=0.0)
+    force = {"push": lambda t: np.sin(600.0 * t)}
+    found = run(scene, 0.01, 2e-4, force, method="explicit")["x"]
+    expected = run(scene, 0.01, 2e-4, force, method="exact", hold_order=0)["x"]
+    straight = run(scene, 0.01, 2e-4, force, method="exact")["x"]
+    error = np.abs(found - expected).max()
+    assert error < 0.1 * np.abs(straight - expected).max()
+
+
+def test_a_restored_run_has_the_reach_of_its_state():
+    """How far bodies can get counts from the start of the run, not the steps that were taken back."""
+    mass, guide = sliding("mass", np.zeros(3), 2.0)
+    push, read = PointForce("push", "mass.c", NORMAL, "push"), Encoder("x", "ground.mass", "mass.c", NORMAL)
+    loop = Loop("loop", proportional(-1.0, sample_rate=1e3, limit=2.0), "x", "push")
+    scene = Scene("mass", (ground(mass=np.zeros(3)), mass), (guide,), (push,), (read,), loops=(loop,))
+    for method in ("exact", "generalized_alpha"):
+        with Simulation(scene, time_step=1e-3, method=method) as steps:
+            start, paths = steps.state, []
+            for _ in range(2):
+                steps.restore(start)
+                for _ in range(100):
+                    steps.step()
+                paths.append(steps._engine.reach._path)
+        assert paths[0] == paths[1] > 0
+
+
+def test_chosen_outputs_have_their_own_units():
+    mass, guide = sliding("mass", np.zeros(3), 2.0)
+    sensors = Encoder("x", "ground.mass", "mass.c", NORMAL), Speed("v", "mass.c")
+    scene = Scene("mass", (ground(mass=np.zeros(3)), mass), (guide,), sensors=sensors)
+    nothing = TimeHistory(1e-3 * np.arange(3), np.zeros((0, 3)), (), ())
+    record = simulate(scene, nothing, time_step=1e-3, outputs=["v.1", "x"], method="exact", progress=False)
+    assert (record.names, record.units) == (("v.1", "x"), ("m/s", "m"))
