@@ -224,7 +224,7 @@ class Displacement(PointMeasure):
             value += along @ poses[k][0] - np.dot(weights, reference[k])
             rows[0, 6 * k : 6 * k + 3] += along
             if self.axes_of:
-                rows[0, -3:] += np.cross(along, poses[k][0])
+                rows[0, -3:] += skew(along) @ poses[k][0]
         return np.array([value]), rows
 
     def geometric_stiffness(self, force: Array, reference: Sequence[Array]) -> Array:
@@ -427,7 +427,7 @@ class RelativePose(PointMeasure):
             x, y, _ = first.T
             pairs = ((-1, y, second[:, 2]), (1, x, second[:, 2]), (-1, x, second[:, 1]))
             rotation = np.array([sign * u @ v for sign, u, v in pairs])
-            rates = np.array([sign * np.cross(v, u) for sign, u, v in pairs]) @ relative_spin
+            rates = np.array([sign * skew(v) @ u for sign, u, v in pairs]) @ relative_spin
             axes, spin = first, np.hstack([none, eye, none, none])
         else:
             relative = Rotation.from_matrix(first.T @ second)
