@@ -14,7 +14,7 @@ from nassim.simulation.exudyn.state import System
 from nassim.simulation.exudyn.steady_state import solve_steady_rotation
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.linear.folding import warn_of_folding
-from nassim.simulation.linear.linearization import linearize, state_space
+from nassim.simulation.linear.linearization import linear_model, state_space
 from nassim.simulation.model.accuracy import describe_steps
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.buckling import axial_forces, warn_of_buckling
@@ -111,7 +111,7 @@ def exact_assembly(scene: Scene) -> Assembly:
     assembly = assemble(scene)
     warn_of_unloaded_stiffness(assembly)
     if scene.loops and np.any(assembly.modal.unsupported):
-        warn_of_folding(linearize(scene, loaded=False), scene.loops)
+        warn_of_folding(linear_model(assembly), scene.loops)
     return assembly
 
 
