@@ -314,12 +314,11 @@ class System:
         bodies, others = np.array([[names.index(name) for name in pair] for pair in pairs], dtype=int).reshape(-1, 2).T
 
         def seen(*, reference: bool) -> tuple[Array, Array]:
-            poses = [self._pose(name, reference=reference) for name in names]
-            rotations, places = np.array([pose[0] for pose in poses]), np.array([pose[1] for pose in poses])
+            rotations, places = self._poses(names, reference=reference)
             back = rotations[others].transpose(0, 2, 1)
             return back @ rotations[bodies], (back @ (places[bodies] - places[others])[:, :, None])[:, :, 0]
 
-        turned_at_start, placed_at_start = seen(reference=True) if pairs else (np.zeros((0, 3, 3)), np.zeros((0, 3)))
+        turned_at_start, placed_at_start = seen(reference=True)
 
         def shifts() -> Array:
             turned, placed = seen(reference=False)
@@ -331,10 +330,16 @@ class System:
 
     def _pose(self, name: str, *, reference: bool) -> tuple[Array, Array]:
         """Return rotation (3, 3) and position (3,) of a body's frame in the world, now or in the reference."""
+        rotations, positions = self._poses([name], reference=reference)
+        return rotations[0], positions[0]
+
+    def _poses(self, names: Sequence[str], *, reference: bool) -> tuple[Array, Array]:
+        """Return rotations (k, 3, 3) and positions (k, 3) of bodies' frames in the world, now or in the reference."""
         when = exu.ConfigurationType.Reference if reference else exu.ConfigurationType.Current
-        kinds = exu.OutputVariableType.RotationMatrix, exu.OutputVariableType.Position
-        rotation, position = (self.mbs.GetNodeOutput(self.nodes[name], kind, configuration=when) for kind in kinds)
-        return np.reshape(rotation, (3, 3)), np.asarray(position)
+        nodes, read = [self.nodes[name] for name in names], self.mbs.GetNodeOutput
+        rotations = np.array([read(node, exu.OutputVariableType.RotationMatrix, configuration=when) for node in nodes])
+        positions = np.array([read(node, exu.OutputVariableType.Position, configuration=when) for node in nodes])
+        return rotations.reshape(-1, 3, 3), positions.reshape(-1, 3)
 
     def recorded(self, output: str) -> Array:
         """Return the samples of one output of a run, (n_samples,); a single 0 where nothing that moves is measured."""

@@ -16,6 +16,7 @@ class StepActions:
     Attributes:
         begun: number of steps begun.
         commands: commands of the loops at the last sample, (commands,).
+        samples_any: whether there are filters or loops.
         bad: failure of a controller in Python, which must not pass through Exudyn's callbacks.
     """
 
@@ -36,6 +37,7 @@ class StepActions:
         self.loops = start_loops(scene, time_step)
         self.filtering = Filtering(system, time_step)
         self.held = self.end = np.zeros(len(scene.inputs))
+        self.samples_any = bool(self.filtering.passed) or self.commands.size > 0
         self.places = np.array([scene.inputs.index(drive.input) for drive in system.drives], dtype=int)
         rates = [drive.rate for drive in system.drives]
         self.amplifiers = {k: _Amplifier(rate, time_step) for k, rate in enumerate(rates) if np.isfinite(rate)}
@@ -46,7 +48,8 @@ class StepActions:
 
     def sample(self, inputs: Array) -> bool:
         """Let filters and loops take their samples at these inputs, (inputs,); whether the controllers have worked."""
-        self.filtering.step(inputs + self.held)
+        if self.filtering.passed:
+            self.filtering.step(inputs + self.held)
         if self.commands.size:
             try:
                 self.held, self.end, self.commands = self.loops(self.begun, self.filtering.measure)
