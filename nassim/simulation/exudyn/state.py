@@ -13,6 +13,7 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.scene.bodies import Body
 from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.digital_controllers import span
 from nassim.simulation.model.filters import static_gain
 from nassim.simulation.model.signals import Circuit
 
@@ -76,7 +77,7 @@ class _ForceCarrier:
         last: values of its channels at the last call.
     """
 
-    places: Array
+    places: Array | slice
     forces: Array
     constant: Array | None
     setting: Callable[[Array], None]
@@ -186,7 +187,7 @@ class System:
             setting = partial(self.mbs.SetLoadParameter if is_load else self.mbs.SetObjectParameter, number, parameter)
             constant = None if is_load else self.constant_forces.get(number)
             forces = np.array([self.drives[k].forces for k in places])
-            result.append(_ForceCarrier(np.array(places), forces, constant, setting))
+            result.append(_ForceCarrier(span(places), forces, constant, setting))
         return result
 
     @property

@@ -7,7 +7,7 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.simulation.exudyn.filtering import Filtering
 from nassim.simulation.exudyn.state import System
-from nassim.simulation.model.digital_controllers import BadCommand, start_loops
+from nassim.simulation.model.digital_controllers import BadCommand, span, start_loops
 
 
 class StepActions:
@@ -37,11 +37,14 @@ class StepActions:
         self.loops = start_loops(scene, time_step)
         self.filtering = Filtering(system, time_step)
         self.held = self.end = np.zeros(len(scene.inputs))
+        self.measure = self.filtering.measure if self.filtering.passed else self.filtering.read
         self.samples_any = bool(self.filtering.passed) or self.commands.size > 0
-        self.places = np.array([scene.inputs.index(drive.input) for drive in system.drives], dtype=int)
+        inputs = [scene.inputs.index(drive.input) for drive in system.drives]
+        self.places = span(inputs)
         rates = [drive.rate for drive in system.drives]
         self.amplifiers = {k: _Amplifier(rate, time_step) for k, rate in enumerate(rates) if np.isfinite(rate)}
-        starting = start[self.places]
+        self.amplified = [(k, inputs[k], amplifier) for k, amplifier in self.amplifiers.items()]
+        starting = start[self.places].copy()
         starting[list(self.amplifiers)] = 0.0
         self.acting = starting
         system.act(starting)
@@ -52,7 +55,7 @@ class StepActions:
             self.filtering.step(inputs + self.held)
         if self.commands.size:
             try:
-                self.held, self.end, self.commands = self.loops(self.begun, self.filtering.measure)
+                self.held, self.end, self.commands = self.loops(self.begun, self.measure)
             except BadCommand as bad:
                 self.bad = bad
                 return False
@@ -64,8 +67,7 @@ class StepActions:
         # The implicit rule takes forces at both ends of a step. A command that jumps there enters with its mean, else
         # the loop would have half a step of delay more.
         values = (before + held if explicit else after + self.end)[self.places]
-        for k, amplify in self.amplifiers.items():
-            place = self.places[k]
+        for k, place, amplify in self.amplified:
             values[k] = amplify(before[place] + held[place], (before if explicit else after)[place] + held[place])
         self.acting = values
         self.system.act(values)
