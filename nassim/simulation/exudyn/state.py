@@ -243,6 +243,14 @@ class System:
         """Return the present value of one output before its filter."""
         return sum((self._present(term) for term in self.readings[output]), 0.0)
 
+    def reading(self, output: str) -> Callable[[], float]:
+        """Make a function that returns what `measured` does, fast for a weighted sum of one sensor's columns."""
+        terms, read = self.readings[output], self.mbs.GetSensorValues
+        if len(terms) != 1 or terms[0].weights is None or terms[0].period:
+            return lambda: self.measured(output)
+        (sensor,), weights = terms[0].sensors, terms[0].weights
+        return lambda: 0.0 + float(np.vdot(read(sensor), weights))
+
     def _present(self, term: Summand) -> float:
         """Return the present value of a summand, unwrapped from its last value."""
         if term.weights is not None and not term.period:
