@@ -144,10 +144,10 @@ def _as_block(size: int, system: StateSpace) -> SampleBlock | None:
     if not all(np.isfinite(part).all() for part in system):
         return None
     sparse = len(a) >= SPARSE_STATES and np.count_nonzero(a) < SPARSE * a.size
-    each_sample = np.hstack([c, d]).reshape(size, -1, len(a) + b.shape[1])
-    most = max(1, ROWS // each_sample.shape[1])
+    n_rows = len(c) // size
+    most = max(1, ROWS // max(1, n_rows))
     together = math.gcd(size, 2 ** (most.bit_length() - 1))
-    rows = each_sample.reshape(size // together, -1, each_sample.shape[2])
+    rows = np.hstack([c, d]).reshape(size // together, together * n_rows, len(a) + b.shape[1])
     return SampleBlock(size, scipy.sparse.csr_matrix(a) if sparse else a, b, rows)
 
 
