@@ -201,7 +201,7 @@ class ReducedBody:
         names = [port.name for port in self.ports]
         return self.ports[names.index(known("electrical port", name, names))]
 
-    @property
+    @cached_property
     def strain(self) -> Strain:
         """Strains that resist the body's motions."""
         return body_strain(self.stiffness_matrix, self.mass_matrix, self.positions)

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, known, positive, unique
@@ -169,7 +168,8 @@ class RigidBody(Body):
         """Mass matrix of the coordinates, (6, 6)."""
         assert self.mass is not None
         assert self.inertia is not None
-        result: Array = scipy.linalg.block_diag(self.mass * np.eye(3), self.rotation @ self.inertia @ self.rotation.T)
+        result = self.mass * np.eye(6)
+        result[3:, 3:] = self.rotation @ self.inertia @ self.rotation.T
         return result
 
     def weight(self, gravity: Array) -> Array:
@@ -304,7 +304,7 @@ class FlexibleBody(Body):
 
     def motion(self, point: str) -> Array:
         """Return the small motion of a point along the world's axes per unit of the coordinates, (6, n)."""
-        result: Array = scipy.linalg.block_diag(self.rotation, self.rotation) @ self.reduced.motion(point)
+        result: Array = np.kron(np.eye(2), self.rotation) @ self.reduced.motion(point)
         return result
 
     def point_position(self, point: str) -> Array:

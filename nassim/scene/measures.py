@@ -32,6 +32,8 @@ Pose = tuple[Array, Array]
 """Position of a point, (3,) [m], and its rotation since the reference configuration, (3, 3); world frame."""
 VECTOR, QUATERNION, MATRIX = ROTATIONS = "vector", "quaternion", "matrix"
 """Rotation parts of a relative pose."""
+ROTATION_STEP = 5e-4
+"""Rotation [rad], and displacement over the distance of points, of difference quotients of fourth order."""
 
 
 class BodyState(Protocol):
@@ -153,6 +155,33 @@ class PointMeasure(Measure):
             Value (k,), and rows (k, 6 points) on the velocities and angular velocities of the points, world axes.
         """
 
+    def geometric_stiffness(self, force: Array, reference: Sequence[Array]) -> Array:
+        """Compute how the forces and moments of a constant force in the measure change as the points move.
+
+        This general form takes difference quotients. A measure that is frequent replaces it by a closed form.
+
+        Args:
+            force: the force, (k,).
+            reference: positions of the points in the reference configuration, (3,) each [m].
+
+        Returns:
+            Derivative of rows^T force with respect to displacements and rotations of the points, world axes, in the
+            reference configuration, (6 points, 6 points).
+        """
+        size = max(float(np.ptp(reference, axis=0).max()), 1e-3)
+
+        def forces(moved: Array) -> Array:
+            moves = zip(reference, moved.reshape(-1, 6), strict=True)
+            poses = [(place + by[:3], Rotation.from_rotvec(by[3:]).as_matrix()) for place, by in moves]
+            result: Array = force @ self.at(poses, reference)[1]
+            return result
+
+        slopes = []
+        for step in ROTATION_STEP * np.diag(np.tile(np.repeat([size, 1.0], 3), len(reference))):
+            near, far = (forces(m * step) - forces(-m * step) for m in (1, 2))
+            slopes.append((8 * near - far) / (12 * step.max()))
+        return np.array(slopes).T
+
     def evaluate(self, states: States) -> Evaluation:
         """Evaluate value and Jacobian in a configuration."""
         named = [(states[body_of(path)], path.partition(".")[2]) for path in self.points]
@@ -195,8 +224,19 @@ class Displacement(PointMeasure):
             value += along @ poses[k][0] - np.dot(weights, reference[k])
             rows[0, 6 * k : 6 * k + 3] += along
             if self.axes_of:
-                rows[0, -3:] += np.cross(along, poses[k][0])
+                rows[0, -3:] += skew(along) @ poses[k][0]
         return np.array([value]), rows
+
+    def geometric_stiffness(self, force: Array, reference: Sequence[Array]) -> Array:
+        """Compute `PointMeasure.geometric_stiffness` in closed form: the directions rotate with their axes."""
+        result = np.zeros((6 * len(reference),) * 2)
+        if self.axes_of:
+            for k, (_, weights) in enumerate(self.weights):
+                along = skew(force[0] * np.asarray(weights))
+                result[6 * k : 6 * k + 3, -3:] -= along
+                result[-3:, 6 * k : 6 * k + 3] += along
+                result[-3:, -3:] += skew(reference[k]) @ along
+        return result
 
 
 @dataclass(frozen=True)
@@ -233,6 +273,15 @@ class PointVelocity(PointMeasure):
             rows[0, first : first + 3] += axes @ weights
         return np.zeros(1), rows
 
+    def geometric_stiffness(self, force: Array, reference: Sequence[Array]) -> Array:
+        """Compute `PointMeasure.geometric_stiffness` in closed form: the directions rotate with their axes."""
+        result = np.zeros((6 * len(reference),) * 2)
+        if self.axes_of:
+            for k, (_, weights) in enumerate(self.weights):
+                first = 6 * k + 3 * self.angular
+                result[first : first + 3, -3:] -= skew(force[0] * np.asarray(weights))
+        return result
+
 
 @dataclass(frozen=True)
 class Distance(PointMeasure):
@@ -263,6 +312,14 @@ class Distance(PointMeasure):
         along, still = apart / length, np.zeros(3)
         value = length - np.linalg.norm(reference[1] - reference[0])
         return np.array([value]), np.concatenate([-along, still, along, still])[None]
+
+    def geometric_stiffness(self, force: Array, reference: Sequence[Array]) -> Array:
+        """Compute `PointMeasure.geometric_stiffness` in closed form: the line between the points rotates."""
+        apart = reference[1] - reference[0]
+        square = float(apart @ apart)
+        across = force[0] / np.sqrt(square) * (np.eye(3) - np.outer(apart, apart) / square)
+        result: Array = np.kron([[1.0, -1.0], [-1.0, 1.0]], np.kron(np.diag([1.0, 0.0]), across))
+        return result
 
 
 @dataclass(frozen=True)
@@ -312,6 +369,13 @@ class RotationAngle(PointMeasure):
         if self.a:
             rows[0, 9:12] = -row
         return np.array([2 * size * np.arctan2(s, c)]), rows
+
+    def geometric_stiffness(self, force: Array, reference: Sequence[Array]) -> Array:
+        """Compute `PointMeasure.geometric_stiffness` in closed form: the moment rotates with an axis halfway."""
+        signs = np.array([1.0, -1.0])[: len(reference)]
+        rotation = np.kron(np.outer(signs, np.ones(len(signs))), np.diag([0.0, 1.0]))
+        result: Array = np.kron(rotation, -0.5 * skew(force[0] * np.asarray(self.axis)))
+        return result
 
 
 @dataclass(frozen=True)
@@ -363,7 +427,7 @@ class RelativePose(PointMeasure):
             x, y, _ = first.T
             pairs = ((-1, y, second[:, 2]), (1, x, second[:, 2]), (-1, x, second[:, 1]))
             rotation = np.array([sign * u @ v for sign, u, v in pairs])
-            rates = np.array([sign * np.cross(v, u) for sign, u, v in pairs]) @ relative_spin
+            rates = np.array([sign * skew(v) @ u for sign, u, v in pairs]) @ relative_spin
             axes, spin = first, np.hstack([none, eye, none, none])
         else:
             relative = Rotation.from_matrix(first.T @ second)
@@ -378,6 +442,27 @@ class RelativePose(PointMeasure):
                 rotation, rates = 2 * np.array(v), (c * eye + skew(np.array(v))) @ second.T @ relative_spin
         speed = np.hstack([-eye, skew(q - p - gap), eye, none]) + skew(gap) @ spin
         return np.concatenate([axes.T @ gap, rotation]), np.vstack([axes.T @ speed, rates])
+
+    def geometric_stiffness(self, force: Array, reference: Sequence[Array]) -> Array:
+        """Compute `PointMeasure.geometric_stiffness` in closed form: the axes rotate, and so do rotation components."""
+        eye, none = np.eye(3), np.zeros((3, 3))
+        of_a, of_b = np.hstack([none, eye, none, none]), np.hstack([none, none, none, eye])
+        pull, arm = skew(self.axes @ force[:3]), skew(reference[1] - reference[0])
+        gap = np.hstack([-eye, arm, eye, none])
+        if self.rotation == MATRIX:
+            spin = of_a
+            x, y, z = map(skew, self.axes.T)
+            first, second = (
+                sum(f * u @ v for f, (u, v) in zip(force[3:], pairs, strict=True))
+                for pairs in (((-z, y), (z, x), (-y, x)), ((-y, z), (x, z), (-x, y)))
+            )
+            rotation = second @ of_b - first @ of_a
+        else:
+            spin = 0.5 * (of_a + of_b)
+            rotation = -skew(self.axes @ force[3:]) @ spin
+        across = spin.T @ pull @ gap
+        result: Array = across + across.T - of_a.T @ pull @ arm @ of_a + (of_b - of_a).T @ rotation
+        return result
 
 
 @dataclass(frozen=True)

@@ -176,7 +176,7 @@ class Scene:
         """Return the measures of terms of several kinds, kind by kind."""
         return tuple(term.measure for kind in kinds for term in self.terms_of(kind))  # type: ignore[attr-defined]
 
-    @property
+    @cached_property
     def _driven(self) -> list[Driven]:
         return [term for term in self.terms if isinstance(term, Driven)]
 
@@ -243,6 +243,10 @@ class Scene:
         """The flexible bodies whose fidelity lets them deform, in order."""
         return tuple(body for body in self.flexible_bodies if body.deforms)
 
+    @cached_property
+    def _by_name(self) -> dict[str, Body]:
+        return {body.name: body for body in self.bodies}
+
     def split(self, path: str) -> tuple[Body, str]:
         """Return body and point name of "body.point".
 
@@ -252,8 +256,7 @@ class Scene:
         if not isinstance(path, str) or "." not in path:
             raise ValueError(f"a point is written 'body.point', got {path!r}")
         body_name, _, point = path.partition(".")
-        names = [body.name for body in self.bodies]
-        return self.bodies[names.index(known("body", body_name, names))], point
+        return self._by_name[known("body", body_name, self._by_name)], point
 
     def point_position(self, path: str) -> Array:
         """Return the position of "body.point" at the start, world frame, (3,) [m]."""

@@ -27,6 +27,7 @@ class Filtering:
         for base in scene.terms_of(BaseAcceleration):
             self.falls[:, scene.inputs.index(base.input)] -= base.direction
         self.outputs = scene.outputs
+        self.readings = {output: system.reading(output) for output in scene.outputs}
         self.read = system.measuring(dict.fromkeys(name for loop in scene.loops for name in loop.measured))
 
     def step(self, inputs: Array) -> None:
@@ -54,7 +55,7 @@ class Filtering:
 
     def read_all(self) -> Array:
         """Present outputs as a record has them, behind their filters, (outputs,)."""
-        return np.array([self.passed[o] if o in self.passed else self.system.measured(o) for o in self.outputs])
+        return np.array([self.passed[o] if o in self.passed else read() for o, read in self.readings.items()])
 
     @property
     def state(self) -> Any:

@@ -11,7 +11,7 @@ from nassim.scene.bodies import FlexibleBody
 from nassim.simulation.exudyn.state import System
 from nassim.simulation.model.buckling import axial_rows
 from nassim.simulation.model.damping import tied_bodies
-from nassim.simulation.model.motion_size import SMALL_MOTION, motion_rows
+from nassim.simulation.model.motion_size import SMALL_MOTION
 from nassim.simulation.model.reach import Reach
 from nassim.simulation.model.runaway import RUNAWAY, deformed, too_far
 from nassim.simulation.model.stopped_runs import ValidSamples
@@ -73,7 +73,7 @@ class Monitor:
         motions, tensions, places, end = [np.zeros((0, size))], [np.zeros((0, size))], {}, 0
         for name in self.names:
             body, coordinates = bodies[name], system.flexible[name].coordinates @ system.selection(name)
-            sizes = motion_rows(system.assembly.coordinates, name)
+            sizes = system.assembly.coordinates.size_rows[name]
             motions += [np.vstack([rows @ coordinates, np.zeros((1, size))]) for rows in sizes]
             if isinstance(body, FlexibleBody):
                 tensions.append(axial_rows(body.reduced) @ coordinates)

@@ -176,7 +176,7 @@ class _WholeRun:
         """
         scene, self.n_steps = system.assembly.scene, len(samples) - 1
         self._system, self._samples, self._actions = system, samples, actions
-        self._advance, self._look, self._interrupts = advance, look or (lambda _sample: None), interrupts
+        self._advance, self._look, self._interrupts = advance, look, interrupts
         self._chunk = max(1, self.n_steps // CHECKS)
         self.commands = np.zeros((self.n_steps + 1, len(scene.commands)))
         system.filtered.update({output: np.zeros(self.n_steps + 1) for output in actions.filtering.passed})
@@ -185,25 +185,29 @@ class _WholeRun:
 
     def _sample(self) -> bool:
         """Take the samples of filters and loops and record them; whether the controllers have worked."""
-        n = self._actions.begun
-        if not self._actions.sample(self._samples[n]):
+        actions, n = self._actions, self._actions.begun
+        if not actions.sample(self._samples[n]):
             return False
-        self.commands[n] = self._actions.commands
-        for output, passed in self._actions.filtering.passed.items():
+        if actions.commands.size:
+            self.commands[n] = actions.commands
+        for output, passed in actions.filtering.passed.items():
             self._system.filtered[output][n] = passed
         return True
 
     def begin_step(self, _mbs: Any, _time: float) -> bool:
         """Take the samples at a time step and set what acts until the next; whether to go on beyond that."""
-        n = self._actions.begun
-        self._look(n)
-        if not self._sample():
+        actions, samples = self._actions, self._samples
+        n = actions.begun
+        if self._look:
+            self._look(n)
+        if actions.samples_any and not self._sample():
             return False
-        self._actions.act(self._samples[n], self._samples[n + 1])
-        if self._actions.begun % self._chunk == 0:
+        actions.act(samples[n], samples[n + 1])
+        begun = n + 1
+        if begun % self._chunk == 0:
             self._advance(self._chunk)
             self.watch.look(n)
-        return not self._interrupts and not self.watch.lost and self._actions.begun < self.n_steps
+        return not self._interrupts and not self.watch.lost and begun < self.n_steps
 
     def end(self, failure: Exception | None, spectral_radius: float) -> None:
         """Take the last sample; raises Stopped where the run has not come to its end."""
@@ -214,7 +218,8 @@ class _WholeRun:
             bad = self._actions.bad
         told = describe_end(self._system, watch, self._actions, failure, spectral_radius, interrupted=interrupted)
         if not told:
-            self._look(self.n_steps)
+            if self._look:
+                self._look(self.n_steps)
             self._advance(self.n_steps % self._chunk)
             return
         n, scene = self._actions.begun, self._system.assembly.scene

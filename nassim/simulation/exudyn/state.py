@@ -13,6 +13,7 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.scene.bodies import Body
 from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.digital_controllers import span
 from nassim.simulation.model.filters import static_gain
 from nassim.simulation.model.signals import Circuit
 
@@ -76,7 +77,7 @@ class _ForceCarrier:
         last: values of its channels at the last call.
     """
 
-    places: Array
+    places: Array | slice
     forces: Array
     constant: Array | None
     setting: Callable[[Array], None]
@@ -186,7 +187,7 @@ class System:
             setting = partial(self.mbs.SetLoadParameter if is_load else self.mbs.SetObjectParameter, number, parameter)
             constant = None if is_load else self.constant_forces.get(number)
             forces = np.array([self.drives[k].forces for k in places])
-            result.append(_ForceCarrier(np.array(places), forces, constant, setting))
+            result.append(_ForceCarrier(span(places), forces, constant, setting))
         return result
 
     @property
@@ -241,6 +242,14 @@ class System:
     def measured(self, output: str) -> float:
         """Return the present value of one output before its filter."""
         return sum((self._present(term) for term in self.readings[output]), 0.0)
+
+    def reading(self, output: str) -> Callable[[], float]:
+        """Make a function that returns what `measured` does, fast for a weighted sum of one sensor's columns."""
+        terms, read = self.readings[output], self.mbs.GetSensorValues
+        if len(terms) != 1 or terms[0].weights is None or terms[0].period:
+            return lambda: self.measured(output)
+        (sensor,), weights = terms[0].sensors, terms[0].weights
+        return lambda: 0.0 + float(np.vdot(read(sensor), weights))
 
     def _present(self, term: Summand) -> float:
         """Return the present value of a summand, unwrapped from its last value."""
@@ -314,12 +323,11 @@ class System:
         bodies, others = np.array([[names.index(name) for name in pair] for pair in pairs], dtype=int).reshape(-1, 2).T
 
         def seen(*, reference: bool) -> tuple[Array, Array]:
-            poses = [self._pose(name, reference=reference) for name in names]
-            rotations, places = np.array([pose[0] for pose in poses]), np.array([pose[1] for pose in poses])
+            rotations, places = self._poses(names, reference=reference)
             back = rotations[others].transpose(0, 2, 1)
             return back @ rotations[bodies], (back @ (places[bodies] - places[others])[:, :, None])[:, :, 0]
 
-        turned_at_start, placed_at_start = seen(reference=True) if pairs else (np.zeros((0, 3, 3)), np.zeros((0, 3)))
+        turned_at_start, placed_at_start = seen(reference=True)
 
         def shifts() -> Array:
             turned, placed = seen(reference=False)
@@ -331,10 +339,16 @@ class System:
 
     def _pose(self, name: str, *, reference: bool) -> tuple[Array, Array]:
         """Return rotation (3, 3) and position (3,) of a body's frame in the world, now or in the reference."""
+        rotations, positions = self._poses([name], reference=reference)
+        return rotations[0], positions[0]
+
+    def _poses(self, names: Sequence[str], *, reference: bool) -> tuple[Array, Array]:
+        """Return rotations (k, 3, 3) and positions (k, 3) of bodies' frames in the world, now or in the reference."""
         when = exu.ConfigurationType.Reference if reference else exu.ConfigurationType.Current
-        kinds = exu.OutputVariableType.RotationMatrix, exu.OutputVariableType.Position
-        rotation, position = (self.mbs.GetNodeOutput(self.nodes[name], kind, configuration=when) for kind in kinds)
-        return np.reshape(rotation, (3, 3)), np.asarray(position)
+        nodes, read = [self.nodes[name] for name in names], self.mbs.GetNodeOutput
+        rotations = np.array([read(node, exu.OutputVariableType.RotationMatrix, configuration=when) for node in nodes])
+        positions = np.array([read(node, exu.OutputVariableType.Position, configuration=when) for node in nodes])
+        return rotations.reshape(-1, 3, 3), positions.reshape(-1, 3)
 
     def recorded(self, output: str) -> Array:
         """Return the samples of one output of a run, (n_samples,); a single 0 where nothing that moves is measured."""

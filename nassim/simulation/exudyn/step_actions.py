@@ -7,7 +7,7 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.simulation.exudyn.filtering import Filtering
 from nassim.simulation.exudyn.state import System
-from nassim.simulation.model.digital_controllers import BadCommand, start_loops
+from nassim.simulation.model.digital_controllers import BadCommand, span, start_loops
 
 
 class StepActions:
@@ -16,6 +16,7 @@ class StepActions:
     Attributes:
         begun: number of steps begun.
         commands: commands of the loops at the last sample, (commands,).
+        samples_any: whether there are filters or loops.
         bad: failure of a controller in Python, which must not pass through Exudyn's callbacks.
     """
 
@@ -36,20 +37,25 @@ class StepActions:
         self.loops = start_loops(scene, time_step)
         self.filtering = Filtering(system, time_step)
         self.held = self.end = np.zeros(len(scene.inputs))
-        self.places = np.array([scene.inputs.index(drive.input) for drive in system.drives], dtype=int)
+        self.measure = self.filtering.measure if self.filtering.passed else self.filtering.read
+        self.samples_any = bool(self.filtering.passed) or self.commands.size > 0
+        inputs = [scene.inputs.index(drive.input) for drive in system.drives]
+        self.places = span(inputs)
         rates = [drive.rate for drive in system.drives]
         self.amplifiers = {k: _Amplifier(rate, time_step) for k, rate in enumerate(rates) if np.isfinite(rate)}
-        starting = start[self.places]
+        self.amplified = [(k, inputs[k], amplifier) for k, amplifier in self.amplifiers.items()]
+        starting = start[self.places].copy()
         starting[list(self.amplifiers)] = 0.0
         self.acting = starting
         system.act(starting)
 
     def sample(self, inputs: Array) -> bool:
         """Let filters and loops take their samples at these inputs, (inputs,); whether the controllers have worked."""
-        self.filtering.step(inputs + self.held)
+        if self.filtering.passed:
+            self.filtering.step(inputs + self.held)
         if self.commands.size:
             try:
-                self.held, self.end, self.commands = self.loops(self.begun, self.filtering.measure)
+                self.held, self.end, self.commands = self.loops(self.begun, self.measure)
             except BadCommand as bad:
                 self.bad = bad
                 return False
@@ -61,8 +67,8 @@ class StepActions:
         # The implicit rule takes forces at both ends of a step. A command that jumps there enters with its mean, else
         # the loop would have half a step of delay more.
         values = (before + held if explicit else after + self.end)[self.places]
-        for k, amplify in self.amplifiers.items():
-            first, last = (inputs[self.places[k]] + held[self.places[k]] for inputs in (before, after))
+        for k, place, amplify in self.amplified:
+            first, last = before[place] + held[place], after[place] + held[place]
             values[k] = amplify.mean(first) if explicit else amplify(first, last)
         self.acting = values
         self.system.act(values)

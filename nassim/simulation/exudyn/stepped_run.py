@@ -71,7 +71,8 @@ class SteppedRun:
     def _sample(self) -> None:
         if not self._actions.sample(self._inputs):
             self._stop(None)
-        self.row = np.concatenate([self._actions.filtering.read_all(), self._actions.commands])
+        outputs, commands = self._actions.filtering.read_all(), self._actions.commands
+        self.row = np.concatenate([outputs, commands]) if commands.size else outputs
 
     def _stop(self, failure: Exception | None) -> None:
         told = describe_end(self.system, self.watch, self._actions, failure, self._radius, interrupted=False)

@@ -78,13 +78,15 @@ def exact_response(
     for begin, states, found in _with_record(pieces(SampleBlocks(closed), start, inputs), rows, valid):
         end, block = min(n_samples, begin + len(found)), len(found) // len(states)
         rows[:, begin:end] = found[: end - begin].T
-        for k, now in enumerate(range(begin, end, block)):
-            if now < due:
-                continue
-            due = now + n_samples / CHECKS
-            seen.append(read(states[k, None], now)[0])
-            if reach:
-                happened, sound = see_runaway(assembly.coordinates, reach, seen[-1], now)
+        checked = []
+        for now in range(begin, end, block):
+            if now >= due:
+                due = now + n_samples / CHECKS
+                checked.append(now)
+        seen.append(read(states[(np.array(checked, dtype=int) - begin) // block], checked))
+        if reach:
+            for now, values in zip(checked, seen[-1], strict=True):
+                happened, sound = see_runaway(assembly.coordinates, reach, values, now)
                 valid.check(now, valid=sound)
                 if happened:
                     said = runaway(assembly.scene, happened, rows[:n_out, : now + 1].T, time_step)
@@ -96,10 +98,10 @@ def exact_response(
             between = states[k, None]
             if places[-1]:
                 between = closed.by_samples(states[k], take_samples(inputs, now, now + places[-1], n_in), now)[0]
-            at_kept.append(read(between, now)[places])
+            at_kept.append(read(between[places], [now + place for place in places]))
         advance(end - max(begin, 1))  # to the first sample leads no step
     all_kept = np.vstack([np.zeros((0, assembly.coordinates.size)), *at_kept])
-    return rows[:n_out], rows[n_out:], np.array(seen).T, all_kept.T
+    return rows[:n_out], rows[n_out:], np.vstack(seen).T, all_kept.T
 
 
 def _with_record(
@@ -157,7 +159,7 @@ class ExactSteps:
         """All coordinates now, shape (n_all,)."""
         steps = self._steps
         read = _reader(self.assembly.scene, steps.closed, self._risen, self._inputs[:, None], self._every)
-        result: Array = read(steps.present_state()[None], 0)[0]
+        result: Array = read(steps.present_state()[None], [0])[0]
         return result
 
     @property
@@ -246,16 +248,15 @@ def _all_coordinates(modal: ModalModel, signals: Signals, n_states: int, n_input
 
 def _reader(
     scene: Scene, closed: ClosedSteps, risen: Array, inputs: Array, all_coordinates: tuple[Array, Array]
-) -> Callable[[Array, int], Array]:
-    """Return a function of consecutive states, (k, n), and of the first sample: all coordinates, (k, n_all)."""
-    (by_scene, by_inputs), (n, n_in) = all_coordinates, risen.shape
+) -> Callable[[Array, Sequence[int]], Array]:
+    """Return a function of states, (k, n), and of the numbers of their k samples: all coordinates, (k, n_all)."""
+    (by_scene, by_inputs), n = all_coordinates, len(risen)
     driven = [scene.inputs.index(name) for loop in scene.loops for name in loop.driven]
     by_states = np.zeros((len(by_scene), closed.n))
     by_states[:, :n], by_states[:, n : n + len(driven)] = by_scene, by_inputs[:, driven]  # commands that are held
     by_inputs = by_inputs + by_scene @ risen
-    return lambda states, first: (
-        states @ by_states.T + take_samples(inputs, first, first + len(states), n_in) @ by_inputs.T
-    )
+    by_signals, by_gravity = by_inputs[:, : len(inputs)], by_inputs[:, len(inputs) :].sum(axis=1)
+    return lambda states, samples: states @ by_states.T + inputs[:, samples].T @ by_signals.T + by_gravity
 
 
 def _check_equilibrium(assembly: Assembly) -> None:

@@ -82,8 +82,13 @@ def linearize(
     assembly, loads = loaded_assembly(
         scene, angular_velocity, axis_point, stator, frame, loaded=loaded, inputs=constant_inputs
     )
+    return linear_model(assembly, loads)
+
+
+def linear_model(assembly: Assembly, loads: LoadedState | None = None) -> LinearModel:
+    """Make the linear model of an assembled scene, see `state_space`, without gravity as an input."""
     a, b, c, d = state_space(assembly, loads)
-    modal = assembly.modal
+    scene, modal = assembly.scene, assembly.modal
     unsupported = np.tile(np.where(modal.unsupported, modal.frequency, 0.0), 2)
     return LinearModel(
         a, b[:, :-1], c, d[:, :-1], scene.inputs, scene.outputs, scene.output_units, unsupported=unsupported

@@ -5,6 +5,7 @@ its own in that matrix, of which no entry belongs to a later input. So a sample 
 whether its block is known as a whole or only up to it, and a run in blocks is the same as its steps one by one.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -21,9 +22,13 @@ BLOCK = 64
 GROWTH = 64
 """Least number of samples before a block, over its length: runs of any length have many blocks."""
 TOGETHER = 64
-"""Most blocks that are computed together."""
-ENTRIES = 2_000_000
-"""Most entries of the matrix that takes a block's inputs to its outputs."""
+"""Most blocks that are computed together, but for shorter linear blocks, of which as many as have `SAMPLES` samples."""
+SAMPLES = 4096
+"""Samples of short blocks that are computed together."""
+ROWS = 24
+"""Most rows of a product that gives the outputs of several samples."""
+CALLS = 16_000
+"""Products of two numbers that take as long as the calls which a block costs."""
 SPARSE_STATES, SPARSE = 200, 0.1
 """States from which on, and share of entries below which a matrix is held as sparse, as that of uncoupled modes."""
 
@@ -36,7 +41,8 @@ class SampleBlock:
         size: number of samples.
         state: state after the block per unit of the state before, (n, n), dense or sparse.
         inputs: the same per unit of the inputs of all samples, (n, size * inputs).
-        rows: outputs and commands of each sample per unit of the state and these inputs, (size, rows, n + size inputs).
+        rows: outputs and commands per unit of the state and these inputs, (size / m, m rows, n + size inputs), for m
+            samples at a time: one product of a small matrix takes hardly longer than its call.
     """
 
     size: int
@@ -52,7 +58,10 @@ class SampleBlock:
 
     def sample(self, k: int, state: Array, inputs: Array) -> Array:
         """Find outputs and commands of sample k, (rows,); inputs after it do not count."""
-        return each(self.rows[k], np.concatenate([state, inputs.ravel()])[None])[0]
+        together = self.size // len(self.rows)
+        rows = each(self.rows[k // together], np.concatenate([state, inputs.ravel()])[None])
+        result: Array = rows.reshape(together, -1)[k % together]
+        return result
 
     def several(self, state: Array, inputs: Array) -> tuple[Array, Array]:
         """Run several of these blocks.
@@ -69,7 +78,8 @@ class SampleBlock:
         for k in range(len(inputs)):
             states[k + 1] += self.state @ states[k]
         begins = np.hstack([states[:-1], given])
-        return states, np.matmul(self.rows[:, None], begins[None, :, :, None])[..., 0].swapaxes(0, 1)
+        rows = np.matmul(self.rows, begins[:, None, :, None])
+        return states, rows.reshape(len(inputs), self.size, -1)
 
 
 class SampleBlocks:
@@ -92,7 +102,8 @@ class SampleBlocks:
         outputs, n_in = len(closed.plant.matrices[3]) + closed.plant.pushed.shape[1], closed.through.shape[1]
         self.closed, self._growth = closed, growth
         self.first = closed.period if closed.period <= 4 * BLOCK else 1
-        self.longest = min(longest, int(np.sqrt(ENTRIES / (outputs * n_in + 1))))
+        # The longer a block, the more inputs act on each of its samples, and the fewer calls and products of states.
+        self.longest = min(longest, int(np.sqrt((CALLS + closed.n**2) / (outputs * n_in + 1))))
         if closed.by_law:  # every state is then seen without asking a controller twice
             self.first = self.longest = 1
         self._systems: dict[int, StateSpace] = {}
@@ -106,10 +117,11 @@ class SampleBlocks:
         return size
 
     def alike(self, sample: int) -> int:
-        """Count the blocks from a sample on that are as long as the one that begins there, `TOGETHER` at most."""
+        """Count the blocks from a sample on that are as long as the one that begins there, as many as go together."""
         size = self.size(sample)
+        most = TOGETHER if self.closed.nonlinear else max(TOGETHER, SAMPLES // size)
         last = self._growth * 2 * size
-        return TOGETHER if 2 * size > self.longest else min(TOGETHER, -(-(last - sample) // size))
+        return most if 2 * size > self.longest else min(most, -(-(last - sample) // size))
 
     @np.errstate(over="ignore", invalid="ignore")
     def system(self, size: int) -> SampleBlock | None:
@@ -132,7 +144,10 @@ def _as_block(size: int, system: StateSpace) -> SampleBlock | None:
     if not all(np.isfinite(part).all() for part in system):
         return None
     sparse = len(a) >= SPARSE_STATES and np.count_nonzero(a) < SPARSE * a.size
-    rows = np.hstack([c, d]).reshape(size, -1, len(a) + b.shape[1])
+    n_rows = len(c) // size
+    most = max(1, ROWS // max(1, n_rows))
+    together = math.gcd(size, 2 ** (most.bit_length() - 1))
+    rows = np.hstack([c, d]).reshape(size // together, together * n_rows, len(a) + b.shape[1])
     return SampleBlock(size, scipy.sparse.csr_matrix(a) if sparse else a, b, rows)
 
 
@@ -156,7 +171,7 @@ def pieces(blocks: SampleBlocks, start: Array, inputs: Array) -> Iterator[tuple[
     """
     closed = blocks.closed
     state = np.concatenate([start, np.zeros(closed.n - len(start))])
-    begin, together, n_samples = 0, TOGETHER, inputs.shape[1]
+    begin, together, n_samples = 0, SAMPLES, inputs.shape[1]
     while begin < n_samples:
         size = blocks.size(begin)
         count = min(together, blocks.alike(begin), -(-(n_samples - begin) // size))
@@ -178,7 +193,7 @@ def pieces(blocks: SampleBlocks, start: Array, inputs: Array) -> Iterator[tuple[
                 found[:linear] = rows[good, :linear]
             yield begin, after[:-1:size], found
             state, begin = after[-1], begin + len(again)
-        together = TOGETHER if system is None else 1 if good < count else min(2 * together, TOGETHER)
+        together = SAMPLES if system is None else 1 if good < count else 2 * together
 
 
 class BlockSteps:

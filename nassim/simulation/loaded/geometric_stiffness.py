@@ -10,20 +10,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
-from nassim.base.rigid_motion import rigid_transfer, skew
+from nassim.base.rigid_motion import skew
 from nassim.scene.bodies import FlexibleBody, RigidBody
-from nassim.scene.measures import Measure, PointMeasure, Pose
+from nassim.scene.measures import Measure, PointMeasure
 from nassim.scene.terms import Constraint
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.constraints import undeformed_rows
 from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.tangents import Tangent
-
-ROTATION_STEP = 5e-4
-"""Rotation [rad], and displacement over the size of the scene, of difference quotients of fourth order."""
 
 
 @dataclass(frozen=True)
@@ -127,36 +123,20 @@ class GeometricStiffness:
 
     def _of_points(self, measure: PointMeasure, force: Array) -> Array:
         """Return the stiffness of a force in a measure of points, (n_all, n_all)."""
-        scene = self.assembly.scene
-        reference = [scene.point_position(path) for path in measure.points]
-        motion = np.vstack([self._motion(path) for path in measure.points])
-        arms = [place - self._frame(path).position for path, place in zip(measure.points, reference, strict=True)]
-        n, moving = len(motion), np.flatnonzero(motion.any(axis=0))
-        motion = motion[:, moving]
-
-        def forces(moved: Array) -> Array:
-            charts = [_chart(*chart) for chart in zip(reference, arms, np.split(moved, n // 12), strict=True)]
-            along = force @ measure.at([pose for pose, _ in charts], reference)[1]
-            return np.concatenate(
-                [part @ jacobian for part, (_, jacobian) in zip(np.split(along, n // 12), charts, strict=True)]
-            )
-
-        # Rigid bodies have fewer coordinates than the motions of their points and frames have components.
-        unit = np.eye(n)[:, motion.any(axis=1)]
-        directions = motion if len(moving) <= unit.shape[1] else unit
-        # Lengths in units of the arms and distances, so that one step fits displacements and rotations.
-        size = max(float(np.ptp(reference, axis=0).max()), *(float(np.linalg.norm(arm)) for arm in arms), 1e-6)
-        scale = np.tile(np.repeat([size, 1.0], 3), n // 6)
-        slopes = []
-        for direction in directions.T:
-            step = ROTATION_STEP / np.abs(direction / scale).max()
-            near, far = (forces(m * step * direction) - forces(-m * step * direction) for m in (1, 2))
-            slopes.append((8 * near - far) / (12 * step))
-        stiffness = np.array(slopes) @ motion
-        if directions is unit:
-            stiffness = motion.T @ unit @ stiffness
-        result = np.zeros((self.assembly.coordinates.size,) * 2)
-        result[np.ix_(moving, moving)] = stiffness.T
+        coordinates, slices = self.assembly.coordinates, self.assembly.coordinates.slices
+        columns = [np.arange(coordinates.size)[slices[name]] for name in measure.bodies if name in slices]
+        moving = np.concatenate([np.zeros(0, dtype=int), *columns])
+        reference = [self.assembly.scene.point_position(path) for path in measure.points]
+        motions = [coordinates.motion(path)[:, moving] for path in measure.points]
+        wrenches = force @ measure.at([(place, np.eye(3)) for place in reference], reference)[1]
+        motion = np.vstack(motions)
+        stiffness = motion.T @ measure.geometric_stiffness(force, reference) @ motion
+        for k, (path, place) in enumerate(zip(measure.points, reference, strict=True)):
+            frame = self._frame(path)
+            wrench = wrenches[6 * k : 6 * k + 6]
+            stiffness += _of_point(frame.motion[:, moving], motions[k], place - frame.position, wrench)
+        result = np.zeros((coordinates.size,) * 2)
+        result[np.ix_(moving, moving)] = stiffness
         return result
 
     def _frame(self, path: str) -> Frame:
@@ -165,35 +145,25 @@ class GeometricStiffness:
             return self.frames[body.name]
         return Frame(self.assembly.scene.point_position(path), np.zeros((6, self.assembly.coordinates.size)))
 
-    def _motion(self, path: str) -> Array:
-        """Return the small motion of a point's frame, then of the point, (12, n_all)."""
-        return np.vstack([self._frame(path).motion, self.assembly.coordinates.motion(path)])
 
+def _of_point(of_frame: Array, of_point: Array, arm: Array, wrench: Array) -> Array:
+    """Return the stiffness of a wrench (6,) on a point that a frame carries, (n, n), to first order in the wrench.
 
-def _chart(reference: Array, arm: Array, moved: Array) -> tuple[Pose, Array]:
-    """Return a point's pose at small motions (12,) of its frame and itself, and its velocities by theirs, (6, 12)."""
-    shift, theta = moved[:3], moved[3:6]
-    rotation = Rotation.from_rotvec(theta).as_matrix()
-    beside = moved[6:] - rigid_transfer(arm) @ moved[:6]  # deformation d and e, linear in the small motions
-    d, e = beside[:3], beside[3:]
-    bent = rotation @ left_jacobian(e)
-    jacobian = np.zeros((6, 12))
-    jacobian[:3, :3], jacobian[:3, 6:9], jacobian[3:, 9:] = np.eye(3) - rotation, rotation, bent
-    spin = left_jacobian(theta)
-    jacobian[:3, 3:6] = skew(rotation @ (arm + d)).T @ spin + rotation @ skew(arm)
-    jacobian[3:, 3:6] = spin - bent
-    position = reference - arm + shift + rotation @ (arm + d)
-    return (position, rotation @ Rotation.from_rotvec(e).as_matrix()), jacobian
+    The point moves to second order by theta x (u - u_frame) - theta x (theta x arm) / 2. Its angular velocity is, with
+    its small rotation v, v' + (theta x v' + theta' x v + v x v') / 2.
 
-
-def left_jacobian(vector: Array) -> Array:
-    """Return J with omega = J v' for a rotation vector v, (3,), and the angular velocity omega, (3, 3)."""
-    cross, square = skew(vector), float(vector @ vector)
-    angle = np.sqrt(square)
-    if angle < 1e-4:
-        return np.eye(3) + (0.5 - square / 24) * cross + (1 / 6 - square / 120) * cross @ cross
-    first, second = (1 - np.cos(angle)) / square, (angle - np.sin(angle)) / (angle * square)
-    return np.eye(3) + first * cross + second * cross @ cross
+    Args:
+        of_frame: small motion of the frame, (6, n).
+        of_point: small motion of the point, (6, n).
+        arm: position of the point from the origin of the frame, (3,) [m].
+        wrench: force and moment that keep their directions.
+    """
+    force, moment = skew(wrench[:3]), skew(wrench[3:])
+    theta, rotation = of_frame[3:], of_point[3:]
+    beside = of_point[:3] - of_frame[:3] + 0.5 * skew(arm) @ theta
+    half = (beside.T @ force + 0.5 * rotation.T @ moment) @ theta
+    result: Array = half + half.T + 0.5 * rotation.T @ moment @ rotation
+    return result
 
 
 def spring_forces(tangents: Sequence[Tangent], coordinates: Array) -> Array:

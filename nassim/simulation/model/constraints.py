@@ -52,9 +52,12 @@ class Constraints:
         wanted += [(joints[drive.constraint], drive.component, drive) for drive in scene.terms_of(PrescribedMotion)]
         all_rows = {name: coordinates.jacobian(joint.measure) for name, joint in joints.items()}
         rigid, scale = undeformed_rows(coordinates), 1.0 / coordinates.scale
-        basis = (
-            scipy.linalg.orth((rigid * scale).T).T if len(rigid) else rigid
-        )  # SciPy before 1.14 takes no empty matrix
+        basis = np.zeros((len(rigid) + len(wanted), coordinates.size))
+        n = 0
+        if len(rigid):  # SciPy before 1.14 takes no empty matrix
+            found = scipy.linalg.orth((rigid * scale).T).T
+            n = len(found)
+            basis[:n] = found
         kept, driven = [rigid], [np.zeros((len(rigid), len(drives)))]
         enforced: dict[str, tuple[str, ...]] = {name: () for name in joints}
         for joint, component, drive in wanted:
@@ -62,9 +65,10 @@ class Constraints:
             rest = row * scale
             size = np.linalg.norm(rest)
             for _ in range(2):  # two passes orthogonalise to the last digit
-                rest = rest - basis.T @ (basis @ rest)
+                rest = rest - (basis[:n] @ rest) @ basis[:n]
             if np.linalg.norm(rest) > REDUNDANT * size:
-                basis = np.vstack([basis, rest / np.linalg.norm(rest)])
+                basis[n] = rest / np.linalg.norm(rest)
+                n += 1
                 kept.append(row[None])
                 driven.append(np.array([[float(other is drive) for other in drives]]).reshape(1, -1))
                 enforced[joint.name] += (component,)

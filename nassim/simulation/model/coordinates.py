@@ -9,6 +9,7 @@ import scipy
 
 from nassim.base.checks import Array
 from nassim.bodies.floating_frame import FloatingFrame, floating_frame
+from nassim.scene.bodies import Body, FlexibleBody, RigidBody
 from nassim.scene.measures import Measure
 from nassim.scene.scene import Scene
 from nassim.simulation.model.states import ReferenceState
@@ -54,6 +55,26 @@ class Coordinates:
         return {
             body.name: floating_frame(body.reduced, self.scene.frame_point(body)) for body in self.scene.flexible_bodies
         }
+
+    @cached_property
+    def size_rows(self) -> dict[str, tuple[Array, Array]]:
+        """Rotations of each moving body's points [rad] and their displacements by deformation over its size [-].
+
+        They are rows on the body's coordinates, (k, n) each, by name.
+        """
+        return {name: self._size_rows(self.scene.split(f"{name}.")[0]) for name in self.slices}
+
+    def _size_rows(self, body: Body) -> tuple[Array, Array]:
+        if isinstance(body, RigidBody):
+            return np.eye(6)[3:], np.zeros((0, 6))
+        n = len(body.mass_matrix)
+        if not isinstance(body, FlexibleBody):
+            return np.vstack([body.motion(point)[3:] for point in body.point_names]), np.zeros((0, n))
+        points = np.arange(6 * len(body.reduced.remote_points)).reshape(-1, 6)
+        rotations, displacements = points[:, 3:], points[:-1, :3]
+        middle = body.reduced.gram[1:4, 1:4] / body.reduced.mass - np.outer(*[body.reduced.center_of_mass] * 2)
+        deformation = self.frames[body.name].deformation(body.reduced)[displacements.ravel()]
+        return np.eye(n)[rotations.ravel()], deformation / np.sqrt(np.trace(middle))
 
     @cached_property
     def states(self) -> dict[str, ReferenceState]:

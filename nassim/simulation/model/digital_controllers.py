@@ -176,7 +176,7 @@ class RunningLoops:
                 delay == 0,
                 start_controller(*(scene.loops[k] for k in chosen)),
                 np.array([outputs.index(name) for k in chosen for name in scene.loops[k].measured]),
-                _span([place for k in chosen for place in range(ends[k], ends[k + 1])]),
+                span([place for k in chosen for place in range(ends[k], ends[k + 1])]),
             )
             for (period, delay, _), chosen in alike.items()
         ]
@@ -196,7 +196,7 @@ class RunningLoops:
 
         Returns:
             What the loops add to the scene's inputs until the next step, and at the end of that step, (inputs,) each;
-            and the commands in the order of `Scene.commands`.
+            and the commands in the order of `Scene.commands`, an array that the next call changes.
         """
         held, next_commands, found, end = self.held, self.next_commands, None, self.both[1]
         for period, at_once, control, measured, places in self.groups:
@@ -210,7 +210,7 @@ class RunningLoops:
             end[places] = correction + ((now + next_commands[places]) / 2 if (n + 1) % period == 0 else now)
         self.both[0] = held
         added = self.both.dot(self.command_matrix)
-        return added[0], added[1], held.copy()
+        return added[0], added[1], held
 
     @property
     def state(self) -> Any:
@@ -230,7 +230,8 @@ def start_loops(scene: Scene, time_step: float) -> RunningLoops:
     return RunningLoops(scene, time_step)
 
 
-def _span(places: list[int]) -> Array | slice:
+def span(places: list[int]) -> Array | slice:
     """Return places in an array, as a slice where they are consecutive, which is faster at every step."""
-    whole = slice(places[0], places[-1] + 1)
+    first = places[0] if places else 0
+    whole = slice(first, first + len(places))
     return whole if places == list(range(whole.start, whole.stop)) else np.array(places)

@@ -14,7 +14,7 @@ from nassim.simulation.exudyn.state import System
 from nassim.simulation.exudyn.steady_state import solve_steady_rotation
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.linear.folding import warn_of_folding
-from nassim.simulation.linear.linearization import linearize, state_space
+from nassim.simulation.linear.linearization import linear_model, state_space
 from nassim.simulation.model.accuracy import describe_steps
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.buckling import axial_forces, warn_of_buckling
@@ -49,18 +49,31 @@ class Options:
 
     time_step: float
     method: str
-    spectral_radius: float | None
+    spectral_radius: float
     hold_order: int | None
     start: str
     period_correction: bool
 
-    def __post_init__(self) -> None:
-        known("start", self.start, STARTS)
-        check_options(self.method, self.spectral_radius, self.hold_order)
-        if not self.period_correction and self.method != "generalized_alpha":
-            raise ValueError(
-                f'period_correction is of "generalized_alpha"; method {self.method!r} has none, leave it out'
-            )
+    @classmethod
+    def of(
+        cls,
+        scene: Scene,
+        time_step: float,
+        method: str,
+        spectral_radius: float | None,
+        hold_order: int | None,
+        start: str,
+        period_correction: bool,
+    ) -> "Options":
+        """Check the options of a run; where no spectral radius is given, find that of the scene."""
+        known("start", start, STARTS)
+        check_options(method, spectral_radius, hold_order)
+        if not period_correction and method != "generalized_alpha":
+            raise ValueError(f'period_correction is of "generalized_alpha"; method {method!r} has none, leave it out')
+        if spectral_radius is None:
+            far = method == "generalized_alpha" and not scene.in_small_motion and has_free_rotation(scene)
+            spectral_radius = TURNING_RADIUS if far else 1.0
+        return cls(time_step, method, spectral_radius, hold_order, start, period_correction)
 
     @property
     def order(self) -> int:
@@ -72,17 +85,12 @@ class Options:
         """Whether the scene starts in its reference configuration."""
         return self.start == "released"
 
-    def radius(self, scene: Scene) -> float:
-        """Spectral radius; that of a scene where none is given."""
-        if self.spectral_radius is not None:
-            return self.spectral_radius
-        return TURNING_RADIUS if not scene.in_small_motion and has_free_rotation(scene) else 1.0
-
-    def steps(self, scene: Scene) -> Steps | None:
+    @property
+    def steps(self) -> Steps | None:
         """Steps of generalized-alpha; None of other methods."""
         if self.method != "generalized_alpha":
             return None
-        return Steps(self.time_step, self.radius(scene), self.period_correction)
+        return Steps(self.time_step, self.spectral_radius, self.period_correction)
 
 
 def check_run(scene: Scene, options: Options, signals: Mapping[str, Array]) -> None:
@@ -103,7 +111,7 @@ def check_run(scene: Scene, options: Options, signals: Mapping[str, Array]) -> N
     elif options.method == "explicit":
         check_stability(scene, options.time_step)
     elif not scene.in_small_motion:
-        warn_of_ringing(scene, options.radius(scene), options.time_step)
+        warn_of_ringing(scene, options.spectral_radius, options.time_step)
 
 
 def exact_assembly(scene: Scene) -> Assembly:
@@ -111,7 +119,7 @@ def exact_assembly(scene: Scene) -> Assembly:
     assembly = assemble(scene)
     warn_of_unloaded_stiffness(assembly)
     if scene.loops and np.any(assembly.modal.unsupported):
-        warn_of_folding(linearize(scene, loaded=False), scene.loops)
+        warn_of_folding(linear_model(assembly), scene.loops)
     return assembly
 
 
@@ -131,7 +139,7 @@ def start_system(
     """
     twists = initial_twists(scene, rates)
     told = warn_of_spin(scene, {name: float(np.linalg.norm(twist[3:])) for name, twist in twists.items()})
-    assembly, steps = assemble(scene), options.steps(scene)
+    assembly, steps = assemble(scene), options.steps
     if scene.in_small_motion:
         warn_of_unloaded_stiffness(assembly)
         state_space(assembly)  # refuses outputs that need a derivative of what a drive follows
@@ -182,8 +190,7 @@ def warn_after_steps(system: System, watch: Monitor, told: Sequence[str], option
     warn_of_motion(assembly, watch.largest)
     warn_of_buckling(assembly, watch.slackest)
     warn_of_changed_modes(assembly, watch.shifts)
-    steps = options.steps(scene)
-    warn_of_drift(watch.describe_drift(options.time_step, steps.spectral_radius if steps else 1.0))
+    warn_of_drift(watch.describe_drift(options.time_step, options.spectral_radius))
 
 
 def warn_after_exact_steps(assembly: Assembly, coordinates: Array) -> None:

@@ -100,7 +100,7 @@ def simulate(
         SimulationInterrupted: a KeyboardInterrupt with the same `record`, after Ctrl-C; the exact method has none.
     """
     known("method", method, METHODS)
-    options = Options(time_step, method, spectral_radius, hold_order, start, period_correction)
+    options = Options.of(scene, time_step, method, spectral_radius, hold_order, start, period_correction)
     return _simulate(scene, excitation, options, duration, outputs, None, progress=progress)[0]
 
 
@@ -144,7 +144,7 @@ def simulate_motion(
         RuntimeError: as `simulate`; the exceptions of runs that end early keep the record, but no motion.
     """
     known("method", method, METHODS)
-    options = Options(time_step, method, spectral_radius, hold_order, start, period_correction)
+    options = Options.of(scene, time_step, method, spectral_radius, hold_order, start, period_correction)
     record, motion = _simulate(scene, excitation, options, duration, outputs, frames, progress=progress)
     assert motion is not None
     return record, motion
@@ -224,15 +224,14 @@ def _integrate(
     rates, steady = _starting_rates(scene, signals, options.time_step)
     system, told = start_system(scene, options, rates, steady, highest)
     frames = MotionRecorder(system, kept)
-    steps = options.steps(scene)
     watch, commands = solve_dynamic(
         system,
         signals,
         n_steps=n_steps,
         time_step=options.time_step,
-        spectral_radius=steps.spectral_radius if steps else 1.0,
+        spectral_radius=options.spectral_radius,
         progress=progress,
-        explicit=steps is None,
+        explicit=options.steps is None,
         look=frames if len(kept) else None,
     )
     warn_after_steps(system, watch, told, options)

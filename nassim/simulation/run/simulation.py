@@ -91,7 +91,7 @@ class Simulation:
         known("method", method, STEPPED_METHODS)
         step = positive("time_step", time_step, "s")
         self._scene = scene
-        self._options = Options(step, method, spectral_radius, hold_order, start, period_correction)
+        self._options = Options.of(scene, step, method, spectral_radius, hold_order, start, period_correction)
         self._names = (*scene.outputs, *scene.commands)
         self._rates = self._values(input_rates or {})
         self._places = {name: k for k, name in enumerate(scene.inputs)}
@@ -239,7 +239,7 @@ class Simulation:
         if happened and scene.loops:
             raise Stopped(runaway(scene, happened, rows[:, n_in : n_in + len(scene.outputs)], step), rows.T, 0)
         if happened:
-            raise Stopped(diverged(body, self.time, self._options.radius(scene)), rows.T, 0)
+            raise Stopped(diverged(body, self.time, self._options.spectral_radius), rows.T, 0)
 
     def _public_error(self, stop: Stopped, engine: "_Engine | None") -> BaseException:
         """The public exception of a run that has stopped, with its record; the run cannot go on."""
@@ -312,7 +312,7 @@ class _ExudynEngine(_Engine):
         rates = {drive.input: rates.get(drive.input, 0.0) for drive in scene.prescribed}
         self.options = options
         self.system, self.told = start_system(scene, options, rates, rates)
-        self.run = SteppedRun(self.system, inputs, options.time_step, options.radius(scene))
+        self.run = SteppedRun(self.system, inputs, options.time_step, options.spectral_radius)
         self.reach = GrowingReach(self.system.assembly, options.time_step) if scene.commands else None
         self.watch: Monitor = self.run.watch
 
