@@ -7,12 +7,13 @@ if a few elements hold it, a new mesh has other sizes.
 
 import time
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import ngsolve as ng
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
 from nassim.base.checks import Array, known, positive
 from nassim.base.library_lock import hold_library_lock
@@ -21,13 +22,13 @@ from nassim.base.progress import stage, tell
 from nassim.base.warning_log import collect_messages, warn
 from nassim.bodies.reduced_body import SATURATION, error_text, relative_errors, unknown_from_first
 from nassim.fem.assembly import assemble_mesh, build_by_size, check_order, curved_mesh
-from nassim.fem.cad_sizes import sizes_from_cad
+from nassim.fem.cad_sizes import CADSizes, sizes_from_cad
 from nassim.fem.condensation import Condensation, condense
 from nassim.fem.curving import Curving
 from nassim.fem.fe_model import FEModel, MeshRound
 from nassim.fem.mesh_checks import check_folds, check_volume, factorization_memory, free_memory
 from nassim.fem.mesh_error import ReleasedEnergy, released_energy
-from nassim.fem.meshing import generate_mesh
+from nassim.fem.meshing import extrusion_axis, generate_mesh
 from nassim.fem.modes import fixed_interface_modes, largest_n_modes, mass_operator
 from nassim.fem.solid import Solid
 from nassim.fem.solver import threads
@@ -50,6 +51,11 @@ SIZE_CHANGE = (0.35, 1.25)
 """Smallest and largest factor on an element's size between two meshes."""
 RELAXED_CAD_SIZES = 1.4
 """Factor on the sizes from CAD in later meshes, whose sizes come from the estimate."""
+PRISMS_PER_RADIUS = 1.0
+"""Largest size of prisms across their axis, as a multiple of the radius of curvature."""
+FEWEST_LAYERS = 2
+THIN_WALL = 1 / 6
+"""Thickness of the walls as a share of the depth below which the first and the last layer of prisms are as thick."""
 COARSENING = 1.3
 """Smallest factor on all sizes if a mesh is beyond the limits."""
 MOST_REFUSED = 4
@@ -221,14 +227,15 @@ def _refine(
     progress: bool,
 ) -> FEModel:
     """Return the model of the smallest error, with all rounds."""
-    sizing = MeshSizing.from_cad(solid)
+    sizing = MeshSizing.from_cad(solid, prisms=mesh_options["extrude"] is None)
     rounds: list[MeshRound] = []
     best: tuple[FEModel, Any, Curving, float, str] | None = None
     values: list[Array] = []
     netgen_mesh, refused, n_refused, aim = None, "", 0, AIM
     while len(rounds) < MOST_ROUNDS:
         with stage(f"round {len(rounds) + 1}: mesh", enabled=progress):
-            netgen_mesh = netgen_mesh or sizing.mesh(solid, mesh_options)
+            if netgen_mesh is None:
+                sizing, netgen_mesh = sizing.mesh(solid, mesh_options)
             mesh = ng.Mesh(netgen_mesh)
         unknowns = 3 * ng.H1(mesh, order=order).ndof
         if refused and best is not None and unknowns < SMALLEST_GROWTH * rounds[-1].n_dofs:
@@ -296,6 +303,35 @@ def _cheaper(sizing: "MeshSizing", order: int, factor: float, reason: str) -> tu
 
 
 @dataclass(frozen=True)
+class Prisms:
+    """How a solid is meshed with prisms.
+
+    Attributes:
+        extrude: axis of the extrusion, "x", "y" or "z"
+        layer_thickness: largest thickness of a layer [m]
+        end_layers: thickness of the first and the last layer [m]; None for that of the others
+    """
+
+    extrude: str
+    layer_thickness: float
+    end_layers: float | None
+
+    @staticmethod
+    def from_cad(solid: Solid, cad: CADSizes, largest: float) -> "Prisms | None":
+        """Return the layers of a solid that is extruded along an axis, None for another solid.
+
+        At the ends of a thin wall, torsion changes the strain within a length of about the thickness.
+        """
+        extrude = extrusion_axis(solid)
+        if extrude is None:
+            return None
+        k = "xyz".index(extrude)
+        depth = float(np.ptp([tuple(corner)[k] for corner in solid.shape.bounding_box]))
+        wall = cad.wall(k)
+        return Prisms(extrude, min(largest, depth / FEWEST_LAYERS), wall if wall < THIN_WALL * depth else None)
+
+
+@dataclass(frozen=True)
 class MeshSizing:
     """Element sizes for a mesh.
 
@@ -303,24 +339,41 @@ class MeshSizing:
         largest: largest size [m]
         cad: points and sizes from the CAD, shapes (n, 3) and (n,) [m]
         points: points and sizes of the next mesh, shapes (m, 3) and (m,) [m]
+        prisms: how extruded bodies are meshed with prisms, None for tetrahedra
     """
 
     largest: float
     cad: tuple[Array, Array]
     points: tuple[Array, Array]
+    prisms: Prisms | None = None
 
     @staticmethod
-    def from_cad(solid: Solid) -> "MeshSizing":
-        """Return the sizes before the first mesh."""
+    def from_cad(solid: Solid, *, prisms: bool) -> "MeshSizing":
+        """Return the sizes before the first mesh; prisms: use them if the solid is extruded."""
         corners = np.array([tuple(corner) for corner in solid.shape.bounding_box])
         largest = LARGEST_PER_LENGTH * float(np.ptp(corners, axis=0).max())
-        points, sizes = sizes_from_cad(solid)
+        cad = sizes_from_cad(solid)
+        layers = Prisms.from_cad(solid, cad, largest) if prisms else None
+        sizes = cad.sizes() if layers is None else cad.sizes(PRISMS_PER_RADIUS)
         small = sizes < largest
-        return MeshSizing(largest, (points[small], sizes[small]), (points[small], sizes[small]))
+        return MeshSizing(largest, *2 * ((cad.points[small], sizes[small]),), layers)
 
-    def mesh(self, solid: Solid, options: Mapping[str, Any]) -> Any:
-        """Return a Netgen mesh with these sizes."""
-        return generate_mesh(solid, element_size=self.largest, point_sizes=self.points, **options)
+    def mesh(self, solid: Solid, options: Mapping[str, Any]) -> tuple["MeshSizing", Any]:
+        """Return a Netgen mesh with these sizes, and the sizes; those for tetrahedra if Netgen fails with prisms."""
+        if self.prisms is None:
+            return self, generate_mesh(solid, element_size=self.largest, point_sizes=self.points, **options)
+        layers = asdict(self.prisms)
+        try:
+            mesh = generate_mesh(
+                solid,
+                element_size=self.largest,
+                point_sizes=self.points,
+                tetrahedra_instead=False,
+                **{**options, **layers},
+            )
+        except ValueError:
+            return MeshSizing.from_cad(solid, prisms=False).mesh(solid, options)
+        return self, mesh
 
     @property
     def can_be_coarser(self) -> bool:
@@ -336,26 +389,47 @@ class MeshSizing:
         """Return sizes with which every target's error is the goal, with as few elements as possible.
 
         The error of an element falls with size^(2 r), and the number of elements grows with size^-3. The optimum has
-        equal errors in all elements.
+        equal errors in all elements. The prisms of one column have one size.
         """
-        centres, size = element_sizes(mesh)
-        worst = np.max(targets.shares * (SATURATION * targets.powers / goal), axis=1)
+        centres, size, columns = element_sizes(mesh, self.prisms.extrude if self.prisms else None)
+        shares = np.array([np.bincount(columns, weights=share) for share in targets.shares.T]).T
+        worst = np.max(shares * (SATURATION * targets.powers / goal), axis=1)
         worst = np.maximum(worst, 1e-9 * worst.max())
         r = CONVERGENCE
         equal = np.sum(worst ** (3 / (2 * r + 3))) ** (-(2 * r + 3) / (2 * r))
-        wanted = size * np.clip((equal / worst) ** (1 / (2 * r + 3)), *SIZE_CHANGE)
+        wanted = size * np.clip((equal / worst) ** (1 / (2 * r + 3)), *SIZE_CHANGE)[columns]
         points = np.vstack([centres, self.cad[0]]), np.concatenate([wanted, RELAXED_CAD_SIZES * self.cad[1]])
         return replace(self, points=points)
 
 
-def element_sizes(mesh: Any) -> tuple[Array, Array]:
-    """Return the centres (n, 3) and mean edge lengths (n,) of the elements [m]."""
+def element_sizes(mesh: Any, axis: str | None = None) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Return the sizes of the elements of a mesh.
+
+    Args:
+        mesh: NGSolve mesh
+        axis: "x", "y" or "z" along which prisms are extruded
+
+    Returns:
+        Centres, shape (n, 3) [m]; mean lengths, shape (n,) [m], of the edges, for prisms of those across the axis; and
+        numbers of the columns of prisms, or of single elements of other kinds, shape (n,).
+    """
     points = np.array([vertex.point for vertex in mesh.vertices])
     ends = np.array([[vertex.nr for vertex in edge.vertices] for edge in mesh.edges])
-    length = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
     elements = list(mesh.Elements(ng.VOL))
     centres = np.array([points[[vertex.nr for vertex in element.vertices]].mean(axis=0) for element in elements])
-    return centres, np.array([length[[edge.nr for edge in element.edges]].mean() for element in elements])
+    across = np.ones(3)
+    if axis:
+        across["xyz".index(axis)] = 0.0
+    edges = points[ends[:, 0]] - points[ends[:, 1]]
+    length, flat = np.linalg.norm(edges, axis=1), np.linalg.norm(edges * across, axis=1)
+    prism = np.array([element.type == ng.ET.PRISM for element in elements])
+    sizes = np.empty(len(elements))
+    for i, element in enumerate(elements):
+        numbers = [edge.nr for edge in element.edges]
+        sizes[i] = flat[numbers].sum() / 6 if prism[i] and axis else length[numbers].mean()
+    keys = np.column_stack([centres * np.where(prism[:, None], across, 1.0), prism])
+    columns = np.unique(np.round(keys, 9), axis=0, return_inverse=True)[1].ravel()
+    return centres, sizes, columns
 
 
 def _spread(targets: MeshTargets, goal: float) -> float:
