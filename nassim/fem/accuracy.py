@@ -28,7 +28,7 @@ from nassim.fem.curving import Curving
 from nassim.fem.fe_model import FEModel, MeshRound
 from nassim.fem.mesh_checks import check_folds, check_volume, factorization_memory, free_memory
 from nassim.fem.mesh_error import ReleasedEnergy, released_energy
-from nassim.fem.meshing import extrusion_axis, generate_mesh
+from nassim.fem.meshing import OCC_AXES, extrusion_axis, generate_mesh
 from nassim.fem.modes import fixed_interface_modes, largest_n_modes, mass_operator
 from nassim.fem.solid import Solid
 from nassim.fem.solver import threads
@@ -104,8 +104,9 @@ def build_fe_model(
             too stiff in thin walls
         curvature: elements per radius of curvature of curved edges and faces
         local_sizes: largest edge length on faces, by the names of the faces [m]
-        extrude: axis "x", "y" or "z" along which CAD bodies are extruded and meshed with prisms; None for tetrahedra
-        layer_thickness: largest height of the prisms [m] (default: element_size)
+        extrude: axis "x", "y" or "z" along which CAD bodies are extruded and meshed with prisms; None for tetrahedra,
+            or, for a tolerance, for prisms if there is one axis along which all CAD bodies are extruded
+        layer_thickness: largest height of the prisms [m] (default: element_size; for a tolerance from the CAD)
         progress: show the stages and their times, and for a tolerance the unknowns and the error of every round
 
     Raises:
@@ -227,15 +228,14 @@ def _refine(
     progress: bool,
 ) -> FEModel:
     """Return the model of the smallest error, with all rounds."""
-    sizing = MeshSizing.from_cad(solid, prisms=mesh_options["extrude"] is None)
+    sizing = MeshSizing.from_cad(solid, mesh_options)
     rounds: list[MeshRound] = []
-    best: tuple[FEModel, Any, Curving, float, str] | None = None
+    best: Trial | None = None
     values: list[Array] = []
     netgen_mesh, refused, n_refused, aim = None, "", 0, AIM
     while len(rounds) < MOST_ROUNDS:
         with stage(f"round {len(rounds) + 1}: mesh", enabled=progress):
-            if netgen_mesh is None:
-                sizing, netgen_mesh = sizing.mesh(solid, mesh_options)
+            netgen_mesh = netgen_mesh or sizing.mesh(solid, mesh_options)
             mesh = ng.Mesh(netgen_mesh)
         unknowns = 3 * ng.H1(mesh, order=order).ndof
         if refused and best is not None and unknowns < SMALLEST_GROWTH * rounds[-1].n_dofs:
@@ -256,41 +256,61 @@ def _refine(
         values.append(targets.values)
         # Finite elements only stiffen, so what another mesh found softer is at least this one's error.
         errors = np.maximum(targets.errors(), targets.values / np.min(values, axis=0) - 1)
-        worst = int(np.argmax(errors))
-        made = MeshRound(
-            order,
-            mesh.ne,
-            condensed.fe_model.n_dofs,
-            seconds=time.perf_counter() - limits.start,
-            error=float(errors[worst]),
-        )
-        rounds.append(made)
+        trial = Trial(condensed, mesh, curving, float(errors.max()), targets.labels[int(np.argmax(errors))])
+        seconds = time.perf_counter() - limits.start
+        rounds.append(MeshRound(order, mesh.ne, condensed.fe_model.n_dofs, seconds=seconds, error=trial.error))
         if progress:
-            tell(f"round {len(rounds)}: {made}")
-        if best is None or errors[worst] < best[3]:
-            model = replace(condensed.fe_model, _condensation=condensed)
-            best = model, mesh, curving, made.error, targets.labels[worst]
-        if errors[worst] <= tolerance:
+            tell(f"round {len(rounds)}: {rounds[-1]}")
+        if best is None or trial.error < best.error:
+            best = trial
+        if trial.error <= tolerance:
             break
-        spread = _spread(targets, tolerance)
-        if spread > SPREAD and order < HIGHEST_ORDER:
+        if _spread(targets, tolerance) > SPREAD and order < HIGHEST_ORDER:
             order += 1
         else:
             sizing, netgen_mesh = sizing.refined(mesh, targets, aim * tolerance), None
-            aim *= float(np.clip(tolerance / errors[worst], 0.4, 0.8))
+            aim *= float(np.clip(tolerance / trial.error, 0.4, 0.8))
     assert best is not None
-    model, mesh, curving, error, label = best
-    check_folds(curving, solid)
-    check_volume(mesh, solid)
-    if error > tolerance:
+    if best.error > tolerance:
         reason = f"the next mesh would need {refused}" if refused else f"{MOST_ROUNDS} meshes were tried"
         warn(
             f"solid {solid.name!r}: the tolerance {tolerance:g} was not reached, the estimated error is "
-            f"{error_text(error)} ({label}): {reason}; allow more, or simplify or fillet the CAD there",
+            f"{best.error_text}: {reason}; allow more, or simplify or fillet the CAD there",
             stacklevel=3,
         )
-    description = f"{model.description}; estimated error {error_text(error)} ({label})"
-    return replace(model, description=description, rounds=tuple(rounds))
+    check_folds(best.curving, solid)
+    check_volume(best.mesh, solid)
+    return best.model(rounds)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Result of one round.
+
+    Attributes:
+        condensed: static condensation of the model
+        mesh: its NGSolve mesh
+        curving: record of how the mesh was curved
+        error: largest estimated error of all targets [-]
+        label: the target that has it
+    """
+
+    condensed: Condensation
+    mesh: Any
+    curving: Curving
+    error: float
+    label: str
+
+    @property
+    def error_text(self) -> str:
+        """The error and its target, as text."""
+        return f"{error_text(self.error)} ({self.label})"
+
+    def model(self, rounds: Sequence[MeshRound]) -> FEModel:
+        """Return the FE model with the record of all rounds."""
+        model = self.condensed.fe_model
+        description = f"{model.description}; estimated error {self.error_text}"
+        return replace(model, description=description, rounds=tuple(rounds), _condensation=self.condensed)
 
 
 def _cheaper(sizing: "MeshSizing", order: int, factor: float, reason: str) -> tuple["MeshSizing", int]:
@@ -317,15 +337,17 @@ class Prisms:
     end_layers: float | None
 
     @staticmethod
-    def from_cad(solid: Solid, cad: CADSizes, largest: float) -> "Prisms | None":
+    def from_cad(solid: Solid, cad: CADSizes, largest: float, options: Mapping[str, Any]) -> "Prisms | None":
         """Return the layers of a solid that is extruded along an axis, None for another solid.
 
         At the ends of a thin wall, torsion changes the strain within a length of about the thickness.
         """
-        extrude = extrusion_axis(solid)
+        extrude = options["extrude"] or extrusion_axis(solid)
         if extrude is None:
             return None
-        k = "xyz".index(extrude)
+        if options["layer_thickness"] is not None:
+            return Prisms(extrude, options["layer_thickness"], None)
+        k = "xyz".index(known("extrude", extrude, OCC_AXES))
         depth = float(np.ptp([tuple(corner)[k] for corner in solid.shape.bounding_box]))
         wall = cad.wall(k)
         return Prisms(extrude, min(largest, depth / FEWEST_LAYERS), wall if wall < THIN_WALL * depth else None)
@@ -348,32 +370,20 @@ class MeshSizing:
     prisms: Prisms | None = None
 
     @staticmethod
-    def from_cad(solid: Solid, *, prisms: bool) -> "MeshSizing":
-        """Return the sizes before the first mesh; prisms: use them if the solid is extruded."""
+    def from_cad(solid: Solid, options: Mapping[str, Any]) -> "MeshSizing":
+        """Return the sizes before the first mesh; options: arguments of `generate_mesh` that the user gave."""
         corners = np.array([tuple(corner) for corner in solid.shape.bounding_box])
         largest = LARGEST_PER_LENGTH * float(np.ptp(corners, axis=0).max())
         cad = sizes_from_cad(solid)
-        layers = Prisms.from_cad(solid, cad, largest) if prisms else None
-        sizes = cad.sizes() if layers is None else cad.sizes(PRISMS_PER_RADIUS)
+        prisms = Prisms.from_cad(solid, cad, largest, options)
+        sizes = cad.sizes() if prisms is None else cad.sizes(PRISMS_PER_RADIUS)
         small = sizes < largest
-        return MeshSizing(largest, *2 * ((cad.points[small], sizes[small]),), layers)
+        return MeshSizing(largest, *2 * ((cad.points[small], sizes[small]),), prisms)
 
-    def mesh(self, solid: Solid, options: Mapping[str, Any]) -> tuple["MeshSizing", Any]:
-        """Return a Netgen mesh with these sizes, and the sizes; those for tetrahedra if Netgen fails with prisms."""
-        if self.prisms is None:
-            return self, generate_mesh(solid, element_size=self.largest, point_sizes=self.points, **options)
-        layers = asdict(self.prisms)
-        try:
-            mesh = generate_mesh(
-                solid,
-                element_size=self.largest,
-                point_sizes=self.points,
-                tetrahedra_instead=False,
-                **{**options, **layers},
-            )
-        except ValueError:
-            return MeshSizing.from_cad(solid, prisms=False).mesh(solid, options)
-        return self, mesh
+    def mesh(self, solid: Solid, options: Mapping[str, Any]) -> Any:
+        """Return a Netgen mesh with these sizes."""
+        layers = asdict(self.prisms) if self.prisms else {}
+        return generate_mesh(solid, element_size=self.largest, point_sizes=self.points, **{**options, **layers})
 
     @property
     def can_be_coarser(self) -> bool:

@@ -6,7 +6,10 @@ the CAD body to the opposite face.
 Source: S. Timoshenko, S. Woinowsky-Krieger, Theory of Plates and Shells (1959), section 15, on the decay length.
 """
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +25,7 @@ LARGEST_PER_RADIUS = 2.0
 LARGEST_PER_THICKNESS = 10.0
 """Largest element size as a multiple of the wall's thickness."""
 MOST_POINTS = 6000
-"""Largest number of points per CAD body at which the thickness is measured."""
+"""Largest number of points per material at which the thickness is measured."""
 RAYS_AT_ONCE = 100
 PERPENDICULAR = 1e-6
 """Largest cosine of a right angle."""
@@ -63,16 +66,34 @@ class CADSizes:
 
 
 def sizes_from_cad(solid: Solid) -> CADSizes:
-    """Measure curvature and thickness at points on the faces of a solid."""
+    """Measure curvature and thickness at points on the faces of a solid.
+
+    Faces between CAD bodies of one material, where nothing changes but the name, are left out.
+    """
+    groups: dict[str, list[Any]] = {}
+    for body in solid.shape.solids:
+        groups.setdefault(solid.materials[body.name].name, []).append(body)
     with hold_library_lock(forkable=True):
-        bodies = [solid_triangles(body)[:2] for body in solid.shape.solids]
-    length = max(np.ptp(corners.reshape(-1, 3), axis=0).max() for corners, _ in bodies)
-    parts = [_measure_body(corners, normals, length) for corners, normals in bodies]
-    return CADSizes(*(np.concatenate(values) for values in zip(*parts, strict=True)))
+        parts = [_outside(bodies) for bodies in groups.values()]
+    length = max(np.ptp(corners.reshape(-1, 3), axis=0).max() for corners, _ in parts)
+    measured = [_measure(corners, normals, length) for corners, normals in parts]
+    return CADSizes(*(np.concatenate(values) for values in zip(*measured, strict=True)))
 
 
-def _measure_body(corners: Array, normals: Array, length: float) -> tuple[Array, Array, Array, Array]:
-    """Return the fields of `CADSizes` on the triangles of one CAD body; length: that of the solid [m]."""
+def _outside(bodies: Sequence[Any]) -> tuple[Array, Array]:
+    """Return the corners and normals of the triangles on faces of CAD bodies that do not lie between two of them."""
+    n_bodies = Counter(face for body in bodies for face in body.faces)
+    corners, normals = [], []
+    for body in bodies:
+        places, outward, face = solid_triangles(body)
+        outside = np.array([n_bodies[face] == 1 for face in body.faces])[face]
+        corners.append(places[outside])
+        normals.append(outward[outside])
+    return np.concatenate(corners), np.concatenate(normals)
+
+
+def _measure(corners: Array, normals: Array, length: float) -> tuple[Array, Array, Array, Array]:
+    """Return the fields of `CADSizes` on the triangles of CAD bodies of one material; length: that of the solid [m]."""
     edges = corners[:, [1, 2, 0]] - corners
     real = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) > 1e-14 * length**2
     corners, normals, edges = corners[real], normals[real], edges[real]

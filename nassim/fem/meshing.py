@@ -47,7 +47,6 @@ def generate_mesh(
     layer_thickness: float | None = None,
     end_layers: float | None = None,
     point_sizes: tuple[Array, Array] | None = None,
-    tetrahedra_instead: bool = True,
 ) -> Any:
     """Mesh a solid by Netgen.
 
@@ -63,8 +62,6 @@ def generate_mesh(
         end_layers: height of the first and of the last layer of prisms [m] (default: that of the others)
         point_sizes: points, shape (n, 3) [m], and largest edge lengths there, shape (n,) [m]; sizes in extruded bodies
             hold along the whole body
-        tetrahedra_instead: whether the mesh consists of tetrahedra where Netgen fails with prisms; otherwise that is an
-            error
 
     Returns:
         The Netgen mesh, with coordinates in metres.
@@ -100,7 +97,7 @@ def generate_mesh(
     layers = None if extrude is None else Layers("xyz".index(extrude), thickness, end_layers)
     with hold_library_lock(), _name_by_index(solid.shape) as names:
         numbered_sizes = {str(names.index(name)): local_size for name, local_size in sizes.items()}
-        mesh = _mesh(solid, size, curvature, numbered_sizes, layers, point_sizes, tetrahedra_instead)
+        mesh = _mesh(solid, size, curvature, numbered_sizes, layers, point_sizes)
         _restore_mesh_names(mesh, names)
     return mesh
 
@@ -112,16 +109,13 @@ def _mesh(
     sizes: Mapping[str, float],
     layers: "Layers | None",
     point_sizes: tuple[Array, Array] | None,
-    tetrahedra_instead: bool,
 ) -> Any:
     """Mesh a solid with prisms if asked for and possible, otherwise with tetrahedra."""
     if layers is not None:
         try:
             shape, prism_sizes = cut_in_layers(solid, layers, point_sizes)
             return _run_netgen(shape, size, curvature, sizes, prism_sizes)
-        except NgException as error:
-            if not tetrahedra_instead:
-                raise ValueError(f"Netgen cannot mesh solid {solid.name!r} with prisms ({error})") from error
+        except NgException:
             warn(
                 f"Netgen fails to mesh solid {solid.name!r} with prisms: tetrahedra are used instead, with a larger "
                 "error; other sizes may help",
@@ -254,15 +248,9 @@ class Layers:
 
 
 def extrusion_axis(solid: Solid) -> str | None:
-    """Return the axis along which more than half of a solid is extruded, and more than along the others; or None."""
-    volume = [
-        sum(body.mass for body in solid.shape.solids if CADBody.measure(body, k).is_prism()) for k in range(3)
-    ]
-    second, largest = sorted(volume)[1:]
-    whole = sum(body.mass for body in solid.shape.solids)
-    if largest < 0.5 * whole or largest < second + SAME_SIZE * whole:
-        return None
-    return "xyz"[int(np.argmax(volume))]
+    """Return the only axis "x", "y" or "z" along which all CAD bodies of a solid are extruded, or None."""
+    along = [all(CADBody.measure(body, k).is_prism() for body in solid.shape.solids) for k in range(3)]
+    return "xyz"[along.index(True)] if along.count(True) == 1 else None
 
 
 def cut_in_layers(
@@ -304,7 +292,9 @@ def cut_in_layers(
             # The name also numbers the pairs, because Netgen distinguishes identifications by name.
             label = f"layer {tuple(low.center)}"
             low.Identify(high, label, occ.IdentificationType.CLOSESURFACES, occ.gp_Trsf.Translation(step))
-    return shape, point_sizes and _along_prisms(point_sizes, prisms, k, sorted({end for pair in limits for end in pair}))
+    return shape, point_sizes and _along_prisms(
+        point_sizes, prisms, k, sorted({end for pair in limits for end in pair})
+    )
 
 
 def _along_prisms(
@@ -372,7 +362,7 @@ class CADBody:
         return CADBody(shape, low, high, bottom, top, k)
 
     def is_prism(self) -> bool:
-        """Return whether the area of both ends times the length is the volume, and the other faces are parallel to it."""
+        """Return whether the area of both ends times the length is the volume, and the sides are parallel to it."""
         if not self.bottom or not self.top:  # a single closed face, such as a sphere
             return False
         areas = [sum(face.mass for face in end) for end in (self.bottom, self.top)]

@@ -52,12 +52,27 @@ def test_rays_measure_a_box():
 def test_sizes_from_cad_of_a_tube():
     """c sqrt(R t) on a thin tube, and no more than ten times the thickness on a plate."""
     tube = occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, 0.02, 0.03) - occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, 0.0195, 0.03)
-    points, sizes = sizes_from_cad(named("tube", tube, occ.Z))
-    curved = (points[:, 2] > 0.005) & (points[:, 2] < 0.025)
-    assert np.median(sizes[curved]) == pytest.approx(FINENESS * np.sqrt(0.02 * 0.0005), rel=0.1)
-    points, sizes = sizes_from_cad(named("plate", occ.Box((0, 0, 0), (0.1, 0.06, 0.0004))))
-    flat = (points[:, 0] > 0.01) & (points[:, 0] < 0.09) & (points[:, 1] > 0.01) & (points[:, 1] < 0.05)
-    np.testing.assert_allclose(sizes[flat], LARGEST_PER_THICKNESS * 0.0004, rtol=1e-3)
+    found = sizes_from_cad(named("tube", tube, occ.Z))
+    curved = (found.points[:, 2] > 0.005) & (found.points[:, 2] < 0.025)
+    assert np.median(found.sizes()[curved]) == pytest.approx(FINENESS * np.sqrt(0.02 * 0.0005), rel=0.1)
+    assert found.wall(2) == pytest.approx(0.0005, rel=0.02)
+    found = sizes_from_cad(named("plate", occ.Box((0, 0, 0), (0.1, 0.06, 0.0004))))
+    x, y, _ = found.points.T
+    flat = (x > 0.01) & (x < 0.09) & (y > 0.01) & (y < 0.05)
+    np.testing.assert_allclose(found.sizes()[flat], LARGEST_PER_THICKNESS * 0.0004, rtol=1e-3)
+
+
+def test_a_cut_through_one_material_is_no_wall():
+    """Two glued boxes are as thick as one; a layer of another material is as thin as it is."""
+    parts = [occ.Box((0, 0, 0), (0.1, 0.06, 0.05)), occ.Box((0, 0, 0.05), (0.1, 0.06, 0.051))]
+    for part, name in zip(parts, ("block", "layer"), strict=True):
+        part.name = name
+    shape, points = occ.Glue(parts), (RemotePoint("end", ("end",), np.zeros(3)),)
+    shape.faces.Min(occ.X).name = "end"
+    soft = Material("soft", 1e9, 0.3, 1000.0)
+    for layer, thinnest in ((STEEL, 0.051), (soft, 0.001)):
+        found = sizes_from_cad(Solid("pair", shape, {"block": STEEL, "layer": layer}, points))
+        assert found.thickness.min() == pytest.approx(thinnest, rel=1e-3)
 
 
 @pytest.fixture(scope="module")
