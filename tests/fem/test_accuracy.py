@@ -6,16 +6,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import netgen.occ as occ
+import ngsolve as ng
 import numpy as np
 import pytest
 import scipy
 from conftest import STEEL, make_bar
 
 from nassim import ElectricalPort, Material, PiezoStack, RemotePoint, Solid, build_fe_model, condense, craig_bampton
-from nassim.fem.accuracy import find_targets
+from nassim.fem.accuracy import element_sizes, find_targets
 from nassim.fem.assembly import refine_order
 from nassim.fem.cad_sizes import FINENESS, LARGEST_PER_THICKNESS, ray_lengths, sizes_from_cad
 from nassim.fem.mesh_error import released_energy
+from nassim.fem.meshing import generate_mesh
 
 SCRIPTS = Path(__file__).parents[2] / "scripts"
 
@@ -36,10 +38,10 @@ def named(name, shape, axis=occ.X, material=STEEL):
     return Solid(name, shape, {"body": material}, points)
 
 
-def make_step():
-    """A bar with a sharp step, in a general position."""
+def make_step(angle=20):
+    """A bar with a sharp step, in a general position or, without a turn, extruded along y."""
     shape = occ.Box((0, 0, 0), (0.03, 0.01, 0.01)) + occ.Box((0.03, 0, 0), (0.06, 0.01, 0.003))
-    return named("step", shape.Rotate(occ.Axis((0, 0, 0), occ.Vec(1, 2, 3)), 20))
+    return named("step", shape.Rotate(occ.Axis((0, 0, 0), occ.Vec(1, 2, 3)), angle))
 
 
 def test_rays_measure_a_box():
@@ -93,6 +95,29 @@ def test_tolerance_is_met_on_a_sharp_step(fine_step):
     assert model.n_dofs == model.rounds[-1].n_dofs
     found, truth = (find_targets(c, 4, CONDITIONS).values for c in (condense(model, progress=False), fine_step))
     assert np.all(np.abs(found / truth - 1) < 0.005)
+
+
+@pytest.mark.slow
+def test_a_tolerance_uses_prisms_where_all_is_extruded(fine_step):
+    """The frequencies are those of the turned solid, which has tetrahedra."""
+    model = build_fe_model(make_step(angle=0), tolerance=0.005, n=4, fixed=CONDITIONS, progress=False)
+    assert "prisms" in model.description
+    assert "tetrahedra" not in model.description
+    found, truth = (find_targets(c, 4, CONDITIONS).values[:8] for c in (condense(model, progress=False), fine_step))
+    assert np.all(np.abs(found / truth - 1) < 0.005)
+
+
+def test_sizes_of_prisms_are_those_across_their_axis():
+    """Three layers of different thickness: columns of three prisms, as large as the edges of the section."""
+    options = {"element_size": 0.02, "extrude": "x", "layer_thickness": 0.1, "end_layers": 0.02}
+    mesh = ng.Mesh(generate_mesh(make_bar(), **options))
+    _, sizes, columns = element_sizes(mesh, "x")
+    assert np.all(np.bincount(columns) == 3)
+    section = np.array([vertex.point for vertex in mesh.vertices if abs(vertex.point[0]) < 1e-9])
+    width = np.ptp(section, axis=0)[1:].max()
+    assert np.all((sizes > 0.3 * width) & (sizes < 1.5 * width))
+    for number in range(columns.max() + 1):
+        assert np.ptp(sizes[columns == number]) < 1e-9
 
 
 @pytest.mark.slow
