@@ -231,7 +231,7 @@ def _refine(
     sizing = MeshSizing.from_cad(solid, mesh_options)
     rounds: list[MeshRound] = []
     best: Trial | None = None
-    values: list[Array] = []
+    softest: Array | float = np.inf
     netgen_mesh, refused, n_refused, aim = None, "", 0, AIM
     while len(rounds) < MOST_ROUNDS:
         with stage(f"round {len(rounds) + 1}: mesh", enabled=progress):
@@ -250,25 +250,20 @@ def _refine(
             (sizing, order), netgen_mesh = _cheaper(sizing, order, factor, reason), None
             continue
         with stage(f"round {len(rounds) + 1}: solve, estimate", enabled=progress):
-            mesh, curving = curved_mesh(netgen_mesh, order)
-            condensed = condense(assemble_mesh(mesh, solid, order), progress=False)
-            targets = find_targets(condensed, n, conditions)
-        values.append(targets.values)
-        # Finite elements only stiffen, so what another mesh found softer is at least this one's error.
-        errors = np.maximum(targets.errors(), targets.values / np.min(values, axis=0) - 1)
-        trial = Trial(condensed, mesh, curving, float(errors.max()), targets.labels[int(np.argmax(errors))])
+            trial = Trial.of(netgen_mesh, solid, order, n, conditions, softest)
+            softest = np.minimum(softest, trial.targets.values)
         seconds = time.perf_counter() - limits.start
-        rounds.append(MeshRound(order, mesh.ne, condensed.fe_model.n_dofs, seconds=seconds, error=trial.error))
+        rounds.append(MeshRound(order, mesh.ne, unknowns, seconds=seconds, error=trial.error))
         if progress:
             tell(f"round {len(rounds)}: {rounds[-1]}")
         if best is None or trial.error < best.error:
             best = trial
         if trial.error <= tolerance:
             break
-        if _spread(targets, tolerance) > SPREAD and order < HIGHEST_ORDER:
+        if _spread(trial.targets, tolerance) > SPREAD and order < HIGHEST_ORDER:
             order += 1
         else:
-            sizing, netgen_mesh = sizing.refined(mesh, targets, aim * tolerance), None
+            sizing, netgen_mesh = sizing.refined(trial.mesh, trial.targets, aim * tolerance), None
             aim *= float(np.clip(tolerance / trial.error, 0.4, 0.8))
     assert best is not None
     if best.error > tolerance:
@@ -291,20 +286,42 @@ class Trial:
         condensed: static condensation of the model
         mesh: its NGSolve mesh
         curving: record of how the mesh was curved
-        error: largest estimated error of all targets [-]
-        label: the target that has it
+        targets: what a tolerance applies to
+        errors: estimated relative errors of the targets, shape (t,)
     """
 
     condensed: Condensation
     mesh: Any
     curving: Curving
-    error: float
-    label: str
+    targets: MeshTargets
+    errors: Array
+
+    @staticmethod
+    def of(
+        netgen_mesh: Any,
+        solid: Solid,
+        order: int,
+        n: int,
+        conditions: Sequence[tuple[str, ...]],
+        softest: Array | float,
+    ) -> "Trial":
+        """Condense the model of a mesh and estimate its errors; softest: smallest values of the targets on others."""
+        mesh, curving = curved_mesh(netgen_mesh, order)
+        condensed = condense(assemble_mesh(mesh, solid, order), progress=False)
+        targets = find_targets(condensed, n, conditions)
+        # Finite elements only stiffen, so what another mesh found softer is at least this one's error.
+        errors = np.maximum(targets.errors(), targets.values / softest - 1)
+        return Trial(condensed, mesh, curving, targets, errors)
+
+    @property
+    def error(self) -> float:
+        """Largest error of all targets."""
+        return float(self.errors.max())
 
     @property
     def error_text(self) -> str:
-        """The error and its target, as text."""
-        return f"{error_text(self.error)} ({self.label})"
+        """Largest error and its target, as text."""
+        return f"{error_text(self.error)} ({self.targets.labels[int(np.argmax(self.errors))]})"
 
     def model(self, rounds: Sequence[MeshRound]) -> FEModel:
         """Return the FE model with the record of all rounds."""
