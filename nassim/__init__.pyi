@@ -65,8 +65,10 @@ from .fem.face_picks import (
     OnPlane as OnPlane,
     name_faces as name_faces,
 )
-from .fem.faces import (
+from .fem.face_tables import (
     face_table as face_table,
+)
+from .fem.faces import (
     list_faces as list_faces,
 )
 from .fem.fe_model import (

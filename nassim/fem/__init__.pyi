@@ -22,9 +22,11 @@ from .face_picks import (
     OnPlane as OnPlane,
     name_faces as name_faces,
 )
+from .face_tables import (
+    face_table as face_table,
+)
 from .faces import (
     Face as Face,
-    face_table as face_table,
     list_faces as list_faces,
 )
 from .fe_model import (

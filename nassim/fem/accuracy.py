@@ -7,12 +7,13 @@ if a few elements hold it, a new mesh has other sizes.
 
 import time
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import ngsolve as ng
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
 from nassim.base.checks import Array, known, positive
 from nassim.base.library_lock import hold_library_lock
@@ -21,13 +22,13 @@ from nassim.base.progress import stage, tell
 from nassim.base.warning_log import collect_messages, warn
 from nassim.bodies.reduced_body import SATURATION, error_text, relative_errors, unknown_from_first
 from nassim.fem.assembly import assemble_mesh, build_by_size, check_order, curved_mesh
-from nassim.fem.cad_sizes import sizes_from_cad
+from nassim.fem.cad_sizes import CADSizes, sizes_from_cad
 from nassim.fem.condensation import Condensation, condense
 from nassim.fem.curving import Curving
 from nassim.fem.fe_model import FEModel, MeshRound
 from nassim.fem.mesh_checks import check_folds, check_volume, factorization_memory, free_memory
 from nassim.fem.mesh_error import ReleasedEnergy, released_energy
-from nassim.fem.meshing import generate_mesh
+from nassim.fem.meshing import OCC_AXES, extrusion_axis, generate_mesh
 from nassim.fem.modes import fixed_interface_modes, largest_n_modes, mass_operator
 from nassim.fem.solid import Solid
 from nassim.fem.solver import threads
@@ -50,6 +51,11 @@ SIZE_CHANGE = (0.35, 1.25)
 """Smallest and largest factor on an element's size between two meshes."""
 RELAXED_CAD_SIZES = 1.4
 """Factor on the sizes from CAD in later meshes, whose sizes come from the estimate."""
+PRISMS_PER_RADIUS = 1.0
+"""Largest size of prisms across their axis, as a multiple of the radius of curvature."""
+FEWEST_LAYERS = 2
+THIN_WALL = 1 / 6
+"""Thickness of the walls as a share of the depth below which the first and the last layer of prisms are as thick."""
 COARSENING = 1.3
 """Smallest factor on all sizes if a mesh is beyond the limits."""
 MOST_REFUSED = 4
@@ -98,8 +104,9 @@ def build_fe_model(
             too stiff in thin walls
         curvature: elements per radius of curvature of curved edges and faces
         local_sizes: largest edge length on faces, by the names of the faces [m]
-        extrude: axis "x", "y" or "z" along which CAD bodies are extruded and meshed with prisms; None for tetrahedra
-        layer_thickness: largest height of the prisms [m] (default: element_size)
+        extrude: axis "x", "y" or "z" along which CAD bodies are extruded and meshed with prisms; None for tetrahedra,
+            or, for a tolerance, for prisms if there is one axis along which all CAD bodies are extruded
+        layer_thickness: largest height of the prisms [m] (default: element_size; for a tolerance from the CAD)
         progress: show the stages and their times, and for a tolerance the unknowns and the error of every round
 
     Raises:
@@ -221,10 +228,10 @@ def _refine(
     progress: bool,
 ) -> FEModel:
     """Return the model of the smallest error, with all rounds."""
-    sizing = MeshSizing.from_cad(solid)
+    sizing = MeshSizing.from_cad(solid, mesh_options)
     rounds: list[MeshRound] = []
-    best: tuple[FEModel, Any, Curving, float, str] | None = None
-    values: list[Array] = []
+    best: Trial | None = None
+    softest: Array | float = np.inf
     netgen_mesh, refused, n_refused, aim = None, "", 0, AIM
     while len(rounds) < MOST_ROUNDS:
         with stage(f"round {len(rounds) + 1}: mesh", enabled=progress):
@@ -243,47 +250,84 @@ def _refine(
             (sizing, order), netgen_mesh = _cheaper(sizing, order, factor, reason), None
             continue
         with stage(f"round {len(rounds) + 1}: solve, estimate", enabled=progress):
-            mesh, curving = curved_mesh(netgen_mesh, order)
-            condensed = condense(assemble_mesh(mesh, solid, order), progress=False)
-            targets = find_targets(condensed, n, conditions)
-        values.append(targets.values)
-        # Finite elements only stiffen, so what another mesh found softer is at least this one's error.
-        errors = np.maximum(targets.errors(), targets.values / np.min(values, axis=0) - 1)
-        worst = int(np.argmax(errors))
-        made = MeshRound(
-            order,
-            mesh.ne,
-            condensed.fe_model.n_dofs,
-            seconds=time.perf_counter() - limits.start,
-            error=float(errors[worst]),
-        )
-        rounds.append(made)
+            trial = Trial.of(netgen_mesh, solid, order, n, conditions, softest)
+            softest = np.minimum(softest, trial.targets.values)
+        seconds = time.perf_counter() - limits.start
+        rounds.append(MeshRound(order, mesh.ne, unknowns, seconds=seconds, error=trial.error))
         if progress:
-            tell(f"round {len(rounds)}: {made}")
-        if best is None or errors[worst] < best[3]:
-            model = replace(condensed.fe_model, _condensation=condensed)
-            best = model, mesh, curving, made.error, targets.labels[worst]
-        if errors[worst] <= tolerance:
+            tell(f"round {len(rounds)}: {rounds[-1]}")
+        if best is None or trial.error < best.error:
+            best = trial
+        if trial.error <= tolerance:
             break
-        spread = _spread(targets, tolerance)
-        if spread > SPREAD and order < HIGHEST_ORDER:
+        if _spread(trial.targets, tolerance) > SPREAD and order < HIGHEST_ORDER:
             order += 1
         else:
-            sizing, netgen_mesh = sizing.refined(mesh, targets, aim * tolerance), None
-            aim *= float(np.clip(tolerance / errors[worst], 0.4, 0.8))
+            sizing, netgen_mesh = sizing.refined(trial.mesh, trial.targets, aim * tolerance), None
+            aim *= float(np.clip(tolerance / trial.error, 0.4, 0.8))
     assert best is not None
-    model, mesh, curving, error, label = best
-    check_folds(curving, solid)
-    check_volume(mesh, solid)
-    if error > tolerance:
+    if best.error > tolerance:
         reason = f"the next mesh would need {refused}" if refused else f"{MOST_ROUNDS} meshes were tried"
         warn(
             f"solid {solid.name!r}: the tolerance {tolerance:g} was not reached, the estimated error is "
-            f"{error_text(error)} ({label}): {reason}; allow more, or simplify or fillet the CAD there",
+            f"{best.error_text}: {reason}; allow more, or simplify or fillet the CAD there",
             stacklevel=3,
         )
-    description = f"{model.description}; estimated error {error_text(error)} ({label})"
-    return replace(model, description=description, rounds=tuple(rounds))
+    check_folds(best.curving, solid)
+    check_volume(best.mesh, solid)
+    return best.model(rounds)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Result of one round.
+
+    Attributes:
+        condensed: static condensation of the model
+        mesh: its NGSolve mesh
+        curving: record of how the mesh was curved
+        targets: what a tolerance applies to
+        errors: estimated relative errors of the targets, shape (t,)
+    """
+
+    condensed: Condensation
+    mesh: Any
+    curving: Curving
+    targets: MeshTargets
+    errors: Array
+
+    @staticmethod
+    def of(
+        netgen_mesh: Any,
+        solid: Solid,
+        order: int,
+        n: int,
+        conditions: Sequence[tuple[str, ...]],
+        softest: Array | float,
+    ) -> "Trial":
+        """Condense the model of a mesh and estimate its errors; softest: smallest values of the targets on others."""
+        mesh, curving = curved_mesh(netgen_mesh, order)
+        condensed = condense(assemble_mesh(mesh, solid, order), progress=False)
+        targets = find_targets(condensed, n, conditions)
+        # Finite elements only stiffen, so what another mesh found softer is at least this one's error.
+        errors = np.maximum(targets.errors(), targets.values / softest - 1)
+        return Trial(condensed, mesh, curving, targets, errors)
+
+    @property
+    def error(self) -> float:
+        """Largest error of all targets."""
+        return float(self.errors.max())
+
+    @property
+    def error_text(self) -> str:
+        """Largest error and its target, as text."""
+        return f"{error_text(self.error)} ({self.targets.labels[int(np.argmax(self.errors))]})"
+
+    def model(self, rounds: Sequence[MeshRound]) -> FEModel:
+        """Return the FE model with the record of all rounds."""
+        model = self.condensed.fe_model
+        description = f"{model.description}; estimated error {self.error_text}"
+        return replace(model, description=description, rounds=tuple(rounds), _condensation=self.condensed)
 
 
 def _cheaper(sizing: "MeshSizing", order: int, factor: float, reason: str) -> tuple["MeshSizing", int]:
@@ -296,6 +340,37 @@ def _cheaper(sizing: "MeshSizing", order: int, factor: float, reason: str) -> tu
 
 
 @dataclass(frozen=True)
+class Prisms:
+    """How a solid is meshed with prisms.
+
+    Attributes:
+        extrude: axis of the extrusion, "x", "y" or "z"
+        layer_thickness: largest thickness of a layer [m]
+        end_layers: thickness of the first and the last layer [m]; None for that of the others
+    """
+
+    extrude: str
+    layer_thickness: float
+    end_layers: float | None
+
+    @staticmethod
+    def from_cad(solid: Solid, cad: CADSizes, largest: float, options: Mapping[str, Any]) -> "Prisms | None":
+        """Return the layers of a solid that is extruded along an axis, None for another solid.
+
+        At the ends of a thin wall, torsion changes the strain within a length of about the thickness.
+        """
+        extrude = options["extrude"] or extrusion_axis(solid)
+        if extrude is None:
+            return None
+        if options["layer_thickness"] is not None:
+            return Prisms(extrude, options["layer_thickness"], None)
+        k = "xyz".index(known("extrude", extrude, OCC_AXES))
+        depth = float(np.ptp([tuple(corner)[k] for corner in solid.shape.bounding_box]))
+        wall = cad.wall(k)
+        return Prisms(extrude, min(largest, depth / FEWEST_LAYERS), wall if wall < THIN_WALL * depth else None)
+
+
+@dataclass(frozen=True)
 class MeshSizing:
     """Element sizes for a mesh.
 
@@ -303,24 +378,29 @@ class MeshSizing:
         largest: largest size [m]
         cad: points and sizes from the CAD, shapes (n, 3) and (n,) [m]
         points: points and sizes of the next mesh, shapes (m, 3) and (m,) [m]
+        prisms: how extruded bodies are meshed with prisms, None for tetrahedra
     """
 
     largest: float
     cad: tuple[Array, Array]
     points: tuple[Array, Array]
+    prisms: Prisms | None = None
 
     @staticmethod
-    def from_cad(solid: Solid) -> "MeshSizing":
-        """Return the sizes before the first mesh."""
+    def from_cad(solid: Solid, options: Mapping[str, Any]) -> "MeshSizing":
+        """Return the sizes before the first mesh; options: arguments of `generate_mesh` that the user gave."""
         corners = np.array([tuple(corner) for corner in solid.shape.bounding_box])
         largest = LARGEST_PER_LENGTH * float(np.ptp(corners, axis=0).max())
-        points, sizes = sizes_from_cad(solid)
+        cad = sizes_from_cad(solid)
+        prisms = Prisms.from_cad(solid, cad, largest, options)
+        sizes = cad.sizes() if prisms is None else cad.sizes(PRISMS_PER_RADIUS)
         small = sizes < largest
-        return MeshSizing(largest, (points[small], sizes[small]), (points[small], sizes[small]))
+        return MeshSizing(largest, *2 * ((cad.points[small], sizes[small]),), prisms)
 
     def mesh(self, solid: Solid, options: Mapping[str, Any]) -> Any:
         """Return a Netgen mesh with these sizes."""
-        return generate_mesh(solid, element_size=self.largest, point_sizes=self.points, **options)
+        layers = asdict(self.prisms) if self.prisms else {}
+        return generate_mesh(solid, element_size=self.largest, point_sizes=self.points, **{**options, **layers})
 
     @property
     def can_be_coarser(self) -> bool:
@@ -336,26 +416,47 @@ class MeshSizing:
         """Return sizes with which every target's error is the goal, with as few elements as possible.
 
         The error of an element falls with size^(2 r), and the number of elements grows with size^-3. The optimum has
-        equal errors in all elements.
+        equal errors in all elements. The prisms of one column have one size.
         """
-        centres, size = element_sizes(mesh)
-        worst = np.max(targets.shares * (SATURATION * targets.powers / goal), axis=1)
+        centres, size, columns = element_sizes(mesh, self.prisms.extrude if self.prisms else None)
+        shares = np.array([np.bincount(columns, weights=share) for share in targets.shares.T]).T
+        worst = np.max(shares * (SATURATION * targets.powers / goal), axis=1)
         worst = np.maximum(worst, 1e-9 * worst.max())
         r = CONVERGENCE
         equal = np.sum(worst ** (3 / (2 * r + 3))) ** (-(2 * r + 3) / (2 * r))
-        wanted = size * np.clip((equal / worst) ** (1 / (2 * r + 3)), *SIZE_CHANGE)
+        wanted = size * np.clip((equal / worst) ** (1 / (2 * r + 3)), *SIZE_CHANGE)[columns]
         points = np.vstack([centres, self.cad[0]]), np.concatenate([wanted, RELAXED_CAD_SIZES * self.cad[1]])
         return replace(self, points=points)
 
 
-def element_sizes(mesh: Any) -> tuple[Array, Array]:
-    """Return the centres (n, 3) and mean edge lengths (n,) of the elements [m]."""
+def element_sizes(mesh: Any, axis: str | None = None) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Return the sizes of the elements of a mesh.
+
+    Args:
+        mesh: NGSolve mesh
+        axis: "x", "y" or "z" along which prisms are extruded
+
+    Returns:
+        Centres, shape (n, 3) [m]; mean lengths, shape (n,) [m], of the edges, for prisms of those across the axis; and
+        numbers of the columns of prisms, or of single elements of other kinds, shape (n,).
+    """
     points = np.array([vertex.point for vertex in mesh.vertices])
     ends = np.array([[vertex.nr for vertex in edge.vertices] for edge in mesh.edges])
-    length = np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
     elements = list(mesh.Elements(ng.VOL))
     centres = np.array([points[[vertex.nr for vertex in element.vertices]].mean(axis=0) for element in elements])
-    return centres, np.array([length[[edge.nr for edge in element.edges]].mean() for element in elements])
+    across = np.ones(3)
+    if axis:
+        across["xyz".index(axis)] = 0.0
+    edges = points[ends[:, 0]] - points[ends[:, 1]]
+    length, flat = np.linalg.norm(edges, axis=1), np.linalg.norm(edges * across, axis=1)
+    prism = np.array([element.type == ng.ET.PRISM for element in elements])
+    sizes = np.empty(len(elements))
+    for i, element in enumerate(elements):
+        numbers = [edge.nr for edge in element.edges]
+        sizes[i] = flat[numbers].sum() / 6 if prism[i] and axis else length[numbers].mean()
+    keys = np.column_stack([centres * np.where(prism[:, None], across, 1.0), prism])
+    columns = np.unique(np.round(keys, 9), axis=0, return_inverse=True)[1].ravel()
+    return centres, sizes, columns
 
 
 def _spread(targets: MeshTargets, goal: float) -> float:

@@ -102,10 +102,24 @@ def read_bodies(source: Path, scale: float, *, heal: float | None = None) -> lis
             warn(
                 f"{source.name}: {len(loose)} face(s) of {name or 'the part'!r} belong to no CAD body and are left "
                 f"out, one at {millimetres(loose.pop().center)}; export solids, or close gaps by heal=",
-                stacklevel=3,
+                stacklevel=4,
             )
     _number_repeated_names(bodies)
     return bodies
+
+
+def warn_without_unit(source: Path, *, stacklevel: int) -> None:
+    """Warn of a STEP file that declares no unit of length, because OpenCASCADE takes it for millimetres.
+
+    Args:
+        source: path of the file
+        stacklevel: as in `warn`
+    """
+    if CAD_ENDINGS[source.suffix.lower()] == ".step" and not re.search(rb"\bLENGTH_UNIT\b", source.read_bytes()):
+        warn(
+            f"{source.name} declares no unit of length: millimetres are assumed; give unit= if it is another one",
+            stacklevel=stacklevel + 1,
+        )
 
 
 def open_edges(body: Any) -> list[Any]:

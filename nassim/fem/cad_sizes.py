@@ -6,6 +6,11 @@ the CAD body to the opposite face.
 Source: S. Timoshenko, S. Woinowsky-Krieger, Theory of Plates and Shells (1959), section 15, on the decay length.
 """
 
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 
 from nassim.base.checks import Array
@@ -20,28 +25,75 @@ LARGEST_PER_RADIUS = 2.0
 LARGEST_PER_THICKNESS = 10.0
 """Largest element size as a multiple of the wall's thickness."""
 MOST_POINTS = 6000
-"""Largest number of points per CAD body at which the thickness is measured."""
+"""Largest number of points per material at which the thickness is measured."""
 RAYS_AT_ONCE = 100
+PERPENDICULAR = 1e-6
+"""Largest cosine of a right angle."""
+THIN_SHARE = 0.25
+"""Share of the sides of a body whose walls count as its thin ones."""
 
 
-def sizes_from_cad(solid: Solid) -> tuple[Array, Array]:
-    """Compute element sizes at points on the faces of a solid.
+@dataclass(frozen=True)
+class CADSizes:
+    """What the faces of a solid demand of a mesh, at n points on them.
 
-    Args:
-        solid: the solid
-
-    Returns:
-        Points, shape (n, 3) [m], and element sizes there, shape (n,) [m].
+    Attributes:
+        points: shape (n, 3) [m]
+        normals: unit normals, shape (n, 3)
+        radii: smallest radii of curvature, shape (n,) [m]
+        thickness: lengths of the rays through the CAD body to the opposite face, shape (n,) [m]
     """
+
+    points: Array
+    normals: Array
+    radii: Array
+    thickness: Array
+
+    def sizes(self, per_radius: float = LARGEST_PER_RADIUS) -> Array:
+        """Return element sizes at the points, shape (n,) [m]; per_radius: largest size as a multiple of the radius."""
+        changes = np.maximum(np.sqrt(self.radii * self.thickness), self.thickness)
+        limits = per_radius * self.radii, LARGEST_PER_THICKNESS * self.thickness
+        result: Array = np.minimum(FINENESS * changes, np.minimum(*limits))
+        return result
+
+    def wall(self, k: int) -> float:
+        """Return the thickness of the thin walls of a body that is extruded along axis k [m].
+
+        A quarter of all points on the sides of the body have thinner walls.
+        """
+        sides = np.abs(self.normals[:, k]) < PERPENDICULAR
+        return float(np.quantile(self.thickness[sides], THIN_SHARE))
+
+
+def sizes_from_cad(solid: Solid) -> CADSizes:
+    """Measure curvature and thickness at points on the faces of a solid.
+
+    Faces between CAD bodies of one material, where nothing changes but the name, are left out.
+    """
+    groups: dict[str, list[Any]] = {}
+    for body in solid.shape.solids:
+        groups.setdefault(solid.materials[body.name].name, []).append(body)
     with hold_library_lock(forkable=True):
-        bodies = [solid_triangles(body)[:2] for body in solid.shape.solids]
-    length = max(np.ptp(corners.reshape(-1, 3), axis=0).max() for corners, _ in bodies)
-    parts = [_sizes_on_body(corners, normals, length) for corners, normals in bodies]
-    return np.vstack([points for points, _ in parts]), np.concatenate([sizes for _, sizes in parts])
+        parts = [_outside(bodies) for bodies in groups.values()]
+    length = max(np.ptp(corners.reshape(-1, 3), axis=0).max() for corners, _ in parts)
+    measured = [_measure(corners, normals, length) for corners, normals in parts]
+    return CADSizes(*(np.concatenate(values) for values in zip(*measured, strict=True)))
 
 
-def _sizes_on_body(corners: Array, normals: Array, length: float) -> tuple[Array, Array]:
-    """Return points on the triangles of one CAD body and element sizes there; length: that of the solid [m]."""
+def _outside(bodies: Sequence[Any]) -> tuple[Array, Array]:
+    """Return the corners and normals of the triangles on faces of CAD bodies that do not lie between two of them."""
+    n_bodies = Counter(face for body in bodies for face in body.faces)
+    corners, normals = [], []
+    for body in bodies:
+        places, outward, face = solid_triangles(body)
+        outside = np.array([n_bodies[face] == 1 for face in body.faces])[face]
+        corners.append(places[outside])
+        normals.append(outward[outside])
+    return np.concatenate(corners), np.concatenate(normals)
+
+
+def _measure(corners: Array, normals: Array, length: float) -> tuple[Array, Array, Array, Array]:
+    """Return the fields of `CADSizes` on the triangles of CAD bodies of one material; length: that of the solid [m]."""
     edges = corners[:, [1, 2, 0]] - corners
     real = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) > 1e-14 * length**2
     corners, normals, edges = corners[real], normals[real], edges[real]
@@ -51,9 +103,7 @@ def _sizes_on_body(corners: Array, normals: Array, length: float) -> tuple[Array
     points, outward, radii = _samples(corners, normals, radius, length)
     outward /= np.linalg.norm(outward, axis=1)[:, None]
     thickness = ray_lengths(points - 1e-6 * length * outward, -outward, corners)
-    thickness = np.where(np.isfinite(thickness), thickness, length)
-    sizes = FINENESS * np.maximum(np.sqrt(radii * thickness), thickness)
-    return points, np.minimum(np.minimum(sizes, LARGEST_PER_RADIUS * radii), LARGEST_PER_THICKNESS * thickness)
+    return points, outward, radii, np.where(np.isfinite(thickness), thickness, length)
 
 
 def _samples(corners: Array, normals: Array, radius: Array, length: float) -> tuple[Array, Array, Array]:

@@ -9,14 +9,12 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.base.library_lock import hold_library_lock
-from nassim.base.tables import text_table
 from nassim.fem.cad_files import millimetres
 
 FLAT = 1e-7
 """Largest distance of points of a flat face from its plane [m]. OpenCASCADE merges points within that distance."""
 SAME_SURFACE = 1e-6
 """Relative difference of radii and directions that counts as zero."""
-TABLE_WIDTH = 150
 CIRCLE = np.arange(4) * np.pi / 2
 """Angles at which a surface is compared with a surface of revolution [rad]."""
 HEIGHTS = (0.0, 0.4)
@@ -69,11 +67,11 @@ class Face:
     def __str__(self) -> str:
         text = f"face {self.number}: {self.kind}, {1e6 * self.area:.4g} mm2 around {millimetres(self.centre)}"
         if self.kind == "plane":
-            text += f", normal {_direction(self.normal)}"
+            text += f", normal {direction_text(self.normal)}"
         if self.radius is not None:
             text += f", radius {1e3 * self.radius:.4g} mm" + (" from inside" if self.hollow else "")
         if self.axis is not None:
-            text += f", axis along {_direction(self.axis[1])}"
+            text += f", axis along {direction_text(self.axis[1])}"
         text += f", colour {self.colour}" if self.colour else ""
         return text + (f", named {self.name!r}" if self.name else "")
 
@@ -106,36 +104,6 @@ def occ_faces(shape: Any) -> list[Any]:
         shape: OpenCASCADE shape
     """
     return list(dict.fromkeys(face for body in shape.solids or [shape] for face in body.faces))
-
-
-def face_table(shape: Any) -> str:
-    """Return a table of the CAD bodies of a shape and of its faces with their numbers.
-
-    Args:
-        shape: a `Solid`, or an OpenCASCADE shape in metres
-    """
-    shape = getattr(shape, "shape", shape)
-    bodies = [["body", "volume [mm3]", "centre [mm]", "faces"]]
-    for body in shape.solids:
-        centre = millimetres(body.center)[1:-4]
-        bodies.append([body.name or "", f"{1e9 * body.mass:.5g}", centre, str(len(body.faces))])
-    rows = [["face", "kind", "area [mm2]", "centre [mm]", "normal or axis", "radius [mm]", "body", "name", "colour"]]
-    for face in list_faces(shape):
-        along = face.axis[1] if face.axis is not None else face.normal if face.kind == "plane" else None
-        rows.append(
-            [
-                str(face.number),
-                f"{face.kind} (hollow)" if face.hollow else face.kind,
-                f"{1e6 * face.area:.4g}",
-                millimetres(face.centre)[1:-4],
-                "" if along is None else _direction(along),
-                "" if face.radius is None else f"{1e3 * face.radius:.4g}",
-                ", ".join(face.bodies),
-                face.name,
-                face.colour,
-            ]
-        )
-    return "\n\n".join(text_table(table, width=TABLE_WIDTH) for table in (bodies, rows))
 
 
 def solid_triangles(body: Any) -> tuple[Array, Array, Array]:
@@ -252,5 +220,6 @@ def _screen_colour(colour: Sequence[float] | None) -> str:
     return "#" + "".join(f"{round(255 * value):02x}" for value in values)
 
 
-def _direction(vector: Array) -> str:
+def direction_text(vector: Array) -> str:
+    """Return the text of a direction, shape (3,)."""
     return "(" + ", ".join(f"{c + 0.0:.3g}" for c in np.round(vector, 4)) + ")"

@@ -177,7 +177,8 @@ class Refinement:
         stiffness: stiffness of the finer elements, shape (3 m, 3 m) [N/m]
         held: indices of the finer unknowns that add nothing to the model: all at vertices, and all on edges except
             those of the highest degree
-        mixed_stiffness: forces on the finer unknowns from displacements of the model, shape (3 m, 3 n)
+        mixed_stiffness: forces on the finer unknowns from displacements of the model, by components, 3 x 3 blocks of
+            shape (m, n)
         mixed_mass: the same for the mass, one scalar block, shape (m, n)
         couplings: remote points coupled to the finer elements
         port_forces: forces of the electrical ports per volt, shape (3 m, n_ports) [N/V]
@@ -186,7 +187,7 @@ class Refinement:
 
     stiffness: SymmetricMatrix
     held: NDArray[np.int64]
-    mixed_stiffness: sp.csr_matrix
+    mixed_stiffness: list[list[sp.csr_matrix]]
     mixed_mass: sp.csr_matrix
     couplings: tuple[Coupling, ...]
     port_forces: Array

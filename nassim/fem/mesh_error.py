@@ -95,8 +95,10 @@ def released_energy(
     n_dofs = finer.stiffness.shape[0]
     with threads():
         loads = mass_operator(model) @ accelerations
-        inertia = np.concatenate([finer.mixed_mass @ part for part in np.split(accelerations, 3)])
-        residual = finer.mixed_stiffness @ displacements - inertia
+        parts = np.split(displacements, 3)
+        elastic = [sum(block @ part for block, part in zip(row, parts, strict=True)) for row in finer.mixed_stiffness]
+        inertia = [finer.mixed_mass @ part for part in np.split(accelerations, 3)]
+        residual = np.concatenate(elastic) - np.concatenate(inertia)
         if voltages is not None and len(voltages):
             loads += np.column_stack([port.forces for port in model.ports]) @ voltages
             residual -= finer.port_forces @ voltages

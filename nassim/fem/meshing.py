@@ -15,12 +15,15 @@ from netgen.libngpy._meshing import MeshingParameters, NgException, _SetTerminat
 from nassim.base.checks import Array, known, positive
 from nassim.base.library_lock import hold_library_lock
 from nassim.base.warning_log import note, warn
+from nassim.fem.faces import solid_triangles
 from nassim.fem.netgen_output import silence
 from nassim.fem.solid import Solid, face_names
 
 OCC_AXES = {"x": occ.X, "y": occ.Y, "z": occ.Z}
 EMPTY_CELL = "(empty)"
 """Name of cells without material. While a mesh is made, CAD bodies have numbers as names."""
+PARALLEL = 1e-6
+"""Largest cosine of the angle between an axis and the normals of faces that are parallel to it."""
 SAME_SIZE = 1e-9
 """Relative difference of volumes and areas that counts as zero."""
 TRIALS = ((0.7, 1.0), (0.5, 1.0), (0.3, 1.0), (0.7, 0.8), (0.5, 0.8))
@@ -42,6 +45,7 @@ def generate_mesh(
     local_sizes: Mapping[str, float] | None = None,
     extrude: str | None = None,
     layer_thickness: float | None = None,
+    end_layers: float | None = None,
     point_sizes: tuple[Array, Array] | None = None,
 ) -> Any:
     """Mesh a solid by Netgen.
@@ -55,7 +59,9 @@ def generate_mesh(
             with tetrahedra; None meshes all with tetrahedra. Prisms on curved faces represent rigid rotations only
             approximately, unless their remote points are of kind rbe3.
         layer_thickness: largest height of the prisms [m] (default: element_size)
-        point_sizes: points, shape (n, 3) [m], and largest edge lengths there, shape (n,) [m]
+        end_layers: height of the first and of the last layer of prisms [m] (default: that of the others)
+        point_sizes: points, shape (n, 3) [m], and largest edge lengths there, shape (n,) [m]; sizes in extruded bodies
+            hold along the whole body
 
     Returns:
         The Netgen mesh, with coordinates in metres.
@@ -88,9 +94,10 @@ def generate_mesh(
     thickness = size if layer_thickness is None else positive("layer_thickness", layer_thickness, "m")
     if extrude is not None:
         known("extrude", extrude, OCC_AXES)
+    layers = None if extrude is None else Layers("xyz".index(extrude), thickness, end_layers)
     with hold_library_lock(), _name_by_index(solid.shape) as names:
         numbered_sizes = {str(names.index(name)): local_size for name, local_size in sizes.items()}
-        mesh = _mesh(solid, size, curvature, numbered_sizes, extrude, thickness, point_sizes)
+        mesh = _mesh(solid, size, curvature, numbered_sizes, layers, point_sizes)
         _restore_mesh_names(mesh, names)
     return mesh
 
@@ -100,15 +107,14 @@ def _mesh(
     size: float,
     curvature: float,
     sizes: Mapping[str, float],
-    extrude: str | None,
-    thickness: float,
+    layers: "Layers | None",
     point_sizes: tuple[Array, Array] | None,
 ) -> Any:
     """Mesh a solid with prisms if asked for and possible, otherwise with tetrahedra."""
-    if extrude is not None:
+    if layers is not None:
         try:
-            layers = cut_in_layers(solid, axis=extrude, thickness=thickness)
-            return _run_netgen(layers, size, curvature, sizes, point_sizes)
+            shape, prism_sizes = cut_in_layers(solid, layers, point_sizes)
+            return _run_netgen(shape, size, curvature, sizes, prism_sizes)
         except NgException:
             warn(
                 f"Netgen fails to mesh solid {solid.name!r} with prisms: tetrahedra are used instead, with a larger "
@@ -215,30 +221,65 @@ def _set_face_sizes(shape: Any, sizes: Mapping[str, float]) -> None:
             face.maxh = sizes[face.name]
 
 
-def cut_in_layers(solid: Solid, *, axis: str, thickness: float) -> Any:
+@dataclass(frozen=True)
+class Layers:
+    """Layers in which extruded bodies are cut.
+
+    Attributes:
+        k: axis of the extrusion, 0 to 2
+        thickness: largest thickness of a layer [m]
+        end: thickness of the first and the last layer [m]; None for that of the others
+    """
+
+    k: int
+    thickness: float
+    end: float | None = None
+
+    def between(self, prisms: Sequence["CADBody"]) -> list[tuple[float, float]]:
+        """Return the lower and upper end of each layer. A layer ends where a body ends."""
+        ends = sorted({round(place, 12) for body in prisms for place in (body.low, body.high)})
+        if self.end is not None and 2 * self.end < ends[1] - ends[0] and 2 * self.end < ends[-1] - ends[-2]:
+            ends = [ends[0], ends[0] + self.end, *ends[1:-1], ends[-1] - self.end, ends[-1]]
+        levels: list[float] = [ends[0]]
+        for low, high in itertools.pairwise(ends):
+            n = int(np.ceil((high - low) / self.thickness - 1e-6))
+            levels.extend(np.linspace(low, high, n + 1)[1:])
+        return list(itertools.pairwise(levels))
+
+
+def extrusion_axis(solid: Solid) -> str | None:
+    """Return the only axis "x", "y" or "z" along which all CAD bodies of a solid are extruded, or None."""
+    along = [all(CADBody.measure(body, k).is_prism() for body in solid.shape.solids) for k in range(3)]
+    return "xyz"[along.index(True)] if along.count(True) == 1 else None
+
+
+def cut_in_layers(
+    solid: Solid, layers: Layers, point_sizes: tuple[Array, Array] | None
+) -> tuple[Any, tuple[Array, Array] | None]:
     """Cut the extruded CAD bodies of a solid into layers, for a mesh with prisms between equal meshes of both faces.
 
     Every layer has the outlines of all extruded CAD bodies, so one mesh of the section fits all layers.
 
     Args:
         solid: the solid
-        axis: "x", "y" or "z"
-        thickness: largest thickness of a layer [m]
+        layers: the layers
+        point_sizes: points, shape (n, 3) [m], and sizes there, shape (n,) [m]
 
     Returns:
-        The cut OpenCASCADE shape.
+        The cut OpenCASCADE shape, and sizes at points where those in the extruded bodies hold for all layers.
 
     Raises:
         ValueError: if no CAD body is extruded along the axis
     """
-    k = "xyz".index(axis)
+    k, axis = layers.k, "xyz"[layers.k]
     names = [face.name for face in solid.shape.faces]
     bodies = [CADBody.measure(body, k) for body in solid.shape.solids]
     prisms = [body for body in bodies if body.is_prism()]
     if not prisms:
         raise ValueError(f"no CAD body of solid {solid.name!r} is extruded along {axis}: mesh it with tetrahedra")
+    limits = layers.between(prisms)
     others = [body.shape for body in bodies if body not in prisms]
-    cells = [cell for low, high in _levels(prisms, thickness) for cell in _layer(prisms, others, k, low, high)]
+    cells = [cell for low, high in limits for cell in _layer(prisms, others, k, low, high)]
     whole = occ.Glue([*cells, *others])
     kept = [body for body in whole.solids if body.name != EMPTY_CELL]
     shape = occ.Compound(kept)
@@ -251,7 +292,26 @@ def cut_in_layers(solid: Solid, *, axis: str, thickness: float) -> Any:
             # The name also numbers the pairs, because Netgen distinguishes identifications by name.
             label = f"layer {tuple(low.center)}"
             low.Identify(high, label, occ.IdentificationType.CLOSESURFACES, occ.gp_Trsf.Translation(step))
-    return shape
+    return shape, point_sizes and _along_prisms(
+        point_sizes, prisms, k, sorted({end for pair in limits for end in pair})
+    )
+
+
+def _along_prisms(
+    point_sizes: tuple[Array, Array], prisms: Sequence["CADBody"], k: int, levels: Sequence[float]
+) -> tuple[Array, Array]:
+    """Return sizes at points in which those in extruded bodies are repeated at all levels."""
+    points, sizes = point_sizes
+    inside = np.zeros(len(sizes), dtype=bool)
+    for body in prisms:
+        low, high = (np.array(tuple(corner)) for corner in body.shape.bounding_box)
+        inside |= np.all((points > low - SMALLEST_DISTANCE) & (points < high + SMALLEST_DISTANCE), axis=1)
+    repeated = np.repeat(points[inside], len(levels), axis=0)
+    repeated[:, k] = np.tile(levels, np.count_nonzero(inside))
+    return (
+        np.vstack([points[~inside], repeated]),
+        np.concatenate([sizes[~inside], np.repeat(sizes[inside], len(levels))]),
+    )
 
 
 def _restore_names(shape: Any, original: Any, names: Sequence[str | None], k: int) -> None:
@@ -281,6 +341,7 @@ class CADBody:
         high: upper end along the axis [m]
         bottom: faces at the lower end
         top: faces at the upper end
+        k: the axis, 0 to 2
     """
 
     shape: Any
@@ -288,6 +349,7 @@ class CADBody:
     high: float
     bottom: list[Any]
     top: list[Any]
+    k: int
 
     @staticmethod
     def measure(shape: Any, k: int) -> "CADBody":
@@ -297,25 +359,19 @@ class CADBody:
         near = 1e-6 * (high - low)
         faces = list(zip(shape.faces, centres, strict=True))
         bottom, top = [f for f, c in faces if c < low + near], [f for f, c in faces if c > high - near]
-        return CADBody(shape, low, high, bottom, top)
+        return CADBody(shape, low, high, bottom, top, k)
 
     def is_prism(self) -> bool:
-        """Return whether the area of both ends times the length is the volume."""
+        """Return whether the area of both ends times the length is the volume, and the sides are parallel to it."""
         if not self.bottom or not self.top:  # a single closed face, such as a sphere
             return False
         areas = [sum(face.mass for face in end) for end in (self.bottom, self.top)]
         volume = self.shape.mass
-        return all(abs(area * (self.high - self.low) - volume) < SAME_SIZE * volume for area in areas)
-
-
-def _levels(prisms: Sequence[CADBody], thickness: float) -> list[tuple[float, float]]:
-    """Return the lower and upper end of each layer."""
-    ends = sorted({round(place, 12) for body in prisms for place in (body.low, body.high)})
-    levels: list[float] = [ends[0]]
-    for low, high in itertools.pairwise(ends):
-        n = int(np.ceil((high - low) / thickness - 1e-6))
-        levels.extend(np.linspace(low, high, n + 1)[1:])
-    return list(itertools.pairwise(levels))
+        if any(abs(area * (self.high - self.low) - volume) > SAME_SIZE * volume for area in areas):
+            return False
+        # A skew body has this volume, too.
+        along = np.abs(solid_triangles(self.shape)[1][..., self.k])
+        return bool(np.all((along < PARALLEL) | (along > 1 - PARALLEL)))
 
 
 def _layer(prisms: Sequence[CADBody], others: Sequence[Any], k: int, low: float, high: float) -> list[Any]:

@@ -17,7 +17,7 @@ from nassim.base.warning_log import warn
 from nassim.bodies.interface import RemotePoint
 from nassim.bodies.piezo import ElectricalPort
 from nassim.bodies.readouts import SURFACE
-from nassim.fem.cad_files import millimetres, open_edges, read_bodies, warn_of_tiny_features
+from nassim.fem.cad_files import millimetres, open_edges, read_bodies, warn_of_tiny_features, warn_without_unit
 from nassim.fem.face_picks import FacePick, matching, name_faces
 from nassim.fem.materials import Material
 
@@ -136,8 +136,22 @@ def read_solid(
             CAD bodies, and if a choice of faces finds none or too many (the message lists the faces)
 
     Warns:
-        UserWarning: for faces that belong to no CAD body, for edges and faces that are far smaller than the solid, and
-            for CAD bodies that touch no other
+        UserWarning: for a STEP file that declares no unit of length, for faces that belong to no CAD body, for edges
+            and faces that are far smaller than the solid, and for CAD bodies that touch no other
+    """
+    label = name or Path(path).stem
+    with hold_library_lock(forkable=True):
+        shape = read_shape(path, unit=unit, heal=heal, name=label)
+        if faces:
+            name_faces(shape, faces)
+        return Solid(label, shape, _materials_of(label, body_names(shape), materials), remote_points)
+
+
+def read_shape(path: str | Path, *, unit: str = "mm", heal: float | None = None, name: str | None = None) -> Any:
+    """Read the CAD bodies of a file and glue those that touch; see `read_solid`.
+
+    Returns:
+        The OpenCASCADE shape, in metres.
     """
     source = Path(path)
     scale = CAD_UNITS[known("unit", unit, CAD_UNITS)]
@@ -146,12 +160,11 @@ def read_solid(
     label = name or source.stem
     with hold_library_lock(forkable=True):
         bodies = read_bodies(source, scale, heal=heal)
+        if unit == "mm":
+            warn_without_unit(source, stacklevel=3)
         _check_bodies(label, bodies)
-        warn_of_tiny_features(label, bodies, stacklevel=2)
-        shape = _glue(bodies, label, stacklevel=3)
-        if faces:
-            name_faces(shape, faces)
-        return Solid(label, shape, _materials_of(label, body_names(shape), materials), remote_points)
+        warn_of_tiny_features(label, bodies, stacklevel=3)
+        return _glue(bodies, label, stacklevel=4)
 
 
 def glue(bodies: Sequence[Any], *, name: str = "") -> Any:

@@ -6,16 +6,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import netgen.occ as occ
+import ngsolve as ng
 import numpy as np
 import pytest
 import scipy
 from conftest import STEEL, make_bar
 
 from nassim import ElectricalPort, Material, PiezoStack, RemotePoint, Solid, build_fe_model, condense, craig_bampton
-from nassim.fem.accuracy import find_targets
+from nassim.fem.accuracy import element_sizes, find_targets
 from nassim.fem.assembly import refine_order
 from nassim.fem.cad_sizes import ray_lengths, sizes_from_cad
 from nassim.fem.mesh_error import released_energy
+from nassim.fem.meshing import generate_mesh
 
 SCRIPTS = Path(__file__).parents[2] / "scripts"
 
@@ -36,10 +38,10 @@ def named(name, shape, axis=occ.X, material=STEEL):
     return Solid(name, shape, {"body": material}, points)
 
 
-def make_step():
-    """A bar with a sharp step, in a general position."""
+def make_step(angle=20):
+    """A bar with a sharp step, in a general position or, without a turn, extruded along y."""
     shape = occ.Box((0, 0, 0), (0.03, 0.01, 0.01)) + occ.Box((0.03, 0, 0), (0.06, 0.01, 0.003))
-    return named("step", shape.Rotate(occ.Axis((0, 0, 0), occ.Vec(1, 2, 3)), 20))
+    return named("step", shape.Rotate(occ.Axis((0, 0, 0), occ.Vec(1, 2, 3)), angle))
 
 
 def test_rays_measure_a_box():
@@ -52,12 +54,27 @@ def test_rays_measure_a_box():
 def test_sizes_from_cad_of_a_tube():
     """Half of sqrt(R t) on a thin tube, and no more than ten times the thickness on a plate."""
     tube = occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, 0.02, 0.03) - occ.Cylinder(occ.Pnt(0, 0, 0), occ.Z, 0.0195, 0.03)
-    points, sizes = sizes_from_cad(named("tube", tube, occ.Z))
-    curved = (points[:, 2] > 0.005) & (points[:, 2] < 0.025)
-    assert np.median(sizes[curved]) == pytest.approx(0.5 * np.sqrt(0.02 * 0.0005), rel=0.1)
-    points, sizes = sizes_from_cad(named("plate", occ.Box((0, 0, 0), (0.1, 0.06, 0.0004))))
-    flat = (points[:, 0] > 0.01) & (points[:, 0] < 0.09) & (points[:, 1] > 0.01) & (points[:, 1] < 0.05)
-    np.testing.assert_allclose(sizes[flat], 10 * 0.0004, rtol=1e-3)
+    found = sizes_from_cad(named("tube", tube, occ.Z))
+    curved = (found.points[:, 2] > 0.005) & (found.points[:, 2] < 0.025)
+    assert np.median(found.sizes()[curved]) == pytest.approx(0.5 * np.sqrt(0.02 * 0.0005), rel=0.1)
+    assert found.wall(2) == pytest.approx(0.0005, rel=0.02)
+    found = sizes_from_cad(named("plate", occ.Box((0, 0, 0), (0.1, 0.06, 0.0004))))
+    x, y, _ = found.points.T
+    flat = (x > 0.01) & (x < 0.09) & (y > 0.01) & (y < 0.05)
+    np.testing.assert_allclose(found.sizes()[flat], 10 * 0.0004, rtol=1e-3)
+
+
+def test_a_cut_through_one_material_is_no_wall():
+    """Two glued boxes are as thick as one; a layer of another material is as thin as it is."""
+    parts = [occ.Box((0, 0, 0), (0.1, 0.06, 0.05)), occ.Box((0, 0, 0.05), (0.1, 0.06, 0.051))]
+    for part, name in zip(parts, ("block", "layer"), strict=True):
+        part.name = name
+    shape, points = occ.Glue(parts), (RemotePoint("end", ("end",), np.zeros(3)),)
+    shape.faces.Min(occ.X).name = "end"
+    soft = Material("soft", 1e9, 0.3, 1000.0)
+    for layer, thinnest in ((STEEL, 0.051), (soft, 0.001)):
+        found = sizes_from_cad(Solid("pair", shape, {"block": STEEL, "layer": layer}, points))
+        assert found.thickness.min() == pytest.approx(thinnest, rel=1e-3)
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +95,29 @@ def test_tolerance_is_met_on_a_sharp_step(fine_step):
     assert model.n_dofs == model.rounds[-1].n_dofs
     found, truth = (find_targets(c, 4, CONDITIONS).values for c in (condense(model, progress=False), fine_step))
     assert np.all(np.abs(found / truth - 1) < 0.005)
+
+
+@pytest.mark.slow
+def test_a_tolerance_uses_prisms_where_all_is_extruded(fine_step):
+    """The frequencies are those of the turned solid, which has tetrahedra."""
+    model = build_fe_model(make_step(angle=0), tolerance=0.005, n=4, fixed=CONDITIONS, progress=False)
+    assert "prisms" in model.description
+    assert "tetrahedra" not in model.description
+    found, truth = (find_targets(c, 4, CONDITIONS).values[:8] for c in (condense(model, progress=False), fine_step))
+    assert np.all(np.abs(found / truth - 1) < 0.005)
+
+
+def test_sizes_of_prisms_are_those_across_their_axis():
+    """Three layers of different thickness: columns of three prisms, as large as the edges of the section."""
+    options = {"element_size": 0.02, "extrude": "x", "layer_thickness": 0.1, "end_layers": 0.02}
+    mesh = ng.Mesh(generate_mesh(make_bar(), **options))
+    _, sizes, columns = element_sizes(mesh, "x")
+    assert np.all(np.bincount(columns) == 3)
+    section = np.array([vertex.point for vertex in mesh.vertices if abs(vertex.point[0]) < 1e-9])
+    width = np.ptp(section, axis=0)[1:].max()
+    assert np.all((sizes > 0.3 * width) & (sizes < 1.5 * width))
+    for number in range(columns.max() + 1):
+        assert np.ptp(sizes[columns == number]) < 1e-9
 
 
 @pytest.mark.slow

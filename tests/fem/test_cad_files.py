@@ -17,6 +17,7 @@ from nassim import (
     Solid,
     build_fe_model,
     craig_bampton,
+    face_table,
     list_faces,
     read_solid,
 )
@@ -171,6 +172,21 @@ def test_inches_are_converted(tmp_path):
     path = written(occ.Box((0, 0, 0), (1, 2, 3)), tmp_path / "part.step")
     changed(path, "( LENGTH_UNIT() NAMED_UNIT(*) SI_UNIT(.MILLI.,.METRE.) );", INCH)
     assert read_solid(path, STEEL).shape.mass == pytest.approx(6 * 0.0254**3)
+
+
+def test_a_file_without_a_unit_is_told(tmp_path):
+    path = written(occ.Box((0, 0, 0), (1, 2, 3)), tmp_path / "part.step")
+    declared = "( LENGTH_UNIT() NAMED_UNIT(*) SI_UNIT(.MILLI.,.METRE.) )"
+    changed(path, declared, "( NAMED_UNIT(*) SOLID_ANGLE_UNIT() SI_UNIT($,.STERADIAN.) )")
+    with pytest.warns(UserWarning, match=r"part\.step declares no unit of length: millimetres are assumed") as told:
+        assert read_solid(path, STEEL).shape.mass == pytest.approx(6e-9)
+    assert told[0].filename == __file__
+    assert read_solid(path, STEEL, unit="m").shape.mass == pytest.approx(6.0)
+
+
+def test_the_table_of_faces_of_a_file(machine):
+    """It has the numbers of the faces of the solid that is read from the file."""
+    assert face_table(str(machine)) == face_table(read_solid(machine, STEEL))
 
 
 def test_metres_read_as_millimetres_are_told(tmp_path):

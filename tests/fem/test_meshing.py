@@ -15,7 +15,7 @@ from models.apa300ml import make_apa300ml
 from nassim import Material, RemotePoint, Solid, build_fe_model, condense, craig_bampton
 from nassim.fem import assembly, mesh_checks, meshing
 from nassim.fem.full_model import full_eigenfrequencies
-from nassim.fem.meshing import generate_mesh
+from nassim.fem.meshing import extrusion_axis, generate_mesh
 
 
 def make_post():
@@ -62,6 +62,29 @@ def test_layers_are_thin_enough(thickness, layers):
     mesh = ng.Mesh(generate_mesh(make_bar(), element_size=0.02, extrude="x", layer_thickness=thickness))
     x = {round(vertex.point[0], 9) for vertex in mesh.vertices}
     assert np.allclose(np.diff(sorted(x)), 0.1 / layers, atol=2e-9)
+
+
+def test_end_layers_and_sizes_along_prisms():
+    """Layers of 3, 17 and 17 mm (twice), and a size given at one place that holds along the bar."""
+    sizes = np.array([[0.09, 0.0, 0.0]]), np.array([2e-3])
+    options = {"element_size": 0.02, "extrude": "x", "layer_thickness": 0.05}
+    mesh = ng.Mesh(generate_mesh(make_bar(), end_layers=3e-3, point_sizes=sizes, **options))
+    x = sorted({round(vertex.point[0], 9) for vertex in mesh.vertices})
+    np.testing.assert_allclose(x, [0, 0.003, 0.05, 0.097, 0.1], atol=1e-9)
+    assert mesh.ne > 2 * ng.Mesh(generate_mesh(make_bar(), end_layers=3e-3, **options)).ne
+
+
+def test_axis_along_which_a_solid_is_extruded():
+    """One axis only: a bar has three, and a slanted slot, which keeps the area of both ends, has none."""
+    bodies = [occ.Box((0, 0, 0), (0.02, 0.01, 0.005)) + occ.Box((0, 0, 0), (0.005, 0.01, 0.02))]
+    slot = occ.Box((0.01, -0.01, -0.01), (0.012, 0.02, 0.03)).Rotate(occ.Axis((0.011, 0.005, 0), occ.Z), 17)
+    bodies += [bodies[0] - slot, occ.Box((0, 0, 0), (0.02, 0.01, 0.005))]
+    found = []
+    for shape in bodies:
+        shape.name, shape.faces.Min(occ.X).name = "body", "end"
+        point = RemotePoint("end", ("end",), np.zeros(3))
+        found.append(extrusion_axis(Solid("solid", occ.Compound([shape]), {"body": STEEL}, (point,))))
+    assert found == ["y", None, None]
 
 
 def test_prisms_and_tetrahedra_agree():
