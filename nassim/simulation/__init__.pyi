@@ -17,7 +17,6 @@ from .loaded.buckling_factors import (
     buckling_factors as buckling_factors,
 )
 from .loaded.loaded_state import (
-    LoadedState as LoadedState,
     loaded_state as loaded_state,
 )
 from .loaded.static_equilibrium import (
@@ -38,6 +37,9 @@ from .model.damping import (
 )
 from .model.description import (
     describe as describe,
+)
+from .model.effect_of_loads import (
+    LoadedState as LoadedState,
 )
 from .model.recorded_motion import (
     scene_modes as scene_modes,

@@ -61,6 +61,9 @@ class _Equations:
         stiffness[:n, driven], stiffness[driven, driven] = -push, np.diag(sizes)
         slip = modal.damping.of_modes @ drives.momentum - drives.damping
         damping[:n, driven] = -slip
+        if (loads := assembly.loads) is not None:
+            stiffness[:n, :n] += loads.stiffness
+            stiffness[:n, driven] -= loads.stiffness @ drives.momentum - loads.drive_stiffness
         charges = [Charge.of(circuit, motion.T @ circuit.forces) for circuit in circuits]
         for k, charge in enumerate(charges, start=n + d):
             stiffness[k, : n + d] = -charge.push
@@ -101,7 +104,7 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
     speeds[n : n + d] = [rates.get(name, 0.0) * at_once for name, at_once in zip(names, direct, strict=True)]
     node = mbs.AddNode(modal_node(size, speeds.tolist()))
     weight = np.zeros(size)
-    weight[:n] = modes.T @ signals.weight
+    weight[:n] = modes.T @ signals.weight if assembly.loads is None else assembly.loads.force
     number = mbs.AddObject(
         eii.ObjectGenericODE2(
             nodeNumbers=[node],

@@ -34,7 +34,8 @@ def prestress_scene(scene: Scene, *, inputs: Mapping[str, float] | None = None) 
             f"body {small[0]!r} is in small motion, where runs leave out the stiffness of weights and joints: give it "
             'the fidelity "ffrf", or use linearize, which has all of the stiffness'
         )
-    _, state = loaded_assembly(scene, NO_SPIN, NO_SPIN, None, "rotor", inputs=inputs)
+    state = loaded_assembly(scene, NO_SPIN, NO_SPIN, None, "rotor", inputs=inputs).loads
+    assert state is not None
 
     def stressed(body: Body) -> Body:
         if not isinstance(body, FlexibleBody) or body.name not in state.inside:

@@ -1,10 +1,12 @@
 """Checks, assembly and equilibrium before the steps of a run, and warnings after them, for all engines."""
 
+import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from nassim.base.callers import outside
 from nassim.base.checks import Array, known
 from nassim.base.progress import tell
 from nassim.scene.scene import Scene
@@ -15,6 +17,8 @@ from nassim.simulation.exudyn.steady_state import solve_steady_rotation
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.linear.folding import warn_of_folding
 from nassim.simulation.linear.linearization import linearize, state_space
+from nassim.simulation.loaded.equilibrium import check_small
+from nassim.simulation.loaded.loaded_state import UNSTABLE, loaded_state, unstable_pole
 from nassim.simulation.model.accuracy import describe_steps
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.buckling import axial_forces, warn_of_buckling
@@ -26,6 +30,7 @@ from nassim.simulation.model.initial_velocities import (
 )
 from nassim.simulation.model.motion_size import motion_size
 from nassim.simulation.model.period_correction import Steps
+from nassim.simulation.model.tangents import NO_EQUILIBRIUM
 from nassim.simulation.run.checks import check_drives, check_exact, check_loops, check_options, check_stability
 from nassim.simulation.run.warnings_of_runs import (
     warn_of_changed_modes,
@@ -34,9 +39,10 @@ from nassim.simulation.run.warnings_of_runs import (
     warn_of_motion,
     warn_of_ringing,
     warn_of_spin,
-    warn_of_unloaded_stiffness,
 )
 
+NEUTRAL = 1e-9
+"""Share of all weight that a rigid-body mode may feel by rounding."""
 METHODS = ("generalized_alpha", "exact", "explicit")
 STARTS = ("equilibrium", "released")
 TURNING_RADIUS = 0.9
@@ -106,10 +112,50 @@ def check_run(scene: Scene, options: Options, signals: Mapping[str, Array]) -> N
         warn_of_ringing(scene, options.radius(scene), options.time_step)
 
 
-def exact_assembly(scene: Scene) -> Assembly:
-    """Assemble a scene for exact steps; warn of modes that could make its loops unstable."""
+def assemble_loaded(scene: Scene, *, released: bool = False) -> Assembly:
+    """Assemble a scene, in small motion with the effect of gravity and preload.
+
+    Args:
+        scene: the scene.
+        released: whether the run starts in the reference configuration and not in equilibrium.
+
+    Returns:
+        The assembly.
+
+    Raises:
+        ValueError: for an equilibrium beyond small motion, and for an unstable one that no loop may hold.
+        RuntimeError: when gravity does work on a rigid-body mode.
+
+    Warns:
+        UserWarning: as `nassim.simulation.loaded_state`.
+    """
     assembly = assemble(scene)
-    warn_of_unloaded_stiffness(assembly)
+    loads = loaded_state(assembly, gravity=scene.gravity, checked=False)
+    if not released:
+        check_small(assembly.coordinates, assembly.modal.modes @ loads.equilibrium, "its loads")
+        _check_held(assembly)
+        if pole := unstable_pole(assembly, loads.stiffness):
+            text = UNSTABLE.format(scene.name, pole)
+            if not scene.loops:
+                raise ValueError(f'{text}; start in the reference configuration by simulate(..., start="released")')
+            warnings.warn(text, stacklevel=outside())
+    return replace(assembly, loads=loads)
+
+
+def _check_held(assembly: Assembly) -> None:
+    """Raise RuntimeError when gravity does work on a rigid-body mode; without work, equilibrium is neutral."""
+    modes = assembly.modal.modes[:, assembly.modal.rigid_modes]
+    moving = [body for body in assembly.scene.bodies if body.name in assembly.coordinates.slices]
+    mass = sum(body.rigid_inertia[0] for body in moving)
+    # Of unit modal mass, no motion can feel more than all masses falling together.
+    most = np.sqrt(mass) * float(np.linalg.norm(assembly.scene.gravity))
+    if np.abs(modes.T @ assembly.signals.weight).max(initial=0.0) > NEUTRAL * most:
+        raise RuntimeError(NO_EQUILIBRIUM)
+
+
+def exact_assembly(scene: Scene, options: Options) -> Assembly:
+    """Assemble a scene for exact steps; warn of modes that could make its loops unstable."""
+    assembly = assemble_loaded(scene, released=options.released)
     if scene.loops and np.any(assembly.modal.unsupported):
         warn_of_folding(linearize(scene, loaded=False), scene.loops)
     return assembly
@@ -131,10 +177,12 @@ def start_system(
     """
     twists = initial_twists(scene, rates)
     told = warn_of_spin(scene, {name: float(np.linalg.norm(twist[3:])) for name, twist in twists.items()})
-    assembly, steps = assemble(scene), options.steps(scene)
+    steps = options.steps(scene)
     if scene.in_small_motion:
-        warn_of_unloaded_stiffness(assembly)
+        assembly = assemble_loaded(scene, released=options.released)
         state_space(assembly)  # refuses outputs that need a derivative of what a drive follows
+    else:
+        assembly = assemble(scene)
     if steps and (line := describe_steps(assembly, steps, highest)):
         tell(line)
     system = build_system(assembly, rates, steps)

@@ -24,6 +24,7 @@ from nassim.simulation.run.excitation import sampled
 from nassim.simulation.run.preparation import (
     METHODS,
     Options,
+    assemble_loaded,
     check_run,
     exact_assembly,
     settle,
@@ -253,7 +254,7 @@ def _starting_rates(
 def _solve_exactly(
     scene: Scene, signals: Mapping[str, Array], n_steps: int, options: Options, kept: Array, *, progress: bool
 ) -> tuple[Array, Motion | None]:
-    assembly, time_step = exact_assembly(scene), options.time_step
+    assembly, time_step = exact_assembly(scene, options), options.time_step
     driven = np.reshape([signals[name] for name in scene.inputs], (len(scene.inputs), n_steps + 1))
     with stage("simulate", total=n_steps, unit="steps", enabled=progress) as advance:
         readings, commands, coordinates, at_kept = exact_response(
@@ -290,7 +291,7 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
     values = {name: 0.0 for name in scene.inputs}
     for name, value in (inputs or {}).items():
         values[known("input", name, scene.inputs)] = finite(f"input {name!r}", value)
-    system = build_system(assemble(scene))
+    system = build_system(assemble_loaded(scene) if scene.in_small_motion else assemble(scene))
     system.apply(values)
     if not settle(system, {}):
         solve_static(system)
