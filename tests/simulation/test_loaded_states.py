@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+import scipy
 from conftest import lattice, make_bar, meshed
 from scipy.spatial.transform import Rotation
 
@@ -196,6 +197,24 @@ def test_a_prestressed_bar_has_its_second_mode_in_time(hung):
     tried = np.linspace(3.2, 4.0, 1601)
     spectrum = np.abs(np.exp(-2j * np.pi * np.outer(tried, time[50:])) @ window)
     assert tried[np.argmax(spectrum)] == pytest.approx(3.74295, rel=2e-3)
+
+
+@pytest.mark.parametrize(("method", "error"), [("exact", 1e-5), ("generalized_alpha", 2e-4)])
+def test_runs_in_small_motion_are_those_of_the_linear_model(hung, method, error):
+    """A hung bar that swings after a push across; its weight beside its axis moves it from the reference."""
+    push, tip = PointForce("push", "bar.right", (1, 0.3, 0), "f"), Encoder("tip", "wall.c", "bar.right", (1, 0.2, 0))
+    scene = replace(hanging(hung, fidelity="linear"), actuators=(push,), sensors=(tip,))
+    body = replace(scene.bodies[1], rotation=Rotation.from_rotvec([0, 1e-3, 0]).as_matrix() @ DOWN)
+    spring = Bushing("spring", "wall.c", "bar.left", stiffness=(0, 0, 0, 0, 0.1, 0))
+    scene = replace(scene, bodies=(scene.bodies[0], body), springs=(spring,))
+    time = np.arange(400) * 5e-3
+    pulse = TimeHistory(time, 1e-3 * (np.sin(np.pi * time / 0.3) * (time < 0.3))[None], ("f",), ("N",))
+    record = simulate(scene, pulse, time_step=5e-3, method=method, progress=False).values[1]
+    model, rest = linearize(scene), static_response(scene)["tip"]
+    expected = scipy.signal.lsim(model.matrices, pulse.values[0], time)[1] + rest
+    assert np.abs(record - expected).max() < error * np.ptp(expected)
+    without = scipy.signal.lsim(linearize(scene, loaded=False).matrices, pulse.values[0], time)[1]
+    assert np.abs(record - rest - without).max() > 0.1 * np.ptp(expected)
 
 
 def test_prestress_without_weights_and_joints_is_refused(hung):
