@@ -7,9 +7,6 @@ from .linear.linearization import (
 from .linear.mode_motion import (
     mode_motion as mode_motion,
 )
-from .linear.prestress import (
-    prestress_scene as prestress_scene,
-)
 from .linear.truncation import (
     truncation_error as truncation_error,
 )

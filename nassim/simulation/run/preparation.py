@@ -1,12 +1,10 @@
 """Checks, assembly and equilibrium before the steps of a run, and warnings after them, for all engines."""
 
-import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from nassim.base.callers import outside
 from nassim.base.checks import Array, known
 from nassim.base.progress import tell
 from nassim.scene.scene import Scene
@@ -17,10 +15,8 @@ from nassim.simulation.exudyn.steady_state import solve_steady_rotation
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.linear.folding import warn_of_folding
 from nassim.simulation.linear.linearization import linearize, state_space
-from nassim.simulation.loaded.equilibrium import check_small
-from nassim.simulation.loaded.loaded_state import UNSTABLE, loaded_state, unstable_pole
 from nassim.simulation.model.accuracy import describe_steps
-from nassim.simulation.model.assembly import Assembly, assemble
+from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.buckling import axial_forces, warn_of_buckling
 from nassim.simulation.model.initial_velocities import (
     has_free_rotation,
@@ -30,8 +26,8 @@ from nassim.simulation.model.initial_velocities import (
 )
 from nassim.simulation.model.motion_size import motion_size
 from nassim.simulation.model.period_correction import Steps
-from nassim.simulation.model.tangents import NO_EQUILIBRIUM
 from nassim.simulation.run.checks import check_drives, check_exact, check_loops, check_options, check_stability
+from nassim.simulation.run.loaded_start import assemble_large_motion, assemble_small_motion
 from nassim.simulation.run.warnings_of_runs import (
     warn_of_changed_modes,
     warn_of_drift,
@@ -41,8 +37,6 @@ from nassim.simulation.run.warnings_of_runs import (
     warn_of_spin,
 )
 
-NEUTRAL = 1e-9
-"""Share of all weight that a rigid-body mode may feel by rounding."""
 METHODS = ("generalized_alpha", "exact", "explicit")
 STARTS = ("equilibrium", "released")
 TURNING_RADIUS = 0.9
@@ -112,50 +106,9 @@ def check_run(scene: Scene, options: Options, signals: Mapping[str, Array]) -> N
         warn_of_ringing(scene, options.radius(scene), options.time_step)
 
 
-def assemble_loaded(scene: Scene, *, released: bool = False) -> Assembly:
-    """Assemble a scene, in small motion with the effect of gravity and preload.
-
-    Args:
-        scene: the scene.
-        released: whether the run starts in the reference configuration and not in equilibrium.
-
-    Returns:
-        The assembly.
-
-    Raises:
-        ValueError: for an equilibrium beyond small motion, and for an unstable one that no loop may hold.
-        RuntimeError: when gravity does work on a rigid-body mode.
-
-    Warns:
-        UserWarning: as `nassim.simulation.loaded_state`.
-    """
-    assembly = assemble(scene)
-    loads = loaded_state(assembly, gravity=scene.gravity, checked=False)
-    if not released:
-        check_small(assembly.coordinates, assembly.modal.modes @ loads.equilibrium, "its loads")
-        _check_held(assembly)
-        if pole := unstable_pole(assembly, loads.stiffness):
-            text = UNSTABLE.format(scene.name, pole)
-            if not scene.loops:
-                raise ValueError(f'{text}; start in the reference configuration by simulate(..., start="released")')
-            warnings.warn(text, stacklevel=outside())
-    return replace(assembly, loads=loads)
-
-
-def _check_held(assembly: Assembly) -> None:
-    """Raise RuntimeError when gravity does work on a rigid-body mode; without work, equilibrium is neutral."""
-    modes = assembly.modal.modes[:, assembly.modal.rigid_modes]
-    moving = [body for body in assembly.scene.bodies if body.name in assembly.coordinates.slices]
-    mass = sum(body.rigid_inertia[0] for body in moving)
-    # Of unit modal mass, no motion can feel more than all masses falling together.
-    most = np.sqrt(mass) * float(np.linalg.norm(assembly.scene.gravity))
-    if np.abs(modes.T @ assembly.signals.weight).max(initial=0.0) > NEUTRAL * most:
-        raise RuntimeError(NO_EQUILIBRIUM)
-
-
 def exact_assembly(scene: Scene, options: Options) -> Assembly:
     """Assemble a scene for exact steps; warn of modes that could make its loops unstable."""
-    assembly = assemble_loaded(scene, released=options.released)
+    assembly = assemble_small_motion(scene, released=options.released)
     if scene.loops and np.any(assembly.modal.unsupported):
         warn_of_folding(linearize(scene, loaded=False), scene.loops)
     return assembly
@@ -176,13 +129,14 @@ def start_system(
     Returns the system, and the bodies that a warning has told to spin fast.
     """
     twists = initial_twists(scene, rates)
-    told = warn_of_spin(scene, {name: float(np.linalg.norm(twist[3:])) for name, twist in twists.items()})
-    steps = options.steps(scene)
+    steps, stressed = options.steps(scene), frozenset[str]()
     if scene.in_small_motion:
-        assembly = assemble_loaded(scene, released=options.released)
+        assembly = assemble_small_motion(scene, released=options.released)
         state_space(assembly)  # refuses outputs that need a derivative of what a drive follows
     else:
-        assembly = assemble(scene)
+        assembly, stressed = assemble_large_motion(scene)
+    speeds = {name: float(np.linalg.norm(twist[3:])) for name, twist in twists.items()}
+    told = [*stressed, *warn_of_spin(scene, speeds, stressed)]
     if steps and (line := describe_steps(assembly, steps, highest)):
         tell(line)
     system = build_system(assembly, rates, steps)

@@ -24,7 +24,6 @@ from nassim.simulation.run.excitation import sampled
 from nassim.simulation.run.preparation import (
     METHODS,
     Options,
-    assemble_loaded,
     check_run,
     exact_assembly,
     settle,
@@ -33,6 +32,7 @@ from nassim.simulation.run.preparation import (
     warn_after_exact_steps,
     warn_after_steps,
 )
+from nassim.simulation.run.loaded_start import assemble_large_motion, assemble_small_motion
 from nassim.simulation.run.warnings_of_runs import warn_of_motion
 
 STEADY = 1e-3
@@ -291,7 +291,7 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
     values = {name: 0.0 for name in scene.inputs}
     for name, value in (inputs or {}).items():
         values[known("input", name, scene.inputs)] = finite(f"input {name!r}", value)
-    system = build_system(assemble_loaded(scene) if scene.in_small_motion else assemble(scene))
+    system = build_system(assemble_small_motion(scene) if scene.in_small_motion else assemble_large_motion(scene)[0])
     system.apply(values)
     if not settle(system, {}):
         solve_static(system)
