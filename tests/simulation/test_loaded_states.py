@@ -176,8 +176,8 @@ def test_a_hung_bar_swings_in_time_as_in_the_linear_model(hung, frame):
     """Its weight is slightly beside its axis: the first swing about the equilibrium, from the reference."""
     scene = replace(hanging(keep_modes(hung, 2), frame=frame), gravity=(0.02, 0, -9.81), damping_ratio=0.0)
     sensor = Encoder("tip", "wall.c", "bar.right", "x")
-    rest = TimeHistory(np.arange(130) * 0.02, np.zeros((0, 130)), (), ())
-    told = simulate(replace(scene, sensors=(sensor,)), rest, time_step=0.02, start="released", progress=False)
+    rest = TimeHistory(np.arange(260) * 0.01, np.zeros((0, 260)), (), ())
+    told = simulate(replace(scene, sensors=(sensor,)), rest, time_step=0.01, start="released", progress=False)
     tip = told.values[0]
     turning = np.argmax(tip)  # half of a period after the start
     fit = np.polyfit(told.time[turning - 3 : turning + 4], tip[turning - 3 : turning + 4], 2)

@@ -54,8 +54,8 @@ def assemble_small_motion(scene: Scene, *, released: bool = False) -> Assembly:
 def assemble_large_motion(scene: Scene) -> tuple[Assembly, frozenset[str]]:
     """Assemble a scene with the geometric stiffness of the stress in its floating bodies at the start.
 
-    The stress is that under gravity, preload and a drive of constant speed. It stays as the scene moves. Weights, joints
-    and springs need no stiffness of their own, as floating bodies carry their forces along.
+    The stress is that under gravity, preload and a drive of constant speed. It stays as the scene moves. Weights,
+    joints and springs need no stiffness of their own, as floating bodies carry their forces along.
 
     Args:
         scene: the scene.
