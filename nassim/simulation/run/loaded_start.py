@@ -10,6 +10,7 @@ from nassim.base.callers import outside
 from nassim.base.checks import Array
 from nassim.scene.scene import Scene
 from nassim.simulation.linear.linearization import NO_SPIN, loaded_assembly
+from nassim.simulation.loaded.body_stress import describe_change
 from nassim.simulation.loaded.equilibrium import check_small
 from nassim.simulation.loaded.geometric_stiffness import is_preloaded
 from nassim.simulation.loaded.loaded_state import UNSTABLE, loaded_state, unstable_pole
@@ -64,7 +65,8 @@ def assemble_large_motion(scene: Scene) -> tuple[Assembly, frozenset[str]]:
         The assembly, and the names of the bodies whose stress by the drive's speed it has.
 
     Warns:
-        UserWarning: as `nassim.simulation.loaded_state` of stress that is only estimated.
+        UserWarning: as `nassim.simulation.loaded_state` of stress that is only estimated, and of stress that is left
+            out in bodies in small motion beside floating ones.
     """
     assembly = assemble(scene)
     floating = {body.name for body in assembly.scene.deformable_bodies if body.fidelity == "ffrf"}
@@ -73,6 +75,13 @@ def assemble_large_motion(scene: Scene) -> tuple[Assembly, frozenset[str]]:
     inside, spinning = _stress(scene, assembly)
     n, d = assembly.signals.prescribed.momentum.shape
     own = {name: stiffness for name, stiffness in inside.items() if name in floating}
+    for name, stiffness in inside.items():
+        if name not in floating and (change := describe_change(assembly, name, stiffness)):
+            warnings.warn(
+                f"{change}, which the run leaves out, as the body is in small motion beside floating ones: give it the "
+                'fidelity "ffrf"',
+                stacklevel=outside(),
+            )
     loads = replace(LoadedState.none(n, d, np.zeros(n)), inside=own)
     known = {body.name for body in assembly.scene.deformable_bodies if body.reduced.stress_stiffness}
     return replace(assembly, loads=loads), frozenset(known & floating if spinning else ())
