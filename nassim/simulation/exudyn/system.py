@@ -28,7 +28,7 @@ from nassim.scene.terms import (
     SpringForce,
     Term,
 )
-from nassim.simulation.exudyn.general import BodyNodes
+from nassim.simulation.exudyn.general import NO_MATRIX, BodyNodes
 from nassim.simulation.exudyn.items import (
     Items,
     MarkerFactory,
@@ -190,6 +190,7 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None,
             flexible[other.name] = FlexibleCoordinates(nodes_of, np.eye(len(other.mass_matrix)))
     own = [name for name in nodes if groups.leaders.get(name, name) == name]
     _couple(mbs, assembly, flexible, mass, damping)
+    _hold_equilibrium(mbs, assembly, stress, flexible)
     items = Items(
         mbs, scene, nodes, own, groups.joints, objects, rigid, flexible, marker_factories, virtual_nodes, body_nodes
     )
@@ -209,6 +210,28 @@ def _stress_stiffness(assembly: Assembly) -> dict[str, Array]:
         own = inside.get(body.name, np.zeros((len(body.mass_matrix),) * 2))[np.ix_(flexible, flexible)]
         result[body.name] = 0.5 * (own + own.T)
     return result
+
+
+def _hold_equilibrium(
+    mbs: Any, assembly: Assembly, stress: Mapping[str, Array], flexible: Mapping[str, FlexibleCoordinates]
+) -> None:
+    """Let the stiffness of the stress act on the deformation from the equilibrium, which bears the loads without it.
+
+    Args:
+        mbs: Exudyn's system.
+        assembly: the assembled scene.
+        stress: stiffness of the stress on the deformation of each body, by name, (n, n).
+        flexible: coordinates of the bodies that deform, by name.
+    """
+    if assembly.loads is None:
+        return
+    displacement = assembly.modal.modes @ assembly.loads.equilibrium
+    for body in assembly.scene.deformable_bodies:
+        deformation = assembly.coordinates.frames[body.name].deformation(body.reduced)
+        force = stress[body.name] @ deformation @ displacement[assembly.coordinates.slices[body.name]]
+        if body.fidelity == "ffrf" and np.any(force):
+            nodes = [node for node, _ in flexible[body.name].nodes]
+            mbs.AddObject(eii.ObjectGenericODE2(nodeNumbers=nodes, massMatrix=NO_MATRIX, forceVector=force))
 
 
 def _add_linear_body(mbs: Any, scene: Scene, body: Body) -> BodyNodes:

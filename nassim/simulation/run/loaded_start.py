@@ -1,13 +1,11 @@
 """Assembly of scenes for runs, with the stiffness that their loads at the start add."""
 
 import warnings
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from nassim.base.callers import outside
-from nassim.base.checks import Array
 from nassim.scene.scene import Scene
 from nassim.simulation.linear.linearization import NO_SPIN, loaded_assembly
 from nassim.simulation.loaded.body_stress import describe_change
@@ -72,23 +70,21 @@ def assemble_large_motion(scene: Scene) -> tuple[Assembly, frozenset[str]]:
     floating = {body.name for body in assembly.scene.deformable_bodies if body.fidelity == "ffrf"}
     if not floating or not (np.any(scene.gravity) or scene.speeds or is_preloaded(assembly.tangents)):
         return assembly, frozenset()
-    inside, spinning = _stress(scene, assembly)
-    n, d = assembly.signals.prescribed.momentum.shape
-    own = {name: stiffness for name, stiffness in inside.items() if name in floating}
-    for name, stiffness in inside.items():
+    loads, spinning = _loads(scene, assembly)
+    own = {name: stiffness for name, stiffness in loads.inside.items() if name in floating}
+    for name, stiffness in loads.inside.items():
         if name not in floating and (change := describe_change(assembly, name, stiffness)):
             warnings.warn(
                 f"{change}, which the run leaves out, as the body is in small motion beside floating ones: give it the "
                 'fidelity "ffrf"',
                 stacklevel=outside(),
             )
-    loads = replace(LoadedState.none(n, d, np.zeros(n)), inside=own)
     known = {body.name for body in assembly.scene.deformable_bodies if body.reduced.stress_stiffness}
-    return replace(assembly, loads=loads), frozenset(known & floating if spinning else ())
+    return replace(assembly, loads=replace(loads, inside=own)), frozenset(known & floating if spinning else ())
 
 
-def _stress(scene: Scene, assembly: Assembly) -> tuple[Mapping[str, Array], bool]:
-    """Return the stiffness of the stress in bodies, by name, and whether that of a spin is included."""
+def _loads(scene: Scene, assembly: Assembly) -> tuple[LoadedState, bool]:
+    """Return the effect of the loads at the start, and whether that of a spin is included."""
     if scene.speeds:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of the linear model about the spin; the run has its own
@@ -97,8 +93,8 @@ def _stress(scene: Scene, assembly: Assembly) -> tuple[Mapping[str, Array], bool
             except ValueError:  # no linear model about this spin
                 state = None
         if state is not None:
-            return state.inside, True
-    return loaded_state(assembly, gravity=scene.gravity, checked=False).inside, False
+            return state, True
+    return loaded_state(assembly, gravity=scene.gravity, checked=False), False
 
 
 def _check_held(assembly: Assembly) -> None:
