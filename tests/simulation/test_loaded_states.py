@@ -46,6 +46,7 @@ from nassim.scene.terms import NonlinearSpring
 from nassim.simulation import (
     assemble,
     buckling_factors,
+    exudyn_eigenfrequencies,
     loaded_equilibrium,
     loaded_state,
     reduce_scene,
@@ -213,6 +214,21 @@ def test_runs_in_small_motion_are_those_of_the_linear_model(hung, method, error)
     assert np.abs(record - expected).max() < error * np.ptp(expected)
     without = scipy.signal.lsim(linearize(scene, loaded=False).matrices, pulse.values[0], time)[1]
     assert np.abs(record - rest - without).max() > 0.1 * np.ptp(expected)
+
+
+@pytest.mark.parametrize("frame", ["left", "right"])
+def test_all_engines_have_the_same_frequencies_under_load(hung, strip, frame):
+    """A hung bar, and a strip at half of its buckling load: those of the linear model, of small motion and of Exudyn's
+    floating frames, by differences of its forces."""
+    strut = standing(strip, frame=frame)
+    factor = buckling_factors(replace(strut, gravity=-TURN[:, 0]))[0][0]
+    for scene in (hanging(keep_modes(hung, 4), frame=frame), replace(strut, gravity=-0.5 * factor * TURN[:, 0])):
+        expected, without = frequencies(scene), frequencies(scene, loaded=False)
+        assert abs(expected[0] - without[0]) > 0.2 * expected[0]
+        for fidelity in ("linear", "ffrf"):
+            body = replace(scene.bodies[1], fidelity=fidelity)
+            found = exudyn_eigenfrequencies(replace(scene, bodies=(scene.bodies[0], body)), loaded=True)
+            np.testing.assert_allclose(found[:6], expected[:6], rtol=1e-3, err_msg=fidelity)
 
 
 def test_a_trimmed_hung_bar_keeps_its_stress(hung):
