@@ -7,9 +7,6 @@ from .linear.linearization import (
 from .linear.mode_motion import (
     mode_motion as mode_motion,
 )
-from .linear.prestress import (
-    prestress_scene as prestress_scene,
-)
 from .linear.truncation import (
     truncation_error as truncation_error,
 )
@@ -17,7 +14,6 @@ from .loaded.buckling_factors import (
     buckling_factors as buckling_factors,
 )
 from .loaded.loaded_state import (
-    LoadedState as LoadedState,
     loaded_state as loaded_state,
 )
 from .loaded.static_equilibrium import (
@@ -38,6 +34,9 @@ from .model.damping import (
 )
 from .model.description import (
     describe as describe,
+)
+from .model.effect_of_loads import (
+    LoadedState as LoadedState,
 )
 from .model.recorded_motion import (
     scene_modes as scene_modes,

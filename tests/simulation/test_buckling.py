@@ -116,6 +116,10 @@ ACTIONS = {
 def test_a_column_near_its_buckling_load_is_told(column, fidelity, action, share):
     """A mass on top, and the column's own weight, of which Euler's load bears 0.315 as if it were on top."""
     mass = share * EULER / 9.81 - 0.315 * column.mass
+    if share > 1 and fidelity == "linear":
+        with pytest.raises(ValueError, match=r"scene 'loaded' under its loads is unstable: .* start=\"released\""):
+            ACTIONS[action](loaded(column, fidelity, mass), 0.0)
+        return
     shares = told(lambda: ACTIONS[action](loaded(column, fidelity, mass), 0.0))
     assert shares == [pytest.approx(share, rel=0.02)]
 

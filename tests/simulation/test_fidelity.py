@@ -24,6 +24,7 @@ from nassim import (
     frequency_response,
     linearize,
     simulate,
+    static_response,
     truncation_error,
 )
 from nassim.base.modal import decay_poles
@@ -111,7 +112,7 @@ def test_linear_and_floating_bodies_share_a_scene(apa, noise):
         Joint("mount", "upper.top", "payload.bottom"),
         Joint("guide", "base.guide", "payload.bottom", free=("z",)),
     )
-    records = []
+    records, weighed = [], []
     for lower, upper in (("linear", "linear"), ("linear", "ffrf"), ("ffrf", "linear")):
         bodies = (
             base,
@@ -119,10 +120,12 @@ def test_linear_and_floating_bodies_share_a_scene(apa, noise):
             FlexibleBody("upper", apa, shift, fidelity=upper),
             payload,
         )
-        scene = Scene("two", bodies, joints, bench.actuators, bench.sensors, gravity=np.array([0, 0, -9.81]))
+        scene = Scene("two", bodies, joints, bench.actuators, bench.sensors)
         records.append(simulate(scene, noise, time_step=STEP, progress=False))
+        weighed.append(static_response(replace(scene, gravity=np.array([0, 0, -9.81])))["encoder"])
     for other in records[1:]:
         assert relative(other["encoder"], records[0]["encoder"]) < 1e-6
+    assert weighed[1:] == pytest.approx(weighed[:1] * 2, rel=1e-6)
 
 
 @pytest.mark.parametrize("angle", [0.0, 40.0])

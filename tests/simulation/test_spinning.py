@@ -468,18 +468,10 @@ def test_coriolis_forces_do_no_work():
     assert np.abs(spin.gyroscopic + spin.gyroscopic.T).max() <= 1e-12 * np.abs(spin.gyroscopic).max()
     assert np.abs(spin.stiffness - spin.stiffness.T).max() <= 1e-12 * np.abs(spin.stiffness).max()
     assembly = assemble(scene)
-    energy = scipy.linalg.block_diag(assembly.modal.stiffness + spin.stiffness, assembly.modal.mass)
     n = len(assembly.modal.mass)
-    inverse = np.linalg.inv(assembly.modal.mass)
-    step = scipy.linalg.expm(
-        0.13
-        * np.block(
-            [
-                [np.zeros((n, n)), np.eye(n)],
-                [-inverse @ (assembly.modal.stiffness + spin.stiffness), -inverse @ spin.gyroscopic],
-            ]
-        )
-    )
+    stiffness = np.diag((2 * np.pi * assembly.modal.frequency) ** 2) + spin.stiffness
+    energy = scipy.linalg.block_diag(stiffness, np.eye(n))
+    step = scipy.linalg.expm(0.13 * np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness, -spin.gyroscopic]]))
     before = np.random.default_rng(5).standard_normal(2 * n)
     after = step @ before
     assert after @ energy @ after == pytest.approx(before @ energy @ before, rel=1e-9)

@@ -24,6 +24,48 @@ from nassim.simulation.model.period_correction import Steps, small_motion_factor
 from nassim.simulation.model.prescribed_motion import product
 from nassim.simulation.model.tangents import Tangent
 
+NEGLIGIBLE_MIXING = 1e-6
+"""Amplitude of a mode over that of another mode at whose frequency it moves along, below which their coupling is
+dropped."""
+
+
+@dataclass(frozen=True)
+class _Modes:
+    """Modes of a scene about its equilibrium: those under load, which keep the time of a step as small as without.
+
+    Attributes:
+        shapes: amplitudes of the modes without loads per unit of these, (n, n), orthogonal.
+        frequency: frequencies, (n,) [Hz]; 0 for rigid-body modes and for modes that grow.
+        stiffness: stiffness matrix, (n, n).
+        damping: damping matrix, (n, n).
+    """
+
+    shapes: Array
+    frequency: Array
+    stiffness: Array
+    damping: Array
+
+    @classmethod
+    def of(cls, assembly: Assembly) -> "_Modes":
+        """Find the modes under the loads of an assembly."""
+        modal, loads = assembly.modal, assembly.loads
+        squares, damping = (2 * np.pi * modal.frequency) ** 2, modal.damping.of_modes
+        if loads is None or not np.any(loads.stiffness):
+            return cls(np.eye(len(squares)), modal.frequency, np.diag(squares), damping)
+        shapes = np.linalg.eigh(np.diag(squares) + 0.5 * (loads.stiffness + loads.stiffness.T))[1]
+        stiffness = (shapes.T * squares) @ shapes + shapes.T @ loads.stiffness @ shapes
+        damping = shapes.T @ damping @ shapes
+        own = np.diag(stiffness)
+        rates = np.sqrt(np.abs(own))[:, None]
+        # At the frequency of a mode (row), another mode (column) answers by its dynamic stiffness.
+        dynamic = np.hypot(own - own[:, None], rates * np.diag(damping))
+        coupling = np.abs(stiffness) + rates * np.abs(damping)
+        mixing = np.divide(coupling, dynamic, out=np.full_like(coupling, np.inf), where=dynamic > 0)
+        kept = np.maximum(mixing, mixing.T) > NEGLIGIBLE_MIXING
+        np.fill_diagonal(kept, True)
+        frequency = np.sqrt(np.maximum(own, 0.0)) / (2 * np.pi)
+        return cls(shapes, frequency, np.where(kept, stiffness, 0.0), np.where(kept, damping, 0.0))
+
 
 @dataclass(frozen=True)
 class _Equations:
@@ -45,22 +87,24 @@ class _Equations:
     gains: Array
 
     @classmethod
-    def of(cls, assembly: Assembly, motion: Array, steps: Steps | None) -> "_Equations":
+    def of(cls, assembly: Assembly, modes: _Modes, motion: Array, steps: Steps | None) -> "_Equations":
         """Make the equations; motion: all coordinates by amplitudes and drives, (n_all, n + d)."""
-        modal, drives, circuits = assembly.modal, assembly.signals.prescribed, assembly.signals.circuits
+        drives, circuits = assembly.signals.prescribed, assembly.signals.circuits
         n, d = drives.momentum.shape
-        size, squares = n + d + len(circuits), (2 * np.pi * modal.frequency) ** 2
+        size = n + d + len(circuits)
         mass, stiffness, damping = np.zeros((3, size, size))
-        factors, growth = small_motion_factors(assembly, steps) if steps else np.ones((2, n))
-        mass[:n, :n], stiffness[:n, :n] = np.diag(factors), np.diag(squares)
-        damping[:n, :n] = np.sqrt(growth)[:, None] * modal.damping.of_modes * np.sqrt(growth)
+        factors, growth = small_motion_factors(assembly, modes.frequency, steps) if steps else np.ones((2, n))
+        mass[:n, :n], stiffness[:n, :n] = np.diag(factors), modes.stiffness
+        damping[:n, :n] = np.sqrt(growth)[:, None] * modes.damping * np.sqrt(growth)
         # Rows k u = k input: k as large as the forces of u on the modes, else the tolerance of Newton's iterations
         # ignores them.
-        push, driven = squares[:, None] * drives.momentum, slice(n, n + d)
+        momentum = modes.shapes.T @ drives.momentum
+        push, driven = modes.stiffness @ momentum, slice(n, n + d)
+        if assembly.loads is not None:
+            push = push - modes.shapes.T @ assembly.loads.drive_stiffness
         sizes = np.maximum(np.linalg.norm(push, axis=0), 1.0)
         stiffness[:n, driven], stiffness[driven, driven] = -push, np.diag(sizes)
-        slip = modal.damping.of_modes @ drives.momentum - drives.damping
-        damping[:n, driven] = -slip
+        damping[:n, driven] = modes.shapes.T @ drives.damping - modes.damping @ momentum
         charges = [Charge.of(circuit, motion.T @ circuit.forces) for circuit in circuits]
         for k, charge in enumerate(charges, start=n + d):
             stiffness[k, : n + d] = -charge.push
@@ -90,10 +134,11 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
     n, d = drives.momentum.shape
     container = exu.SystemContainer()
     mbs = container.AddSystem()
-    modes = assembly.modal.modes
+    loaded = _Modes.of(assembly)
+    modes = assembly.modal.modes @ loaded.shapes
     charges = np.zeros((len(modes), len(signals.circuits)))
     motion = np.hstack([modes, drives.residual, charges])
-    equations = _Equations.of(assembly, motion[:, : n + d], steps)
+    equations = _Equations.of(assembly, loaded, motion[:, : n + d], steps)
     size = len(equations.mass)
     names = [scene.inputs[index] for index in drives.inputs]
     direct = np.isinf(drives.rates)
@@ -101,7 +146,7 @@ def small_motion_system(assembly: Assembly, rates: Mapping[str, float], steps: S
     speeds[n : n + d] = [rates.get(name, 0.0) * at_once for name, at_once in zip(names, direct, strict=True)]
     node = mbs.AddNode(modal_node(size, speeds.tolist()))
     weight = np.zeros(size)
-    weight[:n] = modes.T @ signals.weight
+    weight[:n] = modes.T @ signals.weight if assembly.loads is None else loaded.shapes.T @ assembly.loads.force
     number = mbs.AddObject(
         eii.ObjectGenericODE2(
             nodeNumbers=[node],

@@ -17,7 +17,7 @@ from nassim.scene.bodies import FlexibleBody
 from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.springs import rounding
 from nassim.simulation.exudyn.state import System, find_accelerations
-from nassim.simulation.exudyn.steady_state import solve_loaded_equilibrium
+from nassim.simulation.exudyn.steady_state import solve_loaded_equilibrium, squares_at_rest
 from nassim.simulation.exudyn.step_actions import StepActions
 from nassim.simulation.model.buckling import axial_rows
 from nassim.simulation.model.reach import find_reach, scene_size
@@ -68,6 +68,17 @@ def eigenfrequencies(system: System) -> Array:
     """Undamped eigenfrequencies of the system as Exudyn linearises it, ascending [Hz]."""
     eigenvalues, _ = system.mbs.ComputeODE2Eigenvalues()
     result: Array = np.sqrt(np.sort(np.abs(eigenvalues))) / (2 * np.pi)
+    return result
+
+
+def loaded_eigenfrequencies(system: System) -> Array:
+    """Undamped eigenfrequencies about the static equilibrium, with the stiffness of all forces, ascending [Hz].
+
+    A square that is negative, of a mode that grows, gives a negative frequency.
+    """
+    solve_static(system)
+    squares = squares_at_rest(system)
+    result: Array = np.sign(squares) * np.sqrt(np.abs(squares)) / (2 * np.pi)
     return result
 
 

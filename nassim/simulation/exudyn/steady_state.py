@@ -73,6 +73,13 @@ class _SteadyEquations:
             turn[vector, vector] = skew(twist[3:]) / 2
         return cls(system, solver, turn, shift)
 
+    @property
+    def start(self) -> Array:
+        """Coordinates at the start, (n,)."""
+        data = self.system.mbs.systemData
+        start: Array = data.GetODE2Coordinates(exu.ConfigurationType.Reference)
+        return start + data.GetODE2Coordinates(exu.ConfigurationType.Initial)
+
     def rates(self, x: Array) -> Array:
         """Return x' in steady rotation, (n,)."""
         return self.turn @ x + self.shift
@@ -227,6 +234,16 @@ def solve_steady_rotation(system: System, twists: Mapping[str, Array]) -> tuple[
     return _come_to_rest(equations, speed, energy_root)
 
 
+def squares_at_rest(system: System) -> Array:
+    """Return the squared angular frequencies about the equilibrium in which a system starts at rest, ascending, (k,).
+
+    Args:
+        system: the system at rest in equilibrium.
+    """
+    equations = _SteadyEquations.of(system, {name: np.zeros(6) for name in system.nodes})
+    return _Motion.about(equations, equations.start).squares
+
+
 def solve_loaded_equilibrium(system: System, size: float) -> None:
     """Bring the system into a static equilibrium that its weight may stiffen, and make that the initial state.
 
@@ -268,7 +285,7 @@ def _come_to_rest(
     """
     data = equations.system.mbs.systemData
     reference = data.GetODE2Coordinates(exu.ConfigurationType.Reference)
-    x = reference + data.GetODE2Coordinates(exu.ConfigurationType.Initial)
+    x = equations.start
     for _ in range(NEWTON_ITERATIONS):
         if not np.all(np.isfinite(equations.left(x))):
             break

@@ -28,7 +28,7 @@ from nassim.scene.terms import (
     SpringForce,
     Term,
 )
-from nassim.simulation.exudyn.general import BodyNodes
+from nassim.simulation.exudyn.general import NO_MATRIX, BodyNodes
 from nassim.simulation.exudyn.items import (
     Items,
     MarkerFactory,
@@ -153,6 +153,7 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None,
     rigid: dict[str, RigidBody] = {}
     virtual_nodes: dict[str, tuple[int, list[int]]] = {}
     body_nodes: dict[str, BodyNodes] = {}
+    stress = _stress_stiffness(assembly)
     for body in scene.deformable_bodies:
         add = _add_floating if body.fidelity == "ffrf" else _add_linear
         node, flexible[body.name], objects[body.name], found, of_body = add(
@@ -160,7 +161,7 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None,
             scene,
             body,
             assembly.coordinates.frames[body.name],
-            (mass[body.name, body.name], damping[body.name, body.name]),
+            (mass[body.name, body.name], damping[body.name, body.name], stress[body.name]),
             twists[body.name],
         )
         nodes[body.name] = node
@@ -189,6 +190,7 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None,
             flexible[other.name] = FlexibleCoordinates(nodes_of, np.eye(len(other.mass_matrix)))
     own = [name for name in nodes if groups.leaders.get(name, name) == name]
     _couple(mbs, assembly, flexible, mass, damping)
+    _hold_equilibrium(mbs, assembly, stress, flexible)
     items = Items(
         mbs, scene, nodes, own, groups.joints, objects, rigid, flexible, marker_factories, virtual_nodes, body_nodes
     )
@@ -198,6 +200,38 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None,
         if np.any(scene.gravity) and name not in linear:
             items.add_body_force(name, scene.gravity)
     return items
+
+
+def _stress_stiffness(assembly: Assembly) -> dict[str, Array]:
+    """Return the stiffness of the stress in each body that deforms, on its deformation, by name, (n, n)."""
+    result, inside = {}, assembly.loads.inside if assembly.loads else {}
+    for body in assembly.scene.deformable_bodies:
+        flexible = assembly.coordinates.frames[body.name].flexible
+        own = inside.get(body.name, np.zeros((len(body.mass_matrix),) * 2))[np.ix_(flexible, flexible)]
+        result[body.name] = 0.5 * (own + own.T)
+    return result
+
+
+def _hold_equilibrium(
+    mbs: Any, assembly: Assembly, stress: Mapping[str, Array], flexible: Mapping[str, FlexibleCoordinates]
+) -> None:
+    """Let the stiffness of the stress act on the deformation from the equilibrium, which bears the loads without it.
+
+    Args:
+        mbs: Exudyn's system.
+        assembly: the assembled scene.
+        stress: stiffness of the stress on the deformation of each body, by name, (n, n).
+        flexible: coordinates of the bodies that deform, by name.
+    """
+    if assembly.loads is None:
+        return
+    displacement = assembly.modal.modes @ assembly.loads.equilibrium
+    for body in assembly.scene.deformable_bodies:
+        deformation = assembly.coordinates.frames[body.name].deformation(body.reduced)
+        force = stress[body.name] @ deformation @ displacement[assembly.coordinates.slices[body.name]]
+        if body.fidelity == "ffrf" and np.any(force):
+            nodes = [node for node, _ in flexible[body.name].nodes]
+            mbs.AddObject(eii.ObjectGenericODE2(nodeNumbers=nodes, massMatrix=NO_MATRIX, forceVector=force))
 
 
 def _add_linear_body(mbs: Any, scene: Scene, body: Body) -> BodyNodes:
@@ -244,7 +278,12 @@ def _as_rigid(body: Body, assembly: Assembly) -> RigidBody:
 
 
 def _add_linear(
-    mbs: Any, scene: Scene, body: FlexibleBody, frame: FloatingFrame, on_deformation: tuple[Array, Array], twist: Array
+    mbs: Any,
+    scene: Scene,
+    body: FlexibleBody,
+    frame: FloatingFrame,
+    on_deformation: tuple[Array, Array, Array],
+    twist: Array,
 ) -> Added:
     """Add a body in small motion: a node per remote point along the world's axes, and one for the modes."""
     reduced = body.reduced
@@ -269,12 +308,12 @@ def _add_linear(
     deformation = frame.deformation(reduced) @ to_body
     fall = np.vstack([*([np.eye(3), np.zeros((3, 3))] * len(reduced.remote_points)), np.zeros((reduced.n_modes, 3))])
     mass = to_body.T @ reduced.mass_matrix @ to_body
-    added, damping = (deformation.T @ matrix @ deformation for matrix in on_deformation)
+    added, damping, stress = (deformation.T @ matrix @ deformation for matrix in on_deformation)
     number = mbs.AddObject(
         eii.ObjectGenericODE2(
             nodeNumbers=numbers,
             massMatrix=mass + added,
-            stiffnessMatrix=to_body.T @ reduced.stiffness_matrix @ to_body,
+            stiffnessMatrix=to_body.T @ reduced.stiffness_matrix @ to_body + stress,
             dampingMatrix=damping,
             forceVector=mass @ fall @ scene.gravity,
         )
@@ -284,10 +323,15 @@ def _add_linear(
 
 
 def _add_floating(
-    mbs: Any, scene: Scene, body: FlexibleBody, frame: FloatingFrame, on_deformation: tuple[Array, Array], twist: Array
+    mbs: Any,
+    scene: Scene,
+    body: FlexibleBody,
+    frame: FloatingFrame,
+    on_deformation: tuple[Array, Array, Array],
+    twist: Array,
 ) -> Added:
     """Add a floating-frame body."""
-    added, damping = on_deformation
+    added, damping, stress = on_deformation
     n = len(frame.flexible)
     node = mbs.AddNode(
         GetRigidBodyNode(
@@ -308,7 +352,7 @@ def _add_floating(
             inertia=frame.inertia,
             centerOfMass=frame.center_of_mass,
             massMatrixReduced=_container(frame.mass_matrix + added),
-            stiffnessMatrixReduced=_container(frame.stiffness_matrix),
+            stiffnessMatrixReduced=_container(frame.stiffness_matrix + stress),
             dampingMatrixReduced=_container(damping),
             mPhitTPsi=frame.translation_flexible,
             mPhitTPsiTilde=frame.translation_rotated,

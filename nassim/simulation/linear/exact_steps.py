@@ -24,15 +24,12 @@ from nassim.simulation.model.reach import find_reach
 from nassim.simulation.model.runaway import runaway, see_runaway
 from nassim.simulation.model.signals import Signals
 from nassim.simulation.model.stopped_runs import Stopped, ValidSamples
-from nassim.simulation.model.tangents import NO_EQUILIBRIUM
 from nassim.systems.state_space import discretize, quasi_static, settling_response
 
 CHECKS = 200
 """How often all coordinates of a run are checked, at the first samples of blocks."""
 Pieces = Iterator[tuple[int, Array, Array]]
 """Pieces of a run, as `pieces` yields them."""
-NEUTRAL = 1e-9
-"""Share of all weight that a rigid-body mode may feel by rounding."""
 
 
 @np.errstate(over="ignore", invalid="ignore")  # where a loop runs away, which is told in words
@@ -61,7 +58,6 @@ def exact_response(
     coordinates at some 200 times and at the kept samples, shape (n_all, n_times) each.
 
     Raises:
-        RuntimeError: when gravity does work on a rigid-body mode.
         Stopped: when a loop runs away, and when a controller in Python fails.
     """
     plant, start, risen, all_coordinates = _plant(assembly, time_step, hold_order, released)
@@ -210,7 +206,6 @@ def _plant(
     by_states, by_inputs = by_states @ kept, by_inputs + by_states @ taken
     start = np.zeros(len(state))
     if np.any(weight) and not released:
-        _check_equilibrium(assembly)
         part = held_by_stiffness[~fast]
         start[part] = np.linalg.solve(state[np.ix_(part, part)], -drives[part, -1])
     phi, held, risen = discretize(state, drives, h)
@@ -257,14 +252,3 @@ def _reader(
     by_inputs = by_inputs + by_scene @ risen
     by_signals, by_gravity = by_inputs[:, : len(inputs)], by_inputs[:, len(inputs) :].sum(axis=1)
     return lambda states, samples: states @ by_states.T + inputs[:, samples].T @ by_signals.T + by_gravity
-
-
-def _check_equilibrium(assembly: Assembly) -> None:
-    """Raise RuntimeError when gravity does work on a rigid-body mode; without work, equilibrium is neutral."""
-    modes = assembly.modal.modes[:, assembly.modal.rigid_modes]
-    moving = [body for body in assembly.scene.bodies if body.name in assembly.coordinates.slices]
-    mass = sum(body.rigid_inertia[0] for body in moving)
-    # Of unit modal mass, no motion can feel more than all masses falling together.
-    most = np.sqrt(mass) * float(np.linalg.norm(assembly.scene.gravity))
-    if np.abs(modes.T @ assembly.signals.weight).max(initial=0.0) > NEUTRAL * most:
-        raise RuntimeError(NO_EQUILIBRIUM)

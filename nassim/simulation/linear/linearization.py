@@ -11,10 +11,11 @@ from nassim.scene.measures import body_of
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint, Output
 from nassim.simulation.linear.folding import warn_of_folding
-from nassim.simulation.loaded.loaded_state import LoadedState, loaded_state
+from nassim.simulation.loaded.loaded_state import loaded_state
 from nassim.simulation.loaded.rotor_frame import FRAMES, FrameView, RotorPartition, check_constant, damps_both
 from nassim.simulation.loaded.rotor_stator import stator_bodies
 from nassim.simulation.model.assembly import Assembly, assemble
+from nassim.simulation.model.effect_of_loads import LoadedState
 from nassim.simulation.model.prescribed_motion import cleared, product
 from nassim.systems.feedback import DELAY_ORDER, close_loop
 from nassim.systems.linear_model import LinearModel, sampled, unstable_poles
@@ -79,15 +80,15 @@ def linearize(
         UserWarning: for an equilibrium that is unstable under gravity, one beyond small motion, and bodies whose
             stress matters but is only estimated or left out.
     """
-    assembly, loads = loaded_assembly(
+    assembly = loaded_assembly(
         scene, angular_velocity, axis_point, stator, frame, loaded=loaded, inputs=constant_inputs
     )
-    return linear_model(assembly, loads)
+    return linear_model(assembly)
 
 
-def linear_model(assembly: Assembly, loads: LoadedState | None = None) -> LinearModel:
-    """Make the linear model of an assembled scene, see `state_space`, without gravity as an input."""
-    a, b, c, d = state_space(assembly, loads)
+def linear_model(assembly: Assembly) -> LinearModel:
+    """Make the linear model of an assembled scene, see `state_space`, without its constant loads as an input."""
+    a, b, c, d = state_space(assembly)
     scene, modal = assembly.scene, assembly.modal
     unsupported = np.tile(np.where(modal.unsupported, modal.frequency, 0.0), 2)
     return LinearModel(
@@ -105,8 +106,8 @@ def loaded_assembly(
     loaded: bool = True,
     weight: bool = True,
     inputs: Mapping[str, float] | None = None,
-) -> tuple[Assembly, LoadedState]:
-    """Assemble a scene, with its damping at speed, and compute the effect of its loads.
+) -> Assembly:
+    """Assemble a scene with its damping at speed and the effect of its loads.
 
     Args:
         scene: the scene.
@@ -119,7 +120,7 @@ def loaded_assembly(
         inputs: constant values of inputs, by name.
 
     Returns:
-        The assembly and the effect of the loads.
+        The assembly.
 
     Raises:
         ValueError: for several drives of constant speed, and for one that translates.
@@ -158,7 +159,7 @@ def loaded_assembly(
             axis_point=axis_point,
             stress=loaded,
         )
-        return assembly, state
+        return replace(assembly, loads=state)
     partition = RotorPartition(
         velocity, finite_array("axis_point", np.asarray(axis_point, dtype=float), (3,)), names, frame
     )
@@ -175,7 +176,7 @@ def loaded_assembly(
         partition=partition,
         stress=loaded,
     )
-    return assembly, state
+    return replace(assembly, loads=state)
 
 
 def spinning_equilibrium(
@@ -203,36 +204,34 @@ def spinning_equilibrium(
     Raises:
         ValueError: if there is no equilibrium within small motion, and if it is unstable.
     """
-    assembly, loads = loaded_assembly(scene, angular_velocity, axis_point, stator, frame, weight=False)
-    state, _, readings, _ = state_space(assembly, loads)
+    assembly = loaded_assembly(scene, angular_velocity, axis_point, stator, frame, weight=False)
+    assert assembly.loads is not None
+    state, _, readings, _ = state_space(assembly)
     growing = unstable_poles(
         LinearModel(state, np.zeros((len(state), 0)), np.zeros((0, len(state))), np.zeros((0, 0)), (), ())
     )
     if growing:
         raise ValueError(f"the spinning equilibrium of scene {scene.name!r} is unstable: {growing[0]}; spin slower")
     at_rest = np.zeros(len(state))
-    modal, signals, n = assembly.modal, assembly.signals, len(loads.equilibrium)
-    at_rest[:n] = np.linalg.solve(modal.shapes, loads.equilibrium)
+    modal, signals, amplitudes = assembly.modal, assembly.signals, assembly.loads.equilibrium
+    n = len(amplitudes)
+    at_rest[:n] = amplitudes
     for j, circuit in enumerate(signals.circuits, start=2 * n):
-        at_rest[j] = circuit.forces @ modal.basis @ loads.equilibrium / circuit.capacitance
+        at_rest[j] = circuit.forces @ modal.modes @ amplitudes / circuit.capacitance
     # Accelerations of what rests vanish but for rounding.
     values: Array = (readings - signals.acceleration_matrix @ modal.modes @ state[n : 2 * n]) @ at_rest
     return dict(zip(scene.outputs, map(float, values), strict=True))
 
 
-def state_space(assembly: Assembly, loads: LoadedState | None = None) -> StateSpace:
-    """Compute A, B, C and D of an assembled scene; the last column of B and D is gravity, a constant input of one.
+def state_space(assembly: Assembly) -> StateSpace:
+    """Compute A, B, C and D of an assembled scene; the last column of B and D is of its loads, a constant input of one.
 
     The states are modal amplitudes and their rates, then the charges of circuits (as volts), the outputs of amplifiers
-    and
-    of drives' servos, and the states of outputs' filters. With drives that follow inputs, amplitudes and rates are a
-    and b
-    of `nassim.simulation.model.prescribed_motion`.
+    and of drives' servos, and the states of outputs' filters. With drives that follow inputs, amplitudes and rates are
+    a and b of `nassim.simulation.model.prescribed_motion`.
 
     Args:
-        assembly: the assembled scene.
-        loads: effect of constant loads on the stiffness; None: the reference configuration. In a rotating frame gravity
-            is constant only along the axis.
+        assembly: the assembled scene, with or without the effect of loads.
 
     Returns:
         A (n, n), B (n, inputs + 1), C (outputs, n) and D (outputs, inputs + 1).
@@ -251,11 +250,12 @@ def state_space(assembly: Assembly, loads: LoadedState | None = None) -> StateSp
     state[:n, velocity] = np.eye(n)
     state[velocity, :n] = -np.diag(omega**2)
     state[velocity, velocity] = -modal.damping.of_modes
-    if loads is not None:
-        _refuse_inertial(assembly, loads)
-        state[velocity, :n] -= modal.shapes.T @ loads.stiffness @ modal.shapes
-        state[velocity, velocity] -= modal.shapes.T @ loads.gyroscopic @ modal.shapes
     drives[velocity, :n_in], drives[velocity, n_in] = modes.T @ signals.input_matrix, modes.T @ signals.weight
+    if (loads := assembly.loads) is not None:
+        _refuse_inertial(assembly, loads)
+        state[velocity, :n] -= loads.stiffness
+        state[velocity, velocity] -= loads.gyroscopic
+        drives[velocity, n_in] = loads.force
     for j, circuit in enumerate(signals.circuits, start=2 * n):
         pull = modes.T @ circuit.forces
         rate = 1 / (circuit.resistance * circuit.capacitance)
@@ -269,7 +269,7 @@ def state_space(assembly: Assembly, loads: LoadedState | None = None) -> StateSp
         drives[j, amplifier.input] = amplifier.rate
     for j, k in enumerate(prescribed.servos, start=plain - len(prescribed.servos)):
         state[j, j], drives[j, prescribed.inputs[k]] = -prescribed.rates[k], prescribed.rates[k]
-    _follow_drives(assembly, loads, state, drives, readings, feedthrough, plain)
+    _follow_drives(assembly, state, drives, readings, feedthrough, plain)
     feedthrough[:, :n_in] += signals.ground_matrix
     _filter(assembly, state, drives, readings, feedthrough)
     return state, drives, readings, feedthrough
@@ -277,7 +277,6 @@ def state_space(assembly: Assembly, loads: LoadedState | None = None) -> StateSp
 
 def _follow_drives(
     assembly: Assembly,
-    loads: LoadedState | None,
     state: Array,
     drives: Array,
     readings: Array,
@@ -292,7 +291,7 @@ def _follow_drives(
     prescribed, n = signals.prescribed, modes.shape[1]
     by_states, by_inputs = np.zeros((len(prescribed.inputs), len(state))), prescribed.by_inputs(drives.shape[1])
     by_states[:, :plain] = prescribed.by_states(plain)
-    moved = _moved_by_drives(assembly, loads, state)
+    moved = _moved_by_drives(assembly, state)
     state += moved @ by_states
     drives += moved @ by_inputs
     pushed = np.append(np.linalg.norm(signals.input_matrix / scale[:, None], axis=0), 0.0)
@@ -333,14 +332,13 @@ def _filter(assembly: Assembly, state: Array, drives: Array, readings: Array, fe
         end = place.stop
 
 
-def _moved_by_drives(assembly: Assembly, loads: LoadedState | None, state: Array) -> Array:
+def _moved_by_drives(assembly: Assembly, state: Array) -> Array:
     """Return the rates of all states per unit of the drives' motions, (size, d)."""
-    shapes, prescribed = assembly.modal.shapes, assembly.signals.prescribed
-    n = shapes.shape[1]
+    prescribed, n = assembly.signals.prescribed, len(assembly.modal.frequency)
     position, velocity = slice(n), slice(n, 2 * n)
     by_rate, by_motion = prescribed.damping, np.zeros_like(prescribed.damping)  # forces of the drives on the modes
-    if loads is not None:
-        by_rate, by_motion = by_rate + shapes.T @ loads.drive_damping, shapes.T @ loads.drive_stiffness
+    if assembly.loads is not None:
+        by_rate, by_motion = by_rate + assembly.loads.drive_damping, assembly.loads.drive_stiffness
     result = np.zeros((len(state), by_rate.shape[1]))
     # Rounding mixes modes of independent machines a little, which must not look like a prescribed motion.
     sizes = np.linalg.norm(state[velocity, velocity], axis=0)

@@ -42,8 +42,8 @@ def mode_motion(
     Raises:
         ValueError: for a number without a mode.
     """
-    assembly, loads = loaded_assembly(traced(scene), angular_velocity, axis_point, None, "rotor")
-    poles, vectors = np.linalg.eig(state_space(assembly, loads)[0])
+    assembly = loaded_assembly(traced(scene), angular_velocity, axis_point, None, "rotor")
+    poles, vectors = np.linalg.eig(state_space(assembly)[0])
     swinging = np.flatnonzero(poles.imag > 1e-9 * np.abs(poles).max())
     order = swinging[np.argsort(np.abs(poles[swinging]))]
     if not 1 <= number <= len(order):

@@ -12,7 +12,7 @@ from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.buckling import FACTOR, axial_forces, estimated_stiffness
 
 WARNED_SHIFT = 0.01
-"""Relative change of a frequency by an estimated geometric stiffness above which a warning is given."""
+"""Relative change of a frequency by estimated or omitted geometric stiffness above which a warning is given."""
 
 
 def stress_of_bodies(
@@ -64,8 +64,7 @@ def estimated_stress(assembly: Assembly, displacement: Array) -> dict[str, Array
     Warns:
         UserWarning: for a body whose estimate changes a frequency of the scene by more than `WARNED_SHIFT`.
     """
-    result, modal = {}, assembly.modal
-    elastic = np.flatnonzero(~modal.rigid_modes)
+    result = {}
     for body in assembly.scene.deformable_bodies:
         if body.reduced.stress_stiffness is not None:
             continue
@@ -73,17 +72,36 @@ def estimated_stress(assembly: Assembly, displacement: Array) -> dict[str, Array
         tensions = axial_forces(body.reduced, displacement[place, None])[:, 0]
         own = _on_deformation(assembly, body, estimated_stiffness(body.reduced, tensions))
         result[body.name] = own
-        part = modal.modes[place][:, elastic]
-        shift = 0.5 * np.einsum("ij,ij->j", part, own @ part) / (2 * np.pi * modal.frequency[elastic]) ** 2
-        if np.abs(shift).max(initial=0.0) > WARNED_SHIFT:
-            k = int(np.argmax(np.abs(shift)))
+        if change := describe_change(assembly, body.name, own):
             warnings.warn(
-                f"the stress in body {body.name!r} under load changes the mode at {modal.frequency[elastic[k]]:.4g} Hz "
-                f"by some {100 * shift[k]:+.2g} %, which is only estimated (within a factor of {FACTOR} for slender "
-                "columns): reduce the body by craig_bampton(..., geometric_stiffness=True)",
+                f"{change}, which is only estimated (within a factor of {FACTOR} for slender columns): reduce the body "
+                "by craig_bampton(..., geometric_stiffness=True)",
                 stacklevel=outside(),
             )
     return result
+
+
+def describe_change(assembly: Assembly, name: str, stiffness: Array) -> str:
+    """Describe the mode that the stiffness of a body's stress changes most, to first order.
+
+    Args:
+        assembly: the assembled scene.
+        name: name of the body.
+        stiffness: stiffness on the body's coordinates, (n, n).
+
+    Returns:
+        The description; empty for changes up to `WARNED_SHIFT`.
+    """
+    modal, elastic = assembly.modal, np.flatnonzero(~assembly.modal.rigid_modes)
+    part = modal.modes[assembly.coordinates.slices[name]][:, elastic]
+    shift = 0.5 * np.einsum("ij,ij->j", part, stiffness @ part) / (2 * np.pi * modal.frequency[elastic]) ** 2
+    if np.abs(shift).max(initial=0.0) <= WARNED_SHIFT:
+        return ""
+    k = int(np.argmax(np.abs(shift)))
+    return (
+        f"the stress in body {name!r} under load changes the mode at {modal.frequency[elastic[k]]:.4g} Hz by some "
+        f"{100 * shift[k]:+.2g} %"
+    )
 
 
 def _on_deformation(assembly: Assembly, body: FlexibleBody, stiffness: Array) -> Array:

@@ -43,8 +43,8 @@ def buckling_factors(
     assembly = assemble(traced(scene))
     state = loaded_state(assembly, gravity=scene.gravity, inputs=inputs, checked=False)
     modal, elastic = assembly.modal, ~assembly.modal.rigid_modes
-    change = (modal.shapes / np.where(elastic, 2 * np.pi * modal.frequency, 1.0))[:, elastic]
-    softening, combinations = np.linalg.eigh(-change.T @ state.stiffness @ change)
+    scale = 1 / (2 * np.pi * modal.frequency[elastic])
+    softening, combinations = np.linalg.eigh(-scale[:, None] * state.stiffness[np.ix_(elastic, elastic)] * scale)
     found = np.flatnonzero(softening > NEGLIGIBLE * np.abs(softening).max(initial=0.0))[::-1][:n]
-    shapes = modal.basis @ change @ combinations[:, found]
+    shapes = (modal.modes[:, elastic] * scale) @ combinations[:, found]
     return 1 / softening[found], original_coordinates(assembly, shapes)

@@ -66,26 +66,25 @@ def balance(assembly: Assembly, force: Array) -> StaticBalance:
 
 
 def spinning_rest(assembly: Assembly, added: Array, force: Array, rate: float, largest: float) -> Array:
-    """Return minimal coordinates at rest under forces on all coordinates, with the stiffness of a spin added, (n,).
+    """Return modal amplitudes at rest under forces on all coordinates, with the stiffness of a spin added, (n,).
 
     Each mode is scaled by its own stiffness, a rigid-body mode by that of the spin, because the rounding of a stiff
     mode would hide that.
 
     Args:
         assembly: the assembled scene.
-        added: stiffness that the loads add, (n_all, n_all).
+        added: stiffness that the loads add on modal amplitudes, (n, n).
         force: centrifugal forces, (n_all,).
         rate: rate of the spin [rad/s].
         largest: largest force that a mode of unit mass can have.
 
     Returns:
-        The minimal coordinates.
+        The amplitudes.
 
     Raises:
         ValueError: if centrifugal forces drive a motion that nothing holds.
     """
-    modal, modes, free = assembly.modal, assembly.modal.modes, assembly.modal.rigid_modes
-    matrix = modes.T @ added @ modes
+    modal, modes, free, matrix = assembly.modal, assembly.modal.modes, assembly.modal.rigid_modes, added.copy()
     for circuit in assembly.signals.circuits:
         pull = modes.T @ circuit.forces
         matrix -= np.outer(pull, pull) / circuit.capacitance
@@ -99,7 +98,7 @@ def spinning_rest(assembly: Assembly, added: Array, force: Array, rate: float, l
             "nothing holds, or that is at its critical speed; add a spring or a joint, put the centre of mass on the "
             "axis, or change the speed"
         )
-    result: Array = modal.shapes @ (scale * (answers[held].T @ (pushed[held] / values[held])))
+    result: Array = scale * (answers[held].T @ (pushed[held] / values[held]))
     return result
 
 

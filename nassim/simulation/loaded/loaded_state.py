@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.callers import outside
-from nassim.base.checks import Array, finite, finite_array, freeze, frozen_mapping, known
+from nassim.base.checks import Array, finite, finite_array, known
 from nassim.base.rigid_motion import skew
 from nassim.scene.bodies import FlexibleBody, RigidBody
 from nassim.scene.measures import BodyCoordinates
@@ -30,47 +30,15 @@ from nassim.simulation.loaded.rotor_frame import FrameView, RotorPartition, othe
 from nassim.simulation.loaded.spinning import body_force_terms, inertia_terms, integrals, warn_of_spinning_bodies
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.buckling import axial_forces, warn_of_buckling
+from nassim.simulation.model.effect_of_loads import LoadedState
+from nassim.simulation.model.prescribed_motion import SUM_ROUNDING
 from nassim.simulation.model.tangents import Tangent
 
 NO_LOAD = (0.0, 0.0, 0.0)
 """Default: no gravity, no angular velocity, and the origin as axis point."""
+UNSTABLE = "the equilibrium of scene {!r} under its loads is unstable: without damping it has the pole {} rad/s"
 UNSTABLE_ROUNDING = 1e-7
 """Share of the loads' largest stiffness in modes of unit mass below which a negative stiffness is rounding."""
-
-
-@dataclass(frozen=True)
-class LoadedState:
-    """Effect of constant loads on an assembly: M q'' + (C + gyroscopic) q' + (K + stiffness) q = f.
-
-    Small motion q is about the equilibrium under the loads.
-
-    Attributes:
-        gyroscopic: 2 W G of a spin in minimal coordinates, (n, n), skew.
-        stiffness: stiffness that the loads add in minimal coordinates, (n, n), symmetric except for dampers along
-            rotating rows, where there is a stator, and for constant forces that follow a point.
-        equilibrium: minimal coordinates of the equilibrium, from the reference configuration, (n,); charges of ports
-            with a resistance are zero.
-        drive_damping: gyroscopic forces per unit rate of d drives with prescribed motion, (n, d).
-        drive_stiffness: stiffness forces per unit of these drives' motion, (n, d).
-        inside: part of the stiffness by the stress inside bodies, on the coordinates of each, by name, (n_own, n_own).
-    """
-
-    gyroscopic: Array
-    stiffness: Array
-    equilibrium: Array
-    drive_damping: Array
-    drive_stiffness: Array
-    inside: Mapping[str, Array] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        n = len(self.equilibrium)
-        freeze(
-            self,
-            gyroscopic=finite_array("gyroscopic matrix", self.gyroscopic, (n, n)),
-            stiffness=finite_array("stiffness of the loads", self.stiffness, (n, n)),
-            equilibrium=finite_array("equilibrium", self.equilibrium, (n,)),
-            inside=frozen_mapping(self.inside),
-        )
 
 
 @dataclass
@@ -133,41 +101,43 @@ def loaded_state(
     gravity = finite_array("gravity", np.asarray(gravity, dtype=float), (3,))
     velocity = finite_array("angular_velocity", np.asarray(angular_velocity, dtype=float), (3,))
     point = finite_array("axis_point", np.asarray(axis_point, dtype=float), (3,))
-    modal, followed = assembly.modal, assembly.signals.prescribed.motion
-    n = len(modal.frequency)
+    modes, followed = assembly.modal.modes, assembly.signals.prescribed.motion
     resting = stress and (gravity.any() or any(values.values()) or is_preloaded(assembly.tangents))
     if not velocity.any() and not resting:
-        still = np.zeros((n, followed.shape[1]))
-        return LoadedState(np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), still, still)
+        return LoadedState.none(modes.shape[1], followed.shape[1], modes.T @ assembly.signals.weight)
     geometric = GeometricStiffness.of(assembly)
     weights, hung = static_loads(assembly, geometric, gravity, values)
     spun = _spin(assembly, geometric, velocity, point, partition)
     whole = balance(assembly, weights.force + spun.force) if velocity.any() else hung
-    stiffness = weights.stiffness + spun.stiffness
-    stiffness += geometric.of_springs(whole.displacement) + geometric.of_joints(whole.borne)
+    parts = [weights.stiffness, spun.stiffness]
+    parts += [geometric.of_springs(whole.displacement), geometric.of_joints(whole.borne)]
     inside: dict[str, Array] = {}
     if stress:
         body_forces = {name: weights.body_forces[name] + spun.body_forces[name] for name in weights.body_forces}
         inside = stress_of_bodies(assembly, whole.displacement, body_forces, weights.voltages)
         inside |= estimated_stress(assembly, hung.displacement)
+        parts.append(np.zeros_like(weights.stiffness))
         for name, own in inside.items():
             place = assembly.coordinates.slices[name]
-            stiffness[place, place] += own
-    equilibrium = modal.shapes @ (modal.modes.T @ (assembly.coordinates.mass @ hung.displacement))
+            parts[-1][place, place] = own
+    stiffness, sizes = sum(parts), np.abs(modes).T @ sum(map(np.abs, parts)) @ np.abs(modes)
+    added = modes.T @ stiffness @ modes
+    added[np.abs(added) < SUM_ROUNDING * sizes] = 0.0
+    equilibrium = modes.T @ (assembly.coordinates.mass @ hung.displacement)
+    force = modes.T @ (weights.force + spun.force) + added @ equilibrium
     if resting and checked:
-        check_small(assembly.coordinates, hung.displacement, "its loads (left out by loaded=False)")
+        check_small(assembly.coordinates, hung.displacement, "its loads")
     if velocity.any():
         rate = float(np.linalg.norm(velocity))
         # Cauchy-Schwarz: the force on a mode of unit mass is at most W^2 times the root of the moment of inertia.
-        found = spinning_rest(assembly, stiffness, spun.force, rate, rate**2 * np.sqrt(spun.moment))
-        _warn_of_spin(assembly, modal.basis @ found, rate / (2 * np.pi), partition, stress)
+        found = spinning_rest(assembly, added, spun.force, rate, rate**2 * np.sqrt(spun.moment))
+        _warn_of_spin(assembly, modes @ found, rate / (2 * np.pi), partition, stress)
         equilibrium = equilibrium + found
-    elif checked:
-        _warn_of_instability(assembly, stiffness)
-    basis = modal.basis
-    gyroscopic, stiffness = basis.T @ spun.gyroscopic, basis.T @ stiffness
+    elif checked and (pole := unstable_pole(assembly, added)):
+        warnings.warn(UNSTABLE.format(assembly.scene.name, pole), stacklevel=outside())
+    gyroscopic = modes.T @ spun.gyroscopic
     return LoadedState(
-        gyroscopic @ basis, stiffness @ basis, equilibrium, gyroscopic @ followed, stiffness @ followed, inside
+        gyroscopic @ modes, added, force, equilibrium, gyroscopic @ followed, modes.T @ stiffness @ followed, inside
     )
 
 
@@ -280,17 +250,20 @@ def loaded_squares(squares: Array, added: Array) -> tuple[Array, float]:
     return found[np.argsort(found.real)], UNSTABLE_ROUNDING * float(np.abs(added).max(initial=0.0))
 
 
-def _warn_of_instability(assembly: Assembly, stiffness: Array) -> None:
-    """Warn of an equilibrium at rest that is unstable, with its pole, which is real unless forces follow a point."""
-    modes = assembly.modal.modes
-    squares, rounding = loaded_squares((2 * np.pi * assembly.modal.frequency) ** 2, modes.T @ stiffness @ modes)
+def unstable_pole(assembly: Assembly, added: Array) -> str:
+    """Find the pole of an equilibrium at rest that grows fastest, which is real unless forces follow a point.
+
+    Args:
+        assembly: the assembled scene.
+        added: stiffness that the loads add on modal amplitudes, (n, n).
+
+    Returns:
+        The pole [rad/s]; empty for a stable equilibrium.
+    """
+    squares, rounding = loaded_squares((2 * np.pi * assembly.modal.frequency) ** 2, added)
     poles = np.sqrt(-squares)
     pole = poles[np.argmax(poles.real)]
-    if pole.real**2 > rounding:
-        flutters = abs(pole.imag) > UNSTABLE_ROUNDING * pole.real
-        text = f"{pole.real:+.5g}" + (f" +- {abs(pole.imag):.5g}i" if flutters else "")
-        warnings.warn(
-            f"the equilibrium of scene {assembly.scene.name!r} under its loads is unstable: without damping it has the "
-            f"pole {text} rad/s",
-            stacklevel=outside(),
-        )
+    if pole.real**2 <= rounding:
+        return ""
+    flutters = abs(pole.imag) > UNSTABLE_ROUNDING * pole.real
+    return f"{pole.real:+.5g}" + (f" +- {abs(pole.imag):.5g}i" if flutters else "")

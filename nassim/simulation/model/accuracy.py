@@ -81,7 +81,7 @@ def _stepped_modes(assembly: Assembly, steps: Steps) -> tuple[Array, Array]:
     """Return the relative frequency errors and damping ratios of undamped modes in steps, (n,) each."""
     frequency, rigid = assembly.modal.frequency, assembly.modal.rigid_modes
     if assembly.scene.in_small_motion:
-        mass = np.diag(small_motion_factors(assembly, steps)[0])
+        mass = np.diag(small_motion_factors(assembly, frequency, steps)[0])
     else:
         deformation = assembly.modal.damping.deformation @ assembly.modal.shapes
         mass = np.eye(len(frequency)) + deformation.T @ correct_periods(assembly, steps)[1] @ deformation

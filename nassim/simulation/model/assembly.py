@@ -11,6 +11,7 @@ from nassim.scene.scene import Scene
 from nassim.scene.terms import Spring, Term
 from nassim.simulation.model.constraints import Constraints
 from nassim.simulation.model.coordinates import Coordinates
+from nassim.simulation.model.effect_of_loads import LoadedState
 from nassim.simulation.model.modal_model import ModalModel, Structure
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
 from nassim.simulation.model.signals import Signals
@@ -32,6 +33,7 @@ class Assembly:
         tangents: force laws about the static equilibrium.
         modal: matrices in minimal coordinates, and undamped modes; drives that follow inputs are at rest in them.
         signals: inputs and outputs.
+        loads: effect of constant loads, about whose equilibrium the motion then is; None: the reference configuration.
     """
 
     scene: Scene
@@ -41,6 +43,7 @@ class Assembly:
     tangents: tuple[Tangent, ...]
     modal: ModalModel
     signals: Signals
+    loads: LoadedState | None = None
 
     @property
     def modes_uncoupled(self) -> bool:

@@ -92,7 +92,8 @@ def warn_of_buckling(assembly: Assembly, tensions: Mapping[str, Array]) -> None:
         )
         warnings.warn(
             f"the preload in body {name!r} is {share:.2g} of its buckling load (estimated, within a factor of "
-            f"{FACTOR} for slender columns); it would {does}, but simulations leave its stiffness out",
+            f"{FACTOR} for slender columns); it would {does}, of which runs and linear models have the share of the "
+            "loads at their start",
             stacklevel=outside(),
         )
 

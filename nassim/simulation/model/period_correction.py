@@ -88,15 +88,14 @@ class Steps:
         return mass, np.where(frequency > 0, mass * (1 + np.tan(x) ** 2), 1.0)
 
 
-def small_motion_factors(assembly: Assembly, steps: Steps) -> tuple[Array, Array]:
-    """Compute `Steps.factors` of a scene in small motion.
+def small_motion_factors(assembly: Assembly, frequency: Array, steps: Steps) -> tuple[Array, Array]:
+    """Compute `Steps.factors` of a scene in small motion whose modes have given frequencies, (n,) [Hz].
 
     They are 1 where drives follow inputs, because the inertia forces of prescribed motion are those of the true masses.
     """
     if assembly.signals.prescribed.inputs:
-        ones = np.ones(len(assembly.modal.frequency))
-        return ones, ones
-    return steps.factors(assembly.modal.frequency)
+        return np.ones(len(frequency)), np.ones(len(frequency))
+    return steps.factors(frequency)
 
 
 def correct_periods(assembly: Assembly, steps: Steps) -> tuple[Assembly, Array]:

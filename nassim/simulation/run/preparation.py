@@ -16,7 +16,7 @@ from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.linear.folding import warn_of_folding
 from nassim.simulation.linear.linearization import linear_model, state_space
 from nassim.simulation.model.accuracy import describe_steps
-from nassim.simulation.model.assembly import Assembly, assemble
+from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.buckling import axial_forces, warn_of_buckling
 from nassim.simulation.model.initial_velocities import (
     has_free_rotation,
@@ -27,6 +27,7 @@ from nassim.simulation.model.initial_velocities import (
 from nassim.simulation.model.motion_size import motion_size
 from nassim.simulation.model.period_correction import Steps
 from nassim.simulation.run.checks import check_drives, check_exact, check_loops, check_options, check_stability
+from nassim.simulation.run.loaded_start import assemble_large_motion, assemble_small_motion
 from nassim.simulation.run.warnings_of_runs import (
     warn_of_changed_modes,
     warn_of_drift,
@@ -34,7 +35,6 @@ from nassim.simulation.run.warnings_of_runs import (
     warn_of_motion,
     warn_of_ringing,
     warn_of_spin,
-    warn_of_unloaded_stiffness,
 )
 
 METHODS = ("generalized_alpha", "exact", "explicit")
@@ -114,10 +114,9 @@ def check_run(scene: Scene, options: Options, signals: Mapping[str, Array]) -> N
         warn_of_ringing(scene, options.spectral_radius, options.time_step)
 
 
-def exact_assembly(scene: Scene) -> Assembly:
+def exact_assembly(scene: Scene, options: Options) -> Assembly:
     """Assemble a scene for exact steps; warn of modes that could make its loops unstable."""
-    assembly = assemble(scene)
-    warn_of_unloaded_stiffness(assembly)
+    assembly = assemble_small_motion(scene, released=options.released)
     if scene.loops and np.any(assembly.modal.unsupported):
         warn_of_folding(linear_model(assembly), scene.loops)
     return assembly
@@ -138,11 +137,14 @@ def start_system(
     Returns the system, and the bodies that a warning has told to spin fast.
     """
     twists = initial_twists(scene, rates)
-    told = warn_of_spin(scene, {name: float(np.linalg.norm(twist[3:])) for name, twist in twists.items()})
-    assembly, steps = assemble(scene), options.steps
+    steps, stressed = options.steps, frozenset[str]()
     if scene.in_small_motion:
-        warn_of_unloaded_stiffness(assembly)
+        assembly = assemble_small_motion(scene, released=options.released)
         state_space(assembly)  # refuses outputs that need a derivative of what a drive follows
+    else:
+        assembly, stressed = assemble_large_motion(scene)
+    speeds = {name: float(np.linalg.norm(twist[3:])) for name, twist in twists.items()}
+    told = [*stressed, *warn_of_spin(scene, speeds, stressed)]
     if steps and (line := describe_steps(assembly, steps, highest)):
         tell(line)
     system = build_system(assembly, rates, steps)

@@ -11,16 +11,23 @@ from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
 from nassim.signals.time_history import TimeHistory, occupied_bandwidth
 from nassim.simulation.exudyn.motion_recorder import MotionRecorder
-from nassim.simulation.exudyn.solver import axial_tension, eigenfrequencies, solve_dynamic, solve_static
+from nassim.simulation.exudyn.solver import (
+    axial_tension,
+    eigenfrequencies,
+    loaded_eigenfrequencies,
+    solve_dynamic,
+    solve_static,
+)
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.linear.exact_steps import exact_response
-from nassim.simulation.model.assembly import assemble
+from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.buckling import warn_of_buckling
 from nassim.simulation.model.motion_size import motion_size
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
 from nassim.simulation.model.recorded_motion import recorded_motion, recorded_steps, traced
 from nassim.simulation.model.stopped_runs import Stopped
 from nassim.simulation.run.excitation import sampled
+from nassim.simulation.run.loaded_start import assemble_large_motion, assemble_small_motion
 from nassim.simulation.run.preparation import (
     METHODS,
     Options,
@@ -252,7 +259,7 @@ def _starting_rates(
 def _solve_exactly(
     scene: Scene, signals: Mapping[str, Array], n_steps: int, options: Options, kept: Array, *, progress: bool
 ) -> tuple[Array, Motion | None]:
-    assembly, time_step = exact_assembly(scene), options.time_step
+    assembly, time_step = exact_assembly(scene, options), options.time_step
     driven = np.reshape([signals[name] for name in scene.inputs], (len(scene.inputs), n_steps + 1))
     with stage("simulate", total=n_steps, unit="steps", enabled=progress) as advance:
         readings, commands, coordinates, at_kept = exact_response(
@@ -289,7 +296,7 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
     values = {name: 0.0 for name in scene.inputs}
     for name, value in (inputs or {}).items():
         values[known("input", name, scene.inputs)] = finite(f"input {name!r}", value)
-    system = build_system(assemble(scene))
+    system = build_system(_assemble_for_run(scene))
     system.apply(values)
     if not settle(system, {}):
         solve_static(system)
@@ -301,18 +308,30 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
     return {name: system.at_rest(name) for name in scene.outputs}
 
 
-def exudyn_eigenfrequencies(scene: Scene, *, n_modes: int | None = None) -> Array:
-    """Find the undamped eigenfrequencies of a scene as Exudyn linearises it about its start.
+def exudyn_eigenfrequencies(scene: Scene, *, loaded: bool = False, n_modes: int | None = None) -> Array:
+    """Find the undamped eigenfrequencies of a scene at rest by Exudyn's equations.
 
     Measured electrical ports keep their charge, whatever their resistance.
 
     Args:
         scene: whose modes are found.
+        loaded: whether they are those about the equilibrium under gravity and preload, as in runs; otherwise those in
+            the reference configuration without loads.
         n_modes: how many are returned; None for all.
 
-    Returns the frequencies, ascending, shape (n_modes,) [Hz].
+    Returns:
+        The frequencies, ascending, (n_modes,) [Hz].
+
+    Raises:
+        RuntimeError: when there is no equilibrium.
     """
-    assembly = assemble(scene)
+    assembly = _assemble_for_run(scene) if loaded else assemble(scene)
     still = PrescribedMotions.none(*assembly.modal.basis.shape)
     signals = replace(assembly.signals, circuits=(), prescribed=still)
-    return eigenfrequencies(build_system(replace(assembly, signals=signals)))[:n_modes]
+    system = build_system(replace(assembly, signals=signals))
+    return (loaded_eigenfrequencies(system) if loaded else eigenfrequencies(system))[:n_modes]
+
+
+def _assemble_for_run(scene: Scene) -> Assembly:
+    """Assemble a scene with the stiffness of its loads at the start."""
+    return assemble_small_motion(scene) if scene.in_small_motion else assemble_large_motion(scene)[0]

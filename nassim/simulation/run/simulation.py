@@ -336,7 +336,7 @@ class _ExactEngine(_Engine):
     run: ExactSteps
 
     def __init__(self, scene: Scene, options: Options, inputs: Array, _rates: Mapping[str, float]) -> None:
-        self.assembly, self.options, self.valid = exact_assembly(scene), options, ValidSamples()
+        self.assembly, self.options, self.valid = exact_assembly(scene, options), options, ValidSamples()
         step, order = options.time_step, options.order
         self.run = ExactSteps(self.assembly, inputs, step, hold_order=order, released=options.released)
         self.reach = GrowingReach(self.assembly, step) if scene.loops else None

@@ -10,15 +10,12 @@ from nassim.base.checks import Array
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Output, OutputFilter
 from nassim.simulation.exudyn.state import System
-from nassim.simulation.loaded.loaded_state import loaded_squares, loaded_state
 from nassim.simulation.loaded.spinning import STIFFENING, stiffening
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.motion_size import SMALL_MOTION
 
 RINGING = 0.8
 """Spectral radius above which accelerations in large motion may ring."""
-UNLOADED = 0.01
-"""Relative change of a frequency by gravity above which a warning is given."""
 STILL = 1e-6
 """Rate [Hz] below which nothing spins: a turn in eleven days."""
 LOW_PASS = 0.1
@@ -26,37 +23,6 @@ LOW_PASS = 0.1
 FAR = 0.1
 """Rotation [rad], or displacement over size, from the reference configuration above which a warning is given. Damping
 ratios of modes in the reference configuration are then wrong by some 3 % in an elbow of two bars."""
-
-
-def warn_of_unloaded_stiffness(assembly: Assembly) -> None:
-    """Warn of a run in small motion under gravity whose modes gravity would change.
-
-    Args:
-        assembly: the assembled scene.
-    """
-    scene = assembly.scene
-    if not np.any(scene.gravity):
-        return
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # about the loads, which `linearize` tells
-        try:
-            state = loaded_state(assembly, gravity=scene.gravity, checked=False)
-        except ValueError:  # no equilibrium near the reference configuration, which the run itself tells
-            return
-    shapes, own = assembly.modal.shapes, (2 * np.pi * assembly.modal.frequency) ** 2
-    squares, rounding = loaded_squares(own, shapes.T @ state.stiffness @ shapes)
-    changes = np.abs(squares - own)
-    changed = changes > np.maximum(2 * UNLOADED * own, rounding)
-    if not changed.any():
-        return
-    mode = int(np.argmax(changed))
-    now, true = (np.sqrt(abs(square)) / (2 * np.pi) for square in (own[mode], squares[mode].real))
-    change = f"{true:.4g} Hz and not {now:.4g} Hz" if squares[mode].real > 0 else f"unstable and not at {now:.4g} Hz"
-    warnings.warn(
-        f"gravity changes the stiffness of scene {scene.name!r}, which runs in small motion leave out: its mode "
-        f'{mode + 1} is {change}; linearize has this stiffness, and so have runs with fidelity "ffrf"',
-        stacklevel=outside(),
-    )
 
 
 def warn_of_motion(assembly: Assembly, largest: Mapping[str, Array]) -> None:

@@ -1,0 +1,53 @@
+"""Effect of constant loads on small motion: stiffness, gyroscopic forces and equilibrium, in modal amplitudes."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from nassim.base.checks import Array, finite_array, freeze, frozen_mapping
+
+
+@dataclass(frozen=True)
+class LoadedState:
+    """Effect of constant loads on the n modal amplitudes of an assembly, of unit modal mass.
+
+    With w the angular frequencies and D the damping of the modes without loads,
+    a'' + (D + gyroscopic) a' + (w^2 + stiffness) a = force + other forces.
+
+    Attributes:
+        gyroscopic: 2 W G of a spin, (n, n), skew.
+        stiffness: stiffness that the loads add, (n, n), symmetric except for dampers along rotating rows, where there
+            is a stator, and for constant forces that follow a point; exactly zero where it is rounding.
+        force: constant forces that hold the equilibrium, (n,); on rigid-body modes that nothing holds, the loads.
+        equilibrium: amplitudes in the equilibrium, from the reference configuration, (n,); charges of ports with a
+            resistance are zero.
+        drive_damping: gyroscopic forces per unit rate of d drives with prescribed motion, (n, d).
+        drive_stiffness: stiffness forces per unit of these drives' motion, (n, d).
+        inside: part of the stiffness by the stress inside bodies, on the coordinates of each, by name, (n_own, n_own).
+    """
+
+    gyroscopic: Array
+    stiffness: Array
+    force: Array
+    equilibrium: Array
+    drive_damping: Array
+    drive_stiffness: Array
+    inside: Mapping[str, Array] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        n = len(self.equilibrium)
+        freeze(
+            self,
+            gyroscopic=finite_array("gyroscopic matrix", self.gyroscopic, (n, n)),
+            stiffness=finite_array("stiffness of the loads", self.stiffness, (n, n)),
+            force=finite_array("forces of the loads", self.force, (n,)),
+            equilibrium=finite_array("equilibrium", self.equilibrium, (n,)),
+            inside=frozen_mapping(self.inside),
+        )
+
+    @classmethod
+    def none(cls, n: int, d: int, force: Array) -> "LoadedState":
+        """Make the state of n modes and d drives on whose stiffness constant forces, (n,), have no effect."""
+        square, of_drives = np.zeros((n, n)), np.zeros((n, d))
+        return cls(square, square, force, np.zeros(n), of_drives, of_drives)

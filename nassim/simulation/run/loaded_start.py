@@ -1,0 +1,108 @@
+"""Assembly of scenes for runs, with the stiffness that their loads at the start add."""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+
+from nassim.base.callers import outside
+from nassim.scene.scene import Scene
+from nassim.simulation.linear.linearization import NO_SPIN, loaded_assembly
+from nassim.simulation.loaded.body_stress import describe_change
+from nassim.simulation.loaded.equilibrium import check_small
+from nassim.simulation.loaded.geometric_stiffness import is_preloaded
+from nassim.simulation.loaded.loaded_state import UNSTABLE, loaded_state, unstable_pole
+from nassim.simulation.model.assembly import Assembly, assemble
+from nassim.simulation.model.effect_of_loads import LoadedState
+from nassim.simulation.model.tangents import NO_EQUILIBRIUM
+
+NEUTRAL = 1e-9
+"""Share of all weight that a rigid-body mode may feel by rounding."""
+
+
+def assemble_small_motion(scene: Scene, *, released: bool = False) -> Assembly:
+    """Assemble a scene with the effect of gravity and preload on small motion.
+
+    Args:
+        scene: the scene.
+        released: whether the run starts in the reference configuration and not in equilibrium.
+
+    Returns:
+        The assembly.
+
+    Raises:
+        ValueError: for an equilibrium beyond small motion, and for an unstable one that no loop may hold.
+        RuntimeError: when gravity does work on a rigid-body mode.
+
+    Warns:
+        UserWarning: as `nassim.simulation.loaded_state`.
+    """
+    assembly = assemble(scene)
+    loads = loaded_state(assembly, gravity=scene.gravity, checked=False)
+    if not released:
+        _check_held(assembly)
+        check_small(assembly.coordinates, assembly.modal.modes @ loads.equilibrium, "its loads")
+        if pole := unstable_pole(assembly, loads.stiffness):
+            text = UNSTABLE.format(scene.name, pole)
+            if not scene.loops:
+                raise ValueError(f'{text}; start in the reference configuration by simulate(..., start="released")')
+            warnings.warn(text, stacklevel=outside())
+    return replace(assembly, loads=loads)
+
+
+def assemble_large_motion(scene: Scene) -> tuple[Assembly, frozenset[str]]:
+    """Assemble a scene with the geometric stiffness of the stress in its floating bodies at the start.
+
+    The stress is that under gravity, preload and a drive of constant speed. It stays as the scene moves. Weights,
+    joints and springs need no stiffness of their own, as floating bodies carry their forces along.
+
+    Args:
+        scene: the scene.
+
+    Returns:
+        The assembly, and the names of the bodies whose stress by the drive's speed it has.
+
+    Warns:
+        UserWarning: as `nassim.simulation.loaded_state` of stress that is only estimated, and of stress that is left
+            out in bodies in small motion beside floating ones.
+    """
+    assembly = assemble(scene)
+    floating = {body.name for body in assembly.scene.deformable_bodies if body.fidelity == "ffrf"}
+    if not floating or not (np.any(scene.gravity) or scene.speeds or is_preloaded(assembly.tangents)):
+        return assembly, frozenset()
+    loads, spinning = _loads(scene, assembly)
+    own = {name: stiffness for name, stiffness in loads.inside.items() if name in floating}
+    for name, stiffness in loads.inside.items():
+        if name not in floating and (change := describe_change(assembly, name, stiffness)):
+            warnings.warn(
+                f"{change}, which the run leaves out, as the body is in small motion beside floating ones: give it the "
+                'fidelity "ffrf"',
+                stacklevel=outside(),
+            )
+    known = {body.name for body in assembly.scene.deformable_bodies if body.reduced.stress_stiffness}
+    return replace(assembly, loads=replace(loads, inside=own)), frozenset(known & floating if spinning else ())
+
+
+def _loads(scene: Scene, assembly: Assembly) -> tuple[LoadedState, bool]:
+    """Return the effect of the loads at the start, and whether that of a spin is included."""
+    if scene.speeds:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of the linear model about the spin; the run has its own
+            try:
+                state = loaded_assembly(scene, NO_SPIN, NO_SPIN, None, "rotor").loads
+            except ValueError:  # no linear model about this spin
+                state = None
+        if state is not None:
+            return state, True
+    return loaded_state(assembly, gravity=scene.gravity, checked=False), False
+
+
+def _check_held(assembly: Assembly) -> None:
+    """Raise RuntimeError when gravity does work on a rigid-body mode; without work, equilibrium is neutral."""
+    modes = assembly.modal.modes[:, assembly.modal.rigid_modes]
+    moving = [body for body in assembly.scene.bodies if body.name in assembly.coordinates.slices]
+    mass = sum(body.rigid_inertia[0] for body in moving)
+    # Of unit modal mass, no motion can feel more than all masses falling together.
+    most = np.sqrt(mass) * float(np.linalg.norm(assembly.scene.gravity))
+    if np.abs(modes.T @ assembly.signals.weight).max(initial=0.0) > NEUTRAL * most:
+        raise RuntimeError(NO_EQUILIBRIUM)
