@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import lattice
+from scipy.spatial.transform import Rotation
 from superelements import SAMPLE, grounded_at, joint_like, rounded, sample, with_matrices
 
 from nassim import craig_bampton
@@ -395,6 +396,18 @@ def test_negative_eigenvalues_are_repaired_up_to_a_hundredth_of_positive_ones(ca
         assert repair(spoilt(0.9)).after["mass matrix"].verdict == "ok"
         with pytest.raises(ValueError, match="no rounding"):
             repair(spoilt(1.1))
+
+
+def test_as_many_other_orders_are_told_as_there_are():
+    """Across nodes on a line along x, y and z may change places; across a line along no axis, nothing may."""
+    given = as_superelement(craig_bampton(lattice(), n_modes=2, progress=False))
+    turn = Rotation.from_rotvec([0.5, -0.9, 0.4]).as_matrix()
+    change = np.eye(14)
+    change[:12, :12] = np.kron(np.eye(4), turn)
+    askew = with_matrices(given, lambda matrix: change @ matrix @ change.T)
+    for body, others in ((given, 1), (replace(askew, positions=given.positions @ turn.T), 0)):
+        found = guess_order(body.reordered([3, 4, 5, 0, 1, 2, 9, 10, 11, 6, 7, 8, 12, 13]))
+        assert (found.text, found.alternatives) == ("rotations before translations at each node", others)
 
 
 def test_negative_eigenvalues_in_rigid_motions_are_told():

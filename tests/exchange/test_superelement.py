@@ -92,6 +92,18 @@ def test_listings_vary(variation, order, raw, tmp_path):
     assert np.allclose(body.positions, expected.positions, atol=1e-12)
 
 
+def test_a_static_reduction_has_no_rows_but_its_masters(tmp_path):
+    """Two nodes of six DoFs each; the matrices may be of no fewer rows, and of more only where modes follow."""
+    stiffness, mass, positions = np.diag(np.arange(1.0, 13.0)), np.eye(12), np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]])
+    texts = [matrix_text(stiffness), matrix_text(mass, title="MAT_M"), node_text(positions)]
+    read = read_texts(tmp_path, *texts, master_text(2), units="m-N-kg")
+    assert read.n_modes == 0
+    np.testing.assert_array_equal(read.stiffness_matrix, stiffness)
+    texts = [matrix_text(stiffness[:11, :11]), matrix_text(mass[:11, :11], title="MAT_M"), node_text(positions)]
+    with pytest.raises(ValueError, match="12 master DoFs, but matrices of 11 x 11"):
+        read_texts(tmp_path, *texts, master_text(2), units="m-N-kg")
+
+
 @pytest.mark.parametrize("letter", "Dd")
 def test_exponents_of_fortran_are_read_in_capitals_or_not(letter):
     """In matrices and in coordinates of nodes."""
