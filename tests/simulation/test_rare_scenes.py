@@ -369,3 +369,17 @@ def test_chosen_outputs_have_their_own_units():
     nothing = TimeHistory(1e-3 * np.arange(3), np.zeros((0, 3)), (), ())
     record = simulate(scene, nothing, time_step=1e-3, outputs=["v.1", "x"], method="exact", progress=False)
     assert (record.names, record.units) == (("v.1", "x"), ("m/s", "m"))
+
+
+def test_a_light_body_gets_farther_than_a_heavy_one():
+    """By one over the root of its mass, beyond the size of the scene."""
+    places = {"light": np.zeros(3), "heavy": np.array([0.3, 0, 0])}
+    (light, one), (heavy, other) = (
+        sliding(name, places[name], mass) for name, mass in (("light", 0.5), ("heavy", 8.0))
+    )
+    push = PointForce("push", "light.c", NORMAL, "push")
+    reach = find_reach(
+        assemble(Scene("two", (ground(**places), light, heavy), (one, other), (push,))), np.ones((1, 101)), 1e-3
+    )
+    found = reach.at(100)
+    assert (found["light"] - reach.size) / (found["heavy"] - reach.size) == pytest.approx(4.0)
