@@ -603,25 +603,23 @@ def test_other_materials_on_the_same_mesh():
 def test_a_tolerance_holds_for_the_body_clamped_at_each_point(order):
     """Between the largest error and the second, more modes are needed, wherever the point stands."""
     reduce = partial(craig_bampton, lattice(), remote_points=order, progress=False)
-    for n_modes in (1, 3):
-        body = reduce(n_modes=n_modes)
-        errors = [
-            max(body.truncation_errors(fixed=fixed)[6 - 6 * len(fixed) :][:5]) for fixed in ([], ["left"], ["right"])
-        ]
-        second, largest = np.sort(errors)[1:]
-        assert reduce(tolerance=0.5 * (second + largest)).n_modes > n_modes
+    body = reduce(n_modes=5)
+    conditions = ([], ["left"], ["right"])
+    errors = [max(body.truncation_errors(fixed=fixed)[6 - 6 * len(fixed) :][:5]) for fixed in conditions]
+    assert errors[0] < errors[1] < 0.9 * errors[2]
+    assert reduce(tolerance=0.5 * (errors[1] + errors[2])).n_modes > 5
 
 
 @pytest.mark.filterwarnings("ignore:.*its finite elements leave")
 def test_a_record_tells_the_warnings_of_the_mesh_and_the_largest_error():
-    model = build_fe_model(BAR, element_size=0.02, order=2, progress=False)
+    model = build_fe_model(BAR, element_size=0.1, order=2, progress=False)
     body = craig_bampton(replace(model, warnings=("thin walls",)), progress=False)
     first, second = body.record["warnings"].splitlines()
     assert first == "thin walls"
     assert "its finite elements leave" in second
     free, clamped = (body.discretization_errors(fixed=fixed) for fixed in ((), ("left",)))
     worst = max(clamped[:5])
-    assert worst > 1.01 * max(free[6:11])
+    assert worst > 1.1 * max(free[6:11])
     assert f"discretisation error {error_text(worst)} (estimate)" in body.record["cost and error"]
 
 
