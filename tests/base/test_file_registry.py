@@ -36,7 +36,8 @@ DATA = Path(__file__).parents[1] / "data"
 NOT_DATA = {
     # contain matrices of SciPy, shapes, meshes, solvers or slices, which files cannot hold
     *("Assembly", "Condensation", "FEModel", "Factorization", "FullModel", "Refinement", "Solid"),
-    *("MeshLimits", "MeshRound", "MeshSizing", "MeshTarget", "MeshTargets", "ReleasedEnergy", "TargetBasis"),
+    *("CADSizes", "Layers", "MeshLimits", "MeshRound", "MeshSizing", "MeshTarget", "MeshTargets", "Prisms"),
+    *("ReleasedEnergy", "TargetBasis", "Trial"),
     *("SymmetricMatrix", "System", "Items"),
     # base classes of parts
     *("Part", "Actuator", "Sensor", "ForceElement", "Connection"),

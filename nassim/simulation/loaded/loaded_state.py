@@ -36,7 +36,6 @@ from nassim.simulation.model.tangents import Tangent
 
 NO_LOAD = (0.0, 0.0, 0.0)
 """Default: no gravity, no angular velocity, and the origin as axis point."""
-UNSTABLE = "the equilibrium of scene {!r} under its loads is unstable: without damping it has the pole {} rad/s"
 UNSTABLE_ROUNDING = 1e-7
 """Share of the loads' largest stiffness in modes of unit mass below which a negative stiffness is rounding."""
 
@@ -133,8 +132,8 @@ def loaded_state(
         found = spinning_rest(assembly, added, spun.force, rate, rate**2 * np.sqrt(spun.moment))
         _warn_of_spin(assembly, modes @ found, rate / (2 * np.pi), partition, stress)
         equilibrium = equilibrium + found
-    elif checked and (pole := unstable_pole(assembly, added)):
-        warnings.warn(UNSTABLE.format(assembly.scene.name, pole), stacklevel=outside())
+    elif checked and (instability := describe_instability(assembly, added)):
+        warnings.warn(f"{instability}; the linear model is about it all the same", stacklevel=outside())
     gyroscopic = modes.T @ spun.gyroscopic
     return LoadedState(
         gyroscopic @ modes, added, force, equilibrium, gyroscopic @ followed, modes.T @ stiffness @ followed, inside
@@ -250,15 +249,15 @@ def loaded_squares(squares: Array, added: Array) -> tuple[Array, float]:
     return found[np.argsort(found.real)], UNSTABLE_ROUNDING * float(np.abs(added).max(initial=0.0))
 
 
-def unstable_pole(assembly: Assembly, added: Array) -> str:
-    """Find the pole of an equilibrium at rest that grows fastest, which is real unless forces follow a point.
+def describe_instability(assembly: Assembly, added: Array) -> str:
+    """Describe an equilibrium at rest that is unstable by its fastest pole, real unless forces follow a point.
 
     Args:
         assembly: the assembled scene.
         added: stiffness that the loads add on modal amplitudes, (n, n).
 
     Returns:
-        The pole [rad/s]; empty for a stable equilibrium.
+        The description; empty for a stable equilibrium.
     """
     squares, rounding = loaded_squares((2 * np.pi * assembly.modal.frequency) ** 2, added)
     poles = np.sqrt(-squares)
@@ -266,4 +265,8 @@ def unstable_pole(assembly: Assembly, added: Array) -> str:
     if pole.real**2 <= rounding:
         return ""
     flutters = abs(pole.imag) > UNSTABLE_ROUNDING * pole.real
-    return f"{pole.real:+.5g}" + (f" +- {abs(pole.imag):.5g}i" if flutters else "")
+    text = f"{pole.real:+.5g}" + (f" +- {abs(pole.imag):.5g}i" if flutters else "")
+    return (
+        f"the equilibrium of scene {assembly.scene.name!r} under its loads is unstable: without damping it has the "
+        f"pole {text} rad/s"
+    )

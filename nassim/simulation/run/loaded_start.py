@@ -11,7 +11,7 @@ from nassim.simulation.linear.linearization import NO_SPIN, loaded_assembly
 from nassim.simulation.loaded.body_stress import describe_change
 from nassim.simulation.loaded.equilibrium import check_small
 from nassim.simulation.loaded.geometric_stiffness import is_preloaded
-from nassim.simulation.loaded.loaded_state import UNSTABLE, loaded_state, unstable_pole
+from nassim.simulation.loaded.loaded_state import describe_instability, loaded_state
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.effect_of_loads import LoadedState
 from nassim.simulation.model.tangents import NO_EQUILIBRIUM
@@ -42,11 +42,10 @@ def assemble_small_motion(scene: Scene, *, released: bool = False) -> Assembly:
     if not released:
         _check_held(assembly)
         check_small(assembly.coordinates, assembly.modal.modes @ loads.equilibrium, "its loads")
-        if pole := unstable_pole(assembly, loads.stiffness):
-            text = UNSTABLE.format(scene.name, pole)
+        if instability := describe_instability(assembly, loads.stiffness):
             if not scene.loops:
-                raise ValueError(f'{text}; start in the reference configuration by simulate(..., start="released")')
-            warnings.warn(text, stacklevel=outside())
+                raise ValueError(f'{instability}; start in the reference configuration by start="released"')
+            warnings.warn(f"{instability}; only its loops can hold it", stacklevel=outside())
     return replace(assembly, loads=loads)
 
 
