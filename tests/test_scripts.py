@@ -706,6 +706,22 @@ def test_six_loops_damp_six_modes_as_predicted(options, percent, run_here):
 
 
 @pytest.mark.slow
+def test_modes_under_load(run_here, tmp_path):
+    """All engines have the hexapod's modes under 50 kg; blades stiffen by Southwell's coefficients for a hub."""
+    summary = run_here("loaded_modes", "--coarse", "--payloads", "50", "--preloads=-50,50", "--speeds", "0,50")
+    for row in summary["hexapod"].values():
+        assert abs(row["ffrf_over_linear_percent"]) < 0.1
+        assert -2.5 < row["change_percent"] < -0.9
+    pressed, pulled = (summary["bench"][f"50 kg, {force} N"]["loaded_Hz"] for force in ("-50", "+50"))
+    assert pressed < summary["bench"]["50 kg"]["loaded_Hz"] < pulled
+    still, spun = summary["rotor"].values()
+    assert still["loaded_0"] == pytest.approx(still["without_0"], rel=1e-6)
+    southwell = (spun["loaded_0"] ** 2 - still["loaded_0"] ** 2) / 50**2
+    assert southwell == pytest.approx(1.19 + 1.57 * 0.05 / 0.3, rel=0.06)
+    assert {path.name for path in tmp_path.rglob("*.png")} == {"campbell.png", "frf.png"}
+
+
+@pytest.mark.slow
 def test_six_loops_damp_what_spins_as_predicted(script):
     """30 ms in floating frames at 60 rpm against the linear model that turns, its loops closed, sample by sample.
 
