@@ -77,7 +77,7 @@ def test_end_layers_and_sizes_along_prisms():
 def test_axis_along_which_a_solid_is_extruded():
     """One axis only: a bar has three, and a slanted slot, which keeps the area of both ends, has none."""
     bodies = [occ.Box((0, 0, 0), (0.02, 0.01, 0.005)) + occ.Box((0, 0, 0), (0.005, 0.01, 0.02))]
-    slot = occ.Box((0.01, -0.01, -0.01), (0.012, 0.02, 0.03)).Rotate(occ.Axis((0.011, 0.005, 0), occ.Z), 17)
+    slot = occ.Box((0.01, -0.01, 0.003), (0.012, 0.02, 0.03)).Rotate(occ.Axis((0.011, 0.005, 0), occ.Z), 17)
     bodies += [bodies[0] - slot, occ.Box((0, 0, 0), (0.02, 0.01, 0.005))]
     found = []
     for shape in bodies:
