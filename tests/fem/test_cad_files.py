@@ -194,6 +194,8 @@ def test_metres_read_as_millimetres_are_told(tmp_path):
     with pytest.warns(UserWarning, match=r"'part' is 0\.0003\d* m long; .* unless that is right"):
         read_solid(path, STEEL)
     assert read_solid(path, STEEL, unit="m").shape.mass == pytest.approx(0.006)
+    assert "6e+06" in face_table(path, unit="m")
+    assert "0.006" in face_table(path)
 
 
 def test_bodies_that_are_not_closed(tmp_path):

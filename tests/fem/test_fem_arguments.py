@@ -279,6 +279,7 @@ CALLS = {
     "OnCylinder of a choice": partial(n_named, OnCylinder, radius=2e-3),
     "glue": halves,
     "generate_mesh": netgen,
+    "generate_mesh in prisms": partial(netgen, extrude="x"),
     "build_fe_model": sized,
     "build_fe_model to a tolerance": for_tolerance,
     "condense": lambda **options: condense(model(), **{**QUIET, **options}).names,
@@ -309,6 +310,7 @@ ARGUMENTS = table(
         ("generate_mesh", "local_sizes", None, {"left": 0.001}, becomes(1, 1e99, 0.001)),
         ("generate_mesh", "extrude", None, "x", becomes(2, 1, 5)),
         ("generate_mesh", "layer_thickness", None, 0.01, becomes(2, 1, 1)),
+        ("generate_mesh in prisms", "end_layers", None, 0.005, becomes(2, 5, 7)),
         ("generate_mesh", "point_sizes", None, POINTS, lambda before, after: before[3] is None and after[3] is POINTS),
         *(("build_fe_model", *row) for row in meshes(0, 0)),
         *(("build_fe_model to a tolerance", *row) for row in meshes(2, 6)),
@@ -441,7 +443,12 @@ def test_every_optional_argument_is_here():
     rows |= {f"{name}: {field}" for name, (_, values) in FIELDS.items() for field in values}
     rows |= {f"{case.split()[0]}: progress" for case in CALLS_WITH_PROGRESS}
     rows |= {f"read_solid: {name}" for name in ("faces", "remote_points", "unit", "name", "heal")}
-    rows |= {"full_eigenfrequencies: n", "full_frequency_response: fixed", "Condensation.solve_fixed: advance"}
+    rows |= {
+        "face_table: unit",
+        "full_eigenfrequencies: n",
+        "full_frequency_response: fixed",
+        "Condensation.solve_fixed: advance",
+    }
     assert rows == optional_arguments(fem)
 
 
@@ -513,10 +520,11 @@ def test_thirty_faces_are_listed(monkeypatch, n_faces, more):
     assert more in lines[-1]
 
 
-def test_an_element_is_extruded_to_a_billionth_of_its_volume():
+def test_an_element_is_extruded_to_a_billionth_of_its_volume(monkeypatch):
+    monkeypatch.setattr(meshing, "solid_triangles", lambda shape: (None, np.zeros((0, 3))))
     end = [SimpleNamespace(mass=2.0)]
     for share in (0.9, 1.1):
-        body = CADBody(SimpleNamespace(mass=6.0 * (1 + 1e-9 * share)), 1.0, 4.0, end, end)
+        body = CADBody(SimpleNamespace(mass=6.0 * (1 + 1e-9 * share)), 1.0, 4.0, end, end, 0)
         assert body.is_prism() == (share < 1)
 
 
@@ -533,7 +541,8 @@ def test_sizes_from_cad_are_at_most_twice_a_radius():
     """A thin hole through a thick block, whose walls would allow more."""
     shape = occ.Box((0, 0, 0), (0.1, 0.1, 0.1)) - occ.Cylinder(occ.Pnt(0.05, 0.05, -1), occ.Z, 1e-3, 2)
     shape.name = "bar"
-    points, sizes = sizes_from_cad(Solid("block", shape, BAR.materials))
+    found = sizes_from_cad(Solid("block", shape, BAR.materials))
+    points, sizes = found.points, found.sizes()
     round_ones = np.abs(np.hypot(points[:, 0] - 0.05, points[:, 1] - 0.05) - 1e-3) < 1e-4
     inner = round_ones & (points[:, 2] > 0.02) & (points[:, 2] < 0.08)
     assert inner.any()
