@@ -10,14 +10,17 @@ from conftest import lattice, make_bar, meshed
 from scipy.spatial.transform import Rotation
 
 from nassim import (
+    AngleSensor,
     Bushing,
     Drive,
     Encoder,
     FlexibleBody,
     ForceSensor,
     Joint,
+    Loop,
     Material,
     PointForce,
+    PointTorque,
     RigidBody,
     Scene,
     SpringDamper,
@@ -52,7 +55,7 @@ from nassim.simulation import (
     reduce_scene,
     truncation_error,
 )
-from nassim.systems import unstable_poles
+from nassim.systems import proportional, unstable_poles
 
 GRAVITY = (0, 0, -9.81)
 DOWN = np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], dtype=float)
@@ -108,6 +111,29 @@ def test_pendulums_swing_and_stand(turn):
     assert frequencies(replace(scene, gravity=turn @ GRAVITY)) == pytest.approx([0.328693], rel=1e-6)
     assert frequencies(replace(scene, gravity=-turn @ GRAVITY)) == pytest.approx([-0.328693], rel=1e-6)
     assert frequencies(replace(scene, gravity=turn @ GRAVITY), loaded=False) == pytest.approx([0.0], abs=1e-9)
+
+
+def test_a_loop_holds_a_pendulum_that_stands():
+    """It leans by a torque over what the loop resists beyond m g l; without the loop the run is refused."""
+    ball = RigidBody("ball", {"hinge": TURN @ [0, 0, -2.3]}, 1.2, 1e-9 * np.eye(3), TURN @ [0, 0, 2.3])
+    wall = RigidBody("wall", {"o": np.zeros(3)}, fixed=True)
+    axis = TURN[:, 1]
+    scene = Scene(
+        "balance",
+        (wall, ball),
+        (revolute("hinge", "wall.o", "ball.hinge", axis),),
+        (PointTorque("motor", "ball.hinge", axis, "torque"),),
+        (AngleSensor("angle", "wall.o", "ball.hinge", axis),),
+        (Bushing("oil", "wall.o", "ball.hinge", np.zeros(6), [0, 0, 0, 0, 20, 0], TURN),),
+        gravity=TURN @ GRAVITY,
+    )
+    torque = TimeHistory(np.arange(1000) * 0.02, np.full((1, 1000), 0.1), ("torque",), ("N m",))
+    with pytest.raises(ValueError, match=r"scene 'balance' under its loads is unstable: .* pole \+2\.0"):
+        simulate(scene, torque, time_step=0.02, method="exact", progress=False)
+    held = replace(scene, loops=(Loop("hold", proportional(-60.0, sample_rate=50.0), "angle", "torque"),))
+    with pytest.warns(UserWarning, match="only its loops can hold it"):
+        record = simulate(held, torque, time_step=0.02, method="exact", progress=False)
+    assert record["angle"][-1] == pytest.approx(0.1 / (60.0 - 1.2 * 9.81 * 2.3), rel=1e-6)
 
 
 def test_a_pendulum_hangs_on_a_spindle_until_the_spin_throws_it_out():
@@ -229,6 +255,23 @@ def test_all_engines_have_the_same_frequencies_under_load(hung, strip, frame):
             body = replace(scene.bodies[1], fidelity=fidelity)
             found = exudyn_eigenfrequencies(replace(scene, bodies=(scene.bodies[0], body)), loaded=True)
             np.testing.assert_allclose(found[:6], expected[:6], rtol=1e-3, err_msg=fidelity)
+
+
+def test_stress_of_small_motion_beside_floating_bodies_is_told(strip):
+    """Exudyn carries that of floating bodies only: a strip of either kind on the same ground, from a hundredth on."""
+    still, pressed = (frequencies(standing(strip, g))[0] for g in (0.0, 250.0))
+    for share in (0.8, 1.25):
+        scene = standing(strip, 250.0 * share * 0.01 / (1 - pressed / still))
+        ground, body = scene.bodies
+        bodies = (ground, replace(body, fidelity="linear"), replace(body, name="other"))
+        joints = (*scene.joints, fixed("other", "ground.c", "other.left"))
+        with warnings.catch_warnings(record=True) as found:
+            warnings.simplefilter("always")
+            static_response(replace(scene, bodies=bodies, joints=joints))
+        told = [str(w.message) for w in found if "in small motion beside floating ones" in str(w.message)]
+        assert [message.partition(",")[0][:32] for message in told] == ["the stress in body 'strip' under"] * (
+            share > 1
+        )
 
 
 def test_a_trimmed_hung_bar_keeps_its_stress(hung):
