@@ -51,7 +51,7 @@ arguments.add_argument(
     "--payloads", type=several(positive), default=[1.0, 10.0, 50.0], help="masses [kg] (default: 1,10,50)"
 )
 arguments.add_argument(
-    "--preloads", type=several(float), default=[-100.0, 100.0], help="on the bench's payload [N] (default: -100,100)"
+    "--preloads", type=several(positive), default=[100.0], help="that press and pull the bench [N] (default: 100)"
 )
 arguments.add_argument("--cutoff", type=positive, default=600.0, help="of the hexapod's struts [Hz] (default: 600)")
 arguments.add_argument(
@@ -68,7 +68,8 @@ def modes(model: LinearModel, n: int) -> np.ndarray:
 def bench_modes(apa: ReducedBody, payloads: Sequence[float], preloads: Sequence[float]) -> dict[str, dict[str, float]]:
     """First mode of the bench with payloads, and with preloads on the first of them."""
     rows = {}
-    for mass, force in [*((mass, 0.0) for mass in payloads), *((payloads[0], force) for force in preloads)]:
+    signed = [sign * force for force in preloads for sign in (-1, 1)]
+    for mass, force in [*((mass, 0.0) for mass in payloads), *((payloads[0], force) for force in signed)]:
         scene = make_bench(mass, apa=apa, gravity=True, disturbances=True)
         (loaded,) = modes(linearize(scene, constant_inputs={"payload_force": force}), 1)
         (without,) = modes(linearize(scene, loaded=False), 1)

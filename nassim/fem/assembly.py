@@ -199,7 +199,7 @@ def refine_order(fe_model: FEModel) -> Refinement:
         fields = _position_fields(fine_scalar)
         port_forces = [couple_port(mesh, solid, order + 1, port).forces for port in solid.ports]
         return Refinement(
-            SymmetricMatrix(sp.block_array(stiffness, format="csr")),
+            SymmetricMatrix(sp.bmat(stiffness, format="csr")),
             np.flatnonzero(np.tile(held, 3)),
             _stiffness_blocks(mesh, solid, scalar, fine_scalar),
             _to_scipy(mass.Assemble().mat),
