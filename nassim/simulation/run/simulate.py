@@ -61,6 +61,9 @@ def simulate(
 ) -> TimeHistory:
     """Simulate a scene and record its inputs and outputs together at every time step.
 
+    The stiffness is that about the start: gravity, preload and, in floating bodies, a drive of constant speed add to it,
+    see `nassim.simulation.loaded_state`.
+
     Args:
         scene: what is simulated.
         excitation: one signal per input of the scene, but for inputs that only a loop drives; between its samples it
@@ -93,13 +96,13 @@ def simulate(
 
     Returns the signals of `excitation` at the time steps, counted from its first sample, then the outputs. Warns of
     rotations and deformations beyond the range of small motion, of bodies that move far against each other while the
-    scene has a damping_ratio, of spin whose centrifugal stiffening is not modelled, of preload above a tenth of a
+    scene has a damping_ratio, of stress whose stiffness is estimated or left out, of preload above a tenth of a
     body's buckling load, and of turns too fast for the steps.
 
     Raises:
         ValueError: for unknown names, for a scene or an option that the method does not fit, for steps between which
             something of the excitation is lost (fewer than 8 in its shortest period, pulses shorter than one), and for
-            a spinning equilibrium that is unstable where no loop may hold it.
+            an equilibrium to start from that is unstable where no loop may hold it.
         RuntimeError: when there is no equilibrium to start from.
         SimulationError: a RuntimeError whose `record` has what was recorded, when the integration fails or diverges and
             when a loop runs away: a body then is deformed by a tenth of its size, or farther away than the scene's

@@ -111,7 +111,8 @@ def warn_of_spin(scene: Scene, speeds: Mapping[str, float], told: Collection[str
             found.append(body.name)
             warnings.warn(
                 f"body {body.name!r} turns at {rate:.3g} Hz, its first frequency is {first:.4g} Hz: centrifugal "
-                f"stiffening, which the floating frame leaves out, would raise that by some {100 * rise:.2g} % or more",
+                f"stiffening, which the run leaves out, would raise that by some {100 * rise:.2g} % or more; a drive "
+                "of constant speed and craig_bampton(..., geometric_stiffness=True) give it",
                 stacklevel=outside(),
             )
     return found
