@@ -61,8 +61,8 @@ def simulate(
 ) -> TimeHistory:
     """Simulate a scene and record its inputs and outputs together at every time step.
 
-    The stiffness is that about the start: gravity, preload and, in floating bodies, a drive of constant speed add to it,
-    see `nassim.simulation.loaded_state`.
+    The stiffness is that about the start: gravity, preload and, in floating bodies, a drive of constant speed add to
+    it, see `nassim.simulation.loaded_state`.
 
     Args:
         scene: what is simulated.
