@@ -10,6 +10,7 @@ from .picture import (
 )
 from .subjects import (
     view_body as view_body,
+    view_buckling as view_buckling,
     view_faces as view_faces,
     view_mesh as view_mesh,
     view_modes as view_modes,

@@ -1,6 +1,6 @@
 """Views of solids, meshes, bodies and their modes, and of scenes at rest, in modes and in motion."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -12,6 +12,7 @@ from nassim.bodies.reduced_body import ReducedBody
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
+from nassim.simulation.loaded.buckling_factors import buckling_factors
 from nassim.simulation.model.recorded_motion import scene_modes
 from nassim.viewer.forms import MATERIALS, body_form, bushing_sides, label_colors, scene_form
 from nassim.viewer.marks import point_mark, scene_marks
@@ -148,12 +149,28 @@ def view_scene_modes(scene: Scene, *, n: int = 12, looks: Mapping[str, Surface] 
         looks: see `view_scene`.
     """
     frequency, moved = scene_modes(scene, n=n)
-    moving = [body for body in scene.bodies if body.name in moved]
-    modes = tuple(
-        Mode(_mode_name(k, f), {body.name: _own(body, moved[body.name][:, k]) for body in moving})
-        for k, f in enumerate(frequency)
-    )
-    return View(f"{scene.name}: modes", _scene_shapes(scene, looks), scene_marks(scene), modes)
+    names = [_mode_name(k, f) for k, f in enumerate(frequency)]
+    return _in_shapes(scene, "modes", names, moved, looks)
+
+
+def view_buckling(
+    scene: Scene,
+    *,
+    inputs: Mapping[str, float] | None = None,
+    n: int = 1,
+    looks: Mapping[str, Surface] | None = None,
+) -> View:
+    """Return a view of the shapes in which a scene buckles under gravity and constant inputs.
+
+    Args:
+        scene: the scene.
+        inputs: see `nassim.simulation.buckling_factors`.
+        n: number of shapes.
+        looks: see `view_scene`.
+    """
+    factors, moved = buckling_factors(scene, inputs=inputs, n=n)
+    names = [f"shape {k + 1}: {factor:.4g} times the loads" for k, factor in enumerate(factors)]
+    return _in_shapes(scene, "buckling", names, moved, looks)
 
 
 def view_motion(scene: Scene, motion: Motion, *, frames: int = 300, looks: Mapping[str, Surface] | None = None) -> View:
@@ -173,6 +190,17 @@ def view_motion(scene: Scene, motion: Motion, *, frames: int = 300, looks: Mappi
     thinned = {field: {name: values[kept] for name, values in given.items()} for field, given in fields.items()}
     shapes = _scene_shapes(scene, looks)
     return View(scene.name, shapes, scene_marks(scene), motion=Motion(motion.time[kept], **thinned))
+
+
+def _in_shapes(
+    scene: Scene, what: str, names: Sequence[str], moved: Mapping[str, Array], looks: Mapping[str, Surface] | None
+) -> View:
+    """Return a view of shapes of a scene; moved: by body, coordinates as `scene_modes` returns them."""
+    moving = [body for body in scene.bodies if body.name in moved]
+    modes = tuple(
+        Mode(name, {body.name: _own(body, moved[body.name][:, k]) for body in moving}) for k, name in enumerate(names)
+    )
+    return View(f"{scene.name}: {what}", _scene_shapes(scene, looks), scene_marks(scene), modes)
 
 
 def _at_rest(name: str, surface: Surface, points: "tuple[RemotePoint, ...]", text: str) -> View:

@@ -9,7 +9,9 @@ from scipy.spatial.transform import Rotation
 from seen import bar, machine, turning
 
 import nassim.viewer
+from nassim import FlexibleBody, PointForce, RigidBody, Scene, fixed
 from nassim.scene import Motion
+from nassim.simulation import buckling_factors
 from nassim.viewer import (
     Form,
     Mark,
@@ -18,6 +20,7 @@ from nassim.viewer import (
     View,
     block,
     cylinder,
+    view_buckling,
     view_modes,
     view_motion,
     view_scene,
@@ -64,6 +67,22 @@ def ground_is_seen(before, after):
     return len(before.shape("ground").points) == 2 and after.shape("ground").form.surface is LOOKS["ground"]
 
 
+def pressed():
+    """A bar that stands on the ground in its weight, with a force that presses on its top."""
+    ground = RigidBody("ground", {"foot": np.zeros(3), "wall": PLACE}, fixed=True)
+    foot, press = fixed("clamp", "ground.foot", "bar.left"), PointForce("press", "bar.right", TURN[:, 0], "press")
+    body = FlexibleBody("bar", bar(), rotation=TURN)
+    return Scene("pressed", (ground, body), (foot,), (press,), gravity=-9.81 * TURN[:, 0])
+
+
+def buckles_as_pressed(before, after):
+    """By the factors of the simulation; the shape moves the top sideways."""
+    sideways = np.linalg.norm(after.modes[0].coordinates["bar"][7:9])
+    factors = [float(view.modes[0].name.split()[2]) for view in (before, after)]
+    expected = [buckling_factors(pressed(), inputs=inputs)[0][0] for inputs in (None, {"press": -1.0})]
+    return np.allclose(factors, expected, rtol=1e-3) and sideways > 100 * abs(after.modes[0].coordinates["bar"][6])
+
+
 def numbers(attribute, *expected):
     return lambda *found: [len(getattr(view, attribute)) for view in found] == list(expected)
 
@@ -79,6 +98,7 @@ ARGUMENTS = table(
         "view_modes": lambda **options: view_modes(bar(), **options),
         "view_scene": lambda **options: view_scene(machine(), **options),
         "view_scene_modes": lambda **options: view_scene_modes(machine(), **options),
+        "view_buckling": lambda **options: view_buckling(pressed(), **options),
         "view_motion": lambda **options: view_motion(machine(), turning(n=400), **options),
         "Form": partial(Form, BRICK),
         "Shape": partial(Shape, "shape", Form(BRICK)),
@@ -118,6 +138,9 @@ ARGUMENTS = table(
         ("view_scene", "looks", None, LOOKS, ground_is_seen),
         ("view_scene_modes", "looks", None, LOOKS, ground_is_seen),
         ("view_scene_modes", "n", 12, 3, numbers("modes", 12, 3)),
+        ("view_buckling", "looks", None, LOOKS, ground_is_seen),
+        ("view_buckling", "n", 1, 2, numbers("modes", 1, 2)),
+        ("view_buckling", "inputs", None, {"press": -1.0}, buckles_as_pressed),
         ("view_motion", "looks", None, LOOKS, ground_is_seen),
         ("view_motion", "frames", 300, 40, lambda *found: [times(view) for view in found] == [300, 40]),
         ("Form", "modes", None, MODES[:8], lambda *found: [form.n_coordinates for form in found] == [0, 2]),
