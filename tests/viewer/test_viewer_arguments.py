@@ -69,7 +69,7 @@ def ground_is_seen(before, after):
 
 def pressed():
     """A bar that stands on the ground in its weight, with a force that presses on its top."""
-    ground = RigidBody("ground", {"foot": np.zeros(3), "wall": PLACE}, fixed=True)
+    ground = RigidBody("ground", {"foot": np.zeros(3), "wall": -0.01 * TURN[:, 0]}, fixed=True)
     foot, press = fixed("clamp", "ground.foot", "bar.left"), PointForce("press", "bar.right", TURN[:, 0], "press")
     body = FlexibleBody("bar", bar(), rotation=TURN)
     return Scene("pressed", (ground, body), (foot,), (press,), gravity=-9.81 * TURN[:, 0])
