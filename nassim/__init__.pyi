@@ -45,7 +45,7 @@ from .exchange.repairing import (
     repair as repair,
     to_body as to_body,
 )
-from .exchange.superelement import (
+from .exchange.superelements import (
     Superelement as Superelement,
     read_superelement as read_superelement,
 )

@@ -8,7 +8,7 @@ import scipy.linalg
 
 from nassim.base.rigid_motion import AXES, rigid_transfer
 from nassim.exchange.inspection import as_superelement
-from nassim.exchange.superelement import read_superelement
+from nassim.exchange.superelements import read_superelement
 
 SAMPLE = Path(__file__).parent / "data" / "ansys_listing"
 DOFS = ("UX", "UY", "UZ", "ROTX", "ROTY", "ROTZ")

@@ -266,3 +266,11 @@ def test_pages_need_neither_mesher_nor_simulator_nor_image_library():
 def test_importing_nassim_loads_nothing_large():
     code = "import nassim; print(*{name.split('.')[0] for name in sys.modules})"
     assert not set(run_without((), code).stdout.split()) & {*HEAVY, "numpy", "scipy", "h5py"}
+
+
+@pytest.mark.parametrize("stub", sorted((ROOT / "nassim").rglob("__init__.pyi")), ids=lambda stub: stub.parent.name)
+def test_no_public_name_is_that_of_a_module(stub):
+    """The import of the module would take the name's place in its package."""
+    public = {alias.asname for node in ast.parse(stub.read_text()).body for alias in getattr(node, "names", ())}
+    packages = {path.parent.name for path in (ROOT / "nassim").glob("*/__init__.py")}
+    assert public & {path.stem for path in stub.parent.glob("*.py")} - packages == set()

@@ -1,4 +1,4 @@
-from .floating_frame import (
+from .floating_frames import (
     FloatingFrame as FloatingFrame,
     floating_frame as floating_frame,
 )

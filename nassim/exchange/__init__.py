@@ -1,6 +1,6 @@
 """Exchange of reduced bodies with other programs (ANSYS, Simscape, plain matrices), their inspection and repair.
 
-Importing this sub-package loads neither NGSolve nor Exudyn. A new file format goes to `superelement` (`ansys` and
+Importing this sub-package loads neither NGSolve nor Exudyn. A new file format goes to `superelements` (`ansys` and
 `mat_npz` are examples), a check of foreign matrices to `inspection`, and a repair to `repairing`.
 """
 

@@ -15,7 +15,7 @@ from .repairing import (
     repair as repair,
     to_body as to_body,
 )
-from .superelement import (
+from .superelements import (
     Superelement as Superelement,
     read_superelement as read_superelement,
     superelement as superelement,

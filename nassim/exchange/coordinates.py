@@ -11,7 +11,7 @@ import scipy
 
 from nassim.base.checks import Array
 from nassim.exchange.row_order import FITS, order_misfit
-from nassim.exchange.superelement import Superelement
+from nassim.exchange.superelements import Superelement
 
 COORDINATE_UNITS = {1e-3: "mm", 1e3: "m, and the matrices' length mm", 0.0254: "inches", 1 / 0.0254: "m, not inches"}
 DEGREE = np.pi / 180

@@ -19,7 +19,7 @@ from nassim.exchange.coordinates import (
     positions_from_motions,
 )
 from nassim.exchange.row_order import FITS, guess_order, order_misfit, rigid_residual
-from nassim.exchange.superelement import Superelement
+from nassim.exchange.superelements import Superelement
 from nassim.exchange.unit_systems import PhysicalProperties, likely_units, relative_stiffness, sort_by_likelihood
 
 VERDICTS = ("ok", "warning", "fault")

@@ -13,7 +13,7 @@ from nassim.bodies.interface import RemotePoint
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.exchange.inspection import Report, as_superelement, check, signed_frequencies
 from nassim.exchange.row_order import rigid_residual
-from nassim.exchange.superelement import Superelement
+from nassim.exchange.superelements import Superelement
 
 RESIDUAL_ROUNDING = 1e-12
 """Residual of rigid-body motions below which no projection is needed."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from nassim.base.checks import Array
 from nassim.bodies.inertia import rigid_inertia
-from nassim.exchange.superelement import Superelement
+from nassim.exchange.superelements import Superelement
 
 FITS = 0.02
 """Largest misfit of a right order, for matrices of three digits or more."""

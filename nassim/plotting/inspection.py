@@ -8,7 +8,7 @@ from matplotlib.ticker import MultipleLocator
 
 from nassim.exchange.inspection import signed_frequencies
 from nassim.exchange.row_order import rigid_residual
-from nassim.exchange.superelement import Superelement
+from nassim.exchange.superelements import Superelement
 from nassim.plotting.figures import colors, plt
 
 LOWEST = 1e-6

@@ -6,7 +6,7 @@ from conftest import angular_momentum, lattice, make_bar
 from exudyn.FEM import ComputeSkewMatrix
 
 from nassim import FlexibleBody, Scene, build_fe_model, condense, craig_bampton
-from nassim.bodies.floating_frame import floating_frame
+from nassim.bodies.floating_frames import floating_frame
 from nassim.fem.modes import fixed_interface_modes
 from nassim.simulation.exudyn.solver import solve_dynamic
 from nassim.simulation.exudyn.system import build_system

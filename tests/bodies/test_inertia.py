@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from nassim import FlexibleBody, Scene, build_fe_model, craig_bampton
 from nassim.base.rigid_motion import rigid_motions
-from nassim.bodies.floating_frame import floating_frame
+from nassim.bodies.floating_frames import floating_frame
 from nassim.bodies.inertia import RigidInertia, estimate_gram, rigid_inertia
 from nassim.bodies.projection import trim_body
 from nassim.simulation.exudyn.solver import solve_dynamic

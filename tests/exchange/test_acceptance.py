@@ -12,7 +12,7 @@ from nassim import craig_bampton, frequency_response, linearize, load, save, sim
 from nassim.exchange.export import export_body
 from nassim.exchange.inspection import as_superelement, check
 from nassim.exchange.repairing import repair, to_body
-from nassim.exchange.superelement import read_superelement
+from nassim.exchange.superelements import read_superelement
 from nassim.signals.excitations import band_limited_noise
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.run.simulate import exudyn_eigenfrequencies

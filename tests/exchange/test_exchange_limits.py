@@ -13,7 +13,7 @@ from nassim.exchange.coordinates import motions_without_stiffness, positions_fro
 from nassim.exchange.inspection import check
 from nassim.exchange.mat_npz import read_arrays, read_bytes
 from nassim.exchange.repairing import Repair, repair
-from nassim.exchange.superelement import superelement
+from nassim.exchange.superelements import superelement
 
 MEGABYTE = 2**20
 TEXTS = [matrix_text(np.eye(6), title=f"MAT_{letter}") for letter in "KM"]

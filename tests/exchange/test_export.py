@@ -9,7 +9,7 @@ from conftest import lattice
 
 from nassim import craig_bampton, frequency_response, linearize
 from nassim.exchange.export import body_damping, body_state_space, export_body, export_model
-from nassim.exchange.superelement import read_superelement
+from nassim.exchange.superelements import read_superelement
 from nassim.systems.python_control import to_control
 
 

@@ -15,7 +15,7 @@ from nassim.exchange.coordinates import motions_without_stiffness, positions_fro
 from nassim.exchange.inspection import Finding, as_superelement, check
 from nassim.exchange.repairing import _damaged_node, repair, to_body
 from nassim.exchange.row_order import guess_order, order_misfit
-from nassim.exchange.superelement import read_superelement, superelement
+from nassim.exchange.superelements import read_superelement, superelement
 
 
 @pytest.fixture(scope="module")

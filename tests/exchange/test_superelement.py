@@ -15,7 +15,7 @@ from nassim.exchange import mat_npz
 from nassim.exchange.ansys import nodal_frame, parse_listings
 from nassim.exchange.inspection import check
 from nassim.exchange.mat_npz import read_arrays
-from nassim.exchange.superelement import Superelement, read_superelement, significant_digits, superelement
+from nassim.exchange.superelements import Superelement, read_superelement, significant_digits, superelement
 from nassim.exchange.unit_systems import unit_factors
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from nassim.base.units import to_si
-from nassim.exchange.superelement import superelement
+from nassim.exchange.superelements import superelement
 from nassim.exchange.unit_systems import (
     FORCES,
     LENGTHS,

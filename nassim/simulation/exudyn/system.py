@@ -15,7 +15,7 @@ from exudyn.rigidBodyUtilities import GetRigidBodyNode, RotationMatrix2EulerPara
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer
-from nassim.bodies.floating_frame import FloatingFrame
+from nassim.bodies.floating_frames import FloatingFrame
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
 from nassim.scene.scene import Scene
 from nassim.scene.terms import (

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from nassim.base.checks import Array
-from nassim.bodies.floating_frame import FloatingFrame, floating_frame
+from nassim.bodies.floating_frames import FloatingFrame, floating_frame
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
 from nassim.scene.measures import Measure
 from nassim.scene.scene import Scene

@@ -8,7 +8,7 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.base.modal import elastic_damping_ratios, modal_damping_matrix
-from nassim.bodies.floating_frame import FloatingFrame
+from nassim.bodies.floating_frames import FloatingFrame
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint, ForceLaw

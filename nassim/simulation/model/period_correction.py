@@ -21,7 +21,7 @@ import scipy
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import skew
-from nassim.bodies.floating_frame import FloatingFrame
+from nassim.bodies.floating_frames import FloatingFrame
 from nassim.scene.terms import PrescribedMotion
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.coordinates import Coordinates
