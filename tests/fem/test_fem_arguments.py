@@ -605,7 +605,8 @@ def test_other_materials_on_the_same_mesh():
     assert other.mass == pytest.approx(told.mass / 3, rel=1e-12)
     difference = other.stiffness_matrix - 2 * told.stiffness_matrix
     assert abs(difference).max() < 1e-9 * abs(told.stiffness_matrix).max()
-    np.testing.assert_array_equal(replace_materials(told, {}).stiffness_matrix.data, told.stiffness_matrix.data)
+    unchanged = replace_materials(told, {}).stiffness_matrix - told.stiffness_matrix
+    assert abs(unchanged).max() < 1e-12 * abs(told.stiffness_matrix).max()
 
 
 @pytest.mark.parametrize("order", [("left", "right"), ("right", "left")])
