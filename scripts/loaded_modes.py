@@ -55,7 +55,10 @@ arguments.add_argument(
 )
 arguments.add_argument("--cutoff", type=positive, default=600.0, help="of the hexapod's struts [Hz] (default: 600)")
 arguments.add_argument(
-    "--speeds", type=several(not_negative), default=[0.0, 10.0, 20.0, 30.0, 40.0, 50.0], help="of the rotor [Hz]"
+    "--speeds",
+    type=several(not_negative),
+    default=[0.0, 10.0, 20.0, 30.0, 40.0, 50.0],
+    help="of the rotor [Hz] (default: 0,10,20,30,40,50)",
 )
 
 

@@ -35,7 +35,7 @@ THIN_SHARE = 0.25
 
 @dataclass(frozen=True)
 class CADSizes:
-    """What the faces of a solid demand of a mesh, at n points on them.
+    """Curvature and thickness at n points on the faces of a solid, which decide the sizes of elements there.
 
     Attributes:
         points: shape (n, 3) [m]

@@ -133,50 +133,51 @@ def loaded_assembly(
     if scene.speeds:
         if np.any(angular_velocity):
             raise ValueError(f"scene {scene.name!r} has a drive that sets the spin; give no angular_velocity")
-        (drive, *others) = scene.speeds
-        joint = next(joint for joint in scene.terms_of(Constraint) if joint.name == drive.constraint)
-        axis = joint.measure.rotation_axis(drive.component)
-        if others or axis is None:
-            raise ValueError(f"scene {scene.name!r}: a linear model is about one drive that turns at constant speed")
-        names = names if stator is not None else stator_bodies(assembly, joint, axis)
-        ends = [body_of(path) in names for path in joint.points[:2]]
-        if sum(ends) != 1:
-            raise ValueError(f"joint {joint.name!r}: a drive of constant speed needs a stator on one of its two sides")
-        angular_velocity = (1.0 if ends[0] else -1.0) * drive.speed * axis
-        axis_point = scene.point_position(joint.points[0])
+        angular_velocity, axis_point, names = _spin_of_drive(assembly, None if stator is None else names)
     velocity = finite_array("angular_velocity", np.asarray(angular_velocity, dtype=float), (3,))
+    point = finite_array("axis_point", np.asarray(axis_point, dtype=float), (3,))
     gravity = np.asarray(scene.gravity) * (loaded and weight)
     rate = float(np.linalg.norm(velocity))
     if rate and not (names and frame == "stator"):
         axis = velocity / rate
         gravity = axis * (axis @ gravity)
-    if not rate or not names:
-        state = loaded_state(
-            assembly,
-            gravity=gravity,
-            inputs=inputs,
-            angular_velocity=velocity,
-            axis_point=axis_point,
-            stress=loaded,
-        )
-        return replace(assembly, loads=state)
-    partition = RotorPartition(
-        velocity, finite_array("axis_point", np.asarray(axis_point, dtype=float), (3,)), names, frame
-    )
-    view = FrameView(assembly, partition)
-    check_constant(view)
-    if damps_both(view):
-        damping = assembly.modal.damping.of_deformation
-        assembly = replace(assembly, modal=replace(assembly.modal, damping=damping))
+    partition = RotorPartition(velocity, point, names, frame) if rate and names else None
+    if partition is not None:
+        view = FrameView(assembly, partition)
+        check_constant(view)
+        if damps_both(view):
+            damping = assembly.modal.damping.of_deformation
+            assembly = replace(assembly, modal=replace(assembly.modal, damping=damping))
     state = loaded_state(
         assembly,
         gravity=gravity,
+        inputs=inputs,
         angular_velocity=velocity,
-        axis_point=partition.point,
+        axis_point=point,
         partition=partition,
         stress=loaded,
     )
     return replace(assembly, loads=state)
+
+
+def _spin_of_drive(assembly: Assembly, stator: frozenset[str] | None) -> tuple[Array, Array, frozenset[str]]:
+    """Return the angular velocity [rad/s], a point of the axis and the stator of a scene with a drive of its speed.
+
+    Args:
+        assembly: the assembled scene.
+        stator: names of the bodies of the stator; None: those that are tied to the ground.
+    """
+    scene = assembly.scene
+    (drive, *others) = scene.speeds
+    joint = next(joint for joint in scene.terms_of(Constraint) if joint.name == drive.constraint)
+    axis = joint.measure.rotation_axis(drive.component)
+    if others or axis is None:
+        raise ValueError(f"scene {scene.name!r}: a linear model is about one drive that turns at constant speed")
+    stator = stator_bodies(assembly, joint, axis) if stator is None else stator
+    ends = [body_of(path) in stator for path in joint.points[:2]]
+    if sum(ends) != 1:
+        raise ValueError(f"joint {joint.name!r}: a drive of constant speed needs a stator on one of its two sides")
+    return (1.0 if ends[0] else -1.0) * drive.speed * axis, scene.point_position(joint.points[0]), stator
 
 
 def spinning_equilibrium(

@@ -86,7 +86,8 @@ def _loads(scene: Scene, assembly: Assembly) -> tuple[LoadedState, bool]:
     """Return the effect of the loads at the start, and whether that of a spin is included."""
     if scene.speeds:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of the linear model about the spin; the run has its own
+            # Those of the linear model about the spin; the run has its own, and shows all others.
+            warnings.filterwarnings("ignore", message=r"under the spin|body .* turns at")
             try:
                 state = loaded_assembly(scene, NO_SPIN, NO_SPIN, None, "rotor").loads
             except ValueError:  # no linear model about this spin
