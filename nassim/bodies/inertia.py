@@ -144,6 +144,25 @@ def estimate_gram(mass_matrix: Array, positions: Array) -> Array:
     return result
 
 
+def transform_gram(gram: Array, place: Array, axes: Array, rows: Array) -> Array:
+    """Write the Gram matrix of a body, see `ReducedBody`, in another frame and in other coordinates.
+
+    Args:
+        gram: Gram matrix in the body's frame and its k coordinates, shape (4 + 3 k, 4 + 3 k)
+        place: origin of the body's frame in the new frame, shape (3,) [m]
+        axes: rotation from the body's to the new frame, shape (3, 3)
+        rows: the body's coordinates per unit of the new ones, shape (k, n)
+
+    Returns:
+        Gram matrix, shape (4 + 3 n, 4 + 3 n).
+    """
+    fields = np.zeros((len(gram), 4 + 3 * rows.shape[1]))
+    fields[0, 0], fields[0, 1:4], fields[1:4, 1:4] = 1.0, place, axes.T
+    fields[4:, 4:] = np.kron(rows, axes.T)
+    result: Array = fields.T @ gram @ fields
+    return 0.5 * (result + result.T)
+
+
 def _homogeneous_strains(mass_matrix: Array, positions: Array, rigid: RigidInertia) -> Array:
     """Estimate the strain in the non-rigid part of each psi_j as coefficients on x - centre, shape (3, n, 3).
 

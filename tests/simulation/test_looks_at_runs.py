@@ -20,11 +20,11 @@ from nassim import (
     simulate,
 )
 from nassim.simulation.exudyn.monitor import Monitor
-from nassim.simulation.exudyn.rigid_groups import find_rigid_groups
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.model.assembly import assemble
 from nassim.simulation.model.buckling import axial_forces
 from nassim.simulation.model.motion_size import motion_size
+from nassim.simulation.model.rigid_groups import find_rigid_groups
 
 
 def chain(*fidelities):

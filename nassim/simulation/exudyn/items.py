@@ -24,12 +24,14 @@ from nassim.scene.scene import Scene
 from nassim.scene.terms import AppliedForce, BaseAcceleration, Constraint, PrescribedMotion
 from nassim.simulation.exudyn.general import BodyNodes, Evaluator, add_general_actuator, add_general_constraint
 from nassim.simulation.exudyn.state import FlexibleCoordinates, InputChannel, add_forces
+from nassim.simulation.model.rigid_groups import CarriedBody
 from nassim.simulation.model.states import ReferenceState
 
 SAME_PLACE = 1e-12
 """Distance [m] up to which two points coincide."""
 Place = tuple[str, tuple[float, float, float]]
 """A point, and the offset [m] of a place that moves rigidly with it; world frame at the start."""
+NO_OFFSET = (0.0, 0.0, 0.0)
 MarkerFactory = Callable[[Array], int]
 """Function that adds a rigid marker with axes, (3, 3), as columns; world frame at the start."""
 
@@ -41,14 +43,16 @@ class Items:
     Attributes:
         mbs: Exudyn's system.
         scene: the scene.
-        nodes: nodes of all moving bodies; the bodies of a rigid group share theirs.
-        own: one body of each rigid group, and all other moving bodies.
-        rigid_joints: names of joints within rigid groups, which need no item.
+        nodes: nodes of all moving bodies; the bodies of a rigid group share theirs, and carried bodies have their
+            host's.
+        own: one body of each rigid group that is not carried, and all other moving bodies.
+        rigid_joints: names of joints within rigid groups and of their hosts, which need no item.
         objects: objects of all bodies.
         rigid: bodies without deformation, along the world's axes, as parts of their rigid groups.
+        carried: bodies without deformation that floating bodies carry.
         flexible: coordinates of bodies that deform.
-        marker_factories: functions that add a rigid marker, by the path of a point of a body that deforms, and an
-            offset.
+        marker_factories: functions that add a rigid marker, by the path of a point of a body that deforms or is
+            carried, and an offset.
         virtual_nodes: object and mesh nodes that define a point of a floating body, by path.
         body_nodes: Exudyn's nodes of the moving bodies.
         markers: markers added so far.
@@ -62,6 +66,7 @@ class Items:
     rigid_joints: frozenset[str]
     objects: Mapping[str, int]
     rigid: Mapping[str, RigidBody]
+    carried: Mapping[str, CarriedBody]
     flexible: Mapping[str, FlexibleCoordinates]
     marker_factories: Mapping[Place, MarkerFactory]
     virtual_nodes: Mapping[str, tuple[int, list[int]]]
@@ -82,7 +87,7 @@ class Items:
             The marker's number.
         """
         axes = np.eye(3) if axes is None else axes
-        offset = (0.0, 0.0, 0.0) if at is None else offset_of(self.scene, path, at)
+        offset = NO_OFFSET if at is None else offset_of(self.scene, path, at)
         key = f"{path} {offset} {axes.tolist()}"
         if key not in self.markers:
             self.markers[key] = self._new_marker(path, axes, offset)
@@ -129,7 +134,7 @@ class Items:
 
     def has_marker(self, path: str) -> bool:
         """Whether a point can have a rigid marker."""
-        return path.partition(".")[0] in self.rigid or (path, (0.0, 0.0, 0.0)) in self.marker_factories
+        return path.partition(".")[0] in self.rigid or (path, NO_OFFSET) in self.marker_factories
 
     def node_of(self, path: str) -> int:
         """Return the node of a point of a body in small motion."""
@@ -154,10 +159,8 @@ class Items:
         if self.fidelity(name) != "ffrf":
             marker = self.mbs.AddMarker(eii.MarkerBodyMass(bodyNumber=number))
             return self.mbs.AddLoad(eii.LoadMassProportional(markerNumber=marker, loadVector=list(acceleration))), 1.0
-        body = self.scene.split(f"{name}.")[0]
-        assert isinstance(body, FlexibleBody)
-        mass = body.reduced.mass
-        centre = len(self.mbs.GetObject(number)["referencePositions"]) // 3 - 1
+        properties = self.mbs.GetObject(number)
+        mass, centre = properties["physicsMass"], len(properties["referencePositions"]) // 3 - 1
         marker = self.mbs.AddMarker(
             eii.MarkerSuperElementPosition(bodyNumber=number, meshNodeNumbers=[centre], weightingFactors=[1.0])
         )
@@ -172,7 +175,7 @@ class Items:
 def offset_of(scene: Scene, path: str, place: Array) -> tuple[float, float, float]:
     """Return the offset from a point to a place, see `Place`; zero where it is rounding."""
     x, y, z = (place - scene.point_position(path)).tolist()
-    return (x, y, z) if max(abs(x), abs(y), abs(z)) > SAME_PLACE else (0.0, 0.0, 0.0)
+    return (x, y, z) if max(abs(x), abs(y), abs(z)) > SAME_PLACE else NO_OFFSET
 
 
 def frame_at(position: Array, axes: Array) -> Array:

@@ -158,7 +158,9 @@ class _RotationCheck:
         scene = system.assembly.scene
         linear = {body.name for body in scene.flexible_bodies if body.fidelity == "linear"}
         self.data = system.mbs.systemData
-        self.names = [name for name in system.nodes if name not in linear]
+        # One body of each node, which is its own where others share it.
+        own = {node: name for name, node in reversed(system.nodes.items())}
+        self.names = [name for node, name in reversed(own.items()) if name not in linear]
         firsts = [system.mbs.GetNodeODE2Index(system.nodes[name]) + 3 for name in self.names]
         self.places = np.reshape(firsts, (-1, 1)).astype(int) + np.arange(4)
         self.reference = self.data.GetODE2Coordinates(exu.ConfigurationType.Reference)

@@ -26,7 +26,9 @@ from nassim.simulation.model.stopped_runs import Stopped
 from nassim.simulation.model.tangents import NO_EQUILIBRIUM
 
 CHECKS = 200
-"""How often a run is checked."""
+"""How often a long run is checked."""
+STEPS_OF_A_CHECK = 25
+"""Fewest steps between two checks. A check costs as much as one or two steps."""
 
 
 def _settings(system: System) -> Any:
@@ -138,7 +140,7 @@ def solve_dynamic(
         explicit: whether to step by the explicit rule.
         look: called at every time step with its number 0 ... n_steps, when the system is in its state.
 
-    Returns what some 200 checks of the run found, and what the scene's loops put out, shape (commands, n_steps + 1).
+    Returns what at most some 200 checks of the run found, and what the scene's loops put out, shape (commands, n_steps + 1).
 
     Raises:
         Stopped: with time, body and likely cause, when the integration fails or diverges or a controller in Python
@@ -188,7 +190,7 @@ class _WholeRun:
         scene, self.n_steps = system.assembly.scene, len(samples) - 1
         self._system, self._samples, self._actions = system, samples, actions
         self._advance, self._look, self._interrupts = advance, look, interrupts
-        self._chunk = max(1, self.n_steps // CHECKS)
+        self._chunk = max(STEPS_OF_A_CHECK, self.n_steps // CHECKS)
         self.commands = np.zeros((self.n_steps + 1, len(scene.commands)))
         system.filtered.update({output: np.zeros(self.n_steps + 1) for output in actions.filtering.passed})
         reach = find_reach(system.assembly, samples.T, actions.time_step) if scene.commands else None

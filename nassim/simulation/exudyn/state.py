@@ -9,12 +9,14 @@ from typing import Any
 import exudyn as exu
 import exudyn.itemInterface as eii
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
 from nassim.scene.bodies import Body
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.digital_controllers import span
 from nassim.simulation.model.filters import static_gain
+from nassim.simulation.model.rigid_groups import CarriedBody
 from nassim.simulation.model.signals import Circuit
 
 COORDINATES = (
@@ -140,6 +142,7 @@ class System:
             times gains, (3,).
         counts: last values of unwrapped summands, by their `id`.
         evaluators: evaluators of measures by general items, whose angles are unwrapped.
+        carried: bodies without deformation that floating bodies carry, by name; `nodes` has their host's.
     """
 
     container: Any
@@ -157,6 +160,7 @@ class System:
     rotating_axes: dict[str, list[tuple[int, Array]]] = field(default_factory=dict)
     counts: dict[int, float] = field(default_factory=dict)
     evaluators: Sequence[Any] = ()
+    carried: Mapping[str, CarriedBody] = field(default_factory=dict)
 
     def apply(self, inputs: Mapping[str, float]) -> None:
         """Set the inputs, as if they had always been constant."""
@@ -348,7 +352,32 @@ class System:
         nodes, read = [self.nodes[name] for name in names], self.mbs.GetNodeOutput
         rotations = np.array([read(node, exu.OutputVariableType.RotationMatrix, configuration=when) for node in nodes])
         positions = np.array([read(node, exu.OutputVariableType.Position, configuration=when) for node in nodes])
-        return rotations.reshape(-1, 3, 3), positions.reshape(-1, 3)
+        rotations, positions = rotations.reshape(-1, 3, 3), positions.reshape(-1, 3)
+        places = [k for k, name in enumerate(names) if name in self.carried]
+        if places:
+            arms, bent = np.zeros((len(places), 3)), np.zeros((len(places), 6))
+            for i, k in enumerate(places):
+                host, arms[i], rows = self._arms[names[k]]
+                if not reference:
+                    bent[i] = rows @ self.node_coordinates(host)
+            # The axes of a carried body in the reference are those of its host's frame.
+            positions[places] += dot(rotations[places], (arms + bent[:, :3])[:, None])
+            rotations[places] = rotations[places] @ Rotation.from_rotvec(bent[:, 3:]).as_matrix()
+        return rotations, positions
+
+    @cached_property
+    def _arms(self) -> dict[str, tuple[str, Array, Array]]:
+        """Host of each carried body, its centre of mass from the host's frame, and its motion by deformation, (6, m).
+
+        Both are along the axes of the host.
+        """
+        result = {}
+        for name, body in self.carried.items():
+            back, frame = body.host.rotation.T, self.assembly.coordinates.frames[body.host.name].point
+            arm = back @ (body.position - body.host.point_position(frame))
+            rows = np.kron(np.eye(2), back) @ body.motion_at(body.position)
+            result[name] = body.host.name, arm, rows @ self.flexible[body.host.name].coordinates
+        return result
 
     def recorded(self, output: str) -> Array:
         """Return the samples of one output of a run, (n_samples,); a single 0 where nothing that moves is measured."""

@@ -15,7 +15,7 @@ from exudyn.rigidBodyUtilities import GetRigidBodyNode, RotationMatrix2EulerPara
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer
-from nassim.bodies.floating_frames import FloatingFrame
+from nassim.bodies.floating_frames import FloatingFrame, floating_frame
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
 from nassim.scene.scene import Scene
 from nassim.scene.terms import (
@@ -30,6 +30,7 @@ from nassim.scene.terms import (
 )
 from nassim.simulation.exudyn.general import NO_MATRIX, BodyNodes
 from nassim.simulation.exudyn.items import (
+    NO_OFFSET,
     Items,
     MarkerFactory,
     Place,
@@ -41,7 +42,6 @@ from nassim.simulation.exudyn.items import (
 )
 from nassim.simulation.exudyn.modal import small_motion_system
 from nassim.simulation.exudyn.outputs import add_axes, add_output
-from nassim.simulation.exudyn.rigid_groups import combine_bodies, find_rigid_groups, with_points_of
 from nassim.simulation.exudyn.spring_forces import add_spring_force
 from nassim.simulation.exudyn.springs import VIRTUAL_NODE_RADIUS, add_force_law, extended_points
 from nassim.simulation.exudyn.state import FlexibleCoordinates, InputChannel, Summand, System, add_circuit, modal_node
@@ -49,6 +49,13 @@ from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.capabilities import LARGE_MOTION, check_capabilities
 from nassim.simulation.model.initial_velocities import check_implied, initial_twists
 from nassim.simulation.model.period_correction import Steps, correct_periods
+from nassim.simulation.model.rigid_groups import (
+    CarriedBody,
+    combine_bodies,
+    find_rigid_groups,
+    with_carried,
+    with_points_of,
+)
 from nassim.simulation.model.states import LinearState, euler_state
 
 NO_ROTATION = np.array([1.0, 0.0, 0.0, 0.0])
@@ -59,7 +66,7 @@ VIRTUAL_NODE_DIRECTIONS = np.array([[2, -1, -1], [-1, 2, -1], [-1, -1, 2]]) / np
 """Corners of a regular triangle: three virtual nodes, the fewest, whose equal weights give a point's motion exactly."""
 
 
-Added = tuple[int, FlexibleCoordinates, int, dict[Place, MarkerFactory], dict[Place, tuple[int, list[int]]]]
+Added = tuple[int, FlexibleCoordinates, int, dict[Place, MarkerFactory], dict[str, tuple[int, list[int]]]]
 """Rigid node of a body, its flexible coordinates, its object, its marker factories and its virtual nodes."""
 
 
@@ -120,6 +127,7 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, s
         sparse=mbs.systemData.ODE2Size() > SPARSE_SIZE,
         rotating_axes=rotating_axes,
         evaluators=items.evaluators,
+        carried=items.carried,
     )
 
 
@@ -141,11 +149,11 @@ def _realise(items: Items, term: Term, assembly: Assembly) -> list[InputChannel]
     return []
 
 
-def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None, added: Array) -> Items:
+def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None, added_mass: Array) -> Items:
     """Add the bodies with their weight, the mass added on their deformation, (m, m), and the damping between them."""
     scene, groups = assembly.scene, find_rigid_groups(assembly)
     twists = initial_twists(scene, rates)
-    damping, mass = _by_bodies(assembly, assembly.modal.damping.on_deformation()), _by_bodies(assembly, added)
+    damping, mass = _by_bodies(assembly, assembly.modal.damping.on_deformation()), _by_bodies(assembly, added_mass)
     nodes: dict[str, int] = {}
     flexible: dict[str, FlexibleCoordinates] = {}
     marker_factories: dict[Place, MarkerFactory] = {}
@@ -153,26 +161,30 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None,
     rigid: dict[str, RigidBody] = {}
     virtual_nodes: dict[str, tuple[int, list[int]]] = {}
     body_nodes: dict[str, BodyNodes] = {}
+    bodies = {body.name: _as_rigid(body, assembly) for body in scene.bodies if body.is_rigid}
+    carried: dict[str, CarriedBody] = {}
+    for leader, path in groups.hosts.items():
+        host, point = scene.split(path)
+        assert isinstance(host, FlexibleBody)
+        carried.update({name: CarriedBody(bodies[name], host, point) for name in groups.groups[leader]})
     stress = _stress_stiffness(assembly)
     for body in scene.deformable_bodies:
-        add = _add_floating if body.fidelity == "ffrf" else _add_linear
-        node, flexible[body.name], objects[body.name], found, of_body = add(
-            mbs,
-            scene,
-            body,
-            assembly.coordinates.frames[body.name],
-            (mass[body.name, body.name], damping[body.name, body.name], stress[body.name]),
-            twists[body.name],
-        )
-        nodes[body.name] = node
-        coordinates, number = flexible[body.name], objects[body.name]
-        body_nodes[body.name] = _flexible_nodes(body, assembly.coordinates.frames[body.name], node, coordinates, number)
-        marker_factories.update(
-            {(f"{body.name}.{point}", offset): factory for (point, offset), factory in found.items()}
-        )
-        virtual_nodes.update({f"{body.name}.{p}": three for (p, offset), three in of_body.items() if not any(offset)})
-    bodies = {body.name: _as_rigid(body, assembly) for body in scene.bodies if body.is_rigid}
+        inside = (mass[body.name, body.name], damping[body.name, body.name], stress[body.name])
+        frame, guests = assembly.coordinates.frames[body.name], [c for c in carried.values() if c.host is body]
+        if body.fidelity == "ffrf":
+            added = _add_floating(mbs, scene, body, frame.point, guests, inside, twists[body.name])
+        else:
+            added = _add_linear(mbs, scene, body, frame, inside, twists[body.name])
+        node, coordinates, number, factories, threes = added
+        marker_factories.update(factories)
+        virtual_nodes.update(threes)
+        flexible[body.name] = coordinates
+        for member in (body, *guests):
+            nodes[member.name], objects[member.name] = node, number
+            body_nodes[member.name] = _flexible_nodes(member, body, frame, node, coordinates, number)
     for leader, names in groups.groups.items():
+        if leader in groups.hosts:
+            continue
         one = combine_bodies([bodies[name] for name in names])
         rigid_node, item = _add_rigid(mbs, one, twists.get(leader, np.zeros(6)))
         for name in names:
@@ -188,11 +200,22 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None,
             body_nodes[other.name] = _add_linear_body(mbs, scene, other)
             nodes_of = body_nodes[other.name].nodes
             flexible[other.name] = FlexibleCoordinates(nodes_of, np.eye(len(other.mass_matrix)))
-    own = [name for name in nodes if groups.leaders.get(name, name) == name]
+    own = [name for name in nodes if groups.leaders.get(name, name) == name and name not in carried]
     _couple(mbs, assembly, flexible, mass, damping)
     _hold_equilibrium(mbs, assembly, stress, flexible)
     items = Items(
-        mbs, scene, nodes, own, groups.joints, objects, rigid, flexible, marker_factories, virtual_nodes, body_nodes
+        mbs,
+        scene,
+        nodes,
+        own,
+        groups.joints,
+        objects,
+        rigid,
+        carried,
+        flexible,
+        marker_factories,
+        virtual_nodes,
+        body_nodes,
     )
     # A linear body carries its weight itself.
     linear = [body.name for body in scene.flexible_bodies if body.fidelity == "linear"]
@@ -250,16 +273,16 @@ def _add_linear_body(mbs: Any, scene: Scene, body: Body) -> BodyNodes:
 
 
 def _flexible_nodes(
-    body: FlexibleBody, frame: FloatingFrame, node: int, coordinates: FlexibleCoordinates, number: int
+    member: Body, body: FlexibleBody, frame: FloatingFrame, node: int, coordinates: FlexibleCoordinates, number: int
 ) -> BodyNodes:
-    """Return the nodes of a flexible body."""
+    """Return the nodes of a flexible body for the body itself, or for one that it carries."""
     if body.fidelity == "linear":
         state = partial(LinearState, body, change=coordinates.coordinates)
         places = [np.concatenate([body.point_position(point), np.zeros(3)]) for point in body.reduced.point_names]
         return BodyNodes(number, coordinates.nodes, state, np.concatenate([*places, np.zeros(body.reduced.n_modes)]))
     start = np.array(RotationMatrix2EulerParameters(body.rotation))
     at, deforms = body.point_position(frame.point), coordinates.coordinates
-    euler = partial(euler_state, body, at, start=start, deforms=deforms)
+    euler = partial(euler_state, member, at, start=start, deforms=deforms)
     reference = np.concatenate([at, start, np.zeros(deforms.shape[1])])
     return BodyNodes(number, ((node, 7), *coordinates.nodes), euler, reference)
 
@@ -298,7 +321,9 @@ def _add_linear(
         for point in reduced.point_names
     ]
     marker_factories = {
-        (point, (0.0, 0.0, 0.0)): _marker_factory(mbs, np.eye(3), eii.MarkerNodeRigid, nodeNumber=number)
+        (f"{body.name}.{point}", NO_OFFSET): _marker_factory(
+            mbs, np.eye(3), np.zeros(3), eii.MarkerNodeRigid, nodeNumber=number
+        )
         for point, number in zip(reduced.point_names, numbers, strict=True)
     }
     if reduced.n_modes:
@@ -326,25 +351,27 @@ def _add_floating(
     mbs: Any,
     scene: Scene,
     body: FlexibleBody,
-    frame: FloatingFrame,
+    frame_point: str,
+    guests: Sequence[CarriedBody],
     on_deformation: tuple[Array, Array, Array],
     twist: Array,
 ) -> Added:
-    """Add a floating-frame body."""
+    """Add a floating-frame body with the rigid bodies that it carries."""
     added, damping, stress = on_deformation
-    n = len(frame.flexible)
+    frame = floating_frame(with_carried(body, guests).reduced, frame_point)
+    n, origin = len(frame.flexible), body.point_position(frame.point)
     node = mbs.AddNode(
         GetRigidBodyNode(
             exu.NodeType.RotationEulerParameters,
-            position=list(body.point_position(frame.point)),
+            position=list(origin),
             rotationMatrix=body.rotation,
-            velocity=list((rigid_transfer(body.point_position(frame.point)) @ twist)[:3]),
+            velocity=list((rigid_transfer(origin) @ twist)[:3]),
             angularVelocity=list(twist[3:]),
         )
     )
     modes = mbs.AddNode(modal_node(n))
-    places = _places(scene, body, frame.point)
-    positions, rows = _virtual_nodes(body, frame, places)
+    places = _places(scene, body, frame.point, guests)
+    positions, rows = _virtual_nodes(body, frame, places, guests)
     number = mbs.AddObject(
         eii.ObjectFFRFreducedOrder(
             nodeNumbers=[node, modes],
@@ -364,41 +391,63 @@ def _add_floating(
             referencePositions=positions,
         )
     )
-    marker_factories = {
-        (frame.point, (0.0, 0.0, 0.0)): _marker_factory(mbs, body.rotation, eii.MarkerNodeRigid, nodeNumber=node)
-    }
+    carrier = mbs.AddObject(eii.ObjectRigidBody(nodeNumber=node, mass=0.0, inertia=[0.0] * 6))
+    node_marker = _marker_factory(mbs, body.rotation, np.zeros(3), eii.MarkerNodeRigid, nodeNumber=node)
+    marker_factories: dict[Place, MarkerFactory] = {(f"{body.name}.{frame.point}", NO_OFFSET): node_marker}
     virtual_nodes = {}
     for i, place in enumerate(places):
         three = list(range(3 * i, 3 * i + 3))
-        marker_factories[place] = _marker_factory(
-            mbs,
-            body.rotation,
-            eii.MarkerSuperElementRigid,
-            bodyNumber=number,
-            meshNodeNumbers=three,
-            weightingFactors=[1 / 3] * 3,
-        )
-        virtual_nodes[place] = number, three
+        if _rides_on_frame(place, frame, guests):
+            arm = body.rotation.T @ (scene.point_position(place[0]) + place[1] - origin)
+            marker_factories[place] = _marker_factory(mbs, body.rotation, arm, eii.MarkerBodyRigid, bodyNumber=carrier)
+        else:
+            marker_factories[place] = _marker_factory(
+                mbs,
+                body.rotation,
+                np.zeros(3),
+                eii.MarkerSuperElementRigid,
+                bodyNumber=number,
+                meshNodeNumbers=three,
+                weightingFactors=[1 / 3] * 3,
+            )
+        if place[1] == NO_OFFSET:
+            virtual_nodes[place[0]] = number, three
     coordinates = FlexibleCoordinates(((modes, n),), np.eye(len(body.reduced.mass_matrix))[:, frame.flexible])
     return node, coordinates, number, marker_factories, virtual_nodes
 
 
-def _marker_factory(mbs: Any, rotation: Array, marker: Callable[..., Any], **of_place: Any) -> MarkerFactory:
+def _marker_factory(
+    mbs: Any, rotation: Array, arm: Array, marker: Callable[..., Any], **of_place: Any
+) -> MarkerFactory:
     """Return a function that adds markers to a body of a given initial rotation, with axes of the world's frame."""
-    return lambda axes: int(mbs.AddMarker(marker(localHT=frame_at(np.zeros(3), rotation.T @ axes), **of_place)))
+    return lambda axes: int(mbs.AddMarker(marker(localHT=frame_at(arm, rotation.T @ axes), **of_place)))
 
 
-def _places(scene: Scene, body: FlexibleBody, frame_point: str) -> list[Place]:
-    """Return the points of a body that parts use, except the frame's, and the places to which points are extended."""
-    named = scene.named_points(body)
-    places = {(point, (0.0, 0.0, 0.0)) for point in body.reduced.all_point_names if point in named}
+def _rides_on_frame(place: Place, frame: FloatingFrame, guests: Sequence[CarriedBody]) -> bool:
+    """Whether a place belongs to a rigid body that the point of the floating frame carries."""
+    return any(guest.name == place[0].partition(".")[0] and guest.point == frame.point for guest in guests)
+
+
+def _places(scene: Scene, body: FlexibleBody, frame_point: str, guests: Sequence[CarriedBody]) -> list[Place]:
+    """Return the points of a body that parts use, except the frame's, and the places to which points are extended.
+
+    Points of the rigid bodies that it carries are among them.
+    """
+    members = {body.name: body.reduced.all_point_names} | {guest.name: guest.point_names for guest in guests}
+    places = set()
+    for name, points in members.items():
+        named = scene.named_points(scene.split(f"{name}.")[0])
+        places |= {(f"{name}.{point}", NO_OFFSET) for point in points if point in named}
     for path, place in extended_points(scene):
-        if scene.split(path)[0] is body:
-            places.add((path.partition(".")[2], offset_of(scene, path, place)))
-    return sorted(places - {(frame_point, (0.0, 0.0, 0.0))}) or [(frame_point, (0.0, 0.0, 0.0))]
+        if path.partition(".")[0] in members:
+            places.add((path, offset_of(scene, path, place)))
+    at_frame = (f"{body.name}.{frame_point}", NO_OFFSET)
+    return sorted(places - {at_frame}) or [at_frame]
 
 
-def _virtual_nodes(body: FlexibleBody, frame: FloatingFrame, places: Sequence[Place]) -> tuple[Array, Array]:
+def _virtual_nodes(
+    body: FlexibleBody, frame: FloatingFrame, places: Sequence[Place], guests: Sequence[CarriedBody]
+) -> tuple[Array, Array]:
     """Return virtual mesh nodes: three around each place, whose displacements define the rigid motion of its point.
 
     The last node is the centre of mass, which moves with the deformation.
@@ -408,11 +457,14 @@ def _virtual_nodes(body: FlexibleBody, frame: FloatingFrame, places: Sequence[Pl
     """
     everyone = np.array([p.position for p in body.reduced.remote_points])
     radius = VIRTUAL_NODE_RADIUS * max(float(np.ptp(everyone, axis=0).max()), 1e-6)
-    positions, rows = [], []
-    for point, away in places:
-        motion = body.reduced.motion(point)
-        for offset in body.rotation.T @ away + radius * VIRTUAL_NODE_DIRECTIONS:
-            positions.append(body.reduced.point(point).position - frame.origin + offset)
+    members: dict[str, Body] = {member.name: member for member in (body, *guests)}
+    back, positions, rows = body.rotation.T, [], []
+    for path, away in places:
+        name, _, point = path.partition(".")
+        start = back @ (members[name].point_position(point) - body.point_position(frame.point))
+        motion = np.kron(np.eye(2), back) @ members[name].motion(point)
+        for offset in back @ away + radius * VIRTUAL_NODE_DIRECTIONS:
+            positions.append(start + offset)
             rows.append((rigid_transfer(offset) @ motion[:, frame.flexible])[:3])
     positions.append(frame.center_of_mass)
     rows.append(frame.translation_flexible / frame.mass)

@@ -12,7 +12,7 @@ import scipy
 
 from nassim.base.checks import Array, unique
 from nassim.base.warning_log import warn
-from nassim.bodies.inertia import estimate_gram
+from nassim.bodies.inertia import estimate_gram, transform_gram
 from nassim.bodies.interface import RemotePoint
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.projection import trim_body
@@ -183,10 +183,7 @@ def _gram(coordinates: Coordinates, change: Array) -> Array:
             gram, place, axes = body.reduced.gram, body.position, body.rotation
         else:
             gram, place, axes = estimate_gram(body.mass_matrix, np.zeros((1, 3))), body.position, np.eye(3)
-        fields = np.zeros((len(gram), size))
-        fields[0, 0], fields[0, 1:4], fields[1:4, 1:4] = 1.0, place, axes.T
-        fields[4:, 4:] = np.kron(rows, axes.T)
-        total += fields.T @ gram @ fields
+        total += transform_gram(gram, place, axes, rows)
     return _symmetric(total)
 
 

@@ -1,0 +1,185 @@
+"""Rigid groups: bodies without deformation that rigid connections combine, with each other or with a floating body.
+
+Exudyn then has fewer bodies and no joints between them. Small motion needs no groups: its minimal coordinates have the
+motions that the joints leave.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from nassim.base.checks import Array
+from nassim.base.rigid_motion import rigid_transfer, skew
+from nassim.bodies.inertia import estimate_gram, transform_gram
+from nassim.scene.bodies import Body, FlexibleBody, RigidBody
+from nassim.scene.measures import RelativePose
+from nassim.scene.terms import Constraint
+from nassim.simulation.model.assembly import Assembly
+
+
+@dataclass(frozen=True)
+class RigidGroups:
+    """Groups of bodies without deformation that rigid connections combine.
+
+    Attributes:
+        leaders: name of each body's leader, which represents its group; a fixed body where there is one.
+        joints: names of the rigid connections within groups, and of those that make a group part of a floating body.
+        hosts: point of a floating body that carries a group, "body.point", by the group's leader.
+    """
+
+    leaders: Mapping[str, str]
+    joints: frozenset[str]
+    hosts: Mapping[str, str]
+
+    @property
+    def groups(self) -> dict[str, list[str]]:
+        """Names of the bodies of each group, by its leader."""
+        found: dict[str, list[str]] = {}
+        for name, leader in self.leaders.items():
+            found.setdefault(leader, []).append(name)
+        return found
+
+
+def find_rigid_groups(assembly: Assembly) -> RigidGroups:
+    """Find the rigid groups of a scene: bodies without deformation that joints hold together in all six directions.
+
+    A group that a joint so holds to a floating body is part of that. Of several such joints, one at the point of a
+    floating frame carries the group, as that point moves without deformation.
+    """
+    scene = assembly.scene
+    moves = {body.name: body.moves for body in scene.bodies}
+    floating = {body.name: scene.frame_point(body) for body in scene.deformable_bodies if body.fidelity == "ffrf"}
+    leaders, joints, mounts = {body.name: body.name for body in scene.bodies if body.is_rigid}, [], []
+    for joint in scene.terms_of(Constraint):
+        names = [path.partition(".")[0] for path in joint.points[:2]]
+        a, b = map(leaders.get, names)
+        # Directions that other joints hold already, and those that a drive moves, are not enforced by this joint.
+        pose = isinstance(joint.measure, RelativePose)
+        enforced = assembly.constraints.enforced[joint.name]
+        if not (pose and len(joint.held) == len(enforced) == len(joint.measure.components)):
+            continue
+        if a is not None and b is not None:
+            first, second = sorted((a, b), key=lambda name: moves[name])
+            leaders = {name: first if leader == second else leader for name, leader in leaders.items()}
+            joints.append(joint.name)
+        for name, path, other in ((names[0], joint.points[1], names[1]), (names[1], joint.points[0], names[0])):
+            if name in leaders and other in floating:
+                mounts.append((name, path, joint.name))
+    hosts: dict[str, str] = {}
+    for name, path, joint_name in sorted(mounts, key=lambda mount: f"{floating[_body(mount[1])]}" != _point(mount[1])):
+        leader = leaders[name]
+        if moves[leader] and leader not in hosts:
+            hosts[leader] = path
+            joints.append(joint_name)
+    return RigidGroups(leaders, frozenset(joints), hosts)
+
+
+def _body(path: str) -> str:
+    return path.partition(".")[0]
+
+
+def _point(path: str) -> str:
+    return path.partition(".")[2]
+
+
+@dataclass(frozen=True)
+class CarriedBody(Body):
+    """A rigid body in the coordinates of a flexible body, one of whose points carries it.
+
+    Attributes:
+        body: the rigid body, along the world's axes.
+        host: the flexible body.
+        point: the remote point of the host that carries the body.
+    """
+
+    body: RigidBody
+    host: FlexibleBody
+    point: str
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """Name of the rigid body."""
+        return self.body.name
+
+    @property
+    def position(self) -> Array:  # type: ignore[override]
+        """Position of the rigid body's centre of mass, (3,) [m]."""
+        return self.body.position
+
+    @property
+    def point_names(self) -> tuple[str, ...]:
+        """Names of the rigid body's points."""
+        return self.body.point_names
+
+    @cached_property
+    def _of_centre(self) -> Array:
+        return self.motion_at(self.body.position)
+
+    @property
+    def mass_matrix(self) -> Array:
+        """Mass matrix that the rigid body adds to its host, (n, n)."""
+        result: Array = self._of_centre.T @ self.body.mass_matrix @ self._of_centre
+        return 0.5 * (result + result.T)
+
+    @property
+    def gram(self) -> Array:
+        """Integrals that the rigid body adds to those of its host, see `ReducedBody.gram`."""
+        own, host = estimate_gram(self.body.mass_matrix, np.zeros((1, 3))), self.host
+        place = host.rotation.T @ (self.body.position - host.position)
+        return transform_gram(own, place, host.rotation.T, self._of_centre)
+
+    def weight(self, gravity: Array) -> Array:
+        """Return the forces of a uniform gravity, world frame, (3,) [m/s2], on the host's coordinates, (n,)."""
+        result: Array = self._of_centre.T @ self.body.weight(gravity)
+        return result
+
+    def motion(self, point: str) -> Array:
+        """Return the small motion of a point along the world's axes per unit of the host's coordinates, (6, n)."""
+        return self.motion_at(self.body.point_position(point))
+
+    def motion_at(self, place: Array) -> Array:
+        """Return the small motion at a place of the rigid body, (3,) [m], (6, n)."""
+        result: Array = rigid_transfer(place - self.host.point_position(self.point)) @ self.host.motion(self.point)
+        return result
+
+    def point_position(self, point: str) -> Array:
+        """Return the position of a point at the start, world frame, (3,) [m]."""
+        return self.body.point_position(point)
+
+    @property
+    def rigid_inertia(self) -> tuple[float, Array, Array]:
+        """Mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg m2] at the start, world frame."""
+        return self.body.rigid_inertia
+
+
+def with_carried(host: FlexibleBody, carried: Sequence[CarriedBody]) -> FlexibleBody:
+    """Return a flexible body with the mass and inertia of the rigid bodies that it carries."""
+    reduced = host.reduced
+    mass = reduced.mass_matrix + sum(body.mass_matrix for body in carried)
+    gram = reduced.gram + sum(body.gram for body in carried)
+    return replace(host, reduced=replace(reduced, mass_matrix=mass, gram=gram, enriched=None)) if carried else host
+
+
+def combine_bodies(bodies: Sequence[RigidBody]) -> RigidBody:
+    """Combine bodies along the world's axes into one; with a fixed body among them, return that."""
+    alone = [body for body in bodies if body.fixed] or bodies
+    if len(alone) == 1:
+        return alone[0]
+    each = [body.rigid_inertia for body in bodies]
+    mass = sum(heavy for heavy, _, _ in each)
+    centre = np.sum([heavy * place for heavy, place, _ in each], axis=0) / mass
+    inertia = np.sum([own + _of_a_mass(heavy, place - centre) for heavy, place, own in each], axis=0)
+    return RigidBody(bodies[0].name, {}, mass, 0.5 * (inertia + inertia.T), centre)
+
+
+def _of_a_mass(mass: float, arm: Array) -> Array:
+    """Return the inertia of a point mass at an arm, (3, 3)."""
+    result: Array = mass * skew(arm) @ skew(arm).T
+    return result
+
+
+def with_points_of(one: RigidBody, body: RigidBody) -> RigidBody:
+    """Return a combined body with the points of one of its bodies."""
+    return replace(one, points={name: body.point_position(name) - one.position for name in body.points})
