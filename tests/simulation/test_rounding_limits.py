@@ -192,13 +192,16 @@ def test_a_tie_resists_a_rotation_from_a_billionth_of_a_millimetres_turn_on(side
 
 
 def test_runs_are_looked_at_some_two_hundred_times(monkeypatch):
-    """Whatever the engine; one that is stepped by its user every 50 steps and at its end."""
+    """Whatever the engine; a short run every 25 steps, one that is stepped by its user every 50, and all at the end."""
     looks = []
     seen = Monitor.look
     monkeypatch.setattr(Monitor, "look", lambda self, sample: looks.append(sample) or seen(self, sample))
     scene = block(prismatic("guide", "ground.o", "block.c", "x"))
-    simulate(scene, rest(1000), time_step=1e-3, progress=False)
+    simulate(scene, rest(6000), time_step=1e-3, progress=False)
     assert len(looks) == pytest.approx(200, abs=10)
+    looks.clear()
+    simulate(scene, rest(60), time_step=1e-3, progress=False)
+    assert looks == [24, 49, 60]
     looks.clear()
     with Simulation(scene, time_step=1e-3) as run:
         for _ in range(110):

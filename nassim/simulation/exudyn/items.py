@@ -160,7 +160,7 @@ class Items:
             marker = self.mbs.AddMarker(eii.MarkerBodyMass(bodyNumber=number))
             return self.mbs.AddLoad(eii.LoadMassProportional(markerNumber=marker, loadVector=list(acceleration))), 1.0
         properties = self.mbs.GetObject(number)
-        mass, centre = properties["physicsMass"], len(properties["referencePositions"]) // 3 - 1
+        mass, centre = properties["mass"], len(properties["referencePositions"]) // 3 - 1
         marker = self.mbs.AddMarker(
             eii.MarkerSuperElementPosition(bodyNumber=number, meshNodeNumbers=[centre], weightingFactors=[1.0])
         )

@@ -5,6 +5,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import cached_property
 from typing import Any
 
 import exudyn as exu
@@ -14,6 +15,7 @@ import numpy as np
 from nassim.base.checks import Array
 from nassim.base.progress import Advance, stage
 from nassim.scene.bodies import FlexibleBody
+from nassim.simulation.exudyn.jacobian_renewal import JacobianRenewal
 from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.springs import rounding
 from nassim.simulation.exudyn.state import System, find_accelerations
@@ -140,7 +142,8 @@ def solve_dynamic(
         explicit: whether to step by the explicit rule.
         look: called at every time step with its number 0 ... n_steps, when the system is in its state.
 
-    Returns what at most some 200 checks of the run found, and what the scene's loops put out, shape (commands, n_steps + 1).
+    Returns what the checks of the run found, at most some 200, and what the scene's loops put out, shape (commands,
+    n_steps + 1).
 
     Raises:
         Stopped: with time, body and likely cause, when the integration fails or diverges or a controller in Python
@@ -190,11 +193,16 @@ class _WholeRun:
         scene, self.n_steps = system.assembly.scene, len(samples) - 1
         self._system, self._samples, self._actions = system, samples, actions
         self._advance, self._look, self._interrupts = advance, look, interrupts
+        self._renews = not (system.is_linear or actions.explicit)
         self._chunk = max(STEPS_OF_A_CHECK, self.n_steps // CHECKS)
         self.commands = np.zeros((self.n_steps + 1, len(scene.commands)))
         system.filtered.update({output: np.zeros(self.n_steps + 1) for output in actions.filtering.passed})
         reach = find_reach(system.assembly, samples.T, actions.time_step) if scene.commands else None
         self.watch = Monitor(system, reach)
+
+    @cached_property
+    def _renewal(self) -> JacobianRenewal:
+        return JacobianRenewal(self._system.mbs.sys["dynamicSolver"])
 
     def _sample(self) -> bool:
         """Take the samples of filters and loops and record them; whether the controllers have worked."""
@@ -215,6 +223,8 @@ class _WholeRun:
             self._look(n)
         if actions.samples_any and not self._sample():
             return False
+        if self._renews:
+            self._renewal.begin_step()
         actions.act(samples[n], samples[n + 1])
         begun = n + 1
         if begun % self._chunk == 0:

@@ -7,6 +7,7 @@ import exudyn as exu
 import numpy as np
 
 from nassim.base.checks import Array
+from nassim.simulation.exudyn.jacobian_renewal import JacobianRenewal
 from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.solver import Silent, describe_end, fixed_steps
 from nassim.simulation.exudyn.state import System, find_accelerations
@@ -44,6 +45,7 @@ class SteppedRun:
         self.watch = Monitor(system)
         find_accelerations(system, self._settings)
         self._jacobians, self._solver = self._start_solver(), self._start_solver()
+        self._renewal = JacobianRenewal(self._solver)
         self._jacobian: Array | None = None
         self._restored: Array | None = None
         weak = WeakMethod(self._set_jacobian)  # Python cannot collect a cycle through Exudyn
@@ -90,6 +92,7 @@ class SteppedRun:
         try:
             with Silent():
                 if not self.system.is_linear:
+                    self._renewal.begin_step()
                     self._keep_start()
                 solver.InitializeStep(mbs, settings)
                 if not solver.DiscontinuousIteration(mbs, settings):
@@ -111,12 +114,12 @@ class SteppedRun:
         """A copy of all that changes from step to step, with the Jacobian, which may be that of an earlier step."""
         data, solver = self.system.mbs.systemData, self._solver
         exudyn = (data.GetSystemState(), np.array(data.GetODE2Coordinates_tt()), np.array(solver.GetAAlgorithmic()))
-        own = self.system.angles, self._actions.state, solver.it.currentTime, self.count, self._inputs, self.row
-        return (*exudyn, self._jacobian, *own)
+        rules = self._renewal.state, self.system.angles, self._actions.state
+        return (*exudyn, self._jacobian, *rules, solver.it.currentTime, self.count, self._inputs, self.row)
 
     def restore(self, state: Any) -> None:
         """Go back to a state."""
-        (system_state, accelerations, algorithmic, jacobian, angles, actions, time, *own) = state
+        (system_state, accelerations, algorithmic, jacobian, renewal, angles, actions, time, *own) = state
         self.count, self._inputs, self.row = own
         data, solver, settings = self.system.mbs.systemData, self._solver, self._settings
         self._jacobian = self._restored = jacobian
@@ -131,6 +134,7 @@ class SteppedRun:
         solver.InitializeSolverInitialConditions(self.system.mbs, settings)
         solver.it.currentTime, solver.it.currentStepSize = time, self._time_step
         data.SetODE2Coordinates_tt(accelerations, exu.ConfigurationType.Current)
+        self._renewal.restore(renewal)
         self.system.restore_angles(angles)
         self._actions.restore(actions)
 

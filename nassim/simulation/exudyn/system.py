@@ -226,11 +226,15 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None,
 
 
 def _stress_stiffness(assembly: Assembly) -> dict[str, Array]:
-    """Return the stiffness of the stress in each body that deforms, on its deformation, by name, (n, n)."""
-    result, inside = {}, assembly.loads.inside if assembly.loads else {}
+    """Return the stiffness of the stress in each body that deforms and of the loads on bodies that it carries.
+
+    It acts on the body's deformation, by name, (n, n).
+    """
+    result, parts = {}, (assembly.loads.inside, assembly.loads.carried) if assembly.loads else ()
     for body in assembly.scene.deformable_bodies:
         flexible = assembly.coordinates.frames[body.name].flexible
-        own = inside.get(body.name, np.zeros((len(body.mass_matrix),) * 2))[np.ix_(flexible, flexible)]
+        start = np.zeros((len(body.mass_matrix),) * 2)
+        own = sum((part[body.name] for part in parts if body.name in part), start)[np.ix_(flexible, flexible)]
         result[body.name] = 0.5 * (own + own.T)
     return result
 

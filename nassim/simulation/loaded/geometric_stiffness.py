@@ -6,7 +6,7 @@ at r from the frame's origin p moves to p + R(theta) (r + d) and rotates by R(th
 frame. A force f in a measure with the Jacobian J has the stiffness d(J^T f)/dq.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,6 +81,25 @@ class GeometricStiffness:
             rows.append(coordinates.jacobian(joint.measure)[joint.rows(enforced[joint.name])])
         rows.append(undeformed_rows(coordinates))
         return cls(assembly, frames(coordinates), np.vstack(rows))
+
+    def resisted(self, coordinates: Array, borne: Array) -> Iterator[tuple[Measure, Array]]:
+        """Yield the measures of springs and joints with the forces that resist them, (k,).
+
+        Args:
+            coordinates: coordinates under the loads, (n_all,).
+            borne: forces that constraints bear, (n_all,).
+        """
+        for tangent in self.assembly.tangents:
+            yield (
+                tangent.law.measure,
+                tangent.law.resistance(tangent.rows @ coordinates, np.zeros(len(tangent.rows))),
+            )
+        multipliers = _shares_of(self.held, borne) if len(self.held) else np.zeros(0)
+        for joint in _joints(self.assembly):
+            held = joint.rows(self.assembly.constraints.enforced[joint.name])
+            force = np.zeros(len(joint.measure.components))
+            force[held], multipliers = multipliers[: len(held)], multipliers[len(held) :]
+            yield joint.measure, force
 
     def of_joints(self, forces: Array) -> Array:
         """Compute the stiffness of constraint forces, (n_all,), as the joints' axes and arms rotate, (n_all, n_all)."""

@@ -24,6 +24,7 @@ from nassim.scene.bodies import FlexibleBody, RigidBody
 from nassim.scene.measures import BodyCoordinates
 from nassim.scene.terms import BaseAcceleration, Driven, PrescribedMotion
 from nassim.simulation.loaded.body_stress import estimated_stress, stress_of_bodies
+from nassim.simulation.loaded.carried_bodies import stiffness_of_carried
 from nassim.simulation.loaded.equilibrium import StaticBalance, balance, check_small, spinning_rest
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness, is_preloaded
 from nassim.simulation.loaded.rotor_frame import FrameView, RotorPartition, other_frame_terms, rotating_damping
@@ -111,10 +112,12 @@ def loaded_state(
     parts = [weights.stiffness, spun.stiffness]
     parts += [geometric.of_springs(whole.displacement), geometric.of_joints(whole.borne)]
     inside: dict[str, Array] = {}
+    carried: dict[str, Array] = {}
     if stress:
         body_forces = {name: weights.body_forces[name] + spun.body_forces[name] for name in weights.body_forces}
         inside = stress_of_bodies(assembly, whole.displacement, body_forces, weights.voltages)
         inside |= estimated_stress(assembly, hung.displacement)
+        carried = stiffness_of_carried(assembly, geometric, whole.displacement, whole.borne, body_forces)
         parts.append(np.zeros_like(weights.stiffness))
         for name, own in inside.items():
             place = assembly.coordinates.slices[name]
@@ -136,7 +139,14 @@ def loaded_state(
         warnings.warn(f"{instability}; the linear model is about it all the same", stacklevel=outside())
     gyroscopic = modes.T @ spun.gyroscopic
     return LoadedState(
-        gyroscopic @ modes, added, force, equilibrium, gyroscopic @ followed, modes.T @ stiffness @ followed, inside
+        gyroscopic @ modes,
+        added,
+        force,
+        equilibrium,
+        gyroscopic @ followed,
+        modes.T @ stiffness @ followed,
+        inside,
+        carried,
     )
 
 

@@ -25,6 +25,8 @@ class LoadedState:
         drive_damping: gyroscopic forces per unit rate of d drives with prescribed motion, (n, d).
         drive_stiffness: stiffness forces per unit of these drives' motion, (n, d).
         inside: part of the stiffness by the stress inside bodies, on the coordinates of each, by name, (n_own, n_own).
+        carried: stiffness of the loads on rigid bodies that floating bodies carry, on the deformation of these bodies,
+            by name, (n_own, n_own); small motion has it in its joints.
     """
 
     gyroscopic: Array
@@ -34,6 +36,7 @@ class LoadedState:
     drive_damping: Array
     drive_stiffness: Array
     inside: Mapping[str, Array] = field(default_factory=dict)
+    carried: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         n = len(self.equilibrium)
@@ -44,6 +47,7 @@ class LoadedState:
             force=finite_array("forces of the loads", self.force, (n,)),
             equilibrium=finite_array("equilibrium", self.equilibrium, (n,)),
             inside=frozen_mapping(self.inside),
+            carried=frozen_mapping(self.carried),
         )
 
     @classmethod

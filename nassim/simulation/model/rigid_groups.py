@@ -14,7 +14,8 @@ from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_transfer, skew
 from nassim.bodies.inertia import estimate_gram, transform_gram
 from nassim.scene.bodies import Body, FlexibleBody, RigidBody
-from nassim.scene.measures import RelativePose
+from nassim.scene.measures import RelativePose, body_of
+from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint
 from nassim.simulation.model.assembly import Assembly
 
@@ -45,43 +46,62 @@ class RigidGroups:
 def find_rigid_groups(assembly: Assembly) -> RigidGroups:
     """Find the rigid groups of a scene: bodies without deformation that joints hold together in all six directions.
 
-    A group that a joint so holds to a floating body is part of that. Of several such joints, one at the point of a
-    floating frame carries the group, as that point moves without deformation.
+    A moving group that a joint so holds to a floating body is part of that, where this is as right as the floating
+    frame itself: at the point of the frame, which moves without deformation; and at another point, which rotates by
+    small deformation, where the group reaches no farther than the size of the floating body.
     """
     scene = assembly.scene
     moves = {body.name: body.moves for body in scene.bodies}
-    floating = {body.name: scene.frame_point(body) for body in scene.deformable_bodies if body.fidelity == "ffrf"}
     leaders, joints, mounts = {body.name: body.name for body in scene.bodies if body.is_rigid}, [], []
     for joint in scene.terms_of(Constraint):
-        names = [path.partition(".")[0] for path in joint.points[:2]]
-        a, b = map(leaders.get, names)
         # Directions that other joints hold already, and those that a drive moves, are not enforced by this joint.
         pose = isinstance(joint.measure, RelativePose)
         enforced = assembly.constraints.enforced[joint.name]
         if not (pose and len(joint.held) == len(enforced) == len(joint.measure.components)):
             continue
+        paths = joint.points[:2]
+        a, b = (leaders.get(body_of(path)) for path in paths)
         if a is not None and b is not None:
             first, second = sorted((a, b), key=lambda name: moves[name])
             leaders = {name: first if leader == second else leader for name, leader in leaders.items()}
             joints.append(joint.name)
-        for name, path, other in ((names[0], joint.points[1], names[1]), (names[1], joint.points[0], names[0])):
-            if name in leaders and other in floating:
-                mounts.append((name, path, joint.name))
+        elif a is not None or b is not None:
+            rigid, host = paths if b is None else paths[::-1]
+            mounts.append(_Mount(joint.name, body_of(rigid), host))
     hosts: dict[str, str] = {}
-    for name, path, joint_name in sorted(mounts, key=lambda mount: f"{floating[_body(mount[1])]}" != _point(mount[1])):
-        leader = leaders[name]
-        if moves[leader] and leader not in hosts:
-            hosts[leader] = path
-            joints.append(joint_name)
+    for at_frame in (True, False):
+        for mount in mounts:
+            leader, (host, point) = leaders[mount.rigid], scene.split(mount.host)
+            if leader in hosts or not moves[leader] or not isinstance(host, FlexibleBody) or host.fidelity != "ffrf":
+                continue
+            names = [name for name, other in leaders.items() if other == leader]
+            if (point == scene.frame_point(host)) == at_frame and (at_frame or _is_near(scene, names, host, point)):
+                hosts[leader] = mount.host
+                joints.append(mount.joint)
     return RigidGroups(leaders, frozenset(joints), hosts)
 
 
-def _body(path: str) -> str:
-    return path.partition(".")[0]
+@dataclass(frozen=True)
+class _Mount:
+    """A rigid joint between a body without deformation and another one: its name, the first body, a point of that."""
+
+    joint: str
+    rigid: str
+    host: str
 
 
-def _point(path: str) -> str:
-    return path.partition(".")[2]
+def _is_near(scene: Scene, names: Sequence[str], host: FlexibleBody, point: str) -> bool:
+    """Whether bodies reach no farther from a point of a flexible body than the size of that."""
+    size, start = float(np.linalg.norm(np.ptp(host.reduced.positions, axis=0))), host.point_position(point)
+    for body in (scene.split(f"{name}.")[0] for name in names):
+        mass, centre, inertia = body.rigid_inertia
+        places = np.array([centre, *map(body.point_position, body.point_names)])
+        if (
+            max(float(np.linalg.norm(places - start, axis=1).max()), float(np.sqrt(np.trace(inertia) / (2 * mass))))
+            > size
+        ):
+            return False
+    return True
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,59 @@
+"""Renewal of the Jacobian of Newton's iterations, where it pays.
+
+Exudyn goes on with a Jacobian until an iteration leaves more than half of the residual. As a machine turns, more and
+more iterations are needed long before that.
+"""
+
+from typing import Any
+
+COST = 25
+"""Iterations that cost as much as a Jacobian, as in hexapods; with a few rigid bodies it is less, but little to gain."""
+FEW = 3
+"""Iterations of a step that are no reason for a new Jacobian."""
+STEPS = 8
+"""Steps between two decisions, each of which costs some microseconds."""
+
+
+class JacobianRenewal:
+    """Rule that renews the Jacobian when a step costs more than the mean of all steps with it, its own cost included."""
+
+    def __init__(self, solver: Any) -> None:
+        """Begin before the first step of a solver."""
+        self._solver = solver
+        self._counts = solver.it.newtonStepsCount, solver.it.newtonJacobiCount
+        self._steps = self._iterations = self._before = 0
+
+    def begin_step(self) -> None:
+        """Ask for a new Jacobian where it pays."""
+        if self._steps and self._steps % STEPS == 0:
+            self._decide()
+        self._steps += 1
+
+    def _decide(self) -> None:
+        iterations, jacobians = self._new()
+        self._iterations += iterations
+        latest = (self._iterations - self._before) / STEPS
+        pays = latest > FEW and latest * self._steps > COST + self._iterations
+        if pays and not jacobians:
+            self._solver.conv.jacobianUpdateRequested = True
+        if pays or jacobians:
+            self._steps = self._iterations = 0
+        self._before = self._iterations
+        counts = self._solver.it
+        self._counts = counts.newtonStepsCount, counts.newtonJacobiCount + (pays and not jacobians)
+
+    def _new(self) -> tuple[int, int]:
+        """Return numbers of iterations and of Jacobians since the last decision."""
+        counts = self._solver.it
+        return counts.newtonStepsCount - self._counts[0], counts.newtonJacobiCount - self._counts[1]
+
+    @property
+    def state(self) -> Any:
+        """A copy of all that changes from step to step."""
+        return self._steps, self._iterations, self._before, self._new()
+
+    def restore(self, state: Any) -> None:
+        """Go back to a state, from which the solver goes on with one Jacobian that is not new."""
+        self._steps, self._iterations, self._before, (iterations, jacobians) = state
+        counts = self._solver.it
+        self._counts = counts.newtonStepsCount - iterations, counts.newtonJacobiCount + 1 - jacobians
