@@ -7,7 +7,7 @@ more iterations are needed long before that.
 from typing import Any
 
 COST = 25
-"""Iterations that cost as much as a Jacobian, as in hexapods; with a few rigid bodies it is less, but little to gain."""
+"""Iterations that cost as much as a Jacobian of a hexapod; that of a few rigid bodies costs less."""
 FEW = 3
 """Iterations of a step that are no reason for a new Jacobian."""
 STEPS = 8
@@ -15,7 +15,7 @@ STEPS = 8
 
 
 class JacobianRenewal:
-    """Rule that renews the Jacobian when a step costs more than the mean of all steps with it, its own cost included."""
+    """Rule that renews the Jacobian when a step costs more than the mean step with it, its own cost included."""
 
     def __init__(self, solver: Any) -> None:
         """Begin before the first step of a solver."""

@@ -34,7 +34,8 @@ def stiffness_of_carried(
     Returns:
         The stiffness on each carrying body's coordinates relative to its frame, by name, (n, n).
     """
-    scene, groups, result = assembly.scene, find_rigid_groups(assembly), {}
+    scene, groups = assembly.scene, find_rigid_groups(assembly.constraints)
+    result: dict[str, Array] = {}
     found = list(geometric.resisted(displacement, borne)) if groups.hosts else []
     for leader, path in groups.hosts.items():
         host, point = scene.split(path)

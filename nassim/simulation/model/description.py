@@ -10,7 +10,10 @@ from nassim.base.progress import wrap_text
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.scene import Scene
 from nassim.scene.terms import AppliedForce, ForceLaw, Output, Shunt
+from nassim.simulation.model.constraints import Constraints
+from nassim.simulation.model.coordinates import Coordinates
 from nassim.simulation.model.damping import damps, held_alone
+from nassim.simulation.model.rigid_groups import RigidGroups, find_rigid_groups
 from nassim.simulation.model.trimming import trim_scene
 
 
@@ -25,8 +28,9 @@ def describe(scene: Scene) -> str:
     Returns:
         The text.
     """
-    fewer = {body.name: body for body in trim_scene(scene).flexible_bodies}
-    entries = [(_placed_in(body.name), _body(scene, body, fewer)) for body in scene.bodies]
+    trimmed = trim_scene(scene)
+    fewer, groups = {body.name: body for body in trimmed.flexible_bodies}, _groups(trimmed)
+    entries = [(_placed_in(body.name), _body(scene, body, fewer, groups)) for body in scene.bodies]
     entries += [(_placed_in(part.name), [*filter(None, [part.describe()])]) for part in scene.parts if not part.claims]
     alike = _alike(scene, entries)
     described = {name for others in alike.values() for name in others}
@@ -67,14 +71,29 @@ def _alike(scene: Scene, entries: list[tuple[str, list[str]]]) -> dict[str, list
     return {first: others for first, *others in found.values() if others}
 
 
-def _body(scene: Scene, body: Body, fewer: Mapping[str, FlexibleBody]) -> list[str]:
+def _groups(scene: Scene) -> RigidGroups:
+    """Return the rigid groups of a scene; in small motion joints leave fewer coordinates without them."""
+    if scene.in_small_motion:
+        return RigidGroups({}, frozenset(), {})
+    return find_rigid_groups(Constraints.of(Coordinates.of(scene)))
+
+
+def _body(scene: Scene, body: Body, fewer: Mapping[str, FlexibleBody], groups: RigidGroups) -> list[str]:
     if isinstance(body, FlexibleBody) and body.deforms:
         first, *more = _flexible(scene, body, fewer[body.name])
         return [f"{body.name}: {first}", *(f"  {line}" for line in (*more, *_ports(scene, body)))]
     if not body.moves:
         return [f"{body.name}: fixed"]
     reason = "; the others left out by its fidelity" if isinstance(body, FlexibleBody) else ""
-    return [f"{body.name}: rigid, 6 coordinates{reason}"]
+    leader = groups.leaders.get(body.name, body.name)
+    if leader in groups.hosts:
+        host, _, point = groups.hosts[leader].partition(".")
+        return [f"{body.name}: rigid, part of {host}, whose {point} carries it: no coordinates of its own{reason}"]
+    if not scene.split(f"{leader}.")[0].moves:
+        return [f"{body.name}: rigid, held rigidly to {leader}, which is fixed{reason}"]
+    count = len(groups.groups.get(leader, ()))
+    shared = f" shared by {count} bodies that rigid joints make one" if count > 1 else ""
+    return [f"{body.name}: rigid, 6 coordinates{shared}{reason}"]
 
 
 def _flexible(scene: Scene, body: FlexibleBody, fewer: FlexibleBody) -> list[str]:

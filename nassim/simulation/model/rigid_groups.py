@@ -17,7 +17,7 @@ from nassim.scene.bodies import Body, FlexibleBody, RigidBody
 from nassim.scene.measures import RelativePose, body_of
 from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint
-from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.constraints import Constraints
 
 
 @dataclass(frozen=True)
@@ -43,20 +43,20 @@ class RigidGroups:
         return found
 
 
-def find_rigid_groups(assembly: Assembly) -> RigidGroups:
+def find_rigid_groups(constraints: Constraints) -> RigidGroups:
     """Find the rigid groups of a scene: bodies without deformation that joints hold together in all six directions.
 
     A moving group that a joint so holds to a floating body is part of that, where this is as right as the floating
     frame itself: at the point of the frame, which moves without deformation; and at another point, which rotates by
     small deformation, where the group reaches no farther than the size of the floating body.
     """
-    scene = assembly.scene
+    scene = constraints.coordinates.scene
     moves = {body.name: body.moves for body in scene.bodies}
     leaders, joints, mounts = {body.name: body.name for body in scene.bodies if body.is_rigid}, [], []
     for joint in scene.terms_of(Constraint):
         # Directions that other joints hold already, and those that a drive moves, are not enforced by this joint.
         pose = isinstance(joint.measure, RelativePose)
-        enforced = assembly.constraints.enforced[joint.name]
+        enforced = constraints.enforced[joint.name]
         if not (pose and len(joint.held) == len(enforced) == len(joint.measure.components)):
             continue
         paths = joint.points[:2]
@@ -66,12 +66,13 @@ def find_rigid_groups(assembly: Assembly) -> RigidGroups:
             leaders = {name: first if leader == second else leader for name, leader in leaders.items()}
             joints.append(joint.name)
         elif a is not None or b is not None:
-            rigid, host = paths if b is None else paths[::-1]
-            mounts.append(_Mount(joint.name, body_of(rigid), host))
+            rigid, other = paths if b is None else paths[::-1]
+            mounts.append(_Mount(joint.name, body_of(rigid), other))
     hosts: dict[str, str] = {}
     for at_frame in (True, False):
         for mount in mounts:
-            leader, (host, point) = leaders[mount.rigid], scene.split(mount.host)
+            leader = leaders[mount.rigid]
+            host, point = scene.split(mount.host)
             if leader in hosts or not moves[leader] or not isinstance(host, FlexibleBody) or host.fidelity != "ffrf":
                 continue
             names = [name for name, other in leaders.items() if other == leader]
@@ -96,10 +97,8 @@ def _is_near(scene: Scene, names: Sequence[str], host: FlexibleBody, point: str)
     for body in (scene.split(f"{name}.")[0] for name in names):
         mass, centre, inertia = body.rigid_inertia
         places = np.array([centre, *map(body.point_position, body.point_names)])
-        if (
-            max(float(np.linalg.norm(places - start, axis=1).max()), float(np.sqrt(np.trace(inertia) / (2 * mass))))
-            > size
-        ):
+        farthest, gyration = np.linalg.norm(places - start, axis=1).max(), np.sqrt(np.trace(inertia) / (2 * mass))
+        if max(farthest, gyration) > size:
             return False
     return True
 
@@ -172,6 +171,22 @@ class CarriedBody(Body):
     def rigid_inertia(self) -> tuple[float, Array, Array]:
         """Mass [kg], centre of mass (3,) [m] and inertia about it (3, 3) [kg m2] at the start, world frame."""
         return self.body.rigid_inertia
+
+
+def carried_bodies(scene: Scene, groups: RigidGroups, bodies: Mapping[str, RigidBody]) -> dict[str, CarriedBody]:
+    """Return the bodies that floating bodies carry, by name.
+
+    Args:
+        scene: the scene.
+        groups: its rigid groups.
+        bodies: all bodies without deformation, along the world's axes, by name.
+    """
+    result = {}
+    for leader, path in groups.hosts.items():
+        host, point = scene.split(path)
+        assert isinstance(host, FlexibleBody)
+        result.update({name: CarriedBody(bodies[name], host, point) for name in groups.groups[leader]})
+    return result
 
 
 def with_carried(host: FlexibleBody, carried: Sequence[CarriedBody]) -> FlexibleBody:
