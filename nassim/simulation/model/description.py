@@ -75,7 +75,8 @@ def _groups(scene: Scene) -> RigidGroups:
     """Return the rigid groups of a scene; in small motion joints leave fewer coordinates without them."""
     if scene.in_small_motion:
         return RigidGroups({}, frozenset(), {})
-    return find_rigid_groups(Constraints.of(Coordinates.of(scene)))
+    with np.errstate(divide="ignore", invalid="ignore"):  # a body without mass is described too
+        return find_rigid_groups(Constraints.of(Coordinates.of(scene)))
 
 
 def _body(scene: Scene, body: Body, fewer: Mapping[str, FlexibleBody], groups: RigidGroups) -> list[str]:
