@@ -8,6 +8,8 @@ from typing import Any
 
 COST = 25
 """Iterations that cost as much as a Jacobian of a hexapod; that of a few rigid bodies costs less."""
+RENEWED = 1e-6
+"""Share of the residual that an iteration may leave in a step that renews the Jacobian."""
 FEW = 3
 """Iterations of a step that are no reason for a new Jacobian."""
 STEPS = 8
@@ -18,13 +20,15 @@ class JacobianRenewal:
     """Rule that renews the Jacobian when a step costs more than the mean step with it, its own cost included."""
 
     def __init__(self, solver: Any) -> None:
-        """Begin before the first step of a solver."""
+        """Begin before the first step of a solver, whose settings of Newton's iterations change from step to step."""
         self._solver = solver
+        self._usual = solver.newton.modifiedNewtonContractivity
         self._counts = solver.it.newtonStepsCount, solver.it.newtonJacobiCount
         self._steps = self._iterations = self._before = 0
 
     def begin_step(self) -> None:
         """Ask for a new Jacobian where it pays."""
+        self._solver.newton.modifiedNewtonContractivity = self._usual
         if self._steps and self._steps % STEPS == 0:
             self._decide()
         self._steps += 1
@@ -35,7 +39,8 @@ class JacobianRenewal:
         latest = (self._iterations - self._before) / STEPS
         pays = latest > FEW and latest * self._steps > COST + self._iterations
         if pays and not jacobians:
-            self._solver.conv.jacobianUpdateRequested = True
+            # After the first iteration. Before it, a single one could pass, and leave its error in the constraints.
+            self._solver.newton.modifiedNewtonContractivity = RENEWED
         if pays or jacobians:
             self._steps = self._iterations = 0
         self._before = self._iterations
