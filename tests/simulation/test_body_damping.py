@@ -148,13 +148,6 @@ def moved(scene, target):
     drawn, reference = exu.ConfigurationType.Initial, exu.ConfigurationType.Reference
     there, here = (np.array(s.mbs.systemData.GetODE2Coordinates(reference)) for s in (other, system))
     start = there - here
-    # The hand's axes are drawn along the world's in both, so it turns by the difference.
-    at = system.mbs.GetNodeODE2Index(system.nodes["hand"]) + 3
-    lower, before = target.bodies[2].rotation, scene.bodies[2].rotation
-    bend = lower @ before.T
-    cosine = np.sqrt(1 + np.trace(bend)) / 2
-    axis = np.array([bend[2, 1] - bend[1, 2], bend[0, 2] - bend[2, 0], bend[1, 0] - bend[0, 1]]) / (4 * cosine)
-    start[at : at + 4] = [cosine - 1, *axis]
     system.mbs.systemData.SetODE2Coordinates(start, drawn)
     return system
 

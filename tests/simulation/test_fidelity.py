@@ -269,7 +269,7 @@ def test_summary_says_what_is_modelled_and_left_out(apa):
     assert "apa: linear, 15 coordinates: bottom, top x 6 + 3 modes" in text
     assert "points that no joint holds (sensor_end, junction, actuator_end)" in text
     assert "base: fixed" in text
-    assert "apa: rigid, 6 coordinates" in describe(make_bench(apa=apa, fidelity="rigid"))
+    assert "apa: rigid, held rigidly to base, which is fixed" in describe(make_bench(apa=apa, fidelity="rigid"))
     assert "nothing uses" not in describe(make_bench(apa=apa))
     idle = replace(make_bench(apa=apa), actuators=(), sensors=())
     assert "nothing uses sensor_end, junction, actuator_end" in describe(idle)
@@ -373,8 +373,9 @@ def exudyns_own_frf(scene, frequency):
     readings[0, place : place + count] = system.readings["sensor_voltage"][0].value(np.eye(count))
     if scene.in_small_motion:
         readings[1, place : place + count] = system.readings["encoder"][0].value(np.eye(count))
-    else:
-        readings[1, mbs.GetNodeODE2Index(system.nodes["payload"]) + 2] = 1.0
+    else:  # it is part of the actuator, whose frame is clamped
+        rows = system.carried["payload"].motion("bottom") @ system.flexible["apa"].coordinates
+        readings[1, place : place + count] = rows[2]
     mass, stiffness, damping = (basis.T @ matrix @ basis for matrix in (mass, *found))
     s = 2j * np.pi * frequency[:, None, None]
     answers = np.linalg.solve(

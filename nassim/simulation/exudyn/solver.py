@@ -193,7 +193,7 @@ class _WholeRun:
         scene, self.n_steps = system.assembly.scene, len(samples) - 1
         self._system, self._samples, self._actions = system, samples, actions
         self._advance, self._look, self._interrupts = advance, look, interrupts
-        self._renews = not (system.is_linear or actions.explicit)
+        self._renews = system.renews_jacobian and not actions.explicit
         self._chunk = max(STEPS_OF_A_CHECK, self.n_steps // CHECKS)
         self.commands = np.zeros((self.n_steps + 1, len(scene.commands)))
         system.filtered.update({output: np.zeros(self.n_steps + 1) for output in actions.filtering.passed})
@@ -232,9 +232,17 @@ class _WholeRun:
             self.watch.look(n)
         return not self._interrupts and not self.watch.lost and begun < self.n_steps
 
+    def _look_before_failure(self) -> None:
+        """Look at the last state that Newton's iterations have found, which may tell why the next step fails."""
+        data, now = self._system.mbs.systemData, exu.ConfigurationType
+        data.SetSystemState(data.GetSystemState(now.StartOfStep), now.Current)
+        self.watch.look(max(self._actions.begun - 1, 0))
+
     def end(self, failure: Exception | None, spectral_radius: float) -> None:
         """Take the last sample; raises Stopped where the run has not come to its end."""
         watch, bad, interrupted = self.watch, self._actions.bad, bool(self._interrupts)
+        if failure and not (watch.lost or bad):
+            self._look_before_failure()
         if not (interrupted or failure or watch.lost or bad):
             watch.look(self.n_steps)
             self._sample()

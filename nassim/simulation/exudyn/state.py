@@ -162,6 +162,11 @@ class System:
     evaluators: Sequence[Any] = ()
     carried: Mapping[str, CarriedBody] = field(default_factory=dict)
 
+    @property
+    def renews_jacobian(self) -> bool:
+        """Whether Newton's iterations cost so much that a `JacobianRenewal` pays: those of floating bodies do."""
+        return bool(self.flexible) and not self.is_linear
+
     def apply(self, inputs: Mapping[str, float]) -> None:
         """Set the inputs, as if they had always been constant."""
         self.act(np.array([inputs[drive.input] for drive in self.drives]))

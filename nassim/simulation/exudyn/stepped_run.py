@@ -91,8 +91,9 @@ class SteppedRun:
         self._actions.act(self._inputs, inputs)
         try:
             with Silent():
-                if not self.system.is_linear:
+                if self.system.renews_jacobian:
                     self._renewal.begin_step()
+                if not self.system.is_linear:
                     self._keep_start()
                 solver.InitializeStep(mbs, settings)
                 if not solver.DiscontinuousIteration(mbs, settings):

@@ -19,6 +19,9 @@ from nassim.scene.scene import Scene
 from nassim.scene.terms import Constraint
 from nassim.simulation.model.constraints import Constraints
 
+HEAVIEST = 1e3
+"""Mass of a carried body over that of its host above which its rounding would hide the host's inertia."""
+
 
 @dataclass(frozen=True)
 class RigidGroups:
@@ -48,7 +51,8 @@ def find_rigid_groups(constraints: Constraints) -> RigidGroups:
 
     A moving group that a joint so holds to a floating body is part of that, where this is as right as the floating
     frame itself: at the point of the frame, which moves without deformation; and at another point, which rotates by
-    small deformation, where the group reaches no farther than the size of the floating body.
+    small deformation, where the group reaches no farther than the size of the floating body. Far heavier groups stay
+    bodies of their own.
     """
     scene = constraints.coordinates.scene
     moves = {body.name: body.moves for body in scene.bodies}
@@ -75,8 +79,10 @@ def find_rigid_groups(constraints: Constraints) -> RigidGroups:
             host, point = scene.split(mount.host)
             if leader in hosts or not moves[leader] or not isinstance(host, FlexibleBody) or host.fidelity != "ffrf":
                 continue
-            names = [name for name, other in leaders.items() if other == leader]
-            if (point == scene.frame_point(host)) == at_frame and (at_frame or _is_near(scene, names, host, point)):
+            bodies = [scene.split(f"{name}.")[0] for name, other in leaders.items() if other == leader]
+            if sum(body.rigid_inertia[0] for body in bodies) > HEAVIEST * host.reduced.mass:
+                continue
+            if (point == scene.frame_point(host)) == at_frame and (at_frame or _is_near(bodies, host, point)):
                 hosts[leader] = mount.host
                 joints.append(mount.joint)
     return RigidGroups(leaders, frozenset(joints), hosts)
@@ -91,10 +97,10 @@ class _Mount:
     host: str
 
 
-def _is_near(scene: Scene, names: Sequence[str], host: FlexibleBody, point: str) -> bool:
+def _is_near(bodies: Sequence[Body], host: FlexibleBody, point: str) -> bool:
     """Whether bodies reach no farther from a point of a flexible body than the size of that."""
     size, start = float(np.linalg.norm(np.ptp(host.reduced.positions, axis=0))), host.point_position(point)
-    for body in (scene.split(f"{name}.")[0] for name in names):
+    for body in bodies:
         mass, centre, inertia = body.rigid_inertia
         places = np.array([centre, *map(body.point_position, body.point_names)])
         farthest, gyration = np.linalg.norm(places - start, axis=1).max(), np.sqrt(np.trace(inertia) / (2 * mass))
