@@ -166,7 +166,8 @@ def _realise(items: Items, term: Term, assembly: Assembly) -> list[InputChannel]
 
 def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None, added_mass: Array) -> Items:
     """Add the bodies with their weight, the mass added on their deformation, (m, m), and the damping between them."""
-    scene, groups = assembly.scene, find_rigid_groups(assembly.constraints)
+    scene, known = assembly.scene, assembly.loads.carried if assembly.loads else {}
+    groups = find_rigid_groups(assembly.constraints, bending=scene.at_rest or bool(known))
     twists = initial_twists(scene, rates)
     damping, mass = _by_bodies(assembly, assembly.modal.damping.on_deformation()), _by_bodies(assembly, added_mass)
     nodes: dict[str, int] = {}

@@ -76,7 +76,8 @@ def _groups(scene: Scene) -> RigidGroups:
     if scene.in_small_motion:
         return RigidGroups({}, frozenset(), {})
     with np.errstate(divide="ignore", invalid="ignore"):  # a body without mass is described too
-        return find_rigid_groups(Constraints.of(Coordinates.of(scene)))
+        constraints = Constraints.of(Coordinates.of(scene))
+    return find_rigid_groups(constraints, bending=scene.at_rest or bool(scene.speeds))
 
 
 def _body(scene: Scene, body: Body, fewer: Mapping[str, FlexibleBody], groups: RigidGroups) -> list[str]:

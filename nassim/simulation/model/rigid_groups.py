@@ -46,13 +46,20 @@ class RigidGroups:
         return found
 
 
-def find_rigid_groups(constraints: Constraints) -> RigidGroups:
+def find_rigid_groups(constraints: Constraints, *, bending: bool = True) -> RigidGroups:
     """Find the rigid groups of a scene: bodies without deformation that joints hold together in all six directions.
 
     A moving group that a joint so holds to a floating body is part of that, where this is as right as the floating
     frame itself: at the point of the frame, which moves without deformation; and at another point, which rotates by
     small deformation, where the group reaches no farther than the size of the floating body. Far heavier groups stay
     bodies of their own.
+
+    Args:
+        constraints: constraints of the scene.
+        bending: whether points that rotate by deformation carry groups, which a spin needs the stiffness of loads for.
+
+    Returns:
+        The groups.
     """
     scene = constraints.coordinates.scene
     moves = {body.name: body.moves for body in scene.bodies}
@@ -73,7 +80,7 @@ def find_rigid_groups(constraints: Constraints) -> RigidGroups:
             rigid, other = paths if b is None else paths[::-1]
             mounts.append(_Mount(joint.name, body_of(rigid), other))
     hosts: dict[str, str] = {}
-    for at_frame in (True, False):
+    for at_frame in (True, False) if bending else (True,):
         for mount in mounts:
             leader = leaders[mount.rigid]
             host, point = scene.split(mount.host)

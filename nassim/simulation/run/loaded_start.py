@@ -94,7 +94,8 @@ def _loads(scene: Scene, assembly: Assembly) -> tuple[LoadedState, bool]:
                 state = None
         if state is not None:
             return state, True
-    return loaded_state(assembly, gravity=scene.gravity, checked=False), False
+    state = loaded_state(assembly, gravity=scene.gravity, checked=False)
+    return (replace(state, carried={}) if scene.speeds else state), False
 
 
 def _check_held(assembly: Assembly) -> None:
