@@ -415,6 +415,7 @@ def test_views_go_on_without_pictures(script, tmp_path, monkeypatch, capsys):
             ["ffrf_limit_us_per_step", "exact_speed_over_peer", "exact_speed_over_ffrf", "trimmed_frf_error"],
             [],
         ),
+        ("benchmark_spinning.py", ["--steps", "20", "--turns", "1"], ["reference", "routes"], []),
         (
             "benchmark_signals.py",
             ["--samples", "20000", "--states", "40", "--turns", "1"],
