@@ -407,13 +407,15 @@ def _add_floating(
             referencePositions=positions,
         )
     )
-    carrier = mbs.AddObject(eii.ObjectRigidBody(nodeNumber=node, mass=0.0, inertia=[0.0] * 6))
+    riding = [place for place in places if _rides_on_frame(place, frame, guests)]
+    # Markers on a body without mass follow the frame; those on mesh nodes would cost more.
+    carrier = mbs.AddObject(eii.ObjectRigidBody(nodeNumber=node, mass=0.0, inertia=[0.0] * 6)) if riding else -1
     node_marker = _marker_factory(mbs, body.rotation, np.zeros(3), eii.MarkerNodeRigid, nodeNumber=node)
     marker_factories: dict[Place, MarkerFactory] = {(f"{body.name}.{frame.point}", NO_OFFSET): node_marker}
     virtual_nodes = {}
     for i, place in enumerate(places):
         three = list(range(3 * i, 3 * i + 3))
-        if _rides_on_frame(place, frame, guests):
+        if place in riding:
             arm = body.rotation.T @ (scene.point_position(place[0]) + place[1] - origin)
             marker_factories[place] = _marker_factory(mbs, body.rotation, arm, eii.MarkerBodyRigid, bodyNumber=carrier)
         else:
