@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, instances, known, unique
+from nassim.base.html_repr import html_repr
 from nassim.base.short_repr import short_repr
 from nassim.bodies.interface import RemotePoint, coordinate_names, free_coordinates, point_masses
 from nassim.bodies.piezo import PortCoupling
@@ -66,6 +67,7 @@ class ReducedBody:
     released_stiffness: Array | None = field(default=None, repr=False)
     full_integrals: bool = True
     __repr__ = short_repr
+    _repr_html_ = html_repr
 
     def __post_init__(self) -> None:
         points = instances(f"body {self.name!r}: remote_points", self.remote_points, (RemotePoint,))

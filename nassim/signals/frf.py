@@ -10,6 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from nassim.base.checks import Array, finite, finite_array, freeze, known, positive, unique
+from nassim.base.html_repr import html_repr
 from nassim.base.short_repr import short_repr
 from nassim.signals.time_history import TimeHistory
 
@@ -48,6 +49,7 @@ class FRF:
     coherence: Array | None = field(default=None)
     label: str = field(default="")
     __repr__ = short_repr
+    _repr_html_ = html_repr
 
     def __post_init__(self) -> None:
         frequency = finite_array("frequency", self.frequency, (None,))

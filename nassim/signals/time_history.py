@@ -7,6 +7,7 @@ import numpy as np
 import scipy
 
 from nassim.base.checks import Array, finite_array, freeze, known, positive, unique
+from nassim.base.html_repr import html_repr
 from nassim.base.short_repr import short_repr
 
 LONG_RECORD = 1_000_000
@@ -32,6 +33,7 @@ class TimeHistory:
     names: tuple[str, ...]
     units: tuple[str, ...] = field(default=())
     __repr__ = short_repr
+    _repr_html_ = html_repr
 
     def __post_init__(self) -> None:
         time = finite_array("time", self.time, (None,))
