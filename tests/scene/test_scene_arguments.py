@@ -659,4 +659,12 @@ def test_limits_lie_where_they_should():
 
 def test_every_optional_argument_is_tried():
     here = "scene/test_scene_arguments.py::test_a_drive_follows_an_input_or_runs_at_a_speed"
-    assert_all_tried(nassim.scene, ARGUMENTS, {"Drive: input": here, "Drive: speed": here})
+    assert_all_tried(
+        nassim.scene,
+        ARGUMENTS,
+        {
+            "Drive: direction": "simulation/test_drives.py::test_weight_that_is_there_before_a_slide_starts",
+            "Drive: input": here,
+            "Drive: speed": here,
+        },
+    )
