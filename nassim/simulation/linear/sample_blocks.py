@@ -56,10 +56,15 @@ class SampleBlock:
         result += self.state @ state
         return result
 
-    def sample(self, k: int, state: Array, inputs: Array) -> Array:
-        """Find outputs and commands of sample k, (rows,); inputs after it do not count."""
+    def sample(self, k: int, begin: Array) -> Array:
+        """Find outputs and commands of sample k, (rows,).
+
+        Args:
+            k: number of the sample in the block.
+            begin: state before the block and all its inputs, (n + size inputs,); inputs after sample k do not count.
+        """
         together = self.size // len(self.rows)
-        rows = each(self.rows[k // together], np.concatenate([state, inputs.ravel()])[None])
+        rows = np.matmul(self.rows[k // together], begin[:, None])
         result: Array = rows.reshape(together, -1)[k % together]
         return result
 
@@ -213,17 +218,23 @@ class BlockSteps:
             inputs: those given at the first sample, (inputs,); beyond them comes gravity's one, see `take_samples`.
         """
         self.closed, self._blocks = blocks.closed, blocks
-        self.count = 0
+        self.count, self._n_given = 0, len(inputs)
         self._begin(np.concatenate([start, np.zeros(self.closed.n - len(start))]))
         self._sample(inputs)
 
     def _begin(self, state: Array) -> None:
         """Begin a block in a state."""
-        size = self._blocks.size(self.count)
+        size, n_in = self._blocks.size(self.count), self.closed.through.shape[1]
         self._first, self._state, self._system = self.count, state, self._blocks.system(size)
-        self._inputs = np.zeros((size, self.closed.through.shape[1]))
+        self._hold(np.concatenate([state, np.zeros(size * n_in)]))
+        self._inputs[:, self._n_given :] = 1.0
         self._now: Array | None = None if self._system else state  # where samples are not those of a linear block
         self._next = state
+
+    def _hold(self, values: Array) -> None:
+        """Keep the state before the present block and its inputs, (n + size inputs,)."""
+        self._values = values
+        self._inputs = values[self.closed.n :].reshape(-1, self.closed.through.shape[1])
 
     def step(self, inputs: Array) -> None:
         """Go on by a step to these inputs, (inputs,)."""
@@ -245,15 +256,26 @@ class BlockSteps:
 
     def _sample(self, inputs: Array) -> None:
         k, closed = self.count - self._first, self.closed
-        self._inputs[k, : len(inputs)], self._inputs[k, len(inputs) :] = inputs, 1.0
+        self._inputs[k, : len(inputs)] = inputs
         if self._system and self._now is None:
-            self.row = self._system.sample(k, self._state, self._inputs)
+            self.row = self._system.sample(k, self._values)
             if not closed.limited or closed.within_limits(self.row):
                 return
         begin = 0 if self._now is None else k
         state = self._state if self._now is None else self._now
         states, rows = closed.by_samples(state, self._inputs[begin : k + 1], self._first + begin)
         self._now, self._next, self.row = states[-2], states[-1], rows[-1]
+
+    def last_state(self) -> tuple[int, Array]:
+        """Return the last sample whose state is known without more steps, in a linear block its first, and the state.
+
+        The state has the shape (n,).
+        """
+        return (self._first, self._state) if self._now is None else (self.count, self._now)
+
+    def given(self, sample: int) -> Array:
+        """Return the inputs given at a sample of the present block, (inputs,)."""
+        return self._inputs[sample - self._first, : self._n_given]
 
     def present_state(self) -> Array:
         """State now, (n,), found again from where the block began."""
@@ -265,13 +287,13 @@ class BlockSteps:
     @property
     def saved(self) -> Any:
         """A copy of all that changes from step to step."""
-        block = self._first, self._state, self._system, self._inputs.copy(), self._now, self._next
+        block = self._first, self._state, self._system, self._values.copy(), self._now, self._next
         return self.count, self.row, block, self.closed.laws
 
     def restore(self, saved: Any) -> None:
         """Go back to a state."""
         self.count, self.row, block, laws = saved
-        self._first, self._state, self._system, inputs, self._now, self._next = block
-        self._inputs = inputs.copy()
+        self._first, self._state, self._system, values, self._now, self._next = block
+        self._hold(values.copy())
         if laws:
             self.closed = self.closed.with_laws(laws)
