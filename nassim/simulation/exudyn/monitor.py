@@ -88,7 +88,7 @@ class Monitor:
 
     @property
     def largest(self) -> dict[str, Array]:
-        """Largest `motion_size` of each body, (2,), by name."""
+        """Largest size of motion of each body, see `motion_sizes`, (2,), by name."""
         return dict(zip(self.names, self.sizes, strict=True))
 
     @property

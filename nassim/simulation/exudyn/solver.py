@@ -13,13 +13,11 @@ import numpy as np
 
 from nassim.base.checks import Array
 from nassim.base.progress import Advance, stage
-from nassim.scene.bodies import FlexibleBody
 from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.springs import rounding
 from nassim.simulation.exudyn.state import System, find_accelerations
 from nassim.simulation.exudyn.steady_state import solve_loaded_equilibrium, squares_at_rest
 from nassim.simulation.exudyn.step_actions import StepActions
-from nassim.simulation.model.buckling import axial_rows
 from nassim.simulation.model.reach import find_reach, scene_size
 from nassim.simulation.model.runaway import runaway
 from nassim.simulation.model.stopped_runs import Stopped
@@ -294,12 +292,6 @@ def _recorded(system: System, n_samples: int) -> Array:
     rows = [system.recorded(name) for name in names]
     rows = [np.broadcast_to(row[:n_samples] if len(row) > 1 else row, (n_samples,)) for row in rows]
     return np.reshape(rows, (len(names), n_samples))
-
-
-def axial_tension(system: System, body: FlexibleBody) -> Array:
-    """Present `axial_forces` of a body that deforms, (lines,) [N]."""
-    result: Array = axial_rows(body.reduced) @ system.deformation(body.name)
-    return result
 
 
 class Silent:

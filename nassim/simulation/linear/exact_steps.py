@@ -245,7 +245,7 @@ def _all_coordinates(modal: ModalModel, signals: Signals, n_states: int, n_input
 def _reader(
     scene: Scene, closed: ClosedSteps, risen: Array, all_coordinates: tuple[Array, Array]
 ) -> Callable[[Array, Array], Array]:
-    """Return a function of states, (k, n), and of the inputs at their k samples, (k, inputs): coordinates, (k, n_all)."""
+    """Return a function of k states, (k, n), and inputs there, (k, inputs), that gives all coordinates, (k, n_all)."""
     (by_scene, by_inputs), n = all_coordinates, len(risen)
     driven = [scene.inputs.index(name) for loop in scene.loops for name in loop.driven]
     by_states = np.zeros((len(by_scene), closed.n))

@@ -24,7 +24,7 @@ from nassim.simulation.model.initial_velocities import (
     is_axisymmetric,
     steady_rotation_twists,
 )
-from nassim.simulation.model.motion_size import motion_size
+from nassim.simulation.model.motion_size import motion_sizes
 from nassim.simulation.model.period_correction import Steps
 from nassim.simulation.run.checks import check_drives, check_exact, check_loops, check_options, check_stability
 from nassim.simulation.run.loaded_start import assemble_large_motion, assemble_small_motion
@@ -202,8 +202,8 @@ def warn_after_exact_steps(assembly: Assembly, coordinates: Array) -> None:
         assembly: the assembled scene.
         coordinates: all coordinates at some times, (n_all, n_times).
     """
-    every, slices = assembly.coordinates, assembly.coordinates.slices
-    warn_of_motion(assembly, {name: motion_size(every, name, coordinates[place]) for name, place in slices.items()})
+    slices = assembly.coordinates.slices
+    warn_of_motion(assembly, motion_sizes(assembly.coordinates, coordinates))
     bodies = assembly.scene.deformable_bodies
     forces = {b.name: axial_forces(b.reduced, coordinates[slices[b.name]]).min(axis=1) for b in bodies}
     warn_of_buckling(assembly, forces)

@@ -10,9 +10,9 @@ from nassim.base.progress import stage
 from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
 from nassim.signals.time_history import TimeHistory, occupied_bandwidth
+from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.motion_recorder import MotionRecorder
 from nassim.simulation.exudyn.solver import (
-    axial_tension,
     eigenfrequencies,
     loaded_eigenfrequencies,
     solve_dynamic,
@@ -22,7 +22,6 @@ from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.linear.exact_steps import exact_response
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.buckling import warn_of_buckling
-from nassim.simulation.model.motion_size import motion_size
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
 from nassim.simulation.model.recorded_motion import recorded_motion, recorded_steps, traced
 from nassim.simulation.model.stopped_runs import Stopped
@@ -303,11 +302,10 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
     system.apply(values)
     if not settle(system, {}):
         solve_static(system)
-    assembly, every = system.assembly, system.assembly.coordinates
-    warn_of_motion(
-        assembly, {name: motion_size(every, name, system.deformation(name)[:, None]) for name in system.flexible}
-    )
-    warn_of_buckling(assembly, {body.name: axial_tension(system, body) for body in assembly.scene.deformable_bodies})
+    seen = Monitor(system)
+    seen.look(0)
+    warn_of_motion(system.assembly, seen.largest)
+    warn_of_buckling(system.assembly, seen.slackest)
     return {name: system.at_rest(name) for name in scene.outputs}
 
 

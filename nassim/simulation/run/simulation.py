@@ -202,8 +202,8 @@ class Simulation:
 
         A run that is restored from it goes on as this one does, to the last bit. Reading it changes nothing.
         """
-        engine = self._running()
-        return SimulationState(self._count, self._inputs, engine.state, tuple(self._samples), self._scene, self._options)
+        state, samples = self._running().state, tuple(self._samples)
+        return SimulationState(self._count, self._inputs, state, samples, self._scene, self._options)
 
     def restore(self, state: SimulationState) -> None:
         """Go back to a state of this run, or of another one of the same scene with the same options.
