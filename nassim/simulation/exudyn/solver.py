@@ -232,7 +232,7 @@ class _WholeRun:
             self._advance(self.n_steps % self._chunk)
             return
         n, scene = self._actions.begun, self._system.assembly.scene
-        outputs = _recorded(self._system, n)
+        outputs = self._system.recorded(n)
         if watch.lost and scene.loops and not bad and not interrupted:
             told = runaway(scene, watch.lost[0][1], outputs.T, self._actions.time_step)
         cause = bad.__cause__ if bad else None if interrupted or watch.lost else failure
@@ -284,14 +284,6 @@ def diverged(body: str, time: float, spectral_radius: float) -> str:
         f"excitation far too large, or a spectral_radius of {spectral_radius:g} on a spinning body without "
         "damping: take a smaller one or a smaller time_step"
     )
-
-
-def _recorded(system: System, n_samples: int) -> Array:
-    """Outputs of the samples that a run has, (outputs, n_samples)."""
-    names = system.assembly.scene.outputs
-    rows = [system.recorded(name) for name in names]
-    rows = [np.broadcast_to(row[:n_samples] if len(row) > 1 else row, (n_samples,)) for row in rows]
-    return np.reshape(rows, (len(names), n_samples))
 
 
 class Silent:

@@ -244,9 +244,8 @@ def _integrate(
         look=frames if len(kept) else None,
     )
     warn_after_steps(system, watch, told, options)
-    readings = [np.broadcast_to(system.recorded(name), (n_steps + 1,)) for name in scene.outputs]
     motion = frames.motion(kept * options.time_step) if len(kept) else None
-    return np.vstack([np.reshape(readings, (len(scene.outputs), n_steps + 1)), commands]), motion
+    return np.vstack([system.recorded(n_steps + 1), commands]), motion
 
 
 def _starting_rates(
