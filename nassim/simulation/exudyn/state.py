@@ -307,12 +307,10 @@ class System:
         return float(np.linalg.norm(rate))
 
     def distance(self, name: str) -> float:
-        """Return the displacement [m] of a body's frame, or of its first point in small motion."""
-        if name in self.nodes:
-            return float(np.linalg.norm(self._pose(name, reference=False)[1] - self._pose(name, reference=True)[1]))
-        if name not in self.flexible:  # rigid joints hold it to a fixed body
+        """Return the displacement [m] of a body's frame; 0 for a body that rigid joints hold to a fixed one."""
+        if name not in self.nodes:
             return 0.0
-        return float(np.linalg.norm(self.deformation(name)[:3]))
+        return float(np.linalg.norm(self._pose(name, reference=False)[1] - self._pose(name, reference=True)[1]))
 
     def shifting(self, pairs: Sequence[tuple[str, str]]) -> Callable[[], Array]:
         """Make a function that returns the motion of each pair's first body relative to the other's frame.
