@@ -77,7 +77,7 @@ class Coordinates:
         parts = [np.pad(rows, ((0, 1), (0, 0))) for both in self.size_rows.values() for rows in both]
         stacks = [np.vstack(parts[k : k + 2]) for k in range(0, len(parts), 2)]
         starts = np.cumsum([0, *map(len, parts)])[:-1]
-        return scipy.sparse.block_diag(stacks, format="csr"), starts
+        return scipy.sparse.csr_array(scipy.linalg.block_diag(*stacks)), starts
 
     def _size_rows(self, body: Body) -> tuple[Array, Array]:
         if isinstance(body, RigidBody):
