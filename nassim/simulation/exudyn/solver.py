@@ -95,7 +95,7 @@ def solve_static(system: System) -> None:
     settings.linearSolver.ignoreSingularJacobian = True
     if _solved(system, settings):
         return
-    # Exudyn's joints do not tell Newton's rule what the forces in them do when they turn: a weight's own stiffness.
+    # The Jacobians of Exudyn's joints have no geometric stiffness, which the equilibrium under a weight needs.
     try:
         solve_loaded_equilibrium(system, scene_size(system.assembly.scene))
     except RuntimeError:
@@ -136,7 +136,7 @@ def solve_dynamic(
         explicit: whether to step by the explicit rule.
         look: called at every time step with its number 0 ... n_steps, when the system is in its state.
 
-    Returns what some 200 checks of the run found, and what the scene's loops put out, shape (commands, n_steps + 1).
+    Returns the monitor with the results of some 200 checks, and the commands of the loops, (commands, n_steps + 1).
 
     Raises:
         Stopped: with time, body and likely cause, when the integration fails or diverges or a controller in Python
@@ -161,7 +161,7 @@ class _WholeRun:
 
     Attributes:
         watch: the checks of the run.
-        commands: what the loops put out, (n_steps + 1, commands).
+        commands: commands of the loops, (n_steps + 1, commands).
     """
 
     def __init__(
@@ -287,7 +287,7 @@ def diverged(body: str, time: float, spectral_radius: float) -> str:
 
 
 class Silent:
-    """Context in which Exudyn prints nothing: nassim tells itself what fails. Faster than a generator's context."""
+    """Context in which Exudyn prints nothing, because nassim reports failures; faster than a generator's context."""
 
     def __enter__(self) -> None:
         self._loud, exu.config.printToConsole = exu.config.printToConsole, False

@@ -389,7 +389,7 @@ def dot(a: Array, b: Array) -> Array:
 
 
 def _counted(term: Summand, values: Array) -> Array:
-    """A summand's samples, (n_samples,), with whole turns counted on from each to the next."""
+    """Return a summand's samples, (n_samples,), unwrapped by whole turns from each sample to the next."""
     if not term.period:
         return values
     turns = np.append(0.0, np.cumsum(np.round((values[:-1] - values[1:]) / term.period)))

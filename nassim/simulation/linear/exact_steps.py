@@ -1,9 +1,9 @@
 """Exact discrete-time solution of scenes in small motion, without any step-size error.
 
-With the inputs held or running straight between samples, the state goes from sample to sample by its matrix
-exponential. Blocks of samples go by one product of matrices each, with loops too as long as their controllers stay
-within limits, where they are linear. A block goes sample by sample from where it meets a limit, and so does all where a
-converter has a resolution or a controller is in Python.
+With the inputs held or running straight between samples, the matrix exponential gives the state of the next sample.
+Blocks of samples are computed by one product of matrices each. Loops are part of the blocks as long as their
+controllers stay within limits, where they are linear. A block in which a value meets a limit continues sample by sample
+from there. Scenes whose converters have a resolution or whose controllers are in Python are computed sample by sample.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -32,7 +32,7 @@ Pieces = Iterator[tuple[int, Array, Array]]
 """Pieces of a run, as `pieces` yields them."""
 
 
-@np.errstate(over="ignore", invalid="ignore")  # where a loop runs away, which is told in words
+@np.errstate(over="ignore", invalid="ignore")  # where a loop runs away, which raises an error of its own
 def exact_response(
     assembly: Assembly,
     inputs: Array,

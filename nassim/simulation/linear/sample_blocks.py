@@ -1,8 +1,8 @@
-"""Blocks of samples: a scene with its loops over several samples as one linear system, and what that cannot do.
+"""Blocks of samples: a scene with its loops over several samples as one linear system, and steps beyond its limits.
 
-A block's outputs are one product of a matrix with the state when it begins and all its inputs. Each sample has rows of
-its own in that matrix, of which no entry belongs to a later input. So a sample has the same value to the last bit
-whether its block is known as a whole or only up to it, and a run in blocks is the same as its steps one by one.
+A block's outputs are the product of a matrix with the state at its start and all its inputs. Each sample has rows of
+its own in that matrix, whose entries for later inputs are zero. So a sample has the same value to the last bit whether
+later inputs of its block are known or not, and a run in blocks equals its steps one by one.
 """
 
 import math
@@ -18,19 +18,19 @@ from nassim.simulation.linear.sampled_closed_loop import ClosedSteps, each
 from nassim.systems.state_space import StateSpace, repeat_step
 
 BLOCK = 64
-"""Most samples in a block, but for loops that are due together more rarely, up to 4 times as many."""
+"""Largest number of samples in a block; up to 4 times as many for loops with a longer common period."""
 GROWTH = 64
-"""Least number of samples before a block, over its length: runs of any length have many blocks."""
+"""Least ratio of the samples before a block to its length, so runs of any length have many blocks."""
 TOGETHER = 64
-"""Most blocks that are computed together, but for shorter linear blocks, of which as many as have `SAMPLES` samples."""
+"""Largest number of blocks that are computed together. Short linear blocks may be more, with `SAMPLES` samples."""
 SAMPLES = 4096
-"""Samples of short blocks that are computed together."""
+"""Number of samples of short blocks that are computed together."""
 ROWS = 24
-"""Most rows of a product that gives the outputs of several samples."""
+"""Largest number of rows of a product that gives the outputs of several samples."""
 CALLS = 16_000
-"""Products of two numbers that take as long as the calls which a block costs."""
+"""Number of multiplications that take as long as the function calls per block."""
 SPARSE_STATES, SPARSE = 200, 0.1
-"""States from which on, and share of entries below which a matrix is held as sparse, as that of uncoupled modes."""
+"""A matrix with this number of states or more and a smaller share of nonzero entries is stored as sparse."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ class SampleBlocks:
         self.first = closed.period if closed.period <= 4 * BLOCK else 1
         # The longer a block, the more inputs act on each of its samples, and the fewer calls and products of states.
         self.longest = min(longest, int(np.sqrt((CALLS + closed.n**2) / (outputs * n_in + 1))))
-        if closed.by_law:  # every state is then seen without asking a controller twice
+        if closed.by_law:  # so no controller is called twice for one sample
             self.first = self.longest = 1
         self._systems: dict[int, StateSpace] = {}
         self._blocks: dict[int, SampleBlock | None] = {}

@@ -132,15 +132,15 @@ def start_system(
         options: of the run.
         rates: at the start, of inputs that prescribe motions.
         steady: the same, 0 where they do not go on.
-        highest: frequency up to which a line tells what the steps do to modes [Hz].
+        highest: frequency up to which a message describes the effect of the steps on modes [Hz].
 
-    Returns the system, and the bodies that a warning has told to spin fast.
+    Returns the system, and the bodies whose fast spin a warning has named.
     """
     twists = initial_twists(scene, rates)
     steps, stressed = options.steps, frozenset[str]()
     if scene.in_small_motion:
         assembly = assemble_small_motion(scene, released=options.released)
-        state_space(assembly)  # refuses outputs that need a derivative of what a drive follows
+        state_space(assembly)  # refuses outputs that need a derivative of a prescribed motion
     else:
         assembly, stressed = assemble_large_motion(scene)
     speeds = {name: float(np.linalg.norm(twist[3:])) for name, twist in twists.items()}
@@ -179,7 +179,7 @@ def settle(system: System, rates: Mapping[str, float]) -> bool:
 
 
 def warn_after_steps(system: System, watch: Monitor, told: Sequence[str], options: Options) -> None:
-    """Warn of what the checks of a run of Exudyn have found.
+    """Give the warnings of the checks of an Exudyn run.
 
     Args:
         system: Exudyn's system after the run.

@@ -69,7 +69,7 @@ def simulate(
             runs straight; in the inputs' units, in others that convert to them ("mV", "kN"), or without.
         time_step: of the integrator [s].
         duration: a whole number of steps [s] (default: those within the excitation).
-        outputs: names (default: all of the scene, then what its loops put out).
+        outputs: names (default: all outputs of the scene, then the commands of its loops).
         method: "generalized_alpha", Exudyn's implicit integrator, for every scene; "exact", the exact discrete-time
             solution for small motion, a hundred times as fast, of scenes in which no body is "ffrf" and nothing spins:
             by it, rigid bodies alone are in small motion too; "explicit", the Runge-Kutta rule of order 4, for scenes

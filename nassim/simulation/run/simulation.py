@@ -32,7 +32,7 @@ from nassim.simulation.run.preparation import (
 
 STEPPED_METHODS = ("generalized_alpha", "exact")
 LOOK = 50
-"""Steps from one look at the run to the next."""
+"""Number of steps between checks of the run."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +127,7 @@ class Simulation:
     def __exit__(
         self, kind: type[BaseException] | None, _error: BaseException | None, _traceback: TracebackType | None
     ) -> None:
-        """End the run; warn, as `simulate` does, of motion beyond what the model holds for."""
+        """End the run; warn, as `simulate` does, of motion beyond the range of the model."""
         engine, self._engine = self._engine, None
         failed, self._closed = self._closed, self._closed or "its block has ended"
         if engine and kind is None and not failed:
@@ -232,7 +232,7 @@ class Simulation:
         return self._engine
 
     def _look(self, engine: "_Engine", n: int, *, last: bool = False) -> None:
-        """Look at the run after n steps without a look; raises Stopped where it has gone wrong."""
+        """Check the run after n steps without a check; raise Stopped where it diverges or runs away."""
         scene, options = self._scene, self._options
         body, happened = engine.look(np.array([inputs for inputs, _ in self._samples[-n:]]), last=last)
         if happened and scene.loops:
@@ -255,7 +255,7 @@ class Simulation:
             place = self._places.get(name)
             if place is None:
                 known("input", name, self._scene.inputs)
-            elif isinstance(value, float) and math.isfinite(value):  # a step is short beside a full check
+            elif isinstance(value, float) and math.isfinite(value):  # a full check would take much of a step
                 result[place] = value
             else:
                 result[place] = finite(f"input {name!r}", value)
@@ -306,7 +306,7 @@ class _Engine(ABC):
 
     @abstractmethod
     def warn(self) -> None:
-        """Warn of what the checks have found."""
+        """Give the warnings of all checks."""
 
 
 class _ExudynEngine(_Engine):
