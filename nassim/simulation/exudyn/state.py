@@ -418,8 +418,7 @@ class Charge:
     """A port's charge as a coordinate w = v / scale, of a circuit that acts on coordinates q.
 
     The rows are symmetric: c v + R c^2 v' = forces @ q. The scale makes them as large as those of the body's forces,
-    else
-    the tolerance of Newton's iterations ignores them.
+    else the tolerance of Newton's iterations ignores them.
 
     Attributes:
         push: forces on q per unit of w, (n,).
