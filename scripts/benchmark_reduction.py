@@ -1,10 +1,10 @@
-"""Reduce the APA300ML side by side with Exudyn's own reductions, and alone at the paper's size.
+"""Compare the reduction of the APA300ML with Exudyn's own reductions, and time it alone at the paper's size.
 
-Every route runs in a process of its own from the same mesh of order 2 to its mode basis or reduced body, with rbe2 and
-6 modes. Exudyn reduces by FEMinterface.ComputeHurtyCraigBamptonModes (SciPy) and by its NGSolve variant. Errors are
-those of the first ten clamped eigenfrequencies against the full model of the same matrices, the difference is the
-largest between two routes' errors. The limit is what nassim's route spends in the sparse solver alone. At the paper's
-size the reduction stands beside assembly and bare factorisation of the stiffness matrix.
+Every route runs in its own process, from the same mesh of order 2 to its mode basis or reduced body, with RBE2 coupling
+and 6 modes. Exudyn reduces by FEMinterface.ComputeHurtyCraigBamptonModes (SciPy) and by its NGSolve variant. Errors are
+those of the first ten clamped eigenfrequencies relative to the full model of the same matrices. The difference is the
+largest difference between the errors of two routes. The limit is the time that nassim's route spends in the sparse
+solver. At the paper's size, the table also has the times of assembly and factorisation of the stiffness matrix.
 """
 
 import json
@@ -21,9 +21,9 @@ SIZES = {"2.5k": (10.0, 0.1), "7.5k": (5.0, 0.5), "22k": (2.2, 0.5)}  # element 
 ROUTES = {"nassim": "nassim", "exudyn": "Exudyn (SciPy)", "exudyn_ngsolve": "Exudyn (NGSolve)"}
 
 arguments = parser(__doc__, "benchmark_reduction")
-arguments.add_argument("--sizes", nargs="*", default=list(SIZES), choices=list(SIZES), help="(default: all)")
+arguments.add_argument("--sizes", nargs="*", default=list(SIZES), choices=list(SIZES), help="mesh sizes (default: all)")
 arguments.add_argument(
-    "--paper-size", type=not_negative, default=0.92, help="element size of the last part [mm]; 0: skip"
+    "--paper-size", type=not_negative, default=0.92, help="element size at the paper's size [mm]; 0: skip that part"
 )
 arguments.add_argument("--child", nargs=3, metavar=("ROUTE", "SIZE", "CURVATURE"), help="for the script's own use")
 COSTS = {"time [s]": "time_s:.2f", "memory [GB]": "memory_B*1e-9:.2f"}

@@ -1,4 +1,4 @@
-"""What work costs: its time, and the memory of a process of its own."""
+"""Costs of work: time, and memory in a process of its own."""
 
 import json
 import shlex
@@ -15,28 +15,31 @@ Result = TypeVar("Result")
 
 
 def timed(work: Callable[..., Result], *given: Any, **options: Any) -> tuple[Result, float]:
-    """What a function gives for its arguments, and how long it takes [s]."""
+    """Call a function; return its result and its wall time [s]."""
     start = time.perf_counter()
     result = work(*given, **options)
     return result, time.perf_counter() - start
 
 
 def cpu_time(work: Callable[..., Result], *given: Any, **options: Any) -> tuple[Result, float]:
-    """What a function gives for its arguments, and the processors' time for it [s]."""
+    """Call a function; return its result and its CPU time [s]."""
     start = time.process_time()
     result = work(*given, **options)
     return result, time.process_time() - start
 
 
 def cost_since(start: float) -> dict[str, float]:
-    """Time since a reading of `time.perf_counter` and the process's largest memory."""
+    """Return the time since a value of `time.perf_counter`, and the largest memory of the process."""
     return {"time_s": time.perf_counter() - start, "memory_B": peak_memory()}
 
 
 def run_in_own_process(script: str, *arguments: object) -> dict[str, Any]:
-    """Run a script with --child and arguments; returns the JSON object in the last line that it prints.
+    """Run a script with --child and arguments; return the JSON object in its last line of output.
 
-    It writes no results. Raises RuntimeError with the last line of what it said when it fails.
+    The script writes no results.
+
+    Raises:
+        RuntimeError: with the last line of the error output when the script fails
     """
     words = [str(argument) for argument in arguments]
     command = [sys.executable, script, "--child", *words, "--output", tempfile.gettempdir()]

@@ -1,4 +1,4 @@
-"""Routes from the APA300ML's mesh to its reduction, with what each costs."""
+"""Routes from the APA300ML's mesh to its reduction, and their costs."""
 
 import time
 from dataclasses import dataclass
@@ -20,13 +20,13 @@ from nassim.fem.solver import factorize
 
 N_MODES = 6
 N_SOLVES = 78
-"""What the reduction to five rbe2 points and six modes takes: 24 static modes, 34 for seven modes by Lanczos, 19 for
-the truncation error, one trial."""
+"""Solves of the reduction to five RBE2 points and six modes: 24 static modes, 34 for seven modes by Lanczos, 19 for the
+truncation error, one trial."""
 
 
 @dataclass(frozen=True)
 class ExudynReduction:
-    """Exudyn's FE interface with its mode basis, its bilinear forms of mass and stiffness, the interfaces' nodes."""
+    """Exudyn's FE interface with its mode basis, bilinear forms of mass and stiffness, and interface nodes."""
 
     fem: Any
     forms: tuple[Any, Any]
@@ -34,7 +34,7 @@ class ExudynReduction:
 
 
 def reduce_by_exudyn(mesh: ng.Mesh, solid: Solid, *, n_modes: int, by_ngsolve: bool) -> ExudynReduction:
-    """From the mesh to Exudyn's Hurty-Craig-Bampton basis, by its NGSolve variant or by SciPy."""
+    """Reduce a mesh to Exudyn's Hurty-Craig-Bampton basis, by its NGSolve variant or by SciPy."""
     materials = {
         name: {"youngsModulus": m.young_modulus, "poissonsRatio": m.poisson_ratio, "density": m.density}
         for name, m in solid.materials.items()
@@ -54,7 +54,7 @@ def reduce_by_exudyn(mesh: ng.Mesh, solid: Solid, *, n_modes: int, by_ngsolve: b
 
 
 def full_model(reduction: ExudynReduction, solid: Solid) -> FEModel:
-    """Exudyn's own matrices in the form of which nassim knows the full eigenfrequencies."""
+    """Convert Exudyn's matrices to a model with the full eigenfrequencies."""
     positions = reduction.fem.GetNodePositionsAsArray()
     n = len(positions)
     fields = np.vstack([np.ones(n), positions.T])
@@ -67,7 +67,7 @@ def full_model(reduction: ExudynReduction, solid: Solid) -> FEModel:
 
 
 def clamped_eigenfrequencies(reduction: ExudynReduction, model: FEModel) -> np.ndarray:
-    """Eigenfrequencies of Exudyn's basis [Hz]: it leaves out the first interface's motions, as if that were clamped."""
+    """Return eigenfrequencies of Exudyn's basis [Hz], which has no motions of the first interface, so it is clamped."""
     basis = reduction.fem.modeBasis["matrix"]
     # Exudyn counts x y z per node, nassim all nodes per direction.
     basis = basis.reshape(-1, 3, basis.shape[1]).transpose(1, 0, 2).reshape(model.n_dofs, -1)
@@ -80,9 +80,9 @@ def _to_scipy(matrix: Any) -> sp.csr_matrix:
 
 
 def measure(route: str, size: float, curvature: float) -> dict[str, Any]:
-    """Time and memory of a route: "bare", "reduce", or one of those that stand side by side with their errors.
+    """Measure time and memory of a route: "bare", "reduce", "limit", or a route of the comparison, with its error.
 
-    "limit" is one of the latter: what nassim's route spends in the sparse solver alone.
+    "limit" is the time that nassim's route spends in the sparse solver.
     """
     if route in ("bare", "reduce"):
         solid = make_apa300ml()
@@ -93,7 +93,7 @@ def measure(route: str, size: float, curvature: float) -> dict[str, Any]:
 
 
 def whole_reduction(mesh: ng.Mesh, solid: Solid) -> dict[str, Any]:
-    """Everything after meshing."""
+    """Run everything after meshing."""
     start = time.perf_counter()
     body = craig_bampton(assemble_mesh(mesh, solid, 2), n_modes=N_MODES, discretization=False)
     n = len(body.mass_matrix)
@@ -101,7 +101,7 @@ def whole_reduction(mesh: ng.Mesh, solid: Solid) -> dict[str, Any]:
 
 
 def bare_factorisation(mesh: ng.Mesh, solid: Solid) -> dict[str, Any]:
-    """Only assembly and factorisation of the stiffness matrix."""
+    """Run assembly and factorisation of the stiffness matrix only."""
     start = time.perf_counter()
     with threads():
         space = ng.VectorH1(mesh, order=2, dirichlet="bottom_pad")
@@ -118,7 +118,7 @@ def bare_factorisation(mesh: ng.Mesh, solid: Solid) -> dict[str, Any]:
 
 
 def solver_alone(size: float, curvature: float) -> dict[str, Any]:
-    """The factorisation and the solves that nassim's route makes, all columns known at once, and nothing else."""
+    """Run the factorisation and the solves of nassim's route only, with all columns known at once."""
     solid = make_apa300ml(coupling="rbe2", stack_coupling="rbe2")
     mesh = ng.Mesh(generate_mesh(solid, element_size=size, curvature=curvature))
     mesh.Curve(2)
@@ -133,7 +133,7 @@ def solver_alone(size: float, curvature: float) -> dict[str, Any]:
 
 
 def beside_exudyn(route: str, size: float, curvature: float) -> dict[str, Any]:
-    """One route from the mesh to its mode basis or reduced body, and its error."""
+    """Run one route from the mesh to its mode basis or reduced body; return its error."""
     solid = make_apa300ml(coupling="rbe2", stack_coupling="rbe2")
     mesh = ng.Mesh(generate_mesh(solid, element_size=size, curvature=curvature))
     start = time.perf_counter()

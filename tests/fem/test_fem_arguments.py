@@ -598,10 +598,12 @@ def test_rounds_raise_the_order_up_to_four_where_errors_are_spread_and_end_with_
 
 
 def test_other_materials_on_the_same_mesh():
-    """Twice the modulus and a third of the density; what was told of the mesh stays."""
-    told = replace(meshed_bar(), warnings=("thin walls",), description="coarse")
+    """Twice the modulus and a third of the density; what was told of the mesh stays, but for its errors."""
+    told = replace(meshed_bar(), warnings=("thin walls",), description="coarse", rounds=(replace(ROUND, error=0.01),))
     other = replace_materials(told, {"bar": Material("other", 400e9, STEEL.poisson_ratio, 2600.0)})
     assert (other.warnings, other.description) == (("thin walls",), "coarse")
+    assert [replace(made, error=0.01) for made in other.rounds] == list(told.rounds)
+    assert np.isnan(other.discretization_error)
     assert other.mass == pytest.approx(told.mass / 3, rel=1e-12)
     difference = other.stiffness_matrix - 2 * told.stiffness_matrix
     assert abs(difference).max() < 1e-9 * abs(told.stiffness_matrix).max()

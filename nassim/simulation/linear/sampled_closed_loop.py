@@ -223,13 +223,13 @@ class ClosedSteps:
     def within_limits(self, rows: Array) -> Array:
         """Whether samples meet no converter's limit, by outputs and commands, (..., rows); shape (...)."""
         places, bounds = self._limits[0]
-        result: Array = np.all(np.abs(rows[..., places]) <= bounds, axis=-1)  # not >: NaN meets every limit
+        result: Array = np.logical_and.reduce(np.abs(rows[..., places]) <= bounds, axis=-1)  # NaN meets every limit
         return result
 
     def waits_within_limits(self, states: Array) -> Array:
         """Whether the commands that wait meet no limit, by states, (..., n); shape (...)."""
         places, bounds = self._limits[1]
-        result: Array = np.all(np.abs(states[..., places]) <= bounds, axis=-1)
+        result: Array = np.logical_and.reduce(np.abs(states[..., places]) <= bounds, axis=-1)
         return result
 
     @cached_property

@@ -103,20 +103,23 @@ class RunningControllers:
         self.convert_inputs, self.convert_outputs = _converters(inputs), _converters(outputs)
         self.delay_line = deque(np.zeros((controller.delay, n_out)))
 
-    def __call__(self, measured: Array, time: float = 0.0, reference: Array | float = 0.0) -> tuple[Array, Array]:
+    def __call__(self, measured: Array, time: float = 0.0, reference: Array | None = None) -> tuple[Array, Array]:
         """Take a sample.
 
         Args:
             measured: values that the loops measure, (measured,).
             time: time of the sample [s].
-            reference: their set points, (measured,); 0 for none.
+            reference: their set points, (measured,); None for none.
 
         Returns:
             Commands until the next sample, and commands after it, (driven,) each. The latter are known with a delay of
             at least one sample; without a delay they are those until the next sample.
         """
+        read = self.convert_inputs(measured)
+        if reference is not None:
+            read = read - reference
         if self.law is None:
-            self.values[self.n :] = self.convert_inputs(measured) - reference
+            self.values[self.n :] = read
             after = self.matrix.dot(self.values)
             self.values[: self.n] = after[: self.n]
             computed = after[self.n :]
@@ -124,7 +127,7 @@ class RunningControllers:
                 excess = np.clip(computed, -self.limits, self.limits) - computed
                 self.values[: self.n] += self.corrections.dot(excess)
         else:
-            computed = ask(self.loop, self.law, self.convert_inputs(measured) - reference, time)
+            computed = ask(self.loop, self.law, read, time)
         self.delay_line.append(self.convert_outputs(computed))
         acting = self.delay_line.popleft()
         return acting, self.delay_line[0] if self.delay_line else acting
@@ -183,7 +186,7 @@ class RunningLoops:
                 delay == 0,
                 start_controller(*(scene.loops[k] for k in chosen)),
                 np.array([outputs.index(name) for k in chosen for name in scene.loops[k].measured]),
-                np.vstack([reference_matrix(scene, scene.loops[k]) for k in chosen]),
+                _references(scene, [scene.loops[k] for k in chosen]),
                 span([place for k in chosen for place in range(ends[k], ends[k + 1])]),
             )
             for (period, delay, _), chosen in alike.items()
@@ -209,14 +212,17 @@ class RunningLoops:
         """
         held, next_commands, found, end = self.held, self.next_commands, None, self.both[1]
         for period, at_once, control, measured, reference, places in self.groups:
-            correction: Array | float = 0.0
+            jump = None
             if n % period == 0:
                 found = measure() if found is None else found
-                now, next_commands[places] = control(found[measured], n * self.time_step, reference.dot(inputs))
-                correction = (now - held[places]) / 2 if at_once else 0.0
+                wanted = None if reference is None else reference.dot(inputs)
+                now, next_commands[places] = control(found[measured], n * self.time_step, wanted)
+                jump = now - held[places] if at_once else None
                 held[places] = now
+            # 0.5 as a factor: for few numbers a quotient takes NumPy twice as long.
             now = held[places]
-            end[places] = correction + ((now + next_commands[places]) / 2 if (n + 1) % period == 0 else now)
+            ending = 0.5 * (now + next_commands[places]) if (n + 1) % period == 0 else now
+            end[places] = ending if jump is None else ending + 0.5 * jump
         self.both[0] = held
         added = self.both.dot(self.command_matrix)
         return added[0], added[1], held
@@ -245,6 +251,13 @@ def reference_matrix(scene: Scene, loop: Loop) -> Array:
     if loop.reference:
         result[np.arange(len(result)), [scene.inputs.index(name) for name in loop.reference]] = 1.0
     return result
+
+
+def _references(scene: Scene, loops: list[Loop]) -> Array | None:
+    """Return the references of loops per unit of the scene's inputs, (measured, inputs); None where they have none."""
+    if not any(loop.reference for loop in loops):
+        return None
+    return np.vstack([reference_matrix(scene, loop) for loop in loops])
 
 
 def span(places: list[int]) -> Array | slice:
