@@ -118,6 +118,8 @@ def _unit_mass_motions(strain: Strain, mass: Array) -> tuple[Array, int]:
     Those without strain, which are the rigid-body modes, come first.
     """
     n = len(mass)
+    if not n:
+        return np.zeros((0, 0)), 0
     scale = _unit_mass(mass)
     try:
         factor = np.linalg.cholesky(scale[:, None] * mass * scale)

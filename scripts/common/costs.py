@@ -44,8 +44,8 @@ def cpu_cost_since(start: float) -> dict[str, float]:
 def run_in_own_process(script: str, *arguments: object, environment: Mapping[str, str] | None = None) -> dict[str, Any]:
     """Run a script with --child and arguments; returns the JSON object in the last line that it prints.
 
-    Environment variables are set in the new process only.
-    It writes no results. Raises RuntimeError with the last line of what it said when it fails.
+    The variables of `environment` are set in the new process only, which writes no results. Raises RuntimeError with
+    the last line of what it said when it fails.
     """
     words = [str(argument) for argument in arguments]
     command = [sys.executable, script, "--child", *words, "--output", tempfile.gettempdir()]

@@ -2,10 +2,12 @@
 
 from dataclasses import replace
 
+import ngsolve as ng
 import numpy as np
 import psutil
 import pytest
 import scipy.sparse as sp
+from netgen.csg import unit_cube
 
 from nassim.fem import solver as solver_module
 from nassim.fem.solver import SOLVERS, factor_memory, factorize, solver_name, threads
@@ -54,6 +56,17 @@ def test_held_unknowns_stay_at_zero(solver):
     solution = factorize(symmetric_matrix(matrix), held=held).solve(rhs)
     assert np.all(solution[held] == 0.0)
     assert np.allclose(matrix[free][:, free] @ solution[free], rhs[free], atol=1e-10)
+
+
+def test_solves_with_an_assembled_matrix_of_ngsolve(solver):
+    """Its half storage is read in place, or unfolded for solvers that need the whole matrix."""
+    space = ng.H1(ng.Mesh(unit_cube.GenerateMesh(maxh=0.5)), order=2)
+    u, v = space.TnT()
+    form = ng.BilinearForm(space, symmetric=True, symmetric_storage=True)
+    form += (ng.grad(u) * ng.grad(v) + u * v) * ng.dx
+    matrix = symmetric_matrix(form.Assemble().mat)
+    rhs = np.random.default_rng(2).standard_normal(space.ndof)
+    assert np.allclose(matrix.to_scipy() @ factorize(matrix).solve(rhs), rhs, atol=1e-11)
 
 
 def test_every_column_is_counted(solver):
