@@ -135,7 +135,7 @@ def _null_space(rows: Array) -> Array:
     n = rows.shape[1]
     if not rows.size:
         return np.eye(n)
-    (reflectors, factors), triangle, _ = scipy.linalg.qr(rows.T, mode="raw", pivoting=True)
+    (reflectors, factors), triangle, _ = scipy.linalg.qr(rows.T, mode="raw", pivoting=True, check_finite=False)
     rank = int(np.count_nonzero(np.abs(np.diag(triangle)) > UNSTRAINED))
     last = np.eye(n, n - rank, -rank)
     if not last.size:

@@ -2,7 +2,7 @@
 
 `SOLVERS` is the table of all solvers; the first one that is installed is used. NGSolve's sparse Cholesky is always
 available, but it solves one column at a time and reads the whole factor for each. MKL's PARDISO (`pip install mkl`)
-solves blocks of columns in a tenth of that time, and SuiteSparse's CHOLMOD (`pip install cvxopt`) single columns in
+solves blocks of columns in a sixth of that time, and SuiteSparse's CHOLMOD (`pip install cvxopt`) single columns in
 half of it. The environment variables NASSIM_SOLVER and NASSIM_THREADS override the solver and the number of threads.
 """
 
