@@ -32,7 +32,14 @@ from nassim.identification import (
     modal_gains,
     sensitivities,
 )
-from nassim.identification.pole_fit import Solution, correlation, describe_misfit, describe_similar_modes, misfit
+from nassim.identification.pole_fit import (
+    Solution,
+    correlation,
+    describe_misfit,
+    describe_similar_modes,
+    misfit,
+    strongest_pole,
+)
 from nassim.identification.spectra import lines_of_frf
 from nassim.identification.spectral_lines import Lines
 from nassim.scene.piezo import StackActuator, StackSensor
@@ -318,6 +325,19 @@ def test_outputs_of_an_frf_in_any_order_have_their_own_coherence():
     )
     np.testing.assert_allclose(back.noise, there.noise[::-1], rtol=1e-6)
     np.testing.assert_allclose(back.frequency, there.frequency, rtol=1e-9)
+
+
+@pytest.mark.parametrize("seen", [0, 1])
+def test_the_strongest_mode_may_be_seen_at_any_output(seen):
+    """One output shows a mode at 120 Hz, both a weaker one at 90 Hz."""
+    responses = np.tile(0.1 * mode(90.0), (2, 1))
+    responses[seen] += mode(120.0)
+    ones = np.ones_like(responses, dtype=float)
+    lines = Lines(
+        omega=2 * np.pi * F, excitation=ones[0] + 0j, responses=responses, time_step=None, transient=False,
+        hold_order=None, residual_powers=(),
+    )  # fmt: skip
+    assert strongest_pole(lines, responses, ones)[0] == pytest.approx(120.0, rel=0.02)
 
 
 def test_noise_of_a_coherence_is_averaged_over_five_lines():
