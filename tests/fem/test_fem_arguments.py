@@ -528,6 +528,16 @@ def test_an_element_is_extruded_to_a_billionth_of_its_volume(monkeypatch):
         assert body.is_prism() == (share < 1)
 
 
+def test_faces_of_an_extruded_body_lie_along_or_across_the_axis_to_a_millionth(monkeypatch):
+    end = [SimpleNamespace(mass=2.0)]
+    body = CADBody(SimpleNamespace(mass=6.0), 1.0, 4.0, end, end, 1)
+    for share in (0.9, 1.1):
+        for along in (1e-6 * share, 1e-6 * share - 1):
+            normals = np.array([[[0.0, along, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]])
+            monkeypatch.setattr(meshing, "solid_triangles", lambda shape, found=normals: (None, found))
+            assert body.is_prism() == (share < 1)
+
+
 def test_an_element_may_be_longer_than_the_solid_by_a_billionth():
     length = np.ptp(np.array([tuple(corner) for corner in BAR.shape.bounding_box]), axis=0).max()
 

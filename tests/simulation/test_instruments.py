@@ -562,7 +562,8 @@ def test_placed_and_kept_in_files(body, tmp_path):
     assert again.sensors == scene.sensors
 
 
-def test_a_turning_sensor_on_shaking_ground():
+@pytest.mark.parametrize("directions", [[(0.6, 0.0, -0.8)], ["x", (0.0, 0.0, -1.0)]], ids=["one", "two of one input"])
+def test_a_turning_sensor_on_shaking_ground(directions):
     """A body that spins freely on a ground that shakes is at rest but for its turns, so a sensor in its middle is."""
     rate, shake = 40.0, np.array([0.6, 0.0, -0.8])
     top = RigidBody("top", {"c": (0, 0, 0)}, 0.4, 3e-3 * np.eye(3), rotation=SKEWED, angular_velocity=rate * ODD)
@@ -572,7 +573,8 @@ def test_a_turning_sensor_on_shaking_ground():
         Accelerometer("world", "top.c", tuple(ALONG)),
         Vibrometer("velocity", "top.c", tuple(shake)),
     )
-    scene = Scene("top", (top,), actuators=(GroundAcceleration("shake", tuple(shake), "shake"),), sensors=sensors)
+    shakers = tuple(GroundAcceleration(f"shaker {k}", along, "shake") for k, along in enumerate(directions))
+    scene = Scene("top", (top,), actuators=shakers, sensors=sensors)
     found = run(scene, n_steps=4000, offset=0.2, spectral_radius=0.8)
     assert np.abs(found["velocity"]).max() > 0.01
     assert np.abs(found["world"]).max() < 1e-9

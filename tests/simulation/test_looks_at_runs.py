@@ -68,6 +68,26 @@ def test_a_look_sees_all_bodies_as_one_by_one(fidelities):
         np.testing.assert_allclose(seen.slackest[body.name], expected, atol=1e-9 * np.abs(found).max())
 
 
+def test_the_fastest_look_counts():
+    """Angular speeds of Euler parameters, 2 |e'| where e . e' = 0: of each body the fastest, at rest least."""
+    system = build_system(assemble(chain("ffrf", "linear", "ffrf")))
+    seen, data = Monitor(system), system.mbs.systemData
+    places = {name: system.mbs.GetNodeODE2Index(system.nodes[name]) + 3 for name in ("bar0", "bar2")}
+    parameters = data.GetODE2Coordinates(exu.ConfigurationType.Reference) + data.GetODE2Coordinates()
+    assert set(seen.speeds) == set(places)
+    assert set(seen.speeds.values()) == {0.0}
+    random, speeds = np.random.default_rng(4), {"bar0": (5.0, 30.0, 20.0), "bar2": (7.0, 3.0, 4.0)}
+    for sample in range(3):
+        rates = np.zeros(data.ODE2Size())
+        for name, place in places.items():
+            e = parameters[place : place + 4]
+            across = np.linalg.qr(np.column_stack([e, random.standard_normal(4)]))[0][:, 1]
+            rates[place : place + 4] = 0.5 * speeds[name][sample] * across
+        data.SetODE2Coordinates_t(rates, exu.ConfigurationType.Current)
+        seen.look(sample)
+    assert seen.speeds == {name: pytest.approx(max(values)) for name, values in speeds.items()}
+
+
 def heavy(name, cloud, points):
     """A rigid body of point masses (mass, place), with points at places, all in the world."""
     masses, places = np.array([m for m, _ in cloud]), np.array([p for _, p in cloud])
