@@ -70,9 +70,7 @@ def discretize(state: Array, inputs: Array, time_step: float) -> tuple[Array, Ar
     return phi, driven[:, :n_in], driven[:, n_in:]
 
 
-def discretize_generated(
-    state: Array, inputs: Array, generator: Array, time_step: float
-) -> tuple[Array, Array]:
+def discretize_generated(state: Array, inputs: Array, generator: Array, time_step: float) -> tuple[Array, Array]:
     """Compute the exact step x_1 = P x_0 + G z_0 of dx/dt = A x + B z with inputs that obey dz/dt = S z.
 
     Uncoupled parts are treated separately, as by `discretize`.

@@ -15,7 +15,7 @@ import scipy
 from nassim.base.checks import Array
 from nassim.base.progress import Advance, silent
 from nassim.scene.scene import Scene
-from nassim.simulation.linear.linearization import state_space, steady_state
+from nassim.simulation.linear.linearization import released_state, state_space, steady_state
 from nassim.simulation.linear.sample_blocks import BlockSteps, SampleBlocks, pieces, take_samples
 from nassim.simulation.linear.sampled_closed_loop import ClosedSteps, Plant, connect_loops
 from nassim.simulation.model.assembly import Assembly
@@ -182,8 +182,8 @@ def _plant(
     """Discretise a scene without its loops.
 
     Known functions of time, such as the constant one of gravity, are the last states: they obey z' = S z. For
-    hold_order 1, where x_1 = P x_0 + G u_0 + H (u_1 - u_0), the state is x - H u. Quasi-static modes have no states: see
-    `nassim.systems.sampled`.
+    hold_order 1, where x_1 = P x_0 + G u_0 + H (u_1 - u_0), the state is x - H u. Quasi-static modes have no states:
+    see `nassim.systems.sampled`.
 
     Args:
         assembly: the scene.
@@ -198,7 +198,7 @@ def _plant(
     scene, modal, n_in = assembly.scene, assembly.modal, len(assembly.scene.inputs)
     state, drives, readings, feedthrough = state_space(assembly)
     generator, known = assembly.rotation.known if assembly.rotation else KNOWN_AT_REST
-    start = np.zeros(len(state)) if released else steady_state(assembly, state, drives[:, n_in:])
+    start = released_state(assembly, state) if released else steady_state(assembly, state, drives[:, n_in:])
     by_states, by_inputs = _all_coordinates(modal, assembly.signals, *drives.shape)
     if not np.any(drives[:, n_in:]) and not np.any(feedthrough[:, n_in:]):
         generator, known = np.zeros((0, 0)), np.zeros(0)

@@ -246,6 +246,14 @@ def steady_state(assembly: Assembly, state: Array, by_known: Array) -> Array:
     return result
 
 
+def released_state(assembly: Assembly, state: Array) -> Array:
+    """Return the state, (n,), of a scene that is released in its reference configuration; state: A of `state_space`."""
+    result, n = np.zeros(len(state)), len(assembly.modal.frequency)
+    if assembly.rotation:
+        result[n : 2 * n] = assembly.rotation.released
+    return result
+
+
 def state_space(assembly: Assembly) -> StateSpace:
     """Compute A, B, C and D of an assembled scene.
 

@@ -13,12 +13,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nassim.base.checks import Array
-from nassim.base.rigid_motion import skew
+from nassim.base.rigid_motion import rigid_transfer, skew
 from nassim.scene.measures import PointMeasure, body_of
 from nassim.scene.terms import Output
-from nassim.simulation.loaded.rotor_frame import CHECKED_ANGLES, FrameView, RotorPartition
-from nassim.simulation.loaded.rotor_stator import ROTATION_TOLERANCE, rotation_about
+from nassim.simulation.loaded.rotor_frame import CHECKED_ANGLES, ChangesWithAngle, FrameView, RotorPartition
+from nassim.simulation.loaded.rotor_stator import ROTATION_TOLERANCE, rigid_coordinates, rotation_about
 from nassim.simulation.model.assembly import Assembly
+from nassim.simulation.model.initial_velocities import initial_twists
 from nassim.simulation.model.steady_rotation import SteadyRotation
 
 READING_TOLERANCE = 1e-7
@@ -39,7 +40,8 @@ def with_rotation(assembly: Assembly, partition: RotorPartition, gravity: Array)
         The assembly, whose outputs are absolute.
 
     Raises:
-        ValueError: for an output (by name) that changes with the angle other than in proportion to it.
+        ChangesWithAngle: for an output (by name) that changes with the angle other than in proportion to it.
+        ValueError: for an output (by name) that reads an acceleration of the rotation.
     """
     scene, modes, coordinates = assembly.scene, assembly.modal.modes, assembly.coordinates
     axis = partition.velocity / np.linalg.norm(partition.velocity)
@@ -52,14 +54,30 @@ def with_rotation(assembly: Assembly, partition: RotorPartition, gravity: Array)
     for term in assembly.terms:
         if isinstance(term, Output):
             if term.derivative == 2 and not term.measure.has_value:
-                raise ValueError(f"output {term.name!r} reads an acceleration along axes, which includes the rotation's")
+                raise ValueError(
+                    f"output {term.name!r} reads an acceleration along axes, which includes the rotation's"
+                )
             k = scene.outputs.index(term.name)
             constant, slopes = _of_rate(view, term) if term.derivative == 1 else (0.0, 0.0)
             displacements[k] += term.gain * slopes
             readings[k] += term.gain * np.array([constant, 0.0 if term.derivative else _per_radian(view, term)])
     rotor = frozenset(body.name for body in scene.bodies) - partition.stator
-    rotation = SteadyRotation(partition.velocity, partition.point, rotor, partition.frame, force, readings)
+    released = modes.T @ coordinates.mass @ _released(assembly, partition)
+    rotation = SteadyRotation(partition.velocity, partition.point, rotor, partition.frame, force, readings, released)
     return replace(assembly, rotation=rotation, signals=replace(assembly.signals, output_matrix=displacements))
+
+
+def _released(assembly: Assembly, partition: RotorPartition) -> Array:
+    """Return the rates of all coordinates at the start of a scene that is released, beside the rotation, (n_all,).
+
+    Bodies on springs do not turn with their rotor from the start unless they have its angular_velocity.
+    """
+    motions = {}
+    for name, twist in initial_twists(assembly.scene).items():
+        place = assembly.scene.split(f"{name}.")[0].position
+        turning = np.concatenate([np.cross(partition.velocity, place - partition.point), partition.velocity])
+        motions[name] = rigid_transfer(place) @ twist - turning * (name not in partition.stator)
+    return rigid_coordinates(assembly.coordinates, motions)
 
 
 def _per_radian(view: FrameView, term: Output) -> float:
@@ -78,7 +96,7 @@ def _per_radian(view: FrameView, term: Output) -> float:
             change -= measure.period * np.round(change / measure.period)
         turned = float(np.linalg.norm((coordinates.jacobian(measure, states) - rows) * view.scale))
         if abs(change) > READING_TOLERANCE * size or turned > READING_TOLERANCE * np.linalg.norm(rows * view.scale):
-            raise ValueError(
+            raise ChangesWithAngle(
                 f"output {term.name!r} changes with the angle of the rotor, other than in proportion to it: read along "
                 'the axis, or along a direction whose frame is a point of the rotor: frame="body.point"'
             )

@@ -28,6 +28,7 @@ class SteadyRotation:
         frame: "rotor" or "stator".
         force: forces on the modal amplitudes per cosine and sine of the angle, (n, 2).
         readings: readings of the rotation itself by the outputs, constant and per radian of the angle, (outputs, 2).
+        released: rates of the modal amplitudes at the start of a scene that is released, (n,).
     """
 
     velocity: Array
@@ -36,6 +37,7 @@ class SteadyRotation:
     frame: str
     force: Array
     readings: Array
+    released: Array
 
     def __post_init__(self) -> None:
         freeze(
@@ -44,6 +46,7 @@ class SteadyRotation:
             point=finite_array("point of the axis", self.point, (3,)),
             force=finite_array("forces that rotate", self.force, (None, 2)),
             readings=finite_array("readings of the rotation", self.readings, (None, 2)),
+            released=finite_array("rates at the start", self.released, (len(self.force),)),
         )
 
     @property

@@ -104,14 +104,19 @@ def check_exact(scene: Scene) -> None:
     """Check that the exact method can simulate a scene.
 
     Raises:
-        ValueError: for a floating-frame body, for spin, and for terms that exact steps refuse.
+        ValueError: for a floating-frame body in a scene that no drive turns, for a body that spins there, and for terms
+            that exact steps refuse.
     """
+    small = f'method "exact" is for small motion: in scene {scene.name!r}'
     floating = [body.name for body in scene.flexible_bodies if body.fidelity == "ffrf"]
-    if floating or not scene.at_rest:
-        found = f'body {floating[0]!r} has fidelity "ffrf"' if floating else "something spins"
-        raise ValueError(
-            f'method "exact" is for small motion: in scene {scene.name!r}, {found}; take generalized_alpha'
+    spinning = [body.name for body in scene.bodies if np.any(body.angular_velocity)]
+    if not scene.speeds and (floating or spinning):
+        found = (
+            f'body {floating[0]!r} has fidelity "ffrf"'
+            if floating
+            else f"body {spinning[0]!r} spins without a drive of constant speed"
         )
+        raise ValueError(f"{small}, {found}; take generalized_alpha")
     check_capabilities(scene, EXACT)
 
 

@@ -276,7 +276,11 @@ def _solve_exactly(
         )
     warn_after_exact_steps(assembly, coordinates)
     own = {name: at_kept[place].T for name, place in assembly.coordinates.slices.items()}
-    motion = recorded_motion(assembly.scene, kept * time_step, own, {}) if len(kept) else None
+    motion = None
+    if len(kept):
+        time = kept * time_step
+        poses = assembly.rotation.poses(assembly.scene, time, own) if assembly.rotation else {}
+        motion = recorded_motion(assembly.scene, time, own, poses)
     return np.vstack([readings, commands]), motion
 
 
