@@ -28,20 +28,22 @@ STEP = 1e-5
 """Displacement [m] and rotation [rad] of difference quotients of velocities."""
 
 
-def with_rotation(assembly: Assembly, partition: RotorPartition, gravity: Array) -> Assembly:
+def with_rotation(assembly: Assembly, partition: RotorPartition, gravity: Array, *, released: bool = False) -> Assembly:
     """Add the steady rotation of a rotor to an assembled scene, for runs.
 
     Args:
         assembly: the assembled scene about the rotation.
         partition: rotor and stator, with the frame of the assembly's loads.
         gravity: gravity of the scene, (3,) [m/s2]; its part along the axis is one of the constant loads.
+        released: whether the run starts in the reference configuration and not in equilibrium.
 
     Returns:
         The assembly, whose outputs are absolute.
 
     Raises:
         ChangesWithAngle: for an output (by name) that changes with the angle other than in proportion to it.
-        ValueError: for an output (by name) that reads an acceleration of the rotation.
+        ValueError: for an output (by name) that reads an acceleration of the rotation, and for angular velocities at
+            the start that joints do not allow.
     """
     scene, modes, coordinates = assembly.scene, assembly.modal.modes, assembly.coordinates
     axis = partition.velocity / np.linalg.norm(partition.velocity)
@@ -62,8 +64,8 @@ def with_rotation(assembly: Assembly, partition: RotorPartition, gravity: Array)
             displacements[k] += term.gain * slopes
             readings[k] += term.gain * np.array([constant, 0.0 if term.derivative else _per_radian(view, term)])
     rotor = frozenset(body.name for body in scene.bodies) - partition.stator
-    released = modes.T @ coordinates.mass @ _released(assembly, partition)
-    rotation = SteadyRotation(partition.velocity, partition.point, rotor, partition.frame, force, readings, released)
+    start = modes.T @ coordinates.mass @ _released(assembly, partition) if released else np.zeros(len(force))
+    rotation = SteadyRotation(partition.velocity, partition.point, rotor, partition.frame, force, readings, start)
     return replace(assembly, rotation=rotation, signals=replace(assembly.signals, output_matrix=displacements))
 
 

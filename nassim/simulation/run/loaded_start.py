@@ -90,7 +90,7 @@ def assemble_spin(scene: Scene, *, released: bool = False) -> Assembly:
         try:
             assembly = loaded_assembly(scene, NO_SPIN, NO_SPIN, None, frame)
             partition = RotorPartition(*spin_of_drive(assembly), frame)
-            assembly = with_rotation(assembly, partition, scene.gravity)
+            assembly = with_rotation(assembly, partition, scene.gravity, released=released)
             state, drives, _, _ = state_space(assembly)
             break
         except ChangesWithAngle as error:
