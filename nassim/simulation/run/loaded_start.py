@@ -102,6 +102,10 @@ def assemble_spin(scene: Scene, *, released: bool = False) -> Assembly:
             f'method "exact" needs a model that does not change as the rotor of scene {scene.name!r} turns, and found '
             f"none in the frame of the rotor or of the stator ({'; '.join(refused)}); take generalized_alpha"
         )
+    if not any(body.fidelity == "linear" for body in scene.flexible_bodies):  # as in a run in floating frames
+        modal = assembly.modal
+        assembly = replace(assembly, modal=replace(modal, damping=modal.damping.of_deformation))
+        state, drives, _, _ = state_space(assembly)
     if not released:
         _check_velocities(scene, partition)
         _check_steady(assembly, steady_state(assembly, state, drives[:, len(scene.inputs) :]))
