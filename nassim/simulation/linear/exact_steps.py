@@ -1,9 +1,10 @@
-"""Exact discrete-time solution of scenes in small motion, without any step-size error.
+"""Exact discrete-time solution of scenes in small motion about rest or a steady rotation, without step-size error.
 
 With the inputs held or running straight between samples, the state goes from sample to sample by its matrix
-exponential. Blocks of samples go by one product of matrices each, with loops too as long as their controllers stay
-within limits, where they are linear. A block goes sample by sample from where it meets a limit, and so does all where a
-converter has a resolution or a controller is in Python.
+exponential. Known functions of time, the constant one of loads and the sines of gravity in a frame that rotates, are
+states of their own and exact too. Blocks of samples go by one product of matrices each, with loops too as long as their
+controllers stay within limits, where they are linear. A block goes sample by sample from where it meets a limit, and so
+does all where a converter has a resolution or a controller is in Python.
 """
 
 from collections.abc import Callable, Iterator, Sequence

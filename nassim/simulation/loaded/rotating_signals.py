@@ -24,6 +24,8 @@ from nassim.simulation.model.steady_rotation import SteadyRotation
 
 READING_TOLERANCE = 1e-7
 """Difference of readings, over that by a radian of the rotor, up to which they count as equal."""
+ALONG_AXIS = 1e-12
+"""Share of gravity across the axis that is rounding."""
 STEP = 1e-5
 """Displacement [m] and rotation [rad] of difference quotients of velocities."""
 
@@ -50,6 +52,7 @@ def with_rotation(assembly: Assembly, partition: RotorPartition, gravity: Array,
     force = np.zeros((modes.shape[1], 2))
     if partition.frame == "rotor":  # where gravity rotates backwards
         across = np.cross(gravity, axis)
+        across = across * (np.linalg.norm(across) > ALONG_AXIS * np.linalg.norm(gravity))
         force = np.column_stack([modes.T @ coordinates.weight(g) for g in (np.cross(axis, across), across)])
     view = FrameView(assembly, partition)
     readings, displacements = np.zeros((len(scene.outputs), 2)), assembly.signals.output_matrix.copy()

@@ -99,7 +99,7 @@ def check_run(scene: Scene, options: Options, signals: Mapping[str, Array]) -> N
     Args:
         scene: the scene.
         options: of the run.
-        signals: values of the inputs by name, shape (n,) each; the first one counts.
+        signals: values of the inputs by name, shape (n,) each.
 
     Raises:
         ValueError: where they do not fit.
@@ -107,7 +107,7 @@ def check_run(scene: Scene, options: Options, signals: Mapping[str, Array]) -> N
     check_loops(scene, options.time_step)
     check_drives(scene, signals)
     if options.method == "exact":
-        check_exact(scene)
+        check_exact(scene, signals)
     elif options.method == "explicit":
         check_stability(scene, options.time_step)
     elif not scene.in_small_motion:
