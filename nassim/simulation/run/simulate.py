@@ -105,9 +105,9 @@ def simulate(
 
     Raises:
         ValueError: for unknown names, for a scene or an option that the method does not fit (exact steps: a speed that
-            changes, several drives of constant speed, a scene whose model changes as the rotor turns), for steps between which
-            something of the excitation is lost (fewer than 8 in its shortest period, pulses shorter than one), and for
-            an equilibrium to start from that is unstable where no loop may hold it.
+            changes, several drives of constant speed, a scene whose model changes as the rotor turns), for steps
+            between which something of the excitation is lost (fewer than 8 in its shortest period, pulses shorter than
+            one), and for an equilibrium to start from that is unstable where no loop may hold it.
         RuntimeError: when there is no equilibrium to start from.
         SimulationError: a RuntimeError whose `record` has what was recorded, when the integration fails or diverges and
             when a loop runs away: a body then is deformed by a tenth of its size, or farther away than the scene's
