@@ -1,6 +1,6 @@
 """Exact steps about a steady rotation, against floating frames, own equations in the inertial frame, and themselves."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -30,6 +30,9 @@ from nassim import (
     simulate_motion,
 )
 from nassim.kinematics import strut_lengths
+from nassim.scene.measures import PointVelocity
+from nassim.scene.part import Sensor
+from nassim.scene.terms import Output
 from nassim.simulation import Simulation
 from nassim.systems import integral_force_feedback, proportional
 
@@ -256,18 +259,38 @@ def test_outputs_read_the_rotation_itself():
         assert np.abs(exact[name] - other).max() < 0.02 * np.abs(moved).max() + 3e-7, name
 
 
+@dataclass(frozen=True)
+class Gyroscope(Sensor):
+    """The angular velocity of a point along an axis of the world."""
+
+    name: str
+    point: str
+    axis: tuple
+    unit: str = field(default="rad/s", init=False)
+
+    def terms(self, scene):
+        """It reads the rate."""
+        return (
+            Output(
+                self.name, self.unit, PointVelocity(((self.point, np.array(self.axis)),), angular=True), derivative=1
+            ),
+        )
+
+
 @pytest.mark.parametrize("frame", ["rotor", "stator"])
 def test_a_stator_on_springs_and_its_images(frame):
     """In the frame of that side which may be odd: bodies are where floating frames have them, in the world."""
     scene = unbalanced()
     ground, stator, rotor = scene.bodies
-    sensors = scene.sensors
+    sensors = (*scene.sensors, Vibrometer("v", "stator.on", tuple(SPINDLE[:, 0]), frame="rotor.on"))
     if frame == "stator":
         stator = replace(stator, inertia=SPINDLE @ np.diag([0.05, 0.07, 0.08]) @ SPINDLE.T)
         rotor = replace(rotor, position=POINT, points={"on": np.zeros(3)})
-        sensors = tuple(Encoder(f"{k}", "ground.on", "stator.on", tuple(SPINDLE[:, k])) for k in range(2))
+        sensors = tuple(Encoder(f"{k}", "ground.on", "stator.rim", tuple(SPINDLE[:, k])) for k in range(2))
+        sensors += (Gyroscope("w", "rotor.on", tuple(SPINDLE[:, 0])),)
     rotor = replace(rotor, angular_velocity=40.0 * AXIS)  # or the motor's start would turn the stator back
-    push = PointForce("push", "stator.on", tuple(SPINDLE[:, 2 if frame == "rotor" else 0]), "push")
+    ways = {"rotor": ("stator.on", SPINDLE[:, 2]), "stator": ("stator.rim", SPINDLE @ [0.6, 0.0, 0.8])}
+    push = PointForce("push", ways[frame][0], tuple(ways[frame][1]), "push")
     scene = replace(scene, bodies=(ground, stator, rotor), sensors=sensors,
                     actuators=(Drive("motor", "hinge", "rz", speed=40.0), push))  # fmt: skip
     time = np.arange(101) * 5e-4
