@@ -185,6 +185,16 @@ def test_steps_one_by_one_are_the_same_to_the_last_bit(delay):
     assert again == found[90]
 
 
+def test_a_stage_that_follows_a_path_on_the_rotor():
+    """Its rails turn, so Coriolis and centrifugal forces act on what it carries."""
+    scene = rigid(25.0)
+    stage = Drive("stage", "u", "z", "path", bandwidth=60.0)
+    scene = replace(scene, springs=scene.springs[1:], actuators=(scene.actuators[0], scene.actuators[2], stage))
+    signals = {"Fv": waves(1.0)[0], "path": lambda t: 5e-3 * np.sin(20.0 * t) ** 2}
+    exact = run(scene, 0.1, 1e-3, signals=signals, method="exact")
+    assert_alike(exact, run(scene, 0.1, 2e-4, signals=signals), ("du", "dv"), 3e-3, fine=5)
+
+
 def test_a_flexible_blade_rings_when_it_is_released():
     """Its stretched start differs by the second order of its spin alone."""
     scene = blade(10.0)

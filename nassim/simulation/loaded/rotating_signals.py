@@ -88,6 +88,8 @@ def _released(assembly: Assembly, partition: RotorPartition) -> Array:
 def _per_radian(view: FrameView, term: Output) -> float:
     """Return the change of an output's measure per radian of the rotor; it must be constant, as must its rows."""
     partition, coordinates, measure = view.partition, view.assembly.coordinates, term.measure
+    if not measure.has_value:  # its value in small motion is that of the deviation alone
+        return 0.0
     moving = coordinates.slices.keys() - partition.stator
     rows = coordinates.jacobian(measure)
     rotation = rotation_about(coordinates, moving, partition.velocity, partition.point)
