@@ -68,7 +68,6 @@ def exact_response(
     n_samples, n_out = inputs.shape[1], len(plant.shown)
     due = 0.0
     # With inputs that run straight, a state less its share of their present value needs that of the next no more.
-    n_in = risen.shape[1]
     start = start - risen @ inputs[:, 0]
     rows = np.empty((n_out + len(assembly.scene.commands), n_samples))
     read = _reader(assembly.scene, closed, risen, inputs, all_coordinates)
@@ -96,7 +95,7 @@ def exact_response(
             places = [sample - now for sample in wanted if now <= sample < now + block]
             between = states[k, None]
             if places[-1]:
-                between = closed.by_samples(states[k], take_samples(inputs, now, now + places[-1], n_in), now)[0]
+                between = closed.by_samples(states[k], take_samples(inputs, now, now + places[-1]), now)[0]
             at_kept.append(read(between[places], [now + place for place in places]))
         advance(end - max(begin, 1))  # to the first sample leads no step
     all_kept = np.vstack([np.zeros((0, assembly.coordinates.size)), *at_kept])
