@@ -80,6 +80,7 @@ def assemble_spin(scene: Scene, *, released: bool = False) -> Assembly:
         ValueError: for a scene whose model changes as the rotor turns, for outputs that a model cannot read, without an
             equilibrium within small motion, for an unstable one that no loop may hold, and for bodies with another
             angular velocity.
+        RuntimeError: when weight or centrifugal forces drive a motion that nothing holds.
 
     Warns:
         UserWarning: as `nassim.simulation.loaded_state`, of an unstable equilibrium that only loops can hold, and of
@@ -108,7 +109,7 @@ def assemble_spin(scene: Scene, *, released: bool = False) -> Assembly:
         state, drives, _, _ = state_space(assembly)
     if not released:
         _check_velocities(scene, partition)
-        _check_steady(assembly, steady_state(assembly, state, drives[:, len(scene.inputs) :]))
+        _check_steady(assembly, state, drives[:, len(scene.inputs) :])
         _check_stable(scene, state)
     if assembly.rotation and np.any(assembly.rotation.force):
         _warn_of_swaying_weight(assembly, partition)
@@ -126,19 +127,31 @@ def _check_velocities(scene: Scene, partition: RotorPartition) -> None:
             )
 
 
-def _check_steady(assembly: Assembly, state: Array) -> None:
-    """Check that the state in which a spinning scene starts is small motion."""
-    scene, coordinates = assembly.scene, assembly.coordinates
-    motion, size = assembly.modal.modes @ state[: len(assembly.modal.frequency)], scene_size(scene)
-    for body in scene.bodies:
-        way = np.linalg.norm(motion[coordinates.slices[body.name]][:3]) if body.moves else 0.0
-        if way > FARTHEST * size:
-            raise ValueError(
-                f"the scene {scene.name!r} has no equilibrium to start from: under weight and spin, body {body.name!r} "
-                f"would be {way:.3g} m from its reference configuration, as nothing holds it or at a critical speed; "
-                'add a spring or a joint, change the speed, or give start="released"'
+def _check_steady(assembly: Assembly, state: Array, by_known: Array) -> None:
+    """Check that a spinning scene has a steady state to start in, within small motion.
+
+    Args:
+        assembly: the assembly about the rotation.
+        state: A of its model, (n, n).
+        by_known: columns of B of its known functions, (n, known).
+    """
+    assert assembly.rotation is not None
+    scene, slices, modal = assembly.scene, assembly.coordinates.slices, assembly.modal
+    n, size, loose = len(modal.frequency), scene_size(scene), modal.rigid_modes
+    constant = steady_state(replace(assembly, rotation=None), state, by_known)
+    left = (state @ constant + by_known[:, 0])[n : 2 * n]
+    motion = modal.modes @ steady_state(assembly, state, by_known)[:n]
+    accelerations = modal.modes[:, loose] @ left[loose]
+    fastest = NEUTRAL * (float(np.linalg.norm(scene.gravity)) + assembly.rotation.rate**2 * size)
+    for name, place in slices.items():
+        way, acceleration = (float(np.linalg.norm(values[place][:3])) for values in (motion, accelerations))
+        if way > FARTHEST * size or acceleration > fastest:
+            raise RuntimeError(
+                f"scene {scene.name!r} has no equilibrium to start from as it turns: weight and centrifugal forces "
+                f"drive body {name!r} in a motion that nothing holds, or at its critical speed; add a spring or a "
+                'joint, change the speed, or give start="released"'
             )
-    check_small(coordinates, motion, "weight and spin")
+    check_small(assembly.coordinates, motion, "weight and spin")
 
 
 def _check_stable(scene: Scene, state: Array) -> None:
