@@ -92,6 +92,9 @@ def assemble_spin(scene: Scene, *, released: bool = False) -> Assembly:
             assembly = loaded_assembly(scene, NO_SPIN, NO_SPIN, None, frame)
             partition = RotorPartition(*spin_of_drive(assembly), frame)
             assembly = with_rotation(assembly, partition, scene.gravity, released=released)
+            if not any(body.fidelity == "linear" for body in scene.flexible_bodies):  # as in runs in floating frames
+                damping = assembly.modal.damping.of_deformation
+                assembly = replace(assembly, modal=replace(assembly.modal, damping=damping))
             state, drives, _, _ = state_space(assembly)
             break
         except ChangesWithAngle as error:
@@ -103,10 +106,6 @@ def assemble_spin(scene: Scene, *, released: bool = False) -> Assembly:
             f'method "exact" needs a model that does not change as the rotor of scene {scene.name!r} turns, and found '
             f"none in the frame of the rotor or of the stator ({'; '.join(refused)}); take generalized_alpha"
         )
-    if not any(body.fidelity == "linear" for body in scene.flexible_bodies):  # as in a run in floating frames
-        modal = assembly.modal
-        assembly = replace(assembly, modal=replace(modal, damping=modal.damping.of_deformation))
-        state, drives, _, _ = state_space(assembly)
     if not released:
         _check_velocities(scene, partition)
         _check_steady(assembly, state, drives[:, len(scene.inputs) :])
