@@ -247,9 +247,9 @@ def make_nass(
     therefore omitted. For the same reason `linearize` refuses stages whose properties differ across the axis, as those
     of the real machine do. Use `alike_across`, which averages these properties, or a spindle that does not turn.
 
-    A simulation with a turning spindle begins with a transient, because `simulate` has no steady initial state for a
-    spindle on a moving body. The nano-hexapod twists by some milliradians, far beyond nanometres; this has to die out
-    first.
+    A simulation in floating frames with a turning spindle begins with a transient, because it has no steady initial
+    state for a spindle on a moving body. The nano-hexapod twists by some milliradians, far beyond nanometres; this has
+    to die out first. Exact steps, of stages alike across the axis, start in the steady state.
 
     Args:
         struts: struts of the nano-hexapod (default: `two_mass_strut` with damping of its parts)

@@ -24,7 +24,7 @@ from nassim import (
     simulate,
 )
 from nassim.kinematics import jacobian
-from nassim.simulation import linearize_closed
+from nassim.simulation import linearize_closed, spinning_equilibrium
 from nassim.systems import (
     close_loop,
     controller_response,
@@ -263,6 +263,19 @@ def test_a_spinning_linear_model_needs_stages_alike_across_the_axis():
     found = static(spinning, "metrology", ["runout_x", "runout_z"])
     assert found[0, 0] == pytest.approx(1.0, rel=2e-3)
     assert found[2, 1] == pytest.approx(1.0, rel=1e-8)
+
+
+def test_exact_steps_start_in_the_steady_state_of_a_turning_spindle():
+    """As the linear model reads it, with a force that comes later."""
+    scene = make_nass(STRUT, stages=alike_across(), spindle_rpm=60.0, axes="turning")
+    time = np.arange(201) * 1e-3
+    push = np.sin(10.0 * np.clip(time - 0.1, 0.0, None)) ** 2
+    quiet = TimeHistory(time, [push * (n == "payload_force_x") for n in scene.inputs], scene.inputs, ())
+    record = simulate(scene, quiet, time_step=1e-3, method="exact", hold_order=0, progress=False)
+    steady = spinning_equilibrium(scene)
+    for name in scene.outputs:
+        np.testing.assert_allclose(record[name][:100], steady[name], rtol=1e-6, atol=1e-18)
+    assert np.ptp(record["metrology.ux"]) > 1e-8
 
 
 def test_the_real_station_turns_in_time():

@@ -255,7 +255,7 @@ def test_what_joints_leave_free(joint, shifts, turns):
 
 
 def test_rigid_bodies_alone_by_exact_steps():
-    """A block on a spring under a force that jumps; what floats or spins is refused."""
+    """A block on a spring under a force that jumps; what spins without a drive is refused."""
     block = RigidBody("block", {"o": np.zeros(3)}, LOAD, np.eye(3))
     parts = {
         "joints": (prismatic("guide", "ground.left", "block.o", "x"),),
@@ -271,5 +271,5 @@ def test_rigid_bodies_alone_by_exact_steps():
     expected = 3.0 / STIFFNESS * (1 - np.cos(np.sqrt(STIFFNESS / LOAD) * time))
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * expected.max())
     spinning = Scene("spinning", (GROUND, replace(block, angular_velocity=(1.0, 0, 0))), **parts)
-    with pytest.raises(ValueError, match="small motion: in scene 'spinning', something spins"):
+    with pytest.raises(ValueError, match="small motion: in scene 'spinning', body 'block' spins without"):
         simulate(spinning, push, time_step=5e-3, method="exact", progress=False)

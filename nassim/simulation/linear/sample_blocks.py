@@ -156,11 +156,11 @@ def _as_block(size: int, system: StateSpace) -> SampleBlock | None:
     return SampleBlock(size, scipy.sparse.csr_matrix(a) if sparse else a, b, rows)
 
 
-def take_samples(inputs: Array, begin: int, end: int, n: int) -> Array:
-    """Samples of n inputs, (end - begin, n): those given, zero after the last; beyond, gravity's one."""
-    result = np.zeros((end - begin, n))
+def take_samples(inputs: Array, begin: int, end: int) -> Array:
+    """Samples of inputs, (end - begin, inputs): those given, zero after the last."""
+    result = np.zeros((end - begin, len(inputs)))
     part = inputs[:, begin:end].T
-    result[: len(part), : len(inputs)], result[:, len(inputs) :] = part, 1.0
+    result[: len(part)] = part
     return result
 
 
@@ -180,7 +180,7 @@ def pieces(blocks: SampleBlocks, start: Array, inputs: Array) -> Iterator[tuple[
     while begin < n_samples:
         size = blocks.size(begin)
         count = min(together, blocks.alike(begin), -(-(n_samples - begin) // size))
-        pushes = take_samples(inputs, begin, begin + count * size, closed.through.shape[1]).reshape(count, size, -1)
+        pushes = take_samples(inputs, begin, begin + count * size).reshape(count, size, len(inputs))
         system, good = blocks.system(size), 0
         if system:
             states, rows = system.several(state, pushes)
@@ -215,10 +215,10 @@ class BlockSteps:
         Args:
             blocks: of the run.
             start: state of the scene at the first sample.
-            inputs: those given at the first sample, (inputs,); beyond them comes gravity's one, see `take_samples`.
+            inputs: those at the first sample, (inputs,).
         """
         self.closed, self._blocks = blocks.closed, blocks
-        self.count, self._n_given = 0, len(inputs)
+        self.count = 0
         self._begin(np.concatenate([start, np.zeros(self.closed.n - len(start))]))
         self._sample(inputs)
 
@@ -227,7 +227,6 @@ class BlockSteps:
         size, n_in = self._blocks.size(self.count), self.closed.through.shape[1]
         self._first, self._state, self._system = self.count, state, self._blocks.system(size)
         self._hold(np.concatenate([state, np.zeros(size * n_in)]))
-        self._inputs[:, self._n_given :] = 1.0
         self._now: Array | None = None if self._system else state  # where samples are not those of a linear block
         self._next = state
 
@@ -256,7 +255,7 @@ class BlockSteps:
 
     def _sample(self, inputs: Array) -> None:
         k, closed = self.count - self._first, self.closed
-        self._inputs[k, : len(inputs)] = inputs
+        self._inputs[k] = inputs
         if self._system and self._now is None:
             self.row = self._system.sample(k, self._values)
             if not closed.limited or closed.within_limits(self.row):
@@ -275,7 +274,7 @@ class BlockSteps:
 
     def given(self, sample: int) -> Array:
         """Return the inputs given at a sample of the present block, (inputs,)."""
-        return self._inputs[sample - self._first, : self._n_given]
+        return self._inputs[sample - self._first]
 
     def present_state(self) -> Array:
         """State now, (n,), found again from where the block began."""

@@ -27,7 +27,7 @@ from nassim.simulation.model.initial_velocities import (
 from nassim.simulation.model.motion_size import motion_sizes
 from nassim.simulation.model.period_correction import Steps
 from nassim.simulation.run.checks import check_drives, check_exact, check_loops, check_options, check_stability
-from nassim.simulation.run.loaded_start import assemble_large_motion, assemble_small_motion
+from nassim.simulation.run.loaded_start import assemble_large_motion, assemble_small_motion, assemble_spin
 from nassim.simulation.run.warnings_of_runs import (
     warn_of_changed_modes,
     warn_of_drift,
@@ -99,7 +99,7 @@ def check_run(scene: Scene, options: Options, signals: Mapping[str, Array]) -> N
     Args:
         scene: the scene.
         options: of the run.
-        signals: values of the inputs by name, shape (n,) each; the first one counts.
+        signals: values of the inputs by name, shape (n,) each.
 
     Raises:
         ValueError: where they do not fit.
@@ -107,7 +107,7 @@ def check_run(scene: Scene, options: Options, signals: Mapping[str, Array]) -> N
     check_loops(scene, options.time_step)
     check_drives(scene, signals)
     if options.method == "exact":
-        check_exact(scene)
+        check_exact(scene, signals)
     elif options.method == "explicit":
         check_stability(scene, options.time_step)
     elif not scene.in_small_motion:
@@ -116,7 +116,8 @@ def check_run(scene: Scene, options: Options, signals: Mapping[str, Array]) -> N
 
 def exact_assembly(scene: Scene, options: Options) -> Assembly:
     """Assemble a scene for exact steps; warn of modes that could make its loops unstable."""
-    assembly = assemble_small_motion(scene, released=options.released)
+    make = assemble_spin if scene.speeds else assemble_small_motion
+    assembly = make(scene, released=options.released)
     if scene.loops and np.any(assembly.modal.unsupported):
         warn_of_folding(linear_model(assembly), scene.loops)
     return assembly

@@ -71,9 +71,11 @@ def simulate(
         duration: a whole number of steps [s] (default: those within the excitation).
         outputs: names (default: all outputs of the scene, then the commands of its loops).
         method: "generalized_alpha", Exudyn's implicit integrator, for every scene; "exact", the exact discrete-time
-            solution for small motion, a hundred times as fast, of scenes in which no body is "ffrf" and nothing spins:
-            by it, rigid bodies alone are in small motion too; "explicit", the Runge-Kutta rule of order 4, for scenes
-            in small motion (see `Scene.in_small_motion`), which holds inputs like hold_order 0.
+            solution for small motion, a hundred times as fast, of scenes at rest in which no body is "ffrf" (by it,
+            rigid bodies alone are in small motion too) and of scenes that one drive of constant speed turns, with
+            small motion about that rotation and bodies of any fidelity; "explicit", the Runge-Kutta rule of order 4,
+            for scenes in small motion (see `Scene.in_small_motion`), which holds inputs like hold_order 0. Outputs mean
+            the same by all methods: an angle sensor reads the rotation too.
         spectral_radius: of generalized-alpha only, numerical damping at infinite frequency, 1 (none, the trapezoidal
             rule) ... 0. The default is 1 in small motion and where joints let no body turn with all bodies rigid, and
             0.9 for all other scenes: at 1 rounding grows in whatever turns far, until the run fails. A radius r holds
@@ -85,7 +87,8 @@ def simulate(
         start: what gravity and spin have done before: "equilibrium", the scene hangs at rest in static equilibrium, and
             what a drive turns at constant speed from the start is at rest on its turntable, under centrifugal forces
             too; "released", it is unloaded in its reference configuration and falls from the first step on, such as a
-            pendulum released at an angle.
+            pendulum released at an angle. Under gravity across the axis of a rotation, exact steps start in the
+            periodic motion that it keeps up, generalized-alpha at rest on the turntable.
             Bodies with an angular_velocity turn from the start in both.
         period_correction: of generalized-alpha only. True changes masses that the rule steps so that every mode keeps
             its period: a mode of period T loses the share 2/3 (pi h / T)^2 of its mass at steps h and a spectral radius
@@ -96,12 +99,14 @@ def simulate(
     Returns the signals of `excitation` at the time steps, counted from its first sample, then the outputs. Warns of
     rotations and deformations beyond the range of small motion, of bodies that move far against each other while the
     scene has a damping_ratio, of stress whose stiffness is estimated or left out, of preload above a tenth of a
-    body's buckling load, and of turns too fast for the steps.
+    body's buckling load, of turns too fast for the steps, and of gravity across the axis of a rotation whose stiffness,
+    which exact steps leave out, matters.
 
     Raises:
-        ValueError: for unknown names, for a scene or an option that the method does not fit, for steps between which
-            something of the excitation is lost (fewer than 8 in its shortest period, pulses shorter than one), and for
-            an equilibrium to start from that is unstable where no loop may hold it.
+        ValueError: for unknown names, for a scene or an option that the method does not fit (exact steps: a speed that
+            changes, several drives of constant speed, a scene whose model changes as the rotor turns), for steps
+            between which something of the excitation is lost (fewer than 8 in its shortest period, pulses shorter than
+            one), and for an equilibrium to start from that is unstable where no loop may hold it.
         RuntimeError: when there is no equilibrium to start from.
         SimulationError: a RuntimeError whose `record` has what was recorded, when the integration fails or diverges and
             when a loop runs away: a body then is deformed by a tenth of its size, or farther away than the scene's
@@ -274,7 +279,11 @@ def _solve_exactly(
         )
     warn_after_exact_steps(assembly, coordinates)
     own = {name: at_kept[place].T for name, place in assembly.coordinates.slices.items()}
-    motion = recorded_motion(assembly.scene, kept * time_step, own, {}) if len(kept) else None
+    motion = None
+    if len(kept):
+        time = kept * time_step
+        poses = assembly.rotation.poses(assembly.scene, time, own) if assembly.rotation else {}
+        motion = recorded_motion(assembly.scene, time, own, poses)
     return np.vstack([readings, commands]), motion
 
 

@@ -62,7 +62,7 @@ class Simulation:
         scene: what is simulated.
         time_step: [s].
         method: "generalized_alpha", Exudyn's implicit integrator, for every scene; "exact", the exact discrete-time
-            solution for small motion. See `simulate`.
+            solution for small motion, about rest or about a rotation at constant speed. See `simulate`.
         spectral_radius: of generalized-alpha only, see `simulate`.
         hold_order: of the exact method, 1 (default) for inputs that run straight between the steps, 0 for inputs that
             keep the value of the last step.
