@@ -580,3 +580,31 @@ def test_a_turning_sensor_on_shaking_ground(directions):
     assert np.abs(found["world"]).max() < 1e-9
     assert np.abs(found["accelerometer"]).max() < 1e-4
     assert np.abs(found["geophone"]).max() < 1e-6
+
+
+def test_forces_of_a_damper_between_bodies_that_turn_apart():
+    """Two free bodies, one of which a force pulls off: what the other's bushing measures is what moves this one."""
+    pull, spins = np.array([0.3, -0.2, 0.25]), ((1.0, -2.0, 0.5), (-3.0, 1.0, 4.0))
+    bodies = tuple(
+        RigidBody(name, {"c": (0, 0, 0)}, mass, 0.1 * np.eye(3), angular_velocity=spin)
+        for name, mass, spin in zip("ab", (2.0, 1.5), spins, strict=True)
+    )
+    bushing = Bushing("bushing", "a.c", "b.c", [20.0] * 3 + [0.0] * 3, [3.0] * 3 + [0.0] * 3)
+    size = float(np.linalg.norm(pull))
+    scene = Scene(
+        "apart",
+        bodies,
+        actuators=(PointForce("pull", "b.c", tuple(pull / size), "pull"),),
+        sensors=(ForceSensor("six", "bushing"), *(Accelerometer(axis, "b.c", axis) for axis in "xyz")),
+        springs=(bushing,),
+        damping_ratio=0.0,
+    )
+    time = 1e-4 * np.arange(201)  # in which they turn apart by 0.1 rad, and move apart by 50 mm
+    pulls = TimeHistory(time, [1e3 * size * np.sin(60 * time) ** 2], ("pull",), ("N",))
+    record = simulate(scene, pulls, time_step=1e-4, progress=False, spectral_radius=0.8)
+    moved = 1.5 * np.array([record[axis] for axis in "xyz"]) - np.outer(pull / size, record["pull"])
+    first, second = (Rotation.from_rotvec(np.outer(time, spin)) for spin in spins)
+    halfway = first * Rotation.from_rotvec((first.inv() * second).as_rotvec() / 2)
+    found = halfway.apply(np.transpose([record[f"six.f{axis}"] for axis in "xyz"])).T
+    assert np.abs(found).max() > 3.0
+    np.testing.assert_allclose(found, -moved, atol=3e-3 * np.abs(found).max())
