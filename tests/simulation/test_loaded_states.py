@@ -148,6 +148,16 @@ def test_a_pendulum_hangs_on_a_spindle_until_the_spin_throws_it_out():
             assert square == pytest.approx(rate**2 - 9.81 / 2.3, rel=1e-6)
 
 
+def test_constant_forces_load_a_scene_that_spins():
+    """The same pendulum under a force along the axis instead of its weight."""
+    ball = RigidBody("ball", {"hinge": TURN @ [0, 0, 2.3], "c": (0, 0, 0)}, 1.2, 1e-9 * np.eye(3), TURN @ [0, 0, -2.3])
+    bodies = RigidBody("wall", {"o": np.zeros(3)}, fixed=True), ball
+    hinge, down = revolute("hinge", "wall.o", "ball.hinge", TURN[:, 1]), PointForce("down", "ball.c", -TURN[:, 2], "f")
+    scene = Scene("spindle", bodies, (hinge,), (down,), damping_ratio=0.0)
+    model = linearize(scene, angular_velocity=1.9 * TURN[:, 2], constant_inputs={"f": 1.2 * 9.81})
+    assert model.poles() ** 2 == pytest.approx(2 * [1.9**2 - 9.81 / 2.3], rel=1e-6)
+
+
 def test_a_body_on_two_links():
     """R. Gasch, K. Knothe, Strukturdynamik: rigid links, and line springs of the same length, hold a square body."""
     a, m = 1.75, 8.8
@@ -482,8 +492,8 @@ def test_what_cannot_load_a_scene_is_refused(strip):
         buckling_factors(scene)
     with pytest.raises(ValueError, match="unknown input 'push'"):
         linearize(scene, constant_inputs={"push": 1.0})
-    with pytest.raises(ValueError, match="load a scene at rest"):
-        linearize(scene, constant_inputs={"force": 1.0}, angular_velocity=(0, 0, 1))
+    with pytest.raises(ValueError, match="constant_inputs are loads"):
+        linearize(scene, constant_inputs={"force": 1.0}, loaded=False)
     with pytest.raises(ValueError, match=r"under its loads, .*no small motion: start nearer"):
         linearize(replace(scene, gravity=3e3 * TURN[:, 2]))
 
@@ -618,6 +628,15 @@ def test_constant_voltages_load_a_body(wired):
     static[6:] = np.linalg.solve(body.stiffness_matrix[6:, 6:], 3.0 * drive.gain * body.port("v").forces[6:])
     expected = body.stress_stiffness.stiffness(static, voltages={"v": 3.0 * drive.gain})[6:, 6:]
     np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_estimated_stress_is_told_beside_a_spin(strip):
+    """A strip that hangs from a slow turntable, before a run in floating frames; the spin itself stresses it little."""
+    scene = standing(replace(strip, readouts={}), -250.0)
+    motor, table = Drive("motor", "foot", "rz", speed=1.0), revolute("foot", "ground.c", "strip.left", TURN[:, 0])
+    with pytest.warns(UserWarning, match="stress in body 'strip' .* which is only estimated") as told:
+        static_response(replace(scene, joints=(table,), actuators=(motor,)))
+    assert len(told) == 1
 
 
 @pytest.mark.filterwarnings("ignore:body 'strip' turns at")

@@ -66,7 +66,8 @@ def linearize(
         loaded: whether gravity and the stress inside bodies change the stiffness. Without, the model is that of the
             reference configuration, in which a pendulum does not swing; a spin has its other terms.
         constant_inputs: constant values of inputs that load the scene too, by name: forces, voltages, accelerations of
-            the base. Inputs of the model are deviations from them, outputs those from the equilibrium.
+            the base. In a spin they are constant in the frame that `frame` names. Inputs of the model are deviations
+            from them, outputs those from the equilibrium.
 
     Returns:
         The linear model.
@@ -127,8 +128,8 @@ def loaded_assembly(
     """
     assembly = assemble(scene)
     known("frame", frame, FRAMES)
-    if inputs and (not loaded or np.any(angular_velocity) or scene.speeds):
-        raise ValueError("constant_inputs load a scene at rest: give them with loaded=True and without a spin")
+    if inputs and not loaded:
+        raise ValueError("constant_inputs are loads: give them with loaded=True")
     names = frozenset(known("body", name, [body.name for body in scene.bodies]) for name in stator or ())
     if scene.speeds:
         if np.any(angular_velocity):
@@ -380,6 +381,7 @@ def linearize_closed(
     stator: Sequence[str] | None = None,
     frame: str = "rotor",
     loaded: bool = True,
+    constant_inputs: Mapping[str, float] | None = None,
 ) -> LinearModel:
     """Compute the linear model of a scene with its loops closed.
 
@@ -401,6 +403,7 @@ def linearize_closed(
         stator: names of the bodies of the stator, see `linearize`.
         frame: "rotor" or "stator", see `linearize`.
         loaded: whether gravity and the stress inside bodies change the stiffness, see `linearize`.
+        constant_inputs: constant values of inputs that load the scene too, by name, see `linearize`.
 
     Returns:
         The linear model.
@@ -427,6 +430,7 @@ def linearize_closed(
         stator=stator,
         frame=frame,
         loaded=loaded,
+        constant_inputs=constant_inputs,
     )
     if not continuous:
         warn_of_folding(model, closed)
