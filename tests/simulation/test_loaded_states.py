@@ -23,6 +23,7 @@ from nassim import (
     PointTorque,
     RigidBody,
     Scene,
+    Simulation,
     SpringDamper,
     TimeHistory,
     VoltageDrive,
@@ -55,6 +56,9 @@ from nassim.simulation import (
     reduce_scene,
     truncation_error,
 )
+from nassim.simulation.loaded.loaded_state import stress_under
+from nassim.simulation.loaded.present_stress import PresentStress
+from nassim.simulation.loaded.rotor_frame import RotorPartition
 from nassim.systems import proportional, unstable_poles
 
 GRAVITY = (0, 0, -9.81)
@@ -364,6 +368,78 @@ def test_a_prestressed_blade_on_a_drive_in_time(blade):
         waves = np.exp(-1j * UNIT * np.outer(tried, time[20:]))
         found = tried[np.argmax(np.abs(waves @ ((signal - signal.mean()) * np.hanning(len(signal)))))]
         assert found == pytest.approx(expected, rel=3e-3)
+
+
+def shaken(blade, speeds, plateau=0.15, ramp=0.3, step=2.5e-4):
+    """A blade on a drive, shaken across the plane of rotation, run up to some speeds; its excitation and plateaus."""
+    ground, shaft = RigidBody("ground", {"c": np.zeros(3)}, fixed=True), TURN[:, 2]
+    hinge, motor = revolute("shaft", "ground.c", "blade.left", shaft), Drive("motor", "shaft", "rz", input="angle")
+    push, tip = PointForce("push", "blade.right", shaft, "f"), Encoder("tip", "ground.c", "blade.right", shaft)
+    body = FlexibleBody("blade", blade, rotation=TURN)
+    scene = Scene("blade", (ground, body), (hinge,), (motor, push), (tip,), damping_ratio=0.0)
+    share, speed, plateaus = np.linspace(0, 1, round(ramp / step)), np.zeros(0), []
+    for before, after in zip((0, *speeds), speeds, strict=False):
+        speed = np.append(speed, before + (after - before) * share**2 * (3 - 2 * share))
+        plateaus.append(slice(len(speed), len(speed) + round(plateau / step)))
+        speed = np.append(speed, np.full(round(plateau / step), float(after)))
+    angle = np.concatenate([[0.0], np.cumsum(0.5 * step * UNIT * (speed[1:] + speed[:-1]))])
+    time = np.arange(len(speed)) * step
+    force = 20.0 * np.sin(np.pi * np.clip(time / 0.01, 0, 1))
+    return scene, TimeHistory(time, np.vstack([angle, force]), ("angle", "f"), ("rad", "N")), plateaus
+
+
+@pytest.mark.filterwarnings("ignore:body 'blade' is deformed by up to 8.7 %")
+def test_a_blade_that_runs_up_stiffens_in_time(blade):
+    """Flap at speeds of 4 and 8 in one run: A. Hamza Cherif and A. Houmat; 3.516 at rest."""
+    scene, excitation, plateaus = shaken(keep_modes(blade, 3), (4, 8))
+    record = simulate(scene, excitation, time_step=2.5e-4, stress="present", progress=False)
+    for plateau, flap in zip(plateaus, (5.5850, 9.2568), strict=True):
+        signal, tried = record["tip"][plateau], np.linspace(0.95, 1.05, 401) * flap
+        waves = np.exp(-1j * UNIT * np.outer(tried, record.time[plateau]))
+        found = tried[np.argmax(np.abs(waves @ (signal * np.hanning(len(signal)))))]
+        assert found == pytest.approx(flap, rel=3e-3)
+
+
+def test_the_present_stress_is_that_of_the_scene_in_its_present_position(blade):
+    """A quarter and some of a turn later, at another speed, with gravity across the axis."""
+    scene, _, _ = shaken(keep_modes(blade, 2), (1,))
+    ground, body = scene.bodies
+    scene = replace(scene, gravity=(3.0, -5.0, 8.0))
+    axis, turn = TURN[:, 2], Rotation.from_rotvec(2.0 * TURN[:, 2]).as_matrix()
+    stator = frozenset(["ground"])
+    present = PresentStress.of(assemble(scene), ["blade"], axis, np.zeros(3), stator, 0.0)
+    turned = replace(scene, bodies=(ground, replace(body, rotation=turn @ TURN)))
+    start = stress_under(assemble(scene), np.array(scene.gravity))["blade"]
+    partition = RotorPartition(7.0 * axis, np.zeros(3), stator)
+    expected = stress_under(assemble(turned), np.array(scene.gravity), partition)["blade"]
+    change = present.change("blade", turn, 7.0 * axis)
+    np.testing.assert_allclose(start + change, expected, atol=1e-9 * np.abs(expected).max())
+    assert np.abs(start - expected).max() > 0.5 * np.abs(expected).max()
+
+
+def test_runs_stepped_one_by_one_have_the_same_present_stress(blade):
+    scene, excitation, _ = shaken(keep_modes(blade, 1), (0.05,), plateau=0.0, ramp=0.05)
+    options = {"time_step": 2.5e-4, "stress": "present", "start": "released"}
+    expected = simulate(scene, excitation, progress=False, **options)
+    with Simulation(scene, input_rates={"angle": excitation["angle"][1] / 2.5e-4}, **options) as run:
+        for angle, force in excitation.values.T[1:]:
+            run.step({"angle": angle, "f": force})
+    np.testing.assert_array_equal(run.record["tip"], expected["tip"])
+
+
+def test_present_stress_is_refused_where_nothing_follows_it(blade, strip):
+    scene, excitation, _ = shaken(keep_modes(blade, 1), (4,), plateau=0.01, ramp=0.02)
+    options = {"time_step": 2.5e-4, "stress": "present", "progress": False}
+    ground, body = scene.bodies
+    with pytest.raises(ValueError, match=r"it has 1 such drives and 0 such bodies: leave stress"):
+        simulate(replace(scene, bodies=(ground, replace(body, fidelity="rigid"))), excitation, **options)
+    with pytest.raises(ValueError, match="by method 'generalized_alpha' has the stress of the start"):
+        simulate(replace(scene, bodies=(ground, replace(body, fidelity="linear"))), excitation, **options)
+    with pytest.raises(ValueError, match="unknown stress 'now'"):
+        simulate(scene, excitation, **options | {"stress": "now"})
+    rest = TimeHistory(np.arange(3) * 1e-3, np.zeros((1, 3)), ("force",), ("N",))
+    with pytest.raises(ValueError, match="it has 0 such drives and 1 such bodies"):
+        simulate(standing(strip), rest, time_step=1e-3, stress="present", progress=False)
 
 
 SLENDER = 0.5

@@ -44,7 +44,16 @@ from nassim.simulation.exudyn.outputs import add_axes, add_output
 from nassim.simulation.exudyn.rigid_groups import combine_bodies, find_rigid_groups, with_points_of
 from nassim.simulation.exudyn.spring_forces import add_spring_force
 from nassim.simulation.exudyn.springs import VIRTUAL_NODE_RADIUS, add_force_law, extended_points
-from nassim.simulation.exudyn.state import FlexibleCoordinates, InputChannel, Summand, System, add_circuit, modal_node
+from nassim.simulation.exudyn.state import (
+    FlexibleCoordinates,
+    InputChannel,
+    StressChange,
+    StressUpdate,
+    Summand,
+    System,
+    add_circuit,
+    modal_node,
+)
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.capabilities import LARGE_MOTION, check_capabilities
 from nassim.simulation.model.initial_velocities import check_implied, initial_twists
@@ -63,13 +72,20 @@ Added = tuple[int, FlexibleCoordinates, int, dict[Place, MarkerFactory], dict[Pl
 """Rigid node of a body, its flexible coordinates, its object, its marker factories and its virtual nodes."""
 
 
-def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, steps: Steps | None = None) -> System:
+def build_system(
+    assembly: Assembly,
+    rates: Mapping[str, float] | None = None,
+    steps: Steps | None = None,
+    stress_changes: Mapping[str, StressChange] | None = None,
+) -> System:
     """Build the Exudyn system of an assembled scene, with all inputs at zero.
 
     Args:
         assembly: the assembled scene.
         rates: initial rates of inputs that drives follow, see `initial_twists`.
         steps: steps whose period error is corrected; None: no correction.
+        stress_changes: changes of the geometric stiffness of floating bodies during a run, by name, see
+            `System.update_stress`; others keep that of the start.
 
     Returns:
         The system.
@@ -87,6 +103,7 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, s
     container = exu.SystemContainer()
     mbs = container.AddSystem()
     items = _add_bodies(mbs, assembly, rates, added)
+    updates = _add_stress_updates(items, assembly, stress_changes or {})
     drives: list[InputChannel] = []
     readings: dict[str, list[Summand]] = {output: [] for output in assembly.scene.outputs}
     rotating_axes: dict[str, list[tuple[int, Array]]] = {output: [] for output in assembly.scene.outputs}
@@ -120,6 +137,7 @@ def build_system(assembly: Assembly, rates: Mapping[str, float] | None = None, s
         sparse=mbs.systemData.ODE2Size() > SPARSE_SIZE,
         rotating_axes=rotating_axes,
         evaluators=items.evaluators,
+        stress_updates=updates,
     )
 
 
@@ -232,6 +250,20 @@ def _hold_equilibrium(
         if body.fidelity == "ffrf" and np.any(force):
             nodes = [node for node, _ in flexible[body.name].nodes]
             mbs.AddObject(eii.ObjectGenericODE2(nodeNumbers=nodes, massMatrix=NO_MATRIX, forceVector=force))
+
+
+def _add_stress_updates(
+    items: Items, assembly: Assembly, changes: Mapping[str, StressChange]
+) -> tuple[StressUpdate, ...]:
+    """Add an object to each body whose stress changes, which takes the change of its stiffness since the start."""
+    result = []
+    for name, change in changes.items():
+        ((node, n),), body = items.flexible[name].nodes, assembly.scene.split(f"{name}.")[0]
+        assert isinstance(body, FlexibleBody)
+        empty = eii.ObjectGenericODE2(nodeNumbers=[node], massMatrix=NO_MATRIX, stiffnessMatrix=np.zeros((n, n)))
+        flexible = assembly.coordinates.frames[name].flexible
+        result.append(StressUpdate(items.nodes[name], body.rotation, items.mbs.AddObject(empty), flexible, change))
+    return tuple(result)
 
 
 def _add_linear_body(mbs: Any, scene: Scene, body: Body) -> BodyNodes:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from nassim.base.checks import Array, finite_array, known, unique
 from nassim.scene.measures import body_of
 from nassim.scene.scene import Scene
-from nassim.scene.terms import Constraint, Output
+from nassim.scene.terms import Constraint, Output, PrescribedMotion
 from nassim.simulation.linear.folding import warn_of_folding
 from nassim.simulation.loaded.loaded_state import loaded_state
 from nassim.simulation.loaded.rotor_frame import FRAMES, FrameView, RotorPartition, check_constant, damps_both
@@ -168,17 +168,39 @@ def _spin_of_drive(assembly: Assembly, stator: frozenset[str] | None) -> tuple[A
         assembly: the assembled scene.
         stator: names of the bodies of the stator; None: those that are tied to the ground.
     """
+    (drive, *others) = assembly.scene.speeds
+    turned = rotor_of_drive(assembly, drive, stator)
+    if others or turned is None:
+        raise ValueError(
+            f"scene {assembly.scene.name!r}: a linear model is about one drive that turns at constant speed"
+        )
+    axis, point, stator = turned
+    return drive.speed * axis, point, stator
+
+
+def rotor_of_drive(
+    assembly: Assembly, drive: PrescribedMotion, stator: frozenset[str] | None = None
+) -> tuple[Array, Array, frozenset[str]] | None:
+    """Return axis, a point of the axis [m] and the stator of what a drive turns; None for one that translates.
+
+    Args:
+        assembly: the assembled scene.
+        drive: the drive.
+        stator: names of the bodies of the stator; None: those that are tied to the ground.
+
+    Raises:
+        ValueError: for a drive without a stator on one side.
+    """
     scene = assembly.scene
-    (drive, *others) = scene.speeds
     joint = next(joint for joint in scene.terms_of(Constraint) if joint.name == drive.constraint)
     axis = joint.measure.rotation_axis(drive.component)
-    if others or axis is None:
-        raise ValueError(f"scene {scene.name!r}: a linear model is about one drive that turns at constant speed")
+    if axis is None:
+        return None
     stator = stator_bodies(assembly, joint, axis) if stator is None else stator
     ends = [body_of(path) in stator for path in joint.points[:2]]
     if sum(ends) != 1:
         raise ValueError(f"joint {joint.name!r}: a drive of constant speed needs a stator on one of its two sides")
-    return (1.0 if ends[0] else -1.0) * drive.speed * axis, scene.point_position(joint.points[0]), stator
+    return (1.0 if ends[0] else -1.0) * axis, scene.point_position(joint.points[0]), stator
 
 
 def spinning_equilibrium(

@@ -1,17 +1,20 @@
 """Assembly of scenes for runs, with the stiffness that their loads at the start add."""
 
 import warnings
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
 
 from nassim.base.callers import outside
 from nassim.scene.scene import Scene
-from nassim.simulation.linear.linearization import NO_SPIN, loaded_assembly
+from nassim.scene.terms import PrescribedMotion
+from nassim.simulation.linear.linearization import NO_SPIN, loaded_assembly, rotor_of_drive
 from nassim.simulation.loaded.body_stress import describe_change
 from nassim.simulation.loaded.equilibrium import check_small
 from nassim.simulation.loaded.geometric_stiffness import is_preloaded
 from nassim.simulation.loaded.loaded_state import describe_instability, loaded_state
+from nassim.simulation.loaded.present_stress import PresentStress
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.effect_of_loads import LoadedState
 from nassim.simulation.model.tangents import NO_EQUILIBRIUM
@@ -80,6 +83,34 @@ def assemble_large_motion(scene: Scene) -> tuple[Assembly, frozenset[str]]:
             )
     known = {body.name for body in assembly.scene.deformable_bodies if body.reduced.stress_stiffness}
     return replace(assembly, loads=replace(loads, inside=own)), frozenset(known & floating if spinning else ())
+
+
+def present_stress(assembly: Assembly, stressed: Collection[str]) -> PresentStress:
+    """Compute how the stress in floating bodies changes with the speed of a drive and the direction of gravity.
+
+    Args:
+        assembly: the assembled scene, with the stiffness of its loads at the start.
+        stressed: names of the bodies whose stress by the drive's speed it has.
+
+    Returns:
+        The change since the start.
+
+    Raises:
+        ValueError: without one drive that turns a joint, and without floating bodies that hold their geometric
+            stiffness.
+    """
+    scene = assembly.scene
+    found = [(drive, rotor_of_drive(assembly, drive)) for drive in scene.terms_of(PrescribedMotion)]
+    turned = [(drive, rotor) for drive, rotor in found if rotor is not None]
+    known = [body.name for body in scene.deformable_bodies if body.fidelity == "ffrf" and body.reduced.stress_stiffness]
+    if len(turned) != 1 or not known:
+        raise ValueError(
+            f'scene {scene.name!r}: stress="present" follows the speed of one drive that turns a joint, in bodies of '
+            'fidelity "ffrf" that are reduced by craig_bampton(..., geometric_stiffness=True); it has '
+            f'{len(turned)} such drives and {len(known)} such bodies: leave stress="start"'
+        )
+    ((drive, rotor),) = turned
+    return PresentStress.of(assembly, known, *rotor, speed=drive.speed if stressed else 0.0)
 
 
 def _loads(scene: Scene, assembly: Assembly) -> tuple[LoadedState, bool]:

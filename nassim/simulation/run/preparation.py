@@ -27,7 +27,7 @@ from nassim.simulation.model.initial_velocities import (
 from nassim.simulation.model.motion_size import motion_size
 from nassim.simulation.model.period_correction import Steps
 from nassim.simulation.run.checks import check_drives, check_exact, check_loops, check_options, check_stability
-from nassim.simulation.run.loaded_start import assemble_large_motion, assemble_small_motion
+from nassim.simulation.run.loaded_start import assemble_large_motion, assemble_small_motion, present_stress
 from nassim.simulation.run.warnings_of_runs import (
     warn_of_changed_modes,
     warn_of_drift,
@@ -39,6 +39,7 @@ from nassim.simulation.run.warnings_of_runs import (
 
 METHODS = ("generalized_alpha", "exact", "explicit")
 STARTS = ("equilibrium", "released")
+STRESSES = ("start", "present")
 TURNING_RADIUS = 0.9
 """Spectral radius where bodies can turn far: for up to 0.1 rad in a step."""
 
@@ -53,6 +54,7 @@ class Options:
     hold_order: int | None
     start: str
     period_correction: bool
+    stress: str
 
     @classmethod
     def of(
@@ -64,16 +66,23 @@ class Options:
         hold_order: int | None,
         start: str,
         period_correction: bool,
+        stress: str,
     ) -> "Options":
         """Check the options of a run; where no spectral radius is given, find that of the scene."""
         known("start", start, STARTS)
+        known("stress", stress, STRESSES)
+        if stress != "start" and (method != "generalized_alpha" or scene.in_small_motion):
+            raise ValueError(
+                f'stress={stress!r} is of floating frames (fidelity "ffrf") by method="generalized_alpha"; scene '
+                f"{scene.name!r} by method {method!r} has the stress of the start, leave it out"
+            )
         check_options(method, spectral_radius, hold_order)
         if not period_correction and method != "generalized_alpha":
             raise ValueError(f'period_correction is of "generalized_alpha"; method {method!r} has none, leave it out')
         if spectral_radius is None:
             far = method == "generalized_alpha" and not scene.in_small_motion and has_free_rotation(scene)
             spectral_radius = TURNING_RADIUS if far else 1.0
-        return cls(time_step, method, spectral_radius, hold_order, start, period_correction)
+        return cls(time_step, method, spectral_radius, hold_order, start, period_correction, stress)
 
     @property
     def order(self) -> int:
@@ -137,17 +146,21 @@ def start_system(
     Returns the system, and the bodies that a warning has told to spin fast.
     """
     twists = initial_twists(scene, rates)
-    steps, stressed = options.steps, frozenset[str]()
+    steps, stressed, changes = options.steps, frozenset[str](), {}
     if scene.in_small_motion:
         assembly = assemble_small_motion(scene, released=options.released)
         state_space(assembly)  # refuses outputs that need a derivative of what a drive follows
     else:
         assembly, stressed = assemble_large_motion(scene)
+        if options.stress == "present":
+            changes = present_stress(assembly, stressed).changes
+            stressed |= changes.keys()
     speeds = {name: float(np.linalg.norm(twist[3:])) for name, twist in twists.items()}
     told = [*stressed, *warn_of_spin(scene, speeds, stressed)]
     if steps and (line := describe_steps(assembly, steps, highest)):
         tell(line)
-    system = build_system(assembly, rates, steps)
+    system = build_system(assembly, rates, steps, changes)
+    system.update_stress()
     if not options.released and settle(system, steady):
         warn_of_far_equilibrium(system)
     return system, told
