@@ -486,6 +486,50 @@ def test_constant_inputs_soften_as_they_press(strip):
         linearize(scene, constant_inputs={"force": -1.01 * factor})
 
 
+@pytest.mark.parametrize(
+    ("fidelity", "method", "error"),
+    [("linear", "exact", 1e-5), ("linear", "generalized_alpha", 2e-3), ("ffrf", "generalized_alpha", 1e-2)],
+)
+def test_runs_under_constant_inputs_are_about_their_equilibrium(strip, fidelity, method, error):
+    """A column under half of its buckling load, held aside by a force, and pushed: the linear model and its rest."""
+    scene = standing(strip)
+    half = -0.5 * buckling_factors(scene, inputs={"force": -1.0})[0][0]
+    side, tip = (
+        PointForce("side", "strip.right", TURN[:, 2], "side"),
+        Encoder("tip", "ground.c", "strip.right", TURN[:, 2]),
+    )
+    body = replace(scene.bodies[1], fidelity=fidelity)
+    scene = replace(scene, bodies=(scene.bodies[0], body), actuators=(*scene.actuators, side), sensors=(tip,))
+    constant, time = {"force": half, "side": 0.5}, np.arange(400) * 5e-4
+    push = np.sin(np.pi * np.clip(time / 0.02, 0, 1))
+    excitation = TimeHistory(time, np.vstack([0 * time, push]), ("force", "side"), ("N", "N"))
+    options = {"time_step": 5e-4, "method": method, "constant_inputs": constant}
+    record = simulate(scene, excitation, progress=False, **options)["tip"]
+    rest = TURN[:, 2] @ loaded_equilibrium(scene, inputs=constant).motions["strip.right"][:3]
+    assert record[0] == pytest.approx(rest, rel=1e-6)
+    model = linearize(scene, constant_inputs=constant)
+    expected = scipy.signal.lsim(model.matrices, excitation.values.T, time)[1] + rest
+    assert np.abs(record - expected).max() < error * np.ptp(expected)
+    with Simulation(scene, **options) as run:
+        assert run.outputs["tip"] == record[0]
+
+
+def test_constant_inputs_that_load_no_run_are_refused():
+    ball = RigidBody("ball", {"c": np.zeros(3)}, 2.0, 1e-3 * np.eye(3))
+    ground = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
+    slide, push = Joint("slide", "ground.o", "ball.c", free=("x",)), PointForce("push", "ball.c", "x", "force")
+    scene = Scene("slide", (ground, ball), (slide,), (push,))
+    rest = TimeHistory(np.arange(3) * 1e-3, np.zeros((1, 3)), ("force",), ("N",))
+    for method in ("exact", "generalized_alpha"):
+        with pytest.raises(RuntimeError, match="no static equilibrium"):
+            simulate(scene, rest, time_step=1e-3, method=method, constant_inputs={"force": 1.0}, progress=False)
+    with pytest.raises(ValueError, match="unknown input 'push'"):
+        simulate(scene, rest, time_step=1e-3, constant_inputs={"push": 1.0}, progress=False)
+    moved = replace(scene, actuators=(Drive("push", "slide", "x", input="force"),))
+    with pytest.raises(ValueError, match="input 'force' moves a drive or the base"):
+        simulate(moved, rest, time_step=1e-3, constant_inputs={"force": 1.0}, progress=False)
+
+
 def test_forces_of_joints_and_springs_balance_the_loads(strip):
     """A strip welded to the ground bears a block that also hangs on a preloaded spring; anyhow in space."""
     skewed, along = Rotation.from_rotvec([0.4, -0.7, 0.2]).as_matrix(), np.array([2.0, -1.0, 2.0]) / 3

@@ -43,7 +43,7 @@ def exact_response(
     kept: Sequence[int] = (),
     advance: Advance = silent,
 ) -> tuple[Array, Array, Array, Array]:
-    """Find the response of an assembled scene from rest in its equilibrium under gravity, or released.
+    """Find the response of an assembled scene from rest in its equilibrium under its loads, or released.
 
     Args:
         assembly: the scene.
@@ -179,7 +179,7 @@ def _plant(
 ) -> tuple[Plant, Array, Array, tuple[Array, Array]]:
     """Discretise a scene without its loops.
 
-    Gravity, where it acts, is the last input, of constant value one. For hold_order 1, where
+    Constant loads, if there are any, are the last input, of constant value one. For hold_order 1, where
     x_1 = P x_0 + G u_0 + H (u_1 - u_0), the state is x - H u. Quasi-static modes have no states: see
     `nassim.systems.sampled`.
 
@@ -193,10 +193,11 @@ def _plant(
         The plant, the states x at the start, (n,), the matrix H, (n, inputs), and all coordinates per unit of the
         states, (n_all, n), and of the inputs, (n_all, inputs).
     """
-    scene, modal, weight = assembly.scene, assembly.modal, assembly.signals.weight
+    scene, modal = assembly.scene, assembly.modal
     state, drives, readings, feedthrough = state_space(assembly)
+    loaded = bool(np.any(drives[:, -1]))
     by_states, by_inputs = _all_coordinates(modal, assembly.signals, *drives.shape)
-    if not np.any(weight):
+    if not loaded:
         drives, feedthrough, by_inputs = drives[:, :-1], feedthrough[:, :-1], by_inputs[:, :-1]
     n = 2 * len(modal.frequency)
     fast, held_by_stiffness = np.zeros(len(state), dtype=bool), np.ones(len(state), dtype=bool)
@@ -205,7 +206,7 @@ def _plant(
     readings, settling = readings @ kept, readings @ taken
     by_states, by_inputs = by_states @ kept, by_inputs + by_states @ taken
     start = np.zeros(len(state))
-    if np.any(weight) and not released:
+    if loaded and not released:
         part = held_by_stiffness[~fast]
         start[part] = np.linalg.solve(state[np.ix_(part, part)], -drives[part, -1])
     phi, held, risen = discretize(state, drives, h)

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nassim.base.checks import Array, known
+from nassim.base.checks import Array, finite, known
 from nassim.base.progress import tell
 from nassim.scene.scene import Scene
+from nassim.scene.terms import BaseAcceleration, PrescribedMotion
 from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.solver import solve_static
 from nassim.simulation.exudyn.state import System
@@ -55,6 +56,7 @@ class Options:
     start: str
     period_correction: bool
     stress: str
+    constant_inputs: Mapping[str, float]
 
     @classmethod
     def of(
@@ -67,6 +69,7 @@ class Options:
         start: str,
         period_correction: bool,
         stress: str,
+        constant_inputs: Mapping[str, float] | None,
     ) -> "Options":
         """Check the options of a run; where no spectral radius is given, find that of the scene."""
         known("start", start, STARTS)
@@ -77,12 +80,23 @@ class Options:
                 f"{scene.name!r} by method {method!r} has the stress of the start, leave it out"
             )
         check_options(method, spectral_radius, hold_order)
+        constant = {
+            known("input", name, scene.inputs): finite(f"constant input {name!r}", value)
+            for name, value in (constant_inputs or {}).items()
+        }
+        moving = [t.input for t in scene.terms if isinstance(t, (PrescribedMotion, BaseAcceleration))]
+        for name in constant:
+            if name in moving:
+                raise ValueError(
+                    f"input {name!r} moves a drive or the base, which is no load of a start: give forces and voltages; "
+                    "a constant acceleration of the base is a gravity of the scene"
+                )
         if not period_correction and method != "generalized_alpha":
             raise ValueError(f'period_correction is of "generalized_alpha"; method {method!r} has none, leave it out')
         if spectral_radius is None:
             far = method == "generalized_alpha" and not scene.in_small_motion and has_free_rotation(scene)
             spectral_radius = TURNING_RADIUS if far else 1.0
-        return cls(time_step, method, spectral_radius, hold_order, start, period_correction, stress)
+        return cls(time_step, method, spectral_radius, hold_order, start, period_correction, stress, constant)
 
     @property
     def order(self) -> int:
@@ -125,7 +139,7 @@ def check_run(scene: Scene, options: Options, signals: Mapping[str, Array]) -> N
 
 def exact_assembly(scene: Scene, options: Options) -> Assembly:
     """Assemble a scene for exact steps; warn of modes that could make its loops unstable."""
-    assembly = assemble_small_motion(scene, released=options.released)
+    assembly = assemble_small_motion(scene, released=options.released, inputs=options.constant_inputs)
     if scene.loops and np.any(assembly.modal.unsupported):
         warn_of_folding(linear_model(assembly), scene.loops)
     return assembly
@@ -148,10 +162,10 @@ def start_system(
     twists = initial_twists(scene, rates)
     steps, stressed, changes = options.steps, frozenset[str](), {}
     if scene.in_small_motion:
-        assembly = assemble_small_motion(scene, released=options.released)
+        assembly = assemble_small_motion(scene, released=options.released, inputs=options.constant_inputs)
         state_space(assembly)  # refuses outputs that need a derivative of what a drive follows
     else:
-        assembly, stressed = assemble_large_motion(scene)
+        assembly, stressed = assemble_large_motion(scene, options.constant_inputs)
         if options.stress == "present":
             changes = present_stress(assembly, stressed).changes
             stressed |= changes.keys()
@@ -161,27 +175,31 @@ def start_system(
         tell(line)
     system = build_system(assembly, rates, steps, changes)
     system.update_stress()
-    if not options.released and settle(system, steady):
+    if not scene.in_small_motion:  # small motion has them among its loads
+        system.add_constant_inputs(options.constant_inputs)
+    if not options.released and settle(system, steady, options.constant_inputs):
         warn_of_far_equilibrium(system)
     return system, told
 
 
-def settle(system: System, rates: Mapping[str, float]) -> bool:
+def settle(system: System, rates: Mapping[str, float], constant_inputs: Mapping[str, float] | None = None) -> bool:
     """Bring a system into its static equilibrium or into that of its steady rotation.
 
     Args:
         system: Exudyn's system, changed.
         rates: initial rates of prescribed motions, by input; 0 for those that are not steady.
+        constant_inputs: constant values of inputs that the system has, by name.
 
     Returns:
-        Whether gravity or rotation loads the system.
+        Whether gravity, constant inputs or rotation load the system.
     """
     scene = system.assembly.scene
     twists = steady_rotation_twists(scene, rates)
     if twists is None:
-        if np.any(scene.gravity):
+        loaded = bool(np.any(scene.gravity) or constant_inputs)
+        if loaded:
             solve_static(system)
-        return bool(np.any(scene.gravity))
+        return loaded
     growing = solve_steady_rotation(system, twists)
     if growing and not scene.loops and is_axisymmetric(scene, twists):
         raise ValueError(
