@@ -221,11 +221,16 @@ def _add_bodies(mbs: Any, assembly: Assembly, rates: Mapping[str, float] | None,
 
 
 def _stress_stiffness(assembly: Assembly) -> dict[str, Array]:
-    """Return the stiffness of the stress in each body that deforms, on its deformation, by name, (n, n)."""
+    """Return the stiffness of the stress in each body that deforms, by name, (n, n).
+
+    In a floating body it acts on the flexible coordinates. In a body in small motion it acts on all coordinates, which
+    also gives rigid rotations the stiffness of the weight and of the forces at its points, in fixed directions.
+    """
     result, inside = {}, assembly.loads.inside if assembly.loads else {}
     for body in assembly.scene.deformable_bodies:
-        flexible = assembly.coordinates.frames[body.name].flexible
-        own = inside.get(body.name, np.zeros((len(body.mass_matrix),) * 2))[np.ix_(flexible, flexible)]
+        n = len(body.mass_matrix)
+        taken = assembly.coordinates.frames[body.name].flexible if body.fidelity == "ffrf" else np.arange(n)
+        own = inside.get(body.name, np.zeros((n, n)))[np.ix_(taken, taken)]
         result[body.name] = 0.5 * (own + own.T)
     return result
 
@@ -233,21 +238,24 @@ def _stress_stiffness(assembly: Assembly) -> dict[str, Array]:
 def _hold_equilibrium(
     mbs: Any, assembly: Assembly, stress: Mapping[str, Array], flexible: Mapping[str, FlexibleCoordinates]
 ) -> None:
-    """Let the stiffness of the stress act on the deformation from the equilibrium, which bears the loads without it.
+    """Let the stiffness of the stress act on motion from the equilibrium, which bears the loads without it.
 
     Args:
         mbs: Exudyn's system.
         assembly: the assembled scene.
-        stress: stiffness of the stress on the deformation of each body, by name, (n, n).
+        stress: stiffness of the stress in each body, see `_stress_stiffness`.
         flexible: coordinates of the bodies that deform, by name.
     """
     if assembly.loads is None:
         return
     displacement = assembly.modal.modes @ assembly.loads.equilibrium
     for body in assembly.scene.deformable_bodies:
-        deformation = assembly.coordinates.frames[body.name].deformation(body.reduced)
-        force = stress[body.name] @ deformation @ displacement[assembly.coordinates.slices[body.name]]
-        if body.fidelity == "ffrf" and np.any(force):
+        moved = displacement[assembly.coordinates.slices[body.name]]
+        if body.fidelity == "ffrf":
+            force = stress[body.name] @ assembly.coordinates.frames[body.name].deformation(body.reduced) @ moved
+        else:
+            force = flexible[body.name].coordinates.T @ stress[body.name] @ moved
+        if np.any(force):
             nodes = [node for node, _ in flexible[body.name].nodes]
             mbs.AddObject(eii.ObjectGenericODE2(nodeNumbers=nodes, massMatrix=NO_MATRIX, forceVector=force))
 
@@ -314,7 +322,7 @@ def _add_linear(
     scene: Scene,
     body: FlexibleBody,
     frame: FloatingFrame,
-    on_deformation: tuple[Array, Array, Array],
+    matrices: tuple[Array, Array, Array],
     twist: Array,
 ) -> Added:
     """Add a body in small motion: a node per remote point along the world's axes, and one for the modes."""
@@ -340,12 +348,13 @@ def _add_linear(
     deformation = frame.deformation(reduced) @ to_body
     fall = np.vstack([*([np.eye(3), np.zeros((3, 3))] * len(reduced.remote_points)), np.zeros((reduced.n_modes, 3))])
     mass = to_body.T @ reduced.mass_matrix @ to_body
-    added, damping, stress = (deformation.T @ matrix @ deformation for matrix in on_deformation)
+    *on_deformation, stress = matrices
+    added, damping = (deformation.T @ matrix @ deformation for matrix in on_deformation)
     number = mbs.AddObject(
         eii.ObjectGenericODE2(
             nodeNumbers=numbers,
             massMatrix=mass + added,
-            stiffnessMatrix=to_body.T @ reduced.stiffness_matrix @ to_body + stress,
+            stiffnessMatrix=to_body.T @ (reduced.stiffness_matrix + stress) @ to_body,
             dampingMatrix=damping,
             forceVector=mass @ fall @ scene.gravity,
         )
@@ -359,11 +368,11 @@ def _add_floating(
     scene: Scene,
     body: FlexibleBody,
     frame: FloatingFrame,
-    on_deformation: tuple[Array, Array, Array],
+    matrices: tuple[Array, Array, Array],
     twist: Array,
 ) -> Added:
     """Add a floating-frame body."""
-    added, damping, stress = on_deformation
+    added, damping, stress = matrices
     n = len(frame.flexible)
     node = mbs.AddNode(
         GetRigidBodyNode(

@@ -23,7 +23,7 @@ from nassim.base.rigid_motion import skew
 from nassim.scene.bodies import FlexibleBody, RigidBody
 from nassim.scene.measures import BodyCoordinates
 from nassim.scene.terms import BaseAcceleration, Driven, PrescribedMotion
-from nassim.simulation.loaded.body_stress import estimated_stress, stress_of_bodies
+from nassim.simulation.loaded.body_stress import estimated_stress, on_deformation, stress_of_bodies
 from nassim.simulation.loaded.equilibrium import StaticBalance, balance, check_small, spinning_rest
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness, is_preloaded
 from nassim.simulation.loaded.rotor_frame import FrameView, RotorPartition, other_frame_terms, rotating_damping
@@ -118,7 +118,7 @@ def loaded_state(
         parts.append(np.zeros_like(weights.stiffness))
         for name, own in inside.items():
             place = assembly.coordinates.slices[name]
-            parts[-1][place, place] = own
+            parts[-1][place, place] = on_deformation(assembly, name, own)
     stiffness, sizes = sum(parts), np.abs(modes).T @ sum(map(np.abs, parts)) @ np.abs(modes)
     added = modes.T @ stiffness @ modes
     added[np.abs(added) < SUM_ROUNDING * sizes] = 0.0

@@ -10,7 +10,6 @@ from nassim.base.callers import outside
 from nassim.scene.scene import Scene
 from nassim.scene.terms import PrescribedMotion
 from nassim.simulation.linear.linearization import NO_SPIN, loaded_assembly, rotor_of_drive
-from nassim.simulation.loaded.body_stress import describe_change
 from nassim.simulation.loaded.equilibrium import check_small
 from nassim.simulation.loaded.geometric_stiffness import is_preloaded
 from nassim.simulation.loaded.loaded_state import describe_instability, loaded_state
@@ -56,7 +55,7 @@ def assemble_small_motion(
 
 
 def assemble_large_motion(scene: Scene, inputs: Mapping[str, float] | None = None) -> tuple[Assembly, frozenset[str]]:
-    """Assemble a scene with the geometric stiffness of the stress in its floating bodies at the start.
+    """Assemble a scene with the geometric stiffness of the stress in its flexible bodies at the start.
 
     The stress is that under gravity, preload, constant inputs and a drive of constant speed. It stays as the scene
     moves. Weights, joints and springs need no stiffness of their own, as floating bodies carry their forces along.
@@ -69,8 +68,7 @@ def assemble_large_motion(scene: Scene, inputs: Mapping[str, float] | None = Non
         The assembly, and the names of the bodies whose stress by the drive's speed it has.
 
     Warns:
-        UserWarning: as `nassim.simulation.loaded_state` of stress that is only estimated, and of stress that is left
-            out in bodies in small motion beside floating ones.
+        UserWarning: as `nassim.simulation.loaded_state` of stress that is only estimated.
     """
     assembly = assemble(scene)
     floating = {body.name for body in assembly.scene.deformable_bodies if body.fidelity == "ffrf"}
@@ -78,16 +76,8 @@ def assemble_large_motion(scene: Scene, inputs: Mapping[str, float] | None = Non
     if not (floating and loaded):
         return assembly, frozenset()
     loads, spinning = _loads(scene, assembly, inputs)
-    own = {name: stiffness for name, stiffness in loads.inside.items() if name in floating}
-    for name, stiffness in loads.inside.items():
-        if name not in floating and (change := describe_change(assembly, name, stiffness)):
-            warnings.warn(
-                f"{change}, which the run leaves out, as the body is in small motion beside floating ones: give it the "
-                'fidelity "ffrf"',
-                stacklevel=outside(),
-            )
     known = {body.name for body in assembly.scene.deformable_bodies if body.reduced.stress_stiffness}
-    return replace(assembly, loads=replace(loads, inside=own)), frozenset(known & floating if spinning else ())
+    return replace(assembly, loads=loads), frozenset(known & floating if spinning else ())
 
 
 def present_stress(assembly: Assembly, stressed: Collection[str]) -> PresentStress:
