@@ -140,7 +140,7 @@ class GeometricStiffness:
         for k, (path, place) in enumerate(zip(measure.points, reference, strict=True)):
             frame = self._frame(path)
             wrench = wrenches[6 * k : 6 * k + 6]
-            stiffness += _of_point(frame.motion[:, moving], motions[k], place - frame.position, wrench)
+            stiffness += stiffness_of_point(frame.motion[:, moving], motions[k], place - frame.position, wrench)
         return moving, stiffness
 
     def _frame(self, path: str) -> Frame:
@@ -150,7 +150,7 @@ class GeometricStiffness:
         return Frame(self.assembly.scene.point_position(path), np.zeros((6, self.assembly.coordinates.size)))
 
 
-def _of_point(of_frame: Array, of_point: Array, arm: Array, wrench: Array) -> Array:
+def stiffness_of_point(of_frame: Array, of_point: Array, arm: Array, wrench: Array) -> Array:
     """Return the stiffness of a wrench (6,) on a point that a frame carries, (n, n), to first order in the wrench.
 
     The point moves to second order by theta x (u - u_frame) - theta x (theta x arm) / 2. Its angular velocity is, with
