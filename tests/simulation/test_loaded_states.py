@@ -607,6 +607,22 @@ def test_forces_that_follow_a_point_are_told_from_dead_ones(frame, left):
         assert frequencies(scene, constant_inputs={"force": force}) == pytest.approx([expected], rel=1e-6)
 
 
+def test_equilibria_far_away_are_refused_and_found_in_large_motion():
+    """A rod on a torsion spring at its hinge sinks by k a = m g l cos(a), and swings about that by k + m g l sin(a)."""
+    rod = RigidBody("rod", {"foot": 0.4 * TURN[:, 0]}, 1.5, 0.02 * np.eye(3))
+    ground = RigidBody("ground", {"o": 0.4 * TURN[:, 0]}, fixed=True)
+    hinge = revolute("hinge", "ground.o", "rod.foot", TURN[:, 1])
+    torsion = Bushing("torsion", "ground.o", "rod.foot", [0.0] * 3 + [20.0] * 3)
+    sensors = (AngleSensor("angle", "ground.o", "rod.foot", TURN[:, 1]),)
+    scene = Scene("rod", (ground, rod), (hinge,), sensors=sensors, springs=(torsion,), gravity=50.0 * TURN[:, 2])
+    with pytest.raises(ValueError, match=r"rotated by 1\.4 rad .* static_response finds it"):
+        loaded_equilibrium(scene)
+    angle, moment = static_response(scene)["angle"], 1.5 * 50.0 * 0.4
+    assert 20.0 * angle == pytest.approx(moment * np.cos(angle), rel=1e-6)
+    expected = np.sqrt((20.0 + moment * np.sin(angle)) / (0.02 + 1.5 * 0.4**2)) / (2 * np.pi)
+    assert exudyn_eigenfrequencies(scene, loaded=True) == pytest.approx([expected], rel=1e-5)
+
+
 def test_zieglers_column_flutters_beyond_its_follower_load():
     """H. Ziegler (1952): two links, masses 2 m and m at their ends, (7/2 - sqrt(2)) k / l; dead loads fall aside."""
     length, stiffness = 0.5, 10.0
