@@ -755,6 +755,19 @@ def test_a_preload_that_bears_a_weight_leaves_it_as_drawn(kind):
     assert relaxed[force] == pytest.approx(-3.0 * 9.81, rel=1e-6)
 
 
+def test_runs_start_where_preload_is_balanced():
+    """A spring that pushes by 10 N as drawn has moved its mass by 10 N over its stiffness."""
+    mass, ground = (
+        RigidBody("mass", {"c": np.zeros(3)}, 3.0, np.eye(3)),
+        RigidBody("ground", {"o": (0, 0, 0)}, fixed=True),
+    )
+    spring = SpringDamper("k", "ground.o", "mass.c", "z", 5e3, preload=-10.0)
+    slide, sensor = Joint("slide", "ground.o", "mass.c", free=("z",)), Encoder("z", "ground.o", "mass.c", "z")
+    scene = Scene("pushed", (ground, mass), (slide,), sensors=(sensor,), springs=(spring,))
+    rest = TimeHistory(np.arange(20) * 2e-3, np.zeros((0, 20)), (), ())
+    assert simulate(scene, rest, time_step=2e-3, progress=False)["z"] == pytest.approx(np.full(20, 2e-3), rel=1e-6)
+
+
 def test_the_gravimeter_as_drawn(gravimeter):
     """Its vertical springs bear the weight as drawn, so it rests there and has the same modes."""
     borne = -400.0 * 9.80665 / 2

@@ -16,6 +16,7 @@ from nassim.simulation.exudyn.steady_state import solve_steady_rotation
 from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.linear.folding import warn_of_folding
 from nassim.simulation.linear.linearization import linear_model, state_space
+from nassim.simulation.loaded.geometric_stiffness import is_preloaded
 from nassim.simulation.model.accuracy import describe_steps
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.buckling import axial_forces, warn_of_buckling
@@ -191,12 +192,12 @@ def settle(system: System, rates: Mapping[str, float], constant_inputs: Mapping[
         constant_inputs: constant values of inputs that the system has, by name.
 
     Returns:
-        Whether gravity, constant inputs or rotation load the system.
+        Whether gravity, preload, constant inputs or rotation load the system.
     """
     scene = system.assembly.scene
     twists = steady_rotation_twists(scene, rates)
     if twists is None:
-        loaded = bool(np.any(scene.gravity) or constant_inputs)
+        loaded = bool(np.any(scene.gravity) or constant_inputs) or is_preloaded(system.assembly.tangents)
         if loaded:
             solve_static(system)
         return loaded
