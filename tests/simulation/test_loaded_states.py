@@ -51,6 +51,7 @@ from nassim.simulation import (
     assemble,
     buckling_factors,
     exudyn_eigenfrequencies,
+    linearize_closed,
     loaded_equilibrium,
     loaded_state,
     reduce_scene,
@@ -505,6 +506,10 @@ def test_constant_inputs_soften_as_they_press(strip):
     factor = buckling_factors(scene, inputs={"force": -1.0})[0][0]
     free, pressed = (frequencies(scene, constant_inputs={"force": -share * factor})[0] for share in (0.0, 0.5))
     assert (pressed / free) ** 2 == pytest.approx(0.5, abs=0.02)
+    tip = Encoder("tip", "ground.c", "strip.right", TURN[:, 2])
+    looped = replace(scene, sensors=(tip,), loops=(Loop("loop", proportional(1.0, sample_rate=1e3), "tip", "force"),))
+    closed = linearize_closed(looped, loops=(), continuous=True, constant_inputs={"force": -0.5 * factor})
+    assert np.abs(closed.poles()).min() / (2 * np.pi) == pytest.approx(pressed, rel=1e-9)
     with pytest.warns(UserWarning, match=r"under its loads is unstable: .* pole \+"):
         linearize(scene, constant_inputs={"force": -1.01 * factor})
 
