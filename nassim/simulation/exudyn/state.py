@@ -165,7 +165,7 @@ class System:
         counts: last values of unwrapped summands, by their `id`.
         evaluators: evaluators of measures by general items, whose angles are unwrapped.
         stress_updates: changes of the bodies' geometric stiffness.
-        bias: constant values that add to those of the channels, (drives,).
+        constant_values: constant values that add to those of the channels, (drives,) each.
     """
 
     container: Any
@@ -184,20 +184,18 @@ class System:
     counts: dict[int, float] = field(default_factory=dict)
     evaluators: Sequence[Any] = ()
     stress_updates: Sequence[StressUpdate] = ()
-    bias: Array = field(init=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "bias", np.zeros(len(self.drives)))
+    constant_values: list[Array] = field(default_factory=list)
 
     def add_constant_inputs(self, inputs: Mapping[str, float]) -> None:
         """Let constant values of inputs, by name, act from now on, beside those that are set."""
-        self.bias[:] = [inputs.get(drive.input, 0.0) for drive in self.drives]
+        if inputs:
+            self.constant_values.append(np.array([inputs.get(drive.input, 0.0) for drive in self.drives]))
         self.act(np.zeros(len(self.drives)))
 
     def update_stress(self) -> None:
         """Set the geometric stiffness of bodies whose stress changes to that of the present speed and gravity."""
-        mbs, kind = self.mbs, exu.OutputVariableType
         for update in self.stress_updates:
+            mbs, kind = self.mbs, exu.OutputVariableType
             rotation = np.reshape(mbs.GetNodeOutput(update.node, kind.RotationMatrix), (3, 3)) @ update.start.T
             full = update.change(rotation, np.array(mbs.GetNodeOutput(update.node, kind.AngularVelocity)))
             own = full[np.ix_(update.flexible, update.flexible)]
@@ -209,7 +207,8 @@ class System:
 
     def act(self, values: Array) -> None:
         """Set forces and joint motions by the values of all channels, after their amplifiers, (drives,)."""
-        values = values + self.bias
+        for constant in self.constant_values:
+            values = values + constant
         for place, drive in self._moved:
             drive.offset[:] = values[place] * drive.forces
         for carrier in self._force_carriers:
