@@ -151,11 +151,11 @@ from .simulation.linear.linearization import (
 from .simulation.linear.truncation import (
     truncation_error as truncation_error,
 )
+from .simulation.loaded.scene_body import (
+    reduce_scene as reduce_scene,
+)
 from .simulation.model.description import (
     describe as describe,
-)
-from .simulation.model.scene_body import (
-    reduce_scene as reduce_scene,
 )
 from .simulation.model.stopped_runs import (
     SimulationError as SimulationError,

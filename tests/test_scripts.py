@@ -433,6 +433,12 @@ def test_views_go_on_without_pictures(script, tmp_path, monkeypatch, capsys):
             ["exponents", "nodes", "struts", "states", "samples"],
             ["scaling.png"],
         ),
+        (
+            "benchmark_loaded.py",
+            ["--steps", "20", "--turns", "1"],
+            ["reduction of the actuator", "step of a blade, present stress", "linear model of the hexapod"],
+            [],
+        ),
         ("benchmark_import.py", ["--repetitions", "1"], ["import nassim", "every public name"], []),
         ("make_blind_record.py", ["--duration", "1"], ["payload_mass_kg", "encoder_gain_2_m_per_V"], []),
         (

@@ -64,7 +64,7 @@ def craig_bampton(
             element_size; with a tolerance its error is known)
         geometric_stiffness: also compute the body's geometric stiffness under loads, `ReducedBody.stress_stiffness`,
             for 12 more solves and one scalar matrix per coordinate, omitted modes included; condensation and reduction
-            then take three to four times as long
+            then take two to four times as long
         progress: show the stages and the report
 
     Raises:

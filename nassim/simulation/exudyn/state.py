@@ -119,6 +119,30 @@ class Summand:
         return cls((sensor,), lambda columns: np.matmul(columns[:, None, :], column)[:, 0, 0], weights)
 
 
+StressChange = Callable[[Array, Array], Array]
+"""Change of a body's geometric stiffness since the start, on its coordinates, (n, n), by the rotation of its frame
+since then, (3, 3), and its angular velocity along the world's axes, (3,) [rad/s]."""
+
+
+@dataclass(frozen=True)
+class StressUpdate:
+    """Change of the geometric stiffness of a floating body during a run.
+
+    Attributes:
+        node: rigid-body node of its frame.
+        start: rotation of the body at the start, (3, 3).
+        number: object that takes the stiffness.
+        flexible: indices of the flexible coordinates among the body's.
+        change: the change by the motion of the frame.
+    """
+
+    node: int
+    start: Array
+    number: int
+    flexible: Array
+    change: StressChange
+
+
 @dataclass(frozen=True)
 class System:
     """An Exudyn system, with Exudyn's numbers of a scene's bodies, inputs and outputs.
@@ -140,6 +164,8 @@ class System:
             times gains, (3,).
         counts: last values of unwrapped summands, by their `id`.
         evaluators: evaluators of measures by general items, whose angles are unwrapped.
+        stress_updates: changes of the bodies' geometric stiffness.
+        constant_values: constant values that add to those of the channels, (drives,) each.
     """
 
     container: Any
@@ -157,6 +183,23 @@ class System:
     rotating_axes: dict[str, list[tuple[int, Array]]] = field(default_factory=dict)
     counts: dict[int, float] = field(default_factory=dict)
     evaluators: Sequence[Any] = ()
+    stress_updates: Sequence[StressUpdate] = ()
+    constant_values: list[Array] = field(default_factory=list)
+
+    def add_constant_inputs(self, inputs: Mapping[str, float]) -> None:
+        """Let constant values of inputs, by name, act from now on, beside those that are set."""
+        if inputs:
+            self.constant_values.append(np.array([inputs.get(drive.input, 0.0) for drive in self.drives]))
+        self.act(np.zeros(len(self.drives)))
+
+    def update_stress(self) -> None:
+        """Set the geometric stiffness of bodies whose stress changes to that of the present speed and gravity."""
+        for update in self.stress_updates:
+            mbs, kind = self.mbs, exu.OutputVariableType
+            rotation = np.reshape(mbs.GetNodeOutput(update.node, kind.RotationMatrix), (3, 3)) @ update.start.T
+            full = update.change(rotation, np.array(mbs.GetNodeOutput(update.node, kind.AngularVelocity)))
+            own = full[np.ix_(update.flexible, update.flexible)]
+            mbs.SetObjectParameter(update.number, "stiffnessMatrix", 0.5 * (own + own.T))
 
     def apply(self, inputs: Mapping[str, float]) -> None:
         """Set the inputs, as if they had always been constant."""
@@ -164,6 +207,8 @@ class System:
 
     def act(self, values: Array) -> None:
         """Set forces and joint motions by the values of all channels, after their amplifiers, (drives,)."""
+        for constant in self.constant_values:
+            values = values + constant
         for place, drive in self._moved:
             drive.offset[:] = values[place] * drive.forces
         for carrier in self._force_carriers:

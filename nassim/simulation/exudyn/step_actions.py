@@ -72,6 +72,7 @@ class StepActions:
             values[k] = amplify.mean(first) if explicit else amplify(first, last)
         self.acting = values
         self.system.act(values)
+        self.system.update_stress()
         self.begun += 1
 
     @property

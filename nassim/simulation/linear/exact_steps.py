@@ -183,7 +183,7 @@ def _plant(
 ) -> tuple[Plant, Array, Array, tuple[Array, Array]]:
     """Discretise a scene without its loops.
 
-    Known functions of time, such as the constant one of gravity, are the last states: they obey z' = S z. For
+    Known functions of time, such as the constant one of loads, are the last states: they obey z' = S z. For
     hold_order 1, where x_1 = P x_0 + G u_0 + H (u_1 - u_0), the state is x - H u. Quasi-static modes have no states:
     see `nassim.systems.sampled`.
 

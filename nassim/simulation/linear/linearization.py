@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from nassim.base.checks import Array, finite_array, known, unique
 from nassim.scene.measures import body_of
 from nassim.scene.scene import Scene
-from nassim.scene.terms import Constraint, Output
+from nassim.scene.terms import Constraint, Output, PrescribedMotion
 from nassim.simulation.linear.folding import warn_of_folding
 from nassim.simulation.loaded.loaded_state import loaded_state
 from nassim.simulation.loaded.rotor_frame import FRAMES, FrameView, RotorPartition, check_constant, damps_both
@@ -66,7 +66,8 @@ def linearize(
         loaded: whether gravity and the stress inside bodies change the stiffness. Without, the model is that of the
             reference configuration, in which a pendulum does not swing; a spin has its other terms.
         constant_inputs: constant values of inputs that load the scene too, by name: forces, voltages, accelerations of
-            the base. Inputs of the model are deviations from them, outputs those from the equilibrium.
+            the base. In a spin they are constant in the frame that `frame` names. Inputs of the model are deviations
+            from them, outputs those from the equilibrium.
 
     Returns:
         The linear model.
@@ -127,8 +128,8 @@ def loaded_assembly(
     """
     assembly = assemble(scene)
     known("frame", frame, FRAMES)
-    if inputs and (not loaded or np.any(angular_velocity) or scene.speeds):
-        raise ValueError("constant_inputs load a scene at rest: give them with loaded=True and without a spin")
+    if inputs and not loaded:
+        raise ValueError("constant_inputs are loads: give them with loaded=True")
     names = frozenset(known("body", name, [body.name for body in scene.bodies]) for name in stator or ())
     if scene.speeds:
         if np.any(angular_velocity):
@@ -170,17 +171,39 @@ def spin_of_drive(assembly: Assembly, stator: frozenset[str] | None = None) -> t
     Raises:
         ValueError: for several drives of constant speed, for one that translates, and without a stator on one side.
     """
+    (drive, *others) = assembly.scene.speeds
+    turned = rotor_of_drive(assembly, drive, stator)
+    if others or turned is None:
+        raise ValueError(
+            f"scene {assembly.scene.name!r}: a linear model is about one drive that turns at constant speed"
+        )
+    axis, point, stator = turned
+    return drive.speed * axis, point, stator
+
+
+def rotor_of_drive(
+    assembly: Assembly, drive: PrescribedMotion, stator: frozenset[str] | None = None
+) -> tuple[Array, Array, frozenset[str]] | None:
+    """Return axis, a point of the axis [m] and the stator of what a drive turns; None for one that translates.
+
+    Args:
+        assembly: the assembled scene.
+        drive: the drive.
+        stator: names of the bodies of the stator; None: those that are tied to the ground.
+
+    Raises:
+        ValueError: for a drive without a stator on one side.
+    """
     scene = assembly.scene
-    (drive, *others) = scene.speeds
     joint = next(joint for joint in scene.terms_of(Constraint) if joint.name == drive.constraint)
     axis = joint.measure.rotation_axis(drive.component)
-    if others or axis is None:
-        raise ValueError(f"scene {scene.name!r}: a linear model is about one drive that turns at constant speed")
+    if axis is None:
+        return None
     stator = stator_bodies(assembly, joint, axis) if stator is None else stator
     ends = [body_of(path) in stator for path in joint.points[:2]]
     if sum(ends) != 1:
         raise ValueError(f"joint {joint.name!r}: a drive of constant speed needs a stator on one of its two sides")
-    return (1.0 if ends[0] else -1.0) * drive.speed * axis, scene.point_position(joint.points[0]), stator
+    return (1.0 if ends[0] else -1.0) * axis, scene.point_position(joint.points[0]), stator
 
 
 def spinning_equilibrium(
@@ -419,6 +442,7 @@ def linearize_closed(
     stator: Sequence[str] | None = None,
     frame: str = "rotor",
     loaded: bool = True,
+    constant_inputs: Mapping[str, float] | None = None,
 ) -> LinearModel:
     """Compute the linear model of a scene with its loops closed.
 
@@ -440,6 +464,7 @@ def linearize_closed(
         stator: names of the bodies of the stator, see `linearize`.
         frame: "rotor" or "stator", see `linearize`.
         loaded: whether gravity and the stress inside bodies change the stiffness, see `linearize`.
+        constant_inputs: constant values of inputs that load the scene too, by name, see `linearize`.
 
     Returns:
         The linear model.
@@ -466,6 +491,7 @@ def linearize_closed(
         stator=stator,
         frame=frame,
         loaded=loaded,
+        constant_inputs=constant_inputs,
     )
     if not continuous:
         warn_of_folding(model, closed)

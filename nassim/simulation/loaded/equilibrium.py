@@ -124,7 +124,10 @@ def check_small(coordinates: Coordinates, values: Array, loads: str) -> None:
         f"{100 * deformation:.2g} % of its size from the reference configuration"
     )
     if max(rotation, deformation) > NOT_SMALL:
-        raise ValueError(f"{found}, which is no small motion: start nearer to that equilibrium")
+        raise ValueError(
+            f"{found}, which is no small motion: start nearer to that equilibrium; with bodies in large motion, "
+            "static_response finds it, and exudyn_eigenfrequencies(scene, loaded=True) its modes"
+        )
     if max(rotation, deformation) > WARNED_MOTION:
         warnings.warn(
             f"{found}; the linear model is about that equilibrium, and off by a share of the same size",

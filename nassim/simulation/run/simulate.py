@@ -56,12 +56,14 @@ def simulate(
     hold_order: int | None = None,
     start: str = "equilibrium",
     period_correction: bool = True,
+    stress: str = "start",
+    constant_inputs: Mapping[str, float] | None = None,
     progress: bool = True,
 ) -> TimeHistory:
     """Simulate a scene and record its inputs and outputs together at every time step.
 
-    The stiffness is that about the start: gravity, preload and, in floating bodies, a drive of constant speed add to
-    it, see `nassim.simulation.loaded_state`.
+    The stiffness is that about the start: gravity, preload, constant inputs and, in floating bodies, a drive of
+    constant speed add to it, see `nassim.simulation.loaded_state`.
 
     Args:
         scene: what is simulated.
@@ -94,6 +96,12 @@ def simulate(
             its period: a mode of period T loses the share 2/3 (pi h / T)^2 of its mass at steps h and a spectral radius
             of 1, and its damping is scaled to keep its ratio. Rigid-body mass, weight and stiffness stay as they are.
             False is the plain rule with the true masses, which lengthens periods by (pi h / T)^2 / 3.
+        stress: of floating frames only, the loads whose stress stiffens bodies that hold their geometric stiffness:
+            "start", those at the start of the run; "present", the present speed of the one drive that turns a joint,
+            and gravity along the present axes of each body, set before every step.
+        constant_inputs: constant forces and voltages, by name of the input, which have acted before the start too: the
+            run starts in equilibrium under them and has their stiffness, as `linearize` has; what `excitation` gives
+            adds to them.
         progress: show a bar; Ctrl-C stops the run at the end of a step.
 
     Returns the signals of `excitation` at the time steps, counted from its first sample, then the outputs. Warns of
@@ -114,7 +122,9 @@ def simulate(
         SimulationInterrupted: a KeyboardInterrupt with the same `record`, after Ctrl-C; the exact method has none.
     """
     known("method", method, METHODS)
-    options = Options.of(scene, time_step, method, spectral_radius, hold_order, start, period_correction)
+    options = Options.of(
+        scene, time_step, method, spectral_radius, hold_order, start, period_correction, stress, constant_inputs
+    )
     return _simulate(scene, excitation, options, duration, outputs, None, progress=progress)[0]
 
 
@@ -131,6 +141,8 @@ def simulate_motion(
     hold_order: int | None = None,
     start: str = "equilibrium",
     period_correction: bool = True,
+    stress: str = "start",
+    constant_inputs: Mapping[str, float] | None = None,
     progress: bool = True,
 ) -> tuple[TimeHistory, Motion]:
     """Simulate, and also return the bodies' motion at chosen times.
@@ -149,6 +161,8 @@ def simulate_motion(
         hold_order: as of `simulate`.
         start: as of `simulate`.
         period_correction: as of `simulate`.
+        stress: as of `simulate`.
+        constant_inputs: as of `simulate`.
         progress: as of `simulate`.
 
     Returns what `simulate` does and the motion of all bodies of the scene, fixed ones too, in the world's frame.
@@ -158,7 +172,9 @@ def simulate_motion(
         RuntimeError: as `simulate`; the exceptions of runs that end early keep the record, but no motion.
     """
     known("method", method, METHODS)
-    options = Options.of(scene, time_step, method, spectral_radius, hold_order, start, period_correction)
+    options = Options.of(
+        scene, time_step, method, spectral_radius, hold_order, start, period_correction, stress, constant_inputs
+    )
     record, motion = _simulate(scene, excitation, options, duration, outputs, frames, progress=progress)
     assert motion is not None
     return record, motion

@@ -68,6 +68,8 @@ class Simulation:
             keep the value of the last step.
         start: "equilibrium" or "released", see `simulate`.
         period_correction: of generalized-alpha only, see `simulate`.
+        stress: of floating frames only, "start" or "present", see `simulate`.
+        constant_inputs: constant forces and voltages that act beside `inputs`, before the start too, see `simulate`.
         inputs: values at the start, by name; 0 for others.
         input_rates: rates at the start of inputs that prescribe motions, by name [unit of the input / s]; 0 for others.
 
@@ -85,13 +87,17 @@ class Simulation:
         hold_order: int | None = None,
         start: str = "equilibrium",
         period_correction: bool = True,
+        stress: str = "start",
+        constant_inputs: Mapping[str, float] | None = None,
         inputs: Mapping[str, float] | None = None,
         input_rates: Mapping[str, float] | None = None,
     ) -> None:
         known("method", method, STEPPED_METHODS)
         step = positive("time_step", time_step, "s")
         self._scene = scene
-        self._options = Options.of(scene, step, method, spectral_radius, hold_order, start, period_correction)
+        self._options = Options.of(
+            scene, step, method, spectral_radius, hold_order, start, period_correction, stress, constant_inputs
+        )
         self._names = (*scene.outputs, *scene.commands)
         self._rates = self._values(input_rates or {})
         self._places = {name: k for k, name in enumerate(scene.inputs)}
