@@ -28,7 +28,7 @@ class StressField:
         name: name of the place: of a `StressPoint` (m = 1) or a `StressSurface`
         positions: points in the body's frame, shape (m, 3) [m]
         rows: stress per unit of the coordinates, shape (m, 6, n) [Pa]
-        deviations: stress minus that of a single element at the point, shape (m, 6, n) [Pa]
+        deviations: stress minus that of a single element at the point, or at a node beside it, shape (m, 6, n) [Pa]
         voltages: stress per volt with all coordinates held, by electrical port, shape (m, 6) [Pa/V]; ports that do not
             stress the points directly are left out
         surface: triangles between the points, None for a single point

@@ -50,8 +50,9 @@ class StressEvaluation:
         samples: points in elements
         positions: the m points, shape (m, 3) [m]
         mean: weights of the samples, sparse, shape (m, k)
-        candidates: samples of which each is the stress of one element at a point: numbers of points and samples, each
-            shape (c,)
+        deviations: weights of the samples in differences of the mean from the stress of one element, sparse, shape
+            (c, k); the largest difference of a point estimates its error
+        owners: numbers of the points of these differences, shape (c,)
         surface: triangles between the points, or None
     """
 
@@ -59,7 +60,8 @@ class StressEvaluation:
     samples: ElementPoints
     positions: Array
     mean: sp.csr_matrix
-    candidates: tuple[NDArray[np.int64], NDArray[np.int64]]
+    deviations: sp.csr_matrix
+    owners: NDArray[np.int64]
     surface: Surface | None = field(default=None, repr=False)
 
 
@@ -132,19 +134,17 @@ def stress_readouts(plan: StressPlan, basis: Array, scale: Array, *, advance: Ad
         random = basis @ (scale[:, None] * np.random.default_rng(0).standard_normal((n, PROBES)))
         chosen = []
         for evaluation, material, at in zip(plan.evaluations, materials, points, strict=True):
-            spread = np.zeros(len(evaluation.candidates[0]))
+            spread = np.zeros(len(evaluation.owners))
             for probe in random.T:
                 vector[:] = probe
-                stress = material.stress(strain(at))
-                owner, sample = evaluation.candidates
-                spread += np.sum((stress[sample] - (evaluation.mean @ stress)[owner]) ** 2, axis=1)
+                spread += np.sum((evaluation.deviations @ material.stress(strain(at))) ** 2, axis=1)
             chosen.append(_largest(evaluation, spread))
         for k in range(n):
             vector[:] = basis[:, k]
             for i, (evaluation, at) in enumerate(zip(plan.evaluations, points, strict=True)):
                 stress = materials[i].stress(strain(at))
                 rows[i][:, :, k] = evaluation.mean @ stress
-                deviations[i][:, :, k] = rows[i][:, :, k] - stress[chosen[i]]
+                deviations[i][:, :, k] = chosen[i] @ stress
             for i, (gauge, _) in enumerate(plan.gauges):
                 ends = u(of_gauges[i])
                 strains[i, k] = gauge.direction @ (ends[1] - ends[0]) / gauge.length
@@ -197,12 +197,17 @@ def _blocked(material: _Elasticity, evaluation: StressEvaluation, model: FEModel
     return result
 
 
-def _largest(evaluation: StressEvaluation, spread: Array) -> NDArray[np.int64]:
-    """Return the sample of each point whose spread is largest."""
-    owner, sample = evaluation.candidates
-    order = np.lexsort((spread, owner))
-    last = np.append(np.flatnonzero(np.diff(owner[order])), len(order) - 1)
-    return sample[order[last]]
+def _largest(evaluation: StressEvaluation, spread: Array) -> sp.csr_matrix:
+    """Return the difference of each point whose spread is largest."""
+    order = np.lexsort((spread, evaluation.owners))
+    last = np.append(np.flatnonzero(np.diff(evaluation.owners[order])), len(order) - 1)
+    return evaluation.deviations[order[last]]
+
+
+def _differences(mean: sp.csr_matrix, owner: NDArray[np.int64], samples: NDArray[np.int64]) -> sp.csr_matrix:
+    """Return the rows of means minus single samples."""
+    ones, shape = np.ones(len(samples)), (len(samples), mean.shape[1])
+    return sp.csr_matrix(mean[owner] - sp.csr_matrix((ones, (np.arange(len(samples)), samples)), shape=shape))
 
 
 def _matched(positions: Array, places: Array, size: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -218,6 +223,23 @@ def _mean(owner: NDArray[np.int64], samples: NDArray[np.int64], shape: tuple[int
     return sp.csr_matrix((1.0 / counts[owner], (owner, samples)), shape=shape)
 
 
+def _with_neighbours(
+    owner: NDArray[np.int64], samples: NDArray[np.int64], elements: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return pairs of points and samples: each point with its own, one of a single element with all of that element.
+
+    At a corner of the solid the element is alone and deviates from nothing.
+    """
+    single = np.bincount(owner)[owner] == 1
+    lone = sp.csr_matrix(
+        (np.ones(np.count_nonzero(single)), (owner[single], elements[samples[single]])),
+        shape=(owner.max() + 1, elements.max() + 1),
+    )
+    every = sp.csr_matrix((np.ones(len(elements)), (elements, np.arange(len(elements)))))
+    points, others = (lone @ every).nonzero()
+    return np.concatenate([owner[~single], points]), np.concatenate([samples[~single], others])
+
+
 def _at_point(finder: ElementFinder, order: int, place: StressPoint) -> StressEvaluation:
     """Plan the stress at a point: interpolated between the averaged nodes of its element."""
     at = finder.find(f"stress point {place.name!r}", np.asarray(place.position), place.cad_body)
@@ -230,14 +252,12 @@ def _at_point(finder: ElementFinder, order: int, place: StressPoint) -> StressEv
     mean = _mean(owner, near, (len(own.elements), len(all_nodes.elements)))
     exponents = lattice(kind, order)
     monomials = [np.prod(x[:, None, :] ** exponents, axis=2) for x in (own.reference, at.reference)]
-    weights = sp.csr_matrix(np.linalg.solve(monomials[0].T, monomials[1].T).T) @ mean
-    # The last sample is the point itself in its own element.
-    samples = ElementPoints(np.vstack([all_nodes.reference, at.reference]), np.append(all_nodes.elements, element))
-    last = len(samples.elements) - 1
-    weights = sp.csr_matrix(sp.hstack([weights, sp.csr_matrix((1, 1))]))
-    return StressEvaluation(
-        place, samples, np.atleast_2d(place.position), weights, (np.zeros(1, int), np.array([last]))
-    )
+    weights = sp.csr_matrix(np.linalg.solve(monomials[0].T, monomials[1].T).T)
+    # All nodes of the element count, because at a corner of the solid it is alone and deviates from nothing.
+    alone = all_nodes.elements[near] == element
+    deviations = _differences(mean, owner[alone], near[alone])
+    position, owners = np.atleast_2d(place.position), np.zeros(deviations.shape[0], dtype=np.int64)
+    return StressEvaluation(place, all_nodes, position, sp.csr_matrix(weights @ mean), deviations, owners)
 
 
 def _on_surface(finder: ElementFinder, model: FEModel, place: StressSurface) -> StressEvaluation:
@@ -273,7 +293,9 @@ def _on_surface(finder: ElementFinder, model: FEModel, place: StressSurface) -> 
     inside = np.all(np.isin(both, used), axis=1)
     labels = tuple(label for label, chosen in zip(surface.labels, wanted.tolist(), strict=True) if chosen)
     drawn = Surface(positions, triangles.reshape(-1, 3), np.searchsorted(used, both[inside]), labels)
-    return StressEvaluation(place, samples, positions, mean, (owner, near), drawn)
+    of, beside = _with_neighbours(owner, near, samples.elements)
+    deviations = _differences(mean, owner[np.argsort(near)][beside], beside)
+    return StressEvaluation(place, samples, positions, mean, deviations, of, drawn)
 
 
 def _along_gauge(finder: ElementFinder, gauge: GaugeLine) -> ElementPoints:
