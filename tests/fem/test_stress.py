@@ -25,7 +25,9 @@ from nassim import (
 from nassim.bodies.projection import keep_modes, open_circuit, remove_surface, trim_body
 from nassim.bodies.stress import component_rotation, largest_factor, principal_stresses
 from nassim.fem import generate_mesh, glue
+from nassim.fem.assembly import mesh_and_solid
 from nassim.fem.element_finder import INSIDE, lattice as nodes
+from nassim.fem.stress import plan_stress, stress_readouts
 
 LENGTH, SIDE, PLACE = 0.1, 0.01, 0.043
 AREA, BENDING = SIDE**2, SIDE**4 / 12
@@ -202,6 +204,25 @@ def test_stress_is_that_of_either_material_where_two_meet(pair):
     surface = body.readouts["stress"]
     twice = [p for p in surface.positions if np.allclose(p, (0.02, 0.01, 0.01))]
     assert len(twice) == 2
+
+
+def test_a_uniform_strain_has_the_stress_of_hookes_law_in_either_material(pair):
+    """Any displacement that is linear in the position, at a point and all over the surface, component by component."""
+    gradient = 1e-4 * np.random.default_rng(4).standard_normal((3, 3))
+    field = (gradient @ pair.fields[1:]).reshape(-1, 1)
+    plan = plan_stress(pair, [StressPoint("inside", (0.013, 0.004, 0.0071)), StressSurface()])
+    inside, surface = stress_readouts(plan, field, np.ones(1))
+    strain, expected = (gradient + gradient.T) / 2, {}
+    for name, material in mesh_and_solid(pair)[1].materials.items():
+        first, second = material.lame_parameters
+        tensor = first * np.trace(strain) * np.eye(3) + 2 * second * strain
+        expected[name] = [*np.diag(tensor), tensor[0, 1], tensor[1, 2], tensor[0, 2]]
+    np.testing.assert_allclose(inside.rows[0, :, 0], expected["steel"], rtol=1e-7)
+    found = surface.rows[..., 0]
+    near = {name: np.isclose(found, values, rtol=1e-7).all(axis=1) for name, values in expected.items()}
+    x = surface.positions[:, 0]
+    assert np.all(near["steel"] ^ near["aluminium"])
+    assert (x[near["steel"]].max(), x[near["aluminium"]].min()) == (pytest.approx(0.02), pytest.approx(0.02))
 
 
 # Algebra
