@@ -15,8 +15,8 @@ from nassim.scene.stress_peaks import stress_fields
 from nassim.simulation.loaded.equilibrium import check_small
 from nassim.simulation.loaded.geometric_stiffness import GeometricStiffness
 from nassim.simulation.loaded.loaded_state import NO_LOAD, loaded_state, static_loads
-from nassim.simulation.model.assembly import assemble
-from nassim.simulation.model.recorded_motion import recorded_motion, traced
+from nassim.simulation.model.assembly import Assembly, assemble
+from nassim.simulation.model.recorded_motion import original_coordinates, recorded_motion, traced
 
 
 @dataclass(frozen=True)
@@ -63,15 +63,8 @@ def static_motion(
         ValueError: for unknown inputs, and for an equilibrium beyond small motion.
     """
     assembly = assemble(traced(scene))
-    values = {known("input", name, scene.inputs): finite(name, value) for name, value in (inputs or {}).items()}
-    pull = np.asarray(scene.gravity) * gravity
-    velocity = finite_array("angular_velocity", np.asarray(angular_velocity, dtype=float), (3,))
-    if velocity.any():
-        state = loaded_state(assembly, gravity=pull, inputs=values, angular_velocity=velocity, axis_point=axis_point)
-        displacement = assembly.modal.modes @ state.equilibrium
-    else:
-        displacement = static_loads(assembly, GeometricStiffness.of(assembly), pull, values)[1].displacement
-        check_small(assembly.coordinates, displacement, "its loads")
+    displacement = _rest(assembly, inputs or {}, angular_velocity, axis_point, gravity=gravity)
+    check_small(assembly.coordinates, displacement, "its loads")
     own = {name: displacement[None, place] for name, place in assembly.coordinates.slices.items()}
     return recorded_motion(assembly.scene, np.zeros(1), own, {})
 
@@ -108,7 +101,10 @@ def load_limit(
 
     Raises:
         ValueError: for both or neither of inputs and angular_velocity, for a body that keeps no stress, and if gravity
-            alone exceeds the limit.
+            alone exceeds the limit; also for a limit that is reached beyond small motion only.
+
+    Warns:
+        UserWarning: for a limit that is reached near the limit of small motion.
     """
     spin = np.any(angular_velocity)
     if bool(inputs) == bool(spin):
@@ -117,17 +113,41 @@ def load_limit(
     if not isinstance(part, FlexibleBody):
         raise ValueError(f"body {body!r} is rigid, so it has no stress")
     fields = stress_fields(part, place)
-    rest = static_motion(scene).coordinates[body][0]
-    moved = static_motion(
-        scene, inputs=inputs, angular_velocity=angular_velocity, axis_point=axis_point, gravity=not spin
-    ).coordinates[body][0]
-    grown = moved if spin else moved - rest
+    assembly = assemble(traced(scene))
+    constant = _rest(assembly, {}, NO_LOAD, axis_point, gravity=True)
+    grown = _rest(assembly, inputs or {}, angular_velocity, axis_point, gravity=False)
+    rest, unit = (original_coordinates(assembly, shape[:, None])[body][:, 0] for shape in (constant, grown))
     found = []
     for field in fields:
-        factors = largest_factor(field.stress(rest), field.stress(grown, voltages), limit)
+        factors = largest_factor(field.stress(rest), field.stress(unit, voltages), limit)
         k = int(np.argmin(factors))
         factor = float(factors[k])
-        reached = rest + factor * grown if np.isfinite(factor) else rest
+        reached = rest + factor * unit if np.isfinite(factor) else rest
         error = float(field.mesh_error(reached)[k]) / limit
-        found.append(LoadLimit(float(np.sqrt(factor)) if spin else factor, field.name, field.positions[k], error))
-    return min(found, key=lambda one: one.factor)
+        found.append(
+            (factor, LoadLimit(float(np.sqrt(factor)) if spin else factor, field.name, field.positions[k], error))
+        )
+    factor, least = min(found, key=lambda one: one[0])
+    if np.isfinite(factor):
+        check_small(assembly.coordinates, constant + factor * grown, "the loads at the limit")
+    return least
+
+
+def _rest(
+    assembly: Assembly,
+    inputs: Mapping[str, float],
+    angular_velocity: ArrayLike,
+    axis_point: ArrayLike,
+    *,
+    gravity: bool,
+) -> Array:
+    """Return the displacement of an assembled scene at rest under loads, in all coordinates, (n_all,)."""
+    scene = assembly.scene
+    values = {known("input", name, scene.inputs): finite(name, value) for name, value in inputs.items()}
+    pull = np.asarray(scene.gravity) * gravity
+    velocity = finite_array("angular_velocity", np.asarray(angular_velocity, dtype=float), (3,))
+    if not velocity.any():
+        return static_loads(assembly, GeometricStiffness.of(assembly), pull, values)[1].displacement
+    state = loaded_state(assembly, gravity=pull, inputs=values, angular_velocity=velocity, axis_point=axis_point)
+    result: Array = assembly.modal.modes @ state.equilibrium
+    return result
