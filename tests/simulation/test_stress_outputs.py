@@ -19,6 +19,7 @@ from nassim import (
     StressAt,
     TimeHistory,
     VoltageDrive,
+    VoltageSensor,
     fixed,
     frequency_response,
     linearize,
@@ -46,6 +47,9 @@ AXIAL, LATERAL = TURN[:, 0], TURN[:, 2]
 TORSION = 0.20817 * SIDE**3
 
 
+SENSORS = (StressAt("top", "bar.top"), StressAt("inside", "bar.inside", "sxx"), StrainGauge("strain", "bar.gauge"))
+
+
 def clamped_bar(body, fidelity="linear", **options):
     """The bar on a wall in a general position, pulled, bent and twisted at its free end."""
     wall = RigidBody("wall", {"face": ORIGIN}, fixed=True)
@@ -58,8 +62,7 @@ def clamped_bar(body, fidelity="linear", **options):
             PointForce("bend", "bar.right", tuple(LATERAL), "bend"),
             PointTorque("twist", "bar.right", tuple(AXIAL), "twist"),
         ),
-        (StressAt("top", "bar.top"), StressAt("inside", "bar.inside", "sxx"), StrainGauge("strain", "bar.gauge")),
-        **{"damping_ratio": 0.02} | options,
+        **{"sensors": SENSORS, "damping_ratio": 0.02} | options,
     )
 
 
@@ -207,7 +210,7 @@ def test_a_limit_gives_the_largest_force_beside_the_weight(stressed_bar):
 
 def test_a_loop_may_measure_strain(stressed_bar):
     """A gain on the strain at rest: the loop commands it from the second sample on."""
-    scene = clamped_bar(stressed_bar, gravity=tuple(9.81e4 * AXIAL))
+    scene = clamped_bar(stressed_bar, gravity=tuple(9.81e3 * AXIAL))
     none = np.zeros((0, 0))
     gain = Controller(none, np.zeros((0, 1)), np.zeros((1, 0)), [[1e3]], 1e4)
     looped = replace(scene, loops=(Loop("strain loop", gain, "strain", "twist"),))
@@ -216,7 +219,7 @@ def test_a_loop_may_measure_strain(stressed_bar):
     record = simulate(looped, idle, time_step=1e-4, method="exact", progress=False)
     (command,) = looped.commands
     np.testing.assert_allclose(record[command][2], 1e3 * record["strain"][0], rtol=1e-3)
-    assert record["strain"][0] == pytest.approx(9.81e4 * 7800 * (LENGTH - PLACE) / 200e9, rel=5e-3)
+    assert record["strain"][0] == pytest.approx(9.81e3 * 7800 * (LENGTH - PLACE) / 200e9, rel=5e-3)
 
 
 def test_copies_and_reduced_scenes_carry_the_stress(stressed_bar):
@@ -326,12 +329,24 @@ def test_optional_arguments_of_sensors_and_peaks(stressed_bar):
     assert np.isnan(record.mesh_error)
 
 
-def test_stress_in_a_wired_stack_is_refused(stressed_bar):
-    """Its voltage stresses it directly, which a sensor of the coordinates cannot read."""
-    port = PortCoupling("stack", np.zeros(len(stressed_bar.mass_matrix)), 1e-6)
-    place = replace(stressed_bar.readouts["top"], voltages={"stack": np.ones((1, 6))})
+def test_stress_in_a_stack_knows_its_open_circuit_voltage_and_refuses_a_driven_port(stressed_bar):
+    """V = -charge / capacitance adds its stress; the voltage of an amplifier is no function of the coordinates."""
+    rng, volts = np.random.default_rng(9), np.arange(1.0, 7.0)
+    port = PortCoupling("stack", 1e-3 * rng.standard_normal(len(stressed_bar.mass_matrix)), 1e-6)
+    place = replace(stressed_bar.readouts["top"], voltages={"stack": volts[None]})
     body = replace(stressed_bar, readouts={**stressed_bar.readouts, "stack": port, "top": place})
-    scene = clamped_bar(body)
-    assert len(scene.outputs) == 8
-    with pytest.raises(ValueError, match="lies in a stack whose voltage, at port 'stack', stresses it directly"):
-        replace(scene, actuators=(VoltageDrive("drive", "bar.stack", "u"),))
+    scene = clamped_bar(body, sensors=())
+    short, open_port = (
+        replace(scene, sensors=(*more, StressAt("top", "bar.top")))
+        for more in ((), (VoltageSensor("voltage", "bar.stack", capacitance=3e-6),))
+    )
+    found = static_response(open_port, {"bend": BEND})
+    motion = static_motion(open_port, inputs={"bend": BEND})
+    stress = place.stress(motion.coordinates["bar"], {"stack": np.array([found["voltage"]])})[0, 0]
+    np.testing.assert_allclose([found[f"top.{name}"] for name in COMPONENTS], stress, rtol=1e-6, atol=1e-6)
+    assert abs(found["voltage"]) > 1e-6
+    assert static_response(short, {"pull": PULL})["top.sxx"] == pytest.approx(PULL / AREA, rel=5e-3)
+    with pytest.raises(ValueError, match="part 'drive' drives its port 'stack' or discharges it"):
+        replace(short, actuators=(VoltageDrive("drive", "bar.stack", "u"),))
+    with pytest.raises(ValueError, match="part 'voltage' drives its port 'stack' or discharges it"):
+        replace(short, sensors=(VoltageSensor("voltage", "bar.stack", resistance=1e6), StressAt("top", "bar.top")))
