@@ -18,8 +18,9 @@ from scipy.spatial import cKDTree
 
 from nassim.base.checks import Array, instances, known, unique
 from nassim.base.progress import Advance, silent
-from nassim.bodies.readouts import Readout, Surface
+from nassim.bodies.readouts import SURFACE, Readout, Surface
 from nassim.bodies.stress import GaugeStrain, StressField
+from nassim.bodies.stress_stiffness import STRESS_STIFFNESS
 from nassim.fem.cad_files import millimetres
 from nassim.fem.element_finder import ElementFinder, ElementPoints, cad_bodies, distance, lattice, mesh_points
 from nassim.fem.fe_model import FEModel
@@ -93,7 +94,7 @@ def plan_stress(model: FEModel, places: Sequence[Place]) -> StressPlan:
             "matrices do not say how the material deforms. Give no `stress`, or reduce a Solid"
         )
     mesh, solid = model._source
-    taken = [*(p.name for p in model.remote_points), *(port.name for port in model.ports), "surface"]
+    taken = [*(p.name for p in model.remote_points), *(port.name for port in model.ports), SURFACE, STRESS_STIFFNESS]
     unique(
         f"solid {solid.name!r}: remote point, electrical port and place of stress", [*taken, *(p.name for p in places)]
     )
@@ -285,6 +286,11 @@ def _on_surface(finder: ElementFinder, model: FEModel, place: StressSurface) -> 
             owners.append(mine[owner])
             nears.append(theirs[near])
     owner, near = np.concatenate(owners), np.concatenate(nears)
+    if len(lost := np.setdiff1d(np.arange(len(positions)), owner)):
+        raise ValueError(
+            f"stress surface {place.name!r}: no node of an element lies at {millimetres(positions[lost[0]])}, a point of "
+            "the surface, so the mesh is curved beyond the order of its elements: raise the order"
+        )
     kept, near = np.unique(near, return_inverse=True)
     samples = ElementPoints(samples.reference[kept], samples.elements[kept])
     mean = _mean(owner, near, (len(positions), len(kept)))
