@@ -288,8 +288,8 @@ def _on_surface(finder: ElementFinder, model: FEModel, place: StressSurface) -> 
     owner, near = np.concatenate(owners), np.concatenate(nears)
     if len(lost := np.setdiff1d(np.arange(len(positions)), owner)):
         raise ValueError(
-            f"stress surface {place.name!r}: no node of an element lies at {millimetres(positions[lost[0]])}, a point of "
-            "the surface, so the mesh is curved beyond the order of its elements: raise the order"
+            f"stress surface {place.name!r}: no node of an element lies at {millimetres(positions[lost[0]])}, a point "
+            "of the surface, so the mesh is curved beyond the order of its elements: raise the order"
         )
     kept, near = np.unique(near, return_inverse=True)
     samples = ElementPoints(samples.reference[kept], samples.elements[kept])
