@@ -20,6 +20,9 @@ from .base.storage import (
     load as load,
     save as save,
 )
+from .bodies.comparison import (
+    compare as compare,
+)
 from .bodies.interface import (
     RemotePoint as RemotePoint,
 )

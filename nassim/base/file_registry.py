@@ -19,6 +19,7 @@ DATA_CLASSES: dict[str, str] = {
     "Pose": "nassim.scene.mechanics",
     "Calibration": "nassim.identification.calibration",
     "Change": "nassim.identification.apply",
+    "Comparison": "nassim.bodies.comparison",
     "Controller": "nassim.systems.controllers",
     "Drive": "nassim.scene.drives",
     "ElectricalPort": "nassim.bodies.piezo",

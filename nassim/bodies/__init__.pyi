@@ -1,3 +1,7 @@
+from .comparison import (
+    Comparison as Comparison,
+    compare as compare,
+)
 from .floating_frames import (
     FloatingFrame as FloatingFrame,
     floating_frame as floating_frame,

@@ -7,6 +7,8 @@ from functools import cached_property
 import numpy as np
 
 from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, instances, known, unique
+from nassim.base.html_repr import html_repr
+from nassim.base.short_repr import short_repr
 from nassim.bodies.interface import RemotePoint, coordinate_names, free_coordinates, point_masses
 from nassim.bodies.piezo import PortCoupling
 from nassim.bodies.readouts import PassivePoint, Picture, Readout, Surface, of_kind
@@ -60,10 +62,12 @@ class ReducedBody:
     stiffness_matrix: Array
     gram: Array
     readouts: Mapping[str, Readout] = field(default_factory=dict, repr=False)
-    record: Mapping[str, str] = field(default_factory=dict)
+    record: Mapping[str, str] = field(default_factory=dict, repr=False)
     enriched: "ReducedBody | None" = field(default=None, repr=False)
     released_stiffness: Array | None = field(default=None, repr=False)
     full_integrals: bool = True
+    __repr__ = short_repr
+    _repr_html_ = html_repr
 
     def __post_init__(self) -> None:
         points = instances(f"body {self.name!r}: remote_points", self.remote_points, (RemotePoint,))

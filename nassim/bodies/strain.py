@@ -14,6 +14,7 @@ import scipy
 
 from nassim.base.checks import Array
 from nassim.base.rigid_motion import rigid_motions
+from nassim.base.short_repr import short_repr
 
 UNSTRAINED = 1e-9
 """A strain below this share of the largest possible sum of its terms is a rounding error."""
@@ -33,6 +34,7 @@ class Strain:
 
     rows: Array
     root: Array
+    __repr__ = short_repr
 
     @property
     def stiffness(self) -> Array:

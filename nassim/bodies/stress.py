@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, freeze, frozen_mapping, positive
+from nassim.base.short_repr import short_repr
 from nassim.bodies.readouts import Surface
 
 COMPONENTS = ("sxx", "syy", "szz", "sxy", "syz", "sxz")
@@ -40,6 +41,8 @@ class StressField:
     deviations: Array = field(repr=False)
     voltages: Mapping[str, Array] = field(default_factory=dict)
     surface: Surface | None = field(default=None, repr=False)
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         label = f"stress {self.name!r}"
@@ -144,6 +147,8 @@ class GaugeStrain:
     name: str
     row: Array
     ends: Array
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         label = f"gauge {self.name!r}"

@@ -210,10 +210,10 @@ def _conditions(solid: Solid, fixed: Sequence[Collection[str]] | None) -> list[t
         )
     if fixed is None:
         return list(dict.fromkeys([(), *((name,) for name in names), tuple(names)]))
-    for name in (name for choice in fixed for name in choice):
-        known("remote point", name, names)
     if isinstance(fixed, str) or any(isinstance(choice, str) for choice in fixed) or not len(fixed):
         raise ValueError(f"fixed must be sets of remote points, such as [(), ({names[0]!r},)], got {fixed!r}")
+    for name in (name for choice in fixed for name in choice):
+        known("remote point", name, names)
     return [tuple(choice) for choice in fixed]
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite_array, freeze, positive, unique
+from nassim.base.short_repr import short_repr
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,8 @@ class StressPoint:
     position: ArrayLike
     cad_body: str = ""
 
+    __repr__ = short_repr
+
     def __post_init__(self) -> None:
         freeze(self, position=finite_array(f"stress point {self.name!r}: position", self.position, (3,)))
 
@@ -37,6 +40,8 @@ class StressSurface:
 
     name: str = "stress"
     faces: tuple[str, ...] = ()
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         faces = (self.faces,) if isinstance(self.faces, str) else self.faces
@@ -58,6 +63,8 @@ class GaugeLine:
     position: ArrayLike
     direction: ArrayLike
     length: float
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         label = f"gauge {self.name!r}"

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 from nassim.base.checks import above_zero, freeze, not_negative, unique
+from nassim.base.short_repr import short_repr
 from nassim.scene.part import Signal
 from nassim.systems.controllers import Controller
 from nassim.systems.python_controller import PythonController
@@ -34,6 +35,7 @@ class Loop:
     input_step: float = 0.0
     input_limit: float = math.inf
     output_step: float = 0.0
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         label = f"loop {self.name!r}"

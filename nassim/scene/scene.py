@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, above_zero, finite_array, freeze, instances, known, positive, unique
+from nassim.base.html_repr import html_repr
 from nassim.base.modal import damping_ratios
+from nassim.base.short_repr import short_repr
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.loop import Loop
 from nassim.scene.measures import Measure, body_of
@@ -86,6 +88,8 @@ class Scene:
     gravity: Array = field(default_factory=lambda: np.zeros(3))
     cutoff_frequency: float | None = None
     quasi_static_above: float | None = None
+    __repr__ = short_repr
+    _repr_html_ = html_repr
 
     def __post_init__(self) -> None:
         unique("scene", (self.name,))

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, known
+from nassim.base.short_repr import short_repr
 from nassim.bodies.readouts import of_kind
 from nassim.bodies.stress import COMPONENTS, StressField, principal_stresses, von_mises
 from nassim.scene.bodies import FlexibleBody
@@ -39,6 +40,8 @@ class PeakStress:
     place: str
     position: Array | None = None
     mesh_error: float = np.nan
+
+    __repr__ = short_repr
 
     def __str__(self) -> str:
         """Describe the peak in MPa and mm."""

@@ -13,6 +13,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite, finite_array, freeze, not_negative, positive
+from nassim.base.short_repr import short_repr
 from nassim.signals.frf import FRF
 from nassim.systems.state_space import StateSpace, cascade, transfer_matrix, tustin
 
@@ -43,6 +44,7 @@ class Controller:
     sample_rate: float
     delay: int = 1
     limit: float = math.inf
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         direct = finite_array("controller: D", self.D, (None, None))

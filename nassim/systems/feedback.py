@@ -16,6 +16,7 @@ import numpy as np
 import scipy
 
 from nassim.base.checks import Array, finite, known
+from nassim.base.short_repr import short_repr
 from nassim.signals.frf import FRF, ComplexArray
 from nassim.systems.controllers import Controller, controller_response
 from nassim.systems.linear_model import LinearModel, Names, frequency_response, names
@@ -310,6 +311,7 @@ class Margins:
     phase_margin_frequency: float
     modulus_margin: float
     modulus_margin_frequency: float
+    __repr__ = short_repr
 
 
 def margins(loop: FRF) -> Margins:

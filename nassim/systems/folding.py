@@ -11,6 +11,7 @@ import numpy as np
 import scipy
 
 from nassim.base.checks import finite, known
+from nassim.base.short_repr import short_repr
 from nassim.systems.controllers import Controller
 from nassim.systems.feedback import controller_model
 from nassim.systems.linear_model import LinearModel, Names, names
@@ -39,6 +40,7 @@ class FoldingMode:
     frequency: float
     folded: float
     loop_gain: float
+    __repr__ = short_repr
 
 
 def folding_modes(

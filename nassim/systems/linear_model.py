@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from nassim.base.checks import Array, finite_array, freeze, known, positive, unique
+from nassim.base.short_repr import short_repr
 from nassim.signals.frf import FRF
 from nassim.systems.state_space import (
     StateSpace,
@@ -49,6 +50,7 @@ class LinearModel:
     units: tuple[str, ...] = ()
     time_step: float | None = None
     unsupported: Array = field(default_factory=lambda: np.zeros(0), repr=False)
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         n, n_in, n_out = len(self.A), len(self.inputs), len(self.outputs)
@@ -120,6 +122,7 @@ class UnstablePole:
 
     frequency: float
     growth_rate: float
+    __repr__ = short_repr
 
     def __str__(self) -> str:
         """Describe the motion for a message."""

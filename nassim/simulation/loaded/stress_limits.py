@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from nassim.base.checks import Array, finite, finite_array, known
+from nassim.base.short_repr import short_repr
 from nassim.bodies.stress import largest_factor
 from nassim.scene.bodies import FlexibleBody
 from nassim.scene.motion import Motion
@@ -34,6 +35,8 @@ class LoadLimit:
     place: str
     position: Array
     mesh_error: float
+
+    __repr__ = short_repr
 
 
 def static_motion(
