@@ -184,6 +184,7 @@ def test_a_budget_of_one_of_several_outputs():
     assert cumulative.get_lines()[1].get_ydata() == pytest.approx(3e-9 * np.sqrt([2, 1]))
     assert cumulative.get_ylabel() == "rms above the frequency [m]"
     assert 1e-6 < cumulative.get_ylim()[1] < 1e-5
+    assert 5e-9 < density.get_ylim()[1] < 5e-8
     assert {density.get_xscale(), density.get_yscale(), cumulative.get_yscale()} == {"log"}
 
 

@@ -119,8 +119,6 @@ def project(body: ReducedBody, change: Array, *, points: Sequence[str]) -> Reduc
         points: names of the r' points whose motions are the first 6 r' new coordinates; all other remote points become
             passive
     """
-    fields = np.zeros((len(body.gram), 4 + 3 * change.shape[1]))
-    fields[:4, :4], fields[4:, 4:] = np.eye(4), np.kron(change, np.eye(3))
     left = [PassivePoint(p, body.motion(p.name)) for p in body.remote_points if p.name not in points]
     readouts = [*left, *(readout for name, readout in body.readouts.items() if name not in points)]
     released = body.released_stiffness
@@ -136,7 +134,7 @@ def project(body: ReducedBody, change: Array, *, points: Sequence[str]) -> Reduc
         remote_points=kept,
         mass_matrix=_congruent(body.mass_matrix, change),
         stiffness_matrix=stiffness,
-        gram=_congruent(body.gram, fields),
+        gram=_project_gram(body.gram, change),
         released_stiffness=None if released is None else _congruent(released, change),
         readouts=by_name(readout.projected(change) for readout in readouts),
     )
@@ -228,6 +226,14 @@ def _residual_shapes(shapes: Array, modes: Array, stiffness: Array, mass: Array)
     _, ritz = eigenmodes(_congruent(stiffness, shapes), _congruent(mass, shapes))
     result: Array = shapes @ ritz
     return result
+
+
+def _project_gram(gram: Array, change: Array) -> Array:
+    """Return the Gram matrix of the fields 1, x, y, z and the displacement fields of new coordinates."""
+    for _ in range(2):
+        moving = change.T @ gram[4:].reshape(len(change), -1)
+        gram = np.vstack([gram[:4], moving.reshape(3 * change.shape[1], -1)]).T
+    return 0.5 * (gram + gram.T)
 
 
 def _congruent(matrix: Array, change: Array) -> Array:

@@ -1,5 +1,6 @@
 """Finite element models made by NGSolve: mesh, stiffness and mass of any element order, remote points."""
 
+import math
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -157,13 +158,16 @@ def assemble_mesh(mesh: Any, solid: Solid, order: int) -> FEModel:
 def replace_materials(fe_model: FEModel, materials: Mapping[str, Material]) -> FEModel:
     """Return the FE model of the same solid and mesh with other materials, given by CAD body.
 
+    The rounds of the mesh keep their costs. Their errors were those with the earlier materials and become unknown.
+
     Raises:
         ValueError: for a model that was not made from a mesh
     """
     mesh, solid = mesh_and_solid(fe_model)
     changed = replace(solid, materials={**solid.materials, **materials})
     model = assemble_mesh(mesh, changed, fe_model.order)
-    return replace(model, description=fe_model.description, warnings=fe_model.warnings)
+    rounds = tuple(replace(made, error=math.nan) for made in fe_model.rounds)
+    return replace(model, description=fe_model.description, warnings=fe_model.warnings, rounds=rounds)
 
 
 def mesh_and_solid(fe_model: FEModel) -> tuple[Any, Solid]:

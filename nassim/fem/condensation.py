@@ -95,6 +95,8 @@ class _Grounded:
 
     def solve(self, load: Array, *, advance: Advance = silent) -> Array:
         """Return the displacements under a load, shape (n_dofs, k)."""
+        if not self.motions.size:
+            return self.factorization.solve(load, advance=advance)
         balanced = load - self.inertia_forces @ (self.motions.T @ load)
         solution = self.factorization.solve(balanced, advance=advance)
         result: Array = solution - self.motions @ (self.inertia_forces.T @ solution)

@@ -316,8 +316,8 @@ def _project(
     gram = np.empty((len(fields), len(fields)))
     for start in range(0, len(fields), COLUMNS):
         chosen = slice(start, start + COLUMNS)
-        gram[:, chosen] = fields @ (model.scalar_mass_matrix @ fields[chosen].T)
-    gram = 0.5 * (gram + gram.T)
+        gram[start:, chosen] = fields[start:] @ (model.scalar_mass_matrix @ fields[chosen].T)
+    gram = np.tril(gram) + np.tril(gram, -1).T
     mass = np.einsum("jckc->jk", gram[4:, 4:].reshape(n, 3, n, 3))
     n_interface = len(condensed.stiffness)
     stiffness = np.zeros((n, n))

@@ -7,6 +7,7 @@ from .controllers import (
     lead as lead,
     notch as notch,
     parallel as parallel,
+    pid as pid,
     proportional as proportional,
     series as series,
 )

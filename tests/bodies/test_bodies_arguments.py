@@ -295,6 +295,16 @@ def test_a_load_shape_that_modes_hold_but_for_a_ten_billionth_of_its_energy_is_l
     assert trimmed.n_modes == (1 if share < 1 else 2)
 
 
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_modes_of_a_projection_rest_in_rigid_motions_to_a_millionth(share):
+    """A modal coordinate that moves with a point by less is rounding, and no force resists the body's rigid motions."""
+    plain = body()
+    change = np.eye(len(plain.mass_matrix))
+    change[-1, 0] = 1e-6 * share
+    found = project(plain, change, points=plain.point_names)
+    assert has_rigid_modes(found.stiffness_matrix, found.mass_matrix, found.positions) == (share < 1)
+
+
 def flat_box(share):
     """A box of unit mass, the square of whose thickness is a share of 1e-5 of that of its length."""
     squares = np.array([1e-5 * share, 0.5, 1.0])

@@ -15,7 +15,7 @@ from models.apa300ml import make_apa300ml
 from nassim import RemotePoint, Solid, build_fe_model, condense
 from nassim.fem import assembly
 from nassim.fem.assembly import assemble_mesh
-from nassim.fem.curving import curve_mesh, folded_elements
+from nassim.fem.curving import Curving, curve_mesh, folded_elements
 from nassim.fem.full_model import full_eigenfrequencies
 from nassim.fem.meshing import generate_mesh
 
@@ -50,6 +50,21 @@ def one_element(kind, shift, reflect=1.0):
 def test_an_element_folds_where_its_middle_is_nearer_than_a_quarter_to_an_end(kind, shift, folded):
     """The determinant is 1 + 4 shift (1 - 2 x) times that of the straight element: zero at an end for a quarter."""
     assert folded_elements(one_element(kind, shift)).tolist() == [folded]
+
+
+@pytest.mark.parametrize("share", [0.9, 1.1])
+def test_an_element_is_folded_below_a_hundredth_of_its_mean_determinant(share):
+    """In a hexahedron the mean is that of the straight element."""
+    assert folded_elements(one_element("hexahedron", 0.25 * (1 - 0.01 * share))).tolist() == [share < 1]
+
+
+@pytest.mark.parametrize("n", [3, 8, 13])
+def test_three_places_of_folded_elements_are_told(n):
+    corners = np.arange(3.0 * n).reshape(n, 3)
+    text = Curving(99, n, np.arange(n), corners, np.ones(n)).places_text
+    places = re.findall(r"\(([\d.]+), ", text)
+    assert len(set(places)) == 3
+    assert set(places) <= {f"{x:g}" for x in corners[:, 0]}
 
 
 @pytest.mark.parametrize("kind", CORNERS)

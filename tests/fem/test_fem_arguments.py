@@ -547,6 +547,16 @@ def test_an_element_is_extruded_to_a_billionth_of_its_volume(monkeypatch):
         assert body.is_prism() == (share < 1)
 
 
+def test_faces_of_an_extruded_body_lie_along_or_across_the_axis_to_a_millionth(monkeypatch):
+    end = [SimpleNamespace(mass=2.0)]
+    body = CADBody(SimpleNamespace(mass=6.0), 1.0, 4.0, end, end, 1)
+    for share in (0.9, 1.1):
+        for along in (1e-6 * share, 1e-6 * share - 1):
+            normals = np.array([[[0.0, along, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]])
+            monkeypatch.setattr(meshing, "solid_triangles", lambda shape, found=normals: (None, found))
+            assert body.is_prism() == (share < 1)
+
+
 def test_an_element_may_be_longer_than_the_solid_by_a_billionth():
     length = np.ptp(np.array([tuple(corner) for corner in BAR.shape.bounding_box]), axis=0).max()
 
@@ -617,10 +627,12 @@ def test_rounds_raise_the_order_up_to_four_where_errors_are_spread_and_end_with_
 
 
 def test_other_materials_on_the_same_mesh():
-    """Twice the modulus and a third of the density; what was told of the mesh stays."""
-    told = replace(meshed_bar(), warnings=("thin walls",), description="coarse")
+    """Twice the modulus and a third of the density; what was told of the mesh stays, but for its errors."""
+    told = replace(meshed_bar(), warnings=("thin walls",), description="coarse", rounds=(replace(ROUND, error=0.01),))
     other = replace_materials(told, {"bar": Material("other", 400e9, STEEL.poisson_ratio, 2600.0)})
     assert (other.warnings, other.description) == (("thin walls",), "coarse")
+    assert [replace(made, error=0.01) for made in other.rounds] == list(told.rounds)
+    assert np.isnan(other.discretization_error)
     assert other.mass == pytest.approx(told.mass / 3, rel=1e-12)
     difference = other.stiffness_matrix - 2 * told.stiffness_matrix
     assert abs(difference).max() < 1e-9 * abs(told.stiffness_matrix).max()

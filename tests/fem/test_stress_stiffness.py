@@ -189,6 +189,19 @@ def test_voltages_press_on_held_ends_with_the_blocked_force(stack):
     assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max()
 
 
+def test_translations_of_three_points_together_have_no_stress():
+    """Beside a motion of the first point alone, which strains the body."""
+    size = (20e-3, 5e-3, 5e-3)
+    solid = bar(size)
+    solid.shape.faces.Max(occ.Z).name = "side"
+    side = RemotePoint("side", "side", np.array([9e-3, 1e-3, 4e-3]))
+    solid = replace(solid, remote_points=(*solid.remote_points, side))
+    body = reduced(meshed(bar_mesh(solid, size, 2), solid, 2), 0)
+    for motion in rigid_motions(body.positions, 18).T[:3]:
+        alone = np.abs(body.stress_stiffness.stiffness(np.where(np.arange(18) < 6, motion, 0.0))).max()
+        assert np.abs(body.stress_stiffness.stiffness(motion)).max() < 1e-8 * alone
+
+
 def virial(moments):
     return np.trace(moments) * np.eye(3) - 0.5 * (moments + moments.T)
 

@@ -251,22 +251,22 @@ def test_a_wrench_of_the_pose_loop_moves_the_sample_along_itself():
 
 def test_a_spinning_linear_model_needs_stages_alike_across_the_axis():
     with pytest.raises(ValueError, match="body 'translation': in the rotor frame, this changes by"):
-        linearize(make_nass(STRUT, spindle_rpm=60.0, axes="turning"))
-    scene = make_nass(STRUT, stages=alike_across(), spindle_rpm=60.0, axes="turning")
+        linearize(make_nass(STRUT, spindle_rpm=60.0, frame="rotor"))
+    scene = make_nass(STRUT, stages=alike_across(), spindle_rpm=60.0, frame="rotor")
     assert "floor_z" in scene.inputs
     assert not {"floor_x", "translation_y", "tilt_ry"} & set(scene.inputs)
-    turning, standing = linearize(scene), linearize(make_nass(STRUT, stages=alike_across()))
-    assert not unstable_poles(turning)
+    spinning, at_rest = linearize(scene), linearize(make_nass(STRUT, stages=alike_across()))
+    assert not unstable_poles(spinning)
     # Symmetric pairs part by about the spindle's frequency, others stay.
-    apart = np.abs(damping(turning)[0][:8] - damping(standing)[0][:8])
+    apart = np.abs(damping(spinning)[0][:8] - damping(at_rest)[0][:8])
     assert 0.05 < apart.max() < 1.5
-    found = static(turning, "metrology", ["runout_x", "runout_z"])
+    found = static(spinning, "metrology", ["runout_x", "runout_z"])
     assert found[0, 0] == pytest.approx(1.0, rel=2e-3)
     assert found[2, 1] == pytest.approx(1.0, rel=1e-8)
 
 
 def test_the_real_station_turns_in_time():
-    """With axes that stand; the sample goes round with the spindle, but for the jolt of the start."""
+    """In the stator frame; the sample goes round with the spindle, but for the jolt of the start."""
     scene = make_nass(STRUT, spindle_rpm=60.0)
     time = np.arange(21) * 1e-3
     quiet = TimeHistory(
@@ -277,8 +277,8 @@ def test_the_real_station_turns_in_time():
     assert record["metrology.rz"][-1] > 0.1
     with pytest.raises(ValueError, match="this changes by"):
         linearize(scene)
-    with pytest.raises(ValueError, match="unknown axes 'moving'"):
-        make_nass(STRUT, axes="moving")
+    with pytest.raises(ValueError, match="unknown frame 'moving'"):
+        make_nass(STRUT, frame="moving")
 
 
 def test_what_no_end_station_is():

@@ -440,6 +440,7 @@ ARGUMENTS = table(
         ("Loop", "input_step", 0.0, 0.1, is_now("input_step", 0.1)),
         ("Loop", "input_limit", np.inf, 0.1, is_now("input_limit", 0.1)),
         ("Loop", "output_step", 0.0, 0.1, is_now("output_step", 0.1)),
+        ("Loop", "reference", (), ("wanted",), is_now("reference", ("wanted",))),
         ("Displacement", "axes_of", "", "body.p", shows(lambda m: m[1][0, :3], NORMAL, TURN @ NORMAL)),
         (
             "between",

@@ -27,7 +27,7 @@ from nassim.base.rigid_motion import rigid_transfer
 from nassim.bodies.inertia import RigidInertia
 from nassim.scene.joints import cylindrical, fixed, planar, prismatic, revolute, spherical, universal
 from nassim.simulation.model.assembly import assemble
-from nassim.simulation.model.motion_size import motion_size
+from nassim.simulation.model.motion_size import motion_sizes
 from nassim.simulation.run.simulate import exudyn_eigenfrequencies
 from nassim.systems.linear_model import damping
 from nassim.systems.state_space import discretize
@@ -165,7 +165,7 @@ def test_size_of_a_motion_does_not_depend_on_the_bodys_origin():
         scene = Scene("free", (GROUND, body), (Joint("clamp", "ground.left", "dumbbell.left"),))
         coordinates = np.zeros((12, 1))
         coordinates[[6, 11]] = [[2e-3], [4e-3]]
-        found.append(motion_size(assemble(scene).coordinates, "dumbbell", coordinates))
+        found.append(motion_sizes(assemble(scene).coordinates, coordinates)["dumbbell"])
     assert np.allclose(found[0], found[1], rtol=1e-9)
     assert found[0][0] == pytest.approx(4e-3)
     # Radius of gyration of two masses at a distance, and of the points around them.

@@ -55,7 +55,7 @@ from nassim.simulation import (
     reduce_scene,
     truncation_error,
 )
-from nassim.systems import proportional, unstable_poles
+from nassim.systems import damping, proportional, unstable_poles
 
 GRAVITY = (0, 0, -9.81)
 DOWN = np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], dtype=float)
@@ -584,6 +584,22 @@ def test_a_preload_that_bears_a_weight_leaves_it_as_drawn(kind):
     assert (drawn["z"], relaxed["z"]) == (pytest.approx(0.0, abs=1e-9), pytest.approx(-3.0 * 9.81 / 2e3, rel=1e-6))
     assert drawn[force] == pytest.approx(-3.0 * 9.81, rel=1e-6)
     assert relaxed[force] == pytest.approx(-3.0 * 9.81, rel=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["spring", "bushing"])
+def test_a_preload_leaves_the_damper_as_it_is(kind):
+    """A mass on a damped spring along an axis of the world: d / (2 sqrt(k m)) with and without preload."""
+    mass = RigidBody("mass", {"c": np.zeros(3)}, 3.0, 1e-2 * np.eye(3))
+    ground = RigidBody("ground", {"o": np.zeros(3)}, fixed=True)
+    slide = Joint("slide", "ground.o", "mass.c", free=("z",))
+    for preload in (0.0, 7.0):
+        if kind == "spring":
+            held = SpringDamper("k", "ground.o", "mass.c", "z", 2e3, 11.0, preload=preload)
+        else:
+            along = np.eye(6)[2]
+            held = Bushing("k", "ground.o", "mass.c", 2e3 * along, 11.0 * along, preload=preload * along)
+        model = linearize(Scene("held", (ground, mass), (slide,), springs=(held,), damping_ratio=0.0))
+        assert damping(model)[1] == pytest.approx([11.0 / (2 * np.sqrt(2e3 * 3.0))])
 
 
 def test_the_gravimeter_as_drawn(gravimeter):

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, partial, reduce
+from functools import cached_property, partial
 from typing import Any
 
 import exudyn as exu
@@ -215,41 +215,46 @@ class System:
         Returns:
             The function, which returns all outputs of the scene, (outputs,); the others are 0.
         """
-        names = self.assembly.scene.outputs
-        read, weighted, others = self.mbs.GetSensorValues, dict[int, Array](), []
-        for k, term in ((names.index(name), term) for name in outputs for term in self.readings[name]):
-            if term.weights is None:
-                others.append((k, term))
-            else:
-                weights = np.atleast_1d(term.weights)
-                rows = weighted.setdefault(term.sensors[0], np.zeros((len(names), len(weights))))
-                rows[k] += weights
-        sums = list(weighted.items())
-        if len(sums) == 1 and not others and sums[0][1].shape[1] > 1:
-            sensor, rows = sums[0]
-            return lambda: rows.dot(read(sensor))
+        read, n = self.mbs.GetSensorValues, len(self.assembly.scene.outputs)
+        sums, others = self._summands(outputs)
+        if len(sums) == 1 and not others:
+            ((sensor, rows),) = sums
+            return lambda: weighted(rows, np.atleast_1d(read(sensor)))
 
         def measure() -> Array:
-            values = np.zeros(len(names))
+            values = np.zeros(n)
             for sensor, rows in sums:
-                values += rows.dot(np.atleast_1d(read(sensor)))
+                values += weighted(rows, np.atleast_1d(read(sensor)))
             for k, term in others:
                 values[k] += self._present(term)
             return values
 
         return measure
 
+    def _summands(self, outputs: Iterable[str]) -> tuple[list[tuple[int, Array]], list[tuple[int, Summand]]]:
+        """Split the summands of outputs.
+
+        Args:
+            outputs: names of the outputs.
+
+        Returns:
+            For each sensor with weighted sums of its columns, the weights, (outputs, columns), for all outputs of the
+            scene; and the other summands with the indices of their outputs.
+        """
+        names, others = self.assembly.scene.outputs, []
+        sums: dict[int, Array] = {}
+        for k, term in ((names.index(name), term) for name in outputs for term in self.readings[name]):
+            if term.weights is None:
+                others.append((k, term))
+            else:
+                weights = np.atleast_1d(term.weights)
+                rows = sums.setdefault(term.sensors[0], np.zeros((len(names), len(weights))))
+                rows[k] += weights
+        return list(sums.items()), others
+
     def measured(self, output: str) -> float:
         """Return the present value of one output before its filter."""
         return sum((self._present(term) for term in self.readings[output]), 0.0)
-
-    def reading(self, output: str) -> Callable[[], float]:
-        """Make a function that returns what `measured` does, fast for a weighted sum of one sensor's columns."""
-        terms, read = self.readings[output], self.mbs.GetSensorValues
-        if len(terms) != 1 or terms[0].weights is None or terms[0].period:
-            return lambda: self.measured(output)
-        (sensor,), weights = terms[0].sensors, terms[0].weights
-        return lambda: 0.0 + float(np.vdot(read(sensor), weights))
 
     def _present(self, term: Summand) -> float:
         """Return the present value of a summand, unwrapped from its last value."""
@@ -302,12 +307,10 @@ class System:
         return float(np.linalg.norm(rate))
 
     def distance(self, name: str) -> float:
-        """Return the displacement [m] of a body's frame, or of its first point in small motion."""
-        if name in self.nodes:
-            return float(np.linalg.norm(self._pose(name, reference=False)[1] - self._pose(name, reference=True)[1]))
-        if name not in self.flexible:  # rigid joints hold it to a fixed body
+        """Return the displacement [m] of a body's frame; 0 for a body that rigid joints hold to a fixed one."""
+        if name not in self.nodes:
             return 0.0
-        return float(np.linalg.norm(self.deformation(name)[:3]))
+        return float(np.linalg.norm(self._pose(name, reference=False)[1] - self._pose(name, reference=True)[1]))
 
     def shifting(self, pairs: Sequence[tuple[str, str]]) -> Callable[[], Array]:
         """Make a function that returns the motion of each pair's first body relative to the other's frame.
@@ -350,14 +353,31 @@ class System:
         positions = np.array([read(node, exu.OutputVariableType.Position, configuration=when) for node in nodes])
         return rotations.reshape(-1, 3, 3), positions.reshape(-1, 3)
 
-    def recorded(self, output: str) -> Array:
-        """Return the samples of one output of a run, (n_samples,); a single 0 where nothing that moves is measured."""
-        if output in self.filtered:
-            return self.filtered[output]
-        read = self.mbs.GetSensorStoredData
-        terms = [_counted(term, term.value(*(read(k)[:, 1:] for k in term.sensors))) for term in self.readings[output]]
-        values: Array = reduce(np.add, terms, np.zeros(1))
-        return values
+    def recorded(self, n_samples: int) -> Array:
+        """Return the outputs at the first samples of a run, (outputs, n_samples): the same as steps one by one read."""
+        names, read = self.assembly.scene.outputs, self.mbs.GetSensorStoredData
+        sums, others = self._summands(name for name in names if name not in self.filtered)
+        values = np.zeros((n_samples, len(names)))
+        for sensor, rows in sums:
+            values += weighted(rows, read(sensor)[:n_samples, 1:])
+        for k, term in others:
+            found = term.value(*(read(sensor)[:n_samples, 1:] for sensor in term.sensors))
+            values[:, k] += _counted(term, found)
+        for output, samples in self.filtered.items():
+            values[:, names.index(output)] = samples[:n_samples]
+        return values.T
+
+
+def weighted(rows: Array, columns: Array) -> Array:
+    """Multiply weights, (m, k), with one sample of k columns, (k,), or with each of several, (n, k).
+
+    No digit of a sample depends on the others.
+
+    Returns:
+        The weighted sums, (m,) or (n, m).
+    """
+    result: Array = np.matmul(rows, columns[..., None])[..., 0]
+    return result
 
 
 def dot(a: Array, b: Array) -> Array:
@@ -369,7 +389,7 @@ def dot(a: Array, b: Array) -> Array:
 
 
 def _counted(term: Summand, values: Array) -> Array:
-    """A summand's samples, (n_samples,), with whole turns counted on from each to the next."""
+    """Return a summand's samples, (n_samples,), unwrapped by whole turns from each sample to the next."""
     if not term.period:
         return values
     turns = np.append(0.0, np.cumsum(np.round((values[:-1] - values[1:]) / term.period)))
@@ -398,8 +418,7 @@ class Charge:
     """A port's charge as a coordinate w = v / scale, of a circuit that acts on coordinates q.
 
     The rows are symmetric: c v + R c^2 v' = forces @ q. The scale makes them as large as those of the body's forces,
-    else
-    the tolerance of Newton's iterations ignores them.
+    else the tolerance of Newton's iterations ignores them.
 
     Attributes:
         push: forces on q per unit of w, (n,).

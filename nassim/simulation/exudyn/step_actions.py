@@ -55,7 +55,7 @@ class StepActions:
             self.filtering.step(inputs + self.held)
         if self.commands.size:
             try:
-                self.held, self.end, self.commands = self.loops(self.begun, self.measure)
+                self.held, self.end, self.commands = self.loops(self.begun, self.measure, inputs)
             except BadCommand as bad:
                 self.bad = bad
                 return False

@@ -130,7 +130,7 @@ def _realise(items: Items, term: Term, assembly: Assembly) -> list[InputChannel]
     """
     if isinstance(term, Constraint):
         if assembly.constraints.enforced[term.name] and term.name not in items.rigid_joints:
-            driven = [t for t in assembly.terms if isinstance(t, PrescribedMotion) and t.constraint == term.name]
+            driven = [t for t in assembly.scene.terms_of(PrescribedMotion) if t.constraint == term.name]
             return add_constraint(items, term, assembly.constraints.enforced[term.name], driven)
     elif isinstance(term, ForceLaw):
         add_force_law(items, term)

@@ -1,9 +1,9 @@
 """Exact discrete-time solution of scenes in small motion, without any step-size error.
 
-With the inputs held or running straight between samples, the state goes from sample to sample by its matrix
-exponential. Blocks of samples go by one product of matrices each, with loops too as long as their controllers stay
-within limits, where they are linear. A block goes sample by sample from where it meets a limit, and so does all where a
-converter has a resolution or a controller is in Python.
+With the inputs held or running straight between samples, the matrix exponential gives the state of the next sample.
+Blocks of samples are computed by one product of matrices each. Loops are part of the blocks as long as their
+controllers stay within limits, where they are linear. A block in which a value meets a limit continues sample by sample
+from there. Scenes whose converters have a resolution or whose controllers are in Python are computed sample by sample.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -32,7 +32,7 @@ Pieces = Iterator[tuple[int, Array, Array]]
 """Pieces of a run, as `pieces` yields them."""
 
 
-@np.errstate(over="ignore", invalid="ignore")  # where a loop runs away, which is told in words
+@np.errstate(over="ignore", invalid="ignore")  # where a loop runs away, which raises an error of its own
 def exact_response(
     assembly: Assembly,
     inputs: Array,
@@ -68,7 +68,7 @@ def exact_response(
     n_in = risen.shape[1]
     start = start - risen @ take_samples(inputs, 0, 1, n_in)[0]
     rows = np.empty((n_out + len(assembly.scene.commands), n_samples))
-    read = _reader(assembly.scene, closed, risen, inputs, all_coordinates)
+    read = _reader(assembly.scene, closed, risen, all_coordinates)
     seen, at_kept, valid = [], [], ValidSamples()
     reach = find_reach(assembly, inputs, time_step) if assembly.scene.loops else None
     for begin, states, found in _with_record(pieces(SampleBlocks(closed), start, inputs), rows, valid):
@@ -79,7 +79,7 @@ def exact_response(
             if now >= due:
                 due = now + n_samples / CHECKS
                 checked.append(now)
-        seen.append(read(states[(np.array(checked, dtype=int) - begin) // block], checked))
+        seen.append(read(states[(np.array(checked, dtype=int) - begin) // block], inputs[:, checked].T))
         if reach:
             for now, values in zip(checked, seen[-1], strict=True):
                 happened, sound = see_runaway(assembly.coordinates, reach, values, now)
@@ -94,7 +94,7 @@ def exact_response(
             between = states[k, None]
             if places[-1]:
                 between = closed.by_samples(states[k], take_samples(inputs, now, now + places[-1], n_in), now)[0]
-            at_kept.append(read(between[places], [now + place for place in places]))
+            at_kept.append(read(between[places], inputs[:, [now + place for place in places]].T))
         advance(end - max(begin, 1))  # to the first sample leads no step
     all_kept = np.vstack([np.zeros((0, assembly.coordinates.size)), *at_kept])
     return rows[:n_out], rows[n_out:], np.vstack(seen).T, all_kept.T
@@ -124,10 +124,10 @@ class ExactSteps:
             hold_order: see `exact_response`.
             released: see `exact_response`.
         """
-        plant, start, self._risen, every = _plant(assembly, time_step, hold_order, released)
-        self.assembly, self._every, self._inputs = assembly, every, inputs
+        plant, start, risen, all_coordinates = _plant(assembly, time_step, hold_order, released)
         closed = connect_loops(plant, assembly.scene, time_step)
-        start = start - self._risen @ take_samples(inputs[:, None], 0, 1, self._risen.shape[1])[0]
+        self._read = _reader(assembly.scene, closed, risen, all_coordinates)
+        start = start - risen @ take_samples(inputs[:, None], 0, 1, risen.shape[1])[0]
         try:
             self._steps = BlockSteps(SampleBlocks(closed), start, inputs)
         except BadCommand as bad:
@@ -145,28 +145,29 @@ class ExactSteps:
 
     def step(self, inputs: Array) -> None:
         """Go on by a step to these inputs, shape (inputs,)."""
-        self._inputs = inputs
         try:
             self._steps.step(inputs)
         except BadCommand as bad:
             raise _stopped(bad) from bad.__cause__
 
-    def coordinates(self) -> Array:
-        """All coordinates now, shape (n_all,)."""
+    def coordinates(self, *, now: bool) -> tuple[int, Array]:
+        """Find all coordinates now, or at the last sample whose state is known without more steps.
+
+        Returns:
+            The number of the sample, and the coordinates, shape (n_all,).
+        """
         steps = self._steps
-        read = _reader(self.assembly.scene, steps.closed, self._risen, self._inputs[:, None], self._every)
-        result: Array = read(steps.present_state()[None], [0])[0]
-        return result
+        sample, state = (steps.count, steps.present_state()) if now else steps.last_state()
+        return sample, self._read(state[None], steps.given(sample)[None])[0]
 
     @property
     def state(self) -> Any:
         """A copy of all that changes from step to step."""
-        return self._inputs, self._steps.saved
+        return self._steps.saved
 
     def restore(self, state: Any) -> None:
         """Go back to a state."""
-        self._inputs, saved = state
-        self._steps.restore(saved)
+        self._steps.restore(state)
 
 
 def _stopped(bad: BadCommand) -> Stopped:
@@ -242,13 +243,14 @@ def _all_coordinates(modal: ModalModel, signals: Signals, n_states: int, n_input
 
 
 def _reader(
-    scene: Scene, closed: ClosedSteps, risen: Array, inputs: Array, all_coordinates: tuple[Array, Array]
-) -> Callable[[Array, Sequence[int]], Array]:
-    """Return a function of states, (k, n), and of the numbers of their k samples: all coordinates, (k, n_all)."""
+    scene: Scene, closed: ClosedSteps, risen: Array, all_coordinates: tuple[Array, Array]
+) -> Callable[[Array, Array], Array]:
+    """Return a function of k states, (k, n), and inputs there, (k, inputs), that gives all coordinates, (k, n_all)."""
     (by_scene, by_inputs), n = all_coordinates, len(risen)
     driven = [scene.inputs.index(name) for loop in scene.loops for name in loop.driven]
     by_states = np.zeros((len(by_scene), closed.n))
     by_states[:, :n], by_states[:, n : n + len(driven)] = by_scene, by_inputs[:, driven]  # commands that are held
     by_inputs = by_inputs + by_scene @ risen
-    by_signals, by_gravity = by_inputs[:, : len(inputs)], by_inputs[:, len(inputs) :].sum(axis=1)
-    return lambda states, samples: states @ by_states.T + inputs[:, samples].T @ by_signals.T + by_gravity
+    n_in = len(scene.inputs)
+    by_signals, by_gravity = by_inputs[:, :n_in], by_inputs[:, n_in:].sum(axis=1)
+    return lambda states, inputs: states @ by_states.T + inputs @ by_signals.T + by_gravity

@@ -87,13 +87,13 @@ def linearize(
 
 
 def linear_model(assembly: Assembly) -> LinearModel:
-    """Make the linear model of an assembled scene, see `state_space`, without its constant loads as an input."""
+    """Make the linear model of an assembled scene, see `state_space`, with the inputs of its actuators only."""
     a, b, c, d = state_space(assembly)
     scene, modal = assembly.scene, assembly.modal
+    inputs = scene.inputs[: len(scene.inputs) - len(scene.references)]
+    b, d = b[:, : len(inputs)], d[:, : len(inputs)]
     unsupported = np.tile(np.where(modal.unsupported, modal.frequency, 0.0), 2)
-    return LinearModel(
-        a, b[:, :-1], c, d[:, :-1], scene.inputs, scene.outputs, scene.output_units, unsupported=unsupported
-    )
+    return LinearModel(a, b, c, d, inputs, scene.outputs, scene.output_units, unsupported=unsupported)
 
 
 def loaded_assembly(
@@ -437,6 +437,7 @@ def linearize_closed(
             controller,
             measured=loop.measured,
             driven=loop.driven,
+            reference=loop.reference,
             delay_order=delay_order,
             noise=noise,
         )

@@ -11,7 +11,7 @@ from nassim.scene.bodies import FlexibleBody
 from nassim.simulation.loaded.geometric_stiffness import spring_forces
 from nassim.simulation.model.assembly import Assembly
 from nassim.simulation.model.coordinates import Coordinates
-from nassim.simulation.model.motion_size import motion_size
+from nassim.simulation.model.motion_size import motion_sizes
 from nassim.simulation.model.tangents import nonlinear_equilibrium
 
 NOT_SMALL = 0.1
@@ -116,7 +116,7 @@ def check_small(coordinates: Coordinates, values: Array, loads: str) -> None:
     Warns:
         UserWarning: for those above `WARNED_MOTION`.
     """
-    sizes = {name: motion_size(coordinates, name, values[place, None]) for name, place in coordinates.slices.items()}
+    sizes = motion_sizes(coordinates, values[:, None])
     name = max(sizes, key=lambda name: float(sizes[name].max()))
     rotation, deformation = sizes[name]
     found = (

@@ -77,7 +77,7 @@ class GeometricStiffness:
         """Make the geometric stiffness of an assembled scene."""
         coordinates, enforced = assembly.coordinates, assembly.constraints.enforced
         rows = [np.zeros((0, coordinates.size))]
-        for joint in _joints(assembly):
+        for joint in assembly.scene.terms_of(Constraint):
             rows.append(coordinates.jacobian(joint.measure)[joint.rows(enforced[joint.name])])
         rows.append(undeformed_rows(coordinates))
         return cls(assembly, frames(coordinates), np.vstack(rows))
@@ -88,7 +88,7 @@ class GeometricStiffness:
         if not len(self.held):
             return result
         multipliers, first = _shares_of(self.held, forces), 0
-        for joint in _joints(self.assembly):
+        for joint in self.assembly.scene.terms_of(Constraint):
             components = self.assembly.constraints.enforced[joint.name]
             force = np.zeros(len(joint.measure.components))
             force[joint.rows(components)] = multipliers[first : first + len(components)]
@@ -179,10 +179,6 @@ def is_preloaded(tangents: Sequence[Tangent]) -> bool:
     """Return whether a spring has a force in the reference configuration."""
     zeros = [np.zeros(len(tangent.rows)) for tangent in tangents]
     return any(np.any(tangent.law.resistance(zero, zero)) for tangent, zero in zip(tangents, zeros, strict=True))
-
-
-def _joints(assembly: Assembly) -> list[Constraint]:
-    return [term for term in assembly.terms if isinstance(term, Constraint)]
 
 
 def _shares_of(rows: Array, forces: Array) -> Array:

@@ -24,7 +24,7 @@ from nassim.simulation.model.initial_velocities import (
     is_axisymmetric,
     steady_rotation_twists,
 )
-from nassim.simulation.model.motion_size import motion_size
+from nassim.simulation.model.motion_size import motion_sizes
 from nassim.simulation.model.period_correction import Steps
 from nassim.simulation.run.checks import check_drives, check_exact, check_loops, check_options, check_stability
 from nassim.simulation.run.loaded_start import assemble_large_motion, assemble_small_motion
@@ -132,15 +132,15 @@ def start_system(
         options: of the run.
         rates: at the start, of inputs that prescribe motions.
         steady: the same, 0 where they do not go on.
-        highest: frequency up to which a line tells what the steps do to modes [Hz].
+        highest: frequency up to which a message describes the effect of the steps on modes [Hz].
 
-    Returns the system, and the bodies that a warning has told to spin fast.
+    Returns the system, and the bodies whose fast spin a warning has named.
     """
     twists = initial_twists(scene, rates)
     steps, stressed = options.steps, frozenset[str]()
     if scene.in_small_motion:
         assembly = assemble_small_motion(scene, released=options.released)
-        state_space(assembly)  # refuses outputs that need a derivative of what a drive follows
+        state_space(assembly)  # refuses outputs that need a derivative of a prescribed motion
     else:
         assembly, stressed = assemble_large_motion(scene)
     speeds = {name: float(np.linalg.norm(twist[3:])) for name, twist in twists.items()}
@@ -179,7 +179,7 @@ def settle(system: System, rates: Mapping[str, float]) -> bool:
 
 
 def warn_after_steps(system: System, watch: Monitor, told: Sequence[str], options: Options) -> None:
-    """Warn of what the checks of a run of Exudyn have found.
+    """Give the warnings of the checks of an Exudyn run.
 
     Args:
         system: Exudyn's system after the run.
@@ -202,8 +202,8 @@ def warn_after_exact_steps(assembly: Assembly, coordinates: Array) -> None:
         assembly: the assembled scene.
         coordinates: all coordinates at some times, (n_all, n_times).
     """
-    every, slices = assembly.coordinates, assembly.coordinates.slices
-    warn_of_motion(assembly, {name: motion_size(every, name, coordinates[place]) for name, place in slices.items()})
+    slices = assembly.coordinates.slices
+    warn_of_motion(assembly, motion_sizes(assembly.coordinates, coordinates))
     bodies = assembly.scene.deformable_bodies
     forces = {b.name: axial_forces(b.reduced, coordinates[slices[b.name]]).min(axis=1) for b in bodies}
     warn_of_buckling(assembly, forces)

@@ -10,9 +10,9 @@ from nassim.base.progress import stage
 from nassim.scene.motion import Motion
 from nassim.scene.scene import Scene
 from nassim.signals.time_history import TimeHistory, occupied_bandwidth
+from nassim.simulation.exudyn.monitor import Monitor
 from nassim.simulation.exudyn.motion_recorder import MotionRecorder
 from nassim.simulation.exudyn.solver import (
-    axial_tension,
     eigenfrequencies,
     loaded_eigenfrequencies,
     solve_dynamic,
@@ -22,7 +22,6 @@ from nassim.simulation.exudyn.system import build_system
 from nassim.simulation.linear.exact_steps import exact_response
 from nassim.simulation.model.assembly import Assembly, assemble
 from nassim.simulation.model.buckling import warn_of_buckling
-from nassim.simulation.model.motion_size import motion_size
 from nassim.simulation.model.prescribed_motion import PrescribedMotions
 from nassim.simulation.model.recorded_motion import recorded_motion, recorded_steps, traced
 from nassim.simulation.model.stopped_runs import Stopped
@@ -70,7 +69,7 @@ def simulate(
             runs straight; in the inputs' units, in others that convert to them ("mV", "kN"), or without.
         time_step: of the integrator [s].
         duration: a whole number of steps [s] (default: those within the excitation).
-        outputs: names (default: all of the scene, then what its loops put out).
+        outputs: names (default: all outputs of the scene, then the commands of its loops).
         method: "generalized_alpha", Exudyn's implicit integrator, for every scene; "exact", the exact discrete-time
             solution for small motion, a hundred times as fast, of scenes in which no body is "ffrf" and nothing spins:
             by it, rigid bodies alone are in small motion too; "explicit", the Runge-Kutta rule of order 4, for scenes
@@ -245,9 +244,8 @@ def _integrate(
         look=frames if len(kept) else None,
     )
     warn_after_steps(system, watch, told, options)
-    readings = [np.broadcast_to(system.recorded(name), (n_steps + 1,)) for name in scene.outputs]
     motion = frames.motion(kept * options.time_step) if len(kept) else None
-    return np.vstack([np.reshape(readings, (len(scene.outputs), n_steps + 1)), commands]), motion
+    return np.vstack([system.recorded(n_steps + 1), commands]), motion
 
 
 def _starting_rates(
@@ -303,11 +301,10 @@ def static_response(scene: Scene, inputs: Mapping[str, float] | None = None) -> 
     system.apply(values)
     if not settle(system, {}):
         solve_static(system)
-    assembly, every = system.assembly, system.assembly.coordinates
-    warn_of_motion(
-        assembly, {name: motion_size(every, name, system.deformation(name)[:, None]) for name in system.flexible}
-    )
-    warn_of_buckling(assembly, {body.name: axial_tension(system, body) for body in assembly.scene.deformable_bodies})
+    seen = Monitor(system)
+    seen.look(0)
+    warn_of_motion(system.assembly, seen.largest)
+    warn_of_buckling(system.assembly, seen.slackest)
     return {name: system.at_rest(name) for name in scene.outputs}
 
 

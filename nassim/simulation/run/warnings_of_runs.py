@@ -30,7 +30,7 @@ def warn_of_motion(assembly: Assembly, largest: Mapping[str, Array]) -> None:
 
     Args:
         assembly: the assembled scene.
-        largest: largest `motion_size` of each body, (2,) [rad, -], by name.
+        largest: largest size of motion of each body, see `motion_sizes`, (2,) [rad, -], by name.
     """
     for name, (rotation, deformation) in largest.items():
         floating = any(b.name == name and b.fidelity == "ffrf" for b in assembly.scene.flexible_bodies)
