@@ -728,6 +728,20 @@ def test_modes_under_load(run_here, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*comes to rest rotated")
+def test_stress_of_flexures(run_here, tmp_path):
+    """A beam's stress in the leaf, Paros and Weisbord's stiffness of the hinge; fillets cost a part of the stroke."""
+    summary = run_here("flexure_stress")
+    leaf, hinge = summary["leaf"], summary["hinge"]
+    assert leaf["stress at a quarter [MPa]"]["difference_percent"] == pytest.approx(0, abs=3)
+    assert -15 < leaf["stroke at the limit [mm]"]["difference_percent"] < 0
+    assert hinge["stiffness [N m/rad]"]["difference_percent"] == pytest.approx(0, abs=10)
+    assert hinge["stress of the neck [MPa]"]["difference_percent"] == pytest.approx(0, abs=5)
+    assert hinge["mesh error of the peak [%]"]["elements"] < 5
+    assert (tmp_path / "stress.png").exists()
+
+
+@pytest.mark.slow
 def test_six_loops_damp_what_spins_as_predicted(script):
     """30 ms in floating frames at 60 rpm against the linear model that turns, its loops closed, sample by sample.
 

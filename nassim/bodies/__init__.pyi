@@ -34,6 +34,12 @@ from .readouts import (
 from .reduced_body import (
     ReducedBody as ReducedBody,
 )
+from .stress import (
+    GaugeStrain as GaugeStrain,
+    StressField as StressField,
+    principal_stresses as principal_stresses,
+    von_mises as von_mises,
+)
 from .stress_stiffness import (
     StressStiffness as StressStiffness,
 )

@@ -23,6 +23,11 @@ from .loaded.static_equilibrium import (
     LoadedEquilibrium as LoadedEquilibrium,
     loaded_equilibrium as loaded_equilibrium,
 )
+from .loaded.stress_limits import (
+    LoadLimit as LoadLimit,
+    load_limit as load_limit,
+    static_motion as static_motion,
+)
 from .model.accuracy import (
     integrator_error as integrator_error,
     numerical_damping as numerical_damping,

@@ -71,3 +71,6 @@ from .state_space import (
     transmission_zeros as transmission_zeros,
     tustin as tustin,
 )
+from .stress_noise import (
+    von_mises_budget as von_mises_budget,
+)

@@ -660,6 +660,8 @@ def test_limits_lie_where_they_should():
 
 def test_every_optional_argument_is_tried():
     here = "scene/test_scene_arguments.py::test_a_drive_follows_an_input_or_runs_at_a_speed"
+    stress = "simulation/test_stress_outputs.py::test_optional_arguments_of_sensors_and_peaks"
+    names = ("StrainGauge: gain", "StressAt: component", "PeakStress: position", "PeakStress: mesh_error")
     assert_all_tried(
         nassim.scene,
         ARGUMENTS,
@@ -667,5 +669,6 @@ def test_every_optional_argument_is_tried():
             "Drive: direction": "simulation/test_drives.py::test_weight_that_is_there_before_a_slide_starts",
             "Drive: input": here,
             "Drive: speed": here,
+            **dict.fromkeys((*names, "peak_stress: place", "peak_stress: voltages"), stress),
         },
     )

@@ -19,6 +19,7 @@ from nassim.bodies.projection import trim_body
 from nassim.bodies.readouts import PassivePoint, Picture, Readout, Surface, by_name
 from nassim.bodies.reduced_body import ReducedBody
 from nassim.bodies.strain import has_rigid_modes, remove_rounding
+from nassim.bodies.stress import GaugeStrain, StressField
 from nassim.bodies.stress_stiffness import StressStiffness
 from nassim.scene.bodies import Body, FlexibleBody
 from nassim.scene.measures import Displacement, PointVelocity
@@ -43,9 +44,9 @@ def reduce_scene(
 ) -> ReducedBody:
     """Reduce the bodies, joints and springs of a scene to one body, whose frame is the scene's, for `FlexibleBody`.
 
-    Electrical ports keep their names, or are named "body/port" where two bodies have the same name; none is wired yet.
-    Actuators, sensors, gravity and damping are left out: give the `FlexibleBody` a damping_ratio. A warning reports
-    dampers among the springs.
+    Electrical ports and places of stress keep their names, or are named "body/port" where two bodies have the same
+    name; no port is wired yet. Actuators, sensors, gravity and damping are left out: give the `FlexibleBody` a
+    damping_ratio. A warning reports dampers among the springs.
 
     With all modes, small motion is exactly the scene's, under loads too if all deformable bodies hold their geometric
     stiffness: the new body then holds that of bodies, joints and springs. In a floating frame, deformation is small
@@ -196,6 +197,12 @@ def _readouts(coordinates: Coordinates, change: Array) -> Iterator[Readout]:
     """Collect the read-outs of the bodies, except points, which `reduce_scene` is given, and geometric stiffness."""
     parts = [(body, rows) for body, rows in _parts(coordinates, change) if isinstance(body, FlexibleBody)]
     names = {(body, port.name): name for body, port, name in _ports(coordinates.scene)}
+    stressed = [
+        readout.name
+        for body, _ in parts
+        for readout in body.reduced.readouts.values()
+        if isinstance(readout, (StressField, GaugeStrain))
+    ]
     pictures = []
     for body, rows in parts:
         for readout in body.reduced.readouts.values():
@@ -205,6 +212,9 @@ def _readouts(coordinates: Coordinates, change: Array) -> Iterator[Readout]:
             elif isinstance(readout, PortCoupling):
                 place = None if readout.place is None else body.position + body.rotation @ readout.place
                 yield replace(readout.projected(rows), name=names[body.name, readout.name], place=place)
+            elif isinstance(readout, (StressField, GaugeStrain)):
+                name = f"{body.name}/{readout.name}" if stressed.count(readout.name) > 1 else readout.name
+                yield replace(readout.projected(rows).moved(body.position, body.rotation), name=name)
             elif not isinstance(readout, (PassivePoint, StressStiffness)):
                 yield readout.projected(rows)
     if pictures:
